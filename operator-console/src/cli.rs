@@ -1,4 +1,4 @@
-//! The command line. Names are a contract with scripts; what does not work yet is not offered.
+//! The command line. Its names are an interface for scripts.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -88,7 +88,7 @@ pub struct Cli {
     /// Say more; twice, still more (`RUST_LOG` overrides)
     #[arg(long, short, action = ArgAction::Count, conflicts_with = "quiet", global = true)]
     pub verbose: u8,
-    // The last of the options: its heading would be that of all behind it as well.
+    // Last: its heading would apply to all options behind it.
     /// Which vehicle recorded what is opened, and what to take of it.
     #[command(flatten, next_help_heading = "How to map the recording of --open")]
     pub setup: VehicleOptions,
@@ -97,7 +97,6 @@ pub struct Cli {
     pub task: Option<Task>,
 }
 
-/// What a console can do without a window besides exporting.
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum Task {
     /// Drive by a script of timed inputs (with --headless), for tests and demonstrations
@@ -107,7 +106,6 @@ pub enum Task {
     Completions(CompletionsArgs),
 }
 
-/// `drive`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct DriveArgs {
     /// Timed inputs, one a line
@@ -115,7 +113,6 @@ pub struct DriveArgs {
     pub script: PathBuf,
 }
 
-/// `completions`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
 pub struct CompletionsArgs {
     /// Which shell
@@ -123,8 +120,8 @@ pub struct CompletionsArgs {
 }
 
 impl Cli {
-    /// The filter for `tracing`, where `RUST_LOG` says nothing. Of winit, whose warnings are of a display without a desktop,
-    /// errors alone.
+    /// The filter for `tracing` unless `RUST_LOG` is set. Of winit errors only: it warns about displays without a
+    /// desktop.
     pub fn log_filter(&self) -> String {
         match (self.quiet, self.verbose) {
             (true, _) => format!("error,{LOG_FILTER}"),
@@ -135,10 +132,10 @@ impl Cli {
         }
     }
 
-    /// Checks what stands in no single option.
+    /// Checks rules between options.
     ///
     /// # Errors
-    /// Where options do not go together.
+    /// If options exclude each other.
     pub fn check(&self) -> Result<(), UsageError> {
         let wrong = |why: &str| Err(UsageError(why.to_owned()));
         if self.open.is_some() && self.headless {
@@ -258,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn help_says_what_a_picture_needs() {
+    fn help_explains_screenshot_options() {
         let help = Cli::command().render_help().to_string();
         let of = |option: &str| help.lines().find(|line| line.contains(option)).unwrap();
         assert!(of("--screenshot <").contains("--after"), "{help}");
@@ -266,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_maps_a_recording_is_below_that_heading() {
+    fn mapping_heading_has_mapping_options_only() {
         let help = Cli::command().render_long_help().to_string();
         let line_of = |begin: &str| {
             let mut lines = help.lines().map(str::trim_start);
@@ -293,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn help_says_that_a_demonstration_looks_for_no_other_robot() {
+    fn help_says_that_a_demo_does_not_search() {
         let help = Cli::command().render_help().to_string();
         let (_, demo) = help.split_once("--demo [").unwrap();
         let (demo, _) = demo.split_once("--").unwrap();
@@ -303,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn warnings_of_winit_are_for_those_who_ask_for_more() {
+    fn winit_warnings_need_verbose() {
         for (line, of_all, of_winit) in [
             ("--quiet", "error,", None),
             ("", "warn,", Some("winit=error")),
@@ -319,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_usage_says_what_is_allowed() {
+    fn usage_errors_name_allowed_values() {
         for (line, says) in [
             ("--export maps", "--headless"),
             ("--robot a/b", "letters"),

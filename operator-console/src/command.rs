@@ -1,4 +1,4 @@
-//! What the operator asks of the program. Panels and map only say what is wanted; the app does it.
+//! Commands of the operator. Panels and map return them; the app executes them.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -12,83 +12,62 @@ use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark};
 use crate::playback::PlaybackCommand;
 use crate::teleop_client::Intent;
 
-/// A wish of the operator.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// Show this robot instead of any other.
     Connect(FoundRobot),
-    /// Ask this address for robots, too. It is a control endpoint.
+    /// Add a control endpoint to the search.
     AddAddress(String),
-    /// Something about a layer of the map.
     Layer(LayerCommand),
-    /// Look elsewhere.
     Look(Look),
-    /// Something about driving.
     Drive(Intent),
-    /// Show this recording instead of any robot.
     Open(PathBuf),
-    /// Something about the recording that is shown.
     Playback(PlaybackCommand),
-    /// Ask this address no longer, and remember it no longer.
     ForgetAddress(String),
-    /// List this robot no longer, which is silent, and have no alerts of it.
+    /// Remove a silent robot from the list, with its alerts.
     ForgetRobot(RobotId),
-    /// An alert of this robot was seen.
     Acknowledge(RobotId, Alarm),
-    /// All alerts were seen, of every robot.
     AcknowledgeAll,
-    /// Save a picture of the window where the system keeps pictures.
     Screenshot,
-    /// Write maps to files.
     Export(ExportRequest),
-    /// Leave the export that is under way.
     CancelExport,
-    /// Show a folder in the system's own program for that.
+    /// Open a folder in the file manager.
     OpenFolder(PathBuf),
-    /// Ask which recording to show.
     AskForRecording,
-    /// End the program.
     Quit,
 }
 
-/// What to export, and where to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportRequest {
-    /// The folder; it is made where it is missing.
+    /// Created if missing.
     pub folder: PathBuf,
-    /// What to write.
     pub parts: BTreeSet<ExportPart>,
-    /// Whether to show the folder when all is in it.
+    /// Whether to open the folder of a finished export.
     pub opens_folder: bool,
 }
 
-/// How to look at the map.
+/// Change of the map view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Look {
-    /// Keep the whole map in sight.
+    /// Fit the whole map.
     Whole,
-    /// Keep the vehicle in the middle, or no longer.
+    /// Keep the vehicle centred, or stop.
     Follow(bool),
-    /// Put a point of `odom` in the middle, metres.
+    /// Centre a point of `odom`, metres.
     At([f64; 2]),
-    /// Closer.
     In,
-    /// Farther.
     Out,
-    /// At what is this far away on the screen, in widths and heights of the view: to the right, and down.
+    /// Move by shares of the view's width and height: right and down.
     Beside([f32; 2]),
-    /// What is up.
     Up(Orientation),
-    /// Draw it over the layers, or do not.
+    /// Show or hide an overlay.
     Draw(Overlay, bool),
-    /// Let clicks measure, or end that.
+    /// Start or end measuring.
     Measure(bool),
-    /// Measure to what is in the middle, or read it.
+    /// Measure to the centre of the view.
     Point,
-    /// As if the last point had not been pointed at.
     UndoPoint,
-    /// Let a shore or docking site stand out, and put its middle (metres in `odom`) in the middle.
+    /// Highlight a shore or docking site and centre it (metres in `odom`).
     Mark(ShoreMark, [f64; 2]),
-    /// Let it stand out, too, while the hand is over it in a list; `None`: it is no longer.
+    /// Highlight it while the pointer is over it in a list.
     Hover(Option<ShoreMark>),
 }

@@ -1,5 +1,4 @@
-//! What a screen reader is told of the window, as a file: for tests that press real keys and buttons, and for whoever
-//! wants to know what a screen reader would say.
+//! Writes the accessibility tree of the window to a file, for tests that press real keys and buttons.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -9,19 +8,19 @@ use std::path::{Path, PathBuf};
 use eframe::egui::accesskit::TreeUpdate;
 use eframe::egui::{Context, FullOutput, Plugin};
 
-/// Writes the controls of every frame, where they are others than before.
+/// Writes the controls of each frame if they changed.
 ///
-/// One a line: role, left, top, right and bottom in pixels of the window, label and value, with tabs between. What has neither
-/// label nor value is left out.
+/// One a line, separated by tabs: role, left, top, right, bottom in pixels of the window, label, value. Controls
+/// without label and value are omitted.
 pub struct ControlsFile {
     path: PathBuf,
     written: String,
-    /// Why it was not written, once.
+    /// Whether a failure was logged.
     has_failed: bool,
 }
 
 impl ControlsFile {
-    /// Writes to `path`, which is replaced as a whole each time.
+    /// The file is replaced atomically.
     pub const fn new(path: PathBuf) -> Self {
         Self {
             path,
@@ -70,7 +69,7 @@ fn lines(update: &TreeUpdate, pixels_per_point: f64) -> String {
             .map(|edge| (edge * pixels_per_point).round());
         let [label, value] = [label, value].map(|text| one_line(text.unwrap_or_default()));
         let role = node.role();
-        // To a `String` nothing fails.
+        // Writing to a `String` does not fail.
         let _written = writeln!(
             text,
             "{role:?}\t{left}\t{top}\t{right}\t{bottom}\t{label}\t{value}"
@@ -83,7 +82,7 @@ fn one_line(text: &str) -> String {
     text.split(['\t', '\n', '\r']).collect::<Vec<_>>().join(" ")
 }
 
-/// Nobody who reads it sees half of it.
+/// Replaces the file atomically.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     let new = path.with_extension("new");
     fs::write(&new, text)?;
@@ -98,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buttons_are_where_they_are_drawn() {
+    fn controls_have_the_positions_of_the_window() {
         let folder = tempdir().unwrap();
         let path = folder.path().join("controls");
         let ctx = Context::default();

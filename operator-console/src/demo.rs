@@ -1,4 +1,4 @@
-//! `--demo`: a simulated robot in this process, reached over the network like any other.
+//! `--demo`: a simulated robot in this process, reached over the network as any other.
 
 use std::io;
 use std::net::TcpListener;
@@ -14,37 +14,31 @@ use protocol::keys::RobotId;
 use robot_edge::cli::Cli;
 use simulation::World;
 
-use crate::locks::lock;
+use crate::lock;
 use crate::playback::in_words;
 
-/// What the simulated robot is called.
 const NAME: &str = "demo";
 
-/// A simulated robot. Dropping it ends the simulation.
+/// Dropping it ends the simulation.
 pub struct Demo {
-    /// Its name.
     pub robot: RobotId,
-    /// Where it is.
     pub endpoint: String,
-    /// Where it records, where it can.
+    /// Folder of its recordings.
     pub recordings: Option<PathBuf>,
-    /// Why it ended, should it end by itself.
     pub failure: DemoFailure,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Why a simulation ended by itself: to be looked at while the window is open, and taken when it is closed.
+/// Why the simulation ended by itself.
 #[derive(Clone, Debug, Default)]
 pub struct DemoFailure(Arc<Mutex<Option<anyhow::Error>>>);
 
 impl DemoFailure {
-    /// In words, where it has ended.
     pub fn message(&self) -> Option<String> {
         lock(&self.0).as_ref().map(in_words)
     }
 
-    /// As the program's own failure, where it has ended.
     pub fn take(&self) -> Option<anyhow::Error> {
         lock(&self.0).take()
     }
@@ -55,12 +49,12 @@ impl DemoFailure {
 }
 
 impl Demo {
-    /// Starts a robot in `world` (a name or a file), on a port of this machine that is free.
+    /// Starts a robot in `world` (a name or a file) on a free port of this machine.
     ///
     /// # Errors
-    /// Where there is no such world, or no port is free.
+    /// If there is no such world, or no port is free.
     pub fn start(world: &str) -> anyhow::Result<Self> {
-        // Before a window opens that would wait for it.
+        // Fail before the window opens.
         World::load(world)?;
         let endpoint = free_endpoint().context("no port is free for the simulated robot")?;
         let mut args = vec![
@@ -84,7 +78,7 @@ impl Demo {
         let thread = thread::spawn({
             let (is_over, failure) = (Arc::clone(&is_over), failure.clone());
             move || {
-                let ended = robot_edge::app::run_until(&cli, &is_over, &mut io::sink());
+                let ended = robot_edge::runtime::run_until(&cli, &is_over, &mut io::sink());
                 if let Err(why) = ended
                     && !is_over.load(Ordering::Relaxed)
                 {
@@ -114,8 +108,7 @@ impl Drop for Demo {
     }
 }
 
-/// Where a demonstration's recordings go: `foreshore/recordings` in the user's data (XDG). `None` where it cannot be
-/// made, which is no reason not to demonstrate.
+/// `foreshore/recordings` in the user's data folder (XDG); `None` if it cannot be created.
 fn recordings_folder() -> Option<String> {
     let data = choose_base_strategy().ok()?.data_dir();
     let folder = data.join("foreshore").join("recordings");
@@ -125,7 +118,7 @@ fn recordings_folder() -> Option<String> {
     folder.into_os_string().into_string().ok()
 }
 
-/// Two ports of this machine, one after the other, that nothing listens on.
+/// The first of two consecutive free ports of this machine.
 pub(crate) fn free_endpoint() -> anyhow::Result<String> {
     for _attempt in 0..100 {
         let control = TcpListener::bind(("127.0.0.1", 0))?;

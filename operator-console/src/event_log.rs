@@ -1,4 +1,4 @@
-//! What happened, on the robot and in this console, for the operator to read. Bounded: the oldest goes first.
+//! Log of events of the robot and of this console. Bounded: the oldest entry is removed first.
 
 use std::collections::VecDeque;
 
@@ -8,61 +8,46 @@ use robot_edge::clock::utc_label;
 
 use crate::model::ConsoleModel;
 
-/// Entries that are kept.
 const MAX_ENTRIES: usize = 2_000;
 
-/// How much something matters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Good to know.
     #[default]
     Info,
-    /// Not as it should be.
     Warning,
-    /// Something must be done, or the vehicle cannot be trusted.
+    /// The operator must act, or the vehicle is unsafe.
     Alarm,
 }
 
-/// Who tells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// The robot that was shown then, or the recording, by name.
+    /// Name of the robot or recording.
     Robot(String),
-    /// This console.
     Console,
 }
 
-/// Something that happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// When it was heard.
     pub at: Monotonic,
-    /// The same by the wall clock, UTC: `12:34:56`.
+    /// Wall clock, UTC: `12:34:56`.
     pub time: String,
-    /// How much it matters.
     pub severity: Severity,
-    /// Who tells.
     pub source: Source,
-    /// What kind of thing, in a word.
     pub kind: String,
-    /// What happened.
     pub text: String,
 }
 
-/// The log.
 #[derive(Clone, Debug, Default)]
 pub struct EventLog {
     entries: VecDeque<Entry>,
-    /// When the newest event of the robot was heard, and how many at that moment.
+    /// Arrival of the robot's newest event, and the number of events at that time.
     last_event: Option<(Monotonic, usize)>,
     total: u64,
 }
 
 impl Severity {
-    /// All of them.
     pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Alarm];
 
-    /// In words.
     pub const fn label(self) -> &'static str {
         match self {
             Self::Info => "Note",
@@ -71,7 +56,6 @@ impl Severity {
         }
     }
 
-    /// What a robot says of an event.
     pub const fn of(event: &Event) -> Self {
         match event.severity {
             message::Severity::Info => Self::Info,
@@ -82,17 +66,17 @@ impl Severity {
 }
 
 impl EventLog {
-    /// What happened, the oldest first.
+    /// Oldest first.
     pub const fn entries(&self) -> &VecDeque<Entry> {
         &self.entries
     }
 
-    /// How much happened in all, kept or not.
+    /// Number of all entries, including removed ones.
     pub const fn total(&self) -> u64 {
         self.total
     }
 
-    /// Notes something that this console knows. `unix_s`: the present by the wall clock, seconds since 1970.
+    /// Adds an entry of this console. `unix_s`: wall clock, seconds since 1970.
     pub fn note(
         &mut self,
         severity: Severity,
@@ -111,12 +95,12 @@ impl EventLog {
         });
     }
 
-    /// Another robot: its events are all new.
+    /// Another robot is shown: its events are all new.
     pub const fn forget_robot(&mut self) {
         self.last_event = None;
     }
 
-    /// Takes over the events of the robot, or recording, of this name that are not noted yet; these, the oldest first.
+    /// Adds new events of the robot or recording of this name and returns them, oldest first.
     pub fn add_robot_events(
         &mut self,
         model: &ConsoleModel,
@@ -162,7 +146,7 @@ impl EventLog {
     }
 }
 
-/// What the wire calls it, in words.
+/// Readable form of an event's kind.
 pub(crate) fn kind_label(kind: &str) -> String {
     match kind {
         "teleop_state" => "driving".to_owned(),

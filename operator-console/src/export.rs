@@ -1,16 +1,13 @@
-//! The exports of a map as the window and the command without one write them: part by part, so that there is something to
-//! tell on the way, and a place to stop.
+//! Exports of a map, part by part, so that progress can be shown and the export can be cancelled.
 
-mod fetching;
-mod parts;
-
-use std::fmt;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::{fmt, io};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use protocol::export::{Caption, StampedPose, export_raster, write_shores, write_trajectory};
 use protocol::layer::LayerId;
 use protocol::message::{Shores, VoxelFile};
@@ -18,25 +15,25 @@ use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS};
 use protocol::packed_file::UnpackError;
 
 use crate::model::{ConsoleModel, FetchedVoxels, TrajectoryProgress, VoxelsProgress};
+use crate::playback::in_words;
+
+mod fetching;
 
 pub use fetching::{Fetcher, Fetching};
-pub use parts::{Exported, export_parts};
 
-/// Something that can be exported by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ExportPart {
-    /// A layer: `GeoTIFF`, pictures, and for occupancy what Nav2's map server reads.
+    /// A layer: `GeoTIFF`, pictures, and for occupancy the files of Nav2's map server.
     Layer(LayerId),
-    /// Where the vehicle was, as TUM.
+    /// In TUM format.
     Trajectory,
-    /// Shores and docking sites, as `GeoJSON`.
+    /// Shores and docking sites as `GeoJSON`.
     Shores,
-    /// The octree, as `OctoMap`'s binary tree and as points. It has to be fetched first.
+    /// The octree as `OctoMap`'s binary tree and as points. It must be fetched first.
     Voxels,
 }
 
 impl ExportPart {
-    /// All there are.
     pub fn all() -> impl Iterator<Item = Self> {
         LayerId::ALL.into_iter().map(Self::Layer).chain([
             Self::Trajectory,
@@ -45,18 +42,18 @@ impl ExportPart {
         ])
     }
 
-    /// What `model` has of it.
+    /// Whether `model` has this part.
     pub fn is_in(self, model: &ConsoleModel) -> bool {
         match self {
             Self::Layer(layer) => model.map().store().cell_m(layer).is_some(),
             Self::Trajectory => true,
             Self::Shores => model.shores().is_some(),
-            // Cost is made of the octree.
+            // The cost layer is computed from the octree.
             Self::Voxels => model.map().store().cell_m(LayerId::Cost).is_some(),
         }
     }
 
-    /// The files it becomes, in words.
+    /// File names, for display.
     pub fn files(self) -> String {
         match self {
             Self::Layer(LayerId::Occupancy) => "occupancy.tif, .png, .pgm and .yaml".to_owned(),
@@ -86,18 +83,17 @@ impl fmt::Display for ExportPart {
     }
 }
 
-/// What there is of a part at one moment. Taking it is quick, since no cells are copied; writing it is not: between the two,
-/// the model is free.
+/// Content of a part at one moment. Taking it is fast, as cells are shared; writing is slow and does not lock the
+/// model.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     content: Content,
-    /// Why it is not all that the robot has.
+    /// Why it is incomplete.
     lacks: Option<String>,
 }
 
 #[derive(Clone, Debug)]
 enum Content {
-    /// A layer of which something is known.
     Layer {
         tiles: KnownTiles,
         title: String,
@@ -110,14 +106,13 @@ enum Content {
 }
 
 impl Snapshot {
-    /// What `model` has of a part.
     pub fn of(model: &ConsoleModel, part: ExportPart) -> Self {
         let content = match part {
             ExportPart::Layer(layer) => {
                 let tiles = KnownTiles::of_layer(model.map().store(), layer);
                 let info = model.info();
                 let position_m = model.vehicle().pose().map(|(pose, _)| pose.position_m);
-                // What has no grid has not been told of yet.
+                // A layer without a grid has not been described yet.
                 tiles.map_or(Content::Nothing, |tiles| Content::Layer {
                     tiles,
                     title: info.map(|info| info.source.clone()).unwrap_or_default(),
@@ -148,7 +143,6 @@ impl Snapshot {
         }
     }
 
-    /// The same, of which somebody knows why it is not all that the robot has.
     fn lacking(self, why: String) -> Self {
         Self {
             lacks: Some(why),
@@ -156,10 +150,10 @@ impl Snapshot {
         }
     }
 
-    /// Writes it to `folder`, which is there; says which files. Nothing has none.
+    /// Writes it to the existing `folder` and returns the files. Without content there are none.
     ///
     /// # Errors
-    /// Where the layer is too large to be a raster, or a file cannot be written.
+    /// If the layer is too large for a raster, or a file cannot be written.
     pub fn write(self, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         match self.content {
             Content::Layer {
@@ -189,10 +183,10 @@ impl Snapshot {
     }
 }
 
-/// Writes the octree's files to `folder`; says which.
+/// Writes the octree's files and returns their paths.
 ///
 /// # Errors
-/// Where a file is not what the robot promised, or cannot be written.
+/// If a file does not match its digest, or cannot be written.
 fn write_voxels(folder: &Path, voxels: &FetchedVoxels) -> anyhow::Result<Vec<PathBuf>> {
     let mut written = Vec::new();
     for (name, file) in VoxelFile::ALL.iter().zip(&voxels.files) {
@@ -206,4 +200,215 @@ fn write_voxels(folder: &Path, voxels: &FetchedVoxels) -> anyhow::Result<Vec<Pat
         written.push(path);
     }
     Ok(written)
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Exported {
+    /// In the order of writing.
+    pub files: Vec<PathBuf>,
+    /// Parts that could not be written: why, and what to do.
+    pub failures: Vec<(ExportPart, String)>,
+    /// Incomplete parts, and why.
+    pub lacking: Vec<(ExportPart, String)>,
+    /// Whether it was cancelled before the last part.
+    pub is_left: bool,
+}
+
+impl Exported {
+    /// A text with the number of files in `folder` and a line for each missing part.
+    ///
+    /// # Errors
+    /// The same text if parts are missing.
+    pub fn outcome(&self, folder: &Path) -> Result<String, String> {
+        let (count, folder) = (self.files.len(), folder.display());
+        let (files, are) = if count == 1 {
+            ("file", "is")
+        } else {
+            ("files", "are")
+        };
+        let mut lines = vec![if self.is_left {
+            format!("Cancelled after {count} {files}; the written files are complete, in {folder}")
+        } else {
+            format!("{count} {files} {are} in {folder}")
+        }];
+        let failures = self.failures.iter();
+        lines.extend(failures.map(|(part, why)| format!("{part} is missing: {why}")));
+        let lacking = self.lacking.iter();
+        lines.extend(lacking.map(|(part, why)| format!("{part} is incomplete: {why}")));
+        let is_whole = self.failures.is_empty() && self.lacking.is_empty() && !self.is_left;
+        let words = lines.join("\n");
+        if is_whole { Ok(words) } else { Err(words) }
+    }
+}
+
+/// Writes `parts` to `folder`, which is created if missing. `take` returns the content of each part just before it is
+/// written, given the results so far, or ends the export.
+///
+/// # Errors
+/// If the folder cannot be created. Parts that fail are in the result.
+pub fn export_parts(
+    folder: &Path,
+    parts: impl IntoIterator<Item = ExportPart>,
+    mut take: impl FnMut(ExportPart, &Exported) -> ControlFlow<(), anyhow::Result<Snapshot>>,
+) -> anyhow::Result<Exported> {
+    make_folder(folder)?;
+    let mut exported = Exported::default();
+    for part in parts {
+        let ControlFlow::Continue(taken) = take(part, &exported) else {
+            exported.is_left = true;
+            break;
+        };
+        let written = taken.and_then(|snapshot| {
+            let lacks = snapshot.lacks.clone();
+            Ok((snapshot.write(folder)?, lacks))
+        });
+        match written {
+            Ok((files, lacks)) => {
+                exported.files.extend(files);
+                exported.lacking.extend(lacks.map(|why| (part, why)));
+            }
+            Err(error) => exported.failures.push((part, with_advice(&error))),
+        }
+    }
+    Ok(exported)
+}
+
+fn make_folder(folder: &Path) -> anyhow::Result<()> {
+    let is_file = |path: &&Path| path.is_file();
+    if let Some(file) = folder.ancestors().find(is_file) {
+        let file = file.display();
+        return Err(anyhow!(
+            "{file} is a file and no folder. Choose another folder"
+        ));
+    }
+    std::fs::create_dir_all(folder).with_context(|| {
+        let folder = folder.display();
+        format!("{folder} cannot be made, choose another folder")
+    })
+}
+
+/// An error, with advice if it has none.
+fn with_advice(error: &anyhow::Error) -> String {
+    let why = in_words(error);
+    let is_damaged = |error: &UnpackError| matches!(error, UnpackError::Damaged(_));
+    let mut causes = error.chain();
+    if causes
+        .clone()
+        .any(|cause| cause.downcast_ref().is_some_and(is_damaged))
+    {
+        format!("{why}. Export it again")
+    } else if causes.any(<dyn std::error::Error>::is::<io::Error>) {
+        format!("{why}. Free some space or choose another folder, and export it again")
+    } else {
+        why
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::sync::Arc;
+
+    use protocol::layer::LayerId;
+
+    use super::*;
+
+    const PARTS: [ExportPart; 3] = [
+        ExportPart::Layer(LayerId::Occupancy),
+        ExportPart::Trajectory,
+        ExportPart::Voxels,
+    ];
+
+    fn of(content: Content) -> Snapshot {
+        Snapshot {
+            content,
+            lacks: None,
+        }
+    }
+
+    fn trajectory() -> Snapshot {
+        of(Content::Trajectory(Arc::new([])))
+    }
+
+    #[test]
+    fn failed_part_does_not_block_others() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("new");
+        let exported = export_parts(&folder, PARTS, |part, before| {
+            assert_eq!(before.files.len(), usize::from(part == PARTS[2]));
+            ControlFlow::Continue(match part {
+                ExportPart::Layer(_) => Err(io::Error::other("the disk is full").into()),
+                ExportPart::Trajectory => Ok(trajectory()),
+                ExportPart::Shores | ExportPart::Voxels => Err(anyhow::anyhow!("too long")),
+            })
+        });
+        let exported = exported.unwrap();
+        assert_eq!(exported.files, [folder.join("trajectory.tum")]);
+        assert!(folder.join("trajectory.tum").exists());
+        let expected = format!(
+            "1 file is in {}\n\
+             occupancy is missing: the disk is full. Free some space or choose another folder, and export it again\n\
+             voxels is missing: too long",
+            folder.display()
+        );
+        assert_eq!(exported.outcome(&folder), Err(expected));
+    }
+
+    #[test]
+    fn incomplete_part_is_written_and_reported() {
+        let dir = tempfile::tempdir().unwrap();
+        let exported = export_parts(dir.path(), [ExportPart::Trajectory], |_, _| {
+            ControlFlow::Continue(Ok(trajectory().lacking("only a part".to_owned())))
+        });
+        let expected = format!(
+            "1 file is in {}\ntrajectory is incomplete: only a part",
+            dir.path().display()
+        );
+        assert_eq!(exported.unwrap().outcome(dir.path()), Err(expected));
+    }
+
+    #[test]
+    fn unwritable_file_is_named_once() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
+        let exported = export_parts(dir.path(), [ExportPart::Trajectory], |_, _| {
+            ControlFlow::Continue(Ok(trajectory()))
+        });
+        let exported = exported.unwrap();
+        let [(ExportPart::Trajectory, why)] = &exported.failures[..] else {
+            panic!("{exported:?}");
+        };
+        assert_eq!(why.matches("trajectory.tum").count(), 1, "{why}");
+        assert_eq!(why.matches("directory").count(), 1, "{why}");
+        assert!(why.ends_with("export it again"), "{why}");
+    }
+
+    #[test]
+    fn folder_failure_ends_the_export() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("file");
+        fs::write(&file, "").unwrap();
+        let actual = format!(
+            "{} is a file and no folder. Choose another folder",
+            file.display()
+        );
+        for folder in [file.join("maps"), file] {
+            let error = export_parts(&folder, PARTS, |_, _| unreachable!()).unwrap_err();
+            assert_eq!(error.to_string(), actual);
+        }
+    }
+
+    #[test]
+    fn cancelled_export_reports_its_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let exported = export_parts(dir.path(), PARTS, |part, _| match part {
+            ExportPart::Layer(_) => ControlFlow::Continue(Ok(of(Content::Nothing))),
+            ExportPart::Trajectory => ControlFlow::Continue(Ok(trajectory())),
+            ExportPart::Shores | ExportPart::Voxels => ControlFlow::Break(()),
+        });
+        let exported = exported.unwrap();
+        assert!(exported.is_left);
+        let words = exported.outcome(dir.path()).unwrap_err();
+        assert!(words.starts_with("Cancelled after 1 file; the"), "{words}");
+    }
 }

@@ -1,4 +1,4 @@
-//! No window: joins, waits until the map is synchronized, writes the exports.
+//! Command without a window: joins, waits until the map is synchronized, exports.
 
 use std::io::{self, Write};
 use std::mem;
@@ -8,73 +8,45 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Error, anyhow};
 use measurement::time::Monotonic;
-use protocol::keys::RobotId;
 use protocol::layer::LayerId;
-use protocol::tile::BootId;
+use protocol::tile::{BootId, TileKey};
 use robot_edge::clock;
-use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, Interrupted};
-use robot_edge::link::sessions::Endpoints;
-use robot_edge::link::{random_id, zenoh_config_file};
+use robot_edge::network::sessions::Endpoints;
+use robot_edge::network::{random_id, zenoh_config_file};
 
 use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
-use crate::join_timing::{JoinTiming, VISIBLE_M};
 use crate::link::RobotSession;
 use crate::model::{ConsoleModel, LinkState, ModelSettings};
 use crate::target::Target;
 
-/// Between two looks at the model.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-/// Most memory for tiles, megabytes: twice what a robot holds by default.
+/// Memory limit for tiles, megabytes: twice what a robot holds by default.
 pub const STORE_MB: u32 = 512;
 
-/// What to watch and where to write it.
 #[derive(Clone, Debug)]
 pub struct Headless {
-    /// Addresses to ask; where there are none the network is searched.
-    pub connect: Vec<String>,
-    /// Which robot; else the only one there is.
-    pub robot: Option<RobotId>,
-    /// A Zenoh configuration.
-    pub zenoh_config: Option<PathBuf>,
-    /// Who the operator is, where the link is secured.
-    pub credentials: Option<Credentials>,
-    /// Where to write.
-    pub export: PathBuf,
-    /// How long to watch, if not until the first time synchronized.
-    pub watch_for: Option<Duration>,
-    /// How long to wait for a robot and until the map is synchronized, beyond `watch_for`, both from the start.
-    pub timeout: Duration,
-    /// Say nothing.
-    pub quiet: bool,
+    /// Its timeout is the time for finding the robot and for synchronization beyond `watch_for`, both from the start.
+    pub(crate) target: Target,
+    pub(crate) export: PathBuf,
+    /// Time to watch; default: until synchronized.
+    pub(crate) watch_for: Option<Duration>,
 }
 
 impl Headless {
-    fn target(&self) -> Target {
-        Target {
-            connect: self.connect.clone(),
-            robot: self.robot.clone(),
-            zenoh_config: self.zenoh_config.clone(),
-            credentials: self.credentials.clone(),
-            timeout: self.timeout,
-            quiet: self.quiet,
-        }
-    }
-
-    /// Says how far it is, on standard error.
+    /// Prints progress to standard error.
     fn say(&self, words: &str) {
-        if !self.quiet {
-            // What cannot be said keeps nobody from watching.
+        if !self.target.quiet {
+            // A closed standard error is no reason to stop.
             drop(writeln!(io::stderr(), "{words}"));
         }
     }
 }
 
-/// Watches and exports. Whatever keeps the map from being synchronized, what came is written; where nothing was heard of the
-/// robot, nothing is.
+/// Watches and exports. If the map is not synchronized, what arrived is written; without any message nothing is.
 ///
 /// # Errors
-/// Where there is no robot, several and none was named, the map is not synchronized in time, or a file cannot be
+/// If there is no robot, more than one and none is named, the map is not synchronized in time, or a file cannot be
 /// written.
 pub fn run(
     settings: &Headless,
@@ -82,7 +54,7 @@ pub fn run(
     out: &mut dyn Write,
 ) -> anyhow::Result<Exit> {
     let started = clock::now();
-    let target = settings.target();
+    let target = &settings.target;
     settings.say(&target.looking());
     let robot = target.find(&is_interrupted)?;
     let discovered = clock::now();
@@ -96,8 +68,8 @@ pub fn run(
     };
     let endpoints = Endpoints {
         connect: vec![robot.endpoint],
-        zenoh_config: zenoh_config_file(settings.zenoh_config.clone()),
-        credentials: settings.credentials.clone(),
+        zenoh_config: zenoh_config_file(settings.target.zenoh_config.clone()),
+        credentials: settings.target.credentials.clone(),
         ..Endpoints::default()
     };
     let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
@@ -114,7 +86,7 @@ pub fn run(
         } else if !mem::replace(&mut was_connected, true) {
             settings.say(&answers);
         }
-        // A picture marks the vehicle: a map without one is not all there is.
+        // The picture shows the vehicle, so a pose is needed too.
         let is_placed = model.vehicle().pose().is_some() || is_empty(&model);
         let is_synchronized = model.is_synchronized(now) && is_placed;
         join_timing.update(&model, is_synchronized);
@@ -123,7 +95,7 @@ pub fn run(
             was_synchronized = is_synchronized;
         }
         let has_ended = model.has_ended();
-        // A robot that has ended and is gone will not announce its map again.
+        // A robot that has ended and is gone sends no further map head.
         (
             is_synchronized || (has_ended && model.matches_last_head()),
             has_ended,
@@ -131,7 +103,7 @@ pub fn run(
     });
     let (_, messages) = session.model().connection().totals();
     match watched {
-        // Of a robot that was never heard there is nothing to write: empty files would look like results.
+        // Empty files would look like results.
         Watched::TimedOut if messages == 0 => {
             return Err(wait_for_robot.conclusion(&is_interrupted));
         }
@@ -139,12 +111,12 @@ pub fn run(
         Watched::Synchronized | Watched::TimedOut | Watched::Interrupted => {}
     }
     let handle = session.handle();
-    // What is fetched comes first: a robot whose data has ended does not wait for files that are written.
+    // Fetch first: a robot whose data has ended does not wait while files are written.
     let mut parts: Vec<_> = ExportPart::all().collect();
     parts.sort_by_key(|part| !matches!(part, ExportPart::Trajectory | ExportPart::Voxels));
-    // Of a map that is not synchronized, what came is written, whatever it is.
+    // A map that is not synchronized is written as it is.
     let fetcher = matches!(watched, Watched::Synchronized)
-        .then(|| Fetcher::begin(&handle, parts.iter().copied(), settings.timeout));
+        .then(|| Fetcher::begin(&handle, parts.iter().copied(), settings.target.timeout));
     let exported = export_parts(&settings.export, parts, |part, _| match &fetcher {
         Some(fetcher) => fetcher.fetch(part, |_| {
             if is_interrupted() {
@@ -158,7 +130,7 @@ pub fn run(
     drop(fetcher);
     session.model().set_unfinished(false);
     let model = session.model();
-    if !settings.quiet {
+    if !settings.target.quiet {
         join_timing.print(&model, out)?;
         print_summary(&model, &exported.files, out)?;
     }
@@ -177,7 +149,7 @@ pub fn run(
     }
 }
 
-/// What a map lacks that is not synchronized `after` this long, and why.
+/// What is missing `after` this time, and why.
 fn not_synchronized(model: &ConsoleModel, problem: Option<String>, after: Duration) -> String {
     let missing: usize = model.map().layer_states().map(|step| step.missing).sum();
     let why = problem.map(|why| format!(" ({why})")).unwrap_or_default();
@@ -187,13 +159,12 @@ fn not_synchronized(model: &ConsoleModel, problem: Option<String>, after: Durati
     )
 }
 
-/// Whether nothing is known of any layer.
 fn is_empty(model: &ConsoleModel) -> bool {
     let store = model.map().store();
     store.grids().all(|grid| store.cells_known(grid.layer) == 0)
 }
 
-/// What is near the vehicle comes first, as it would in a window.
+/// Requests what is near the vehicle first, as a window would.
 fn view_around_vehicle(model: &mut ConsoleModel) {
     if let Some((pose, _)) = model.vehicle().pose() {
         let [x, y, _] = pose.position_m;
@@ -224,7 +195,7 @@ fn watch(
         if is_synchronized && (elapsed >= watch_for || has_ended) {
             return Watched::Synchronized;
         }
-        if elapsed >= watch_for.saturating_add(settings.timeout) {
+        if elapsed >= watch_for.saturating_add(settings.target.timeout) {
             return Watched::TimedOut;
         }
         if !clock::sleep_until(clock::now() + POLL_PERIOD, is_interrupted) {
@@ -258,6 +229,77 @@ fn print_summary(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -
     Ok(())
 }
 
+/// Half the side of the square around the vehicle that counts as the visible area, metres.
+const VISIBLE_M: f64 = 20.0;
+
+/// Times from discovery to the first pose, the first tile and synchronization.
+#[derive(Clone, Copy, Debug)]
+struct JoinTiming {
+    discovered: Monotonic,
+    pose: Option<Duration>,
+    tile: Option<Duration>,
+    synchronized: Option<Duration>,
+}
+
+impl JoinTiming {
+    const fn new(discovered: Monotonic) -> Self {
+        Self {
+            discovered,
+            pose: None,
+            tile: None,
+            synchronized: None,
+        }
+    }
+
+    fn update(&mut self, model: &ConsoleModel, is_synchronized: bool) {
+        let after = clock::elapsed(self.discovered);
+        let note = |milestone: &mut Option<Duration>, is_there: bool| {
+            if is_there {
+                milestone.get_or_insert(after);
+            }
+        };
+        note(&mut self.pose, model.vehicle().pose().is_some());
+        let has_tiles = |layer| model.map().store().tiles(layer).next().is_some();
+        note(&mut self.tile, LayerId::ALL.into_iter().any(has_tiles));
+        note(&mut self.synchronized, is_synchronized);
+    }
+
+    /// Prints the times. The time of the visible area is meaningful only if the map did not change.
+    fn print(&self, model: &ConsoleModel, out: &mut dyn Write) -> io::Result<()> {
+        for (what, after) in [
+            ("first pose", self.pose),
+            ("first tile", self.tile),
+            ("visible area", self.visible_area(model)),
+            ("synchronized", self.synchronized),
+        ] {
+            if let Some(after) = after {
+                writeln!(
+                    out,
+                    "{what}: {:.0} ms after discovery",
+                    after.as_secs_f64() * 1e3
+                )?;
+            }
+        }
+        Ok(())
+    }
+
+    fn visible_area(&self, model: &ConsoleModel) -> Option<Duration> {
+        let (pose, _) = model.vehicle().pose()?;
+        let [x, y, _] = pose.position_m;
+        let map = model.map();
+        let is_near = |key: TileKey, cell_m: f64| {
+            let [tile_x, tile_y] = key.center_m(cell_m);
+            (tile_x - x).abs() <= VISIBLE_M && (tile_y - y).abs() <= VISIBLE_M
+        };
+        let near = map.store().grids().flat_map(|grid| {
+            let tiles = map.store().tiles(grid.layer).map(|(key, _)| key);
+            tiles.filter(move |key| is_near(*key, grid.cell_m))
+        });
+        let last = near.filter_map(|key| map.ages().received_at(key)).max()?;
+        Some(last.since(self.discovered))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -265,19 +307,21 @@ mod tests {
 
     fn of_nobody(endpoint: &str, export: PathBuf) -> Headless {
         Headless {
-            connect: vec![endpoint.to_owned()],
-            robot: Some("nobody".parse().unwrap()),
-            zenoh_config: None,
-            credentials: None,
+            target: Target {
+                connect: vec![endpoint.to_owned()],
+                robot: Some("nobody".parse().unwrap()),
+                zenoh_config: None,
+                credentials: None,
+                timeout: Duration::from_millis(100),
+                quiet: false,
+            },
             export,
             watch_for: None,
-            timeout: Duration::from_millis(100),
-            quiet: false,
         }
     }
 
     #[test]
-    fn of_a_robot_that_was_never_heard_nothing_is_written() {
+    fn silent_robot_writes_no_files() {
         let folder = tempfile::tempdir().unwrap();
         let endpoint = free_endpoint().unwrap();
         let settings = of_nobody(&endpoint, folder.path().join("maps"));
@@ -289,20 +333,20 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_heard_yet_is_looked_for() {
+    fn robot_at_another_address_is_searched() {
         let mut settings = of_nobody("tcp/boat:7447", PathBuf::new());
-        let looking = |settings: &Headless| settings.target().looking();
+        let looking = |settings: &Headless| settings.target.looking();
         assert_eq!(
             looking(&settings),
             "looking for robot nobody at tcp/boat:7447"
         );
-        settings.robot = None;
-        settings.connect.push("tcp/barge:7447".to_owned());
+        settings.target.robot = None;
+        settings.target.connect.push("tcp/barge:7447".to_owned());
         assert_eq!(
             looking(&settings),
             "looking for a robot at tcp/boat:7447, tcp/barge:7447"
         );
-        settings.connect.clear();
+        settings.target.connect.clear();
         assert_eq!(
             looking(&settings),
             "looking for a robot on the local network"

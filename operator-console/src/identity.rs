@@ -1,4 +1,4 @@
-//! Who drives from this console.
+//! Operator of this console.
 
 use protocol::keys::OperatorId;
 use protocol::signed::SecretKey;
@@ -6,22 +6,19 @@ use robot_edge::credentials::{self, Credentials};
 use robot_edge::exit::UsageError;
 use teleop::Role;
 
-/// Without a name from the command line or the system.
+/// Default without a name from the command line or the system.
 const NOBODY: &str = "console";
 
-/// An operator, and what their commands are signed with.
 #[derive(Clone)]
 pub struct Identity {
-    /// The name that robots know.
     pub operator: OperatorId,
-    /// What only the operator has.
     pub key: SecretKey,
-    /// What their certificate says they may do; `None` on links without keys.
+    /// From the certificate; `None` on links without keys.
     pub role: Option<Role>,
 }
 
 impl Identity {
-    /// For links without keys: what is signed proves nothing.
+    /// For links without keys, where signatures prove nothing.
     pub fn without_keys(operator: OperatorId) -> Self {
         let key = SecretKey::without_secret(&operator);
         Self {
@@ -31,11 +28,11 @@ impl Identity {
         }
     }
 
-    /// Whose credentials they are; without any, the operator who is named, else the user of this computer as the
-    /// environment names them, else `NOBODY`.
+    /// The operator of the credentials; without credentials the named operator, else the user of this computer, else
+    /// `NOBODY`.
     ///
     /// # Errors
-    /// Where the credentials are another's than the one who is named, or not a person's, or their key cannot be read.
+    /// If the credentials belong to another operator or not to a person, or their key cannot be read.
     pub fn of(
         named: Option<OperatorId>,
         credentials: Option<&Credentials>,
@@ -68,7 +65,7 @@ impl Identity {
             .into());
         }
         match role {
-            // They sign nothing; whatever they send is refused.
+            // Observers sign nothing: robots reject their commands.
             Role::Observer => Ok(Self {
                 role: Some(role),
                 ..Self::without_keys(name.clone())
@@ -82,13 +79,13 @@ impl Identity {
     }
 }
 
-/// The first name that says anything: a variable may be set, and empty.
+/// The first name that is not empty.
 fn first_of(users: impl IntoIterator<Item = Option<String>>) -> Option<OperatorId> {
     let mut users = users.into_iter().flatten();
     users.find_map(|user| as_operator(&user))
 }
 
-/// A user's name as an operator's: what may not stand in one becomes `_`.
+/// A user name as an operator name: invalid characters become `_`.
 fn as_operator(user: &str) -> Option<OperatorId> {
     let chars = user.chars().take(64).map(|char| match char {
         'a'..='z' | 'A'..='Z' | '0'..='9' | '_' | '-' => char,
@@ -118,6 +115,6 @@ mod tests {
         assert_eq!(first_of([None, Some(String::new())]), None);
         let named = Identity::of(Some("berta".parse().unwrap()), None).unwrap();
         assert_eq!(named.operator.as_str(), "berta");
-        assert_eq!(named.role, None, "nobody has proven one");
+        assert_eq!(named.role, None, "no certificate");
     }
 }

@@ -1,7 +1,7 @@
-//! The operator's side: one robot's maps as they grow, over a link that may be bad.
+//! The operator console: shows one robot's maps over a bad link and drives it.
 //!
-//! The link brings bytes, the [model] makes a robot of them, and the window or the headless command
-//! reads that. Everything the program does is here; `main.rs` only starts it.
+//! The link delivers bytes, the [model] keeps the robot's state, and the window or the headless command reads it.
+//! `main.rs` only starts the program.
 
 pub mod alerts;
 pub mod app;
@@ -15,9 +15,7 @@ pub mod gamepad;
 pub mod headless;
 pub mod identity;
 pub mod input_loop;
-mod join_timing;
 pub mod link;
-mod locks;
 pub mod map_view;
 pub mod model;
 pub mod panels;
@@ -31,10 +29,16 @@ mod target;
 pub mod teleop_client;
 pub mod teleop_handle;
 pub mod teleop_input;
-pub mod teleop_session;
 #[cfg(test)]
 mod test_support;
 pub mod theme;
 mod typed_path;
 pub mod window;
 pub mod workspace;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Locks a mutex, also after a panic of another thread: the data behind each lock is consistent after every statement.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
-        // A file of what was said is to be read too.
+        // Logs in files must stay readable.
         .with_ansi(io::stderr().is_terminal())
         .init();
 
@@ -25,7 +25,7 @@ fn main() -> ExitCode {
         Ok(exit) => exit,
         Err(err) => {
             if err.downcast_ref::<Interrupted>().is_none() {
-                // Nothing is left to be done where even standard error fails.
+                // Standard error failed too.
                 drop(writeln!(
                     io::stderr(),
                     "operator-console: {}",

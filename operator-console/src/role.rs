@@ -1,14 +1,12 @@
-//! What the keys of a person let them do, as far as a console knows it.
+//! Rights of an operator's role, as far as the console knows it.
 
 use teleop::Role;
 
-/// What is said to who may only watch.
 pub const OBSERVER_HINT: &str = "Observers neither drive nor stop the vehicle";
-/// What is said to who may drive, and not take over.
 pub const OPERATOR_HINT: &str = "Only supervisors take over: request a handover";
 
-/// Whether who shows this role is proven to have no right to drive or to stop: nothing that they sign would be obeyed.
-/// `None`, where nobody has proven a role, is no such proof: whoever may have the right must be able to press the stop.
+/// Whether a role is proven that may neither drive nor stop: the robot would reject its commands. Without a proven role
+/// (`None`) this is false, so that the emergency stop stays available.
 pub const fn is_observer(role: Option<Role>) -> bool {
     match role {
         Some(role) => !role.may_drive(),
@@ -16,7 +14,7 @@ pub const fn is_observer(role: Option<Role>) -> bool {
     }
 }
 
-/// Whether who shows this role is proven to have no right to take over. `None` is no such proof here either.
+/// Whether a role is proven that may not take over the lease. `None` is no proof here either.
 pub const fn cannot_take_over(role: Option<Role>) -> bool {
     match role {
         Some(Role::Observer | Role::Operator) => true,
@@ -29,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_proven_observer_is_kept_from_the_stop() {
+    fn only_proven_observers_cannot_stop() {
         for (role, expected) in [
             (None, false),
             (Some(Role::Operator), false),
@@ -41,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn only_who_is_proven_to_be_no_supervisor_is_kept_from_taking_over() {
+    fn only_proven_non_supervisors_cannot_take_over() {
         for (role, expected) in [
             (None, false),
             (Some(Role::Operator), true),

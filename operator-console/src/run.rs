@@ -1,15 +1,15 @@
-//! The program: what each command sets up.
+//! Setup of each command.
 
 use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 
 use clap::CommandFactory as _;
 use recording::Format;
-use robot_edge::app::interrupt_flag;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, UsageError};
-use robot_edge::link::endpoints;
-use robot_edge::link::zenoh_config_file;
+use robot_edge::network::endpoints;
+use robot_edge::network::zenoh_config_file;
+use robot_edge::runtime::interrupt_flag;
 
 use crate::cli::{Cli, Task};
 use crate::demo::Demo;
@@ -18,12 +18,13 @@ use crate::identity::Identity;
 use crate::playback::{ToOpen, in_words};
 use crate::script::{self, Drive};
 use crate::settings::{ConfigPath, default_file};
+use crate::target::Target;
 use crate::window::{self, WindowSettings};
 
-/// Runs what the command line asks for. What it prints goes to `out`.
+/// Runs the command line. Output goes to `out`.
 ///
 /// # Errors
-/// What went wrong, in words for the person who typed the command; [`Exit::of`] gives the exit code.
+/// A message for the user; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     cli.check()?;
     if let Some(Task::Completions(completions)) = &cli.task {
@@ -43,7 +44,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     }
     let identity = Identity::of(cli.operator.clone(), credentials.as_ref())?;
     if let Some(recording) = &cli.open {
-        // Before a window opens that could only say so.
+        // Fail before the window opens.
         Format::of(recording)?;
     }
     let demo = cli.demo.as_deref().map(Demo::start).transpose()?;
@@ -51,42 +52,38 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         Some(demo) => (vec![demo.endpoint.clone()], Some(demo.robot.clone())),
         None => (cli.connect.clone(), cli.robot.clone()),
     };
+    let target = |connect, robot, credentials| Target {
+        connect,
+        robot,
+        zenoh_config: cli.zenoh_config.clone(),
+        credentials,
+        timeout: cli.timeout,
+        quiet: cli.quiet,
+    };
+    // The demo's own failure explains a missing robot.
+    let result = |ended| match demo.as_ref().and_then(|demo| demo.failure.take()) {
+        Some(why) => Err(why),
+        None => ended,
+    };
     if let Some(Task::Drive(drive)) = &cli.task {
         let settings = Drive {
-            connect,
-            robot,
-            zenoh_config: cli.zenoh_config.clone(),
+            target: target(connect, robot, credentials),
             identity,
-            credentials,
             script: drive.script.clone(),
-            timeout: cli.timeout,
-            quiet: cli.quiet,
         };
         let interrupt = interrupt_flag()?;
-        let ended = script::run(&settings, || interrupt.load(Ordering::Relaxed), out);
-        return match demo.as_ref().and_then(|demo| demo.failure.take()) {
-            Some(why) => Err(why),
-            None => ended,
-        };
+        let is_interrupted = || interrupt.load(Ordering::Relaxed);
+        return result(script::run(&settings, is_interrupted, out));
     }
     if let Some(export) = &cli.export {
         let settings = Headless {
-            connect,
-            robot,
-            zenoh_config: cli.zenoh_config.clone(),
-            credentials,
+            target: target(connect, robot, credentials),
             export: export.clone(),
             watch_for: cli.watch_for,
-            timeout: cli.timeout,
-            quiet: cli.quiet,
         };
         let interrupt = interrupt_flag()?;
-        let ended = headless::run(&settings, || interrupt.load(Ordering::Relaxed), out);
-        // Why the demo's robot is not there says more than that it is not.
-        return match demo.as_ref().and_then(|demo| demo.failure.take()) {
-            Some(why) => Err(why),
-            None => ended,
-        };
+        let is_interrupted = || interrupt.load(Ordering::Relaxed);
+        return result(headless::run(&settings, is_interrupted, out));
     }
     let settings = WindowSettings {
         connect,
@@ -98,7 +95,6 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         credentials,
         screenshot: cli.screenshot.clone().zip(cli.after),
         controls: cli.controls.clone(),
-        title: "Foreshore".to_owned(),
         open: cli.open.clone().map(|path| ToOpen {
             path,
             setup: cli.setup.clone(),
@@ -107,19 +103,15 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         config: config_path(cli),
         forgets_settings: cli.reset_settings,
     };
-    let shown = window::run(settings);
-    match demo.as_ref().and_then(|demo| demo.failure.take()) {
-        Some(why) => Err(why),
-        None => shown.map(|()| Exit::Done),
-    }
+    result(window::run(settings).map(|()| Exit::Done))
 }
 
-/// Why the program ended, for the person who started it: an error and its causes, none of them twice.
+/// An error and its causes, none of them twice.
 pub fn complaint(error: &anyhow::Error) -> String {
     in_words(error)
 }
 
-/// A picture that is taken by itself shows what anybody would see, and changes nothing.
+/// A scheduled screenshot shows the defaults and saves nothing.
 fn config_path(cli: &Cli) -> ConfigPath {
     match (&cli.config, &cli.screenshot) {
         (Some(path), _) => ConfigPath::File(path.clone()),
@@ -135,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recording_that_is_not_there_is_said_once() {
+    fn missing_recording_is_reported_once() {
         let line = "operator-console --operator anna --open nowhere/nix.mcap";
         let cli = Cli::try_parse_from(line.split(' ')).unwrap();
         let error = run(&cli, &mut io::sink()).unwrap_err();

@@ -1,62 +1,119 @@
-//! What the window's loop and the app in it share: the helm of the robot that is shown, and who has the keyboard.
+//! The teleop client with its link, and the handle by which the window's input loop and the app share it.
 //!
-//! Both run on one thread and take turns, so that there is nothing to wait for.
+//! Input loop and app run on one thread in turns, so neither waits for the other.
 
 use std::cell::RefCell;
+use std::time::Duration;
 
 use measurement::time::Monotonic;
+use protocol::keys::RobotId;
 use protocol::message::Info;
+use robot_edge::network::random_id;
 
-use crate::teleop_client::{Intent, TeleopClientState, TeleopNotification};
+use crate::identity::Identity;
+use crate::link::DrivingLink;
+use crate::teleop_client::{Intent, TeleopClient, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{InputEvent, PadReading};
-use crate::teleop_session::TeleopSession;
 
-/// The hands of the operator on a window.
+/// How long a window that closes waits until its last messages are sent.
+const SHUTDOWN_FLUSH: Duration = Duration::from_millis(150);
+
+/// One operator, one robot, and the link between them. The loops of the window and of scripts run it.
+pub struct TeleopSession {
+    pub client: TeleopClient,
+    link: DrivingLink,
+}
+
+impl TeleopSession {
+    /// # Errors
+    /// If the system has no random numbers.
+    pub fn new(robot: RobotId, identity: Identity, link: DrivingLink) -> anyhow::Result<Self> {
+        let random = u128::from_le_bytes(random_id()?) as u64;
+        Ok(Self {
+            client: TeleopClient::new(robot, identity, random),
+            link,
+        })
+    }
+
+    /// Begins an iteration, before the queue of events is drained.
+    pub fn begin(&mut self, now: Monotonic) {
+        self.client.begin(self.link.newest(), now);
+    }
+
+    /// Ends an iteration, after the queue of events is drained: sends what is due.
+    pub fn end(&mut self, now: Monotonic) {
+        for message in self.link.messages() {
+            self.client.receive(message, now);
+        }
+        for message in self.client.end(now) {
+            self.link.send(message);
+        }
+    }
+
+    /// Sends zero velocity and releases the lease. The robot stops without these messages too, but later.
+    pub fn shut_down(&mut self) {
+        let messages = self.client.shutdown_messages();
+        if messages.is_empty() {
+            return;
+        }
+        for message in messages {
+            self.link.send(message);
+        }
+        self.link.flush(SHUTDOWN_FLUSH);
+    }
+}
+
+impl Drop for TeleopSession {
+    fn drop(&mut self) {
+        self.shut_down();
+    }
+}
+
+/// The teleop session of the robot that is shown, and the state of the window's input devices.
 #[derive(Default)]
 pub struct TeleopHandle(RefCell<State>);
 
 #[derive(Default)]
 struct State {
-    teleop_session: Option<TeleopSession>,
+    session: Option<TeleopSession>,
     has_focus: bool,
     is_hidden: bool,
     is_typing: bool,
-    /// How the gamepad is held, where there is one: it tells changes only.
+    /// The last reading of the gamepad, which reports changes only.
     pad: Option<PadReading>,
 }
 
 impl State {
-    /// What a helm has to know that takes over. What is held comes first: nothing that went down before counts.
-    fn as_they_are(&self) -> Vec<InputEvent> {
+    /// The events that bring a new session up to date. The gamepad comes first: a button pressed before does not count.
+    fn initial_events(&self) -> Vec<InputEvent> {
         let attention = [
             InputEvent::Focus(self.has_focus),
             InputEvent::Visible(!self.is_hidden),
             InputEvent::Typing(self.is_typing),
         ];
-        let held = self.pad.map(InputEvent::Pad);
-        held.into_iter().chain(attention).collect()
+        let pad = self.pad.map(InputEvent::Pad);
+        pad.into_iter().chain(attention).collect()
     }
 }
 
 impl TeleopHandle {
-    /// From now on they drive this, and what they drove before is left.
-    pub fn take(&self, teleop_session: Option<TeleopSession>) {
+    /// Replaces the session. The old one releases its robot.
+    pub fn set_session(&self, session: Option<TeleopSession>) {
         let mut state = self.0.borrow_mut();
-        state.teleop_session = teleop_session;
-        let events = state.as_they_are();
-        if let Some(teleop_session) = &mut state.teleop_session {
+        state.session = session;
+        let events = state.initial_events();
+        if let Some(session) = &mut state.session {
             for event in events {
-                teleop_session.apply(event);
+                session.client.apply(event);
             }
         }
     }
 
-    /// An iteration of the loop begins: nothing was taken out of its queue yet.
+    /// Begins an iteration of the loop, before its queue of events is drained.
     pub fn begin(&self, now: Monotonic) {
-        self.with(|teleop_session| teleop_session.begin(now));
+        self.with(|session| session.begin(now));
     }
 
-    /// Something was in the queue.
     pub fn apply(&self, event: InputEvent) {
         let mut state = self.0.borrow_mut();
         match event {
@@ -72,72 +129,65 @@ impl TeleopHandle {
             | InputEvent::EStop
             | InputEvent::Step(_) => {}
         }
-        if let Some(teleop_session) = &mut state.teleop_session {
-            teleop_session.apply(event);
+        if let Some(session) = &mut state.session {
+            session.client.apply(event);
         }
     }
 
-    /// The queue is drained; when the next iteration is due.
+    /// Ends an iteration of the loop and returns when the next one is due.
     pub fn end(&self, now: Monotonic) -> Option<Monotonic> {
-        self.with(|teleop_session| {
-            teleop_session.end(now);
-            teleop_session.due(now)
+        self.with(|session| {
+            session.end(now);
+            session.client.due(now)
         })
         .flatten()
     }
 
-    /// What the operator wants besides moving.
     pub fn submit(&self, intent: Intent, now: Monotonic) {
-        self.with(|teleop_session| teleop_session.submit(intent, now));
+        self.with(|session| session.client.submit(intent, now));
     }
 
-    /// What the robot can do.
     pub fn set_robot_info(&self, info: &Info) {
-        self.with(|teleop_session| teleop_session.set_robot_info(info));
+        self.with(|session| session.client.set_robot_info(info));
     }
 
-    /// What the operator is to see; `None` where there is nothing to drive.
+    /// `None` if there is nothing to drive.
     pub fn state(&self, now: Monotonic) -> Option<TeleopClientState> {
-        self.with(|teleop_session| teleop_session.state(now))
+        self.with(|session| session.client.state(now))
     }
 
-    /// What happened at the helm since the last call, oldest first.
+    /// Notifications since the last call, oldest first.
     pub fn take_notifications(&self) -> Vec<TeleopNotification> {
-        let notifications = self.with(|teleop_session| {
-            teleop_session
-                .take_notifications()
-                .map(|(_, notification)| notification)
-                .collect()
-        });
-        notifications.unwrap_or_default()
+        let notifications = self.with(|session| session.client.take_notifications());
+        let notifications = notifications.unwrap_or_default().into_iter();
+        notifications
+            .map(|(_, notification)| notification)
+            .collect()
     }
 
-    /// Whether there is something to drive.
-    pub fn is_taken(&self) -> bool {
-        self.0.borrow().teleop_session.is_some()
+    pub fn has_session(&self) -> bool {
+        self.0.borrow().session.is_some()
     }
 
-    /// Whether this console drives.
+    /// Whether this console has the lease.
     pub fn is_driving(&self) -> bool {
         let state = self.0.borrow();
-        state
-            .teleop_session
-            .as_ref()
-            .is_some_and(TeleopSession::is_driving)
+        let session = state.session.as_ref();
+        session.is_some_and(|session| session.client.is_driving())
     }
 
-    /// Whether keys are text at the moment.
+    /// Whether keys go to a text field.
     pub fn is_typing(&self) -> bool {
         self.0.borrow().is_typing
     }
 
-    /// The window goes: zero, and the lease back.
+    /// The window closes.
     pub fn shut_down(&self) {
         self.with(TeleopSession::shut_down);
     }
 
     fn with<T>(&self, work: impl FnOnce(&mut TeleopSession) -> T) -> Option<T> {
-        self.0.borrow_mut().teleop_session.as_mut().map(work)
+        self.0.borrow_mut().session.as_mut().map(work)
     }
 }
 
@@ -147,7 +197,7 @@ mod tests {
     use crate::teleop_input::{DriveInput, TeleopInput};
 
     #[test]
-    fn a_dead_man_that_is_held_while_the_robot_changes_moves_nothing() {
+    fn deadman_held_while_robot_changes_moves_nothing() {
         let pad = |is_deadman_held, forward| {
             InputEvent::Pad(PadReading {
                 is_deadman_held,
@@ -159,13 +209,13 @@ mod tests {
         teleop_handle.apply(InputEvent::Focus(true));
         teleop_handle.apply(pad(true, 0.0));
         let mut input = TeleopInput::default();
-        for event in teleop_handle.0.borrow().as_they_are() {
+        for event in teleop_handle.0.borrow().initial_events() {
             input.apply(event);
         }
         input.apply(pad(true, 0.9));
         assert_eq!(input.drive_input(), DriveInput::NEUTRAL);
         input.apply(pad(false, 0.9));
         input.apply(pad(true, 0.9));
-        assert!(input.drive_input().forward > 0.0, "pressed anew");
+        assert!(input.drive_input().forward > 0.0, "pressed again");
     }
 }

@@ -1,5 +1,4 @@
-//! The robot, the operator and the console that most unit tests pretend to have. A test that is about one of their
-//! values sets it itself.
+//! Default robot, operator and console for unit tests. A test about one of their values sets it itself.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -21,15 +20,14 @@ use crate::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
 use crate::teleop_client::{EStopState, Lease, TeleopClientState};
 use crate::teleop_input::{DriveInput, SpeedStep};
 
-/// The run of the robot.
 pub(crate) const BOOT: BootId = BootId([7; 16]);
 
-/// So many milliseconds after the clock began.
+/// Milliseconds since the start of the clock.
 pub(crate) const fn at(ms: u64) -> Monotonic {
     Monotonic::from_nanos(ms * 1_000_000)
 }
 
-/// A console that has heard nothing of the robot of this name, and wants these layers.
+/// A console without any message of this robot, which wants these layers.
 pub(crate) fn console(robot: &str, layers: &[LayerId]) -> ConsoleModel {
     ConsoleModel::new(ModelSettings {
         robot: robot.parse().unwrap(),
@@ -40,12 +38,12 @@ pub(crate) fn console(robot: &str, layers: &[LayerId]) -> ConsoleModel {
     .unwrap()
 }
 
-/// A console that has heard nothing of `scout`, and wants no map of it.
+/// The same for `scout` without layers.
 pub(crate) fn scout() -> ConsoleModel {
     console("scout", &[])
 }
 
-/// The robot publishes this, and the console hears it at `now`.
+/// Passes a published message to the console at `now`.
 pub(crate) fn inject<T: Serialize>(
     model: &mut ConsoleModel,
     topic: Topic,
@@ -55,7 +53,7 @@ pub(crate) fn inject<T: Serialize>(
     inject_at(model, 0, topic, body, now);
 }
 
-/// The same of data with this stamp, nanoseconds.
+/// The same with this stamp, nanoseconds.
 pub(crate) fn inject_at<T: Serialize>(
     model: &mut ConsoleModel,
     stamp_ns: i64,
@@ -70,7 +68,6 @@ pub(crate) fn inject_at<T: Serialize>(
     model.apply(sample, now);
 }
 
-/// The robot announces what its map is.
 pub(crate) fn announce_map(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
     let layers = store.grids().map(|LayerGrid { layer, .. }| LayerHead {
         layer,
@@ -83,7 +80,7 @@ pub(crate) fn announce_map(model: &mut ConsoleModel, store: &TileStore, now: Mon
     inject(model, Topic::MapHead, &MapHead { layers }, now);
 }
 
-/// A run of the robot announces its map, of which there is nothing yet.
+/// Announces an empty map of this run.
 pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotonic) {
     let sample = Incoming::Sample {
         key: Topic::MapHead.key(model.robot()),
@@ -92,7 +89,6 @@ pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotoni
     model.apply(sample, now);
 }
 
-/// The robot pushes a tile.
 pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
     let tile = store.tile(key).unwrap();
     for rows in Encoder::new().unwrap().encode(&tile.cells) {
@@ -106,7 +102,7 @@ pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKe
     }
 }
 
-/// The robot answers a question with this, and the console hears it at `now`.
+/// Passes a reply to a request to the console at `now`.
 pub(crate) fn inject_reply<T: Serialize>(
     model: &mut ConsoleModel,
     request: RequestId,
@@ -126,7 +122,7 @@ fn payload<T: Serialize>(stamp_ns: i64, body: &T) -> Vec<u8> {
     payload_of(BOOT, stamp_ns, body)
 }
 
-/// Every message is behind all others.
+/// Sequence numbers rise over all messages.
 fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
     static SENT: AtomicU64 = AtomicU64::new(0);
     let seq = SENT.fetch_add(1, Ordering::Relaxed);
@@ -138,7 +134,7 @@ fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
     wire::encode(&header, body).unwrap()
 }
 
-/// A vehicle that stands where `odom` begins, heads along its x, and gives no token.
+/// A vehicle at the origin of `odom`, along its x axis, without a token.
 pub(crate) fn pose_at_rest() -> Pose {
     Pose {
         position_m: [0.0; 3],
@@ -149,7 +145,7 @@ pub(crate) fn pose_at_rest() -> Pose {
     }
 }
 
-/// A robot that stands, and that nobody drives.
+/// A robot at rest without a driver.
 pub(crate) fn idle_teleop_status() -> TeleopStatus {
     TeleopStatus {
         state: TeleopState::Idle,
@@ -176,7 +172,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
     }
 }
 
-/// The helm of `anna`, who could drive and does nothing.
+/// Anna's teleop client, ready and idle.
 pub(crate) fn idle_teleop_client() -> TeleopClientState {
     TeleopClientState {
         operator: "anna".parse().unwrap(),

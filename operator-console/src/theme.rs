@@ -1,23 +1,23 @@
-//! Colours, sizes and state marks: legible from a step away, in light and dark, to every kind of colour
-//! vision. A state is never told by a colour alone: each has a shape and a word as well.
+//! Colours, sizes and state marks, legible in light and dark themes and for colour-blind operators. A state always
+//! has a shape and a text besides its colour.
 
 use eframe::egui::{
     Color32, Context, CornerRadius, FontFamily, FontId, Label, Painter, Pos2, Response, RichText,
     Sense, Shape, Stroke, TextStyle, Theme, Ui, Visuals, pos2, vec2,
 };
 
-/// How something is.
+/// State of something shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
-    /// As it should be: a filled circle.
+    /// Filled circle.
     Good,
-    /// Not yet: a ring.
+    /// Ring: not yet.
     Waiting,
-    /// Look at this: a triangle.
+    /// Triangle.
     Warning,
 }
 
-/// Sets sizes and colours for both themes; which one is shown follows the system.
+/// Sets sizes and colours of both themes. The system selects the theme.
 pub fn set(ctx: &Context) {
     for theme in [Theme::Dark, Theme::Light] {
         ctx.style_mut_of(theme, |style| {
@@ -73,8 +73,8 @@ const fn rgb(hex: u32) -> Color32 {
     Color32::from_rgb(red, green, blue)
 }
 
-/// What the map lies on, where nothing is known. Bluish in both themes, so that no grey of an occupancy map
-/// is mistaken for it, and light enough that black walls stand out.
+/// Background of the map. Bluish in both themes, so that it differs from the greys of the occupancy map, and light
+/// enough for black walls.
 pub const fn ground(visuals: &Visuals) -> Color32 {
     if visuals.dark_mode {
         rgb(0x74_84_98)
@@ -83,33 +83,31 @@ pub const fn ground(visuals: &Visuals) -> Color32 {
     }
 }
 
-/// The paper of cards that lie on the map.
+/// Background of cards on the map.
 pub fn card(visuals: &Visuals) -> Color32 {
     visuals.panel_fill.gamma_multiply(0.93)
 }
 
-/// The vehicle while its position is live.
 pub const VEHICLE: Color32 = rgb(0xd5_5e_00);
-/// The vehicle where its position is old.
+/// The vehicle at an old position.
 pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
-/// Where the vehicle was. No layer has this colour.
+/// Trajectory. No layer has this colour.
 pub const TRAIL: Color32 = rgb(0x8e_24_aa);
-/// Where the beams of the newest scan hit.
+/// Hits of the newest scan.
 pub const SCAN: Color32 = rgb(0xe0_20_20);
-/// The ground that a vehicle covers until it stands.
 pub const STOPPING: Color32 = rgb(0xf0_a8_20);
-/// What is looked for on the map.
+/// Selected objects on the map.
 pub const MARKED: Color32 = rgb(0xcc_00_7a);
-/// What is laid over a map that is old: half of its colours are left.
+/// Drawn over an outdated map: halves its colours.
 pub const STALE_OVERLAY: Color32 = Color32::from_rgba_premultiplied(0x38, 0x38, 0x38, 0x80);
-/// Banners of warning, and what is written on them.
+/// Warning banners: background and text.
 pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
 
-/// What stops the vehicle, and what is written on it.
+/// Emergency stop: background and text.
 pub const DANGER: [Color32; 2] = [rgb(0xb3_1b_1b), rgb(0xff_ff_ff)];
 
 impl Tone {
-    /// The colour of marks and words. Okabe and Ito's, lighter in the dark.
+    /// Colour of marks and texts (Okabe and Ito; lighter in the dark theme).
     pub const fn color(self, visuals: &Visuals) -> Color32 {
         match (self, visuals.dark_mode) {
             (Self::Good, true) => rgb(0x2f_c4_97),
@@ -139,17 +137,17 @@ impl Tone {
     }
 }
 
-/// A mark, and the word for what it means.
+/// Mark and text.
 pub fn state_ui(ui: &mut Ui, tone: Tone, word: &str, size: f32) {
     marked_ui(ui, tone, word, size, Label::new);
 }
 
-/// The same for what may take several lines.
+/// With text that wraps.
 pub fn long_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) {
     marked_ui(ui, tone, words, size, |words| Label::new(words).wrap());
 }
 
-/// The same for what may be cut off.
+/// With text that is truncated.
 pub fn short_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) -> Response {
     marked_ui(ui, tone, words, size, |words| Label::new(words).truncate())
 }
@@ -168,7 +166,7 @@ fn marked_ui(
         let text = ui.add(label(RichText::new(words).font(font).color(color)));
         let middle = pos2(mark.center().x, text.rect.center().y);
         tone.paint(ui.painter(), middle, 0.36 * size, color);
-        // Where there are no words, the mark is what is pointed at.
+        // The mark has the hover text, too.
         text.union(beside)
     });
     shown.inner
@@ -197,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_legible_in_both_themes() {
+    fn texts_are_legible_in_both_themes() {
         for theme in [Theme::Dark, Theme::Light] {
             let visuals = visuals(theme);
             let paper = visuals.panel_fill;

@@ -1,23 +1,21 @@
-//! Paths as people type them: `~` is the home folder, as it is in a shell.
+//! Typed paths: `~` is the home folder, as in a shell.
 
 use std::path::{Path, PathBuf, is_separator};
 
-/// The path that was typed: `~`, and `~/` at its beginning, are the home folder, where the system names one.
+/// Expands `~` and a leading `~/`, if the system has a home folder.
 pub(crate) fn typed_path(typed: &str) -> PathBuf {
     within(typed, home().as_deref())
 }
 
-/// The same place from wherever somebody looks: what is relative begins in the folder that the program was started in.
+/// Resolves a relative path against the working directory.
 pub(crate) fn absolute(path: PathBuf) -> PathBuf {
     std::path::absolute(&path).unwrap_or(path)
 }
 
-/// The home folder, where the system names one.
 pub(crate) fn home() -> Option<PathBuf> {
     etcetera::home_dir().ok()
 }
 
-/// The same, where `home` is the home folder.
 pub(crate) fn within(typed: &str, home: Option<&Path>) -> PathBuf {
     let home_and_rest = home.zip(typed.strip_prefix('~'));
     match home_and_rest {
@@ -25,7 +23,7 @@ pub(crate) fn within(typed: &str, home: Option<&Path>) -> PathBuf {
         Some((home, rest)) if rest.starts_with(is_separator) => {
             home.join(rest.trim_start_matches(is_separator))
         }
-        // `~anna` is another's home in some shells, and a name anywhere else.
+        // `~anna` is another user's home in some shells, and a plain name elsewhere.
         Some(_) | None => PathBuf::from(typed),
     }
 }
@@ -35,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilde_at_the_beginning_is_the_home_folder() {
+    fn leading_tilde_is_the_home_folder() {
         let check = |typed: &str, expected: &str| {
             let home = Path::new("/home/anna");
             assert_eq!(within(typed, Some(home)), Path::new(expected), "{typed}");
@@ -54,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_relative_begins_where_the_program_was_started() {
+    fn relative_path_is_in_the_working_directory() {
         let here = std::env::current_dir().unwrap();
         assert_eq!(absolute("maps/lake".into()), here.join("maps/lake"));
         assert_eq!(absolute("/maps".into()), Path::new("/maps"));

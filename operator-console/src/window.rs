@@ -1,5 +1,3 @@
-//! Opens the window.
-
 use std::cell::Cell;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -10,7 +8,7 @@ use eframe::egui::ViewportBuilder;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::credentials::Credentials;
-use robot_edge::link::random_id;
+use robot_edge::network::random_id;
 use winit::event_loop::EventLoop;
 
 use crate::app::{AppSettings, ConsoleApp, Screenshot, ScreenshotOutcome, result_of};
@@ -23,42 +21,35 @@ use crate::settings::{self, ConfigPath, Read, SettingsWriter, WindowPlace};
 use crate::teleop_handle::TeleopHandle;
 use crate::theme;
 
-/// What the window is opened with.
 #[derive(Clone)]
 pub struct WindowSettings {
-    /// Addresses that are asked for robots besides scouting.
+    /// Addresses to search besides scouting.
     pub connect: Vec<String>,
-    /// The robot to show; without it, the only one that is found.
+    /// Default: the only robot.
     pub robot: Option<RobotId>,
-    /// Why that robot is gone, where this program simulates it.
+    /// Why the simulated robot of this program has ended.
     pub demo: Option<DemoFailure>,
-    /// Where that robot's recordings are, where that is on this machine.
+    /// Folder of the simulated robot's recordings.
     pub recordings: Option<PathBuf>,
-    /// Who drives.
     pub identity: Identity,
-    /// A Zenoh configuration to lay ours over.
+    /// Base Zenoh configuration.
     pub zenoh_config: Option<PathBuf>,
-    /// Who the operator is, where the link is secured.
     pub credentials: Option<Credentials>,
-    /// Where to save a picture of the window, and after how long; then it closes.
+    /// Path of a screenshot and the time until it is taken; then the window closes.
     pub screenshot: Option<(PathBuf, Duration)>,
-    /// Where to write what a screen reader is told.
+    /// Where to write the accessibility tree.
     pub controls: Option<PathBuf>,
-    /// On the window.
-    pub title: String,
-    /// A recording to show.
     pub open: Option<ToOpen>,
-    /// Where settings are kept, and whether those of the last run are left aside.
     pub config: ConfigPath,
-    /// Begin with defaults, whatever was kept.
+    /// Start with defaults.
     pub forgets_settings: bool,
 }
 
 /// Shows the window until it is closed.
 ///
 /// # Errors
-/// Where no window can be opened, or the picture that was asked for cannot be taken.
-pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
+/// If no window can be opened, or the screenshot cannot be taken.
+pub fn run(mut settings: WindowSettings) -> anyhow::Result<()> {
     let session = BootId(random_id()?);
     let outcome = ScreenshotOutcome::default();
     let is_picture_wanted = settings.screenshot.is_some();
@@ -76,46 +67,38 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
     };
     let options = eframe::NativeOptions {
         viewport: viewport(kept.window),
-        // The loop that drives must not wait for a display, which may be off.
+        // The input loop must not wait for a display, which may be off.
         glow_options: eframe::egui_glow::GlowConfiguration {
             vsync: false,
             ..eframe::egui_glow::GlowConfiguration::default()
         },
-        // There is no gradient to smooth, and without a GPU every pixel would pay for it.
+        // No gradients need it, and without a GPU it is slow.
         dithering: false,
         ..eframe::NativeOptions::default()
     };
     let teleop_handle = Rc::new(TeleopHandle::default());
     let is_open = Rc::new(Cell::new(false));
-    let (hands_of_app, is_open_of_app) = (Rc::clone(&teleop_handle), Rc::clone(&is_open));
+    let (handle_of_app, is_open_of_app) = (Rc::clone(&teleop_handle), Rc::clone(&is_open));
     let create = move |creation: &eframe::CreationContext<'_>| {
         is_open_of_app.set(true);
         theme::set(&creation.egui_ctx);
-        if let Some(path) = settings.controls {
+        if let Some(path) = settings.controls.take() {
             creation.egui_ctx.add_plugin(ControlsFile::new(path));
         }
-        // Its keys are in the table of all others.
+        // The zoom keys are shortcuts of this program.
         creation
             .egui_ctx
             .options_mut(|options| options.zoom_with_keyboard = false);
         kept.appearance.apply(&creation.egui_ctx);
-        let screenshot = settings
-            .screenshot
-            .map(|(path, after)| Screenshot::new(path, after, for_picture));
+        let screenshot = settings.screenshot.take();
+        let screenshot = screenshot.map(|(path, after)| Screenshot::new(path, after, for_picture));
         let app = ConsoleApp::new(
             &creation.egui_ctx,
             AppSettings {
-                connect: settings.connect,
-                robot: settings.robot,
-                demo: settings.demo,
-                recordings: settings.recordings,
-                zenoh_config: settings.zenoh_config,
-                credentials: settings.credentials,
+                window: settings,
                 session,
                 screenshot,
-                identity: settings.identity,
-                teleop_handle: hands_of_app,
-                open: settings.open,
+                teleop_handle: handle_of_app,
                 settings: kept,
                 settings_writer,
                 complaint,
@@ -128,12 +111,12 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
         .build()
         .map_err(|why| anyhow!("{why}"))
         .context(no_window)?;
-    let window = eframe::create_native(&settings.title, options, Box::new(create), &event_loop);
+    let window = eframe::create_native("Foreshore", options, Box::new(create), &event_loop);
     event_loop
         .run_app(&mut InputLoop::new(window, teleop_handle))
         .map_err(|why| anyhow!("{why}"))
         .context(no_window)?;
-    // What eframe could not do, it has only logged.
+    // eframe only logs why the window was not opened.
     if !is_open.get() {
         return Err(anyhow!(no_window));
     }
@@ -143,7 +126,7 @@ pub fn run(settings: WindowSettings) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The window as it was left, or as it is at first.
+/// Saved or default position of the window.
 fn viewport(place: Option<WindowPlace>) -> ViewportBuilder {
     let viewport = ViewportBuilder::default()
         .with_app_id("foreshore-operator-console")

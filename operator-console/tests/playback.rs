@@ -1,4 +1,4 @@
-//! A recording that is opened as the window opens it, over a real session: wound, paused, played in rounds.
+//! A recording over a real session: seek, pause, loop.
 
 #![allow(clippy::unwrap_used, reason = "all of it is tests")]
 
@@ -22,11 +22,11 @@ use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use robot_edge::cli::VehicleOptions;
 use robot_edge::clock;
-use robot_edge::link::sessions::Endpoints;
+use robot_edge::network::sessions::Endpoints;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayState, ReplayStatus};
 
-/// Nothing that these tests wait for takes longer.
+/// Limit of each wait in these tests.
 const TIMEOUT: Duration = Duration::from_mins(2);
 
 fn rooms() -> PathBuf {
@@ -37,7 +37,7 @@ const fn seconds(s: i64) -> RobotDuration {
     RobotDuration::from_millis(1000 * s)
 }
 
-/// A recording, and a console that looks at all of it.
+/// A recording, and a console that views the whole map.
 struct Rig {
     playback: Playback,
     session: RobotSession,
@@ -64,7 +64,7 @@ impl Rig {
         assert!(self.playback.execute(command));
     }
 
-    /// Waits until the recording is as wanted and the console has the map of it.
+    /// Waits until the recording has this state and the console has its map.
     #[track_caller]
     fn wait(
         &mut self,
@@ -88,7 +88,7 @@ impl Rig {
         }
     }
 
-    /// What the console exports now is, byte for byte, what `robot-edge replay` left in `edge`.
+    /// The console's export equals, byte for byte, that of `robot-edge replay` in `edge`.
     #[track_caller]
     fn assert_exports(&self, edge: &Path, folder: &Path) {
         let model = self.session.handle();
@@ -107,7 +107,7 @@ impl Rig {
         }
     }
 
-    /// Waits until it stands at `position` and the console's map is `digest`.
+    /// Waits until the recording is paused at `position` with this digest of the console's map.
     #[track_caller]
     fn wait_for_map(&mut self, position: RobotDuration, digest: &str) {
         self.wait(digest, |status, model| {
@@ -119,13 +119,12 @@ impl Rig {
     }
 }
 
-/// Runs `robot-edge`.
 fn run<'a>(line: impl Iterator<Item = &'a str>) {
     let cli = robot_edge::cli::Cli::try_parse_from(line).unwrap();
-    robot_edge::app::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
+    robot_edge::runtime::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
 }
 
-/// The maps that `robot-edge replay` leaves behind after so much of a recording, and the digest of the occupancy.
+/// Maps of `robot-edge replay` after this part of a recording, and the digest of the occupancy layer.
 fn replayed(recording: &Path, duration_s: &str, folder: &Path) -> String {
     let recording = recording.to_str().unwrap();
     let summary = folder.join("summary.json");
@@ -144,7 +143,7 @@ fn replayed(recording: &Path, duration_s: &str, folder: &Path) -> String {
     digest.split_once('"').unwrap().0.to_owned()
 }
 
-/// The grey values of an exported map, and the cell of `odom` that is its upper left one.
+/// Grey values of an exported map, and the `odom` cell of its upper left corner.
 fn exported(folder: &Path) -> (usize, Vec<u8>, [f64; 2]) {
     let pgm = fs::read(folder.join("occupancy.pgm")).unwrap();
     let mut lines = pgm.splitn(4, |&byte| byte == b'\n');
@@ -168,7 +167,7 @@ fn exported(folder: &Path) -> (usize, Vec<u8>, [f64; 2]) {
 }
 
 #[test]
-fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
+fn seek_shows_the_map_of_a_replay_to_that_time() {
     let folder = tempfile::tempdir().unwrap();
     let maps = |name: &str| folder.path().join(name);
     let at_60 = replayed(&rooms(), "60", &maps("60"));
@@ -187,7 +186,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     let length_s = status.length.unwrap().duration.as_secs_f64();
     assert!((115.0..117.0).contains(&length_s), "{length_s}");
 
-    // Every value under the pointer is the export's.
+    // Each value under the pointer equals that of the export.
     let (width, pixels, [left, top]) = exported(&maps("60"));
     let model = rig.session.model();
     let mut probed = [0; 3];
@@ -210,7 +209,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
     drop(model);
     rig.assert_exports(&maps("60"), &maps("console at 60"));
 
-    // Back, and on by a step.
+    // Back, and one step forward.
     rig.ask(PlaybackCommand::Seek(seconds(20)));
     rig.wait_for_map(seconds(20), &at_20);
     assert!(rig.playback.status().restarts >= 1);
@@ -221,7 +220,7 @@ fn a_scrubbed_recording_shows_the_map_of_a_replay_up_to_there() {
 }
 
 #[test]
-fn a_recording_in_a_loop_begins_anew_and_one_without_ends() {
+fn looped_recording_restarts_other_ends() {
     let folder = tempfile::tempdir().unwrap();
     let short = folder.path().join("short.mcap");
     let line = [
@@ -247,14 +246,14 @@ fn a_recording_in_a_loop_begins_anew_and_one_without_ends() {
     let restarts = rig.playback.status().restarts;
     rig.ask(PlaybackCommand::SetRate(Rate::Times(1.0)));
     rig.ask(PlaybackCommand::Play);
-    rig.wait("it begins anew", |status, _| {
+    rig.wait("it restarts", |status, _| {
         status.restarts == restarts + 1 && status.state == ReplayState::Playing
     });
     assert!(!rig.playback.execute(PlaybackCommand::Close));
 }
 
 #[test]
-fn a_recording_in_a_loop_has_no_faulty_sensor() {
+fn looped_recording_has_no_sensor_fault() {
     let mut rig = Rig::open(&rooms(), Rate::Max);
     rig.ask(PlaybackCommand::SetLooping(true));
     let (told, last) = (Cell::new(0), Cell::new(None));
@@ -267,7 +266,7 @@ fn a_recording_in_a_loop_has_no_faulty_sensor() {
                 told.set(told.get() + 1);
             }
         }
-        // Twice a second the robot says how they are: of all parts of a round.
+        // Two statuses a second: from all parts of a round.
         status.restarts >= 3 && told.get() >= 24
     });
 }
@@ -276,7 +275,7 @@ fn a_recording_in_a_loop_has_no_faulty_sensor() {
 fn a_damaged_recording_is_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("torn.mcap");
-    // The first bytes are those of a recording, and nothing behind them makes sense.
+    // Valid first bytes, invalid content.
     let mut bytes = fs::read(rooms()).unwrap();
     bytes[8..].fill(0x5a);
     fs::write(&path, &bytes[..50_000]).unwrap();
@@ -295,7 +294,7 @@ fn a_damaged_recording_is_refused_in_words() {
     );
 }
 
-/// How long it takes from a click on the time line until the console holds the map of that time. Measures.
+/// Measures the time from a click on the timeline until the console has the map of that time.
 #[test]
 #[ignore = "half a minute: measures"]
 fn winding_takes_so_long() {
@@ -303,13 +302,13 @@ fn winding_takes_so_long() {
     rig.ask(PlaybackCommand::Pause);
     rig.wait("known in length", |status, _| status.length.is_some());
     let mut took: Vec<(bool, Duration)> = Vec::new();
-    // A fixed walk to and fro over the whole length: 47 has no divisor in common with the seconds it goes over.
+    // A fixed sequence over the whole length: 47 is coprime to the number of seconds.
     let mut at_s = 0;
     for step in 1..=40 {
         let to_s = step * 47 % 110;
         let (to, clicked) = (seconds(to_s), clock::now());
         rig.ask(PlaybackCommand::Seek(to));
-        rig.wait("wound", |status, model| {
+        rig.wait("seek", |status, model| {
             status.is_settled && status.position == to && model.matches_last_head()
         });
         took.push((to_s > at_s, clock::elapsed(clicked)));

@@ -1,4 +1,4 @@
-//! What the Recording panel says of a robot that is not as it should be.
+//! Text of the Recording panel in unusual states.
 
 #![allow(
     clippy::unwrap_used,
@@ -35,7 +35,7 @@ fn recording(state: RecordingState) -> RecordingStatus {
     }
 }
 
-/// A robot that has told nothing.
+/// A robot without any message.
 fn silent() -> ConsoleModel {
     ConsoleModel::new(ModelSettings {
         robot: "scout".parse().unwrap(),
@@ -46,7 +46,7 @@ fn silent() -> ConsoleModel {
     .unwrap()
 }
 
-/// A robot that tells this of its recording at 1 s.
+/// A robot with this state of its recording at 1 s.
 fn model(recording: RecordingStatus, has_ended: bool) -> ConsoleModel {
     let mut model = silent();
     let status = Status {
@@ -91,7 +91,7 @@ fn data(model: &ConsoleModel, ms: u64) -> RecordingData {
     RecordingData::new(model, Some(&teleop_client), None, at(ms))
 }
 
-/// How long and how large it is.
+/// Duration and size.
 fn extent(data: &RecordingData) -> [&str; 2] {
     ["Length", "Size"].map(|name| {
         let mut rows = data.rows.iter();
@@ -100,7 +100,7 @@ fn extent(data: &RecordingData) -> [&str; 2] {
     })
 }
 
-/// Tone, words and advice, and why its button cannot be pressed.
+/// Tone, text, advice, and why the button is disabled.
 fn said(data: &RecordingData) -> (Tone, &str, Option<&str>, Option<&str>) {
     let button = data.button.as_ref();
     let blocked = button.and_then(|button| button.blocked);
@@ -108,7 +108,7 @@ fn said(data: &RecordingData) -> (Tone, &str, Option<&str>, Option<&str>) {
 }
 
 #[test]
-fn a_file_that_would_be_elsewhere_is_not_opened() {
+fn file_outside_the_folder_is_not_opened() {
     let folder = Path::new("/home/anna/recordings");
     let finished = |file: &str| {
         let recording = RecordingStatus {
@@ -125,7 +125,7 @@ fn a_file_that_would_be_elsewhere_is_not_opened() {
 }
 
 #[test]
-fn where_the_data_has_ended_nothing_more_is_written() {
+fn end_of_data_ends_recording_display() {
     let ended = model(recording(RecordingState::Recording), true);
     let why = "The data has ended: nothing more is written.";
     let gone = format!("{why} As of 8.0 s ago");
@@ -144,7 +144,7 @@ fn where_the_data_has_ended_nothing_more_is_written() {
 }
 
 #[test]
-fn what_is_not_heard_any_more_is_told_with_its_age() {
+fn silent_robot_shows_age_of_recording_status() {
     let model = model(recording(RecordingState::Recording), false);
     let live = data(&model, 1_100);
     assert_eq!(said(&live), (Tone::Good, "Recording", None, None));
@@ -165,10 +165,10 @@ fn what_is_not_heard_any_more_is_told_with_its_age() {
 }
 
 #[test]
-fn what_has_stopped_grows_no_more_while_nothing_is_heard() {
+fn stopped_recording_does_not_grow() {
     let stopped = model(recording(RecordingState::Failed), false);
     let silent = data(&stopped, 9_000);
-    let advice = "The event says why. What was written before is kept. As of 8.0 s ago";
+    let advice = "The event shows why. Data written before is kept. As of 8.0 s ago";
     assert_eq!(silent.advice.as_deref(), Some(advice));
     assert_eq!(extent(&silent), ["1:15", "4.1 MB in 1 file"]);
 }
@@ -176,13 +176,13 @@ fn what_has_stopped_grows_no_more_while_nothing_is_heard() {
 #[test]
 fn a_recording_that_failed_is_a_warning() {
     let failed = model(recording(RecordingState::Failed), false);
-    let advice = Some("The event says why. What was written before is kept.");
+    let advice = Some("The event shows why. Data written before is kept.");
     let expected = (Tone::Warning, "Stopped: it cannot be written", advice, None);
     assert_eq!(said(&data(&failed, 1_100)), expected);
 }
 
 #[test]
-fn a_robot_that_gives_no_tokens_takes_no_requests() {
+fn robot_without_tokens_takes_no_recording_requests() {
     let model = model(recording(RecordingState::Stopped), false);
     let teleop_client = teleop_client(None);
     let data = RecordingData::new(&model, Some(&teleop_client), None, at(1_100));
@@ -196,7 +196,7 @@ fn a_robot_that_gives_no_tokens_takes_no_requests() {
 }
 
 #[test]
-fn of_a_robot_that_has_told_nothing_nothing_is_said() {
+fn robot_without_status_shows_no_recording() {
     let expected = (Tone::Waiting, "No data yet", None, None);
     assert_eq!(said(&data(&silent(), 1_100)), expected);
 }

@@ -1,4 +1,4 @@
-//! Time and size of the tile codec on tiles as mapping makes them.
+//! Time and size of the tile codec on typical tiles.
 //!
 //! `cargo bench -p protocol --bench tile_codec`
 
@@ -16,7 +16,7 @@ use protocol::tile::codec::{Decoder, Encoder};
 /// A kind of tile.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
-    /// Rooms: saturated free space with unsettled cells, thin walls.
+    /// Rooms: saturated free space with changing cells, thin walls.
     Occupancy,
     /// Smooth terrain with 2 cm of noise.
     NoisyTerrain,
@@ -26,7 +26,7 @@ enum Kind {
     Cost,
     /// All unknown.
     Empty,
-    /// Random bits, the largest there is.
+    /// Random bits, the largest possible.
     Random,
 }
 
@@ -72,7 +72,7 @@ fn digest(bencher: Bencher<'_, '_>) {
     bencher.bench_local(|| divan::black_box(&cells).digest());
 }
 
-/// A typical tile of its kind, about 30 % of it out of sight.
+/// A typical tile of its kind, about 30 % of it unknown.
 fn tile(kind: Kind) -> (LayerId, TileCells) {
     let layer = match kind {
         Kind::Occupancy => LayerId::Occupancy,

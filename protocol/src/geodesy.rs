@@ -1,10 +1,8 @@
-//! WGS-84: where on Earth a point of `odom` is.
+//! WGS-84: places on Earth as metres east, north and up of a datum, and back (docs/methods.md, section 0).
 //!
-//! East, north and up of the datum are turned into Earth-centred, Earth-fixed coordinates (ECEF), and those back
-//! into latitude and longitude by the closed form of Vermeille (2002), *Direct transformation from geocentric
-//! coordinates to geodetic coordinates*.
-
-use crate::message::Datum;
+//! Geodetic to Earth-centred, Earth-fixed (ECEF) is the definition; back is the closed form of Vermeille (2002),
+//! *Direct transformation from geocentric coordinates to geodetic coordinates*. East-north-up (ENU) is ECEF, moved
+//! and turned to the tangent plane at the datum (REP-103).
 
 /// Semi-major axis, metres (WGS-84, defining).
 const SEMI_MAJOR_M: f64 = 6_378_137.0;
@@ -13,49 +11,83 @@ const FLATTENING: f64 = 1.0 / 298.257_223_563;
 /// First eccentricity, squared.
 const E2: f64 = FLATTENING * (2.0 - FLATTENING);
 
-/// The plane that touches Earth at a datum: x east, y north, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TangentPlane {
-    datum_in_ecef_m: [f64; 3],
-    /// Sine and cosine of the datum's latitude and longitude.
-    latitude: (f64, f64),
-    longitude: (f64, f64),
+/// A place on Earth by WGS-84; as [`Datum`](crate::message::Datum), the origin of `odom`.
+pub type GeodeticPoint = crate::message::Datum;
+
+/// The tangent plane at a datum: x east, y north, z up, metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LocalTangentPlane {
+    datum: GeodeticPoint,
+    datum_in_ecef: [f64; 3],
+    /// Rows of the rotation matrix.
+    enu_from_ecef: [[f64; 3]; 3],
 }
 
-impl TangentPlane {
+impl LocalTangentPlane {
     /// With its origin at `datum`.
-    pub fn new(datum: &Datum) -> Self {
-        let latitude = libm::sincos(datum.latitude_deg.to_radians());
-        let longitude = libm::sincos(datum.longitude_deg.to_radians());
-        // Along the normal, from the ellipsoid down to the axis.
-        let normal_m = SEMI_MAJOR_M / libm::sqrt(1.0 - E2 * latitude.0 * latitude.0);
-        let from_axis_m = (normal_m + datum.altitude_m) * latitude.1;
+    pub fn new(datum: GeodeticPoint) -> Self {
+        let (latitude_rad, longitude_rad) = (
+            datum.latitude_deg.to_radians(),
+            datum.longitude_deg.to_radians(),
+        );
+        let (sin_lat, cos_lat) = (libm::sin(latitude_rad), libm::cos(latitude_rad));
+        let (sin_lon, cos_lon) = (libm::sin(longitude_rad), libm::cos(longitude_rad));
         Self {
-            datum_in_ecef_m: [
-                from_axis_m * longitude.1,
-                from_axis_m * longitude.0,
-                (normal_m * (1.0 - E2) + datum.altitude_m) * latitude.0,
+            datum,
+            datum_in_ecef: ecef_from_geodetic(&datum),
+            enu_from_ecef: [
+                [-sin_lon, cos_lon, 0.0],
+                [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+                [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
             ],
-            latitude,
-            longitude,
         }
     }
 
-    /// Latitude and longitude, degrees, of a point of the plane: metres east and north of the datum. Longitude
-    /// is in (−180, 180].
-    pub fn geodetic_deg(&self, [east_m, north_m]: [f64; 2]) -> [f64; 2] {
-        let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (self.latitude, self.longitude);
-        let [datum_x, datum_y, datum_z] = self.datum_in_ecef_m;
-        geodetic_deg_from_ecef([
-            datum_x - sin_lon * east_m - sin_lat * cos_lon * north_m,
-            datum_y + cos_lon * east_m - sin_lat * sin_lon * north_m,
-            datum_z + cos_lat * north_m,
-        ])
+    /// The place of the origin.
+    pub const fn datum(&self) -> GeodeticPoint {
+        self.datum
+    }
+
+    /// Metres east, north and up of the datum.
+    pub fn enu_from_geodetic(&self, place: &GeodeticPoint) -> [f64; 3] {
+        let ecef = ecef_from_geodetic(place);
+        let from_datum: [f64; 3] =
+            std::array::from_fn(|axis| ecef[axis] - self.datum_in_ecef[axis]);
+        self.enu_from_ecef
+            .map(|row| row[0] * from_datum[0] + row[1] * from_datum[1] + row[2] * from_datum[2])
+    }
+
+    /// The place that is so many metres east, north and up of the datum.
+    pub fn geodetic_from_enu(&self, enu: [f64; 3]) -> GeodeticPoint {
+        let [east, north, up] = self.enu_from_ecef;
+        geodetic_from_ecef(std::array::from_fn(|axis| {
+            let from_datum = east[axis] * enu[0] + north[axis] * enu[1] + up[axis] * enu[2];
+            self.datum_in_ecef[axis] + from_datum
+        }))
     }
 }
 
-/// For places farther than 50 km from Earth's centre.
-fn geodetic_deg_from_ecef([x, y, z]: [f64; 3]) -> [f64; 2] {
+/// Metres from Earth's centre: x towards 0° N 0° E, z towards the north pole.
+pub fn ecef_from_geodetic(place: &GeodeticPoint) -> [f64; 3] {
+    let (latitude_rad, longitude_rad) = (
+        place.latitude_deg.to_radians(),
+        place.longitude_deg.to_radians(),
+    );
+    let (sin_lat, cos_lat) = (libm::sin(latitude_rad), libm::cos(latitude_rad));
+    // Length of the normal, from the ellipsoid to Earth's axis.
+    let normal_m = SEMI_MAJOR_M / libm::sqrt(1.0 - E2 * sin_lat * sin_lat);
+    let from_axis_m = (normal_m + place.altitude_m) * cos_lat;
+    [
+        from_axis_m * libm::cos(longitude_rad),
+        from_axis_m * libm::sin(longitude_rad),
+        (normal_m * (1.0 - E2) + place.altitude_m) * sin_lat,
+    ]
+}
+
+/// Inverse of [`ecef_from_geodetic`], for places farther than 50 km from Earth's centre; longitude in (−180, 180].
+///
+/// The names are those of Vermeille (2002).
+pub fn geodetic_from_ecef([x, y, z]: [f64; 3]) -> GeodeticPoint {
     let from_axis_m = libm::hypot(x, y);
     let p = from_axis_m * from_axis_m / (SEMI_MAJOR_M * SEMI_MAJOR_M);
     let q = (1.0 - E2) * z * z / (SEMI_MAJOR_M * SEMI_MAJOR_M);
@@ -67,8 +99,12 @@ fn geodetic_deg_from_ecef([x, y, z]: [f64; 3]) -> [f64; 2] {
     let w = E2 * (u + v - q) / (2.0 * v);
     let k = libm::sqrt(u + v + w * w) - w;
     let d_m = k * from_axis_m / (k + E2);
-    let latitude_rad = 2.0 * libm::atan2(z, d_m + libm::hypot(d_m, z));
-    [latitude_rad.to_degrees(), libm::atan2(y, x).to_degrees()]
+    let to_place_m = libm::hypot(d_m, z);
+    GeodeticPoint {
+        latitude_deg: (2.0 * libm::atan2(z, d_m + to_place_m)).to_degrees(),
+        longitude_deg: libm::atan2(y, x).to_degrees(),
+        altitude_m: (k + E2 - 1.0) / k * to_place_m,
+    }
 }
 
 #[cfg(test)]
@@ -77,65 +113,74 @@ mod tests {
 
     use super::*;
 
-    fn datum(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Datum {
-        Datum {
+    fn point(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> GeodeticPoint {
+        GeodeticPoint {
             latitude_deg,
             longitude_deg,
             altitude_m,
         }
     }
 
-    fn seconds(deg: f64) -> f64 {
-        deg * 3600.0
+    fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+        let squares: [f64; 3] = std::array::from_fn(|axis| (a[axis] - b[axis]).powi(2));
+        libm::sqrt(squares.iter().sum())
     }
 
     #[test]
-    fn a_hundred_metres_are_the_arcs_that_geodesy_tables_give() {
-        // Lengths of a second of latitude and of longitude on the ellipsoid, by the series
+    fn axes_give_the_radii_of_the_ellipsoid() {
+        let semi_minor_m = 6_356_752.314_245;
+        for (place, expected) in [
+            (point(0.0, 0.0, 0.0), [SEMI_MAJOR_M, 0.0, 0.0]),
+            (point(0.0, 90.0, 100.0), [0.0, SEMI_MAJOR_M + 100.0, 0.0]),
+            (point(90.0, 0.0, 0.0), [0.0, 0.0, semi_minor_m]),
+            (point(-90.0, 0.0, -5.0), [0.0, 0.0, 5.0 - semi_minor_m]),
+        ] {
+            assert!(
+                distance(ecef_from_geodetic(&place), expected) < 1e-6,
+                "{place:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_hundred_metres_are_the_arcs_of_geodesy_tables() {
+        // Lengths of a degree of latitude and of longitude, by the series
         // 111132.954 − 559.822 cos 2φ + 1.175 cos 4φ and 111412.84 cos φ − 93.5 cos 3φ + 0.118 cos 5φ
-        // metres a degree: good to a centimetre in a kilometre.
+        // metres: good to a centimetre in a kilometre.
         for (latitude_deg, longitude_deg) in
             [(38.5, -9.1), (-33.0, 151.2), (0.0, 0.0), (68.0, 20.0)]
         {
-            let plane = TangentPlane::new(&datum(latitude_deg, longitude_deg, 0.0));
+            let datum = point(latitude_deg, longitude_deg, 0.0);
+            let plane = LocalTangentPlane::new(datum);
             let phi = f64::to_radians(latitude_deg);
-            let north_m = (111_132.954 - 559.822 * libm::cos(2.0 * phi)
-                + 1.175 * libm::cos(4.0 * phi))
-                / 3600.0;
-            let east_m = (111_412.84 * libm::cos(phi) - 93.5 * libm::cos(3.0 * phi)
-                + 0.118 * libm::cos(5.0 * phi))
-                / 3600.0;
-            let [lat, lon] = plane.geodetic_deg([100.0, 0.0]);
-            let error_m = seconds(lon - longitude_deg) * east_m - 100.0;
+            let north_m =
+                111_132.954 - 559.822 * libm::cos(2.0 * phi) + 1.175 * libm::cos(4.0 * phi);
+            let east_m = 111_412.84 * libm::cos(phi) - 93.5 * libm::cos(3.0 * phi)
+                + 0.118 * libm::cos(5.0 * phi);
+            let east = plane.geodetic_from_enu([100.0, 0.0, 0.0]);
+            let error_m = (east.longitude_deg - longitude_deg) * east_m - 100.0;
             assert!(error_m.abs() < 1e-3, "east at {latitude_deg}: {error_m}");
-            assert!(seconds(lat - latitude_deg).abs() * north_m < 2e-3);
-            let [lat, lon] = plane.geodetic_deg([0.0, 100.0]);
-            let error_m = seconds(lat - latitude_deg) * north_m - 100.0;
+            assert!((east.latitude_deg - latitude_deg).abs() * north_m < 2e-3);
+            let north = plane.geodetic_from_enu([0.0, 100.0, 0.0]);
+            let error_m = (north.latitude_deg - latitude_deg) * north_m - 100.0;
             assert!(error_m.abs() < 1e-3, "north at {latitude_deg}: {error_m}");
-            assert!(seconds(lon - longitude_deg).abs() * east_m < 1e-6);
+            assert!((north.longitude_deg - longitude_deg).abs() * east_m < 1e-6);
         }
     }
 
     proptest! {
-        /// The other direction is the definition of WGS-84; a place and its point of the plane must agree to 1 mm.
         #[test]
-        fn there_and_back_is_the_same_place(
-            latitude_deg in -89.9..=89.9f64, longitude_deg in -180.0..180.0f64,
-            altitude_m in -400.0..5_000.0f64, east_m in -2_000.0..2_000.0f64, north_m in -2_000.0..2_000.0f64,
+        fn conversions_are_inverses(
+            latitude_deg in -90.0..=90.0f64, longitude_deg in -180.0..180.0f64,
+            altitude_m in -11_000.0..100_000.0f64, enu in prop::array::uniform3(-20_000.0..20_000.0f64),
         ) {
-            let datum = datum(latitude_deg, longitude_deg, altitude_m);
-            let plane = TangentPlane::new(&datum);
-            let [lat, lon] = plane.geodetic_deg([east_m, north_m]);
-            let at_origin = plane.geodetic_deg([0.0; 2]);
-            prop_assert!((at_origin[0] - latitude_deg).abs() < 1e-9);
-            // The plane leaves the ellipsoid: a point of it is so much higher than the datum.
-            let above_m = (east_m * east_m + north_m * north_m) / (2.0 * 6.37e6);
-            let there = TangentPlane::new(&Datum { latitude_deg: lat, longitude_deg: lon, altitude_m: altitude_m + above_m });
-            let offset: [f64; 3] = std::array::from_fn(|i| there.datum_in_ecef_m[i] - plane.datum_in_ecef_m[i]);
-            let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (plane.latitude, plane.longitude);
-            let east = -sin_lon * offset[0] + cos_lon * offset[1];
-            let north = -sin_lat * cos_lon * offset[0] - sin_lat * sin_lon * offset[1] + cos_lat * offset[2];
-            prop_assert!((east - east_m).abs() < 1e-3 && (north - north_m).abs() < 1e-3, "{east} {north}");
+            let datum = point(latitude_deg, longitude_deg, altitude_m);
+            let ecef = ecef_from_geodetic(&datum);
+            let back = ecef_from_geodetic(&geodetic_from_ecef(ecef));
+            prop_assert!(distance(back, ecef) < 2e-8);
+            let plane = LocalTangentPlane::new(datum);
+            let back = plane.enu_from_geodetic(&plane.geodetic_from_enu(enu));
+            prop_assert!(distance(back, enu) < 2e-8);
         }
     }
 }

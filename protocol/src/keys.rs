@@ -1,7 +1,7 @@
-//! Every key expression, built and parsed here and nowhere else.
+//! Key expressions, built and parsed only here.
 //!
-//! All keys of one robot begin with `foreshore/<robot>/`. *Control* and *bulk* name the session that carries
-//! a key: small messages must not wait behind tiles.
+//! All keys of a robot begin with `foreshore/<robot>/`. *Control* and *bulk* name the session that
+//! carries a key: small messages must not wait behind tiles.
 
 use crate::layer::LayerId;
 use crate::tile::TileKey;
@@ -11,24 +11,24 @@ pub use crate::name::{InvalidName, OperatorId, RobotId};
 /// First chunk of every key.
 pub const PREFIX: &str = "foreshore";
 
-/// What a key carries.
+/// Content of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Topic {
-    /// Control, queryable: who the robot is and what it maps.
+    /// Control, queryable: identity and layers of the robot.
     Info,
-    /// Control, liveliness token: presence, for discovery and display.
+    /// Control, liveliness token: presence, for discovery.
     Alive,
-    /// Control, edge → all: where the vehicle is.
+    /// Control, edge → all: pose of the vehicle.
     Pose,
     /// Control, edge → all: state, counters, sensors.
     Status,
-    /// Control, edge → all: something happened.
+    /// Control, edge → all: an event.
     Event,
-    /// Control, edge → all: what the whole map is, in digests.
+    /// Control, edge → all: digests of the whole map.
     MapHead,
     /// Control, queryable: round trip.
     Ping,
-    /// Control, console → edge: what a console looks at. One key a console session.
+    /// Control, console → edge: view of a console. One key per console session.
     View,
     /// Bulk, edge → all: one tile.
     Tile(TileKey),
@@ -38,33 +38,33 @@ pub enum Topic {
     Digests(LayerId),
     /// Bulk, edge → all, and queryable: shores and docking sites.
     Shores,
-    /// Bulk, queryable: the files that are made of the octree.
+    /// Bulk, queryable: files of the octree.
     Voxels,
-    /// Bulk, queryable: where the vehicle was at each mapped scan.
+    /// Bulk, queryable: pose of the vehicle at each mapped scan.
     Trajectory,
     /// Bulk, edge → all: the last sweep of a sensor, for display.
     Scan,
-    /// Control, console → edge, signed: what an operator wants. One key an operator.
+    /// Control, console → edge, signed: a command or request. One key per operator.
     Operator(OperatorTopic),
 }
 
-/// What an operator can want of a vehicle; each has a key of its own.
+/// Commands and requests of operators; each has a key of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum OperatorTopic {
-    /// Put, 50 Hz while the lease is held: how fast to go.
+    /// Put, 50 Hz while the lease is held: velocity.
     Drive,
-    /// Queryable, any operator's, 10 Hz until acknowledged: to stop and stay stopped.
+    /// Queryable, any operator, 10 Hz until acknowledged: emergency stop.
     EStop,
-    /// Queryable: the end of an emergency stop.
+    /// Queryable: reset of an emergency stop.
     Reset,
-    /// Queryable: who drives.
+    /// Queryable: lease.
     Lease,
     /// Queryable: byte budget, collision monitor, recording.
     Set,
 }
 
 impl OperatorTopic {
-    /// All of them.
+    /// All topics.
     pub const ALL: [Self; 5] = [
         Self::Drive,
         Self::EStop,
@@ -73,7 +73,7 @@ impl OperatorTopic {
         Self::Set,
     ];
 
-    /// The last chunk of its keys.
+    /// Last chunk of its keys.
     const fn chunk(self) -> &'static str {
         match self {
             Self::Drive => "drive",
@@ -90,8 +90,8 @@ impl OperatorTopic {
 }
 
 impl Topic {
-    /// The key of this topic of `robot`. For [`Topic::View`] it matches the views of all consoles, for
-    /// [`Topic::Operator`] the wishes of all operators: what an edge subscribes to.
+    /// Key of this topic of `robot`. For [`Topic::View`] and [`Topic::Operator`] it matches all
+    /// consoles or operators, for the edge's subscriptions.
     pub fn key(self, robot: &RobotId) -> String {
         let rest = match self {
             Self::Info => "info".to_owned(),
@@ -114,7 +114,7 @@ impl Topic {
         format!("{PREFIX}/{robot}/{rest}")
     }
 
-    /// Robot and topic of a key that arrived; `None` for keys that are none of ours.
+    /// Robot and topic of a received key; `None` for other keys.
     pub fn parse(key: &str) -> Option<(RobotId, Self)> {
         let mut chunks = key.strip_prefix(PREFIX)?.strip_prefix('/')?.splitn(5, '/');
         let robot = chunks.next()?.parse().ok()?;
@@ -148,7 +148,7 @@ impl Topic {
     }
 }
 
-/// A whole number as it is written in keys: `007` and `+7` would be further keys of the same tile.
+/// An integer in its only form in keys: `007` and `+7` would be further keys of the same tile.
 fn canonical(text: &str) -> Option<i32> {
     let number: i32 = text.parse().ok()?;
     (number.to_string() == text).then_some(number)
@@ -159,17 +159,18 @@ pub fn all_tiles(robot: &RobotId) -> String {
     format!("{PREFIX}/{robot}/map/*/*/*")
 }
 
-/// The view of one console: `session` identifies it while it runs.
+/// View of one console; `session` identifies it.
 pub fn view_of(robot: &RobotId, session: &RobotId) -> String {
     format!("{PREFIX}/{robot}/view/{session}")
 }
 
-/// What one operator wants of `robot`, and the only key that a signature for it is good for.
+/// Key of an operator's commands, the only one that a signature is valid for.
 pub fn operator_key(robot: &RobotId, operator: &OperatorId, topic: OperatorTopic) -> String {
     format!("{PREFIX}/{robot}/op/{operator}/{}", topic.chunk())
 }
 
-/// Whose wish it is, and which, that arrived with `key`; `None` for all keys that [`operator_key`] does not make.
+/// Robot, operator and topic of a received key; `None` for keys that [`operator_key`] does not
+/// make.
 pub fn parse_operator_key(key: &str) -> Option<(RobotId, OperatorId, OperatorTopic)> {
     let Some((robot, Topic::Operator(topic))) = Topic::parse(key) else {
         return None;
@@ -178,17 +179,12 @@ pub fn parse_operator_key(key: &str) -> Option<(RobotId, OperatorId, OperatorTop
     Some((robot, operator, topic))
 }
 
-/// All that `operator` may put and query below `op`, for lists of who may do what.
-pub fn all_of_operator(robot: &RobotId, operator: &OperatorId) -> String {
-    format!("{PREFIX}/{robot}/op/{operator}/**")
-}
-
-/// Everything of `robot`, for lists of who may do what.
+/// All keys of `robot`, for access rules.
 pub fn all_of_robot(robot: &RobotId) -> String {
     format!("{PREFIX}/{robot}/**")
 }
 
-/// The presence of every robot.
+/// Presence of every robot.
 pub fn every_robot_alive() -> String {
     format!("{PREFIX}/*/alive")
 }
@@ -259,14 +255,14 @@ mod tests {
             assert_eq!(parse_operator_key(&key), parsed);
             let topic = Topic::Operator(topic);
             assert_eq!(Topic::parse(&key), Some((robot(), topic)));
-            let everybodys = format!("foreshore/scout-1/op/*/{name}");
-            assert_eq!(topic.key(&robot()), everybodys);
-            assert_eq!(Topic::parse(&everybodys), None, "a wildcard is nobody");
+            let all_operators = format!("foreshore/scout-1/op/*/{name}");
+            assert_eq!(topic.key(&robot()), all_operators);
+            assert_eq!(
+                Topic::parse(&all_operators),
+                None,
+                "a wildcard is no operator"
+            );
         }
-        assert_eq!(
-            all_of_operator(&robot(), &anna),
-            "foreshore/scout-1/op/anna/**"
-        );
     }
 
     #[test]

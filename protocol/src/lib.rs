@@ -1,11 +1,10 @@
-//! What both sides of Foreshore agree on.
+//! Layers, tiles, exports and messages that `robot-edge` and `operator-console` share.
 //!
-//! Read in this order: a [`layer`] says what a map cell means; a [`tile`] carries 64×64 cells of one
-//! layer; the [`tile_store`] holds every tile ever published, on either side; a [`mosaic`] joins tiles
-//! into one raster; an [`export`] writes a raster to a file. [`keys`], [`wire`] and [`message`] say how all
-//! of it crosses the network, and `SPEC.md` says it for other languages; what an operator
-//! wants is [`signed`]. [`shores`] are what a class layer cannot say: which cells are one shore, and where one
-//! could dock; [`geodesy`] puts them on Earth.
+//! Suggested reading order: a [`layer`] defines the meaning of a map cell; a [`tile`] holds 64×64 cells of one
+//! layer; the [`tile_store`] holds all published tiles, on either side; a [`mosaic`] joins tiles into one raster; an
+//! [`export`] writes a raster to a file. [`keys`], [`wire`] and [`message`] define the network messages, as
+//! `SPEC.md` does for other languages; [`signed`] commands are authenticated, [`shores`] are bounded and checked,
+//! [`geodesy`] converts to WGS-84.
 
 #![warn(missing_docs)]
 

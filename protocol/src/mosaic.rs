@@ -1,24 +1,21 @@
-//! Tiles of one layer → one raster, the bounding box of its known cells.
+//! Tiles of one layer as one raster, the bounding box of the known cells.
 //!
-//! A raster holds the tiles of its store and no cells of its own: it is read row by row, and takes next to no memory beside
-//! the store, however large it is.
+//! A raster shares the tiles of its store and copies no cells. It is read row by row, so its memory
+//! does not depend on its size.
 
-mod raster;
-
-use crate::layer::LayerId;
-use crate::tile::{TileCells, TileKey};
+use crate::layer::{LayerId, UNKNOWN};
+use crate::tile::{SIDE, TILE_SIDE, TileCells, TileKey};
 use crate::tile_store::TileStore;
 
-pub use raster::Raster;
-
-/// Cells of the largest raster that exports make: 16,384×16,384, at 0.1 m it is 1.6 km square. This bounds files and the
-/// time to write them, since a tile far from all others is enough to span any box: a `GeoTIFF` of so many cells deflates
-/// 1 GiB, and has to stay below the format's 4 GiB.
+/// Limit of exported rasters: 16,384 × 16,384 cells, at 0.1 m 1.6 km square. One distant tile can
+/// span any box, so it bounds file size and export time: a `GeoTIFF` of this size deflates 1 GiB,
+/// and must stay below the format's 4 GiB.
 pub const MAX_RASTER_CELLS: u64 = 1 << 28;
-/// Cells of the longest side of a raster: writers hold a whole row of it, at most 4 bytes a cell. At 0.1 m it is 105 km.
+/// Limit of a raster's longest side, because writers hold a whole row, at most 4 bytes per cell. At
+/// 0.1 m it is 105 km.
 pub const MAX_RASTER_SIDE: u64 = 1 << 20;
 
-/// Why tiles make no raster.
+/// Reason for no raster.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MosaicError {
     /// The store has no grid for the layer.
@@ -36,12 +33,12 @@ pub enum MosaicError {
         width: u64,
         /// Rows of the bounding box.
         height: u64,
-        /// The limit on their product.
+        /// Limit of their product.
         max_cells: u64,
     },
 }
 
-/// The tiles of one layer of which something is known, as they are at one moment. Taking them copies no cells.
+/// Known tiles of one layer at one moment, sharing their cells with the store.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownTiles {
     layer: LayerId,
@@ -50,10 +47,9 @@ pub struct KnownTiles {
 }
 
 impl KnownTiles {
-    /// Those of `layer` in `store`.
+    /// Known tiles of `layer` in `store`.
     ///
-    /// # Errors
-    /// Where the store has no grid for the layer.
+    /// # Errors If the store has no grid for the layer.
     pub fn of_layer(store: &TileStore, layer: LayerId) -> Result<Self, MosaicError> {
         let cell_m = store.cell_m(layer).ok_or(MosaicError::NoGrid(layer))?;
         let tiles = store
@@ -66,13 +62,203 @@ impl KnownTiles {
         })
     }
 
-    /// The raster of their known cells; `None` where there are none.
+    /// Raster of the known cells; `None` without known cells.
     ///
-    /// # Errors
-    /// Where it had more than `max_cells` cells, or more than [`MAX_RASTER_SIDE`] in a row or column.
+    /// # Errors If it exceeds `max_cells` cells or [`MAX_RASTER_SIDE`].
     pub fn into_raster(self, max_cells: u64) -> Result<Option<Raster>, MosaicError> {
         Raster::new(self, max_cells)
     }
+}
+
+/// Cell codes of a rectangle of one layer. Clones share the cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Raster {
+    layer: LayerId,
+    cell_m: f64,
+    extent: Extent,
+    width: usize,
+    height: usize,
+    /// In rows of tiles from the lowest y, each from the lowest x.
+    tiles: Vec<(TileKey, TileCells)>,
+}
+
+/// A rectangle of cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Extent {
+    /// The cell with the lowest x and y.
+    first: (i64, i64),
+    /// One past the cell with the highest x and y.
+    end: (i64, i64),
+}
+
+impl Raster {
+    /// Raster of the known cells of `layer`; `None` without known cells.
+    ///
+    /// # Errors If the store has no grid for the layer, or the raster exceeds `max_cells` cells or
+    /// [`MAX_RASTER_SIDE`].
+    pub fn of_layer(
+        store: &TileStore,
+        layer: LayerId,
+        max_cells: u64,
+    ) -> Result<Option<Self>, MosaicError> {
+        KnownTiles::of_layer(store, layer)?.into_raster(max_cells)
+    }
+
+    fn new(known: KnownTiles, max_cells: u64) -> Result<Option<Self>, MosaicError> {
+        let KnownTiles {
+            layer,
+            cell_m,
+            mut tiles,
+        } = known;
+        let Some(extent) = tiles
+            .iter()
+            .filter_map(|(key, cells)| known_extent(*key, cells))
+            .reduce(Extent::join)
+        else {
+            return Ok(None);
+        };
+        let width = extent.end.0.abs_diff(extent.first.0);
+        let height = extent.end.1.abs_diff(extent.first.1);
+        let is_within = width.max(height) <= MAX_RASTER_SIDE
+            && width
+                .checked_mul(height)
+                .is_some_and(|all| all <= max_cells);
+        if !is_within {
+            return Err(MosaicError::TooLarge {
+                layer,
+                width,
+                height,
+                max_cells,
+            });
+        }
+        tiles.sort_unstable_by_key(|(key, _)| place_of_tile(*key));
+        Ok(Some(Self {
+            layer,
+            cell_m,
+            extent,
+            width: width as usize,
+            height: height as usize,
+            tiles,
+        }))
+    }
+
+    /// The layer.
+    pub fn layer(&self) -> LayerId {
+        self.layer
+    }
+
+    /// Side of a cell, metres.
+    pub fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// Indices of the cell with the lowest x and y.
+    pub fn first_cell(&self) -> (i64, i64) {
+        self.extent.first
+    }
+
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Replaces `codes` by row `y`, counted upwards from the lowest y; `y < height`.
+    pub fn read_row(&self, y: usize, codes: &mut Vec<u16>) {
+        codes.clear();
+        codes.resize(self.width, UNKNOWN);
+        let cell_y = self.extent.first.1.saturating_add_unsigned(y as u64);
+        let (ty, row) = (cell_y.div_euclid(SIDE), cell_y.rem_euclid(SIDE) as usize);
+        let begin = self
+            .tiles
+            .partition_point(|(key, _)| i64::from(key.ty) < ty);
+        let tiles = &self.tiles[begin..];
+        for (key, cells) in tiles.iter().take_while(|(key, _)| i64::from(key.ty) == ty) {
+            let tile_x = key.first_cell().0;
+            let from = (self.extent.first.0 - tile_x).clamp(0, SIDE);
+            let until = (self.extent.end.0 - tile_x).clamp(0, SIDE);
+            if from < until {
+                let column = (tile_x + from - self.extent.first.0) as usize;
+                let part = &cells.row(row)[from as usize..until as usize];
+                codes[column..][..part.len()].copy_from_slice(part);
+            }
+        }
+    }
+
+    /// Codes of all known cells, tile by tile.
+    pub fn known_codes(&self) -> impl Iterator<Item = u16> {
+        let codes = self.tiles.iter().flat_map(|(_, cells)| cells.codes());
+        codes.copied().filter(|&code| code != UNKNOWN)
+    }
+
+    /// Outer corners in `odom`, metres: lowest and greatest x and y.
+    pub fn corners_m(&self) -> ([f64; 2], [f64; 2]) {
+        let corner_m = |(x, y): (i64, i64)| [x as f64 * self.cell_m, y as f64 * self.cell_m];
+        (corner_m(self.extent.first), corner_m(self.extent.end))
+    }
+
+    /// Value at a point of `odom`; `None` if unknown or outside.
+    pub fn value_at(&self, x_m: f64, y_m: f64) -> Option<f32> {
+        self.cell_of(x_m, y_m)?;
+        let [x, y] = [x_m, y_m].map(|position_m| (position_m / self.cell_m).floor() as i64);
+        let place = (y.div_euclid(SIDE), x.div_euclid(SIDE));
+        let found = self
+            .tiles
+            .binary_search_by_key(&place, |(key, _)| place_of_tile(*key));
+        let (_, cells) = self.tiles.get(found.ok()?)?;
+        let code = cells.get(x.rem_euclid(SIDE) as usize, y.rem_euclid(SIDE) as usize)?;
+        self.layer.quantisation().decode(code)
+    }
+
+    /// Column and row (from the lowest y) of the cell at a point of `odom`, metres; `None` outside.
+    pub fn cell_of(&self, x_m: f64, y_m: f64) -> Option<(usize, usize)> {
+        let column = self.offset(x_m, self.extent.first.0, self.width)?;
+        let row = self.offset(y_m, self.extent.first.1, self.height)?;
+        Some((column, row))
+    }
+
+    fn offset(&self, position_m: f64, first: i64, count: usize) -> Option<usize> {
+        let offset = (position_m / self.cell_m).floor() - first as f64;
+        (offset >= 0.0 && offset < count as f64).then_some(offset as usize)
+    }
+}
+
+/// Sort key of a tile: row, then column.
+fn place_of_tile(key: TileKey) -> (i64, i64) {
+    (i64::from(key.ty), i64::from(key.tx))
+}
+
+impl Extent {
+    fn join(self, other: Self) -> Self {
+        let (a, b) = (self.first, other.first);
+        let first = (a.0.min(b.0), a.1.min(b.1));
+        let (a, b) = (self.end, other.end);
+        let end = (a.0.max(b.0), a.1.max(b.1));
+        Self { first, end }
+    }
+}
+
+fn known_extent(key: TileKey, cells: &TileCells) -> Option<Extent> {
+    let (tile_x, tile_y) = key.first_cell();
+    (tile_y..)
+        .zip(0..TILE_SIDE)
+        .filter_map(|(cell_y, y)| {
+            let mut known = (tile_x..)
+                .zip(cells.row(y))
+                .filter(|&(_, &code)| code != UNKNOWN)
+                .map(|(cell_x, _)| cell_x);
+            let first_x = known.next()?;
+            let last_x = known.last().unwrap_or(first_x);
+            Some(Extent {
+                first: (first_x, cell_y),
+                end: (last_x + 1, cell_y + 1),
+            })
+        })
+        .reduce(Extent::join)
 }
 
 #[cfg(test)]

@@ -1,19 +1,19 @@
-//! Names of robots and operators, which are single chunks of keys.
+//! Names of robots and operators, each a single chunk of a key.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// Most bytes of a name.
+/// Limit of a name.
 pub const MAX_NAME_BYTES: usize = 64;
 
-/// Name of a robot: 1 to 64 letters, digits, `_` or `-`, so that it is one chunk of a key and matches
-/// nothing but itself.
+/// Name of a robot: 1 to 64 letters, digits, `_` or `-`, so that it is one chunk of a key without
+/// wildcards.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RobotId(Name);
 
-/// Name of an operator, by the same rules. In messages it is a string.
+/// Name of an operator, by the same rules; a string in messages.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct OperatorId(Name);
 
@@ -23,7 +23,7 @@ pub struct OperatorId(Name);
 pub struct InvalidName(pub String);
 
 impl RobotId {
-    /// A name made of bytes, in hexadecimal: what a console session calls itself.
+    /// Bytes in hexadecimal, for console sessions.
     pub fn from_bytes(bytes: [u8; 16]) -> Self {
         Self(Name(format!("{:032x}", u128::from_be_bytes(bytes))))
     }
@@ -76,7 +76,7 @@ impl fmt::Display for OperatorId {
     }
 }
 
-/// The rules that names of all kinds share.
+/// Rules for all names.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String")]
 struct Name(String);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn no_wrong_name_comes_out_of_a_message() {
+    fn invalid_names_do_not_decode() {
         let name: OperatorId = "anna".parse().unwrap();
         let bytes = postcard::to_stdvec(&name).unwrap();
         assert_eq!(bytes, b"\x04anna");

@@ -1,39 +1,37 @@
-//! A file as it crosses the network: one zstd frame, and what it must be when it is unpacked.
+//! A file for the network: one zstd frame, with length and digest of the unpacked file.
 
 use std::io::{self, Read as _, Write};
 
-/// As tiles are packed: the fastest level is nearly as small as any.
+/// The level of tiles: higher levels are hardly smaller.
 const LEVEL: i32 = 1;
-/// Unpacked in pieces of so many bytes.
 const PIECE_BYTES: usize = 64 * 1024;
 
-/// A file that is packed.
+/// A packed file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PackedFile {
-    /// Its length.
+    /// Length of the unpacked file.
     pub bytes: u64,
-    /// BLAKE3 of it.
+    /// BLAKE3 of the unpacked file.
     pub digest: [u8; 32],
     /// The zstd frame.
     pub packed: Vec<u8>,
 }
 
-/// Why a file is not what it should be.
+/// Reason why unpacking failed.
 #[derive(Debug, thiserror::Error)]
 pub enum UnpackError {
-    /// Its length or digest is another.
+    /// Wrong length or digest.
     #[error("it is damaged: {0} bytes were promised, others came")]
     Damaged(u64),
-    /// It is no zstd frame, or it cannot be written.
+    /// No zstd frame, or a write error.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
 
 impl PackedFile {
-    /// Packs what `write` writes.
+    /// Packs the output of `write`.
     ///
-    /// # Errors
-    /// Those of `write`, and of zstd.
+    /// # Errors Those of `write`, and of zstd.
     pub fn pack<E: From<io::Error>>(
         write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<Self, E> {
@@ -50,10 +48,9 @@ impl PackedFile {
         })
     }
 
-    /// Unpacks it. Whatever the frame says, no more is written than was promised.
+    /// Unpacks to `out`, never more than the declared length.
     ///
-    /// # Errors
-    /// Where it is not what was promised, or `out` cannot be written; some of it may have been written by then.
+    /// # Errors On a wrong length or digest or a write error; a part may have been written.
     pub fn unpack(&self, out: &mut impl Write) -> Result<(), UnpackError> {
         let mut frame = zstd::Decoder::new(&*self.packed)?.take(self.bytes.saturating_add(1));
         let mut hasher = blake3::Hasher::new();
@@ -78,7 +75,7 @@ impl PackedFile {
     }
 }
 
-/// Measures what is written through it.
+/// Counts and hashes the bytes written through it.
 struct CountingWriter<W> {
     inner: W,
     bytes: u64,
@@ -114,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_what_was_promised_is_told() {
+    fn wrong_length_or_digest_is_an_error() {
         let good = packed(&vec![7; 300_000]);
         assert!(good.packed.len() < 1_000);
         let short = PackedFile {
@@ -166,7 +163,7 @@ mod tests {
             let mut file = packed(&bytes);
             let at = at % file.packed.len();
             file.packed[at] ^= flip;
-            // Some bits of a frame do not matter; whatever is written is what was packed.
+            // Some bits of a frame have no effect.
             if let Ok(out) = unpacked(&file) {
                 prop_assert_eq!(out, bytes);
             }

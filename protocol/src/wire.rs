@@ -1,31 +1,31 @@
-//! Messages as bytes: a header and a body in postcard, within limits. `SPEC.md` tells of every byte.
+//! Messages as bytes: a header and a body in postcard, with limits. `SPEC.md` defines every byte.
 //!
-//! `protocol` comes first, as a fixed two bytes, so that every version of this program can tell that another
-//! one speaks. Enums are append-only; a body that grows does so in a new protocol version.
+//! The protocol version comes first, in two fixed bytes, so that every version recognises any
+//! other. Enums are append-only; a body grows only in a new protocol version.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::tile::BootId;
 
-/// The version that is spoken here. Others are refused, with a message that says so.
+/// Version of the protocol. Others are refused with a message that names them.
 pub const PROTOCOL: u16 = 3;
 
-/// Largest message of all; tiles come in bands that stay below it.
+/// Limit of a message; tiles are sent in bands below it.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
 
-/// What precedes every body.
+/// Bytes before every body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// The run of the program that sent it.
+    /// Run of the program that sent it.
     pub boot: BootId,
-    /// Counts the messages of the sender over all its keys, so that one key sees gaps.
+    /// Number of the sender's message over all keys, so one key has gaps.
     pub seq: u64,
-    /// Stamp of the data it tells of, nanoseconds on the robot's sensor clock; 0 where it tells of none.
+    /// Stamp of its data, nanoseconds on the robot's sensor clock; 0 without.
     pub robot_time_ns: i64,
 }
 
-/// Why bytes are no message.
+/// Reason why bytes are no message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
     /// Longer than any message.
@@ -36,7 +36,7 @@ pub enum WireError {
         "it speaks protocol {theirs}, this program speaks {PROTOCOL}: update the older of the two"
     )]
     OtherProtocol {
-        /// Which.
+        /// Its version.
         theirs: u16,
     },
     /// Not the message it should be.
@@ -44,10 +44,9 @@ pub enum WireError {
     Malformed,
 }
 
-/// The bytes of a message.
+/// Encodes a message.
 ///
-/// # Errors
-/// Where the body is longer than a message may be.
+/// # Errors If the body is too long.
 pub fn encode<T: Serialize>(header: &Header, body: &T) -> Result<Vec<u8>, WireError> {
     let mut bytes = PROTOCOL.to_le_bytes().to_vec();
     bytes.extend(header.boot.0);
@@ -61,10 +60,9 @@ pub fn encode<T: Serialize>(header: &Header, body: &T) -> Result<Vec<u8>, WireEr
     }
 }
 
-/// The message in `bytes`, which must hold nothing else.
+/// Decodes `bytes`, which must hold exactly one message.
 ///
-/// # Errors
-/// Where they are no such message of this protocol version.
+/// # Errors If they are no such message of this protocol version.
 pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(Header, T), WireError> {
     if bytes.len() > MAX_MESSAGE_BYTES {
         return Err(WireError::TooLong(bytes.len()));
@@ -82,7 +80,7 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<(Header, T), WireErro
     Ok((header, body))
 }
 
-/// What follows the protocol version, if it is the one spoken here.
+/// The bytes after the protocol version, if it is ours.
 pub(crate) fn check_protocol_version(bytes: &[u8]) -> Result<&[u8], WireError> {
     let (theirs, rest) = bytes.split_first_chunk().ok_or(WireError::Malformed)?;
     let theirs = u16::from_le_bytes(*theirs);
@@ -93,7 +91,7 @@ pub(crate) fn check_protocol_version(bytes: &[u8]) -> Result<&[u8], WireError> {
     }
 }
 
-/// The body in `bytes`, which must hold nothing else.
+/// Decodes a body that must fill `bytes`.
 pub(crate) fn decode_body<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
     match postcard::take_from_bytes(bytes) {
         Ok((body, [])) => Ok(body),
@@ -152,9 +150,9 @@ mod tests {
         ));
     }
 
-    /// A sequence that claims 2⁶³ elements must not be allocated.
+    /// A length prefix of 2⁶³ elements must not be allocated.
     #[test]
-    fn a_length_that_lies_is_malformed() {
+    fn wrong_length_prefix_is_malformed() {
         let mut bytes = encode(&HEADER, &()).unwrap();
         bytes.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x7F]);
         assert_eq!(decode::<Vec<u8>>(&bytes), Err(WireError::Malformed));

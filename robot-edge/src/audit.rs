@@ -1,10 +1,10 @@
 //! The audit log: who connected, who drove, who stopped the vehicle, who was refused.
 //!
-//! A file to which lines of JSON are only ever added. A thread of its own writes it: whoever tells it something never
-//! waits, and where the disk is full, or slow, lines are lost and counted, and driving goes on.
+//! An append-only file of JSON lines. A thread of its own writes it: callers never wait. If the disk is full or slow,
+//! lines are dropped and counted, and driving goes on.
 //!
-//! A log of `FILE_BYTES` is renamed: `audit.jsonl` to `audit.jsonl.1`, that to `audit.jsonl.2` and so on, as `logrotate` does.
-//! `OLD_FILES` are kept; when there is one more, the oldest is deleted, and the new log begins with a line that says so.
+//! A log of `FILE_BYTES` is renamed: `audit.jsonl` to `audit.jsonl.1`, that to `audit.jsonl.2` and so on, as
+//! `logrotate` does. `OLD_FILES` are kept; the oldest is deleted then, which the first line of the new log reports.
 
 mod connections;
 
@@ -35,14 +35,14 @@ const OLD_FILES: u32 = 8;
 /// Longest wait before it is asked whether the log closes.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-/// Where lines are left for the log.
+/// The sending end of the log.
 #[derive(Clone, Debug)]
 pub struct Audit {
     entry: SyncSender<AuditEntry>,
     lost: Arc<AtomicU64>,
 }
 
-/// The log. It is closed, with everything that was told before, when this is dropped.
+/// The log. Dropping it writes all waiting lines and closes it.
 #[derive(Debug)]
 pub struct AuditLog {
     audit: Audit,
@@ -50,7 +50,7 @@ pub struct AuditLog {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the log is told.
+/// An entry of the log.
 #[derive(Debug)]
 enum AuditEntry {
     Line(Line),
@@ -69,12 +69,12 @@ struct Line {
 }
 
 impl Audit {
-    /// Writes a line, some time soon: what kind of thing happened, and what in words.
+    /// Queues a line: kind and message of an event.
     pub fn write(&self, kind: &'static str, message: impl Into<String>) {
         self.write_line(kind, None, message.into());
     }
 
-    /// Writes down that something was refused: `what`, in a word for programs, and what in words.
+    /// Queues a refusal: `what` for programs, and a message.
     pub fn write_refused(&self, what: &'static str, message: impl Into<String>) {
         self.write_line("refused", Some(what), message.into());
     }
@@ -137,7 +137,7 @@ impl AuditLog {
         })
     }
 
-    /// Where to leave lines.
+    /// The sending end.
     pub fn audit(&self) -> Audit {
         self.audit.clone()
     }
@@ -277,8 +277,8 @@ impl Writer {
         found.is_file().then_some(found.len())
     }
 
-    /// Begins a new file; says so in its first line where old lines are deleted for that. Where the system refuses, the log
-    /// goes on in the file that it has.
+    /// Begins a new file; says so in its first line where old lines are deleted for that. Where the system refuses, the
+    /// log goes on in the file that it has.
     fn rotate(&mut self) -> Option<Line> {
         let renamed = rename_old(&self.path).and_then(|was_deleted| {
             self.file = open_to_append(&self.path)?;
@@ -299,8 +299,8 @@ impl Writer {
     }
 }
 
-/// Makes `path` free: each file takes the next number, up to the first that is free. Says whether none was, and the oldest file
-/// is deleted by that.
+/// Makes `path` free: each file takes the next number, up to the first that is free. Says whether none was, and the
+/// oldest file is deleted by that.
 ///
 /// A crash in between leaves a number free, and every line in some file.
 fn rename_old(path: &Path) -> io::Result<bool> {
@@ -351,7 +351,7 @@ mod tests {
 
     /// Through more files than are kept, and over restarts.
     #[test]
-    fn a_log_that_is_full_is_renamed_and_what_is_deleted_is_said() {
+    fn a_full_log_is_renamed_and_deletions_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("audit.jsonl");
         let lines = |path: &Path| -> Vec<serde_json::Value> {
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_written_before_what_is_done_by_them_and_the_last_at_the_end() {
+    fn links_are_logged_before_the_actions_over_them() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("audit.jsonl");
         let log = AuditLog::open(&path, "one".to_owned()).unwrap();

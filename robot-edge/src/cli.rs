@@ -6,7 +6,7 @@ mod tools;
 use clap::{ArgAction, Args, Parser, Subcommand};
 
 use crate::actuators::MOTOR_GUARD_COMMAND;
-use crate::link::LOG_FILTER;
+use crate::network::LOG_FILTER;
 
 pub use mapping::{
     DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate, VehicleOptions,

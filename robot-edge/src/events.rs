@@ -1,8 +1,7 @@
-//! What consoles are told, and how much each kind of it matters: the one place that decides.
+//! The severity of each kind of event.
 
 use protocol::message::{Event, Severity};
 
-/// An event of this kind.
 pub fn event(kind: &str, message: String) -> Event {
     Event {
         kind: kind.to_owned(),
@@ -11,7 +10,7 @@ pub fn event(kind: &str, message: String) -> Event {
     }
 }
 
-/// How much an event of this kind matters; one that is not listed is good to know.
+/// The severity of a kind; a kind that is not listed is information.
 pub fn severity(kind: &str) -> Severity {
     match kind {
         "estop" | "fault" | "motors" | "recording_stopped" | "sensor_silent"

@@ -1,42 +1,37 @@
-//! What the process tells its caller.
+//! The exit codes of the program.
 
 use std::error::Error;
 use std::process::ExitCode;
 
 use crate::config::ConfigError;
 use crate::credentials::CredentialsError;
-use crate::link::LinkError;
+use crate::network::LinkError;
 use recording::RecordingError;
 use simulation::WorldError;
 
-/// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
-    /// It did what was asked.
     Done = 0,
-    /// It failed while running.
     Failed = 1,
-    /// Wrong usage or configuration.
     Usage = 2,
-    /// The recording could not be read.
     Unreadable = 3,
-    /// Somebody stopped it (Ctrl-C).
+    /// Ctrl-C.
     Interrupted = 130,
 }
 
-/// What was asked cannot be done with these arguments, in words that say what to do instead.
+/// The arguments are wrong; the text says what to do.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct UsageError(pub String);
 
-/// Somebody stopped it.
+/// Ctrl-C.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;
 
 impl Exit {
-    /// How a run ends that fails with `error`: decided by the outermost cause that is known.
+    /// The exit code of `error`: that of the outermost known cause.
     pub fn of(error: &(dyn Error + 'static)) -> Self {
         let mut cause = Some(error);
         while let Some(error) = cause {
@@ -68,7 +63,6 @@ impl Exit {
         Self::Failed
     }
 
-    /// The number that the caller sees.
     pub const fn code(self) -> u8 {
         self as u8
     }

@@ -1,17 +1,15 @@
 //! The vehicle's half of Foreshore.
 //!
-//! Data flows one way: a source ([`recording`], [`simulation`]) yields [`measurement::Measurement`]s;
-//! [`localization`] places every beam of a scan in `odom`; [`mapping`] turns posed scans into cells;
-//! [`streaming`] turns changed cells into tiles. [`app`] owns the threads and channels between them.
-//! [`credentials`] say who may connect, and who may drive.
-//! [`teleop`] decides which commands of an operator move the vehicle, [`driving`] carries that out on [`actuators`].
-//! [`experiments`] holds the maps of simulated worlds against their truth.
+//! Data flows one way: a source ([`recording`], [`simulation`], [`network::ros2`]) yields
+//! [`measurement::Measurement`]s; [`localization`] registers scans in `odom`; [`mapping`] integrates them into layers;
+//! [`publishing`] turns changed cells into tiles, which [`network`] sends. [`runtime`] owns the threads and channels.
+//! [`credentials`] define who may connect and drive. [`teleop`] decides which commands move the vehicle, [`driving`]
+//! executes them on [`actuators`]. [`experiments`] compares maps of simulated worlds with the ground truth.
 
 pub mod clock;
 pub mod pacer;
 
 pub mod actuators;
-pub mod app;
 pub mod audit;
 pub mod cli;
 pub mod config;
@@ -21,14 +19,14 @@ pub mod events;
 pub mod exit;
 pub mod experiments;
 pub mod export;
-pub mod link;
+pub mod network;
 pub mod overload;
-pub mod pipeline;
 pub mod progress;
+pub mod publishing;
 pub mod replay_control;
+pub mod runtime;
 pub mod sensor_monitor;
 pub mod service_manager;
-pub mod streaming;
 pub mod summary;
 pub mod survey;
 pub mod vehicle_commands;

@@ -28,7 +28,7 @@ fn main() -> ExitCode {
         .init();
 
     let mut out = io::stdout().lock();
-    let exit = match robot_edge::app::run(&cli, &mut out) {
+    let exit = match robot_edge::runtime::run(&cli, &mut out) {
         Ok(exit) => exit,
         Err(err) => {
             let exit = Exit::of(err.as_ref());

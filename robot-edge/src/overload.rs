@@ -1,35 +1,33 @@
-//! Whether a machine keeps up with what its sensors measure.
+//! Detects that mapping does not keep up with the sensors.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-/// Data that is mapped so much later than it could be is late.
+/// Maximum delay of mapping.
 const MAX_DELAY: Duration = Duration::from_millis(300);
-/// A machine that is late in every look for so long does not keep up: a moment's work is no reason to say so.
+/// Time of continuous delay before an overload: a short peak is none.
 const OVERLOAD_AFTER: Duration = Duration::from_secs(2);
-/// One that is never late for so long keeps up again.
+/// Time without delay before the overload is cleared.
 const CLEAR_AFTER: Duration = Duration::from_secs(5);
 
-/// What has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverloadChange {
-    /// It does not keep up: what is mapped now could have been mapped so long ago.
+    /// The current delay.
     Started(Duration),
-    /// It keeps up again.
     Cleared,
 }
 
-/// Looks at how late data is. Pure: the present is a parameter.
+/// Pure: the current time is a parameter.
 #[derive(Clone, Debug, Default)]
 pub struct OverloadMonitor {
     is_overloaded: bool,
-    /// Since when every look has said the contrary.
+    /// Since when the delay contradicts the state.
     change_pending_since: Option<Monotonic>,
 }
 
 impl OverloadMonitor {
-    /// Data is `delay` at `now`; what that changes.
+    /// Data is mapped with this `delay` at `now`.
     pub fn update(&mut self, delay: Duration, now: Monotonic) -> Option<OverloadChange> {
         if (delay > MAX_DELAY) == self.is_overloaded {
             self.change_pending_since = None;
@@ -58,7 +56,7 @@ impl OverloadMonitor {
 mod tests {
     use super::*;
 
-    /// What is told of these latenesses in a row, milliseconds, looked at every 0.5 s.
+    /// The changes for a series of delays, milliseconds, every 0.5 s.
     fn changes(late_ms: impl IntoIterator<Item = u64>) -> Vec<(u64, OverloadChange)> {
         let mut monitor = OverloadMonitor::default();
         let updates = (0..).step_by(500).zip(late_ms);
@@ -76,7 +74,7 @@ mod tests {
         let behind = OverloadChange::Started(Duration::from_millis(800));
         let delay = std::iter::repeat_n(800, 20);
         assert_eq!(changes(delay.clone()), [(2_000, behind)]);
-        // A moment without delay is no recovery.
+        // A short time without delay clears nothing.
         let moment = std::iter::repeat_n(20, 9).chain([800]);
         let well = std::iter::repeat_n(20, 11);
         assert_eq!(

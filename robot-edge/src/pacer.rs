@@ -1,4 +1,4 @@
-//! Replaying data at the speed it was made, or a multiple of it.
+//! Paces a replay at the recorded speed or a multiple of it.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,29 +7,25 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use measurement::time::{RobotDuration, RobotTime};
 
-/// Steps of the data's stamps longer than this, forward or back, are not waited for: they are pauses in
-/// the recording or junk stamps.
+/// Longer steps of the stamps, forward or backward, are skipped: they are pauses of the recording or invalid stamps.
 pub const MAX_GAP: RobotDuration = RobotDuration::from_millis(5_000);
-/// A replay that has fallen back farther than this (the machine slept, the map could not keep up) goes on
-/// from where it is instead of rushing through what it missed.
+/// A replay that is later than this (the machine slept, or mapping was slow) continues from where it is, without
+/// catching up.
 const MAX_LAG: Duration = Duration::from_secs(5);
 
-/// How fast data is replayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rate {
-    /// This many times as fast as it was recorded; finite, above zero.
+    /// Multiple of the recorded speed; finite, above zero.
     Times(f64),
-    /// As fast as it can be mapped.
+    /// As fast as mapping allows.
     Max,
 }
 
-/// Why a rate cannot be understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a rate is a number above 0 (1 is the speed of the recording), or `max`")]
 pub struct RateError;
 
 impl Rate {
-    /// Whether the data's time is that of people.
     pub fn is_real_time(self) -> bool {
         matches!(self, Self::Times(rate) if (rate - 1.0).abs() < 1e-9)
     }
@@ -58,20 +54,20 @@ impl fmt::Display for Rate {
     }
 }
 
-/// What pacing passed over, to be reported.
+/// The skipped times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Skipped {
-    /// Gaps in the data that were not waited for.
+    /// Skipped gaps.
     pub gaps: u64,
-    /// Time of the data in them.
+    /// Total time of the data in them.
     pub gap_time: RobotDuration,
     /// Steps back by more than [`MAX_GAP`].
     pub steps_back: u64,
-    /// Times the replay had fallen too far behind and went on from where it was.
+    /// Number of times that the replay was too late and continued from where it was.
     pub lags: u64,
 }
 
-/// Says when data is due. Pure: the present is a parameter.
+/// Pure: the current time is a parameter.
 #[derive(Clone, Debug)]
 pub struct Pacer {
     rate: Rate,
@@ -80,7 +76,7 @@ pub struct Pacer {
     lag: Duration,
 }
 
-/// A stamp and the moment it was due; later stamps are due relative to it.
+/// A stamp and the time at which it was due; later stamps are relative to it.
 #[derive(Clone, Copy, Debug)]
 struct Anchor {
     stamp: RobotTime,
@@ -90,7 +86,6 @@ struct Anchor {
 }
 
 impl Pacer {
-    /// A pacer that has seen nothing; the first data is due at once.
     pub const fn new(rate: Rate) -> Self {
         Self {
             rate,
@@ -105,7 +100,7 @@ impl Pacer {
         }
     }
 
-    /// How long to wait from `now` until data with this stamp is due.
+    /// Time to wait from `now` until data with this stamp is due.
     pub fn wait(&mut self, stamp: RobotTime, now: Monotonic) -> Duration {
         let Rate::Times(times) = self.rate else {
             return Duration::ZERO;
@@ -132,7 +127,7 @@ impl Pacer {
         }
         anchor.latest = anchor.latest.max(stamp);
         let due = anchor.due + real_time(stamp.since(anchor.stamp), times);
-        // Stragglers are late by themselves.
+        // Late data does not move the schedule.
         if stamp == anchor.latest {
             self.lag = now.since(due);
         }
@@ -143,23 +138,22 @@ impl Pacer {
         due.since(now)
     }
 
-    /// The clock of the data starts anew: its next stamp is due at once.
+    /// The clock of the data was reset: the next stamp is due at once.
     pub const fn reset(&mut self) {
         self.anchor = None;
     }
 
-    /// How late the newest data was when it was asked for; nothing where data is not paced.
+    /// Delay of the newest data; zero without pacing.
     pub const fn lag(&self) -> Duration {
         self.lag
     }
 
-    /// What was passed over so far.
     pub const fn skipped(&self) -> Skipped {
         self.skipped
     }
 }
 
-/// How long `data` takes at this rate; nothing if it is negative.
+/// Duration of `data` at this rate; zero if it is negative.
 fn real_time(data: RobotDuration, times: f64) -> Duration {
     let secs = data.as_secs_f64().max(0.0) / times;
     Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
@@ -176,7 +170,7 @@ mod tests {
         RobotTime::from_nanos(ms * 1_000_000)
     }
 
-    /// Waits, in milliseconds, of a replay that takes no time itself and waits as it is told.
+    /// Waits, milliseconds, of a replay that needs no processing time.
     fn waits(rate: Rate, stamps_ms: &[i64]) -> (Vec<u128>, Skipped) {
         let mut pacer = Pacer::new(rate);
         let mut now = Monotonic::from_nanos(7 * MS);
@@ -227,7 +221,7 @@ mod tests {
             Duration::ZERO
         );
         assert_eq!(pacer.lag(), Duration::from_millis(300));
-        // A straggler says nothing of the machine.
+        // Late data does not count as a delay of the machine.
         pacer.wait(at(50), Monotonic::from_nanos(400 * MS));
         assert_eq!(pacer.lag(), Duration::from_millis(300));
         assert_eq!(
@@ -235,7 +229,7 @@ mod tests {
             Duration::from_millis(100)
         );
         assert_eq!(pacer.lag(), Duration::ZERO);
-        // An hour late: the schedule starts anew.
+        // An hour late: the schedule restarts.
         let later = 3_600_000 * MS;
         assert_eq!(
             pacer.wait(at(600), Monotonic::from_nanos(later)),
@@ -258,7 +252,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the stamps, no single wait is longer than the longest gap takes at this rate.
+        /// No wait is longer than the longest gap at this rate, whatever the stamps are.
         #[test]
         fn no_wait_is_longer_than_a_gap(
             stamps in prop::collection::vec(any::<i64>().prop_map(|nanos| nanos >> 20), 1..40),

@@ -6,30 +6,28 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use recording::Position;
 
-/// Draws at most this often, per second.
+/// Maximum draws per second.
 const DRAWS_HZ: u8 = 5;
 const WITH_LENGTH: &str = "{wide_bar} {percent:>3} %  {msg}";
 const WITHOUT_LENGTH: &str = "{spinner} {msg}";
 
-/// How far a run has come, drawn where a person can see it.
 #[derive(Debug)]
 pub struct Progress(ProgressBar);
 
-/// Figures beside the bar.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct ProgressFigures {
     /// Time of the data so far, seconds.
     pub data_s: f64,
-    /// Time passed so far, seconds.
+    /// Wall time, seconds.
     pub wall_s: f64,
-    /// Sweeps mapped.
+    /// Mapped scans.
     pub scans: u64,
-    /// Sweeps dropped, and losses of the recording.
+    /// Dropped scans and losses of the recording.
     pub drops: u64,
 }
 
 impl Progress {
-    /// A bar, drawn only where standard error is a terminal and `is_quiet` is not asked for.
+    /// Hidden if standard error is no terminal or `is_quiet`.
     pub fn new(is_quiet: bool) -> Self {
         if is_quiet || !std::io::stderr().is_terminal() {
             return Self(ProgressBar::hidden());
@@ -39,8 +37,8 @@ impl Progress {
         Self(bar)
     }
 
-    /// Shows new figures; `position` is absent where there is no end to come to (simulation, `--loop`).
-    /// Cheap, so that it may follow every scan.
+    /// Shows new figures; `position` is `None` if there is no end (simulation, `--loop`). Cheap enough for every
+    /// scan.
     pub fn update(&self, position: Option<Position>, figures: &ProgressFigures) {
         if self.0.is_hidden() {
             return;
@@ -56,12 +54,11 @@ impl Progress {
         self.0.set_message(figures.to_string());
     }
 
-    /// Runs `write` while the bar is off the screen, so that lines written meanwhile stay whole.
+    /// Runs `write` while the bar is hidden, so that its lines stay complete.
     pub fn suspend<T>(&self, write: impl FnOnce() -> T) -> T {
         self.0.suspend(write)
     }
 
-    /// Takes the bar off the screen.
     pub fn finish(&self) {
         self.0.finish_and_clear();
     }
@@ -88,7 +85,7 @@ impl std::fmt::Display for ProgressFigures {
 }
 
 fn set_template(bar: &ProgressBar, template: &str) {
-    // A template that cannot be read leaves the plain bar; a test reads them.
+    // An invalid template leaves the plain bar; a test checks them.
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);
     }

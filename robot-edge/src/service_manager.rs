@@ -1,4 +1,4 @@
-//! What systemd is notified of: `sd_notify(3)`, datagrams to the socket that `NOTIFY_SOCKET` names.
+//! Notifications to systemd: `sd_notify(3)`, datagrams to the socket named by `NOTIFY_SOCKET`.
 
 #[cfg(unix)]
 use std::{
@@ -11,7 +11,7 @@ use std::{
 /// The variable that names the socket.
 pub const SOCKET: &str = "NOTIFY_SOCKET";
 
-/// Whoever has started this process, where it wants to know how it goes.
+/// The service manager that started this process, if it expects notifications.
 #[derive(Debug, Default)]
 pub struct ServiceManager {
     #[cfg(unix)]
@@ -19,7 +19,7 @@ pub struct ServiceManager {
 }
 
 impl ServiceManager {
-    /// As the environment says; nobody where it says nothing, or names what cannot be connected to.
+    /// The one named by the environment; none if there is no name or no connection.
     #[cfg(unix)]
     pub fn from_environment() -> Self {
         let named = std::env::var_os(SOCKET);
@@ -33,33 +33,33 @@ impl ServiceManager {
         Self { socket: connected }
     }
 
-    /// Nobody: this system has no such sockets.
+    /// None: this system has no such sockets.
     #[cfg(not(unix))]
     pub fn from_environment() -> Self {
         Self::default()
     }
 
-    /// The service runs, and feeds its watchdog from now on.
+    /// The service runs, and sends watchdog messages from now on.
     pub fn ready(&self) {
         self.notify("READY=1");
     }
 
-    /// The service runs, and has nothing that feeds a watchdog.
+    /// The service runs, without watchdog messages.
     pub fn ready_without_watchdog(&self) {
         self.notify("READY=1\nWATCHDOG_USEC=0");
     }
 
-    /// It is alive.
+    /// Sends a watchdog message.
     pub fn notify_watchdog(&self) {
         self.notify("WATCHDOG=1");
     }
 
-    /// What feeds the watchdog ends as it was asked to.
+    /// The sender of watchdog messages ends orderly.
     pub fn disable_watchdog(&self) {
         self.notify("WATCHDOG_USEC=0");
     }
 
-    /// It never waits. A watchdog that is not fed says by itself what was lost.
+    /// It never waits. Without messages the watchdog acts by itself.
     #[cfg(unix)]
     fn notify(&self, state: &str) {
         drop(

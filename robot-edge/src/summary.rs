@@ -1,78 +1,67 @@
-//! What `--summary FILE.json` holds. Field names are a contract with scripts.
+//! The contents of `--summary FILE.json`. Field names are a contract with scripts.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
+use std::time::Duration;
 
+use hdrhistogram::{CreationError, Histogram};
 use serde::Serialize;
 
 use measurement::drops::DropCounts;
 
-mod stage_timer;
-
-pub use stage_timer::{StageTimer, StageTimes};
-
 /// Figures of one run.
 #[derive(Clone, Debug, PartialEq, Default, Serialize)]
 pub struct Summary {
-    /// The recording as it was named, or the simulated world.
+    /// Name of the recording or of the simulated world.
     pub recording: String,
     /// `vehicle.name`.
     pub vehicle: String,
-    /// Time of the data that was mapped, over clocks that start anew, seconds.
+    /// Time of the data that was mapped, across clock resets, seconds.
     pub duration_s: f64,
-    /// Time it took, seconds.
+    /// Wall time, seconds.
     pub wall_s: f64,
-    /// [`Self::duration_s`] over [`Self::wall_s`]; `null` where no time passed.
+    /// [`Self::duration_s`] / [`Self::wall_s`]; `null` if no time passed.
     pub realtime_factor: Option<f64>,
-    /// Sweeps.
     pub scans: Scans,
-    /// Beams of the sweeps that were mapped.
+    /// Beams of the mapped scans.
     pub beams: Beams,
-    /// What the source itself lost, by reason: messages and records, those of scans included; and wheel angles
-    /// and attitudes that made no sense.
+    /// Losses of the source by reason: messages and records, including scans, and invalid wheel angles and
+    /// attitudes.
     #[serde(serialize_with = "by_reason")]
     pub losses: DropCounts,
-    /// Time spent, by stage.
+    /// Processing times by stage.
     pub stages: BTreeMap<String, StageTimes>,
     /// Maps, by layer.
     pub layers: BTreeMap<String, LayerFigures>,
-    /// The octree, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxels: Option<Voxels>,
-    /// What was published.
     pub tiles: Tiles,
-    /// Most memory the process held, bytes; `null` where the system does not tell.
+    /// Peak memory of the process, bytes; `null` if the system does not report it.
     pub peak_rss_bytes: Option<u64>,
-    /// What happened, in order.
     pub events: Vec<Event>,
 }
 
-/// Sweeps by fate: those that came in were mapped or dropped.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct Scans {
-    /// Came in.
     #[serde(rename = "in")]
     pub came_in: u64,
-    /// Reached the map.
     pub mapped: u64,
-    /// Did not, by reason.
+    /// By reason.
     #[serde(serialize_with = "by_reason")]
     pub dropped: DropCounts,
 }
 
-/// Beams by fate.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct Beams {
-    /// Came in.
     #[serde(rename = "in")]
     pub came_in: u64,
-    /// Hit something.
+    /// Beams with a hit.
     pub hits: u64,
-    /// Saw nothing up to the sensor's range.
+    /// Beams without a return.
     pub misses: u64,
-    /// Say nothing, by reason.
+    /// By reason.
     #[serde(serialize_with = "by_reason")]
     pub dropped: DropCounts,
 }
@@ -80,7 +69,6 @@ pub struct Beams {
 /// One map layer.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct LayerFigures {
-    /// Cells that are not unknown.
     pub cells_known: u64,
     /// Cells by class.
     pub counts: BTreeMap<String, u64>,
@@ -105,41 +93,35 @@ pub struct Voxels {
     pub digest: String,
 }
 
-/// What was published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct Tiles {
-    /// Tiles, every version counted.
+    /// All versions of all tiles.
     pub published: u64,
-    /// Their size, encoded.
+    /// Encoded size.
     pub bytes: u64,
-    /// Their size before encoding.
+    /// Size before encoding.
     pub raw_bytes: u64,
 }
 
-/// Something that happened.
 #[derive(Clone, Debug, PartialEq, Default, Serialize)]
 pub struct Event {
-    /// Time of the data, seconds; `null` where it has none.
+    /// Time of the data, seconds; `null` if unknown.
     pub stamp_s: Option<f64>,
-    /// What, in one word.
     pub kind: String,
-    /// What, in a sentence, with the reason.
+    /// One sentence with the reason.
     pub message: String,
 }
 
 impl Summary {
-    /// Sets duration, wall time and their quotient, seconds.
+    /// Sets duration, wall time and their ratio.
     pub fn set_times(&mut self, duration_s: f64, wall_s: f64) {
         self.duration_s = duration_s;
         self.wall_s = wall_s;
         self.realtime_factor = Some(duration_s / wall_s).filter(|factor| factor.is_finite());
     }
 
-    /// Writes the summary under a temporary name beside `path`, then renames it: whoever finds `path`
-    /// finds it whole. What is not an ordinary file (`/dev/stdout`) is written to directly.
-    ///
-    /// # Errors
-    /// Where the file cannot be written; the temporary one is removed.
+    /// Writes the summary under a temporary name and renames it, so that `path` is always complete. Writes to
+    /// special files (`/dev/stdout`) directly.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         if fs::metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
             return self.write_to(File::options().write(true).open(path)?);
@@ -152,7 +134,7 @@ impl Summary {
             .and_then(|file| self.write_to(file))
             .and_then(|()| fs::rename(&temporary, path));
         if written.is_err() {
-            // The first error is the one to tell.
+            // The first error is returned.
             drop(fs::remove_file(&temporary));
         }
         written
@@ -166,7 +148,7 @@ impl Summary {
     }
 }
 
-/// Most memory this process has held so far, bytes; `None` where the system does not tell.
+/// Peak memory of this process, bytes; `None` if the system does not report it.
 pub fn peak_rss_bytes() -> Option<u64> {
     peak_rss_in(&fs::read_to_string("/proc/self/status").ok()?)
 }
@@ -182,6 +164,73 @@ fn peak_rss_in(status: &str) -> Option<u64> {
 
 fn by_reason<S: serde::Serializer>(drops: &DropCounts, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(drops.iter().map(|(reason, n)| (reason.as_str(), n)))
+}
+
+/// Longest time that the percentiles resolve, nanoseconds.
+const LONGEST_NS: u64 = 60_000_000_000;
+/// Percentiles are within 1 %.
+const SIGNIFICANT_DIGITS: u8 = 2;
+
+/// Processing times of one stage: a histogram of 32 kB at most.
+#[derive(Clone, Debug)]
+pub struct StageTimer {
+    histogram: Histogram<u64>,
+    max: Duration,
+}
+
+/// Processing times, microseconds; zero if the stage never ran.
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize)]
+pub struct StageTimes {
+    /// Median.
+    pub p50_us: f64,
+    /// 99th percentile.
+    pub p99_us: f64,
+    /// Longest, exact.
+    pub max_us: f64,
+}
+
+impl StageTimer {
+    #[expect(
+        clippy::expect_used,
+        reason = "constant bounds, which a test constructs"
+    )]
+    pub fn new() -> Self {
+        Self {
+            histogram: bounded().expect("bounds are in order"),
+            max: Duration::ZERO,
+        }
+    }
+
+    pub fn record(&mut self, time: Duration) {
+        let nanos = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self.histogram.saturating_record(nanos);
+        self.max = self.max.max(time);
+    }
+
+    pub fn runs(&self) -> u64 {
+        self.histogram.len()
+    }
+
+    pub fn times(&self) -> StageTimes {
+        let max_us = self.max.as_secs_f64() * 1e6;
+        // The upper end of a bucket can exceed the longest time in it.
+        let quantile_us = |q| (self.histogram.value_at_quantile(q) as f64 / 1e3).min(max_us);
+        StageTimes {
+            p50_us: quantile_us(0.5),
+            p99_us: quantile_us(0.99),
+            max_us,
+        }
+    }
+}
+
+impl Default for StageTimer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+fn bounded() -> Result<Histogram<u64>, CreationError> {
+    Histogram::new_with_bounds(1, LONGEST_NS, SIGNIFICANT_DIGITS)
 }
 
 #[cfg(test)]
@@ -291,5 +340,34 @@ mod tests {
         }
         #[cfg(target_os = "linux")]
         assert!(peak_rss_bytes().unwrap() > 1 << 20);
+    }
+}
+
+#[cfg(test)]
+mod stage_timer_tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_within_one_percent() {
+        let mut timer = StageTimer::new();
+        for micros in 1..=10_000 {
+            timer.record(Duration::from_micros(micros));
+        }
+        let times = timer.times();
+        assert!((times.p50_us / 5_000.0 - 1.0).abs() < 0.01, "{times:?}");
+        assert!((times.p99_us / 9_900.0 - 1.0).abs() < 0.01, "{times:?}");
+        assert!((times.max_us - 10_000.0).abs() < 1e-9, "{times:?}");
+        assert_eq!(timer.runs(), 10_000);
+    }
+
+    #[test]
+    fn no_runs_and_endless_runs_are_harmless() {
+        let mut timer = StageTimer::new();
+        assert_eq!(timer.times(), StageTimes::default());
+        timer.record(Duration::ZERO);
+        assert_eq!(timer.times(), StageTimes::default());
+        timer.record(Duration::MAX);
+        assert!(timer.times().max_us > 1e24);
+        assert!(timer.histogram.distinct_values() * size_of::<u64>() < 32_000);
     }
 }

@@ -43,7 +43,7 @@ WAITING = 1024  # messages of one subscription that may wait to be read; the old
 
 
 class Failure(Exception):
-    """What the user is told before the program ends with 1."""
+    """The error message before the program ends with 1."""
 
 
 def bulk_endpoint(control: str) -> str:
@@ -70,7 +70,7 @@ def open_session(endpoint: str) -> zenoh.Session:
 
 
 def open_sessions(endpoints: list[str], timeout_s: float | None) -> list[zenoh.Session]:
-    """Opens a session to each. `zenoh.open` with these settings blocks until somebody listens, so it is
+    """Opens a session to each. `zenoh.open` with these settings blocks until the endpoint listens, so it is
     done in a thread, which is left behind if that takes too long."""
     opened = queue.SimpleQueue()
 
@@ -84,7 +84,7 @@ def open_sessions(endpoints: list[str], timeout_s: float | None) -> list[zenoh.S
     try:
         sessions = opened.get(timeout=timeout_s)
     except queue.Empty:
-        raise Failure(f"nobody listens at {' and '.join(endpoints)} after {timeout_s:g} s") from None
+        raise Failure(f"no listener at {' and '.join(endpoints)} after {timeout_s:g} s") from None
     if isinstance(sessions, zenoh.ZError):
         raise Failure(f"cannot connect to {' and '.join(endpoints)}: {sessions}")
     return sessions

@@ -1,4 +1,4 @@
-//! What the end-to-end tests are built from; the tests themselves are in `tests/all/`.
+//! Parts of the end-to-end tests, which are in `tests/all/`.
 
 pub mod drive_log;
 pub mod operator;

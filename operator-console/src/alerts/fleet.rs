@@ -1,5 +1,5 @@
-//! The alerts of the robot that is shown, and of those that were shown before in this run: what nobody has acknowledged of them,
-//! and what they say of themselves since to whoever looks for robots.
+//! Alerts of the shown robot and of robots shown before in this run: their unacknowledged alerts and new ones by their
+//! state from discovery.
 
 use std::collections::BTreeMap;
 
@@ -10,25 +10,23 @@ use super::{Alarm, Alert, Alerts};
 use crate::link::{DiscoveredRobot, SEEN_RECENTLY};
 use crate::playback::is_recording;
 
-/// Alerts by robot.
 #[derive(Clone, Debug, Default)]
 pub struct FleetAlerts {
     shown: Option<(RobotId, Alerts)>,
     others: BTreeMap<RobotId, BackgroundRobot>,
 }
 
-/// The alerts of a robot that is no longer shown.
 #[derive(Clone, Debug)]
 struct BackgroundRobot {
     alerts: Alerts,
-    /// When it was heard last, by its own link or by whoever looks for robots.
+    /// Last contact, by its own link or by discovery.
     since: Monotonic,
-    /// It said then that its data had ended: its silence is no news.
+    /// Its data had ended, so its silence is expected.
     had_ended: bool,
 }
 
 impl FleetAlerts {
-    /// Another robot is shown: what nobody has acknowledged of it is there again.
+    /// Another robot is shown; its saved alerts continue.
     pub fn change_to(&mut self, robot: &RobotId, now: Monotonic) {
         self.leave(now);
         let left = self.others.remove(robot);
@@ -36,7 +34,7 @@ impl FleetAlerts {
         self.shown = Some((robot.clone(), alerts));
     }
 
-    /// Nothing is shown. A recording's alerts end with it.
+    /// No robot is shown. The alerts of a recording end with it.
     pub fn leave(&mut self, now: Monotonic) {
         let left = self.shown.take();
         if let Some((robot, alerts)) = left.filter(|(robot, _)| !is_recording(robot)) {
@@ -54,54 +52,47 @@ impl FleetAlerts {
         self.shows(robot) || self.others.contains_key(robot)
     }
 
-    /// Nobody wants to know of this robot any more, which is not shown.
     pub fn forget(&mut self, robot: &RobotId) {
         self.others.remove(robot);
     }
 
-    /// Of what is shown.
     pub fn shown_mut(&mut self) -> Option<&mut Alerts> {
         self.shown.as_mut().map(|(_, alerts)| alerts)
     }
 
-    /// Those of what is shown first, the newest first; then those of other robots, by name.
+    /// Alerts of the shown robot first, newest first; then those of other robots, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&RobotId, &Alert)> {
         self.each()
             .flat_map(|(robot, alerts)| alerts.iter().map(move |alert| (robot, alert)))
     }
 
-    /// Whether this robot, or recording, is the one that is shown.
     pub fn shows(&self, robot: &RobotId) -> bool {
         self.shown.as_ref().is_some_and(|(shown, _)| shown == robot)
     }
 
-    /// How many nobody has seen yet.
     pub fn unacknowledged(&self) -> usize {
         self.each().map(|(_, alerts)| alerts.unacknowledged()).sum()
     }
 
-    /// How many of this robot's nobody has seen yet.
     pub fn unacknowledged_of(&self, robot: &RobotId) -> usize {
         let mut all = self.each().filter(|(of, _)| *of == robot);
         all.next().map_or(0, |(_, alerts)| alerts.unacknowledged())
     }
 
-    /// Somebody has seen it.
     pub fn acknowledge(&mut self, robot: &RobotId, alarm: &Alarm) {
         for (_, alerts) in self.each_mut().filter(|(of, _)| *of == robot) {
             alerts.acknowledge(alarm);
         }
     }
 
-    /// Somebody has seen them all.
     pub fn acknowledge_all(&mut self) {
         for (_, alerts) in self.each_mut() {
             alerts.acknowledge_all();
         }
     }
 
-    /// Looks at what robots that are not shown any more say of themselves; what has begun, in words. Of robots that never were
-    /// shown nobody is alarmed: the list of robots says how they are.
+    /// Takes the states from discovery of robots that are not shown any more and returns the alerts that begin. Robots
+    /// that were never shown raise none.
     pub fn update_background(
         &mut self,
         discovered_robots: &[DiscoveredRobot],
@@ -113,7 +104,7 @@ impl FleetAlerts {
                 .iter()
                 .filter(|one| one.found.robot == *robot);
             let of_it = of_it.next();
-            // It may have said so while it was shown.
+            // It may have reported so while it was shown.
             left.had_ended |= of_it.is_some_and(DiscoveredRobot::has_ended);
             let alert = match of_it.filter(|one| one.seen > left.since) {
                 Some(discovered) => {
@@ -158,7 +149,7 @@ mod tests {
     use crate::link::{FleetState, FoundRobot};
     use crate::test_support::{at, console, idle_teleop_status, inject};
 
-    /// The robot that is shown says that an emergency stop is active, or that none is; how many alerts that begins.
+    /// The shown robot reports an emergency stop or none; returns how many alerts begin.
     fn stop(alerts: &mut FleetAlerts, robot: &RobotId, is_stopped: bool) -> usize {
         let mut model = console(robot.as_str(), &[]);
         let mut teleop = idle_teleop_status();
@@ -193,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_acknowledged_stays_with_its_robot() {
+    fn unacknowledged_alerts_stay_with_their_robot() {
         let [boat, scout, recording]: [RobotId; 3] =
             ["boat", "scout", "recording-1a2b3c"].map(|name| name.parse().unwrap());
         let mut alerts = FleetAlerts::default();
@@ -217,7 +208,7 @@ mod tests {
             (0, 1)
         );
 
-        // By another link, too; and as it was until it speaks again.
+        // By another link too; the state stays until the next report.
         for _ in 0..2 {
             alerts.change_to(&boat, at(0));
             let shown = alerts.shown_mut().unwrap();
@@ -244,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_not_shown_any_more_is_heard_of() {
+    fn background_robot_raises_alerts() {
         let [boat, scout]: [RobotId; 2] = ["boat", "scout"].map(|name| name.parse().unwrap());
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
@@ -282,7 +273,7 @@ mod tests {
         assert_eq!(texts, ["An emergency stop was active"]);
         alerts.acknowledge(&boat, &Alarm::EStop);
         assert_eq!(counts(&alerts), (0, 0));
-        // Whether it is listed still or not.
+        // Listed or not.
         let seen = slice::from_ref(&free);
         assert_eq!(alerts.update_background(seen, at(42_000)), none);
         let silent = "boat: No data from the robot";
@@ -300,7 +291,6 @@ mod tests {
         let faulty = discovered(&boat, 45_000, FleetState::Fault { has_ended: false });
         let text = "boat: The vehicle is at fault";
         assert_eq!(alerts.update_background(&[faulty], at(45_000)), [text]);
-        // What it says itself is more.
         assert!(alerts.knows(&boat) && alerts.knows(&scout));
         alerts.change_to(&boat, at(46_000));
         assert_eq!(stop(&mut alerts, &boat, true), 1);
@@ -310,7 +300,7 @@ mod tests {
         assert_eq!(alerts.update_background(&[stopped], at(47_000)), none);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
         assert_eq!(first, Some("Emergency stop 3 is active"));
-        // A fault ends no stop.
+        // A fault does not end a stop.
         let faulty = discovered(&boat, 57_000, FleetState::Fault { has_ended: false });
         assert_eq!(alerts.update_background(&[faulty], at(57_000)).len(), 1);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
@@ -325,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_left_is_missed_from_when_it_was_seen_and_not_from_when_that_was_looked_at() {
+    fn silence_counts_from_last_contact() {
         let boat: RobotId = "boat".parse().unwrap();
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
@@ -343,7 +333,7 @@ mod tests {
             "older than that"
         );
         assert_eq!(update(free(7_000), 9_000), (0, at(7_000)));
-        // Seen before the look that came before, and told of since.
+        // Acknowledged before the update, and reported since.
         let stopped = discovered(&boat, 8_000, FleetState::EStop { has_ended: false });
         assert_eq!(update(stopped.clone(), 9_500), (1, at(8_000)));
         assert_eq!(update(stopped.clone(), 23_000), (0, at(8_000)));
@@ -351,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_whose_data_had_ended_is_not_missed() {
+    fn ended_robot_raises_no_link_alert() {
         let boat: RobotId = "boat".parse().unwrap();
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
@@ -378,14 +368,14 @@ mod tests {
     }
 
     #[test]
-    fn nor_is_one_that_had_said_so_while_it_was_shown() {
+    fn end_reported_while_shown_raises_no_link_alert() {
         let boat: RobotId = "boat".parse().unwrap();
         let ended = FleetState::EStop { has_ended: true };
         for (state, begun) in [(FleetState::Ended, 0), (ended, 0), (FleetState::Free, 1)] {
             let mut alerts = FleetAlerts::default();
             alerts.change_to(&boat, at(0));
             alerts.leave(at(5_000));
-            // Its own link was heard last; then it was closed, and answers nobody any more.
+            // Its link was the last contact; then it was closed and is silent.
             let heard = [discovered(&boat, 4_000, state.clone())];
             for now_ms in [6_000, 60_000] {
                 let actual = alerts.update_background(&heard, at(now_ms)).len();

@@ -1,85 +1,73 @@
-//! What wants somebody's attention until they say that they have seen it.
+//! Alerts: conditions that need the operator's attention until acknowledged.
 //!
-//! An alert is there while its reason lasts, and after that until it is acknowledged. The same reason again is the same
-//! alert, once more.
-
-mod fleet;
-mod reasons;
+//! An alert is listed while its condition lasts and afterwards until it is acknowledged. If the condition returns, the
+//! same alert counts once more.
 
 use measurement::time::Monotonic;
-use protocol::message::Event;
+use protocol::message::{Event, FaultReason, RecordingState, SensorFault, SensorKind, TeleopState};
 
 use crate::link::FleetState;
-use crate::model::ConsoleModel;
-use reasons::{Reason, is_motion_current, link_lost, reasons, reasons_from_discovery};
+use crate::model::{ConsoleModel, LinkState};
+use crate::panels::driving::labels::stuck;
+use crate::panels::sensors::fault_text;
+
+mod fleet;
 
 pub use fleet::FleetAlerts;
 
-/// Alerts that are listed.
 const MAX_ALERTS: usize = 64;
 
-/// What an alert is about.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Alarm {
-    /// An emergency stop is active.
     EStop,
-    /// The vehicle does not trust itself.
     Fault,
-    /// No data from the robot.
     LinkLost,
-    /// Something is wrong with a sensor: its name.
+    /// Name of a sensor with a fault.
     Sensor(String),
-    /// The robot no longer records what it was to record.
+    /// A recording on the robot has stopped unexpectedly.
     Recording,
-    /// The position is somewhere else all at once.
+    /// The position jumped.
     PositionJump,
-    /// The robot's machine does not keep up with its sensors.
+    /// Mapping is slower than the sensors.
     Overload,
-    /// The vehicle is told to go, and does not.
+    /// The vehicle is commanded to move and does not.
     Stuck,
 }
 
-/// Whose alerts they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlertSource {
-    /// A robot at the other end of a link.
     Robot,
-    /// A recording that this program maps. Its link cannot be lost: where it is silent it is wound, or its time line says why.
+    /// A recording that this program maps. Its link cannot be lost: its timeline shows why it is silent.
     Recording,
 }
 
-/// Something that wants attention.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alert {
-    /// What it is about.
     pub alarm: Alarm,
-    /// The same in words: what is so, or what was so last, where its reason is gone.
+    /// Description: the present state, or the last one if the condition is over.
     pub text: String,
-    /// What it is to say when its reason is gone.
+    /// The description when the condition is over.
     past: String,
-    /// When it began last.
+    /// Last beginning of the condition.
     pub since: Monotonic,
-    /// How often it has begun.
+    /// How often the condition has begun.
     pub times: u32,
-    /// Whether its reason lasts.
+    /// Whether the condition lasts.
     pub is_active: bool,
-    /// Whether somebody has said that they have seen it.
     pub is_acknowledged: bool,
 }
 
-/// The alerts of one robot.
 #[derive(Clone, Debug, Default)]
 pub struct Alerts {
     alerts: Vec<Alert>,
 }
 
 impl Alerts {
-    /// Those that are not acknowledged, or whose reason lasts; the newest first.
+    /// Listed alerts, newest first.
     pub fn iter(&self) -> impl Iterator<Item = &Alert> {
         self.alerts.iter().rev()
     }
 
-    /// How many nobody has seen yet.
     pub fn unacknowledged(&self) -> usize {
         self.alerts
             .iter()
@@ -87,7 +75,6 @@ impl Alerts {
             .count()
     }
 
-    /// Somebody has seen it.
     pub fn acknowledge(&mut self, alarm: &Alarm) {
         for alert in &mut self.alerts {
             alert.is_acknowledged |= alert.alarm == *alarm;
@@ -95,7 +82,6 @@ impl Alerts {
         self.drop_finished();
     }
 
-    /// Somebody has seen them all.
     pub fn acknowledge_all(&mut self) {
         for alert in &mut self.alerts {
             alert.is_acknowledged = true;
@@ -103,8 +89,7 @@ impl Alerts {
         self.drop_finished();
     }
 
-    /// Looks at the robot, or at the recording of one, and at what it has told of since the last look. Those that have
-    /// begun, in words.
+    /// Takes the state of a robot or recording and its new events. Returns the alerts that begin.
     pub fn update(
         &mut self,
         model: &ConsoleModel,
@@ -113,9 +98,9 @@ impl Alerts {
         now: Monotonic,
     ) -> Vec<(Alarm, String)> {
         let reasons = reasons(model, source, now);
-        // Until the robot speaks, what it said before it was shown again is the newest that is known.
+        // After a change of robots the last known state is valid until the first status.
         let is_heard = model.status().is_some();
-        // Who is not heard may move by now, or not: neither is told.
+        // Without recent data it is unknown whether the vehicle moves.
         let is_motion_current = is_motion_current(model, now);
         self.end_others(&reasons, |alarm| {
             is_heard && (is_motion_current || *alarm != Alarm::Stuck)
@@ -141,8 +126,8 @@ impl Alerts {
         begun
     }
 
-    /// The same for a robot that is not shown, but heard, from what it said of itself lately, if anything. Of what it does not
-    /// say, it stays as it was when the robot was shown last.
+    /// The same for a robot that is not shown, by its state from discovery. Alerts that this state does not cover stay
+    /// as they are.
     fn update_from_discovery(
         &mut self,
         state: Option<&FleetState>,
@@ -152,9 +137,9 @@ impl Alerts {
         let is_said = |alarm: &Alarm| match alarm {
             Alarm::LinkLost => true,
             Alarm::Fault => state.is_some(),
-            // A fault comes first in what is said, and ends no stop.
+            // A fault hides an emergency stop in the state, but does not end it.
             Alarm::EStop => state.is_some_and(|state| !matches!(state, FleetState::Fault { .. })),
-            // Whom nobody drives nobody tells to go.
+            // Without a driver there is no command to move.
             Alarm::Stuck => state.is_some_and(|state| !matches!(state, FleetState::DrivenBy(_))),
             Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::Overload => false,
         };
@@ -164,19 +149,19 @@ impl Alerts {
         begun
     }
 
-    /// A robot that is not shown is not heard any more.
+    /// Marks the link of a robot that is not shown as lost.
     fn mark_lost(&mut self, now: Monotonic) -> Option<(Alarm, String)> {
         self.begin_unless_active(link_lost(), now)
     }
 
-    /// What the robot said itself says more.
+    /// The robot's own description is more precise.
     fn begin_unless_active(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter();
         let is_known = alerts.any(|alert| alert.is_active && alert.alarm == reason.alarm);
         (!is_known).then(|| self.set_active(reason, now)).flatten()
     }
 
-    /// What is none of `reasons`, and would be told of, is over.
+    /// Ends the alerts without a reason, if the report would contain one.
     fn end_others(&mut self, reasons: &[Reason], is_told: impl Fn(&Alarm) -> bool) {
         for alert in &mut self.alerts {
             let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
@@ -187,7 +172,7 @@ impl Alerts {
         }
     }
 
-    /// Nobody knows whether it lasts.
+    /// Whether the condition lasts is unknown.
     fn deactivate(&mut self, alarm: &Alarm) {
         for alert in &mut self.alerts {
             if alert.alarm == *alarm {
@@ -196,7 +181,7 @@ impl Alerts {
         }
     }
 
-    /// There is a reason; in words where it has just begun.
+    /// Returns the alert if its condition has just begun.
     fn set_active(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter_mut();
         let known = alerts.find(|alert| alert.alarm == reason.alarm);
@@ -210,7 +195,7 @@ impl Alerts {
         Some(begun)
     }
 
-    /// It is the newest, and nobody has seen it. `lasts`: its reason is there until a look says that it is not.
+    /// Begins an alert, unacknowledged and newest. `lasts`: the condition is active until an update ends it.
     fn begin(&mut self, reason: Reason, lasts: bool, now: Monotonic) {
         let Reason { alarm, text, past } = reason;
         let known = self.alerts.iter().position(|alert| alert.alarm == alarm);
@@ -233,6 +218,153 @@ impl Alerts {
         self.alerts
             .retain(|alert| alert.is_active || !alert.is_acknowledged);
     }
+}
+
+struct Reason {
+    alarm: Alarm,
+    /// While the condition lasts.
+    text: String,
+    /// After it.
+    past: String,
+}
+
+/// The present conditions.
+fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Reason> {
+    let mut reasons = Vec::new();
+    let is_silent = model.connection().state(now) == LinkState::Silent;
+    if source == AlertSource::Robot && is_silent {
+        match (model.is_silence_expected(), model.is_vehicle()) {
+            (false, _) => reasons.push(link_lost()),
+            (true, true) => reasons.push(left()),
+            // A robot that cannot be driven may fall silent after its end.
+            (true, false) => {}
+        }
+    }
+    let Some((status, _)) = model.status() else {
+        return reasons;
+    };
+    if let Some(teleop) = &status.teleop {
+        if let Some(estop) = teleop.estop {
+            reasons.push(Reason {
+                alarm: Alarm::EStop,
+                text: format!("Emergency stop {} is active", estop.number),
+                past: format!("Emergency stop {} was active", estop.number),
+            });
+        }
+        if let TeleopState::Fault(why) = teleop.state {
+            let [is, was] = match why {
+                FaultReason::SelfTest => ["the self-test failed"; 2],
+                FaultReason::Actuator => {
+                    ["the motors do not respond", "the motors did not respond"]
+                }
+            };
+            reasons.push(Reason {
+                alarm: Alarm::Fault,
+                text: format!("The vehicle is at fault: {is}"),
+                past: format!("The vehicle was at fault: {was}"),
+            });
+        }
+        if model.is_stuck() && is_motion_current(model, now) {
+            let [is, was] = stuck(model.is_boat());
+            reasons.push(Reason {
+                alarm: Alarm::Stuck,
+                text: format!("Commanded but not moving: {is}"),
+                past: format!("Commanded but did not move: {was}"),
+            });
+        }
+    }
+    for sensor in model.sensor_statuses() {
+        if let Some(fault) = sensor.fault {
+            let mut described = model.sensors().iter();
+            let described = described.find(|info| info.name == sensor.name);
+            let kind = described.map(|info| info.kind);
+            let (_, state, advice) = fault_text(fault, kind);
+            reasons.push(Reason {
+                alarm: Alarm::Sensor(sensor.name.clone()),
+                text: format!("{}: {state}. {advice}", sensor.name),
+                past: format!("{}: {}", sensor.name, past_fault(fault, kind)),
+            });
+        }
+    }
+    let ended = model.recording().map(|recording| recording.state);
+    let why = match ended {
+        Some(RecordingState::StoppedDiskLow) => {
+            Some(["the disk is nearly full", "the disk was nearly full"])
+        }
+        Some(RecordingState::Failed) => Some(["it cannot be written", "it could not be written"]),
+        Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
+    };
+    if let Some([is, was]) = why {
+        reasons.push(Reason {
+            alarm: Alarm::Recording,
+            text: format!("The robot has stopped recording: {is}"),
+            past: format!("A recording of the robot had ended: {was}"),
+        });
+    }
+    reasons
+}
+
+/// Whether the motion of the vehicle is known now: the link is live and the robot has sent a status since its restart.
+fn is_motion_current(model: &ConsoleModel, now: Monotonic) -> bool {
+    model.connection().state(now) != LinkState::Silent && !model.awaits_status()
+}
+
+fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
+    match fault {
+        SensorFault::AllInvalid if kind == Some(SensorKind::Sonar) => {
+            "none of its measurements was valid: too near to the bottom, covered or broken"
+        }
+        SensorFault::Silent => "nothing came from it",
+        SensorFault::Clock => "its stamps jumped",
+        SensorFault::AllInvalid => "none of its measurements was valid",
+        SensorFault::Blocked => "its window seemed to be blocked",
+        SensorFault::Slow => "less than half of its measurements came",
+    }
+}
+
+fn link_lost() -> Reason {
+    Reason {
+        alarm: Alarm::LinkLost,
+        text: "No data from the robot".to_owned(),
+        past: "No data from the robot for a while".to_owned(),
+    }
+}
+
+/// The same for a vehicle whose data had ended.
+fn left() -> Reason {
+    Reason {
+        alarm: Alarm::LinkLost,
+        text: "The vehicle reported the end of its data and is silent".to_owned(),
+        past: "No data from the vehicle for a while: its data had ended".to_owned(),
+    }
+}
+
+/// The same by the state from discovery.
+fn reasons_from_discovery(state: &FleetState) -> Option<Reason> {
+    let (alarm, [text, past]) = match state {
+        FleetState::EStop { .. } => (
+            Alarm::EStop,
+            [
+                "An emergency stop is active",
+                "An emergency stop was active",
+            ],
+        ),
+        FleetState::Fault { .. } => (
+            Alarm::Fault,
+            ["The vehicle is at fault", "The vehicle was at fault"],
+        ),
+        FleetState::NotDrivable
+        | FleetState::Ended
+        | FleetState::Free
+        | FleetState::DrivenBy(_) => {
+            return None;
+        }
+    };
+    Some(Reason {
+        alarm,
+        text: text.to_owned(),
+        past: past.to_owned(),
+    })
 }
 
 #[cfg(test)]

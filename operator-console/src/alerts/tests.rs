@@ -48,7 +48,7 @@ fn listed(alerts: &Alerts) -> Vec<(Alarm, u32, bool)> {
 }
 
 #[test]
-fn an_alert_lasts_until_its_reason_is_gone_and_somebody_has_seen_it() {
+fn alert_lasts_until_over_and_acknowledged() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, None, Some(3), at(0));
@@ -71,7 +71,7 @@ fn an_alert_lasts_until_its_reason_is_gone_and_somebody_has_seen_it() {
     alerts.update(&model, AlertSource::Robot, &[], at(30));
     assert_eq!(alerts.iter().count(), 0);
 
-    // What nobody has seen stays although it is over, and the same again counts.
+    // An unacknowledged alert stays after its end and counts repetitions.
     for now in [40, 60] {
         inject(&mut model, None, Some(4), at(now));
         assert_eq!(
@@ -100,7 +100,7 @@ fn an_alert_lasts_until_its_reason_is_gone_and_somebody_has_seen_it() {
 }
 
 #[test]
-fn a_recording_that_is_wound_has_lost_no_link() {
+fn seeking_recording_has_no_lost_link() {
     let mut model = scout();
     inject(&mut model, None, None, at(0));
     let mut alerts = Alerts::default();
@@ -116,8 +116,8 @@ fn a_recording_that_is_wound_has_lost_no_link() {
 }
 
 #[test]
-fn what_had_ended_alarms_nobody_when_it_falls_silent_unless_it_could_move() {
-    let left = "The vehicle said that its data has ended, and sends no more";
+fn silence_after_end_alarms_for_vehicles_only() {
+    let left = "The vehicle reported the end of its data and is silent";
     let lost = "No data from the robot";
     for (has_ended, can_be_driven, expected) in [
         (true, false, None),
@@ -139,7 +139,7 @@ fn what_had_ended_alarms_nobody_when_it_falls_silent_unless_it_could_move() {
 }
 
 #[test]
-fn who_says_from_afar_how_it_is_is_heard_and_says_nothing_of_its_sensors() {
+fn discovery_state_does_not_change_sensor_alerts() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, Some(SensorFault::Silent), Some(3), at(0));
@@ -164,7 +164,7 @@ fn who_says_from_afar_how_it_is_is_heard_and_says_nothing_of_its_sensors() {
 }
 
 #[test]
-fn silence_of_link_and_sensors_and_jumps_are_told() {
+fn silence_faults_and_jumps_raise_alerts() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, Some(SensorFault::Silent), None, at(3_000));
@@ -193,7 +193,7 @@ fn silence_of_link_and_sensors_and_jumps_are_told() {
     );
 }
 
-/// Its motors are told to go so fast, and it measures another speed, m/s.
+/// A commanded and a measured speed, m/s.
 fn drives(model: &mut ConsoleModel, told_mps: f32, speed_mps: f32, now: Monotonic) {
     let pose = Pose {
         speed_mps,
@@ -216,7 +216,7 @@ fn drives(model: &mut ConsoleModel, told_mps: f32, speed_mps: f32, now: Monotoni
 }
 
 #[test]
-fn a_vehicle_that_sticks_is_an_alert_until_it_goes_or_is_no_longer_told_to() {
+fn stuck_alert_lasts_until_motion_or_no_command() {
     for (is_boat, is, was) in [
         (
             true,
@@ -264,7 +264,7 @@ fn a_vehicle_that_sticks_is_an_alert_until_it_goes_or_is_no_longer_told_to() {
 }
 
 #[test]
-fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
+fn silent_vehicle_is_not_stuck_now() {
     let mut model = scout();
     announce_boot(&mut model, BootId([7; 16]), at(0));
     let mut alerts = Alerts::default();
@@ -275,28 +275,28 @@ fn nobody_is_said_to_be_stuck_now_who_is_not_heard() {
     let said = |alerts: &Alerts| {
         let mut all = alerts.iter();
         let stuck = all.find(|alert| alert.alarm == Alarm::Stuck).unwrap();
-        let word = stuck.text.split_whitespace().nth(2).unwrap().to_owned();
+        let word = stuck.text.split_whitespace().nth(3).unwrap().to_owned();
         (word, stuck.times, stuck.is_acknowledged)
     };
-    assert_eq!(said(&alerts), ("does".to_owned(), 1, false));
+    assert_eq!(said(&alerts), ("moving:".to_owned(), 1, false));
     alerts.acknowledge(&Alarm::Stuck);
     alerts.update(&model, AlertSource::Robot, &[], at(5_000));
-    assert!(model.is_stuck(), "by what was heard last");
-    assert_eq!(said(&alerts), ("did".to_owned(), 1, true));
+    assert!(model.is_stuck(), "by the last status");
+    assert_eq!(said(&alerts), ("not".to_owned(), 1, true));
     assert!(alerts.iter().any(|alert| alert.alarm == Alarm::LinkLost));
-    // The same goes on: nothing has begun.
+    // The condition lasts: nothing begins.
     drives(&mut model, 1.0, 0.0, at(5_100));
     let begun = alerts.update(&model, AlertSource::Robot, &[], at(5_100));
     assert_eq!(begun, []);
-    assert_eq!(said(&alerts), ("does".to_owned(), 1, true));
-    // Another run of it has told nothing of that yet.
+    assert_eq!(said(&alerts), ("moving:".to_owned(), 1, true));
+    // Another run has not reported it yet.
     announce_boot(&mut model, BootId([9; 16]), at(5_200));
     alerts.update(&model, AlertSource::Robot, &[], at(5_200));
-    assert_eq!(said(&alerts), ("did".to_owned(), 1, true));
+    assert_eq!(said(&alerts), ("not".to_owned(), 1, true));
 }
 
 #[test]
-fn who_is_driven_by_nobody_is_not_stuck_and_by_another_nobody_here_knows() {
+fn undriven_robot_is_not_stuck() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     for ms in [0, 3_000] {

@@ -1,4 +1,4 @@
-//! Which robot to show without being asked.
+//! Automatic choice of the robot to show.
 
 use std::time::Duration;
 
@@ -9,14 +9,14 @@ use crate::demo::DemoFailure;
 use crate::link::{DiscoveredRobot, FoundRobot};
 use crate::panels::robots::SearchTarget;
 
-/// Robots that are there answer within this of each other; before, one alone may be the first of several.
+/// Present robots answer within this time of each other. Before, a single one may be the first of several.
 const SETTLED_AFTER: Duration = Duration::from_millis(600);
 
-/// A robot that is not heard for so long, and answers elsewhere meanwhile, is not coming back to where it was: by then Zenoh
-/// has tried several times to.
+/// A robot that is silent for this long and answers elsewhere has moved: by then Zenoh has tried to reconnect several
+/// times.
 const GONE_AFTER: Duration = Duration::from_secs(3);
 
-/// Where the robot that is shown is by now: it was not heard there for `silent`, and has answered elsewhere since.
+/// The new address of the shown robot, which is silent for `silent` and has answered elsewhere since.
 pub(super) fn moved_to(
     shown: &FoundRobot,
     silent: Duration,
@@ -32,12 +32,11 @@ pub(super) fn moved_to(
     (silent >= GONE_AFTER).then(|| elsewhere.found.clone())
 }
 
-/// Waits for the robot to be shown.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RobotChoice {
-    /// The robot that the command line asks for.
+    /// The robot of the command line.
     named: Option<RobotId>,
-    /// Why that one is gone, where it is this program's own.
+    /// Why the simulated robot has ended.
     demo: Option<DemoFailure>,
     is_end_reported: bool,
     first_found: Option<Monotonic>,
@@ -63,13 +62,13 @@ impl RobotChoice {
         }
     }
 
-    /// Why this program's own robot is gone, once.
+    /// Why the simulated robot has ended; once.
     pub(super) fn take_end(&mut self) -> Option<String> {
         let why = self.demo.as_ref()?.message()?;
         (!std::mem::replace(&mut self.is_end_reported, true)).then_some(why)
     }
 
-    /// The robot to connect to now, if none is shown: the named one, or the only one.
+    /// The robot to connect to: the named one, or the only one.
     pub(super) fn choose<'a>(
         &mut self,
         found: &'a [FoundRobot],
@@ -84,7 +83,6 @@ impl RobotChoice {
         (is_only && now.since(first_found) >= SETTLED_AFTER).then_some(first)
     }
 
-    /// When to look again although nothing new is found.
     pub(super) fn look_again_after(&self, now: Monotonic) -> Option<Duration> {
         let since = now.since(self.first_found?);
         SETTLED_AFTER.checked_sub(since)
@@ -104,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn the_only_robot_is_chosen_once_others_had_time_to_answer() {
+    fn only_robot_is_chosen_after_others_had_time() {
         let mut choice = RobotChoice::default();
         let robots = [found("a"), found("b")];
         assert_eq!(choice.choose(&[], at(0)), None);
@@ -122,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_silent_and_answers_elsewhere_has_moved() {
+    fn silent_robot_that_answers_elsewhere_has_moved() {
         let shown = found("a");
         let discovered = |robot: &str, port: u16, seen_ms: u64| DiscoveredRobot {
             found: FoundRobot {
@@ -147,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_named_robot_is_chosen_at_once_and_no_other() {
+    fn named_robot_is_chosen_at_once() {
         let mut choice = RobotChoice::new(Some("b".parse().unwrap()), None);
         let robots = [found("a"), found("b")];
         assert_eq!(choice.choose(&robots[..1], at(5_000)), None);

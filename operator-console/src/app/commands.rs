@@ -1,33 +1,31 @@
-//! What the operator asks for is done: robots and recordings are shown, commands obeyed.
+//! Execution of the operator's commands.
 
 use std::path::Path;
 use std::time::Duration;
 
 use eframe::egui::ViewportCommand;
+use measurement::time::Monotonic;
+use protocol::keys::RobotId;
 use robot_edge::clock;
-use robot_edge::link::sessions::Endpoints;
+use robot_edge::network::sessions::Endpoints;
 use robot_edge::pacer::Rate;
-
-use crate::command::Command;
-use crate::event_log::Severity;
-use crate::link::{FleetState, FoundRobot, RobotSession};
-use crate::model::ModelSettings;
-use crate::playback::{Playback, in_words, is_recording};
-use crate::teleop_client::EStopState;
-use crate::teleop_input::InputEvent;
-use crate::teleop_session::TeleopSession;
 
 use super::export_job::ExportJob;
 use super::screenshot::{self, ScreenshotOutcome};
-use super::session_monitor::SessionMonitor;
-use super::{ConsoleApp, STORE_MB, desktop, pictures};
+use super::session_monitor::{LogNote, SessionMonitor};
+use super::{ConsoleApp, STORE_MB, desktop};
+use crate::command::Command;
+use crate::event_log::Severity;
+use crate::link::{FleetState, FoundRobot, RobotSession, SEEN_RECENTLY};
+use crate::model::{LastContact, ModelSettings, SILENT_AFTER_UNSTEADY};
+use crate::playback::{Playback, in_words, is_recording};
+use crate::teleop_client::{EStopState, TeleopClientState};
+use crate::teleop_handle::TeleopSession;
+use crate::teleop_input::InputEvent;
 
-/// What is behind a name on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SourceKind {
-    /// It may be driven.
     Robot,
-    /// It is replayed here.
     Recording,
 }
 
@@ -46,7 +44,7 @@ impl ConsoleApp {
             ..Endpoints::default()
         };
         let stop_is_underway = self.stop_is_underway(&found);
-        // A recording's maps are others whenever it is opened.
+        // The maps of a recording change each time it is opened.
         if let Some((before, session)) = &self.shown
             && !is_recording(&before.robot)
             && let Some(names) = session.model().take_site_names()
@@ -63,10 +61,10 @@ impl ConsoleApp {
         self.log.forget_robot();
         self.session_monitor = SessionMonitor::default();
         let ctx = self.ctx.clone();
-        // Any delay but none: a request for now would be two frames.
+        // With a delay of zero egui would paint two frames.
         let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
-        // What was driven is left before anything else is.
-        self.teleop_handle.take(None);
+        // Release the last robot first.
+        self.teleop_handle.set_session(None);
         let opened = RobotSession::open(settings, &endpoints, wake).map_err(anyhow::Error::from);
         let opened = opened.and_then(|mut session| {
             let teleop_session = session
@@ -88,7 +86,7 @@ impl ConsoleApp {
                 }
                 self.shown = Some((found, session));
                 self.joined = clock::now();
-                self.teleop_handle.take(teleop_session);
+                self.teleop_handle.set_session(teleop_session);
                 if stop_is_underway {
                     self.teleop_handle.apply(InputEvent::EStop);
                 }
@@ -101,7 +99,7 @@ impl ConsoleApp {
         }
     }
 
-    /// What the robot that is shown has said of itself is newer than what looking for robots has found.
+    /// Passes state and last contact of the shown robot to the list of discovered robots.
     pub(super) fn update_discovery(&self) {
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
         let Some((found, session)) = shown else {
@@ -112,13 +110,13 @@ impl ConsoleApp {
             let state = FleetState::of(status);
             self.discovery.update_state(&found.robot, state, *at);
         }
-        // After its state, which poses between two statuses would be newer than.
+        // After the state: poses between two statuses are newer than it.
         if let Some(at) = model.connection().last_message_at() {
             self.discovery.mark_seen(&found.robot, at);
         }
     }
 
-    /// Whether `found` is the robot that is shown, and an emergency stop is on its way to it: that goes on by the next link.
+    /// Whether `found` is the shown robot and has an unacknowledged emergency stop. The next link continues it.
     fn stop_is_underway(&self, found: &FoundRobot) -> bool {
         let is_same = self
             .shown
@@ -179,10 +177,10 @@ impl ConsoleApp {
                 let shown = self
                     .shown
                     .as_ref()
-                    .map(|(found, _)| pictures::name_for_files(&found.robot, recording.as_deref()));
+                    .map(|(found, _)| desktop::name_for_files(&found.robot, recording.as_deref()));
                 let is_taken =
                     |path: &Path| path.exists() || self.pictures.iter().any(|(one, _)| one == path);
-                let path = pictures::screenshot_path(shown.as_deref(), is_taken);
+                let path = desktop::screenshot_path(shown.as_deref(), is_taken);
                 let outcome = ScreenshotOutcome::default();
                 screenshot::take(&self.ctx, path.clone(), ScreenshotOutcome::clone(&outcome));
                 self.pictures.push((path, outcome));
@@ -213,7 +211,7 @@ impl ConsoleApp {
     }
 
     pub(super) fn open_recording(&mut self, path: &Path, rate: Rate) {
-        // What the command line says of a file holds whenever that is opened.
+        // The options of the command line apply whenever that file is opened.
         let setup = self.to_open.as_ref().filter(|said| said.path == path);
         let setup = setup.map(|said| said.setup.clone()).unwrap_or_default();
         match Playback::open(path, &setup, rate) {
@@ -237,6 +235,186 @@ impl ConsoleApp {
             self.shown = None;
             self.alerts.leave(clock::now());
             self.screen.forget_robot();
+        }
+    }
+}
+
+impl ConsoleApp {
+    /// Logs what ends when `next` is shown instead.
+    pub(super) fn log_session_change(&mut self, next: &FoundRobot, source_kind: SourceKind) {
+        let Some((shown, _)) = &self.shown else {
+            return;
+        };
+        let mut notes: Vec<_> = self.teleop_notes().collect();
+        if let Some(teleop_client) = self.teleop_handle.state(clock::now()) {
+            notes.extend(ended(
+                &shown.robot,
+                &teleop_client,
+                &next.robot,
+                source_kind,
+            ));
+        }
+        for (severity, kind, text) in notes {
+            self.note(severity, kind, text);
+        }
+    }
+}
+
+fn ended(
+    robot: &RobotId,
+    teleop_client: &TeleopClientState,
+    next: &RobotId,
+    source_kind: SourceKind,
+) -> Vec<LogNote> {
+    let mut notes = Vec::new();
+    let is_same = robot == next;
+    if teleop_client.lease.held().is_some() {
+        let why = match source_kind {
+            SourceKind::Robot if is_same => {
+                "it is reconnected: press Request control again".to_owned()
+            }
+            SourceKind::Robot => format!("{next} is shown"),
+            SourceKind::Recording => "a recording is shown".to_owned(),
+        };
+        let text = format!("Driving {robot} has ended: {why}");
+        notes.push((Severity::Warning, "driving", text));
+    }
+    if teleop_client.is_asking {
+        let text = format!("{robot} has not answered the last request: show it again to check");
+        notes.push((Severity::Warning, "driving", text));
+    }
+    match teleop_client.estop {
+        // The next link continues it.
+        EStopState::Sending(_) | EStopState::Unsendable(_) if !is_same => {
+            let text = format!(
+                "{robot} has not acknowledged the emergency stop, and is sent it no more: show it again and look"
+            );
+            notes.push((Severity::Alarm, "driving", text));
+        }
+        EStopState::Sending(_)
+        | EStopState::Unsendable(_)
+        | EStopState::Quiet
+        | EStopState::Refused(_) => {}
+    }
+    notes
+}
+
+/// A first link takes several round trips to open, more with QUIC and TLS.
+const FIRST_LINK: Duration = Duration::from_secs(5);
+
+impl ConsoleApp {
+    /// Last contact with a robot that is about to be shown.
+    pub(super) fn last_contact(&self, robot: &RobotId, now: Monotonic) -> Option<LastContact> {
+        let discovered_robots = self.discovery.discovered_robots();
+        let discovered = discovered_robots
+            .iter()
+            .find(|one| one.found.robot == *robot)?;
+        Some(LastContact {
+            had_ended: discovered.has_ended(),
+            ..before(discovered.seen, self.alerts.knows(robot), now)
+        })
+    }
+}
+
+/// `was_shown`: its link is known to work.
+fn before(last: Monotonic, was_shown: bool, now: Monotonic) -> LastContact {
+    let patience = if now.since(last) > SEEN_RECENTLY {
+        Duration::ZERO
+    } else if was_shown {
+        SILENT_AFTER_UNSTEADY
+    } else {
+        FIRST_LINK
+    };
+    LastContact {
+        last,
+        expected_from: now + patience,
+        had_ended: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::teleop_client::Lease;
+    use crate::test_support::idle_teleop_client;
+
+    #[test]
+    fn session_change_is_logged() {
+        let [boat, scout]: [RobotId; 2] = ["boat", "scout"].map(|name| name.parse().unwrap());
+        let actual =
+            |teleop_client: &TeleopClientState, next, source_kind| -> Vec<(Severity, String)> {
+                let notes = ended(&boat, teleop_client, next, source_kind).into_iter();
+                notes.map(|(severity, _, text)| (severity, text)).collect()
+            };
+        let mut teleop_client = idle_teleop_client();
+        assert_eq!(actual(&teleop_client, &scout, SourceKind::Robot), []);
+        teleop_client.lease = Lease::Held(3);
+        for (next, source_kind, why) in [
+            (&scout, SourceKind::Robot, "scout is shown"),
+            (
+                &boat,
+                SourceKind::Robot,
+                "it is reconnected: press Request control again",
+            ),
+            (&scout, SourceKind::Recording, "a recording is shown"),
+        ] {
+            let text = format!("Driving boat has ended: {why}");
+            assert_eq!(
+                actual(&teleop_client, next, source_kind),
+                [(Severity::Warning, text)]
+            );
+        }
+        teleop_client.lease = Lease::None;
+        teleop_client.is_asking = true;
+        let text = "boat has not answered the last request: show it again to check";
+        let note = (Severity::Warning, text.to_owned());
+        for (next, source_kind) in [(&boat, SourceKind::Robot), (&scout, SourceKind::Recording)] {
+            assert_eq!(
+                actual(&teleop_client, next, source_kind),
+                std::slice::from_ref(&note)
+            );
+        }
+        teleop_client.is_asking = false;
+        teleop_client.estop = EStopState::Sending(Duration::from_secs(1));
+        assert_eq!(
+            actual(&teleop_client, &boat, SourceKind::Robot),
+            [],
+            "the next link continues it"
+        );
+        let [(severity, text)] = &actual(&teleop_client, &scout, SourceKind::Robot)[..] else {
+            panic!();
+        };
+        assert_eq!(*severity, Severity::Alarm);
+        assert!(
+            text.starts_with("boat has not acknowledged the emergency stop"),
+            "{text}"
+        );
+    }
+}
+
+#[cfg(test)]
+mod last_contact_tests {
+    use super::*;
+    use crate::test_support::at;
+
+    #[test]
+    fn expected_contact_depends_on_last_contact() {
+        for (last_ms, was_shown, missed_from_ms) in [
+            (19_000, true, 21_500),
+            (19_000, false, 25_000),
+            (5_000, true, 21_500),
+            (4_999, true, 20_000),
+            (4_999, false, 20_000),
+        ] {
+            let expected = LastContact {
+                last: at(last_ms),
+                expected_from: at(missed_from_ms),
+                had_ended: false,
+            };
+            let actual = before(at(last_ms), was_shown, at(20_000));
+            assert_eq!(actual, expected, "{last_ms} {was_shown}");
         }
     }
 }

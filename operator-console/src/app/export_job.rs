@@ -1,4 +1,4 @@
-//! An export on its way, on a thread of its own: the window goes on, and drives.
+//! An export in a thread of its own, so that window and driving continue.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -12,30 +12,28 @@ use crate::command::ExportRequest;
 use crate::event_log::Severity;
 use crate::export::{ExportPart, Fetcher, Fetching, export_parts};
 use crate::link::ModelHandle;
-use crate::locks::lock;
+use crate::lock;
 use crate::playback::in_words;
 
-/// How far an export is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ExportProgress {
-    /// Where it goes.
     pub folder: PathBuf,
-    /// Parts that are done, of how many.
+    /// Finished parts, of how many.
     pub parts: [usize; 2],
-    /// The part that is being fetched or written.
+    /// The part that is fetched or written.
     pub current: Option<ExportPart>,
-    /// How far that is, where it is fetched from the robot.
+    /// Progress of fetching it from the robot.
     pub fetching: Option<Fetching>,
-    /// Files that are written.
+    /// Written files.
     pub files: usize,
-    /// How it ended: with what, in words.
+    /// Result in words.
     pub ended: Option<Result<String, String>>,
-    /// Why its folder could not be opened, in words.
+    /// Why the folder could not be opened.
     pub unopened: Option<String>,
 }
 
 impl ExportProgress {
-    /// How much of all is done, 0 … 1. What is being fetched counts as far as it came.
+    /// Finished share, 0 … 1, including what is being fetched.
     pub fn share(&self) -> f32 {
         let [done, all] = self.parts;
         let of_part = self.fetching.map_or(0.0, Fetching::share);
@@ -43,29 +41,26 @@ impl ExportProgress {
     }
 }
 
-/// How an export ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ExportEnd {
-    /// For the log.
     pub(super) note: LogNote,
-    /// The folder, where all is in it and the operator wants to see that.
+    /// The folder to open, if everything was written and the operator wants it.
     pub(super) folder: Option<PathBuf>,
 }
 
-/// A robot that sends no more of what is fetched is not waited for any longer.
+/// Time without data after which fetching fails.
 const PATIENCE: Duration = Duration::from_mins(1);
 
-/// An export. Dropping it leaves it.
+/// Dropping an export cancels it.
 pub(super) struct ExportJob {
     progress: Arc<Mutex<ExportProgress>>,
     is_cancelled: Arc<AtomicBool>,
     opens_folder: bool,
-    /// Whether its end was taken, whichever robot is shown by then.
     is_end_reported: bool,
 }
 
 impl ExportJob {
-    /// Begins to write what `model` holds. `wake` is called when there is something new to tell.
+    /// Starts to export what `model` holds. `wake` is called on progress.
     pub(super) fn start(
         request: ExportRequest,
         model: ModelHandle,
@@ -97,12 +92,11 @@ impl ExportJob {
         }
     }
 
-    /// How far it is.
     pub(super) fn progress(&self) -> ExportProgress {
         lock(&self.progress).clone()
     }
 
-    /// How it ended, once.
+    /// The result, once.
     pub(super) fn take_end(&mut self) -> Option<ExportEnd> {
         if self.is_end_reported {
             return None;
@@ -123,7 +117,6 @@ impl ExportJob {
         })
     }
 
-    /// A folder could not be opened: that is told of its own.
     pub(super) fn not_opened(&self, folder: &Path, why: &str) {
         let mut progress = lock(&self.progress);
         if progress.folder == folder {
@@ -131,7 +124,7 @@ impl ExportJob {
         }
     }
 
-    /// No part is begun any more.
+    /// Begins no further part.
     pub(super) fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
@@ -184,4 +177,128 @@ fn write(
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn ended(ended: Result<&str, &str>, opens_folder: bool) -> ExportJob {
+        ExportJob {
+            progress: Arc::new(Mutex::new(ExportProgress {
+                folder: PathBuf::from("maps"),
+                ended: Some(ended.map(str::to_owned).map_err(str::to_owned)),
+                ..ExportProgress::default()
+            })),
+            is_cancelled: Arc::default(),
+            opens_folder,
+            is_end_reported: false,
+        }
+    }
+
+    #[test]
+    fn export_end_is_reported_once() {
+        let mut job = ended(Ok("3 files are in maps"), true);
+        let words = lock(&job.progress).ended.take();
+        assert_eq!(job.take_end(), None);
+        lock(&job.progress).ended = words;
+        let end = ExportEnd {
+            note: (Severity::Info, "export", "3 files are in maps".to_owned()),
+            folder: Some(PathBuf::from("maps")),
+        };
+        assert_eq!(job.take_end(), Some(end));
+        assert_eq!(job.take_end(), None);
+    }
+
+    #[test]
+    fn folder_opens_only_if_wanted_and_complete() {
+        let end = ended(Ok("all"), false).take_end().unwrap();
+        assert_eq!(end.folder, None);
+        let end = ended(Err("2 files\ncost is missing"), true)
+            .take_end()
+            .unwrap();
+        assert_eq!(end.folder, None);
+        let words = "2 files; cost is missing".to_owned();
+        assert_eq!(end.note, (Severity::Warning, "export", words));
+    }
+
+    #[test]
+    fn open_failure_concerns_its_own_folder_only() {
+        let job = ended(Ok("all"), true);
+        job.not_opened(Path::new("recordings"), "no");
+        assert_eq!(job.progress().unopened, None);
+        job.not_opened(Path::new("maps"), "no");
+        assert_eq!(job.progress().unopened.as_deref(), Some("no"));
+    }
+
+    #[test]
+    fn fetching_moves_the_progress_bar() {
+        let progress = ExportProgress {
+            parts: [3, 4],
+            fetching: Some(Fetching::Poses([1, 2])),
+            ..ExportProgress::default()
+        };
+        assert_eq!(progress.share().to_bits(), 0.875_f32.to_bits());
+        assert_eq!(
+            ExportProgress::default().share().to_bits(),
+            0.0_f32.to_bits()
+        );
+    }
+
+    fn exported(
+        folder: &std::path::Path,
+        last: ExportPart,
+        is_cancelled: bool,
+    ) -> (Result<String, String>, usize) {
+        let request = ExportRequest {
+            folder: folder.to_owned(),
+            parts: [ExportPart::Trajectory, last].into(),
+            opens_folder: false,
+        };
+        let model = ModelHandle::of(crate::test_support::scout());
+        let progress = Mutex::default();
+        let ended = write(
+            &request,
+            &model,
+            &progress,
+            &AtomicBool::new(is_cancelled),
+            &|| {},
+        );
+        (ended, progress.into_inner().unwrap().files)
+    }
+
+    #[test]
+    fn failed_part_is_reported_and_others_are_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let (ended, files) = exported(dir.path(), ExportPart::Shores, false);
+        let folder = dir.path().display();
+        let expected = format!(
+            "1 file is in {folder}\n\
+             trajectory is incomplete: only what was received here: no data from the robot"
+        );
+        assert_eq!(ended, Err(expected));
+        assert_eq!(files, 1);
+
+        fs::remove_file(dir.path().join("trajectory.tum")).unwrap();
+        fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
+        let (ended, files) = exported(dir.path(), ExportPart::Shores, false);
+        let why = ended.unwrap_err();
+        assert!(
+            why.starts_with(&format!("0 files are in {folder}\ntrajectory is missing")),
+            "{why}"
+        );
+        assert_eq!(files, 0);
+
+        let (ended, _) = exported(dir.path(), ExportPart::Shores, true);
+        assert!(ended.unwrap_err().starts_with("Cancelled after 0 files"));
+    }
+
+    #[test]
+    fn an_octree_that_does_not_come_is_missing() {
+        let dir = tempfile::tempdir().unwrap();
+        let (ended, files) = exported(dir.path(), ExportPart::Voxels, false);
+        let why = ended.unwrap_err();
+        let missing = "\nvoxels is missing: no data from the robot. Export it again later";
+        assert!(why.contains(missing), "{why}");
+        assert_eq!(files, 1, "the way");
+    }
+}

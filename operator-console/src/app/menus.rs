@@ -1,33 +1,29 @@
-//! The menus of the top bar. Every entry says its keys.
+//! Menus of the top bar with their shortcuts, and the first-run page.
 
-use eframe::egui::{Button, Checkbox, Ui};
+use eframe::egui::{Align, Button, Checkbox, Layout, RichText, TextStyle, Ui};
 
+use crate::panels::command_line::with_monospace_options;
+use crate::panels::robots::RobotsData;
 use crate::settings::{Appearance, ThemeChoice};
 use crate::shortcuts::Action;
 use crate::workspace::{PanelId, Workspace};
 
-/// What the menus need to know.
 pub(super) struct MenuState<'a> {
     pub(super) workspace: &'a Workspace,
     pub(super) appearance: Appearance,
-    /// Whether a robot is shown, whose map could be exported.
     pub(super) has_robot: bool,
-    /// Why a panel is not there although it is wanted.
+    /// Why a wanted panel is not shown.
     pub(super) unavailable_reason: &'a dyn Fn(PanelId) -> Option<&'static str>,
 }
 
-/// What was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Choice {
-    /// Something that has a name.
     Act(Action),
-    /// Show a panel, or hide it.
+    /// Show or hide a panel.
     Panel(PanelId, bool),
-    /// Look like this.
     Theme(ThemeChoice),
 }
 
-/// Draws the menus.
 pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
     let mut choice = None;
     ui.menu_button("File", |ui| {
@@ -68,7 +64,7 @@ pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
     choice
 }
 
-/// A panel that is there is ticked. What nobody could see now can be neither shown nor hidden, and says why.
+/// A checkbox for a panel. A panel that cannot be shown is disabled and has a tooltip with the reason.
 fn panel_ui(ui: &mut Ui, panel: PanelId, state: &MenuState<'_>) -> Option<Choice> {
     let unavailable_reason = (state.unavailable_reason)(panel);
     let mut is_wanted = state.workspace.is_wanted(panel) && unavailable_reason.is_none();
@@ -89,4 +85,48 @@ fn entry_ui(ui: &mut Ui, action: Action, is_possible: bool, choice: &mut Option<
         *choice = Some(Choice::Act(action));
         ui.close();
     }
+}
+
+/// Draws the page that replaces the map while no robot is shown.
+pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
+    let mut asked = None;
+    let width = ui.available_width().min(520.0);
+    ui.add_space((0.25 * ui.available_height()).min(180.0));
+    ui.with_layout(Layout::top_down(Align::Center), |ui| {
+        ui.label(RichText::new(robots.heading).size(24.0));
+        let advice = robots.advice.as_deref().unwrap_or_default();
+        let ink = ui.visuals().text_color();
+        ui.label(with_monospace_options(ui, advice, &TextStyle::Body, ink));
+        if !robots.is_up_to_operator || !robots.found.is_empty() {
+            return;
+        }
+        ui.add_space(12.0);
+        ui.allocate_ui_with_layout([width, 0.0].into(), Layout::top_down(Align::Min), |ui| {
+            ui.strong("To begin");
+            for (words, action) in [
+                (
+                    "A robot on another network, or behind a router:",
+                    Action::TypeAddress,
+                ),
+                ("A recording:", Action::OpenRecording),
+            ] {
+                ui.horizontal_wrapped(|ui| {
+                    ui.label(words);
+                    let button = Button::new(action.words()).shortcut_text(action.keys());
+                    if ui.add(button).clicked() {
+                        asked = Some(action);
+                    }
+                });
+            }
+            ui.horizontal_wrapped(|ui| {
+                ui.label("No robot available: start this program as");
+                ui.label(RichText::new("operator-console --demo lake").monospace());
+            });
+            ui.horizontal_wrapped(|ui| {
+                ui.label("A simulated robot of its own:");
+                ui.label(RichText::new("robot-edge simulate rooms").monospace());
+            });
+        });
+    });
+    asked
 }

@@ -1,20 +1,15 @@
-//! The program behind the window: finds robots, shows one, does what the operator asks.
+//! The application: finds robots, shows one, executes the operator's commands.
 
 mod choice;
 mod commands;
 mod desktop;
 mod dialogs;
 mod export_job;
-mod first_run;
-mod last_contact;
 mod menus;
-mod pictures;
 mod robot_overlay;
 mod screen;
 mod screenshot;
-mod session_change;
 mod session_monitor;
-mod timeline;
 mod update;
 
 use std::collections::BTreeMap;
@@ -22,91 +17,74 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
 
-use eframe::egui::{Context, Ui, Visuals};
+use eframe::egui::{Context, Frame, Margin, Panel, Ui, Visuals};
 use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 use robot_edge::clock::{self, seconds_since_1970};
 use robot_edge::credentials::Credentials;
-use robot_edge::link::endpoints::check_console;
+use robot_edge::network::endpoints::check_console;
+use robot_edge::replay_control::ReplayState;
 
 use crate::alerts::FleetAlerts;
 use crate::command::Command;
-use crate::demo::DemoFailure;
 use crate::event_log::{EventLog, Severity};
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
 use crate::model::SavedSiteNames;
 use crate::panels::connection::LinkStatus;
 use crate::panels::robots::RobotsData;
-use crate::playback::{OpenDialog, Playback, ToOpen, drop_hint_ui, is_recording};
+use crate::panels::timeline::{TimelineData, timeline_ui};
+use crate::playback::{OpenDialog, Playback, PlaybackCommand, ToOpen, drop_hint_ui, is_recording};
 use crate::settings::{Settings, SettingsWriter};
 use crate::shortcuts::has_space_after_text;
 use crate::teleop_handle::TeleopHandle;
 use crate::teleop_input::InputEvent;
 use crate::theme;
+use crate::window::WindowSettings;
 
 use choice::RobotChoice;
 use commands::SourceKind;
 use export_job::ExportJob;
 use session_monitor::SessionMonitor;
-use timeline::playback_ui;
 
 pub use export_job::ExportProgress;
 pub use screen::{Screen, ScreenContext, ShownRobot};
 pub use screenshot::{Screenshot, ScreenshotOutcome, result_of};
 
-/// What is to be kept is looked at this often; it is written once a second at most.
+/// Period at which settings are collected; they are written once a second at most.
 const KEEP_PERIOD: Duration = Duration::from_millis(500);
+/// Refresh period of the position.
+const PLAYBACK_PERIOD: Duration = Duration::from_millis(50);
 /// Memory for tiles, megabytes: 30,000 tiles, 30 km² at 0.5 m.
 const STORE_MB: u32 = 256;
 
-/// What the app is started with.
 pub struct AppSettings {
-    /// Addresses that are asked for robots besides scouting.
-    pub connect: Vec<String>,
-    /// The robot to show.
-    pub robot: Option<RobotId>,
-    /// Why that robot is gone, where this program simulates it.
-    pub demo: Option<DemoFailure>,
-    /// Where that robot's recordings are, where that is on this machine.
-    pub recordings: Option<PathBuf>,
-    /// A Zenoh configuration to lay ours over.
-    pub zenoh_config: Option<PathBuf>,
-    /// Who the operator is, where the link is secured.
-    pub credentials: Option<Credentials>,
-    /// This run of the console: random.
+    pub window: WindowSettings,
+    /// Random number of this run.
     pub session: BootId,
-    /// A picture to take.
     pub screenshot: Option<Screenshot>,
-    /// Who drives.
-    pub identity: Identity,
-    /// What drives.
     pub teleop_handle: Rc<TeleopHandle>,
-    /// A recording to show.
-    pub open: Option<ToOpen>,
-    /// What was kept of the last run.
+    /// Settings of the last run.
     pub settings: Settings,
-    /// What keeps it for the next; none where nothing is to be kept.
+    /// `None` if settings are not saved.
     pub settings_writer: Option<SettingsWriter>,
-    /// What of the last run could not be used.
+    /// Why settings of the last run could not be used.
     pub complaint: Option<String>,
 }
 
-/// The app.
 pub struct ConsoleApp {
     ctx: Context,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
     session_id: BootId,
     discovery: Discovery,
-    /// Where robots are looked for and nowhere else, where that is so.
+    /// Addresses to search exclusively; empty if scouting.
     asked_alone: Vec<String>,
     choice: RobotChoice,
-    /// The robot whose recordings are on this machine, and their folder.
+    /// The simulated robot, and the folder of its recordings.
     recordings: Option<(FoundRobot, PathBuf)>,
     shown: Option<(FoundRobot, RobotSession)>,
-    /// When the last robot was joined.
     joined: Monotonic,
     /// Why a robot cannot be shown.
     problem: Option<String>,
@@ -125,41 +103,40 @@ pub struct ConsoleApp {
     export: Option<ExportJob>,
     /// Screenshots that are being saved.
     pictures: Vec<(PathBuf, ScreenshotOutcome)>,
-    /// What is shown instead of a robot.
     playback: Option<Playback>,
-    /// What was to be shown from the start on.
+    /// The recording of the command line.
     to_open: Option<ToOpen>,
     open_dialog: OpenDialog,
 }
 
 impl ConsoleApp {
-    /// Begins to look for robots.
     pub fn new(ctx: &Context, settings: AppSettings) -> Self {
+        let window = settings.window;
         let waking = ctx.clone();
-        // Whoever names an address wants what is there, and not what was elsewhere another day.
-        let scouts = settings.connect.is_empty();
-        let has_keys = settings.credentials.is_some();
+        // With addresses on the command line only those are searched.
+        let scouts = window.connect.is_empty();
+        let has_keys = window.credentials.is_some();
         let addresses = if scouts {
             let mut remembered = settings.settings.addresses.clone();
             remembered.retain(|address| check_console(address, has_keys).is_ok());
             remembered
         } else {
-            settings.connect
+            window.connect
         };
-        let is_told_where = !scouts && settings.demo.is_none();
+        let is_told_where = !scouts && window.demo.is_none();
         let asked_alone = if is_told_where {
             addresses.clone()
         } else {
             Vec::new()
         };
-        let demo = settings.robot.clone().zip(addresses.first().cloned());
+        let demo = window.robot.clone().zip(addresses.first().cloned());
         let demo = demo.map(|(robot, endpoint)| FoundRobot { robot, endpoint });
-        let recordings = demo.zip(settings.recordings);
+        let recordings = demo.zip(window.recordings);
         let discovery = Discovery::start(
             addresses,
             scouts,
-            settings.zenoh_config.clone(),
-            settings.credentials.clone(),
+            window.zenoh_config.clone(),
+            window.credentials.clone(),
             move || {
                 waking.request_repaint();
             },
@@ -171,19 +148,19 @@ impl ConsoleApp {
         }
         let mut app = Self {
             ctx: ctx.clone(),
-            zenoh_config: settings.zenoh_config,
-            credentials: settings.credentials,
+            zenoh_config: window.zenoh_config,
+            credentials: window.credentials,
             session_id: settings.session,
             discovery,
             asked_alone,
             recordings,
-            choice: RobotChoice::new(settings.robot, settings.demo),
+            choice: RobotChoice::new(window.robot, window.demo),
             shown: None,
             joined: Monotonic::default(),
             problem: None,
             screen: Screen::of(&settings.settings),
             screenshot: settings.screenshot,
-            identity: settings.identity,
+            identity: window.identity,
             teleop_handle: settings.teleop_handle,
             settings: settings.settings,
             settings_writer: settings.settings_writer,
@@ -195,7 +172,7 @@ impl ConsoleApp {
             export: None,
             pictures: Vec::new(),
             playback: None,
-            to_open: settings.open,
+            to_open: window.open,
             open_dialog: OpenDialog::default(),
         };
         if let Some(ToOpen { path, rate, .. }) = app.to_open.clone() {
@@ -229,7 +206,7 @@ impl eframe::App for ConsoleApp {
             self.keep();
         }
         if self.settings_writer.is_some() {
-            // What the last frame changed is looked at although nothing else happens.
+            // Collects changes of the last frame even without further events.
             ctx.request_repaint_after(3 * KEEP_PERIOD);
         }
         if let Some(screenshot) = &mut self.screenshot {
@@ -237,7 +214,7 @@ impl eframe::App for ConsoleApp {
         }
     }
 
-    /// Panels lie on this, and need not be filled again.
+    /// Panels use this background and are not filled again.
     fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
         visuals.panel_fill.to_normalized_gamma_f32()
     }
@@ -287,7 +264,7 @@ impl eframe::App for ConsoleApp {
                     recordings: self
                         .recordings
                         .as_ref()
-                        // Another computer's robot may have the same name.
+                        // A robot of another computer may have the same name.
                         .filter(|(robot, _)| robot == found)
                         .map(|(_, folder)| folder.clone()),
                 };
@@ -304,7 +281,7 @@ impl eframe::App for ConsoleApp {
                     link: &link,
                     teleop_client: teleop_client.as_ref(),
                     color: match &self.playback {
-                        // It is given no colour of its own, to be remembered.
+                        // Recordings get no colour of their own.
                         Some(_) => theme::VEHICLE,
                         None => self.settings.robots.of(&found.robot),
                     },
@@ -333,7 +310,20 @@ impl eframe::App for ConsoleApp {
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
         self.keep();
-        // Waits until it is written.
+        // Dropping it waits until the settings are written.
         self.settings_writer = None;
     }
+}
+
+fn playback_ui(ui: &mut Ui, playback: &mut Playback) -> Option<PlaybackCommand> {
+    let name = playback.file_name();
+    let status = playback.status();
+    playback.update_damage(&status);
+    let data = TimelineData::new(&name, &status, playback.failure());
+    if !matches!(status.state, ReplayState::Paused | ReplayState::Ended) || !status.is_settled {
+        ui.ctx().request_repaint_after(PLAYBACK_PERIOD);
+    }
+    let frame = Frame::new().inner_margin(Margin::symmetric(12, 6));
+    let panel = Panel::bottom("timeline").frame(frame).resizable(false);
+    panel.show(ui, |ui| timeline_ui(ui, &data)).inner
 }

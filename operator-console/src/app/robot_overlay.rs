@@ -1,4 +1,4 @@
-//! What the map shows around the vehicle, from what the robot tells.
+//! What the map shows around the vehicle.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
@@ -11,12 +11,11 @@ use crate::map_view::{LastScan, RobotOverlay, SensorField, Stopping};
 use crate::model::{self, ConsoleModel};
 use crate::playback::is_recording;
 
-/// An older sweep says nothing of now.
+/// Older scans are not shown.
 const FRESH: Duration = Duration::from_secs(2);
-/// What a sensor that turns all around may leave out: coarse ones have steps of some degrees.
+/// Allowed gap of a sensor with a full turn: coarse ones have steps of some degrees.
 const FULL_TURN_GAP_RAD: f64 = 0.1;
 
-/// Of the robot that is shown; `color`: its own, whoever else is there.
 pub(super) fn robot_overlay_data(
     model: &ConsoleModel,
     color: Color32,
@@ -28,7 +27,7 @@ pub(super) fn robot_overlay_data(
             .status()
             .and_then(|(status, _)| status.teleop.as_ref());
         let age_ms = teleop.and_then(|teleop| teleop.age_ms);
-        // Where nobody drives: as old as a command may be.
+        // Without an operator: the greatest allowed age.
         let command_age_s = f64::from(age_ms.unwrap_or(info.max_command_age_ms)) * 1e-3;
         (decel_mps2 > 0.0).then_some(Stopping {
             decel_mps2,
@@ -48,7 +47,7 @@ fn field(sensor: &SensorInfo) -> Option<SensorField> {
     let [low_rad, high_rad] = view.angles_rad.map(f64::from);
     let [x_m, y_m, _] = mount.position_m.map(f64::from);
     let field_rad = high_rad - low_rad;
-    // The last beam of a full turn is a step before the first.
+    // The last beam of a full turn is one step before the first.
     let is_full_turn = field_rad > TAU - FULL_TURN_GAP_RAD;
     Some(SensorField {
         mount_m: [x_m, y_m],
@@ -58,7 +57,7 @@ fn field(sensor: &SensorInfo) -> Option<SensorField> {
     })
 }
 
-/// The last sweeps of all sensors, as one.
+/// The last scans of all sensors as one.
 fn scan(model: &ConsoleModel, now: Monotonic) -> Option<LastScan> {
     let fresh = || {
         let all = model.scans().map(|(_, scan)| (scan, age(model, scan, now)));
@@ -72,8 +71,8 @@ fn scan(model: &ConsoleModel, now: Monotonic) -> Option<LastScan> {
     })
 }
 
-/// How old a sweep is. Where the data may stand still, in a recording or at the end, no more than its stamp is from the
-/// moment that is shown: a moment that lasts makes nothing older.
+/// Age of a scan. In a recording or at the end of the data, where time may stand still, at most the difference of its
+/// stamp to the displayed time.
 fn age(model: &ConsoleModel, scan: &model::LastScan, now: Monotonic) -> Duration {
     let here = now.since(scan.received_at);
     let may_stand = is_recording(model.robot()) || model.reports_ended();
@@ -93,7 +92,7 @@ mod tests {
 
     const SECOND_NS: i64 = 1_000_000_000;
 
-    /// Of this robot: a sweep at 58 s of its data, heard at 1 s.
+    /// A scan at 58 s of the robot's data, received at 1 s.
     fn swept(robot: &str) -> ConsoleModel {
         let mut model = console(robot, &[]);
         model.want_scan(true);
@@ -102,7 +101,7 @@ mod tests {
         model
     }
 
-    /// The vehicle is shown where it was at this time of its data.
+    /// Displays the vehicle at this time of its data.
     fn stands_at(model: &mut ConsoleModel, stamp_ns: i64, ms: u64) {
         inject_at(model, stamp_ns, Topic::Pose, &pose_at_rest(), at(ms));
     }
@@ -112,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sweep_of_a_paused_recording_stays_and_that_of_a_robot_fades() {
+    fn scan_stays_in_paused_recording_and_fades_live() {
         let [mut recording, mut robot] = ["recording-1a2b3c", "scout"].map(swept);
         for model in [&mut recording, &mut robot] {
             stands_at(model, 58 * SECOND_NS + SECOND_NS / 10, 1_050);
@@ -126,7 +125,7 @@ mod tests {
         };
         inject_at(&mut robot, 0, Topic::Status, &ended, at(61_000));
         assert_eq!(age_ms(&robot, 62_000), Some(100), "nothing follows it");
-        // Wound elsewhere, before another sweep came.
+        // After a seek, before another scan.
         stands_at(&mut recording, 20 * SECOND_NS, 61_000);
         assert_eq!(age_ms(&recording, 62_000), None);
     }

@@ -1,42 +1,48 @@
-//! What is on the screen: a bar above, and below it the panels, each drawn where the workspace has it.
-
-mod actions;
-mod contents;
+//! Layout of the window: top bar, map and panels.
 
 use std::time::Duration;
 
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Margin, MenuBar, Panel, Ui};
-use measurement::time::Monotonic;
+use measurement::time::{Monotonic, RobotDuration};
+use protocol::message::LeaseRequest;
 
 use super::dialogs::Dialogs;
 use super::export_job::ExportProgress;
 use super::menus::{Choice, MenuState, menus_ui};
 use super::robot_overlay::robot_overlay_data;
 use crate::alerts::FleetAlerts;
+use crate::app::menus::first_run_ui;
 use crate::command::{Command, Look};
 use crate::event_log::EventLog;
-use crate::map_view::{MapView, Overlay};
+use crate::map_view::{CameraMode, LayerCommand, MapView, Overlay};
 use crate::model::ConsoleModel;
 use crate::panels::addresses::AddressEntry;
+use crate::panels::alerts::{AlertsData, alerts_ui};
 use crate::panels::connection::LinkStatus;
-use crate::panels::driving::{DrivingData, DrivingEntry};
-use crate::panels::events::EventFilter;
+use crate::panels::driving::{DrivingData, DrivingEntry, LeaseButtons, driving_ui};
+use crate::panels::events::{EventFilter, EventsData, events_ui};
+use crate::panels::layers::{LayersData, layers_ui};
+use crate::panels::link::{LinkData, link_ui};
+use crate::panels::losses::{LossesData, losses_ui};
 use crate::panels::notice::{NoticeData, NoticeRoom, notice_ui};
-use crate::panels::robots::RobotsData;
+use crate::panels::recording::{RecordingData, recording_ui};
+use crate::panels::robot::{RobotData, robot_ui};
+use crate::panels::robots::{RobotsData, robots_ui};
+use crate::panels::sensors::{SensorsData, sensors_ui};
+use crate::panels::shores::{ShoresData, shores_ui};
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
-use crate::settings::{Appearance, Settings};
-use crate::shortcuts::{Action, KeyContext, Pressed, TypeAhead, pressed};
-use crate::teleop_client::TeleopClientState;
+use crate::playback::PlaybackCommand;
+use crate::settings::{Appearance, Settings, ThemeChoice};
+use crate::shortcuts::{Action, Edge, KeyContext, Pressed, TypeAhead, pressed};
+use crate::teleop_client::{Intent, TeleopClientState};
 use crate::workspace::{PanelId, Workspace, is_tight};
 
-use contents::Panels;
-
-/// Ages of commands are looked at while somebody drives.
+/// Refresh period of command ages while an operator drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
-/// Ages on the screen are at most this much behind. What comes once a second anyway comes before.
+/// Refresh period of ages.
 const AGES_PERIOD: Duration = Duration::from_millis(1200);
 
-/// What the screen remembers between frames.
+/// State between frames.
 #[derive(Default)]
 pub struct Screen {
     map_view: MapView,
@@ -46,39 +52,32 @@ pub struct Screen {
     driving: DrivingEntry,
     filter: EventFilter,
     dialogs: Dialogs,
-    /// Whether text was typed when the last frame ended.
+    /// Whether a text field had the keyboard at the end of the last frame.
     was_typing: bool,
-    /// While somebody drove when the last frame was drawn, whether the window was too narrow, and too low, for all panels.
+    /// While driving, whether the window was too narrow and too low for all panels in the last frame.
     is_tight: Option<[bool; 2]>,
     type_ahead: TypeAhead,
 }
 
-/// What is shown of one robot.
 pub struct ShownRobot<'a> {
-    /// The robot.
     pub model: &'a mut ConsoleModel,
-    /// Its link.
     pub link: &'a LinkStatus,
-    /// Its helm, where there is one.
+    /// `None` if the robot is not driven from here.
     pub teleop_client: Option<&'a TeleopClientState>,
-    /// Its own colour.
     pub color: Color32,
 }
 
-/// What is shown whether there is a robot or not.
+/// What is shown with or without a robot.
 #[derive(Clone, Copy)]
 pub struct ScreenContext<'a> {
-    /// Who is on the network.
     pub robots: &'a RobotsData,
-    /// What happened.
     pub log: &'a EventLog,
-    /// What wants attention.
     pub alerts: &'a FleetAlerts,
-    /// The export that is under way, or the last one.
+    /// The present or last export.
     pub export: Option<&'a ExportProgress>,
 }
 
-/// What panels draw from.
+/// Input of the panels.
 #[derive(Clone, Copy)]
 struct Scene<'a> {
     context: ScreenContext<'a>,
@@ -89,7 +88,6 @@ struct Scene<'a> {
 }
 
 impl Screen {
-    /// A screen as it was left.
     pub fn of(settings: &Settings) -> Self {
         let mut map_view = MapView::default();
         if let Some(look) = settings.map.clone() {
@@ -107,7 +105,7 @@ impl Screen {
         }
     }
 
-    /// Writes what is to be kept into `settings`.
+    /// Writes layout and view into `settings`.
     pub fn keep(&self, settings: &mut Settings) {
         settings.layout = Some(self.workspace.layout());
         settings.appearance = self.appearance;
@@ -115,44 +113,36 @@ impl Screen {
         self.dialogs.keep(settings);
     }
 
-    /// Another robot is shown, or none: what was typed and chosen for the one before is not meant for it.
+    /// Clears what was typed and chosen for the last robot.
     pub fn forget_robot(&mut self) {
         self.map_view.forget();
         self.driving = DrivingEntry::default();
         self.dialogs.close_export();
     }
 
-    /// How everything looks.
     pub const fn appearance(&self) -> Appearance {
         self.appearance
     }
 
-    /// The map view.
     pub const fn map_view(&self) -> &MapView {
         &self.map_view
     }
 
-    /// The map view, to move it.
     pub const fn map_view_mut(&mut self) -> &mut MapView {
         &mut self.map_view
     }
 
-    /// The panels and where they are.
-    pub const fn workspace_mut(&mut self) -> &mut Workspace {
-        &mut self.workspace
-    }
-
-    /// Begins a frame, before anything of it is drawn.
+    /// Must be called before anything of the frame is drawn.
     pub fn begin_frame(&mut self, ctx: &Context) {
         self.type_ahead.begin_frame(ctx);
     }
 
-    /// Whether text is typed, or is about to be.
+    /// Whether a text field has the keyboard or is about to get it.
     pub fn is_typing(&self, ctx: &Context) -> bool {
         self.type_ahead.is_waiting() || ctx.text_edit_focused()
     }
 
-    /// Draws everything; what the operator asks for.
+    /// Draws the window and returns the operator's commands.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -160,7 +150,7 @@ impl Screen {
         mut robot: Option<ShownRobot<'_>>,
         now: Monotonic,
     ) -> Vec<Command> {
-        // A recording is none of those on the network, and a robot alone need not be told from others.
+        // A recording is not a robot of the network, and a single robot needs no colour.
         let found = context.robots.found.len();
         let color = robot.as_ref().and_then(|robot| {
             let is_alone = found < 2 || robot.link.recording.is_some();
@@ -234,7 +224,7 @@ impl Screen {
         });
         let (on_map, draws_shores) = shown.inner;
         if !draws_shores && self.map_view.hovered().is_some() {
-            // The list went away from under the hand.
+            // The hovered list has disappeared.
             commands.push(Command::Look(Look::Hover(None)));
         }
         if let Some(news) = NoticeData::new(context.log, now) {
@@ -288,7 +278,7 @@ impl Screen {
                         None => {}
                     }
                     ui.separator();
-                    // From the right first: what is in the middle gives way.
+                    // From the right: the middle gets the remaining space.
                     let asked =
                         right_bar_ui(ui, bar, scene.context.alerts.unacknowledged(), |ui| {
                             if let Some(bar) = bar {
@@ -301,6 +291,279 @@ impl Screen {
                     }
                 });
             });
+    }
+}
+
+/// An arrow key moves the map by this share of the view.
+const PAN_SHARE: f32 = 0.1;
+
+impl Screen {
+    /// Executes what concerns the screen alone and returns the remaining command.
+    fn act(&mut self, ctx: &Context, action: Action, scene: Scene<'_>) -> Option<Command> {
+        match action {
+            Action::Layer(layer) => {
+                let info = scene.robot.and_then(|(model, _)| model.info());
+                let is_offered =
+                    info.is_some_and(|info| info.layers.iter().any(|one| one.layer == layer));
+                let is_shown = self.map_view.stack().get(layer).is_shown;
+                let command = LayerCommand::Show(layer, !is_shown);
+                return is_offered.then_some(Command::Layer(command));
+            }
+            Action::WholeMap => return Some(Command::Look(Look::Whole)),
+            Action::Follow => {
+                let is_following = self.map_view.camera_mode() == CameraMode::FollowVehicle;
+                return Some(Command::Look(Look::Follow(!is_following)));
+            }
+            Action::Turn => {
+                let orientation = self.map_view.settings().orientation.other();
+                return Some(Command::Look(Look::Up(orientation)));
+            }
+            Action::Grid => return Some(self.toggled(Overlay::Grid)),
+            Action::Legend => return Some(self.toggled(Overlay::Legend)),
+            Action::Measure => {
+                let is_measuring = self.map_view.ruler().is_some();
+                return Some(Command::Look(Look::Measure(!is_measuring)));
+            }
+            Action::Point => return Some(Command::Look(Look::Point)),
+            Action::UndoPoint => return Some(Command::Look(Look::UndoPoint)),
+            Action::ZoomIn => return Some(Command::Look(Look::In)),
+            Action::ZoomOut => return Some(Command::Look(Look::Out)),
+            Action::Pan(edge) => {
+                return Some(Command::Look(Look::Beside(match edge {
+                    Edge::Top => [0.0, -PAN_SHARE],
+                    Edge::Left => [-PAN_SHARE, 0.0],
+                    Edge::Bottom => [0.0, PAN_SHARE],
+                    Edge::Right => [PAN_SHARE, 0.0],
+                })));
+            }
+            Action::Robot(number) => {
+                let robots = scene.context.robots;
+                let found = robots.numbered(number)?;
+                let is_shown = robots.current.as_ref() == Some(&found.robot);
+                return (!is_shown).then(|| Command::Connect(found.clone()));
+            }
+            Action::Lease => {
+                let request = match scene.driving?.lease {
+                    LeaseButtons::Quiet => return None,
+                    // The driving panel shows why nothing is requested.
+                    LeaseButtons::Free | LeaseButtons::HeldByOther | LeaseButtons::ReadOnly => {
+                        LeaseRequest::Request
+                    }
+                    LeaseButtons::Waiting | LeaseButtons::Held => LeaseRequest::Release,
+                };
+                return Some(Command::Drive(Intent::Lease(request)));
+            }
+            Action::AcknowledgeAll => return Some(Command::AcknowledgeAll),
+            Action::Screenshot => return Some(Command::Screenshot),
+            Action::Quit => return Some(Command::Quit),
+            Action::PlayOrPause => return Some(Command::Playback(PlaybackCommand::PlayOrPause)),
+            Action::StepBack => return Some(stepped(-1)),
+            Action::StepForward => return Some(stepped(1)),
+            Action::JumpBack => return Some(stepped(-10)),
+            Action::JumpForward => return Some(stepped(10)),
+            Action::Slower => return Some(Command::Playback(PlaybackCommand::Slower)),
+            Action::Faster => return Some(Command::Playback(PlaybackCommand::Faster)),
+            Action::Loop => return Some(Command::Playback(PlaybackCommand::ToggleLooping)),
+            Action::TypeAddress => {
+                self.workspace.set_wanted(PanelId::Robots, true);
+                self.address.focus();
+            }
+            Action::Export => {
+                if let Some((model, link)) = scene.robot {
+                    let last = scene.context.export;
+                    self.dialogs
+                        .show_export(model, link.recording.as_deref(), last);
+                }
+            }
+            Action::OpenRecording => return Some(Command::AskForRecording),
+            Action::NextPanel => self.workspace.cycle_focus(true),
+            Action::PreviousPanel => self.workspace.cycle_focus(false),
+            Action::ResetLayout => self.workspace.reset(),
+            Action::ToggleTheme => {
+                self.appearance.theme = ThemeChoice::other_than(ctx.theme());
+                self.appearance.apply(ctx);
+            }
+            Action::ScaleUp | Action::ScaleDown => {
+                self.appearance = self.appearance.scaled(action == Action::ScaleUp);
+                self.appearance.apply(ctx);
+            }
+            Action::ScaleReset => {
+                self.appearance.scale_percent = Appearance::default().scale_percent;
+                self.appearance.apply(ctx);
+            }
+            Action::ShortcutSheet => self.dialogs.sheet.toggle(),
+            Action::About => self.dialogs.show_about(),
+            Action::CloseDialog => {
+                if !self.dialogs.close_one() {
+                    self.map_view.escape();
+                }
+            }
+        }
+        ctx.request_repaint();
+        None
+    }
+
+    /// The command to toggle an overlay.
+    fn toggled(&self, overlay: Overlay) -> Command {
+        let is_drawn = self.map_view.settings().has(overlay);
+        Command::Look(Look::Draw(overlay, !is_drawn))
+    }
+}
+
+const fn stepped(by_s: i64) -> Command {
+    Command::Playback(PlaybackCommand::Step(RobotDuration::from_millis(
+        1000 * by_s,
+    )))
+}
+
+/// Whether a panel fits while an operator drives in a narrow or low window.
+const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
+    match panel {
+        PanelId::Map | PanelId::Driving => true,
+        PanelId::Robots | PanelId::Robot | PanelId::Layers | PanelId::Shores => !is_narrow,
+        PanelId::Link
+        | PanelId::Sensors
+        | PanelId::Recording
+        | PanelId::Events
+        | PanelId::Alerts
+        | PanelId::Losses => !is_narrow && !is_low,
+    }
+}
+
+const NO_ROOM: &str = "Hidden in a small window while you drive";
+
+impl Scene<'_> {
+    /// Why a wanted panel is not shown. `is_tight`: while driving, whether the window is narrow and whether it is low.
+    fn unavailable_reason(
+        &self,
+        panel: PanelId,
+        is_tight: Option<[bool; 2]>,
+    ) -> Option<&'static str> {
+        let has_room = is_tight.is_none_or(|is_tight| fits(panel, is_tight));
+        self.lacks(panel).or((!has_room).then_some(NO_ROOM))
+    }
+
+    /// Why a panel has no content.
+    fn lacks(&self, panel: PanelId) -> Option<&'static str> {
+        const NO_DATA: &str = "No data about it yet";
+        let Some((model, link)) = self.robot else {
+            return panel.needs_a_robot().then_some("No robot is shown");
+        };
+        match panel {
+            PanelId::Map
+            | PanelId::Robots
+            | PanelId::Robot
+            | PanelId::Layers
+            | PanelId::Link
+            | PanelId::Events
+            | PanelId::Alerts
+            | PanelId::Losses => None,
+            PanelId::Shores if model.has_shores() => None,
+            PanelId::Shores if model.info().is_none() => Some(NO_DATA),
+            PanelId::Shores if link.recording.is_some() => {
+                Some("This recording is mapped without shores")
+            }
+            PanelId::Shores => Some("This robot maps no shores"),
+            PanelId::Driving if self.driving.is_some() => None,
+            PanelId::Driving if link.recording.is_some() => Some("A recording cannot be driven"),
+            PanelId::Driving if model.status().is_none() => Some(NO_DATA),
+            PanelId::Driving => Some("This robot cannot be driven from here"),
+            PanelId::Sensors | PanelId::Recording => model.status().is_none().then_some(NO_DATA),
+        }
+    }
+}
+
+/// State of the panels between frames.
+struct Panels<'a> {
+    map_view: &'a mut MapView,
+    address: &'a mut AddressEntry,
+    driving: &'a mut DrivingEntry,
+    filter: &'a mut EventFilter,
+    /// Free area for notices on the map.
+    notice_room: Option<NoticeRoom>,
+    /// Whether the shore lists are visible.
+    draws_shores: bool,
+}
+
+impl Panels<'_> {
+    fn draw(
+        &mut self,
+        ui: &mut Ui,
+        panel: PanelId,
+        scene: Scene<'_>,
+        actions: &mut Vec<Action>,
+        commands: &mut Vec<Command>,
+    ) {
+        let Scene {
+            context,
+            robot,
+            driving,
+            teleop_client,
+            now,
+        } = scene;
+        match panel {
+            PanelId::Robots => {
+                commands.extend(robots_ui(ui, context.robots, self.address));
+                return;
+            }
+            PanelId::Events => {
+                events_ui(ui, &EventsData::new(context.log, self.filter), self.filter);
+                return;
+            }
+            PanelId::Alerts => {
+                commands.extend(alerts_ui(ui, &AlertsData::new(context.alerts, now)));
+                return;
+            }
+            PanelId::Map
+            | PanelId::Robot
+            | PanelId::Layers
+            | PanelId::Shores
+            | PanelId::Driving
+            | PanelId::Link
+            | PanelId::Sensors
+            | PanelId::Recording
+            | PanelId::Losses => {}
+        }
+        let Some((model, link)) = robot else {
+            if panel == PanelId::Map {
+                actions.extend(first_run_ui(ui, context.robots));
+            }
+            return;
+        };
+        match panel {
+            PanelId::Map => commands.extend(self.map_ui(ui, model, now)),
+            PanelId::Robot => robot_ui(ui, &RobotData::new(model, now)),
+            PanelId::Layers => {
+                let layers = LayersData::new(model, link, self.map_view, now);
+                commands.extend(layers_ui(ui, &layers).map(Command::Layer));
+            }
+            PanelId::Shores => {
+                self.draws_shores = true;
+                if let Some(shores) = ShoresData::new(model, self.map_view) {
+                    commands.extend(shores_ui(ui, &shores).map(Command::Look));
+                }
+            }
+            PanelId::Driving => {
+                if let Some(data) = driving {
+                    commands.extend(driving_ui(ui, data, self.driving));
+                }
+            }
+            PanelId::Link => link_ui(ui, &LinkData::new(model, link, now)),
+            PanelId::Sensors => sensors_ui(ui, &SensorsData::new(model, now)),
+            PanelId::Recording => {
+                let data =
+                    RecordingData::new(model, teleop_client, link.recordings.as_deref(), now);
+                commands.extend(recording_ui(ui, &data));
+            }
+            PanelId::Losses => losses_ui(ui, &LossesData::new(model)),
+            PanelId::Robots | PanelId::Events | PanelId::Alerts => {}
+        }
+    }
+
+    fn map_ui(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Command> {
+        let look = self.map_view.show(ui, model, now);
+        self.notice_room = self.map_view.notice_room();
+        look.map(Command::Look)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A picture of the window, taken once.
+//! Screenshots of the window.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -12,15 +12,15 @@ use eframe::egui::{ColorImage, Context, ScreenshotCallback, ViewportCommand};
 use measurement::time::Monotonic;
 use robot_edge::clock;
 
-use crate::locks::lock;
+use crate::lock;
 
-/// A window that does not give its picture in this time never will.
+/// A window that has not delivered an image by then never will.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// What came of it; `None` while nothing has.
+/// `None` until the screenshot is taken.
 pub type ScreenshotOutcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
 
-/// Takes the picture when its time has come, and closes the window.
+/// Takes one screenshot at a given time and closes the window.
 pub struct Screenshot {
     path: PathBuf,
     due: Monotonic,
@@ -30,7 +30,6 @@ pub struct Screenshot {
 }
 
 impl Screenshot {
-    /// A picture of the window `after` this long, to `path`.
     pub fn new(path: PathBuf, after: Duration, outcome: ScreenshotOutcome) -> Self {
         Self {
             path,
@@ -41,7 +40,7 @@ impl Screenshot {
         }
     }
 
-    /// To be called every frame.
+    /// Must be called every frame.
     pub(super) fn step(&mut self, ctx: &Context, now: Monotonic) {
         self.frames += 1;
         if let Some(asked) = self.asked {
@@ -75,10 +74,10 @@ fn settled(outcome: &ScreenshotOutcome) -> bool {
     lock(outcome).is_some()
 }
 
-/// What came of the picture once the window is gone.
+/// The result after the window is closed.
 ///
 /// # Errors
-/// Where there is none.
+/// If there is no image.
 pub fn result_of(outcome: &ScreenshotOutcome) -> anyhow::Result<()> {
     lock(outcome).take().unwrap_or_else(|| {
         Err(anyhow!(
@@ -87,8 +86,8 @@ pub fn result_of(outcome: &ScreenshotOutcome) -> anyhow::Result<()> {
     })
 }
 
-/// Takes a picture of the window for the operator, and saves it from a thread of its own: encoding takes longer than the
-/// helm may wait. What is at `path` already stays as it is.
+/// Takes a screenshot for the operator and saves it in another thread: encoding would delay the teleop client. Existing
+/// files are not replaced.
 pub(super) fn take(ctx: &Context, path: PathBuf, outcome: ScreenshotOutcome) {
     let callback = ScreenshotCallback::new(move |image| {
         thread::spawn(move || {
@@ -128,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_is_saved_or_the_reason_said() {
+    fn screenshot_is_saved_or_fails_with_reason() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("window.png");
         let mut image = ColorImage::filled([3, 2], Color32::BLUE);
@@ -141,7 +140,7 @@ mod tests {
         assert_eq!((reader.info().width, reader.info().height), (3, 2));
         assert_eq!(rgb[9..18], [0, 0, 255, 255, 0, 0, 0, 0, 255]);
 
-        // It cannot be written to.
+        // A read-only file.
         let file = File::open(&path).unwrap();
         assert!(save(file, &image).is_err());
         let outcome = ScreenshotOutcome::default();

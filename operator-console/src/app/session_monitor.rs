@@ -1,5 +1,5 @@
-//! What this console notices by itself, once each: the link comes, goes and takes another way; the robot has restarted;
-//! its data has ended; the collision monitor holds it.
+//! Notices from the console's own observation, once each: link lost, restored or on another path; robot restarted; data
+//! ended; vehicle held by the collision monitor.
 
 use std::time::Duration;
 
@@ -13,31 +13,28 @@ use crate::model::{ConsoleModel, LinkState};
 use crate::panels::driving::is_stopped_by_monitor;
 use crate::panels::formatting::age;
 
-/// How things were at the last look.
+/// State at the last update.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SessionMonitor {
     link: Option<LinkState>,
-    /// When it was seen that the robot is silent, and for how long it was by then.
+    /// When silence was detected, and how long it lasted by then.
     lost: Option<(Monotonic, Duration)>,
-    /// Which run of the robot was heard.
     run: Option<BootId>,
     transport: Option<Transport>,
     has_ended: bool,
-    /// Since when the collision monitor makes it stand that is told to go, and whether that was noted.
+    /// Since when the collision monitor stops a driven vehicle, and whether that was logged.
     held: Option<(Monotonic, bool)>,
 }
 
-/// What the guard holds for less is not noted: it looks again with every scan.
+/// Shorter stops are not logged: the collision monitor decides again with every scan.
 const HELD_FOR: Duration = Duration::from_secs(1);
 
-/// What a restart of the robot means.
 const MAP_RESTARTS: &str = "its map is received again";
 
-/// Something to note: how much it matters, its kind, and what it is.
+/// Severity, kind and text.
 pub(super) type LogNote = (Severity, &'static str, String);
 
 impl SessionMonitor {
-    /// Looks at the link.
     pub(super) fn update(
         &mut self,
         model: &ConsoleModel,
@@ -102,7 +99,7 @@ impl SessionMonitor {
         notes
     }
 
-    /// Whether the collision monitor has made the vehicle stand for a while, by what it tells, and that was not noted yet.
+    /// Whether the collision monitor has stopped the vehicle for a while and that was not logged yet.
     fn is_newly_held(&mut self, model: &ConsoleModel, is_heard: bool) -> bool {
         let is_held = |status: &Status| status.teleop.as_ref().is_some_and(is_stopped_by_monitor);
         let latest = model.status().filter(|_| is_heard);
@@ -116,7 +113,6 @@ impl SessionMonitor {
         is_anew
     }
 
-    /// Whether another run of the robot is heard than at the last look.
     fn has_restarted(&mut self, run: Option<BootId>) -> bool {
         let Some(run) = run else {
             return false;
@@ -149,7 +145,7 @@ mod tests {
     use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
 
     #[test]
-    fn the_link_is_noted_when_it_changes_and_not_else() {
+    fn link_changes_are_logged_once() {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
         let mut update = |model: &ConsoleModel, transport, ms| -> Vec<String> {
@@ -175,10 +171,10 @@ mod tests {
     }
 
     #[test]
-    fn a_restart_of_the_robot_is_noted_with_the_silence_or_alone() {
+    fn robot_restart_is_logged_once() {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
-        // At these times, the run that is heard there, or none.
+        // The run that is received at these times.
         let mut update = |ms, run: Option<u8>| -> Vec<String> {
             if let Some(run) = run {
                 announce_boot(&mut model, BootId([run; 16]), at(ms));
@@ -196,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_is_noted_and_the_silence_after_it_is_no_warning() {
+    fn silence_after_end_of_data_is_no_warning() {
         for can_be_driven in [false, true] {
             let mut model = scout();
             let mut monitor = SessionMonitor::default();
@@ -217,7 +213,7 @@ mod tests {
         }
     }
 
-    /// The guard lets a vehicle that is to go do so, m/s.
+    /// The collision monitor permits the requested motion, m/s.
     fn is_let(model: &mut ConsoleModel, told_mps: f32, ms: u64) {
         let mut teleop = idle_teleop_status();
         teleop.state = TeleopState::Driving;
@@ -237,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_guard_holds_back_for_a_while_is_noted_once() {
+    fn held_vehicle_is_logged_once() {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
         let mut held = Vec::new();
@@ -263,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_said_to_be_held_who_is_not_heard() {
+    fn silent_vehicle_is_not_logged_as_held() {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
         let mut held = Vec::new();
@@ -271,7 +267,7 @@ mod tests {
         for ms in [0, 300, 1_100, 5_000] {
             held.extend(of_guard(monitor.update(&model, None, at(ms))));
         }
-        // What was so before nothing was heard counts no more.
+        // State from before the silence does not count.
         is_let(&mut model, 0.0, 5_100);
         for ms in [5_100, 5_300] {
             held.extend(of_guard(monitor.update(&model, None, at(ms))));

@@ -1,15 +1,15 @@
-//! What goes on beside the frames: happenings are noted, alerts raised, settings kept.
+//! Periodic work beside the frames: log, alerts, settings, list of robots.
 
 use eframe::egui::Context;
 use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use robot_edge::clock::{self, seconds_since_1970};
-use robot_edge::link::endpoints::check_console;
+use robot_edge::network::endpoints::check_console;
 
 use crate::alerts::AlertSource;
 use crate::event_log::Severity;
 use crate::link::FoundRobot;
-use crate::locks::lock;
+use crate::lock;
 use crate::model::LinkState;
 use crate::panels::address_list::{ListedAddress, listed};
 use crate::panels::driving::labels;
@@ -27,7 +27,7 @@ impl ConsoleApp {
         self.log.note(severity, kind, text, now, unix_s);
     }
 
-    /// Looks at what is to be noted: robot, link, exports, pictures, settings.
+    /// Logs news of robot, link, exports, screenshots and settings.
     pub(super) fn poll_background_state(&mut self, now: Monotonic) {
         let mut notes = Vec::new();
         if let Some((_, session)) = &self.shown {
@@ -46,7 +46,7 @@ impl ConsoleApp {
             for (_alarm, text) in begun.into_iter().flatten() {
                 notes.push((Severity::Alarm, "alert", format!("{name}: {text}")));
             }
-            // The link to a recording leaves this program as little as the recording does.
+            // The link to a recording is internal.
             if self.playback.is_none() {
                 notes.extend(
                     self.session_monitor
@@ -114,7 +114,7 @@ impl ConsoleApp {
         }
     }
 
-    /// What did not succeed at the helm: the rest, and who drives, the robot tells everybody.
+    /// Failures of the teleop client. The robot reports everything else as events.
     pub(super) fn teleop_notes(&self) -> impl Iterator<Item = LogNote> + use<> {
         let notes = self.teleop_handle.take_notifications().into_iter();
         notes.filter_map(|note| {
@@ -123,7 +123,7 @@ impl ConsoleApp {
         })
     }
 
-    /// Puts what is to be kept where it is written.
+    /// Passes the settings to their writer.
     pub(super) fn keep(&mut self) {
         let Some(settings_writer) = &mut self.settings_writer else {
             return;
@@ -135,7 +135,7 @@ impl ConsoleApp {
         settings_writer.save(self.settings.clone());
     }
 
-    /// Where the robot that is shown answers by now, where it is heard there no more.
+    /// The present address of the shown robot, if it is silent here and answers there.
     pub(super) fn moved(&self, now: Monotonic) -> Option<FoundRobot> {
         let (shown, session) = self.shown.as_ref().filter(|_| self.playback.is_none())?;
         let model = session.model();
@@ -143,13 +143,13 @@ impl ConsoleApp {
         if link.state(now) == LinkState::Live {
             return None;
         }
-        // It may have been silent for long before it was joined: the link has its time all the same.
+        // A new link needs time even if the robot was silent long before.
         let joined = now.since(self.joined);
         let silent = link.age(now).map_or(joined, |age| age.min(joined));
         moved_to(shown, silent, &self.discovery.discovered_robots(), now)
     }
 
-    /// The addresses that are remembered and could be asked in this run, and those that the command line names.
+    /// Saved addresses that can be searched in this run, and those of the command line.
     pub(super) fn listed_addresses(&self) -> Vec<ListedAddress> {
         let has_keys = self.credentials.is_some();
         let remembered = self.settings.addresses.iter();
@@ -162,7 +162,7 @@ impl ConsoleApp {
         )
     }
 
-    /// The robots that were seen, with their colours and alerts.
+    /// Discovered robots with their colours and alerts.
     pub(super) fn seen(&mut self) -> Vec<RobotEntry> {
         self.update_discovery();
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
@@ -188,7 +188,7 @@ impl ConsoleApp {
     }
 }
 
-/// Where the window is, in points of the system; `None` where the system does not tell.
+/// Position of the window in the system's points; `None` if unknown.
 fn window_place(ctx: &Context) -> Option<WindowPlace> {
     let scale = ctx.zoom_factor();
     let place = ctx.input(|input| {

@@ -1,4 +1,4 @@
-//! What a part of an export needs of the robot first: layers that were hidden, the whole way, the octree.
+//! Fetches what a part of an export needs from the robot: hidden layers, the complete trajectory, the octree.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -15,29 +15,27 @@ use super::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
 use crate::model::{ConsoleModel, LinkState, TrajectoryProgress, VoxelsProgress};
 
-/// Between two looks at what is being fetched.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
-/// Longer than a link stalls that comes back.
+/// Longer than interruptions of a working link.
 const SILENCE: Duration = Duration::from_secs(10);
 
-/// Ten times as long as a robot with a pose says nothing of it.
+/// Ten times the period of poses.
 const POSE_WAIT: Duration = Duration::from_millis(500);
 
-/// How far fetching a part is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fetching {
-    /// It is asked for, or being made.
+    /// Requested, or the robot still makes it.
     Requested,
-    /// So many tiles of a layer are known to be missing.
+    /// Known missing tiles of a layer.
     Tiles(usize),
-    /// Poses that came, of how many.
+    /// Poses that arrived, of how many.
     Poses([u64; 2]),
-    /// Bytes of a file that came, of how many.
+    /// Bytes that arrived, of how many.
     Voxels(VoxelFile, [u64; 2]),
 }
 
 impl Fetching {
-    /// How much of the part is here, 0 … 1.
+    /// Fetched share, 0 … 1.
     pub fn share(self) -> f32 {
         let share = |[came, of]: [u64; 2]| came as f32 / of.max(1) as f32;
         match self {
@@ -48,7 +46,7 @@ impl Fetching {
         }
     }
 
-    /// Rises with what came.
+    /// Rises with fetched data.
     const fn progress(self) -> (u8, u64) {
         match self {
             Self::Requested => (0, 0),
@@ -73,17 +71,17 @@ impl fmt::Display for Fetching {
     }
 }
 
-/// Fetches the parts of one export, each just before it is written. Dropping it gives back what the model keeps for that.
+/// Fetches the parts of one export, each just before it is written. Dropping it frees the fetched data in the model.
 pub struct Fetcher<'a> {
     model: &'a ModelHandle,
     patience: Duration,
 }
 
 impl<'a> Fetcher<'a> {
-    /// An export of these parts begins. The octree is asked for now: the robot makes it for seconds, and meanwhile the other
-    /// parts are fetched and written.
+    /// Starts an export of these parts. The octree is requested at once: the robot needs seconds to make it, during
+    /// which other parts are fetched and written.
     ///
-    /// A robot that sends no more of a part is waited for no longer than `patience`.
+    /// Fetching fails after `patience` without progress.
     pub fn begin(
         model: &'a ModelHandle,
         parts: impl IntoIterator<Item = ExportPart>,
@@ -95,10 +93,10 @@ impl<'a> Fetcher<'a> {
         Self { model, patience }
     }
 
-    /// Fetches what `part`, which is one of those, needs, and takes it. A robot that has said nothing for ten seconds is not
-    /// waited for. `watch` hears how far it is, and may break it off.
+    /// Fetches one part and takes it. Fetching ends after ten seconds of silence of the robot. `watch` receives the
+    /// progress and may cancel.
     ///
-    /// What cannot be fetched is taken as it is known here, and says so; of the octree nothing is.
+    /// An incomplete part is taken as it is and marked; an incomplete octree is not taken.
     pub fn fetch(
         &self,
         part: ExportPart,
@@ -108,7 +106,7 @@ impl<'a> Fetcher<'a> {
         want(&mut self.model.lock(), part);
         let (mut most, mut since) = (None, began);
         loop {
-            // The model is free while this waits.
+            // The model is unlocked while this waits.
             let mut guard = self.model.lock();
             let now = clock::now();
             let age = guard.connection().age(now);
@@ -120,7 +118,7 @@ impl<'a> Fetcher<'a> {
                 }
                 Ok(Some(fetching)) => {
                     drop(guard);
-                    // What is begun anew again and again is no progress.
+                    // Repeated restarts are no progress.
                     if most < Some(fetching.progress()) {
                         most = Some(fetching.progress());
                         since = now;
@@ -146,7 +144,7 @@ impl<'a> Fetcher<'a> {
                     Ok(snapshot.lacking(format!("only what was received here: {why}")))
                 }
                 (Err(why), ExportPart::Layer(_) | ExportPart::Shores) => {
-                    Ok(snapshot.lacking(format!("as far as it came, since {why}")))
+                    Ok(snapshot.lacking(format!("fetching ended: {why}")))
                 }
             });
         }
@@ -155,12 +153,12 @@ impl<'a> Fetcher<'a> {
 
 impl Drop for Fetcher<'_> {
     fn drop(&mut self) {
-        // The export may have been left before it came to it.
+        // The export may have been cancelled earlier.
         self.model.lock().drop_voxels();
     }
 }
 
-/// Begins to fetch a part whose turn it is. The octree is on its way since the export began.
+/// Starts to fetch a part. The octree was requested at the start.
 fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
         ExportPart::Layer(layer) if part.is_in(model) => model.want_for_export([layer].into()),
@@ -169,7 +167,7 @@ fn want(model: &mut ConsoleModel, part: ExportPart) {
     }
 }
 
-/// The snapshot has it.
+/// Frees the data that the snapshot contains.
 fn release(model: &mut ConsoleModel, part: ExportPart) {
     match part {
         ExportPart::Layer(_) => model.want_for_export(BTreeSet::new()),
@@ -179,7 +177,7 @@ fn release(model: &mut ConsoleModel, part: ExportPart) {
     }
 }
 
-/// How far it is; `None` where nothing more will come, and why where nothing can.
+/// Progress, `None` at the end, or why the part cannot be fetched.
 fn state(
     model: &ConsoleModel,
     part: ExportPart,
@@ -196,7 +194,7 @@ fn state(
                 let is_last = model.has_ended() && step.is_equal;
                 is_last || step.last_equal.is_some_and(|at| at >= began)
             });
-            // Pictures mark where the vehicle is by then. Where the data has ended, it goes nowhere.
+            // Pictures show the present position. At the end of the data it does not change.
             let pose = model.vehicle().pose();
             let knows_pose = pose.is_some_and(|(_, at)| at >= began || model.has_ended());
             match step {
@@ -207,20 +205,20 @@ fn state(
         }
         ExportPart::Trajectory => match model.trajectory() {
             TrajectoryProgress::Ready(_) => None,
-            TrajectoryProgress::Unwanted => return Err("the robot began anew meanwhile"),
+            TrajectoryProgress::Unwanted => return Err("the robot restarted meanwhile"),
             TrajectoryProgress::Waiting => Some(Fetching::Requested),
             TrajectoryProgress::Fetching { fetched, of } => Some(Fetching::Poses([fetched, of])),
         },
         ExportPart::Voxels => match model.voxels() {
             VoxelsProgress::Ready(_) | VoxelsProgress::None => None,
-            VoxelsProgress::Unwanted => return Err("nobody has asked for it"),
+            VoxelsProgress::Unwanted => return Err("it was not requested"),
             VoxelsProgress::Waiting => Some(Fetching::Requested),
             VoxelsProgress::Fetching { file, fetched, of } => {
                 Some(Fetching::Voxels(file, [fetched, of]))
             }
             VoxelsProgress::TooLong => return Err("it is longer than a console takes"),
         },
-        // They come by themselves, while the robot is heard.
+        // Shores are pushed while the robot is connected.
         ExportPart::Shores => {
             let is_heard = model.connection().state(now) == LinkState::Live;
             (!is_heard && !model.has_ended()).then_some(Fetching::Requested)
@@ -229,4 +227,219 @@ fn state(
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use protocol::keys::Topic;
+    use protocol::layer::LayerId;
+    use protocol::message::{Info, LayerInfo, MapHead, Pose, Status, VoxelsReply};
+    use protocol::tile_store::{LayerGrid, TileStore};
+    use robot_edge::clock;
+
+    use super::*;
+    use crate::model::{OpenSessions, Outgoing, RequestId};
+    use crate::test_support::{BOOT, announce_map, at, console, inject, inject_reply};
+
+    /// Fetches the only part of an export.
+    fn fetch(
+        model: &ModelHandle,
+        part: ExportPart,
+        patience: Duration,
+        watch: impl FnMut(Fetching) -> ControlFlow<()>,
+    ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
+        Fetcher::begin(model, [part], patience).fetch(part, watch)
+    }
+
+    #[test]
+    fn fetching_reports_progress() {
+        for (fetching, words, share) in [
+            (Fetching::Requested, "asked for, the robot makes it", 0.0),
+            (Fetching::Tiles(12), "12 tiles to come", 0.0),
+            (
+                Fetching::Poses([500, 2000]),
+                "500 of 2000 poses fetched",
+                0.25,
+            ),
+            (
+                Fetching::Voxels(VoxelFile::Tree, [50, 100]),
+                "voxels.bt, 0.0 of 0.0 MB fetched",
+                0.25,
+            ),
+            (
+                Fetching::Voxels(VoxelFile::Points, [1_300_000, 5_200_000]),
+                "points.ply, 1.3 of 5.2 MB fetched",
+                0.625,
+            ),
+        ] {
+            assert_eq!(fetching.to_string(), words);
+            assert_eq!(fetching.share().to_bits(), f32::to_bits(share), "{words}");
+        }
+    }
+
+    #[test]
+    fn silent_robot_ends_the_fetch() {
+        let model = ModelHandle::of(crate::test_support::scout());
+        let hour = Duration::from_hours(1);
+        let fetch = |part| fetch(&model, part, hour, |_| unreachable!());
+        let ControlFlow::Continue(Ok(way)) = fetch(ExportPart::Trajectory) else {
+            panic!();
+        };
+        let why = "only what was received here: no data from the robot";
+        assert_eq!(way.lacks.as_deref(), Some(why));
+        let ControlFlow::Continue(Err(why)) = fetch(ExportPart::Voxels) else {
+            panic!();
+        };
+        assert_eq!(
+            why.to_string(),
+            "no data from the robot. Export it again later"
+        );
+        let outlines = fetch(ExportPart::Shores);
+        assert_eq!(model.lock().trajectory(), TrajectoryProgress::Unwanted);
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
+        assert!(
+            matches!(outlines, ControlFlow::Continue(Ok(_))),
+            "there are none"
+        );
+    }
+
+    /// Requests of the model for the octree.
+    fn asked(model: &ModelHandle, now: Monotonic) -> Vec<RequestId> {
+        let asked = model.lock().outgoing(OpenSessions::BOTH, now);
+        let requests = asked.into_iter().filter_map(|asked| match asked {
+            Outgoing::Get { request, key, .. } if key.ends_with("/voxels") => Some(request),
+            Outgoing::Get { .. } | Outgoing::Put { .. } => None,
+        });
+        requests.collect()
+    }
+
+    #[test]
+    fn octree_is_requested_once_at_start() {
+        let (hour, now) = (Duration::from_hours(1), clock::now());
+        let mut scout = crate::test_support::scout();
+        let head = MapHead { layers: Vec::new() };
+        inject(&mut scout, Topic::MapHead, &head, now);
+        let model = ModelHandle::of(scout);
+        let parts = [ExportPart::Shores, ExportPart::Voxels];
+        let fetcher = Fetcher::begin(&model, parts, hour);
+        let [request] = asked(&model, now)[..] else {
+            panic!("it is asked for at once");
+        };
+        let fetch = |part| fetcher.fetch(part, |_| unreachable!());
+        // Other parts are fetched while the robot makes it.
+        let outlines = fetch(ExportPart::Shores);
+        assert!(matches!(outlines, ControlFlow::Continue(Ok(_))));
+        let none = VoxelsReply::None;
+        inject_reply(&mut model.lock(), request, Topic::Voxels, &none, now);
+        let octree = fetch(ExportPart::Voxels);
+        assert!(matches!(octree, ControlFlow::Continue(Ok(_))));
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
+        assert_eq!(asked(&model, now + hour), []);
+    }
+
+    #[test]
+    fn cancelled_export_frees_the_octree() {
+        let model = ModelHandle::of(crate::test_support::scout());
+        let begin = |part| Fetcher::begin(&model, [part], Duration::ZERO);
+        let fetcher = begin(ExportPart::Voxels);
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Waiting);
+        drop(fetcher);
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
+        let _other = begin(ExportPart::Trajectory);
+        assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
+    }
+
+    #[test]
+    fn closed_link_ends_the_fetch() {
+        let mut scout = crate::test_support::scout();
+        let head = MapHead { layers: Vec::new() };
+        inject(&mut scout, Topic::MapHead, &head, clock::now());
+        let model = ModelHandle::of(scout);
+        let mut looks = 0;
+        let hour = Duration::from_hours(1);
+        let fetched = fetch(&model, ExportPart::Trajectory, hour, |_| {
+            looks += 1;
+            model.leave();
+            ControlFlow::Continue(())
+        });
+        let ControlFlow::Continue(Ok(way)) = fetched else {
+            panic!();
+        };
+        let why = "only what was received here: something else is shown by now";
+        assert_eq!((looks, way.lacks.as_deref()), (1, Some(why)));
+    }
+
+    #[test]
+    fn complete_map_of_ended_robot_is_complete() {
+        let (layer, cell_m) = (LayerId::Occupancy, 0.1);
+        let mut store = TileStore::new(BOOT, 10);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+        let mut model = console("scout", &[layer]);
+        let info = Info {
+            layers: vec![LayerInfo { layer, cell_m }],
+            ..Info::default()
+        };
+        let ended = Status {
+            has_ended: true,
+            ..Status::default()
+        };
+        let pose = Pose {
+            position_m: [1.0, 2.0, 0.0],
+            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
+            speed_mps: 0.0,
+            turn_rate_radps: 0.0,
+            token: None,
+        };
+        // Long before.
+        announce_map(&mut model, &store, at(1));
+        inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1));
+        inject(&mut model, Topic::Pose, &pose, at(1));
+        inject(&mut model, Topic::Status, &ended, at(1));
+        announce_map(&mut model, &store, at(1));
+        model.outgoing(OpenSessions::BOTH, at(1));
+        assert!(model.has_ended());
+        let model = ModelHandle::of(model);
+        let part = ExportPart::Layer(layer);
+        let fetched = fetch(&model, part, Duration::ZERO, |_| unreachable!());
+        let ControlFlow::Continue(Ok(map)) = fetched else {
+            panic!();
+        };
+        assert_eq!(map.lacks, None);
+    }
+
+    /// Time until fetching from a live robot that answers nothing fails.
+    fn waits(patience: Duration) -> Duration {
+        let mut model = crate::test_support::scout();
+        let head = MapHead { layers: Vec::new() };
+        crate::test_support::inject(&mut model, Topic::MapHead, &head, clock::now());
+        let model = ModelHandle::of(model);
+        let started = clock::now();
+        let fetched = fetch(&model, ExportPart::Trajectory, patience, |_| {
+            ControlFlow::Continue(())
+        });
+        let ControlFlow::Continue(Ok(way)) = fetched else {
+            panic!();
+        };
+        let why = "only what was received here: the robot sends no more of it";
+        assert_eq!(way.lacks.as_deref(), Some(why));
+        clock::elapsed(started)
+    }
+
+    #[test]
+    fn a_robot_that_stalls_is_waited_for() {
+        // The link counts as silent after 0.4 s, or 1.5 s.
+        let patience = Duration::from_millis(1_800);
+        assert!(waits(patience) >= patience);
+    }
+
+    #[test]
+    fn repeated_restart_is_no_progress() {
+        let rising = [Fetching::Requested, Fetching::Tiles(9), Fetching::Tiles(8)];
+        let of_voxels = [
+            Fetching::Voxels(VoxelFile::Tree, [5, 9]),
+            Fetching::Voxels(VoxelFile::Tree, [6, 9]),
+            Fetching::Voxels(VoxelFile::Points, [0, 9]),
+        ];
+        for rising in [rising, of_voxels] {
+            assert!(rising.is_sorted_by(|a, b| a.progress() < b.progress()));
+        }
+        assert!(Fetching::Poses([500, 600]).progress() > Fetching::Poses([0, 600]).progress());
+    }
+}

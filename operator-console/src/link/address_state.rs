@@ -1,4 +1,4 @@
-//! What has come of asking at an address: who answers there, or what is in the way.
+//! Result of asking at an address: robots, or the cause of a failure.
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
@@ -8,45 +8,37 @@ use std::time::Duration;
 
 use protocol::keys::RobotId;
 use robot_edge::credentials::Identity;
-use robot_edge::link::LinkError;
+use robot_edge::network::LinkError;
 use zenoh::{Session, Wait as _};
 
-/// A name that is not found for so long is not known. The system may go on looking for it.
+/// A name that is not resolved within this time counts as unknown.
 const LOOKUP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Whoever listens takes a connection within this.
 const PROBE_TIMEOUT: Duration = Duration::from_millis(700);
 
-/// How it is at an address that is asked for robots.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum AddressState {
-    /// It was not asked yet.
     #[default]
     Asking,
-    /// Robots are behind it.
     Found,
-    /// Zenoh answers there, and knows of no robot.
+    /// Zenoh answers and reports no robot.
     NoRobot,
-    /// This robot answers there, as its certificate says, and tells this console nothing.
+    /// A robot answers, as its certificate says, but its access control hides it from this console.
     AccessDenied {
-        /// Its name.
         robot: RobotId,
-        /// Whether it answers by QUIC, as it does at its port for control alone; else this may be that for tiles.
+        /// Whether by QUIC, as at its control port; otherwise the port may be that for tiles.
         by_quic: bool,
     },
-    /// The name is of no computer.
     UnknownName,
-    /// The computer is there, and nothing listens at the port.
+    /// The computer answers, but nothing listens at the port.
     Refused,
-    /// Nothing comes back.
     Silent,
-    /// Something listens there that does not answer as it was asked: without keys, or with them.
+    /// Something answers with another protocol, or with or without keys unlike this console.
     WrongProtocol,
-    /// Something else, in words.
     Problem(String),
 }
 
 impl AddressState {
-    /// What a failure to ask at `address` means. May look up its name, and knock at its port: takes seconds at most.
+    /// Diagnoses a failure at `address`. May resolve its name and try its port: takes seconds at most.
     pub(super) fn of(why: &LinkError, address: &str) -> Self {
         match why {
             LinkError::Open { .. } => place(address).map_or(Self::Silent, probe_port),
@@ -63,8 +55,8 @@ impl AddressState {
         }
     }
 
-    /// What it means that whoever `session` is with told of no robot. To somebody who was not on its list of operators
-    /// when it started, a vehicle is as if nothing were there; but its certificate says that it is a vehicle.
+    /// Diagnoses a session without a robot. A vehicle hides itself from operators who were not on its list when it
+    /// started, but its certificate identifies it.
     pub(super) fn of_no_robot(session: &Session) -> Self {
         let mut links = session.info().links().wait();
         links.next().map_or(Self::NoRobot, |link| {
@@ -72,7 +64,7 @@ impl AddressState {
         })
     }
 
-    /// The same of whoever shows a certificate with this common name, or none.
+    /// The same by the common name of the peer's certificate.
     fn of_silent(common_name: Option<&str>, protocol: &str) -> Self {
         match common_name.and_then(|name| name.parse().ok()) {
             Some(Identity::Vehicle(robot)) => Self::AccessDenied {
@@ -83,7 +75,7 @@ impl AddressState {
         }
     }
 
-    /// The robot that surely answers there and tells this console nothing.
+    /// The robot that answers there but denies access.
     pub const fn access_denied(&self) -> Option<&RobotId> {
         match self {
             Self::AccessDenied {
@@ -102,7 +94,7 @@ impl AddressState {
         }
     }
 
-    /// What keeps whoever waits for a robot from one at `address`, in a line of text.
+    /// Why no robot is reached at `address`, in one line.
     pub fn complaint(&self, address: &str) -> Option<String> {
         match self {
             Self::Asking | Self::Found | Self::NoRobot => None,
@@ -127,7 +119,7 @@ impl AddressState {
     }
 }
 
-/// The host and the port of an endpoint.
+/// Host and port of an endpoint.
 pub fn place(address: &str) -> Option<(&str, u16)> {
     let address = address.split(['?', '#']).next()?;
     let (_protocol, place) = address.split_once('/')?;
@@ -136,7 +128,7 @@ pub fn place(address: &str) -> Option<(&str, u16)> {
     Some((host, port.parse().ok()?))
 }
 
-/// Tries to reach a port by TCP, which every robot has open: with keys TLS is offered beside QUIC.
+/// Tries the port by TCP, which every robot has open: with keys it offers TLS beside QUIC.
 fn probe_port((host, port): (&str, u16)) -> AddressState {
     let Some(found) = look_up(host, port) else {
         return AddressState::UnknownName;
@@ -148,19 +140,18 @@ fn probe_port((host, port): (&str, u16)) -> AddressState {
     }
 }
 
-/// The first computer of this name.
 fn look_up(host: &str, port: u16) -> Option<SocketAddr> {
     if let Ok(ip) = host.parse::<IpAddr>() {
         return Some(SocketAddr::new(ip, port));
     }
     let (sender, found): (SyncSender<Option<SocketAddr>>, _) = sync_channel(1);
     let name = host.to_owned();
-    // The system may take its time, and nobody could stop it.
+    // The system's lookup cannot be interrupted.
     thread::spawn(move || {
         let found = (name.as_str(), port).to_socket_addrs();
         let first = found.ok().and_then(|mut all| all.next());
         if sender.send(first).is_err() {
-            tracing::debug!(name, "nobody waits for this name any more");
+            tracing::debug!(name, "the lookup finished too late");
         }
     });
     found.recv_timeout(LOOKUP_TIMEOUT).ok().flatten()
@@ -170,7 +161,7 @@ fn look_up(host: &str, port: u16) -> Option<SocketAddr> {
 mod tests {
     use std::net::TcpListener;
 
-    use robot_edge::link::endpoints::Channel;
+    use robot_edge::network::endpoints::Channel;
 
     use super::*;
 
@@ -184,13 +175,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_the_way_is_told_apart() {
+    fn causes_of_failure_are_distinguished() {
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let address = format!("tcp/{}", listener.local_addr().unwrap());
         assert_eq!(of(&address), AddressState::WrongProtocol);
         drop(listener);
         assert_eq!(of(&address), AddressState::Refused);
-        // RFC 6761: never the name of a computer.
+        // RFC 6761: this name never exists.
         let unknown = "tcp/nosuchhost.invalid:7447";
         assert_eq!(of(unknown), AddressState::UnknownName);
         let why = LinkError::UnexpectedPeer {
@@ -204,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_tells_nothing_is_told_from_a_router_that_knows_of_none() {
+    fn silent_vehicle_differs_from_empty_router() {
         let access_denied = |by_quic| AddressState::AccessDenied {
             robot: "scout".parse().unwrap(),
             by_quic,
@@ -244,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_in_the_way_is_complained_of() {
+    fn complaints_cover_failures_only() {
         let complaint = |state: AddressState| state.complaint("tcp/boat:7447");
         for quiet in [
             AddressState::Asking,

@@ -1,4 +1,4 @@
-//! The two sessions to a robot: opened in the background, kept open, used without ever waiting.
+//! The two sessions to a robot: opened and kept open in the background, used without blocking.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use protocol::keys::{self, RobotId, Topic};
 use protocol::wire::MAX_MESSAGE_BYTES;
-use robot_edge::link::LinkError;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::Endpoints;
+use robot_edge::network::LinkError;
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::Endpoints;
 use zenoh::bytes::ZBytes;
 use zenoh::handlers::CallbackDrop;
 use zenoh::key_expr::KeyExpr;
@@ -20,31 +20,28 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
-use super::opening::{close, keep_open};
-use super::transport::Transport;
-use crate::locks::lock;
+use super::{Transport, close, keep_open};
+use crate::lock;
 use crate::model::{Incoming, OpenSessions, Outgoing, RequestId};
 
-/// Questions and views that wait to be sent at most.
+/// Limit of queued requests and views.
 const MAX_OUTGOING: usize = 64;
-/// An answer that takes longer is asked for again. A slow link needs its time; one that was cut is noticed by the
-/// model.
+/// A later answer is requested again: slow links need time, and the model detects a lost link.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// The sessions to one robot.
 pub(super) struct Connections {
     state: Arc<State>,
     outgoing: SyncSender<Outgoing>,
 }
 
-/// What the sessions' threads share.
+/// Shared by the sessions' threads.
 pub(super) struct State {
     robot: RobotId,
     incoming: SyncSender<Incoming>,
     control: Mutex<Option<Session>>,
     bulk: Mutex<Option<Session>>,
     problems: Mutex<Problems>,
-    /// What the control session was to connect to, and by what way it does.
+    /// Endpoints of the control session, and its present transport.
     asked: Vec<String>,
     transport: Mutex<Option<Transport>>,
     overrun: AtomicU64,
@@ -53,7 +50,6 @@ pub(super) struct State {
     tap: Arc<Tap>,
 }
 
-/// Why sessions are not open.
 #[derive(Default)]
 struct Problems {
     control: Option<String>,
@@ -61,7 +57,6 @@ struct Problems {
 }
 
 impl Connections {
-    /// Begins to open both sessions.
     pub(super) fn start(
         robot: RobotId,
         endpoints: &Endpoints,
@@ -97,12 +92,12 @@ impl Connections {
         (Self { state, outgoing }, driving)
     }
 
-    /// How many of its questions the helm was answered.
+    /// Number of answers to the teleop client.
     pub(super) fn teleop_answers(&self) -> u64 {
         self.state.tap.answers()
     }
 
-    /// Sends or asks; what cannot even wait to be sent counts as not answered.
+    /// Sends a message or request. If the queue is full, a request ends unanswered.
     pub(super) fn send(&self, outgoing: Outgoing) {
         if let Err(TrySendError::Full(outgoing) | TrySendError::Disconnected(outgoing)) =
             self.outgoing.try_send(outgoing)
@@ -118,7 +113,7 @@ impl Connections {
         }
     }
 
-    /// Why a session is not open; that for control first.
+    /// Why a session is not open; the control session first.
     pub(super) fn problem(&self) -> Option<String> {
         let problems = lock(&self.state.problems);
         problems.control.clone().or_else(|| problems.bulk.clone())
@@ -128,24 +123,23 @@ impl Connections {
         *lock(&self.state.transport)
     }
 
-    /// Sees by what way messages come at the moment; a session that reconnects may have taken another.
+    /// Determines the present transport: a session may reconnect by another.
     pub(super) fn update_transport(&self) {
         let session = lock(&self.state.control).clone();
         let transport = session.and_then(|session| Transport::of(&session, &self.state.asked));
-        // While there is no link, the last way is what there was.
+        // Without a link the last transport stays.
         if transport.is_some() {
             *lock(&self.state.transport) = transport;
         }
     }
 
-    /// What was lost since the last call.
+    /// Messages lost since the last call.
     pub(super) fn take_lost(&self) -> Option<Incoming> {
         let overrun = self.state.overrun.swap(0, Ordering::Relaxed);
         let oversized = self.state.oversized.swap(0, Ordering::Relaxed);
         (overrun + oversized > 0).then_some(Incoming::Lost { overrun, oversized })
     }
 
-    /// Closes both sessions in the background.
     pub(super) fn close(&self) {
         self.state.is_closing.store(true, Ordering::Relaxed);
         let sessions = [
@@ -159,7 +153,7 @@ impl Connections {
 }
 
 impl State {
-    /// Where the session of `channel` is while it is open.
+    /// The session of `channel`; `None` while it is not open.
     pub(super) fn session(&self, channel: Channel) -> &Mutex<Option<Session>> {
         match channel {
             Channel::Control => &self.control,
@@ -167,12 +161,10 @@ impl State {
         }
     }
 
-    /// Whether no session is wanted any more.
     pub(super) fn is_closing(&self) -> bool {
         self.is_closing.load(Ordering::Relaxed)
     }
 
-    /// Says why the session of `channel` cannot be opened, or that it is open.
     pub(super) fn set_problem(&self, channel: Channel, problem: Option<String>) {
         let mut problems = lock(&self.problems);
         match channel {
@@ -190,7 +182,7 @@ impl State {
         }
     }
 
-    /// The bytes of a message, if they are not too many to be one.
+    /// The bytes of a message unless it is too large.
     fn bytes(&self, payload: &ZBytes) -> Option<Vec<u8>> {
         if payload.len() > MAX_MESSAGE_BYTES {
             self.oversized.fetch_add(1, Ordering::Relaxed);
@@ -199,7 +191,7 @@ impl State {
         Some(payload.to_bytes().into_owned())
     }
 
-    /// `topic` is known where it matters who is told first.
+    /// `topic` is set where the teleop client is informed first.
     fn take_sample(&self, sample: &Sample, topic: Option<Topic>) {
         if let Some(payload) = self.bytes(sample.payload()) {
             match topic {
@@ -221,10 +213,7 @@ impl State {
     }
 }
 
-/// Has everything that comes by the session of `channel` handed over.
-///
-/// # Errors
-/// Where Zenoh refuses.
+/// Subscribes to everything that comes by the session of `channel`.
 pub(super) fn subscribe(
     state: &Arc<State>,
     channel: Channel,
@@ -310,7 +299,7 @@ fn send(state: &Arc<State>, outgoing: &Outgoing) -> Result<(), zenoh::Error> {
             session
                 .get(KeyExpr::try_from(key.clone())?)
                 .payload(payload.clone())
-                // Every reply to one question has the same key: none replaces another.
+                // All replies to one request have the same key; none replaces another.
                 .consolidation(ConsolidationMode::None)
                 .congestion_control(CongestionControl::Drop)
                 .timeout(ANSWER_TIMEOUT)

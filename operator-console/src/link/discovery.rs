@@ -1,7 +1,7 @@
-//! Which robots there are: scouts the local network and asks at typed addresses.
+//! Discovery of robots: scouts the local network and asks at typed addresses.
 //!
-//! Scouting finds Zenoh processes; which robots can be reached through one is asked over a short session, by
-//! presence tokens. So a router that was found or typed lists every robot behind it.
+//! Scouting finds Zenoh processes. The robots behind each are listed over a short session, by their presence tokens, so
+//! a router lists every robot behind it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -17,55 +17,53 @@ use protocol::message::Status;
 use protocol::wire::{self, MAX_MESSAGE_BYTES};
 use robot_edge::clock;
 use robot_edge::credentials::Credentials;
-use robot_edge::link::LinkError;
-use robot_edge::link::endpoints::{Channel, bulk_endpoint};
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::LinkError;
+use robot_edge::network::endpoints::{Channel, bulk_endpoint};
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::config::WhatAmI;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use super::address_state::AddressState;
-use super::fleet_state::FleetState;
-use super::known_robots::{Answer, DiscoveredRobot, FoundRobot, KnownRobots, MAX_ROBOTS, Round};
-use super::opening::close;
-use crate::locks::lock;
+use super::close;
+use super::known_robots::{
+    Answer, DiscoveredRobot, FleetState, FoundRobot, KnownRobots, MAX_ROBOTS, Round,
+};
+use crate::lock;
 
 const SCOUT_TIME: Duration = Duration::from_millis(500);
 const ASK_TIMEOUT: Duration = Duration::from_secs(1);
-/// A robot says how it is twice a second; so long that is waited for.
+/// A robot sends two statuses a second.
 const STATUS_TIME: Duration = Duration::from_millis(700);
-/// Between two rounds, while nothing is found.
+/// Pause between rounds until a robot is found.
 const PAUSE: Duration = Duration::from_secs(2);
-/// Between two rounds otherwise: they use the link that somebody watches a robot over.
+/// Pause afterwards: rounds use the link of the robot that is watched.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
-/// A robot that did not answer for so long has missed a round.
+/// A robot without an answer for longer has missed a round.
 pub const SEEN_RECENTLY: Duration = Duration::from_secs(15);
-/// Processes that are asked in one round.
+/// Limit of processes in one round.
 const MAX_ADDRESSES: usize = 32;
-/// Of these at once.
 const ASKED_AT_ONCE: usize = 8;
 
-/// Looks for robots until it is dropped.
 pub struct Discovery {
     state: Arc<State>,
 }
 
 struct State {
-    /// The addresses that are asked in every round, and what came of it.
+    /// Addresses that are asked in every round, with the results.
     typed: Mutex<BTreeMap<String, AddressState>>,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
     found: Mutex<KnownRobots>,
-    /// Why the local network cannot be searched.
+    /// Why the local network cannot be scouted.
     problem: Mutex<Option<String>>,
-    /// Somebody typed an address: do not wait for the next round.
+    /// An address was typed: begin the next round at once.
     is_hurried: AtomicBool,
     is_closing: AtomicBool,
 }
 
 impl Discovery {
-    /// Begins to look: at `addresses` first, then by scouting too, unless `scouts` is false. `wake` is called
-    /// when the list changes.
+    /// Starts with `addresses` and, if `scouts`, scouting. `wake` is called when the list changes.
     pub fn start(
         addresses: Vec<String>,
         scouts: bool,
@@ -89,56 +87,54 @@ impl Discovery {
         Self { state }
     }
 
-    /// Also asks at `address`, a control endpoint.
     pub fn add_address(&self, address: String) {
         let mut typed = lock(&self.state.typed);
         let state = typed.entry(address).or_default();
         if *state != AddressState::Found {
-            // Whoever types it again waits for what comes of it now.
+            // The operator waits for a new result.
             *state = AddressState::Asking;
         }
         drop(typed);
         self.state.is_hurried.store(true, Ordering::Relaxed);
     }
 
-    /// Asks at `address` no longer, and says no more of it. What was found there stays until it is missed.
+    /// Stops asking at `address`. Robots found there stay listed until they are missed.
     pub fn forget_address(&self, address: &str) {
         lock(&self.state.typed).remove(address);
     }
 
-    /// Whether it is asked at `address` in every round.
     pub fn asks(&self, address: &str) -> bool {
         lock(&self.state.typed).contains_key(address)
     }
 
-    /// The addresses that are asked in every round, and what came of it.
+    /// Addresses that are asked in every round, with the results.
     pub fn asked(&self) -> BTreeMap<String, AddressState> {
         lock(&self.state.typed).clone()
     }
 
-    /// The robots that surely answer at an address that is asked, and tell this console nothing.
+    /// Robots that answer but deny access.
     pub fn access_denied(&self) -> BTreeSet<RobotId> {
         let asked = lock(&self.state.typed);
         let access_denied = asked.values().filter_map(AddressState::access_denied);
         access_denied.cloned().collect()
     }
 
-    /// A robot was heard by its own link: it was so then, whatever was found before.
+    /// Updates a robot's state from its own link.
     pub fn update_state(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
         lock(&self.state.found).update_state(robot, state, at);
     }
 
-    /// A robot was heard by its own link at that time, whatever it said.
+    /// Updates a robot's last contact from its own link.
     pub fn mark_seen(&self, robot: &RobotId, at: Monotonic) {
         lock(&self.state.found).mark_seen(robot, at);
     }
 
-    /// This robot is listed no more, unless it answers again.
+    /// Removes a robot until it answers again.
     pub fn forget_robot(&self, robot: &RobotId) {
         lock(&self.state.found).forget(robot);
     }
 
-    /// The robots that are there, by name.
+    /// The present robots, by name.
     pub fn found(&self) -> Vec<FoundRobot> {
         let known = lock(&self.state.found);
         let mut found: Vec<_> = known.present().cloned().collect();
@@ -146,18 +142,17 @@ impl Discovery {
         found
     }
 
-    /// The robots that were found and not forgotten since, in the order in which they were first found, with what they
-    /// said of themselves last.
+    /// Known robots in order of discovery, with their last state.
     pub fn discovered_robots(&self) -> Vec<DiscoveredRobot> {
         lock(&self.state.found).discovered_robots().collect()
     }
 
-    /// Why the local network cannot be searched, in words.
+    /// Why the local network cannot be scouted.
     pub fn problem(&self) -> Option<String> {
         lock(&self.state.problem).clone()
     }
 
-    /// All that kept the last round from finding more, in words: of the network, and of each address that is asked.
+    /// All problems of the last round: of the network and of each address.
     pub fn complaints(&self) -> Option<String> {
         let asked = lock(&self.state.typed);
         let of_addresses = asked
@@ -190,7 +185,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
             changed |= state.update_state(address, came_of_it);
         });
         if changed {
-            // What is known of an address waits for no scouting.
+            // Results of addresses do not wait for scouting.
             wake();
         }
         if !is_first || typed.is_empty() || found.is_empty() {
@@ -203,7 +198,7 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
                 .into_iter()
                 .filter(|address| !typed.contains(address))
                 .collect();
-            // Nobody typed these: that one of them does not answer is no problem of the operator's.
+            // Failures at scouted addresses are not the operator's problem.
             ask_all(state, &scouted, &mut found, |_, _| {});
         }
         is_first = false;
@@ -221,9 +216,9 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
 }
 
 impl State {
-    /// Notes what came of asking at an address that was typed; whether that is another than before.
+    /// Sets the result of a typed address; returns whether it changed.
     fn update_state(&self, address: &str, came_of_it: AddressState) -> bool {
-        // It may have been forgotten while it was asked.
+        // It may have been removed while it was asked.
         let mut typed = lock(&self.typed);
         typed.get_mut(address).is_some_and(|state| {
             let before = std::mem::replace(state, came_of_it);
@@ -232,7 +227,7 @@ impl State {
     }
 }
 
-/// Asks at addresses, and tells what came of it at each.
+/// Asks at addresses and reports each result.
 fn ask_all(
     state: &State,
     addresses: &[String],
@@ -240,7 +235,7 @@ fn ask_all(
     mut update_state: impl FnMut(&str, AddressState),
 ) {
     let addresses = &addresses[..addresses.len().min(MAX_ADDRESSES)];
-    // Side by side: one that does not answer holds up no other.
+    // In parallel: one without an answer does not delay the others.
     for some in addresses.chunks(ASKED_AT_ONCE) {
         if state.is_closing.load(Ordering::Relaxed) {
             return;
@@ -274,7 +269,7 @@ fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
         ..Endpoints::default()
     };
     let session = sessions::open(Side::Console, Channel::Control, &endpoints).map_err(|why| {
-        // Whom nobody typed, nobody wants to know more of.
+        // Only typed addresses get a diagnosis.
         let is_typed = lock(&state.typed).contains_key(address);
         if is_typed {
             AddressState::of(&why, address)
@@ -287,11 +282,10 @@ fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
     robots
 }
 
-/// The robots that are told of over `session`, with somebody at `address`.
+/// Robots reported over `session` to `address`.
 fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
     let (sender, heard) = sync_channel(MAX_ROBOTS);
-    // Before the question who is there, so that what is said meanwhile is heard. Where access control keeps it from this
-    // console, nothing is.
+    // Subscribed before the list is requested, so that no status is missed. Access control may block all.
     let statuses = session
         .declare_subscriber(every_robot_status())
         .callback(move |sample: Sample| {
@@ -302,13 +296,13 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
             if payload.len() <= MAX_MESSAGE_BYTES
                 && let Ok((_, status)) = wire::decode::<Status>(&payload.to_bytes())
             {
-                // What does not fit is said again.
+                // A status that does not fit is sent again.
                 drop(sender.try_send((robot, FleetState::of(&status))));
             }
         })
         .wait();
     if let Err(why) = &statuses {
-        tracing::debug!(%why, "how robots are is not heard");
+        tracing::debug!(%why, "cannot subscribe to statuses");
     }
     let what = every_robot_alive();
     let tokens = session
@@ -321,7 +315,7 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
     let mut is_late = false;
     while let Ok(reply) = tokens.recv() {
         let Ok(sample) = reply.result() else {
-            // Who is there, or may not tell, says at once that this was all.
+            // A peer that answers ends its replies at once.
             is_late = true;
             continue;
         };
@@ -350,13 +344,12 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
     Ok(robots)
 }
 
-/// The status of every robot.
 fn every_robot_status() -> String {
     let alive = every_robot_alive();
     format!("{}status", alive.trim_end_matches("alive"))
 }
 
-/// The endpoints of the Zenoh processes that answer on the local network.
+/// Endpoints of the Zenoh processes that answer on the local network.
 fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
     let (sender, hellos): (SyncSender<Vec<String>>, _) = sync_channel(MAX_ADDRESSES);
     let scouting = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, zenoh::Config::default())
@@ -366,7 +359,7 @@ fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
                 .iter()
                 .map(|locator| locator.as_str().to_owned())
                 .collect();
-            // Whoever does not fit is heard again.
+            // A process that does not fit is found again.
             drop(sender.try_send(locators));
         })
         .wait();

@@ -1,5 +1,5 @@
-//! The shortest way between the helm and the robot: tokens and answers past the model's queue, commands past the
-//! questions for tiles. Nobody at the helm ever waits for the network.
+//! Direct path between teleop client and robot: tokens and answers bypass the model's queue, commands bypass requests
+//! for tiles. The teleop client never waits for the network.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -17,32 +17,31 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::query::{ConsolidationMode, Reply};
 use zenoh::{Session, Wait};
 
-use crate::locks::lock;
+use crate::lock;
 use crate::teleop_client::{LatestPose, RequestNumber, SignedMessage, TeleopMessage};
 
-/// Commands that wait for Zenoh at most: what a loop makes in a third of a second. Beyond that the link hangs, and what
-/// is older than that the robot would refuse.
+/// Limit of queued commands: a third of a second. If the link hangs for longer, the robot would reject older ones.
 const MAX_COMMANDS: usize = 16;
-/// States and answers that wait for the helm at most.
+/// Limit of queued states and answers.
 const MAX_MESSAGES: usize = 64;
-/// An answer that takes longer comes to nobody. The emergency stop is repeated meanwhile.
+/// A later answer is dropped. The emergency stop is repeated meanwhile.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// What the link's callbacks put into, and the helm takes out of.
+/// Filled by the link's callbacks, drained by the teleop client.
 #[derive(Debug)]
 pub(super) struct Tap {
     newest: Mutex<Option<LatestPose>>,
     messages: SyncSender<TeleopMessage>,
-    /// Answers that were heard: who draws wants to know. What statuses say of it, the model tells.
+    /// Number of answers: a change needs a frame.
     answers: AtomicU64,
 }
 
-/// The helm's end of the link to one robot.
+/// The teleop client's end of the link to one robot.
 pub struct DrivingLink {
     tap: Arc<Tap>,
     messages: Receiver<TeleopMessage>,
     commands: SyncSender<SignedMessage>,
-    /// Messages that Zenoh has not taken yet.
+    /// Messages that Zenoh has not accepted yet.
     unsent: Arc<AtomicUsize>,
 }
 
@@ -61,7 +60,7 @@ impl Tap {
         self.answers.load(Ordering::Relaxed)
     }
 
-    /// A pose came. What is no pose, the model refuses and counts.
+    /// The model rejects and counts invalid poses.
     pub(super) fn take_pose(&self, bytes: &[u8]) {
         let Ok((header, pose)) = wire::decode::<Pose>(bytes) else {
             return;
@@ -82,7 +81,6 @@ impl Tap {
         }
     }
 
-    /// A status came.
     pub(super) fn take_status(&self, bytes: &[u8]) {
         if let Ok((header, status)) = wire::decode::<Status>(bytes) {
             self.forward(TeleopMessage::Status {
@@ -110,13 +108,13 @@ impl Tap {
     }
 
     fn forward(&self, message: TeleopMessage) {
-        // A helm that does not listen gets a newer status as soon as it does, and takes no answer for none.
+        // A full queue loses nothing that matters: statuses repeat, and a lost answer times out.
         let _is_full = self.messages.try_send(message);
     }
 }
 
 impl DrivingLink {
-    /// Begins to send what the helm wants over what `session` returns, which is none while there is no link.
+    /// Starts to send over what `session` returns, which is `None` without a link.
     pub(super) fn start(
         tap: Arc<Tap>,
         messages: Receiver<TeleopMessage>,
@@ -141,17 +139,16 @@ impl DrivingLink {
         }
     }
 
-    /// The newest pose.
     pub fn newest(&self) -> Option<LatestPose> {
         *lock(&self.tap.newest)
     }
 
-    /// What came since the last call, oldest first.
+    /// Messages since the last call, oldest first.
     pub fn messages(&self) -> impl Iterator<Item = TeleopMessage> + '_ {
         self.messages.try_iter().take(MAX_MESSAGES)
     }
 
-    /// Hands a message to Zenoh, once and at once, or drops it. Never waits.
+    /// Passes a message to Zenoh once and now, or drops it. Never blocks.
     pub fn send(&self, message: SignedMessage) {
         self.unsent.fetch_add(1, Ordering::Release);
         match self.commands.try_send(message) {
@@ -166,7 +163,7 @@ impl DrivingLink {
         }
     }
 
-    /// Waits until Zenoh has what was sent, at most for `longest`.
+    /// Waits until Zenoh has all messages, at most for `longest`.
     pub fn flush(&self, longest: Duration) {
         let started = clock::now();
         while self.unsent.load(Ordering::Acquire) > 0 && clock::elapsed(started) < longest {
@@ -203,7 +200,7 @@ fn send(tap: &Arc<Tap>, session: &Session, message: SignedMessage) -> Result<(),
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::RealTime)
             .express(true)
-            // Over QUIC a datagram: what is lost is not sent again, and holds up nothing behind it.
+            // By QUIC a datagram: lost ones are not repeated and delay nothing.
             .reliability(Reliability::BestEffort)
             .wait();
     };
@@ -218,7 +215,7 @@ fn send(tap: &Arc<Tap>, session: &Session, message: SignedMessage) -> Result<(),
         .timeout(ANSWER_TIMEOUT)
         .with(CallbackDrop {
             callback: move |reply: Reply| on_reply.take_reply(request, &reply),
-            // Behind the answer, where one came.
+            // After the answer, if there was one.
             drop: move || on_end.forward(TeleopMessage::NoAnswer { request }),
         })
         .wait()

@@ -1,72 +1,60 @@
-//! Which robots are known from rounds of asking: each once, in the order in which they were first found, at one of the
-//! endpoints where it answers. Who answers no more stays known until it is forgotten.
+//! List of known robots from rounds of discovery, in order of discovery, each at one of its endpoints. Silent robots
+//! stay listed until removed.
 
 use std::collections::BTreeMap;
 
 use measurement::time::Monotonic;
-use protocol::keys::RobotId;
+use protocol::keys::{OperatorId, RobotId};
+use protocol::message::{Status, TeleopState};
 
-use super::fleet_state::FleetState;
-
-/// A robot that did not answer for so many rounds is not there.
+/// A robot that misses this many rounds is absent.
 const ROUNDS_KEPT: u32 = 3;
-/// Robots that are listed.
 pub(super) const MAX_ROBOTS: usize = 256;
 
-/// A robot that can be watched.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FoundRobot {
-    /// Its name.
     pub robot: RobotId,
-    /// Control endpoint through which it is reached.
+    /// Control endpoint.
     pub endpoint: String,
 }
 
-/// A robot that was found, and what is known of it from looking for robots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiscoveredRobot {
-    /// The robot.
     pub found: FoundRobot,
-    /// When it answered last.
+    /// Last answer.
     pub seen: Monotonic,
-    /// How it is; none where it has not said so.
     pub state: Option<FleetState>,
 }
 
 impl DiscoveredRobot {
-    /// Whether it had said that its data has ended.
     pub fn has_ended(&self) -> bool {
         self.state.as_ref().is_some_and(FleetState::has_ended)
     }
 }
 
-/// What one round has found: a robot may answer at several endpoints.
+/// Result of one round: a robot may answer at several endpoints.
 pub(super) type Round = BTreeMap<FoundRobot, Answer>;
 
-/// A robot has answered.
 #[derive(Clone, Debug)]
 pub(super) struct Answer {
-    /// When.
     pub(super) at: Monotonic,
-    /// How it is; none where it has not said so.
     pub(super) state: Option<FleetState>,
 }
 
-/// The robots that have answered, in the order in which they did so first.
 #[derive(Debug, Default)]
 pub(super) struct KnownRobots(Vec<Known>);
 
 #[derive(Debug)]
 struct Known {
     found: FoundRobot,
-    /// Since it was last heard of.
+    /// Rounds since its last answer.
     rounds: u32,
     seen: Monotonic,
     state: Option<FleetState>,
 }
 
 impl KnownRobots {
-    /// A round is over; whether anything is another than before.
+    /// Takes the result of a round; returns whether the list changed.
     pub(super) fn take(&mut self, round: Round) -> bool {
         for known in &mut self.0 {
             known.rounds = known.rounds.saturating_add(1);
@@ -82,26 +70,24 @@ impl KnownRobots {
         changed || self.0.iter().any(|known| known.rounds == ROUNDS_KEPT)
     }
 
-    /// A robot said more directly how it was at that time.
+    /// Updates a state from the robot's own link.
     pub(super) fn update_state(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
         if let Some(known) = self.known(robot).filter(|known| known.seen < at) {
             (known.state, known.seen) = (Some(state), at);
         }
     }
 
-    /// A robot was heard at that time, whatever it said.
     pub(super) fn mark_seen(&mut self, robot: &RobotId, at: Monotonic) {
         if let Some(known) = self.known(robot) {
             known.seen = known.seen.max(at);
         }
     }
 
-    /// Nobody wants to know of this robot any more, unless it answers again.
     pub(super) fn forget(&mut self, robot: &RobotId) {
         self.0.retain(|known| known.found.robot != *robot);
     }
 
-    /// All robots, in the order in which they were first found.
+    /// In order of discovery.
     pub(super) fn discovered_robots(&self) -> impl Iterator<Item = DiscoveredRobot> {
         self.0.iter().map(|known| DiscoveredRobot {
             found: known.found.clone(),
@@ -110,7 +96,7 @@ impl KnownRobots {
         })
     }
 
-    /// Those that are there: they answered in one of the last rounds.
+    /// Robots that answered in one of the last rounds.
     pub(super) fn present(&self) -> impl Iterator<Item = &FoundRobot> {
         let present = self.0.iter().filter(|known| known.rounds < ROUNDS_KEPT);
         present.map(|known| &known.found)
@@ -120,8 +106,7 @@ impl KnownRobots {
         self.0.iter_mut().find(|known| known.found.robot == *robot)
     }
 
-    /// Whether there is room for one more; where all places are taken, who has not answered for longest gives up its
-    /// own.
+    /// Makes room for one more robot by removing the one that is silent for longest.
     fn make_room(&mut self) -> bool {
         if self.0.len() < MAX_ROBOTS {
             return true;
@@ -133,11 +118,11 @@ impl KnownRobots {
         index.map(|index| self.0.remove(index)).is_some()
     }
 
-    /// `robot` has given these answers in one round, at different endpoints; whether anything is new.
+    /// Takes a robot's answers from one round; returns whether something changed.
     fn add_answers(&mut self, robot: RobotId, answers: Vec<(String, Answer)>) -> bool {
         let mut all = self.0.iter();
         let known = all.find(|known| known.found.robot == robot);
-        // While it answers where it is known, it stays there; else it is where it answers now.
+        // A known endpoint stays as long as it answers.
         let is_known = |(endpoint, _): &(String, _)| {
             known.is_some_and(|known| known.found.endpoint == *endpoint)
         };
@@ -145,7 +130,7 @@ impl KnownRobots {
         let Some((endpoint, mut answer)) = answers.into_iter().nth(index) else {
             return false;
         };
-        // While it was asked, it said itself how it was.
+        // Its own link may have reported meanwhile.
         if let Some(known) = known.filter(|known| known.seen > answer.at) {
             answer = Answer {
                 at: known.seen,
@@ -170,6 +155,51 @@ impl KnownRobots {
             self.0.push(now_known);
         }
         has_room
+    }
+}
+
+/// State of a robot by its status.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FleetState {
+    /// A recording, or a robot without motors.
+    NotDrivable,
+    /// Its data has ended.
+    Ended,
+    Free,
+    DrivenBy(OperatorId),
+    EStop {
+        has_ended: bool,
+    },
+    Fault {
+        has_ended: bool,
+    },
+}
+
+impl FleetState {
+    pub fn of(status: &Status) -> Self {
+        let Some(teleop) = &status.teleop else {
+            return if status.has_ended {
+                Self::Ended
+            } else {
+                Self::NotDrivable
+            };
+        };
+        let has_ended = status.has_ended;
+        match (&teleop.state, teleop.estop, &teleop.lease.holder) {
+            (TeleopState::Fault(_), ..) => Self::Fault { has_ended },
+            (_, Some(_), _) => Self::EStop { has_ended },
+            (_, None, _) if has_ended => Self::Ended,
+            (_, None, Some(holder)) => Self::DrivenBy(holder.clone()),
+            (_, None, None) => Self::Free,
+        }
+    }
+
+    pub const fn has_ended(&self) -> bool {
+        match self {
+            Self::Ended => true,
+            Self::EStop { has_ended } | Self::Fault { has_ended } => *has_ended,
+            Self::NotDrivable | Self::Free | Self::DrivenBy(_) => false,
+        }
     }
 }
 
@@ -209,14 +239,14 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_stays_where_it_answers_and_moves_where_it_does_not() {
+    fn robot_keeps_its_endpoint_while_it_answers() {
         let mut robots = KnownRobots::default();
         assert!(robots.take(round(&[("boat", "tcp/b:1")], 1)));
-        // By another way too, which would come first.
+        // At another endpoint too, which would come first.
         let both = [("boat", "tcp/a:1"), ("boat", "tcp/b:1")];
-        assert!(!robots.take(round(&both, 2)), "nothing is new");
+        assert!(!robots.take(round(&both, 2)), "no change");
         assert_eq!(listed(&robots), [line("boat", "tcp/b:1", 2)]);
-        // Its own is dead.
+        // Its known endpoint is dead.
         assert!(
             robots.take(round(&[("boat", "tcp/c:1")], 3)),
             "it has moved"
@@ -228,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_robot_says_itself_is_newer_than_what_was_found_before() {
+    fn own_link_is_newer_than_discovery() {
         let boat = "boat".parse().unwrap();
         let mut robots = KnownRobots::default();
         let states = |robots: &KnownRobots| -> Vec<_> {
@@ -237,7 +267,7 @@ mod tests {
                 .collect()
         };
         robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(1));
-        assert_eq!(states(&robots), [], "nobody could join it");
+        assert_eq!(states(&robots), [], "no endpoint");
         robots.take(round(&[("boat", "tcp/b:1")], 5));
         robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(4));
         assert_eq!(states(&robots), [(FleetState::Free, at(5))]);
@@ -257,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_answers_no_more_is_not_there_and_keeps_its_place_until_it_is_forgotten() {
+    fn silent_robot_stays_listed_until_removed() {
         let mut robots = KnownRobots::default();
         robots.take(round(&[("b", "tcp/b:1")], 1));
         robots.take(round(&[("a", "tcp/a:1"), ("b", "tcp/b:1")], 2));
@@ -276,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_is_heard_without_a_word_of_its_state_was_seen() {
+    fn contact_without_state_counts_as_seen() {
         let boat = "boat".parse().unwrap();
         let mut robots = KnownRobots::default();
         robots.take(round(&[("boat", "tcp/b:1")], 5));
@@ -297,7 +327,7 @@ mod tests {
         assert!(robots.take(round(&all, 1)));
         assert_eq!(listed(&robots).len(), MAX_ROBOTS);
         assert!(!robots.take(round(&all, 2)));
-        // Who is silent gives up its place, but not while it may have missed a round.
+        // A silent robot is removed, but not after a single missed round.
         for newest in ["r0255", "r0255", "r0256"] {
             robots.take(round(&all[1..], 3));
             let listed = listed(&robots);
@@ -306,5 +336,70 @@ mod tests {
                 (MAX_ROBOTS, newest)
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod fleet_state_tests {
+    use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
+
+    use super::*;
+    use crate::test_support::idle_teleop_status;
+
+    #[test]
+    fn most_important_state_is_shown() {
+        let state = |teleop: &TeleopStatus| {
+            FleetState::of(&Status {
+                teleop: Some(teleop.clone()),
+                ..Status::default()
+            })
+        };
+        let mut teleop = idle_teleop_status();
+        let anna: OperatorId = "anna".parse().unwrap();
+        teleop.lease.holder = Some(anna.clone());
+        assert_eq!(state(&teleop), FleetState::DrivenBy(anna));
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        let has_ended = false;
+        assert_eq!(state(&teleop), FleetState::EStop { has_ended });
+        teleop.state = TeleopState::Fault(FaultReason::Actuator);
+        assert_eq!(state(&teleop), FleetState::Fault { has_ended });
+    }
+
+    #[test]
+    fn a_robot_whose_data_has_ended_is_not_free() {
+        let state = |teleop, has_ended| {
+            FleetState::of(&Status {
+                teleop,
+                has_ended,
+                ..Status::default()
+            })
+        };
+        let mut teleop = idle_teleop_status();
+        assert_eq!(state(Some(teleop.clone()), false), FleetState::Free);
+        assert_eq!(state(Some(teleop.clone()), true), FleetState::Ended);
+        assert_eq!(state(None, true), FleetState::Ended);
+        assert_eq!(state(None, false), FleetState::NotDrivable);
+        teleop.state = TeleopState::Fault(FaultReason::Actuator);
+        let fault = FleetState::Fault { has_ended: true };
+        assert_eq!(
+            state(Some(teleop.clone()), true),
+            fault,
+            "that matters more"
+        );
+        teleop.state = TeleopState::EStop;
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        // An operator who stops a vehicle and closes it sees both.
+        for has_ended in [false, true] {
+            let stopped = state(Some(teleop.clone()), has_ended);
+            assert_eq!(stopped, FleetState::EStop { has_ended });
+            assert_eq!(stopped.has_ended(), has_ended);
+        }
+        assert!(FleetState::Ended.has_ended() && !FleetState::Free.has_ended());
     }
 }

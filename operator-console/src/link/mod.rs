@@ -1,18 +1,8 @@
-//! One robot over the network, and the model that it feeds.
+//! Link to one robot and its model.
 //!
-//! Zenoh's threads put what arrives into a bounded queue; one thread of ours empties it into the model, sends
-//! what the model wants, and wakes whoever draws, but only when there is something new to see. So a frozen
-//! window holds up neither, and a robot that stands still costs no frames.
-
-mod address_state;
-mod connect;
-mod discovery;
-mod driving;
-mod fleet_state;
-mod known_robots;
-mod lost_link;
-mod opening;
-mod transport;
+//! Zenoh's threads put messages into a bounded queue. One thread drains it into the model, sends what the model
+//! requests, and wakes the window if something visible changed. So a frozen window does not block the link, and a robot
+//! that stands still costs no frames.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -21,42 +11,46 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use std::{io, mem};
 
+use connect::{Connections, State, subscribe};
 use measurement::time::Monotonic;
 use robot_edge::clock;
-use robot_edge::link::sessions::Endpoints;
+use robot_edge::network::LinkError;
+use robot_edge::network::endpoints::{Channel, attempts};
+use robot_edge::network::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use zenoh::{Session, Wait as _};
 
-use crate::locks::lock;
+use crate::lock;
 use crate::model::{ConsoleModel, Incoming, ModelSettings};
-use connect::Connections;
+
+mod address_state;
+mod connect;
+mod discovery;
+mod driving;
+mod known_robots;
 
 pub use address_state::{AddressState, place};
 pub use discovery::{Discovery, SEEN_RECENTLY};
 pub use driving::DrivingLink;
-pub use fleet_state::FleetState;
-pub use known_robots::{DiscoveredRobot, FoundRobot};
-pub use transport::Transport;
+pub use known_robots::{DiscoveredRobot, FleetState, FoundRobot};
 
-/// What of Zenoh's own log is for operators, in the syntax of `tracing_subscriber::EnvFilter`: errors, not
-/// warnings of settings that are meant; and nothing of what still comes for a session that is being closed, of
-/// which it complains to whoever quits.
+/// Filter for Zenoh's log in the syntax of `tracing_subscriber::EnvFilter`: errors only, without warnings about
+/// intended settings and about messages for a session that closes.
 pub const LOG_FILTER: &str = "zenoh=error,zenoh::api::session=off";
 
-/// Messages that wait for the model at most; what comes beyond is dropped and counted, and what of it mattered
-/// is asked for again.
+/// Limit of queued messages. Beyond it they are dropped and counted, and important ones are requested again.
 const MAX_WAITING: usize = 4096;
-/// Messages taken into the model before somebody else may look at it.
+/// Messages applied before the model's lock is released.
 const BATCH: usize = 64;
-/// What the model wants to send is asked for this often.
+/// Period of requests.
 const TICK: Duration = Duration::from_millis(20);
-/// By what way messages come is looked at this often.
+/// Period of checks of the transport.
 const LINK_PERIOD: Duration = Duration::from_secs(1);
-/// Between two calls of `wake`.
+/// Shortest time between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
-/// A robot of which nothing was new for so long is calm: the tiles and sweeps that it pushes all the time are
-/// seen with the next frame that ages ask for.
+/// Without other changes for this long, pushed tiles and scans wait for the next periodic frame.
 const CALM_AFTER: Duration = Duration::from_secs(2);
 
-/// A robot that is watched. Dropping it ends that.
+/// Dropping it closes the link.
 pub struct RobotSession {
     model: Arc<Mutex<ConsoleModel>>,
     connections: Arc<Connections>,
@@ -65,7 +59,7 @@ pub struct RobotSession {
     thread: Option<JoinHandle<()>>,
 }
 
-/// A robot as it is known, for whoever has to look at it from another thread.
+/// The model for other threads.
 #[derive(Clone)]
 pub struct ModelHandle {
     model: Arc<Mutex<ConsoleModel>>,
@@ -73,7 +67,7 @@ pub struct ModelHandle {
 }
 
 impl ModelHandle {
-    /// A robot that no link feeds.
+    /// A model without a link.
     #[cfg(test)]
     pub(crate) fn of(model: ConsoleModel) -> Self {
         Self {
@@ -82,17 +76,16 @@ impl ModelHandle {
         }
     }
 
-    /// The robot; the link and the window wait while the guard is held.
+    /// Locks the model: link and window wait meanwhile.
     pub fn lock(&self) -> MutexGuard<'_, ConsoleModel> {
         lock(&self.model)
     }
 
-    /// Whether its link was left: nothing more will come by it.
+    /// Whether the link is closed and no more data comes.
     pub fn is_left(&self) -> bool {
         self.is_left.load(Ordering::Relaxed)
     }
 
-    /// As if its link had been left.
     #[cfg(test)]
     pub(crate) fn leave(&self) {
         self.is_left.store(true, Ordering::Relaxed);
@@ -100,11 +93,10 @@ impl ModelHandle {
 }
 
 impl RobotSession {
-    /// Begins to connect to the robot, again and again until it answers, and returns at once. `wake` is called
-    /// when there is something new to draw.
+    /// Starts to connect until the robot answers, and returns at once. `wake` is called when something visible changed.
     ///
     /// # Errors
-    /// Where zstd cannot be set up.
+    /// If zstd cannot be set up.
     pub fn open(
         settings: ModelSettings,
         endpoints: &Endpoints,
@@ -133,12 +125,11 @@ impl RobotSession {
         })
     }
 
-    /// The robot as it is known; the link waits while the guard is held.
+    /// Locks the model: the link waits meanwhile.
     pub fn model(&self) -> MutexGuard<'_, ConsoleModel> {
         lock(&self.model)
     }
 
-    /// The robot, for a thread that looks at it now and then.
     pub fn handle(&self) -> ModelHandle {
         ModelHandle {
             model: Arc::clone(&self.model),
@@ -146,23 +137,23 @@ impl RobotSession {
         }
     }
 
-    /// The way to drive it, for one helm: the first that asks.
+    /// The driving link, once.
     pub const fn take_driving(&mut self) -> Option<DrivingLink> {
         self.driving.take()
     }
 
-    /// Whether the session for control is open. It reconnects by itself when the link is cut; one that could go by
-    /// another way too is opened anew where that takes long.
+    /// Whether the control session is open. It reconnects by itself; if that takes long and another transport is
+    /// possible, it is opened again.
     pub fn is_connected(&self) -> bool {
         self.connections.open_sessions().control
     }
 
-    /// By what way messages about driving go; none while that is not known.
+    /// Transport of the control session, if known.
     pub fn transport(&self) -> Option<Transport> {
         self.connections.transport()
     }
 
-    /// Why there is no connection, in words.
+    /// Why there is no connection.
     pub fn problem(&self) -> Option<String> {
         self.connections.problem()
     }
@@ -171,7 +162,7 @@ impl RobotSession {
 impl Drop for RobotSession {
     fn drop(&mut self) {
         self.is_closing.store(true, Ordering::Relaxed);
-        // Sessions that close wait for the network; a window does not wait for them.
+        // Closing waits for the network in the background.
         self.connections.close();
         if let Some(thread) = mem::take(&mut self.thread)
             && thread.join().is_err()
@@ -213,7 +204,7 @@ fn run(
             connections.teleop_answers(),
             sessions,
             connections.problem(),
-            // Silence comes without a message, and is to be seen at once.
+            // Silence needs a frame although no message comes.
             guard.connection().state(now),
         ));
         let sensor_updates = guard.sensor_updates();
@@ -235,5 +226,225 @@ fn run(
             wake();
         }
         next_tick = now + TICK;
+    }
+}
+
+/// A network that passes TLS passes QUIC a moment later.
+const COMING_BACK: Duration = Duration::from_millis(200);
+
+/// Opens the session of `channel`, and again if its link is lost and another transport is possible.
+fn keep_open(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
+    let has_keys = endpoints.credentials.is_some();
+    let has_other_way =
+        attempts(channel, &endpoints.connect, has_keys).is_ok_and(|ways| ways.len() > 1);
+    let mut is_first = true;
+    while let Some(session) = open_with_retries(state, channel, endpoints, is_first) {
+        is_first = false;
+        if !has_other_way || !wait_until_lost(state, &session) {
+            return;
+        }
+        tracing::info!("the link is lost; opening it again with any transport");
+        let taken = lock(state.session(channel)).take();
+        taken.into_iter().for_each(close_in_background);
+    }
+}
+
+/// Waits until the link is lost; false if the session closes.
+fn wait_until_lost(state: &State, session: &Session) -> bool {
+    let mut lost = LostLink::default();
+    while !state.is_closing() {
+        let has_link = session.info().links().wait().next().is_some();
+        if lost.update(has_link, clock::now()) {
+            return true;
+        }
+        clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
+    }
+    false
+}
+
+/// Retries until the session is open; `None` if it closes.
+fn open_with_retries(
+    state: &Arc<State>,
+    channel: Channel,
+    endpoints: &Endpoints,
+    mut is_first: bool,
+) -> Option<Session> {
+    while !state.is_closing() {
+        match open(channel, endpoints, is_first)
+            .and_then(|session| subscribe(state, channel, session))
+        {
+            Ok(session) => {
+                let mut slot = lock(state.session(channel));
+                // It was closed meanwhile: close this session too.
+                if state.is_closing() {
+                    drop(slot);
+                    close(&session);
+                    return None;
+                }
+                *slot = Some(session.clone());
+                drop(slot);
+                state.set_problem(channel, None);
+                return Some(session);
+            }
+            Err(why) => {
+                tracing::debug!(%why, "not connected yet");
+                state.set_problem(channel, Some(in_words(&why, channel, endpoints)));
+            }
+        }
+        is_first = false;
+        clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
+    }
+    None
+}
+
+/// Opens the session once. If nothing answered before and TLS does now, QUIC is tried once more: the robot or the
+/// network may have come up between both attempts.
+fn open(channel: Channel, endpoints: &Endpoints, is_first: bool) -> Result<Session, LinkError> {
+    let session = sessions::open(Side::Console, channel, endpoints)?;
+    let is_second_best = Transport::of(&session, &endpoints.connect) == Some(Transport::TlsInstead);
+    if is_first || !is_second_best {
+        return Ok(session);
+    }
+    thread::sleep(COMING_BACK);
+    match sessions::open(Side::Console, channel, endpoints) {
+        Ok(again) => {
+            close_in_background(session);
+            Ok(again)
+        }
+        Err(_lost_again) => Ok(session),
+    }
+}
+
+fn close_in_background(session: Session) {
+    thread::spawn(move || close(&session));
+}
+
+/// May wait for the network.
+fn close(session: &Session) {
+    if let Err(why) = session.close().wait() {
+        tracing::debug!(%why, "a session did not close");
+    }
+}
+
+fn in_words(why: &LinkError, channel: Channel, asked: &Endpoints) -> String {
+    match (why, channel) {
+        // The error names the last attempt only: report all endpoints.
+        (LinkError::Open { .. }, Channel::Control) => {
+            format!("no answer at {}; trying again", asked.connect.join(", "))
+        }
+        (LinkError::Open { endpoints, .. }, Channel::Bulk) => {
+            format!("no answer at {endpoints}, where maps come from; trying again")
+        }
+        (
+            LinkError::Endpoint(_)
+            | LinkError::Protocol { .. }
+            | LinkError::Credentials(_)
+            | LinkError::UnexpectedPeer { .. }
+            | LinkError::Config { .. }
+            | LinkError::Setting { .. }
+            | LinkError::Declare { .. }
+            | LinkError::NoRandomness(_)
+            | LinkError::Thread(_)
+            | LinkError::Encoder(_),
+            Channel::Control | Channel::Bulk,
+        ) => why.to_string(),
+    }
+}
+
+/// Transport of the control session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Secured; a loss delays nothing.
+    Quic,
+    /// TLS as requested.
+    Tls,
+    /// TLS, as QUIC did not answer.
+    TlsInstead,
+    /// Unsecured.
+    Tcp,
+    /// Another, from a Zenoh configuration.
+    Other,
+}
+
+impl Transport {
+    /// Transport of the session's first link; `asked` are the requested endpoints.
+    fn of(session: &Session, asked: &[String]) -> Option<Self> {
+        let link = session.info().links().wait().next()?;
+        let locator = link.dst().to_string();
+        Some(Self::of_locator(&locator, asked))
+    }
+
+    fn of_locator(locator: &str, asked: &[String]) -> Self {
+        let (protocol, _) = locator.split_once('/').unwrap_or_default();
+        match protocol {
+            "quic" => Self::Quic,
+            "tls" if asked.iter().any(|endpoint| endpoint.starts_with("quic/")) => Self::TlsInstead,
+            "tls" => Self::Tls,
+            "tcp" => Self::Tcp,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// Zenoh reconnects by the same transport only. If a network starts to drop UDP, QUIC never returns: after this time
+/// the session is opened again with any transport.
+const LOST_FOR: Duration = Duration::from_secs(1);
+
+#[derive(Clone, Copy, Debug, Default)]
+struct LostLink {
+    since: Option<Monotonic>,
+}
+
+impl LostLink {
+    /// Returns whether the link has been lost for too long.
+    fn update(&mut self, has_link: bool, now: Monotonic) -> bool {
+        if has_link {
+            self.since = None;
+            return false;
+        }
+        now.since(*self.since.get_or_insert(now)) >= LOST_FOR
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unrequested_transport_is_reported() {
+        let quic = ["quic/boat:7447".to_owned()];
+        let tls = ["tls/boat:7447".to_owned()];
+        let of = |locator: &str, asked: &[String]| Transport::of_locator(locator, asked);
+        assert_eq!(of("quic/10.0.0.5:7447", &quic), Transport::Quic);
+        assert_eq!(of("tls/10.0.0.5:7447", &quic), Transport::TlsInstead);
+        assert_eq!(of("tls/10.0.0.5:7447", &tls), Transport::Tls);
+        assert_eq!(of("tcp/10.0.0.5:7447", &[]), Transport::Tcp);
+        assert_eq!(of("unixsock-stream/a", &[]), Transport::Other);
+    }
+}
+
+#[cfg(test)]
+mod lost_link_tests {
+    use super::*;
+
+    #[test]
+    fn short_interruption_keeps_the_session() {
+        const fn at(ms: u64) -> Monotonic {
+            Monotonic::from_nanos(ms * 1_000_000)
+        }
+        let mut lost = LostLink::default();
+        for (ms, has_link, is_over) in [
+            (10_000, true, false),
+            (10_500, false, false),
+            (11_400, false, false),
+            (11_450, true, false),
+            (11_600, false, false),
+            (12_500, false, false),
+            (12_600, false, true),
+            (12_700, true, false),
+            (12_800, false, false),
+        ] {
+            assert_eq!(lost.update(has_link, at(ms)), is_over, "{ms} ms");
+        }
     }
 }

@@ -1,29 +1,28 @@
-//! Which part of `odom` is on the screen, how large, and what of it is up.
+//! Camera of the map: centre, scale and orientation.
 
 use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::{Pos2, Rect, Vec2, pos2, vec2};
 
-/// Closest: a cell of 5 cm is 100 points wide.
+/// A cell of 5 cm is 100 points wide.
 const MAX_POINTS_PER_M: f64 = 2_000.0;
-/// Farthest: 40 km on a screen of 2000 points.
+/// 40 km on a screen of 2000 points.
 const MIN_POINTS_PER_M: f64 = 0.05;
-/// Part of the screen that a fitted map fills.
+/// Share of the screen that a fitted map fills.
 const FIT_PART: f64 = 0.92;
-/// Part of the shorter side of the screen that what is approached fills, and how near one comes by it, points for a metre.
+/// Share of the shorter side of the screen that an approached object fills, and the maximum scale, points/m.
 const APPROACHED_PART: f64 = 1.0 / 3.0;
 const NEAREST_APPROACH: f64 = 40.0;
-/// A map of one cell is not blown up to fill the screen.
+/// A map of one cell does not fill the screen.
 const MIN_FIT_SIDE_M: f64 = 4.0;
-/// y of `odom`: exact, so that a map that is not turned has its cells on whole numbers.
+/// Exact, so that cells of an unrotated map are at whole numbers.
 const NORTH: [f64; 2] = [0.0, 1.0];
 
-/// The point in the middle of the screen, the scale and the direction that is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     center_m: [f64; 2],
     points_per_m: f64,
-    /// Unit vector of `odom`.
+    /// Unit vector in `odom`.
     up: [f64; 2],
 }
 
@@ -38,22 +37,22 @@ impl Default for Camera {
 }
 
 impl Camera {
-    /// The point of `odom` in the middle of the screen, metres.
+    /// Centre of the screen in `odom`, m.
     pub const fn center_m(&self) -> [f64; 2] {
         self.center_m
     }
 
-    /// Points (logical pixels) for a metre.
+    /// Scale, logical pixels per metre.
     pub const fn points_per_m(&self) -> f64 {
         self.points_per_m
     }
 
-    /// The direction of `odom` that is up on the screen, radians, counter-clockwise from x.
+    /// Direction that is up on the screen, radians, counter-clockwise from x.
     pub fn up_rad(&self) -> f64 {
         libm::atan2(self.up[1], self.up[0])
     }
 
-    /// Turns the map about the middle of the screen until this direction of `odom` is up, radians.
+    /// Rotates the map until this direction (radians) is up.
     pub fn turn_up(&mut self, up_rad: f64) {
         if (up_rad - FRAC_PI_2).abs() < 1e-9 {
             self.up = NORTH;
@@ -63,7 +62,7 @@ impl Camera {
         }
     }
 
-    /// Where a point of `odom` is on a map drawn in `screen`.
+    /// `odom` to screen.
     pub fn to_screen(&self, screen: Rect, [x_m, y_m]: [f64; 2]) -> Pos2 {
         let (dx, dy) = (x_m - self.center_m[0], y_m - self.center_m[1]);
         let [up_x, up_y] = self.up;
@@ -76,13 +75,13 @@ impl Camera {
         )
     }
 
-    /// The point of `odom` under a place on the screen, metres.
+    /// Screen to `odom`, m.
     pub fn to_odom(&self, screen: Rect, at: Pos2) -> [f64; 2] {
         let [dx, dy] = self.offset_m(at - screen.center());
         [self.center_m[0] + dx, self.center_m[1] + dy]
     }
 
-    /// A direction of `odom` (radians, counter-clockwise from x) as a unit vector on the screen.
+    /// Direction in `odom` (radians, counter-clockwise from x) as a unit vector on the screen.
     pub fn direction(&self, angle_rad: f64) -> Vec2 {
         let (sin, cos) = libm::sincos(angle_rad);
         let [up_x, up_y] = self.up;
@@ -92,7 +91,7 @@ impl Camera {
         )
     }
 
-    /// Lowest and greatest x and y on the screen, metres: where the map is turned, of the rectangle around it.
+    /// Bounding box of the screen in `odom`: lowest and greatest x and y, m.
     pub fn visible_m(&self, screen: Rect) -> [f64; 4] {
         let corners = [
             screen.left_bottom(),
@@ -104,21 +103,20 @@ impl Camera {
         around(&corners)
     }
 
-    /// Puts a point of `odom` in the middle.
     pub fn center_on(&mut self, point_m: [f64; 2]) {
         if point_m.iter().all(|edge| edge.is_finite()) {
             self.center_m = point_m;
         }
     }
 
-    /// Moves the map with the hand that drags it, points.
+    /// Moves the map by a drag, points.
     pub fn pan(&mut self, drag: Vec2) {
         let [dx, dy] = self.offset_m(drag);
         self.center_m[0] -= dx;
         self.center_m[1] -= dy;
     }
 
-    /// Magnifies by `factor`; what is at `at` stays there.
+    /// Zooms by `factor` with the point at `at` fixed.
     pub fn zoom_about(&mut self, screen: Rect, at: Pos2, factor: f64) {
         if !(factor.is_finite() && factor > 0.0) {
             return;
@@ -130,7 +128,7 @@ impl Camera {
         self.center_m[1] += held_m[1] - moved_m[1];
     }
 
-    /// Shows all of a rectangle, lowest and greatest x and y, metres, in a part of the screen.
+    /// Shows a rectangle (lowest and greatest x and y, m) in a part of the screen.
     pub fn fit(&mut self, screen: Rect, part: Rect, bounds_m: [f64; 4]) {
         let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
         if !is_rectangle || part.width() < 1.0 || part.height() < 1.0 {
@@ -146,8 +144,8 @@ impl Camera {
         self.center_m = [x - dx, y - dy];
     }
 
-    /// Brings a rectangle into the middle, lowest and greatest x and y, metres, and so near that one sees what it is. Who is nearer
-    /// and sees all of it stays as near.
+    /// Centres a rectangle (lowest and greatest x and y, m) and zooms in until it is easy to see. A larger scale that
+    /// shows all of it stays.
     pub fn approach(&mut self, screen: Rect, bounds_m: [f64; 4]) {
         let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
         if !is_rectangle || screen.width() < 1.0 || screen.height() < 1.0 {
@@ -165,7 +163,7 @@ impl Camera {
         }
     }
 
-    /// Where a rectangle is on the screen, lowest and greatest x and y, metres: where the map is turned, what is around it.
+    /// Bounding box on the screen of a rectangle in `odom`, m.
     pub fn place_of(&self, screen: Rect, bounds_m: [f64; 4]) -> Rect {
         let [across_m, ahead_m] = self.size_m(bounds_m);
         let size = vec2(
@@ -175,14 +173,14 @@ impl Camera {
         Rect::from_center_size(self.to_screen(screen, middle(bounds_m)), size)
     }
 
-    /// How far a rectangle of `odom` goes across the screen, and ahead, metres.
+    /// Extent across and up the screen, m.
     fn size_m(&self, [low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
         let (dx, dy) = (high_x - low_x, high_y - low_y);
         let [up_x, up_y] = self.up.map(f64::abs);
         [dx * up_y + dy * up_x, dx * up_x + dy * up_y]
     }
 
-    /// What lies between two places of the screen in `odom`, metres.
+    /// Screen offset in `odom`, m.
     fn offset_m(&self, offset: Vec2) -> [f64; 2] {
         let right = f64::from(offset.x) / self.points_per_m;
         let ahead = -f64::from(offset.y) / self.points_per_m;
@@ -195,7 +193,7 @@ fn middle([low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
     [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]
 }
 
-/// Lowest and greatest x and y of points.
+/// Bounding box: lowest and greatest x and y.
 pub(super) fn around(points: &[[f64; 2]]) -> [f64; 4] {
     let start = [
         f64::INFINITY,
@@ -238,7 +236,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_under_a_place_is_drawn_there(
+        fn screen_and_odom_round_trip(
             camera in camera(),
             (x, y) in (0.0_f32..1300.0, 0.0_f32..800.0),
         ) {
@@ -252,7 +250,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_held_stays_under_the_hand(
+        fn the_dragged_point_stays_under_the_pointer(
             camera in camera(),
             (x, y) in (260.0_f32..1260.0, 30.0_f32..730.0),
             (dx, dy) in (-300.0_f32..300.0, -300.0_f32..300.0),
@@ -289,7 +287,7 @@ mod tests {
         }
 
         #[test]
-        fn directions_are_those_of_points(camera in camera(), angle_rad in -4.0..4.0) {
+        fn directions_match_points(camera in camera(), angle_rad in -4.0..4.0) {
             let [x, y] = camera.center_m();
             let (sin, cos) = libm::sincos(angle_rad);
             let tip = camera.to_screen(screen(), [x + cos, y + sin]);
@@ -299,14 +297,14 @@ mod tests {
     }
 
     #[test]
-    fn north_is_up_and_the_east_right_until_the_map_is_turned() {
+    fn north_is_up_unless_rotated() {
         let mut camera = Camera::default();
         let middle = screen().center();
         assert_eq!(
             camera.to_screen(screen(), [1.0, 2.0]),
             middle + vec2(40.0, -80.0)
         );
-        // Looking east: east is up, so north is on the left.
+        // East is up, north is left.
         camera.turn_up(0.0);
         let north = camera.to_screen(screen(), [0.0, 1.0]);
         assert!(north.distance(middle + vec2(-40.0, 0.0)) < 1e-3);
@@ -316,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn magnification_has_limits_and_nonsense_changes_nothing() {
+    fn zoom_has_limits_and_ignores_invalid_factors() {
         let mut camera = Camera::default();
         camera.zoom_about(screen(), screen().center(), 1e9);
         assert!((camera.points_per_m() - MAX_POINTS_PER_M).abs() < 1e-9);
@@ -338,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fitted_map_fills_the_screen_and_a_cell_does_not() {
+    fn fit_fills_the_screen_except_for_tiny_maps() {
         let mut camera = Camera::default();
         camera.fit(screen(), screen(), [0.0, 0.0, 50.0, 10.0]);
         assert_near(camera.center_m(), [25.0, 5.0], 1e-9);
@@ -348,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_approached_fills_a_third_and_nobody_is_taken_farther_away_without_need() {
+    fn approach_zooms_to_a_third_of_the_screen() {
         let at_scale = |points_per_m: f64, bounds_m| {
             let mut camera = Camera::default();
             let middle = screen().center();
@@ -361,11 +359,11 @@ mod tests {
         for (before, bounds_m, after) in [
             (0.5, [10.0, 10.0, 30.0, 15.0], 700.0 / 3.0 / 20.0),
             (0.5, [10.0, 10.0, 15.0, 30.0], 700.0 / 3.0 / 20.0),
-            // Small ones are not blown up, and nothing is no place to look at from nearby.
+            // Small rectangles are not enlarged beyond the maximum scale.
             (0.5, [10.0, 10.0, 11.0, 10.5], 40.0),
             (0.5, [10.0, 10.0, 10.0, 10.0], 40.0),
             (100.0, [10.0, 10.0, 11.0, 10.5], 100.0),
-            // Nearer, and all of it is seen; the last is too large for that.
+            // The current scale stays if all is visible.
             (30.0, [10.0, 10.0, 30.0, 15.0], 30.0),
             (100.0, [10.0, 10.0, 30.0, 15.0], 700.0 / 3.0 / 20.0),
         ] {

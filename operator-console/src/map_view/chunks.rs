@@ -1,32 +1,39 @@
-//! How tiles are gathered into textures: 512×512 texels each, finer or coarser with the magnification.
+//! Tiles are combined into textures (chunks) of 512×512 texels at several levels of detail, and painted within the
+//! time of a frame.
 //!
-//! On level 0 a texel is a cell and a chunk 8×8 tiles; on level `l` a texel is 2ˡ × 2ˡ cells. So a screen
-//! shows about as many chunks however far out it is, and none of its texels is smaller than a pixel: what a
-//! coarser texel shows is chosen here, not left to a filter in which walls of one cell come and go.
-//! Below 0 a cell is 2 to 8 texels wide: those levels are for layers whose classes have patterns, which are laid
-//! over texels and would be as coarse as the cells without them.
+//! On level 0 a texel is a cell and a chunk 8×8 tiles; on level `l` a texel is 2ˡ × 2ˡ cells. The number of chunks on
+//! the screen is therefore nearly constant, and no texel is smaller than a pixel. A coarse texel shows the highest
+//! code of its cells: a texture filter would make walls of one cell flicker. On levels below 0 a cell is 2 to 8
+//! texels wide, for layers with patterns.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
 
 use eframe::egui::{Color32, ColorImage};
+use measurement::time::Monotonic;
+use protocol::layer::LayerId;
 use protocol::tile::TILE_SIDE;
+use protocol::tile_store::TileStore;
+use robot_edge::clock;
 
 use super::coloring::Coloring;
+use super::layer_compositing::{IndexedLayer, TilePresence, known_below};
 
-/// Texels along one side of a chunk.
+/// Texels per chunk side.
 pub(super) const CHUNK_TEXELS: usize = 512;
-/// Cells along one side of a tile, for indices.
+/// Cells per tile side.
 pub(super) const TILE_CELLS: i64 = 64;
 const _: () = assert!(TILE_CELLS as usize == TILE_SIDE);
-/// On the coarsest level a tile is one texel.
+/// A tile is one texel.
 const MAX_LEVEL: i8 = 6;
-/// On the finest level a tile is a chunk.
+/// A tile is a chunk.
 const MIN_LEVEL: i8 = -3;
 const _: () = assert!(TILE_SIDE << -MIN_LEVEL == CHUNK_TEXELS);
 
-/// How coarse.
+/// Level of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Level(i8);
 
-/// A chunk: level, column and row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct ChunkKey {
     pub(super) level: Level,
@@ -35,12 +42,11 @@ pub(super) struct ChunkKey {
 }
 
 impl Level {
-    /// Every level, the finest first.
     pub(super) fn all() -> impl Iterator<Item = Self> {
         (MIN_LEVEL..=MAX_LEVEL).map(Self)
     }
 
-    /// The finest level whose texels are at least a pixel, and no finer than cells where nothing `has_patterns`.
+    /// The finest level whose texels are at least a pixel. Levels below 0 are for layers with patterns.
     pub(super) fn for_scale(pixels_per_cell: f64, has_patterns: bool) -> Self {
         let finest = if has_patterns { MIN_LEVEL } else { 0 };
         (finest..=MAX_LEVEL)
@@ -51,32 +57,27 @@ impl Level {
             .unwrap_or(Self(MAX_LEVEL))
     }
 
-    /// Cells along one side of a texel, where that is more than one.
     pub(super) const fn cells_per_texel(self) -> usize {
         if self.0 > 0 { 1 << self.0 } else { 1 }
     }
 
-    /// Texels along one side of a cell, where that is more than one.
     pub(super) const fn texels_per_cell(self) -> usize {
         if self.0 < 0 { 1 << -self.0 } else { 1 }
     }
 
-    /// Texels along one side of a tile.
     pub(super) const fn tile_texels(self) -> usize {
         TILE_SIDE * self.texels_per_cell() / self.cells_per_texel()
     }
 
-    /// The next coarser level, while there is one.
     pub(super) fn coarser(self) -> Option<Self> {
         (self.0 < MAX_LEVEL).then_some(Self(self.0 + 1))
     }
 
-    /// The next finer level, while there is one.
     pub(super) fn finer(self) -> Option<Self> {
         (self.0 > MIN_LEVEL).then_some(Self(self.0 - 1))
     }
 
-    /// The finest level at which so many tiles in a row lie in `chunks` chunks, wherever they begin.
+    /// The finest level at which `tiles` tiles in a row are in at most `chunks` chunks, for any start.
     pub(super) fn for_span(tiles: i64, chunks: i64) -> Self {
         (0..=MAX_LEVEL)
             .map(Self)
@@ -84,7 +85,6 @@ impl Level {
             .unwrap_or(Self(MAX_LEVEL))
     }
 
-    /// Tiles along one side of a chunk.
     pub(super) const fn tiles_per_chunk(self) -> i64 {
         if self.0 < 0 {
             8 >> -self.0
@@ -95,7 +95,6 @@ impl Level {
 }
 
 impl ChunkKey {
-    /// The chunk that holds a tile.
     pub(super) fn of_tile(level: Level, (tx, ty): (i64, i64)) -> Self {
         Self {
             level,
@@ -104,13 +103,13 @@ impl ChunkKey {
         }
     }
 
-    /// Its tile with the lowest x and y.
+    /// The tile with the lowest x and y.
     pub(super) const fn first_tile(self) -> (i64, i64) {
         let side = self.level.tiles_per_chunk();
         (self.x * side, self.y * side)
     }
 
-    /// Where a tile of this chunk begins in its image: column and row from the upper left.
+    /// Column and row of a tile in the image, from the upper left.
     pub(super) fn texel_of(self, (tx, ty): (i32, i32)) -> [usize; 2] {
         let side = self.level.tiles_per_chunk();
         let column = i64::from(tx).rem_euclid(side) as usize;
@@ -118,11 +117,11 @@ impl ChunkKey {
         [column, row].map(|tile| tile * self.level.tile_texels())
     }
 
-    /// Lowest and greatest x and y, metres.
+    /// Lowest and greatest x and y, m.
     pub(super) fn edges_m(self, cell_m: f64) -> [f64; 4] {
         let side_m = (self.level.tiles_per_chunk() * TILE_CELLS) as f64 * cell_m;
         let (x, y) = (self.x as f64, self.y as f64);
-        // Neighbours work out their common edge from the same numbers, so no gap opens between them.
+        // Adjacent chunks compute their common edge from the same numbers, so that there is no gap.
         [
             x * side_m,
             y * side_m,
@@ -132,18 +131,17 @@ impl ChunkKey {
     }
 }
 
-/// The codes of a tile's texels, or of its cells where those are larger, the greatest y first.
+/// Codes of a tile's texels, or of its cells if these are larger. Row 0 has the greatest y.
 #[derive(Clone, Copy)]
 pub(super) struct Codes<'a> {
-    /// The highest of each.
+    /// The highest code of each.
     pub(super) highest: &'a [u16],
-    /// Whether each lies over something known; empty where that makes no difference, as where there are patterns.
+    /// Whether each is over known cells of a lower layer; empty if irrelevant.
     pub(super) is_over_known: &'a [bool],
 }
 
-/// Writes a tile as texels into `texels`, which are `width` wide and whose first is the tile's upper left one. A texel
-/// shows the highest code of its cells, so that walls stay visible, as in exported pictures. `at` is where the tile
-/// begins in its chunk: there its patterns go on from those of its neighbours.
+/// Paints a tile into `texels` of row length `width`. A texel shows the highest code of its cells, so that walls stay
+/// visible, as in exported pictures. `at` is the position in the chunk, so that patterns continue across tiles.
 pub(super) fn paint_tile(
     texels: &mut [Color32],
     width: usize,
@@ -180,7 +178,7 @@ pub(super) fn paint_tile(
     }
 }
 
-/// A tile of `level` as a picture of its own.
+/// A tile as its own image.
 pub(super) fn tile_image(
     codes: Codes<'_>,
     level: Level,
@@ -193,20 +191,185 @@ pub(super) fn tile_image(
     image
 }
 
+/// A layer with what is necessary to draw it.
+#[derive(Clone, Copy)]
+pub(super) struct LayerStyle<'a> {
+    pub(super) layer: LayerId,
+    pub(super) cell_m: f64,
+    pub(super) store: &'a TileStore,
+    pub(super) known: &'a TilePresence,
+    pub(super) coloring: &'a Coloring,
+    /// Visible layers below it.
+    pub(super) below: &'a [IndexedLayer<'a>],
+}
+
+pub(super) struct ChunkBuilder {
+    pub(super) key: ChunkKey,
+    image: ColorImage,
+    /// Tiles to paint, the next is last.
+    left: Vec<(i32, i32)>,
+    /// Painted tiles that have changed since.
+    pub(super) changed: BTreeSet<(i32, i32)>,
+}
+
+impl ChunkBuilder {
+    pub(super) fn begin(key: ChunkKey, style: LayerStyle<'_>) -> Option<Self> {
+        let side = key.level.tiles_per_chunk();
+        let left: Vec<_> = style.known.in_square(key.first_tile(), side).collect();
+        (!left.is_empty()).then(|| Self {
+            key,
+            image: ColorImage::filled([CHUNK_TEXELS; 2], style.coloring.unknown()),
+            left,
+            changed: BTreeSet::new(),
+        })
+    }
+
+    /// Paints tiles while there is time. Returns whether all are painted.
+    pub(super) fn advance(&mut self, style: LayerStyle<'_>, time: &mut FrameTime) -> bool {
+        while let Some(tile) = self.left.last().copied() {
+            if !time.take_tile() {
+                return false;
+            }
+            self.left.pop();
+            let at = self.key.texel_of(tile);
+            let first = at[1] * CHUNK_TEXELS + at[0];
+            let texels = &mut self.image.pixels[first..];
+            style.with_codes(tile, self.key.level, |codes| {
+                paint_tile(
+                    texels,
+                    CHUNK_TEXELS,
+                    self.key.level,
+                    at,
+                    codes,
+                    style.coloring,
+                );
+            });
+        }
+        true
+    }
+
+    /// Records a changed tile that is painted already.
+    pub(super) fn tile_changed(&mut self, tile: (i32, i32)) {
+        let tile_at = (i64::from(tile.0), i64::from(tile.1));
+        if ChunkKey::of_tile(self.key.level, tile_at) == self.key && !self.left.contains(&tile) {
+            self.changed.insert(tile);
+        }
+    }
+
+    pub(super) fn into_image(self) -> ColorImage {
+        self.image
+    }
+}
+
+impl LayerStyle<'_> {
+    /// Image of one tile of a chunk.
+    pub(super) fn image(&self, tile: (i32, i32), chunk: ChunkKey) -> ColorImage {
+        let level = chunk.level;
+        let mut image = None;
+        self.with_codes(tile, level, |codes| {
+            let at = chunk.texel_of(tile);
+            image = Some(tile_image(codes, level, at, self.coloring));
+        });
+        image.unwrap_or_else(|| {
+            let unknown: Color32 = self.coloring.unknown();
+            ColorImage::filled([level.tile_texels(); 2], unknown)
+        })
+    }
+
+    /// Calls `take` with the codes of a known tile.
+    fn with_codes(&self, tile: (i32, i32), level: Level, take: impl FnOnce(Codes<'_>)) {
+        let step = level.cells_per_texel();
+        let drawn = IndexedLayer {
+            layer: self.layer,
+            cell_m: self.cell_m,
+            store: self.store,
+            known: self.known,
+        };
+        let is_over_known = if self.coloring.lets_through() {
+            known_below(self.below, (tile, self.cell_m), step)
+        } else {
+            Vec::new()
+        };
+        drawn.with_codes(tile, step, |highest| {
+            take(Codes {
+                highest,
+                is_over_known: &is_over_known,
+            });
+        });
+    }
+}
+
+/// Time for painting tiles in a frame.
+const TIME: Duration = Duration::from_millis(4);
+/// Whole textures uploaded in a frame: a mebibyte each, about a millisecond.
+const UPLOADS: usize = 3;
+
+/// Remaining budget of a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrameTime {
+    left: Left,
+    uploads: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Left {
+    Until(Monotonic),
+    #[cfg(test)]
+    Tiles(usize),
+}
+
+impl FrameTime {
+    pub(super) fn new() -> Self {
+        Self {
+            left: Left::Until(clock::now() + TIME),
+            uploads: UPLOADS,
+        }
+    }
+
+    /// A fixed number of tiles.
+    #[cfg(test)]
+    pub(super) const fn of_tiles(tiles: usize) -> Self {
+        Self {
+            left: Left::Tiles(tiles),
+            uploads: usize::MAX,
+        }
+    }
+
+    /// Takes the time of a tile from the budget, if there is any.
+    pub(super) fn take_tile(&mut self) -> bool {
+        match &mut self.left {
+            Left::Until(end) => clock::now() < *end,
+            #[cfg(test)]
+            Left::Tiles(left) => {
+                let has_some = *left > 0;
+                *left = left.saturating_sub(1);
+                has_some
+            }
+        }
+    }
+
+    /// Takes an upload from the budget, if there is any.
+    pub(super) fn take_upload(&mut self) -> bool {
+        let has_some = self.uploads > 0;
+        self.uploads = self.uploads.saturating_sub(1);
+        has_some
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
     use protocol::layer::LayerId;
     use protocol::tile::TileCells;
 
-    use super::super::max_codes::max_codes;
-    use super::*;
+    use super::super::layer_compositing::max_codes;
 
     fn chunk(level: i8, tile: (i64, i64)) -> ChunkKey {
         ChunkKey::of_tile(Level(level), tile)
     }
 
     #[test]
-    fn tiles_left_of_and_below_the_origin_are_in_negative_chunks() {
+    fn negative_tiles_are_in_negative_chunks() {
         let at = |level, tile| {
             let chunk = chunk(level, tile);
             (chunk.x, chunk.y)
@@ -220,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_lies_in_its_own_part_of_the_image_upside_down() {
+    fn position_of_a_tile_in_its_chunk() {
         let texel = |level, (tx, ty): (i32, i32)| {
             chunk(level, (i64::from(tx), i64::from(ty))).texel_of((tx, ty))
         };
@@ -241,7 +404,6 @@ mod tests {
             let side_m = TILE_SIDE as f64 * 0.25;
             let [low_x, low_y, high_x, high_y] = key.edges_m(0.25);
             let tiles = level.tiles_per_chunk();
-            // Exact: a quarter of a metre and powers of two.
             let edges = [low_x, low_y, high_x, high_y].map(f64::to_bits);
             let expected = [tx, ty, tx + tiles, ty + tiles].map(|tile| tile as f64 * side_m);
             assert_eq!(edges, expected.map(f64::to_bits));
@@ -250,14 +412,14 @@ mod tests {
     }
 
     #[test]
-    fn a_span_fits_its_chunks_wherever_it_begins() {
+    fn level_for_span() {
         for (tiles, level) in [(1, 0), (9, 0), (10, 1), (157, 5), (129, 4), (1 << 40, 6)] {
             assert_eq!(Level::for_span(tiles, 2), Level(level), "{tiles}");
         }
     }
 
     #[test]
-    fn texels_are_never_smaller_than_a_pixel_while_there_are_levels() {
+    fn texels_are_at_least_a_pixel() {
         for (pixels_per_cell, level) in [
             (30.0, 0),
             (1.0, 0),
@@ -281,7 +443,6 @@ mod tests {
         }
     }
 
-    /// As [`tile_image`], from cells.
     fn image_of(
         cells: &TileCells,
         level: Level,
@@ -299,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_of_one_cell_is_there_on_every_level() {
+    fn a_wall_of_one_cell_is_visible_on_all_levels() {
         let cells = TileCells::from_fn(|x, y| if (x, y) == (9, 60) { 2 } else { 1 });
         let coloring = Coloring::new(LayerId::Obstacle.default_palette(), false);
         let wall = coloring.color_at(2, 0, 0);
@@ -319,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_are_texels_wide_and_go_on_across_tiles() {
+    fn patterns_continue_across_tiles() {
         let palette = LayerId::Shore.default_palette();
         let coloring = Coloring::new(palette, false);
         let cells = TileCells::from_fn(|_, _| 4);

@@ -1,31 +1,30 @@
-//! Codes → colours on the screen, and which values they are spread over.
+//! Colours of cell codes, and the value range of colour scales.
 //!
-//! The lowest layer that is shown has the colours of its palette. What lies over another lets through where it has
-//! nothing to say: free cells of obstacles, low probabilities and low costs, where a layer below knows anything, and the
-//! unknown of every layer.
+//! The lowest shown layer has the colours of its palette. An upper layer is transparent where it is unknown, and over
+//! known cells also where it is free or has low values.
 
 use eframe::egui::Color32;
 use protocol::layer::{LayerId, Palette, Pattern, Quantisation, Scheme, UNKNOWN};
 use protocol::tile::TILE_SIDE;
 use protocol::tile_store::TileStore;
 
-/// Cells that are looked at to fit colours, at most: about 2 ms. Of a larger map, rows and tiles are left out evenly.
+/// Cells used to fit colours, at most: about 2 ms. Larger maps are sampled evenly.
 const MAX_FITTED_CELLS: usize = 1 << 20;
 
-/// A palette as a table, so that a cell costs one look-up.
+/// Colour table of a palette: one look-up per cell.
 #[derive(Clone, Debug)]
 pub(super) struct Coloring {
     palette: Palette,
     is_over: bool,
     table: Vec<Color32>,
-    /// The same where nothing is known below; empty where that makes no difference.
+    /// Colours over unknown cells; empty if they are the same.
     alone: Vec<Color32>,
-    /// The pattern of each code and the colour of its marks; empty where the layer's classes have none.
+    /// Pattern of each code and its colour; empty without patterns.
     marks: Vec<(Pattern, Color32)>,
 }
 
 impl Coloring {
-    /// The colours of `palette` for a layer that lies over another, or over none.
+    /// `is_over`: above another layer.
     pub(super) fn new(palette: Palette, is_over: bool) -> Self {
         let last = match palette.layer().quantisation() {
             Quantisation::Linear { max_code, .. } => max_code,
@@ -49,7 +48,7 @@ impl Coloring {
             };
             covering(code, part)
         };
-        // What is unknown is left to what lies below, or to what the map lies on.
+        // Unknown cells are transparent.
         let alone = |code| covering(code, f32::from(code != UNKNOWN));
         let lets_through =
             is_over && codes().any(|code| code != UNKNOWN && cover(palette.layer(), code) < 1.0);
@@ -66,28 +65,27 @@ impl Coloring {
         &self.palette
     }
 
-    /// Whether they are those of a layer over another.
     pub(super) const fn is_over(&self) -> bool {
         self.is_over
     }
 
-    /// Whether what is known below makes a difference.
+    /// Whether the colours depend on the layers below.
     pub(super) fn lets_through(&self) -> bool {
         !self.alone.is_empty()
     }
 
-    /// The colour of a code where nothing is known below.
+    /// Colour over unknown cells.
     pub(super) fn alone(&self, code: u16) -> Color32 {
         let color = self.alone.get(usize::from(code));
         color.copied().unwrap_or_else(|| self.plain(code))
     }
 
-    /// Whether a colour depends on where it is.
+    /// Whether the layer has patterns.
     pub(super) fn has_patterns(&self) -> bool {
         !self.marks.is_empty()
     }
 
-    /// The colour of a texel of a cell: `x` counts to the right, `y` down.
+    /// Colour of a texel: `x` counts to the right, `y` down.
     pub(super) fn color_at(&self, code: u16, x: usize, y: usize) -> Color32 {
         match self.marks.get(usize::from(code)) {
             Some((pattern, color)) if pattern.is_mark(x, y) => *color,
@@ -95,26 +93,24 @@ impl Coloring {
         }
     }
 
-    /// The colour of a code where nothing has a pattern.
     pub(super) fn plain(&self, code: u16) -> Color32 {
         let color = self.table.get(usize::from(code));
         color.copied().unwrap_or_default()
     }
 
-    /// The colour of unknown cells.
     pub(super) fn unknown(&self) -> Color32 {
         self.table.first().copied().unwrap_or_default()
     }
 }
 
-/// The palette of `layer` that goes by `scheme`; the layer's default where it has no such.
+/// The palette of `layer` with `scheme`, or its default.
 pub(super) fn palette_of(layer: LayerId, scheme: Scheme) -> Palette {
     let mut palettes = layer.palettes();
     let palette = palettes.find(|palette| palette.scheme() == scheme);
     palette.unwrap_or_else(|| layer.default_palette())
 }
 
-/// How much of what lies below a cell of `layer` hides: 0 nothing … 1 everything.
+/// Opacity of a cell over other layers, 0 … 1.
 fn cover(layer: LayerId, code: u16) -> f32 {
     let Some(value) = layer.quantisation().decode(code) else {
         return 0.0;
@@ -127,14 +123,14 @@ fn cover(layer: LayerId, code: u16) -> f32 {
     }
 }
 
-/// `palette` over all but the lowest and highest 1 % of the cells in `store`, as exported pictures have it; of a great
-/// map, of cells spread over all of it.
+/// Fits the range to the cells in `store` without the lowest and highest 1 %, as exported pictures do. Large maps are
+/// sampled.
 pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
     let layer = palette.layer();
     let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
     let tiles = || store.tiles(layer).filter_map(|(_, tile)| tile.cells());
     let rows = tiles().count() * TILE_SIDE;
-    // Odd, so that it is not the same rows of every tile.
+    // Odd, so that the sampled rows differ from tile to tile.
     let stride = (rows / (MAX_FITTED_CELLS / TILE_SIDE)) | 1;
     let mut next = 0;
     for (index, cells) in tiles().enumerate() {
@@ -172,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_the_palette() {
+    fn colour_table_equals_the_palette() {
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let coloring = Coloring::new(palette, false);
             for (code, color) in (0..=u16::MAX).zip(&coloring.table) {
@@ -190,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_over_another_layer_lets_through_where_nothing_is() {
+    fn upper_layers_are_transparent_where_free() {
         let color = |layer: LayerId, scheme, code| {
             Coloring::new(palette_of(layer, scheme), true).color_at(code, 1, 1)
         };
@@ -216,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_over_nothing_known_has_the_colours_of_its_palette() {
+    fn the_lowest_layer_has_its_palette() {
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let layer = palette.layer();
             let [over, lowest] = [true, false].map(|is_over| Coloring::new(palette, is_over));
@@ -231,11 +227,11 @@ mod tests {
     }
 
     #[test]
-    fn a_great_map_is_fitted_by_a_part_of_it() {
+    fn large_maps_are_sampled_for_fitting() {
         let layer = LayerId::Elevation;
         let mut store = TileStore::new(BootId([1; 16]), 10);
         store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
-        // 900 tiles are 3.5 times as many cells as are looked at; heights rise from west to east.
+        // 900 tiles have 3.5 times the sampled number of cells. Heights rise from west to east.
         for index in 0..900_u16 {
             let code = layer.quantisation().encode(f32::from(index / 30) * 0.1);
             let key = TileKey {
@@ -254,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fitted_palette_leaves_out_the_last_hundredth() {
+    fn fitted_palette_omits_extreme_values() {
         let layer = LayerId::Elevation;
         let mut store = TileStore::new(BootId([1; 16]), 10);
         let palette = layer.default_palette();

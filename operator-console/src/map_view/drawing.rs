@@ -1,26 +1,45 @@
-//! Draws the map: the layers, and what lies over them.
+//! Draws the map: layers, overlays, cards and buttons.
+
+use std::f64::consts::FRAC_PI_2;
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Color32, Context, Painter, Pos2, Rect, Sense, Ui, WidgetInfo, vec2};
+use eframe::egui::{
+    Align, Align2, Area, Color32, Context, Frame, Id, Layout, Order, Painter, Pos2, Rect, Sense,
+    Ui, UiBuilder, WidgetInfo, pos2, vec2,
+};
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 
-use super::frame_time::FrameTime;
-use super::map_controls::knows_north;
+use super::chunks::FrameTime;
+use super::legend_card::LegendPlace;
 use super::map_layers::MapLayers;
-use super::overlays::scale_bar::{self, ScaleBar};
+use super::overlays::grid::{self, COMPASS_SIZE, CompassData, ScaleBar};
 use super::overlays::shores::ShoreMarks;
-use super::overlays::stopping::{self, Motion};
-use super::overlays::vehicle::VehicleMark;
-use super::overlays::{self, grid, sensors, trail};
-use super::{CARD_MARGIN, MapView, Overlay, Ruler, probe, probe_card, ruler};
+use super::overlays::vehicle::{self, Motion, VehicleMark};
+use super::probe::{self, ProbeData};
+use super::toolbar::{self, ToolbarData};
+use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, legend_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
-use crate::panels::stale::{StaleData, is_position_old};
+use crate::panels::notice::NoticeRoom;
+use crate::panels::stale::{StaleData, is_position_old, stale_ui};
 use crate::theme;
 
+/// Padding of the banner, points.
+const PADDING: f32 = 8.0;
+/// Distance of cards above the scale bar from the lower edge, points.
+const OVER_SCALE_BAR: f32 = 60.0;
+/// Size of the longest scale bar with its margins, points.
+const SCALE_BAR: [f32; 2] = [190.0, OVER_SCALE_BAR];
+/// Smaller maps have no probe card, because it would hide them. Width and height, points.
+pub(super) const MIN_MAP_FOR_CARDS: [f32; 2] = [200.0, 160.0];
+/// A narrower card has too many lines, points.
+const MIN_CARD_WIDTH: f32 = 330.0;
+/// On narrower maps the probe card has short texts, points.
+const NARROW: f32 = 480.0;
+
 impl MapView {
-    /// Draws the map and lets the operator move it; what the buttons on it ask for.
+    /// Draws the map and handles the pointer. Returns what the buttons request.
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
@@ -41,15 +60,15 @@ impl MapView {
         }
         let bar_at = screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN);
         let bar = ScaleBar::new(self.camera.points_per_m(), self.width_beside_legend());
-        let bar_place = scale_bar::place(&painter, bar_at, &bar);
+        let bar_place = grid::scale_bar_place(&painter, bar_at, &bar);
         if self.settings.has(Overlay::Grid) {
-            let lines = grid::lines(&self.camera, screen);
+            let lines = grid::grid_lines(&self.camera, screen);
             let covered = previous_occluders
                 .iter()
                 .copied()
                 .chain(self.legends_place());
             let covered: Vec<_> = covered.chain([bar_place]).collect();
-            grid::paint(&painter, &lines, (screen, &covered), ink, paper);
+            grid::paint_grid(&painter, &lines, (screen, &covered), ink, paper);
         }
         let vehicle_color = self.vehicle_color(is_position_old);
         self.paint_sensors(&painter, model, vehicle_color);
@@ -57,12 +76,12 @@ impl MapView {
         marks.paint_ground(&painter, ink, paper);
         self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
         marks.paint_labels(&painter, ink, paper);
-        // A map that can be dragged is hovered through the buttons on it.
+        // A draggable map is also hovered through its buttons.
         let pointer = response.hover_pos().filter(|at| !self.is_occluded(*at));
         let probed_place = self.probed_place(pointer);
         let measured = self.paint_ruler(&painter, model, probed_place, &marks.labels, ink, paper);
         if self.is_center_probed {
-            probe_card::paint_pin(&painter, screen.center());
+            probe::paint_pin(&painter, screen.center());
         }
         response.widget_info(|| {
             let words = measured
@@ -70,16 +89,16 @@ impl MapView {
                 .map_or_else(|| "Map".to_owned(), |it| format!("Map, measured: {it}"));
             WidgetInfo::labeled(Role::Canvas, true, words)
         });
-        // On a tiny map, legends that somebody opened are over it: half a bar would be of another length.
+        // On a tiny map opened legends may cover the scale bar. A partly covered bar would show a wrong length.
         let legends = self.legends_place();
         if legends.is_none_or(|legends| !legends.intersects(bar_place)) {
-            scale_bar::paint(&painter, bar_at, &bar, ink, paper);
+            grid::paint_scale_bar(&painter, bar_at, &bar, ink, paper);
         }
         let has_cards = self.has_room_for_cards();
         if has_cards && let Some(pinned_m) = self.pinned_m {
-            probe_card::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
+            probe::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
         }
-        // Over all that is in the map, and below all that can be pressed.
+        // Above the map, below the buttons.
         self.banner_ui(ui, stale.as_ref());
         if has_cards {
             self.probe_ui(ui, probed_place, model, now);
@@ -90,13 +109,13 @@ impl MapView {
         let from_buttons = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model);
         if self.settings.has(Overlay::Grid) && self.occluders != previous_occluders {
-            // Its numbers keep clear of what stood on the map.
+            // The grid numbers avoid cards at their new positions.
             ui.ctx().request_repaint();
         }
         from_compass.or(from_buttons)
     }
 
-    /// What the legends leave of the map's width, points.
+    /// Width of the map beside the legends, points.
     fn width_beside_legend(&self) -> f32 {
         let legend = if self.settings.has(Overlay::Legend) {
             self.legend_width() + CARD_MARGIN
@@ -106,7 +125,7 @@ impl MapView {
         self.screen.width() - legend - 2.0 * CARD_MARGIN
     }
 
-    /// What the map lies on: the colour of what is unknown in the lowest layer, where that has one.
+    /// Background: the colour of unknown cells of the lowest layer, if it is opaque.
     fn ground(&self, ui: &Ui, model: &ConsoleModel) -> Color32 {
         let shown = MapLayers::shown(self.stack(), model.map().store());
         let lowest = shown.first();
@@ -131,7 +150,7 @@ impl MapView {
             .paint(painter, &self.settings.stack, store, view);
     }
 
-    /// What is measured, in words, where something is. Its cards stand beside `labels`.
+    /// Draws the measured line. Returns its text. Its labels avoid `labels`.
     fn paint_ruler(
         &self,
         painter: &Painter,
@@ -157,23 +176,17 @@ impl MapView {
         let pieces: Vec<_> = legs.iter().map(|leg| leg.label(is_on_earth)).collect();
         let (total, view) = (ruler::total(&legs), (&self.camera, self.screen));
         let words = (&*pieces, total.as_deref());
-        overlays::ruler::paint(painter, &points_m, words, view, labels, ink, paper);
+        ruler::paint_ruler(painter, &points_m, words, view, labels, ink, paper);
         (!legs.is_empty()).then(|| {
             let words = pieces.into_iter().chain(total);
             words.collect::<Vec<_>>().join("; ")
         })
     }
 
-    /// Whether a place on the screen is where this point (metres in `odom`) is drawn.
+    /// Whether a place on the screen is within the mark of a point.
     fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
         let drawn = self.camera.to_screen(self.screen, point_m);
-        drawn.distance(place) <= overlays::ruler::POINT
-    }
-
-    /// Where the vehicle is on the screen.
-    pub(super) fn vehicle_place(&self, model: &ConsoleModel) -> Option<Pos2> {
-        let vehicle_m = vehicle_m(model)?;
-        Some(self.camera.to_screen(self.screen, vehicle_m))
+        drawn.distance(place) <= ruler::POINT_RADIUS
     }
 
     fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
@@ -194,7 +207,7 @@ impl MapView {
         }
     }
 
-    fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel, vehicle: Color32) {
+    fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel, color: Color32) {
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
@@ -205,28 +218,22 @@ impl MapView {
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
         for field in &self.robot_overlay.sensors {
-            let field_m = sensors::field_m(field, [x_m, y_m], heading_rad);
-            sensors::paint_field(painter, &field_m, view, vehicle);
+            let field_m = vehicle::field_m(field, [x_m, y_m], heading_rad);
+            vehicle::paint_field(painter, &field_m, view, color);
         }
         if let Some(scan) = &self.robot_overlay.scan {
-            sensors::paint_scan(painter, scan, view, theme::SCAN);
+            vehicle::paint_scan(painter, scan, view, theme::SCAN);
         }
     }
 
-    fn paint_vehicle(
-        &self,
-        painter: &Painter,
-        model: &ConsoleModel,
-        vehicle: Color32,
-        is_old: bool,
-    ) {
-        let lines = trail::lines(model.vehicle().trail(), &self.camera, self.screen);
+    fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, color: Color32, is_old: bool) {
+        let lines = vehicle::trail_lines(model.vehicle().trail(), &self.camera, self.screen);
         let trail = if is_old {
             theme::VEHICLE_STALE
         } else {
             theme::TRAIL
         };
-        trail::paint(painter, lines, trail, self.camera.points_per_m());
+        vehicle::paint_trail(painter, lines, trail, self.camera.points_per_m());
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
@@ -246,8 +253,8 @@ impl MapView {
                 footprint_m: footprint_m.map(f64::from),
                 footprint_offset_m: f64::from(offset_m),
             };
-            let swept_m = stopping::swept_m(&motion, stopping);
-            stopping::paint(painter, &swept_m, view, theme::STOPPING);
+            let swept_m = vehicle::swept_m(&motion, stopping);
+            vehicle::paint_stopping(painter, &swept_m, view, theme::STOPPING);
         }
         VehicleMark::new(
             self.camera.to_screen(self.screen, [x_m, y_m]),
@@ -255,15 +262,213 @@ impl MapView {
             (footprint_m, offset_m),
             self.camera.points_per_m(),
         )
-        .paint(painter, vehicle);
+        .paint(painter, color);
         if let Some(barrier) = model.barrier().filter(|_| !is_old) {
             let position_m = barrier.position_m.map(f64::from);
-            overlays::barrier::paint(painter, position_m, view, theme::STOPPING);
+            vehicle::paint_barrier(painter, position_m, view, theme::STOPPING);
+        }
+    }
+
+    /// The probe card of the pinned point, or else of the point under the pointer.
+    fn probe_ui(
+        &mut self,
+        ui: &Ui,
+        probed_place: Option<Pos2>,
+        model: &ConsoleModel,
+        now: Monotonic,
+    ) {
+        let probed_m = probed_place.map(|at| self.camera.to_odom(self.screen, at));
+        let Some(point_m) = self.pinned_m.or(probed_m) else {
+            return;
+        };
+        let data = ProbeData::new(model, self.stack(), point_m, now);
+        let is_pinned = self.pinned_m.is_some();
+        let point = self.camera.to_screen(self.screen, point_m);
+        let (corner, align, width) = self.probe_card_anchor(point);
+        let card = Area::new(Id::unique("map probe"))
+            .fixed_pos(corner)
+            .pivot(align)
+            .constrain_to(self.screen)
+            .order(Order::Background)
+            .interactable(is_pinned)
+            .show(ui.ctx(), |ui| {
+                let is_narrow = self.screen.width() < NARROW;
+                probe::probe_card_ui(ui, &data, is_pinned, (width, is_narrow))
+            });
+        self.occluders.push(card.response.rect);
+        if card.inner {
+            self.pinned_m = None;
+        }
+    }
+
+    /// Corner, alignment and greatest width of the probe card: lower left, or upper left if the point is in the lower
+    /// half of the map. The legends and the compass are to its right if there is enough width.
+    fn probe_card_anchor(&self, point: Pos2) -> (Pos2, Align2, f32) {
+        let screen = self.screen;
+        let left = screen.left() + CARD_MARGIN;
+        if point.y > screen.center().y {
+            let top = self.buttons.bottom().max(self.map_top) + CARD_MARGIN;
+            let right = screen.right() - 2.0 * CARD_MARGIN - COMPASS_SIZE;
+            let width = (right - left).max(0.0);
+            return (pos2(left, top), Align2::LEFT_TOP, width);
+        }
+        let bottom = screen.bottom() - OVER_SCALE_BAR;
+        let legends = self.legends_place();
+        let right = legends.map_or(screen.right(), |legends| legends.left()) - CARD_MARGIN;
+        match legends {
+            Some(legends) if right - left < MIN_CARD_WIDTH => {
+                let bottom = bottom.min(legends.top() - CARD_MARGIN);
+                let width = screen.width() - 2.0 * CARD_MARGIN;
+                (pos2(left, bottom), Align2::LEFT_BOTTOM, width)
+            }
+            _ => (pos2(left, bottom), Align2::LEFT_BOTTOM, right - left),
+        }
+    }
+
+    pub(super) fn has_room_for_cards(&self) -> bool {
+        let [width, height] = MIN_MAP_FOR_CARDS;
+        self.screen.width() >= width && self.screen.height() >= height
+    }
+
+    /// Area of the legends and their button, if drawn.
+    pub(super) fn legends_place(&self) -> Option<Rect> {
+        let place = self.legends.place();
+        place.filter(|_| self.settings.has(Overlay::Legend))
+    }
+
+    fn compass_place(&self) -> Option<Rect> {
+        self.compass_below(self.buttons.bottom())
+    }
+
+    fn compass_below(&self, buttons: f32) -> Option<Rect> {
+        let right = self.screen.right() - CARD_MARGIN;
+        let at = pos2(right - COMPASS_SIZE, buttons + CARD_MARGIN);
+        let place = Rect::from_min_size(at, vec2(COMPASS_SIZE, COMPASS_SIZE));
+        self.settings.has(Overlay::Compass).then_some(place)
+    }
+
+    /// Whether buttons, compass or legends cover this place, so that the map below is not read.
+    pub(super) fn is_occluded(&self, place: Pos2) -> bool {
+        let occluders = [
+            Some(self.buttons),
+            self.compass_place(),
+            self.legends_place(),
+        ];
+        let mut occluders = occluders.into_iter().flatten();
+        occluders.any(|occluders| occluders.contains(place))
+    }
+
+    /// Area for a notice; `None` if the map is too small.
+    pub fn notice_room(&self) -> Option<NoticeRoom> {
+        if !self.has_room_for_cards() {
+            return None;
+        }
+        let legends = self.legends_place();
+        let [width, height] = SCALE_BAR;
+        let corner = self.screen.left_bottom();
+        let scale_bar = Rect::from_two_pos(corner, corner + vec2(width, -height));
+        let occluders = self.occluders.iter().copied().chain(legends);
+        let whole = self.screen.shrink(CARD_MARGIN);
+        // Beside the legends: above them the notice would be near the vehicle.
+        let beside = legends.map(|legends| whole.with_max_x(legends.left() - CARD_MARGIN));
+        let beside = beside.filter(|beside| beside.width() >= MIN_CARD_WIDTH);
+        Some(NoticeRoom {
+            place: beside.unwrap_or(whole),
+            taken: occluders.chain([scale_bar]).collect(),
+        })
+    }
+
+    /// Banner of a silent robot. The map does not move below the pointer, but the buttons do.
+    pub(super) fn banner_ui(&mut self, ui: &mut Ui, stale: Option<&StaleData>) {
+        let before = std::mem::replace(&mut self.map_top, self.screen.top());
+        if let Some(stale) = stale {
+            let whole = UiBuilder::new()
+                .max_rect(self.screen)
+                .layout(Layout::top_down(Align::Min));
+            let [ground, _] = stale.colors(ui.visuals());
+            let banner = ui.scope_builder(whole, |ui| {
+                let frame = Frame::new().fill(ground).inner_margin(PADDING);
+                frame.show(ui, |ui| {
+                    ui.set_width(ui.available_width());
+                    stale_ui(ui, stale);
+                });
+            });
+            let banner = banner.response.rect;
+            // Blocks clicks on the map below.
+            let id = ui.scope_id().with("banner");
+            ui.interact(banner, id, Sense::CLICK | Sense::DRAG);
+            self.occluders.push(banner);
+            // On a very low map the buttons are over the banner.
+            let lowest = (self.screen.bottom() - 2.0 * CARD_MARGIN).max(self.screen.top());
+            self.map_top = banner.bottom().min(lowest);
+        }
+        if (self.map_top - before).abs() > 0.5 {
+            // The cards follow the buttons.
+            ui.ctx().request_repaint();
+        }
+    }
+
+    pub(super) fn buttons_ui(&mut self, ui: &mut Ui) -> Option<Look> {
+        let top_right = UiBuilder::new()
+            .max_rect(self.screen.with_min_y(self.map_top).shrink(CARD_MARGIN))
+            .layout(Layout::top_down(Align::Max));
+        let data = ToolbarData {
+            camera_mode: self.settings.camera_mode,
+            orientation: self.settings.orientation,
+            has_grid: self.settings.has(Overlay::Grid),
+            is_measuring: self.ruler.is_some(),
+        };
+        let buttons = ui.scope_builder(top_right, |ui| toolbar::toolbar_ui(ui, data));
+        self.buttons = buttons.response.rect;
+        self.occluders.push(self.buttons);
+        buttons.inner
+    }
+
+    pub(super) fn compass_ui(&mut self, ui: &Ui, model: &ConsoleModel) -> Option<Look> {
+        let rect = self.compass_place()?;
+        let data = CompassData {
+            north: self.camera.direction(FRAC_PI_2),
+            is_on_earth: knows_north(model),
+            orientation: self.settings.orientation,
+        };
+        self.occluders.push(rect);
+        grid::compass_ui(ui, rect, data).then(|| Look::Up(self.settings.orientation.other()))
+    }
+
+    pub(super) fn legend_width(&self) -> f32 {
+        legend_card::width(self.screen)
+    }
+
+    pub(super) fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel) {
+        let shown = MapLayers::shown(self.stack(), model.map().store());
+        let palettes = shown.iter().rev();
+        let palettes: Vec<_> = palettes
+            .map(|(held, is_over)| (self.layers.palette(held.layer), *is_over))
+            .collect();
+        // The buttons are drawn later, and are not lower than this.
+        let buttons = self.map_top + CARD_MARGIN + toolbar::HEIGHT;
+        let map = LegendPlace {
+            screen: self.screen,
+            buttons,
+            compass: self.compass_below(buttons),
+        };
+        let before = self.legends.place();
+        self.legends.show(ui, &map, &palettes);
+        let is_other = match (before, self.legends.place()) {
+            (Some(before), Some(now)) => (now.size() - before.size()).length() > 0.5,
+            (before, now) => before.is_some() != now.is_some(),
+        };
+        if self.settings.camera_mode == CameraMode::FitMap && is_other {
+            // The whole map is fitted beside the legends.
+            ui.ctx().request_repaint();
         }
     }
 }
 
-/// Where the vehicle is, metres in `odom`.
+pub(super) fn knows_north(model: &ConsoleModel) -> bool {
+    model.shores().is_some_and(|shores| shores.datum.is_some())
+}
+
 fn vehicle_m(model: &ConsoleModel) -> Option<[f64; 2]> {
     let (pose, _) = model.vehicle().pose()?;
     let [x_m, y_m, _] = pose.position_m;

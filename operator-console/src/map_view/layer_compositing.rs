@@ -1,25 +1,25 @@
-//! What is known below a layer. There its free cells let through what lies below; elsewhere they have colours of their own, for
-//! what is free must not look like what nobody has seen.
+//! Which tiles and cells of a layer are known, at full and at reduced resolution, and whether a cell lies over known
+//! cells of a lower layer. There, free cells are transparent; elsewhere they have their own colour, so that free and
+//! unknown cells look different.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use protocol::layer::{LayerId, UNKNOWN};
-use protocol::tile::{TILE_CELLS as CELLS, TILE_SIDE, TileKey};
+use protocol::tile::{TILE_CELLS as CELLS, TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::TileStore;
 
-use super::max_codes::max_codes;
-use super::tile_presence::TilePresence;
+use super::chunks::TILE_CELLS;
 
-/// Below a single cell so many are looked at one by one, along either axis; of a square of several, what is little coarser.
+/// Below a single cell up to this number of cells per axis are examined one by one.
 const FINE: f64 = 8.0;
-/// Squares below one square, along either axis, that are looked at at most: more only of cells that differ beyond all sense.
+/// Maximum number of squares per axis below one square.
 const MAX_BELOW: i64 = 17;
-/// Tiles above one tile, along either axis, that are looked for at most.
+/// Maximum number of tiles per axis above one tile.
 const MAX_ABOVE: i64 = 64;
-/// Of a cell: 0.3 m are three times 0.1 m, whatever their quotient is.
+/// Tolerance for ratios of cell sizes, such as 0.3 m / 0.1 m.
 const ROUNDING: f64 = 1e-6;
 
-/// A layer as far as it is asked what it knows.
+/// A layer with its known cells.
 #[derive(Clone, Copy)]
 pub(super) struct IndexedLayer<'a> {
     pub(super) layer: LayerId,
@@ -29,7 +29,7 @@ pub(super) struct IndexedLayer<'a> {
 }
 
 impl IndexedLayer<'_> {
-    /// Hands on the highest codes of a tile's squares of `step` cells, where it is known.
+    /// Calls `take` with the highest codes of the squares of `step` cells of a known tile.
     pub(super) fn with_codes(&self, tile: (i32, i32), step: usize, take: impl FnOnce(&[u16])) {
         if let Some(codes) = self.known.coarse_codes(tile, step) {
             return take(codes);
@@ -46,8 +46,8 @@ impl IndexedLayer<'_> {
     }
 }
 
-/// Whether each square of `step` cells of a tile (of cells so large, metres) lies over anything that one of these layers knows:
-/// in the order of its codes, the greatest y first.
+/// Whether each square of `step` cells of a tile (cell size in m) is over a known cell of a lower layer, in the order
+/// of its codes.
 pub(super) fn known_below(
     below: &[IndexedLayer<'_>],
     (tile, cell_m): ((i32, i32), f64),
@@ -80,8 +80,8 @@ pub(super) fn known_below(
     is_known
 }
 
-/// The tiles of a layer whose cells are so much smaller than those of another, over one tile of that: the lowest, and how many
-/// there are along either axis; `None` where there are too many.
+/// The tiles of an upper layer (with smaller cells) over one tile: the lowest tile and the number per axis; `None` if
+/// there are too many.
 pub(super) fn tiles_above(tile: (i32, i32), ratio: f64) -> Option<((i64, i64), i64)> {
     if !(ratio.is_finite() && ratio > 0.0) {
         return None;
@@ -99,7 +99,7 @@ pub(super) fn tiles_above(tile: (i32, i32), ratio: f64) -> Option<((i64, i64), i
     (side <= MAX_ABOVE).then_some(((x, y), side))
 }
 
-/// How many cells the squares of a lower layer have that are looked at below one of `step` cells.
+/// Cells per square of the lower layer.
 fn step_below(ratio: f64, step: usize) -> usize {
     let span = step as f64 * ratio + ROUNDING;
     let squares = if step == 1 { FINE } else { 1.0 };
@@ -110,8 +110,7 @@ fn step_below(ratio: f64, step: usize) -> usize {
     lower_step
 }
 
-/// For each square of a tile along one axis, the squares of a lower layer that it lies over: the first, and the one behind the
-/// last.
+/// For each square of a tile along one axis, the range of lower squares under it.
 fn texels_below(tile: i32, step: usize, ratio: f64, lower_step: usize) -> Vec<[i64; 2]> {
     let side = TILE_SIDE / step;
     let scale = ratio * step as f64 / lower_step as f64;
@@ -127,7 +126,7 @@ fn texels_below(tile: i32, step: usize, ratio: f64, lower_step: usize) -> Vec<[i
     (0..side).map(texel).collect()
 }
 
-/// The tiles in which these squares lie.
+/// The tiles that contain these squares.
 fn tiles_of(columns: &[[i64; 2]], rows: &[[i64; 2]], side: i64) -> Vec<(i32, i32)> {
     let along = |texels: &[[i64; 2]]| {
         let tiles = texels.iter().flat_map(|[first, behind]| {
@@ -142,7 +141,7 @@ fn tiles_of(columns: &[[i64; 2]], rows: &[[i64; 2]], side: i64) -> Vec<(i32, i32
     pairs.collect()
 }
 
-/// What of these squares lies in a tile.
+/// The part of these squares in a tile.
 fn within(texels: &[[i64; 2]], tile: i32, side: i64) -> impl Iterator<Item = [i64; 2]> {
     let low = i64::from(tile) * side;
     texels
@@ -150,17 +149,231 @@ fn within(texels: &[[i64; 2]], tile: i32, side: i64) -> impl Iterator<Item = [i6
         .map(move |[first, behind]| [(*first).max(low), (*behind).min(low + side)])
 }
 
+/// Bounding box of a tile's known cells, ends included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct KnownBounds {
+    columns: [u8; 2],
+    rows: [u8; 2],
+}
+
+#[derive(Clone, Debug)]
+struct IndexedTile {
+    known: KnownBounds,
+    /// Hash of which cells are known.
+    shape: u64,
+    coarse: CodePyramid,
+}
+
+/// The known tiles of one layer.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TilePresence {
+    tiles: BTreeMap<(i32, i32), IndexedTile>,
+    /// Bounding box of known cells; `None` if it must be recomputed.
+    bounds_cells: Option<[i64; 4]>,
+}
+
+impl TilePresence {
+    /// Updates one tile. Returns whether other cells are known than before.
+    pub(super) fn update(&mut self, store: &TileStore, key: TileKey) -> bool {
+        let cells = store.get(key).and_then(|stored| stored.cells());
+        let tile = cells.and_then(|cells| {
+            let (known, coarse) = (KnownBounds::of(cells)?, CodePyramid::of(cells));
+            Some(IndexedTile {
+                known,
+                shape: shape(cells),
+                coarse,
+            })
+        });
+        let at = (key.tx, key.ty);
+        let after = tile.as_ref().map(|tile| tile.known.edges(at));
+        let shape_after = tile.as_ref().map(|tile| tile.shape);
+        let before = match tile {
+            Some(tile) => self.tiles.insert(at, tile),
+            None => self.tiles.remove(&at),
+        };
+        let shape_before = before.as_ref().map(|tile| tile.shape);
+        let before = before.map(|tile| tile.known.edges(at));
+        match (before, after) {
+            // Growth extends the bounds; a tile that shrinks makes them invalid.
+            (before, Some(after)) if before.is_none_or(|before| join(before, after) == after) => {
+                if self.tiles.len() == 1 {
+                    self.bounds_cells = Some(after);
+                } else if let Some(bounds) = &mut self.bounds_cells {
+                    *bounds = join(*bounds, after);
+                }
+            }
+            (None, None) => {}
+            (Some(_), _) | (None, Some(_)) => self.bounds_cells = None,
+        }
+        shape_before != shape_after
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// Highest codes of a tile's squares of `step` cells, if stored.
+    pub(super) fn coarse_codes(&self, tile: (i32, i32), step: usize) -> Option<&[u16]> {
+        self.tiles.get(&tile)?.coarse.of_step(step)
+    }
+
+    /// Known tiles in a square of `side` tiles from its lowest tile.
+    pub(super) fn in_square(
+        &self,
+        (tx, ty): (i64, i64),
+        side: i64,
+    ) -> impl Iterator<Item = (i32, i32)> {
+        let clamp = |tile: i64| tile.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+        let is_on_map = [tx, ty]
+            .into_iter()
+            .all(|first| first <= i64::from(i32::MAX) && first + side > i64::from(i32::MIN));
+        let columns = clamp(tx)..=clamp(tx + side - 1);
+        let rows = (clamp(ty), clamp(ty + side - 1));
+        columns
+            .filter(move |_| is_on_map)
+            .flat_map(move |column| self.tiles.range((column, rows.0)..=(column, rows.1)))
+            .map(|(at, _)| *at)
+    }
+
+    /// Bounding box of known cells, in cells (upper ends exclusive).
+    pub(super) fn bounds_cells(&mut self) -> Option<[i64; 4]> {
+        if self.bounds_cells.is_none() {
+            let edges = self.tiles.iter().map(|(at, tile)| tile.known.edges(*at));
+            self.bounds_cells = edges.reduce(join);
+        }
+        self.bounds_cells
+    }
+}
+
+fn shape(cells: &TileCells) -> u64 {
+    (0..TILE_SIDE).fold(0xcbf2_9ce4_8422_2325, |shape: u64, row| {
+        let known = cells.row(row).iter();
+        let known = known.fold(0, |bits, code| bits << 1 | u64::from(*code != UNKNOWN));
+        (shape ^ known)
+            .wrapping_mul(0x0000_0100_0000_01b3)
+            .rotate_left(29)
+    })
+}
+
+fn join(a: [i64; 4], b: [i64; 4]) -> [i64; 4] {
+    [
+        a[0].min(b[0]),
+        a[1].min(b[1]),
+        a[2].max(b[2]),
+        a[3].max(b[3]),
+    ]
+}
+
+impl KnownBounds {
+    /// Bounding box in cells (upper ends exclusive) for the tile `(tx, ty)`.
+    fn edges(self, (tx, ty): (i32, i32)) -> [i64; 4] {
+        let (x, y) = (i64::from(tx) * TILE_CELLS, i64::from(ty) * TILE_CELLS);
+        let [left, right] = self.columns.map(i64::from);
+        let [bottom, top] = self.rows.map(i64::from);
+        [x + left, y + bottom, x + right + 1, y + top + 1]
+    }
+
+    fn of(cells: &TileCells) -> Option<Self> {
+        let mut known: Option<Self> = None;
+        for row in 0..TILE_SIDE {
+            let codes = cells.row(row);
+            let is_known = |code: &u16| *code != UNKNOWN;
+            let (Some(left), Some(right)) = (
+                codes.iter().position(is_known),
+                codes.iter().rposition(is_known),
+            ) else {
+                continue;
+            };
+            let (left, right, row) = (left as u8, right as u8, row as u8);
+            let so_far = known.get_or_insert(Self {
+                columns: [left, right],
+                rows: [row, row],
+            });
+            so_far.columns[0] = so_far.columns[0].min(left);
+            so_far.columns[1] = so_far.columns[1].max(right);
+            so_far.rows[1] = row;
+        }
+        known
+    }
+}
+
+/// Squares of 8 cells and more are computed when a tile changes, because a zoomed-out map shows a thousand tiles at a
+/// time.
+const COARSE: [usize; 4] = [8, 16, 32, 64];
+const LEN: usize = 64 + 16 + 4 + 1;
+
+/// Highest codes of a tile at several resolutions. Row 0 has the greatest y.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct CodePyramid([u16; LEN]);
+
+impl CodePyramid {
+    pub(super) fn of(cells: &TileCells) -> Self {
+        let mut codes = [0; LEN];
+        max_codes(cells, COARSE[0], &mut codes[..64]);
+        let mut from = 0;
+        for step in &COARSE[1..] {
+            let side = TILE_SIDE / step;
+            let (finer, coarser) = codes[from..].split_at_mut(4 * side * side);
+            for (index, code) in coarser.iter_mut().take(side * side).enumerate() {
+                let (x, y) = (2 * (index % side), 2 * (index / side));
+                let first = y * 2 * side + x;
+                let four = [first, first + 1, first + 2 * side, first + 2 * side + 1];
+                *code = four.map(|at| finer[at]).into_iter().max().unwrap_or(0);
+            }
+            from += 4 * side * side;
+        }
+        Self(codes)
+    }
+
+    /// Codes of squares of `step` cells, if stored.
+    pub(super) fn of_step(&self, step: usize) -> Option<&[u16]> {
+        let mut from = 0;
+        for coarse in COARSE {
+            let len = (TILE_SIDE / coarse) * (TILE_SIDE / coarse);
+            if coarse == step {
+                return Some(&self.0[from..from + len]);
+            }
+            from += len;
+        }
+        None
+    }
+}
+
+/// Writes the highest code of each square of `step` cells to `highest`. Row 0 has the greatest y.
+pub(super) fn max_codes(cells: &TileCells, step: usize, highest: &mut [u16]) {
+    let texels = TILE_SIDE / step;
+    if step == 1 {
+        for (texel_row, row) in highest.chunks_exact_mut(texels).zip((0..TILE_SIDE).rev()) {
+            texel_row.copy_from_slice(cells.row(row));
+        }
+        return;
+    }
+    highest.fill(0);
+    let mut columns = [0_u16; TILE_SIDE];
+    for (texel_row, top) in highest.chunks_exact_mut(texels).zip((0..texels).rev()) {
+        columns.copy_from_slice(cells.row(top * step));
+        for row in top * step + 1..(top + 1) * step {
+            for (highest, code) in columns.iter_mut().zip(cells.row(row)) {
+                *highest = (*highest).max(*code);
+            }
+        }
+        for (texel, codes) in texel_row.iter_mut().zip(columns.chunks_exact(step)) {
+            *texel = codes.iter().copied().max().unwrap_or(0);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use protocol::layer::LayerId;
     use protocol::tile::{BootId, TileCells};
     use protocol::tile_store::LayerGrid;
 
-    use super::*;
-
     const LOWER: LayerId = LayerId::Shore;
 
-    /// A lower layer that knows these cells of its tile (0, 0), and whether a tile of cells of `cell_m` lies over them: columns
-    /// and rows of squares, counted with x and y.
+    /// Squares of a tile with cells of `cell_m` that are over known cells of tile (0, 0) of a lower layer: columns
+    /// and rows from the lower left.
     fn over(
         (lower_m, known): (f64, &[(usize, usize)]),
         (tile, cell_m): ((i32, i32), f64),
@@ -202,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_below_is_found_whatever_the_cells() {
+    fn known_below_for_different_cell_sizes() {
         let known: &[(usize, usize)] = &[(3, 60), (40, 7)];
         let same = |tile, step| over((0.1, known), (tile, 0.1), step);
         assert_eq!(same((0, 0), 1), [(3, 60), (40, 7)]);
@@ -210,18 +423,18 @@ mod tests {
         assert_eq!(same((0, 0), 64), [(0, 0)]);
         assert_eq!(same((1, 0), 1), []);
         assert_eq!(same((-1, 0), 1), []);
-        // Three times as large: each lies over nine, and none is missed.
+        // Three times as large.
         let large = |tile, step| over((0.1, known), (tile, 0.3), step);
         assert_eq!(large((0, 0), 1), [(1, 20), (13, 2)]);
         assert_eq!(large((-1, 0), 1), []);
-        // Half as large: four lie over each.
+        // Half as large.
         let small = over((0.2, &[(40, 7)]), ((1, 0), 0.1), 1);
         assert_eq!(small, [(16, 14), (16, 15), (17, 14), (17, 15)]);
         assert_eq!(over((0.2, &[(40, 7)]), ((0, 0), 0.1), 1), []);
     }
 
     #[test]
-    fn cells_beyond_all_sense_cost_little() {
+    fn extreme_cell_sizes_cost_little() {
         for (lower_m, cell_m) in [(1e-9, 1.0), (1.0, 1e-9), (1e300, 1e-300)] {
             over((lower_m, &[(0, 0)]), ((0, 0), cell_m), 1);
             over((lower_m, &[(0, 0)]), ((i32::MAX, i32::MIN), cell_m), 64);
@@ -229,13 +442,111 @@ mod tests {
     }
 
     #[test]
-    fn the_tiles_above_one_are_those_that_overlap_it() {
+    fn tiles_above_overlap() {
         assert_eq!(tiles_above((5, -3), 1.0), Some(((5, -3), 1)));
         assert_eq!(tiles_above((1, -1), 0.3 / 0.1), Some(((3, -3), 3)));
         assert_eq!(tiles_above((7, -1), 0.5), Some(((3, -1), 1)));
         assert_eq!(tiles_above((1, 1), 1.5), Some(((1, 1), 2)));
         for ratio in [1e9, 0.0, f64::INFINITY, f64::NAN] {
             assert_eq!(tiles_above((1, 1), ratio), None);
+        }
+    }
+
+    const LAYER: LayerId = LayerId::Occupancy;
+
+    fn key(tx: i32, ty: i32) -> TileKey {
+        TileKey {
+            layer: LAYER,
+            tx,
+            ty,
+        }
+    }
+
+    fn publish(store: &mut TileStore, key: TileKey, known: &[(usize, usize)]) {
+        let cells = TileCells::from_fn(|x, y| u16::from(known.contains(&(x, y))));
+        drop(store.publish(key, cells).unwrap());
+    }
+
+    fn of_layer(store: &TileStore) -> TilePresence {
+        let mut known = TilePresence::default();
+        for (key, _) in store.tiles(LAYER) {
+            known.update(store, key);
+        }
+        known
+    }
+
+    #[test]
+    fn bounds_follow_known_cells() {
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        store
+            .set_grid(LayerGrid {
+                layer: LAYER,
+                cell_m: 0.1,
+            })
+            .unwrap();
+        publish(&mut store, key(-1, 0), &[(60, 5), (62, 3)]);
+        publish(&mut store, key(2, 1), &[(0, 0)]);
+        let mut known = of_layer(&store);
+        assert_eq!(known.bounds_cells(), Some([-4, 3, 129, 65]));
+        publish(&mut store, key(2, 1), &[]);
+        assert!(known.update(&store, key(2, 1)));
+        assert_eq!(known.bounds_cells(), Some([-4, 3, -1, 6]));
+        publish(&mut store, key(-1, 0), &[(60, 5), (61, 4), (62, 3)]);
+        assert!(known.update(&store, key(-1, 0)), "within the same bounds");
+        assert!(!known.update(&store, key(-1, 0)));
+        publish(&mut store, key(-1, 0), &[]);
+        known.update(&store, key(-1, 0));
+        assert_eq!(known.len(), 0);
+        assert_eq!(known.bounds_cells(), None);
+    }
+
+    #[test]
+    fn tiles_in_a_square_around_the_origin() {
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        store
+            .set_grid(LayerGrid {
+                layer: LAYER,
+                cell_m: 0.1,
+            })
+            .unwrap();
+        for (tx, ty) in [
+            (-9, 0),
+            (-8, -8),
+            (-1, -1),
+            (-1, 0),
+            (0, -1),
+            (7, 7),
+            (8, 0),
+        ] {
+            publish(&mut store, key(tx, ty), &[(1, 1)]);
+        }
+        let known = of_layer(&store);
+        let square = |at| known.in_square(at, 8).collect::<Vec<_>>();
+        assert_eq!(square((-8, -8)), [(-8, -8), (-1, -1)]);
+        assert_eq!(square((0, 0)), [(7, 7)]);
+        assert_eq!(square((-16, 0)), [(-9, 0)]);
+        assert_eq!(square((1 << 40, 0)), []);
+    }
+
+    #[test]
+    fn coarse_codes_equal_the_maximum_of_cells() {
+        let cells = TileCells::from_fn(|x, y| ((x * 7919 + y * 104_729) % 251) as u16);
+        let coarse = CodePyramid::of(&cells);
+        for step in [1, 2, 4, 8, 16, 32, 64] {
+            let side = TILE_SIDE / step;
+            let mut found = vec![9; side * side];
+            max_codes(&cells, step, &mut found);
+            for (index, code) in found.iter().enumerate() {
+                let (x, y) = (index % side * step, (side - 1 - index / side) * step);
+                let of_cells = (y..y + step)
+                    .flat_map(|row| &cells.row(row)[x..x + step])
+                    .max();
+                assert_eq!(Some(code), of_cells, "{step}: {x} {y}");
+            }
+            match coarse.of_step(step) {
+                Some(codes) => assert_eq!(codes, found, "{step}"),
+                None => assert!(step < 8),
+            }
         }
     }
 }

@@ -1,48 +1,41 @@
-//! Which layers are shown, one over the other, how opaque and in which colours. Pure.
+//! Order, visibility, opacity and colours of the layers.
 
 use std::collections::BTreeSet;
 
 use protocol::layer::{LayerId, Scheme};
 use serde::{Deserialize, Serialize};
 
-/// A layer as it lies in the stack.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StackLayer {
-    /// Which.
     pub layer: LayerId,
-    /// Whether it is drawn.
     pub is_shown: bool,
-    /// 0 invisible … 1 hides what is below.
+    /// 0 … 1.
     pub opacity: f32,
-    /// Its colours.
     pub scheme: Scheme,
 }
 
-/// Every layer there is, once, from the lowest to the uppermost.
+/// Each layer once, lowest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Vec<StackLayer>", into = "Vec<StackLayer>")]
 pub struct LayerStack(Vec<StackLayer>);
 
-/// What the operator wants of a layer.
+/// A change of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LayerCommand {
-    /// Draw it, or do not.
     Show(LayerId, bool),
-    /// Draw it and no other that the robot maps.
+    /// Show it and hide all others that the robot maps.
     Only(LayerId),
-    /// How opaque: 0 … 1.
     Opacity(LayerId, f32),
-    /// Put the first right over the second.
+    /// Move the first directly above the second.
     Above(LayerId, LayerId),
-    /// Put the first right under the second.
+    /// Move the first directly below the second.
     Below(LayerId, LayerId),
-    /// In which colours.
     Scheme(LayerId, Scheme),
-    /// Spread its colours over the values of the map.
+    /// Fit its colours to the values of the map.
     Fit(LayerId),
 }
 
-/// What lies under what where nobody says otherwise: ground, what it costs, what stands on it, what it is.
+/// Default order.
 const ORDER: [LayerId; LayerId::ALL.len()] = [
     LayerId::Occupancy,
     LayerId::Elevation,
@@ -56,9 +49,9 @@ impl StackLayer {
     fn new(layer: LayerId) -> Self {
         Self {
             layer,
-            // Rigidity colours the voxels that shores are made of: both at once can not be read.
+            // Rigidity and shores colour the same voxels: both at once are not readable.
             is_shown: layer != LayerId::Rigidity,
-            // The heights of obstacles are read through them.
+            // Heights are visible through obstacles.
             opacity: if layer == LayerId::Obstacle {
                 0.75
             } else {
@@ -93,8 +86,8 @@ impl Default for LayerStack {
 }
 
 impl From<Vec<StackLayer>> for LayerStack {
-    /// Takes what settings of another version may hold: layers that are missing come on top, repeated ones count once,
-    /// and numbers are brought into their range.
+    /// Repairs settings of other versions: missing layers are added on top, repeated ones are removed, numbers are
+    /// clamped.
     fn from(layers: Vec<StackLayer>) -> Self {
         let mut stack: Vec<StackLayer> = Vec::with_capacity(ORDER.len());
         for layer in layers.into_iter().chain(ORDER.map(StackLayer::new)) {
@@ -113,19 +106,18 @@ impl From<LayerStack> for Vec<StackLayer> {
 }
 
 impl LayerStack {
-    /// All layers, the lowest first.
+    /// Lowest first.
     pub fn layers(&self) -> &[StackLayer] {
         &self.0
     }
 
-    /// One of them.
     pub fn get(&self, layer: LayerId) -> StackLayer {
         let held = self.0.iter().find(|held| held.layer == layer);
         held.copied().unwrap_or_else(|| StackLayer::new(layer))
     }
 
-    /// Draws this one of the `offered` layers and no other of them. The stack is that of every robot: what this one does
-    /// not map would be hidden of the next, and nobody hid it there.
+    /// Shows this layer and hides the other `offered` ones. Layers that this robot does not map keep their state for
+    /// other robots.
     pub fn show_only(&mut self, layer: LayerId, offered: &BTreeSet<LayerId>) {
         for held in &mut self.0 {
             if offered.contains(&held.layer) || held.layer == layer {
@@ -134,8 +126,7 @@ impl LayerStack {
         }
     }
 
-    /// Does what is wanted, as far as it is the stack's to do: what a robot maps, and which values colours are spread
-    /// over, is known to whoever knows the map.
+    /// Applies a command, except `Only` and `Fit`, which need the map.
     pub fn apply(&mut self, command: LayerCommand) {
         match command {
             LayerCommand::Show(layer, is_shown) => {
@@ -206,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn only_one_of_a_robots_layers_hides_none_of_anothers() {
+    fn show_only_keeps_layers_of_other_robots() {
         let mut stack = LayerStack::default();
         let of_a_boat = [LayerId::Occupancy, LayerId::Cost, LayerId::Shore];
         stack.show_only(LayerId::Cost, &of_a_boat.into());
@@ -239,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_kept_and_what_is_kept_badly_is_mended() {
+    fn stored_stacks_are_repaired() {
         let mut stack = LayerStack::default();
         stack.apply(LayerCommand::Above(LayerId::Occupancy, LayerId::Shore));
         stack.apply(LayerCommand::Opacity(LayerId::Cost, 0.5));

@@ -1,64 +1,63 @@
-//! The card with the legends, on the map. Where they would hide much of it, those of the upper layers are shown, on a
-//! narrow map that of the uppermost alone; and a button in the row of the first title opens the others. Where not even
-//! that has room beside buttons and compass, the button stands alone.
+//! Legends on the map, in the lower right corner below the compass. On small maps only those of the upper layers are
+//! shown, and a button opens the others. On very small maps there is only the button.
 
 use eframe::egui::accesskit::Role;
+use eframe::egui::style::ScrollAnimation;
 use eframe::egui::{
-    Align2, Area, Button, Frame, Id, LayerId, Order, Rect, RichText, ScrollArea, Sense, TextStyle,
-    TextWrapMode, Ui, UiBuilder, WidgetInfo, vec2,
+    Align2, Area, Button, Frame, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText,
+    ScrollArea, Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2,
+    vec2,
 };
 use protocol::layer::Palette;
 
-use super::legend_place::LegendPlace;
-use super::map_controls::LEAST_FOR_CARDS;
-use super::scroll_keys::ScrollKeys;
+use super::CARD_MARGIN;
+use super::drawing::MIN_MAP_FOR_CARDS;
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{
     LINES_APART, LegendsData, legends_height, legends_ui, title_height, title_ui,
 };
 use crate::theme;
 
-/// Within the card, and beside the words on the button, points.
+/// Within the card and its button, points.
 const PADDING: f32 = 8.0;
-/// Legends are this wide, points, where the map is not narrow.
+/// On maps that are not narrow, points.
 const WIDTH: f32 = 220.0;
-/// Of the width of a narrow map, they have this share at most, and that one at least: in between, what the shortest scale bar
-/// leaves, which is beside them, with margins and paddings, points.
+/// Maximum and minimum share of a narrow map. In between, the shortest scale bar keeps this width beside the legends,
+/// points.
 const WIDTH_SHARES: [f32; 2] = [0.57, 0.45];
 const BESIDE: f32 = 116.0;
-/// Legends that nobody has opened cover this share of the map at most, where one alone does.
+/// Closed legends cover at most this share of the map.
 const MAP_SHARE: f32 = 0.2;
-/// Height of the button, points, and between it and the title that it stands beside.
+/// Height of the button, and its gap to the title, points.
 const BUTTON: f32 = 20.0;
 const BUTTON_GAP: f32 = 4.0;
-/// Where the button stood alone, legends that are opened have so much height at least, points: two lines below it.
+/// Minimum height of opened legends that have no title row, points.
 const LEAST_OPENED: f32 = 60.0;
 
-/// What the areas of the card and of the button are called.
+/// Ids of the areas.
 const CARD_NAME: &str = "map legend";
 const BUTTON_NAME: &str = "more legends";
 
-/// A layer's colours, and whether it lies over another.
+/// Palette, and whether the layer is above another.
 type Drawn = (Palette, bool);
 
-/// The card from frame to frame.
 #[derive(Default)]
 pub(super) struct LegendCard {
-    /// Whether the operator wants all legends where there is little room for them.
+    /// Whether all legends are opened.
     has_all: bool,
-    /// Where it was drawn last, with its button.
+    /// Area with the button in the last frame.
     place: Option<Rect>,
-    /// Whether the button had the keyboard when it was drawn last: who opened the legends by it need not go elsewhere.
+    /// Whether the button had the focus in the last frame: then keys scroll the legends.
     is_on_button: bool,
 }
 
 impl LegendCard {
-    /// Where it is on the screen, with its button, as of the last frame that it was drawn in.
+    /// Area with the button in the last frame.
     pub(super) const fn place(&self) -> Option<Rect> {
         self.place
     }
 
-    /// Draws the card in the lower right corner of `map`. `layers`: those that are drawn, the uppermost first.
+    /// Draws the legends; `layers`: topmost first.
     pub(super) fn show(&mut self, ui: &Ui, map: &LegendPlace, layers: &[Drawn]) {
         self.place = None;
         let is_on_button = std::mem::take(&mut self.is_on_button);
@@ -84,7 +83,7 @@ impl LegendCard {
                 .pivot(Align2::RIGHT_BOTTOM)
                 .constrain_to(screen)
                 .order(Order::Background)
-                // Hands reach through it to the map, unless it may have to be scrolled.
+                // The map gets clicks through the card, unless the card scrolls.
                 .interactable(opened.is_some())
                 .show(ui.ctx(), |ui| {
                     let card = Frame::new()
@@ -98,7 +97,7 @@ impl LegendCard {
         let Some(width) = button else {
             return;
         };
-        // In an area of its own, for hands reach through the card.
+        // The button has its own area, because the card ignores clicks.
         let place = if let Some(card) = self.place {
             let corner = card.right_top() + vec2(-PADDING, PADDING);
             Some((corner, Align2::RIGHT_TOP))
@@ -123,7 +122,7 @@ impl LegendCard {
             self.has_all = opened.is_none();
         }
         if !is_alone {
-            // Who scrolls the card would lay it over the button.
+            // The button stays above a scrolled card.
             let [card, button] = [CARD_NAME, BUTTON_NAME]
                 .map(|name| LayerId::new(Order::Background, Id::unique(name)));
             ui.ctx().set_sublayer(card, button);
@@ -134,24 +133,21 @@ impl LegendCard {
     }
 }
 
-/// What the card shows.
 struct Content {
-    /// The first title, where it stands beside the button, and what that leaves it, points. One that would be broken there
-    /// is empty: it stands below, where it has the whole width.
+    /// Title beside the button and its width, points. A title that does not fit is empty here and drawn below.
     head: Option<(String, f32)>,
-    /// What is below it.
     legends: LegendsData,
-    /// Of the card within its padding, points.
+    /// Without padding, points.
     width: f32,
 }
 
 impl Content {
-    /// Legends of so many of the layers, beside a button that is so wide where there is one.
+    /// `shown` legends, with the width of the button beside them.
     fn new(ui: &Ui, screen: Rect, layers: &[Drawn], (shown, beside): (usize, Option<f32>)) -> Self {
         let width = inner_width(screen);
         let is_narrow = is_narrow(screen);
         let mut legends = if is_narrow {
-            // What is unknown is said with the lowest, whether that is shown or not.
+            // "Unknown" belongs to the lowest layer, shown or not.
             let mut all = LegendsData::with_short_titles(layers.iter().copied());
             all.legends.truncate(shown);
             all
@@ -171,7 +167,7 @@ impl Content {
         }
     }
 
-    /// Of the row with the first title and the button, and of the gap below it, points.
+    /// Height of the row with title and button, points.
     fn head_height(&self, ui: &Ui) -> f32 {
         self.head.as_ref().map_or(0.0, |(title, left)| {
             title_height(ui, title, *left).max(BUTTON) + LINES_APART
@@ -182,7 +178,7 @@ impl Content {
         self.head_height(ui) + legends_height(ui, &self.legends, self.width)
     }
 
-    /// Draws it. Where it is `opened`, what is below its head has so much height, points.
+    /// `opened`: the height of opened legends, points.
     fn show(&self, ui: &mut Ui, opened: Option<f32>, is_on_button: bool) {
         ui.set_width(self.width);
         ui.spacing_mut().item_spacing.y = 0.0;
@@ -190,7 +186,7 @@ impl Content {
         let Some(most) = opened else {
             return legends_ui(ui, &self.legends);
         };
-        // An area has room for what was in it before, and what scrolls would never ask for more.
+        // A scroll area must get its height explicitly: it would keep that of the last frame.
         let legends = legends_height(ui, &self.legends, self.width);
         let height = legends.min(most);
         let scroll = ScrollArea::vertical()
@@ -213,7 +209,7 @@ impl Content {
         if title.is_empty() {
             return;
         }
-        // A title of one line stands in the middle of its row.
+        // One-line titles are centred in their row.
         let above = 0.5 * (BUTTON - title_height(ui, title, *left)).max(0.0);
         let place = Rect::from_min_size(row.min + vec2(0.0, above), vec2(*left, row.height()));
         let mut beside = ui.new_child(UiBuilder::new().max_rect(place));
@@ -231,13 +227,12 @@ fn is_narrow(screen: Rect) -> bool {
     inner_width(screen) < WIDTH
 }
 
-/// Of the card on a map that is so large, points.
+/// Width of the card, points.
 pub(super) fn width(screen: Rect) -> f32 {
     inner_width(screen) + 2.0 * PADDING
 }
 
-/// How many legends there is room for beside buttons and compass: where one is, that is shown, but where a map is so
-/// small that even that would hide it. A narrow map has one.
+/// Number of legends that fit. At least one if the map is large enough; one on a narrow map.
 fn fitting(ui: &Ui, map: &LegendPlace, layers: &[Drawn]) -> usize {
     let screen = map.screen;
     let height = |count: usize| {
@@ -246,14 +241,14 @@ fn fitting(ui: &Ui, map: &LegendPlace, layers: &[Drawn]) -> usize {
     };
     let room = map.below().height();
     let most = MAP_SHARE * screen.area() / width(screen);
-    let is_tiny = screen.width() < LEAST_FOR_CARDS[0] || screen.height() < LEAST_FOR_CARDS[1];
+    let is_tiny = screen.width() < MIN_MAP_FOR_CARDS[0] || screen.height() < MIN_MAP_FOR_CARDS[1];
     let least = usize::from(!is_tiny && height(1) <= room);
     let greatest = if is_narrow(screen) { 1 } else { layers.len() };
     let fits = |count: &usize| height(*count) <= most.min(room);
     (1..=greatest).rev().find(fits).unwrap_or(least)
 }
 
-/// Words on the button where so many legends are left out, and where they are opened.
+/// Texts of the button: closed and opened.
 fn words(count: usize, are_all: bool) -> [String; 2] {
     let more = match (are_all, count) {
         (true, 1) => "Legend".to_owned(),
@@ -263,7 +258,7 @@ fn words(count: usize, are_all: bool) -> [String; 2] {
     [more, "Fewer".to_owned()]
 }
 
-/// Of the button, whatever it says, points.
+/// Width for both texts, points.
 fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
     let font = TextStyle::Small.resolve(ui.style());
     let ink = ui.visuals().text_color();
@@ -275,8 +270,7 @@ fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
     widths.into_iter().fold(0.0, f32::max)
 }
 
-/// The button that opens the legends that are left out, and closes them where they are opened; whether it was pressed,
-/// and whether it has the keyboard. Alone on the map it has paper of its own.
+/// The button that opens and closes the legends. Returns whether it was pressed and whether it has the focus.
 fn more_ui(
     ui: &mut Ui,
     (layers, fitting): (&[Drawn], usize),
@@ -314,9 +308,185 @@ fn more_ui(
     ui.spacing_mut().interact_size.y = BUTTON;
     let words = if are_opened { fewer } else { more };
     let button = Button::new(RichText::new(words).small());
-    // An area begins as wide as it was, when other words stood in it, or in another type.
+    // Without wrapping, because an area starts with the width of the last frame.
     let button = ui.add(button.wrap_mode(TextWrapMode::Extend));
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &hint));
     let has_keyboard = button.has_focus();
     (button.on_hover_text(hint).clicked(), has_keyboard)
+}
+
+/// Minimum distance from other widgets, points.
+const LEAST_GAP: f32 = 4.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LegendPlace {
+    pub(super) screen: Rect,
+    /// Lower edge of the buttons.
+    pub(super) buttons: f32,
+    /// Below the buttons, if drawn.
+    pub(super) compass: Option<Rect>,
+}
+
+impl LegendPlace {
+    /// Lower edge of buttons and compass.
+    fn top_widgets_bottom(&self) -> f32 {
+        let compass = self.compass.map(|compass| compass.bottom());
+        compass.map_or(self.buttons, |compass| compass.max(self.buttons))
+    }
+
+    /// Area below the compass.
+    pub(super) fn below(&self) -> Rect {
+        let whole = self.screen.shrink(CARD_MARGIN);
+        let top = self.top_widgets_bottom() + CARD_MARGIN;
+        whole.with_min_y(top.min(whole.bottom()))
+    }
+
+    /// Area beside the compass.
+    fn beside(&self) -> Rect {
+        let whole = self.screen.shrink(CARD_MARGIN);
+        let right = self.compass.map_or(whole.right(), |compass| {
+            whole.right().min(compass.left() - LEAST_GAP)
+        });
+        let top = self.buttons + LEAST_GAP;
+        let left = self.screen.left() + LEAST_GAP;
+        let corner = pos2(right.max(left), whole.bottom());
+        Rect::from_min_max(pos2(left, top.min(corner.y)), corner)
+    }
+
+    /// Area for opened legends of this minimum size: below the compass, or beside it; `None` if too small.
+    pub(super) fn opened(&self, least: Vec2) -> Option<Rect> {
+        let rooms = [self.below(), self.beside()];
+        let has_room = |room: &Rect| room.width() >= least.x && room.height() >= least.y;
+        rooms.into_iter().find(has_room)
+    }
+
+    /// Lower right corner of the button if no legend fits: below the compass, or beside it; `None` if too small.
+    pub(super) fn button(&self, size: Vec2) -> Option<Pos2> {
+        let (screen, whole) = (self.screen, self.screen.shrink(CARD_MARGIN));
+        let lowest = self.top_widgets_bottom() + LEAST_GAP + size.y;
+        if lowest + LEAST_GAP <= screen.bottom() {
+            return Some(pos2(whole.right(), lowest.max(whole.bottom())));
+        }
+        let beside = self.beside();
+        let has_room = beside.width() >= size.x && beside.height() >= size.y;
+        has_room.then(|| beside.right_bottom())
+    }
+}
+
+/// Share of the visible height for Page Up and Page Down.
+const PAGE: f32 = 0.8;
+/// Distance of the focus frame, points.
+const FRAME: f32 = 3.0;
+
+/// Scrolling by Page Up and Page Down, because arrow keys drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ScrollKeys {
+    /// Accessible name.
+    pub(super) label: &'static str,
+    /// Whether the content is higher than the visible area.
+    pub(super) is_needed: bool,
+    /// Whether the legend button has the focus: then keys scroll, too.
+    pub(super) is_on_button: bool,
+}
+
+impl ScrollKeys {
+    /// Draws the scroll area with its visible height.
+    pub(super) fn show(
+        self,
+        ui: &mut Ui,
+        (height, scroll): (f32, ScrollArea),
+        add: impl FnOnce(&mut Ui),
+    ) {
+        if !self.is_needed {
+            scroll.show(ui, add);
+            return;
+        }
+        // Before its content, so that it gets the focus first.
+        let size = vec2(ui.available_width(), height);
+        let place = Rect::from_min_size(ui.next_widget_position(), size);
+        let id = ui.scope_id().with("scrolled by keys");
+        let response = ui.interact(place, id, Sense::focusable_noninteractive());
+        response.widget_info(|| WidgetInfo::labeled(Role::ScrollView, true, self.label));
+        let pages = if response.has_focus() || self.is_on_button {
+            ui.input_mut(|input| {
+                let mut pressed = |key| input.count_and_consume_key(Modifiers::NONE, key) as f32;
+                pressed(Key::PageUp) - pressed(Key::PageDown)
+            })
+        } else {
+            0.0
+        };
+        scroll.show(ui, |ui| {
+            if pages.abs() > 0.5 {
+                let by = vec2(0.0, pages * PAGE * height);
+                ui.scroll_with_delta_animation(by, ScrollAnimation::none());
+            }
+            add(ui);
+        });
+        if response.has_focus() {
+            let line = ui.visuals().selection.stroke;
+            ui.painter()
+                .rect_stroke(place.expand(FRAME), 2.0, line, StrokeKind::Inside);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::vec2;
+
+    const BUTTON: Vec2 = vec2(65.0, 20.0);
+
+    fn map(width: f32, height: f32, banner: f32) -> LegendPlace {
+        let compass = pos2(width - CARD_MARGIN - 44.0, banner + 48.0 + CARD_MARGIN);
+        LegendPlace {
+            screen: Rect::from_min_size(Pos2::ZERO, vec2(width, height)),
+            buttons: banner + 48.0,
+            compass: Some(Rect::from_min_size(compass, vec2(44.0, 44.0))),
+        }
+    }
+
+    #[test]
+    fn place_of_the_legend_button() {
+        for (height, banner, expected) in [
+            (300.0, 0.0, Some(pos2(201.0, 288.0))),
+            (140.0, 0.0, Some(pos2(201.0, 128.0))),
+            (134.0, 0.0, Some(pos2(201.0, 128.0))),
+            (131.0, 0.0, Some(pos2(153.0, 119.0))),
+            (168.0, 80.0, Some(pos2(153.0, 156.0))),
+            (168.0, 90.0, None),
+        ] {
+            let map = map(213.0, height, banner);
+            let corner = map.button(BUTTON);
+            assert_eq!(corner, expected, "{height}, {banner}");
+            if let Some(corner) = corner {
+                let button = Rect::from_min_max(corner - BUTTON, corner);
+                assert!(!button.intersects(map.compass.unwrap()), "{button}");
+                assert!(
+                    button.top() > map.buttons && map.screen.contains_rect(button),
+                    "{button}"
+                );
+            }
+        }
+        assert_eq!(map(120.0, 120.0, 0.0).button(BUTTON), None);
+        let bare = LegendPlace {
+            compass: None,
+            ..map(120.0, 120.0, 0.0)
+        };
+        assert_eq!(bare.button(BUTTON), Some(pos2(108.0, 108.0)));
+    }
+
+    #[test]
+    fn opened_legends_may_be_beside_the_compass() {
+        let least = vec2(113.0, 60.0);
+        let high = map(213.0, 300.0, 0.0);
+        assert_eq!(high.opened(least), Some(high.below()));
+        assert!((high.below().top() - 116.0).abs() < 1e-3);
+        let low = map(213.0, 168.0, 0.0);
+        let room = low.opened(least).unwrap();
+        assert_eq!(room.right_bottom(), pos2(153.0, 156.0));
+        assert!(room.top() > low.buttons && room.height() > 100.0, "{room}");
+        assert_eq!(map(160.0, 168.0, 0.0).opened(least), None, "too narrow");
+        assert_eq!(map(213.0, 110.0, 0.0).opened(least), None, "too low");
+    }
 }

@@ -1,4 +1,4 @@
-//! The layers of one robot as they are drawn: what is known of each, its colours and its textures.
+//! The drawn layers of a robot: known tiles, colours and textures.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,38 +8,34 @@ use protocol::tile::TileKey;
 use protocol::tile_store::{StoredTile, TileStore};
 
 use super::camera::Camera;
-use super::chunk_builder::LayerStyle;
+use super::chunks::{FrameTime, LayerStyle};
 use super::coloring::{Coloring, fitted_to, palette_of};
-use super::frame_time::FrameTime;
-use super::layer_compositing::{IndexedLayer, tiles_above};
+use super::layer_compositing::{IndexedLayer, TilePresence, tiles_above};
 use super::layer_stack::{LayerStack, StackLayer};
-use super::tile_presence::TilePresence;
 use super::tile_textures::TileTextures;
 use crate::model::{AgeOrder, MapSync};
 
-/// Textures of all layers together, a mebibyte each.
+/// For all layers, a mebibyte each.
 pub(super) const MAX_TEXTURES: usize = 192;
 
-/// What is known and drawn of one layer.
 struct MapLayer {
     known: TilePresence,
     coloring: Coloring,
-    /// The layers below it that are seen, and how large their cells are, metres.
+    /// Visible layers below it, with their cell sizes, m.
     below: Vec<(LayerId, f64)>,
     textures: TileTextures,
-    /// Tiles known when the colours were fitted last.
+    /// Number of known tiles when the colours were fitted.
     fitted_at: usize,
-    /// The tile that was measured last.
+    /// The tile with the newest measurement.
     newest: Option<(TileKey, AgeOrder)>,
 }
 
-/// See the [module](self).
 #[derive(Default)]
 pub(super) struct MapLayers {
     layers: BTreeMap<LayerId, MapLayer>,
-    /// Changed, and not looked at yet.
+    /// Changed tiles that are not processed yet.
     waiting: BTreeSet<TileKey>,
-    /// Whether every tile must be looked at: what is held is of another robot.
+    /// Whether all tiles must be processed, after a change of robots.
     is_other: bool,
 }
 
@@ -55,7 +51,6 @@ impl MapLayer {
         }
     }
 
-    /// A tile changed: it may be the newest now, or no longer.
     fn update_newest(&mut self, map: &MapSync, key: TileKey) {
         let (store, ages) = (map.store(), map.ages());
         let is_known = |stored: &StoredTile| stored.cells().is_some();
@@ -64,13 +59,12 @@ impl MapLayer {
         match (self.newest, order) {
             (None, order) => self.newest = order.map(|order| (key, order)),
             (Some((_, newest)), Some(order)) if order >= newest => self.newest = Some((key, order)),
-            // Gone, perhaps with all others of its epoch, or of an earlier time of a recording.
             (Some((newest, _)), _) if newest == key => self.find_newest(map, key.layer),
             (Some(_), _) => {}
         }
     }
 
-    /// Looks at all tiles, and not often: which of them is the newest.
+    /// Searches all tiles.
     fn find_newest(&mut self, map: &MapSync, layer: LayerId) {
         let held = map.store().tiles(layer);
         let held = held.filter(|(_, stored)| stored.cells().is_some());
@@ -78,7 +72,7 @@ impl MapLayer {
         self.newest = orders.max_by_key(|(_, order)| *order);
     }
 
-    /// What was taken for the newest may turn out to be of before the data began again.
+    /// A tile may turn out to be older when the data starts again.
     fn recheck_newest(&mut self, map: &MapSync) {
         if let Some((key, order)) = self.newest
             && map.ages().order(key) < Some(order)
@@ -111,7 +105,7 @@ impl MapLayer {
 }
 
 impl MapLayers {
-    /// Another robot: nothing of the last one stays.
+    /// Clears everything for another robot.
     pub(super) fn forget(&mut self) {
         *self = Self {
             is_other: true,
@@ -119,7 +113,7 @@ impl MapLayers {
         };
     }
 
-    /// The layers that are drawn, the lowest first, and whether each lies over another.
+    /// Drawn layers, lowest first, with whether each is above another.
     pub(super) fn shown(stack: &LayerStack, store: &TileStore) -> Vec<(StackLayer, bool)> {
         let is_drawn = |held: &&StackLayer| held.is_shown && store.cell_m(held.layer).is_some();
         let drawn = stack.layers().iter().filter(is_drawn);
@@ -129,29 +123,26 @@ impl MapLayers {
             .collect()
     }
 
-    /// The colours of a layer.
     pub(super) fn palette(&self, layer: LayerId) -> Palette {
         let held = self.layers.get(&layer);
         held.map_or_else(|| layer.default_palette(), |held| *held.coloring.palette())
     }
 
-    /// Known tiles of a layer.
     pub(super) fn tiles(&self, layer: LayerId) -> usize {
         self.layers.get(&layer).map_or(0, |held| held.known.len())
     }
 
-    /// The tile of a layer that was measured last.
+    /// The tile with the newest measurement.
     pub(super) fn newest(&self, layer: LayerId) -> Option<TileKey> {
         let newest = self.layers.get(&layer)?.newest;
         newest.map(|(key, _)| key)
     }
 
-    /// Textures of all layers.
     pub(super) fn textures(&self) -> usize {
         self.layers.values().map(|held| held.textures.len()).sum()
     }
 
-    /// Takes over what changed in the map, as far as `time` goes; false where more is left.
+    /// Processes changed tiles within `time`. Returns whether all are processed.
     pub(super) fn update(
         &mut self,
         map: &MapSync,
@@ -194,7 +185,7 @@ impl MapLayers {
         self.waiting.is_empty()
     }
 
-    /// Other cells of a tile are known than were: what lies over it lets through others.
+    /// Other cells of a lower layer are known: repaints the tiles above it.
     fn change_above(&mut self, key: TileKey, store: &TileStore) {
         for (layer, held) in &mut self.layers {
             let mut below = held.below.iter();
@@ -216,14 +207,14 @@ impl MapLayers {
         }
     }
 
-    /// Spreads the colours of a layer over its values.
+    /// Fits the colours of a layer to its values.
     pub(super) fn fit_colors(&mut self, layer: LayerId, store: &TileStore) {
         if let Some(held) = self.layers.get_mut(&layer) {
             held.fit(store);
         }
     }
 
-    /// Gives every layer that is shown the colours that its place in the stack asks for.
+    /// Updates colours after changes of the layer order.
     fn color(&mut self, stack: &LayerStack, store: &TileStore) {
         let shown = Self::shown(stack, store);
         for (layer, held) in &mut self.layers {
@@ -239,8 +230,8 @@ impl MapLayers {
                 held.recolor(Coloring::new(palette, *is_over));
             }
             held.set_below(seen_below(*layer, &shown, store));
-            // Heights are not known beforehand: as the map grows, so does the range of its colours, seldom enough that
-            // a colour keeps its meaning. Not before the tiles that came at once are all looked at.
+            // The range of heights is unknown in advance. It is fitted each time the map has doubled, so that colours
+            // rarely change their meaning, and only when all waiting tiles are processed.
             let has_grown = held.known.len() >= 2 * held.fitted_at.max(1);
             if wanted.scheme == Scheme::Cividis && has_grown && self.waiting.is_empty() {
                 held.fit(store);
@@ -248,7 +239,7 @@ impl MapLayers {
         }
     }
 
-    /// Lowest and greatest x and y of what is known in the layers that are drawn, metres.
+    /// Bounding box of the known cells of drawn layers, m.
     pub(super) fn bounds_m(&mut self, stack: &LayerStack, store: &TileStore) -> Option<[f64; 4]> {
         let shown = Self::shown(stack, store);
         let edges = shown.iter().filter_map(|(held, _)| {
@@ -266,7 +257,7 @@ impl MapLayers {
         })
     }
 
-    /// Makes textures as far as `time` goes; false where more is left.
+    /// Updates textures within `time`. Returns whether all are up to date.
     pub(super) fn prepare(
         &mut self,
         ctx: &Context,
@@ -285,7 +276,7 @@ impl MapLayers {
                 continue;
             };
             let bounds_cells = held.known.bounds_cells();
-            // Apart, while this layer and those below it are looked at.
+            // Taken out, because the other layers are borrowed meanwhile.
             let mut textures = std::mem::take(&mut held.textures);
             if let Some(held) = self.layers.get(&layer) {
                 let below = self.known_layers(&held.below, store);
@@ -307,7 +298,6 @@ impl MapLayers {
         is_complete
     }
 
-    /// What these layers know.
     fn known_layers<'a>(
         &'a self,
         layers: &[(LayerId, f64)],
@@ -324,7 +314,6 @@ impl MapLayers {
         known.collect()
     }
 
-    /// Draws the layers that are shown.
     pub(super) fn paint(
         &self,
         painter: &Painter,
@@ -342,7 +331,7 @@ impl MapLayers {
     }
 }
 
-/// The layers below `layer` that are seen, and how large their cells are, metres.
+/// Visible layers below `layer`, with their cell sizes, m.
 fn seen_below(
     layer: LayerId,
     shown: &[(StackLayer, bool)],

@@ -1,91 +1,74 @@
-//! The map: the layers that the model holds, one over the other, seen through a camera that the operator moves.
+//! The map: the layers of the model, drawn one over the other, with a camera that the operator moves.
 
 mod camera;
-mod card_place;
-mod chunk_builder;
 mod chunks;
 mod coloring;
 mod drawing;
-mod frame_time;
-mod gestures;
 mod layer_compositing;
 mod layer_stack;
 mod legend_card;
-mod legend_place;
-mod map_controls;
 mod map_layers;
-mod max_codes;
 mod navigation;
 mod overlays;
 mod probe;
-mod probe_card;
-mod probe_source;
-mod robot_overlay;
 mod ruler;
-mod scroll_keys;
-mod shore_selection;
-mod tile_mesh;
-mod tile_presence;
 mod tile_textures;
 mod toolbar;
 mod view_settings;
 
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
+use std::time::Duration;
 
-use eframe::egui::{Pos2, Rect, Vec2, vec2};
+use eframe::egui::{Color32, Pos2, Rect, vec2};
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
 pub use layer_stack::{LayerCommand, LayerStack, StackLayer};
 pub use probe::{ProbeData, ProbedCell};
-pub use robot_overlay::{LastScan, RobotOverlay, SensorField, Stopping};
 pub use ruler::{Leg, Ruler};
-pub use shore_selection::ShoreMark;
 pub use toolbar::ToolbarData;
 pub use view_settings::{CameraMode, Orientation, Overlay, ViewSettings};
 
 use crate::command::Look;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, SiteName};
 
-use frame_time::FrameTime;
-use gestures::GestureTracker;
+use chunks::FrameTime;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
+use navigation::GestureTracker;
 use overlays::shores::is_listed;
-use shore_selection::ShoreSelection;
 
-/// Magnification of a step by key or button.
+/// Zoom factor of a key press or button.
 const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
 
-/// The map view. It outlives the robots it shows.
+/// The map view. It stays when another robot is shown.
 pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
     screen: Rect,
     layers: MapLayers,
-    /// Whether changes of the map wait to be looked at.
+    /// Whether changes of the map are not drawn yet.
     is_behind: bool,
-    /// Whether the operator has chosen layers of the robot that is shown.
+    /// Whether the operator has changed the layers of the shown robot.
     has_chosen_layers: bool,
     robot_overlay: RobotOverlay,
     shore_selection: ShoreSelection,
     gestures: GestureTracker,
-    /// The point that is read wherever the pointer is.
+    /// Probed point, independent of the pointer.
     pinned_m: Option<[f64; 2]>,
-    /// What is measured, while clicks measure.
+    /// Set while measuring.
     ruler: Option<Ruler>,
-    /// Whether what would be under the pointer is in the middle, for hands on the keyboard.
+    /// Whether the middle of the map is probed instead of the pointer.
     is_center_probed: bool,
     legends: LegendCard,
-    /// How large the card with what is read was, and where the buttons were, when they were drawn last.
-    card_size: Vec2,
+    /// Position of the buttons in the last frame.
     buttons: Rect,
-    /// Lower edge of the banner of a lost link, or else the upper edge of the map.
+    /// Lower edge of the banner, or upper edge of the map.
     map_top: f32,
-    /// What stands on the map but legends and scale bar, as of the last frame.
+    /// Buttons and cards on the map in the last frame, without legends and scale bar.
     occluders: Vec<Rect>,
 }
 
@@ -105,7 +88,6 @@ impl Default for MapView {
             ruler: None,
             is_center_probed: false,
             legends: LegendCard::default(),
-            card_size: Vec2::ZERO,
             buttons: Rect::NOTHING,
             map_top: 0.0,
             occluders: Vec::new(),
@@ -114,12 +96,10 @@ impl Default for MapView {
 }
 
 impl MapView {
-    /// The look of the map, to be kept.
     pub const fn settings(&self) -> &ViewSettings {
         &self.settings
     }
 
-    /// Brings back a look that was kept.
     pub fn restore(&mut self, look: ViewSettings) {
         self.settings = look;
         if self.settings.camera_mode == CameraMode::Free {
@@ -128,88 +108,79 @@ impl MapView {
         self.camera.turn_up(FRAC_PI_2);
     }
 
-    /// The layers.
     pub const fn stack(&self) -> &LayerStack {
         &self.settings.stack
     }
 
-    /// The layers that are wanted of the robot.
     pub fn shown_layers(&self) -> BTreeSet<LayerId> {
         let shown = self.stack().layers().iter().filter(|held| held.is_shown);
         shown.map(|held| held.layer).collect()
     }
 
-    /// The colours of a layer, over the values that they are spread over now.
     pub fn palette(&self, layer: LayerId) -> Palette {
         self.layers.palette(layer)
     }
 
-    /// Known tiles of a layer.
     pub fn tiles(&self, layer: LayerId) -> usize {
         self.layers.tiles(layer)
     }
 
-    /// The tile of a layer that was measured last.
+    /// The tile with the newest measurement.
     pub fn newest(&self, layer: LayerId) -> Option<TileKey> {
         self.layers.newest(layer)
     }
 
-    /// What the camera keeps in sight.
     pub const fn camera_mode(&self) -> CameraMode {
         self.settings.camera_mode
     }
 
-    /// What is measured, while clicks measure.
     pub const fn ruler(&self) -> Option<&Ruler> {
         self.ruler.as_ref()
     }
 
-    /// The point that is read wherever the pointer is, metres in `odom`.
+    /// Probed point, m in `odom`.
     pub const fn pinned_m(&self) -> Option<[f64; 2]> {
         self.pinned_m
     }
 
-    /// The shore or docking site that a click in a list showed last, while there is one.
+    /// The shore or docking site selected in a list.
     pub const fn marked(&self) -> Option<ShoreMark> {
         self.shore_selection.selected()
     }
 
-    /// What stands out, too, because the hand was over it in a list.
+    /// The shore or docking site hovered in a list.
     pub const fn hovered(&self) -> Option<ShoreMark> {
         self.shore_selection.hovered()
     }
 
-    /// Textures that are held, a mebibyte each.
+    /// Number of textures, a mebibyte each.
     pub fn textures(&self) -> usize {
         self.layers.textures()
     }
 
-    /// Whether everything that changed is on the screen.
     pub const fn is_up_to_date(&self) -> bool {
         !self.is_behind
     }
 
-    /// Where it is on the screen, as of the last frame.
     pub const fn place(&self) -> Rect {
         self.screen
     }
 
-    /// Where a point of `odom`, metres, is on the screen.
+    /// `odom` (m) to screen.
     pub fn place_of(&self, point_m: [f64; 2]) -> Pos2 {
         self.camera.to_screen(self.screen, point_m)
     }
 
-    /// Lowest and greatest x and y on the screen, metres in `odom`.
+    /// Lowest and greatest x and y on the screen, m in `odom`.
     pub fn visible_m(&self) -> [f64; 4] {
         self.camera.visible_m(self.screen)
     }
 
-    /// What is drawn on the map and is not in it, from now on.
     pub fn set_robot_overlay(&mut self, robot_overlay: RobotOverlay) {
         self.robot_overlay = robot_overlay;
     }
 
-    /// Another robot: nothing of the last one stays on the screen.
+    /// Clears the contents for another robot.
     pub fn forget(&mut self) {
         self.layers.forget();
         self.robot_overlay = RobotOverlay::default();
@@ -221,7 +192,6 @@ impl MapView {
         self.settings.camera_mode = CameraMode::FitMap;
     }
 
-    /// Does what is wanted of a layer.
     pub fn apply(&mut self, command: LayerCommand, model: &ConsoleModel) {
         self.has_chosen_layers = true;
         match command {
@@ -239,7 +209,6 @@ impl MapView {
         }
     }
 
-    /// Looks elsewhere, or otherwise.
     pub fn look(&mut self, look: Look) {
         match look {
             Look::Whole => self.settings.camera_mode = CameraMode::FitMap,
@@ -276,7 +245,7 @@ impl MapView {
         }
     }
 
-    /// Leaves what was begun last: measuring, or else reading one point.
+    /// Ends measuring, or else unpins the point.
     pub fn escape(&mut self) {
         self.is_center_probed = false;
         if self.ruler.take().is_none() {
@@ -284,7 +253,7 @@ impl MapView {
         }
     }
 
-    /// Takes over what changed in the model.
+    /// Takes changes from the model.
     pub fn update(&mut self, model: &mut ConsoleModel) {
         self.show_first_layer(model);
         self.shore_selection.retain(|mark| {
@@ -299,7 +268,7 @@ impl MapView {
         self.is_behind = !is_done;
     }
 
-    /// Where a look that was kept shows nothing of what the robot maps, its first layer.
+    /// Shows the robot's first layer if the settings show none of its layers.
     fn show_first_layer(&mut self, model: &ConsoleModel) {
         let Some(info) = model.info().filter(|_| !self.has_chosen_layers) else {
             return;
@@ -312,6 +281,99 @@ impl MapView {
         {
             self.settings.stack.apply(LayerCommand::Show(first, true));
         }
+    }
+}
+
+/// What is drawn around the vehicle and is not part of the map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RobotOverlay {
+    /// For the stopping distance.
+    pub stopping: Option<Stopping>,
+    pub sensors: Vec<SensorField>,
+    pub scan: Option<LastScan>,
+    /// Set if several robots are known.
+    pub color: Option<Color32>,
+}
+
+/// Parameters of the stopping distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stopping {
+    /// Deceleration, m/s².
+    pub decel_mps2: f64,
+    /// Command age, s.
+    pub command_age_s: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorField {
+    /// Position in `base`, x and y, m.
+    pub mount_m: [f64; 2],
+    /// Direction of its middle, radians, counter-clockwise from x of `base`.
+    pub mount_rad: f64,
+    /// Field of view, radians.
+    pub field_rad: f64,
+    /// Minimum and maximum range, m.
+    pub range_m: [f64; 2],
+}
+
+/// Hits of the newest scan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LastScan {
+    /// m in `odom`.
+    pub points_m: Vec<[f64; 2]>,
+    /// Age of the scan.
+    pub age: Duration,
+}
+
+/// A shore or docking site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ShoreMark {
+    /// By number.
+    Shore(u32),
+    /// By its permanent name.
+    Site(SiteName),
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct ShoreSelection {
+    hovered: Option<ShoreMark>,
+    selected: Option<ShoreMark>,
+    /// Selected, not approached yet.
+    approach_target: Option<ShoreMark>,
+}
+
+impl ShoreSelection {
+    /// Selected and hovered marks.
+    fn shown(&self) -> Vec<ShoreMark> {
+        let hovered = self.hovered.filter(|mark| self.selected != Some(*mark));
+        self.selected.into_iter().chain(hovered).collect()
+    }
+
+    const fn selected(&self) -> Option<ShoreMark> {
+        self.selected
+    }
+
+    const fn hovered(&self) -> Option<ShoreMark> {
+        self.hovered
+    }
+
+    const fn hover(&mut self, mark: Option<ShoreMark>) {
+        self.hovered = mark;
+    }
+
+    const fn select(&mut self, mark: ShoreMark) {
+        self.selected = Some(mark);
+        self.approach_target = Some(mark);
+    }
+
+    /// Removes a selection that no longer exists.
+    fn retain(&mut self, is_there: impl Fn(ShoreMark) -> bool) {
+        self.selected = self.selected.filter(|mark| is_there(*mark));
+    }
+
+    /// A new selection since the last call.
+    const fn take_approach_target(&mut self) -> Option<ShoreMark> {
+        self.approach_target.take()
     }
 }
 

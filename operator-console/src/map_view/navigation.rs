@@ -1,14 +1,16 @@
-//! Moves the camera: by hands and keys, and by itself where something is kept in sight.
+//! Camera movement by pointer, gestures and keys, and automatic camera modes.
 
-use eframe::egui::{CursorIcon, PointerButton, Pos2, Rect, Response, Ui, vec2};
+use eframe::egui::{
+    CursorIcon, Event, InputState, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, Rect,
+    Response, Ui, Vec2, vec2,
+};
 
 use super::camera::around;
 use super::overlays::shores::extent_m;
-use super::toolbar;
-use super::{CARD_MARGIN, CameraMode, MapView, Orientation};
+use super::{CARD_MARGIN, CameraMode, MapView, Orientation, toolbar};
 use crate::model::ConsoleModel;
 
-/// A map that would be smaller than this part of what it could be goes on under the legends.
+/// Minimum scale of a map that is fitted beside the legends, relative to one fitted below them.
 const LEAST_PART: f64 = 0.5;
 
 impl MapView {
@@ -61,7 +63,7 @@ impl MapView {
         }
     }
 
-    /// Measures to this point of `odom`, metres, or reads it wherever the pointer is.
+    /// Adds a measured point or pins the probe; m in `odom`.
     pub(super) fn point(&mut self, point_m: [f64; 2]) {
         match &mut self.ruler {
             Some(ruler) => {
@@ -71,7 +73,7 @@ impl MapView {
         }
     }
 
-    /// As if the last point had not been pointed at.
+    /// Removes the last measured point, or the pin.
     pub(super) fn undo_point(&mut self) {
         match &mut self.ruler {
             Some(ruler) => ruler.undo_point(),
@@ -79,7 +81,7 @@ impl MapView {
         }
     }
 
-    /// What is pointed at: by the pointer, or by keys.
+    /// The place to probe: the pointer or the middle.
     pub(super) fn probed_place(&self, pointer: Option<Pos2>) -> Option<Pos2> {
         if self.is_center_probed {
             Some(self.screen.center())
@@ -88,7 +90,7 @@ impl MapView {
         }
     }
 
-    /// Who follows the vehicle goes on following it; who saw the whole map chose a part of it.
+    /// In follow mode the vehicle stays centred; in fit mode zooming ends the mode.
     pub(super) fn zoom(&mut self, at: Pos2, factor: f64) {
         match self.settings.camera_mode {
             CameraMode::FollowVehicle => {
@@ -131,20 +133,20 @@ impl MapView {
         }
     }
 
-    /// Comes near a shore or docking site that was chosen.
+    /// Zooms to a selected shore or docking site.
     fn approach(&mut self, model: &ConsoleModel) {
         if let Some(mark) = self.shore_selection.take_approach_target()
             && let Some(shores) = model.shores()
         {
             let extent_m = extent_m(shores, model.site_names(), mark);
-            // There is none of a shore that is gone: then there is no more than its middle to look at.
+            // A removed shore has no extent.
             if !extent_m.is_empty() {
                 self.camera.approach(self.screen, around(&extent_m));
             }
         }
     }
 
-    /// Shows all of the map: where legends would cover some of it, beside or above them, whichever shows it larger.
+    /// Fits the whole map. If legends would cover it, beside or above them, whichever is larger.
     fn fit(&mut self, bounds_m: [f64; 4]) {
         let (screen, whole) = (self.screen, self.fit_screen());
         let fitted = |part: Rect| {
@@ -169,7 +171,7 @@ impl MapView {
         self.camera = beside.unwrap_or(under);
     }
 
-    /// The screen as `fit` takes it: the same middle, but away from bar, buttons and edges.
+    /// The area for `fit`, without scale bar, buttons and edges.
     fn fit_screen(&self) -> Rect {
         self.screen
             .shrink2(vec2(0.0, toolbar::HEIGHT + CARD_MARGIN))
@@ -182,4 +184,123 @@ fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[
     };
     let [low_x, low_y, high_x, high_y] = bounds_m.unwrap_or([x, y, x, y]);
     Some([low_x.min(x), low_y.min(y), high_x.max(x), high_y.max(y)])
+}
+
+/// Scroll distance for a zoom by e, points.
+const SCROLL_PER_E: f64 = 450.0;
+
+/// The scrolling device. egui distributes its scrolling over several frames.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct GestureTracker {
+    is_of_fingers: bool,
+}
+
+/// Gestures since the last frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Gesture {
+    /// Zoom factor about the pointer.
+    pub(super) factor: f64,
+    /// Pan, points.
+    pub(super) push: Vec2,
+}
+
+impl GestureTracker {
+    /// Reads wheel, touch pad and touch screen.
+    pub(super) fn take(&mut self, input: &InputState) -> Gesture {
+        if let Some(last) = input.events.iter().rev().find_map(is_of_fingers) {
+            self.is_of_fingers = last;
+        }
+        if let Some(touch) = input.multi_touch() {
+            return Gesture {
+                factor: f64::from(touch.zoom_delta),
+                push: touch.translation_delta,
+            };
+        }
+        let pinch = f64::from(input.zoom_delta());
+        let scroll = input.smooth_scroll_delta();
+        // With Shift, egui scrolls sideways.
+        if self.is_of_fingers || scroll.x != 0.0 {
+            return Gesture {
+                factor: pinch,
+                push: scroll,
+            };
+        }
+        let wheel = libm::exp(f64::from(scroll.y) / SCROLL_PER_E);
+        Gesture {
+            factor: pinch * wheel,
+            push: Vec2::ZERO,
+        }
+    }
+}
+
+impl Gesture {
+    pub(super) fn zooms(&self) -> bool {
+        (self.factor - 1.0).abs() > 1e-6
+    }
+}
+
+/// Whether a touch pad scrolls. If the system does not say so, by the unit: touch pads scroll in points, wheels in
+/// lines.
+fn is_of_fingers(event: &Event) -> Option<bool> {
+    let Event::MouseWheel { unit, source, .. } = event else {
+        return None;
+    };
+    Some(match source {
+        MouseWheelSource::Trackpad | MouseWheelSource::Momentum => true,
+        MouseWheelSource::Wheel => false,
+        MouseWheelSource::Unknown => *unit == MouseWheelUnit::Point,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eframe::egui::{Context, Modifiers, RawInput, TouchPhase, vec2};
+
+    /// The sum of all frames after one wheel step or touch pad stroke.
+    fn gesture(unit: MouseWheelUnit, modifiers: Modifiers) -> Gesture {
+        let ctx = Context::default();
+        let mut gestures = GestureTracker::default();
+        let (mut factor, mut push) = (1.0, Vec2::ZERO);
+        for frame in 0..30 {
+            let wheel = Event::MouseWheel {
+                unit,
+                delta: vec2(0.0, 12.0),
+                phase: TouchPhase::Move,
+                source: MouseWheelSource::Unknown,
+                modifiers,
+            };
+            let input = RawInput {
+                time: Some(f64::from(frame) * 0.02),
+                events: if frame == 0 { vec![wheel] } else { Vec::new() },
+                ..RawInput::default()
+            };
+            let mut is_first_pass = true;
+            let output = ctx.run_ui(input, |ui| {
+                if std::mem::take(&mut is_first_pass) {
+                    let gesture = ui.input(|input| gestures.take(input));
+                    factor *= gesture.factor;
+                    push += gesture.push;
+                }
+            });
+            output.drop_without_applying_deltas();
+        }
+        Gesture { factor, push }
+    }
+
+    #[test]
+    fn wheel_zooms_and_two_fingers_pan() {
+        let wheel = gesture(MouseWheelUnit::Line, Modifiers::NONE);
+        assert!(wheel.factor > 1.5 && wheel.push == Vec2::ZERO, "{wheel:?}");
+        let fingers = gesture(MouseWheelUnit::Point, Modifiers::NONE);
+        assert!(!fingers.zooms(), "{fingers:?}");
+        assert!(
+            (fingers.push - vec2(0.0, 12.0)).length() < 0.5,
+            "{fingers:?}"
+        );
+        let sideways = gesture(MouseWheelUnit::Line, Modifiers::SHIFT);
+        assert!(!sideways.zooms() && sideways.push.x > 100.0, "{sideways:?}");
+        let pinch = gesture(MouseWheelUnit::Line, Modifiers::COMMAND);
+        assert!(pinch.factor > 1.5 && pinch.push == Vec2::ZERO, "{pinch:?}");
+    }
 }

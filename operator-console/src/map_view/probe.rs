@@ -1,47 +1,48 @@
-//! What the map says at a point: every layer's value, where it comes from, and how old the newest of its tile is.
+//! The probe: value, source and age of each layer at a point.
 //!
-//! A robot stamps tiles, not cells: a cell that was seen long ago has the age of whatever changed last beside it.
+//! The robot stamps tiles, not cells: the age is that of the newest change in the tile.
 
+use std::time::Duration;
+
+use eframe::egui::{Color32, Frame, Grid, Label, Painter, Pos2, RichText, Stroke, Ui};
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Quantisation};
+use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use protocol::tile::TileKey;
 
 use super::chunks::TILE_CELLS;
 use super::layer_stack::LayerStack;
-use super::probe_source;
 use crate::model::{ConsoleModel, MapSync};
 use crate::panels::data_age::DataAge;
-use crate::panels::formatting::{count, signed};
+use crate::panels::formatting::{age, count, signed};
+use crate::panels::layers::layer_name;
+use crate::panels::stale::StaleData;
+use crate::theme;
 
-/// One point of the map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeData {
-    /// Where, metres in `odom`.
+    /// m in `odom`.
     pub point_m: [f64; 2],
-    /// What is there, the uppermost layer first: every layer that is shown, and those that are not but were received.
+    /// Topmost first: shown layers, and hidden ones with a value.
     pub cells: Vec<ProbedCell>,
 }
 
-/// What one layer says.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbedCell {
-    /// Which layer.
     pub layer: LayerId,
-    /// Whether it is drawn. What is not drawn is not kept up to date either.
+    /// Hidden layers are not updated.
     pub is_shown: bool,
-    /// The cell's value as exports have it; `None` where it is unknown.
+    /// The value as exported; `None` if unknown.
     pub value: Option<f32>,
-    /// How old the newest change of its tile is: no cell of that is newer, most may be older. `None` where there is no
-    /// tile.
+    /// Age of the newest change of the tile: the cell may be older.
     pub age: Option<DataAge>,
-    /// The revision of the tile around it; `None` where there is none.
+    /// Revision of the tile.
     pub revision: Option<u64>,
-    /// The sensors that it comes from, and what is wrong with them now; `None` where the robot names none.
+    /// Sensors of the layer and their faults; `None` if the robot names none.
     pub source: Option<String>,
 }
 
 impl ProbeData {
-    /// Reads the map at a point.
     pub fn new(
         model: &ConsoleModel,
         stack: &LayerStack,
@@ -55,7 +56,7 @@ impl ProbeData {
             let cell = ProbedCell::new(model, held.layer, cell_m, point_m, now);
             let cell = ProbedCell {
                 is_shown: held.is_shown,
-                source: probe_source::source(model, held.layer, now),
+                source: source(model, held.layer, now),
                 ..cell
             };
             (cell.is_shown || cell.value.is_some()).then_some(cell)
@@ -66,7 +67,7 @@ impl ProbeData {
         }
     }
 
-    /// Where it is. In a narrow card a line ends between x and y, not within them.
+    /// Coordinates. Narrow cards break the line between x and y.
     pub fn place(&self) -> String {
         let [x, y] = self.point_m.map(|m| signed(m, 2));
         format!("x\u{a0}{x}\u{a0}m  y\u{a0}{y}\u{a0}m")
@@ -97,7 +98,7 @@ impl ProbedCell {
         }
     }
 
-    /// The value with its unit, or the class by name.
+    /// Value with unit, or name of the class.
     pub fn text(&self) -> String {
         let Some(value) = self.value else {
             return "unknown".to_owned();
@@ -123,7 +124,7 @@ impl ProbedCell {
         }
     }
 
-    /// What the value is of, and the value.
+    /// Name of the quantity and value.
     pub fn reading(&self) -> String {
         let name = match self.layer {
             LayerId::Occupancy => "P(occupied)",
@@ -134,13 +135,12 @@ impl ProbedCell {
         format!("{name} {}", self.text())
     }
 
-    /// When its tile changed, in words that follow that: also where the cell is unknown. `None` where there is no tile.
+    /// Time of the tile's change, also if the cell is unknown.
     pub fn changed(&self) -> Option<String> {
         self.age.map(DataAge::moment)
     }
 
-    /// When its tile changed, and what it comes from: sensors, else the stage of the mapping; and which revision of its
-    /// tile.
+    /// Time of the change, sensors (or mapping stage) and revision.
     pub fn origin(&self) -> String {
         let stage = match self.layer {
             LayerId::Occupancy => "laser, log-odds",
@@ -152,7 +152,7 @@ impl ProbedCell {
         };
         let parts = [
             self.changed(),
-            // Where nothing is known, it comes from nothing.
+            // An unknown cell has no source.
             self.value
                 .map(|_| self.source.clone().unwrap_or_else(|| stage.to_owned())),
             self.revision
@@ -163,19 +163,188 @@ impl ProbedCell {
     }
 }
 
-/// The value of a layer at a point (metres in `odom`), as exports have it; `None` where it is unknown.
+/// Value at a point (m in `odom`) as exported; `None` if unknown.
 pub(super) fn value_at(map: &MapSync, layer: LayerId, point_m: [f64; 2]) -> Option<f32> {
     let (key, column, row) = cell_at(layer, point_m, map.store().cell_m(layer)?)?;
     let code = map.store().get(key)?.cells()?.get(column, row)?;
     layer.quantisation().decode(code)
 }
 
-/// The tile, column and row that hold a point.
 fn cell_at(layer: LayerId, point_m: [f64; 2], cell_m: f64) -> Option<(TileKey, usize, usize)> {
     let [cx, cy] = point_m.map(|m| (m / cell_m).floor() as i64);
     let key = TileKey::of_cell(layer, cx, cy)?;
     let within = |cell: i64| cell.rem_euclid(TILE_CELLS) as usize;
     Some((key, within(cx), within(cy)))
+}
+
+/// Further sensors are counted.
+const MAX_NAMED: usize = 2;
+
+/// The sensors of a layer; `None` if the robot names none.
+pub(super) fn source(model: &ConsoleModel, layer: LayerId, now: Monotonic) -> Option<String> {
+    let statuses = if model.reports_ended() || StaleData::new(model, now).is_some() {
+        // The current state is unknown.
+        &[]
+    } else {
+        model.sensor_statuses()
+    };
+    source_text(layer, model.sensors(), statuses, model.status_delay(now))
+}
+
+/// `since_update`: age of `statuses`.
+fn source_text(
+    layer: LayerId,
+    sensors: &[SensorInfo],
+    statuses: &[SensorStatus],
+    since_update: Duration,
+) -> Option<String> {
+    let feeding: Vec<_> = sensors
+        .iter()
+        .filter(|sensor| feeds(sensor.kind, layer))
+        .collect();
+    let mut names: Vec<_> = feeding
+        .iter()
+        .take(MAX_NAMED)
+        .map(|sensor| sensor.name.clone())
+        .collect();
+    if feeding.len() > MAX_NAMED {
+        names.push(format!("{} more", feeding.len() - MAX_NAMED));
+    }
+    let last = names.pop()?;
+    let from = if names.is_empty() {
+        format!("from {last}")
+    } else {
+        format!("from {} and {last}", names.join(", "))
+    };
+    // Faults are listed for all sensors, also for those that are only counted.
+    let faults = feeding.iter().filter_map(|sensor| {
+        let status = statuses.iter().find(|status| status.name == sensor.name)?;
+        Some(fault_text(status, status.fault?, since_update))
+    });
+    let faults: Vec<_> = faults.collect();
+    Some(if faults.is_empty() {
+        from
+    } else {
+        format!("{from} ({})", faults.join(", "))
+    })
+}
+
+/// Current fault of a sensor; `since_update`: age of its status.
+fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration) -> String {
+    let name = &status.name;
+    match (fault, status.age_ms) {
+        (SensorFault::Silent, Some(ms)) => {
+            let since = Duration::from_millis(ms.into()).saturating_add(since_update);
+            format!("{name} silent for {}", age(since))
+        }
+        (SensorFault::Silent, None) => format!("{name} silent from the start"),
+        (SensorFault::Clock, _) => format!("{name}'s clock jumped"),
+        (SensorFault::AllInvalid, _) => format!("{name} sees nothing now"),
+        (SensorFault::Blocked, _) => format!("{name} blocked now"),
+        (SensorFault::Slow, _) => format!("{name} slow now"),
+    }
+}
+
+/// All range sensors feed all layers, except that sonar is not used for rigidity.
+const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
+    match kind {
+        SensorKind::PlanarLaser | SensorKind::TiltingLaser => true,
+        SensorKind::Sonar => !matches!(layer, LayerId::Rigidity),
+        SensorKind::WheelEncoders
+        | SensorKind::Attitude
+        | SensorKind::SatelliteReceiver
+        | SensorKind::Odometry
+        | SensorKind::Transforms
+        | SensorKind::TiltEncoder => false,
+    }
+}
+
+const INNER: f32 = 8.0;
+/// Title of the age column.
+const TILE_CHANGED: &str = "Tile changed";
+
+/// Draws the card. Returns whether "Unpin" was pressed. A narrow card lists shown layers only, and has no sources.
+pub(super) fn probe_card_ui(
+    ui: &mut Ui,
+    data: &ProbeData,
+    is_pinned: bool,
+    (width, is_narrow): (f32, bool),
+) -> bool {
+    let mut is_over = false;
+    Frame::new()
+        .fill(theme::card(ui.visuals()))
+        .corner_radius(4.0)
+        .inner_margin(INNER)
+        .show(ui, |ui| {
+            ui.set_max_width(width - 2.0 * INNER);
+            ui.spacing_mut().item_spacing.y = 3.0;
+            ui.horizontal(|ui| {
+                let place = RichText::new(data.place()).strong();
+                ui.label(if is_narrow { place.small() } else { place });
+                if is_pinned {
+                    let unpin = ui.small_button("Unpin");
+                    is_over = unpin
+                        .on_hover_text("Read under the pointer (Esc)")
+                        .clicked();
+                }
+            });
+            // The grid remembers its column widths by this id.
+            let cells = data.cells.iter();
+            let cells: Vec<_> = cells.filter(|cell| cell.is_shown || !is_narrow).collect();
+            let layers: Vec<_> = cells.iter().map(|cell| cell.layer).collect();
+            Grid::new(("probe", layers))
+                .num_columns(3)
+                .min_row_height(16.0)
+                .spacing([10.0, 2.0])
+                .show(ui, |ui| {
+                    let weak = ui.visuals().weak_text_color();
+                    // Always drawn, so that the height stays constant.
+                    if !cells.is_empty() {
+                        head_ui(ui, weak);
+                    }
+                    for cell in cells {
+                        let name = RichText::new(layer_name(cell.layer)).small();
+                        let mut value = RichText::new(cell.text()).small().strong();
+                        if cell.value.is_none() || !cell.is_shown {
+                            value = value.color(weak);
+                        }
+                        ui.label(name);
+                        ui.label(value);
+                        let origin = if is_narrow {
+                            cell.changed().unwrap_or_default()
+                        } else {
+                            cell.origin()
+                        };
+                        let origin = RichText::new(origin).small().color(weak);
+                        ui.add(Label::new(origin).wrap());
+                        ui.end_row();
+                    }
+                });
+        });
+    is_over
+}
+
+/// Title row.
+fn head_ui(ui: &mut Ui, ink: Color32) {
+    ui.small("");
+    ui.small("");
+    let head = RichText::new(TILE_CHANGED).small().color(ink);
+    let hint = format!(
+        "The newest change of the {TILE_CELLS} × {TILE_CELLS} cells around this one, which may be older itself"
+    );
+    ui.add(Label::new(head).wrap()).on_hover_text(hint);
+    ui.end_row();
+}
+
+/// Mark of a pinned point: a cross with a gap in its middle.
+pub(super) fn paint_pin(painter: &Painter, at: Pos2) {
+    for (width, color) in [(4.0, Color32::WHITE), (2.0, Color32::BLACK)] {
+        for [x, y] in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
+            let towards = eframe::egui::vec2(x, y);
+            let ends = [at + 4.0 * towards, at + 12.0 * towards];
+            painter.line_segment(ends, Stroke::new(width, color));
+        }
+    }
 }
 
 #[cfg(test)]

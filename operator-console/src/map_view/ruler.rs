@@ -1,34 +1,36 @@
-//! Measuring on the map: how far it is along a line of points, in which direction, and how much higher. Pure.
+//! Measuring on the map: distance along a line of points, bearings and height differences.
 
+use std::sync::Arc;
+
+use eframe::egui::{Color32, FontId, Galley, Painter, Pos2, Rect, Stroke, Vec2, vec2};
+
+use super::camera::Camera;
 use crate::panels::formatting::{direction, signed};
 
-/// Points of a line at most.
 pub(super) const MAX_POINTS: usize = 100;
 
-/// The points that were set, metres in `odom`, the first first.
+/// Points in `odom`, m.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ruler {
     points_m: Vec<[f64; 2]>,
 }
 
-/// One straight piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leg {
-    /// How long, metres.
+    /// Length, m.
     pub length_m: f64,
-    /// Clockwise from north (y of `odom`), 0 … 360°; `None` for a piece without length.
+    /// Clockwise from north (y of `odom`), 0 … 360°; `None` for length 0.
     pub bearing_deg: Option<f64>,
-    /// How much higher it ends than it begins, metres, where heights are known at both ends.
+    /// Height difference, m, if both heights are known.
     pub rise_m: Option<f64>,
 }
 
 impl Ruler {
-    /// The points, metres in `odom`.
     pub fn points_m(&self) -> &[[f64; 2]] {
         &self.points_m
     }
 
-    /// Sets another point; false where there are too many.
+    /// Adds a point. Returns false if there are too many.
     pub(super) fn add(&mut self, point_m: [f64; 2]) -> bool {
         let has_room = self.points_m.len() < MAX_POINTS;
         if has_room && point_m.iter().all(|m| m.is_finite()) {
@@ -37,12 +39,11 @@ impl Ruler {
         has_room
     }
 
-    /// Takes the last point back.
     pub(super) fn undo_point(&mut self) {
         self.points_m.pop();
     }
 
-    /// The pieces to each point from the one before it, `height` being what is known of heights at a point, metres.
+    /// Segments between consecutive points; `height` returns the known height of a point, m.
     pub(super) fn legs(
         points_m: &[[f64; 2]],
         height: impl Fn([f64; 2]) -> Option<f32>,
@@ -65,7 +66,7 @@ impl Ruler {
 }
 
 impl Leg {
-    /// In words: its direction is the compass's where north is known, else from the map's x, as the robot's heading is.
+    /// Text of a segment. Its direction is a compass bearing if north is known, else relative to x.
     pub fn label(&self, knows_north: bool) -> String {
         let bearing = self.bearing_deg;
         let bearing = bearing.map(|deg| direction(90.0 - deg, knows_north, "x"));
@@ -82,7 +83,7 @@ impl Leg {
     }
 }
 
-/// The length of all pieces, in words; `None` of fewer than two.
+/// Total length; `None` for fewer than two segments.
 pub(super) fn total(legs: &[Leg]) -> Option<String> {
     let total_m: f64 = legs.iter().map(|leg| leg.length_m).sum();
     (legs.len() > 1).then(|| format!("total {}", length(total_m)))
@@ -96,14 +97,117 @@ fn length(length_m: f64) -> String {
     }
 }
 
+const LINE: Color32 = Color32::from_rgb(0xcc, 0x00, 0x7a);
+/// Points of the screen.
+pub(super) const POINT_RADIUS: f32 = 4.0;
+/// Padding of a label, points.
+const CARD: Vec2 = vec2(5.0, 2.0);
+/// Distance of a label from the line, points.
+const GAP: f32 = 14.0;
+
+/// Draws the line and its labels, which avoid `others`.
+pub(super) fn paint_ruler(
+    painter: &Painter,
+    points_m: &[[f64; 2]],
+    (labels, total): (&[String], Option<&str>),
+    (camera, screen): (&Camera, Rect),
+    others: &[Rect],
+    ink: Color32,
+    paper: Color32,
+) {
+    let points: Vec<Pos2> = points_m
+        .iter()
+        .map(|point_m| camera.to_screen(screen, *point_m))
+        .collect();
+    for pair in points.windows(2) {
+        painter.line_segment([pair[0], pair[1]], Stroke::new(4.0, Color32::WHITE));
+        painter.line_segment([pair[0], pair[1]], Stroke::new(2.0, LINE));
+    }
+    for point in &points {
+        painter.circle(*point, POINT_RADIUS, LINE, Stroke::new(1.5, Color32::WHITE));
+    }
+    let galley =
+        |text: &str| painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), ink);
+    let card = |place: Rect, words: Arc<Galley>| {
+        painter.rect_filled(place, 4.0, paper);
+        painter.galley(place.shrink2(CARD).min, words, ink);
+    };
+    let words: Vec<_> = labels.iter().map(|label| galley(label)).collect();
+    let total = total.map(galley);
+    let size = |words: &Arc<Galley>| words.size() + 2.0 * CARD;
+    let sizes: Vec<_> = words.iter().map(size).collect();
+    let places = places(&points, &sizes, total.as_ref().map(size), others);
+    for (place, words) in places.into_iter().zip(words.into_iter().chain(total)) {
+        card(place, words);
+    }
+}
+
+/// Positions of the segment labels and of the total. A label avoids the line, `others` and other labels if possible.
+fn places(points: &[Pos2], sizes: &[Vec2], total: Option<Vec2>, others: &[Rect]) -> Vec<Rect> {
+    let mut taken = others.to_vec();
+    let mut stand = |places: Vec<Rect>| {
+        let is_free = |place: &&Rect| {
+            let crosses = |pair: &[Pos2]| lies_on(**place, [pair[0], pair[1]]);
+            !points.windows(2).any(crosses) && taken.iter().all(|other| !other.intersects(**place))
+        };
+        let place = places.iter().find(is_free).or_else(|| places.first());
+        taken.extend(place.copied());
+    };
+    for (pair, size) in points.windows(2).zip(sizes) {
+        stand(along([pair[0], pair[1]], *size));
+    }
+    if let (Some(size), Some(end)) = (total, points.last()) {
+        stand(beside(*end, size));
+    }
+    taken.split_off(others.len())
+}
+
+/// Candidate positions beside a segment: above first, then below, then farther away.
+fn along([from, to]: [Pos2; 2], size: Vec2) -> Vec<Rect> {
+    let way = (to - from).normalized();
+    // Perpendicular to the segment, upwards (or to the right).
+    let across = vec2(way.y, -way.x);
+    let across = if across == Vec2::ZERO {
+        -Vec2::Y
+    } else if across.y > 0.0 || (across.y == 0.0 && across.x < 0.0) {
+        -across
+    } else {
+        across
+    };
+    let reach = 0.5 * (across.x.abs() * size.x + across.y.abs() * size.y);
+    let middle = from.lerp(to, 0.5);
+    let at = |factor: f32| Rect::from_center_size(middle + factor * (GAP + reach) * across, size);
+    [1.0, -1.0, 2.0, -2.0, 3.0, -3.0].map(at).to_vec()
+}
+
+/// Candidate positions beside a point.
+fn beside(point: Pos2, size: Vec2) -> Vec<Rect> {
+    let [right, below] = [vec2(GAP + 0.5 * size.x, 0.0), vec2(0.0, GAP + 0.5 * size.y)];
+    let places = [below, -below, right, -right, 3.0 * below, -3.0 * below];
+    let places = places.map(|offset| Rect::from_center_size(point + offset, size));
+    places.to_vec()
+}
+
+/// Whether a label covers a segment.
+fn lies_on(card: Rect, [from, to]: [Pos2; 2]) -> bool {
+    if !card.intersects(Rect::from_two_pos(from, to)) {
+        return false;
+    }
+    let way = to - from;
+    let across = vec2(way.y, -way.x);
+    let distance = (card.center() - from).dot(across).abs();
+    distance < 0.5 * (across.x.abs() * card.width() + across.y.abs() * card.height())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use eframe::egui::pos2;
 
     const FLAT: fn([f64; 2]) -> Option<f32> = |_| None;
 
     #[test]
-    fn pieces_have_length_bearing_and_rise() {
+    fn segments_have_length_bearing_and_rise() {
         let slope = |[x, _]: [f64; 2]| (x < 5.0).then_some(0.5 * x as f32);
         let points_m = [[0.0, 0.0], [3.0, 4.0], [3.0, 0.0], [-1.0, 0.0], [9.0, 0.0]];
         let legs = Ruler::legs(&points_m, slope);
@@ -132,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn nearly_north_is_north_and_nothing_has_no_direction() {
+    fn bearing_of_north_and_of_length_zero() {
         let legs = Ruler::legs(&[[0.0, 0.0], [-0.001, 1.0], [-0.001, 1.0]], FLAT);
         assert_eq!(legs[0].label(true), "1.00 m  ·  000°");
         assert_eq!(legs[1].label(true), "0.00 m");
@@ -142,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_set_taken_back_and_bounded() {
+    fn points_are_added_removed_and_limited() {
         let mut ruler = Ruler::default();
         ruler.add([f64::NAN, 0.0]);
         assert_eq!(ruler.points_m().len(), 0);
@@ -152,5 +256,71 @@ mod tests {
         assert!(!ruler.add([0.0, 0.0]));
         ruler.undo_point();
         assert_eq!(ruler.points_m().len(), MAX_POINTS - 1);
+    }
+
+    const CARD_SIZE: Vec2 = vec2(120.0, 20.0);
+
+    #[test]
+    fn labels_do_not_cover_the_line() {
+        let middle = pos2(400.0, 300.0);
+        for (dx, dy) in [
+            (0.0, 30.0),
+            (30.0, 0.0),
+            (-8.0, 20.0),
+            (14.0, 14.0),
+            (0.0, 0.0),
+        ] {
+            let points = [middle - vec2(dx, dy), middle];
+            let places = places(&points, &[CARD_SIZE], None, &[]);
+            assert!(!lies_on(places[0], points), "{dx} {dy}: {places:?}");
+            let [up, side] = [vec2(0.0, 12.0), vec2(12.0, 0.0)];
+            for arm in [[middle - up, middle + up], [middle - side, middle + side]] {
+                assert!(!lies_on(places[0], arm), "{dx} {dy}: {places:?}");
+            }
+        }
+        let flat = along([middle, middle + vec2(40.0, 0.0)], CARD_SIZE)[0];
+        assert_eq!(flat.center(), pos2(420.0, 300.0 - GAP - 10.0));
+        let upright = along([middle, middle + vec2(0.0, 40.0)], CARD_SIZE)[0];
+        assert_eq!(upright.center(), pos2(400.0 + GAP + 60.0, 320.0));
+    }
+
+    #[test]
+    fn labels_of_short_segments_do_not_overlap() {
+        let points = [
+            pos2(400.0, 300.0),
+            pos2(420.0, 300.0),
+            pos2(420.0, 320.0),
+            pos2(405.0, 330.0),
+        ];
+        let places = places(&points, &[CARD_SIZE; 3], Some(vec2(80.0, 20.0)), &[]);
+        assert_eq!(places.len(), 4);
+        for (index, place) in places.iter().enumerate() {
+            let mut pieces = points.windows(2);
+            assert!(
+                !pieces.any(|pair| lies_on(*place, [pair[0], pair[1]])),
+                "{place}"
+            );
+            let others = &places[index + 1..];
+            assert!(
+                others.iter().all(|other| !other.intersects(*place)),
+                "{places:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_total_is_below_the_end_if_free() {
+        let end = pos2(400.0, 300.0);
+        let size = vec2(80.0, 20.0);
+        let total = |from: Pos2, others: &[Rect]| {
+            let places = places(&[from, end], &[CARD_SIZE], Some(size), others);
+            assert_eq!(places.len(), 2);
+            places[1].center() - end
+        };
+        let (below, left) = (vec2(0.0, 24.0), pos2(100.0, 300.0));
+        assert_eq!(total(left, &[]), below);
+        assert_eq!(total(pos2(400.0, 500.0), &[]), -below);
+        let letter = Rect::from_center_size(end + vec2(10.0, 30.0), vec2(22.0, 21.0));
+        assert_eq!(total(left, &[letter]), -below);
     }
 }

@@ -1,25 +1,23 @@
-//! The tiles of one layer as textures: a bounded number of chunks, made when they are first seen, changed tile by tile.
+//! The textures of one layer: a limited number of chunks, created when they become visible and updated tile by tile.
 //!
-//! A few coarse chunks of the whole map, the *base*, are made first and kept. Where a finer chunk is not made yet, or
-//! not made anew yet, what there is stands in for it, so that no hole opens under the hand that moves the map.
+//! A few coarse chunks of the whole map, the *base*, are always kept. Missing or outdated chunks are replaced by
+//! coarser or finer ones, so that a moving map has no holes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use eframe::egui::epaint::Vertex;
 use eframe::egui::{
-    Color32, Context, Painter, Rect, TextureFilter, TextureHandle, TextureOptions, TextureWrapMode,
-    pos2,
+    Color32, Context, Mesh, Painter, Pos2, Rect, TextureFilter, TextureHandle, TextureOptions,
+    TextureWrapMode, pos2,
 };
 use protocol::tile::TILE_SIDE;
 
 use super::camera::{Camera, around};
-use super::chunk_builder::{ChunkBuilder, LayerStyle};
-use super::chunks::{ChunkKey, Level, TILE_CELLS};
-use super::frame_time::FrameTime;
-use super::tile_mesh::{WHOLE, corners, paint_quad, part_of};
+use super::chunks::{ChunkBuilder, ChunkKey, FrameTime, LayerStyle, Level, TILE_CELLS};
 
-/// The base is the finest level at which the map has this many chunks to a side at most.
+/// The base is the finest level with at most this number of chunks per side.
 const BASE_SIDE: i64 = 2;
-/// Tiles of a chunk that change one by one; where more have changed, the chunk is made anew.
+/// If more tiles of a chunk have changed, the chunk is recreated.
 const MAX_CHANGED: usize = 64;
 
 const OPTIONS: TextureOptions = TextureOptions {
@@ -31,29 +29,27 @@ const OPTIONS: TextureOptions = TextureOptions {
 
 struct Chunk {
     texture: TextureHandle,
-    /// Not as the texture has them.
+    /// Tiles that differ from the texture.
     changed: BTreeSet<(i32, i32)>,
-    /// To be made anew.
+    /// To be recreated.
     is_outdated: bool,
 }
 
-/// The textures of a layer.
 #[derive(Default)]
 pub(super) struct TileTextures {
     chunks: BTreeMap<ChunkKey, Chunk>,
     build: Option<ChunkBuilder>,
-    /// On the screen, of the level that suits it.
+    /// Visible chunks of the current level.
     visible: BTreeSet<ChunkKey>,
     base: BTreeSet<ChunkKey>,
 }
 
 impl TileTextures {
-    /// Forgets everything.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// These tiles are not what they were.
+    /// Marks a changed tile.
     pub(super) fn changed(&mut self, tile: (i32, i32)) {
         for level in Level::all() {
             let key = ChunkKey::of_tile(level, (i64::from(tile.0), i64::from(tile.1)));
@@ -68,7 +64,7 @@ impl TileTextures {
         }
     }
 
-    /// Every colour is another. Until they are made anew, chunks are as they were.
+    /// Marks all chunks as outdated, after a change of colours.
     pub(super) fn recolor(&mut self) {
         self.build = None;
         for chunk in self.chunks.values_mut() {
@@ -77,13 +73,13 @@ impl TileTextures {
         }
     }
 
-    /// Textures that are held: a mebibyte each.
+    /// Number of textures, a mebibyte each.
     pub(super) fn len(&self) -> usize {
         self.chunks.len()
     }
 
-    /// Makes the textures for what `camera` sees, `allowance` of them at most, as far as `time` goes; false where more
-    /// is left to do. `bounds_cells` are the edges of what is known.
+    /// Creates textures for the visible map within `time`, at most `allowance`. Returns whether all are up to date.
+    /// `bounds_cells`: bounding box of known cells.
     pub(super) fn prepare(
         &mut self,
         ctx: &Context,
@@ -116,7 +112,7 @@ impl TileTextures {
         })
     }
 
-    /// Draws what there is, `opacity` 0 … 1.
+    /// `opacity`: 0 … 1.
     pub(super) fn paint(
         &self,
         painter: &Painter,
@@ -138,8 +134,8 @@ impl TileTextures {
         }
     }
 
-    /// What is drawn for a chunk that is not made: pieces that do not overlap, where they are in `odom`, and which part
-    /// of their texture it is.
+    /// Replacements of a missing chunk: rectangles in `odom` that do not overlap, with the part of the texture to
+    /// draw.
     fn fallbacks(&self, key: ChunkKey, cell_m: f64) -> Vec<(&Chunk, [f64; 4], Rect)> {
         let coarser = std::iter::successors(key.level.coarser(), |level| level.coarser());
         for level in coarser {
@@ -170,7 +166,7 @@ impl TileTextures {
         self.visible.contains(key) || self.base.contains(key)
     }
 
-    /// Brings the tiles that changed into the chunks that are seen.
+    /// Uploads changed tiles of visible chunks.
     fn upload_changes(&mut self, style: LayerStyle<'_>, time: &mut FrameTime) {
         for key in self.visible.iter().chain(&self.base) {
             let Some(chunk) = self.chunks.get_mut(key) else {
@@ -189,7 +185,7 @@ impl TileTextures {
         }
     }
 
-    /// Makes chunks that are wanted, the base first, then from the middle outwards; whether all are made.
+    /// Creates missing chunks, base first, then from the middle outwards. Returns whether all exist.
     fn make(
         &mut self,
         ctx: &Context,
@@ -210,7 +206,7 @@ impl TileTextures {
         });
         let base = self.base.iter().filter(lacks).copied();
         let is_base_drawn = self.base.iter().any(|key| self.chunks.contains_key(key));
-        // What stands in for everything comes first; once there is something, what is seen.
+        // The base first, so that something is drawn.
         let lacking: Vec<_> = if is_base_drawn {
             lacking.into_iter().chain(base).collect()
         } else {
@@ -253,7 +249,7 @@ impl TileTextures {
         self.chunks.insert(key, chunk);
     }
 
-    /// Drops what is beyond the allowance, other levels and what is far away first, and what has old colours.
+    /// Drops chunks beyond the allowance: outdated, other levels and distant ones first.
     fn evict(&mut self, cell_m: f64, camera: &Camera, allowance: usize) {
         let (visible, base) = (&self.visible, &self.base);
         let is_wanted = |key: &ChunkKey| visible.contains(key) || base.contains(key);
@@ -297,7 +293,7 @@ fn distance_squared(key: &ChunkKey, cell_m: f64, camera: &Camera) -> f64 {
     dx * dx + dy * dy
 }
 
-/// Tiles from the first to the last known one, in both directions.
+/// Range of known tiles in both directions.
 fn tile_bounds([low_x, low_y, high_x, high_y]: [i64; 4]) -> [i64; 4] {
     [low_x, low_y, high_x - 1, high_y - 1].map(|cell| cell.div_euclid(TILE_CELLS))
 }
@@ -310,17 +306,17 @@ fn base_chunks(bounds_cells: [i64; 4]) -> BTreeSet<ChunkKey> {
         ChunkKey::of_tile(level, (low_x, low_y)),
         ChunkKey::of_tile(level, (high_x, high_y)),
     );
-    // A map that even the coarsest level does not hold has its base around its lowest corner; it is 2000 km wide.
+    // For maps beyond the coarsest level (2000 km), the base is at their lowest corner.
     let end = |low: i64, high: i64| low..=high.min(low + BASE_SIDE - 1);
     end(low.x, high.x)
         .flat_map(|x| end(low.y, high.y).map(move |y| ChunkKey { level, x, y }))
         .collect()
 }
 
-/// No tile is farther out than this, whatever a pose claims.
+/// Limit for invalid poses.
 const REACH: f64 = 2.0 * i32::MAX as f64;
 
-/// The chunks of the map on the screen, of `level` or of the next coarser one of which there are at most `room`.
+/// Visible chunks of `level`, or of the next coarser level with at most `room` chunks.
 fn visible_chunks(
     level: Level,
     cell_m: f64,
@@ -351,7 +347,7 @@ fn visible_chunks(
         let high = ChunkKey::of_tile(level, high_tile);
         let count = (high.x - low.x + 1).saturating_mul(high.y - low.y + 1);
         let coarser = level.coarser();
-        // Of a map that is turned, a third of what is counted may be out of sight.
+        // Up to a third of the counted chunks of a rotated map may be invisible.
         if usize::try_from(count).is_ok_and(|count| count <= 2 * room) || coarser.is_none() {
             let keys = (low.x..=high.x)
                 .flat_map(|x| (low.y..=high.y).map(move |y| ChunkKey { level, x, y }))
@@ -363,6 +359,54 @@ fn visible_chunks(
         }
         level = coarser.unwrap_or(level);
     }
+}
+
+pub(super) const WHOLE: Rect = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+
+/// The part of the texture of `whole` that shows `part`.
+pub(super) fn part_of(whole: ChunkKey, part: ChunkKey) -> Rect {
+    let ((left, bottom), (x, y)) = (whole.first_tile(), part.first_tile());
+    let side = whole.level.tiles_per_chunk() as f32;
+    let part_side = part.level.tiles_per_chunk() as f32;
+    let (from_left, from_bottom) = ((x - left) as f32, (y - bottom) as f32);
+    Rect::from_min_max(
+        pos2(from_left / side, 1.0 - (from_bottom + part_side) / side),
+        pos2((from_left + part_side) / side, 1.0 - from_bottom / side),
+    )
+}
+
+pub(super) fn corners(
+    [low_x, low_y, high_x, high_y]: [f64; 4],
+    camera: &Camera,
+    screen: Rect,
+) -> [Pos2; 4] {
+    [
+        [low_x, high_y],
+        [high_x, high_y],
+        [high_x, low_y],
+        [low_x, low_y],
+    ]
+    .map(|corner_m| camera.to_screen(screen, corner_m))
+}
+
+pub(super) fn paint_quad(
+    painter: &Painter,
+    texture: &TextureHandle,
+    corners: [Pos2; 4],
+    part: Rect,
+    color: Color32,
+) {
+    let mut mesh = Mesh::with_texture(texture.id());
+    let uvs = [
+        part.left_top(),
+        part.right_top(),
+        part.right_bottom(),
+        part.left_bottom(),
+    ];
+    let vertex = |(pos, uv)| Vertex { pos, uv, color };
+    mesh.vertices = corners.into_iter().zip(uvs).map(vertex).collect();
+    mesh.indices = vec![0, 1, 2, 0, 2, 3];
+    painter.add(mesh);
 }
 
 #[cfg(test)]

@@ -6,26 +6,20 @@ use super::view_settings::{CameraMode, Orientation, Overlay};
 use crate::command::Look;
 use crate::theme;
 
-/// Height of the bar, points.
+/// Points.
 pub(super) const HEIGHT: f32 = 36.0;
 
-/// What the buttons show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToolbarData {
-    /// What is kept in sight.
     pub camera_mode: CameraMode,
-    /// What is up.
     pub orientation: Orientation,
-    /// Whether the grid is drawn.
     pub has_grid: bool,
-    /// Whether clicks measure.
     pub is_measuring: bool,
 }
 
 /// Narrower maps have a menu instead of most buttons, points.
 const NARROW: f32 = 460.0;
 
-/// Draws the bar.
 pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
     let is_narrow = ui.available_width() < NARROW;
     let bar = Frame::new()
@@ -33,7 +27,7 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
         .corner_radius(4.0)
         .inner_margin(4.0);
     let shown = bar.show(ui, |ui| {
-        // Laid out from the right in a right-aligned corner, so the last comes first.
+        // Laid out from the right, so the last button comes first.
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
             let look = if is_narrow {
@@ -51,7 +45,7 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
     shown.inner
 }
 
-/// What stands on a button, what it does, whether that is so, and what it asks for.
+/// Label, hover text, state and request.
 type Entry = (&'static str, &'static str, bool, Look);
 
 fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
@@ -111,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn everything_can_be_asked_for_on_a_wide_map_and_on_a_narrow_one() {
+    fn all_buttons_work_on_wide_and_narrow_maps() {
         for width in [700.0, 250.0] {
             let data = ToolbarData {
                 camera_mode: CameraMode::FitMap,

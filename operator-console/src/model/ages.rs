@@ -1,11 +1,9 @@
-//! How old the tiles of the map are, by the stamps of the robot: who joins late is told the age of the map, not of its arrival.
+//! Age of each map tile, from the robot's stamps. A console that joins late shows the age of the data, not of its
+//! arrival.
 //!
-//! Stamps are of the clock of the robot's sensors, which no clock here is compared with. Only how far two stamps lie apart
-//! counts: that of a tile, and the newest that the robot told of when the tile came. From then on this machine's own clock
-//! tells how much older it gets, so that it ages by what it should even where the robot's clock is set. Pure: the present is
-//! a parameter.
-
-mod clock_stall;
+//! Stamps come from the robot's sensor clock and are never compared with a clock of this machine. Only the difference
+//! of two stamps counts: the stamp of the tile and the newest stamp that had arrived with it. From then on this
+//! machine's clock adds to the age, so a step of the robot's clock does not change it.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -14,52 +12,47 @@ use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 
-use clock_stall::{ClockStall, ClockStallDetector};
-
-/// A pose with the stamp of a tile's data, or a newer one, comes within this where any come.
+/// A pose with the stamp of a tile's data, or a newer one, arrives within this time.
 const POSE_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Stamps ahead of the poses that are remembered; a pose comes before there are so many.
+/// Limit of stamps that are ahead of the newest pose.
 const MAX_AHEAD: usize = 10_000;
 
-/// What is later has a greater one, also where the clock of the data was set back in between. What is ahead of the data,
-/// as it is of before that, has a lesser one than all that is not.
+/// Order of tiles by age: newer data is greater, also across a clock that was set back. Tiles whose stamp stays ahead
+/// of the data are least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct AgeOrder {
-    /// Whether its age is known.
     has_age: bool,
     times_set_back: u32,
     stamp_ns: i64,
 }
 
-/// When the tiles of one run of a robot were measured.
+/// Ages of the tiles of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub struct Ages {
-    /// The newest stamp that was told of, nanoseconds, and when that was first.
+    /// The newest stamp, nanoseconds, and when it first arrived.
     newest: Option<(i64, Monotonic)>,
-    /// The number of the message that told so last, and when.
+    /// Sequence number of the newest message with a stamp, and when it arrived.
     last_update: Option<(u64, Monotonic)>,
     clock_stall: ClockStallDetector,
     times_set_back: u32,
     tiles: BTreeMap<TileKey, TileArrival>,
-    /// Tiles of which nobody knows how old they were, since nothing as new was told of yet; by stamp.
+    /// Tiles whose stamp is newer than the newest pose, by stamp. Their age is still unknown.
     ahead: BTreeMap<i64, Vec<TileKey>>,
 }
 
-/// A tile that came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct TileArrival {
     stamp_ns: i64,
     at: Monotonic,
-    /// How old it was.
+    /// Age on arrival.
     before: Option<Duration>,
-    /// How long the clock of the data stood since.
+    /// Time that the data's clock stood still since.
     stalled: Duration,
     times_set_back: u32,
 }
 
 impl TileArrival {
-    /// How old it is, where it is known how old it was.
     fn age(&self, now: Monotonic) -> Option<Duration> {
         let age = now.since(self.at).saturating_add(self.before?);
         Some(age.saturating_sub(self.stalled))
@@ -67,13 +60,13 @@ impl TileArrival {
 }
 
 impl Ages {
-    /// The robot told of its newest data in message `seq`, `stamp_ns` being its stamp.
+    /// A message with the stamp of the robot's newest data arrived.
     pub(super) fn update_clock(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
         if self
             .last_update
             .is_some_and(|(newest_seq, _)| seq < newest_seq)
         {
-            // It was overtaken on its way: poses wait for nothing that is sent again.
+            // A newer message has overtaken this one: poses are not retransmitted in order.
             return;
         }
         let last = self.newest.zip(self.last_update);
@@ -103,7 +96,7 @@ impl Ages {
         }
     }
 
-    /// What is counted from before the clock of the data stood was counted too long.
+    /// Corrects the ages that were counted while the data's clock stood still.
     fn stalled(&mut self, stalled: ClockStall, now: Monotonic) {
         let since = now.since(stalled.from);
         for arrival in self.tiles.values_mut() {
@@ -113,22 +106,21 @@ impl Ages {
         }
     }
 
-    /// The data's time begins anew, where it began or elsewhere: a recording was wound, or maps were erased.
+    /// The data's time restarts: a recording was seeked or maps were erased.
     pub(super) fn restart(&mut self) {
         self.newest = None;
         self.clock_stall = ClockStallDetector::default();
     }
 
-    /// A tile came whose newest data has this stamp.
     pub(super) fn on_tile(&mut self, key: TileKey, stamp_ns: i64, now: Monotonic) {
         let before = self.newest.and_then(|(newest_ns, last_update)| {
-            // The data went on since it was told of; a new stamp would have been told.
+            // The data has advanced since the newest stamp.
             Some(apart(newest_ns, stamp_ns)?.saturating_add(now.since(last_update)))
         });
         if before.is_none() {
             self.ahead.entry(stamp_ns).or_default().push(key);
             if self.ahead.len() > MAX_AHEAD {
-                // Those that wait shortest: the others know first.
+                // The most recent stamps: the others are resolved first.
                 self.ahead.pop_last();
             }
         }
@@ -142,7 +134,7 @@ impl Ages {
         self.tiles.insert(key, arrival);
     }
 
-    /// How old a tile is; `None` where nobody knows, as the clock of the data was set back behind it.
+    /// Age of a tile; `None` if it is unknown because the data's clock was set back behind it.
     pub fn age(&self, key: TileKey, now: Monotonic) -> Option<Duration> {
         let arrival = self.tiles.get(&key)?;
         arrival
@@ -150,8 +142,7 @@ impl Ages {
             .or_else(|| (!self.is_ahead(arrival)).then(|| now.since(arrival.at)))
     }
 
-    /// Whether the data goes on, and still has not come to where a tile was measured. Where nothing was told since that
-    /// came, nobody knows.
+    /// Whether the data goes on but has not reached the stamp of a tile.
     fn is_ahead(&self, arrival: &TileArrival) -> bool {
         let last_update = self
             .last_update
@@ -159,19 +150,17 @@ impl Ages {
         arrival.before.is_none() && last_update > Some(POSE_TIMEOUT)
     }
 
-    /// How long before the newest data a tile was measured.
+    /// How much older than the newest data a tile is.
     pub fn before_newest(&self, key: TileKey) -> Duration {
         let both = self.newest.zip(self.tiles.get(&key));
         let apart = both.and_then(|((newest_ns, _), arrival)| apart(newest_ns, arrival.stamp_ns));
         apart.unwrap_or_default()
     }
 
-    /// When a tile came.
     pub fn received_at(&self, key: TileKey) -> Option<Monotonic> {
         self.tiles.get(&key).map(|arrival| arrival.at)
     }
 
-    /// Which of two tiles is newer, as far as it is known by now.
     pub fn order(&self, key: TileKey) -> Option<AgeOrder> {
         let arrival = self.tiles.get(&key)?;
         Some(AgeOrder {
@@ -181,22 +170,19 @@ impl Ages {
         })
     }
 
-    /// Tiles that are known.
     pub(super) fn len(&self) -> usize {
         self.tiles.len()
     }
 
-    /// The tile is gone.
     pub(super) fn remove(&mut self, key: TileKey) {
         self.tiles.remove(&key);
     }
 
-    /// A layer was erased.
     pub(super) fn forget(&mut self, layer: LayerId) {
         self.retain(|key| key.layer != layer);
     }
 
-    /// All others are gone.
+    /// Removes all other tiles.
     pub(super) fn retain(&mut self, is_there: impl Fn(TileKey) -> bool) {
         self.tiles.retain(|key, _| is_there(*key));
         for keys in self.ahead.values_mut() {
@@ -206,10 +192,70 @@ impl Ages {
     }
 }
 
-/// From one stamp to a later one.
 fn apart(later_ns: i64, earlier_ns: i64) -> Option<Duration> {
     let apart_ns = i128::from(later_ns) - i128::from(earlier_ns);
     u64::try_from(apart_ns).ok().map(Duration::from_nanos)
+}
+
+/// Poses and statuses arrive more often.
+const SILENT_AFTER: Duration = Duration::from_secs(1);
+/// Stamps are observed for this long after a silence.
+const OBSERVATION_TIME: Duration = Duration::from_secs(1);
+/// Stamps may run ahead of this machine's clock by this much after a silence: the last one before it may be lost.
+const SLACK: Duration = Duration::from_millis(500);
+
+/// Detects that the data's clock stood still while the robot was silent, for example because its program was suspended.
+/// Then nothing was measured meanwhile, and tiles are no older than their stamps say.
+///
+/// After a link failure the data has gone on: stamps are later by the length of the silence, or arrive in a burst. So
+/// the detector observes the stamps for a while before it decides.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ClockStallDetector(Option<Silence>);
+
+#[derive(Clone, Copy, Debug)]
+struct Silence {
+    from: Monotonic,
+    to: Monotonic,
+    /// The newest stamp before it, nanoseconds.
+    stamp_ns: i64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ClockStall {
+    pub(super) from: Monotonic,
+    pub(super) time: Duration,
+}
+
+impl ClockStallDetector {
+    /// `last` is the newest stamp before this one and when it arrived. Returns a stall once for each silence.
+    pub(super) fn update(
+        &mut self,
+        last: Option<(i64, Monotonic)>,
+        stamp_ns: i64,
+        now: Monotonic,
+    ) -> Option<ClockStall> {
+        if let Some((stamp_ns, from)) = last.filter(|(_, from)| now.since(*from) > SILENT_AFTER) {
+            let to = now;
+            self.0 = Some(Silence { from, to, stamp_ns });
+        }
+        let silence = self.0?;
+        let since = now.since(silence.to);
+        let went = apart(stamp_ns, silence.stamp_ns).filter(|went| *went <= since + SLACK);
+        let Some(went) = went else {
+            // The clock was set or went on.
+            self.0 = None;
+            return None;
+        };
+        // A dead sensor also stops the stamps while the robot sends: that is no stall.
+        if since < OBSERVATION_TIME || went < since / 2 {
+            return None;
+        }
+        self.0 = None;
+        Some(ClockStall {
+            from: silence.from,
+            time: silence.to.since(silence.from),
+        })
+    }
 }
 
 #[cfg(test)]
@@ -224,7 +270,6 @@ mod tests {
         TileKey { layer, tx, ty: 0 }
     }
 
-    /// Each message is behind the one before.
     fn update_clock(ages: &mut Ages, stamp_ns: i64, now: Monotonic) {
         let seq = ages.last_update.map_or(0, |(seq, _)| seq + 1);
         ages.update_clock(seq, stamp_ns, now);
@@ -235,14 +280,14 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_late_is_as_old_as_it_is() {
+    fn late_tile_has_the_age_of_its_data() {
         let mut ages = Ages::default();
         update_clock(&mut ages, 100 * SECOND_NS, at(5_000));
         ages.on_tile(key(0), 60 * SECOND_NS, at(5_020));
         assert_eq!(secs(&ages, 0, 5_020), Some(40.02));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
         assert_eq!(ages.received_at(key(0)), Some(at(5_020)));
-        // While the robot's own clock is set on, it ages on by this one.
+        // The robot's clock steps forward; the tile still ages by this machine's clock.
         update_clock(&mut ages, 5_000 * SECOND_NS, at(6_000));
         assert_eq!(secs(&ages, 0, 8_020), Some(43.02));
         ages.on_tile(key(1), 4_999 * SECOND_NS, at(6_000));
@@ -251,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn data_that_stands_still_grows_old() {
+    fn age_grows_while_data_stands_still() {
         let mut ages = Ages::default();
         for ms in (0..=600_000).step_by(50) {
             update_clock(&mut ages, 9 * SECOND_NS, at(ms));
@@ -259,7 +304,7 @@ mod tests {
         ages.on_tile(key(0), 8 * SECOND_NS, at(600_000));
         assert_eq!(secs(&ages, 0, 600_000), Some(601.0));
         assert_eq!(ages.before_newest(key(0)), Duration::from_secs(1));
-        // It goes on, and a tile overtakes the pose of its data.
+        // The data goes on, and a tile overtakes the pose of its data.
         ages.on_tile(key(1), 10 * SECOND_NS, at(600_500));
         assert_eq!(secs(&ages, 1, 600_600), Some(0.1));
         update_clock(&mut ages, 10 * SECOND_NS, at(600_600));
@@ -267,15 +312,15 @@ mod tests {
     }
 
     #[test]
-    fn what_a_suspended_robot_goes_on_with_is_as_old_as_its_stamps_say() {
+    fn tiles_of_suspended_robot_have_age_of_stamps() {
         const MS_NS: i64 = 1_000_000;
         let mut ages = Ages::default();
         for n in 0..=40 {
             update_clock(&mut ages, 50 * MS_NS * n, at(50 * n as u64));
         }
         ages.on_tile(key(0), 1_900 * MS_NS, at(2_000));
-        assert_eq!(secs(&ages, 0, 8_000), Some(6.1), "nobody knows more yet");
-        // It was suspended for 7 s with a tile on its way, and another comes when it goes on.
+        assert_eq!(secs(&ages, 0, 8_000), Some(6.1), "no newer stamp yet");
+        // The robot was suspended for 7 s. One tile was in flight and another comes after it resumes.
         ages.on_tile(key(1), 1_800 * MS_NS, at(9_000));
         for n in 0..=25 {
             update_clock(
@@ -293,17 +338,17 @@ mod tests {
     }
 
     #[test]
-    fn what_was_behind_a_cut_is_as_old_as_the_first_pose_says() {
+    fn tile_after_link_failure_gets_age_from_first_pose() {
         let mut ages = Ages::default();
         update_clock(&mut ages, 100 * SECOND_NS, at(0));
-        // The link was gone for 30 s, and the tile comes first.
+        // The link was gone for 30 s, and a tile arrives first.
         ages.on_tile(key(0), 101 * SECOND_NS, at(30_000));
         update_clock(&mut ages, 130 * SECOND_NS, at(30_040));
         assert_eq!(secs(&ages, 0, 30_040), Some(29.0));
     }
 
     #[test]
-    fn nobody_knows_how_old_it_is_where_the_clock_was_set_back() {
+    fn age_is_unknown_after_clock_was_set_back() {
         let mut ages = Ages::default();
         update_clock(&mut ages, 3_600 * SECOND_NS, at(0));
         ages.on_tile(key(0), 3_599 * SECOND_NS, at(0));
@@ -312,7 +357,7 @@ mod tests {
         ages.on_tile(key(1), SECOND_NS, at(1_000));
         assert!(ages.order(key(1)) > ages.order(key(0)));
         assert_eq!(secs(&ages, 1, 1_500), Some(0.5));
-        // One that comes now.
+        // A console that joins now.
         let mut late = Ages::default();
         update_clock(&mut late, 5 * SECOND_NS, at(5_000));
         late.on_tile(key(0), 3_599 * SECOND_NS, at(5_000));
@@ -324,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_ahead_of_the_data_is_not_the_newest() {
+    fn tile_ahead_of_the_data_is_not_newest() {
         let mut ages = Ages::default();
         update_clock(&mut ages, 5 * SECOND_NS, at(5_000));
         ages.on_tile(key(0), 50 * SECOND_NS, at(5_000));
@@ -332,7 +377,7 @@ mod tests {
         assert!(ages.order(key(0)) > ages.order(key(1)), "a pose may come");
         update_clock(&mut ages, 6 * SECOND_NS + 1, at(6_001));
         assert!(ages.order(key(0)) < ages.order(key(1)));
-        // The data comes to where it was measured, or it is measured anew.
+        // The data reaches the stamp of the tile, or the tile is measured again.
         update_clock(&mut ages, 50 * SECOND_NS, at(50_000));
         assert!(ages.order(key(0)) > ages.order(key(1)));
         ages.on_tile(key(1), 50 * SECOND_NS, at(50_000));
@@ -357,7 +402,7 @@ mod tests {
         ages.update_clock(11, 99 * SECOND_NS, at(1_200));
         ages.on_tile(key(1), 99 * SECOND_NS, at(1_200));
         assert_eq!(ages.order(key(1)), order(1, 99));
-        // A recording that is wound back erases its maps.
+        // Seeking back in a recording erases its maps.
         ages.restart();
         ages.on_tile(key(1), 50 * SECOND_NS, at(1_300));
         ages.update_clock(12, 50 * SECOND_NS, at(1_350));
@@ -366,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_erased_has_no_age() {
+    fn erased_tile_has_no_age() {
         let mut ages = Ages::default();
         ages.on_tile(key(0), SECOND_NS, at(0));
         ages.on_tile(key(1), 2 * SECOND_NS, at(0));
@@ -378,5 +423,52 @@ mod tests {
         ages.on_tile(key(0), i64::MIN, at(u64::MAX / 2_000_000));
         let oldest = ages.age(key(0), at(0)).unwrap();
         assert!(oldest > Duration::from_nanos(u64::MAX), "{oldest:?}");
+    }
+}
+
+#[cfg(test)]
+mod clock_stall_tests {
+    use super::*;
+    use crate::test_support::at;
+
+    /// The result for these arrival times and stamps, both in milliseconds.
+    fn found(samples: impl IntoIterator<Item = (u64, i64)>) -> Option<ClockStall> {
+        let mut clock_stall = ClockStallDetector::default();
+        let mut last = None;
+        samples.into_iter().find_map(|(ms, stamp_ms)| {
+            let stamp_ns = stamp_ms * 1_000_000;
+            let stalled = clock_stall.update(last, stamp_ns, at(ms));
+            last = Some((stamp_ns, at(ms)));
+            stalled
+        })
+    }
+
+    /// Messages until 2 s and from 9 s on: first with the stamp `then_ms`, then later by `step_ms` every 50 ms.
+    fn behind_silence(then_ms: i64, step_ms: i64) -> Option<ClockStall> {
+        let before = (0..=40).map(|n: u32| (50 * u64::from(n), 50 * i64::from(n)));
+        let after = (0..100).map(|n: u32| {
+            let ms = 9_000 + 50 * u64::from(n);
+            (ms, then_ms + step_ms * i64::from(n))
+        });
+        found(before.chain(after))
+    }
+
+    #[test]
+    fn clock_that_resumes_was_stalled() {
+        let stalled = ClockStall {
+            from: at(2_000),
+            time: Duration::from_secs(7),
+        };
+        assert_eq!(behind_silence(2_000, 50), Some(stalled));
+        assert_eq!(behind_silence(2_050, 50), Some(stalled));
+    }
+
+    #[test]
+    fn running_or_set_clock_was_not_stalled() {
+        assert_eq!(behind_silence(9_000, 50), None, "the link was cut");
+        assert_eq!(behind_silence(2_050, 400), None, "a heap that waited");
+        assert_eq!(behind_silence(1_000, 50), None, "it was set back");
+        assert_eq!(behind_silence(2_000, 0), None, "a sensor is dead");
+        assert_eq!(behind_silence(5_500, 25), None, "at half the speed");
     }
 }

@@ -1,4 +1,8 @@
-//! How well the link does: round trip, age of the newest message, bytes that arrive.
+//! State of the link (round trip, age of the newest message, rate) and its quality for each stream, now and over the
+//! last minutes.
+//!
+//! Sequence numbers run over all keys and all consoles, and tokens are issued more often than sent, so gaps in numbers
+//! do not show a loss. But the rate of poses is specified (`SPEC.md`, section 2).
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,51 +11,45 @@ use measurement::time::Monotonic;
 
 use super::incoming::RequestId;
 
-/// Over which the rate is measured.
 const RATE_WINDOW: Duration = Duration::from_secs(2);
 const PING_PERIOD: Duration = Duration::from_secs(1);
-/// An answer that takes longer is not waited for.
 const PING_TIMEOUT: Duration = Duration::from_secs(5);
-/// Without any message for this long, a robot that sends poses is not heard. It sends 20 a second and more: this is the
-/// time of 8. A link that loses every tenth, each by itself, loses 8 in a row once in two months; one that jitters would
-/// have to shift them by 350 ms. With what a frame takes, the operator is told within 500 ms.
+/// A robot that sends poses is silent after this time without a message. It sends 20 poses a second and more, so this
+/// is the time of 8 poses. A link with 10 % independent loss loses 8 in a row once in two months. With the time of a
+/// frame, the operator sees it within 500 ms.
 pub const SILENT_AFTER: Duration = Duration::from_millis(400);
-/// The same where poses do not come steadily: before the first, without any (a status comes twice a second), and for a
-/// second after a silence, so that a link that only just holds is not called lost with every breath.
+/// The same if poses do not arrive steadily: before the first pose, without poses (a status comes twice a second), and
+/// for a second after a silence, so that a weak link does not flicker.
 pub const SILENT_AFTER_UNSTEADY: Duration = Duration::from_millis(1500);
 
-/// What the link is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkState {
-    /// No message has come yet, and none is missed.
+    /// No message has arrived yet, and none is overdue.
     Waiting,
-    /// Messages come.
     Live,
-    /// Messages came, by this link or before it began, but not lately.
+    /// Messages arrived, on this link or before it, but not recently.
     Silent,
 }
 
-/// What was heard of the robot before this link to it began.
+/// Contact with the robot before this link began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LastContact {
-    /// When that was last.
     pub last: Monotonic,
-    /// From when on it is missed: a link takes its time to be opened.
+    /// From this time on the robot counts as silent: a link takes time to open.
     pub expected_from: Monotonic,
-    /// It had said that its data had ended.
+    /// The robot had reported the end of its data.
     pub had_ended: bool,
 }
 
-/// Measures the link from what arrives.
 #[derive(Clone, Debug, Default)]
 pub struct Connection {
     before: Option<LastContact>,
     last_message: Option<Monotonic>,
-    /// Whether poses came often enough to miss them soon.
+    /// Whether poses arrive often enough to detect silence early.
     is_steady: bool,
     round_trip: Option<Duration>,
     pings: VecDeque<(RequestId, Monotonic)>,
-    /// When that was asked which gave the round trip.
+    /// When the ping was sent that gave the round trip.
     answered: Option<Monotonic>,
     last_ping: Option<Monotonic>,
     /// Arrivals within the window, in slices of a tenth of it.
@@ -62,7 +60,6 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// The state at `now`.
     pub fn state(&self, now: Monotonic) -> LinkState {
         match (self.last_message, self.before) {
             (Some(at), _) if now.since(at) <= self.silent_after() => LinkState::Live,
@@ -73,7 +70,7 @@ impl Connection {
         }
     }
 
-    /// Without any message for this long, the robot is silent.
+    /// Time without a message after which the robot is silent.
     pub const fn silent_after(&self) -> Duration {
         if self.is_steady {
             SILENT_AFTER
@@ -82,28 +79,27 @@ impl Connection {
         }
     }
 
-    /// Time since the robot was heard last, by this link or before it began; `None` where it never was.
+    /// Time since the last message, on this link or before it.
     pub fn age(&self, now: Monotonic) -> Option<Duration> {
         let before = self.before.map(|before| before.last);
         self.last_message.or(before).map(|at| now.since(at))
     }
 
-    /// Whether the robot said before this link began that its data had ended.
     pub fn had_ended_before(&self) -> bool {
         self.before.is_some_and(|before| before.had_ended)
     }
 
-    /// When the newest message came by this link; `None` before the first.
+    /// When the newest message arrived on this link.
     pub const fn last_message_at(&self) -> Option<Monotonic> {
         self.last_message
     }
 
-    /// The last round trip that was measured, while the robot answers.
+    /// The last round trip, while the robot answers.
     pub const fn round_trip(&self) -> Option<Duration> {
         self.round_trip
     }
 
-    /// Payload that arrives, kilobits (10³ bits) per second over the last 2 s.
+    /// Payload rate over the last 2 s, kbit/s.
     pub fn kbps(&self, now: Monotonic) -> f64 {
         let recent = self
             .arrivals
@@ -113,12 +109,12 @@ impl Connection {
         bytes as f64 * 8e-3 / RATE_WINDOW.as_secs_f64()
     }
 
-    /// Payload bytes and messages that arrived in all.
+    /// Payload bytes and messages in all.
     pub const fn totals(&self) -> (u64, u64) {
         (self.bytes, self.messages)
     }
 
-    /// Whether the robot's presence token is there; `None` while nothing is known of it. For display only.
+    /// Whether the robot's presence token is there. For display only.
     pub const fn is_present(&self) -> Option<bool> {
         self.is_present
     }
@@ -144,12 +140,11 @@ impl Connection {
         self.before = Some(before);
     }
 
-    /// A message of the robot made sense.
+    /// A valid message arrived.
     pub(super) fn on_message(&mut self, now: Monotonic) {
         self.last_message = Some(now);
     }
 
-    /// Whether poses come steadily.
     pub(super) const fn set_steady(&mut self, is_steady: bool) {
         self.is_steady = is_steady;
     }
@@ -158,21 +153,19 @@ impl Connection {
         self.is_present = Some(is_present);
     }
 
-    /// Waits no longer for answers that would be too late.
     pub(super) fn expire_pings(&mut self, now: Monotonic) {
         while let Some((_, at)) = self.pings.front().copied() {
             if now.since(at) < PING_TIMEOUT {
                 break;
             }
             self.pings.pop_front();
-            // One that was lost between others that were answered takes nothing from them.
+            // A lost ping between answered ones does not clear the round trip.
             if self.answered.is_none_or(|answered| answered < at) {
                 self.round_trip = None;
             }
         }
     }
 
-    /// Whether it is time to ask for a round trip.
     pub(super) fn is_ping_due(&self, now: Monotonic) -> bool {
         self.last_ping.is_none_or(|at| now.since(at) >= PING_PERIOD)
     }
@@ -182,7 +175,7 @@ impl Connection {
         self.pings.push_back((request, now));
     }
 
-    /// An answer came; true if it was to a ping.
+    /// Returns whether `request` was a ping.
     pub(super) fn on_pong(&mut self, request: RequestId, now: Monotonic) -> bool {
         let Some(index) = self.pings.iter().position(|(asked, _)| *asked == request) else {
             return false;
@@ -192,6 +185,146 @@ impl Connection {
             self.answered = Some(at);
         }
         true
+    }
+}
+
+const WINDOW: Duration = Duration::from_secs(2);
+/// Twice the fastest rate.
+const MAX_POSES: usize = 200;
+/// Poses a second without and with a lease holder.
+const POSE_HZ: [f32; 2] = [20.0, 50.0];
+/// 10 a second. A link that loses half of the poses still carries them.
+const STEADY_POSES: usize = 20;
+const SAMPLE_PERIOD: Duration = Duration::from_millis(500);
+/// Five minutes.
+const MAX_SAMPLES: usize = 600;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stream {
+    Pose,
+    Status,
+    MapHead,
+    /// Sent only when the map changes.
+    Tiles,
+}
+
+impl Stream {
+    pub const ALL: [Self; 4] = [Self::Pose, Self::Status, Self::MapHead, Self::Tiles];
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinkSample {
+    pub at: Monotonic,
+    /// `None` without an answer.
+    pub round_trip: Option<Duration>,
+    pub pose_hz: f32,
+    /// Share of the expected poses that did not arrive, 0 … 1; `None` if unknown.
+    pub missing: Option<f32>,
+    /// Payload rate, kbit/s.
+    pub kbps: f32,
+    /// Age of the newest message of each stream, in the order of [`Stream::ALL`].
+    pub ages: [Option<Duration>; Stream::ALL.len()],
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct LinkQuality {
+    last: [Option<Monotonic>; Stream::ALL.len()],
+    poses: VecDeque<Monotonic>,
+    is_held: bool,
+    /// Since when the present rate of poses is expected.
+    rated: Option<Monotonic>,
+    samples: VecDeque<LinkSample>,
+}
+
+impl LinkQuality {
+    /// Time since the newest message of a stream.
+    pub fn age(&self, stream: Stream, now: Monotonic) -> Option<Duration> {
+        self.last[stream as usize].map(|at| now.since(at))
+    }
+
+    /// Poses a second, over the last 2 s.
+    pub fn pose_hz(&self, now: Monotonic) -> f32 {
+        self.recent(now).count() as f32 / WINDOW.as_secs_f32()
+    }
+
+    /// Whether poses arrived steadily: only then does their absence mean anything.
+    pub(super) fn is_steady(&self) -> bool {
+        self.poses.len() >= STEADY_POSES
+    }
+
+    pub const fn expected_hz(&self) -> f32 {
+        POSE_HZ[self.is_held as usize]
+    }
+
+    /// Share of the expected poses of the last 2 s that did not arrive, 0 … 1; `None` until the rate is known for that
+    /// long.
+    pub fn missing(&self, now: Monotonic) -> Option<f32> {
+        self.rated.filter(|at| now.since(*at) >= WINDOW)?;
+        // The robot's own jitter of 2 % is no loss.
+        let share = 1.0 - self.pose_hz(now) / self.expected_hz();
+        Some(if share < 0.02 { 0.0 } else { share.min(1.0) })
+    }
+
+    /// Two samples a second, oldest first.
+    pub const fn samples(&self) -> &VecDeque<LinkSample> {
+        &self.samples
+    }
+
+    pub(super) fn on_message(&mut self, stream: Stream, now: Monotonic) {
+        self.last[stream as usize] = Some(now);
+    }
+
+    /// Sets whether an operator holds the lease, which determines the expected rate.
+    pub(super) fn rate(&mut self, is_held: bool, now: Monotonic) {
+        if self.rated.is_none() || self.is_held != is_held {
+            self.rated = Some(now);
+            self.is_held = is_held;
+        }
+    }
+
+    pub(super) fn pose(&mut self, now: Monotonic) {
+        self.on_message(Stream::Pose, now);
+        while self.poses.len() >= MAX_POSES
+            || self
+                .poses
+                .front()
+                .is_some_and(|at| now.since(*at) >= WINDOW)
+        {
+            self.poses.pop_front();
+        }
+        self.poses.push_back(now);
+    }
+
+    /// Adds a sample if one is due.
+    pub(super) fn sample(
+        &mut self,
+        round_trip: Option<Duration>,
+        missing: Option<f32>,
+        kbps: f64,
+        now: Monotonic,
+    ) {
+        let is_due = self
+            .samples
+            .back()
+            .is_none_or(|last| now.since(last.at) >= SAMPLE_PERIOD);
+        if !is_due {
+            return;
+        }
+        if self.samples.len() == MAX_SAMPLES {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(LinkSample {
+            at: now,
+            round_trip,
+            pose_hz: self.pose_hz(now),
+            missing,
+            kbps: kbps as f32,
+            ages: Stream::ALL.map(|stream| self.age(stream, now)),
+        });
+    }
+
+    fn recent(&self, now: Monotonic) -> impl Iterator<Item = &Monotonic> {
+        self.poses.iter().filter(move |at| now.since(**at) < WINDOW)
     }
 }
 
@@ -206,7 +339,6 @@ mod tests {
         for ms in (0..10_000).step_by(50) {
             link.add_bytes(100, at(ms));
         }
-        // 2000 bytes a second.
         assert!(
             (link.kbps(at(9_999)) - 16.0).abs() < 1.7,
             "{}",
@@ -240,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_was_heard_before_is_missed_and_its_age_counts_from_then() {
+    fn contact_before_the_link_counts_for_silence_and_age() {
         let mut link = Connection::default();
         link.set_last_contact(LastContact {
             last: at(1_000),
@@ -257,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn one_ping_that_is_lost_takes_nothing_from_those_around_it() {
+    fn lost_ping_keeps_the_round_trip() {
         let mut link = Connection::default();
         for (n, ms) in [(1, 0), (2, 1_000), (3, 2_000)] {
             link.on_ping(RequestId(n), at(ms));
@@ -267,5 +399,75 @@ mod tests {
         link.expire_pings(at(6_500));
         assert_eq!(link.round_trip(), Some(Duration::from_millis(50)));
         assert_eq!(link.pings, []);
+    }
+}
+
+#[cfg(test)]
+mod link_quality_tests {
+    #![expect(clippy::float_cmp, reason = "whole numbers of poses in two seconds")]
+
+    use super::*;
+    use crate::test_support::at;
+
+    fn after(comes: impl Fn(u64) -> bool) -> LinkQuality {
+        let mut quality = LinkQuality::default();
+        quality.rate(true, at(0));
+        for n in (0..500).filter(|n| comes(*n)) {
+            quality.pose(at(20 * n));
+        }
+        quality
+    }
+
+    #[test]
+    fn rates_are_those_of_the_last_two_seconds() {
+        let now = at(9_990);
+        let whole = after(|_| true);
+        assert_eq!((whole.pose_hz(now), whole.expected_hz()), (50.0, 50.0));
+        assert_eq!(whole.missing(now), Some(0.0));
+        let every_fourth_lost = after(|n| n % 4 != 1);
+        assert_eq!(every_fourth_lost.missing(now), Some(0.25));
+        assert_eq!(whole.missing(at(20_000)), Some(1.0));
+        let age = whole.age(Stream::Pose, at(20_000));
+        assert_eq!(age, Some(Duration::from_millis(10_020)));
+        assert_eq!(whole.age(Stream::Status, at(20_000)), None);
+    }
+
+    #[test]
+    fn change_of_rate_is_no_loss() {
+        let mut quality = after(|_| true);
+        quality.rate(false, at(9_990));
+        assert_eq!(quality.expected_hz(), 20.0);
+        assert_eq!(quality.missing(at(9_990)), None);
+        quality.rate(false, at(11_000));
+        assert_eq!(quality.missing(at(11_990)), Some(1.0));
+        assert_eq!(LinkQuality::default().missing(at(9_990)), None);
+    }
+
+    #[test]
+    fn poses_are_steady_a_second_after_they_return() {
+        let mut quality = after(|_| true);
+        assert!(quality.is_steady());
+        quality.pose(at(30_000));
+        assert!(!quality.is_steady());
+        for n in 1..20 {
+            quality.pose(at(30_000 + 50 * n));
+        }
+        assert!(quality.is_steady());
+        let mut slow = LinkQuality::default();
+        for n in 0..100 {
+            slow.pose(at(200 * n));
+        }
+        assert!(!slow.is_steady(), "5 a second");
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let mut quality = LinkQuality::default();
+        for n in 0..10_000 {
+            quality.pose(at(n));
+            quality.sample(None, None, 0.0, at(1000 * n));
+        }
+        assert!(quality.poses.len() <= MAX_POSES);
+        assert_eq!(quality.samples().len(), MAX_SAMPLES);
     }
 }

@@ -1,26 +1,66 @@
-//! What becomes of each message.
+//! Handling of messages from the link. An invalid message is rejected and counted: none causes a panic or unbounded memory.
 
 use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, Event, Info, LayerHead, MapHead, Pong, Pose, Scan, ShoresReply, Status, TeleopStatus,
-    TileBand, TilesReply, TrajectoryPart, VoxelsReply,
+    Digests, Event, Info, LayerHead, MAX_SENSORS, MapHead, Pong, Pose, Scan, SensorInfo,
+    ShoresReply, Status, TileBand, TilesReply, TrajectoryPart, VoxelsReply,
 };
 use protocol::wire::{self, Header, WireError};
 use serde::de::DeserializeOwned;
 
-use super::trail_sync::{GAP, TrailSync};
-use super::validation::{is_info_valid, is_status_valid};
+use super::trajectory_sync::{GAP, TrailSync};
 use super::visible_change::status_changed;
-use super::{ConsoleModel, MAX_EVENTS, RejectReason, RequestId, StopBeforeEStop, Stream};
+use super::{
+    ConsoleModel, Incoming, MAX_EVENTS, RejectReason, RequestId, RetryTimer, StopBeforeEStop,
+    Stream,
+};
 
 impl ConsoleModel {
-    /// Takes a message that arrived with a key, pushed or in answer to a request.
-    ///
-    /// # Errors
-    /// Why it was not taken.
-    pub(super) fn take(
+    /// Handles a message or another notification of the link.
+    pub fn apply(&mut self, incoming: Incoming, now: Monotonic) {
+        let result = match incoming {
+            Incoming::Sample { key, payload } => {
+                self.connection.add_bytes(payload.len(), now);
+                self.take(&key, &payload, None, now)
+            }
+            Incoming::Reply {
+                request,
+                key,
+                payload,
+            } => {
+                self.connection.add_bytes(payload.len(), now);
+                self.take(&key, &payload, Some(request), now)
+            }
+            Incoming::Ended { request } => {
+                let is_taken = self.shores.ended(request, now)
+                    || self.voxels.ended(request, now)
+                    || self.trajectory.ended(request, now)
+                    || self.trail.ended(request, now);
+                if !is_taken {
+                    self.map.ended(request, now);
+                }
+                Ok(())
+            }
+            Incoming::Lost { overrun, oversized } => {
+                self.reject_counts.add(RejectReason::Overrun, overrun);
+                self.reject_counts.add(RejectReason::Oversized, oversized);
+                Ok(())
+            }
+            Incoming::Presence(is_present) => {
+                self.connection.set_present(is_present);
+                self.changes += 1;
+                Ok(())
+            }
+        };
+        if let Err(why) = result {
+            tracing::debug!(why = why.name(), "rejected a message");
+            self.reject_counts.add(why, 1);
+        }
+    }
+
+    fn take(
         &mut self,
         key: &str,
         payload: &[u8],
@@ -41,27 +81,6 @@ impl ConsoleModel {
         Ok(())
     }
 
-    pub(super) fn teleop(&self) -> Option<&TeleopStatus> {
-        let (status, _) = self.status.as_ref()?;
-        status.teleop.as_ref()
-    }
-
-    /// While an emergency stop is active nothing stops on the way: what is told now was before it.
-    fn record_stop_before_estop(&mut self, status: &Status) {
-        let teleop = status.teleop.as_ref();
-        if let Some(teleop) = teleop.filter(|teleop| teleop.estop.is_some()) {
-            let last_stop = teleop.last_stop;
-            self.stop_before_estop = Some(StopBeforeEStop { last_stop });
-        }
-    }
-
-    /// Whether it goes where it is told to, and stands where it is told to.
-    fn update_motion(&mut self, status: &Status, now: Monotonic) {
-        let pose = self.vehicle.pose().map(|(pose, _)| pose);
-        let info = self.info.as_ref().map(|(info, _)| info);
-        self.motion.update(status, pose.as_ref(), info, now);
-    }
-
     fn take_pushed(
         &mut self,
         topic: Topic,
@@ -70,39 +89,13 @@ impl ConsoleModel {
     ) -> Result<(), RejectReason> {
         match topic {
             Topic::Pose => self.take_pose(payload, now)?,
-            Topic::Status => {
-                let (header, status): (_, Status) = decode(payload)?;
-                self.of_this_boot(header)?;
-                if !is_status_valid(&status) {
-                    return Err(RejectReason::Malformed);
-                }
-                self.quality.on_message(Stream::Status, now);
-                let teleop = status.teleop.as_ref();
-                let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
-                self.quality.rate(is_held, now);
-                if status.has_ended {
-                    if self.ended_seq.is_none() {
-                        self.ended_seq = Some(header.seq);
-                        self.shores.hurry();
-                    }
-                } else {
-                    self.ended_seq = None;
-                }
-                self.record_stop_before_estop(&status);
-                let before = self.status.as_ref();
-                let is_changed = before.is_none_or(|(before, _)| status_changed(before, &status));
-                self.changes += u64::from(is_changed);
-                self.map.update_clock(header, now);
-                self.update_motion(&status, now);
-                self.monitor_history.update(status.teleop.as_ref(), now);
-                self.status = Some((status, now));
-                self.status_run = Some(header.boot);
-            }
+            Topic::Status => self.take_status(payload, now)?,
             Topic::Event => {
                 let (_, event): (_, Event) = decode(payload)?;
                 if event.kind == "estop" {
-                    let last_stop = self.teleop().and_then(|teleop| teleop.last_stop);
-                    self.stop_before_estop = Some(StopBeforeEStop { last_stop });
+                    let teleop = self.robot.teleop();
+                    let last_stop = teleop.and_then(|teleop| teleop.last_stop);
+                    self.robot.stop_before_estop = Some(StopBeforeEStop { last_stop });
                 }
                 if self.events.len() >= MAX_EVENTS {
                     self.events.pop_front();
@@ -122,26 +115,15 @@ impl ConsoleModel {
                     self.trajectory.forget();
                     self.trail = TrailSync::default();
                     self.scans.forget();
-                    self.stop_before_estop = None;
-                    self.monitor_history.forget();
-                    self.ended_seq = None;
-                    // Another run has not ended because the last one had.
-                    self.status.take_if(|(status, _)| status.has_ended);
-                    if self
-                        .info
-                        .as_ref()
-                        .is_some_and(|(_, boot)| *boot != header.boot)
-                    {
-                        self.info = None;
-                    }
+                    self.robot.begin_run(header.boot);
                 }
                 if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
                     self.changes += 1;
                 }
                 self.map.update_clock(header, now);
-                self.restore_names();
+                self.shores.restore_names(self.map.boot());
                 self.quality.on_message(Stream::MapHead, now);
-                self.head_seq = seq;
+                self.robot.head_seq = seq;
             }
             Topic::Tile(tile) => {
                 let (header, band): (_, TileBand) = decode(payload)?;
@@ -153,8 +135,8 @@ impl ConsoleModel {
             Topic::Scan => {
                 let (header, scan): (_, Scan) = decode(payload)?;
                 self.of_this_boot(header)?;
-                // One that was on its way when nobody wanted any more would stay for ever.
-                if self.wants_scan {
+                // A late scan would stay on the map for ever.
+                if self.scans.is_wanted() {
                     self.scans.take(scan, header.robot_time_ns, now)?;
                     self.sensor_updates += 1;
                 }
@@ -169,6 +151,41 @@ impl ConsoleModel {
             | Topic::Trajectory
             | Topic::Operator(_) => return Err(RejectReason::Key),
         }
+        Ok(())
+    }
+
+    fn take_status(&mut self, payload: &[u8], now: Monotonic) -> Result<(), RejectReason> {
+        let (header, status): (_, Status) = decode(payload)?;
+        self.of_this_boot(header)?;
+        if !is_status_valid(&status) {
+            return Err(RejectReason::Malformed);
+        }
+        let teleop = status.teleop.as_ref();
+        self.quality.on_message(Stream::Status, now);
+        let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
+        self.quality.rate(is_held, now);
+        self.map.update_clock(header, now);
+        let robot = &mut self.robot;
+        if !status.has_ended {
+            robot.ended_seq = None;
+        } else if robot.ended_seq.is_none() {
+            robot.ended_seq = Some(header.seq);
+            self.shores.hurry();
+        }
+        // During an emergency stop no other stop happens: the last one was before it.
+        if let Some(teleop) = teleop.filter(|teleop| teleop.estop.is_some()) {
+            let last_stop = teleop.last_stop;
+            robot.stop_before_estop = Some(StopBeforeEStop { last_stop });
+        }
+        let before = robot.status.as_ref();
+        let is_changed = before.is_none_or(|(before, _)| status_changed(before, &status));
+        self.changes += u64::from(is_changed);
+        let pose = self.vehicle.pose().map(|(pose, _)| pose);
+        let info = robot.info.as_ref().map(|(info, _)| info);
+        robot.motion.update(&status, pose.as_ref(), info, now);
+        robot.monitor_history.update(teleop, now);
+        robot.status = Some((status, now));
+        robot.status_run = Some(header.boot);
         Ok(())
     }
 
@@ -219,8 +236,8 @@ impl ConsoleModel {
                 self.map
                     .take_info(&info, header.boot)
                     .map_err(|_why| RejectReason::Malformed)?;
-                self.info = Some((info, header.boot));
-                self.info_request = None;
+                self.robot.info = Some((info, header.boot));
+                self.robot.info_query = RetryTimer::default();
                 self.changes += 1;
             }
             Topic::Ping => {
@@ -264,14 +281,14 @@ impl ConsoleModel {
         request: Option<RequestId>,
         now: Monotonic,
     ) -> Result<(), RejectReason> {
-        let (header, news): (_, ShoresReply) = decode(payload)?;
+        let (header, reply): (_, ShoresReply) = decode(payload)?;
         self.of_this_boot(header)?;
-        let is_changed = self.shores.take(news, header.seq, request, now)?;
+        let is_changed = self.shores.take(reply, header.seq, request, now)?;
         self.changes += u64::from(is_changed);
         Ok(())
     }
 
-    /// What the last run of the robot still had to say is not this one's.
+    /// Rejects late messages of an earlier run of the robot.
     fn of_this_boot(&self, header: Header) -> Result<(), RejectReason> {
         match self.map.boot() {
             Some(boot) if boot != header.boot => Err(RejectReason::OtherBoot),
@@ -280,8 +297,8 @@ impl ConsoleModel {
     }
 }
 
-/// Whether it comes by the control session, as the vehicle's state does and what it is told. Tiles may go on coming by theirs
-/// while that one is lost: where one is QUIC and the other TLS, a network that swallows UDP cuts only the first.
+/// Whether messages of this topic come by the control session. Tiles may still arrive while it is lost: if one session uses
+/// QUIC and the other TLS, a network that drops UDP cuts only the first.
 const fn is_by_control(topic: Topic) -> bool {
     match topic {
         Topic::Info
@@ -309,4 +326,32 @@ fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<(Header, T), RejectReas
         WireError::OtherProtocol { .. } => RejectReason::OtherProtocol,
         WireError::Malformed => RejectReason::Malformed,
     })
+}
+
+pub(super) fn is_info_valid(info: &Info) -> bool {
+    let numbers = info.footprint_m.iter().chain(&info.limits).chain([
+        &info.stop_decel_mps2,
+        &info.stop_decel_radps2,
+        &info.footprint_offset_m,
+    ]);
+    info.sensors.len() <= MAX_SENSORS
+        && all_finite(numbers)
+        && info.sensors.iter().all(is_sensor_valid)
+}
+
+fn is_sensor_valid(sensor: &SensorInfo) -> bool {
+    let mount = sensor.mount.iter();
+    let place = mount.flat_map(|mount| mount.position_m.iter().chain([&mount.yaw_rad]));
+    let view = sensor.view.iter();
+    let view = view.flat_map(|view| view.angles_rad.iter().chain(&view.range_m));
+    all_finite(place.chain(view).chain(&sensor.rate_hz))
+}
+
+pub(super) fn is_status_valid(status: &Status) -> bool {
+    status.sensors.len() <= MAX_SENSORS
+        && all_finite(status.sensors.iter().map(|sensor| &sensor.rate_hz))
+}
+
+fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
+    numbers.into_iter().all(|number| number.is_finite())
 }

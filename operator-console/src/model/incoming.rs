@@ -1,85 +1,126 @@
-//! What passes between the link and the model: plain data, as bytes came and as bytes go.
+//! Messages between link and model, as bytes, and why the model rejects one.
 
-/// Numbers a question, so that its answers find their way back.
+use std::collections::BTreeMap;
+
+/// Number of a request, by which its replies are assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestId(pub u64);
 
-/// What the link tells the model.
+/// From the link to the model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Incoming {
-    /// A message on a key that is subscribed to.
-    Sample {
-        /// The key.
-        key: String,
-        /// The message.
-        payload: Vec<u8>,
-    },
-    /// One of any number of replies to a question.
+    /// A message on a subscribed key.
+    Sample { key: String, payload: Vec<u8> },
+    /// One of any number of replies to a request.
     Reply {
-        /// Which question.
         request: RequestId,
-        /// The key of the reply.
         key: String,
-        /// The message.
         payload: Vec<u8>,
     },
-    /// No more replies to this question will come: all came, or time ran out.
-    Ended {
-        /// Which question.
-        request: RequestId,
-    },
-    /// Messages that the link could not hand over.
+    /// No more replies will come: the last one arrived or the request timed out.
+    Ended { request: RequestId },
+    /// Messages that the link dropped.
     Lost {
-        /// Because the console did not keep up.
+        /// Because the console was too slow.
         overrun: u64,
-        /// Because they were longer than any message.
+        /// Because they exceeded the size limit.
         oversized: u64,
     },
-    /// Whether the robot's presence is announced. For display only.
+    /// Whether the robot's presence token is there. For display only.
     Presence(bool),
 }
 
-/// Which sessions are open: without one, nothing is asked over it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OpenSessions {
-    /// For what is small and must be early.
+    /// Small, urgent messages.
     pub control: bool,
-    /// For maps.
+    /// Maps.
     pub bulk: bool,
 }
 
 impl OpenSessions {
-    /// As it is meant to be.
     pub const BOTH: Self = Self {
         control: true,
         bulk: true,
     };
-    /// Nothing is open.
     pub const NONE: Self = Self {
         control: false,
         bulk: false,
     };
 }
 
-/// What the model asks the link to do.
+/// From the model to the link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outgoing {
-    /// Ask a question.
+    /// Sends a request.
     Get {
-        /// Its number.
         request: RequestId,
-        /// The key.
         key: String,
-        /// The question itself; empty where the key says it all.
         payload: Vec<u8>,
-        /// Whether it goes over the bulk session.
         is_bulk: bool,
     },
-    /// Send a message over the control session.
-    Put {
-        /// The key.
-        key: String,
-        /// The message.
-        payload: Vec<u8>,
-    },
+    /// Sends a message over the control session.
+    Put { key: String, payload: Vec<u8> },
+}
+
+/// Why a message was rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RejectReason {
+    /// Its key is not of this protocol, or of another robot.
+    Key,
+    Malformed,
+    /// Another version of the protocol: one of the two programs must be updated.
+    OtherProtocol,
+    Oversized,
+    /// The console was too slow.
+    Overrun,
+    /// The robot has not announced its run yet.
+    BeforeJoin,
+    /// From a run of the robot that is over or not yet announced.
+    OtherBoot,
+    /// From a layer that was erased since.
+    OldEpoch,
+    /// Not newer than what is held.
+    OldRevision,
+    /// A tile that does not decode or does not match its digest.
+    BadTile,
+    /// A tile of a layer that the robot has not described.
+    UnknownLayer,
+}
+
+impl RejectReason {
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Key => "foreign key",
+            Self::Malformed => "malformed",
+            Self::OtherProtocol => "other protocol version: update the older program",
+            Self::Oversized => "oversized",
+            Self::Overrun => "console too slow",
+            Self::BeforeJoin => "before joining",
+            Self::OtherBoot => "other boot",
+            Self::OldEpoch => "erased layer",
+            Self::OldRevision => "known already",
+            Self::BadTile => "damaged tile",
+            Self::UnknownLayer => "unknown layer",
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RejectCounts(BTreeMap<RejectReason, u64>);
+
+impl RejectCounts {
+    pub fn add(&mut self, why: RejectReason, count: u64) {
+        if count > 0 {
+            *self.0.entry(why).or_default() += count;
+        }
+    }
+
+    pub fn count(&self, why: RejectReason) -> u64 {
+        self.0.get(&why).copied().unwrap_or(0)
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (RejectReason, u64)> {
+        self.0.iter().map(|(why, count)| (*why, *count))
+    }
 }

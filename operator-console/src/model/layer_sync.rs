@@ -1,8 +1,7 @@
-//! What a console lacks of one layer, and when it asks for it. Pure: the present is a parameter.
+//! Synchronization of one layer: what is missing and when to request it.
 //!
-//! A console does not count messages: it compares the root digest that the robot announces with its own. Only
-//! where they differ for longer than tiles take to arrive does it ask which tiles there are, and then for
-//! those it lacks.
+//! The console compares the root digest that the robot announces with its own; it does not count messages. If they
+//! differ for longer than tiles take to arrive, it requests a list of tiles and then the missing ones.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,41 +9,43 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 
 use super::incoming::RequestId;
+use super::retry::Backoff;
 
-/// Pushed tiles may be on their way this long before a difference means that something was lost.
+/// Pushed tiles may be in flight for this long before a difference means a loss.
 const PUSH_GRACE: Duration = Duration::from_secs(2);
-/// Unless pushes keep coming: then as long as this.
+/// The same while pushes keep arriving.
 const PUSHES_GRACE: Duration = Duration::from_secs(5);
-/// Without an announcement for this long the link was down, and what was pushed meanwhile is gone.
+/// Without a map head for this long the link was down and pushed tiles were lost.
 pub(super) const SILENCE: Duration = Duration::from_secs(2);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(200);
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(2);
-/// Lists with nothing to ask for, one after another, before all that was confirmed is doubted.
+/// Lists in a row without a missing tile, before the confirmed revision is doubted.
 const LISTS_BEFORE_DOUBT: u32 = 3;
-/// Questions for tiles in a row that bring nothing, before a list is asked for again.
+/// Requests for tiles in a row without a reply, before a new list is requested.
 const FAILURES_BEFORE_LIST: u32 = 3;
-/// Between two lists of everything.
+/// Time between two lists of all tiles.
 const DOUBT_PAUSE: Duration = Duration::from_secs(30);
 
-/// What is asked of the robot about a layer.
+/// A request about a layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Query {
-    /// Which tiles are newer than this revision.
-    Digests { newer_than: u64 },
-    /// These tiles.
+    /// A list of the tiles newer than this revision.
+    Digests {
+        newer_than: u64,
+    },
     Tiles(Vec<(i32, i32)>),
 }
 
-/// A list of tiles that is being fetched, page by page.
+/// A list of tiles, fetched page by page.
 #[derive(Clone, Copy, Debug)]
 struct Listing {
-    /// What the first page was asked with.
+    /// The revision in the request of the first page.
     newer_than: u64,
-    /// What the next page is asked with.
+    /// The revision for the request of the next page.
     from: u64,
-    /// The question for a page that is under way, and what it was asked with.
+    /// The open request for a page, and its revision.
     page: Option<(RequestId, u64)>,
-    /// The head at which the last page was made, once it has come.
+    /// The robot's revision at the last page, once that has arrived.
     complete_at: Option<u64>,
 }
 
@@ -54,30 +55,27 @@ impl Listing {
     }
 }
 
-/// The state of one layer.
 #[derive(Debug)]
 pub(super) struct LayerSync {
-    /// Up to this revision every tile is known to be held.
+    /// Every tile up to this revision is known to be held.
     confirmed: u64,
     /// Whether the roots have been equal in this boot and epoch.
     was_synchronized: bool,
-    /// Since when they differ.
     differs_since: Option<Monotonic>,
     last_push: Option<Monotonic>,
     last_equal: Option<Monotonic>,
-    /// Ask without waiting for pushes.
+    /// Request without waiting for pushes.
     is_urgent: bool,
-    /// The revision that each tile that is lacking should have.
+    /// Missing tiles with the revision that they should have.
     missing: BTreeMap<(i32, i32), u64>,
     listing: Option<Listing>,
-    /// Tiles that were asked for, and whether any has come.
+    /// Open requests for tiles, and whether any tile has arrived.
     pulls: BTreeMap<RequestId, bool>,
-    /// The head of the last whole list, of which tiles are still lacking.
+    /// The revision of the last complete list, while tiles of it are missing.
     listed_to: Option<u64>,
-    failures: u32,
-    /// Lists in a row that had nothing to ask for although the roots differed.
+    backoff: Backoff,
+    /// Lists in a row without a missing tile although the roots differed.
     idle_lists: u32,
-    not_before: Monotonic,
 }
 
 impl LayerSync {
@@ -93,13 +91,12 @@ impl LayerSync {
             listing: None,
             pulls: BTreeMap::new(),
             listed_to: None,
-            failures: 0,
+            backoff: Backoff::new(FIRST_BACK_OFF, LONGEST_BACK_OFF),
             idle_lists: 0,
-            not_before: Monotonic::default(),
         }
     }
 
-    /// The roots are equal at a head of this revision.
+    /// The roots are equal at this revision.
     pub(super) fn equal(&mut self, head_revision: u64, now: Monotonic) {
         self.confirmed = head_revision;
         self.was_synchronized = true;
@@ -107,32 +104,28 @@ impl LayerSync {
         self.last_equal = Some(now);
         self.is_urgent = false;
         self.missing.clear();
-        self.failures = 0;
+        self.backoff.succeed();
         self.idle_lists = 0;
     }
 
-    /// The roots differ.
     pub(super) fn differs(&mut self, now: Monotonic) {
         self.differs_since.get_or_insert(now);
     }
 
-    /// The link was down: nothing that was asked will be answered, nothing that was pushed arrived.
+    /// After a link failure: open requests get no reply, and pushed tiles were lost.
     pub(super) fn link_was_down(&mut self) {
         self.is_urgent = true;
         self.listing = None;
         self.listed_to = None;
         self.pulls.clear();
-        self.failures = 0;
-        self.not_before = Monotonic::default();
+        self.backoff = Backoff::new(FIRST_BACK_OFF, LONGEST_BACK_OFF);
     }
 
-    /// A tile was pushed.
     pub(super) fn pushed(&mut self, tile: (i32, i32), revision: u64, now: Monotonic) {
         self.last_push = Some(now);
         self.held(tile, revision);
     }
 
-    /// A tile of this revision is held now.
     pub(super) fn held(&mut self, tile: (i32, i32), revision: u64) {
         if self
             .missing
@@ -149,21 +142,20 @@ impl LayerSync {
         }
     }
 
-    /// A tile answered a question.
+    /// A tile arrived in reply to a request.
     pub(super) fn pulled(&mut self, request: RequestId) {
         if let Some(any) = self.pulls.get_mut(&request) {
             *any = true;
         }
     }
 
-    /// What the first page was asked with of the list that `request` asks a page of.
+    /// The first revision of the list that `request` is for.
     pub(super) fn listed_from(&self, request: RequestId) -> Option<u64> {
         let listing = self.listing.filter(|listing| listing.asks(request));
         listing.map(|listing| listing.newer_than)
     }
 
-    /// A page of a list came, of which these are lacking. `next` is what the next page is to be asked with, if
-    /// there is one.
+    /// Takes a page of a list with its missing tiles. `next` is the revision for the request of the next page.
     pub(super) fn listed(
         &mut self,
         request: RequestId,
@@ -182,7 +174,7 @@ impl LayerSync {
         }
     }
 
-    /// No more answers to `request`.
+    /// No more replies to `request` will come.
     pub(super) fn ended(&mut self, request: RequestId, tiles: &[(i32, i32)], now: Monotonic) {
         if let Some(mut listing) = self.listing
             && let Some((_, asked)) = listing.page.take_if(|(page, _)| *page == request)
@@ -192,20 +184,20 @@ impl LayerSync {
                 self.listing = None;
                 self.list_is_complete(listing.newer_than, head_revision, now);
             } else if listing.from == asked {
-                self.back_off(now);
+                self.backoff.fail(now);
             } else {
-                self.failures = 0;
+                self.backoff.succeed();
             }
         }
         match self.pulls.remove(&request) {
             Some(true) => {
-                self.failures = 0;
-                self.not_before = now;
+                self.backoff.succeed();
+                self.backoff.wait_until(now);
             }
             Some(false) => {
-                self.back_off(now);
-                if self.failures >= FAILURES_BEFORE_LIST {
-                    // Not lost but gone from the robot since it listed them? Only another list can tell.
+                self.backoff.fail(now);
+                if self.backoff.failures() >= FAILURES_BEFORE_LIST {
+                    // The robot may have removed them since the list. Only a new list can tell.
                     for tile in tiles {
                         self.missing.remove(tile);
                     }
@@ -218,7 +210,7 @@ impl LayerSync {
     }
 
     fn list_is_complete(&mut self, newer_than: u64, head_revision: u64, now: Monotonic) {
-        self.failures = 0;
+        self.backoff.succeed();
         self.is_urgent = false;
         if !self.missing.is_empty() {
             self.idle_lists = 0;
@@ -226,7 +218,7 @@ impl LayerSync {
             self.differs_since = self.differs_since.map(|_| now);
             return;
         }
-        // All that the list names is held: most likely the roots differed only because the map goes on.
+        // All listed tiles are held: most likely the roots differed only because the map changes.
         self.differs_since = self.differs_since.map(|_| now);
         self.idle_lists += 1;
         if self.idle_lists < LISTS_BEFORE_DOUBT {
@@ -236,19 +228,12 @@ impl LayerSync {
             self.listed_to = None;
             self.is_urgent = true;
         } else {
-            // Not even the list of everything explains it.
-            self.not_before = now + DOUBT_PAUSE;
+            // Not even the list of all tiles explains the difference.
+            self.backoff.wait_until(now + DOUBT_PAUSE);
         }
     }
 
-    fn back_off(&mut self, now: Monotonic) {
-        let pause = FIRST_BACK_OFF.saturating_mul(1 << self.failures.min(8));
-        self.failures = self.failures.saturating_add(1);
-        self.not_before = now + pause.min(LONGEST_BACK_OFF);
-    }
-
-    /// What to ask now, if anything; `order` sorts the tiles that are lacking, `room` says how many
-    /// questions for tiles may still be asked.
+    /// The next request, if any. `order` sorts the missing tiles; `room` limits the open requests for tiles.
     pub(super) fn query(
         &self,
         now: Monotonic,
@@ -258,7 +243,7 @@ impl LayerSync {
         is_asked: impl Fn((i32, i32)) -> bool,
     ) -> Option<Query> {
         self.differs_since?;
-        if now < self.not_before {
+        if !self.backoff.is_due(now) {
             return None;
         }
         if let Some(Listing {
@@ -292,7 +277,6 @@ impl LayerSync {
         differs_for >= PUSHES_GRACE || (differs_for >= PUSH_GRACE && pushes_pause)
     }
 
-    /// A question was asked.
     pub(super) fn asked(&mut self, request: RequestId, query: &Query) {
         match query {
             Query::Digests { newer_than } => {
@@ -310,17 +294,16 @@ impl LayerSync {
         }
     }
 
-    /// Tiles known to be lacking.
     pub(super) fn missing(&self) -> usize {
         self.missing.len()
     }
 
-    /// When the roots were last equal; `None` if never in this boot and epoch.
+    /// When the roots were last equal in this boot and epoch.
     pub(super) fn last_equal(&self) -> Option<Monotonic> {
         self.last_equal.filter(|_| self.was_synchronized)
     }
 
-    /// Whether the roots differ now, or are not known.
+    /// Whether the roots differ or are unknown.
     pub(super) const fn is_different(&self) -> bool {
         self.differs_since.is_some() || !self.was_synchronized
     }

@@ -1,82 +1,75 @@
-//! The map as this console holds it, and what it does to be synchronized with the robot's.
-
-mod listing;
+//! The console's copy of the map and its synchronization with the robot's map.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
-use protocol::message::{DigestsRequest, Info, MapHead, TileBand, TilesReply, TilesRequest};
+use protocol::message::{
+    Digests, DigestsRequest, Info, LayerHead, MapHead, TileBand, TilesReply, TilesRequest,
+};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
 use protocol::wire::Header;
 
 use super::ages::Ages;
-use super::incoming::RequestId;
-use super::layer_sync::{LayerSync, SILENCE};
-use super::reject_reason::RejectReason;
+use super::incoming::{RejectReason, RequestId};
+use super::layer_sync::{LayerSync, Query, SILENCE};
+use super::retry::ANSWER_TIMEOUT;
 use super::tile_intake::TileIntake;
 
-/// Ages that are kept before those of tiles that are gone are dropped.
+/// Above this number, ages of removed tiles are dropped.
 const MAX_AGES: usize = 200_000;
 
-/// A question about a layer, for the link to ask.
+/// A request about a layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum MapQuery {
     Digests(LayerId, DigestsRequest),
     Tiles(LayerId, TilesRequest),
 }
 
-/// How far a layer is behind the robot.
+/// Synchronization state of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSyncState {
-    /// Which layer.
     pub layer: LayerId,
-    /// Whether the robot's last announcement and this map are the same, cell for cell.
+    /// Whether this layer equals the robot's last map head, cell for cell.
     pub is_equal: bool,
-    /// When they were the same last.
+    /// When it was equal last.
     pub last_equal: Option<Monotonic>,
-    /// Tiles known to be lacking; more may be, where no list has been asked for yet.
+    /// Tiles known to be missing. Without a list of tiles there may be more.
     pub missing: usize,
 }
 
-/// A question that is not answered yet.
 pub(super) struct PendingQuery {
     pub(super) layer: LayerId,
-    /// Asked for; empty where a list was.
+    /// Requested tiles; empty for a request of a list.
     pub(super) tiles: Vec<(i32, i32)>,
     pub(super) at: Monotonic,
 }
 
-/// The map and its reconciliation.
 pub struct MapSync {
     pub(super) store: TileStore,
     intake: TileIntake,
-    /// What the robot announced last, and when.
+    /// The newest map head and when it arrived.
     pub(super) head: Option<(MapHead, Monotonic)>,
-    /// No announcement has come from the robot yet, so the store's boot is nobody's.
+    /// Whether a map head has arrived, so that the store's boot is the robot's.
     has_boot: bool,
     pub(super) layers: BTreeMap<LayerId, LayerSync>,
-    /// Own roots, while no tile has changed them.
+    /// Own root digests, while they are valid.
     pub(super) roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
     pub(super) ages: Ages,
-    /// Tiles named by the lists that are arriving.
+    /// Tiles in the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
     pub(super) asked: BTreeMap<RequestId, PendingQuery>,
-    /// The digest of a tile of which nothing is known.
+    /// Digest of a tile with unknown cells only.
     unknown: TileDigest,
     pub(super) wanted: BTreeSet<LayerId>,
     pub(super) focus_m: [f64; 2],
 }
 
 impl MapSync {
-    /// An empty map that takes `tile_store_mb` megabytes at most.
-    ///
-    /// # Errors
-    /// Where zstd cannot be set up.
     pub(super) fn new(tile_store_mb: u32) -> io::Result<Self> {
         Ok(Self {
             store: TileStore::new(BootId([0; 16]), tile_store_mb),
@@ -95,17 +88,15 @@ impl MapSync {
         })
     }
 
-    /// The tiles.
     pub const fn store(&self) -> &TileStore {
         &self.store
     }
 
-    /// How old its tiles are.
     pub const fn ages(&self) -> &Ages {
         &self.ages
     }
 
-    /// A message whose stamp is that of the robot's newest data came.
+    /// A message with the stamp of the robot's newest data arrived.
     pub(super) fn update_clock(&mut self, header: Header, now: Monotonic) {
         if self.has_boot && header.boot == self.store.boot() {
             self.ages
@@ -113,7 +104,7 @@ impl MapSync {
         }
     }
 
-    /// How far each layer that the robot announces and this console wants is behind.
+    /// State of each announced layer that this console wants.
     pub fn layer_states(&self) -> impl Iterator<Item = LayerSyncState> {
         self.layers
             .iter()
@@ -126,22 +117,21 @@ impl MapSync {
             })
     }
 
-    /// The run of the robot whose map this is, once it has announced itself.
+    /// The run of the robot whose map this is, once known.
     pub(super) fn boot(&self) -> Option<BootId> {
         self.has_boot.then(|| self.store.boot())
     }
 
-    /// Whether every layer that is wanted equals the robot's last announcement.
+    /// Whether every wanted layer equals the robot's last map head.
     pub fn is_synchronized(&self) -> bool {
         self.head.is_some() && self.layer_states().all(|step| step.is_equal)
     }
 
-    /// When the robot last announced what its map is.
     pub fn head_at(&self) -> Option<Monotonic> {
         self.head.as_ref().map(|(_, at)| *at)
     }
 
-    /// The tiles that changed since the last call. All of them where the map was emptied.
+    /// The tiles that changed since the last call. All tiles after the map was emptied.
     pub fn take_changed(&mut self) -> BTreeSet<TileKey> {
         std::mem::take(&mut self.changed)
     }
@@ -152,7 +142,7 @@ impl MapSync {
         self.store.set_focus(focus_m);
     }
 
-    /// Whether the robot announced a layer that it has not described to us.
+    /// Whether the robot announced a layer that it has not described.
     pub(super) fn lacks_info(&self) -> bool {
         let described = |layer| self.store.cell_m(layer).is_some();
         self.head
@@ -160,15 +150,15 @@ impl MapSync {
             .is_some_and(|(head, _)| !head.layers.iter().all(|head| described(head.layer)))
     }
 
-    /// Whether what changes of a layer is asked for. What is known of one that is not stays as it was.
+    /// Whether changes of a layer are requested.
     pub fn is_wanted(&self, layer: LayerId) -> bool {
         self.wanted.contains(&layer)
     }
 
-    /// The robot said what its layers are. What another run than the one whose map is held says is not taken.
+    /// Sets the grids of the layers. Information from another run of the robot is ignored.
     pub(super) fn take_info(&mut self, info: &Info, boot: BootId) -> Result<(), StoreError> {
         if self.has_boot && boot != self.store.boot() {
-            // Its own announcement comes first; then it is asked again.
+            // The map head of that run comes first; then the information is requested again.
             return Ok(());
         }
         for layer in &info.layers {
@@ -185,7 +175,7 @@ impl MapSync {
         Ok(())
     }
 
-    /// The robot announced what its map is; true where it is a run that was not known.
+    /// Takes a map head; returns whether it is from a new run of the robot.
     pub(super) fn take_head(
         &mut self,
         head: MapHead,
@@ -229,7 +219,6 @@ impl MapSync {
         Ok(is_new)
     }
 
-    /// What is of another run than the map cannot be put into it.
     fn of_this_boot(&self, boot: BootId) -> Result<(), RejectReason> {
         if !self.has_boot {
             Err(RejectReason::BeforeJoin)
@@ -240,7 +229,7 @@ impl MapSync {
         }
     }
 
-    /// A tile, or half of one, came: pushed, or in answer to `request`.
+    /// Takes a tile or half of one, pushed or in reply to `request`.
     pub(super) fn take_band(
         &mut self,
         key: TileKey,
@@ -293,7 +282,6 @@ impl MapSync {
         }
     }
 
-    /// A tile answered a question.
     pub(super) fn take_reply(
         &mut self,
         layer: LayerId,
@@ -310,7 +298,7 @@ impl MapSync {
         self.take_band(key, header, &reply.band, Some(request), now)
     }
 
-    /// No more replies to a question will come.
+    /// No more replies to a request will come.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
         let Some(PendingQuery { layer, tiles, .. }) = self.asked.remove(&request) else {
             return;
@@ -320,7 +308,7 @@ impl MapSync {
         }
     }
 
-    /// Follows the robot to another epoch of a layer.
+    /// Begins a new epoch of a layer.
     fn erase_layer(&mut self, layer: LayerId, epoch: u32) {
         let gone = self.store.tiles(layer).map(|(key, _)| key);
         self.changed.extend(gone);
@@ -331,7 +319,7 @@ impl MapSync {
         self.layers.insert(layer, LayerSync::new());
     }
 
-    /// Drops what is held of a layer whose cells turn out to be of another size.
+    /// Empties a layer whose cell size has changed.
     fn empty_layer(&mut self, layer: LayerId) {
         let gone: Vec<_> = self.store.tiles(layer).map(|(key, _)| key).collect();
         for key in &gone {
@@ -342,13 +330,13 @@ impl MapSync {
         self.layers.insert(layer, LayerSync::new());
     }
 
-    /// What was asked over a link that is gone is not answered any more.
+    /// Forgets the requests of a link that is gone.
     fn forget_queries(&mut self) {
         self.asked.clear();
         self.listed.clear();
     }
 
-    /// Halves of tiles that were given up.
+    /// Halves of tiles that were dropped.
     pub fn abandoned_halves(&self) -> u64 {
         self.intake.abandoned()
     }
@@ -366,5 +354,165 @@ fn reject_reason(why: &DecodeError) -> RejectReason {
         | DecodeError::Code(_)
         | DecodeError::DuplicateRow(_)
         | DecodeError::Incomplete(_) => RejectReason::BadTile,
+    }
+}
+
+/// Open requests for tiles; with the size of a reply, at most 32 KiB are outstanding.
+const MAX_PULLS: usize = 2;
+/// Tiles in one request. Tiles that do not fit the reply are requested again.
+const TILES_PER_PULL: usize = 24;
+
+impl MapSync {
+    /// Compares root digests and returns the requests that are due.
+    pub(super) fn queries(
+        &mut self,
+        now: Monotonic,
+        mut number: impl FnMut() -> RequestId,
+    ) -> Vec<(RequestId, MapQuery)> {
+        let Some((head, _)) = self.head.clone() else {
+            return Vec::new();
+        };
+        // The end of a request can be lost too.
+        let asked = self.asked.iter();
+        let late = asked.filter(|(_, asked)| now.since(asked.at) >= ANSWER_TIMEOUT);
+        for request in late.map(|(request, _)| *request).collect::<Vec<_>>() {
+            self.ended(request, now);
+        }
+        let mut queries = Vec::new();
+        let heads = head.layers;
+        for head in &heads {
+            if !self.wanted.contains(&head.layer) {
+                continue;
+            }
+            self.compare(head, now);
+            while let Some(query) = self.next_query(head.layer, now) {
+                let request = number();
+                if let Some(sync) = self.layers.get_mut(&head.layer) {
+                    sync.asked(request, &query);
+                }
+                let (tiles, query) = match query {
+                    Query::Digests { newer_than } => (
+                        Vec::new(),
+                        MapQuery::Digests(head.layer, DigestsRequest { newer_than }),
+                    ),
+                    Query::Tiles(tiles) => (
+                        tiles.clone(),
+                        MapQuery::Tiles(head.layer, TilesRequest::ByKey(tiles)),
+                    ),
+                };
+                let (layer, at) = (head.layer, now);
+                self.asked
+                    .insert(request, PendingQuery { layer, tiles, at });
+                queries.push((request, query));
+            }
+        }
+        queries
+    }
+
+    fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
+        let cell_m = self.store.cell_m(layer)?;
+        let asked = self.asked.values();
+        let pulls = asked.filter(|asked| !asked.tiles.is_empty()).count();
+        let distance = |(tx, ty)| {
+            let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
+            let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);
+            dx * dx + dy * dy
+        };
+        let is_asked = |tile| {
+            let mut asked = self.asked.values();
+            asked.any(|asked| asked.layer == layer && asked.tiles.contains(&tile))
+        };
+        self.layers.get(&layer)?.query(
+            now,
+            MAX_PULLS.saturating_sub(pulls),
+            TILES_PER_PULL,
+            distance,
+            is_asked,
+        )
+    }
+
+    fn compare(&mut self, head: &LayerHead, now: Monotonic) {
+        let known = self.roots.get(&head.layer).copied();
+        let own = known.or_else(|| self.store.root_digest(head.layer));
+        self.roots.extend(own.map(|root| (head.layer, root)));
+        let Some(sync) = self.layers.get_mut(&head.layer) else {
+            return;
+        };
+        if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
+            sync.equal(head.head_revision, now);
+        } else if own.is_some() {
+            sync.differs(now);
+        }
+    }
+}
+
+impl MapSync {
+    /// Takes a part of a list of tiles.
+    pub(super) fn take_digests(
+        &mut self,
+        layer: LayerId,
+        boot: BootId,
+        digests: &Digests,
+        request: RequestId,
+    ) -> Result<(), RejectReason> {
+        self.of_this_boot(boot)?;
+        if digests.epoch != self.store.epoch(layer) {
+            return Err(RejectReason::OldEpoch);
+        }
+        let Some(sync) = self.layers.get_mut(&layer) else {
+            return Err(RejectReason::UnknownLayer);
+        };
+        let Some(newer_than) = sync.listed_from(request) else {
+            return Ok(());
+        };
+        let (store, unknown) = (&self.store, self.unknown);
+        let lacking = digests.tiles.iter().filter_map(|tile| {
+            let key = TileKey {
+                layer,
+                tx: tile.tx,
+                ty: tile.ty,
+            };
+            let is_lacking = match store.get(key) {
+                None => tile.digest != unknown,
+                Some(held) if held.is_evicted() => tile.revision > held.revision(),
+                Some(held) => tile.revision >= held.revision() && tile.digest != held.digest(),
+            };
+            is_lacking.then_some(((tile.tx, tile.ty), tile.revision))
+        });
+        let last = digests.tiles.last().map(|tile| tile.revision);
+        let next = last.filter(|_| digests.more > 0);
+        sync.listed(request, lacking, digests.head_revision, next);
+        let listed = self.listed.entry(layer).or_default();
+        listed.extend(digests.tiles.iter().map(|tile| (tile.tx, tile.ty)));
+        if next.is_none() {
+            let listed = std::mem::take(listed);
+            if newer_than == 0 {
+                self.forget_unlisted(layer, &listed, digests.head_revision);
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes tiles that a complete list does not name: the robot does not have them.
+    pub(super) fn forget_unlisted(
+        &mut self,
+        layer: LayerId,
+        listed: &BTreeSet<(i32, i32)>,
+        head_revision: u64,
+    ) {
+        let gone: Vec<_> = self
+            .store
+            .tiles(layer)
+            .filter(|(key, held)| {
+                held.revision() <= head_revision && !listed.contains(&(key.tx, key.ty))
+            })
+            .map(|(key, _)| key)
+            .collect();
+        for key in gone {
+            self.store.forget(key);
+            self.roots.remove(&layer);
+            self.ages.remove(key);
+            self.changed.insert(key);
+        }
     }
 }

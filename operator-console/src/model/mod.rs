@@ -1,37 +1,23 @@
-//! One robot as this console knows it: messages in, questions out, everything else to be read.
+//! State of one robot in this console: takes messages from the link, decides what to request, holds the rest to be read.
 //!
-//! The model owns no thread, socket or clock: whoever holds it feeds it what the link brings, asks it what to
-//! send, and draws or exports what it holds. The present is always a parameter.
+//! The model owns no thread, socket or clock. Its owner passes in messages and the current time, sends what
+//! [`ConsoleModel::outgoing`] returns, and draws or exports the state.
 
 mod ages;
 mod connection;
-mod data_end;
-mod exports;
 mod handle_message;
 mod incoming;
 mod layer_sync;
-mod link_quality;
-mod map_queries;
 mod map_sync;
 mod monitor_history;
 mod motion;
 mod outgoing;
-mod reject_reason;
 mod retry;
-mod robot_run;
-mod saved_site_names;
-mod scans;
 mod shore_outlines;
 mod shores_sync;
 mod site_names;
-mod standstill_detector;
-mod stuck_detector;
 mod tile_intake;
-mod time_window;
-mod trail;
-mod trail_sync;
 mod trajectory_sync;
-mod validation;
 mod vehicle;
 mod visible_change;
 mod voxels_sync;
@@ -44,58 +30,56 @@ use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Event, Info, RecordingStatus, SensorInfo, SensorStatus, Status, StopReason,
+    Barrier, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status, StopReason,
+    TeleopState, TeleopStatus,
 };
-use protocol::tile::BootId;
+use protocol::tile::{BootId, TileKey};
 
 pub use ages::{AgeOrder, Ages};
-pub use connection::{Connection, LastContact, LinkState, SILENT_AFTER, SILENT_AFTER_UNSTEADY};
-pub use incoming::{Incoming, OpenSessions, Outgoing, RequestId};
-pub use link_quality::{LinkQuality, LinkSample, Stream};
+pub use connection::{
+    Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER,
+    SILENT_AFTER_UNSTEADY, Stream,
+};
+pub use incoming::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
 pub use map_sync::{LayerSyncState, MapSync};
 pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
 pub use motion::{DRIFTING_MPS, UncommandedMotion};
-pub use reject_reason::{RejectCounts, RejectReason};
-pub use saved_site_names::SavedSiteNames;
-pub use scans::LastScan;
 pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
+pub use shores_sync::SavedSiteNames;
 pub use site_names::{SiteName, SiteNames};
 pub use trajectory_sync::TrajectoryProgress;
-pub use vehicle::Vehicle;
+pub use vehicle::{LastScan, Vehicle};
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
 
 use monitor_history::MonitorHistory;
-use motion::Motion;
-use scans::Scans;
+use motion::{MOVING, Motion};
+use retry::RetryTimer;
 use shores_sync::ShoresSync;
-use trail_sync::TrailSync;
-use trajectory_sync::TrajectorySync;
+use trajectory_sync::{TrailSync, TrajectorySync};
+use vehicle::Scans;
 use voxels_sync::VoxelsSync;
 
 const MAX_EVENTS: usize = 200;
-/// Heads come every second: without one for so long, nobody knows what the robot's map is now.
+/// Map heads come once a second. An older one does not describe the robot's present map.
 const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
-
-/// Statuses come more often.
+/// Statuses come at least twice a second.
 const STATUS_TIMEOUT: Duration = Duration::from_millis(1500);
 
-/// What a console is and wants.
+/// Identity of this console and what it wants from the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelSettings {
-    /// The robot.
     pub robot: RobotId,
-    /// This run of the console: random.
+    /// Random number of this run of the console.
     pub session: BootId,
-    /// Most memory for tiles, megabytes (10⁶ bytes).
+    /// Memory limit for tiles, megabytes (10⁶ bytes).
     pub tile_store_mb: u32,
-    /// The layers that are wanted.
+    /// Layers that the map view shows.
     pub layers: BTreeSet<LayerId>,
 }
 
-/// What a robot told of when an emergency stop was heard.
+/// The last involuntary stop before an emergency stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StopBeforeEStop {
-    /// The last stop on the way.
     pub last_stop: Option<StopReason>,
 }
 
@@ -104,47 +88,74 @@ pub struct ConsoleModel {
     settings: ModelSettings,
     map: MapSync,
     vehicle: Vehicle,
+    scans: Scans,
+    robot: RobotState,
+    events: VecDeque<(Event, Monotonic)>,
     shores: ShoresSync,
-    saved_site_names: Option<SavedSiteNames>,
     voxels: VoxelsSync,
     trajectory: TrajectorySync,
     trail: TrailSync,
-    is_unfinished: bool,
-    scans: Scans,
-    wants_scan: bool,
     connection: Connection,
     quality: LinkQuality,
     reject_counts: RejectCounts,
-    info: Option<(Info, BootId)>,
-    status: Option<(Status, Monotonic)>,
-    /// The run of the robot that told it.
-    status_run: Option<BootId>,
-    motion: Motion,
-    monitor_history: MonitorHistory,
-    /// The number of the message that first said that the robot's data has ended, and of the newest head.
-    ended_seq: Option<u64>,
-    head_seq: u64,
-    events: VecDeque<(Event, Monotonic)>,
-    /// The last stop on the way that was told of when an emergency stop was heard last, in this run of the robot.
-    stop_before_estop: Option<StopBeforeEStop>,
-    /// Layers that an export wants, shown or not.
-    exported: BTreeSet<LayerId>,
-    rectangle_m: [f32; 4],
-    info_request: Option<(RequestId, Monotonic)>,
-    last_view_sent: Option<Monotonic>,
+    view: ViewState,
+    /// Numbers of the last request and of the last message.
     requests: u64,
     seq: u64,
-    /// Counts changes that somebody may want to draw at once.
+    /// Counts changes that need a frame at once.
     changes: u64,
-    /// Counts what the sensors of a vehicle bring all the time, whatever it does.
+    /// Counts pushed tiles and scans, which arrive all the time.
     sensor_updates: u64,
 }
 
+/// What the robot reports about itself.
+#[derive(Default)]
+struct RobotState {
+    info: Option<(Info, BootId)>,
+    info_query: RetryTimer,
+    status: Option<(Status, Monotonic)>,
+    /// The run of the robot that sent `status`.
+    status_run: Option<BootId>,
+    motion: Motion,
+    monitor_history: MonitorHistory,
+    stop_before_estop: Option<StopBeforeEStop>,
+    /// Sequence number of the first message that reported the end of the data.
+    ended_seq: Option<u64>,
+    /// Sequence number of the newest map head.
+    head_seq: u64,
+}
+
+impl RobotState {
+    fn teleop(&self) -> Option<&TeleopStatus> {
+        self.status.as_ref()?.0.teleop.as_ref()
+    }
+
+    /// Another run of the robot began.
+    fn begin_run(&mut self, boot: BootId) {
+        self.stop_before_estop = None;
+        self.monitor_history.forget();
+        self.ended_seq = None;
+        // The end of the last run's data does not end this run's data.
+        self.status.take_if(|(status, _)| status.has_ended);
+        self.info.take_if(|(_, info_boot)| *info_boot != boot);
+    }
+}
+
+/// What the console asks the robot to send.
+#[derive(Default)]
+struct ViewState {
+    /// Lowest and greatest x and y in `odom`, metres.
+    rectangle_m: [f32; 4],
+    /// Layers that an export needs, shown or not.
+    exported: BTreeSet<LayerId>,
+    /// Whether the console needs more data after the map is synchronized.
+    is_unfinished: bool,
+    last_sent: Option<Monotonic>,
+}
+
 impl ConsoleModel {
-    /// A robot of which nothing is known.
-    ///
     /// # Errors
-    /// Where zstd cannot be set up.
+    /// If zstd cannot be set up.
     pub fn new(settings: ModelSettings) -> io::Result<Self> {
         let mut map = MapSync::new(settings.tile_store_mb)?;
         map.set_wanted(settings.layers.clone(), [0.0; 2]);
@@ -152,30 +163,17 @@ impl ConsoleModel {
             settings,
             map,
             vehicle: Vehicle::default(),
+            scans: Scans::default(),
+            robot: RobotState::default(),
+            events: VecDeque::new(),
             shores: ShoresSync::default(),
-            saved_site_names: None,
             voxels: VoxelsSync::default(),
             trajectory: TrajectorySync::default(),
             trail: TrailSync::default(),
-            is_unfinished: false,
-            scans: Scans::default(),
-            wants_scan: false,
             connection: Connection::default(),
             quality: LinkQuality::default(),
             reject_counts: RejectCounts::default(),
-            info: None,
-            status: None,
-            status_run: None,
-            motion: Motion::default(),
-            monitor_history: MonitorHistory::default(),
-            ended_seq: None,
-            head_seq: 0,
-            events: VecDeque::new(),
-            stop_before_estop: None,
-            exported: BTreeSet::new(),
-            rectangle_m: [0.0; 4],
-            info_request: None,
-            last_view_sent: None,
+            view: ViewState::default(),
             requests: 0,
             seq: 0,
             changes: 0,
@@ -183,121 +181,104 @@ impl ConsoleModel {
         })
     }
 
-    /// Which robot.
     pub const fn robot(&self) -> &RobotId {
         &self.settings.robot
     }
 
-    /// The map.
     pub const fn map(&self) -> &MapSync {
         &self.map
     }
 
-    /// Whether the map equals what the robot announced, and that lately.
+    /// Whether the map equals the robot's map head, and that head is recent.
     pub fn is_synchronized(&self, now: Monotonic) -> bool {
         let head_at = self.map.head_at();
         head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.matches_last_head()
     }
 
-    /// Whether the map equals what the robot announced last, however long ago, and the shores are known, where there
-    /// are any.
+    /// Whether the map equals the newest map head, of any age, and the shores are known if the robot has any.
     pub fn matches_last_head(&self) -> bool {
-        let knows_shores = !self.has_shores() || self.shores.is_current(self.ended_seq);
+        let knows_shores = !self.has_shores() || self.shores.is_current(self.robot.ended_seq);
         self.map.is_synchronized() && knows_shores
     }
 
-    /// Whether the robot tells of shores.
     pub fn has_shores(&self) -> bool {
-        self.info().is_some_and(|info| {
-            info.layers
-                .iter()
-                .any(|layer| layer.layer == LayerId::Shore)
-        })
+        let layers = self.info().map_or(&[][..], |info| &info.layers);
+        layers.iter().any(|layer| layer.layer == LayerId::Shore)
     }
 
-    /// Whether there is more to fetch once the map is synchronized: a robot whose data has ended waits for that.
+    /// Sets whether the console needs more data after the map is synchronized. A robot whose data has ended waits for it.
     pub const fn set_unfinished(&mut self, is_unfinished: bool) {
-        self.is_unfinished = is_unfinished;
+        self.view.is_unfinished = is_unfinished;
     }
 
     /// The tiles that changed since the last call.
-    pub fn take_changed_tiles(&mut self) -> BTreeSet<protocol::tile::TileKey> {
+    pub fn take_changed_tiles(&mut self) -> BTreeSet<TileKey> {
         self.map.take_changed()
     }
 
-    /// Where it is.
     pub const fn vehicle(&self) -> &Vehicle {
         &self.vehicle
     }
 
-    /// How the link does.
     pub const fn connection(&self) -> &Connection {
         &self.connection
     }
 
-    /// How well it carries each stream.
+    /// Records contact with the robot before this link began.
+    pub const fn set_last_contact(&mut self, before: LastContact) {
+        self.connection.set_last_contact(before);
+    }
+
     pub const fn link_quality(&self) -> &LinkQuality {
         &self.quality
     }
 
-    /// What was not taken.
+    /// Share of the expected poses of the last 2 s that did not arrive, 0 … 1. `None` if it is unknown whether the robot
+    /// sends any: the link is silent or the robot's data has ended.
+    pub fn poses_missing(&self, now: Monotonic) -> Option<f32> {
+        let is_live = self.connection.state(now) == LinkState::Live;
+        let is_sending = is_live && !self.reports_ended();
+        self.quality.missing(now).filter(|_| is_sending)
+    }
+
     pub const fn reject_counts(&self) -> &RejectCounts {
         &self.reject_counts
     }
 
-    /// Who the robot is, once it has said so.
     pub fn info(&self) -> Option<&Info> {
-        self.info.as_ref().map(|(info, _)| info)
+        self.robot.info.as_ref().map(|(info, _)| info)
     }
 
-    /// How the robot is doing, and when it said so.
+    /// The newest status and when it arrived.
     pub const fn status(&self) -> Option<&(Status, Monotonic)> {
-        self.status.as_ref()
+        self.robot.status.as_ref()
     }
 
-    /// The robot's sensors, as it describes them; empty before it has.
+    /// The run of the robot, known from its first map head on.
+    pub fn run(&self) -> Option<BootId> {
+        self.map.boot()
+    }
+
+    /// Whether the robot restarted and has sent no status since. The status held is of an earlier run.
+    pub fn awaits_status(&self) -> bool {
+        let run = self.run();
+        self.status().is_some() && run.is_some() && self.robot.status_run != run
+    }
+
     pub fn sensors(&self) -> &[SensorInfo] {
         self.info().map_or(&[], |info| &info.sensors)
     }
 
-    /// How the sensors were doing when the robot said so last.
     pub fn sensor_statuses(&self) -> &[SensorStatus] {
-        self.status
-            .as_ref()
-            .map_or(&[], |(status, _)| &status.sensors)
+        self.status().map_or(&[], |(status, _)| &status.sensors)
     }
 
-    /// The recording on the robot when it told of it last; `None` where operators cannot start one.
+    /// The recording on the robot; `None` if operators cannot start one.
     pub fn recording(&self) -> Option<&RecordingStatus> {
-        self.status.as_ref()?.0.recording.as_ref()
+        self.status()?.0.recording.as_ref()
     }
 
-    /// The last sweep of each sensor that was heard, by name.
-    pub fn scans(&self) -> impl Iterator<Item = (&str, &LastScan)> {
-        self.scans.iter()
-    }
-
-    /// Asks for last sweeps, or for none any more. They cost up to a sixteenth of the tiles' share of the link.
-    pub fn want_scan(&mut self, is_wanted: bool) {
-        if self.wants_scan && !is_wanted {
-            self.scans.forget();
-            self.changes += 1;
-        }
-        self.wants_scan = is_wanted;
-    }
-
-    /// What happened, oldest first, and when it was heard.
-    pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
-        &self.events
-    }
-
-    /// What the robot told of when an emergency stop was heard; `None` where no such was heard since it began to run.
-    pub const fn stop_before_estop(&self) -> Option<StopBeforeEStop> {
-        self.stop_before_estop
-    }
-
-    /// What is to be added to the ages of sensors that the robot told last. Nothing while its statuses come, twice a second: until
-    /// the next one says so, a sensor that measures as it should has measured again.
+    /// What to add to the sensor ages of the last status. Zero while statuses arrive: a healthy sensor has measured again.
     pub fn status_delay(&self, now: Monotonic) -> Duration {
         let since = self.status().map(|(_, at)| now.since(*at));
         since
@@ -305,86 +286,206 @@ impl ConsoleModel {
             .unwrap_or_default()
     }
 
-    /// Rises with every change that is to be seen at once.
+    /// Whether the robot reports that its data has ended.
+    pub fn reports_ended(&self) -> bool {
+        self.status().is_some_and(|(status, _)| status.has_ended)
+    }
+
+    /// Whether the robot's data has ended and its last map head arrived: no more data will come.
+    pub fn has_ended(&self) -> bool {
+        let ended_seq = self.robot.ended_seq;
+        ended_seq.is_some_and(|ended| self.robot.head_seq > ended)
+    }
+
+    /// Whether silence is expected because the robot's data has ended. Then the link is not lost.
+    pub fn is_silence_expected(&self) -> bool {
+        self.status().map_or_else(
+            || self.connection.had_ended_before(),
+            |(status, _)| status.has_ended,
+        )
+    }
+
+    /// Whether the robot can be driven.
+    pub fn is_vehicle(&self) -> bool {
+        self.robot.teleop().is_some()
+    }
+
+    /// Whether it is a boat, as far as the robot has described itself.
+    pub fn is_boat(&self) -> bool {
+        self.info().is_some_and(|info| info.is_boat)
+    }
+
+    fn floats(&self) -> bool {
+        self.is_boat() || self.robot.teleop().is_some_and(|teleop| teleop.is_drifting)
+    }
+
+    /// Forward speed of a moving vehicle, m/s; `None` if it stands still.
+    pub fn moves(&self) -> Option<f32> {
+        let (pose, _) = self.vehicle.pose()?;
+        let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
+        is_moving.then_some(pose.speed_mps)
+    }
+
+    /// Whether the vehicle still moves because its stop command is recent. A boat does not brake.
+    pub fn brakes(&self, now: Monotonic) -> bool {
+        self.moves().is_some() && !self.floats() && self.robot.motion.may_brake(now)
+    }
+
+    /// Why the vehicle moves although nobody drives it. `None` if it does not, or if its data is not recent.
+    pub fn uncommanded_motion(&self, now: Monotonic) -> Option<UncommandedMotion> {
+        let teleop = self.robot.teleop()?;
+        let (_, at) = self.vehicle.pose()?;
+        let is_fresh = self.connection.state(now) == LinkState::Live
+            && now.since(at) <= SILENT_AFTER_UNSTEADY
+            && !self.reports_ended()
+            && !self.awaits_status();
+        let is_undriven = teleop.state == TeleopState::Idle && !self.brakes(now);
+        let speed_mps = self.moves().filter(|_| is_fresh && is_undriven)?;
+        if self.floats() {
+            (speed_mps.abs() > DRIFTING_MPS).then_some(UncommandedMotion::MaybeDrifting)
+        } else {
+            Some(UncommandedMotion::Autonomous)
+        }
+    }
+
+    /// Whether the vehicle neither moves nor turns nor drifts, within the accuracy of its poses.
+    pub const fn is_still(&self) -> bool {
+        self.robot.motion.is_still()
+    }
+
+    /// Whether the vehicle is commanded to move and has not moved for seconds.
+    pub fn is_stuck(&self) -> bool {
+        self.robot.motion.is_stuck()
+    }
+
+    /// States of the collision monitor in the 1.5 s before the newest status, oldest first. For display only.
+    pub fn recent_monitor_states(&self) -> impl DoubleEndedIterator<Item = &MonitorReport> + Clone {
+        self.robot.monitor_history.recent()
+    }
+
+    /// The newest recent barrier in the requested direction. The collision monitor may change its result with each scan.
+    pub fn barrier(&self) -> Option<Barrier> {
+        let mut recent = self.recent_monitor_states().rev().peekable();
+        let requested = direction_signs(recent.peek()?.requested);
+        recent
+            .filter(|report| direction_signs(report.requested) == requested)
+            .find_map(|report| report.barrier)
+    }
+
+    /// Events of the robot and when they arrived, oldest first.
+    pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
+        &self.events
+    }
+
+    /// The last involuntary stop before the newest emergency stop of this run of the robot.
+    pub const fn stop_before_estop(&self) -> Option<StopBeforeEStop> {
+        self.robot.stop_before_estop
+    }
+
+    /// The last scan of each sensor, by the sensor's name.
+    pub fn scans(&self) -> impl Iterator<Item = (&str, &LastScan)> {
+        self.scans.iter()
+    }
+
+    /// Requests scans or stops requesting them. They use up to a sixteenth of the tiles' share of the link.
+    pub fn want_scan(&mut self, is_wanted: bool) {
+        if self.scans.want(is_wanted) {
+            self.changes += 1;
+        }
+    }
+
+    /// Shores and docking sites, if the robot has sent any.
+    pub const fn shores(&self) -> Option<&Shores> {
+        self.shores.shores()
+    }
+
+    /// Names of the docking sites, in the order of [`Self::shores`]: the best first.
+    pub fn site_names(&self) -> &[SiteName] {
+        self.shores.site_names()
+    }
+
+    /// Outlines of [`Self::shores`] and what is near their docking sites. Computed once for each report.
+    pub const fn shore_outlines(&self) -> &ShoreOutlines {
+        self.shores.outlines()
+    }
+
+    /// Removes the names of the docking sites, for [`Self::restore_site_names`] when this robot is shown again.
+    pub fn take_site_names(&mut self) -> Option<SavedSiteNames> {
+        Some(self.shores.take_names(self.map.boot()?))
+    }
+
+    /// Uses saved names if the robot's run and its maps turn out to be the same.
+    pub fn restore_site_names(&mut self, saved: SavedSiteNames) {
+        self.shores.set_saved_names(saved);
+        self.shores.restore_names(self.map.boot());
+    }
+
+    /// Requests these layers for an export, shown or not.
+    pub fn want_for_export(&mut self, layers: BTreeSet<LayerId>) {
+        self.view.exported = layers;
+        self.update_wanted_layers();
+    }
+
+    /// Fetches the octree's present files for an export.
+    pub fn want_voxels(&mut self) {
+        self.voxels.want();
+    }
+
+    /// Frees the octree's files.
+    pub fn drop_voxels(&mut self) {
+        self.voxels = VoxelsSync::default();
+    }
+
+    pub fn voxels(&self) -> VoxelsProgress {
+        self.voxels.progress()
+    }
+
+    /// Fetches the complete trajectory for an export.
+    pub fn want_trajectory(&mut self) {
+        self.trajectory.want();
+    }
+
+    /// Frees the fetched trajectory.
+    pub fn drop_trajectory(&mut self) {
+        self.trajectory = TrajectorySync::default();
+    }
+
+    pub fn trajectory(&self) -> TrajectoryProgress {
+        self.trajectory.progress()
+    }
+
+    /// Rises with each change that must be drawn at once.
     pub const fn changes(&self) -> u64 {
         self.changes
     }
 
-    /// Rises with tiles and sweeps that were pushed, which come all the time. Who draws need not draw again while this
-    /// and [`Self::changes`] stand still.
+    /// Rises with each pushed tile and scan. Without a change of this or of [`Self::changes`] no frame is needed.
     pub const fn sensor_updates(&self) -> u64 {
         self.sensor_updates
     }
 
-    /// Draws this way of the vehicle instead of the poses that arrived: oldest first, metres in `odom`.
+    /// Replaces the trail by these points: oldest first, metres in `odom`.
     pub fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
         self.vehicle.show_trail(points_m);
     }
 
-    /// What is on the screen: lowest and greatest x and y in `odom`, metres, and the layers that are wanted.
+    /// Sets the visible rectangle (lowest and greatest x and y in `odom`, metres) and the layers that are shown.
     pub fn set_view(&mut self, rectangle_m: [f32; 4], layers: BTreeSet<LayerId>) {
         if rectangle_m.iter().all(|edge| edge.is_finite()) {
-            self.rectangle_m = rectangle_m;
+            self.view.rectangle_m = rectangle_m;
             self.settings.layers = layers;
             self.update_wanted_layers();
         }
     }
 
     fn update_wanted_layers(&mut self) {
-        let [low_x, low_y, high_x, high_y] = self.rectangle_m.map(f64::from);
+        let [low_x, low_y, high_x, high_y] = self.view.rectangle_m.map(f64::from);
         let focus_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
         self.map.set_wanted(self.wanted_layers(), focus_m);
     }
 
-    /// The layers that are asked for.
     fn wanted_layers(&self) -> BTreeSet<LayerId> {
-        &self.settings.layers | &self.exported
-    }
-
-    /// Takes what the link brought. Whatever it is, nothing panics and nothing grows without limit.
-    pub fn apply(&mut self, incoming: Incoming, now: Monotonic) {
-        let taken = match incoming {
-            Incoming::Sample { key, payload } => {
-                self.connection.add_bytes(payload.len(), now);
-                self.take(&key, &payload, None, now)
-            }
-            Incoming::Reply {
-                request,
-                key,
-                payload,
-            } => {
-                self.connection.add_bytes(payload.len(), now);
-                self.take(&key, &payload, Some(request), now)
-            }
-            Incoming::Ended { request } => {
-                let is_taken = self.shores.ended(request, now)
-                    || self.voxels.ended(request, now)
-                    || self.trajectory.ended(request, now)
-                    || self.trail.ended(request, now);
-                if !is_taken {
-                    self.map.ended(request, now);
-                }
-                Ok(())
-            }
-            Incoming::Lost { overrun, oversized } => {
-                self.reject_counts.add_many(RejectReason::Overrun, overrun);
-                self.reject_counts
-                    .add_many(RejectReason::Oversized, oversized);
-                Ok(())
-            }
-            Incoming::Presence(is_present) => {
-                self.connection.set_present(is_present);
-                self.changes += 1;
-                Ok(())
-            }
-        };
-        match taken {
-            Ok(()) => {}
-            Err(why) => {
-                tracing::debug!(why = why.name(), "a message was not taken");
-                self.reject_counts.add(why);
-            }
-        }
+        &self.settings.layers | &self.view.exported
     }
 }
 

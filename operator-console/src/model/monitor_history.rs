@@ -1,40 +1,35 @@
-//! What the collision monitor has said of late. Beside an obstacle it may say one thing with one scan and another with
-//! the next: whoever reads it is told the tighter of them.
+//! Recent states of the collision monitor. Beside an obstacle they may alternate with each scan; the display shows the
+//! strictest.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::message::{Barrier, CollisionMonitorState, TeleopStatus, Velocity};
 
-use super::ConsoleModel;
-use super::time_window::TimeWindow;
-
-/// Three statuses of a vehicle that nobody drives; words that change more often than this are not read.
+/// Three statuses of an idle vehicle. Text that changes more often cannot be read.
 const WINDOW: Duration = Duration::from_millis(1500);
 
-/// Less is no speed in two decimals, m/s.
+/// Smallest speed that is shown with two decimals, m/s.
 pub const MIN_SHOWN_MPS: f32 = 0.005;
-/// Less is no turn in whole degrees, rad/s.
+/// Smallest turn rate that is shown in whole degrees, rad/s.
 pub const MIN_SHOWN_RADPS: f32 = 0.0087;
-/// What a status told of the guard.
+/// State of the collision monitor in one status.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MonitorReport {
-    /// What it said.
     pub guard: CollisionMonitorState,
-    /// What was asked for meanwhile: it may speak of that way alone.
+    /// The requested velocity: the state may concern that direction only.
     pub requested: Velocity,
-    /// What it was that bounded that, where something did.
+    /// What limits that velocity.
     pub barrier: Option<Barrier>,
 }
 
-/// The same of the last statuses.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MonitorHistory {
     window: TimeWindow<(MonitorReport, Monotonic)>,
 }
 
 impl MonitorHistory {
-    /// A status came.
     pub(super) fn update(&mut self, teleop: Option<&TeleopStatus>, now: Monotonic) {
         let Some(teleop) = teleop else {
             return self.forget();
@@ -47,13 +42,12 @@ impl MonitorHistory {
         self.window.add((report, now), WINDOW, now);
     }
 
-    /// Another run of the robot has another guard.
     pub(super) fn forget(&mut self) {
         self.window.clear();
     }
 
-    /// What was told within [`WINDOW`] of the newest, the oldest first.
-    fn recent(&self) -> impl DoubleEndedIterator<Item = &MonitorReport> + Clone {
+    /// Reports within [`WINDOW`] of the newest, oldest first.
+    pub(super) fn recent(&self) -> impl DoubleEndedIterator<Item = &MonitorReport> + Clone {
         let newest = self.window.iter().last().map(|(_, at)| *at);
         let is_late = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < WINDOW);
         self.window
@@ -63,24 +57,7 @@ impl MonitorHistory {
     }
 }
 
-impl ConsoleModel {
-    /// What the guard said within 1.5 s before the newest status, and in that; the oldest first. It is there to be
-    /// read: nothing that commands anything goes by it.
-    pub fn recent_monitor_states(&self) -> impl DoubleEndedIterator<Item = &MonitorReport> + Clone {
-        self.monitor_history.recent()
-    }
-
-    /// What the guard holds the vehicle back for on the way that is asked for, or did lately: it may change its mind with
-    /// every scan.
-    pub fn barrier(&self) -> Option<Barrier> {
-        let mut recent = self.recent_monitor_states().rev().peekable();
-        let asked = direction_signs(recent.peek()?.requested);
-        let mut of_way = recent.filter(|reports| direction_signs(reports.requested) == asked);
-        of_way.find_map(|reports| reports.barrier)
-    }
-}
-
-/// Whither one goes and turns: 1 forwards and to the left, −1 back and to the right, 0 neither.
+/// Signs of the requested motion: 1 forward and left, −1 backward and right, 0 neither.
 pub fn direction_signs(asked: Velocity) -> [i8; 2] {
     let sign = |speed: f32, least: f32| i8::from(speed >= least) - i8::from(speed <= -least);
     [
@@ -89,8 +66,54 @@ pub fn direction_signs(asked: Velocity) -> [i8; 2] {
     ]
 }
 
+/// A robot that reports more than twenty times a second gets a shorter window.
+const MAX_ENTRIES: usize = 64;
+
+/// Values of a recent period, oldest first.
+#[derive(Clone, Debug)]
+pub(super) struct TimeWindow<T> {
+    entries: VecDeque<(T, Monotonic)>,
+}
+
+impl<T> Default for TimeWindow<T> {
+    fn default() -> Self {
+        Self {
+            entries: VecDeque::new(),
+        }
+    }
+}
+
+impl<T> TimeWindow<T> {
+    /// Adds a value. The newest value older than `span` stays, as it was valid at the beginning of the span.
+    pub(super) fn add(&mut self, value: T, span: Duration, now: Monotonic) {
+        self.entries.push_back((value, now));
+        let is_old = |entries: &VecDeque<(T, Monotonic)>| {
+            let second = entries.get(1);
+            second.is_some_and(|(_, at)| now.since(*at) >= span) || entries.len() > MAX_ENTRIES
+        };
+        while is_old(&self.entries) {
+            self.entries.pop_front();
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.entries.clear();
+    }
+
+    /// Whether the values cover this time.
+    pub(super) fn spans(&self, span: Duration) -> bool {
+        let ends = self.entries.front().zip(self.entries.back());
+        ends.is_some_and(|((_, first), (_, last))| last.since(*first) >= span)
+    }
+
+    pub(super) fn iter(&self) -> impl DoubleEndedIterator<Item = &T> + Clone {
+        self.entries.iter().map(|(value, _)| value)
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use crate::model::ConsoleModel;
     use protocol::keys::Topic;
     use protocol::message::{BarrierKind, Status};
     use protocol::tile::BootId;
@@ -98,7 +121,6 @@ mod tests {
     use super::*;
     use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
 
-    /// A status tells this.
     fn tells(model: &mut ConsoleModel, guard: CollisionMonitorState, ms: u64) {
         let teleop = Some(TeleopStatus {
             collision_monitor: guard,
@@ -119,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_bounds_the_vehicle_is_known_for_a_second_and_a_half_and_of_one_way() {
+    fn barrier_is_kept_for_one_direction_and_1500_ms() {
         let barrier = |x_m| Barrier {
             position_m: [x_m, 0.0],
             kind: BarrierKind::Mapped,
@@ -143,12 +165,12 @@ mod tests {
         assert_eq!(tells(0.7, Some(barrier(2.0)), 1_200), Some(barrier(2.0)));
         let comes_and_goes = tells(0.5, None, 2_600);
         assert_eq!(comes_and_goes, Some(barrier(2.0)));
-        assert_eq!(tells(-0.5, None, 2_650), None, "another way");
+        assert_eq!(tells(-0.5, None, 2_650), None, "other direction");
         assert_eq!(tells(0.5, None, 2_700), None);
     }
 
     #[test]
-    fn what_the_guard_said_counts_for_a_second_and_a_half_and_within_one_run() {
+    fn monitor_states_are_kept_for_1500_ms_within_one_run() {
         let mut model = scout();
         announce_boot(&mut model, BootId([7; 16]), at(0));
         tells(&mut model, CollisionMonitorState::Off, 1_000);
@@ -164,16 +186,45 @@ mod tests {
         );
         tells(&mut model, CollisionMonitorState::Stale, 2_510);
         assert_eq!(reports(&model), [CollisionMonitorState::Stale; 2]);
-        // However long no status came.
+        // After any time without a status.
         tells(&mut model, CollisionMonitorState::Silent, 9_000);
         assert_eq!(reports(&model), [CollisionMonitorState::Silent]);
         announce_boot(&mut model, BootId([7; 16]), at(9_100));
-        assert_eq!(
-            reports(&model),
-            [CollisionMonitorState::Silent],
-            "the run that said so"
-        );
+        assert_eq!(reports(&model), [CollisionMonitorState::Silent], "same run");
         announce_boot(&mut model, BootId([8; 16]), at(9_200));
         assert_eq!(reports(&model), []);
+    }
+}
+
+#[cfg(test)]
+mod time_window_tests {
+    use super::*;
+    use crate::test_support::at;
+
+    const SPAN: Duration = Duration::from_secs(3);
+
+    #[test]
+    fn window_keeps_values_that_cover_its_span() {
+        let mut recent = TimeWindow::default();
+        let mut kept = |ms: u64| -> (Vec<u64>, bool) {
+            recent.add(ms, SPAN, at(ms));
+            (recent.iter().copied().collect(), recent.spans(SPAN))
+        };
+        assert_eq!(kept(0), (vec![0], false));
+        assert_eq!(kept(1_000), (vec![0, 1_000], false));
+        assert_eq!(kept(3_999), (vec![0, 1_000, 3_999], true));
+        assert_eq!(kept(4_000), (vec![1_000, 3_999, 4_000], true));
+        assert_eq!(kept(9_000), (vec![4_000, 9_000], true));
+        recent.clear();
+        assert!(!recent.spans(SPAN));
+    }
+
+    #[test]
+    fn window_is_bounded() {
+        let mut recent = TimeWindow::default();
+        for ms in 0..1_000 {
+            recent.add(ms, SPAN, at(ms));
+        }
+        assert_eq!(recent.iter().count(), MAX_ENTRIES);
     }
 }

@@ -1,4 +1,4 @@
-//! What a console sends of itself and asks for.
+//! What the console sends and requests.
 
 use std::time::Duration;
 
@@ -13,11 +13,10 @@ use super::incoming::{OpenSessions, Outgoing, RequestId};
 use super::map_sync::MapQuery;
 
 const VIEW_PERIOD: Duration = Duration::from_millis(500);
-/// Between two questions for who the robot is.
 const INFO_PERIOD: Duration = Duration::from_millis(500);
 
 impl ConsoleModel {
-    /// What to send and to ask now, over sessions that are open. The link is measured whether they are or not.
+    /// What to send and to request now over the open sessions. Also samples the link quality.
     pub fn outgoing(&mut self, sessions: OpenSessions, now: Monotonic) -> Vec<Outgoing> {
         self.connection.expire_pings(now);
         let round_trip = self.connection.round_trip();
@@ -39,7 +38,7 @@ impl ConsoleModel {
         let robot = self.settings.robot.clone();
         if self.is_info_wanted(now) {
             let request = self.number();
-            self.info_request = Some((request, now));
+            self.robot.info_query.ask(request, now);
             outgoing.push(Outgoing::Get {
                 request,
                 key: Topic::Info.key(&robot),
@@ -48,10 +47,11 @@ impl ConsoleModel {
             });
         }
         if self
-            .last_view_sent
+            .view
+            .last_sent
             .is_none_or(|at| now.since(at) >= VIEW_PERIOD)
         {
-            self.last_view_sent = Some(now);
+            self.view.last_sent = Some(now);
             let payload = self.message(&self.view());
             outgoing.extend(payload.map(|payload| Outgoing::Put {
                 key: keys::view_of(&robot, &self.session_name()),
@@ -84,7 +84,7 @@ impl ConsoleModel {
                 }
             });
         }
-        // Not before it is known whose they are.
+        // Before the first map head the run that they belong to is unknown.
         if self.map.boot().is_some() {
             let shores = self
                 .has_shores()
@@ -106,14 +106,10 @@ impl ConsoleModel {
     }
 
     fn is_info_wanted(&self, now: Monotonic) -> bool {
-        let is_lacking = self.info.is_none() || self.map.lacks_info() || self.is_info_old();
-        is_lacking
-            && self
-                .info_request
-                .is_none_or(|(_, at)| now.since(at) >= INFO_PERIOD)
+        let is_lacking = self.robot.info.is_none() || self.map.lacks_info() || self.is_info_old();
+        is_lacking && self.robot.info_query.is_due_after(INFO_PERIOD, now)
     }
 
-    /// Whether the robot has said that it knows more of itself by now.
     fn is_info_old(&self) -> bool {
         let known = self.info().map(|info| info.revision);
         let newest = self.status().map(|(status, _)| status.info_revision);
@@ -134,18 +130,17 @@ impl ConsoleModel {
             .map(|grid| store.head_revision(grid.layer))
             .max();
         View {
-            rectangle_m: self.rectangle_m,
+            rectangle_m: self.view.rectangle_m,
             layers,
             revision: revision.unwrap_or(0),
             is_synchronized: self.matches_last_head()
-                && !self.is_unfinished
+                && !self.view.is_unfinished
                 && !self.voxels.is_wanted()
                 && !self.trajectory.is_wanted(),
-            wants_scan: self.wants_scan,
+            wants_scan: self.scans.is_wanted(),
         }
     }
 
-    /// What identifies this console in keys.
     fn session_name(&self) -> RobotId {
         RobotId::from_bytes(self.settings.session.0)
     }
@@ -177,12 +172,11 @@ impl ConsoleModel {
         };
         let bytes = wire::encode(&header, body);
         bytes
-            .inspect_err(|why| tracing::error!(%why, "a message was not sent"))
+            .inspect_err(|why| tracing::error!(%why, "cannot encode a message"))
             .ok()
     }
 }
 
-/// The number of the next question.
 const fn next(requests: &mut u64) -> RequestId {
     *requests += 1;
     RequestId(*requests)

@@ -1,46 +1,40 @@
-//! Where the edges of the shores are, and which shore is nearest to each docking site. Pure.
+//! Outlines of the shores and the nearest shore of each docking site. Computed once for each report; lists and map read
+//! them in every frame.
 //!
-//! Both follow from what the robot told alone, wherever the vehicle is: they are made once for each report, and the lists
-//! and the map read them in every frame.
-//!
-//! A shore is as near as the nearest edge of its outline, which the map draws while it is marked: its middle may lie
-//! metres behind its first reeds. Outlines are convex. One of a shore that bends around a bay spans the bay: how near
-//! its reeds are to who is within is not told, and no number is made up.
+//! The distance of a shore is that of the nearest edge of its outline, since its centre may be metres behind its first
+//! reeds. Outlines are convex. A shore around a bay spans the bay: within it the distance is zero, as no better number
+//! is known.
 
 use protocol::message::{ShoreClass, ShoreCluster, Shores};
 
 /// x and y in `odom`, metres.
 type Point = [f64; 2];
 
-/// What is known of the shores of one report, made once for it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShoreOutlines {
     outlines: Vec<Outline>,
     neighbours: Vec<Option<Neighbour>>,
 }
 
-/// Where the edges of a shore are.
+/// Outline of a shore.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Counter-clockwise; of a shore that tells none, its middle alone.
+    /// Counter-clockwise; the centre alone if the report has no outline.
     corners_m: Vec<Point>,
-    /// Lowest x and y of the corners, and greatest.
+    /// Lowest and greatest x and y of the corners.
     bounds_m: [Point; 2],
 }
 
-/// The shore that is nearest to a docking site.
+/// The nearest shore of a docking site.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Neighbour {
-    /// Which shore.
     pub number: u32,
-    /// What grows there.
     pub class: ShoreClass,
-    /// From the middle of the site to the nearest edge of the shore, metres; 0 within it.
+    /// From the centre of the site to the nearest edge of the shore, metres; 0 within it.
     pub away_m: f64,
 }
 
 impl ShoreOutlines {
-    /// Those of a report.
     pub fn of(shores: &Shores) -> Self {
         let clusters = shores.clusters.iter();
         let outlines: Vec<_> = clusters
@@ -56,12 +50,12 @@ impl ShoreOutlines {
         }
     }
 
-    /// The outline of each shore, in their order.
+    /// In the order of the shores.
     pub fn outlines(&self) -> &[Outline] {
         &self.outlines
     }
 
-    /// The nearest shore of each docking site, in their order; `None` where there is no shore.
+    /// In the order of the docking sites; `None` if there is no shore.
     pub fn neighbours(&self) -> &[Option<Neighbour>] {
         &self.neighbours
     }
@@ -84,7 +78,7 @@ impl Outline {
         }
     }
 
-    /// From a place (x and y in `odom`, metres) to its nearest edge, metres; 0 within it.
+    /// Distance of a point (x and y in `odom`, metres) to the nearest edge, metres; 0 within it.
     pub fn away_m(&self, place_m: [f64; 2]) -> f64 {
         let count = self.corners_m.len();
         let edge = |at: usize| [self.corners_m[at], self.corners_m[(at + 1) % count]];
@@ -95,7 +89,7 @@ impl Outline {
         edges.fold(f64::INFINITY, f64::min)
     }
 
-    /// It is not nearer to a place than this, metres.
+    /// Lower bound of the distance, metres.
     fn least_m(&self, place_m: Point) -> f64 {
         let [low_m, high_m] = self.bounds_m;
         let [x, y] = [0, 1].map(|axis| {
@@ -106,12 +100,11 @@ impl Outline {
     }
 }
 
-/// The shore that is nearest to a place.
 fn nearest(shores: &[ShoreCluster], outlines: &[Outline], place_m: Point) -> Option<Neighbour> {
     let mut nearest: Option<Neighbour> = None;
     for (shore, outline) in shores.iter().zip(outlines) {
         let best_m = nearest.map_or(f64::INFINITY, |neighbour| neighbour.away_m);
-        // There may be 400 shores for each of 100 docking sites: most are out of the question.
+        // There may be 400 shores for each of 100 docking sites; this test skips most.
         if outline.least_m(place_m) < best_m {
             let away_m = outline.away_m(place_m);
             if away_m < best_m {
@@ -126,17 +119,17 @@ fn nearest(shores: &[ShoreCluster], outlines: &[Outline], place_m: Point) -> Opt
     nearest
 }
 
-/// Whether a place is on the left of who goes along an edge, or in front of or behind them.
+/// Whether a point is on the left of the line through an edge.
 fn is_left_of([from_m, to_m]: [Point; 2], place_m: Point) -> bool {
     let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
     along_x * y - along_y * x >= 0.0
 }
 
-/// From a place to the nearest point of an edge, metres.
+/// Distance to the nearest point of an edge, metres.
 fn to_edge_m([from_m, to_m]: [Point; 2], place_m: Point) -> f64 {
     let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
     let length_squared = along_x * along_x + along_y * along_y;
-    // A corner alone is an edge without length.
+    // A single corner is an edge without length.
     let part = if length_squared > 0.0 {
         ((x * along_x + y * along_y) / length_squared).clamp(0.0, 1.0)
     } else {
@@ -178,20 +171,20 @@ mod tests {
         }
     }
 
-    /// Between 5 m and 13 m in x, 0 m and 4 m in y.
+    /// From 5 m to 13 m in x, from 0 m to 4 m in y.
     fn reeds() -> ShoreCluster {
         shore(1, [9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)])
     }
 
     #[test]
-    fn the_nearest_shore_is_not_that_of_the_nearest_middle() {
+    fn nearest_shore_is_by_edge_not_by_centre() {
         let found = |bush_m, place_m| {
             let clusters = vec![reeds(), shore(2, bush_m, &[])];
             let shores = Shores::gather(CELL_M, None, clusters, vec![site(place_m)]);
             let neighbour = ShoreOutlines::of(&shores).neighbours()[0].unwrap();
             (neighbour.number, neighbour.away_m)
         };
-        // The middle of the reeds is 7 m away, their edge 3 m.
+        // The centre of the reeds is 7 m away, their edge 3 m.
         assert_eq!(found([4.0, 0.0], [2.0, 2.0]).0, 2);
         assert_eq!(found([2.0, -3.0], [2.0, 2.0]), (1, 3.0));
     }
@@ -206,7 +199,6 @@ mod tests {
         let neighbours = known.neighbours().iter().flatten();
         let neighbours: Vec<_> = neighbours.map(|near| (near.number, near.away_m)).collect();
         assert_eq!(neighbours, [(2, 2.0), (1, 2.0), (1, 0.0)]);
-        // Where nothing grows there is nothing near.
         let bare = Shores::gather(CELL_M, None, Vec::new(), vec![site([0.0; 2])]);
         let bare = ShoreOutlines::of(&bare);
         assert_eq!((bare.outlines(), bare.neighbours()), (&[][..], &[None][..]));

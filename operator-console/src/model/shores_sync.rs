@@ -1,79 +1,65 @@
-//! The robot's shores as this console holds them, and when it asks for them. Pure: the present is a parameter.
+//! The robot's shores and when to request them.
 //!
-//! Shores are pushed when they change. A push may be lost, and one from before this console joined was never
-//! heard, so it also asks, again and again, with the revision that it holds: the answer costs a few bytes where that
-//! is the present one.
+//! Shores are pushed when they change. A push may be lost or sent before this console joined, so the console also polls
+//! with the revision that it holds. The reply is a few bytes if nothing is newer.
 //!
-//! Where the robot's maps begin anew, so do the names of docking sites: the coordinates of before may mean other places.
+//! If the robot's maps restart, the names of the docking sites restart too: the same coordinates may be other places.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::message::{Shores, ShoresReply, ShoresRequest};
+use protocol::tile::BootId;
 
-use super::ConsoleModel;
-use super::incoming::RequestId;
-use super::reject_reason::RejectReason;
+use super::incoming::{RejectReason, RequestId};
 use super::retry::RetryTimer;
 use super::shore_outlines::ShoreOutlines;
 use super::site_names::{SiteName, SiteNames};
 
-/// Between an answer and the next question.
+/// Time from a reply to the next request.
 const PERIOD: Duration = Duration::from_secs(2);
-/// An answer that takes longer is not waited for, but taken when it comes.
+/// A later reply is still taken, but a new request is sent.
 const PATIENCE: Duration = Duration::from_secs(4);
 
-impl ConsoleModel {
-    /// Shores and docking sites, where the robot has told of them.
-    pub const fn shores(&self) -> Option<&Shores> {
-        self.shores.shores()
-    }
-
-    /// What the docking sites are called, in the order of [`Self::shores`]: the best first.
-    pub fn site_names(&self) -> &[SiteName] {
-        self.shores.site_names()
-    }
-
-    /// Where the edges of [`Self::shores`] are, and what is near their docking sites: made once for each report.
-    pub const fn shore_outlines(&self) -> &ShoreOutlines {
-        self.shores.outlines()
-    }
-}
-
-/// Shores and docking sites of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ShoresSync {
     revision: u64,
     shores: Option<Shores>,
-    /// What follows from `shores` alone: made when they come, not when they are drawn.
+    /// Derived from `shores` when they arrive.
     outlines: ShoreOutlines,
     names: SiteNames,
-    /// The names of the docking sites of `shores`, in their order.
+    /// Names of the docking sites of `shores`, in their order.
     named: Vec<SiteName>,
-    /// The epoch of the maps that the shores are part of, once one was heard of.
+    /// Epoch of the maps that the shores belong to.
     epoch: Option<u32>,
-    /// Number of the newest message that told of them; `None` before the first.
+    /// Sequence number of the newest message about shores.
     last_seq: Option<u64>,
+    saved: Option<SavedSiteNames>,
     query: RetryTimer,
 }
 
+/// Names of the docking sites of one run and map epoch of a robot that is not shown.
+#[derive(Clone, Debug)]
+pub struct SavedSiteNames {
+    boot: BootId,
+    epoch: Option<u32>,
+    names: SiteNames,
+}
+
 impl ShoresSync {
-    /// The shores, where the robot has said anything of them.
     pub(super) const fn shores(&self) -> Option<&Shores> {
         self.shores.as_ref()
     }
 
-    /// What follows from the shores alone; nothing before there are any.
     pub(super) const fn outlines(&self) -> &ShoreOutlines {
         &self.outlines
     }
 
-    /// What its docking sites are called, in their order.
     pub(super) fn site_names(&self) -> &[SiteName] {
         &self.named
     }
 
-    /// Whether the robot has said what there is; if its data ended with message `ended_seq`, after that.
+    /// Whether the shores are known; if the robot's data ended with message `ended_seq`, from after it.
     pub(super) fn is_current(&self, ended_seq: Option<u64>) -> bool {
         self.last_seq
             .is_some_and(|seq| ended_seq.is_none_or(|ended_seq| seq > ended_seq))
@@ -84,14 +70,13 @@ impl ShoresSync {
         self.restart(0, None);
     }
 
-    /// The robot's maps are of this epoch; whether that is a new one. Then what was told of those before is void, as their
-    /// tiles are: a recording was wound back, or the data's clock started anew.
+    /// Sets the epoch of the maps and returns whether it is new. Then the shores of the old maps are void.
     pub(super) fn of_epoch(&mut self, epoch: u32) -> bool {
         let before = self.epoch;
         self.epoch = before.max(Some(epoch));
         let is_new = before.is_some_and(|before| epoch > before);
         if is_new {
-            // What is held may be of the new maps already: then this asks for it once more.
+            // The shores held may belong to the new maps already, so they are requested again.
             self.restart(self.revision.saturating_sub(1), self.epoch);
         }
         is_new
@@ -104,30 +89,40 @@ impl ShoresSync {
             revision,
             names,
             epoch,
+            saved: self.saved.take(),
             ..Self::default()
         };
     }
 
-    /// The names of its docking sites, to be kept while another robot is shown.
-    pub(super) fn take_names(&mut self) -> (Option<u32>, SiteNames) {
-        (self.epoch, std::mem::take(&mut self.names))
-    }
-
-    /// Goes on with names that were kept, where they are of the same maps and no site was named yet; whether it does.
-    pub(super) fn restore(&mut self, epoch: Option<u32>, names: &SiteNames) -> bool {
-        let is_same = self.epoch.is_some() && self.epoch == epoch && self.shores.is_none();
-        if is_same {
-            self.names = names.clone();
+    /// Removes the names of the docking sites, to keep them while another robot is shown.
+    pub(super) fn take_names(&mut self, boot: BootId) -> SavedSiteNames {
+        SavedSiteNames {
+            boot,
+            epoch: self.epoch,
+            names: std::mem::take(&mut self.names),
         }
-        is_same
     }
 
-    /// Asks as soon as may be.
+    pub(super) fn set_saved_names(&mut self, saved: SavedSiteNames) {
+        self.saved = Some(saved);
+    }
+
+    /// Uses the saved names if they belong to the maps of this run and no site is named yet.
+    pub(super) fn restore_names(&mut self, boot: Option<BootId>) {
+        let epoch = self.epoch.filter(|_| self.shores.is_none());
+        let saved = self
+            .saved
+            .take_if(|saved| boot == Some(saved.boot) && epoch.is_some() && epoch == saved.epoch);
+        if let Some(saved) = saved {
+            self.names = saved.names;
+        }
+    }
+
+    /// Requests as soon as possible.
     pub(super) fn hurry(&mut self) {
-        self.query.wait_until(Monotonic::default());
+        self.query.backoff.wait_until(Monotonic::default());
     }
 
-    /// What to ask now; `number` numbers the question.
     pub(super) fn query(
         &mut self,
         now: Monotonic,
@@ -142,7 +137,7 @@ impl ShoresSync {
         Some((request, ShoresRequest { newer_than }))
     }
 
-    /// Shores were pushed, or answered a question, in message `seq`; whether they are others than before.
+    /// Takes shores from message `seq`, pushed or in reply; returns whether they are newer.
     pub(super) fn take(
         &mut self,
         news: ShoresReply,
@@ -155,15 +150,15 @@ impl ShoresSync {
             return Err(RejectReason::Malformed);
         }
         if request.is_some_and(|request| self.query.is_answered(request)) {
-            self.query.succeed();
-            self.query.wait_until(now + PERIOD);
+            self.query.backoff.succeed();
+            self.query.backoff.wait_until(now + PERIOD);
         }
         if revision < self.revision {
             return Err(RejectReason::OldRevision);
         }
         let is_newer = revision > self.revision;
         if is_newer && shores.is_none() {
-            // It answers a question that was asked with another revision.
+            // A reply to a request with another revision.
             return Ok(false);
         }
         self.last_seq = self.last_seq.max(Some(seq));
@@ -177,7 +172,6 @@ impl ShoresSync {
         Ok(is_newer)
     }
 
-    /// No more answers to a question will come; true if it was asked here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
         self.query.ended(request, now)
     }
@@ -208,7 +202,7 @@ mod tests {
         }
     }
 
-    /// When it asks next, looking every 100 ms, and with which revision.
+    /// Time and revision of the next request, polled every 100 ms.
     fn next(sync: &mut ShoresSync, from_ms: u64, request: u64) -> (u64, u64) {
         (from_ms..from_ms + 60_000)
             .step_by(100)
@@ -220,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn it_asks_at_once_and_then_with_what_it_holds() {
+    fn polls_at_once_and_then_with_held_revision() {
         let mut sync = ShoresSync::default();
         assert_eq!(next(&mut sync, 1_000, 1), (1_000, 0));
         assert!(!sync.is_current(None));
@@ -237,13 +231,13 @@ mod tests {
         );
         assert!(sync.is_current(Some(11)));
         assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.3));
-        // A push in between changes what the next question says, not when.
+        // A push changes the revision of the next request, not its time.
         assert_eq!(sync.take(news(5, 0.4), 13, None, at(3_300)), Ok(true));
         assert_eq!(next(&mut sync, 3_400, 3), (5_200, 5));
     }
 
     #[test]
-    fn what_is_old_or_out_of_bounds_is_refused() {
+    fn old_or_invalid_shores_are_rejected() {
         let mut sync = ShoresSync::default();
         assert_eq!(sync.take(news(5, 0.4), 1, None, at(0)), Ok(true));
         assert_eq!(
@@ -255,13 +249,13 @@ mod tests {
             sync.take(wrong, 3, None, at(0)),
             Err(RejectReason::Malformed)
         );
-        // An answer to the question before a push was lost: there is more than it says.
+        // A reply to a request from before a push was lost: newer shores exist.
         assert_eq!(sync.take(nothing(6), 4, None, at(0)), Ok(false));
         assert!(!sync.is_current(Some(1)));
         assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.4));
     }
 
-    /// With docking sites at these places, metres in x.
+    /// Docking sites at these x coordinates, metres.
     fn sites(revision: u64, places_m: &[f32]) -> ShoresReply {
         let site = |x_m: &f32| DockingSite {
             center_m: [*x_m, 0.0],
@@ -277,14 +271,13 @@ mod tests {
     }
 
     #[test]
-    fn docking_sites_are_called_as_before_whatever_their_rank() {
+    fn site_names_follow_places_not_ranks() {
         let mut sync = ShoresSync::default();
         assert_eq!(sync.site_names(), []);
         assert_eq!(sync.take(sites(1, &[0.0, 9.0]), 1, None, at(0)), Ok(true));
         let first = sync.site_names().to_vec();
         assert_eq!(sync.take(sites(2, &[9.3, 0.3]), 2, None, at(0)), Ok(true));
         assert_eq!(sync.site_names(), [first[1], first[0]]);
-        // An answer that tells nothing new, and one that is refused, change no name.
         assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
         let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
         assert_eq!(old, Err(RejectReason::OldRevision));
@@ -297,8 +290,8 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_from_shores_is_made_once_for_each_report() {
-        /// A bush, so many metres from a docking site.
+    fn outlines_are_computed_once_per_report() {
+        /// A bush at this distance from a docking site, metres.
         fn report(revision: u64, away_m: f32) -> ShoresReply {
             let bush = ShoreCluster {
                 number: 3,
@@ -312,7 +305,7 @@ mod tests {
             news.shores.as_mut().unwrap().clusters = vec![bush];
             news
         }
-        /// Where what is known is kept, and how far away the bush is, metres.
+        /// Address of the outlines, and the distance of the bush, metres.
         fn known(sync: &ShoresSync) -> (*const Outline, f64) {
             let known = sync.outlines();
             assert_eq!(known.outlines().len(), 1);
@@ -324,11 +317,10 @@ mod tests {
         assert_eq!(sync.take(report(1, 4.0), 1, None, at(0)), Ok(true));
         let first = known(&sync);
         assert_eq!((first.1, known(&sync)), (4.0, first));
-        // What is no new report makes nothing anew.
         assert_eq!(sync.take(report(1, 9.0), 2, None, at(0)), Ok(false));
         assert_eq!(sync.take(nothing(1), 3, None, at(0)), Ok(false));
         assert_eq!(known(&sync), first);
-        // A new one is made while the one of before is still there: it cannot lie in its place.
+        // The new outlines are made while the old ones exist, so the addresses differ.
         assert_eq!(sync.take(report(2, 6.0), 4, None, at(0)), Ok(true));
         let second = known(&sync);
         assert!(second.0 != first.0 && second.1 > 5.9, "{second:?}");
@@ -340,9 +332,9 @@ mod tests {
     }
 
     #[test]
-    fn shores_of_maps_that_began_anew_are_asked_for_again() {
+    fn new_map_epoch_requests_shores_again() {
         let mut sync = ShoresSync::default();
-        assert!(!sync.of_epoch(3), "the first that is heard of");
+        assert!(!sync.of_epoch(3), "the first epoch");
         assert_eq!(next(&mut sync, 0, 1), (0, 0));
         let request = Some(RequestId(1));
         assert_eq!(
@@ -355,7 +347,7 @@ mod tests {
         assert!(sync.of_epoch(4));
         assert_eq!((sync.shores(), sync.site_names()), (None, &[][..]));
         assert!(!sync.is_current(None));
-        // The present list may have come before the announcement: it is taken once more, and none from before it.
+        // The present list may have come before the map head: it is taken once more, but no older one.
         assert_eq!(next(&mut sync, 100, 2), (100, 6));
         let late = sync.take(sites(5, &[9.0]), 2, None, at(100));
         assert_eq!(late, Err(RejectReason::OldRevision));
@@ -371,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn no_answer_is_waited_for_longer_and_longer() {
+    fn unanswered_requests_back_off() {
         let mut sync = ShoresSync::default();
         let mut ms = 0;
         let mut waits = Vec::new();
@@ -384,7 +376,7 @@ mod tests {
         assert_eq!(waits, [0, 500, 1_000, 2_000, 4_000, 8_000, 8_000]);
         sync.hurry();
         assert_eq!(next(&mut sync, ms, 9).0, ms);
-        // A cut swallows question and end.
+        // A link failure loses request and end.
         assert_eq!(next(&mut sync, ms, 10).0, ms + 4_000);
     }
 }

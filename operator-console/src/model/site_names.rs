@@ -1,46 +1,45 @@
-//! Letters for docking sites, which stay with their places. Pure: lists in, names out.
+//! Letters for docking sites that stay with their places.
 //!
-//! The robot tells of docking sites as a list, the best first, and the ranks change while it learns. Who points at a
-//! site, or marks it, means a place: so each site gets a letter (A, B … Z, AA, AB …, without I and O) when it is first heard of, and
-//! what is where a site was known is that site.
+//! The robot lists docking sites by rank, and ranks change while it maps. An operator means a place, so each site gets
+//! a letter (A, B … Z, AA, AB …, without I and O) when it first appears, and a site at a known place keeps the letter
+//! of that place.
 //!
-//! **The rule.** A site and a place can be one where their middles are no farther apart than half of the greater of both
-//! widths. Sites do not touch, so the middles of two that lie side by side are at least half of both widths apart: a
-//! neighbour is never taken for the site itself. And one that has grown or shrunk between two lists, by whatever share,
-//! still has its middle there. Where more than one can be, the two that are nearest to *each other* are one: if each site
-//! took what is nearest to it, the better of two would take the letter of its neighbour. Near is where the ends have moved
-//! little: the way of the middle, and half of the change in width. By middles alone, a bank that grows until its middle lies
-//! where a small site once was would take that site's letter. Headings are not asked: they turn while a bank is still being
-//! seen.
+//! **The rule.** A site and a place can match if their centres are no farther apart than half of the greater width.
+//! Sites do not touch, so the centres of two adjacent sites are at least half of both widths apart: a neighbour never
+//! matches. A site that has grown or shrunk by any share still has its centre there. If more than one can match, the
+//! two that are nearest to *each other* match: with the nearest for each site, the better of two sites would take its
+//! neighbour's letter. Distance is how far the ends have moved: the distance of the centres plus half of the change in
+//! width. By centres alone, a bank that grows until its centre is where a small site was would take that site's letter.
+//! Headings are ignored: they change while a bank is mapped.
 //!
-//! Two sites that grow into one leave a place behind that is inside another. It is a site of its own again where both are
-//! told of, and not where one of them is cut off by the window's edge: what was told of last time goes before what was not.
+//! If two sites merge, one place is then inside another. It is a site of its own again if both are listed, but not if
+//! one is cut off by the edge of the robot's window: places of the last list take precedence.
 //!
-//! A place is remembered as it was seen last and as it was widest. The robot tells only of what is in its window, and
-//! of a bank that enters it first one end, perhaps not the one that was seen last.
+//! A place is remembered with its last and its widest extent. The robot lists only what is in its window, and a bank
+//! enters it with one end first, perhaps not the one that was seen last.
 
 use std::cmp::Reverse;
 use std::fmt;
 
 use protocol::message::DockingSite;
 
-/// Places that are remembered. Beyond it those that were not seen for the longest go; a message holds
-/// [`MAX_SITES`](protocol::shores::MAX_SITES), which is fewer.
+/// Beyond this limit the places that were not listed for the longest time are forgotten. A message holds fewer:
+/// [`MAX_SITES`](protocol::shores::MAX_SITES).
 const MAX_PLACES: usize = 256;
-/// Without I and O, which look like figures: those are the names of shores.
+/// Without I and O, which look like digits. Digits are the names of shores.
 const LETTERS: &[u8] = b"ABCDEFGHJKLMNPQRSTUVWXYZ";
 
-/// What a docking site is called: the same for the same place, in one run of a robot and of this console.
+/// Name of a docking site: constant for a place in one run of a robot and of this console.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SiteName {
-    /// How often the names had begun anew: an A of other maps is another site.
+    /// Number of restarts of the names: an A of other maps is another site.
     beginning: u32,
-    /// From 0, in the order in which sites were first heard of.
+    /// From 0, in order of appearance.
     index: u64,
 }
 
 impl SiteName {
-    /// How many letters it has.
+    /// Number of letters.
     pub const fn letters(self) -> u32 {
         let mut letters = 1;
         let mut rest = self.index / LETTERS.len() as u64;
@@ -53,7 +52,7 @@ impl SiteName {
 }
 
 impl fmt::Display for SiteName {
-    /// A to Z without I and O, then AA, AB … ZZ, then AAA: as spreadsheets count columns.
+    /// A to Z without I and O, then AA, AB … ZZ, then AAA, as spreadsheet columns.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut letters = Vec::new();
         let mut rest = Some(self.index);
@@ -66,19 +65,18 @@ impl fmt::Display for SiteName {
     }
 }
 
-/// The places that have names.
 #[derive(Clone, Debug, Default)]
 pub struct SiteNames {
     places: Vec<Place>,
     beginning: u32,
-    /// Sites that were given names since.
+    /// Names given since the restart.
     named: u64,
-    /// Lists that were taken.
+    /// Number of lists.
     lists: u64,
 }
 
 impl SiteNames {
-    /// The names of the sites of a new list, in its order.
+    /// Names of the sites of a new list, in its order.
     pub fn name(&mut self, sites: &[DockingSite]) -> Vec<SiteName> {
         self.lists += 1;
         let known = self.known(sites);
@@ -112,7 +110,7 @@ impl SiteNames {
         names
     }
 
-    /// The maps began anew, and with them the letters. No name of before equals one from now on.
+    /// Restarts the letters for new maps. No earlier name equals a later one.
     pub fn restart(&mut self) {
         *self = Self {
             beginning: self.beginning.wrapping_add(1),
@@ -120,7 +118,7 @@ impl SiteNames {
         };
     }
 
-    /// Which place each site is.
+    /// The place of each site.
     fn known(&self, sites: &[DockingSite]) -> Vec<Option<usize>> {
         let mut pairs = Vec::new();
         for (rank, site) in sites.iter().enumerate() {
@@ -129,7 +127,7 @@ impl SiteNames {
             pairs.extend(near.filter_map(|(at, place)| Some((place.moved_m(seen)?, rank, at))));
         }
         pairs.sort_by(|(one_m, ..), (other_m, ..)| one_m.total_cmp(other_m));
-        // The nearest pair of those left over is one of which each is nearest to the other.
+        // In the nearest remaining pair each is nearest to the other.
         let mut known = vec![None; sites.len()];
         let mut is_taken = vec![false; self.places.len()];
         for (_, rank, at) in &pairs {
@@ -138,13 +136,13 @@ impl SiteNames {
                 is_taken[*at] = true;
             }
         }
-        // What was not told of last time gives way to what was and would be without a site.
+        // A place of the last list that would get no site takes precedence.
         let was_told = |at: usize| self.places[at].seen_in + 1 == self.lists;
         for (_, rank, at) in pairs {
             if let Some(other) = known[rank].filter(|other| !was_told(*other))
                 && was_told(at)
                 && !is_taken[at]
-                // As it was seen last, and not only as it was once.
+                // It must match the last extent, not only the widest.
                 && self.places[at].last.moved_m(Extent::of(&sites[rank])).is_some()
             {
                 known[rank] = Some(at);
@@ -156,13 +154,12 @@ impl SiteNames {
     }
 }
 
-/// Where a site with a name was.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     name: SiteName,
     last: Extent,
     widest: Extent,
-    /// The number of the list that told of it last.
+    /// Number of the last list with this place.
     seen_in: u64,
 }
 
@@ -175,14 +172,14 @@ impl Place {
         self.seen_in = list;
     }
 
-    /// How far its ends have moved if a site is this place; `None` where it cannot be.
+    /// How far the ends of a site have moved from this place; `None` if they cannot match.
     fn moved_m(&self, seen: Extent) -> Option<f64> {
         let moved = [self.last, self.widest].map(|known| known.moved_m(seen));
         moved.into_iter().flatten().min_by(f64::total_cmp)
     }
 }
 
-/// How a site lies, metres in `odom`.
+/// Extent of a site, metres in `odom`.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     center_m: [f64; 2],
@@ -197,7 +194,7 @@ impl Extent {
         }
     }
 
-    /// From one to the other, if they can be of the same site.
+    /// How far the ends have moved; `None` if the extents cannot match.
     fn moved_m(self, other: Self) -> Option<f64> {
         let [x, y] = self.center_m;
         let [other_x, other_y] = other.center_m;
@@ -209,4 +206,211 @@ impl Extent {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    const CELL_M: f32 = 0.3;
+
+    fn site(x_m: f32, y_m: f32, width_m: f32) -> DockingSite {
+        DockingSite {
+            center_m: [x_m, y_m],
+            heading_rad: 1.0,
+            width_m,
+            mean_cost: 0.2,
+        }
+    }
+
+    fn next(names: &mut SiteNames, sites: &[DockingSite]) -> String {
+        let letters: Vec<_> = names.name(sites).iter().map(SiteName::to_string).collect();
+        letters.join(" ")
+    }
+
+    #[test]
+    fn letters_survive_changes_of_rank() {
+        let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
+        let mut names = SiteNames::default();
+        let first = names.name(&[ramp, bank]);
+        let swapped = names.name(&[bank, ramp]);
+        assert_eq!(
+            first.iter().map(SiteName::to_string).collect::<String>(),
+            "AB"
+        );
+        assert_eq!(swapped, [first[1], first[0]]);
+        let between = site(0.0, 5.0, 4.0);
+        assert_eq!(next(&mut names, &[between, bank, ramp]), "C B A");
+    }
+
+    #[test]
+    fn letter_survives_small_moves() {
+        let mut names = SiteNames::default();
+        // In the end far from where it was widest.
+        assert_eq!(next(&mut names, &[site(0.0, 0.0, 6.0)]), "A");
+        for step in 1..100 {
+            let here = site(step as f32 * CELL_M, 0.0, 1.6);
+            assert_eq!(next(&mut names, &[here]), "A", "step {step}");
+        }
+    }
+
+    #[test]
+    fn letter_survives_fast_growth() {
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[site(0.0, 0.0, 2.0)]), "A");
+        // From 1 m before the old middle to 59 m behind it.
+        assert_eq!(next(&mut names, &[site(29.0, 0.0, 60.0)]), "A");
+        assert_eq!(next(&mut names, &[site(57.0, 0.0, 4.0)]), "A");
+        // Half of the greater width, and no more.
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[site(0.0, 0.0, 4.0)]), "A");
+        assert_eq!(next(&mut names, &[site(2.0, 0.0, 3.0)]), "A");
+        assert_eq!(next(&mut names, &[site(4.01, 0.0, 3.0)]), "B");
+    }
+
+    #[test]
+    fn letter_survives_growth_over_other_places() {
+        // As in the simulated lake, within four seconds.
+        let mut names = SiteNames::default();
+        let (bank, piece) = (site(41.4, -25.6, 26.7), site(62.7, -26.5, 3.4));
+        assert_eq!(next(&mut names, &[bank, piece]), "A B");
+        assert_eq!(next(&mut names, &[site(49.5, -25.8, 43.8)]), "A");
+        assert_eq!(next(&mut names, &[site(63.0, -26.3, 70.0)]), "A");
+        // After they part, each has its letter again.
+        assert_eq!(next(&mut names, &[piece, bank]), "B A");
+    }
+
+    #[test]
+    fn near_sites_do_not_swap_letters() {
+        let mut names = SiteNames::default();
+        let two = [site(0.0, 0.0, 4.0), site(2.9, 0.0, 4.0)];
+        assert_eq!(next(&mut names, &two), "A B");
+        // Both move, so that the first is nearer to the second's old place than to its own.
+        let moved = [site(1.6, 0.0, 4.0), site(3.1, 0.0, 4.0)];
+        assert_eq!(next(&mut names, &moved), "A B");
+        let mut names = SiteNames::default();
+        let (left, middle, right) = (
+            site(-5.0, 0.0, 5.0),
+            site(0.0, 0.0, 5.0),
+            site(5.0, 0.0, 5.0),
+        );
+        assert_eq!(next(&mut names, &[left, middle]), "A B");
+        assert_eq!(next(&mut names, &[right, middle]), "C B");
+        assert_eq!(next(&mut names, &[middle, left, right]), "B A C");
+    }
+
+    #[test]
+    fn returning_site_has_its_old_letter() {
+        let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[ramp, bank]), "A B");
+        assert_eq!(next(&mut names, &[bank]), "B");
+        assert_eq!(next(&mut names, &[]), "");
+        // Its letter is not reused.
+        assert_eq!(next(&mut names, &[site(0.0, 30.0, 4.0)]), "C");
+        assert_eq!(next(&mut names, &[site(10.5, 1.0, 3.0), bank]), "A B");
+    }
+
+    #[test]
+    fn a_long_bank_is_known_again_by_either_end() {
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[site(0.0, 0.0, 20.0)]), "A");
+        // The end that leaves the window last is not the one that enters it first.
+        assert_eq!(next(&mut names, &[site(9.0, 0.0, 2.0)]), "A");
+        assert_eq!(next(&mut names, &[]), "");
+        assert_eq!(next(&mut names, &[site(-9.0, 0.0, 2.0)]), "A");
+    }
+
+    #[test]
+    fn letters_survive_a_short_merge() {
+        let (left, right) = (site(-4.0, 0.0, 6.0), site(4.0, 0.0, 6.0));
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[left, right]), "A B");
+        let both = next(&mut names, &[site(0.5, 0.0, 15.0)]);
+        assert_eq!(both, "B");
+        assert_eq!(next(&mut names, &[left, right]), "A B");
+    }
+
+    #[test]
+    fn part_of_a_merged_bank_keeps_its_letter() {
+        let (left, right) = (site(-4.0, 0.0, 6.0), site(4.0, 0.0, 6.0));
+        let both = [site(0.5, 0.0, 15.0)];
+        let mut names = SiteNames::default();
+        assert_eq!(next(&mut names, &[left, right]), "A B");
+        // Its left half alone lies where A was.
+        for part in [&left, &right, &left] {
+            assert_eq!(next(&mut names, &both), "B");
+            assert_eq!(next(&mut names, std::slice::from_ref(part)), "B");
+        }
+        assert_eq!(next(&mut names, &both), "B");
+        assert_eq!(next(&mut names, &[left, right]), "A B");
+        for (site, letter) in [(right, "B"), (left, "A"), (right, "B")] {
+            assert_eq!(next(&mut names, &[site]), letter);
+        }
+    }
+
+    #[test]
+    fn after_z_comes_aa() {
+        let mut names = SiteNames::default();
+        let sites: Vec<_> = (0..703)
+            .map(|at| site(at as f32 * 10.0, 0.0, 4.0))
+            .collect();
+        let names = names.name(&sites);
+        let letters: Vec<_> = names.iter().map(SiteName::to_string).collect();
+        for (name, letters) in names.iter().zip(&letters) {
+            assert_eq!(name.letters() as usize, letters.len(), "{letters}");
+        }
+        assert_eq!(
+            [0, 7, 8, 23, 24, 25, 47, 48, 599, 600].map(|at| &letters[at]),
+            ["A", "H", "J", "Z", "AA", "AB", "AZ", "BA", "ZZ", "AAA"]
+        );
+    }
+
+    #[test]
+    fn least_recent_place_is_forgotten_first() {
+        let mut names = SiteNames::default();
+        let (first, second) = (site(0.0, 0.0, 4.0), site(0.0, 50.0, 4.0));
+        assert_eq!(next(&mut names, &[first, second]), "A B");
+        for at in 0..MAX_PLACES - 1 {
+            names.name(&[site(10.0 + at as f32 * 10.0, 0.0, 4.0), second]);
+            assert!(names.places.len() <= MAX_PLACES);
+        }
+        let again = names.name(&[second, first]);
+        assert_eq!(again[0].to_string(), "B");
+        assert_eq!(
+            again[1].index,
+            MAX_PLACES as u64 + 1,
+            "a letter that was never used"
+        );
+    }
+
+    #[test]
+    fn restart_makes_old_names_invalid() {
+        let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
+        let mut names = SiteNames::default();
+        let before = names.name(&[ramp, bank]);
+        names.restart();
+        let after = names.name(&[bank, ramp]);
+        assert_eq!(
+            after.iter().map(SiteName::to_string).collect::<String>(),
+            "AB"
+        );
+        assert!(before.iter().all(|name| !after.contains(name)));
+    }
+
+    #[test]
+    fn names_are_unique_for_any_input() {
+        let mut names = SiteNames::default();
+        let odd = [
+            site(0.0, 0.0, 0.0),
+            site(0.0, 0.0, -1.0),
+            site(0.0, 0.0, f32::MAX),
+            site(f32::MAX, f32::MIN, f32::MAX),
+            site(f32::NAN, 0.0, f32::INFINITY),
+        ];
+        for _ in 0..3 {
+            let found = names.name(&odd);
+            for (at, name) in found.iter().enumerate() {
+                assert!(!found[..at].contains(name), "{found:?}");
+            }
+        }
+        assert!(names.places.len() <= 3 * odd.len());
+    }
+}

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, at, console, idle_teleop_status, inject, inject_reply, scout,
+    BOOT, announce_boot, at, console, idle_teleop_status, inject, inject_reply, pose_at_rest, scout,
 };
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
@@ -54,7 +54,7 @@ fn scan() -> Scan {
 }
 
 #[test]
-fn a_robot_that_knows_more_of_itself_is_asked_again() {
+fn new_info_revision_is_requested() {
     let mut model = scout();
     say(
         &mut model,
@@ -81,7 +81,7 @@ fn a_robot_that_knows_more_of_itself_is_asked_again() {
 }
 
 #[test]
-fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
+fn scans_are_kept_while_wanted_and_within_one_run() {
     let wants = |model: &mut ConsoleModel, ms| {
         let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
         let view = outgoing.iter().find_map(|out| match out {
@@ -126,9 +126,9 @@ fn sweeps_are_taken_while_they_are_wanted_and_forgotten_with_their_robot() {
     assert_eq!(model.scans().count(), 0);
 }
 
-/// Poses and commands go by another session than sweeps and tiles, which may live longer.
+/// Poses and commands use another session than scans and tiles, which may live longer.
 #[test]
-fn what_comes_beside_the_map_tells_that_the_link_lives() {
+fn only_control_messages_keep_the_link_live() {
     let mut model = scout();
     model.want_scan(true);
     say(&mut model, Topic::Scan, BOOT, &scan(), 1_000);
@@ -145,7 +145,7 @@ fn what_comes_beside_the_map_tells_that_the_link_lives() {
 }
 
 #[test]
-fn what_nobody_could_show_is_refused() {
+fn invalid_numbers_are_rejected() {
     let mut model = scout();
     let status = |sensors| Status {
         sensors,
@@ -177,7 +177,7 @@ fn what_nobody_could_show_is_refused() {
 }
 
 #[test]
-fn a_link_without_maps_is_used_for_the_rest_and_measured() {
+fn control_session_works_without_bulk_session() {
     let control = OpenSessions {
         control: true,
         bulk: false,
@@ -201,7 +201,7 @@ fn a_link_without_maps_is_used_for_the_rest_and_measured() {
     let view = RobotId::from_bytes([1; 16]).to_string();
     assert_eq!(keys, [Some("info"), Some(&*view), Some("ping")]);
 
-    // Without any session nothing is asked, and the plots go on.
+    // Without a session nothing is requested, but the link is still sampled.
     let before = model.link_quality().samples().len();
     for n in 1..=20 {
         assert_eq!(model.outgoing(OpenSessions::NONE, at(20 + 500 * n)), []);
@@ -213,7 +213,7 @@ fn a_link_without_maps_is_used_for_the_rest_and_measured() {
 }
 
 #[test]
-fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
+fn stop_before_estop_is_recorded() {
     let mut model = scout();
     let status = |last_stop, estop: Option<u64>| Status {
         teleop: Some(TeleopStatus {
@@ -236,7 +236,7 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
             .stop_before_estop()
             .and_then(|before| before.last_stop)
     };
-    // Keys are let go, and the stop is pressed before the next status.
+    // Keys are released, and the stop is pressed before the next status.
     inject(&mut model, Topic::Status, &status(None, None), at(0));
     inject(&mut model, Topic::Event, &estop, at(100));
     assert_eq!(before(&model), None);
@@ -248,15 +248,15 @@ fn the_stop_before_an_emergency_stop_is_that_which_is_told_with_it() {
         at(200),
     );
     assert_eq!(before(&model), released);
-    // What is told after the reset came after it.
+    // A status after the reset.
     let old = Some(StopReason::Age);
     inject(&mut model, Topic::Status, &status(old, None), at(300));
     assert_eq!(before(&model), released);
 }
 
-/// Tiles come by another session than what says which run of the robot it is.
+/// Tiles come by another session than the map head.
 #[test]
-fn tiles_before_the_robot_has_told_its_run_are_no_tiles_of_another_run() {
+fn tiles_before_the_first_head_count_as_before_join() {
     let mut model = console("scout", &[LayerId::Occupancy]);
     let layer = LayerId::Occupancy;
     let tile = Topic::Tile(TileKey {
@@ -279,4 +279,53 @@ fn tiles_before_the_robot_has_told_its_run_are_no_tiles_of_another_run() {
     announce_boot(&mut model, BootId([8; 16]), at(1));
     inject(&mut model, tile, &band, at(2));
     assert_eq!(counts(&model), [1, 1]);
+}
+
+fn model_with(status: &Status) -> ConsoleModel {
+    let mut model = scout();
+    inject(&mut model, Topic::Status, status, at(0));
+    model
+}
+
+#[test]
+fn silence_is_expected_after_end_of_data() {
+    let running = Status::default();
+    let ended = Status {
+        has_ended: true,
+        ..Status::default()
+    };
+    let vehicle = Status {
+        teleop: Some(idle_teleop_status()),
+        ..ended.clone()
+    };
+    let may = [running, ended, vehicle].map(|status| model_with(&status).is_silence_expected());
+    assert_eq!(may, [false, true, true]);
+    assert!(!scout().is_silence_expected());
+    // Earlier contact counts until the first status.
+    let mut left = scout();
+    left.set_last_contact(LastContact {
+        last: at(0),
+        expected_from: at(0),
+        had_ended: true,
+    });
+    assert!(left.is_silence_expected());
+    inject(&mut left, Topic::Status, &Status::default(), at(0));
+    assert!(!left.is_silence_expected());
+}
+
+#[test]
+fn loss_is_unknown_without_live_data() {
+    let mut live = model_with(&Status::default());
+    // 10 a second of 20.
+    for ms in (0..=3_000).step_by(100) {
+        inject(&mut live, Topic::Pose, &pose_at_rest(), at(ms));
+    }
+    assert_eq!(live.poses_missing(at(3_050)), Some(0.5));
+    assert_eq!(live.poses_missing(at(9_000)), None, "it is silent");
+    let ended = Status {
+        has_ended: true,
+        ..Status::default()
+    };
+    inject(&mut live, Topic::Status, &ended, at(3_050));
+    assert_eq!(live.poses_missing(at(3_050)), None, "it has ended");
 }

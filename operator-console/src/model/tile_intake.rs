@@ -1,4 +1,4 @@
-//! Messages → tiles: decodes bands and holds the first half of a tile until its second comes.
+//! Decodes bands and holds the first half of a tile until its second arrives.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -8,13 +8,12 @@ use protocol::tile::codec::{DecodeError, Decoder, PartialTile};
 use protocol::tile::{BootId, Tile, TileKey};
 use protocol::wire::Header;
 
-/// Tiles of which one half may wait for the other; beyond that the oldest half is given up.
+/// Halves that may wait; beyond this limit the oldest is dropped.
 const MAX_HALVES: usize = 64;
 
-/// Assembles tiles.
 pub(super) struct TileIntake {
     decoder: Decoder,
-    /// By tile, boot and revision: halves of different publications do not belong together.
+    /// By tile, boot and revision: halves of different publications do not match.
     halves: BTreeMap<(TileKey, BootId, u64), PartialTile>,
     abandoned: u64,
 }
@@ -28,10 +27,10 @@ impl TileIntake {
         })
     }
 
-    /// Takes one band; yields the tile that it completes.
+    /// Takes one band and returns the tile that it completes.
     ///
     /// # Errors
-    /// Where the band is none, or makes a tile that its layer does not allow.
+    /// If the band is invalid, or the tile is invalid for its layer.
     pub(super) fn take(
         &mut self,
         key: TileKey,
@@ -45,9 +44,9 @@ impl TileIntake {
             .remove(&whole)
             .unwrap_or_else(|| PartialTile::new(key.layer));
         if let Err(why) = self.decoder.decode_band(&band.rows, &mut partial) {
-            // The same half again, asked for twice or sent twice, is the newer of the two.
+            // The same half twice: the later one replaces the first.
             if !matches!(why, DecodeError::DuplicateRow(_)) {
-                // The half that is right goes on waiting.
+                // The valid half keeps waiting.
                 self.halves.insert(whole, partial);
                 return Err(why);
             }
@@ -59,7 +58,7 @@ impl TileIntake {
             self.keep_limit();
             return Ok(None);
         }
-        // Halves of older revisions wait for nothing any more.
+        // Halves of older revisions are void.
         let (first, last) = (
             (key, BootId([0; 16]), 0),
             (key, BootId([u8::MAX; 16]), u64::MAX),
@@ -82,7 +81,6 @@ impl TileIntake {
         }))
     }
 
-    /// Halves that were given up.
     pub(super) const fn abandoned(&self) -> u64 {
         self.abandoned
     }
@@ -142,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_make_a_tile_in_any_order_and_repeated() {
+    fn halves_complete_a_tile_in_any_order() {
         let (cells, bands) = noise();
         for order in [[0, 0, 1], [1, 1, 0]] {
             let mut intake = TileIntake::new().unwrap();
@@ -159,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_of_two_revisions_or_boots_do_not_mix_and_are_bounded() {
+    fn halves_of_other_revisions_do_not_match_and_are_bounded() {
         let (_, bands) = noise();
         let mut intake = TileIntake::new().unwrap();
         let other = Header {

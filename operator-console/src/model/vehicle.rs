@@ -1,18 +1,17 @@
-//! Where the vehicle is and was.
+//! The pose and the trail of the vehicle, and the last scans of its sensors.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use measurement::time::Monotonic;
 use protocol::export::StampedPose;
-use protocol::message::Pose;
+use protocol::message::{MAX_SENSORS, Pose, Scan};
 
-use super::trail::Trail;
+use super::incoming::RejectReason;
 use super::visible_change::pose_changed;
 
-/// Poses kept for the export; a longer run is thinned to every second pose, again and again.
+/// Poses kept for the export; a longer run is thinned by half, repeatedly.
 const MAX_POSES: usize = 500_000;
 
-/// The vehicle as the robot tells of it.
 #[derive(Clone, Debug, Default)]
 pub struct Vehicle {
     pose: Option<(Pose, i64, Monotonic)>,
@@ -20,7 +19,7 @@ pub struct Vehicle {
     poses: Vec<StampedPose>,
     stride: u64,
     received: u64,
-    /// The pose that was last worth a frame.
+    /// The pose of the last frame.
     drawn: Option<Pose>,
 }
 
@@ -30,12 +29,12 @@ impl Vehicle {
         self.pose.map(|(pose, _, at)| (pose, at))
     }
 
-    /// The stamp of the newest pose, nanoseconds by the clock of the robot's data.
+    /// Stamp of the newest pose, nanoseconds on the robot's clock.
     pub fn stamp_ns(&self) -> Option<i64> {
         self.pose.map(|(_, stamp_ns, _)| stamp_ns)
     }
 
-    /// Heading: the angle of the vehicle's x axis in `odom`, radians, counter-clockwise from x.
+    /// Angle of the vehicle's x axis in `odom`, radians, counter-clockwise from x.
     pub fn heading_rad(&self) -> Option<f64> {
         self.pose.map(|(pose, _, _)| {
             let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
@@ -43,17 +42,17 @@ impl Vehicle {
         })
     }
 
-    /// Where it was, oldest first, metres in `odom`.
+    /// Oldest first, metres in `odom`.
     pub const fn trail(&self) -> &VecDeque<[f64; 2]> {
         self.trail.points_m()
     }
 
-    /// The poses that arrived, one for each stamp, oldest first.
+    /// One for each stamp, oldest first.
     pub fn poses(&self) -> &[StampedPose] {
         &self.poses
     }
 
-    /// Takes a pose; whether the vehicle looks otherwise than when that was so last.
+    /// Takes a pose; returns whether the drawn vehicle changes.
     pub(super) fn take(&mut self, pose: Pose, stamp_ns: i64, now: Monotonic) -> bool {
         let before = self.pose.replace((pose, stamp_ns, now));
         if before.is_none_or(|(_, before_ns, _)| before_ns != stamp_ns) {
@@ -68,18 +67,18 @@ impl Vehicle {
         pose_changed
     }
 
-    /// The way so far, where it is known better than from poses that arrived: oldest first, metres in `odom`.
+    /// Replaces the trail: oldest first, metres in `odom`.
     pub(super) fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
         self.trail.replace(points_m);
     }
 
-    /// The vehicle was there too, which was not heard: stamps, nanoseconds, and metres in `odom`, oldest first.
+    /// Adds missing points to the trail: stamps, nanoseconds, and metres in `odom`, oldest first.
     pub(super) fn fill_trail(&mut self, known: &[(i64, [f64; 2])]) {
         let newest_ns = self.pose.map_or(i64::MAX, |(_, stamp_ns, _)| stamp_ns);
         self.trail.fill(known, newest_ns);
     }
 
-    /// Another run of the robot began: it is somewhere else now.
+    /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
         *self = Self::default();
     }
@@ -105,6 +104,164 @@ impl Vehicle {
     }
 }
 
+/// Least distance of two points.
+const STEP_M: f64 = 0.1;
+/// Beyond this limit the older half of the points is thinned by half.
+const MAX_POINTS: usize = 20_000;
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Trail {
+    points_m: VecDeque<[f64; 2]>,
+    stamps_ns: VecDeque<i64>,
+}
+
+impl Trail {
+    pub(super) const fn points_m(&self) -> &VecDeque<[f64; 2]> {
+        &self.points_m
+    }
+
+    pub(super) fn add(&mut self, stamp_ns: i64, point_m: [f64; 2]) {
+        if self
+            .points_m
+            .back()
+            .is_none_or(|last| is_far(*last, point_m))
+        {
+            self.points_m.push_back(point_m);
+            self.stamps_ns.push_back(stamp_ns);
+            if self.points_m.len() > MAX_POINTS {
+                self.thin();
+            }
+        }
+    }
+
+    /// Inserts known points, oldest first, up to a stamp, if they are far enough from their neighbours. If the data's
+    /// clock restarted, only the points since then are considered.
+    pub(super) fn fill(&mut self, known: &[(i64, [f64; 2])], newest_ns: i64) {
+        let stamps: Vec<_> = self.stamps_ns.iter().copied().collect();
+        let here = since_last_fall(&stamps, |stamp_ns| *stamp_ns);
+        let known = &known[since_last_fall(known, |(stamp_ns, _)| *stamp_ns)..];
+        let mut all = self.stamps_ns.drain(..).zip(self.points_m.drain(..));
+        let mut filled: Vec<(i64, [f64; 2])> = all.by_ref().take(here).collect();
+        let before_fall = filled.len();
+        let mut here = all.peekable();
+        for (stamp_ns, point_m) in known.iter().copied() {
+            if stamp_ns > newest_ns {
+                break;
+            }
+            while let Some(earlier) = here.next_if(|(here_ns, _)| *here_ns <= stamp_ns) {
+                filled.push(earlier);
+            }
+            let before = filled[before_fall..]
+                .last()
+                .is_none_or(|(_, before_m)| is_far(*before_m, point_m));
+            let behind = here
+                .peek()
+                .is_none_or(|(_, behind_m)| is_far(*behind_m, point_m));
+            if before && behind {
+                filled.push((stamp_ns, point_m));
+            }
+        }
+        filled.extend(here);
+        (self.stamps_ns, self.points_m) = filled.into_iter().unzip();
+        while self.points_m.len() > MAX_POINTS {
+            self.thin();
+        }
+    }
+
+    pub(super) fn replace(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
+        self.points_m = points_m.into_iter().take(MAX_POINTS).collect();
+        self.stamps_ns = std::iter::repeat_n(i64::MIN, self.points_m.len()).collect();
+    }
+
+    fn thin(&mut self) {
+        let old = self.points_m.len() / 2;
+        let is_kept = |index: usize| index >= old || index.is_multiple_of(2);
+        let mut index = 0..;
+        self.points_m.retain(|_| index.next().is_none_or(is_kept));
+        let mut index = 0..;
+        self.stamps_ns.retain(|_| index.next().is_none_or(is_kept));
+    }
+}
+
+/// Index of the last run of rising stamps.
+fn since_last_fall<T>(points: &[T], stamp_ns: impl Fn(&T) -> i64) -> usize {
+    let falls = points
+        .windows(2)
+        .rposition(|pair| stamp_ns(&pair[1]) < stamp_ns(&pair[0]));
+    falls.map_or(0, |index| index + 1)
+}
+
+fn is_far([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> bool {
+    let (dx, dy) = (bx - ax, by - ay);
+    dx * dx + dy * dy >= STEP_M * STEP_M
+}
+
+/// The last scan of a sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LastScan {
+    /// Position of the sensor, x and y in `odom`, metres.
+    pub origin_m: [f64; 2],
+    /// Hits in the order of the beams, x and y in `odom`, metres.
+    pub points_m: Vec<[f64; 2]>,
+    /// Nanoseconds on the robot's sensor clock.
+    pub stamp_ns: i64,
+    pub received_at: Monotonic,
+}
+
+/// The newest scan of each sensor.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scans {
+    by_sensor: BTreeMap<String, LastScan>,
+    is_wanted: bool,
+}
+
+impl Scans {
+    pub(super) const fn is_wanted(&self) -> bool {
+        self.is_wanted
+    }
+
+    /// Returns whether scans were wanted and are no longer.
+    pub(super) fn want(&mut self, is_wanted: bool) -> bool {
+        let is_ended = std::mem::replace(&mut self.is_wanted, is_wanted) && !is_wanted;
+        if is_ended {
+            self.forget();
+        }
+        is_ended
+    }
+
+    /// # Errors
+    /// If the scan is invalid or names more sensors than a robot has.
+    pub(super) fn take(
+        &mut self,
+        scan: Scan,
+        stamp_ns: i64,
+        received_at: Monotonic,
+    ) -> Result<(), RejectReason> {
+        let points_m = scan.points_m().ok_or(RejectReason::Malformed)?;
+        if self.by_sensor.len() >= MAX_SENSORS && !self.by_sensor.contains_key(&scan.sensor) {
+            return Err(RejectReason::Malformed);
+        }
+        let last = LastScan {
+            origin_m: scan.origin_m,
+            points_m,
+            stamp_ns,
+            received_at,
+        };
+        self.by_sensor.insert(scan.sensor, last);
+        Ok(())
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, &LastScan)> {
+        self.by_sensor
+            .iter()
+            .map(|(sensor, scan)| (sensor.as_str(), scan))
+    }
+
+    pub(super) fn forget(&mut self) {
+        self.by_sensor.clear();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_differ_too_little_for_the_trail_are_kept_for_the_export() {
+    fn export_keeps_poses_that_the_trail_skips() {
         let mut vehicle = Vehicle::default();
         let now = Monotonic::default();
         assert!(vehicle.take(pose(0.0, 0.0, 1.0), 0, now));
@@ -130,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn many_steps_that_nobody_sees_are_seen_in_the_end() {
+    fn small_steps_accumulate_to_a_visible_change() {
         let mut vehicle = Vehicle::default();
         let now = Monotonic::default();
         let seen = (0..10).filter(|step| {
@@ -148,5 +305,115 @@ mod tests {
         vehicle.take(pose(0.0, half, half), 0, Monotonic::default());
         let heading_rad = vehicle.heading_rad().unwrap();
         assert!((heading_rad - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
+    }
+}
+
+#[cfg(test)]
+mod trail_tests {
+    use super::*;
+
+    fn along_x(xs: impl IntoIterator<Item = i64>) -> impl Iterator<Item = (i64, [f64; 2])> {
+        xs.into_iter().map(|x| (x, [x as f64, 0.0]))
+    }
+
+    fn of(xs: impl IntoIterator<Item = i64>) -> Trail {
+        let mut trail = Trail::default();
+        along_x(xs).for_each(|(stamp_ns, point_m)| trail.add(stamp_ns, point_m));
+        trail
+    }
+
+    fn xs(trail: &Trail) -> Vec<i64> {
+        trail.points_m.iter().map(|[x, _]| *x as i64).collect()
+    }
+
+    fn fill(trail: &mut Trail, known: impl IntoIterator<Item = i64>) {
+        trail.fill(&along_x(known).collect::<Vec<_>>(), 22);
+    }
+
+    #[test]
+    fn clock_restart_draws_no_line_across_the_map() {
+        // The clock stepped back by 100.
+        let mut trail = of([100, 101, 102]);
+        for x in [3, 7] {
+            trail.add(x, [100.0 + x as f64, 0.0]);
+        }
+        let known = [101, 102, 4, 5].map(|stamp_ns| (stamp_ns, [100.0 + stamp_ns as f64, 0.0]));
+        trail.fill(&known, 7);
+        assert_eq!(xs(&trail), [100, 101, 102, 103, 104, 105, 107]);
+        // Points from before the step alone.
+        trail.fill(&[(100, [90.0, 0.0]), (101, [91.0, 0.0])], 7);
+        assert_eq!(trail.points_m.len(), 7);
+    }
+
+    #[test]
+    fn trail_is_thinned_and_keeps_its_ends() {
+        let mut trail = of([0]);
+        trail.add(1, [0.05, 0.0]);
+        assert_eq!(trail.points_m.len(), 1);
+        let trail = of(0..100_000);
+        assert!(trail.points_m.len() <= MAX_POINTS);
+        assert_eq!(trail.points_m.len(), trail.stamps_ns.len());
+        assert_eq!((trail.points_m[0], trail.stamps_ns[0]), ([0.0, 0.0], 0));
+        assert_eq!(trail.points_m.back(), Some(&[99_999.0, 0.0]));
+    }
+
+    #[test]
+    fn gaps_are_filled_and_known_points_stay() {
+        let mut trail = of([10, 11, 12, 20, 21]);
+        fill(&mut trail, [0, 5, 10, 15, 20, 22, 30]);
+        assert_eq!(xs(&trail), [0, 5, 10, 11, 12, 15, 20, 21, 22]);
+        let stamps: Vec<_> = trail.stamps_ns.iter().copied().collect();
+        assert_eq!(stamps, xs(&trail));
+        trail.fill(&[(13, [12.05, 0.0]), (14, [14.95, 0.0])], 22);
+        assert_eq!(xs(&trail).len(), 9);
+        fill(&mut trail, -50_000..0);
+        assert!(trail.points_m.len() <= MAX_POINTS);
+        assert_eq!(trail.points_m.back(), Some(&[22.0, 0.0]));
+    }
+
+    #[test]
+    fn empty_trail_is_filled_completely() {
+        let mut trail = Trail::default();
+        fill(&mut trail, [0, 1, 2]);
+        assert_eq!(xs(&trail), [0, 1, 2]);
+        trail.replace([[7.0, 0.0]]);
+        trail.add(9, [8.0, 0.0]);
+        assert_eq!(xs(&trail), [7, 8]);
+    }
+}
+
+#[cfg(test)]
+mod scans_tests {
+    use super::*;
+
+    fn scan(sensor: &str, points_m: &[[f64; 2]]) -> Scan {
+        Scan::of_points(sensor.to_owned(), [1.0, 2.0], points_m.iter().copied())
+    }
+
+    #[test]
+    fn newest_scan_of_a_bounded_number_of_sensors() {
+        let mut scans = Scans::default();
+        let at = Monotonic::from_nanos;
+        assert_eq!(scans.take(scan("laser", &[[3.0, 2.0]]), 1, at(10)), Ok(()));
+        assert_eq!(scans.take(scan("laser", &[[1.0, 5.5]]), 2, at(20)), Ok(()));
+        let held: Vec<_> = scans.iter().collect();
+        let expected = LastScan {
+            origin_m: [1.0, 2.0],
+            points_m: vec![[1.0, 5.5]],
+            stamp_ns: 2,
+            received_at: at(20),
+        };
+        assert_eq!(held, [("laser", &expected)]);
+        for n in 1..MAX_SENSORS {
+            assert_eq!(scans.take(scan(&n.to_string(), &[]), 3, at(30)), Ok(()));
+        }
+        let refused = Err(RejectReason::Malformed);
+        assert_eq!(scans.take(scan("one more", &[]), 4, at(40)), refused);
+        assert_eq!(scans.take(scan("laser", &[]), 4, at(40)), Ok(()));
+        let mut senseless = scan("laser", &[]);
+        senseless.origin_m = [f64::NAN, 0.0];
+        assert_eq!(scans.take(senseless, 5, at(50)), refused);
+        scans.forget();
+        assert_eq!(scans.iter().count(), 0);
     }
 }

@@ -1,19 +1,18 @@
-//! What of the news somebody who looks would see at once. The rest is on the screen with the next frame that ages ask for,
-//! a second later at most: a robot that stands still costs no frames.
+//! Whether a message changes the display enough for a frame at once. Other changes appear with the next periodic frame,
+//! within a second: a robot that stands still costs no frames.
 
 use protocol::message::{
     CollisionMonitorState, CommandCounters, Pose, RecordingStatus, SensorStatus, SpeedLimits,
     Status, TeleopStatus,
 };
 
-/// Less than a pixel at the closest look, metres.
+/// Less than a pixel at the greatest zoom, metres.
 const STEP_M: f64 = 2e-3;
-/// A step at the end of a vehicle of 3 m, as a change of a quaternion: half of the angle, radians.
+/// The same at the end of a vehicle of 3 m, as a quaternion component: half of the angle, radians.
 const TURN: f32 = 1e-3;
-/// What a speed is rounded to where it is written, m/s or rad/s.
+/// Resolution of displayed speeds, m/s or rad/s.
 const SPEED: f32 = 0.01;
 
-/// Whether a vehicle at `now` looks otherwise than at `before`.
 pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
     let differ = |a: f32, b: f32, step: f32| (a - b).abs() >= step;
     let is_moved = before
@@ -32,12 +31,11 @@ pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
         || differ(before.turn_rate_radps, now.turn_rate_radps, SPEED)
 }
 
-/// Whether a status says more than that time went by.
+/// Whether a status changes in more than counters, rates and ages.
 pub(super) fn status_changed(before: &Status, now: &Status) -> bool {
     without_counters(before) != without_counters(now)
 }
 
-/// A status without what changes all the time while nothing happens: counts, rates and ages.
 fn without_counters(status: &Status) -> Status {
     Status {
         has_ended: status.has_ended,
@@ -161,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_stands_is_seen_no_more_often() {
+    fn standing_vehicle_needs_no_frames() {
         let seen = |change: fn(&mut Pose)| {
             let mut now = pose();
             change(&mut now);
@@ -201,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn what_happens_is_news() {
+    fn status_changes_need_a_frame() {
         assert!(changed(|now| now.has_ended = true));
         assert!(changed(|now| now.info_revision = 2));
         assert!(changed(

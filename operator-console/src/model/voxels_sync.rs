@@ -1,4 +1,4 @@
-//! The octree's files, fetched part by part when somebody wants them. Pure: the present is a parameter.
+//! Fetches the octree's files part by part for an export.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,64 +8,56 @@ use measurement::time::Monotonic;
 use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 use protocol::packed_file::PackedFile;
 
+use super::incoming::RejectReason;
 use super::incoming::RequestId;
-use super::reject_reason::RejectReason;
-use super::retry::{ANSWER_TIMEOUT, RetryTimer};
+use super::retry::{ANSWER_TIMEOUT, Backoff};
 
-/// Until files that are being made are asked for again.
+/// Delay before files that the robot still makes are requested again.
 const PREPARING: Duration = Duration::from_millis(500);
-/// Questions that are under way at most: the link, and a window that draws, are waited for once for all of them.
+/// Limit of open requests. Several at once share the delay of the link and of the window's frames.
 const MAX_UNDER_WAY: usize = 8;
-/// An answer that takes longer than this comes over a link that has no more to give: what is asked for beyond it would only
-/// hold up tiles.
+/// A slower reply means that the link is saturated: more requests would delay tiles.
 const QUICK: Duration = Duration::from_millis(200);
-/// Longest file, packed. An octree of the greatest memory that a vehicle may be given makes less.
+/// Limit of a packed file. An octree of the greatest configurable memory is smaller.
 const MAX_PACKED_BYTES: u64 = 512 << 20;
 
-/// The files of one moment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FetchedVoxels {
-    /// Stamp of the newest measurement in them, nanoseconds on the robot's clock.
+    /// Stamp of the newest measurement in the files, nanoseconds on the robot's clock.
     pub stamp_ns: i64,
     /// In the order of [`VoxelFile::ALL`].
     pub files: [PackedFile; 2],
 }
 
-/// How far fetching is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum VoxelsProgress {
-    /// Nobody wants the files.
     Unwanted,
-    /// They are asked for, or being made.
+    /// Requested, or the robot still makes the files.
     Waiting,
-    /// Parts of the files come, one file after the other.
     Fetching {
-        /// The file that comes.
         file: VoxelFile,
-        /// Bytes of it that came, packed.
+        /// Packed bytes.
         fetched: u64,
-        /// Bytes that it has, packed.
+        /// Packed bytes.
         of: u64,
     },
-    /// Here they are.
     Ready(Arc<FetchedVoxels>),
     /// The robot has no octree.
     None,
-    /// They are longer than a console takes.
+    /// The files exceed the console's limit.
     TooLong,
 }
 
-/// Fetches the files of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct VoxelsSync {
     phase: Phase,
-    /// When the next question may be asked.
-    query: RetryTimer,
-    /// What was asked, in the order in which it is answered.
+    /// Determines when the next request may be sent.
+    query: Backoff,
+    /// Open requests in order.
     under_way: VecDeque<PendingQuery>,
-    /// Questions that may be under way beyond the first.
+    /// Allowed open requests beyond the first.
     ahead: usize,
-    /// Since when. Answers to what was asked before say nothing of it.
+    /// Time of the last change of `ahead`. Replies to earlier requests do not change it.
     ahead_since: Monotonic,
 }
 
@@ -88,11 +80,10 @@ enum Phase {
 
 #[derive(Clone, Debug, Default)]
 struct Fetching {
-    /// Once it is known.
     moment: Option<Moment>,
-    /// Those that are whole, and the one that is not yet.
+    /// Complete files and the incomplete one.
     files: Vec<PackedFile>,
-    /// Length of the last of them.
+    /// Length of the last file.
     packed_bytes: u64,
 }
 
@@ -103,7 +94,7 @@ struct Moment {
 }
 
 impl VoxelsSync {
-    /// The files are wanted as they are now, whatever was fetched before.
+    /// Fetches the present files again.
     pub(super) fn want(&mut self) {
         *self = Self {
             phase: Phase::Fetching(Fetching::default()),
@@ -111,19 +102,13 @@ impl VoxelsSync {
         };
     }
 
-    /// Nobody wants the files any more.
-    pub(super) fn drop_all(&mut self) {
-        *self = Self::default();
-    }
-
-    /// Another run of the robot began: what came of the last one, or that it had no octree, says nothing of this.
+    /// Another run of the robot began: earlier results are void.
     pub(super) fn forget(&mut self) {
         if !matches!(self.phase, Phase::Unwanted) {
             self.want();
         }
     }
 
-    /// Whether somebody waits for files.
     pub(super) const fn is_wanted(&self) -> bool {
         matches!(self.phase, Phase::Fetching(_))
     }
@@ -139,7 +124,7 @@ impl VoxelsSync {
         }
     }
 
-    /// What to ask now, until it is nothing; `number` numbers the question.
+    /// The next request; called until it returns `None`.
     pub(super) fn query(
         &mut self,
         now: Monotonic,
@@ -166,7 +151,7 @@ impl VoxelsSync {
         Some((request, what))
     }
 
-    /// An answer to `request`, of data up to `stamp_ns`.
+    /// Takes a reply with data up to `stamp_ns`.
     pub(super) fn take(
         &mut self,
         reply: VoxelsReply,
@@ -176,7 +161,7 @@ impl VoxelsSync {
     ) -> Result<(), RejectReason> {
         let oldest = self.under_way.front().copied();
         let Some(asked) = oldest.filter(|asked| asked.request == request) else {
-            // What lies before it has not come, and will not.
+            // The replies before it were lost.
             if self.is_under_way(request) {
                 self.query_again();
             }
@@ -219,7 +204,7 @@ impl VoxelsSync {
                 }
                 let next = self.under_way.front();
                 if next.is_some_and(|next| next.what != expected) {
-                    // The part was shorter than what is asked for.
+                    // The part was shorter than requested.
                     self.query_again();
                 }
             }
@@ -228,7 +213,7 @@ impl VoxelsSync {
         Ok(())
     }
 
-    /// No more answers to a question will come; true if it was asked here.
+    /// No more replies to a request will come; true if it was sent here.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
         let is_unanswered = self.is_under_way(request);
         if is_unanswered {
@@ -242,7 +227,7 @@ impl VoxelsSync {
         self.under_way.iter().any(|asked| asked.request == request)
     }
 
-    /// What is under way is of no use any more: it is asked for again, one part at a time first.
+    /// Drops the open requests and starts again one part at a time.
     fn query_again(&mut self) {
         self.under_way.clear();
         self.ahead = 0;
@@ -268,7 +253,6 @@ impl Fetching {
         last.is_some_and(|file| file.packed.len() as u64 >= self.packed_bytes)
     }
 
-    /// Which file, and where in it.
     fn next(&self) -> VoxelsRequest {
         let whole = self.files.len() - usize::from(!self.files.is_empty() && !self.is_last_whole());
         let begun = self.files.get(whole);
@@ -283,7 +267,7 @@ impl Fetching {
         }
     }
 
-    /// What lies behind something that is under way, in the same file. How long that is, its first part says.
+    /// The request after `asked` in the same file. Its length is known from the first part.
     fn behind(&self, asked: VoxelsRequest) -> Option<VoxelsRequest> {
         let is_begun = !self.files.is_empty() && !self.is_last_whole();
         let offset = asked.offset + MAX_PART_BYTES as u64;
@@ -326,7 +310,6 @@ impl Fetching {
         Ok(())
     }
 
-    /// Both files, where they are whole.
     fn take_all(&mut self) -> Option<FetchedVoxels> {
         if self.files.len() < VoxelFile::ALL.len() || !self.is_last_whole() {
             return None;
@@ -338,4 +321,300 @@ impl Fetching {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use measurement::time::RobotTime;
+    use robot_edge::publishing::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
+
+    use super::*;
+    use crate::test_support::at;
+
+    /// Longer than a part when packed, as nothing repeats.
+    fn long_file(seed: u32) -> PackedFile {
+        file_of(40_000, seed)
+    }
+
+    fn file_of(bytes: u32, seed: u32) -> PackedFile {
+        let mut state = seed;
+        let bytes: Vec<u8> = (0..bytes)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 24) as u8
+            })
+            .collect();
+        PackedFile::pack(|out| out.write_all(&bytes)).unwrap()
+    }
+
+    fn snapshot(stamp_ns: i64) -> VoxelSnapshot {
+        VoxelSnapshot {
+            stamp: RobotTime::from_nanos(stamp_ns),
+            files: [1, 2].map(long_file),
+        }
+    }
+
+    fn numbers() -> impl FnMut() -> RequestId {
+        let mut number = 0;
+        move || {
+            number += 1;
+            RequestId(number)
+        }
+    }
+
+    #[test]
+    fn both_files_are_fetched_from_a_vehicle() {
+        let mut vehicle = VoxelSnapshots::default();
+        vehicle.enable();
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
+        assert_eq!(sync.query(at(0), &mut number), None);
+        sync.want();
+        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+        let (mut now, mut greatest) = (0, (VoxelFile::Tree, 0));
+        while sync.is_wanted() {
+            now += 10;
+            assert!(now < 10_000, "{sync:?}");
+            if vehicle.take_request(RobotTime::from_nanos(5), false) {
+                vehicle.put(Some(snapshot(5)), at(now));
+            }
+            let Some((request, asked)) = sync.query(at(now), &mut number) else {
+                continue;
+            };
+            let (stamp_ns, reply) = vehicle.reply(asked, at(now));
+            sync.take(reply, stamp_ns, request, at(now)).unwrap();
+            if let VoxelsProgress::Fetching { file, fetched, of } = sync.progress() {
+                let index = usize::from(file == VoxelFile::Points);
+                let packed = snapshot(5).files[index].packed.len() as u64;
+                assert_eq!(of, packed, "{file:?}");
+                let progress = (file, fetched);
+                assert!(fetched <= of && progress >= greatest, "{fetched} of {of}");
+                greatest = progress;
+            }
+        }
+        assert!(greatest.0 == VoxelFile::Points, "{greatest:?}");
+        let expected = FetchedVoxels {
+            stamp_ns: 5,
+            files: snapshot(5).files,
+        };
+        assert_eq!(sync.progress(), VoxelsProgress::Ready(Arc::new(expected)));
+        assert_eq!(sync.query(at(now), &mut number), None);
+    }
+
+    /// Fetches from a vehicle with this reply time; returns the greatest number of open requests and the total time,
+    /// milliseconds.
+    fn fetched_at(answer_ms: u64, way_ms: u64) -> (usize, u64) {
+        let made = VoxelSnapshot {
+            stamp: RobotTime::from_nanos(5),
+            files: [3, 4].map(|seed| file_of(400_000, seed)),
+        };
+        let mut vehicle = VoxelSnapshots::default();
+        vehicle.enable();
+        vehicle.put(Some(made.clone()), at(0));
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        sync.want();
+        let (mut now, mut most) = (0, 0);
+        let (mut under_way, mut answered) = (VecDeque::new(), 0);
+        while sync.is_wanted() {
+            while let Some((request, asked)) = sync.query(at(now), &mut number) {
+                answered = answered.max(now + way_ms) + answer_ms;
+                under_way.push_back((answered, request, asked));
+            }
+            most = most.max(under_way.len());
+            let (then, request, asked) = under_way.pop_front().unwrap();
+            now = then;
+            let (stamp_ns, reply) = vehicle.reply(asked, at(now));
+            sync.take(reply, stamp_ns, request, at(now)).unwrap();
+        }
+        let VoxelsProgress::Ready(fetched) = sync.progress() else {
+            panic!("{:?}", sync.progress());
+        };
+        assert_eq!(fetched.files, made.files);
+        (most, now)
+    }
+
+    #[test]
+    fn read_ahead_adapts_to_the_reply_time() {
+        // High latency: 50 parts, most of them requested ahead.
+        let (most, ms) = fetched_at(1, 80);
+        assert_eq!(most, MAX_UNDER_WAY);
+        assert!(ms < 50 * 81 / 3, "{ms} ms");
+        // A link of 256 kbit/s: at most one part delays other data.
+        assert_eq!(fetched_at(512, 20).0, 1);
+        // 2 Mbit/s.
+        let (most, _) = fetched_at(65, 20);
+        assert!((2..=5).contains(&most), "{most}");
+    }
+
+    /// A file after its first parts, and the open requests.
+    fn begun(vehicle: &mut VoxelSnapshots) -> (VoxelsSync, Vec<(RequestId, VoxelsRequest)>) {
+        vehicle.enable();
+        let files = [3, 4].map(|seed| file_of(400_000, seed));
+        let stamp = RobotTime::from_nanos(5);
+        vehicle.put(Some(VoxelSnapshot { stamp, files }), at(0));
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        sync.want();
+        let mut under_way = VecDeque::new();
+        for _ in 0..4 {
+            under_way.extend(std::iter::from_fn(|| sync.query(at(0), &mut number)));
+            let (request, asked) = under_way.pop_front().unwrap();
+            let (stamp_ns, reply) = vehicle.reply(asked, at(0));
+            sync.take(reply, stamp_ns, request, at(0)).unwrap();
+        }
+        (sync, under_way.into())
+    }
+
+    #[test]
+    fn requests_after_a_lost_reply_are_repeated() {
+        let mut vehicle = VoxelSnapshots::default();
+        let (mut sync, under_way) = begun(&mut vehicle);
+        let [(lost, asked), (behind, other), ..] = under_way[..] else {
+            panic!("{under_way:?}");
+        };
+        let again = || RequestId(100);
+        let mut after_end = sync.clone();
+        assert!(after_end.ended(lost, at(0)));
+        assert!(!after_end.ended(behind, at(0)));
+        assert_eq!(after_end.query(at(499), again), None);
+        assert_eq!(
+            after_end.query(at(500), again),
+            Some((RequestId(100), asked))
+        );
+        assert_eq!(after_end.query(at(500), again), None);
+        // The reply before it is lost without a notice.
+        let (stamp_ns, reply) = vehicle.reply(other, at(0));
+        let taken = sync.take(reply, stamp_ns, behind, at(0));
+        assert_eq!(taken, Err(RejectReason::OldRevision));
+        assert_eq!(sync.query(at(0), again), Some((RequestId(100), asked)));
+        assert_eq!(sync.query(at(0), again), None);
+    }
+
+    #[test]
+    fn expired_snapshot_restarts_the_fetch() {
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        sync.want();
+        let (request, _) = sync.query(at(0), &mut number).unwrap();
+        let part = VoxelsPart {
+            snapshot: 7,
+            file: VoxelFile::Tree,
+            bytes: 100,
+            digest: [0; 32],
+            packed_bytes: 50,
+            offset: 0,
+            packed: vec![0; 20],
+        };
+        let reply = VoxelsReply::Part(part);
+        sync.take(reply, 1, request, at(0)).unwrap();
+        let (request, asked) = sync.query(at(0), &mut number).unwrap();
+        assert_eq!((asked.snapshot, asked.offset), (Some(7), 20));
+        sync.take(VoxelsReply::Gone, 0, request, at(0)).unwrap();
+        assert_eq!(sync.query(at(499), &mut number), None);
+        let (_, asked) = sync.query(at(500), &mut number).unwrap();
+        assert_eq!((asked.snapshot, asked.offset), (None, 0));
+    }
+
+    #[test]
+    fn unrequested_replies_are_rejected() {
+        let part = VoxelsPart {
+            snapshot: 7,
+            file: VoxelFile::Tree,
+            bytes: 100,
+            digest: [0; 32],
+            packed_bytes: 50,
+            offset: 0,
+            packed: vec![0; 20],
+        };
+        let wrong = [
+            VoxelsPart {
+                file: VoxelFile::Points,
+                ..part.clone()
+            },
+            VoxelsPart {
+                offset: 1,
+                ..part.clone()
+            },
+            VoxelsPart {
+                packed: vec![],
+                ..part.clone()
+            },
+            VoxelsPart {
+                packed: vec![0; 51],
+                ..part.clone()
+            },
+            VoxelsPart {
+                offset: u64::MAX,
+                ..part.clone()
+            },
+        ];
+        for part in wrong {
+            let mut sync = VoxelsSync::default();
+            let mut number = numbers();
+            sync.want();
+            let (request, _) = sync.query(at(0), &mut number).unwrap();
+            let said = format!("{part:?}");
+            let taken = sync.take(VoxelsReply::Part(part), 1, request, at(0));
+            assert_eq!(taken, Err(RejectReason::Malformed), "{said}");
+            assert_eq!(sync.query(at(499), &mut number), None);
+            assert!(sync.query(at(500), &mut number).is_some());
+        }
+        let mut sync = VoxelsSync::default();
+        sync.want();
+        let (request, _) = sync.query(at(0), numbers()).unwrap();
+        let huge = VoxelsPart {
+            packed_bytes: MAX_PACKED_BYTES + 1,
+            ..part.clone()
+        };
+        sync.take(VoxelsReply::Part(huge), 1, request, at(0))
+            .unwrap();
+        assert_eq!(sync.progress(), VoxelsProgress::TooLong);
+        let late = sync.take(VoxelsReply::Part(part), 1, request, at(0));
+        assert_eq!(late, Err(RejectReason::OldRevision));
+    }
+
+    #[test]
+    fn unanswered_requests_back_off() {
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        sync.want();
+        let mut now = 0;
+        for rest in [500, 1000, 2000, 4000, 8000, 8000] {
+            let (request, _) = sync.query(at(now), &mut number).unwrap();
+            assert!(sync.ended(request, at(now)));
+            assert_eq!(sync.query(at(now + rest - 1), &mut number), None);
+            now += rest;
+        }
+        let (request, _) = sync.query(at(now), &mut number).unwrap();
+        assert_eq!(sync.query(at(now + 11_999), &mut number), None);
+        let (again, _) = sync.query(at(now + 12_000), &mut number).unwrap();
+        assert!(!sync.ended(request, at(now + 12_000)));
+        sync.take(VoxelsReply::None, 0, again, at(now + 12_000))
+            .unwrap();
+        assert_eq!(sync.progress(), VoxelsProgress::None);
+    }
+
+    #[test]
+    fn new_run_restarts_the_fetch() {
+        let mut vehicle = VoxelSnapshots::default();
+        vehicle.enable();
+        vehicle.put(Some(snapshot(5)), at(0));
+        let mut sync = VoxelsSync::default();
+        let mut number = numbers();
+        sync.forget();
+        assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
+        sync.want();
+        while let Some((request, asked)) = sync.query(at(0), &mut number) {
+            let (stamp_ns, reply) = vehicle.reply(asked, at(0));
+            sync.take(reply, stamp_ns, request, at(0)).unwrap();
+        }
+        assert!(matches!(sync.progress(), VoxelsProgress::Ready(_)));
+        // No request was sent yet.
+        sync.forget();
+        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+        let (request, asked) = sync.query(at(0), &mut number).unwrap();
+        assert_eq!((asked.snapshot, asked.offset), (None, 0));
+        sync.take(VoxelsReply::None, 0, request, at(0)).unwrap();
+        sync.forget();
+        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+    }
+}

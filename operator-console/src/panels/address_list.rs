@@ -1,4 +1,4 @@
-//! The addresses that are remembered or asked for robots, and what came of asking.
+//! Addresses to search for robots, with the result of each.
 
 use std::collections::BTreeMap;
 
@@ -9,28 +9,24 @@ use crate::command::Command;
 use crate::link::{AddressState, FoundRobot, place};
 use crate::theme::Tone;
 
-/// An address that is remembered, or asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ListedAddress {
-    /// A control endpoint.
     pub address: String,
-    /// What came of asking there; `None` where it is not asked in this run.
+    /// Result of the last search; `None` if the address is not searched in this run.
     pub state: Option<AddressState>,
-    /// Whether it is asked at every start that names none, until it is forgotten.
+    /// Whether it is stored in the settings and searched at every start without `--connect`.
     pub is_remembered: bool,
 }
 
-/// What is said of an address.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct AddressText {
     tone: Tone,
     state: String,
-    /// What to look at.
     hint: Option<String>,
 }
 
-/// The addresses that the command line names, and those that are `remembered`, the newest first, with what came of
-/// asking. Where a robot is found, it answers although it may have missed a round.
+/// Addresses of the command line and `remembered` ones, newest first. An address at which a robot is known counts as
+/// answered, even if the last search failed.
 pub fn listed<'a>(
     named: &'a [String],
     remembered: impl DoubleEndedIterator<Item = &'a String>,
@@ -65,14 +61,14 @@ pub fn listed<'a>(
 }
 
 impl ListedAddress {
-    /// Whether it is asked, and no robot is behind it.
+    /// Whether it is searched and has no robot.
     fn is_unanswered(&self) -> bool {
         self.state
             .as_ref()
             .is_some_and(|state| *state != AddressState::Found)
     }
 
-    /// How it is there; `has_keys`: this console asks with keys.
+    /// `has_keys`: this console connects with keys.
     fn text(&self, has_keys: bool) -> AddressText {
         let (host, port) = place(&self.address).unwrap_or((&self.address, 0));
         let warning = |state: String, hint: String| AddressText {
@@ -143,7 +139,7 @@ impl ListedAddress {
     }
 }
 
-/// Who may answer at a port where there is no robot.
+/// What may answer at a port without a robot.
 fn no_robot(host: &str, port: u16) -> String {
     let who = "This is a router, or a robot that is still starting";
     match port_before(host, port) {
@@ -152,7 +148,7 @@ fn no_robot(host: &str, port: u16) -> String {
     }
 }
 
-/// Where a robot is asked whose port for tiles is this: that is the one behind.
+/// Hint for a port that is the bulk port of a robot: the control port is the one before it.
 fn port_before(host: &str, port: u16) -> Option<String> {
     let asked = port.checked_sub(1).filter(|asked| *asked > 0)?;
     Some(if host.contains(':') {
@@ -162,7 +158,7 @@ fn port_before(host: &str, port: u16) -> Option<String> {
     })
 }
 
-/// Draws the addresses that are asked and behind which there is no robot: each says why.
+/// Lists the addresses without a robot, with the reason.
 pub(super) fn unanswered_ui(
     ui: &mut Ui,
     addresses: &[ListedAddress],
@@ -185,7 +181,7 @@ pub(super) fn unanswered_ui(
     command
 }
 
-/// Draws the other addresses that are remembered: they may be forgotten.
+/// Lists the other remembered addresses, which can be forgotten.
 pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<Command> {
     let mut command = None;
     let remembered = addresses.iter().filter(|listed| listed.is_remembered);
@@ -208,8 +204,7 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     command
 }
 
-/// How many there are, in as many words as there is room for: a heading has one line. `are_others`: some are listed
-/// above.
+/// The longest heading that fits into one line. `are_others`: other addresses are listed above.
 fn remembered_heading(ui: &Ui, number: usize, are_others: bool) -> String {
     let text = if are_others {
         ["Other remembered addresses", "Others remembered", "Others"]
@@ -241,7 +236,8 @@ fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {
     }
     if listed.state.is_none() {
         let ask = Button::new(RichText::new("Ask").small());
-        let hint = format!("Ask {address} too: with --connect it is not asked by itself");
+        let hint =
+            format!("Search {address}, too: with --connect it is not searched automatically");
         let ink = ui.visuals().text_color();
         let hint = with_monospace_options(ui, &hint, &TextStyle::Body, ink);
         if ui.add(ask).on_hover_text(hint).clicked() {

@@ -1,19 +1,19 @@
-//! A box for the address of a robot or router.
+//! Text field for the address of a robot or router.
 
-mod address_error;
+use std::net::Ipv6Addr;
 
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{Id, Key, Label, TextEdit, TextStyle, Ui};
-use robot_edge::link::endpoints::{DEFAULT_PORT, check_console};
+use robot_edge::network::endpoints::{DEFAULT_PORT, check_console};
 
 use super::command_line::with_monospace_options;
 use crate::command::Command;
 use crate::shortcuts::Action;
 
-use address_error::address_error;
+/// The last port is invalid, because tiles use the next port.
+const LAST_PORT: u16 = u16::MAX - 1;
 
-/// The address as it is being typed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AddressEntry {
     text: String,
@@ -22,26 +22,26 @@ pub struct AddressEntry {
 }
 
 impl AddressEntry {
-    /// The next text goes into it.
+    /// Requests the keyboard focus for the field.
     pub const fn focus(&mut self) {
         self.wants_keyboard = true;
     }
 
-    /// What was refused is not typed for the robot that is chosen instead: it goes, and the words about it.
+    /// Clears a rejected address and its error.
     pub fn clear_error(&mut self) {
         if self.error.is_some() {
             *self = Self::default();
         }
     }
 
-    /// Takes the address if it is one that could be asked, with keys or without; else says what it should be.
+    /// Returns the address if it is valid, else shows an error.
     pub fn submit(&mut self, has_keys: bool) -> Option<Command> {
         let address = self.text.trim().to_owned();
         if address.is_empty() {
             self.error = None;
             return None;
         }
-        // Who types a host and a port means the way that everybody takes.
+        // The default protocol depends on the keys.
         let address = if address.contains('/') {
             address
         } else {
@@ -51,7 +51,7 @@ impl AddressEntry {
             *self = Self::default();
             return Some(Command::AddAddress(address));
         }
-        // Why not is said there for who starts a program, and not for who types into a box.
+        // The error of the command line has another text.
         self.error = Some(address_error(self.text.trim(), has_keys));
         None
     }
@@ -61,7 +61,35 @@ const fn protocol(has_keys: bool) -> &'static str {
     if has_keys { "quic" } else { "tcp" }
 }
 
-/// Draws the box; the address, where one was entered.
+/// What is wrong with `typed`, which is not a valid address.
+fn address_error(typed: &str, has_keys: bool) -> String {
+    let (protocol, place) = typed.split_once('/').unwrap_or((protocol(has_keys), typed));
+    let is_ipv6 = place.starts_with('[') || place.parse::<Ipv6Addr>().is_ok();
+    let is_host = |letter: char| letter.is_alphanumeric() || "-_.".contains(letter);
+    match (protocol, has_keys) {
+        ("tcp", true) => {
+            "TCP is for robots without keys, and this console was started with --keys. \
+                          Type host:port without tcp/."
+                .to_owned()
+        }
+        ("quic" | "tls", false) => format!(
+            "{} needs keys, and this console was started without --keys. Type host:port without {protocol}/.",
+            protocol.to_uppercase()
+        ),
+        ("quic" | "tls", true) if is_ipv6 => {
+            "IPv6 addresses are not supported with keys. Type a name or an IPv4 address.".to_owned()
+        }
+        ("tcp" | "quic" | "tls", _) if !place.is_empty() && place.chars().all(is_host) => format!(
+            "The port is missing: for example {typed}:{DEFAULT_PORT}, which is usual for robots."
+        ),
+        _ => format!(
+            "This is not an address. Type host:port with a port from 1 to {LAST_PORT}, for example \
+             192.168.1.20:{DEFAULT_PORT}, or [::1]:{DEFAULT_PORT} for IPv6."
+        ),
+    }
+}
+
+/// Draws the field. Returns an entered address.
 pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) -> Option<Command> {
     let mut command = None;
     ui.horizontal(|ui| {
@@ -74,7 +102,7 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
         let text = ui.add(text).labelled_by(label.id);
         if entry.wants_keyboard {
             text.request_focus();
-            // What is typed next takes the place of what was there.
+            // Typing replaces the rejected address.
             select_all(ui, text.id, &entry.text);
             entry.wants_keyboard = false;
         }
@@ -93,7 +121,6 @@ pub(super) fn address_ui(ui: &mut Ui, entry: &mut AddressEntry, has_keys: bool) 
         if is_entered || button.clicked() {
             command = entry.submit(has_keys);
             if entry.error.is_some() {
-                // It is there to be mended; letters elsewhere would be keys.
                 text.request_focus();
             }
         }
@@ -125,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_is_taken_or_explained() {
+    fn an_address_is_accepted_or_explained() {
         for (typed, has_keys, address) in [
             ("tcp/10.0.0.5:7447", false, "tcp/10.0.0.5:7447"),
             ("  tcp/boat:9 ", false, "tcp/boat:9"),
@@ -138,28 +165,46 @@ mod tests {
             assert_eq!(command, Some(Command::AddAddress(address.to_owned())));
             assert_eq!(entry, AddressEntry::default());
         }
-        for (typed, has_keys) in [
-            ("nosuchhost", false),
-            ("10.0.0.5", false),
-            ("tcp/boat", false),
-            ("[::1]", false),
-            ("my boat", false),
-            ("boat:", false),
-            ("udp/boat", false),
-            ("tcp/boat:0", false),
-            ("tcp/boat:65535", false),
-            ("http://boat:80", false),
-            ("fe80::1:7447", false),
-            ("quic/boat:7447", false),
-            ("udp/boat:7447", false),
-            ("boat", true),
-            ("tcp/boat:7447", true),
-            ("[::1]:7447", true),
+        for (typed, has_keys, error) in [
+            (
+                "nosuchhost",
+                false,
+                "The port is missing: for example nosuchhost:7447",
+            ),
+            (
+                "10.0.0.5",
+                false,
+                "The port is missing: for example 10.0.0.5:7447",
+            ),
+            (
+                "tcp/boat",
+                false,
+                "The port is missing: for example tcp/boat:7447",
+            ),
+            ("boat", true, "The port is missing: for example boat:7447"),
+            ("[::1]", false, "This is not an address. Type host:port"),
+            ("my boat", false, "This is not an address."),
+            ("boat:", false, "This is not an address."),
+            (":7447", false, "This is not an address."),
+            ("udp/boat", false, "This is not an address."),
+            ("tcp/boat:0", false, "This is not an address."),
+            ("tcp/boat:65535", false, "This is not an address."),
+            ("http://boat:80", false, "This is not an address."),
+            ("fe80::1:7447", false, "This is not an address."),
+            ("udp/boat:7447", false, "This is not an address."),
+            ("quic/boat:7447", false, "QUIC needs keys"),
+            ("tcp/boat:7447", true, "TCP is for robots without keys"),
+            (
+                "[::1]:7447",
+                true,
+                "IPv6 addresses are not supported with keys.",
+            ),
         ] {
             let (command, entry) = submit(typed, has_keys);
             assert_eq!(command, None, "{typed}");
-            assert_eq!(entry.text, typed, "what was typed can be mended");
-            assert_eq!(entry.error, Some(address_error(typed, has_keys)));
+            assert_eq!(entry.text, typed, "it can be corrected");
+            let shown = entry.error.unwrap();
+            assert!(shown.starts_with(error), "{typed}: {shown}");
         }
         assert_eq!(submit("  ", false).1.error, None);
     }

@@ -1,4 +1,4 @@
-//! What wants somebody's attention, and the buttons that say it was seen.
+//! Active and past alerts, and their acknowledgement.
 
 use eframe::egui::{Align, Button, Layout, RichText, Ui};
 use measurement::time::Monotonic;
@@ -10,44 +10,37 @@ use crate::command::Command;
 use crate::shortcuts::Action;
 use crate::theme::{Tone, long_state_ui};
 
-/// Narrower panels have the buttons below the words, points.
+/// Below this width the buttons are below the text, points.
 const NARROW: f32 = 300.0;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertsData {
-    /// Those of the robot that is shown first, the newest first.
+    /// Alerts of the shown robot first, then by age.
     pub lines: Vec<AlertLine>,
-    /// How many nobody has seen.
+    /// Number of unacknowledged alerts.
     pub unacknowledged: usize,
 }
 
-/// One alert.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertLine {
-    /// Whose.
     pub robot: RobotId,
-    /// Which.
     pub alarm: Alarm,
-    /// What it is about; of a robot that is not shown, with its name.
+    /// Includes the robot's name if it is not the shown robot.
     pub text: String,
-    /// Since when, how often, whether it lasts.
+    /// Start time, count and whether it is active.
     pub detail: String,
-    /// Whether its reason lasts.
     pub is_active: bool,
-    /// Whether somebody has said that they have seen it.
     pub is_acknowledged: bool,
 }
 
 impl AlertsData {
-    /// The alerts at `now`.
     pub fn new(alerts: &FleetAlerts, now: Monotonic) -> Self {
         let lines = alerts.iter().map(|(robot, alert)| {
             let is_shown = alerts.shows(robot);
             let since = age(now.since(alert.since));
             let lasts = match (alert.is_active, is_shown) {
                 (true, true) => "still active",
-                // Of most of it nothing is heard.
+                // Most robots that are not shown send no alert state.
                 (true, false) => "still active at last contact",
                 (false, _) => "over",
             };
@@ -75,7 +68,6 @@ impl AlertsData {
     }
 }
 
-/// Draws the panel.
 pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
     let mut command = None;
     if data.lines.is_empty() {
@@ -99,7 +91,7 @@ pub fn alerts_ui(ui: &mut Ui, data: &AlertsData) -> Option<Command> {
             alert_text_ui(ui, line);
             command = command.take().or(acknowledge_ui(ui, line));
         } else {
-            // The button first: words give way to it, not it to words.
+            // The button is laid out first, so that the text wraps.
             ui.with_layout(Layout::right_to_left(Align::Min), |ui| {
                 command = command.take().or(acknowledge_ui(ui, line));
                 ui.with_layout(Layout::top_down(Align::Min), |ui| alert_text_ui(ui, line));
@@ -119,7 +111,6 @@ fn alert_text_ui(ui: &mut Ui, line: &AlertLine) {
     ui.label(RichText::new(&line.detail).small().weak());
 }
 
-/// Says that somebody has seen it, or lets somebody say so.
 fn acknowledge_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
     if line.is_acknowledged {
         ui.weak("Acknowledged");
@@ -142,7 +133,7 @@ mod tests {
     use crate::test_support::{at, console, inject};
 
     #[test]
-    fn alerts_of_robots_that_are_not_shown_say_whose_they_are() {
+    fn alerts_of_other_robots_have_their_name() {
         let mut model = console("boat", &[]);
         inject(&mut model, Topic::Status, &Status::default(), at(0));
         let [boat, scout] = ["boat", "scout"].map(|name| name.parse().unwrap());
@@ -190,13 +181,12 @@ mod tests {
     }
 
     #[test]
-    fn words_give_way_to_the_button_and_it_to_them_in_a_narrow_panel() {
+    fn alerts_wrap_beside_their_button() {
         let data = AlertsData {
             lines: vec![AlertLine {
                 robot: "scout".parse().unwrap(),
                 alarm: Alarm::EStop,
-                text: "laser: Silent. Nothing comes from it. Look at its power and its cable."
-                    .to_owned(),
+                text: "laser: Silent. It sends no data. Check its power and its cable.".to_owned(),
                 detail: "12 s ago, 2 times, still active".to_owned(),
                 is_active: true,
                 is_acknowledged: false,

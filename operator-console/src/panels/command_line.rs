@@ -1,9 +1,9 @@
-//! Words that name options of the command line. In the font of words their two dashes are drawn as a single long one.
+//! Command line options in monospace: in the proportional font, two dashes look like one.
 
 use eframe::egui::text::LayoutJob;
 use eframe::egui::{Color32, FontFamily, FontId, TextFormat, TextStyle, Ui};
 
-/// `words`, of which options (`--keys`) are in the font of code.
+/// `words` with options such as `--keys` in monospace.
 pub fn with_monospace_options(
     ui: &Ui,
     words: &str,
@@ -20,7 +20,7 @@ pub fn with_monospace_options(
     job
 }
 
-/// Words in pieces, and whether each is an option.
+/// Splits text into pieces, with whether each is an option.
 fn pieces(words: &str) -> Vec<(bool, &str)> {
     let mut pieces = Vec::new();
     let mut rest = words;
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_are_pieces_of_their_own() {
+    fn options_are_separate_pieces() {
         assert_eq!(
             pieces("with --keys, or --keep-serving."),
             [
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn options_are_in_the_font_of_code_and_words_are_read_whole() {
+    fn options_are_monospace() {
         let words = "Start it with --keys first.";
         let window = Harness::builder()
             .with_size(vec2(300.0, 60.0))

@@ -1,4 +1,4 @@
-//! How the link does, and whether the map is the robot's.
+//! State of the link, and whether the map is synchronized.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,75 +14,64 @@ use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState, MapSync};
 use crate::theme::{Tone, long_state_ui, state_ui};
 
-/// Pushed tiles are compared once a second; while they keep coming a map that was equal so lately is not
-/// behind.
+/// Map heads are compared once a second. A map that was equal so recently counts as synchronized.
 pub(super) const SYNCHRONIZED_FOR: Duration = Duration::from_secs(5);
-/// What is said of a map that is the robot's, and of one that is not.
 const SYNCHRONIZED: &str = "Synchronized";
 const BEHIND: &str = "Behind";
 const NO_MAP: &str = "No map";
 const OLD: &str = "Old";
-/// Of a robot that fell silent before it has announced its map: that of an earlier link is not kept.
+/// The map is fetched again after a reconnection.
 const FETCHED_ON_RECONNECTION: &str = "Its map is fetched on reconnection";
-/// All that a map may be in a word or two.
+/// All short texts of the map state, for the width of the top bar.
 pub(super) const SHORT_MAP_STATES: [&str; 4] = [SYNCHRONIZED, BEHIND, NO_MAP, OLD];
-/// What is said of the map of a recording that plays faster than it is drawn: nothing of it is asked for, or late.
+/// For a recording that plays faster than it is drawn.
 const DRAWING: &str = "Drawing";
 const ENDED: &str = "Ended";
-/// Of a recording that cannot be shown, or not to its end.
+/// For a recording that cannot be played.
 pub(super) const FAILED: &str = "Failed";
-/// All that the map of a recording may be.
+/// All short texts of a recording's map state.
 pub(super) const SHORT_RECORDING_MAP_STATES: [&str; 3] = [SYNCHRONIZED, DRAWING, NO_MAP];
 
-/// What is known of the sessions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkStatus {
-    /// Whether that for control is open.
+    /// Whether the control session is open.
     pub is_connected: bool,
-    /// Why one of them is not.
+    /// Error of a session.
     pub problem: Option<String>,
-    /// The name of the file, where it is no robot but a recording that is replayed in this program.
+    /// File name if a recording is replayed in this program.
     pub recording: Option<String>,
-    /// Why nothing more comes out of it.
+    /// Why the replay has ended.
     pub failure: Option<String>,
-    /// By what way messages about driving go; none while that is not known.
+    /// Transport of the control session; `None` if unknown.
     pub transport: Option<Transport>,
-    /// Where the robot's recordings are, where that is on this machine.
+    /// Folder of the robot's recordings, if it is on this machine.
     pub recordings: Option<PathBuf>,
 }
 
 impl LinkStatus {
-    /// What is shown, by name: the file of a recording, else the robot.
+    /// File name of the recording, else the robot's name.
     pub fn name_of(&self, robot: &RobotId) -> String {
         self.recording.clone().unwrap_or_else(|| robot.to_string())
     }
 }
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConnectionData {
-    /// How the link is.
+    /// Tone of the link state.
     pub tone: Tone,
-    /// In a word or two.
     pub state: String,
-    /// What to do, or to wait for.
     pub advice: Option<String>,
-    /// How the map is.
     pub map_tone: Tone,
-    /// In a few words.
     pub map: String,
-    /// In one word, or two, where there is no room for those.
     pub map_short: &'static str,
-    /// Figures.
     pub rows: Vec<(String, String)>,
 }
 
 impl ConnectionData {
-    /// The state at `now`.
     pub fn new(model: &ConsoleModel, link: &LinkStatus, now: Monotonic) -> Self {
         let connection = model.connection();
         let state = match (connection.state(now), &link.recording) {
-            // It has no link to lose: why it ends, its time line says.
+            // A recording has no link. The timeline shows why it ended.
             (LinkState::Silent, Some(_)) => LinkState::Live,
             (state, _) => state,
         };
@@ -90,12 +79,12 @@ impl ConnectionData {
         let has_ended = model.reports_ended();
         let (tone, word, advice) = match state {
             _ if link.failure.is_some() => (Tone::Warning, FAILED.to_owned(), link.failure.clone()),
-            // What comes out of a file is never live.
+            // A recording is never live.
             LinkState::Live if link.recording.is_some() => {
                 (Tone::Waiting, "Recording".to_owned(), None)
             }
             LinkState::Waiting if link.recording.is_some() => {
-                let advice = "The recording is looked through before it is mapped.";
+                let advice = "The recording is scanned before it is mapped.";
                 (Tone::Waiting, "Opening".to_owned(), Some(advice.to_owned()))
             }
             LinkState::Live => {
@@ -117,7 +106,7 @@ impl ConnectionData {
                 (Tone::Waiting, "Waiting".to_owned(), Some(advice))
             }
             LinkState::Silent if model.is_silence_expected() => {
-                let advice = "Its data has ended, and no more data comes from it.";
+                let advice = "Its data has ended.";
                 (Tone::Waiting, ENDED.to_owned(), Some(advice.to_owned()))
             }
             LinkState::Silent => {
@@ -133,9 +122,9 @@ impl ConnectionData {
                 (Tone::Warning, "Silent".to_owned(), Some(advice))
             }
         };
-        let heard = connection.age(now).unwrap_or_default();
-        let (map_tone, map, map_short) = match map_state(model.map(), (state, heard), now) {
-            // Nothing more comes, whatever there is.
+        let last_contact = connection.age(now).unwrap_or_default();
+        let (map_tone, map, map_short) = match map_state(model.map(), (state, last_contact), now) {
+            // The replay has failed: no map will come.
             (_, _, NO_MAP) if link.failure.is_some() => (Tone::Warning, NO_MAP.to_owned(), NO_MAP),
             (tone, _, BEHIND) if link.recording.is_some() => drawing(tone, missing(model.map())),
             (Tone::Warning, text, short) if model.is_silence_expected() => {
@@ -168,11 +157,11 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
             0 => "< 1 ms".to_owned(),
             ms => format!("{ms} ms"),
         });
-    let heard = connection
+    let last_contact = connection
         .age(now)
         .map_or_else(none, |time| format!("{} ago", age(time)));
-    let mut rows = vec![row("Last message", heard)];
-    // Of what is not heard nothing is measured: there is room for what to do instead.
+    let mut rows = vec![row("Last message", last_contact)];
+    // Measurements of a silent link are not shown.
     if state != LinkState::Silent {
         rows.push(row("Round trip", round_trip));
         let receiving = format!("{:.0} kbit/s", connection.kbps(now));
@@ -181,16 +170,16 @@ fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     rows
 }
 
-/// Whether all that a robot that is heard, or a recording, has told of its map is here, as the bar says it.
+/// Whether the map is shown as synchronized: of a live robot or of a recording.
 pub(super) fn is_synchronized(map: &MapSync, now: Monotonic) -> bool {
-    let heard = (LinkState::Live, Duration::ZERO);
-    map_state(map, heard, now).2 == SYNCHRONIZED
+    let last_contact = (LinkState::Live, Duration::ZERO);
+    map_state(map, last_contact, now).2 == SYNCHRONIZED
 }
 
-/// Whether the map is the robot's, in a few words and in fewer.
+/// Long and short text of the map state.
 fn map_state(
     map: &MapSync,
-    (state, heard): (LinkState, Duration),
+    (state, last_contact): (LinkState, Duration),
     now: Monotonic,
 ) -> (Tone, String, &'static str) {
     let Some(_announced) = map.head_at() else {
@@ -205,8 +194,8 @@ fn map_state(
         .min()
         .flatten();
     if state == LinkState::Silent {
-        // What counted as equal while the link lived, counts so now.
-        let before = equal_at.map(|at| now.since(at).saturating_sub(heard));
+        // A map that was equal at the last contact counts as equal at the time the link was lost.
+        let before = equal_at.map(|at| now.since(at).saturating_sub(last_contact));
         let text = match before {
             _ if map.is_synchronized() => "Was synchronized at last contact".to_owned(),
             Some(before) if before < SYNCHRONIZED_FOR => {
@@ -236,7 +225,7 @@ fn map_state(
     }
 }
 
-/// How many tiles are known to be missing.
+/// Number of missing tiles.
 fn missing(map: &MapSync) -> usize {
     map.layer_states().map(|step| step.missing).sum()
 }
@@ -246,7 +235,7 @@ fn tiles(number: usize) -> String {
     format!("{} {tiles}", count(number as u64))
 }
 
-/// The same of the map of a recording, of which so many tiles are known to be missing.
+/// Map state of a recording with missing tiles.
 fn drawing(tone: Tone, missing: usize) -> (Tone, String, &'static str) {
     let text = match missing {
         0 => "Being drawn".to_owned(),
@@ -255,7 +244,6 @@ fn drawing(tone: Tone, missing: usize) -> (Tone, String, &'static str) {
     (tone, text, DRAWING)
 }
 
-/// Draws the panel.
 pub fn connection_ui(ui: &mut Ui, data: &ConnectionData) {
     state_ui(ui, data.tone, &data.state, 24.0);
     if let Some(advice) = &data.advice {

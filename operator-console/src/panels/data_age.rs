@@ -1,4 +1,4 @@
-//! How old what the map shows is, in words.
+//! Text for the age of map data.
 
 use std::time::Duration;
 
@@ -9,27 +9,27 @@ use super::formatting::age;
 use crate::model::ConsoleModel;
 use crate::playback::is_recording;
 
-/// Nothing comes closer to the end than this.
+/// Ages below this are shown as the end itself.
 const NEGLIGIBLE: Duration = Duration::from_millis(50);
 
-/// How old something is that was measured.
+/// Age of measured data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DataAge {
-    /// So much; of a recording, where it is shown.
+    /// Age in the robot's time, or at the shown time of a recording.
     Old(Duration),
-    /// The robot's data has ended: so long before its end.
+    /// Age at the end of the robot's data.
     BeforeEnd(Duration),
-    /// It is ahead of the data, whose clock was set back before this console came, as where a recording began again.
+    /// The data is newer than the robot's clock, because the clock was set back.
     Unknown,
 }
 
 impl DataAge {
-    /// The age of a tile that `model` holds.
+    /// Age of a tile of `model`.
     pub fn new(model: &ConsoleModel, key: TileKey, now: Monotonic) -> Self {
         let ages = model.map().ages();
         let before_newest = || ages.before_newest(key);
         if is_recording(model.robot()) {
-            // It stands while it is paused.
+            // Ages do not grow while a recording is paused.
             return Self::Old(before_newest());
         }
         if model.reports_ended() {
@@ -38,7 +38,7 @@ impl DataAge {
         ages.age(key, now).map_or(Self::Unknown, Self::Old)
     }
 
-    /// In words, as they follow "newest" or begin a line.
+    /// Text after "newest".
     pub fn words(self) -> String {
         match self {
             Self::Old(time) => format!("{} old", age(time)),
@@ -48,7 +48,7 @@ impl DataAge {
         }
     }
 
-    /// The same as a moment, in words that follow "changed".
+    /// Text after "changed".
     pub fn moment(self) -> String {
         match self {
             Self::Old(time) => format!("{} ago", age(time)),
@@ -81,7 +81,7 @@ mod tests {
     };
     const SECOND_NS: i64 = 1_000_000_000;
 
-    /// A robot whose data is at 100 s when it is heard first, and a tile that was measured at 60 s.
+    /// A robot whose clock is at 100 s at the first contact, with a tile measured at 60 s.
     fn late(robot: &str) -> ConsoleModel {
         let mut store = TileStore::new(BOOT, 10);
         let cell_m = 0.1;
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robots_map_is_as_old_as_its_measurements_and_grows_older() {
+    fn map_age_is_that_of_its_measurements() {
         let model = late("scout");
         assert_eq!(words(&model, 1_000), "40 s old");
         assert_eq!(words(&model, 6_000), "45 s old");
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_does_not_grow_older() {
+    fn a_paused_recording_does_not_age() {
         let mut recording = late("recording-1");
         let mut ended = late("scout");
         let status = Status {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_ahead_of_the_data_is_of_before_that_began_again() {
+    fn tiles_newer_than_the_clock_have_unknown_age() {
         let mut model = late("scout");
         let mut store = TileStore::new(BOOT, 10);
         let (layer, cell_m) = (LAYER, 0.1);

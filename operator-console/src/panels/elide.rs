@@ -1,10 +1,9 @@
-//! Names that are longer than their place. What is left out is in the middle: recordings of one robot begin alike, and differ by
-//! the time at their ends.
+//! Shortens long names in the middle: recordings of one robot begin alike and differ in the time at the end.
 
-/// Of what is kept of a name, its end has this share.
+/// Share of the kept characters that belongs to the end.
 const END: f64 = 0.6;
 
-/// A name, or as much of its beginning and its end as `fits`, with "…" between them.
+/// `name`, or the longest shortened form that `fits`.
 pub fn elided(name: &str, fits: impl Fn(&str) -> bool) -> String {
     if fits(name) {
         return name.to_owned();
@@ -38,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_name_is_left_out() {
+    fn long_names_are_shortened_in_the_middle() {
         let name = "lake-2026-11-22T150130Z.mcap";
         assert_eq!(in_signs(name, 28), name);
         assert_eq!(in_signs(name, 21), "lake-202…150130Z.mcap");

@@ -1,4 +1,4 @@
-//! What happened, the newest first, as far as the operator wants to read it.
+//! Events, newest first, filtered by severity and text.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
@@ -10,42 +10,35 @@ use super::elide::elided;
 use crate::event_log::{Entry, EventLog, Severity, Source};
 use crate::theme::Tone;
 
-/// Lines that are laid out; older ones are found by the filter.
+/// Number of drawn lines. Older events can be found by the filter.
 const MAX_LINES: usize = 300;
-/// Narrower panels have what happened below its heading, points.
+/// Below this width the text is below its heading, points.
 const NARROW: f32 = 460.0;
 
-/// Names that are longer are shortened to so many signs: what happened matters more.
+/// Longer names are shortened to so many characters.
 const MAX_NAME: usize = 16;
 
-/// What the operator wants to read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EventFilter {
-    /// What matters less is left out.
+    /// Minimum severity.
     pub least: Severity,
-    /// What does not have this in it, or in the name of who tells, is left out, whatever the case of its letters.
+    /// Text that an event or its source must contain; the case is ignored.
     pub text: String,
 }
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventsData {
-    /// The newest first.
     pub lines: Vec<EventLine>,
-    /// How much is left out, in words.
+    /// How many events are hidden.
     pub left_out: Option<String>,
 }
 
-/// One line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventLine {
-    /// When, by the wall clock.
+    /// Local time.
     pub time: String,
-    /// How much it matters.
     pub severity: Severity,
-    /// Who tells, and what kind of thing.
     pub heading: String,
-    /// What happened.
     pub text: String,
 }
 
@@ -58,7 +51,6 @@ impl EventFilter {
 }
 
 impl EventsData {
-    /// The entries that pass the filter.
     pub fn new(log: &EventLog, filter: &EventFilter) -> Self {
         let needle = filter.text.trim().to_lowercase();
         let all = log.entries();
@@ -93,7 +85,6 @@ fn line(entry: &Entry) -> EventLine {
     }
 }
 
-/// Draws the panel.
 pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
     let is_narrow = ui.available_width() < NARROW;
     filter_ui(ui, filter, data.left_out.as_deref(), is_narrow);
@@ -111,7 +102,7 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
                 for line in &data.lines {
                     narrow_line_ui(ui, line);
                 }
-                // Where it would cost the list a line.
+                // Shown only if there is space beside the filter.
                 if let Some(left_out) = &data.left_out {
                     ui.weak(left_out);
                 }
@@ -121,7 +112,7 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
         });
 }
 
-/// In one line, however narrow the panel is: a low one has no other to spare.
+/// Always one line, because the panel may be low.
 fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_narrow: bool) {
     ui.horizontal(|ui| {
         let (words, width): (fn(Severity) -> &'static str, f32) = if is_narrow {
@@ -142,9 +133,7 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
         severity.response.widget_info(|| {
             WidgetInfo::labeled(Role::ComboBox, true, format!("Least severity: {chosen}"))
         });
-        severity
-            .response
-            .on_hover_text("Leave out what matters less");
+        severity.response.on_hover_text("Minimum severity");
         if is_narrow {
             let width = ui.available_width();
             let text = ui.add(text_ui(filter, "Filter: words", width));
@@ -168,7 +157,7 @@ fn text_ui<'a>(filter: &'a mut EventFilter, hint: &'a str, width: f32) -> TextEd
         .desired_width(width)
 }
 
-/// Each in a row; what is too long for it has another.
+/// One row for each event; long texts wrap.
 fn lines_ui(ui: &mut Ui, lines: &[EventLine]) {
     Grid::new("events")
         .num_columns(3)
@@ -184,7 +173,7 @@ fn lines_ui(ui: &mut Ui, lines: &[EventLine]) {
         });
 }
 
-/// What happened stands below when and to whom it did, without gaps: narrow panels are low as well.
+/// Text below time and source.
 fn narrow_line_ui(ui: &mut Ui, line: &EventLine) {
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;

@@ -1,8 +1,8 @@
-//! Numbers and times as the operator reads them.
+//! Text for numbers and times.
 
 use std::time::Duration;
 
-/// A length of time, coarser the longer it is.
+/// Duration with a resolution that decreases with its length.
 pub fn age(time: Duration) -> String {
     let secs = time.as_secs();
     match secs {
@@ -13,7 +13,7 @@ pub fn age(time: Duration) -> String {
     }
 }
 
-/// A number with a true minus sign, and no sign at zero.
+/// Number with a true minus sign; zero has no sign.
 pub fn signed(number: f64, decimals: usize) -> String {
     let digits = format!("{:.decimals$}", number.abs());
     let is_zero = digits.bytes().all(|byte| matches!(byte, b'0' | b'.'));
@@ -24,7 +24,7 @@ pub fn signed(number: f64, decimals: usize) -> String {
     }
 }
 
-/// How fast it turns, rad/s, left being plus, in degrees and with the way in words.
+/// Turn rate in degrees with its direction; `radps` > 0 is left.
 pub fn turn(radps: f64) -> String {
     let deg = radps.to_degrees().round();
     let speed = signed(deg.abs(), 0);
@@ -37,21 +37,20 @@ pub fn turn(radps: f64) -> String {
     }
 }
 
-/// A direction, degrees clockwise from north, as a compass has it: three digits.
+/// Three-digit compass direction, degrees clockwise from north.
 pub fn bearing(deg: f64) -> String {
-    // 359.7° is north, and so is −0.3°, without a sign.
+    // 359.7° and −0.3° are both 000°.
     let whole = deg.round().rem_euclid(360.0).abs();
     format!("{whole:03.0}°")
 }
 
-/// A direction, degrees counter-clockwise from x of `odom`, which points east where north is known. Where it is not, x is the
-/// robot's direction at its start for some robots, and any direction for others: only the map has it, and `x` is what it is
-/// called.
+/// Direction of `angle_deg`, degrees counter-clockwise from x of `odom`. If north is unknown, it is relative to `x`,
+/// which is the name of that axis.
 pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
     if knows_north {
         return bearing(90.0 - angle_deg);
     }
-    // Half a turn to the left at most, or as far to the right.
+    // From −180° to 180°.
     let left_deg = 180.0 - (180.0 - angle_deg).rem_euclid(360.0);
     match left_deg.round() as i64 {
         0 => format!("along {x}"),
@@ -61,10 +60,10 @@ pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
     }
 }
 
-/// Between groups of digits: the one space at which egui breaks no line (not even U+202F is).
+/// The one space at which egui does not break lines (it breaks at U+202F).
 const GROUPS_APART: char = '\u{a0}';
 
-/// A count in groups of three digits.
+/// Count in groups of three digits.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut grouped = String::with_capacity(digits.len() * 4 / 3);
@@ -77,7 +76,7 @@ pub fn count(number: u64) -> String {
     grouped
 }
 
-/// A size in the unit that suits it, of powers of ten.
+/// Size in the decimal unit that suits it.
 pub fn bytes(bytes: u64) -> String {
     let size = bytes as f64;
     match bytes {
@@ -88,7 +87,7 @@ pub fn bytes(bytes: u64) -> String {
     }
 }
 
-/// As a sentence or a label begins.
+/// First letter as capital.
 pub fn capitalised(text: &str) -> String {
     let mut chars = text.chars();
     match chars.next() {
@@ -105,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_as_fine_as_they_matter() {
+    fn resolution_of_ages() {
         let check = |ms, expected: &str| assert_eq!(age(Duration::from_millis(ms)), expected);
         check(0, "0.0 s");
         check(9_960, "10.0 s");
@@ -117,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_direction_is_the_compasss_where_north_is_known() {
+    fn directions_are_bearings_if_north_is_known() {
         for (angle_deg, on_earth, on_map) in [
             (0.0, "090°", "along x"),
             (-0.4, "090°", "along x"),
@@ -125,7 +124,6 @@ mod tests {
             (-13.2, "103°", "13° right of x"),
             (179.9, "270°", "against x"),
             (-179.9, "270°", "against x"),
-            // Beyond half a turn the other way is shorter.
             (-270.0, "000°", "90° left of x"),
             (190.0, "260°", "170° right of x"),
             (359.8, "090°", "along x"),
@@ -136,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_have_true_signs_and_groups() {
+    fn number_texts() {
         assert_eq!(signed(-0.004, 2), "0.00");
         assert_eq!(signed(-12.345, 2), "−12.35");
         assert_eq!(signed(7.0, 1), "7.0");
@@ -153,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn no_line_is_broken_within_a_number() {
+    fn no_line_break_within_a_number() {
         let words = format!("revision {}", count(12_308));
         let window = Harness::builder().build_ui_state(
             move |ui, lines: &mut Vec<String>| {
@@ -162,7 +160,6 @@ mod tests {
                     let painter = ui.painter();
                     painter.layout(words.to_owned(), font, Color32::BLACK, width)
                 };
-                // Room for the word and half of the number.
                 let width = layout("revision 12 3", f32::INFINITY).size().x;
                 let text = layout(&words, width);
                 let rows = text.rows.iter();

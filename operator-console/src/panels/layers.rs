@@ -1,16 +1,12 @@
-//! The layers as they lie one over the other: which are drawn, how opaque, in which colours, and how old they are.
-
-mod dragging;
+//! Layers in their order: visibility, opacity, colours and age.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Button, Color32, ComboBox, RichText, Sense, Shape, Slider, Stroke, TextStyle, Ui, WidgetInfo,
-    vec2,
+    Button, Color32, ComboBox, DragAndDrop, Rect, RichText, Sense, Shape, Slider, Stroke,
+    TextStyle, Ui, WidgetInfo, pos2, vec2,
 };
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Scheme};
-
-use dragging::{drop_ui, grip_ui};
 
 use super::connection::{LinkStatus, SYNCHRONIZED_FOR};
 use super::data_age::DataAge;
@@ -20,50 +16,43 @@ use crate::map_view::{LayerCommand, MapView};
 use crate::model::{ConsoleModel, LayerSyncState};
 use crate::theme::Tone;
 
-/// Narrower panels have the name of a layer and its place in two lines, points.
+/// Below this width a layer has its buttons in a second line, points.
 const NARROW: f32 = 210.0;
 
-/// What is usually said of a layer has room in any case, so that nothing below moves when the words change.
+/// Space is reserved for these texts, so that nothing below moves.
 const USUAL: [&str; 3] = [
     "8\u{a0}888 tiles, synchronized 8.8 s ago, newest 888 min old",
     "8\u{a0}888 tiles, not synchronized for 8.8 s, newest 888 min old",
     "8\u{a0}888 tiles, 888 missing for 8.8 s, newest 888 min old",
 ];
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayersData {
-    /// The layers that the robot maps, the uppermost first.
+    /// Layers of the robot, topmost first.
     pub rows: Vec<LayerRow>,
-    /// What there is to say where there are none.
+    /// Shown if there is no layer.
     pub note: Option<String>,
 }
 
-/// A layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerRow {
-    /// Which.
     pub layer: LayerId,
-    /// Whether it is drawn.
     pub is_shown: bool,
     /// 0 … 1.
     pub opacity: f32,
-    /// Its colours.
     pub scheme: Scheme,
-    /// How much there is of it, how old, and what is missing.
+    /// Number of tiles, age and missing tiles.
     pub state: String,
-    /// How that is.
     pub tone: Tone,
-    /// Side of a cell, metres.
+    /// Cell size, m.
     pub cell_m: f64,
-    /// The layer that lies next over it.
+    /// Next layer above.
     pub over: Option<LayerId>,
-    /// The layer that lies next under it.
     pub under: Option<LayerId>,
 }
 
 impl LayersData {
-    /// The layers of `model` as `view` draws them, of a robot or of a recording, as `link` says.
+    /// `link`: a robot or a recording.
     pub fn new(model: &ConsoleModel, link: &LinkStatus, view: &MapView, now: Monotonic) -> Self {
         let offered = model.info().map(|info| info.layers.as_slice());
         let offered = offered.unwrap_or_default();
@@ -71,7 +60,6 @@ impl LayersData {
         let stacked = view.stack().layers().iter().rev();
         let stacked: Vec<_> = stacked.filter(|held| is_offered(held.layer)).collect();
         let stale = StaleData::new(model, now);
-        // A recording's layers come over no link.
         let hidden = if link.recording.is_some() {
             "hidden"
         } else {
@@ -91,7 +79,7 @@ impl LayersData {
             } else {
                 state_of(step, view.tiles(layer), link.recording.is_some(), now)
             };
-            // What is not received is as old as it is, whatever an export has fetched of it.
+            // Hidden layers are not received, so their tiles are out of date.
             if held.is_shown
                 && let Some(newest) = view.newest(layer)
             {
@@ -148,7 +136,6 @@ fn state_of(
         let words = format!("{extent}, synchronized {} ago", age(since));
         return (Tone::Good, words);
     }
-    // What is recorded comes over no link: it is mapped here, and drawn when there is time.
     if is_recording {
         let comes = match step.missing {
             0 => "being drawn".to_owned(),
@@ -164,7 +151,6 @@ fn state_of(
     (Tone::Waiting, format!("{extent}, {lacks}{since}"))
 }
 
-/// A layer as the operator reads it.
 pub const fn layer_name(layer: LayerId) -> &'static str {
     match layer {
         LayerId::Occupancy => "Occupancy",
@@ -176,7 +162,6 @@ pub const fn layer_name(layer: LayerId) -> &'static str {
     }
 }
 
-/// A scheme as the operator reads it.
 pub const fn scheme_name(scheme: Scheme) -> &'static str {
     match scheme {
         Scheme::Grey => "White to black",
@@ -189,7 +174,6 @@ pub const fn scheme_name(scheme: Scheme) -> &'static str {
     }
 }
 
-/// Draws the panel.
 pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
     let mut command = None;
     let mut places = Vec::with_capacity(data.rows.len());
@@ -215,7 +199,7 @@ pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
     command
 }
 
-/// Name, whether it is drawn, and its place: in two lines where the panel is narrow.
+/// Name, visibility and order buttons.
 fn head_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     if ui.available_width() < NARROW {
         let shown = ui.horizontal(|ui| shown_ui(ui, row)).inner;
@@ -260,7 +244,7 @@ fn place_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     command
 }
 
-/// A button that moves a layer past its neighbour, which is returned where it is clicked.
+/// A button that exchanges a layer with its neighbour. Returns the neighbour if it is clicked.
 fn step_ui(ui: &mut Ui, neighbour: Option<LayerId>, is_up: bool, name: &str) -> Option<LayerId> {
     let sense = if neighbour.is_some() {
         Sense::click()
@@ -290,7 +274,6 @@ fn step_ui(ui: &mut Ui, neighbour: Option<LayerId>, is_up: bool, name: &str) -> 
     neighbour.filter(|_| response.on_hover_text(&label).clicked())
 }
 
-/// How opaque it is, and its colours.
 fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     let (layer, name) = (row.layer, layer_name(row.layer));
     let mut command = None;
@@ -312,7 +295,6 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
         command = Some(LayerCommand::Opacity(layer, opacity));
     }
     if let [only] = layer.schemes() {
-        // Nothing to choose.
         ui.label(RichText::new(scheme_name(*only)).small());
         return command;
     }
@@ -343,7 +325,7 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     command
 }
 
-/// How it is, in small print: no lower than what is usually said would be at this width.
+/// State in small text, with at least the height of the usual texts.
 fn state_ui(ui: &mut Ui, row: &LayerRow) {
     let color = match (row.is_shown, row.tone) {
         (true, Tone::Warning) => row.tone.color(ui.visuals()),
@@ -363,6 +345,94 @@ fn state_ui(ui: &mut Ui, row: &LayerRow) {
         ui.set_min_height(heights.into_iter().fold(0.0, f32::max));
         ui.label(RichText::new(&row.state).small().color(color));
     });
+}
+
+const GRIP: [f32; 2] = [12.0, 22.0];
+/// Distance from the edge of the visible list within which it scrolls, points.
+const EDGE: f32 = 24.0;
+/// Points per second.
+const SCROLLING: f32 = 300.0;
+
+/// Distance of the drop marker from a row, points.
+const BESIDE: f32 = 3.0;
+
+/// Drag payload.
+struct Dragged(LayerId);
+
+/// Drag handle; the buttons do the same for the keyboard.
+fn grip_ui(ui: &mut Ui, layer: LayerId, name: &str) {
+    let (rect, grip) = ui.allocate_exact_size(GRIP.into(), Sense::DRAG);
+    grip.dnd_set_drag_payload(Dragged(layer));
+    grip.widget_info(|| WidgetInfo::labeled(Role::Unknown, true, format!("Drag {name}")));
+    let is_looked_at = grip.hovered() || grip.dragged();
+    let ink = if is_looked_at {
+        ui.visuals().text_color()
+    } else {
+        ui.visuals().weak_text_color()
+    };
+    for x in [-2.5, 2.5] {
+        for y in [-5.0, 0.0, 5.0] {
+            let dot = rect.center() + vec2(x, y);
+            ui.painter().circle_filled(dot, 1.5, ink);
+        }
+    }
+    grip.on_hover_text("Drag it over or under others");
+}
+
+/// Draws the drop marker, and returns the command when the layer is dropped. `places`: rows from the top.
+fn drop_ui(ui: &Ui, places: &[(LayerId, Rect)]) -> Option<LayerCommand> {
+    let dragged = DragAndDrop::payload::<Dragged>(ui.ctx())?.0;
+    let pointer = ui.ctx().pointer_interact_pos()?;
+    let seen = ui.clip_rect();
+    if !seen.contains(pointer) {
+        return None;
+    }
+    scroll(ui, seen, pointer.y);
+    let above = places.iter().filter(|(_, at)| at.center().y < pointer.y);
+    let gap = above.count();
+    let layers: Vec<_> = places.iter().map(|(layer, _)| *layer).collect();
+    let command = moved(dragged, &layers, gap)?;
+    let y = match (gap.checked_sub(1), places.get(gap)) {
+        (Some(over), Some((_, under))) => 0.5 * (places[over].1.bottom() + under.top()),
+        (None, Some((_, under))) => under.top() - BESIDE,
+        (Some(over), None) => places[over].1.bottom() + BESIDE,
+        (None, None) => return None,
+    };
+    let rows = places.iter().map(|(_, at)| *at);
+    let list = rows.fold(Rect::NOTHING, Rect::union);
+    let ends = [pos2(list.left(), y), pos2(list.right(), y)];
+    let stroke = Stroke::new(3.0, ui.visuals().selection.stroke.color);
+    ui.painter().line_segment(ends, stroke);
+    let is_let_go = ui.input(|input| input.pointer.any_released());
+    is_let_go.then_some(command)
+}
+
+/// Scrolls the list near its edges.
+fn scroll(ui: &Ui, seen: Rect, y: f32) {
+    let towards = if y < seen.top() + EDGE {
+        1.0
+    } else if y > seen.bottom() - EDGE {
+        -1.0
+    } else {
+        return;
+    };
+    let time_s = ui.input(|input| input.stable_dt).min(0.1);
+    ui.scroll_with_delta(vec2(0.0, towards * SCROLLING * time_s));
+    ui.ctx().request_repaint();
+}
+
+/// Command that moves a layer to the gap before row `gap`; `None` if it is there already.
+fn moved(dragged: LayerId, layers: &[LayerId], gap: usize) -> Option<LayerCommand> {
+    let at = layers.iter().position(|layer| *layer == dragged)?;
+    if gap == at || gap == at + 1 {
+        return None;
+    }
+    match layers.get(gap) {
+        Some(under) => Some(LayerCommand::Above(dragged, *under)),
+        None => layers
+            .last()
+            .map(|lowest| LayerCommand::Below(dragged, *lowest)),
+    }
 }
 
 #[cfg(test)]

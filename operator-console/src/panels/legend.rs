@@ -1,4 +1,4 @@
-//! Legends: a colour scale with numbers, or classes with names, for every layer that is drawn.
+//! Legends: a colour scale with numbers, or classes with names, for each drawn layer.
 
 use std::sync::Arc;
 
@@ -15,38 +15,36 @@ use crate::theme;
 const BAR_HEIGHT: f32 = 10.0;
 const TICK: f32 = 3.0;
 pub(super) const SWATCH: Vec2 = vec2(18.0, 14.0);
-/// Between a colour and its name, and in addition between a name and the next colour, points.
+/// Between a colour and its name; also added between a name and the next colour, points.
 const SPACING: f32 = 4.0;
 const GAP: f32 = 6.0;
-/// Half of the widest number stands out on either side of the bar.
+/// Space for half of a number at both ends of the bar.
 const OVERHANG: f32 = 14.0;
 const STEPS: u8 = 64;
-/// Between what is in a legend, and in addition between one and the next, points.
+/// Between lines; also added between legends, points.
 pub const LINES_APART: f32 = 2.0;
 const LEGENDS_APART: f32 = 4.0;
-/// Least height of a row of colours, points.
+/// Minimum height of a row, points.
 const ROW: f32 = 16.0;
 
-/// What is free, of a layer that lies over another: where that knows nothing it has its own colour.
+/// Free cells of an upper layer are transparent over known cells.
 const SEE_THROUGH: &str = "free: clear over the known";
 
-/// The legends of all layers that are drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendsData {
-    /// The uppermost first. What is unknown is said once, where it looks the same in all.
+    /// Topmost first. "Unknown" is listed once if it looks the same in all.
     pub legends: Vec<Legend>,
 }
 
 impl LegendsData {
-    /// The legends of the colours that are shown, the uppermost first, and whether each layer lies over another.
+    /// `palettes`: topmost first, with whether each layer is above another.
     pub fn new(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
         let legend = |(palette, is_over): (Palette, bool)| {
             let mut legend = palette.legend();
             if palette.layer() == LayerId::Shore {
-                // The map calls them so.
+                // The map uses the same names.
                 "shores 1, 2 …; docking sites A, B …".clone_into(&mut legend.title);
             }
-            // Free cells show what lies below.
             if is_over
                 && palette.layer() == LayerId::Obstacle
                 && let Some(free) = legend.swatches.first_mut()
@@ -56,7 +54,6 @@ impl LegendsData {
             legend
         };
         let mut legends: Vec<_> = palettes.into_iter().map(legend).collect();
-        // The last of the swatches is what is unknown.
         for index in 1..legends.len() {
             let below = legends[index].swatches.last().cloned();
             let above = &mut legends[index - 1].swatches;
@@ -67,7 +64,7 @@ impl LegendsData {
         Self { legends }
     }
 
-    /// The same with titles that have one line on a narrow map: a layer's name, and its unit.
+    /// Same, with one-line titles.
     pub fn with_short_titles(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
         let palettes: Vec<_> = palettes.into_iter().collect();
         let mut data = Self::new(palettes.iter().copied());
@@ -79,30 +76,29 @@ impl LegendsData {
         data
     }
 
-    /// Whether the title of the uppermost has room in one line of so many points.
+    /// Whether the first title fits into one line of this width, points.
     pub fn first_title_fits(&self, ui: &Ui, width: f32) -> bool {
         let first = self.legends.first();
         first.is_none_or(|legend| text(ui, &legend.title, f32::INFINITY).size().x <= width)
     }
 
-    /// Takes the title of the uppermost, which somebody else draws: nothing is left of it.
+    /// Removes and returns the first title: the caller draws it.
     pub fn take_first_title(&mut self) -> String {
         let first = self.legends.first_mut();
         first.map_or_else(String::new, |legend| std::mem::take(&mut legend.title))
     }
 }
 
-/// Draws a title, which has several lines where it is long.
+/// Draws a title, which may wrap.
 pub fn title_ui(ui: &mut Ui, title: &str) {
     ui.add(Label::new(RichText::new(capitalised(title)).small()).wrap());
 }
 
-/// How high a title is where it has so much width, points.
+/// Height of a title at this width, points.
 pub fn title_height(ui: &Ui, title: &str, width: f32) -> f32 {
     text(ui, title, width).size().y
 }
 
-/// Draws the legends below each other.
 pub fn legends_ui(ui: &mut Ui, data: &LegendsData) {
     ui.spacing_mut().item_spacing.y = LINES_APART;
     for (index, legend) in data.legends.iter().enumerate() {
@@ -113,7 +109,7 @@ pub fn legends_ui(ui: &mut Ui, data: &LegendsData) {
     }
 }
 
-/// How high the legends are where they have so much width, points.
+/// Height of the legends at this width, points.
 pub fn legends_height(ui: &Ui, data: &LegendsData, width: f32) -> f32 {
     let heights = data.legends.iter().map(|legend| {
         let title = Some(&legend.title).filter(|title| !title.is_empty());
@@ -163,7 +159,7 @@ fn legend_ui(ui: &mut Ui, legend: &Legend) {
     }
 }
 
-/// What a name has for a line in a row of a legend that is so wide, points. Where there are several they fit, and none is broken.
+/// Width of a name in a row, points. In a row of several swatches all names fit.
 fn name_width(row: &[Swatch], width: f32) -> f32 {
     match row {
         [_alone] => width - SWATCH.x - SPACING,
@@ -171,7 +167,7 @@ fn name_width(row: &[Swatch], width: f32) -> f32 {
     }
 }
 
-/// As many swatches in a row as fit its width, points; a name that is too long for it has a row of its own, and several lines.
+/// Distributes swatches over rows of this width. A long name has a row of its own.
 fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     let of = |swatch: &Swatch| {
         let text = text(ui, &swatch.label, f32::INFINITY);
@@ -193,18 +189,17 @@ fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     rows
 }
 
-/// Whether it shows the layer below where that is known, and its own colour elsewhere.
+/// Whether it is transparent over known cells.
 fn is_see_through(swatch: &Swatch) -> bool {
     swatch.label == SEE_THROUGH
 }
 
-/// Draws a colour and its pattern.
 pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
     let of = |[red, green, blue, alpha]: [u8; 4]| {
         Color32::from_rgba_unmultiplied(red, green, blue, alpha)
     };
     if is_see_through(swatch) {
-        // Half of it is clear. What the map lies on would be the colour of the unknown.
+        // One half is transparent.
         let half = vec![rect.left_bottom(), rect.right_top(), rect.right_bottom()];
         let color = of(swatch.color);
         ui.painter()
@@ -214,7 +209,7 @@ pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
         ui.painter().line_segment(line, Stroke::new(1.0, ink));
         return frame(ui, rect);
     }
-    // Colours that let something through are seen on what the map lies on.
+    // Translucent colours are drawn over the map's background.
     ui.painter()
         .rect_filled(rect, 0.0, theme::ground(ui.visuals()));
     ui.painter().rect_filled(rect, 0.0, of(swatch.color));
@@ -275,7 +270,7 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     let digits = ui.painter().layout_no_wrap("00".to_owned(), font, ink);
     let spans = numbers.iter().map(|(_, place, _)| place.x_range());
     let is_kept = kept(&spans.collect::<Vec<_>>(), digits.size().x);
-    // A tick without its number would be a value that nobody can read.
+    // Ticks without a number are omitted.
     let tick = Rangef::new(bar.bottom(), bar.bottom() + TICK);
     for ((x, place, text), _) in numbers.into_iter().zip(is_kept).filter(|(_, kept)| *kept) {
         ui.painter().vline(x, tick, Stroke::new(1.0, ink));
@@ -283,9 +278,7 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     }
 }
 
-/// Which of the numbers below a ramp are written, from left to right: those at its ends, which say what is spread over
-/// it, and of the others those that have `apart` points on both sides. Nearer ones would read as one number, or as a
-/// formula: "0.4 ≥ 0.5".
+/// Indices of the numbers to draw: both ends, and those between that have `apart` points on both sides.
 fn kept(spans: &[Rangef], apart: f32) -> Vec<bool> {
     let mut is_kept = vec![false; spans.len()];
     let last = spans.len().saturating_sub(1);

@@ -1,10 +1,10 @@
-//! The link: how it is, what it carries, and both over the last minutes.
+//! The link: state, streams, and plots of the last minutes.
 
-mod axis;
 mod key;
-mod plots;
 
-use eframe::egui::{RichText, Ui};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Align, Layout, RichText, Sense, Ui, Vec2, WidgetInfo, vec2};
+use egui_plot::{GridMark, Line, Plot, PlotPoints};
 use measurement::time::Monotonic;
 
 use super::connection::{ConnectionData, LinkStatus, connection_ui};
@@ -14,50 +14,46 @@ use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkSample, Stream};
 use crate::theme::Tone;
 
-use plots::plots_ui;
+use key::{Key, looks};
 
-/// Samples that lie farther apart are not joined, seconds.
+/// Samples farther apart than this are not joined, s.
 const GAP_S: f64 = 1.3;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkData {
-    /// The state, in short.
     pub connection: ConnectionData,
-    /// By what way messages come.
+    /// Transport of the control session.
     pub transport: Option<(Tone, String)>,
-    /// Said instead of all that follows where there is no link.
+    /// Shown instead of the rest if there is no link.
     pub note: Option<String>,
-    /// Ages of the streams, loss.
+    /// Age of each stream, loss.
     pub streams: Vec<Row>,
-    /// Round trip, loss, rate, ages.
+    /// Round trip, loss, rate and ages.
     pub plots: Vec<LinkPlot>,
 }
 
-/// Something over the last minutes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkPlot {
-    /// What, with its unit.
+    /// Title with unit.
     pub title: &'static str,
-    /// The axis reaches at least this far.
+    /// Minimum upper end of the axis.
     pub least: f64,
-    /// Its lines, each with a name.
+    /// Lines with their names.
     pub lines: Vec<(&'static str, Segments)>,
 }
 
-/// Pieces of a line, with gaps between them: seconds from now, which are negative, and values.
+/// Connected pieces of a line: time relative to now (≤ 0, s) and value.
 pub type Segments = Vec<Vec<[f64; 2]>>;
 
 impl LinkData {
-    /// The link at `now`.
     pub fn new(model: &ConsoleModel, link: &LinkStatus, now: Monotonic) -> Self {
         if let Some(recording) = &link.recording {
             return Self {
                 connection: ConnectionData::new(model, link, now),
                 transport: None,
                 note: Some(format!(
-                    "{recording} is mapped in this program: a recording has no link. How fast it plays is said on the time \
-                     line, what of it is damaged in Events, too."
+                    "{recording} is mapped in this program: a recording has no link. The timeline shows its \
+                     speed and damage."
                 )),
                 streams: Vec::new(),
                 plots: Vec::new(),
@@ -116,14 +112,13 @@ impl LinkData {
     }
 }
 
-/// How a transport is told.
 fn transport_text(transport: Transport) -> (Tone, String) {
     let (tone, words) = match transport {
         Transport::Quic => (Tone::Good, "QUIC, secured"),
         Transport::Tls => (Tone::Good, "TLS, secured"),
         Transport::TlsInstead => (
             Tone::Warning,
-            "TLS, secured, since QUIC does not answer: what is lost holds up what follows",
+            "TLS, secured, because QUIC does not answer: a lost message delays the following ones",
         ),
         Transport::Tcp => (Tone::Waiting, "TCP, not secured"),
         Transport::Other => (Tone::Waiting, "Another way"),
@@ -140,7 +135,7 @@ const fn stream_name(stream: Stream) -> &'static str {
     }
 }
 
-/// A value over time, in pieces: nothing is drawn where nothing was measured.
+/// Splits samples where values are missing.
 fn segments<'a>(
     samples: impl Iterator<Item = &'a LinkSample>,
     value: &dyn Fn(&LinkSample) -> Option<f64>,
@@ -167,17 +162,16 @@ fn segments<'a>(
     segments
 }
 
-/// Width of the figures beside the plots, points.
+/// Width of the rows beside the plots, points.
 const FIGURES: f32 = 210.0;
 
-/// Draws the panel: plots beside the figures where there is room, else below them.
 pub fn link_ui(ui: &mut Ui, data: &LinkData) {
     if let Some(note) = &data.note {
         connection_ui(ui, &data.connection);
         ui.label(note);
         return;
     }
-    // What can be seen without scrolling. Beside the figures, the row is as high as they are.
+    // Visible height. Beside the rows, the plots have the same height as them.
     let height = ui.available_height();
     if ui.available_width() < 1.8 * FIGURES {
         figures_ui(ui, data);
@@ -201,21 +195,183 @@ fn figures_ui(ui: &mut Ui, data: &LinkData) {
     rows_ui(ui, "streams", &data.streams);
 }
 
+/// Mantissas of the upper end: half of each is a short number.
+const ENDS: [f64; 8] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+/// The plotting library fades labels that are closer than this, points.
+const APART: f64 = 32.0;
+
+/// Axis from 0 to a round number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Axis {
+    end: f64,
+    step: f64,
+}
+
+impl Axis {
+    /// Axis up to at least `highest` (> 0) on a plot of `height` points. Labels: 0, the end, and the middle if there
+    /// is space.
+    fn new(highest: f64, height: f64) -> Self {
+        let power = libm::pow(10.0, libm::floor(libm::log10(highest)));
+        let ends = ENDS.map(|end| end * power);
+        let end = ends.into_iter().find(|end| *end >= highest);
+        let end = end.unwrap_or(highest);
+        let has_middle = 0.5 * height > APART;
+        let step = if has_middle { 0.5 * end } else { end };
+        Self { end, step }
+    }
+
+    fn marks(self) -> Vec<GridMark> {
+        let count = libm::round(self.end / self.step) as u32;
+        let mark = |number| GridMark {
+            value: f64::from(number) * self.step,
+            step_size: self.step,
+        };
+        (0..=count).map(mark).collect()
+    }
+}
+
+fn label(mark: GridMark) -> String {
+    // Removes the rounding error of the sum.
+    let rounded = libm::round(mark.value * 1e6) / 1e6;
+    rounded.to_string()
+}
+
+/// Time span of the plots, s.
+const SPAN_S: f64 = 300.0;
+/// Minimum height of a plot without its key, points.
+const LEAST: f32 = 46.0;
+/// Between rows of plots, points.
+const ROWS_APART: f32 = 3.0;
+/// Half the height of a digit, points.
+const AXIS_TEXT: f64 = 6.0;
+/// Minimum width for all plots in one row, points.
+const WIDE: f32 = 200.0;
+/// Minimum width for two plots in a row, points.
+const NARROW: f32 = 160.0;
+
+/// Draws the plots in as many columns as fit. `height`: of all rows with their keys, if no plot gets too low.
+fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
+    ui.spacing_mut().item_spacing.y = ROWS_APART;
+    let gap = ui.spacing().item_spacing;
+    let share =
+        |all: f32, gap: f32, count: usize| (all - gap * (count as f32 - 1.0)) / count as f32;
+    let of_width = |columns| share(ui.available_width(), gap.x, columns);
+    let columns = match (of_width(4) >= WIDE, of_width(2) >= NARROW) {
+        (true, _) => 4,
+        (false, true) => 2,
+        (false, false) => 1,
+    };
+    let width = of_width(columns);
+    let keys: Vec<_> = plots.iter().map(|plot| Key::new(ui, plot, width)).collect();
+    // Plots of one row have the same height.
+    let key_heights: Vec<_> = keys
+        .chunks(columns)
+        .map(|row| row.iter().map(Key::height).fold(0.0, f32::max))
+        .collect();
+    let for_plots = height - key_heights.iter().sum::<f32>();
+    let size = vec2(width, share(for_plots, gap.y, key_heights.len()).max(LEAST));
+    let rows = plots.chunks(columns).zip(keys.chunks(columns));
+    for ((plots, keys), key_height) in rows.zip(key_heights) {
+        ui.horizontal_top(|ui| {
+            for (plot, key) in plots.iter().zip(keys) {
+                let cell = size + vec2(0.0, key_height);
+                ui.allocate_ui_with_layout(cell, Layout::top_down(Align::Min), |ui| {
+                    ui.spacing_mut().item_spacing.y = 0.0;
+                    let above = vec2(width, key_height);
+                    let (above, _) = ui.allocate_exact_size(above, Sense::hover());
+                    key.paint(ui, above.left_top());
+                    plot_ui(ui, plot, size);
+                });
+            }
+        });
+    }
+}
+
+fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
+    let highest = data
+        .lines
+        .iter()
+        .flat_map(|(_, segments)| segments.iter().flatten())
+        .fold(data.least, |highest, [_, value]| highest.max(*value));
+    // Labels are centred on their lines and extend beyond the plot.
+    let between = f64::from(size.y) - 2.0 * AXIS_TEXT;
+    let axis = Axis::new(highest, between);
+    let edge = axis.end * AXIS_TEXT / between;
+    let plot = Plot::new(data.title)
+        .min_size(size)
+        .width(size.x)
+        .height(size.y)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .allow_double_click_reset(false)
+        .show_x(false)
+        .include_x(-SPAN_S)
+        .include_x(0.0)
+        .include_y(-edge)
+        .include_y(axis.end + edge)
+        .set_margin_fraction(vec2(0.0, 0.0))
+        .x_grid_spacer(|_input| {
+            (-5..=0)
+                .map(|minutes| egui_plot::GridMark {
+                    value: f64::from(minutes) * 60.0,
+                    step_size: 60.0,
+                })
+                .collect()
+        })
+        .y_grid_spacer(move |_input| axis.marks())
+        .y_axis_formatter(|mark, _range| label(mark))
+        .show_axes([false, true])
+        .y_axis_min_width(34.0);
+    let dark = ui.visuals().dark_mode;
+    let shown = plot.show(ui, |plot| {
+        for ((name, segments), (color, style)) in data.lines.iter().zip(looks(dark)) {
+            for segment in segments {
+                let points = PlotPoints::from(segment.clone());
+                plot.line(
+                    Line::new(*name, points)
+                        .color(color)
+                        .width(1.5)
+                        .style(style),
+                );
+            }
+        }
+    });
+    let words = accessible_text(data);
+    shown
+        .response
+        .widget_info(|| WidgetInfo::labeled(Role::Image, true, &words));
+    shown
+        .response
+        .on_hover_text("The last 5 minutes: a line a minute, now on the right");
+}
+
+/// Accessible text: title and newest values.
+fn accessible_text(data: &LinkPlot) -> String {
+    let newest = data.lines.iter().filter_map(|(name, segments)| {
+        let [_, value] = segments.last()?.last()?;
+        Some(format!("{name} {value:.1}"))
+    });
+    let newest = newest.collect::<Vec<_>>().join(", ");
+    format!("{}: {newest}", data.title)
+}
+
 #[cfg(test)]
 mod tests {
     use std::time::Duration;
 
+    use super::*;
     use eframe::egui::accesskit::Role;
     use eframe::egui::{Rect, vec2};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
 
-    use super::*;
     use crate::test_support::{at, scout};
     use crate::theme;
 
     #[test]
-    fn what_was_not_measured_is_a_gap_and_no_line() {
+    fn missing_samples_are_gaps() {
         let sample = |ms, round_trip_ms: Option<u64>| LinkSample {
             at: at(ms),
             round_trip: round_trip_ms.map(Duration::from_millis),
@@ -252,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_that_messages_take_is_told() {
+    fn the_transport_is_shown() {
         let (tone, words) = transport_text(Transport::TlsInstead);
         assert_eq!(tone, Tone::Warning);
         assert!(words.contains("QUIC does not answer"));
@@ -260,7 +416,6 @@ mod tests {
         assert!(transport_text(Transport::Tcp).1.contains("not secured"));
     }
 
-    /// The panel with its longest words, on so wide a window; it may be higher than that, for it scrolls.
     fn window(width: f32) -> Harness<'static> {
         let mut data = LinkData::new(&scout(), &LinkStatus::default(), at(1_000));
         data.connection.map = "Was synchronized 1.0 s before the link was lost".to_owned();
@@ -277,7 +432,6 @@ mod tests {
 
     #[test]
     fn nothing_is_cut_in_a_narrow_panel() {
-        // 216 points are 200 and the margins of a window.
         for width in [216.0, 300.0, 380.0, 400.0, 467.0, 560.0, 760.0, 1100.0] {
             let window = window(width);
             let places = |role| {
@@ -286,7 +440,6 @@ mod tests {
             };
             let (plots, words) = (places(Role::Image), places(Role::Label));
             assert_eq!(plots.len(), 4, "{width}");
-            // The words above each are drawn, and no labels.
             for pair in plots
                 .windows(2)
                 .filter(|pair| pair[1].top() > pair[0].bottom())
@@ -311,5 +464,62 @@ mod tests {
                 );
             }
         }
+    }
+
+    fn labels(highest: f64, height: f64) -> Vec<String> {
+        let marks = Axis::new(highest, height).marks();
+        marks.into_iter().map(label).collect()
+    }
+
+    #[test]
+    fn an_axis_has_two_numbers_and_covers_all_values() {
+        assert_eq!(labels(50.0, 48.0), ["0", "50"]);
+        assert_eq!(labels(50.0, 90.0), ["0", "25", "50"]);
+        assert_eq!(labels(81.0, 90.0), ["0", "50", "100"]);
+        assert_eq!(labels(2.0, 90.0), ["0", "1", "2"]);
+        assert_eq!(labels(0.03, 90.0), ["0", "0.015", "0.03"]);
+        for (highest, end) in [
+            (1.5, 2.0),
+            (2.1, 3.0),
+            (3.1, 4.0),
+            (41.0, 50.0),
+            (51.0, 60.0),
+            (0.61, 0.8),
+            (81.0, 100.0),
+        ] {
+            let reached = Axis::new(highest, 90.0).end;
+            assert!((reached - end).abs() < 1e-9, "{highest}: {reached}");
+        }
+        assert_eq!(labels(50.0, 2.0 * APART), ["0", "50"]);
+        for highest in [0.1, 9.99, 10.0, 19.9, 21.0, 77.7, 4_321.0, 1e7] {
+            for height in [40.0, 62.0, 200.0] {
+                let axis = Axis::new(highest, height);
+                assert!(axis.end >= highest && axis.end <= 2.0 * highest, "{axis:?}");
+                let marks = axis.marks();
+                assert!(marks.len() >= 2, "{axis:?}");
+                let apart = axis.step / axis.end * height;
+                assert!(apart > APART, "{axis:?}: {apart}");
+            }
+        }
+    }
+
+    #[test]
+    fn plot_has_an_accessible_text() {
+        let data = LinkPlot {
+            title: "Age, s",
+            least: 2.0,
+            lines: vec![
+                (
+                    "Position",
+                    vec![vec![[-3.0, 0.5]], vec![[-1.0, 0.04], [0.0, 0.06]]],
+                ),
+                ("State", Vec::new()),
+                ("Map tiles", vec![vec![[-2.0, 1.25]]]),
+            ],
+        };
+        assert_eq!(
+            accessible_text(&data),
+            "Age, s: Position 0.1, Map tiles 1.2"
+        );
     }
 }

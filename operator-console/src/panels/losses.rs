@@ -1,6 +1,4 @@
-//! What was dropped by the robot and what was refused here, by reason.
-
-mod hints;
+//! Counters of dropped messages (robot) and rejected messages (console) by reason.
 
 use eframe::egui::Ui;
 
@@ -8,17 +6,13 @@ use super::formatting::count;
 use super::rows::{hinted_rows_ui, row};
 use crate::model::ConsoleModel;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LossesData {
-    /// Reasons and counts of the robot.
     pub robot: Vec<(String, String)>,
-    /// Reasons and counts of this console.
     pub console: Vec<(String, String)>,
 }
 
 impl LossesData {
-    /// The counters as they are.
     pub fn new(model: &ConsoleModel) -> Self {
         let status = model.status().map(|(status, _)| status);
         let drops = status.map(|status| status.drops.as_slice());
@@ -49,7 +43,6 @@ fn rows<'a>(counts: impl Iterator<Item = (&'a str, u64)>) -> Vec<(String, String
         .collect()
 }
 
-/// Draws the panel.
 pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
     for (who, id, rows) in [
         (
@@ -63,21 +56,71 @@ pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
         if rows.is_empty() {
             ui.label("Nothing");
         } else {
-            hinted_rows_ui(ui, id, rows, &hints::hint);
+            hinted_rows_ui(ui, id, rows, &hint);
         }
     }
 }
 
+/// Explanation of a drop reason; `None` for reasons that are plain or unknown.
+fn hint(name: &str) -> Option<&'static str> {
+    let words = match name {
+        "isolated" => {
+            "Single points of a scan with nothing beside them, such as rain, spray or dust. They are not mapped."
+        }
+        "invalid range" => {
+            "Beams with an invalid range, or shorter than the sensor can measure. They are not mapped."
+        }
+        "own body" => "Beams that hit the vehicle itself. They are not mapped.",
+        "out of bounds" | "outside window" => {
+            "Points farther away than the map reaches. They are not mapped."
+        }
+        "late" => "Messages of a sensor that came too late to be put in order.",
+        "undecodable" | "damaged" | "cut off" => {
+            "Messages or parts of a recording that cannot be read."
+        }
+        "bad stamp" => "Messages with an impossible time.",
+        "bad pose" => "Positions with invalid numbers.",
+        "bad scan" => "Scans without beams, or with invalid angles or times.",
+        "wheel jump" => "Turns of a wheel that are longer than the vehicle drives.",
+        "no fix" => "The satellite receiver had no position.",
+        "bad fix" => "Satellite positions that are not on Earth.",
+        "gnss outlier" => "Satellite positions farther away than the vehicle drives.",
+        "no pose" | "before first pose" => "Scans of a time without a known position.",
+        "pose gap" => "Scans of a time without positions for too long.",
+        "pose jump" => "Scans of a time at which the position jumped.",
+        "after last pose" => "Scans that are too much newer than the newest position.",
+        "queue full" => {
+            "Scans that waited for a position while there was no room for more, or for mapping for more than 2 s, and \
+             those behind them until it had caught up."
+        }
+        "lost by source" => {
+            "Messages that came and cannot be used, or damaged parts of a recording, each of which may hold many scans: \
+             Events and the time line say where."
+        }
+        "before joining" => {
+            "Received before the robot announced its run. Missing tiles are fetched."
+        }
+        "other boot" => {
+            "From another run of the robot, for example around its restart. Missing tiles are fetched."
+        }
+        "incomplete tiles" => "Tiles of which one half was not received.",
+        _ => return None,
+    };
+    Some(words)
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
     use eframe::egui::vec2;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
+    use measurement::drops::DropReason;
 
-    use super::*;
+    use crate::model::RejectReason;
 
     #[test]
-    fn headings_say_of_what_losses_are_and_stay_within_a_narrow_panel() {
+    fn headings_fit_a_narrow_panel() {
         let data = LossesData {
             robot: rows([("own_body", 1_234)].into_iter()),
             console: Vec::new(),
@@ -92,5 +135,30 @@ mod tests {
         assert!(heading.rect().right() <= 200.0, "{}", heading.rect());
         assert!(heading.rect().bottom() <= below.top(), "{below}");
         window.get_by_label("1\u{a0}234");
+    }
+
+    #[test]
+    fn drop_reasons_are_explained() {
+        for (reason, text) in [
+            (DropReason::Isolated, "Single points"),
+            (DropReason::InvalidRange, "shorter than the sensor"),
+            (DropReason::OwnBody, "the vehicle itself"),
+            (DropReason::AfterLastPose, "newer than the newest position"),
+        ] {
+            let (name, _) = super::rows([(reason.as_str(), 1)].into_iter()).remove(0);
+            let words = hint(&name);
+            assert!(
+                words.is_some_and(|words| words.contains(text)),
+                "{name}: {words:?}"
+            );
+        }
+        assert_eq!(hint("refused messages"), None);
+        let handbook = include_str!("../../../docs/console.md");
+        for refusal in [RejectReason::BeforeJoin, RejectReason::OtherBoot] {
+            let words = hint(refusal.name()).unwrap();
+            assert!(words.ends_with("are fetched."), "{words}");
+            let named = format!("*{}*: ", refusal.name());
+            assert!(handbook.contains(&named), "{named}");
+        }
     }
 }

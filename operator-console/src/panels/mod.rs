@@ -1,5 +1,5 @@
-//! The panels beside the map: each a pure `FooData` made from the model and a function that draws it and
-//! returns what the operator asks for.
+//! Panels beside the map. Each has plain data (`FooData`), made from the model, and a function that draws it and
+//! returns commands.
 
 pub mod address_list;
 pub mod addresses;

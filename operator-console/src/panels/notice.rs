@@ -1,4 +1,4 @@
-//! What this console has just done for the operator, over the map for as long as it is news.
+//! Short notice over the map about what this console has just done.
 
 use std::time::Duration;
 
@@ -11,31 +11,27 @@ use measurement::time::Monotonic;
 use crate::event_log::{EventLog, Severity, Source};
 use crate::theme::Tone;
 
-/// Long enough to read a path, and to look for it among the events afterwards.
+/// Long enough to read a path.
 const SHOWN_FOR: Duration = Duration::from_secs(5);
-/// What is done without a panel in sight that would say how it went.
+/// Kinds of events that no panel shows.
 const KINDS: [&str; 4] = ["screenshot", "folder", "settings", "driving"];
-/// Above the lower edge of a window that shows no map, and beside both its edges as a share of its width.
+/// Distance from the lower edge and, as a share of the width, from both sides of a window without a map.
 const ABOVE: f32 = 24.0;
 const BESIDE_SHARE: f32 = 0.1;
-/// Between a notice and what it lies above, points.
+/// Distance from other cards, points.
 const GAP: f32 = 6.0;
-/// Narrower text is not wrapped any more, points.
+/// Minimum text width, points.
 const NARROWEST: f32 = 60.0;
 
-/// The newest of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoticeData {
-    /// In words, as the event log has it.
     pub text: String,
-    /// Whether it went well.
     pub tone: Tone,
-    /// For so much longer.
+    /// Remaining time.
     pub rest: Duration,
 }
 
 impl NoticeData {
-    /// What is news at `now`.
     pub fn new(log: &EventLog, now: Monotonic) -> Option<Self> {
         let entries = log.entries().iter().rev();
         let mut fresh = entries.take_while(|entry| now.since(entry.at) < SHOWN_FOR);
@@ -53,17 +49,17 @@ impl NoticeData {
     }
 }
 
-/// Where a notice may lie.
+/// Area for a notice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoticeRoom {
-    /// Within this, at its lower edge.
+    /// The notice is at its lower edge.
     pub place: Rect,
-    /// Over none of these, if it can be helped.
+    /// Areas to avoid.
     pub taken: Vec<Rect>,
 }
 
 impl NoticeRoom {
-    /// Where there is no map.
+    /// Area if there is no map.
     pub fn of_window(ui: &Ui) -> Self {
         let window = ui.ctx().content_rect();
         Self {
@@ -72,7 +68,7 @@ impl NoticeRoom {
         }
     }
 
-    /// Where one of this size lies: as low as it can.
+    /// Lowest free place; the lower edge if there is none.
     fn rect(&self, size: Vec2) -> Rect {
         let lowest = Align2::CENTER_BOTTOM.anchor_size(self.place.center_bottom(), size);
         let mut rect = lowest;
@@ -86,18 +82,18 @@ impl NoticeRoom {
     }
 }
 
-/// Draws it, in the way of nothing that is pressed.
+/// Draws the notice. It does not block clicks.
 pub fn notice_ui(ui: &Ui, data: &NoticeData, room: &NoticeRoom) {
     let frame = Frame::popup(ui.style());
     let margin = frame.total_margin().sum();
     let text = WidgetText::from(RichText::new(&data.text).color(data.tone.color(ui.visuals())));
     let width = (room.place.width() - margin.x).max(NARROWEST);
-    // Laid out before, for where it lies depends on how large it is.
+    // The position depends on the size of the text.
     let text = text.into_galley(ui, Some(TextWrapMode::Wrap), width, TextStyle::Body);
     let rect = room.rect(text.size() + margin);
     Area::new(Id::unique("notice"))
         .fixed_pos(rect.min)
-        // Over the map, and below dialogs.
+        // Above the map, below dialogs.
         .order(Order::Background)
         .interactable(false)
         .show(ui.ctx(), |ui| frame.show(ui, |ui| ui.label(text)));
@@ -112,7 +108,7 @@ mod tests {
     use crate::test_support::at;
 
     #[test]
-    fn a_notice_is_as_low_as_what_stands_there_allows() {
+    fn a_notice_is_at_the_lowest_free_place() {
         let place = Rect::from_min_max(pos2(300.0, 100.0), pos2(900.0, 600.0));
         let mut room = NoticeRoom {
             place,
@@ -132,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_saved_is_news_for_a_while_and_what_a_robot_says_is_not() {
+    fn notices_are_short_and_of_this_console() {
         let mut log = EventLog::default();
         assert_eq!(NoticeData::new(&log, at(0)), None);
         log.note(Severity::Info, "link", "scout is connected", at(0), 0);

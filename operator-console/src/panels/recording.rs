@@ -1,4 +1,4 @@
-//! The recording on the robot: whether it runs, how large it is, and how to start and stop it.
+//! Recording on the robot: state, size, start and stop.
 
 use std::path::{Path, PathBuf};
 
@@ -16,43 +16,38 @@ use crate::playback::is_recording;
 use crate::teleop_client::{Intent, RequestKind, TeleopClientState, TeleopNotification};
 use crate::theme::{Tone, state_ui};
 
-/// Panels that are at least so wide have two columns; the width of that with the buttons. Points.
+/// Minimum width for two columns, and width of the column with the buttons, points.
 const WIDE: f32 = 520.0;
 const BUTTONS: f32 = 290.0;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordingData {
-    /// How it is.
     pub tone: Tone,
-    /// In a few words.
     pub state: String,
-    /// What to do, or to know.
+    /// What to do or to know.
     pub advice: Option<String>,
-    /// Figures.
     pub rows: Vec<(String, String)>,
-    /// What the button does; `None` where the robot cannot record.
+    /// `None` if the robot cannot record.
     pub button: Option<RecordingButton>,
-    /// Its folder, where that is on this machine.
+    /// Folder of the recordings, if it is on this machine.
     pub folder: Option<PathBuf>,
-    /// The last file, where it is finished and on this machine, and the words to open it.
+    /// The last complete file, if it is on this machine, with the text of its button.
     pub finished: Option<(PathBuf, &'static str)>,
-    /// Why the last wish was not done.
+    /// Why the last request was refused.
     pub refusal: Option<String>,
 }
 
-/// The button that starts and stops.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordingButton {
-    /// Whether it starts a recording, or stops the one that runs.
+    /// Whether it starts or stops a recording.
     pub starts: bool,
-    /// Why it cannot be pressed.
+    /// Why it is disabled.
     pub blocked: Option<&'static str>,
 }
 
 impl RecordingData {
-    /// The recording at `now`; `teleop_client` is of this console, where it can ask the robot for anything; `folder` is that of the
-    /// robot's recordings, where it is on this machine.
+    /// `teleop_client`: of this console, if it can send requests. `folder`: of the robot's recordings, if it is on
+    /// this machine.
     pub fn new(
         model: &ConsoleModel,
         teleop_client: Option<&TeleopClientState>,
@@ -63,11 +58,15 @@ impl RecordingData {
         let Some((recording, (status, at))) = model.recording().zip(model.status()) else {
             return Self::unavailable(model);
         };
-        let (tone, state, said) = state_text(recording.state, is_live, status.has_ended);
-        let told = (!is_live).then(|| format!("As of {} ago", age(now.since(*at))));
-        let advice: Vec<_> = said.map(str::to_owned).into_iter().chain(told).collect();
+        let (tone, state, texts) = state_text(recording.state, is_live, status.has_ended);
+        let reported = (!is_live).then(|| format!("As of {} ago", age(now.since(*at))));
+        let advice: Vec<_> = texts
+            .map(str::to_owned)
+            .into_iter()
+            .chain(reported)
+            .collect();
         let is_running = recording.state == RecordingState::Recording;
-        // Files grow after the robot has told of them last: by what was on its way to the disk, too.
+        // The file may have grown since the last status.
         let may_be_more = is_running && (!is_live || status.has_ended);
         let blocked = match teleop_client {
             _ if !is_live => Some("No data from the robot"),
@@ -107,7 +106,7 @@ impl RecordingData {
             ("This is a recording itself", Some(advice.to_owned()))
         } else if let Some(source) = played(model) {
             let advice = format!(
-                "What it shows comes from {source}, not from sensors: nothing new to record."
+                "Its data comes from {source}, not from sensors: there is nothing new to record."
             );
             ("This robot does not record", Some(advice))
         } else {
@@ -127,15 +126,14 @@ impl RecordingData {
     }
 }
 
-/// What a robot replays, or simulates at a speed at which nobody can drive: no option of robot-edge lets operators
-/// record that.
+/// Name of a replay or of a simulation that cannot be driven: it cannot be recorded.
 fn played(model: &ConsoleModel) -> Option<&str> {
     let (status, _) = model.status()?;
     let source = model.info()?.source.as_str();
     (!source.is_empty() && status.teleop.is_none()).then_some(source)
 }
 
-/// What it is, as far as that is known of a robot that is not heard, and what there is to do or to know.
+/// State and advice; of a silent robot, the last known state.
 fn state_text(
     state: RecordingState,
     is_live: bool,
@@ -160,16 +158,16 @@ fn state_text(
         RecordingState::Failed => (
             Tone::Warning,
             "Stopped: it cannot be written",
-            Some("The event says why. What was written before is kept."),
+            Some("The event shows why. Data written before is kept."),
         ),
     }
 }
 
-/// The last file, which nobody writes to any more, and the words to open it: a file ends after a minute.
+/// The last complete file and the text of its button. A file is complete after a minute.
 fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathBuf, &'static str)> {
     let is_finished = recording.files > 0 && recording.state != RecordingState::Recording;
     let file = Path::new(&recording.file);
-    // The robot's word: it may be anybody's, and names no other place of this computer.
+    // The robot sends the name: a path must not be followed.
     let is_name = file.file_name().is_some_and(|name| name == file);
     let path = folder.filter(|_| is_finished && is_name)?.join(file);
     let words = if recording.files == 1 {
@@ -181,7 +179,7 @@ fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathB
 }
 
 fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -> Vec<Row> {
-    // What is looked at while it runs comes first.
+    // The changing values come first.
     let mut rows = Vec::new();
     if recording.files > 0 {
         let files = if recording.files == 1 {
@@ -216,7 +214,7 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -
     rows
 }
 
-/// Hours, minutes and seconds.
+/// h:mm:ss.
 fn clock(secs: u32) -> String {
     let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
     if hours > 0 {
@@ -226,7 +224,7 @@ fn clock(secs: u32) -> String {
     }
 }
 
-/// That a wish about recording was not done.
+/// Text of a refused recording request.
 fn refusal(note: &TeleopNotification) -> Option<String> {
     match note {
         TeleopNotification::Answered(
@@ -258,7 +256,7 @@ fn refusal(note: &TeleopNotification) -> Option<String> {
     }
 }
 
-/// Draws the panel: its figures beside what can be pressed where there is room, so that a low panel shows both.
+/// Draws the panel: rows beside the buttons if there is space.
 pub fn recording_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     if ui.available_width() < WIDE || data.rows.is_empty() {
         let asked = state_and_buttons_ui(ui, data);
@@ -297,7 +295,7 @@ fn state_and_buttons_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     asked.inner
 }
 
-/// What can be done with files that are on this machine.
+/// Buttons for files on this machine.
 fn files_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     let folder = data.folder.as_ref()?;
     let mut command = None;

@@ -1,4 +1,4 @@
-//! The robot: who it is, where it is, how far it has got.
+//! The shown robot: identity, position and progress.
 
 use eframe::egui::Ui;
 use measurement::time::Monotonic;
@@ -11,20 +11,17 @@ use super::stale::is_position_old;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
-/// Seconds since 1970.
+/// In seconds since 1970.
 const YEAR_2000_S: u64 = 946_684_800;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RobotData {
-    /// Names and values.
     pub rows: Vec<(String, String)>,
-    /// Said where the values are not what they seem.
+    /// Shown if the values need an explanation.
     pub note: Option<String>,
 }
 
 impl RobotData {
-    /// The robot at `now`.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
         let mut rows = Vec::new();
         if let Some(info) = model.info() {
@@ -37,9 +34,8 @@ impl RobotData {
         if let Some((status, _)) = model.status() {
             let [mapped, came] = [status.scans_mapped, status.scans_in].map(count);
             if is_recording(model.robot()) {
-                // While it stands still, its map shows the scans that wait for a pose, too: no status counts
-                // them as mapped. Nobody else sees it.
-                // Until that is drawn, it is the count of where it was played before.
+                // A paused recording also maps the scans that wait for a pose, which its status does not count as
+                // mapped. Until they are drawn, the count is that of the previous position.
                 let read = is_synchronized(model.map(), now).then(|| format!("{came} read"));
                 rows.push(row(
                     "Scans",
@@ -64,10 +60,10 @@ impl RobotData {
     }
 }
 
-/// `newest_ns`: the stamp of its newest pose, by the clock of its data.
+/// `newest_ns`: stamp of the newest pose.
 fn ended(newest_ns: Option<i64>) -> String {
     let newest_s = newest_ns.and_then(|ns| u64::try_from(ns / 1_000_000_000).ok());
-    // What counts from a machine's start, or from a simulation's, tells nobody the time.
+    // Clocks that start at zero have no calendar time.
     match newest_s.filter(|newest_s| *newest_s >= YEAR_2000_S) {
         Some(newest_s) => {
             let at = utc_label(newest_s).replace('T', " ").replace('Z', " UTC");
@@ -88,13 +84,13 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .unwrap_or_default()
         .to_degrees();
     let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
-    // Nothing new will come: the last that was measured is no speed of now.
+    // After the end of the data the last speed is not shown as current.
     let has_ended = model.reports_ended();
     let now = |words: String| if has_ended { "–".to_owned() } else { words };
     let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
     let turning = turn(f64::from(pose.turn_rate_radps));
     vec![
-        // In a narrow panel a line ends between x and y, not within them.
+        // Narrow panels break the line between x and y.
         row("Position", format!("x\u{a0}{x}  y\u{a0}{y}\u{a0}m")),
         row("Height", format!("{z} m")),
         row("Heading", heading(heading_deg, knows_north)),
@@ -108,7 +104,6 @@ fn heading(angle_deg: f64, knows_north: bool) -> String {
     capitalised(&direction(angle_deg, knows_north, "map's x"))
 }
 
-/// Draws the panel.
 pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
     if let Some(note) = &data.note {
         ui.strong(note);
@@ -129,7 +124,7 @@ mod tests {
     use crate::test_support::{BOOT, announce_map, at, console, inject, scout};
 
     #[test]
-    fn a_recording_counts_no_scan_as_unmapped_that_its_map_shows() {
+    fn a_paused_recording_counts_all_drawn_scans() {
         let status = Status {
             scans_in: 1_118,
             scans_mapped: 1_117,
@@ -145,7 +140,6 @@ mod tests {
             announce_map(&mut model, &TileStore::new(BOOT, 10), at(1_000));
             RobotData::new(&model, at(1_100)).rows
         };
-        // It is wound, and what is told is of where it was played before.
         let drawn = RobotData::new(&model("recording-1"), at(1_100)).rows;
         assert_eq!(drawn, [row("Scans", "being read")]);
         let read = row("Scans", "1\u{a0}118 read");
@@ -155,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn turning_has_its_way_in_words() {
+    fn turn_rate_text() {
         let mut model = scout();
         let pose = Pose {
             position_m: [1.0, 2.0, 0.0],
@@ -178,8 +172,8 @@ mod tests {
     }
 
     #[test]
-    fn data_that_has_ended_says_when_where_its_clock_tells_the_time() {
-        let told = [
+    fn ended_data_shows_its_time_if_known() {
+        let reported = [
             None,
             Some(-1),
             Some(93_000_000_000),
@@ -188,11 +182,11 @@ mod tests {
         let without = "Its data has ended: nothing new will come";
         let with =
             "Its data has ended, by its clock at 2025-11-22 18:20:42 UTC: nothing new will come";
-        assert_eq!(told.map(ended), [without, without, without, with]);
+        assert_eq!(reported.map(ended), [without, without, without, with]);
     }
 
     #[test]
-    fn a_heading_is_the_compasss_where_north_is_known() {
+    fn heading_is_a_bearing_if_north_is_known() {
         for (angle_deg, on_earth, on_map) in [
             (90.0, "000°", "90° left of map's x"),
             (1.2, "089°", "1° left of map's x"),

@@ -1,4 +1,4 @@
-//! The robots on the network, and below them a box for an address where none is found.
+//! Robots on the network, and a field for addresses.
 
 use std::collections::BTreeSet;
 use std::iter;
@@ -21,61 +21,55 @@ use crate::model::{LinkState, UncommandedMotion};
 use crate::shortcuts::Action;
 use crate::theme::Tone;
 
-/// A robot's colour, points.
+/// Points.
 const SWATCH: Vec2 = vec2(12.0, 16.0);
 
-/// What the panel shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotsData {
-    /// The robots that have answered, each once, in the order in which they did so first.
+    /// Robots that have answered, in the order of their first answer.
     pub found: Vec<RobotLine>,
-    /// The robot that is shown.
+    /// The shown robot.
     pub current: Option<RobotId>,
-    /// What to do where nothing is shown: it stands where the map would be.
+    /// Shown instead of the map if no robot is shown.
     pub advice: Option<String>,
-    /// What stands over the advice.
+    /// Heading of the advice.
     pub heading: &'static str,
-    /// Whether there is anything that the operator could do.
+    /// Whether the operator can do anything.
     pub is_up_to_operator: bool,
-    /// Why none can be found.
+    /// Error of discovery.
     pub problem: Option<String>,
-    /// Addresses that are remembered, or asked for robots in this run.
+    /// Remembered and searched addresses.
     pub addresses: Vec<ListedAddress>,
-    /// Whether this console has keys: addresses are of another kind then.
+    /// Whether this console has keys.
     pub has_keys: bool,
 }
 
-/// Which robot is waited for while none is shown.
+/// Which robot is awaited while none is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SearchTarget<'a> {
-    /// Whichever there is.
+    /// Any robot.
     Any,
-    /// The one that the command line asks for.
+    /// The robot of the command line.
     Named(&'a RobotId),
-    /// The one that this program simulates.
+    /// The robot simulated by this program.
     Demo {
-        /// Why it will not come, where its simulation has ended.
+        /// Why the simulation has ended.
         failure: Option<String>,
     },
 }
 
-/// One robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotLine {
-    /// Which.
     pub found: FoundRobot,
-    /// Its own.
     pub color: Color32,
-    /// How it is.
     pub tone: Tone,
-    /// The same in words.
     pub state: String,
-    /// Whether it is silent, and not shown: it may be forgotten.
+    /// Whether it is silent and not shown: it may be removed from the list.
     pub is_forgettable: bool,
 }
 
 impl RobotLine {
-    /// How it is, laid out in one line.
+    /// The state laid out in one line.
     fn state_text(&self, ui: &Ui) -> Arc<Galley> {
         let font = TextStyle::Small.resolve(ui.style());
         let color = self.tone.color(ui.visuals());
@@ -83,21 +77,18 @@ impl RobotLine {
     }
 }
 
-/// A robot that may be a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotEntry {
-    /// Where, when, and how it was.
+    /// Address, time and last known state.
     pub discovered: DiscoveredRobot,
-    /// Its own colour.
     pub color: Color32,
-    /// Its alerts that nobody has seen.
     pub alerts: usize,
-    /// What moves it, where it is shown and nobody drives it: others do not tell that from afar.
+    /// Cause of uncommanded motion; known of the shown robot only.
     pub uncommanded_motion: Option<UncommandedMotion>,
 }
 
 impl RobotsData {
-    /// `current`: the robot that is shown, and how its link is, which is newer than what was seen of it before.
+    /// `current`: the shown robot with its link state, which is newer than its discovery.
     pub fn new(
         seen: &[RobotEntry],
         current: Option<(&RobotId, LinkState)>,
@@ -157,7 +148,7 @@ impl RobotsData {
         }
     }
 
-    /// Says that nobody looks but at these addresses.
+    /// Discovery uses only these addresses.
     pub fn set_search_addresses(&mut self, addresses: &[String]) {
         if self.current.is_none() && self.found.is_empty() && self.is_up_to_operator {
             let are = if addresses.len() > 1 { "are" } else { "is" };
@@ -169,7 +160,7 @@ impl RobotsData {
         }
     }
 
-    /// Says that these robots answer and tell nothing, where that is why none is shown.
+    /// Robots that answered but denied access, if none is shown.
     pub fn set_denied_by(&mut self, robots: &BTreeSet<RobotId>) {
         if self.current.is_some() || !self.found.is_empty() || !self.is_up_to_operator {
             return;
@@ -184,14 +175,14 @@ impl RobotsData {
         }
     }
 
-    /// The robot of this number in the list, from 1.
+    /// Robot by its number in the list, from 1.
     pub fn numbered(&self, number: u8) -> Option<&FoundRobot> {
         let index = usize::from(number).checked_sub(1)?;
         self.found.get(index).map(|line| &line.found)
     }
 }
 
-/// So many alerts, in words.
+/// Text for a number of alerts.
 pub fn alerts(count: usize) -> String {
     match count {
         1 => "1 alert".to_owned(),
@@ -199,7 +190,7 @@ pub fn alerts(count: usize) -> String {
     }
 }
 
-/// Whether it was not seen for too long.
+/// Whether it has not answered for too long.
 fn is_overdue(discovered: &DiscoveredRobot, now: Monotonic) -> bool {
     now.since(discovered.seen) > SEEN_RECENTLY
 }
@@ -213,7 +204,7 @@ fn robot_state_text(
     let seen = format!("last seen {} ago", age(now.since(discovered.seen)));
     let has_ended = discovered.has_ended();
     match link {
-        // Its silence is no news.
+        // Silence after the end of the data is expected.
         Some(LinkState::Silent) if has_ended => return (Tone::Waiting, format!("ended, {seen}")),
         None if has_ended && is_overdue(discovered, now) => {
             return (Tone::Waiting, format!("ended, {seen}"));
@@ -227,7 +218,7 @@ fn robot_state_text(
         None => (Tone::Waiting, "there".to_owned()),
         Some(FleetState::NotDrivable) => (Tone::Waiting, "cannot be driven".to_owned()),
         Some(FleetState::Ended) => (Tone::Waiting, "ended".to_owned()),
-        // The same marks and words as while it is driven.
+        // Same text as in the driving panel.
         Some(FleetState::Free) => match uncommanded_motion {
             None => (Tone::Good, "free".to_owned()),
             Some(UncommandedMotion::Autonomous) => (Tone::Waiting, "moving by itself".to_owned()),
@@ -241,7 +232,6 @@ fn robot_state_text(
     }
 }
 
-/// Draws the panel.
 pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Option<Command> {
     let mut command = None;
     let numbers = (1..u8::MAX).chain(iter::repeat(u8::MAX));
@@ -271,7 +261,7 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                 }
             });
         });
-        // Beside a long name there is no room for it.
+        // The state moves to the next line.
         if !state_fits {
             ui.horizontal(|ui| {
                 ui.add_space(SWATCH.x + ui.spacing().item_spacing.x);
@@ -304,7 +294,7 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
         .or(remembered_ui(ui, &data.addresses))
 }
 
-/// Draws the small button that forgets a robot; whether it is pressed.
+/// Small button that removes a robot from the list.
 fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
     let button = ui.add(Button::new(RichText::new("×").small()).small());
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Forget {robot}")));
@@ -312,7 +302,7 @@ fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
     button.on_hover_text(hint).clicked()
 }
 
-/// A robot's colour.
+/// Colour swatch of a robot.
 pub fn swatch_ui(ui: &mut Ui, color: Color32) {
     let (place, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
     ui.painter().rect_filled(place, 3.0, color);

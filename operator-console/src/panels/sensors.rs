@@ -1,4 +1,4 @@
-//! The robot's sensors: how often each measures, when it did last, and what is wrong with it.
+//! Sensors: rate, last message and faults.
 
 use std::time::Duration;
 
@@ -12,44 +12,37 @@ use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::theme::{Tone, state_ui};
 
-/// Narrower panels have two lines a sensor, points: the columns have no room side by side.
+/// Below this width each sensor has two lines, points.
 const NARROW: f32 = 640.0;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SensorsData {
-    /// Said where there is nothing to show, or what is shown is old.
+    /// Shown if there is no data or if it is old.
     pub note: Option<String>,
-    /// One a sensor, as the robot lists them.
+    /// In the order of the robot.
     pub sensors: Vec<SensorLine>,
 }
 
-/// One sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SensorLine {
-    /// How it is.
     pub tone: Tone,
-    /// In a word or two.
+    /// State in one or two words.
     pub state: String,
-    /// What that means, and what to do.
+    /// Meaning of the state, and what to do.
     pub advice: &'static str,
-    /// Its name.
     pub name: String,
-    /// What it is.
     pub kind: &'static str,
-    /// How often it measures, and how often it should.
     pub rate: String,
-    /// When it measured last.
+    /// Time since the last message.
     pub last_seen: String,
-    /// Its messages that could not be used, whole.
+    /// Dropped messages.
     pub dropped: String,
 }
 
 impl SensorsData {
-    /// The sensors at `now`.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Self {
         let since_update = model.status().map(|(_, at)| now.since(*at));
-        // A recording has no link to lose, and ages with the moment that is shown.
+        // A recording has no link; its ages refer to the shown time.
         let is_recording = is_recording(model.robot());
         let is_silent = !is_recording && model.connection().state(now) == LinkState::Silent;
         let data_state = match (is_silent, model.reports_ended()) {
@@ -78,13 +71,11 @@ impl SensorsData {
     }
 }
 
-/// How what is told of sensors is to be taken.
+/// Validity of the sensor states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DataState {
     Live,
-    /// No data from the robot.
     Silent,
-    /// Its data has ended.
     Ended,
 }
 
@@ -98,7 +89,7 @@ fn line(
     let (tone, state, advice) = match (status.fault, status.messages) {
         (Some(fault), _) => fault_text(fault, kind),
         (None, 0) => (Tone::Waiting, "Waiting", "Nothing has come from it yet."),
-        // What was well when the link fell silent may not be any more.
+        // A good state may have changed since the link was lost.
         (None, _) if data_state == DataState::Silent => {
             (Tone::Waiting, "Was good", "State at the last contact.")
         }
@@ -141,7 +132,7 @@ fn rate(rate_hz: f32, nominal_hz: Option<f32>) -> String {
     }
 }
 
-/// How a fault looks, in a word or two and in a sentence.
+/// Short text and explanation of a fault.
 pub fn fault_text(
     fault: SensorFault,
     kind: Option<SensorKind>,
@@ -149,15 +140,15 @@ pub fn fault_text(
     let (state, advice) = match fault {
         SensorFault::Silent => (
             "Silent",
-            "Nothing comes from it. Look at its power, its cable and its driver.",
+            "It sends no data. Check its power, its cable and its driver.",
         ),
         SensorFault::Clock => (
             "Clock jump",
-            "Its stamps jumped: what it measures may be drawn in the wrong place.",
+            "Its stamps jumped: its data may be mapped in the wrong place.",
         ),
         SensorFault::AllInvalid if kind == Some(SensorKind::SatelliteReceiver) => (
             "No fix",
-            "It hears too few satellites: the position is not known.",
+            "It receives too few satellites: the position is unknown.",
         ),
         SensorFault::AllInvalid if kind == Some(SensorKind::Sonar) => (
             "Sees nothing",
@@ -169,7 +160,7 @@ pub fn fault_text(
         ),
         SensorFault::Blocked => (
             "Blocked",
-            "It has no echo where it had one just now. Look for dirt or a cover on its window.",
+            "It has no echo where it had one just now. Check its window for dirt or a cover.",
         ),
         SensorFault::Slow => (
             "Slow",
@@ -179,7 +170,7 @@ pub fn fault_text(
     (Tone::Warning, state, advice)
 }
 
-/// What a sensor is.
+/// Name of a kind of sensor.
 pub const fn kind_label(kind: SensorKind) -> &'static str {
     match kind {
         SensorKind::PlanarLaser => "Laser",
@@ -194,7 +185,6 @@ pub const fn kind_label(kind: SensorKind) -> &'static str {
     }
 }
 
-/// Draws the panel.
 pub fn sensors_ui(ui: &mut Ui, data: &SensorsData) {
     if let Some(note) = &data.note {
         ui.strong(note);
@@ -252,7 +242,7 @@ const HEADINGS: [(&str, &str); 6] = [
     ),
 ];
 
-/// Its name and how it is, and below them its figures. Nothing dropped needs no word.
+/// Two lines: name and state, then values. Zero drops are omitted.
 fn narrow_sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
     let weak = ui.visuals().weak_text_color();
     ui.scope(|ui| {
@@ -275,7 +265,7 @@ fn narrow_sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
 }
 
 impl SensorLine {
-    /// Rate, when it was seen last, and what was dropped where something was; and what these are.
+    /// Rate, time since the last message and drops, with hover text.
     fn figures(&self) -> Vec<(String, &'static str)> {
         let [_, _, _, (_, rate), (_, seen), (_, dropped)] = HEADINGS;
         let mut figures = vec![

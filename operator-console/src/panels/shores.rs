@@ -1,10 +1,8 @@
-//! Shores and docking sites: what stands along the water, how dense, how far away.
+//! Shores and docking sites: class, size and distance.
 
-mod columns;
-mod distance;
 mod list;
-mod order;
 
+use eframe::egui::{Id, Rect, Ui};
 use protocol::layer::{LayerId, Swatch};
 use protocol::message::{DockingSite, ShoreCluster};
 use protocol::shores::DOCKING_SITE_CODE;
@@ -13,64 +11,55 @@ use super::formatting::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
 use crate::model::{ConsoleModel, Neighbour, Outline, SiteName};
 
-pub(crate) use distance::Distance;
 pub use list::shores_ui;
 
-/// What the panel shows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShoresData {
-    /// Shores, the nearest first.
     pub shores: Vec<ShoreRow>,
-    /// Docking sites, the best first.
     pub sites: Vec<ShoreRow>,
-    /// What else there is to say.
+    /// Additional notes.
     pub notes: Vec<String>,
-    /// What a click showed last.
+    /// Selected by a click.
     pub marked: Option<ShoreMark>,
-    /// What stands out because the hand was over it.
+    /// Under the pointer in a list.
     pub hovered: Option<ShoreMark>,
 }
 
-/// A shore or a docking site in one line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShoreRow {
-    /// Which.
     pub mark: ShoreMark,
-    /// Number of the shore, or letter of the site.
+    /// Number of a shore, letter of a site.
     pub name: String,
-    /// Colour, pattern and name of what it is.
+    /// Colour, pattern and name of the class.
     pub class: Swatch,
     /// Share of rigid voxels, or mean slope cost.
     pub share: String,
-    /// Voxels, or width.
+    /// Number of voxels, or width.
     pub size: String,
-    /// From the middle of the vehicle: to the nearest edge of the shore, or to the middle of the site.
+    /// From the vehicle to the nearest edge of a shore, or to the middle of a site.
     pub distance: String,
-    /// Why one could dock there; of a shore nothing.
+    /// Why a boat can dock there; sites only.
     pub reason: Option<String>,
-    /// The whole row in words.
+    /// The row as a sentence, for screen readers.
     pub sentence: String,
-    /// Where it is in `odom`, metres.
+    /// Position in `odom`, m.
     pub center_m: [f64; 2],
-    /// By number or rank, share, size and distance, to sort by.
+    /// Sort keys: number or rank, share, size, distance.
     keys: [f64; 4],
 }
 
-/// What a list is sorted by: what its column is called.
+/// Sort key of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SortBy {
-    /// Number of the shore, or rank of the site.
     Number,
-    /// Share of rigid voxels, or cost.
     Share,
-    /// Voxels, or width: the greatest first.
+    /// Descending.
     Size,
-    /// From the vehicle: the nearest first.
+    /// Ascending.
     Distance,
 }
 
 impl ShoreRow {
-    /// Whether it is a docking site.
     const fn is_site(&self) -> bool {
         match self.mark {
             ShoreMark::Shore(_) => false,
@@ -80,7 +69,7 @@ impl ShoreRow {
 }
 
 impl ShoresData {
-    /// The shores as the robot tells of them and `view` marks them; `None` for a robot that does not.
+    /// `None` if the robot does not map shores.
     pub fn new(model: &ConsoleModel, view: &MapView) -> Option<Self> {
         let (marked, hovered) = (view.marked(), view.hovered());
         if !model.has_shores() {
@@ -133,7 +122,6 @@ impl ShoresData {
     }
 }
 
-/// Sorts rows as a column wants it.
 pub fn sort(rows: &mut [ShoreRow], by: SortBy) {
     rows.sort_by(|a, b| {
         let order = match by {
@@ -146,8 +134,7 @@ pub fn sort(rows: &mut [ShoreRow], by: SortBy) {
     });
 }
 
-/// Why a boat fits there: how wide it is against the boat's beam, and what grows nearest to its middle. How gentle it
-/// is, is its cost.
+/// Width relative to the boat's beam, and the nearest shore.
 fn reason(site: &DockingSite, beam_m: Option<f32>, neighbour: Option<Neighbour>) -> String {
     let width = beam_m
         .filter(|beam_m| *beam_m > 0.0)
@@ -196,7 +183,7 @@ fn shore_row(
     }
 }
 
-/// Its name stays with it; its rank, from 1, only sorts.
+/// `rank` counts from 1.
 fn site_row(
     site: &DockingSite,
     (name, rank): (SiteName, u32),
@@ -227,7 +214,6 @@ fn site_row(
     }
 }
 
-/// A class as the legend of the layer shows it.
 fn class_swatch(code: u16) -> Swatch {
     let palette = LayerId::Shore.default_palette();
     let class = LayerId::Shore.classes().get(usize::from(code) - 1);
@@ -237,6 +223,116 @@ fn class_swatch(code: u16) -> Swatch {
         mark: palette.mark_color(code),
         label: class.map(|class| class.name.to_owned()).unwrap_or_default(),
     }
+}
+
+/// x and y in `odom`, m.
+type Point = [f64; 2];
+
+/// Explanation of the distances.
+const TO_SHORES: &str = "from the middle of the vehicle to the nearest edge of the shore's outline; \
+                                    around: the vehicle is within it";
+const TO_SITES: &str = "from the middle of the vehicle to the middle of the docking site";
+
+/// Distance from the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Distance {
+    /// The vehicle's position is unknown.
+    Unknown,
+    /// The vehicle is inside the outline.
+    Around,
+    Metres(f64),
+}
+
+impl Distance {
+    pub(crate) fn of_shore(outline: &Outline, vehicle_m: Option<Point>) -> Self {
+        match vehicle_m.map(|at_m| outline.away_m(at_m)) {
+            None => Self::Unknown,
+            Some(away_m) if away_m > 0.0 => Self::Metres(away_m),
+            Some(_) => Self::Around,
+        }
+    }
+
+    pub(crate) fn of_site(site: &DockingSite, vehicle_m: Option<Point>) -> Self {
+        vehicle_m.map_or(Self::Unknown, |at_m| {
+            let [x, y] = site.center_m.map(f64::from);
+            Self::Metres(libm::hypot(x - at_m[0], y - at_m[1]))
+        })
+    }
+
+    /// Sort key, m; unknown is last.
+    pub(crate) const fn key(self) -> f64 {
+        match self {
+            Self::Unknown => f64::INFINITY,
+            Self::Around => 0.0,
+            Self::Metres(away_m) => away_m,
+        }
+    }
+
+    /// Text of the column.
+    fn column(self) -> String {
+        match self {
+            Self::Unknown => "–".to_owned(),
+            Self::Around => "around".to_owned(),
+            Self::Metres(away_m) => {
+                let decimals = usize::from(away_m < 9.95);
+                format!("{away_m:.decimals$} m")
+            }
+        }
+    }
+
+    /// Text at the end of a sentence.
+    fn words(self) -> String {
+        match self {
+            Self::Unknown => "distance unknown".to_owned(),
+            Self::Around => "around the vehicle".to_owned(),
+            Self::Metres(_) => format!("{} away", self.column()),
+        }
+    }
+}
+
+/// How a list was drawn in the last pass. Distances change with every pose; rows must not move under the pointer.
+#[derive(Clone, Debug)]
+struct DrawnList {
+    /// The order is outdated if the list was hidden since.
+    pass: u64,
+    by: SortBy,
+    /// Area of the rows, points.
+    place: Rect,
+    /// From the top.
+    order: Vec<ShoreMark>,
+}
+
+/// Sorts rows. While the pointer is over them, known rows keep their order and new ones are last.
+fn arrange(ui: &Ui, id: Id, rows: &mut [ShoreRow], by: SortBy) {
+    sort(rows, by);
+    let drawn: Option<DrawnList> = ui.data(|data| data.get_temp(id));
+    let is_held = |drawn: &DrawnList| {
+        drawn.by == by
+            && drawn.pass + 1 == ui.ctx().cumulative_pass_nr()
+            && ui.rect_contains_pointer(drawn.place)
+    };
+    if let Some(drawn) = drawn.filter(is_held) {
+        keep_order(rows, &drawn.order);
+    }
+}
+
+/// Stores the drawn order.
+fn remember(ui: &Ui, id: Id, rows: &[ShoreRow], by: SortBy, place: Rect) {
+    let drawn = DrawnList {
+        pass: ui.ctx().cumulative_pass_nr(),
+        by,
+        place,
+        order: rows.iter().map(|row| row.mark).collect(),
+    };
+    ui.data_mut(|data| data.insert_temp(id, drawn));
+}
+
+/// Sorts rows by `order`; others are last, in their current order.
+fn keep_order(rows: &mut [ShoreRow], order: &[ShoreMark]) {
+    rows.sort_by_cached_key(|row| {
+        let at = order.iter().position(|mark| *mark == row.mark);
+        at.unwrap_or(order.len())
+    });
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Old data must not pass for live: what stands above the map while the robot is silent.
+//! Banner over the map while the robot is silent, so that old data does not look live.
 
 use std::time::Duration;
 
@@ -10,21 +10,21 @@ use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::theme;
 
-/// The robot was heard, but is not heard now.
+/// The robot was connected and is silent now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StaleData {
-    /// Since the newest message.
+    /// Time since the newest message.
     pub silent_for: Duration,
-    /// It had said that its data had ended: no link is lost.
+    /// Its data had ended: the silence is expected.
     pub had_ended: bool,
-    /// It could be driven.
+    /// It can be driven.
     pub is_vehicle: bool,
-    /// Something of it is shown.
+    /// Some of its data is shown.
     pub is_shown: bool,
 }
 
 impl StaleData {
-    /// `None` while data is live, or none has ever come. A recording has no link to lose: why it ends, its time line says.
+    /// `None` while data is live or before any data. A recording has no link: its timeline shows why it ended.
     pub fn new(model: &ConsoleModel, now: Monotonic) -> Option<Self> {
         if is_recording(model.robot()) {
             return None;
@@ -42,7 +42,7 @@ impl StaleData {
     }
 }
 
-/// Whether the position is not what it is now, although something else may be heard.
+/// Whether the position is out of date, even if other messages arrive.
 pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
     let pose = model.vehicle().pose();
     let longest = model.connection().silent_after();
@@ -50,7 +50,7 @@ pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
 }
 
 impl StaleData {
-    /// What the banner says: what is so, and what that means.
+    /// State and its consequence.
     pub fn words(&self) -> [String; 2] {
         let silent = age(self.silent_for);
         let unknown = "Robot state unknown (no data).";
@@ -72,7 +72,7 @@ impl StaleData {
         [format!("Link lost: no data for {silent}"), meaning]
     }
 
-    /// The ground of the banner, and what is written on it. What had ended warns of nothing.
+    /// Background and text colour. An expected end has no warning colour.
     pub fn colors(&self, visuals: &Visuals) -> [Color32; 2] {
         if self.had_ended {
             [visuals.panel_fill, visuals.text_color()]
@@ -82,8 +82,7 @@ impl StaleData {
     }
 }
 
-/// Draws the banner, on a ground of [`StaleData::colors`]. A link that is lost is no pause: it counts on, and says that
-/// nobody here knows.
+/// Draws the banner with a growing time, so that it does not look like a pause.
 pub fn stale_ui(ui: &mut Ui, data: &StaleData) {
     let [_, ink] = data.colors(ui.visuals());
     let [headline, meaning] = data.words();
@@ -115,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn who_says_that_its_data_has_ended_and_closes_has_lost_no_link() {
+    fn silence_after_the_end_is_not_a_lost_link() {
         let visuals = Visuals::dark();
         let meaning = "Robot state unknown (no data).".to_owned();
         let closed = "No data for 3.1 s: robot-edge has closed, or the link is lost.";

@@ -1,6 +1,4 @@
-//! Always in sight, in one line: which robot, how its link is, how long ago it was heard, who drives, and the stop.
-
-mod layout;
+//! Top bar: robot, link, age of the last message, driver and stop.
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
@@ -21,49 +19,38 @@ use crate::model::{ConsoleModel, LinkState};
 use crate::teleop_client::{Intent, TeleopClientState};
 use crate::theme::{self, Tone, short_state_ui, state_ui};
 
-use layout::{Wanted, Widths};
-
 const NO_ALERTS: &str = "No alerts";
 const FEW_ALERTS: &str = "9 alerts";
-/// Size of marks and words, points.
+/// Font size, points.
 const SIZE: f32 = 15.0;
-/// A line between two parts, points.
+/// Width of a separator, points.
 const LINE: f32 = 6.0;
-/// What the link of a robot may be; what a recording is.
+/// Possible texts of the link, for its width.
 const LINKS: [&str; 4] = ["Live", "Silent", "Waiting", "Ended"];
 const RECORDINGS: [&str; 3] = ["Recording", "Opening", FAILED];
-/// Ages of what is not very old are not longer, and where there is little room.
+/// Width of a usual age, long and short.
 const AGES: [&str; 2] = ["< 0.2 s ago", "< 0.2 s"];
-/// Bars that are narrower leave out what can be missed, points.
+/// Below this width optional parts are omitted, points.
 const NARROW: f32 = 520.0;
-/// Those that are narrower still tell of alerts by their number alone, which is not longer.
+/// Below this width alerts are shown as a number, points.
 const NARROWEST: f32 = 400.0;
 const SHORT_ALERTS: &str = "88";
 
-/// What the bar shows of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TopBarData {
-    /// Its name; of a recording, the file's.
     pub name: String,
-    /// Its own colour, where it is to be told from others.
+    /// Set if several robots are known.
     pub color: Option<Color32>,
-    /// How the link is.
     pub link: (Tone, String),
-    /// How long ago the robot was heard; none before that, and of a recording and a robot whose data has ended, where it
-    /// says nothing.
+    /// Age of the newest message. `None` before the first, for recordings, and after the end of the data.
     pub age: Option<String>,
-    /// Whether the map is the robot's.
     pub map: (Tone, String),
-    /// The same in a word or two.
     pub map_short: &'static str,
-    /// Who drives; none where nobody can.
     pub driver: Option<String>,
-    /// The stop, where there is something to stop.
     pub estop: Option<EStopButton>,
 }
 
 impl TopBarData {
-    /// The robot at `now`.
     pub fn new(
         model: &ConsoleModel,
         link: &LinkStatus,
@@ -79,7 +66,7 @@ impl TopBarData {
         let has_ended = model.reports_ended();
         let says_nothing = is_recording || (is_live && has_ended);
         let old = model.connection().age(now).filter(|_| !says_nothing);
-        // A live robot was heard some milliseconds ago: figures that flicker say less than this.
+        // Small ages would flicker.
         let age = old.map(|old| match model.connection().state(now) {
             LinkState::Live if old.as_millis() < 200 => "< 0.2 s ago".to_owned(),
             LinkState::Live | LinkState::Silent | LinkState::Waiting => {
@@ -94,7 +81,7 @@ impl TopBarData {
             map: (connection.map_tone, connection.map),
             map_short: connection.map_short,
             driver: driving.as_ref().map(|driving| driving.driver.clone()),
-            // A stop that is on its way is seen before anything is heard of the robot.
+            // A stop can be pressed before the robot has answered.
             estop: driving
                 .map(|driving| driving.estop)
                 .or_else(|| teleop_client.and_then(EStopButton::underway)),
@@ -102,7 +89,7 @@ impl TopBarData {
     }
 }
 
-/// Draws the robot's part of the bar, from the left.
+/// Draws the part of the robot, from the left.
 pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     if let Some(color) = data.color {
         swatch_ui(ui, color);
@@ -128,7 +115,7 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
             .map_or(0.0, |driver| line + gap + width(ui, driver)),
         map: mark + widest(ui, maps),
         mark,
-        // With the gap after what is before it.
+        // Including the gap before it.
         before_map: gap + line,
         gaps: gap,
     };
@@ -157,7 +144,7 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     }
 }
 
-/// How the link is, in so much room; without any, by its mark alone: who asks for the word, or hears it, has it.
+/// Link state as text, or as a mark with hover text if there is no width.
 fn link_ui(ui: &mut Ui, (tone, link): &(Tone, String), room: Option<f32>) {
     if let Some(room) = room {
         slot_ui(ui, room, |ui| state_ui(ui, *tone, link, SIZE));
@@ -168,13 +155,12 @@ fn link_ui(ui: &mut Ui, (tone, link): &(Tone, String), room: Option<f32>) {
     label.on_hover_text(link);
 }
 
-/// How the map is, in as many words as there is room for beside a mark so wide, or by that alone; who asks for them, or hears
-/// them, has all.
+/// Map state as the longest text that fits, or as a mark with hover text.
 fn map_ui(ui: &mut Ui, data: &TopBarData, mark: f32) {
     let (tone, map) = &data.map;
     let short = data.map_short;
-    let (all, told): (&[&str], &str) = match tone {
-        // It may have been so a moment ago: words that come and go say no more.
+    let (all, reported): (&[&str], &str) = match tone {
+        // Short texts only, so that brief changes do not flicker.
         Tone::Good => (&[short], short),
         Tone::Waiting | Tone::Warning => (&[map, short], map),
     };
@@ -182,7 +168,7 @@ fn map_ui(ui: &mut Ui, data: &TopBarData, mark: f32) {
     let mut fitting = all.iter().filter(|words| width(ui, words) <= room);
     let shown = fitting.next().copied().unwrap_or_default();
     let label = short_state_ui(ui, *tone, shown, SIZE);
-    label.widget_info(|| WidgetInfo::labeled(Role::Label, true, told));
+    label.widget_info(|| WidgetInfo::labeled(Role::Label, true, reported));
     label.on_hover_text(map);
 }
 
@@ -203,7 +189,7 @@ fn line_ui(ui: &mut Ui) {
     ui.add(Separator::default().spacing(LINE));
 }
 
-/// A part that is so wide whatever is in it.
+/// A part with a fixed width.
 fn slot_ui(ui: &mut Ui, width: f32, add: impl FnOnce(&mut Ui)) {
     let size = vec2(width, ui.available_height());
     let layout = Layout::left_to_right(Align::Center);
@@ -213,7 +199,7 @@ fn slot_ui(ui: &mut Ui, width: f32, add: impl FnOnce(&mut Ui)) {
     });
 }
 
-/// The name, or its beginning and its end; who asks for it, or hears it, has the whole.
+/// The name, shortened if necessary, with the whole name as hover text.
 fn name_ui(ui: &mut Ui, name: &str, room: f32) {
     let shown = elided(name, |name| width(ui, name) <= room);
     let label = ui.add(Label::new(RichText::new(&shown).strong()).extend());
@@ -221,7 +207,7 @@ fn name_ui(ui: &mut Ui, name: &str, room: f32) {
     label.on_hover_text(name);
 }
 
-/// Draws the stop and the alerts that nobody has seen from the right, and `middle` in what is left.
+/// Draws stop and alerts from the right, and `middle` in the rest.
 pub fn right_bar_ui(
     ui: &mut Ui,
     data: Option<&TopBarData>,
@@ -235,14 +221,14 @@ pub fn right_bar_ui(
         }
         let is_narrow = ui.available_width() < NARROW;
         let is_narrowest = ui.available_width() < NARROWEST;
-        let told = match unseen {
+        let reported = match unseen {
             0 => NO_ALERTS.to_owned(),
             n => alerts(n),
         };
         let words = if is_narrowest {
             unseen.to_string()
         } else {
-            told.clone()
+            reported.clone()
         };
         let [fill, ink] = theme::BANNER;
         let text = RichText::new(words);
@@ -251,27 +237,27 @@ pub fn right_bar_ui(
         } else {
             Button::new(text).frame(false)
         };
-        // As wide with alerts as without: what is beside it stays.
+        // The same width with and without alerts.
         let widest = match (is_narrowest, is_narrow) {
             (true, _) => SHORT_ALERTS,
             (false, true) => FEW_ALERTS,
             (false, false) => NO_ALERTS,
         };
         let room = width(ui, widest) + 2.0 * ui.spacing().button_padding.x;
-        // Where there is little room, that there is none is not said.
+        // "No alerts" is omitted if there is little space.
         if unseen > 0 || !is_narrow {
             let button = ui.add(button.min_size(vec2(room, 0.0)));
-            button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &told));
+            button.widget_info(|| WidgetInfo::labeled(Role::Button, true, &reported));
             let hint = match unseen {
                 0 => "Show the alerts, of all robots that were shown".to_owned(),
-                _ => format!("{told}. Show the alerts, of all robots that were shown"),
+                _ => format!("{reported}. Show the alerts, of all robots that were shown"),
             };
             asked.shows_alerts = button.on_hover_text(hint).clicked();
         } else {
             ui.add_space(room + ui.spacing().item_spacing.x);
         }
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-            // What does not fit is cut off, and moves nothing.
+            // Clips what does not fit.
             ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));
             middle(ui);
         });
@@ -279,16 +265,13 @@ pub fn right_bar_ui(
     asked
 }
 
-/// What was asked for on the right of the bar.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RightBar {
-    /// Of the robot.
     pub command: Option<Command>,
-    /// To see the alerts.
     pub shows_alerts: bool,
 }
 
-/// Always the same size at the same place, whatever it says.
+/// Constant size and position.
 fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
     let size = vec2(96.0, 28.0);
     let [danger, on_danger] = theme::DANGER;
@@ -327,11 +310,92 @@ fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
         .fill(fill)
         .stroke(Stroke::new(1.5, danger))
         .min_size(size);
-    // Pressing again what is in force does no harm, and is what one does.
+    // Pressing again is allowed.
     ui.add(button)
         .on_hover_text(hint)
         .clicked()
         .then_some(Intent::EStop)
+}
+
+/// Minimum width of a long name, points.
+const LEAST_NAME: f32 = 64.0;
+/// Longer names are shortened to this width, or to this share of a wide bar, points.
+const NAME: f32 = 220.0;
+const NAME_SHARE: f32 = 0.4;
+
+/// Requested widths of the parts and gaps, points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Wanted {
+    name: f32,
+    /// The longest text.
+    link: f32,
+    /// Long and short text with the gap before it; `None` if there is no age.
+    ages: Option<[f32; 2]>,
+    /// Including its separator; 0 if the robot cannot be driven.
+    driver: f32,
+    /// Of a synchronized map.
+    map: f32,
+    /// Mark without text.
+    mark: f32,
+    /// Gap before the map.
+    before_map: f32,
+    /// All other gaps.
+    gaps: f32,
+}
+
+/// Distributed widths, points. The map has the rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Widths {
+    name: f32,
+    has_link_words: bool,
+    /// Width of the age, and whether it is the long text.
+    age: Option<(f32, bool)>,
+    has_map: bool,
+}
+
+impl Widths {
+    /// Priority: driver, link state, data age, map, robot name. Widths do not depend on changing values, so that the
+    /// layout does not jump.
+    fn new(available: f32, wanted: Wanted) -> Self {
+        let Wanted {
+            name,
+            link,
+            ages,
+            driver,
+            map,
+            mark,
+            before_map,
+            gaps,
+        } = wanted;
+        let name = name.min(NAME.max(NAME_SHARE * available));
+        let [long, short] = [true, false]
+            .map(|is_long| ages.map(|[long, short]| (if is_long { long } else { short }, is_long)));
+        // Widths of link, age and map, in order of preference.
+        let kinds = [
+            (link, long, Some(map)),
+            (link, short, Some(map)),
+            (link, None, Some(map)),
+            (link, None, Some(mark)),
+            (mark, None, Some(mark)),
+            (mark, None, None),
+        ];
+        let free = |(link, age, map): (f32, Option<(f32, bool)>, Option<f32>)| {
+            let age = age.map_or(0.0, |(age, _)| age);
+            let map = map.map_or(0.0, |map| before_map + map);
+            available - link - age - driver - map - gaps
+        };
+        let [.., last] = kinds;
+        let fits = |kind: &_| free(*kind) >= name.min(LEAST_NAME);
+        let kind = kinds.into_iter().find(fits).unwrap_or(last);
+        let (link_has, age, map) = kind;
+        Self {
+            // The driver is shortened if even the last choice is too wide.
+            name: free(kind).max(LEAST_NAME).min(name).min(available.max(0.0)),
+            has_link_words: link_has > mark,
+            age,
+            has_map: map.is_some(),
+        }
+    }
 }
 
 #[cfg(test)]

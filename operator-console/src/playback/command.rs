@@ -1,10 +1,10 @@
-//! What can be asked of a recording.
+//! Commands of the operator for a recording.
 
 use measurement::time::RobotDuration;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
 
-/// Speeds to choose from, slowest first.
+/// Slowest first.
 pub const RATES: [Rate; 7] = [
     Rate::Times(0.25),
     Rate::Times(0.5),
@@ -15,35 +15,26 @@ pub const RATES: [Rate; 7] = [
     Rate::Max,
 ];
 
-/// What the operator asks of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PlaybackCommand {
-    /// Go on; at the end, from the beginning.
+    /// Continue; at the end, restart.
     Play,
-    /// Stand still.
     Pause,
-    /// Pause what plays, play what stands still.
     PlayOrPause,
-    /// Go on at this rate.
     SetRate(Rate),
-    /// Go on at the next lower rate, if there is one.
     Slower,
-    /// Go on at the next higher rate, if there is one.
     Faster,
-    /// Begin anew at the end, or do not.
     SetLooping(bool),
-    /// Begin anew at the end where it did not, or the other way round.
     ToggleLooping,
-    /// Show this time of the data, from the first scan.
+    /// Show this time of the data, counted from the first scan.
     Seek(RobotDuration),
-    /// Show a time so much later, or earlier where negative.
+    /// Seek relative to the present time.
     Step(RobotDuration),
-    /// Close the recording.
     Close,
 }
 
 impl PlaybackCommand {
-    /// Does it; whether the recording stays open.
+    /// Executes the command; returns whether the recording stays open.
     pub(super) fn apply_to(self, control: &ReplayControl) -> bool {
         match self {
             Self::Play => control.play(),
@@ -68,12 +59,11 @@ impl PlaybackCommand {
     }
 }
 
-/// Whether it is not to stand still.
 pub fn is_playing(status: &ReplayStatus) -> bool {
     !status.is_paused && status.state != ReplayState::Ended
 }
 
-/// The speed before or behind this one.
+/// The next faster or slower rate.
 fn neighbour(rate: Rate, is_faster: bool) -> Rate {
     let speed = |rate: Rate| match rate {
         Rate::Times(times) => times,
@@ -93,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_wish_plays_and_pauses_and_plays_what_has_ended() {
+    fn toggle_plays_pauses_and_restarts() {
         let control = ReplayControl::new(Rate::Times(1.0));
         for is_paused in [true, false, true] {
             assert!(PlaybackCommand::PlayOrPause.apply_to(&control));
@@ -108,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_and_loop_go_on_from_what_they_are() {
+    fn rate_and_loop_commands_are_relative() {
         let control = ReplayControl::new(Rate::Times(1.0));
         for (command, rate) in [
             (PlaybackCommand::Faster, 2.0),

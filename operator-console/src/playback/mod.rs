@@ -1,12 +1,6 @@
-//! `--open`: a recording that this process maps and shows like any robot, wound and paced from the window.
+//! A recording that this process maps and shows as a robot, with playback control.
 //!
-//! The mapping code is the vehicle's own, and so is the way to the screen: a link, over this machine's own network.
-
-mod command;
-mod damage;
-mod drop_hint;
-mod open_dialog;
-mod path_completion;
+//! It runs the vehicle's mapping code and a network link on this machine.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,41 +10,42 @@ use std::thread;
 
 use anyhow::Context as _;
 use clap::Parser as _;
+use eframe::egui::{
+    Align2, Area, Context, Frame, HoveredFile, Id, Label, Order, RichText, TextWrapMode,
+};
 use protocol::keys::RobotId;
 use recording::Format;
 use robot_edge::cli::{Cli, Command, Replay, VehicleOptions};
-use robot_edge::link::random_id;
+use robot_edge::network::random_id;
 use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayControl, ReplayStatus};
+use robot_edge::replay_control::{ReplayControl, ReplayStatus, TimelineMark};
 
 use crate::demo::free_endpoint;
 use crate::link::FoundRobot;
 use crate::model::ConsoleModel;
 use crate::panels::timeline::clock;
 
-use damage::Damage;
+mod command;
+mod open_dialog;
+mod path_completion;
 
 pub use command::{PlaybackCommand, RATES, is_playing};
-pub use drop_hint::drop_hint_ui;
 pub use open_dialog::OpenDialog;
 
-/// How the robots begin that are recordings.
+/// Prefix of the robot names of recordings.
 const PREFIX: &str = "recording-";
-/// Tiles' share of a link that never leaves this machine, kilobits per second.
+/// Bandwidth for tiles on this machine's loopback.
 const BUDGET: &str = "streaming.budget_kbps=200000";
 
-/// A recording to show from the start on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ToOpen {
-    /// The file.
     pub path: PathBuf,
-    /// For which vehicle it is mapped, each time that it is opened.
+    /// Vehicle options for this file, applied each time it is opened.
     pub setup: VehicleOptions,
-    /// How fast.
     pub rate: Rate,
 }
 
-/// A recording that is open. Dropping it closes it.
+/// An open recording. Dropping it closes it.
 pub struct Playback {
     path: PathBuf,
     robot: FoundRobot,
@@ -60,16 +55,15 @@ pub struct Playback {
     failure: Option<String>,
     is_failure_reported: bool,
     damage: Damage,
-    /// Where the vehicle was, and the version of that.
+    /// Version and points of the trail.
     trail: (u64, Vec<[f64; 2]>),
 }
 
 impl Playback {
-    /// Opens a recording and begins to map it for this vehicle, at this rate. What is wrong behind its first bytes is said later, by
-    /// [`Self::failure`].
+    /// Opens a recording and starts to map it. Errors behind its first bytes appear later in [`Self::failure`].
     ///
     /// # Errors
-    /// Where the file cannot be read or is no recording, or no port of this machine is free.
+    /// If the file cannot be read, is no recording, or no port is free.
     pub fn open(path: &Path, setup: &VehicleOptions, rate: Rate) -> anyhow::Result<Self> {
         Format::of(path)?;
         let endpoint = free_endpoint().context("no port is free for the recording")?;
@@ -78,13 +72,13 @@ impl Playback {
         let control = ReplayControl::new(rate);
         let is_over = Arc::new(AtomicBool::new(false));
         let (sender, failed) = sync_channel(1);
-        // Nobody waits for its end: it may be looking through a large file, and leaves nothing behind.
+        // Not joined: it may still read a large file.
         let playing = thread::Builder::new().name("playback".to_owned());
         playing.spawn({
             let (control, is_over) = (control.clone(), Arc::clone(&is_over));
             move || {
-                if let Err(why) = robot_edge::app::play(&replay, &control, &is_over) {
-                    // The channel has room for the one failure there can be.
+                if let Err(why) = robot_edge::runtime::play(&replay, &control, &is_over) {
+                    // The channel has room for the only failure.
                     drop(sender.try_send(why));
                 }
             }
@@ -102,38 +96,34 @@ impl Playback {
         })
     }
 
-    /// Where what is mapped can be seen: a robot of its own.
     pub const fn robot(&self) -> &FoundRobot {
         &self.robot
     }
 
-    /// The file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The file's name.
     pub fn file_name(&self) -> String {
         let name = self.path.file_name().unwrap_or(self.path.as_os_str());
         name.to_string_lossy().into_owned()
     }
 
-    /// How it is going.
     pub fn status(&self) -> ReplayStatus {
         self.control.status()
     }
 
-    /// Looks for what could not be read, in what it was seen to do.
+    /// Collects damaged parts from the timeline.
     pub fn update_damage(&mut self, status: &ReplayStatus) {
         self.damage.update(&status.marks);
     }
 
-    /// What of that nobody was told yet, in words.
+    /// Damage that was not reported yet.
     pub fn take_new_damage(&mut self) -> Vec<String> {
         self.damage.take_unreported(|mark| clock(mark.at))
     }
 
-    /// Shows the way of the vehicle in the model of it, which may have heard only now and then where it was.
+    /// Passes the complete trail to the model, which may have received only parts of it.
     pub fn show_trail(&mut self, model: &mut ConsoleModel) {
         if let Some(trail) = self.control.trail(self.trail.0) {
             self.trail = trail;
@@ -141,12 +131,12 @@ impl Playback {
         model.show_trail(self.trail.1.iter().copied());
     }
 
-    /// Does what was asked for; whether it stays open.
+    /// Executes a command; returns whether the recording stays open.
     pub fn execute(&self, command: PlaybackCommand) -> bool {
         command.apply_to(&self.control)
     }
 
-    /// Why nothing more comes, in words.
+    /// Why the playback ended.
     pub fn failure(&mut self) -> Option<&str> {
         if let Ok(why) = self.failed.try_recv() {
             self.failure = Some(with_advice(in_words(&why)));
@@ -168,7 +158,7 @@ impl Drop for Playback {
     }
 }
 
-/// Where options help, where they go.
+/// Adds a hint to messages about vehicle options.
 fn with_advice(words: String) -> String {
     const OPTIONS: [&str; 3] = ["--set ", "--topic ", "--vehicle "];
     if OPTIONS.iter().any(|option| words.contains(option)) {
@@ -178,7 +168,7 @@ fn with_advice(words: String) -> String {
     }
 }
 
-/// An error and its causes, as far as its own words do not hold them.
+/// An error and its causes without repetitions.
 pub(crate) fn in_words(error: &anyhow::Error) -> String {
     let mut words = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -189,12 +179,12 @@ pub(crate) fn in_words(error: &anyhow::Error) -> String {
     words
 }
 
-/// Whether this is the name of a recording that some console of this machine has open, and of no robot.
+/// Whether this is the name of a recording that a console of this machine has open.
 pub fn is_recording(robot: &RobotId) -> bool {
     robot.to_string().starts_with(PREFIX)
 }
 
-/// Another for each, so that no two consoles of a network show each other's recordings.
+/// Random, so that consoles do not show each other's recordings.
 fn name(random: [u8; 16]) -> String {
     let [a, b, c, ..] = random;
     format!("{PREFIX}{a:02x}{b:02x}{c:02x}")
@@ -213,11 +203,73 @@ fn replay(
     let Command::Replay(mut replay) = cli.command else {
         return Err(anyhow::anyhow!("this is no replay: {:?}", cli.command));
     };
-    // Apart, since no name of a file is an option here.
+    // Set directly: a file name must not be parsed as an option.
     path.clone_into(&mut replay.recording);
     let budget = std::mem::replace(&mut replay.mapping.setup, setup.clone()).settings;
     replay.mapping.setup.settings.splice(..0, budget);
     Ok(replay)
+}
+
+/// Kind of timeline marks for unreadable data.
+const LOSS: &str = "loss";
+
+/// Damage of a recording, reported and not.
+#[derive(Debug, Default)]
+struct Damage {
+    known: Vec<TimelineMark>,
+    unreported: Vec<TimelineMark>,
+}
+
+impl Damage {
+    fn update(&mut self, marks: &[TimelineMark]) {
+        let losses = marks.iter().filter(|mark| mark.kind == LOSS);
+        if losses.clone().count() == self.known.len() {
+            return;
+        }
+        for mark in losses {
+            if !self.known.contains(mark) {
+                self.known.push(mark.clone());
+                self.unreported.push(mark.clone());
+            }
+        }
+    }
+
+    /// Damage that was not reported yet: position and kind.
+    fn take_unreported(&mut self, clock: impl Fn(&TimelineMark) -> String) -> Vec<String> {
+        let unreported = std::mem::take(&mut self.unreported);
+        let words = |mark: &TimelineMark| format!("damaged at {}: {}", clock(mark), mark.message);
+        unreported.iter().map(words).collect()
+    }
+}
+
+/// Shows what happens to files that are dropped now.
+pub fn drop_hint_ui(ctx: &Context) {
+    let Some(words) = ctx.input(|input| words(&input.raw.hovered_files)) else {
+        return;
+    };
+    let width = 520.0_f32.min(ctx.content_rect().width() - 40.0);
+    Area::new(Id::unique("drop hint"))
+        .order(Order::Tooltip)
+        .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+        .interactable(false)
+        .show(ctx, |ui| {
+            Frame::popup(ui.style()).inner_margin(20).show(ui, |ui| {
+                ui.set_max_width(width);
+                let label = Label::new(RichText::new(words).heading());
+                ui.add(label.wrap_mode(TextWrapMode::Wrap));
+            });
+        });
+}
+
+/// Only the first of several files is opened.
+fn words(files: &[HoveredFile]) -> Option<String> {
+    let path = files.first()?.path.as_deref();
+    let name = path.and_then(Path::file_name);
+    let name = name.map_or_else(|| "it".into(), |name| name.to_string_lossy());
+    Some(match files.len() {
+        1 => format!("Drop to open {name}"),
+        count => format!("Drop to open {name}, the first of {count} files"),
+    })
 }
 
 #[cfg(test)]
@@ -227,7 +279,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_recording_is_refused_at_once_and_in_words() {
+    fn invalid_file_is_rejected_with_message() {
         let folder = tempfile::tempdir().unwrap();
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "these are notes").unwrap();
@@ -260,7 +312,7 @@ mod tests {
         assert_eq!(replay.recording, Path::new("--help"));
         assert_eq!(replay.mapping.robot, Some(robot));
         assert_eq!(replay.mapping.network.listen, [endpoint]);
-        // What the window needs comes first: whoever opens it may say otherwise.
+        // The window's own value comes first, so that options can override it.
         let [budget, rest @ ..] = &replay.mapping.setup.overrides()[..] else {
             panic!("nothing is set");
         };
@@ -269,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn where_options_help_it_is_said_where_they_go() {
+    fn message_names_helpful_options() {
         let says = "several topics carry scans. Choose one, for example --topic laser=/rear_scan";
         let words = with_advice(says.to_owned());
         assert!(
@@ -277,5 +329,77 @@ mod tests {
             "{words}"
         );
         assert_eq!(with_advice("it is empty".to_owned()), "it is empty");
+    }
+}
+
+#[cfg(test)]
+mod damage_tests {
+    use measurement::time::RobotDuration;
+
+    use super::*;
+
+    #[test]
+    fn each_damage_is_reported_once() {
+        let mark = |s: i64, kind| TimelineMark {
+            at: RobotDuration::from_millis(1000 * s),
+            kind,
+            message: format!("byte {s}"),
+        };
+        let mut damage = Damage::default();
+        let mut reported = |marks: &[TimelineMark]| {
+            damage.update(marks);
+            damage.take_unreported(|mark| format!("{} s", mark.at.as_secs_f64()))
+        };
+        assert_eq!(reported(&[mark(3, "gap")]), [""; 0]);
+        assert_eq!(
+            reported(&[mark(3, "gap"), mark(9, LOSS)]),
+            ["damaged at 9 s: byte 9"]
+        );
+        // Marks are in the order of the data, not of their arrival.
+        let all = [mark(3, "gap"), mark(5, LOSS), mark(9, LOSS)];
+        assert_eq!(reported(&all), ["damaged at 5 s: byte 5"]);
+        assert_eq!(reported(&all), [""; 0]);
+    }
+}
+
+#[cfg(test)]
+mod drop_hint_tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    fn held(path: &str) -> HoveredFile {
+        HoveredFile {
+            path: Some(path.into()),
+            ..HoveredFile::default()
+        }
+    }
+
+    #[test]
+    fn dragged_file_is_named() {
+        let mut harness = Harness::builder()
+            .with_size(vec2(700.0, 500.0))
+            .build_ui(|ui| drop_hint_ui(ui.ctx()));
+        harness.run();
+        assert!(harness.query_by_label_contains("Drop").is_none());
+        harness.input_mut().hovered_files = vec![held("/home/anna/rooms.mcap")];
+        harness.run_steps(2);
+        harness.get_by_label("Drop to open rooms.mcap");
+        let files = ["/a/yard.bag", "/a/rooms.mcap"].map(held);
+        harness.input_mut().hovered_files = files.to_vec();
+        harness.run_steps(2);
+        harness.get_by_label("Drop to open yard.bag, the first of 2 files");
+        harness.input_mut().hovered_files.clear();
+        harness.run_steps(2);
+        assert!(harness.query_by_label_contains("Drop").is_none());
+    }
+
+    #[test]
+    fn a_file_without_a_name_can_be_dropped_too() {
+        assert_eq!(words(&[]), None);
+        let nameless = [HoveredFile::default()];
+        assert_eq!(words(&nameless).as_deref(), Some("Drop to open it"));
     }
 }

@@ -1,4 +1,4 @@
-//! File > Open: a path, completed while it is typed.
+//! Dialog to open a recording: a path with completion.
 
 use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
@@ -12,34 +12,30 @@ use eframe::egui::{
 use super::path_completion::{Completions, completions};
 use crate::typed_path::{home, typed_path};
 
-/// What the dialog has above and below the list of paths, points.
+/// Height of the dialog without the list of paths, points.
 const OTHERS: f32 = 224.0;
 
-/// The dialog, where it is open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OpenDialog {
     is_open: bool,
     path: String,
     completions: Completions,
-    /// Why the path could not be opened.
     problem: Option<String>,
     wants_focus: Option<Focus>,
 }
 
-/// What the next letter that is typed does.
+/// Effect of the next typed character.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Focus {
-    /// It goes on behind the path.
     AtEnd,
-    /// It replaces the path.
     OnAll,
 }
 
 impl OpenDialog {
-    /// Asks for a recording, of those in `folder` first. Where there are none, it begins with what was typed last.
+    /// Opens the dialog with the recordings of `folder`, or with the last typed path if there are none.
     pub fn open(&mut self, folder: Option<PathBuf>) {
         if self.is_open {
-            // Somebody types there already.
+            // The operator types there already.
             self.wants_focus = Some(Focus::AtEnd);
             return;
         }
@@ -59,20 +55,19 @@ impl OpenDialog {
         self.completions = completions(&self.path);
     }
 
-    /// Says why a recording could not be opened, and asks for another.
+    /// Shows why a recording could not be opened.
     pub fn refuse(&mut self, path: String, why: String) {
         self.path = path;
         self.ask(Focus::AtEnd);
         self.problem = Some(why);
     }
 
-    /// A recording was opened.
     pub fn close(&mut self) {
         self.is_open = false;
         self.problem = None;
     }
 
-    /// Draws it where it is open, and takes files that are dropped on the window; the recording to open.
+    /// Draws the dialog and takes dropped files; returns the recording to open.
     pub fn show(&mut self, ctx: &Context) -> Option<PathBuf> {
         let dropped = ctx.input(|input| {
             let file = input.raw.dropped_files.first();
@@ -162,14 +157,14 @@ impl OpenDialog {
             return Some(typed_path(only));
         }
         if is_wanted && is_folder(path) {
-            // What is in it is offered.
+            // Offer its content.
             self.wants_focus = Some(Focus::AtEnd);
             return None;
         }
         (is_wanted && !path.is_empty()).then(|| typed_path(path))
     }
 
-    /// The recording that is meant where nothing else is offered.
+    /// The only recording that is offered.
     fn only_offered(&self) -> Option<&str> {
         match (&self.completions.offered[..], &self.completions.more) {
             ([only], None) if !is_folder(only) => Some(only),
@@ -204,28 +199,244 @@ impl OpenDialog {
     }
 }
 
-/// What is typed next replaces what is in `range`.
+/// Selects `range`: the next typed character replaces it.
 fn select(ui: &Ui, field: Id, range: CCursorRange) {
     let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
     state.cursor.set_char_range(Some(range));
     state.store(ui.ctx(), field);
 }
 
-/// Whether a path that is typed or offered is one of a folder for sure.
+/// Whether a path is certainly a folder.
 fn is_folder(path: &str) -> bool {
     path.ends_with(MAIN_SEPARATOR)
 }
 
-/// `folder` as somebody would type it, who wants to see what is in it. `None` where nobody could.
+/// `folder` as a typed path with a trailing separator, if it is valid UTF-8.
 fn as_typed(folder: &Path, home: Option<&Path>) -> Option<String> {
     let below_home = home.and_then(|home| folder.strip_prefix(home).ok());
     let typed = below_home.map_or_else(
         || folder.to_owned(),
         |below_home| Path::new("~").join(below_home),
     );
-    // Nothing joined is the separator.
+    // Joining an empty path appends the separator.
     typed.join("").into_os_string().into_string().ok()
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::fs;
+    use std::sync::Arc;
+    use std::time::Duration;
+
+    use eframe::egui::{DroppedFile, vec2};
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    struct State {
+        dialog: OpenDialog,
+        opened: Vec<PathBuf>,
+    }
+
+    fn harness(dialog: OpenDialog) -> Harness<'static, State> {
+        let state = State {
+            dialog,
+            opened: Vec::new(),
+        };
+        Harness::builder()
+            .with_size(vec2(700.0, 500.0))
+            .build_ui_state(
+                |ui, state: &mut State| {
+                    let ctx = ui.ctx().clone();
+                    state.opened.extend(state.dialog.show(&ctx));
+                },
+                state,
+            )
+    }
+
+    #[test]
+    fn a_recording_is_found_by_its_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["rooms.mcap", "roof.mcap"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        let mut harness = harness(OpenDialog::default());
+        harness.run();
+        assert!(harness.query_by_label("Open a recording").is_none());
+        harness.state_mut().dialog.open(None);
+        harness.run_steps(3);
+        let typed = format!("{}/roo", folder.path().display());
+        harness.event(eframe::egui::Event::Text(typed.clone()));
+        harness.run_steps(3);
+        let offered = harness.state().dialog.completions.offered.clone();
+        assert_eq!(
+            offered,
+            [format!("{typed}f.mcap"), format!("{typed}ms.mcap")]
+        );
+        harness.event(eframe::egui::Event::Text("m".to_owned()));
+        harness.run_steps(3);
+        harness.key_press(Key::Tab);
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcap"));
+        harness.event(eframe::egui::Event::Text("x".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcapx"));
+        harness.key_press(Key::Backspace);
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        assert_eq!(
+            harness.state().opened,
+            [PathBuf::from(format!("{typed}ms.mcap"))]
+        );
+    }
+
+    #[test]
+    fn newest_recordings_are_offered_and_rest_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..12_u64 {
+            let path = folder.path().join(format!("lake-{number:02}.mcap"));
+            fs::write(&path, "").unwrap();
+            let file = fs::File::options().append(true).open(&path).unwrap();
+            let now = file.metadata().unwrap().modified().unwrap();
+            let age = Duration::from_secs(100 - number);
+            file.set_modified(now - age).unwrap();
+        }
+        let mut harness = harness(OpenDialog::default());
+        let open = &mut harness.state_mut().dialog;
+        open.open(Some(folder.path().to_owned()));
+        harness.run_steps(3);
+        harness.get_by_label_contains("lake-11.mcap");
+        assert!(harness.query_by_label_contains("lake-00.mcap").is_none());
+        harness.get_by_label("2 more recordings: type how a name begins");
+    }
+
+    #[test]
+    fn typing_replaces_the_offered_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("rooms.mcap");
+        fs::write(&recording, "").unwrap();
+        fs::write(folder.path().join("sea.mcap"), "").unwrap();
+        let typed = as_typed(folder.path(), home().as_deref()).unwrap();
+        let mut harness = harness(OpenDialog::default());
+        let open = |harness: &mut Harness<'static, State>, folder: PathBuf| {
+            harness.state_mut().dialog.close();
+            harness.run_steps(2);
+            harness.state_mut().dialog.open(Some(folder));
+            harness.run_steps(3);
+        };
+        open(&mut harness, folder.path().to_owned());
+        assert_eq!(harness.state().dialog.path, typed);
+        let mut offered = harness.state().dialog.completions.offered.clone();
+        offered.sort();
+        assert_eq!(
+            offered,
+            ["rooms", "sea"].map(|name| format!("{typed}{name}.mcap"))
+        );
+        // A folder is offered, but no recording yet.
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        assert!(harness.state().opened.is_empty());
+        harness.event(eframe::egui::Event::Text("ro".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, format!("{typed}ro"));
+
+        open(&mut harness, folder.path().to_owned());
+        harness.event(eframe::egui::Event::Text("/x".to_owned()));
+        harness.run_steps(3);
+        assert_eq!(harness.state().dialog.path, "/x");
+        open(&mut harness, folder.path().join("gone"));
+        assert_eq!(harness.state().dialog.path, "/x");
+
+        open(&mut harness, folder.path().to_owned());
+        harness.get_by_label(&format!("{typed}rooms.mcap")).click();
+        harness.run_steps(3);
+        assert_eq!(harness.state().opened, [recording]);
+    }
+
+    #[test]
+    fn return_opens_the_only_offered_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("rooms.mcap");
+        fs::write(&recording, "").unwrap();
+        let mut harness = harness(OpenDialog::default());
+        let dialog = &mut harness.state_mut().dialog;
+        dialog.open(Some(folder.path().to_owned()));
+        harness.run_steps(3);
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        assert_eq!(harness.state().opened, [recording]);
+    }
+
+    #[test]
+    fn a_folder_is_shown_as_it_would_be_typed() {
+        let check = |folder: &str, expected: &str| {
+            let home = Some(Path::new("/home/anna"));
+            let shown = as_typed(Path::new(folder), home).unwrap();
+            assert_eq!(Path::new(&shown), Path::new(expected), "{folder}");
+            assert!(is_folder(&shown), "{shown}");
+        };
+        check("/home/anna/maps", "~/maps/");
+        check("/home/anna/maps/", "~/maps/");
+        check("/home/anna", "~/");
+        check("/home/annabel/maps", "/home/annabel/maps/");
+        check("/", "/");
+    }
+
+    #[test]
+    fn recording_in_home_folder_is_opened() {
+        let mut dialog = OpenDialog::default();
+        dialog.refuse("~/no such day.mcap".to_owned(), "gone".to_owned());
+        let mut harness = harness(dialog);
+        harness.run_steps(3);
+        harness.key_press(Key::Enter);
+        harness.run_steps(3);
+        let home = crate::typed_path::home().unwrap();
+        assert_eq!(harness.state().opened, [home.join("no such day.mcap")]);
+    }
+
+    #[derive(Debug)]
+    struct Dropped(PathBuf);
+
+    impl DroppedFile for Dropped {
+        fn path(&self) -> &Path {
+            &self.0
+        }
+
+        fn bytes(&self) -> Result<Vec<u8>, String> {
+            Err("nobody reads it here".to_owned())
+        }
+    }
+
+    #[test]
+    fn dropped_recording_is_opened() {
+        for is_open in [false, true] {
+            let mut dialog = OpenDialog::default();
+            if is_open {
+                dialog.open(None);
+            }
+            let mut harness = harness(dialog);
+            harness.run_steps(2);
+            let file = Dropped(PathBuf::from("rooms.mcap"));
+            harness.input_mut().dropped_files.push(Arc::new(file));
+            harness.run_steps(2);
+            assert_eq!(harness.state().opened, [PathBuf::from("rooms.mcap")]);
+        }
+    }
+
+    #[test]
+    fn failed_path_is_shown_with_reason() {
+        let mut dialog = OpenDialog::default();
+        dialog.refuse(
+            "notes.txt".to_owned(),
+            "notes.txt: not a recording".to_owned(),
+        );
+        let mut harness = harness(dialog);
+        harness.run_steps(3);
+        harness.get_by_label("notes.txt: not a recording");
+        harness.get_by_label("Cancel").click();
+        harness.run_steps(3);
+        assert!(harness.query_by_label("Open a recording").is_none());
+        assert!(harness.state().opened.is_empty());
+    }
+}

@@ -1,4 +1,4 @@
-//! What a path that is being typed may become: folders, and files that may be recordings.
+//! Completion of a typed path: folders, and files that may be recordings.
 
 use std::fs;
 use std::path::{MAIN_SEPARATOR, Path};
@@ -8,30 +8,26 @@ use recording::Format;
 
 use crate::typed_path::{home, within};
 
-/// Entries of a folder that are looked at.
+/// Limit of read entries of a folder.
 const MAX_LOOKED_AT: usize = 5_000;
-/// Recordings that are offered, and folders: whoever has more types another letter.
+/// Limit of offered recordings and of offered folders.
 const MAX_OFFERED: usize = 10;
-/// How recordings end.
 const ENDINGS: [&str; 2] = ["mcap", "bag"];
-/// How CARMEN logs end, and much else: these are looked into.
+/// Extensions of CARMEN logs, and of many other files: these are opened.
 const LOG_ENDINGS: [&str; 2] = ["log", "clf"];
-/// So many files are looked into at most.
+/// Limit of opened files.
 const MAX_OPENED: usize = 50;
 
-/// What a path that is being typed may become.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Completions {
-    /// What is offered: recordings, those first that were changed last, for they are most often looked for; then folders by
-    /// name, which end with the separator. What begins with `~/` goes on doing so.
+    /// Recordings, most recently changed first; then folders by name with a trailing separator. A leading `~/` is kept.
     pub(super) offered: Vec<String>,
-    /// What there is besides, in words.
+    /// What else there is, in words.
     pub(super) more: Option<String>,
-    /// As much as all have in common, offered or not.
+    /// Longest common beginning of all completions, offered or not.
     pub(super) common: Option<String>,
 }
 
-/// What `typed` may become.
 pub(super) fn completions(typed: &str) -> Completions {
     completions_of(typed, home().as_deref())
 }
@@ -68,12 +64,12 @@ fn completions_of(typed: &str, home: Option<&Path>) -> Completions {
     }
 }
 
-/// What of a folder begins as somebody typed.
+/// Entries of a folder with the typed beginning.
 struct Found {
-    /// Names, in the order in which they are offered.
+    /// In order.
     recordings: Vec<String>,
     folders: Vec<String>,
-    /// Files that may be recordings, and that were too many to be looked into.
+    /// Files above the limit of opened files, which may be recordings.
     unknown: usize,
 }
 
@@ -91,7 +87,7 @@ impl Found {
             if is_hidden || !name.starts_with(beginning) {
                 continue;
             }
-            // Of what a link leads to.
+            // Follows links.
             let about = fs::metadata(entry.path()).ok();
             if about.as_ref().is_some_and(fs::Metadata::is_dir) {
                 folders.push(format!("{name}{MAIN_SEPARATOR}"));
@@ -124,7 +120,7 @@ impl Found {
     }
 }
 
-/// What is not offered of so many recordings and folders, in words, and so many files that were not looked into.
+/// Describes what is not offered: recordings, folders, and files that were not opened.
 fn more([recordings, folders]: [usize; 2], unknown: usize) -> Option<String> {
     let left_out = |found: usize, kind: &str| {
         let count = found.saturating_sub(MAX_OFFERED);
@@ -145,7 +141,6 @@ fn more([recordings, folders]: [usize; 2], unknown: usize) -> Option<String> {
     (!parts.is_empty()).then(|| format!("{}: type how a name begins", parts.join(", ")))
 }
 
-/// As much as all completions have in common.
 fn common_beginning(completions: &[String]) -> Option<String> {
     let first = completions.first()?;
     let common = completions.iter().fold(first.len(), |length, other| {
@@ -165,7 +160,7 @@ fn ends_with(name: &str, endings: &[&str]) -> bool {
     })
 }
 
-/// By its first bytes. A pipe is none, and would be waited for.
+/// By its first bytes. A pipe is no recording, and reading it would block.
 fn is_recording(path: &Path) -> bool {
     path.is_file() && Format::of(path).is_ok()
 }
@@ -176,7 +171,7 @@ mod tests {
 
     use super::*;
 
-    /// Writes a file as if that had been so many seconds ago.
+    /// Writes a file with a modification time this many seconds ago.
     fn write(path: &Path, content: &str, age_s: u64) {
         fs::write(path, content).unwrap();
         let file = fs::File::options().append(true).open(path).unwrap();
@@ -229,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_in_the_home_folder_are_offered_as_they_are_typed() {
+    fn home_paths_keep_their_tilde() {
         let home = tempfile::tempdir().unwrap();
         fs::write(home.path().join("rooms.mcap"), "").unwrap();
         fs::create_dir(home.path().join("roofs")).unwrap();
@@ -247,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_recordings_the_newest_are_offered_and_the_others_are_counted() {
+    fn newest_completions_are_offered_and_rest_is_counted() {
         let folder = tempfile::tempdir().unwrap();
         for number in 0..14_u64 {
             let path = folder.path().join(format!("lake-{number:02}.mcap"));
@@ -269,7 +264,7 @@ mod tests {
             all.more.as_deref(),
             Some("6 more recordings, 1 more folder: type how a name begins")
         );
-        // Tab goes no farther than what is not offered goes along.
+        // Tab completes no further than all completions agree, offered or not.
         assert_eq!(all.common, Some(root.clone()));
         let some = completions(&format!("{root}l"));
         assert_eq!(some.common, Some(format!("{root}la")));
@@ -277,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn logs_that_were_not_looked_into_are_counted_too() {
+    fn unread_logs_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         for number in 0..MAX_OPENED + 2 {
             write(&folder.path().join(format!("{number}.log")), "text", 0);
@@ -289,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn what_all_have_in_common_is_typed_for_you() {
+    fn common_beginning_is_completed() {
         let common = |paths: &[&str]| {
             let paths: Vec<_> = paths.iter().map(|&path| path.to_owned()).collect();
             common_beginning(&paths)

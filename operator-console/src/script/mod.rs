@@ -1,7 +1,4 @@
-//! `--headless drive --script FILE`: timed inputs through the same helm as the window's.
-
-mod parse;
-mod status_line;
+//! `--headless drive --script FILE`: timed inputs through the window's teleop client.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::fs;
@@ -11,60 +8,47 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use measurement::time::Monotonic;
-use protocol::keys::RobotId;
-use protocol::message::{Info, TeleopStatus};
+use protocol::message::{Clamp, Info, TeleopStatus};
 use protocol::tile::BootId;
 use robot_edge::clock;
-use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Exit, Interrupted, UsageError};
-use robot_edge::link::sessions::Endpoints;
-use robot_edge::link::{random_id, zenoh_config_file};
+use robot_edge::network::sessions::Endpoints;
+use robot_edge::network::{random_id, zenoh_config_file};
 
 use crate::identity::Identity;
 use crate::link::RobotSession;
 use crate::model::{LinkState, ModelSettings};
-use crate::panels::driving::labels::note as note_in_words;
+use crate::panels::driving::is_stopped_by_monitor;
+use crate::panels::driving::labels::{clamp, note as note_in_words, state};
 use crate::role::{OBSERVER_HINT, is_observer};
 use crate::target::{Target, WaitForRobot};
 use crate::teleop_client::{EStopState, Intent};
+use crate::teleop_handle::TeleopSession;
 use crate::teleop_input::{DriveKey, InputEvent};
-use crate::teleop_session::TeleopSession;
+
+mod parse;
 
 pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
 
-/// What was asked for at the end is waited for so long at most: longer than the helm waits for an answer.
+/// Time to wait for the last answer: longer than the teleop client waits.
 const LAST_ANSWER: Duration = Duration::from_secs(5);
-/// Between two iterations at most: a queue is looked at no more rarely than commands are sent.
+/// Longest time between two iterations: the period of drive commands.
 const PERIOD: Duration = Duration::from_millis(20);
-/// Tiles are not asked for.
+/// No tiles are requested.
 const STORE_MB: u32 = 1;
 
-/// What to drive, and how.
 #[derive(Clone)]
 pub struct Drive {
-    /// Addresses to ask; where there are none the network is searched.
-    pub connect: Vec<String>,
-    /// Which robot; else the only one there is.
-    pub robot: Option<RobotId>,
-    /// A Zenoh configuration.
-    pub zenoh_config: Option<PathBuf>,
-    /// Who connects, where the link is secured.
-    pub credentials: Option<Credentials>,
-    /// Who drives.
-    pub identity: Identity,
-    /// The script.
-    pub script: PathBuf,
-    /// How long to wait for the robot.
-    pub timeout: Duration,
-    /// Say nothing but what the script does.
-    pub quiet: bool,
+    pub(crate) target: Target,
+    pub(crate) identity: Identity,
+    pub(crate) script: PathBuf,
 }
 
-/// Drives, and tells what happens. Ends with [`Exit::Failed`] where something was refused, not answered, or awaited in
-/// vain.
+/// Runs the script and prints what happens. Returns [`Exit::Failed`] if a request is refused or not answered, or a
+/// state is not reached.
 ///
 /// # Errors
-/// Where the operator may only watch, the script cannot be read, or there is no robot that can be driven.
+/// If the operator is an observer, the script cannot be read, or there is no robot that can be driven.
 pub fn run(
     settings: &Drive,
     is_interrupted: impl Fn() -> bool,
@@ -74,14 +58,7 @@ pub fn run(
         return Err(UsageError(OBSERVER_HINT.to_owned()).into());
     }
     let steps = load(&settings.script)?;
-    let target = Target {
-        connect: settings.connect.clone(),
-        robot: settings.robot.clone(),
-        zenoh_config: settings.zenoh_config.clone(),
-        credentials: settings.credentials.clone(),
-        timeout: settings.timeout,
-        quiet: settings.quiet,
-    };
+    let target = &settings.target;
     let found = target.find(&is_interrupted)?;
     let wait_for_robot = target.wait_for_robot(&found);
     let model = ModelSettings {
@@ -92,8 +69,8 @@ pub fn run(
     };
     let endpoints = Endpoints {
         connect: vec![found.endpoint],
-        zenoh_config: zenoh_config_file(settings.zenoh_config.clone()),
-        credentials: settings.credentials.clone(),
+        zenoh_config: zenoh_config_file(target.zenoh_config.clone()),
+        credentials: target.credentials.clone(),
         ..Endpoints::default()
     };
     let mut session = RobotSession::open(model, &endpoints, || {}).context("cannot drive")?;
@@ -101,10 +78,10 @@ pub fn run(
         .take_driving()
         .ok_or_else(|| anyhow!("the robot is driven already"))?;
     let mut teleop_session = TeleopSession::new(found.robot, settings.identity.clone(), link)?;
-    // A terminal does not tell whether somebody is there; a script is.
-    teleop_session.apply(InputEvent::Focus(true));
+    // A script has no window that could lose the focus.
+    teleop_session.client.apply(InputEvent::Focus(true));
     let info = abilities(&session, wait_for_robot, target.timeout, &is_interrupted)?;
-    teleop_session.set_robot_info(&info);
+    teleop_session.client.set_robot_info(&info);
 
     let mut runner = ScriptRunner {
         session,
@@ -114,13 +91,13 @@ pub fn run(
         waited: Duration::ZERO,
         awaiting: None,
         ended: None,
-        status_line: status_line::StatusLine::default(),
+        status_line: StatusLine::default(),
         peak_age_ms: 0,
         failures: 0,
         out,
     };
     let is_whole = runner.run(&is_interrupted)?;
-    // While there is still a session to say it on.
+    // While the session is open.
     runner.teleop_session.shut_down();
     runner.print_summary()?;
     if !is_whole {
@@ -139,7 +116,7 @@ fn load(path: &Path) -> anyhow::Result<Vec<Step>> {
     Ok(parse(&text).map_err(|why| UsageError(format!("{}: {why}", path.display())))?)
 }
 
-/// What the robot can do, as soon as it tells and can be driven.
+/// Waits until the robot describes itself and can be driven.
 fn abilities(
     session: &RobotSession,
     mut wait_for_robot: WaitForRobot,
@@ -178,25 +155,24 @@ fn abilities(
     }
 }
 
-/// A script that is being played.
 struct ScriptRunner<'a> {
     session: RobotSession,
     teleop_session: TeleopSession,
     steps: VecDeque<Step>,
     started: Monotonic,
-    /// What was spent waiting: the script's clock stands still then.
+    /// Time spent in `await`, during which the script's clock stops.
     waited: Duration,
     awaiting: Option<(State, Monotonic, Duration, usize)>,
-    /// When nothing was left to do.
+    /// When the last step was done.
     ended: Option<Monotonic>,
-    status_line: status_line::StatusLine,
+    status_line: StatusLine,
     peak_age_ms: u32,
     failures: u32,
     out: &'a mut dyn Write,
 }
 
 impl ScriptRunner<'_> {
-    /// Whether it was played to its end.
+    /// Returns whether the script ran to its end.
     fn run(&mut self, is_interrupted: &impl Fn() -> bool) -> io::Result<bool> {
         loop {
             let now = clock::now();
@@ -211,14 +187,14 @@ impl ScriptRunner<'_> {
             }
             if self.steps.is_empty() && self.awaiting.is_none() {
                 if self.ended.is_none() {
-                    // Nobody's hands are on anything while answers are waited for.
+                    // All inputs are released while the last answers arrive.
                     let keys = DriveKey::ALL.map(InputEvent::Release);
                     for event in keys.into_iter().chain([InputEvent::PadGone]) {
-                        self.teleop_session.apply(event);
+                        self.teleop_session.client.apply(event);
                     }
                 }
                 let ended = *self.ended.get_or_insert(now);
-                let state = self.teleop_session.state(now);
+                let state = self.teleop_session.client.state(now);
                 let is_stopping = matches!(state.estop, EStopState::Sending(_));
                 if !state.is_asking && !is_stopping {
                     return Ok(true);
@@ -229,7 +205,7 @@ impl ScriptRunner<'_> {
                 }
             }
             let mut next = now + PERIOD;
-            next = next.min(self.teleop_session.due(now).unwrap_or(next));
+            next = next.min(self.teleop_session.client.due(now).unwrap_or(next));
             if let Some(step) = self.steps.front() {
                 next = next.min(self.started + self.waited + step.at);
             }
@@ -239,7 +215,7 @@ impl ScriptRunner<'_> {
         }
     }
 
-    /// Takes out of the queue what is due.
+    /// Executes the steps that are due.
     fn act(&mut self, now: Monotonic) -> io::Result<Option<Duration>> {
         if !self.is_awaited(now)? {
             return Ok(None);
@@ -251,13 +227,15 @@ impl ScriptRunner<'_> {
             match step.action {
                 Action::Input(events) => {
                     for event in events {
-                        self.teleop_session.apply(event);
+                        self.teleop_session.client.apply(event);
                     }
                 }
-                Action::Intent(intent) => self.teleop_session.submit(intent, now),
+                Action::Intent(intent) => self.teleop_session.client.submit(intent, now),
                 Action::Reset => {
                     if let Some(estop) = self.teleop().and_then(|teleop| teleop.estop) {
-                        self.teleop_session.submit(Intent::Reset(estop.number), now);
+                        self.teleop_session
+                            .client
+                            .submit(Intent::Reset(estop.number), now);
                     } else {
                         let words = format!("line {}: there is no emergency stop", step.line);
                         self.fail(&words)?;
@@ -276,13 +254,13 @@ impl ScriptRunner<'_> {
         Ok(None)
     }
 
-    /// Whether nothing is waited for any more. What is awaited in vain ends the script.
+    /// Whether no state is awaited any more. A state that is not reached ends the script.
     fn is_awaited(&mut self, now: Monotonic) -> io::Result<bool> {
         let Some((state, since, longest, line)) = self.awaiting else {
             return Ok(true);
         };
         let is_so = match state {
-            State::Lease => self.teleop_session.state(now).lease.held().is_some(),
+            State::Lease => self.teleop_session.client.state(now).lease.held().is_some(),
             State::Idle
             | State::Held
             | State::Driving
@@ -296,7 +274,7 @@ impl ScriptRunner<'_> {
             self.waited += now.since(since);
         }
         if is_late && !is_so {
-            // What follows takes the vehicle to be in that state.
+            // The following steps assume that state.
             let rest = if self.steps.is_empty() {
                 ""
             } else {
@@ -315,7 +293,7 @@ impl ScriptRunner<'_> {
     }
 
     fn print_changes(&mut self) -> io::Result<()> {
-        let notes: Vec<_> = self.teleop_session.take_notifications().collect();
+        let notes = self.teleop_session.client.take_notifications();
         for (_, note) in notes {
             match note_in_words(&note) {
                 (words, true) => self.fail(&words)?,
@@ -355,5 +333,111 @@ impl ScriptRunner<'_> {
         let time_s = clock::elapsed(self.started).as_secs_f64();
         writeln!(self.out, "{time_s:8.3} {words}")?;
         self.out.flush()
+    }
+}
+
+/// Suppresses repetitions of a status.
+#[derive(Debug, Default)]
+struct StatusLine(String);
+
+impl StatusLine {
+    /// A line if the text is new. Changes of numbers alone do not count.
+    fn changed_line(&mut self, status: &TeleopStatus) -> Option<String> {
+        let state_text = state_text(status);
+        if self.0 == state_text {
+            return None;
+        }
+        let line = format!("{state_text}, {}", figures(status));
+        self.0 = state_text;
+        Some(line)
+    }
+}
+
+/// State, limit by the collision monitor, and lease.
+fn state_text(status: &TeleopStatus) -> String {
+    let held_back = if is_stopped_by_monitor(status) {
+        format!(", limited by {}", clamp(Clamp::CollisionMonitor))
+    } else {
+        String::new()
+    };
+    let holder = status.lease.holder.as_ref();
+    let holder = holder.map_or_else(|| "nobody".to_owned(), ToString::to_string);
+    format!("{}{held_back}, lease of {holder}", state(status.state))
+}
+
+/// Requested and applied velocity, and age of the last command.
+fn figures(status: &TeleopStatus) -> String {
+    let age = status
+        .age_ms
+        .map_or_else(|| "–".to_owned(), |age_ms| format!("{age_ms} ms"));
+    format!(
+        "asked {:.2} m/s {:.2} rad/s, applied {:.2} m/s {:.2} rad/s, age {age}",
+        status.requested.linear_mps,
+        status.requested.angular_radps,
+        status.applied.linear_mps,
+        status.applied.angular_radps,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::{LeaseStatus, TeleopState, Velocity};
+
+    use super::*;
+    use crate::test_support::idle_teleop_status;
+
+    /// Anna drives with this applied speed, m/s.
+    fn driven(applied_mps: f32) -> TeleopStatus {
+        let going = |linear_mps| Velocity {
+            linear_mps,
+            angular_radps: 0.0,
+        };
+        TeleopStatus {
+            state: TeleopState::Driving,
+            lease: LeaseStatus {
+                holder: Some("anna".parse().unwrap()),
+                ..LeaseStatus::default()
+            },
+            age_ms: Some(31),
+            requested: going(0.8),
+            applied: going(applied_mps),
+            clamp: Some(Clamp::CollisionMonitor),
+            ..idle_teleop_status()
+        }
+    }
+
+    #[test]
+    fn stop_by_collision_monitor_is_printed() {
+        let line_for = |applied_mps| {
+            StatusLine::default()
+                .changed_line(&driven(applied_mps))
+                .unwrap()
+        };
+        assert_eq!(
+            line_for(0.0),
+            "Driving, limited by the collision monitor, lease of anna, asked 0.80 m/s 0.00 rad/s, \
+             applied 0.00 m/s 0.00 rad/s, age 31 ms"
+        );
+        assert_eq!(
+            line_for(0.3),
+            "Driving, lease of anna, asked 0.80 m/s 0.00 rad/s, applied 0.30 m/s 0.00 rad/s, age 31 ms"
+        );
+    }
+
+    #[test]
+    fn status_line_repeats_for_new_text_only() {
+        let mut said = StatusLine::default();
+        let mut is_said = |status: &TeleopStatus| said.changed_line(status).is_some();
+        assert!(is_said(&driven(0.0)));
+        // Rounded to zero.
+        assert!(!is_said(&driven(0.001)));
+        assert!(!is_said(&driven(0.0)));
+        assert!(is_said(&driven(0.1)));
+        assert!(!is_said(&driven(0.3)));
+        let mut handed_over = driven(0.3);
+        handed_over.lease.holder = Some("bert".parse().unwrap());
+        assert!(is_said(&handed_over));
+        assert!(is_said(&idle_teleop_status()));
+        assert!(!is_said(&idle_teleop_status()));
     }
 }

@@ -1,4 +1,4 @@
-//! Scripts as text: a time and an action in each line.
+//! Parser of scripts: a time and an action in each line.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use protocol::message::{LeaseRequest, Setting, TeleopState};
 use crate::teleop_client::Intent;
 use crate::teleop_input::{DriveKey, InputEvent, PadReading, SpeedStep};
 
-/// Said in `--help`.
+/// For `--help`.
 pub const LANGUAGE: &str = "\
 A script has one action a line, behind the second at which it happens; `#` begins a comment.
   0.0 lease request             also: release, take-over, consent NAME, refuse NAME
@@ -34,54 +34,42 @@ States that `await` knows, and what the output says of them:
 At its end all keys are released, and the answer to what was asked for last is waited for (5 s at most).
 Options that choose the robot go before it: operator-console --demo rooms --headless drive --script FILE";
 
-/// Longest script, bytes: a day of one action a second.
+/// Limit of a script, bytes: a day with one action a second.
 const MAX_BYTES: usize = 4 << 20;
-/// Longest time in a script.
 const MAX_TIME_S: f64 = 7.0 * 86_400.0;
 const AWAIT: Duration = Duration::from_secs(10);
 
-/// What happens when.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// Since the start, without what was spent waiting.
+    /// Since the start, without the time spent in `await`.
     pub at: Duration,
-    /// Line of the file, from 1.
+    /// From 1.
     pub line: usize,
-    /// What happens.
     pub action: Action,
 }
 
-/// What a script can do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// The hands.
     Input(Vec<InputEvent>),
-    /// What a panel would ask for.
     Intent(Intent),
-    /// The end of the emergency stop in force, whichever it is.
+    /// Resets the active emergency stop.
     Reset,
-    /// The program stands still.
+    /// Suspends the program.
     Freeze(Duration),
-    /// Waits for a state; in vain: ends the script.
+    /// Waits for a state; a timeout ends the script.
     Await(State, Duration),
 }
 
-/// A state of driving, without its reason.
+/// A teleop state without its reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Nobody drives.
     Idle,
-    /// Somebody could.
     Held,
-    /// Somebody does.
     Driving,
-    /// It brakes.
     Stopping,
-    /// It was stopped for good.
     EStop,
-    /// It is at fault.
     Fault,
-    /// This console has the lease, whatever the vehicle does.
+    /// Whether this console has the lease, in any state of the vehicle.
     Lease,
 }
 
@@ -96,7 +84,6 @@ impl State {
         Self::Lease,
     ];
 
-    /// What a script calls it.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -109,7 +96,6 @@ impl State {
         }
     }
 
-    /// Whether the vehicle's is this one.
     pub const fn is(self, state: TeleopState) -> bool {
         matches!(
             (self, state),
@@ -123,26 +109,22 @@ impl State {
     }
 }
 
-/// Why a text is no script.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScriptError {
-    /// A line that cannot be read.
     #[error("line {line}: {why}")]
     Line {
-        /// Which, from 1.
+        /// From 1.
         line: usize,
-        /// What is wrong with it.
         why: String,
     },
-    /// Too long.
     #[error("it is longer than {MAX_BYTES} bytes")]
     TooLong,
 }
 
-/// Reads a script.
+/// Parses a script.
 ///
 /// # Errors
-/// Where a line is no action, or earlier than the one before.
+/// If a line is no action, or its time is before that of the last one.
 pub fn parse(text: &str) -> Result<Vec<Step>, ScriptError> {
     if text.len() > MAX_BYTES {
         return Err(ScriptError::TooLong);
@@ -292,7 +274,7 @@ mod tests {
     use crate::teleop_client::TeleopNotification;
 
     #[test]
-    fn what_help_shows_is_a_script() {
+    fn example_in_help_is_a_valid_script() {
         let examples = LANGUAGE.lines().skip(1).filter_map(|line| {
             let example = line.get(..32.min(line.len())).unwrap_or(line).trim();
             example
@@ -312,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn help_tells_what_the_output_says_of_each_state() {
+    fn help_explains_each_state() {
         let begins = |words: String| {
             let begin = words.split([':', ',']).next().unwrap_or_default();
             format!("\"{begin}\"")
@@ -348,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_line() {
+    fn errors_name_the_line() {
         for (script, says) in [
             ("0 estop\nnow estop", "line 2: \"now\" is no time"),
             ("-1 estop", "line 1: \"-1\" is no time"),

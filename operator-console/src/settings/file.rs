@@ -1,44 +1,44 @@
-//! The settings file: found, read, and written so that it is whole whatever happens.
+//! The settings file: location, reading, and atomic writing in the background.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use etcetera::BaseStrategy as _;
 use robot_edge::clock;
 use serde_json::Value;
 
 use super::{Settings, VERSION};
+use crate::lock;
 
-/// A settings file is some kilobytes; a greater one is not ours.
+/// A settings file has some kilobytes.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// Where settings are kept.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ConfigPath {
-    /// Nowhere: nothing is read, nothing is written.
+    /// Settings are neither read nor written.
     #[default]
     None,
-    /// In this file.
     File(PathBuf),
 }
 
-/// What a file said.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Read {
-    /// The settings.
     pub settings: Settings,
-    /// What of the file could not be used and where it is now, in words.
+    /// What could not be used, and where the file is now.
     pub complaint: Option<String>,
 }
 
-/// The operator's settings file: `foreshore/console.json` in the folder that the system has for such files.
+/// `foreshore/console.json` in the system's folder for configuration.
 pub fn default_file() -> Option<PathBuf> {
     let folders = etcetera::choose_base_strategy().ok()?;
     Some(folders.config_dir().join("foreshore").join("console.json"))
 }
 
-/// Reads settings. What cannot be read is moved aside, so that it is not lost, and defaults are used.
+/// Reads settings. An unreadable file is renamed, and defaults are used.
 pub fn read(path: &Path) -> Read {
     let why = match parse(path) {
         Ok(None) => return Read::default(),
@@ -68,7 +68,7 @@ pub fn read(path: &Path) -> Read {
     }
 }
 
-/// `None` where there is no file.
+/// `None` if there is no file.
 fn parse(path: &Path) -> Result<Option<(Settings, Vec<String>)>, String> {
     let file = match File::open(path) {
         Ok(file) => file,
@@ -100,13 +100,9 @@ fn parse(path: &Path) -> Result<Option<(Settings, Vec<String>)>, String> {
     Ok(Some((settings, mended)))
 }
 
-/// Writes settings beside the file, onto the disk, and then in its place: whenever the program or the computer stops, the
-/// file is the old one or the new one.
-///
-/// # Errors
-/// Where the file system refuses.
+/// Writes a temporary file and renames it, so that the file is always complete, also after a crash.
 pub(super) fn write(path: &Path, settings: &Settings) -> io::Result<()> {
-    // Of a bare name the parent is empty, and no folder that could be opened.
+    // The parent of a bare name is empty.
     let folder = path
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty())
@@ -115,7 +111,7 @@ pub(super) fn write(path: &Path, settings: &Settings) -> io::Result<()> {
     let mut bytes = serde_json::to_vec_pretty(settings)?;
     bytes.push(b'\n');
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    // Two consoles may write at once; each has its own.
+    // Two consoles may write at once.
     let temporary = folder.join(format!(".{name}.{}", std::process::id()));
     let written = (|| {
         let mut file = File::create(&temporary)?;
@@ -127,7 +123,7 @@ pub(super) fn write(path: &Path, settings: &Settings) -> io::Result<()> {
         drop(fs::remove_file(&temporary));
     }
     written?;
-    // The new name is on the disk when its folder is.
+    // The rename is durable when the folder is synced.
     File::open(folder)?.sync_all()
 }
 
@@ -135,4 +131,149 @@ fn aside(path: &Path) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let label = clock::wall_clock_label().replace(':', "");
     path.with_file_name(format!("{stem}.unusable-{label}.json"))
+}
+
+/// Shortest time between two writes.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// Writes settings in a thread. Dropping it writes what is pending.
+pub struct SettingsWriter {
+    shared: Arc<Shared>,
+    saved: Settings,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    /// The newest settings that are not written yet.
+    waiting: Option<Settings>,
+    is_closing: bool,
+    problem: Option<String>,
+}
+
+impl SettingsWriter {
+    /// Saves to `path` what differs from `saved`, its present content.
+    pub fn start(path: PathBuf, saved: Settings) -> Self {
+        let shared = Arc::new(Shared::default());
+        let thread = thread::spawn({
+            let shared = Arc::clone(&shared);
+            move || run(&shared, &path)
+        });
+        Self {
+            shared,
+            saved,
+            thread: Some(thread),
+        }
+    }
+
+    /// Saves the settings if they changed. Does not block.
+    pub fn save(&mut self, settings: Settings) {
+        if settings == self.saved {
+            return;
+        }
+        self.saved = settings.clone();
+        lock(&self.shared.state).waiting = Some(settings);
+        self.shared.changed.notify_one();
+    }
+
+    /// A new reason why settings cannot be written.
+    pub fn take_problem(&self) -> Option<String> {
+        lock(&self.shared.state).problem.take()
+    }
+}
+
+impl Drop for SettingsWriter {
+    fn drop(&mut self) {
+        lock(&self.shared.state).is_closing = true;
+        self.shared.changed.notify_one();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread that writes settings failed");
+        }
+    }
+}
+
+fn run(shared: &Shared, path: &std::path::Path) {
+    let mut state = lock(&shared.state);
+    let mut repeat_filter = RepeatFilter::default();
+    loop {
+        if let Some(settings) = state.waiting.take() {
+            drop(state);
+            let started = clock::now();
+            let written = write(path, &settings);
+            state = lock(&shared.state);
+            let problem = written.err().map(|why| {
+                let path = path.display();
+                format!("Settings cannot be saved to {path}: {why}")
+            });
+            if let Some(problem) = repeat_filter.only_new(problem) {
+                tracing::warn!("{problem}");
+                state.problem = Some(problem);
+            }
+            while !state.is_closing {
+                let rest = PERIOD.saturating_sub(clock::elapsed(started));
+                if rest.is_zero() {
+                    break;
+                }
+                (state, _) = shared
+                    .changed
+                    .wait_timeout(state, rest)
+                    .unwrap_or_else(PoisonError::into_inner);
+            }
+        } else if state.is_closing {
+            return;
+        } else {
+            state = shared
+                .changed
+                .wait(state)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Suppresses repetitions of a problem.
+#[derive(Debug, Default)]
+struct RepeatFilter {
+    last: Option<String>,
+}
+
+impl RepeatFilter {
+    /// The result of one more attempt; returns a problem that differs from the last one.
+    fn only_new(&mut self, problem: Option<String>) -> Option<String> {
+        if problem == self.last {
+            return None;
+        }
+        self.last.clone_from(&problem);
+        problem
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn problem_is_repeated_only_after_a_change() {
+        let mut repeats = RepeatFilter::default();
+        let (full, readonly) = (Some("full".to_owned()), Some("read-only".to_owned()));
+        for (problem, is_said) in [
+            (&None, false),
+            (&full, true),
+            (&full, false),
+            (&readonly, true),
+            (&readonly, false),
+            (&None, false),
+            (&readonly, true),
+        ] {
+            let expected = problem.clone().filter(|_| is_said);
+            assert_eq!(repeats.only_new(problem.clone()), expected, "{problem:?}");
+        }
+    }
 }

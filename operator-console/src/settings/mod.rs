@@ -1,60 +1,49 @@
-//! What the console remembers between runs: layout, looks, window, addresses, colours of robots.
+//! Settings that are saved between runs: layout, appearance, window, addresses, colours of robots.
 //!
-//! A settings file is written by this program and may be edited by hand. What is missing in it has its default, what is
-//! not known is ignored, and what makes no sense is replaced by its default and said.
+//! The file may be edited by hand. Missing keys have defaults, unknown keys are ignored, invalid values are replaced by
+//! defaults and reported.
 
-mod appearance;
-mod file;
-mod repeat_filter;
-mod robot_colors;
-mod writer;
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
+use eframe::egui::{Color32, Context, Theme, ThemePreference};
+use protocol::keys::RobotId;
 use serde::{Deserialize, Serialize};
-
-pub use appearance::{Appearance, ThemeChoice};
-pub use file::{ConfigPath, Read, default_file, read};
-pub use robot_colors::RobotColors;
-pub use writer::SettingsWriter;
 
 use crate::map_view::ViewSettings;
 use crate::workspace::Layout;
 
-/// What is written by this version. A file of a greater one is not touched.
+mod file;
+
+pub use file::{ConfigPath, Read, SettingsWriter, default_file, read};
+
+/// Format version. A file with a greater version is not used.
 pub const VERSION: u32 = 1;
-/// Addresses that are remembered.
 pub const MAX_ADDRESSES: usize = 16;
 
-/// Everything that is remembered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Of the format.
     pub version: u32,
-    /// Theme and scale.
     pub appearance: Appearance,
-    /// Size and place of the window.
     pub window: Option<WindowPlace>,
-    /// Where panels are; `None` for where they are at first.
+    /// `None` for the default layout.
     pub layout: Option<Layout>,
-    /// Addresses that were typed, the newest last; control endpoints.
+    /// Typed control endpoints, newest last.
     pub addresses: Vec<String>,
-    /// Colours of robots, by name.
     pub robots: RobotColors,
-    /// How the map was looked at.
     pub map: Option<ViewSettings>,
-    /// Whether the folder of an export is shown when all is in it.
+    /// Whether to open the folder of a finished export.
     pub opens_exports: bool,
 }
 
-/// Where the window was.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WindowPlace {
-    /// Width and height of what is inside its frame, in points of the system.
+    /// Inner size, in the system's points.
     pub size: [f32; 2],
-    /// Upper left corner of its frame, in points of the system; `None` where the system does not tell.
+    /// Upper left corner of the frame, in the system's points; `None` if unknown.
     #[serde(default)]
     pub corner: Option<[f32; 2]>,
-    /// Whether it filled the screen.
     #[serde(default)]
     pub is_maximized: bool,
 }
@@ -75,7 +64,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Remembers an address, the oldest beyond [`MAX_ADDRESSES`] no longer.
+    /// Adds an address; above [`MAX_ADDRESSES`] the oldest is removed.
     pub fn remember(&mut self, address: &str) {
         self.addresses.retain(|known| known != address);
         self.addresses.push(address.to_owned());
@@ -83,12 +72,11 @@ impl Settings {
         self.addresses.drain(..surplus);
     }
 
-    /// Forgets an address.
     pub fn forget(&mut self, address: &str) {
         self.addresses.retain(|known| known != address);
     }
 
-    /// Puts defaults where a file says what makes no sense; what that was, in words.
+    /// Replaces invalid values by defaults; returns what was replaced.
     fn repair(&mut self) -> Vec<String> {
         let mut mended = Vec::new();
         if !self.appearance.is_valid() {
@@ -120,7 +108,7 @@ impl Settings {
 }
 
 impl WindowPlace {
-    /// Whether there could be a screen with such a window.
+    /// Whether a screen could contain such a window.
     pub fn is_valid(&self) -> bool {
         let is_size = self
             .size
@@ -128,6 +116,128 @@ impl WindowPlace {
             .all(|side| (200.0..20_000.0).contains(side));
         let is_corner = |corner: [f32; 2]| corner.iter().all(|at| at.abs() < 20_000.0);
         is_size && self.corner.is_none_or(is_corner)
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ThemeChoice {
+    #[default]
+    System,
+    Dark,
+    Light,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Appearance {
+    pub theme: ThemeChoice,
+    /// Scale, percent of the system's.
+    pub scale_percent: u16,
+}
+
+impl Default for Appearance {
+    fn default() -> Self {
+        Self {
+            theme: ThemeChoice::System,
+            scale_percent: 100,
+        }
+    }
+}
+
+impl ThemeChoice {
+    pub const ALL: [Self; 3] = [Self::System, Self::Dark, Self::Light];
+
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::System => "As the system",
+            Self::Dark => "Dark",
+            Self::Light => "Light",
+        }
+    }
+
+    /// The opposite of the theme that is visible.
+    pub const fn other_than(seen: Theme) -> Self {
+        match seen {
+            Theme::Dark => Self::Light,
+            Theme::Light => Self::Dark,
+        }
+    }
+}
+
+impl Appearance {
+    /// Percent.
+    pub const SCALES: RangeInclusive<u16> = 50..=300;
+    /// Percent.
+    const STEP: u16 = 10;
+
+    pub fn is_valid(&self) -> bool {
+        Self::SCALES.contains(&self.scale_percent)
+    }
+
+    #[must_use]
+    pub fn scaled(self, is_larger: bool) -> Self {
+        let percent = if is_larger {
+            self.scale_percent + Self::STEP
+        } else {
+            self.scale_percent - Self::STEP
+        };
+        Self {
+            scale_percent: percent.clamp(*Self::SCALES.start(), *Self::SCALES.end()),
+            ..self
+        }
+    }
+
+    pub fn apply(&self, ctx: &Context) {
+        ctx.set_theme(match self.theme {
+            ThemeChoice::System => ThemePreference::System,
+            ThemeChoice::Dark => ThemePreference::Dark,
+            ThemeChoice::Light => ThemePreference::Light,
+        });
+        ctx.set_zoom_factor(f32::from(self.scale_percent) / 100.0);
+    }
+}
+
+/// Okabe and Ito's colours without black, ordered so that neighbours differ most. They are distinct with every kind of
+/// colour vision, on light and dark backgrounds. Vermilion comes first, as on maps of recordings; orange, the nearest
+/// to it, last.
+const SERIES: [(u8, u8, u8); 7] = [
+    (0xd5, 0x5e, 0x00),
+    (0x00, 0x72, 0xb2),
+    (0x00, 0x9e, 0x73),
+    (0xcc, 0x79, 0xa7),
+    (0x56, 0xb4, 0xe9),
+    (0xf0, 0xe4, 0x42),
+    (0xe6, 0x9f, 0x00),
+];
+const MAX_ROBOTS: usize = 256;
+
+/// Index of each robot's colour.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct RobotColors(BTreeMap<String, u8>);
+
+impl RobotColors {
+    /// The robot's colour; a new robot gets the least used one.
+    pub fn of(&mut self, robot: &RobotId) -> Color32 {
+        let known = self.0.get(robot.as_str()).copied();
+        let index = known.unwrap_or_else(|| {
+            let uses = |index: u8| self.0.values().filter(|used| **used == index).count();
+            let index = (0..SERIES.len() as u8)
+                .min_by_key(|index| uses(*index))
+                .unwrap_or(0);
+            self.0.insert(robot.as_str().to_owned(), index);
+            self.limit();
+            index
+        });
+        let (red, green, blue) = SERIES[usize::from(index) % SERIES.len()];
+        Color32::from_rgb(red, green, blue)
+    }
+
+    fn limit(&mut self) {
+        while self.0.len() > MAX_ROBOTS {
+            self.0.pop_first();
+        }
     }
 }
 

@@ -52,7 +52,7 @@ fn settings_are_read_as_they_were_written() {
 }
 
 #[test]
-fn what_is_missing_has_defaults_and_what_is_unknown_is_ignored() {
+fn missing_keys_have_defaults_unknown_are_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("console.json");
     fs::write(
@@ -75,7 +75,7 @@ fn what_is_missing_has_defaults_and_what_is_unknown_is_ignored() {
 }
 
 #[test]
-fn a_damaged_or_newer_file_is_kept_aside_and_the_reason_is_said() {
+fn damaged_or_newer_file_is_renamed_with_reason() {
     for (text, says) in [
         (r#"{"version": 1, "appea"#, "EOF"),
         (r#"{"version": 9}"#, "newer version"),
@@ -104,7 +104,7 @@ fn a_damaged_or_newer_file_is_kept_aside_and_the_reason_is_said() {
 }
 
 #[test]
-fn values_that_make_no_sense_are_replaced_one_by_one() {
+fn invalid_values_are_replaced_separately() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("console.json");
     let mut settings = some();
@@ -155,9 +155,9 @@ fn addresses_and_colours_are_bounded_and_kept() {
     assert!(text.len() < 8_000, "{} bytes", text.len());
 }
 
-/// As after `kill -9`: nothing is dropped, nobody says goodbye.
+/// As after `kill -9`: nothing is dropped.
 #[test]
-fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
+fn changes_are_written_within_a_second_and_at_exit() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("console.json");
     let mut settings_writer = SettingsWriter::start(path.clone(), Settings::default());
@@ -172,7 +172,7 @@ fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
         sleep(Duration::from_millis(5));
     }
     assert_eq!(read(&path).settings, some());
-    // Of many changes the last is written, and that at the end at the latest.
+    // Only the last of many changes is written, at the end at the latest.
     for percent in 50..=300 {
         let mut settings = some();
         settings.appearance.scale_percent = percent;
@@ -184,7 +184,7 @@ fn what_was_changed_is_on_the_disk_within_a_second_and_the_rest_at_the_end() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_said_once() {
+fn unwritable_folder_is_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let blocked = folder.path().join("file");
     fs::write(&blocked, "").unwrap();
@@ -198,16 +198,16 @@ fn a_folder_that_cannot_be_written_is_said_once() {
         }
         assert!(
             clock::elapsed(started) < Duration::from_secs(5),
-            "nothing is said"
+            "no complaint"
         );
         sleep(Duration::from_millis(5));
     };
-    assert!(problem.contains("cannot be kept"), "{problem}");
+    assert!(problem.contains("cannot be saved"), "{problem}");
     assert_eq!(settings_writer.take_problem(), None);
 }
 
 #[test]
-fn a_bare_file_name_is_a_file_of_this_folder() {
+fn bare_file_name_is_in_the_working_directory() {
     let file = tempfile::NamedTempFile::new_in(".").unwrap();
     let name = Path::new(file.path().file_name().unwrap());
     assert_eq!(name.parent(), Some(Path::new("")));

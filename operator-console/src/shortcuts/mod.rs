@@ -1,25 +1,19 @@
-//! What can be done by keys: one table that menus, tooltips, the sheet and the handler read.
+//! Keyboard shortcuts: one table for menus, hover texts, the sheet and the handler.
 //!
-//! Keys that drive are not in it. Where they are on the keyboard counts, whatever is printed on them, and they go to the
-//! helm before the window sees them (`input_loop`): W A S D, arrows, 1 to 5 and the space bar.
+//! Driving keys (W A S D, arrows, 1 to 5, space) are not in it. They depend on the physical position, and
+//! `input_loop` handles them before the window.
 
-mod action;
 mod handler;
 mod sheet;
-mod space_after_text;
 mod table;
-mod type_ahead;
 
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
-pub use action::{Action, Edge};
-pub use handler::{KeyContext, Pressed, pressed};
+pub use handler::{KeyContext, Pressed, TypeAhead, has_space_after_text, pressed};
 pub use sheet::Sheet;
-pub use space_after_text::has_space_after_text;
-pub use table::{Binding, Group, bindings};
-pub use type_ahead::TypeAhead;
+pub use table::{Action, Binding, Edge, Group, bindings};
 
-/// A combination of keys as the operator reads it.
+/// Text of a key combination.
 pub fn words(keys: KeyboardShortcut) -> String {
     let KeyboardShortcut {
         modifiers,
@@ -53,8 +47,7 @@ pub fn words(keys: KeyboardShortcut) -> String {
     words
 }
 
-/// Whether these modifiers are those of `keys`. Where a sign is printed on a key differs between keyboards: for some
-/// signs Shift has to be held, and says nothing.
+/// Whether a pressed key matches `keys`. Some signs need Shift on some keyboards, so Shift is ignored for signs.
 fn fits(keys: KeyboardShortcut, key: Key, held: Modifiers) -> bool {
     let is_sign = matches!(
         key,

@@ -1,4 +1,4 @@
-//! The list of all keys, over the window.
+//! The list of all shortcuts.
 
 use eframe::egui::{
     Align2, Context, Grid, RichText, ScrollArea, Ui, Vec2, Window, WindowDrag, vec2,
@@ -7,29 +7,25 @@ use eframe::egui::{
 use super::{Action, Binding, Group, bindings, words};
 use crate::teleop_input::SpeedStep;
 
-/// A column: keys and words of all rows have room in it. Points.
+/// Minimum width of a column, points.
 const COLUMN: f32 = 300.0;
 const BETWEEN: f32 = 24.0;
-/// What the frame of the window takes of its width and of its height, points.
+/// Width and height of the window frame, points.
 const FRAME: [f32; 2] = [40.0, 70.0];
 
-/// The sheet, open or not.
 #[derive(Debug)]
 pub struct Sheet {
     is_open: bool,
-    /// Whether the operator has moved it since it was opened: till then it is at the left of the window,
-    /// away from the emergency stop.
+    /// Until the operator moves it, it is at the left, away from the emergency stop.
     is_moved: bool,
 }
 
 impl Sheet {
-    /// It is not open.
     pub const CLOSED: Self = Self {
         is_open: false,
         is_moved: false,
     };
 
-    /// Opens it, or closes it.
     pub const fn toggle(&mut self) {
         *self = Self {
             is_open: !self.is_open,
@@ -37,12 +33,11 @@ impl Sheet {
         };
     }
 
-    /// Closes it; whether it was open.
+    /// Returns whether it was open.
     pub const fn close(&mut self) -> bool {
         std::mem::replace(self, Self::CLOSED).is_open
     }
 
-    /// Draws it, where it is open.
     pub fn show(&mut self, ctx: &Context) {
         if !self.is_open {
             return;
@@ -53,7 +48,7 @@ impl Sheet {
             .open(&mut self.is_open)
             .collapsible(false)
             .resizable(false)
-            // By its title alone, egui 0.37 would leave it where it was.
+            // With a drag by the title only, egui 0.37 does not move it.
             .drag_area(WindowDrag::Anywhere)
             .pivot(Align2::LEFT_CENTER);
         if !self.is_moved {
@@ -67,7 +62,7 @@ impl Sheet {
 fn contents_ui(ui: &mut Ui, room: Vec2) {
     let columns = columns(room.x);
     let width = columns.len() as f32 * (COLUMN + BETWEEN) - BETWEEN;
-    // It scrolls only what the whole window has no room for.
+    // Scrolls if the window is too small.
     ScrollArea::both()
         .min_scrolled_width(room.x.min(width))
         .min_scrolled_height(room.y)
@@ -88,16 +83,14 @@ fn contents_ui(ui: &mut Ui, room: Vec2) {
         });
 }
 
-/// What stands in one column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Block {
     /// Keys that are not in the table.
     Driving,
-    /// Those of the table.
     Of(Group),
 }
 
-/// Everything, in as many columns as there is room for, of much the same height.
+/// Distributes the groups over as many columns as fit, with similar heights.
 fn columns(width: f32) -> Vec<&'static [Block]> {
     static ALL: [Block; 6] = [
         Block::Driving,
@@ -145,7 +138,7 @@ fn group_ui(ui: &mut Ui, group: Group) {
     rows_ui(ui, group.title(), &rows(group));
 }
 
-/// All that stands under the heading of a group.
+/// Rows of a group.
 fn rows(group: Group) -> Vec<(String, &'static str)> {
     let of_group = bindings().iter().filter(|binding| binding.group == group);
     let of_widgets = of_widgets(group).iter();
@@ -153,7 +146,7 @@ fn rows(group: Group) -> Vec<(String, &'static str)> {
     of_group.filter_map(row).chain(of_widgets).collect()
 }
 
-/// Keys that are not in the table, because what has the keyboard takes them.
+/// Keys that widgets handle.
 const fn of_widgets(group: Group) -> &'static [(&'static str, &'static str)] {
     match group {
         Group::Map => &[("PgUp, PgDn", "Scroll opened legends")],
@@ -165,7 +158,7 @@ const fn of_widgets(group: Group) -> &'static [(&'static str, &'static str)] {
     }
 }
 
-/// Keys and what they do; `None` where there are none. Robots have one row together.
+/// Keys and text; `None` without keys. The robots share one row.
 fn row(binding: &Binding) -> Option<(String, &'static str)> {
     if let Action::Robot(number) = binding.action {
         let all = || {
@@ -204,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn everything_stands_in_as_many_columns_as_there_is_room_for() {
+    fn the_sheet_has_as_many_columns_as_fit() {
         for (width, count) in [(200.0, 1), (623.0, 1), (624.0, 2), (948.0, 3), (4000.0, 3)] {
             let columns = columns(width);
             assert_eq!(columns.len(), count, "{width}");
@@ -216,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn every_key_is_on_it() {
+    fn the_sheet_lists_every_key() {
         let rows: Vec<_> = Group::ALL.into_iter().flat_map(rows).collect();
         let says = |keys: &str, words: &str| {
             let is_it = |row: &&(String, &str)| row.0 == keys && row.1 == words;
@@ -252,7 +245,7 @@ mod tests {
         sheet.rect()
     }
 
-    /// How many bars lie and how many stand.
+    /// Number of horizontal and vertical scroll bars.
     fn bars(window: &Harness<'_, Sheet>) -> [usize; 2] {
         let bars = window.query_all_by_role(Role::ScrollBar);
         let lies: Vec<_> = bars
@@ -262,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_there_only_where_there_is_something_to_scroll() {
+    fn scroll_bars_only_if_needed() {
         for (size, expected) in [
             ([1280.0, 800.0], [0, 0]),
             ([700.0, 620.0], [0, 1]),
@@ -273,18 +266,18 @@ mod tests {
     }
 
     #[test]
-    fn it_opens_at_the_left_beside_the_driving_panel_and_stays_in_the_window() {
+    fn the_sheet_opens_beside_the_driving_panel() {
         let mut window = window([700.0, 620.0]);
         let is_left = |window: &Harness<'_, Sheet>, size: Vec2| {
             let place = place(window);
             let off = place.left_center() - pos2(0.0, 0.5 * size.y);
             assert!(off.length() < 1.5, "{place} in {size}");
             assert!(Rect::from_min_size(Pos2::ZERO, size).contains_rect(place));
-            // Where there is room for it beside that panel, it is not on the stop.
+            // It does not cover the emergency stop if there is space.
             assert!(size.x < 1000.0 || place.right() < 1000.0, "{place}");
         };
         is_left(&window, vec2(700.0, 620.0));
-        // Closed, and opened in a window that is larger by now; then that one shrinks.
+        // Reopened in a larger window, which then shrinks.
         window.state_mut().toggle();
         window.run_steps(2);
         for size in [vec2(1280.0, 800.0), vec2(700.0, 620.0)] {
@@ -298,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn it_stays_where_it_is_moved_until_it_is_opened_again() {
+    fn a_moved_sheet_keeps_its_place_until_reopened() {
         let mut window = window([1280.0, 800.0]);
         let opened = place(&window).center();
         let title = pos2(opened.x - 200.0, place(&window).top() + 12.0);

@@ -1,12 +1,107 @@
-//! The table.
+//! Actions and their keys.
 
 use std::sync::LazyLock;
 
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 use protocol::layer::LayerId;
 
-use super::{Action, Edge};
+use super::words;
 use crate::panels::layers::layer_name;
+
+/// An action with a shortcut or menu entry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Action {
+    Layer(LayerId),
+    WholeMap,
+    Follow,
+    Turn,
+    Grid,
+    Legend,
+    /// Start or end measuring.
+    Measure,
+    /// Measure or read the middle of the map.
+    Point,
+    /// Remove the last point.
+    UndoPoint,
+    ZoomIn,
+    ZoomOut,
+    /// Pan towards an edge.
+    Pan(Edge),
+    /// Show the robot with this number, from 1.
+    Robot(u8),
+    TypeAddress,
+    Lease,
+    AcknowledgeAll,
+    Screenshot,
+    Export,
+    OpenRecording,
+    PlayOrPause,
+    StepBack,
+    StepForward,
+    JumpBack,
+    JumpForward,
+    Slower,
+    Faster,
+    Loop,
+    Quit,
+    NextPanel,
+    PreviousPanel,
+    ResetLayout,
+    ToggleTheme,
+    ScaleUp,
+    ScaleDown,
+    ScaleReset,
+    ShortcutSheet,
+    About,
+    /// Close a dialog, end measuring, or unpin.
+    CloseDialog,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Edge {
+    Top,
+    Left,
+    Bottom,
+    Right,
+}
+
+impl Action {
+    /// Text for menus and the sheet.
+    pub fn words(self) -> &'static str {
+        binding_of(self).map_or("", |binding| binding.words)
+    }
+
+    /// Text of the first key; empty without one.
+    pub fn keys(self) -> String {
+        binding_of(self)
+            .and_then(|binding| binding.keys.first())
+            .map(|keys| words(*keys))
+            .unwrap_or_default()
+    }
+
+    /// Whether it opens a text field.
+    pub(super) const fn opens_text(self) -> bool {
+        matches!(self, Self::TypeAddress | Self::OpenRecording)
+    }
+
+    /// Whether it repeats while the key is held.
+    pub(super) const fn repeats(self) -> bool {
+        matches!(
+            self,
+            Self::Pan(_)
+                | Self::ZoomIn
+                | Self::ZoomOut
+                | Self::StepBack
+                | Self::StepForward
+                | Self::JumpBack
+                | Self::JumpForward
+                | Self::NextPanel
+                | Self::PreviousPanel
+                | Self::ScaleUp
+                | Self::ScaleDown
+        )
+    }
+}
 
 const PLAIN: Modifiers = Modifiers::NONE;
 const CTRL: Modifiers = Modifiers::COMMAND;
@@ -25,36 +120,26 @@ const DIGITS: [Key; 9] = [
     Key::Num9,
 ];
 
-/// What belongs together on the sheet.
+/// Group on the sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
-    /// How to look at the map.
     Map,
-    /// Robots and what happens to them.
     Robots,
-    /// The recording that is open, if one is.
     Recording,
-    /// In and out.
     Files,
-    /// The window itself.
     Window,
 }
 
-/// An action, its keys and its words.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Binding {
-    /// What it does.
     pub action: Action,
-    /// Any of these does it.
     pub keys: Vec<KeyboardShortcut>,
-    /// The same in words.
+    /// Text for menus and the sheet.
     pub words: &'static str,
-    /// Where it stands on the sheet.
     pub group: Group,
 }
 
 impl Group {
-    /// All of them, in the order of the sheet.
     pub const ALL: [Self; 5] = [
         Self::Map,
         Self::Robots,
@@ -63,7 +148,6 @@ impl Group {
         Self::Window,
     ];
 
-    /// Its heading.
     pub const fn title(self) -> &'static str {
         match self {
             Self::Map => "Map",
@@ -75,14 +159,14 @@ impl Group {
     }
 }
 
-/// Every action that has a name.
+/// All bindings.
 pub fn bindings() -> &'static [Binding] {
     static TABLE: LazyLock<Vec<Binding>> =
         LazyLock::new(|| [layers(), map(), robots(), recording(), files(), window()].concat());
     &TABLE
 }
 
-pub(super) fn binding_of(action: Action) -> Option<&'static Binding> {
+fn binding_of(action: Action) -> Option<&'static Binding> {
     bindings().iter().find(|binding| binding.action == action)
 }
 
@@ -101,7 +185,7 @@ fn rows(group: Group, rows: &[Row<'_>]) -> Vec<Binding> {
     rows.iter().map(binding).collect()
 }
 
-/// Digits alone are steps of speed.
+/// Digits alone select the speed step.
 fn layers() -> Vec<Binding> {
     let of = |(layer, key)| {
         let row = (Action::Layer(layer), layer_name(layer), &[(ALT, key)][..]);

@@ -4,8 +4,8 @@ use protocol::layer::LayerId;
 
 use super::*;
 
-/// Keys that are the helm's as long as nothing but Shift is held with them (`input_loop/keys.rs`), and so never reach
-/// the window while there is something to drive.
+/// Driving keys, which never reach the window while a vehicle can be driven, unless a modifier other than Shift is
+/// held (`input_loop/keys.rs`).
 const OF_THE_HELM: [Key; 14] = [
     Key::W,
     Key::A,
@@ -23,10 +23,9 @@ const OF_THE_HELM: [Key; 14] = [
     Key::Space,
 ];
 
-/// Every binding may be live together with every other: arrows with what a recording is paced by, and both with the
-/// rest. What Shift adds to a sign, and where it is on other keyboards, is tried too.
+/// All bindings may be active at the same time. Signs are tested with Shift and on other keyboards, too.
 #[test]
-fn no_key_means_two_things_at_a_time() {
+fn no_key_has_two_meanings() {
     let mut tried = 0;
     for binding in bindings() {
         for keys in &binding.keys {
@@ -49,9 +48,9 @@ fn no_key_means_two_things_at_a_time() {
 }
 
 #[test]
-fn no_action_has_a_key_that_drives() {
+fn no_shortcut_is_a_driving_key() {
     for binding in bindings() {
-        // Arrows look around where nobody drives: the handler, and the loop before it, see to that.
+        // Arrows pan only while this console does not drive.
         if matches!(binding.action, Action::Pan(_)) {
             continue;
         }
@@ -64,7 +63,7 @@ fn no_action_has_a_key_that_drives() {
 }
 
 #[test]
-fn keys_are_told_in_words() {
+fn key_texts() {
     assert_eq!(Action::Screenshot.keys(), "Ctrl+S");
     assert_eq!(Action::ToggleTheme.keys(), "Ctrl+Shift+D");
     assert_eq!(Action::Pan(Edge::Left).keys(), "Left");
@@ -75,13 +74,13 @@ fn keys_are_told_in_words() {
     assert_eq!(Action::Faster.keys(), "]");
 }
 
-/// What a frame makes of a key.
+/// State of a frame.
 #[derive(Clone, Copy)]
 struct Frame {
     scene: KeyContext,
-    /// Whether a text field has the keyboard.
+    /// Whether a text field has the focus.
     has_field: bool,
-    /// Where the key is, by what is printed there on an American keyboard.
+    /// Physical key, named by the US keyboard.
     place: Option<Key>,
 }
 
@@ -113,7 +112,7 @@ impl Frame {
         }
     }
 
-    /// What `key` means with `modifiers` held, the first time and while it is kept down.
+    /// Actions of the first press and of its repetition.
     fn presses(self, key: Key, modifiers: Modifiers) -> Vec<Action> {
         let mut harness = Harness::builder()
             .with_size(vec2(300.0, 100.0))
@@ -148,7 +147,7 @@ impl Frame {
 }
 
 #[test]
-fn keys_mean_what_the_table_says_and_text_is_text() {
+fn keys_are_shortcuts_unless_typing() {
     let none = Modifiers::NONE;
     let typing = Frame::with_field();
     assert_eq!(QUIET.press(Key::F, none), Some(Action::WholeMap));
@@ -158,7 +157,7 @@ fn keys_mean_what_the_table_says_and_text_is_text() {
     let ctrl = Modifiers::COMMAND;
     assert_eq!(typing.press(Key::S, ctrl), Some(Action::Screenshot));
     assert_eq!(QUIET.press(Key::S, none), None);
-    // On this keyboard the plus is beside the digits, with Shift.
+    // Plus is a shifted key on this keyboard.
     let plus = QUIET.press(Key::Plus, Modifiers::SHIFT);
     assert_eq!(plus, Some(Action::ZoomIn));
     let back = QUIET.press(Key::F6, Modifiers::SHIFT);
@@ -169,7 +168,7 @@ fn keys_mean_what_the_table_says_and_text_is_text() {
 }
 
 #[test]
-fn what_is_held_is_done_again_only_where_that_makes_sense() {
+fn only_some_actions_repeat() {
     let none = Modifiers::NONE;
     let recording = Frame::with_recording();
     for (key, times) in [
@@ -185,7 +184,7 @@ fn what_is_held_is_done_again_only_where_that_makes_sense() {
 }
 
 #[test]
-fn a_recording_has_keys_while_it_is_open() {
+fn recording_shortcuts_need_an_open_recording() {
     let (none, shift) = (Modifiers::NONE, Modifiers::SHIFT);
     let recording = Frame::with_recording();
     for (key, modifiers, action) in [
@@ -216,7 +215,7 @@ fn a_recording_has_keys_while_it_is_open() {
 }
 
 #[test]
-fn comma_and_period_are_found_where_shift_makes_something_else_of_them() {
+fn comma_and_period_by_position() {
     let german = |place| Frame {
         place: Some(place),
         ..Frame::with_recording()
@@ -226,7 +225,7 @@ fn comma_and_period_are_found_where_shift_makes_something_else_of_them() {
     assert_eq!(back, Some(Action::JumpBack));
     let on = german(Key::Period).press(Key::Colon, shift);
     assert_eq!(on, Some(Action::JumpForward));
-    // Where Dvorak has its V there is a period in America: what is printed counts first.
+    // The printed V has priority over the physical period.
     let dvorak = german(Key::Period).press(Key::V, Modifiers::NONE);
     assert_eq!(dvorak, Some(Action::Follow));
     let p = german(Key::R).press(Key::P, Modifiers::NONE);
@@ -234,7 +233,7 @@ fn comma_and_period_are_found_where_shift_makes_something_else_of_them() {
 }
 
 #[test]
-fn arrows_look_around_only_where_nobody_drives() {
+fn arrows_pan_only_while_not_driving() {
     let none = Modifiers::NONE;
     let left = Some(Action::Pan(Edge::Left));
     assert_eq!(QUIET.press(Key::ArrowLeft, none), left);

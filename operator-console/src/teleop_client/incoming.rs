@@ -1,4 +1,4 @@
-//! What the robot says changes what this console may do.
+//! Effects of the robot's messages on lease, emergency stop and input.
 
 use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseRequest, StopReason, TeleopState, TeleopStatus};
@@ -13,7 +13,6 @@ use super::{DriveInput, TeleopClient};
 use crate::teleop_input::InputLockReason;
 
 impl TeleopClient {
-    /// Something that the link brought.
     pub fn receive(&mut self, message: TeleopMessage, now: Monotonic) {
         match message {
             TeleopMessage::Status { boot, teleop } => {
@@ -40,8 +39,8 @@ impl TeleopClient {
         }
     }
 
-    /// The robot was restarted, or is heard for the first time: nothing that was so before is so now, but that an
-    /// emergency stop is still to be told.
+    /// The first message of a run of the robot: all state of the last run is void, except an emergency stop that is
+    /// still unacknowledged.
     pub(super) fn on_boot(&mut self, boot: BootId, now: Monotonic) {
         if self.boot == Some(boot) {
             return;
@@ -70,7 +69,7 @@ impl TeleopClient {
         self.lose_lease(now);
     }
 
-    /// It cannot be driven: who would be told to stop does not exist.
+    /// The robot cannot be driven, so it cannot be stopped either.
     fn on_not_drivable(&mut self, now: Monotonic) {
         self.status = None;
         self.moving_until = None;
@@ -114,7 +113,7 @@ impl TeleopClient {
                     before,
                     Some(TeleopState::Driving | TeleopState::Stopping(_))
                 );
-                // Who let go and pressed again meanwhile has not stopped against their will.
+                // An operator who released and pressed again meanwhile was not stopped involuntarily.
                 if moved && status.last_stop != Some(StopReason::Released) {
                     self.lock_input(InputLockReason::Stopped, now);
                 }
@@ -126,14 +125,13 @@ impl TeleopClient {
         self.status = Some(status);
     }
 
-    /// What was said of an earlier press is no longer so: another one is on its way, or in force.
+    /// A new press replaces the notice about the last one.
     pub(super) fn clear_not_in_force_notice(&mut self) {
         if matches!(self.notice, Some((_, TeleopNotification::EStopNotInForce))) {
             self.notice = None;
         }
     }
 
-    /// Why a status tells that this console has no lease any more.
     fn lease_loss(&self, status: &TeleopStatus) -> TeleopNotification {
         let was_stopped = self.status.as_ref().is_some_and(|was| was.estop.is_some());
         let is_reset = was_stopped && status.estop.is_none() && status.lease.holder.is_none();
@@ -174,7 +172,7 @@ impl TeleopClient {
                 Answer::Granted(epoch),
             ) => {
                 self.notify(now, TeleopNotification::Answered(asked, answer));
-                // Who had it already drove with what is down.
+                // A holder who renews the lease already drove with the pressed keys.
                 let loss = if self.lease.held().is_some() {
                     InputLockReason::LeaseRenewed
                 } else {
@@ -206,7 +204,7 @@ impl TeleopClient {
         if matches!(answer, Answer::Refused(_)) {
             self.warn(now, note);
         } else {
-            // A status may overtake the answer to a reset: what it ended is still to be read.
+            // A status may overtake the answer to a reset: its notice stays.
             if !(is_of_reset
                 && matches!(note, TeleopNotification::Answered(RequestKind::Reset(_), _)))
             {
@@ -216,7 +214,7 @@ impl TeleopClient {
         }
     }
 
-    /// A new grant: whatever was held down before counts for nothing, by this loss.
+    /// Takes a new grant. Input from before it is locked.
     fn gain_lease(&mut self, epoch: u64, loss: InputLockReason, now: Monotonic) {
         self.notice = None;
         self.estop_refused = None;
@@ -227,7 +225,7 @@ impl TeleopClient {
         self.moving_until = None;
         self.sent = DriveInput::NEUTRAL;
         self.send_rate = SendRateLimiter::new(now);
-        // The loop had no reason to run until now.
+        // The loop was not due before.
         self.last_end = None;
         self.lock_input(loss, now);
         self.notify(now, TeleopNotification::LeaseGained(epoch));
@@ -246,7 +244,7 @@ impl TeleopClient {
         }
     }
 
-    /// Keys drive no more: the note that the lease is over says so.
+    /// Locks the input without a notice: the end of the lease has its own.
     fn lock_input_with_lease(&mut self) {
         self.input.lock_input(InputLockReason::Lease);
         self.neutral_since = None;

@@ -1,7 +1,7 @@
-//! Whether this console drives, as far as it can know.
+//! Lease state of this console.
 //!
-//! The robot decides. An operator's name may be used by two consoles at once, so this one drives only by a grant that it
-//! asked for itself, and never by one that it merely hears of.
+//! The robot decides. Two consoles may use one operator's name at once, so this console drives only with a grant that
+//! it requested itself.
 
 use std::time::Duration;
 
@@ -9,37 +9,33 @@ use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
 use protocol::message::LeaseStatus;
 
-/// A status may have been on its way when the robot answered; from then on it must say that we wait.
+/// A status may have been sent before the robot's answer; from then on it must show that this console waits.
 const SETTLED: Duration = Duration::from_secs(1);
 
-/// What this console has of the lease.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Lease {
-    /// Nothing, and it asked for nothing.
+    /// Neither granted nor requested.
     #[default]
     None,
-    /// It asked, and is to get it when the vehicle stands or the holder consents.
+    /// Requested; granted when the vehicle stands still or the holder consents.
     Waiting {
-        /// The newest grant at that time; ours will be a newer one.
+        /// The newest grant at the request; this console's will be newer.
         after: u64,
-        /// Since when.
         since: Monotonic,
     },
-    /// It drives, by this grant.
+    /// Granted under this number.
     Held(u64),
 }
 
-/// What a status changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeaseChange {
-    /// This console drives from now on.
     Gained(u64),
-    /// It drives no more, or waits in vain.
+    /// The lease ended, or the request was dropped.
     Lost,
 }
 
 impl Lease {
-    /// The grant by which this console drives.
+    /// Number of the grant if this console drives.
     pub const fn held(self) -> Option<u64> {
         match self {
             Self::Held(epoch) => Some(epoch),
@@ -47,7 +43,7 @@ impl Lease {
         }
     }
 
-    /// Compares with what the robot says.
+    /// Compares with the robot's status.
     pub(super) fn receive(
         &mut self,
         status: &LeaseStatus,
@@ -106,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_when_the_robot_says_so_and_not_by_a_status_from_before() {
+    fn lease_ends_by_new_status_only() {
         let held = Lease::Held(4);
         assert_eq!(after(held, &status(4, "anna"), 0), (held, None));
         assert_eq!(after(held, &status(3, "bert"), 0), (held, None));
@@ -125,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_gets_it_by_a_newer_grant_or_waits_in_vain() {
+    fn waiting_ends_by_newer_grant_or_timeout() {
         let waiting = Lease::Waiting {
             after: 4,
             since: at(0),
@@ -134,7 +130,11 @@ mod tests {
         let gained = (Lease::Held(5), Some(LeaseChange::Gained(5)));
         assert_eq!(after(waiting, &status(5, "anna"), 0), gained);
         let mut asked = status(4, "bert");
-        assert_eq!(after(waiting, &asked, 999), (waiting, None), "not told yet");
+        assert_eq!(
+            after(waiting, &asked, 999),
+            (waiting, None),
+            "status may be older"
+        );
         assert_eq!(
             after(waiting, &asked, 1000),
             (Lease::None, Some(LeaseChange::Lost))
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_grant_to_this_name_that_was_not_asked_for_is_another_consoles() {
+    fn unrequested_grant_belongs_to_another_console() {
         assert_eq!(
             after(Lease::None, &status(9, "anna"), 0),
             (Lease::None, None)

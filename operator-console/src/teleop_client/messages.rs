@@ -1,4 +1,7 @@
-//! What the helm hears of the robot, and what it wants to be told.
+//! Messages between the teleop client and its link, notifications, and the queue of requests.
+
+use std::collections::VecDeque;
+use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
@@ -7,126 +10,179 @@ use protocol::tile::BootId;
 
 use crate::teleop_input::InputLockReason;
 
-/// The newest of the robot's poses, as far as driving goes.
+/// What driving needs of the newest pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LatestPose {
-    /// The run of the robot's program.
     pub boot: BootId,
-    /// Its token; none where the robot cannot be driven.
+    /// `None` if the robot cannot be driven.
     pub token: Option<AgeToken>,
     /// Speed along x, m/s, and turn rate, rad/s.
     pub velocity: [f32; 2],
-    /// When it arrived.
     pub at: Monotonic,
 }
 
-/// Numbers a request of this console, so that its answer finds its way back.
+/// Number of a request, by which its answer is assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestNumber(pub u64);
 
-/// What the link tells the helm, in the order in which it came.
+/// From the link, in order of arrival.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TeleopMessage {
-    /// How driving goes.
     Status {
-        /// Of which run of the robot.
         boot: BootId,
-        /// None where the robot cannot be driven.
+        /// `None` if the robot cannot be driven.
         teleop: Option<Box<TeleopStatus>>,
     },
-    /// A request was answered.
     Answer {
-        /// Which.
         request: RequestNumber,
-        /// By which run of the robot.
         boot: BootId,
-        /// How.
         answer: Answer,
     },
-    /// No answer will come any more.
-    NoAnswer {
-        /// To which request.
-        request: RequestNumber,
-    },
+    /// No answer will come.
+    NoAnswer { request: RequestNumber },
 }
 
-/// What the operator wants besides moving.
+/// What the operator requests besides motion.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Intent {
-    /// To stop at once and to stay stopped.
     EStop,
-    /// The end of the emergency stop of this number.
+    /// Resets the emergency stop of this number.
     Reset(u64),
-    /// Something about who drives.
     Lease(LeaseRequest),
-    /// Another setting of the robot.
     Set(Setting),
-    /// How fast keys drive.
+    /// Speed step of the keys.
     Step(crate::teleop_input::SpeedStep),
 }
 
-/// A message to be sent now, once, as it is. To send it later, or twice, would be a fault.
+/// A message to send now and once. Sending it later or twice is an error.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SignedMessage {
-    /// What kind of message.
     pub topic: OperatorTopic,
-    /// Where to.
     pub key: String,
-    /// The message.
     pub payload: Vec<u8>,
-    /// None: it is put. Else it is a query, and its answers have this number.
+    /// `Some` for a query whose answers have this number, `None` for a put.
     pub request: Option<RequestNumber>,
 }
 
-/// Something that happened at the helm, for logs, scripts and the panel.
+/// For logs, scripts and the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TeleopNotification {
-    /// A request was answered.
     Answered(RequestKind, Answer),
-    /// A request was not answered in time.
     RequestTimedOut(RequestKind),
-    /// A request was not even sent.
     NotSent(RequestKind, NotSentReason),
-    /// This console drives, by this grant.
+    /// This console drives with this grant.
     LeaseGained(u64),
-    /// This console drives no more.
     LeaseLost,
-    /// The same, because whoever drove wanted it so.
+    /// The operator released the lease.
     LeaseReleased,
-    /// The same, because the emergency stop was reset: who drives next asks for it.
+    /// A reset of the emergency stop ended the lease; it must be requested again.
     LeaseEndedByReset,
-    /// The emergency stop is being sent.
     EStopPressed,
-    /// The vehicle is stopped for good, and will be after a restart.
+    /// The vehicle is stopped, also after a restart.
     EStopAcknowledged(u64),
-    /// The robot refuses to stop for this operator.
     EStopRefused(Refusal),
-    /// It knows the emergency stop and says that none is in force: which of the two reasons it has, it does not tell.
+    /// The robot knows the press, but no stop is active.
     EStopNotInForce,
-    /// The emergency stop was pressed for a robot that cannot be driven: nothing there would hear it.
+    /// The emergency stop was pressed for a robot that cannot be driven.
     NotDrivable,
-    /// Something was asked for that observers may not.
+    /// An observer requested something that needs another role.
     ObserverOnly,
-    /// What was held down counts no more.
+    /// Pressed keys and sticks do not count any more.
     InputLocked(InputLockReason),
 }
 
-/// A request in the log: what was asked.
+/// A request as it appears in the log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RequestKind {
-    /// Who drives.
     Lease(LeaseRequest),
-    /// The end of an emergency stop.
+    /// Reset of the emergency stop of this number.
     Reset(u64),
-    /// A setting.
     Set(Setting),
 }
 
-/// Why a request was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NotSentReason {
-    /// No data from the robot, or gives no tokens.
+    /// No recent data from the robot, or data without tokens.
     NoToken,
-    /// Too many wait already.
+    /// Too many requests are queued.
     TooMany,
+}
+
+/// Limit of queued requests.
+const MAX_WAITING: usize = 8;
+/// Longer than the link waits for an answer.
+pub(super) const LONGEST: Duration = Duration::from_secs(4);
+
+/// The open request and the queue. The robot rejects a request that a later one has overtaken, so they are sent one at
+/// a time.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Requests {
+    waiting: VecDeque<RequestKind>,
+    asked: Option<(RequestNumber, RequestKind, Monotonic)>,
+}
+
+impl Requests {
+    /// Queues a request, or returns it if the queue is full.
+    pub(super) fn push(&mut self, asked: RequestKind) -> Result<(), RequestKind> {
+        if self.waiting.len() >= MAX_WAITING {
+            return Err(asked);
+        }
+        self.waiting.push_back(asked);
+        Ok(())
+    }
+
+    pub(super) fn next(&mut self) -> Option<RequestKind> {
+        if self.asked.is_some() {
+            return None;
+        }
+        self.waiting.pop_front()
+    }
+
+    pub(super) fn sent(&mut self, request: RequestNumber, asked: RequestKind, now: Monotonic) {
+        self.asked = Some((request, asked, now));
+    }
+
+    /// Ends the open request if it has this number.
+    pub(super) fn take(&mut self, request: RequestNumber) -> Option<RequestKind> {
+        let (_, asked, _) = self.asked.take_if(|(number, ..)| *number == request)?;
+        Some(asked)
+    }
+
+    /// Ends the open request if it has timed out.
+    pub(super) fn take_overdue(&mut self, now: Monotonic) -> Option<RequestKind> {
+        let (_, asked, _) = self.asked.take_if(|(_, _, at)| now.since(*at) >= LONGEST)?;
+        Some(asked)
+    }
+
+    pub(super) fn due(&self, now: Monotonic) -> Option<Monotonic> {
+        match &self.asked {
+            Some((_, _, at)) => Some(*at + LONGEST),
+            None => self.waiting.front().map(|_| now),
+        }
+    }
+
+    pub(super) fn is_busy(&self) -> bool {
+        self.asked.is_some() || !self.waiting.is_empty()
+    }
+
+    /// Whether a request for the lease is open.
+    pub(super) fn asks_for_lease(&self) -> bool {
+        self.asked
+            .as_ref()
+            .is_some_and(|(_, asked, _)| match asked {
+                RequestKind::Lease(request) => match request {
+                    LeaseRequest::Request | LeaseRequest::TakeOver => true,
+                    LeaseRequest::Release | LeaseRequest::HandOver(_) | LeaseRequest::Refuse(_) => {
+                        false
+                    }
+                },
+                RequestKind::Reset(_) | RequestKind::Set(_) => false,
+            })
+    }
+
+    /// Ends all requests because the robot was restarted.
+    pub(super) fn clear(&mut self) -> impl Iterator<Item = RequestKind> {
+        let asked = self.asked.take().map(|(_, asked, _)| asked);
+        asked.into_iter().chain(std::mem::take(&mut self.waiting))
+    }
 }

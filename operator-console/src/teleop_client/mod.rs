@@ -1,100 +1,151 @@
-//! From hands to commands: one iteration of an input loop at a time.
+//! Converts operator input to signed commands, one iteration of an input loop at a time.
 //!
-//! Pure: whoever owns a loop (the window, a script) calls [`TeleopClient::begin`] with the newest token *before* it drains its
-//! queue of events, then hands over what was in the queue, then sends what [`TeleopClient::end`] returns, once. So the age that
-//! the robot sees in a token is never less than that of the input that the command was made of, and a loop that hangs,
-//! wherever it hangs, sends nothing or what the robot refuses. Design: "Teleop: never obey an old command"; bytes:
-//! `SPEC.md`, sections 12 and 13.
+//! The owner of the loop (window or script) calls [`TeleopClient::begin`] with the newest token *before* it drains its
+//! event queue, applies the events, and sends the result of [`TeleopClient::end`] once. So the token's age is never
+//! less than the age of the input, and a loop that hangs sends nothing, or commands that the robot rejects. Message
+//! formats: `SPEC.md`, sections 12 and 13.
 
 mod estop;
 mod incoming;
 mod lease;
 mod messages;
 mod neutral_gate;
-mod observer;
-mod requests;
 mod send_rate;
-mod signing;
-mod state;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
-use protocol::keys::{OperatorId, RobotId};
-use protocol::message::{AgeToken, Info, LeaseRequest, TeleopStatus, Velocity};
+use protocol::keys::{OperatorId, RobotId, operator_key};
+use protocol::message::{AgeToken, Drive, Info, LeaseRequest, Refusal, TeleopStatus, Velocity};
+use protocol::signed::{Command, CommandHeader, Route, sign};
 use protocol::tile::BootId;
+use teleop::Role;
 
 use crate::identity::Identity;
-use crate::teleop_input::{DriveInput, InputEvent, InputLockReason, TeleopInput};
+use crate::role;
+use crate::teleop_input::{
+    DriveInput, DriveKey, InputEvent, InputLockReason, SpeedStep, TeleopInput,
+};
 
 pub use lease::Lease;
 pub use messages::{
     Intent, LatestPose, NotSentReason, RequestKind, RequestNumber, SignedMessage, TeleopMessage,
     TeleopNotification,
 };
-pub use state::{EStopState, TeleopClientState};
 
 use estop::PendingEStop;
-use requests::Requests;
+use messages::Requests;
 use send_rate::SendRateLimiter;
 
-/// Without a token for so long the link is lost: longer than a jittery link pauses, shorter than an operator would take
-/// for a pause. The robot has stopped long before.
+/// The link counts as lost after this time without a token: longer than the gaps of a jittery link, shorter than a
+/// pause that an operator would accept. The robot has stopped long before.
 const LINK_LOST: Duration = Duration::from_millis(600);
-/// An iteration that takes longer was not one of a loop that runs 50 times a second.
+/// A longer iteration means that the program was suspended.
 const FROZEN: Duration = Duration::from_millis(300);
-/// A stick that moves by less is not a change that is sent three times.
+/// A smaller movement of a stick is not sent three times.
 const CHANGE: f32 = 0.1;
-/// Turning faster than this nobody steers by a picture that is as old as the link is slow, rad/s.
+/// Faster turns cannot be steered by delayed images, rad/s.
 const MAX_TURN_RADPS: f32 = 1.5;
 const MAX_NOTES: usize = 64;
 
-/// One operator at the helm of one robot.
+/// Teleop client of one operator and one robot.
 pub struct TeleopClient {
     robot: RobotId,
     identity: Identity,
     input: TeleopInput,
-    /// What is asked for at most: speed, m/s, and turn rate, rad/s; zero until the robot has told.
+    /// Greatest requested speed, m/s, and turn rate, rad/s; zero until the robot has sent its limits.
     limits: [f32; 2],
-    /// How hard it brakes in stops; zero until it has told.
+    /// Deceleration of stops; zero until known.
     stop_decel: Velocity,
-    /// As it was before the events of this iteration.
+    /// The newest pose before the events of this iteration.
     newest: Option<LatestPose>,
-    /// When the last pose came that was looked at.
+    /// Arrival of the last pose that was used.
     looked_at: Option<Monotonic>,
     boot: Option<BootId>,
-    /// The newest grant of the lease that is known of, whoever's.
+    /// The newest known grant of the lease, of any holder.
     epoch: u64,
     lease: Lease,
-    /// The newest grant that was this console's, held or not.
+    /// The newest grant to this console, active or not.
     last_grant: Option<u64>,
     status: Option<TeleopStatus>,
     seq: u64,
     requests: Requests,
     numbers: u64,
     estop: Option<PendingEStop>,
-    /// That the robot has refused to stop for this operator, until something shows that it would.
+    /// The robot refused to stop for this operator; cleared by evidence of the opposite.
     estop_refused: Option<protocol::message::Refusal>,
     next_press: u64,
     send_rate: SendRateLimiter,
     sent: DriveInput,
-    /// Since when nothing but neutral was sent under this grant.
+    /// Since when only neutral commands were sent under this grant.
     neutral_since: Option<Monotonic>,
-    /// Until when what is sent finds the motors going, as the robot told last under this grant.
+    /// Until when a command finds the motors still moving, by the last status under this grant.
     moving_until: Option<Monotonic>,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
-    /// Whether somebody who only watches has tried to drive since the last iteration.
+    /// Whether an observer has tried to drive since the last iteration.
     has_attempted_to_drive: bool,
     notifications: VecDeque<(Monotonic, TeleopNotification)>,
-    /// The last of them that the operator did not expect.
+    /// The last notification that needs the operator's attention.
     notice: Option<(Monotonic, TeleopNotification)>,
 }
 
+/// No robot accepts an older token: the greatest configurable age is 1 s.
+const TOKEN_USELESS: Duration = Duration::from_secs(1);
+
+/// Time for which a notice is shown.
+const NOTICE: Duration = Duration::from_secs(10);
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct TeleopClientState {
+    pub operator: OperatorId,
+    pub role: Option<Role>,
+    pub lease: Lease,
+    /// The newest grant to this console in this run of the robot. A status with this grant may be older than its end
+    /// here.
+    pub last_grant: Option<u64>,
+    /// Speed step of the keys.
+    pub step: SpeedStep,
+    /// Greatest requested speed, m/s, and turn rate, rad/s.
+    pub limits: [f32; 2],
+    pub drive_input: DriveInput,
+    /// Pressed keys that count.
+    pub keys: Vec<DriveKey>,
+    /// Why pressed keys and sticks do not count.
+    pub ignored: Option<InputLockReason>,
+    /// Whether a press would count.
+    pub is_ready: bool,
+    pub token_age: Option<Duration>,
+    /// Whether a request is open.
+    pub is_asking: bool,
+    pub notice: Option<TeleopNotification>,
+    pub estop: EStopState,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EStopState {
+    Quiet,
+    /// Time since the press; it is sent ten times a second until acknowledged.
+    Sending(Duration),
+    /// Time since the press; no message from the robot has arrived, so it cannot be sent.
+    Unsendable(Duration),
+    /// The robot refused to stop for this operator.
+    Refused(Refusal),
+}
+
+impl TeleopClientState {
+    pub const fn is_observer(&self) -> bool {
+        role::is_observer(self.role)
+    }
+
+    pub const fn cannot_take_over(&self) -> bool {
+        role::cannot_take_over(self.role)
+    }
+}
+
 impl TeleopClient {
-    /// Nobody has the lease, and nothing is known of the robot. `random` makes presses of the emergency stop different
-    /// from those of all other consoles.
+    /// `random` makes emergency stop presses of this console unique.
     pub fn new(robot: RobotId, identity: Identity, random: u64) -> Self {
         Self {
             robot,
@@ -127,7 +178,7 @@ impl TeleopClient {
         }
     }
 
-    /// The robot tells what it can do: keys and sticks are shares of its greatest speed and turn rate.
+    /// Sets the robot's limits: keys and sticks are shares of its greatest speed and turn rate.
     pub fn set_robot_info(&mut self, info: &Info) {
         let [speed_mps, turn_rate_radps] = info.limits.map(|limit| {
             if limit.is_finite() {
@@ -143,7 +194,7 @@ impl TeleopClient {
         };
     }
 
-    /// An iteration begins: the newest token, taken before the queue of events is drained.
+    /// Begins an iteration with the newest token, before the event queue is drained.
     pub fn begin(&mut self, newest: Option<LatestPose>, now: Monotonic) {
         if let Some(newest) = newest
             && self.looked_at != Some(newest.at)
@@ -154,13 +205,12 @@ impl TeleopClient {
         }
     }
 
-    /// Something of the queue.
     pub fn apply(&mut self, event: InputEvent) {
         self.input.apply(event);
         self.detect_drive_attempt(event);
     }
 
-    /// The queue is drained: what is to be sent now, in this order.
+    /// Ends an iteration: returns the messages to send, in order.
     pub fn end(&mut self, now: Monotonic) -> Vec<SignedMessage> {
         self.update_input_lock(now);
         let mut messages = Vec::new();
@@ -180,8 +230,8 @@ impl TeleopClient {
         messages
     }
 
-    /// The last words of a console that is closed: an emergency stop that is on its way once more, zero, and the lease
-    /// back, or wanted no longer.
+    /// Messages of a console that closes: an unacknowledged emergency stop, zero velocity, and the release of the lease
+    /// or of its request.
     pub fn shutdown_messages(&mut self) -> Vec<SignedMessage> {
         self.input.lock_input(InputLockReason::Focus);
         let token = self.newest.and_then(|newest| newest.token);
@@ -194,7 +244,7 @@ impl TeleopClient {
         if self.lease.held().is_some() {
             messages.extend(self.signed(token, &self.command(DriveInput::NEUTRAL), None));
         }
-        // Also where it is waited for, or asked for: it would be given to nobody.
+        // A queued request would be granted to a closed console.
         if self.lease != Lease::None || self.requests.asks_for_lease() {
             let number = self.number();
             messages.extend(self.signed(token, &LeaseRequest::Release, Some(number)));
@@ -203,7 +253,7 @@ impl TeleopClient {
         messages
     }
 
-    /// When the next iteration is due without any event; `None` where nothing is to be done by itself.
+    /// When the next iteration is due without an event.
     pub fn due(&self, now: Monotonic) -> Option<Monotonic> {
         let drive = self.lease.held().map(|_| self.send_rate.due());
         let estop = self.estop.as_ref().map(|pending| pending.due(now));
@@ -212,7 +262,6 @@ impl TeleopClient {
         [drive, estop, request].into_iter().flatten().min()
     }
 
-    /// What the operator wants besides moving.
     pub fn submit(&mut self, intent: Intent, now: Monotonic) {
         if self.rejects(&intent, now) {
             return;
@@ -242,19 +291,18 @@ impl TeleopClient {
         self.lease.held().is_some()
     }
 
-    /// Who drives.
     pub const fn operator(&self) -> &OperatorId {
         &self.identity.operator
     }
 
-    /// Notes that were taken since the last call, oldest first.
+    /// Notifications since the last call, oldest first.
     pub fn take_notifications(&mut self) -> VecDeque<(Monotonic, TeleopNotification)> {
         std::mem::take(&mut self.notifications)
     }
 
     fn update_input_lock(&mut self, now: Monotonic) {
         let is_held = self.lease.held().is_some();
-        // Input that came while this program was suspended is as old as that, whenever it is read.
+        // After a suspension the queued input is too old.
         let is_frozen = self
             .last_end
             .is_some_and(|last| now.since(last) > FROZEN.max(send_rate::PERIOD));
@@ -289,12 +337,12 @@ impl TeleopClient {
         let before = before.map(|estop| estop.number);
         self.estop = Some(PendingEStop::new(self.next_press, before, now));
         self.clear_not_in_force_notice();
-        // An odd step visits every number before it comes back.
+        // An odd step visits every number before it repeats.
         self.next_press = self.next_press.wrapping_add(0x9E37_79B9_7F4A_7C15);
         self.notify(now, TeleopNotification::EStopPressed);
     }
 
-    /// By both ways, lest one is closed; its token may be of any age, or none.
+    /// Sends by query and with drive commands, in case one fails; the token may have any age.
     fn repeat_estop(&mut self, now: Monotonic, messages: &mut Vec<SignedMessage>) {
         let is_due = |pending: &PendingEStop| pending.due(now) <= now;
         let Some(estop) = self.estop.as_ref().filter(|pending| is_due(pending)) else {
@@ -383,6 +431,126 @@ impl TeleopClient {
             self.notifications.pop_front();
         }
         self.notifications.push_back((now, note));
+    }
+
+    const fn is_observer(&self) -> bool {
+        role::is_observer(self.identity.role)
+    }
+
+    /// Detects an attempt of an observer to drive. Arrow keys move the map then and do not count.
+    fn detect_drive_attempt(&mut self, event: InputEvent) {
+        let drives = match event {
+            InputEvent::Press(key) => match key {
+                DriveKey::W | DriveKey::A | DriveKey::S | DriveKey::D => true,
+                DriveKey::Up | DriveKey::Left | DriveKey::Down | DriveKey::Right => false,
+            },
+            InputEvent::Pad(_) => true,
+            InputEvent::StillDown(_)
+            | InputEvent::Release(_)
+            | InputEvent::EStop
+            | InputEvent::Step(_)
+            | InputEvent::PadGone
+            | InputEvent::Focus(_)
+            | InputEvent::Visible(_)
+            | InputEvent::Typing(_) => false,
+        };
+        self.has_attempted_to_drive |=
+            drives && self.is_observer() && !self.input.drive_input().is_neutral();
+    }
+
+    /// Whether an observer may not submit this; then a notice is shown.
+    fn rejects(&mut self, intent: &Intent, now: Monotonic) -> bool {
+        let is_denied = self.is_observer()
+            && match intent {
+                // Handled in the iteration that takes the press.
+                Intent::EStop | Intent::Step(_) => false,
+                Intent::Reset(_) | Intent::Lease(_) | Intent::Set(_) => true,
+            };
+        if is_denied {
+            self.warn(now, TeleopNotification::ObserverOnly);
+        }
+        is_denied
+    }
+
+    fn command(&self, drive_input: DriveInput) -> Drive {
+        let [speed_mps, turn_rate_radps] = self.limits;
+        Drive {
+            linear_mps: drive_input.forward * speed_mps,
+            angular_radps: drive_input.left * turn_rate_radps,
+            estop: self.estop.as_ref().map(PendingEStop::body),
+        }
+    }
+
+    fn fresh_token(&self, now: Monotonic) -> Option<AgeToken> {
+        self.newest
+            .filter(|newest| now.since(newest.at) <= TOKEN_USELESS)?
+            .token
+    }
+
+    fn signed<T: Command>(
+        &mut self,
+        token: AgeToken,
+        body: &T,
+        request: Option<RequestNumber>,
+    ) -> Option<SignedMessage> {
+        self.seq += 1;
+        let operator = &self.identity.operator;
+        let route = Route {
+            robot: &self.robot,
+            operator,
+        };
+        let stamp = CommandHeader {
+            boot: self.boot?,
+            token,
+            epoch: self.epoch,
+            seq: self.seq,
+        };
+        let payload = sign(&self.identity.key, route, &stamp, body)
+            .inspect_err(|why| tracing::error!(%why, "a command was not signed"))
+            .ok()?;
+        Some(SignedMessage {
+            topic: T::TOPIC,
+            key: operator_key(&self.robot, operator, T::TOPIC),
+            payload,
+            request,
+        })
+    }
+
+    const fn number(&mut self) -> RequestNumber {
+        self.numbers += 1;
+        RequestNumber(self.numbers)
+    }
+
+    pub fn state(&self, now: Monotonic) -> TeleopClientState {
+        let estop = match (&self.estop, self.estop_refused) {
+            (Some(pending), _) if pending.is_sent() => {
+                EStopState::Sending(now.since(pending.since))
+            }
+            (Some(pending), _) => EStopState::Unsendable(now.since(pending.since)),
+            (None, Some(refusal)) => EStopState::Refused(refusal),
+            (None, None) => EStopState::Quiet,
+        };
+        let token = self.newest.filter(|newest| newest.token.is_some());
+        TeleopClientState {
+            operator: self.identity.operator.clone(),
+            role: self.identity.role,
+            lease: self.lease,
+            last_grant: self.last_grant,
+            step: self.input.step(),
+            limits: self.limits,
+            drive_input: self.input.drive_input(),
+            keys: self.input.keys().collect(),
+            ignored: self.input.lock_reason(),
+            is_ready: self.input.is_ready(),
+            token_age: token.map(|newest| now.since(newest.at)),
+            is_asking: self.requests.is_busy(),
+            notice: self
+                .notice
+                .as_ref()
+                .filter(|(at, _)| now.since(*at) < NOTICE)
+                .map(|(_, note)| note.clone()),
+            estop,
+        }
     }
 }
 

@@ -1,11 +1,11 @@
-//! Neutral before a press: what is pressed too early waits here, lest the robot take it for a key that was held.
+//! Delays a press until the robot accepts it, so that the robot does not take it for a held key.
 //!
-//! The robot's rule ("Teleop", States) is that nothing moves but by a press after 200 ms of neutral. Earlier than that,
-//! a press takes back a stop by release, while the motors are not at zero yet: a key that slips is no stop. A press
-//! that is too late for the one and too early for the other counts for nothing until everything was let go. A vehicle
-//! that the collision monitor holds has nothing to take back: its motors are at zero, however fast a boat coasts. Whoever
-//! backs off from there changes keys within 200 ms and knows no such rule, so their press is sent once it counts. The
-//! hands are asked anew in each iteration: what was let go meanwhile is never sent.
+//! The robot moves only after 200 ms of neutral commands. A press before that takes back a stop by release while the
+//! motors still move, so that a key that slips does not stop the vehicle. A press that is too late for that and too
+//! early for the first rule would not count until everything is released. If the collision monitor holds the vehicle,
+//! there is nothing to take back: its motors are at zero, even if a boat coasts. An operator who then reverses changes
+//! keys within 200 ms, so the press is sent as soon as it counts. The input is read again in each iteration: a press
+//! that was released meanwhile is never sent.
 
 use std::time::Duration;
 
@@ -14,13 +14,13 @@ use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
 
 use super::{DriveInput, TeleopClient};
 
-/// What the robot wants of neutral before a press counts (200 ms), and what a link may shift it by.
+/// 200 ms of the robot's rule plus the jitter of the link.
 const NEUTRAL: Duration = Duration::from_millis(250);
-/// Slower than this the vehicle stands, m/s and rad/s.
+/// A slower vehicle stands still, m/s and rad/s.
 const STANDING: f32 = 0.02;
 
 impl TeleopClient {
-    /// What the hands ask for, as far as the robot would take it now.
+    /// The present input, or neutral if the robot would not accept it yet.
     pub(super) fn drive_input(&self, now: Monotonic) -> DriveInput {
         let drive_input = self.input.drive_input();
         if drive_input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(now) {
@@ -30,7 +30,7 @@ impl TeleopClient {
         }
     }
 
-    /// Whether a press after what was sent until now would count.
+    /// Whether the robot would accept a press now.
     fn is_press_taken(&self, now: Monotonic) -> bool {
         let Some(since) = self.neutral_since else {
             return false;
@@ -45,9 +45,9 @@ impl TeleopClient {
     }
 }
 
-/// Until when what is sent surely finds the motors of a vehicle going that is driven or let go: it says `status`, which
-/// was heard at `now`. The output falls no faster than `stop_decel`, m/s² and rad/s², whoever lowers it: P7 of the
-/// design, and the guard brakes by the same. `None` where they stand, may stand by then, or stop for another reason than release.
+/// Until when a command certainly finds the motors of a driven or released vehicle moving, by a status that arrived at
+/// `now`. The output falls no faster than `stop_decel`, m/s² and rad/s², and the collision monitor brakes by the same.
+/// `None` if the motors stand, may stand by then, or stop for another reason than release.
 pub(super) fn moving_until(
     status: &TeleopStatus,
     stop_decel: Velocity,
@@ -71,13 +71,13 @@ pub(super) fn moving_until(
         linear_mps,
         angular_radps,
     } = status.applied;
-    // Either keeps a stop from being over.
+    // Either axis prolongs the stop.
     let braking_s = f32::max(
         linear_mps.abs() / stop_decel.linear_mps,
         angular_radps.abs() / stop_decel.angular_radps,
     );
     let braking = Duration::try_from_secs_f32(braking_s).ok()?;
-    // A command is as old as its token's way here and its own way back: what this status and the press to come take.
+    // The age of a command is the delay of its token plus its own: the delays of this status and of the next press.
     let ways = Duration::from_millis(status.peak_age_ms?.into());
     let left = braking.checked_sub(ways)?;
     is_driven.then(|| now + left)
@@ -110,10 +110,10 @@ mod tests {
     }
 
     #[test]
-    fn motors_go_on_for_as_long_as_a_stop_takes_less_both_ways() {
+    fn motors_move_for_braking_time_minus_delays() {
         assert_eq!(after(|_| {}), Some(at(1_440)));
         assert_eq!(after(|status| status.applied.linear_mps = 0.05), None);
-        // 3 rad/s at 4 rad/s² are 0.75 s: the longer of the two counts.
+        // 3 rad/s at 4 rad/s² take 0.75 s: the longer of the two counts.
         let turning = after(|status| status.applied.angular_radps = 3.0);
         assert_eq!(turning, Some(at(1_690)));
         assert_eq!(after(|status| status.peak_age_ms = Some(600)), None);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_stop_by_release_is_taken_back() {
+    fn only_stop_by_release_is_taken_back() {
         for (state, is_taken_back) in [
             (TeleopState::Stopping(StopReason::Released), true),
             (TeleopState::Stopping(StopReason::Age), false),

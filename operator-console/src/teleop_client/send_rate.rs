@@ -1,32 +1,30 @@
-//! When a drive command is due: 50 times a second, and three times within 20 ms when the input changes.
+//! Times of drive commands: 50 a second, and three within 20 ms after a change of the input.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-/// Between two commands ("Teleop": 50 Hz).
+/// 50 Hz.
 pub(super) const PERIOD: Duration = Duration::from_millis(20);
-/// "Every change of input is sent 3 times within 20 ms."
+/// Each change of the input is sent three times within 20 ms.
 const SENDINGS: u32 = 3;
-/// Between those: the third leaves 14 ms after the first.
+/// The third leaves 14 ms after the first.
 const BETWEEN: Duration = Duration::from_millis(7);
-/// The robot takes 100 messages a second of one operator; ten of these are an emergency stop's, a few are requests.
+/// The robot accepts 100 messages a second of one operator: ten for an emergency stop, a few for requests.
 const PER_SECOND: f64 = 80.0;
-/// Commands beyond that rate at once: three changes.
+/// Commands at once beyond that rate: three changes.
 const BURST: f64 = 9.0;
 
-/// The times of commands.
 #[derive(Clone, Debug)]
 pub(super) struct SendRateLimiter {
     due: Monotonic,
-    /// Sendings of the last change that are still to come.
+    /// Repetitions of the last change that are still due.
     left: u32,
     allowance: f64,
     counted: Monotonic,
 }
 
 impl SendRateLimiter {
-    /// A command is due now.
     pub(super) const fn new(now: Monotonic) -> Self {
         Self {
             due: now,
@@ -36,7 +34,7 @@ impl SendRateLimiter {
         }
     }
 
-    /// Whether a command is to be sent now, where the input changed or did not; then it is taken for sent.
+    /// Whether to send a command now; if so, it counts as sent.
     pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool) -> bool {
         let elapsed_s = now.since(self.counted).as_secs_f64();
         self.counted = self.counted.max(now);
@@ -54,7 +52,7 @@ impl SendRateLimiter {
         }
         self.allowance -= 1.0;
         self.left = self.left.saturating_sub(1);
-        // A loop that is a little late keeps the rate; one that was away begins anew.
+        // A slightly late loop keeps the rate; a suspended one restarts.
         let on_time = self.due + PERIOD;
         self.due = if self.left > 0 {
             now + BETWEEN
@@ -66,7 +64,6 @@ impl SendRateLimiter {
         true
     }
 
-    /// When the next one is due.
     pub(super) const fn due(&self) -> Monotonic {
         self.due
     }
@@ -90,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_is_always_late_sends_fifty_a_second_all_the_same() {
+    fn late_loop_still_sends_50_hz() {
         let mut send_rate = SendRateLimiter::new(at(0));
         let (mut ms, mut sent) = (0, 0);
         while ms < 10_000 {
@@ -101,9 +98,8 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_sent_at_once_and_three_times_within_20_ms() {
+    fn change_is_sent_three_times_within_20_ms() {
         assert_eq!(sent(|ms| ms == 31, 80), [0, 20, 31, 38, 45, 65]);
-        // The next change begins anew.
         assert_eq!(
             sent(|ms| ms == 31 || ms == 36, 80),
             [0, 20, 31, 36, 43, 50, 70]
@@ -111,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stick_that_never_rests_stays_within_what_the_robot_takes() {
+    fn moving_stick_stays_within_the_rate_limit() {
         for every_ms in [1, 10, 15] {
             let sent = sent(|ms| ms % every_ms == 0, 10_000).len();
             assert!((500..=809).contains(&sent), "{every_ms}: {sent}");

@@ -12,9 +12,10 @@ use crate::test_support::{BOOT, at, idle_teleop_status};
 
 mod ended_lease;
 mod key_changes;
+mod observer;
 mod refused_estop;
 
-/// What a robot reads of a message.
+/// A decoded message.
 #[derive(Clone, Debug, PartialEq)]
 enum Read {
     Drive(Drive),
@@ -23,7 +24,7 @@ enum Read {
     Other(OperatorTopic),
 }
 
-/// A robot that brakes as presets do.
+/// A robot with the deceleration of the presets.
 fn able(limits: [f32; 2]) -> Info {
     Info {
         limits,
@@ -33,7 +34,7 @@ fn able(limits: [f32; 2]) -> Info {
     }
 }
 
-/// A helm, and a robot that hears every word.
+/// A teleop client and a robot that receives everything.
 struct Rig {
     teleop_client: TeleopClient,
     ms: u64,
@@ -41,7 +42,7 @@ struct Rig {
     speaks: bool,
     velocity: [f32; 2],
     last_seq: u64,
-    /// Everything that was sent, with its stamp and when.
+    /// Sent messages with header and time.
     sent: Vec<(u64, CommandHeader, Read)>,
 }
 
@@ -63,7 +64,7 @@ impl Rig {
         }
     }
 
-    /// A helm that has the lease by grant 4, and has been neutral for long enough.
+    /// A client with the lease by grant 4 after enough neutral commands.
     fn held() -> Self {
         let mut rig = Self::new();
         rig.ask(LeaseRequest::Request);
@@ -83,7 +84,7 @@ impl Rig {
         })
     }
 
-    /// One iteration, with these events in its queue.
+    /// One iteration with these events.
     fn turn(&mut self, events: &[InputEvent]) {
         let newest = self.newest();
         self.teleop_client.begin(newest, at(self.ms));
@@ -115,7 +116,7 @@ impl Rig {
         }
     }
 
-    /// Iterations of a loop that sleeps until the helm is due, for this long.
+    /// Iterations for this time; the loop sleeps until the client is due.
     fn run(&mut self, ms: u64) {
         let until = self.ms + ms;
         while self.ms < until {
@@ -158,7 +159,7 @@ impl Rig {
         self.teleop_client.receive(message, at(self.ms));
     }
 
-    /// What was sent since, and when.
+    /// Messages sent since the last call, with their times.
     fn since(&mut self) -> Vec<(u64, CommandHeader, Read)> {
         std::mem::take(&mut self.sent)
     }
@@ -210,7 +211,7 @@ fn nothing_is_sent_before_it_is_asked_for() {
 }
 
 #[test]
-fn the_lease_is_asked_for_and_then_neutral_is_sent_at_50_hz() {
+fn after_the_grant_neutral_is_sent_at_50_hz() {
     let mut rig = Rig::new();
     rig.ask(LeaseRequest::Request);
     rig.run(100);
@@ -234,7 +235,7 @@ fn the_lease_is_asked_for_and_then_neutral_is_sent_at_50_hz() {
 }
 
 #[test]
-fn a_press_and_a_release_are_sent_at_once_and_three_times() {
+fn press_and_release_are_sent_three_times_at_once() {
     let mut rig = Rig::held();
     rig.since();
     let pressed = rig.ms;
@@ -250,7 +251,7 @@ fn a_press_and_a_release_are_sent_at_once_and_three_times() {
 }
 
 #[test]
-fn a_key_that_was_down_before_the_grant_moves_nothing() {
+fn key_pressed_before_the_grant_moves_nothing() {
     let mut rig = Rig::new();
     rig.turn(&[W]);
     rig.ask(LeaseRequest::Request);
@@ -270,7 +271,7 @@ fn a_key_that_was_down_before_the_grant_moves_nothing() {
 }
 
 #[test]
-fn a_new_grant_locks_what_is_down_although_this_console_drove_before() {
+fn new_grant_locks_pressed_keys_of_the_holder() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.run(100);
@@ -287,7 +288,7 @@ fn a_new_grant_locks_what_is_down_although_this_console_drove_before() {
 }
 
 #[test]
-fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
+fn early_press_is_delayed_and_not_lost() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.run(40);
@@ -300,7 +301,8 @@ fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
     let first = rig.speeds().into_iter().find(|(_, speed)| *speed > 0.0);
     let held_back = first.unwrap().0 - again;
     assert!((200..=250).contains(&held_back), "{held_back}");
-    // While its motors go, the robot takes it at once. A boat that the guard holds coasts with motors that stand.
+    // While its motors move, the robot accepts it at once. A boat held by the collision monitor coasts with motors at
+    // zero.
     for (applied_mps, is_taken) in [(0.5, true), (0.0, false)] {
         rig.turn(&[NO_W]);
         rig.velocity = [0.5, 0.0];
@@ -318,7 +320,7 @@ fn a_press_that_comes_before_the_robot_takes_it_is_held_back_and_not_lost() {
 }
 
 #[test]
-fn without_tokens_nothing_is_sent_and_a_held_key_is_to_be_pressed_anew() {
+fn without_tokens_nothing_is_sent_and_keys_lock() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.run(100);
@@ -340,13 +342,13 @@ fn without_tokens_nothing_is_sent_and_a_held_key_is_to_be_pressed_anew() {
 }
 
 #[test]
-fn a_loop_that_stood_still_sends_nothing_of_what_came_meanwhile() {
+fn suspended_loop_sends_nothing_of_queued_input() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.run(100);
     rig.since();
     rig.ms += 2000;
-    // Even a fresh press that waited in the queue.
+    // Even a new press from the queue.
     rig.turn(&[NO_W, W]);
     rig.run(500);
     assert!(!rig.moves());
@@ -356,9 +358,9 @@ fn a_loop_that_stood_still_sends_nothing_of_what_came_meanwhile() {
     assert!(rig.moves());
 }
 
-/// The token is taken before the queue is drained: where painting hangs in between, the command is as old as it looks.
+/// The token is taken before the queue is drained: if painting hangs in between, the command has its true age.
 #[test]
-fn a_command_has_the_token_from_before_its_events() {
+fn command_has_the_token_from_before_its_events() {
     let mut rig = Rig::held();
     rig.since();
     let newest = rig.newest();
@@ -372,7 +374,7 @@ fn a_command_has_the_token_from_before_its_events() {
 }
 
 #[test]
-fn losing_the_lease_or_the_robot_silences_the_helm() {
+fn lost_lease_or_robot_ends_commands() {
     for change in [
         |rig: &mut Rig| rig.status(|status| status.lease.holder = None),
         |rig: &mut Rig| rig.status(|status| status.lease.epoch = 5),
@@ -400,7 +402,7 @@ fn losing_the_lease_or_the_robot_silences_the_helm() {
 }
 
 #[test]
-fn a_robot_that_stopped_by_itself_wants_a_new_press() {
+fn involuntary_stop_needs_a_new_press() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.status(|status| status.state = TeleopState::Driving);
@@ -418,7 +420,7 @@ fn a_robot_that_stopped_by_itself_wants_a_new_press() {
 }
 
 #[test]
-fn a_press_right_after_a_release_is_not_taken_for_a_stop() {
+fn press_after_release_is_no_involuntary_stop() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.status(|status| status.state = TeleopState::Driving);
@@ -433,7 +435,7 @@ fn a_press_right_after_a_release_is_not_taken_for_a_stop() {
 }
 
 #[test]
-fn an_emergency_stop_is_sent_by_both_ways_until_it_is_acknowledged() {
+fn estop_is_sent_by_both_paths_until_acknowledged() {
     for holds in [true, false] {
         let mut rig = if holds { Rig::held() } else { Rig::new() };
         rig.run(20);
@@ -480,7 +482,7 @@ fn an_emergency_stop_is_sent_by_both_ways_until_it_is_acknowledged() {
 }
 
 #[test]
-fn an_emergency_stop_outlives_the_robots_restart_and_a_robot_that_is_not_heard_yet() {
+fn estop_survives_restart_and_missing_robot() {
     let mut rig = Rig::new();
     rig.speaks = false;
     rig.turn(&[InputEvent::EStop]);
@@ -507,7 +509,7 @@ fn an_emergency_stop_outlives_the_robots_restart_and_a_robot_that_is_not_heard_y
 }
 
 #[test]
-fn requests_go_one_after_another_and_are_given_up() {
+fn requests_are_sequential_and_time_out() {
     let mut rig = Rig::new();
     rig.ask(LeaseRequest::Request);
     rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
@@ -543,7 +545,7 @@ fn requests_go_one_after_another_and_are_given_up() {
 }
 
 #[test]
-fn who_waits_drives_when_the_status_says_so() {
+fn waiting_console_drives_by_status() {
     let mut rig = Rig::new();
     rig.status(|status| status.lease.holder = Some("bert".parse().unwrap()));
     rig.ask(LeaseRequest::Request);
@@ -560,7 +562,7 @@ fn who_waits_drives_when_the_status_says_so() {
 }
 
 #[test]
-fn a_console_that_closes_says_zero_and_gives_the_lease_back() {
+fn closing_console_sends_zero_and_releases() {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     let messages = rig.teleop_client.shutdown_messages();
@@ -574,7 +576,7 @@ fn a_console_that_closes_says_zero_and_gives_the_lease_back() {
 }
 
 #[test]
-fn a_console_that_closes_waits_for_the_lease_no_longer() {
+fn closing_console_withdraws_its_request() {
     let said = |rig: &mut Rig| -> Vec<LeaseRequest> {
         let messages = rig.teleop_client.shutdown_messages();
         let requests = messages.iter().map(|message| {
@@ -603,7 +605,7 @@ fn a_console_that_closes_waits_for_the_lease_no_longer() {
 }
 
 #[test]
-fn what_the_operator_did_not_expect_is_shown_for_a_while() {
+fn notice_is_shown_for_a_while() {
     let mut rig = Rig::held();
     assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
     rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
@@ -614,7 +616,7 @@ fn what_the_operator_did_not_expect_is_shown_for_a_while() {
     assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, Some(notice));
     rig.run(10_000);
     assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
-    // Who gives the lease back knows that.
+    // A release needs no notice.
     rig.ask(LeaseRequest::Release);
     assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
     let mut rig = Rig::held();
@@ -626,7 +628,7 @@ fn what_the_operator_did_not_expect_is_shown_for_a_while() {
 }
 
 #[test]
-fn who_is_let_go_by_a_reset_hears_why() {
+fn reset_explains_the_end_of_the_lease() {
     let stopped = |status: &mut TeleopStatus| {
         status.state = TeleopState::EStop;
         status.estop = Some(EStopStatus {
@@ -658,7 +660,7 @@ fn who_is_let_go_by_a_reset_hears_why() {
         rig.answer(Answer::Granted(5));
         assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
     }
-    // Somebody else drives by now: that is another loss.
+    // Another operator took over: a loss with a notice.
     let mut rig = Rig::held();
     rig.status(stopped);
     rig.status(|status| {
@@ -672,12 +674,12 @@ fn who_is_let_go_by_a_reset_hears_why() {
 }
 
 #[test]
-fn a_grant_is_known_to_have_been_ours_until_the_robot_begins_anew() {
+fn last_grant_is_kept_within_one_run() {
     let last = |rig: &Rig| rig.teleop_client.state(at(rig.ms)).last_grant;
     assert_eq!(last(&Rig::new()), None);
     let mut rig = Rig::held();
     rig.ask(LeaseRequest::Release);
-    // A status that is older than that.
+    // An older status.
     rig.status(|_| {});
     assert_eq!(rig.teleop_client.state(at(rig.ms)).lease, Lease::None);
     assert_eq!(last(&rig), Some(4));
@@ -686,7 +688,7 @@ fn a_grant_is_known_to_have_been_ours_until_the_robot_begins_anew() {
     assert_eq!(last(&rig), None);
 }
 
-/// Whoever owns the loop owns the clock, the network and the window; so a script's commands are a window's.
+/// The owner of the loop provides clock, network and window, so scripts and window produce the same commands.
 #[test]
 fn teleop_client_and_input_are_pure() {
     let impure = [
@@ -715,18 +717,18 @@ fn teleop_client_and_input_are_pure() {
                 assert_eq!(word, None, "{}: {line}", file.display());
             }
         }
-        assert!(seen >= 4, "{folder} has moved");
+        assert!(seen > 0, "{folder} has moved");
     }
 }
 
 #[test]
-fn a_stop_for_a_robot_that_nobody_can_drive_is_not_repeated_for_ever() {
+fn estop_for_undrivable_robot_is_not_repeated() {
     let mut rig = Rig::new();
     rig.teleop_client.submit(Intent::EStop, at(rig.ms));
     rig.run(300);
     assert!(
         !rig.since().is_empty(),
-        "it is tried as long as nothing is known"
+        "repeated while the state is unknown"
     );
     let message = TeleopMessage::Status {
         boot: rig.boot,

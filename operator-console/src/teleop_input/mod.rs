@@ -1,65 +1,48 @@
-//! What the operator's hands ask for: hold to drive, let go to stop, and nothing by itself.
+//! Operator input of keys and gamepad: hold to drive, release to stop.
 //!
-//! Pure: events in, a [`DriveInput`] out; no clock, window or device. The rule of the design ("Teleop", States) is kept here
-//! as well as on the vehicle: after any loss (focus, sight, link, lease, emergency stop …) a key that is still down asks
-//! for nothing until everything was let go and it is pressed anew.
+//! Converts events to a [`DriveInput`]. After any interruption (focus, visibility, link, lease, emergency stop …) a key
+//! that is still pressed does not count until everything is released and it is pressed again. The vehicle enforces the
+//! same rule.
 
-mod event;
-mod gamepad;
-mod speed_step;
-
-pub use event::{DriveKey, InputEvent};
-pub use gamepad::PadReading;
-pub use speed_step::SpeedStep;
-
-use gamepad::without_dead_zone;
-
-/// What is asked for, as shares of the vehicle's greatest speed and turn rate: −1 … 1, always finite.
+/// Requested motion as shares of the vehicle's greatest speed and turn rate: −1 … 1, always finite.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveInput {
-    /// Forwards.
     pub forward: f32,
-    /// To the left.
     pub left: f32,
 }
 
 impl DriveInput {
-    /// Nothing is asked for.
     pub const NEUTRAL: Self = Self {
         forward: 0.0,
         left: 0.0,
     };
 
-    /// Whether nothing is asked for.
     pub fn is_neutral(self) -> bool {
         self == Self::NEUTRAL
     }
 }
 
-/// Why what is held down counts for nothing.
+/// Why pressed keys and sticks do not count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputLockReason {
-    /// Keys went elsewhere.
+    /// The window lost the keyboard.
     Focus,
-    /// The window could not be seen.
     WindowHidden,
-    /// Keys were text.
+    /// A text field had the keyboard.
     Typing,
-    /// The gamepad went away.
+    /// The gamepad was disconnected.
     Gamepad,
-    /// The robot was not heard.
     Link,
     /// The robot was restarted, or another one is driven.
     Robot,
-    /// Somebody else drives, or nobody does, or it was down before the grant.
+    /// This console has no lease, or the key was pressed before the grant.
     Lease,
-    /// The lease was asked for anew by who had it: this is another grant.
+    /// The holder renewed the lease: it is another grant.
     LeaseRenewed,
-    /// The emergency stop.
     EStop,
-    /// The robot stopped by itself, and told why.
+    /// The robot stopped by itself and reported why.
     Stopped,
-    /// This program did not run for a while.
+    /// The program was suspended.
     LoopStalled,
 }
 
@@ -67,12 +50,12 @@ pub enum InputLockReason {
 enum KeyState {
     #[default]
     Up,
-    /// Down, and counts for nothing until it is let go.
+    /// Pressed, but does not count until released.
     Ignored,
     Active,
 }
 
-/// Whether what the hands do is meant for the robot.
+/// Whether the input is meant for the robot.
 #[derive(Clone, Copy, Debug)]
 struct InputFocus {
     has_focus: bool,
@@ -86,7 +69,7 @@ impl InputFocus {
     }
 }
 
-/// The operator's hands.
+/// State of all keys and of the gamepad.
 #[derive(Clone, Debug)]
 pub struct TeleopInput {
     keys: [KeyState; DriveKey::ALL.len()],
@@ -94,13 +77,13 @@ pub struct TeleopInput {
     stick: DriveInput,
     step: SpeedStep,
     input_focus: InputFocus,
-    /// Since when presses do not count; `None` while they do.
+    /// Why presses do not count; `None` while they do.
     locked_by: Option<InputLockReason>,
     is_estop_pressed: bool,
 }
 
 impl Default for TeleopInput {
-    /// Nobody's hands: a window says when it has the keyboard.
+    /// A window reports when it gets the keyboard.
     fn default() -> Self {
         Self {
             keys: [KeyState::Up; DriveKey::ALL.len()],
@@ -119,7 +102,7 @@ impl Default for TeleopInput {
 }
 
 impl TeleopInput {
-    /// Takes an event, in the order in which they happened.
+    /// Takes an event, in order of occurrence.
     pub fn apply(&mut self, event: InputEvent) {
         match event {
             InputEvent::Press(key) => {
@@ -150,7 +133,7 @@ impl TeleopInput {
             InputEvent::Focus(has_focus) => {
                 self.input_focus.has_focus = has_focus;
                 if !has_focus {
-                    // Where keys go up from now on is told to somebody else.
+                    // Releases from now on go to another window.
                     self.keys = [KeyState::Up; DriveKey::ALL.len()];
                     self.lock_input(InputLockReason::Focus);
                 }
@@ -171,7 +154,7 @@ impl TeleopInput {
         self.unlock_if_all_released();
     }
 
-    /// From now on nothing that is down counts.
+    /// Ignores everything that is pressed now.
     pub fn lock_input(&mut self, loss: InputLockReason) {
         for hold in self.keys.iter_mut().chain([&mut self.deadman]) {
             if *hold == KeyState::Active {
@@ -182,7 +165,6 @@ impl TeleopInput {
         self.unlock_if_all_released();
     }
 
-    /// What is asked for now.
     pub fn drive_input(&self) -> DriveInput {
         if !self.input_focus.is_whole() {
             return DriveInput::NEUTRAL;
@@ -190,7 +172,7 @@ impl TeleopInput {
         let mut live = self.keys().peekable();
         let direction = if live.peek().is_some() {
             let sum = live.map(DriveKey::direction).fold([0.0; 2], add);
-            // Both forward keys are no more than one.
+            // Two forward keys count as one.
             sum.map(|direction: f32| direction.clamp(-1.0, 1.0))
         } else if self.deadman == KeyState::Active {
             [self.stick.forward, self.stick.left]
@@ -201,13 +183,13 @@ impl TeleopInput {
         DriveInput { forward, left }
     }
 
-    /// The keys that are held and count, whatever they ask for together.
+    /// Pressed keys that count.
     pub fn keys(&self) -> impl Iterator<Item = DriveKey> {
         let is_live = |key: &DriveKey| self.keys[*key as usize] == KeyState::Active;
         DriveKey::ALL.into_iter().filter(is_live)
     }
 
-    /// Why what is down counts for nothing; `None` where it counts, or nothing is down.
+    /// Why pressed keys do not count; `None` if they count or none is pressed.
     pub fn lock_reason(&self) -> Option<InputLockReason> {
         self.locked_by.filter(|_| self.is_any_pressed())
     }
@@ -217,7 +199,6 @@ impl TeleopInput {
         self.locked_by.is_none()
     }
 
-    /// How fast keys drive.
     pub const fn step(&self) -> SpeedStep {
         self.step
     }
@@ -239,7 +220,7 @@ impl TeleopInput {
         };
     }
 
-    /// What becomes of a key that goes down now.
+    /// State of a key that is pressed now.
     const fn new_key_state(&self) -> KeyState {
         if self.locked_by.is_none() && self.input_focus.is_whole() {
             KeyState::Active
@@ -264,5 +245,194 @@ fn add([a, b]: [f32; 2], [c, d]: [f32; 2]) -> [f32; 2] {
     [a + c, b + d]
 }
 
+/// A drive key by its position: W A S D of a QWERTY keyboard, whatever their labels, and the arrows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum DriveKey {
+    W,
+    A,
+    S,
+    D,
+    Up,
+    Left,
+    Down,
+    Right,
+}
+
+impl DriveKey {
+    pub const ALL: [Self; 8] = [
+        Self::W,
+        Self::A,
+        Self::S,
+        Self::D,
+        Self::Up,
+        Self::Left,
+        Self::Down,
+        Self::Right,
+    ];
+
+    pub const fn is_arrow(self) -> bool {
+        matches!(self, Self::Up | Self::Left | Self::Down | Self::Right)
+    }
+
+    /// Forward and left, each −1, 0 or 1.
+    const fn direction(self) -> [f32; 2] {
+        match self {
+            Self::W | Self::Up => [1.0, 0.0],
+            Self::S | Self::Down => [-1.0, 0.0],
+            Self::A | Self::Left => [0.0, 1.0],
+            Self::D | Self::Right => [0.0, -1.0],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InputEvent {
+    /// A press, not a repetition.
+    Press(DriveKey),
+    /// A repetition, or a key that is already pressed when the window gets the keyboard. It does not count, but must be
+    /// released.
+    StillDown(DriveKey),
+    Release(DriveKey),
+    /// The space bar or the button.
+    EStop,
+    Step(SpeedStep),
+    Pad(PadReading),
+    PadGone,
+    /// Whether this window has the keyboard.
+    Focus(bool),
+    /// Whether the window is visible.
+    Visible(bool),
+    /// Whether a text field has the keyboard.
+    Typing(bool),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PadReading {
+    pub is_deadman_held: bool,
+    /// Raw deflection of the stick, −1 … 1.
+    pub forward: f32,
+    /// The same to the left.
+    pub left: f32,
+}
+
+/// A released stick may be off centre by this much.
+const DEAD_ZONE: f32 = 0.15;
+
+/// Removes the dead zone: 0 within it, then linear to ±1; 0 if not finite.
+fn without_dead_zone(deflection: f32) -> f32 {
+    if !deflection.is_finite() {
+        return 0.0;
+    }
+    let beyond = (deflection.abs() - DEAD_ZONE) / (1.0 - DEAD_ZONE);
+    beyond.clamp(0.0, 1.0).copysign(deflection)
+}
+
+/// A share of the vehicle's greatest speed and turn rate, in five steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct SpeedStep(u8);
+
+impl SpeedStep {
+    pub const COUNT: u8 = 5;
+
+    /// The step of a number key, 1 to [`SpeedStep::COUNT`].
+    pub const fn new(number: u8) -> Option<Self> {
+        match number {
+            1..=Self::COUNT => Some(Self(number)),
+            _ => None,
+        }
+    }
+
+    /// Slowest first.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (1..=Self::COUNT).map(Self)
+    }
+
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
+    /// Share of the greatest speed, 0 … 1.
+    pub fn share(self) -> f32 {
+        f32::from(self.0) / f32::from(Self::COUNT)
+    }
+
+    #[must_use]
+    pub const fn faster(self) -> Self {
+        match Self::new(self.0 + 1) {
+            Some(step) => step,
+            None => self,
+        }
+    }
+
+    #[must_use]
+    pub const fn slower(self) -> Self {
+        match Self::new(self.0 - 1) {
+            Some(step) => step,
+            None => self,
+        }
+    }
+}
+
+impl Default for SpeedStep {
+    /// Second slowest.
+    fn default() -> Self {
+        Self(2)
+    }
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod gamepad_tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn dead_zone_is_zero_and_ends_are_full() {
+        for (deflection, expected) in [
+            (0.0, 0.0),
+            (0.15, 0.0),
+            (-0.15, 0.0),
+            (0.575, 0.5),
+            (1.0, 1.0),
+            (-1.0, -1.0),
+            (-7.0, -1.0),
+            (f32::NAN, 0.0),
+            (f32::INFINITY, 0.0),
+        ] {
+            let got = without_dead_zone(deflection);
+            assert!((got - expected).abs() < 1e-6, "{deflection}: {got}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn more_deflection_is_never_less(bits in any::<[u32; 2]>()) {
+            let [a, b] = bits.map(f32::from_bits);
+            let (a_out, b_out) = (without_dead_zone(a), without_dead_zone(b));
+            prop_assert!(a_out.abs() <= 1.0 && b_out.abs() <= 1.0);
+            if a.is_finite() && b.is_finite() && a <= b {
+                prop_assert!(a_out <= b_out, "{a} {b}: {a_out} {b_out}");
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod speed_step_tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_five_shares_of_the_greatest_speed() {
+        let shares: Vec<_> = SpeedStep::all().map(SpeedStep::share).collect();
+        assert_eq!(shares, [0.2, 0.4, 0.6, 0.8, 1.0]);
+        assert_eq!(SpeedStep::new(0), None);
+        assert_eq!(SpeedStep::new(6), None);
+        let (slowest, fastest) = (SpeedStep::new(1).unwrap(), SpeedStep::new(5).unwrap());
+        assert_eq!((slowest.slower(), fastest.faster()), (slowest, fastest));
+        assert_eq!(SpeedStep::default().faster().number(), 3);
+        assert_eq!(SpeedStep::default().slower().number(), 1);
+    }
+}

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Hands on a window that has the keyboard.
+/// Input of a window with the keyboard.
 fn focused_input() -> TeleopInput {
     let mut input = TeleopInput::default();
     input.apply(InputEvent::Focus(true));
@@ -60,7 +60,7 @@ fn keys_drive_while_they_are_held() {
 }
 
 #[test]
-fn keys_that_count_are_known_also_where_they_ask_for_nothing_together() {
+fn opposite_keys_are_listed_although_they_cancel() {
     let mut input = after(&[Press(DriveKey::S), Press(DriveKey::W)]);
     assert!(input.drive_input().is_neutral());
     let counting: Vec<_> = input.keys().collect();
@@ -70,7 +70,7 @@ fn keys_that_count_are_known_also_where_they_ask_for_nothing_together() {
 }
 
 #[test]
-fn a_step_scales_what_is_asked_for() {
+fn step_scales_the_input() {
     let mut input = focused_input();
     input.apply(Press(DriveKey::Left));
     assert!((input.drive_input().left - 0.4).abs() < 1e-6);
@@ -79,7 +79,7 @@ fn a_step_scales_what_is_asked_for() {
 }
 
 #[test]
-fn after_a_loss_a_key_that_is_still_down_asks_for_nothing() {
+fn locked_key_requests_nothing_until_pressed_again() {
     for loss in [
         InputLockReason::Link,
         InputLockReason::Lease,
@@ -104,9 +104,9 @@ fn after_a_loss_a_key_that_is_still_down_asks_for_nothing() {
     }
 }
 
-/// X11 tells a window that gets the keyboard what is down, and then sends the first repetition as if it were a press.
+/// When a window gets the keyboard, X11 reports pressed keys, and then sends the first repetition as a press.
 #[test]
-fn a_key_held_while_the_window_was_left_asks_for_nothing() {
+fn key_held_during_focus_loss_requests_nothing() {
     let held = [
         Press(DriveKey::W),
         Focus(false),
@@ -124,7 +124,7 @@ fn a_key_held_while_the_window_was_left_asks_for_nothing() {
 }
 
 #[test]
-fn a_window_that_is_hidden_or_typed_into_does_not_drive() {
+fn hidden_window_or_text_field_does_not_drive() {
     for (lost, back) in [
         (Visible(false), Visible(true)),
         (Typing(true), Typing(false)),
@@ -141,7 +141,7 @@ fn a_window_that_is_hidden_or_typed_into_does_not_drive() {
 }
 
 #[test]
-fn a_gamepad_drives_while_its_dead_man_button_is_held() {
+fn gamepad_drives_with_deadman_button_only() {
     assert_eq!(drive_input(&[pad(false, 1.0)]), [0.0, 0.0]);
     assert_eq!(drive_input(&[pad(true, 1.0)]), [1.0, 0.0]);
     assert_eq!(drive_input(&[pad(true, 1.0), pad(false, 1.0)]), [0.0, 0.0]);
@@ -150,7 +150,7 @@ fn a_gamepad_drives_while_its_dead_man_button_is_held() {
         [0.0, 0.0]
     );
     assert_eq!(drive_input(&[pad(true, f32::NAN)]), [0.0, 0.0]);
-    // Keys go before.
+    // Keys take precedence.
     assert_eq!(
         drive_input(&[pad(true, 1.0), Press(DriveKey::S)]),
         [-1.0, 0.0]
@@ -165,7 +165,7 @@ fn a_gamepad_drives_while_its_dead_man_button_is_held() {
 }
 
 #[test]
-fn the_emergency_stop_is_taken_once_and_lets_nothing_go_on() {
+fn estop_is_reported_once_and_locks_input() {
     let mut input = after(&[Press(DriveKey::W), InputEvent::EStop]);
     assert!(input.drive_input().is_neutral());
     assert!(input.take_estop() && !input.take_estop());
@@ -177,7 +177,7 @@ fn the_emergency_stop_is_taken_once_and_lets_nothing_go_on() {
     );
 }
 
-/// Something that happens to the hands or to what they drive.
+/// An event of input or lease.
 #[derive(Clone, Copy, Debug)]
 enum TestEvent {
     Input(InputEvent),
@@ -203,7 +203,7 @@ fn test_event() -> impl Strategy<Value = TestEvent> {
     ]
 }
 
-/// What the rule says, told from the whole history instead of from a state.
+/// The rule computed from the whole history instead of a state.
 fn may_move(history: &[TestEvent]) -> bool {
     let is_loss = |test_event: &TestEvent| {
         matches!(
@@ -250,8 +250,8 @@ fn may_move(history: &[TestEvent]) -> bool {
                     }
                 }
                 InputEvent::PadGone => {
-                    // A pad that goes away while it drives is a loss as well; to demand that here is stricter
-                    // than the code, so it is left out.
+                    // Removal of a gamepad in use also locks the input; requiring it here would be stricter than the
+                    // code.
                     down[8] = false;
                 }
                 InputEvent::EStop | InputEvent::Step(_) => {}
@@ -270,7 +270,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(4096))]
 
     #[test]
-    fn nothing_is_asked_for_but_by_a_press_after_all_was_let_go(
+    fn only_a_press_after_full_release_requests_motion(
         history in prop::collection::vec(test_event(), 0..60)
     ) {
         let mut input = TeleopInput::default();
@@ -288,7 +288,7 @@ proptest! {
     }
 
     #[test]
-    fn whoever_lets_go_of_everything_stands(
+    fn full_release_requests_nothing(
         history in prop::collection::vec(test_event(), 0..60)
     ) {
         let mut input = TeleopInput::default();
@@ -303,7 +303,7 @@ proptest! {
         }
         input.apply(pad(false, 1.0));
         prop_assert!(input.drive_input().is_neutral());
-        // And from there a press drives again.
+        // From there a press drives again.
         for back in [Focus(true), Visible(true), Typing(false)] {
             input.apply(back);
         }

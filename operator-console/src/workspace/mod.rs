@@ -1,36 +1,28 @@
-//! The panels and where they are: a tree that the operator rearranges, and that is kept between runs.
-//!
-//! What a panel shows is not known here. The screen draws it; this says where, and which can be seen at the moment.
+//! Docked panels: a tree that the operator rearranges, stored between runs. The screen draws their contents.
 
-mod active_tabs;
-mod docking;
-mod flattening;
 mod layout;
-mod min_layout;
-mod panel_id;
-mod sizes;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use eframe::egui::Ui;
-use egui_tiles::{Tile, TileId, Tree};
+use eframe::egui::{
+    Color32, CursorIcon, Frame, Id, Margin, Painter, Rect, ScrollArea, Sense, Stroke, StrokeKind,
+    Style, Ui, Visuals, WidgetText, vec2,
+};
+use egui_tiles::{
+    Behavior, Container, EditAction, SimplificationOptions, TabState, Tabs, Tile, TileId, Tiles,
+    Tree, UiResponse,
+};
+use serde::{Deserialize, Serialize};
 
-pub use layout::Layout;
-pub use min_layout::is_tight;
-pub use panel_id::PanelId;
+pub use layout::{Layout, is_tight};
 
-use active_tabs::ActiveTabs;
-use docking::Docking;
-
-/// The panels and where they are.
 pub struct Workspace {
     tree: Tree<PanelId>,
     /// Closed by the operator.
     hidden: BTreeSet<PanelId>,
     active_tabs: ActiveTabs,
-    /// Whose turn it is to have the keyboard, from the next frame on.
+    /// Gets the keyboard focus in the next frame.
     wanted_focus: Option<PanelId>,
-    /// Who has it.
     focused: Option<PanelId>,
 }
 
@@ -41,7 +33,6 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// The panels of a layout that was kept.
     pub fn of(layout: &Layout) -> Self {
         Self {
             tree: layout.clone().flattened(&BTreeSet::new()).tree(),
@@ -52,22 +43,20 @@ impl Workspace {
         }
     }
 
-    /// What is to be kept.
     pub fn layout(&self) -> Layout {
         Layout::of(&self.active_tabs.of(&self.tree), self.hidden.clone())
     }
 
-    /// Puts every panel back where it was at first.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Whether the operator wants to see a panel.
+    /// Whether the operator has not closed the panel.
     pub fn is_wanted(&self, panel: PanelId) -> bool {
         !self.hidden.contains(&panel)
     }
 
-    /// Shows a panel, in front of others in the same place, or hides it. The map stays.
+    /// Opens a panel in front of its tabs, or closes it. The map cannot be closed.
     pub fn set_wanted(&mut self, panel: PanelId, is_wanted: bool) {
         if is_wanted {
             self.hidden.remove(&panel);
@@ -78,7 +67,7 @@ impl Workspace {
         }
     }
 
-    /// Gives the keyboard to the next panel that can be seen, or to the one before.
+    /// Moves the keyboard focus to the next or previous visible panel.
     pub fn cycle_focus(&mut self, is_forward: bool) {
         let shown = self.shown();
         let at = self
@@ -94,7 +83,7 @@ impl Workspace {
         self.wanted_focus = shown.get(next).copied();
     }
 
-    /// The panels that can be seen, from the upper left to the lower right.
+    /// Visible panels from the upper left to the lower right.
     pub fn shown(&self) -> Vec<PanelId> {
         let mut shown: Vec<_> = self
             .tree
@@ -110,7 +99,7 @@ impl Workspace {
         shown.into_iter().map(|(_, panel)| panel).collect()
     }
 
-    /// Draws those that `has_content` says can be shown at the moment, each by `draw`.
+    /// Draws the panels for which `has_content` is true.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -136,11 +125,11 @@ impl Workspace {
         }
         self.active_tabs.restore(&mut self.tree);
         if let Some(map) = map {
-            sizes::resize_for_map(&mut self.tree, map, ui.available_size());
+            layout::resize_for_map(&mut self.tree, map, ui.available_size());
         }
         let mut docking = Docking {
             draw,
-            // A map that shares its place with nothing needs no tab.
+            // The map needs no tab if it is alone.
             tabless: map.and_then(|map| self.tree.tiles.parent_of(map)),
             wanted_focus: self.wanted_focus.take(),
             focused: None,
@@ -162,7 +151,7 @@ impl Workspace {
         }
     }
 
-    /// The panels in the operator's hand.
+    /// Panels that are being dragged.
     fn dragged(&self, ui: &Ui) -> BTreeSet<PanelId> {
         let mut open: Vec<_> = self.tree.dragged_id(ui.ctx()).into_iter().collect();
         let mut panels = BTreeSet::new();
@@ -178,14 +167,296 @@ impl Workspace {
         panels
     }
 
-    /// Takes tabs and rows out of tabs that these panels were dropped into.
+    /// Flattens tabs after a drop.
     fn flatten(&mut self, dropped: &BTreeSet<PanelId>) {
         let layout = self.layout();
         let flattened = layout.clone().flattened(dropped);
         if flattened != layout {
             self.tree = flattened.tree();
-            // The tabs are new ones; what is in front of each is in the layout.
+            // The new tabs have other ids. Their front panels are part of the layout.
             self.active_tabs = ActiveTabs::default();
+        }
+    }
+}
+
+/// Stored in settings by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PanelId {
+    Map,
+    Robots,
+    Robot,
+    Layers,
+    Shores,
+    Driving,
+    Link,
+    Sensors,
+    Recording,
+    Events,
+    Alerts,
+    Losses,
+}
+
+impl PanelId {
+    pub const ALL: [Self; 12] = [
+        Self::Map,
+        Self::Robots,
+        Self::Robot,
+        Self::Layers,
+        Self::Shores,
+        Self::Driving,
+        Self::Link,
+        Self::Sensors,
+        Self::Recording,
+        Self::Events,
+        Self::Alerts,
+        Self::Losses,
+    ];
+
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Map => "Map",
+            Self::Robots => "Robots",
+            Self::Robot => "Robot",
+            Self::Layers => "Layers",
+            Self::Shores => "Shores",
+            Self::Driving => "Driving",
+            Self::Link => "Link",
+            Self::Sensors => "Sensors",
+            Self::Recording => "Recording",
+            Self::Events => "Events",
+            Self::Alerts => "Alerts",
+            Self::Losses => "Losses",
+        }
+    }
+
+    pub const fn can_be_closed(self) -> bool {
+        !matches!(self, Self::Map)
+    }
+
+    /// Whether it is empty until a robot is selected.
+    pub const fn needs_a_robot(self) -> bool {
+        !matches!(self, Self::Map | Self::Robots | Self::Events | Self::Alerts)
+    }
+
+    /// Whether it has no margin and no scroll area.
+    const fn fills_its_place(self) -> bool {
+        matches!(self, Self::Map)
+    }
+
+    /// Whether it reserves the width of the scroll bar itself.
+    const fn leaves_room_for_bars(self) -> bool {
+        matches!(self, Self::Shores | Self::Events)
+    }
+}
+
+/// The front panel of each group of tabs. The library forgets the operator's choice when a panel is hidden, and
+/// panels without content are hidden.
+#[derive(Clone, Debug, Default)]
+struct ActiveTabs(BTreeMap<u64, ActiveTab>);
+
+#[derive(Clone, Copy, Debug)]
+struct ActiveTab {
+    /// The operator's choice.
+    chosen: TileId,
+    /// The front panel of the last frame.
+    shown: TileId,
+}
+
+impl ActiveTabs {
+    /// Before a frame: records new choices, and shows chosen panels if they are visible.
+    fn restore(&mut self, tree: &mut Tree<PanelId>) {
+        self.record(tree, true);
+        for (tabs, front) in &self.0 {
+            let tabs = TileId::from_u64(*tabs);
+            if tree.tiles.is_visible_in_layout(front.chosen)
+                && let Some(Tile::Container(Container::Tabs(tabs))) = tree.tiles.get_mut(tabs)
+                && tabs.children.contains(&front.chosen)
+            {
+                tabs.set_active(front.chosen);
+            }
+        }
+        self.record(tree, false);
+    }
+
+    /// The tree with all chosen panels in front, for the stored layout.
+    fn of(&self, tree: &Tree<PanelId>) -> Tree<PanelId> {
+        let mut tree = tree.clone();
+        for (tabs, front) in &self.0 {
+            let tabs = TileId::from_u64(*tabs);
+            if let Some(Tile::Container(Container::Tabs(tabs))) = tree.tiles.get_mut(tabs)
+                && tabs.children.contains(&front.chosen)
+            {
+                tabs.set_active(front.chosen);
+            }
+        }
+        tree
+    }
+
+    /// After a frame: a changed front panel that was not hidden is a choice.
+    fn record_choices(&mut self, tree: &Tree<PanelId>) {
+        self.record(tree, true);
+    }
+
+    fn record(&mut self, tree: &Tree<PanelId>, is_choice: bool) {
+        let mut now = BTreeMap::new();
+        for (id, tile) in tree.tiles.iter() {
+            let Tile::Container(Container::Tabs(tabs)) = tile else {
+                continue;
+            };
+            let Some(shown) = tabs.active else { continue };
+            let before = self.0.get(&id.0).copied();
+            let chosen = match before {
+                Some(front) if !is_choice || front.shown == shown => front.chosen,
+                // The library replaced a hidden panel by another one.
+                Some(front) if !tree.tiles.is_visible_in_layout(front.shown) => front.chosen,
+                Some(_) | None => shown,
+            };
+            now.insert(id.0, ActiveTab { chosen, shown });
+        }
+        self.0 = now;
+    }
+}
+
+/// Draws the panels of a frame and records the operator's changes.
+struct Docking<'a> {
+    draw: &'a mut dyn FnMut(&mut Ui, PanelId),
+    /// Tabs without a title while they have one panel.
+    tabless: Option<TileId>,
+    wanted_focus: Option<PanelId>,
+    focused: Option<(TileId, PanelId)>,
+    closed: Option<PanelId>,
+    /// Whether a panel was moved.
+    is_dropped: bool,
+}
+
+impl Behavior<PanelId> for Docking<'_> {
+    fn pane_ui(&mut self, ui: &mut Ui, tile: TileId, panel: &mut PanelId) -> UiResponse {
+        let panel = *panel;
+        let place = ui.max_rect();
+        self.anchor(ui, tile, panel, place);
+        if panel.fills_its_place() {
+            (self.draw)(ui, panel);
+        } else {
+            Frame::new()
+                .inner_margin(Margin::symmetric(10, 8))
+                .show(ui, |ui| {
+                    // The driving panel scrolls itself, below the emergency stop.
+                    if panel == PanelId::Driving {
+                        (self.draw)(ui, panel);
+                        return;
+                    }
+                    ScrollArea::vertical()
+                        .id_salt(panel)
+                        .auto_shrink([false, false])
+                        .show(ui, |ui| {
+                            if !panel.leaves_room_for_bars() {
+                                let bar = ui.spacing().scroll;
+                                let taken = bar.bar_inner_margin + bar.bar_width;
+                                ui.set_max_width(ui.available_width() - taken);
+                            }
+                            (self.draw)(ui, panel);
+                        });
+                });
+        }
+        UiResponse::None
+    }
+
+    fn tab_title_for_pane(&mut self, panel: &PanelId) -> WidgetText {
+        panel.title().into()
+    }
+
+    fn is_tab_closable(&self, tiles: &Tiles<PanelId>, tile: TileId) -> bool {
+        matches!(tiles.get(tile), Some(Tile::Pane(panel)) if panel.can_be_closed())
+    }
+
+    fn on_tab_close(&mut self, tiles: &mut Tiles<PanelId>, tile: TileId) -> bool {
+        self.closed = tiles.get_pane(&tile).copied();
+        false
+    }
+
+    fn on_edit(&mut self, edit: EditAction) {
+        self.is_dropped |= edit == EditAction::TileDropped;
+    }
+
+    fn tab_hover_cursor_icon(&self) -> CursorIcon {
+        CursorIcon::Default
+    }
+
+    fn is_tab_bar_visible(&self, tile: TileId, tabs: &Tabs) -> bool {
+        self.tabless != Some(tile) || tabs.children.len() > 1
+    }
+
+    fn simplification_options(&self) -> SimplificationOptions {
+        SimplificationOptions {
+            all_panes_must_have_tabs: true,
+            ..SimplificationOptions::default()
+        }
+    }
+
+    fn paint_on_top_of_tile(&self, painter: &Painter, style: &Style, tile: TileId, rect: Rect) {
+        if self.focused.is_some_and(|(focused, _)| focused == tile) {
+            let stroke = Stroke::new(2.0, style.visuals.selection.bg_fill);
+            painter.rect_stroke(rect, 2.0, stroke, StrokeKind::Inside);
+        }
+    }
+
+    fn tab_bar_height(&self, _style: &Style) -> f32 {
+        28.0
+    }
+
+    fn min_size(&self) -> f32 {
+        80.0
+    }
+
+    fn gap_width(&self, _style: &Style) -> f32 {
+        3.0
+    }
+
+    fn tab_bar_color(&self, visuals: &Visuals) -> Color32 {
+        if visuals.dark_mode {
+            visuals.extreme_bg_color
+        } else {
+            Color32::from_gray(0xdd)
+        }
+    }
+
+    fn tab_text_color(
+        &self,
+        visuals: &Visuals,
+        _tiles: &Tiles<PanelId>,
+        _tile: TileId,
+        state: &TabState,
+    ) -> Color32 {
+        if state.active {
+            visuals.text_color()
+        } else {
+            visuals.weak_text_color()
+        }
+    }
+
+    fn tab_outline_stroke(
+        &self,
+        _visuals: &Visuals,
+        _tiles: &Tiles<PanelId>,
+        _tile: TileId,
+        _state: &TabState,
+    ) -> Stroke {
+        Stroke::NONE
+    }
+}
+
+impl Docking<'_> {
+    /// A focusable area, so that panels without focusable content can get the keyboard focus.
+    fn anchor(&mut self, ui: &Ui, tile: TileId, panel: PanelId, place: Rect) {
+        let id = Id::unique(("panel", panel));
+        let corner = Rect::from_min_size(place.min, vec2(1.0, 1.0));
+        let anchor = ui.interact(corner, id, Sense::focusable_noninteractive());
+        if self.wanted_focus == Some(panel) {
+            anchor.request_focus();
+        }
+        if anchor.has_focus() {
+            self.focused = Some((tile, panel));
         }
     }
 }

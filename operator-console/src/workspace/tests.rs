@@ -4,7 +4,7 @@ use egui_kittest::kittest::Queryable;
 
 use super::*;
 
-/// A workspace whose panels show their names, without those in `absent`.
+/// A workspace whose panels show their names; those in `absent` have no content.
 struct Rig {
     workspace: Workspace,
     absent: Vec<PanelId>,
@@ -42,7 +42,7 @@ fn size_of(window: &Harness<'_, Rig>, panel: PanelId) -> Vec2 {
 }
 
 #[test]
-fn at_first_every_panel_is_somewhere_and_the_map_has_most_of_it() {
+fn default_layout_has_all_panels_and_a_large_map() {
     assert!(Layout::default().is_whole());
     let window = window(&Layout::default(), [1280.0, 760.0]);
     let drawn = [
@@ -62,7 +62,7 @@ fn at_first_every_panel_is_somewhere_and_the_map_has_most_of_it() {
 }
 
 #[test]
-fn tabs_are_switched_closed_and_brought_back() {
+fn tabs_are_switched_closed_and_reopened() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     window.get_by_label("Events").click();
     window.run_steps(3);
@@ -91,7 +91,7 @@ fn tabs_are_switched_closed_and_brought_back() {
 }
 
 #[test]
-fn what_has_nothing_to_show_takes_no_place_and_comes_back_by_itself() {
+fn panels_without_content_are_hidden() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     let with_driving = size_of(&window, PanelId::Map).x;
     window.state_mut().absent = vec![PanelId::Driving];
@@ -105,7 +105,7 @@ fn what_has_nothing_to_show_takes_no_place_and_comes_back_by_itself() {
 }
 
 #[test]
-fn what_was_in_front_is_in_front_again_when_it_can_be_seen() {
+fn a_front_tab_returns_with_its_content() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     window.get_by_label("Shores").click();
     window.run_steps(3);
@@ -115,7 +115,7 @@ fn what_was_in_front_is_in_front_again_when_it_can_be_seen() {
         window.run_steps(3);
         assert!(window.state().drawn.contains(&PanelId::Layers));
         assert!(window.state().drawn.contains(&PanelId::Events));
-        // Also in what is kept meanwhile.
+        // Also in the stored layout.
         let kept = window.state().workspace.layout();
         let again = Workspace::of(&kept).layout();
         assert_eq!(again, kept);
@@ -124,7 +124,7 @@ fn what_was_in_front_is_in_front_again_when_it_can_be_seen() {
         assert!(window.state().drawn.contains(&PanelId::Shores));
         assert!(window.state().drawn.contains(&PanelId::Link));
     }
-    // A choice that is made while another is hidden counts.
+    // A choice made while another panel is hidden counts.
     window.state_mut().absent = vec![PanelId::Link];
     window.run_steps(3);
     window.get_by_label("Losses").click();
@@ -135,7 +135,7 @@ fn what_was_in_front_is_in_front_again_when_it_can_be_seen() {
 }
 
 #[test]
-fn a_window_that_grows_gives_to_the_map() {
+fn a_growing_window_enlarges_the_map() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     let driving = size_of(&window, PanelId::Driving).x;
     let map = size_of(&window, PanelId::Map);
@@ -144,7 +144,7 @@ fn a_window_that_grows_gives_to_the_map() {
     assert!((size_of(&window, PanelId::Driving).x - driving).abs() < 2.0);
     let grown = size_of(&window, PanelId::Map) - map;
     assert!((grown - vec2(400.0, 200.0)).length() < 4.0, "{grown}");
-    // Down to where there is not enough for all.
+    // Too small for all panels.
     window.set_size(vec2(640.0, 440.0));
     window.run_steps(4);
     let map = size_of(&window, PanelId::Map);
@@ -161,7 +161,7 @@ fn a_window_that_grows_gives_to_the_map() {
 }
 
 #[test]
-fn a_layout_is_read_as_it_was_written() {
+fn layout_round_trip() {
     let mut rig = window(&Layout::default(), [1280.0, 760.0]);
     rig.state_mut().workspace.set_wanted(PanelId::Losses, false);
     rig.get_by_label("Robots").click();
@@ -175,7 +175,7 @@ fn a_layout_is_read_as_it_was_written() {
     assert!(again.state().drawn.contains(&PanelId::Robots));
     assert!(!again.state().workspace.is_wanted(PanelId::Losses));
 
-    // A panel that is missing or there twice, and a share that is none, are no layout.
+    // Missing or repeated panels and invalid shares are rejected.
     for (from, to) in [
         (r#"{"panel":"link"},"#, ""),
         (r#""losses"}]"#, r#""link"}]"#),
@@ -188,7 +188,7 @@ fn a_layout_is_read_as_it_was_written() {
 }
 
 #[test]
-fn the_keyboard_goes_from_panel_to_panel() {
+fn keyboard_focus_cycles_through_panels() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     let mut seen = Vec::new();
     for _press in 0..6 {
@@ -210,7 +210,7 @@ fn the_keyboard_goes_from_panel_to_panel() {
     assert_eq!(window.state().workspace.focused, Some(PanelId::Driving));
 }
 
-/// Takes a panel by its tab and drops it `off` the middle of another one's body.
+/// Drags a panel by its tab and drops it `off` the middle of another one.
 fn drop_on(window: &mut Harness<'_, Rig>, panel: &str, on: PanelId, off: Vec2) {
     let tree = &window.state().workspace.tree;
     let body = tree.tiles.rect(tree.tiles.find_pane(&on).unwrap()).unwrap();
@@ -231,7 +231,7 @@ fn drop_on(window: &mut Harness<'_, Rig>, panel: &str, on: PanelId, off: Vec2) {
 #[test]
 fn a_panel_dropped_on_another_is_a_tab_beside_it() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
-    // In the middle of a panel's body, the library makes tabs within tabs.
+    // In the middle of a panel, the library nests tabs.
     drop_on(&mut window, "Driving", PanelId::Layers, vec2(0.0, 20.0));
     let drawn = window.state().drawn.clone();
     assert!(drawn.contains(&PanelId::Driving), "in front: {drawn:?}");
@@ -240,7 +240,7 @@ fn a_panel_dropped_on_another_is_a_tab_beside_it() {
     let tops = ["Layers", "Shores", "Driving"].map(|label| top(label).round() as i32);
     assert_eq!(tops, [tops[0]; 3], "one row of tabs");
     assert!(window.query_by_label("Tabs").is_none());
-    // What was written so before is read so.
+    // Stored layouts are flattened, too.
     let kept = window.state().workspace.layout();
     assert_eq!(Workspace::of(&kept).layout(), kept);
     let json = serde_json::to_string(&kept).unwrap();
@@ -254,7 +254,7 @@ fn a_panel_dropped_on_another_is_a_tab_beside_it() {
 }
 
 #[test]
-fn a_panel_dropped_at_the_side_of_another_is_beside_its_tabs() {
+fn a_panel_dropped_at_a_side_is_beside_the_tabs() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     let width = size_of(&window, PanelId::Link).x;
     let right = vec2(0.25 * width, 20.0);

@@ -1,4 +1,4 @@
-//! Key expressions: whatever arrives is a topic with exactly that key, or none of ours.
+//! Key expressions: any received key is a topic with exactly that key, or foreign.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

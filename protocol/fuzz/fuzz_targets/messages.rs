@@ -1,4 +1,4 @@
-//! Every message: any bytes are an error or a message that survives its own encoding.
+//! Every message: any bytes are an error, or a message that survives its own encoding.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -13,7 +13,8 @@ use serde::de::DeserializeOwned;
 
 fn check<T: Serialize + DeserializeOwned>(bytes: &[u8]) {
     if let Ok((header, body)) = decode::<T>(bytes) {
-        // Not the bytes that came: varints can be longer than need be. And bytes, not bodies: NaN ≠ NaN.
+        // Not the received bytes: varints can be longer than necessary. And bytes, not bodies: NaN
+        // ≠ NaN.
         let once = encode(&header, &body).unwrap();
         assert!(once.len() <= bytes.len());
         let (header, body) = decode::<T>(&once).unwrap();

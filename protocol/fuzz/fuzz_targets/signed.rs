@@ -1,4 +1,5 @@
-//! Signed messages: any bytes are refused, or claim what survives being signed; and without the key none is believed.
+//! Signed messages: any bytes are refused, or contain claims that survive signing; without the key
+//! none is verified.
 #![no_main]
 
 use std::cell::LazyCell;

@@ -60,7 +60,7 @@ fn assemble(input: &[u8], tools: &mut Tools) {
         assert!(is_complete);
         assert_eq!(cells.check(layer), Ok(()));
     }
-    // Neither the order of bands nor what was refused between them matters.
+    // Neither the order of bands nor refused bands between them matter.
     accepted.reverse();
     let again = tools.again.decode(layer, &accepted);
     assert_eq!(codes(again.ok().as_ref()), codes(finished.ok().as_ref()));

@@ -1,5 +1,5 @@
-//! What a console does with what arrives: any sequence of tiles, boots and epochs leaves a store that is
-//! within its limit and knows what it holds.
+//! The console's tile store: any sequence of tiles, boots and epochs leaves a store that is within
+//! its limit and consistent.
 //!
 //! Input: a byte that sets the limit, from no tile to five; then steps of eight bytes.
 #![no_main]
@@ -16,7 +16,7 @@ const GRIDS: [LayerId; 3] = [LayerId::Occupancy, LayerId::Elevation, LayerId::Ob
 const LIMIT_STEP_BYTES: usize = 180;
 
 thread_local! {
-    /// Hashed once: hashing in every step would be most of the time.
+    /// Hashed once: hashing in every step would dominate the time.
     static CELLS: OnceCell<Vec<(TileCells, TileDigest)>> = const { OnceCell::new() };
 }
 
@@ -125,7 +125,7 @@ fn apply(store: &mut TileStore, tile: Tile) {
         Ok(Applied::Stored) => {
             assert_eq!((store.boot(), store.epoch(key.layer)), (boot, epoch));
             assert!(store.head_revision(key.layer) >= revision);
-            // Where it is gone it was evicted at once, and its tombstone forgotten.
+            // A missing entry was evicted at once, and its tombstone removed.
             if let Some(stored) = store.get(key) {
                 assert_eq!(stored.revision(), revision);
                 assert!(stored.is_evicted() || stored.digest() == digest);

@@ -14,13 +14,13 @@ use tiff::tags::{CompressionMethod, PhotometricInterpretation, SampleFormat, Tag
 use tiff::{TiffError, TiffResult};
 
 use super::ExportError;
-use super::atomic_file::write_atomically;
+use crate::export::write_atomically;
 use crate::layer::{LayerId, SampleType};
 use crate::mosaic::Raster;
 
 type Directory<'a> = DirectoryEncoder<'a, &'a mut BufWriter<File>, TiffKindStandard>;
 
-/// A strip holds about this much before it is compressed.
+/// Approximate size of a strip before compression.
 const STRIP_BYTES: usize = 256 * 1024;
 /// GDAL's tag for item names and units as XML.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
@@ -53,7 +53,7 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
         let end_row = (first_row + rows_per_strip).min(raster.height());
         let mut strip = deflate_rows(raster, sample, first_row..end_row)?;
         byte_counts.push(u32::try_from(strip.len())?);
-        // What follows has to start at an even offset.
+        // The next item must start at an even offset.
         if strip.len() % 2 == 1 {
             strip.push(0);
         }
@@ -78,8 +78,8 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
     directory.finish()
 }
 
-/// Rows of the file, 0 the greatest y, as one zlib stream of samples in this machine's byte order, which
-/// is the one the `tiff` crate writes.
+/// Rows of the file, 0 the greatest y, as one zlib stream of samples in this machine's byte order,
+/// which the `tiff` crate writes.
 fn deflate_rows(
     raster: &Raster,
     sample: SampleType,
@@ -109,8 +109,8 @@ fn write_position(directory: &mut Directory<'_>, raster: &Raster) -> TiffResult<
     let ([x_min_m, _], [_, y_max_m]) = raster.corners_m();
     let cell_m = raster.cell_m();
     let citation = "odom|";
-    // Header: version 1.1.0 and the number of keys. Each key: id, where its value is (0 here, else a tag),
-    // how many, value or offset.
+    // Header: version 1.1.0 and the number of keys. Each key: id, location of its value (0 here,
+    // else a tag), count, value or offset.
     let geo_keys: [[u16; 4]; 5] = [
         [1, 1, 0, 4],
         [1024, 0, 1, 32767], // GTModelType: user-defined
@@ -156,7 +156,7 @@ fn write_meaning(directory: &mut Directory<'_>, layer: LayerId) -> TiffResult<()
         "<GDALMetadata><Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">{meaning}</Item>\
          {unit}</GDALMetadata>"
     );
-    // With its terminator the text has an even length, and what follows starts at an even offset.
+    // An even length with its terminator, so that the next item starts at an even offset.
     if xml.len() % 2 == 0 {
         xml.push('\n');
     }

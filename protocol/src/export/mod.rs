@@ -1,37 +1,36 @@
-//! Maps as files that other tools open: `GeoTIFF`, PNG with legend, PGM + YAML, TUM, `GeoJSON`.
+//! Map export: `GeoTIFF`, PNG with legend, PGM and YAML (`map_server` of ROS and Nav2, trinary
+//! mode), TUM trajectory, `GeoJSON`.
 //!
-//! Every file is written under a temporary name and renamed when it is complete, so a reader never sees
-//! half of one and an export that fails leaves the previous file as it was.
+//! Every file is written under a temporary name and renamed when it is complete. A failed export
+//! leaves the previous file unchanged.
 
-mod atomic_file;
 mod geotiff;
-mod map_server;
 mod picture;
 mod shores;
 mod trajectory;
 
-use std::io;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use crate::layer::{LayerId, Palette};
 use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
-
 pub use geotiff::write_geotiff;
-pub use map_server::{Trinary, write_map_server};
 pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
 pub use shores::write_shores;
 pub use trajectory::{StampedPose, write_trajectory};
 
-/// Why an export failed.
+/// Reason of a failed export.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The file system refused.
+    /// File system error.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file or directory.
+        /// File or directory.
         path: PathBuf,
-        /// What the system says.
+        /// System error.
         source: io::Error,
     },
     /// The `GeoTIFF` could not be encoded.
@@ -39,7 +38,7 @@ pub enum ExportError {
     Tiff {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Encoder error.
         source: tiff::TiffError,
     },
     /// The PNG could not be encoded.
@@ -47,31 +46,31 @@ pub enum ExportError {
     Png {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// Encoder error.
         source: png::EncodingError,
     },
-    /// The layer makes no raster.
+    /// The layer gives no raster.
     #[error("{}: {source}", path.display())]
     Mosaic {
-        /// The directory exported to.
+        /// Export directory.
         path: PathBuf,
-        /// What is wrong.
+        /// Reason.
         source: MosaicError,
     },
 }
 
-/// What an export wrote.
+/// Result of an export.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
-    /// The files, in the order of writing.
+    /// Files in the order of writing.
     pub files: Vec<PathBuf>,
-    /// Layers of which nothing is known: they have no files.
+    /// Layers without known cells, which have no files.
     pub empty: Vec<LayerId>,
 }
 
-/// Writes every layer of `store` to `dir`, which is made where it is missing. See [`export_layer`].
+/// Writes every layer of `store` to `dir`, which is created if necessary. See [`export_layer`].
 ///
-/// A layer that fails does not keep the others from being written; the first error is returned at the end.
+/// An error in one layer does not stop the others; the first error is returned at the end.
 pub fn export_all(
     dir: &Path,
     store: &TileStore,
@@ -91,8 +90,8 @@ pub fn export_all(
     first_error.map_or(Ok(exported), Err)
 }
 
-/// Writes what [`export_raster`] writes of one layer of `store` to `dir`, which is made where it is missing, and returns the
-/// paths: none where nothing of the layer is known.
+/// Writes one layer of `store` by [`export_raster`] to `dir`, which is created if necessary;
+/// returns the paths, none for an unknown layer.
 pub fn export_layer(
     dir: &Path,
     store: &TileStore,
@@ -113,9 +112,9 @@ pub fn export_layer(
     })
 }
 
-/// Writes `<layer>.tif` and `<layer>.png`, for occupancy also `occupancy.pgm` and `occupancy.yaml`, for
-/// elevation and obstacle the picture in the colours of \[LOD\] as `<layer>.document.png`, to `dir`, and returns their
-/// paths.
+/// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
+/// `occupancy.yaml`; for elevation and obstacle also `<layer>.document.png` in the colours of
+/// \[LOD\]. Returns the paths.
 pub fn export_raster(
     dir: &Path,
     raster: &Raster,
@@ -139,7 +138,8 @@ pub fn export_raster(
     Ok(files)
 }
 
-/// The layer's default palette, where possible fitted to all but the lowest and the highest 1 % of cells.
+/// Default palette of the layer, fitted (if possible) to all but the lowest and highest 1 % of
+/// cells.
 pub fn palette_for(raster: &Raster) -> Palette {
     let palette = raster.layer().default_palette();
     let mut counts = vec![0_u64; usize::from(u16::MAX) + 1];
@@ -165,5 +165,167 @@ pub fn palette_for(raster: &Raster) -> Palette {
     }
 }
 
+/// Writes `path` through a temporary file beside it, which is always removed.
+fn write_atomically(
+    path: &Path,
+    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportError>,
+) -> Result<(), ExportError> {
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.part", std::process::id()));
+    let part = path.with_file_name(name);
+    let written = write_part(path, &part, content);
+    if written.is_err() {
+        // Report the first error; there may be no temporary file.
+        drop(fs::remove_file(&part));
+    }
+    written
+}
+
+fn write_part(
+    path: &Path,
+    part: &Path,
+    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportError>,
+) -> Result<(), ExportError> {
+    let io_error = |source| ExportError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut writer = BufWriter::new(File::create(part).map_err(io_error)?);
+    content(&mut writer)?;
+    writer.flush().map_err(io_error)?;
+    writer.get_ref().sync_all().map_err(io_error)?;
+    fs::rename(part, path).map_err(io_error)
+}
+
+/// Least probability of occupied cells, the default of `map_saver`.
+const OCCUPIED_MIN: f32 = 0.65;
+/// Greatest probability of free cells, the default of `map_saver`, just below the value of grey
+/// 205.
+const FREE_MAX: f32 = 0.196;
+
+/// State of a cell for `map_server`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Trinary {
+    /// Probability at least 0.65.
+    Occupied,
+    /// Probability at most 0.196.
+    Free,
+    /// In between.
+    Undecided,
+}
+
+impl Trinary {
+    /// State for a probability.
+    pub fn of(probability: f32) -> Self {
+        if probability >= OCCUPIED_MIN {
+            Self::Occupied
+        } else if probability <= FREE_MAX {
+            Self::Free
+        } else {
+            Self::Undecided
+        }
+    }
+
+    /// Name in counts.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Occupied => "occupied",
+            Self::Free => "free",
+            Self::Undecided => "undecided",
+        }
+    }
+
+    /// Grey in the PGM; undecided cells are as unknown ones.
+    const fn grey(self) -> u8 {
+        match self {
+            Self::Occupied => 0,
+            Self::Free => 254,
+            Self::Undecided => 205,
+        }
+    }
+}
+
+/// Writes `<name>.pgm` and `<name>.yaml` to `dir`; returns their paths.
+///
+/// Row 0 is the greatest y; `origin` is the lower left corner of the lower left cell.
+pub fn write_map_server(
+    dir: &Path,
+    name: &str,
+    raster: &Raster,
+) -> Result<[PathBuf; 2], ExportError> {
+    let pgm = dir.join(format!("{name}.pgm"));
+    let yaml = dir.join(format!("{name}.yaml"));
+    let io_error = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ExportError::Io { path, source }
+    };
+    write_atomically(&pgm, |writer| {
+        write_pgm(writer, raster).map_err(io_error(&pgm))
+    })?;
+    let ([x_m, y_m], _) = raster.corners_m();
+    write_atomically(&yaml, |writer| {
+        write!(
+            writer,
+            "image: {name}.pgm\n\
+             mode: trinary\n\
+             resolution: {:?}\n\
+             origin: [{x_m:?}, {y_m:?}, 0.0]\n\
+             negate: 0\n\
+             occupied_thresh: {OCCUPIED_MIN}\n\
+             free_thresh: {FREE_MAX}\n",
+            raster.cell_m(),
+        )
+        .map_err(io_error(&yaml))
+    })?;
+    Ok([pgm, yaml])
+}
+
+fn write_pgm(writer: &mut impl Write, raster: &Raster) -> std::io::Result<()> {
+    write!(writer, "P5\n{} {}\n255\n", raster.width(), raster.height())?;
+    let mut codes = Vec::with_capacity(raster.width());
+    let mut pixels = Vec::with_capacity(raster.width());
+    for y in (0..raster.height()).rev() {
+        raster.read_row(y, &mut codes);
+        pixels.clear();
+        pixels.extend(codes.iter().map(|&code| {
+            let probability = raster.layer().quantisation().decode(code);
+            probability.map_or(Trinary::Undecided, Trinary::of).grey()
+        }));
+        writer.write_all(&pixels)?;
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod atomic_file_tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_previous_file_and_nothing_else() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("map.pgm");
+        fs::write(&path, "before").unwrap();
+        let failed = write_atomically(&path, |writer| {
+            writer.write_all(b"half").unwrap();
+            Err(ExportError::Io {
+                path: path.clone(),
+                source: std::io::Error::other("disk full"),
+            })
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"before");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn an_error_names_the_file_asked_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("missing").join("map.pgm");
+        let error = write_atomically(&path, |_| Ok(())).unwrap_err().to_string();
+        assert!(error.starts_with(path.to_str().unwrap()), "{error}");
+    }
+}

@@ -1,7 +1,7 @@
-//! Shores and docking sites as `GeoJSON` (RFC 7946), one feature a line.
+//! Shores and docking sites as `GeoJSON` (RFC 7946), one feature per line.
 //!
-//! RFC 7946 knows no coordinates but those of WGS-84. Where no fix tells where on Earth `odom` is, there are none:
-//! then the coordinates are metres in `odom`, and the foreign member `coordinate_reference` says so.
+//! RFC 7946 allows WGS-84 coordinates only. Without a GNSS fix the coordinates are metres in
+//! `odom`, which the foreign member `coordinate_reference` states.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::ExportError;
-use super::atomic_file::write_atomically;
-use crate::geodesy::TangentPlane;
+use crate::export::write_atomically;
+use crate::geodesy::LocalTangentPlane;
 use crate::message::{DockingSite, ShoreCluster, Shores};
 
 const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
@@ -27,7 +27,7 @@ struct Feature<P> {
 #[serde(tag = "type", content = "coordinates")]
 enum Geometry {
     Point([f64; 2]),
-    /// Rings, of which there is only the outer one: counter-clockwise, its end is its beginning.
+    /// One outer ring, counter-clockwise and closed.
     Polygon([Vec<[f64; 2]>; 1]),
 }
 
@@ -48,7 +48,8 @@ struct ClusterProperties {
 struct SiteProperties {
     kind: &'static str,
     rank: usize,
-    /// Where the bow points on the way in: counter-clockwise from x of `odom`, and on Earth clockwise from north.
+    /// Direction of the bow on the way in: counter-clockwise from x of `odom`; `bearing_deg` is
+    /// clockwise from north.
     heading_deg: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     bearing_deg: Option<f64>,
@@ -56,16 +57,16 @@ struct SiteProperties {
     mean_cost: f64,
 }
 
-/// From points of `odom` to coordinates.
-struct Projection(Option<TangentPlane>);
+/// Converts points of `odom` to coordinates.
+struct Projection(Option<LocalTangentPlane>);
 
 impl Projection {
-    /// Degrees to 10⁻⁸, a millimetre; metres to a millimetre.
+    /// Degrees to 10⁻⁸ (a millimetre); metres to a millimetre.
     fn coordinates(&self, point_m: [f64; 2]) -> [f64; 2] {
         match &self.0 {
             Some(plane) => {
-                let [latitude_deg, longitude_deg] = plane.geodetic_deg(point_m);
-                [longitude_deg, latitude_deg].map(|deg| rounded(deg, 1e8))
+                let place = plane.geodetic_from_enu([point_m[0], point_m[1], 0.0]);
+                [place.longitude_deg, place.latitude_deg].map(|deg| rounded(deg, 1e8))
             }
             None => point_m.map(|m| rounded(m, 1e3)),
         }
@@ -100,7 +101,7 @@ impl Projection {
         let heading_deg = f64::from(site.heading_rad).to_degrees();
         let turned = |deg: f64| {
             let deg = rounded(deg.rem_euclid(360.0), 1e1);
-            // What is rounded up to a whole turn is none.
+            // 360 after rounding is 0.
             if deg < 360.0 { deg } else { 0.0 }
         };
         Feature {
@@ -118,12 +119,11 @@ impl Projection {
     }
 }
 
-/// Writes `shores.geojson` to `dir`, which is made where it is missing, and returns its path.
+/// Writes `shores.geojson` to `dir`, which is created if necessary; returns its path.
 ///
-/// The same shores give the same bytes.
+/// Equal shores give equal bytes.
 ///
-/// # Errors
-/// Where the file system refuses.
+/// # Errors On a file system error.
 pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError> {
     let path = dir.join("shores.geojson");
     let io_error = |source| ExportError::Io {
@@ -138,7 +138,7 @@ pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError>
 }
 
 fn write_collection(writer: &mut impl Write, shores: &Shores) -> io::Result<()> {
-    let plane = shores.datum.as_ref().map(TangentPlane::new);
+    let plane = shores.datum.map(LocalTangentPlane::new);
     let reference = if plane.is_some() { ON_EARTH } else { IN_ODOM };
     let projection = Projection(plane);
     write!(
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_fix_it_is_metres_and_says_so() {
+    fn without_datum_coordinates_are_metres() {
         let text = text(&shores(None));
         assert_eq!(
             text,
@@ -236,7 +236,7 @@ mod tests {
         );
         let read: Value = serde_json::from_str(&text).unwrap();
         assert_eq!(read["features"].as_array().map(Vec::len), Some(3));
-        // RFC 7946 §7.1: what a collection may not have.
+        // RFC 7946 §7.1: forbidden members of a collection.
         for member in ["coordinates", "geometry", "geometries", "properties", "crs"] {
             assert!(read.get(member).is_none(), "{member}");
         }

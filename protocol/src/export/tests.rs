@@ -164,7 +164,7 @@ fn map_server_files_are_trinary_and_upright() {
 }
 
 #[test]
-fn every_layer_with_something_known_gets_its_files() {
+fn every_known_layer_gets_its_files() {
     let mut store = store_of(LayerId::Occupancy, 0.1, 40, 30, |x, _| 1 + x as u16);
     for layer in [LayerId::Elevation, LayerId::Shore] {
         store.set_grid(LayerGrid { layer, cell_m: 0.2 }).unwrap();

@@ -1,18 +1,18 @@
-//! Poses in the TUM format, as `evo` and other trajectory tools read it.
+//! Poses in the TUM format, for `evo` and other trajectory tools.
 
 use std::io::Write;
 use std::path::Path;
 
 use super::ExportError;
-use super::atomic_file::write_atomically;
+use crate::export::write_atomically;
 
-/// Parts of a metre in [`StampedPose::position`]: steps of 0.1 µm.
+/// Steps of [`StampedPose::position`] per metre: 0.1 µm.
 const PER_M: f64 = 1e7;
-/// Parts of 1 in [`StampedPose::quaternion_xyzw`]: steps of 10⁻⁹.
+/// Steps of [`StampedPose::quaternion_xyzw`] per 1: 10⁻⁹.
 const PER_ONE: f64 = 1e9;
 
-/// A pose of the vehicle in `odom` at a sensor stamp, in the steps that files and messages tell it in: whoever hears of it
-/// writes the same bytes as the vehicle does.
+/// Pose of the vehicle in `odom` at a sensor stamp, quantised as in files and messages, so that
+/// console and vehicle write the same bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StampedPose {
     /// Nanoseconds since the epoch of the clock that stamped the data.
@@ -24,9 +24,9 @@ pub struct StampedPose {
 }
 
 impl StampedPose {
-    /// `base_link` at `position_m` (metres in `odom`), turned by a unit quaternion (x, y, z, w).
+    /// `base_link` at `position_m` (metres in `odom`), rotated by a unit quaternion (x, y, z, w).
     pub fn new(stamp_ns: i64, position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Self {
-        // What is not finite or too far becomes 0 or the farthest that there is.
+        // NaN becomes 0; too large values saturate.
         Self {
             stamp_ns,
             position: position_m.map(|m| (m * PER_M).round() as i64),
@@ -39,7 +39,7 @@ impl StampedPose {
         self.position.map(|steps| steps as f64 / PER_M)
     }
 
-    /// Stamp, position and quaternion, as messages tell them.
+    /// Stamp, position and quaternion for messages.
     pub(crate) const fn to_row(self) -> [i64; 8] {
         let ([x, y, z], [qx, qy, qz, qw]) = (self.position, self.quaternion_xyzw);
         [self.stamp_ns, x, y, z, qx, qy, qz, qw]
@@ -54,9 +54,9 @@ impl StampedPose {
     }
 }
 
-/// Writes one line a pose: `stamp_s tx ty tz qx qy qz qw`.
+/// Writes one line per pose: `stamp_s tx ty tz qx qy qz qw`.
 ///
-/// Stamps are printed to the nanosecond, positions to 0.1 µm, quaternions to 10⁻⁹.
+/// Stamps have nanoseconds, positions 0.1 µm, quaternions 10⁻⁹.
 pub fn write_trajectory(
     path: &Path,
     poses: impl IntoIterator<Item = StampedPose>,
@@ -85,7 +85,7 @@ fn write_line(writer: &mut impl Write, pose: StampedPose) -> std::io::Result<()>
     writeln!(writer)
 }
 
-/// Writes a number of steps of 10^-`digits`.
+/// Writes a number in steps of 10^-`digits`.
 fn write_steps(writer: &mut impl Write, steps: i64, digits: usize) -> std::io::Result<()> {
     let sign = if steps < 0 { "-" } else { "" };
     let one = 10u64.pow(digits as u32);
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_are_told_in_the_steps_they_are_written_in() {
+    fn poses_are_quantised_equally_in_files_and_messages() {
         let pose = StampedPose::new(
             0,
             [1.234_567_89, -1e-9, f64::NAN],

@@ -1,11 +1,14 @@
-//! Cell codes → colours.
+//! Colours and patterns of cell codes.
+//!
+//! Colour tables have 17 equidistant sRGB stops, interpolated linearly. Patterns distinguish
+//! classes without colour. They are drawn over pixels, not over cells, so that they look the same
+//! at any magnification.
 
 use serde::{Deserialize, Serialize};
 
-use super::palette_tables::{CIVIDIS, MAGMA_REVERSED, Rgb, interpolate, okabe_ito};
-use super::{LayerId, Legend, Pattern};
+use crate::layer::{LayerId, Legend};
 
-/// A way to colour a layer. Its name is kept in settings.
+/// A colour scheme. Its name is stored in settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheme {
@@ -15,14 +18,14 @@ pub enum Scheme {
     MapServer,
     /// Cividis from dark blue (low) to yellow (high), over a range that can be fitted to the map.
     Cividis,
-    /// The elevation colours of [LOD §5]: the ground plane ± 3 cm blue, below it yellow, above it black
-    /// to grey.
+    /// Elevation colours of \[LOD\] §5: the ground plane ± 3 cm blue, below yellow, above black to
+    /// grey.
     GroundPlane,
     /// Magma reversed: light is easy, dark is lethal.
     Magma,
-    /// One of Okabe and Ito's colours for each class.
+    /// A colour of Okabe and Ito for each class.
     OkabeIto,
-    /// The obstacle colours of [LOD §5]: free green, obstacle red. Not safe for the colour-blind.
+    /// Obstacle colours of \[LOD\] §5: free green, obstacle red. Not safe for the colour-blind.
     GreenRed,
 }
 
@@ -35,17 +38,17 @@ pub struct Palette {
     high: f32,
 }
 
-/// Half the thickness of what [`Scheme::GroundPlane`] takes for the ground.
+/// Half the thickness of the ground in [`Scheme::GroundPlane`].
 pub(super) const GROUND_M: f32 = 0.03;
 const TRANSPARENT: [u8; 4] = [0; 4];
 const MAP_SERVER_UNKNOWN: [u8; 4] = [205, 205, 205, 255];
-/// Marks on light classes, and on dark ones.
+/// Marks on light and on dark classes.
 const DARK_MARK: [u8; 4] = [24, 28, 34, 255];
 const LIGHT_MARK: [u8; 4] = [255, 255, 255, 255];
 const LADAR_GREY: [Rgb; 2] = [[0, 0, 0], [200, 200, 200]];
 
 impl LayerId {
-    /// The ways to colour this layer; the first is the default.
+    /// Schemes of this layer; the first is the default.
     pub const fn schemes(self) -> &'static [Scheme] {
         match self {
             Self::Occupancy => &[Scheme::Grey, Scheme::MapServer],
@@ -56,25 +59,24 @@ impl LayerId {
         }
     }
 
-    /// The layer's palettes, one for each of its [`schemes`](Self::schemes), over their default ranges.
+    /// One palette per scheme of [`schemes`](Self::schemes), over its default range.
     pub fn palettes(self) -> impl Iterator<Item = Palette> {
         self.schemes()
             .iter()
             .map(move |&scheme| Palette::new(self, scheme))
     }
 
-    /// The first of the layer's palettes.
+    /// First palette of the layer.
     pub fn default_palette(self) -> Palette {
         Palette::new(self, self.schemes()[0])
     }
 
-    /// The palette of \[LOD\], for the two layers that the document has.
+    /// Palette of \[LOD\], for elevation and obstacle.
     pub fn document_palette(self) -> Option<Palette> {
         self.palettes().find(Palette::is_document_palette)
     }
 
-    /// What tells a class apart without its colour. An obstacle stands alone on free ground, and is as thin as a wall:
-    /// it needs none.
+    /// Patterns of the classes. Obstacles have none: they are as thin as walls.
     const fn class_patterns(self) -> &'static [Pattern] {
         match self {
             Self::Rigidity => &[Pattern::Dots, Pattern::Lattice],
@@ -119,12 +121,12 @@ impl Palette {
         }
     }
 
-    /// Whether these are the colours of \[LOD §5\].
+    /// Whether these are the colours of \[LOD\] §5.
     pub fn is_document_palette(&self) -> bool {
         matches!(self.scheme, Scheme::GroundPlane | Scheme::GreenRed)
     }
 
-    /// The layer it colours.
+    /// Its layer.
     pub const fn layer(&self) -> LayerId {
         self.layer
     }
@@ -134,16 +136,16 @@ impl Palette {
         self.scheme
     }
 
-    /// The values between which colours vary, in the layer's unit.
+    /// Range of values over which colours vary, in the layer's unit.
     pub const fn range(&self) -> (f32, f32) {
         (self.low, self.high)
     }
 
     /// The same colours over a range that covers `low` … `high` and ends on round numbers.
     ///
-    /// Only [`Scheme::Cividis`] can be fitted; the colours of the others mean fixed values, and they are
-    /// returned unchanged, as is every palette where `low` … `high` is no range. The range is at least
-    /// 0.2 wide, so that a flat floor does not glow with its own noise.
+    /// Only [`Scheme::Cividis`] can be fitted; other schemes have fixed values and are returned
+    /// unchanged, as for an invalid `low` … `high`. The range is at least 0.2 wide, so that a flat
+    /// floor does not show its noise.
     #[must_use]
     pub fn fitted(self, low: f32, high: f32) -> Self {
         if self.scheme != Scheme::Cividis || !(low <= high && (high - low).is_finite()) {
@@ -159,8 +161,7 @@ impl Palette {
         }
     }
 
-    /// The colour of a cell as sRGB with straight alpha; unknown is transparent unless the scheme says
-    /// otherwise.
+    /// Colour of a cell as sRGB with straight alpha; unknown is transparent in most schemes.
     pub fn color(&self, code: u16) -> [u8; 4] {
         let Some(value) = self.layer.quantisation().decode(code) else {
             return self.unknown_color();
@@ -178,7 +179,7 @@ impl Palette {
         [red, green, blue, 255]
     }
 
-    /// The pattern of a cell's class.
+    /// Pattern of a cell's class.
     pub fn pattern(&self, code: u16) -> Pattern {
         let patterns = self.layer.class_patterns();
         let class = usize::from(code).checked_sub(1);
@@ -186,14 +187,14 @@ impl Palette {
         pattern.copied().unwrap_or(Pattern::Plain)
     }
 
-    /// The colour of the marks of a cell's [`pattern`](Self::pattern): what stands out from its own.
+    /// Colour of the marks of a cell's [`pattern`](Self::pattern), contrasting with the cell.
     pub fn mark_color(&self, code: u16) -> [u8; 4] {
         let [red, green, blue, _] = self.color(code).map(u32::from);
         let luma = (299 * red + 587 * green + 114 * blue) / 1000;
         if luma < 128 { LIGHT_MARK } else { DARK_MARK }
     }
 
-    /// The colour of a pixel of a cell: `x` counts to the right, `y` down.
+    /// Colour of a pixel of a cell: `x` to the right, `y` down.
     pub fn color_at(&self, code: u16, x: usize, y: usize) -> [u8; 4] {
         if self.pattern(code).is_mark(x, y) {
             self.mark_color(code)
@@ -202,7 +203,7 @@ impl Palette {
         }
     }
 
-    /// The colour of unknown cells.
+    /// Colour of unknown cells.
     pub const fn unknown_color(&self) -> [u8; 4] {
         match self.scheme {
             Scheme::MapServer => MAP_SERVER_UNKNOWN,
@@ -215,12 +216,12 @@ impl Palette {
         }
     }
 
-    /// What to print beside a picture in these colours.
+    /// Legend of these colours.
     pub fn legend(&self) -> Legend {
         Legend::of(self)
     }
 
-    /// The colour of a value of a continuous layer.
+    /// Colour of a value of a continuous layer.
     pub(super) fn ramp_color(&self, value: f32) -> Rgb {
         let part = (value - self.low) / (self.high - self.low);
         match self.scheme {
@@ -235,7 +236,7 @@ impl Palette {
     }
 }
 
-/// The round step (1, 2 or 5 times a power of ten) that divides `span` into four to ten parts.
+/// Round step (1, 2 or 5 times a power of ten) that divides `span` into four to ten parts.
 pub(super) fn round_step(span: f32) -> f32 {
     let mut step = 1e-3_f32;
     loop {
@@ -248,8 +249,114 @@ pub(super) fn round_step(span: f32) -> f32 {
     }
 }
 
+/// An 8-bit sRGB colour.
+pub(super) type Rgb = [u8; 3];
+
+/// Cividis (Nuñez, Anderton and Renslow 2018): perceptually uniform with and without colour-vision
+/// deficiency. Within 11/255 of the 256-entry original.
+pub(super) const CIVIDIS: [Rgb; 17] = [
+    [0, 34, 78],
+    [0, 46, 106],
+    [26, 56, 111],
+    [50, 67, 109],
+    [67, 78, 108],
+    [82, 89, 109],
+    [97, 101, 111],
+    [111, 112, 115],
+    [124, 123, 120],
+    [139, 135, 120],
+    [155, 147, 118],
+    [171, 160, 114],
+    [187, 173, 108],
+    [204, 186, 100],
+    [221, 201, 88],
+    [239, 215, 72],
+    [254, 232, 56],
+];
+
+/// Magma (van der Walt and Smith 2015) from light to dark: perceptually uniform, safe for the
+/// colour-blind. Within 3/255 of the 256-entry original.
+pub(super) const MAGMA_REVERSED: [Rgb; 17] = [
+    [252, 253, 191],
+    [253, 224, 162],
+    [254, 195, 135],
+    [254, 165, 113],
+    [251, 135, 97],
+    [245, 105, 92],
+    [230, 81, 99],
+    [207, 65, 112],
+    [182, 55, 121],
+    [156, 46, 127],
+    [130, 38, 129],
+    [105, 28, 129],
+    [80, 18, 124],
+    [54, 16, 106],
+    [29, 17, 70],
+    [10, 8, 34],
+    [0, 0, 4],
+];
+
+/// Colours of Okabe and Ito (2008), safe for every kind of colour vision.
+pub(super) mod okabe_ito {
+    use super::Rgb;
+
+    pub(in crate::layer) const BLUISH_GREEN: Rgb = [0x00, 0x9e, 0x73];
+    pub(in crate::layer) const YELLOW: Rgb = [0xf0, 0xe4, 0x42];
+    pub(in crate::layer) const BLUE: Rgb = [0x00, 0x72, 0xb2];
+    pub(in crate::layer) const VERMILLION: Rgb = [0xd5, 0x5e, 0x00];
+    pub(in crate::layer) const REDDISH_PURPLE: Rgb = [0xcc, 0x79, 0xa7];
+}
+
+/// Colour at fraction `part` of `stops`; clamped outside 0 … 1.
+pub(super) fn interpolate(stops: &[Rgb], part: f32) -> Rgb {
+    let last = stops.len() - 1;
+    let position = part.clamp(0.0, 1.0) * last as f32;
+    let below = (position as usize).min(last);
+    let above = (below + 1).min(last);
+    let weight = position - below as f32;
+    std::array::from_fn(|channel| {
+        let (from, to) = (
+            f32::from(stops[below][channel]),
+            f32::from(stops[above][channel]),
+        );
+        (from + (to - from) * weight).round() as u8
+    })
+}
+
+/// Pattern that repeats every [`PERIOD`](Self::PERIOD) pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pattern {
+    /// None.
+    Plain,
+    /// Single dots in staggered rows.
+    Dots,
+    /// Thin lines that rise to the right.
+    Hatching,
+    /// A lattice of upright and level lines.
+    Lattice,
+    /// Bold chevrons that point up.
+    Chevrons,
+}
+
+impl Pattern {
+    /// Period of every pattern, pixels, to the right and down.
+    pub const PERIOD: usize = 8;
+
+    /// Whether a pixel is part of a mark: `x` to the right, `y` down.
+    pub const fn is_mark(self, x: usize, y: usize) -> bool {
+        let (x, y) = (x % Self::PERIOD, y % Self::PERIOD);
+        match self {
+            Self::Plain => false,
+            Self::Dots => x % 4 == y % 4 && x.is_multiple_of(2),
+            Self::Hatching => (x + y).is_multiple_of(4),
+            Self::Lattice => x.is_multiple_of(4) || y.is_multiple_of(4),
+            Self::Chevrons => (y + 2 * Self::PERIOD - x.abs_diff(4)) % Self::PERIOD < 3,
+        }
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod palette_tests {
     use super::*;
     use crate::layer::Quantisation;
 
@@ -299,7 +406,7 @@ mod tests {
         }
     }
 
-    /// Mean and spread of the greys of a period of each class.
+    /// Greys of one period of a class.
     fn greys(palette: &Palette, code: u16) -> Vec<u32> {
         let pixels = (0..Pattern::PERIOD).flat_map(|y| (0..Pattern::PERIOD).map(move |x| (x, y)));
         let grey = |(x, y)| {
@@ -349,5 +456,40 @@ mod tests {
         assert_eq!(elevation.fitted(low, high), elevation);
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
+    }
+}
+
+#[cfg(test)]
+mod pattern_tests {
+    use super::*;
+
+    /// Two periods, `#` for a mark.
+    fn drawn(pattern: Pattern) -> String {
+        let row = |y| {
+            let mark = |x| if pattern.is_mark(x, y) { '#' } else { '.' };
+            (0..8).map(mark).collect::<String>()
+        };
+        (0..8).map(row).collect::<Vec<_>>().join("\n")
+    }
+
+    #[test]
+    fn patterns_match_drawings() {
+        assert_eq!(drawn(Pattern::Plain), ["........"; 8].join("\n"));
+        assert_eq!(
+            drawn(Pattern::Dots),
+            "#...#...\n........\n..#...#.\n........\n#...#...\n........\n..#...#.\n........"
+        );
+        assert_eq!(
+            drawn(Pattern::Hatching),
+            "#...#...\n...#...#\n..#...#.\n.#...#..\n#...#...\n...#...#\n..#...#.\n.#...#.."
+        );
+        assert_eq!(
+            drawn(Pattern::Lattice),
+            "########\n#...#...\n#...#...\n#...#...\n########\n#...#...\n#...#...\n#...#..."
+        );
+        assert_eq!(
+            drawn(Pattern::Chevrons),
+            "....#...\n...###..\n..#####.\n.###.###\n###...##\n##.....#\n#.......\n........"
+        );
     }
 }

@@ -1,40 +1,38 @@
-//! What a robot says of itself.
+//! Messages about the robot: info, pose, status, events, sensors and recording.
 
 use serde::{Deserialize, Serialize};
 
-use super::recording::RecordingStatus;
-use super::sensors::{SensorInfo, SensorStatus};
-use super::teleop::TeleopStatus;
 use crate::layer::LayerId;
+use crate::message::teleop::TeleopStatus;
 
-/// `info`: who the robot is, what it maps and what with. Rarely changes.
+/// `info`: identity, layers and sensors of the robot. It rarely changes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Info {
     /// Name of the vehicle's configuration.
     pub vehicle: String,
-    /// What it replays or simulates; empty on a real vehicle.
+    /// Recording or simulated world; empty on a real vehicle.
     pub source: String,
     /// Extent along x and y, metres; its middle is [`Self::footprint_offset_m`] ahead of `base_link`.
     pub footprint_m: [f32; 2],
     /// Greatest speed, m/s, and turn rate, rad/s.
     pub limits: [f32; 2],
-    /// The layers it maps.
+    /// Enabled layers.
     pub layers: Vec<LayerInfo>,
-    /// Counts what was found out since the boot; [`Status::info_revision`] tells of the newest.
+    /// Number of changes since the boot; [`Status::info_revision`] has the newest.
     pub revision: u32,
-    /// Version of the program that it runs.
+    /// Version of the program.
     pub program: String,
-    /// It floats: without thrust it drifts on.
+    /// Whether it floats: without thrust it drifts.
     pub is_boat: bool,
-    /// How hard it brakes when nobody tells it where to go any more, m/s².
+    /// Deceleration without commands, m/s².
     pub stop_decel_mps2: f32,
-    /// The same of turning, rad/s².
+    /// Angular deceleration without commands, rad/s².
     pub stop_decel_radps2: f32,
-    /// The oldest command that moves it, ms.
+    /// Greatest age of a command that moves it, ms.
     pub max_command_age_ms: u32,
     /// Whether operators can start and stop recordings.
     pub can_record: bool,
-    /// What it measures with, at most [`MAX_SENSORS`](super::MAX_SENSORS).
+    /// Sensors, at most [`MAX_SENSORS`].
     pub sensors: Vec<SensorInfo>,
     /// From `base_link`'s origin forward to the middle of the footprint, metres.
     pub footprint_offset_m: f32,
@@ -43,101 +41,253 @@ pub struct Info {
 /// One layer of [`Info`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LayerInfo {
-    /// Which.
+    /// The layer.
     pub layer: LayerId,
     /// Side of a cell, metres.
     pub cell_m: f64,
 }
 
-/// `pose`: where the vehicle is.
+/// `pose`: pose of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// Position of `base_link` in `odom`, metres.
     pub position_m: [f64; 3],
     /// Orientation: x, y, z, w.
     pub quaternion_xyzw: [f32; 4],
-    /// Speed along the vehicle's x axis, m/s: positive forward.
+    /// Along the vehicle's x axis, m/s, positive forward.
     pub speed_mps: f32,
-    /// Turn rate about the vehicle's z axis, rad/s: positive to the left.
+    /// About the vehicle's z axis, rad/s, positive to the left.
     pub turn_rate_radps: f32,
-    /// The newest token; `None` where the robot cannot be driven.
+    /// Newest token; `None` if the robot cannot be driven.
     pub token: Option<AgeToken>,
 }
 
-/// How a robot knows the age of a command without trusting any clock but its own: a command carries the newest token
-/// that its console has seen, and the robot remembers when it issued which. The run that issued it is the
-/// [`boot`](crate::wire::Header::boot) of the message that brought it.
+/// Measures the age of a command with the robot's clock only: a command carries the newest token
+/// that its console has received, and the robot stores when it issued each token. The
+/// [`boot`](crate::wire::Header::boot) of the message that carries a token is the run that issued
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct AgeToken {
-    /// Counts the tokens of a boot, from 0.
+    /// Number of the token in a boot, from 0.
     pub n: u64,
     /// Random, so that no token can be guessed before it is issued.
     #[serde(with = "postcard::fixint::le")]
     pub nonce: u64,
 }
 
-/// `status`: how the robot is doing.
+/// `status`: state of the robot.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Time of the data since the run began, nanoseconds.
     pub data_time_ns: i64,
-    /// Scans that came in.
+    /// Received scans.
     pub scans_in: u64,
-    /// Scans that are in the map.
+    /// Mapped scans.
     pub scans_mapped: u64,
-    /// What was dropped, by reason: scans, beams, and losses of the source.
+    /// Drops by reason: scans, beams, and losses of the source.
     pub drops: Vec<DropCount>,
-    /// Messages with tiles that were pushed, and their bytes.
+    /// Published tile messages, and their bytes.
     pub tiles: [u64; 2],
-    /// Tiles that wait for their turn.
+    /// Tiles in the queue.
     pub tiles_waiting: u32,
-    /// Consoles that look at the robot.
+    /// Connected consoles.
     pub consoles: u16,
-    /// Messages that made no sense and were refused.
+    /// Refused messages.
     pub refused: u64,
-    /// The source has ended: nothing new will come.
+    /// Whether the source has ended.
     pub has_ended: bool,
-    /// Driving; `None` where the robot cannot be driven.
+    /// `None` if the robot cannot be driven.
     pub teleop: Option<TeleopStatus>,
-    /// [`Info::revision`] as it is now: whoever holds an older one asks again.
+    /// Current [`Info::revision`]: request `info` again if it is newer.
     pub info_revision: u32,
-    /// How the sensors are doing, in the order of [`Info::sensors`].
+    /// State of the sensors, in the order of [`Info::sensors`].
     pub sensors: Vec<SensorStatus>,
-    /// The recording; `None` where operators cannot start one.
+    /// `None` if operators cannot record.
     pub recording: Option<RecordingStatus>,
 }
 
 /// A count and what it counts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DropCount {
-    /// The reason's name, as in `--summary`.
+    /// Name of the reason, as in `--summary`.
     pub name: String,
-    /// How often.
+    /// Number of drops.
     pub count: u64,
 }
 
-/// `event`: something happened.
+/// `event`: an event.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
-    /// What, in one word.
+    /// Kind, one word.
     pub kind: String,
-    /// How much it matters.
+    /// Its severity.
     pub severity: Severity,
-    /// What, in a sentence.
+    /// One sentence.
     pub message: String,
 }
 
-/// How much something matters to who watches. Append-only.
+/// Severity of an event. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Severity {
-    /// Good to know.
+    /// Information.
     Info,
-    /// Something is not as it should be; nothing has to be done at once.
+    /// Something is wrong; no immediate action.
     Warning,
-    /// Somebody should look at it now.
+    /// Immediate attention needed.
     Alarm,
 }
 
-/// `ping`'s answer.
+/// Answer to `ping`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pong;
+
+/// Limit of the sensors of a robot.
+pub const MAX_SENSORS: usize = 16;
+
+/// One sensor of [`Info`](super::Info).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorInfo {
+    /// Its name in the vehicle's configuration.
+    pub name: String,
+    /// Its type.
+    pub kind: SensorKind,
+    /// Mounting of a range sensor; of a tilting one at zero tilt.
+    pub mount: Option<SensorMount>,
+    /// Swept sector; `None` for other sensors, and while unknown.
+    pub view: Option<FieldOfView>,
+    /// Nominal rate, 1/s.
+    pub rate_hz: Option<f32>,
+}
+
+/// Type of a sensor. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum SensorKind {
+    /// A laser that sweeps a plane of the vehicle.
+    PlanarLaser,
+    /// A laser that sweeps a plane and is tilted by a servo.
+    TiltingLaser,
+    /// A sonar that sweeps a plane.
+    Sonar,
+    /// Encoders on wheels.
+    WheelEncoders,
+    /// An attitude sensor.
+    Attitude,
+    /// A GNSS receiver.
+    SatelliteReceiver,
+    /// Odometry messages.
+    Odometry,
+    /// Transforms of the vehicle.
+    Transforms,
+    /// The encoder of a servo that tilts another sensor.
+    TiltEncoder,
+}
+
+/// Mounting of a sensor in `base_link`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SensorMount {
+    /// Forward, left and up, metres.
+    pub position_m: [f32; 3],
+    /// Direction of its x axis in plan view, counter-clockwise from x of `base_link`.
+    pub yaw_rad: f32,
+}
+
+/// Swept sector in plan view, about the sensor's x axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FieldOfView {
+    /// Least and greatest angle, counter-clockwise.
+    pub angles_rad: [f32; 2],
+    /// Least and greatest range, metres.
+    pub range_m: [f32; 2],
+}
+
+/// State of one sensor, in [`Status`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorStatus {
+    /// Its name, as in [`SensorInfo`].
+    pub name: String,
+    /// Messages since the boot.
+    pub messages: u64,
+    /// Messages per second over the last 5 s, in a replay of the recording's time.
+    pub rate_hz: f32,
+    /// Time since the last message, in the same time; `None` before the first.
+    pub age_ms: Option<u32>,
+    /// Dropped measurements since the boot.
+    pub dropped: u64,
+    /// Fault; of several, the first in this list.
+    pub fault: Option<SensorFault>,
+}
+
+/// Fault of a sensor. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum SensorFault {
+    /// No message for 1 s, or for five of its periods if these are longer; at first, for 3 s.
+    Silent,
+    /// Its stamps jumped against the receive time within the last 5 s.
+    Clock,
+    /// No valid measurement in the messages of the last second, or of its last three periods: it is
+    /// covered or broken, or a receiver has no fix.
+    AllInvalid,
+    /// Less than half of its rate.
+    Slow,
+    /// Beams without return point at objects that returned beams within the last 5 s: the window
+    /// seems blocked.
+    Blocked,
+}
+
+impl SensorKind {
+    /// In wire order.
+    pub const ALL: [Self; 9] = [
+        Self::PlanarLaser,
+        Self::TiltingLaser,
+        Self::Sonar,
+        Self::WheelEncoders,
+        Self::Attitude,
+        Self::SatelliteReceiver,
+        Self::Odometry,
+        Self::Transforms,
+        Self::TiltEncoder,
+    ];
+}
+
+impl SensorFault {
+    /// In wire order.
+    pub const ALL: [Self; 5] = [
+        Self::Silent,
+        Self::Clock,
+        Self::AllInvalid,
+        Self::Slow,
+        Self::Blocked,
+    ];
+}
+
+/// State of the recording, in [`Status`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingStatus {
+    /// Whether it runs, or the reason why not.
+    pub state: RecordingState,
+    /// Name of the current or last file, without its folder; empty before the first.
+    pub file: String,
+    /// Number of files; a file ends after a minute.
+    pub files: u32,
+    /// Duration of the current or last recording, s.
+    pub duration_s: u32,
+    /// Bytes of all its files.
+    pub bytes: u64,
+    /// Free bytes on its disk; `None` if unknown.
+    pub free_bytes: Option<u64>,
+    /// Measurements lost because the disk was too slow.
+    pub lost: u64,
+}
+
+/// State of a recording. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum RecordingState {
+    /// Not started, or stopped by an operator.
+    Stopped,
+    /// Running.
+    Recording,
+    /// Ended or not started because the disk is nearly full.
+    StoppedDiskLow,
+    /// Ended by a write error.
+    Failed,
+}

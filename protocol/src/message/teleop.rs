@@ -1,180 +1,201 @@
-//! What everybody must see of driving: who drives, how old commands are, what is asked, what is done and why the two
-//! differ.
+//! Messages of driving: status, commands and requests of operators, answers and refusals.
+//!
+//! [`Drive`], [`EStop`], [`Reset`], [`LeaseRequest`] and [`Setting`] are bodies of signed messages
+//! ([`crate::signed`]), whose envelope has the token, the lease epoch and the sequence number.
+//! Answers are unsigned.
 
 use serde::{Deserialize, Serialize};
 
-use super::refusal::Refusal;
 use crate::name::OperatorId;
 
-/// Driving, as it is at the moment of a [`Status`](super::Status).
+/// State of driving, in [`Status`](super::Status).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TeleopStatus {
-    /// What the vehicle is doing.
+    /// State of the vehicle.
     pub state: TeleopState,
-    /// Why it stopped last; `None` before the first time.
+    /// Reason of the last stop; `None` before the first.
     pub last_stop: Option<StopReason>,
-    /// Nothing holds the vehicle where it is: a boat without thrust.
+    /// A boat without thrust, which nothing holds in place.
     pub is_drifting: bool,
-    /// Who drives.
+    /// The lease.
     pub lease: LeaseStatus,
-    /// Whether a key that goes down now would count.
+    /// Whether a key press would have an effect.
     pub arming: Arming,
-    /// An upper bound on the age of the last command, ms; `None` where there is none under this grant.
+    /// Upper bound of the age of the last command, ms; `None` without a command under this grant.
     pub age_ms: Option<u32>,
-    /// The greatest of that within the last second.
+    /// Greatest age within the last second, ms.
     pub peak_age_ms: Option<u32>,
-    /// The speed that this age allows, m/s; at most the vehicle's greatest.
+    /// Speed that this age allows, m/s, at most the vehicle's greatest.
     pub speed_allowed_mps: f32,
-    /// What the holder asks for.
+    /// Velocity in the last command.
     pub requested: Velocity,
-    /// What the motors are told.
+    /// Velocity sent to the motors.
     pub applied: Velocity,
-    /// What makes the one differ from the other now: of several, the tightest; on the way to any limit, `Ramp`.
+    /// Reason for a difference between the two: of several, the tightest; on the way to any limit,
+    /// `Ramp`.
     pub clamp: Option<Clamp>,
-    /// What the collision monitor says.
+    /// State of the collision monitor.
     pub collision_monitor: CollisionMonitorState,
-    /// The emergency stop in force.
+    /// Emergency stop in force.
     pub estop: Option<EStopStatus>,
-    /// What was obeyed and what was not, since the boot.
+    /// Accepted and refused commands since the boot.
     pub counters: CommandCounters,
-    /// What `set` can change, as it is.
+    /// Current settings.
     pub settings: Settings,
-    /// The nearest thing, or ground, that makes the guard bound the motion that is asked for; `None` where it bounds
-    /// nothing, or is not on.
+    /// The nearest obstacle or ground for which the collision monitor limits the requested motion;
+    /// `None` without limit, or if it is off.
     pub barrier: Option<Barrier>,
-    /// How long ago the ground just outside of the footprint was looked at last, ms: ahead, to the left, behind, to the
-    /// right; `None` where nobody has looked, or the guard is not on.
+    /// Age of the last observation of the ground just outside of the footprint, ms: ahead, left,
+    /// behind, right; `None` if never observed, or if the collision monitor is off.
     pub ground_age_ms: [Option<u32>; 4],
 }
 
-/// What the vehicle is doing. Append-only.
+/// State of the vehicle. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TeleopState {
     /// The self-test runs.
     SafeBoot,
-    /// Nobody drives.
+    /// No lease.
     Idle,
-    /// Somebody holds the lease, and the vehicle stands.
+    /// The lease is granted, and the vehicle is stationary.
     Held,
-    /// Somebody drives.
+    /// The vehicle is driven.
     Driving,
-    /// It brakes.
+    /// The vehicle brakes.
     Stopping(StopReason),
-    /// Somebody stopped it for good, until a reset.
+    /// Emergency stop, latched until a reset.
     EStop,
-    /// It cannot be trusted, until somebody at the vehicle resets it.
+    /// Fault, latched until it is cleared at the vehicle.
     Fault(FaultReason),
 }
 
-/// Why a vehicle that was driven stops. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Reason of a stop. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum StopReason {
-    /// Nothing is pressed any more.
+    /// No key is pressed.
     Released,
     /// The last command is too old.
     Age,
-    /// A command asked for what is no number.
+    /// A command with a velocity that is not finite.
     NotFinite,
-    /// The collision monitor knows too little, or says nothing.
+    /// The data of the collision monitor is too old or missing.
     CollisionMonitorStale,
-    /// Who drove no longer holds the lease.
+    /// The holder lost the lease.
     LeaseEnded(LeaseEnd),
 }
 
-/// Why somebody lost the lease. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+impl StopReason {
+    /// Whether the operator asked for it.
+    pub const fn is_voluntary(self) -> bool {
+        match self {
+            Self::Released => true,
+            Self::Age | Self::NotFinite | Self::CollisionMonitorStale => false,
+            Self::LeaseEnded(why) => match why {
+                LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
+                    true
+                }
+                LeaseEnd::Expired | LeaseEnd::TakenOver | LeaseEnd::Revoked | LeaseEnd::Fault => {
+                    false
+                }
+            },
+        }
+    }
+}
+
+/// Reason for the end of a lease. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum LeaseEnd {
-    /// They gave it back.
+    /// Released by the holder.
     Released,
     /// No command renewed it.
     Expired,
-    /// They asked for it anew, as a console does that was restarted.
+    /// Requested again by the holder, as by a restarted console.
     Renewed,
-    /// They handed it over.
+    /// Handed over by the holder.
     HandedOver,
-    /// A supervisor took it.
+    /// Taken over by a supervisor.
     TakenOver,
-    /// They are no longer an operator.
+    /// The holder is no longer in the operator list.
     Revoked,
-    /// An emergency stop was reset, after which everybody starts anew.
+    /// An emergency stop was reset.
     Reset,
-    /// The vehicle is at fault.
+    /// The vehicle has a fault.
     Fault,
 }
 
-/// Why a vehicle cannot be trusted. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Reason of a fault. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum FaultReason {
     /// The self-test failed.
     SelfTest,
-    /// The motors do not do what they are told, or cannot be told.
+    /// The motors do not follow commands, or cannot be commanded.
     Actuator,
 }
 
-/// Who drives, and who wants to.
+/// State of the lease.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeaseStatus {
-    /// Grows with every grant; 0 before the first.
+    /// Increases with every grant; 0 before the first.
     pub epoch: u64,
-    /// Who holds the lease.
+    /// Operator that holds the lease.
     pub holder: Option<OperatorId>,
-    /// Who gets it as soon as the vehicle stands.
+    /// Operator that gets it when the vehicle is stationary.
     pub next: Option<OperatorId>,
-    /// Who waits for the holder's consent.
+    /// Operator that waits for the holder's consent.
     pub waiting: Option<OperatorId>,
 }
 
-/// What must be seen before anything moves. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// State of arming: keys must be released before they have an effect. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Arming {
-    /// A key that is down has no effect: all must be let go first.
+    /// Pressed keys have no effect until all are released.
     Locked,
-    /// All were let go.
+    /// All keys are released.
     Neutral,
-    /// A key went down after that.
+    /// A key was pressed after that.
     Pressed,
 }
 
-/// How fast, in `base_link`.
+/// Velocity in `base_link`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Velocity {
-    /// Along x, m/s: negative backwards.
+    /// Along x, m/s, negative backwards.
     pub linear_mps: f32,
-    /// About z, rad/s: positive to the left.
+    /// About z, rad/s, positive to the left.
     pub angular_radps: f32,
 }
 
-/// What keeps the applied velocity from the requested one. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Reason why the applied velocity differs from the requested one. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Clamp {
-    /// The vehicle's greatest speed.
+    /// Greatest speed of the vehicle.
     Speed,
-    /// The limits of acceleration and jerk.
+    /// Limits of acceleration and jerk.
     Ramp,
-    /// The age of commands.
+    /// Age of commands.
     Age,
     /// The collision monitor.
     CollisionMonitor,
-    /// The state: the vehicle stops or must stand.
+    /// The vehicle stops or must stay stationary.
     Stop,
 }
 
-/// What the collision monitor says. Append-only.
+/// State of the collision monitor. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum CollisionMonitorState {
-    /// Nothing: it has not spoken, or too long ago. Nothing moves.
+    /// No or too old output; the vehicle stops.
     Silent,
-    /// Somebody switched it off.
+    /// Switched off by an operator.
     Off,
-    /// It sees, and allows this.
+    /// Speed limits.
     On(SpeedLimits),
-    /// Where the vehicle would go it sees nothing, or what it saw is too old: no faster than creeping.
+    /// Unknown space in the direction of travel: creeping speed.
     UnknownSpace(SpeedLimits),
-    /// What it saw is too old, and the configuration says to stop then.
+    /// Its data is too old, and the configuration demands a stop.
     Stale,
 }
 
-/// The greatest speed in each direction, none negative; infinite where there is no limit.
+/// Greatest speed in each direction, not negative; infinite without limit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpeedLimits {
     /// m/s.
@@ -187,66 +208,257 @@ pub struct SpeedLimits {
     pub right_radps: f32,
 }
 
-/// What bounds the motion that is asked for, by the collision monitor.
+/// What limits the requested motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Barrier {
-    /// Where it is, in `odom`, metres.
+    /// Position in `odom`, metres.
     pub position_m: [f32; 2],
-    /// What it is.
+    /// Its kind.
     pub kind: BarrierKind,
 }
 
-/// How the guard knows of what bounds a motion. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Kind of a barrier. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum BarrierKind {
-    /// A beam of the last sweeps hit it.
+    /// Hit by a beam of the last sweeps.
     Detected,
     /// An obstacle on the map that no beam hits now.
     Mapped,
-    /// Ground that nobody has seen, or seen too long ago.
+    /// Ground that was never observed, or too long ago.
     Unknown,
-    /// The water is too shallow there, by a beam of the last sweeps.
+    /// Too shallow water, by a beam of the last sweeps.
     Shallow,
-    /// Ground that only beams without an echo call free.
+    /// Ground that is free only by beams without a return.
     NoReturn,
 }
 
-/// An emergency stop in force.
+/// Emergency stop in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EStopStatus {
-    /// Its number, which a reset must name.
+    /// Number, which a reset must contain.
     pub number: u64,
-    /// It would be found after a restart; only then it can be reset from afar.
+    /// Whether it is stored and survives a restart; required for a reset over the network.
     pub is_stored: bool,
 }
 
-/// What was obeyed and what was not, since the boot.
+/// Accepted and refused commands since the boot.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CommandCounters {
-    /// Commands of holders that were taken, neutral ones too.
+    /// Accepted commands of lease holders, including neutral ones.
     pub accepted: u64,
-    /// Times that a moving vehicle stopped without its operator having asked for it.
+    /// Involuntary stops: the vehicle stopped although its operator did not ask for it.
     pub involuntary_stops: u64,
-    /// Commands and requests that were refused, by rising reason, each reason at most once.
+    /// Refused commands and requests, by ascending reason, each reason at most once.
     pub refused: Vec<RefusedCount>,
 }
 
-/// How often something was refused for a reason.
+/// Number of refusals for a reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RefusedCount {
-    /// Why.
+    /// The reason.
     pub reason: Refusal,
-    /// How often.
+    /// Number of refusals.
     pub count: u64,
 }
 
-/// What `set` can change, as it is.
+/// Current values of [`Setting`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Bytes for tiles, kbit/s.
+    /// Budget for tiles, kbit/s.
     pub budget_kbps: u32,
     /// Whether the collision monitor is on.
     pub collision_monitor: bool,
     /// Whether a recording runs.
     pub recording: bool,
+}
+
+/// `op/<operator>/drive`: velocity by the pressed keys, once per iteration of the console's input
+/// loop.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Drive {
+    /// Along x of `base_link`, m/s, negative backwards.
+    pub linear_mps: f32,
+    /// About z of `base_link`, rad/s, positive to the left.
+    pub angular_radps: f32,
+    /// Unacknowledged emergency stop, repeated here in case `estop` does not arrive.
+    pub estop: Option<EStop>,
+}
+
+/// `op/<operator>/estop`: emergency stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EStop {
+    /// Random number of this press, the same in all repetitions. It distinguishes a late repetition
+    /// after a reset from a new press.
+    pub press: u64,
+}
+
+/// `op/<operator>/reset`: reset of an emergency stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reset {
+    /// Number of the emergency stop, from the status.
+    pub estop: u64,
+}
+
+/// `op/<operator>/lease`: requests for the lease. Append-only.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LeaseRequest {
+    /// Request the lease. If another operator holds it, wait for consent.
+    Request,
+    /// Release it, or cancel a request.
+    Release,
+    /// Hand over to this waiting operator.
+    HandOver(OperatorId),
+    /// Refuse the request of this waiting operator.
+    Refuse(OperatorId),
+    /// Take over from the current holder; for supervisors.
+    TakeOver,
+}
+
+/// `op/<operator>/set`: a setting. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Setting {
+    /// Budget for tiles, kbit/s.
+    BudgetKbps(u32),
+    /// Collision monitor on or off.
+    CollisionMonitor(bool),
+    /// Recording on or off.
+    Recording(bool),
+}
+
+/// Answer to `estop`, `reset`, `lease` and `set`. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Answer {
+    /// Done.
+    Done,
+    /// The lease is granted; commands must contain this epoch.
+    Granted(u64),
+    /// The lease will be granted when the vehicle is stationary, or when its holder consents.
+    Waiting,
+    /// The vehicle is stopped, and the emergency stop with this number is stored.
+    EStopped(u64),
+    /// Refused.
+    Refused(Refusal),
+}
+
+impl Drive {
+    /// Velocities below this are neutral, m/s and rad/s.
+    pub const NEUTRAL_BELOW: f32 = 1e-3;
+
+    /// Whether the velocity is zero. NaN is not neutral.
+    pub fn is_neutral(&self) -> bool {
+        [self.linear_mps, self.angular_radps]
+            .iter()
+            .all(|speed| speed.abs() < Self::NEUTRAL_BELOW)
+    }
+}
+
+/// Reason why a command or request was refused. Append-only.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    thiserror::Error,
+)]
+pub enum Refusal {
+    /// Not readable.
+    #[error("it could not be read")]
+    Malformed,
+    /// More messages than one operator may send.
+    #[error("there were too many a second")]
+    TooMany,
+    /// Not in the operator list.
+    #[error("its sender is not in the operator list")]
+    UnknownOperator,
+    /// Invalid signature for this operator, key, robot and time.
+    #[error("its signature is wrong")]
+    Signature,
+    /// Not allowed for the sender's role.
+    #[error("the sender's role does not allow it")]
+    Role,
+    /// Token of another run, or of another robot.
+    #[error("its token is from another run of the robot")]
+    OtherBoot,
+    /// Token that was never issued, or long ago.
+    #[error("its token is not known")]
+    UnknownToken,
+    /// Token with a wrong nonce.
+    #[error("its token's nonce is wrong")]
+    WrongNonce,
+    /// Older than commands may be.
+    #[error("it is too old")]
+    TooOld,
+    /// The sender does not hold the lease.
+    #[error("its sender does not hold the lease")]
+    NotHolder,
+    /// Another grant of the lease.
+    #[error("it relies on another grant of the lease")]
+    OtherEpoch,
+    /// Sequence number not increasing: repeated or late.
+    #[error("its sequence number does not grow")]
+    OldSequence,
+    /// Velocity that is not finite.
+    #[error("its speed is not a finite number")]
+    NotFinite,
+    /// The robot's state does not allow it.
+    #[error("the robot is not ready for it")]
+    NotReady,
+    /// Another request for the lease is waiting.
+    #[error("another operator already waits for the lease")]
+    Busy,
+    /// No request for the lease, or of another operator.
+    #[error("that operator does not wait for the lease")]
+    NotWaiting,
+    /// No emergency stop in force.
+    #[error("there is no emergency stop")]
+    NoEStop,
+    /// Another emergency stop is in force.
+    #[error("another emergency stop is active")]
+    OtherEStop,
+    /// The emergency stop is not stored yet.
+    #[error("the emergency stop is not stored yet")]
+    EStopNotStored,
+    /// The reset was requested before the latest emergency stop was known.
+    #[error("an emergency stop was requested since")]
+    EStopSince,
+    /// Value out of range.
+    #[error("the value is out of range")]
+    OutOfRange,
+    /// Not supported by this robot.
+    #[error("it is not available on this robot")]
+    Unavailable,
+}
+
+impl Refusal {
+    /// In wire order.
+    pub const ALL: [Self; 22] = [
+        Self::Malformed,
+        Self::TooMany,
+        Self::UnknownOperator,
+        Self::Signature,
+        Self::Role,
+        Self::OtherBoot,
+        Self::UnknownToken,
+        Self::WrongNonce,
+        Self::TooOld,
+        Self::NotHolder,
+        Self::OtherEpoch,
+        Self::OldSequence,
+        Self::NotFinite,
+        Self::NotReady,
+        Self::Busy,
+        Self::NotWaiting,
+        Self::NoEStop,
+        Self::OtherEStop,
+        Self::EStopNotStored,
+        Self::EStopSince,
+        Self::OutOfRange,
+        Self::Unavailable,
+    ];
 }

@@ -17,7 +17,7 @@ const HEADER: Header = Header {
 /// Bytes of a header.
 const BEHIND_HEADER: usize = 2 + 16 + 8 + 8;
 
-/// Round trip, every cut refused, and the bytes of the body.
+/// Tests the round trip and that every cut is refused; returns the bytes of the body.
 fn body<T>(message: &T) -> Vec<u8>
 where
     T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug,
@@ -226,7 +226,7 @@ fn recording() -> RecordingStatus {
 }
 
 #[test]
-fn the_bodies_of_sensors_and_recordings_are_the_documented_bytes() {
+fn sensor_and_recording_bodies_match_golden_bytes() {
     const ONE: [u8; 4] = [0, 0, 0x80, 0x3F];
     const MINUS_TWO: [u8; 4] = [0, 0, 0, 0xC0];
     const ZERO: [u8; 4] = [0; 4];
@@ -279,7 +279,7 @@ fn the_bodies_of_sensors_and_recordings_are_the_documented_bytes() {
     assert_eq!(body(&scan), expected.concat());
 }
 
-/// It must leave the tiles their share, wherever the sensor looks.
+/// Scans must leave bandwidth for tiles.
 #[test]
 fn a_scan_is_small() {
     let walls = |range_m: f64| {
@@ -291,7 +291,7 @@ fn a_scan_is_small() {
         BEHIND_HEADER + body(&scan).len()
     };
     assert_eq!([walls(5.0), walls(30.0), walls(250.0)], [779, 779, 1435]);
-    // A comb: every other beam goes through to the horizon of the farthest sensor.
+    // Alternating near and very far beams.
     let comb = (0..MAX_SCAN_POINTS).map(|n| [if n % 2 == 0 { 0.0 } else { 300.0 }, 300.0]);
     let comb = Scan::of_points("a".repeat(64), [0.0; 2], comb);
     let bytes = BEHIND_HEADER + body(&comb).len();
@@ -417,7 +417,7 @@ fn the_bodies_of_driving_are_the_documented_bytes() {
     assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0]));
 }
 
-/// They are append-only: a number never moves.
+/// Enums are append-only: numbers never change.
 #[test]
 fn variants_have_the_documented_numbers() {
     fn check<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(variants: &[T]) {
@@ -507,7 +507,7 @@ fn neutral_is_next_to_nothing() {
     }
 }
 
-/// What goes out 50 times a second while somebody drives, and what goes out twice.
+/// Messages at 50 Hz while driving, and at 2 Hz.
 #[test]
 fn messages_of_driving_are_small() {
     let pose = Pose {

@@ -22,7 +22,7 @@ fn store(cells: &[(i64, i64, f32)]) -> TileStore {
 }
 
 #[test]
-fn the_raster_is_the_bounding_box_of_known_cells() {
+fn raster_is_bounding_box_of_known_cells() {
     let store = store(&[(-3, 70, 1.0), (5, -1, -2.0), (66, 2, 0.5)]);
     let raster = Raster::of_layer(&store, LayerId::Elevation, MAX_RASTER_CELLS)
         .unwrap()
@@ -87,7 +87,7 @@ fn a_raster_too_large_is_refused_with_its_size() {
 }
 
 #[test]
-fn a_raster_as_long_as_a_road_across_a_continent_is_refused_although_it_is_narrow() {
+fn too_long_narrow_rasters_are_refused() {
     let side = MAX_RASTER_SIDE.cast_signed();
     let spanned = |first: i64, last: i64| {
         let store = store(&[(0, first, 0.0), (0, last, 0.0)]);

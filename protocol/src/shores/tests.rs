@@ -24,8 +24,8 @@ fn site(width_m: f32) -> DockingSite {
 }
 
 #[test]
-fn the_smallest_shores_and_the_last_sites_are_left_out_and_counted() {
-    // The higher the number the smaller, but for one.
+fn smallest_shores_and_last_sites_are_omitted_and_counted() {
+    // The higher the number the smaller, except one.
     let mut clusters: Vec<_> = (1..=403u32)
         .rev()
         .map(|number| cluster(number, 1_000 - number))
@@ -50,7 +50,7 @@ fn the_smallest_shores_and_the_last_sites_are_left_out_and_counted() {
 }
 
 #[test]
-fn the_fullest_message_fits_whatever_its_numbers() {
+fn largest_message_fits() {
     let cluster = |number| ShoreCluster {
         number,
         voxels: u32::MAX,

@@ -18,7 +18,8 @@ MCowBQYDK2VwAyEAGb9ECWmEzf6FQbrBZ9w7lshQhqowtrbLDFw4rXAxZuE=
 -----END PUBLIC KEY-----
 ";
 
-/// Order of the group, little-endian: what can be added to the second half of a signature unless that is checked.
+/// Order of the group, little-endian: without a check it could be added to the second half of a
+/// signature.
 const GROUP_ORDER: [u8; 32] = [
     0xED, 0xD3, 0xF5, 0x5C, 0x1A, 0x63, 0x12, 0x58, 0xD6, 0x9C, 0xF7, 0xA2, 0xDE, 0xF9, 0xDE, 0x14,
     0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10,
@@ -117,7 +118,7 @@ fn a_command_is_good_for_one_robot_one_operator_and_one_key() {
     );
 }
 
-/// `estop` and `reset` of one number have the same body: only the key that is signed tells them apart.
+/// `estop` and `reset` of one number have the same body: only the signed topic distinguishes them.
 #[test]
 fn a_command_with_the_same_body_is_not_good_for_another_key() {
     let (robot, operator) = (&scout(), &anna());
@@ -179,7 +180,7 @@ fn other_versions_giants_and_pieces_are_not_read() {
     }
 }
 
-/// It would be a mistake of who holds the key, and is one still.
+/// A validly signed body that is no command.
 #[test]
 fn nonsense_that_was_signed_is_malformed() {
     let (robot, operator) = (&scout(), &anna());
@@ -227,7 +228,7 @@ MCowBQYDK2VwAyEAAQAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA=
     }
 }
 
-/// Where the signature begins.
+/// Offset of the signature.
 const SIGNATURE: usize = ENVELOPE_BYTES - SIGNATURE_BYTES;
 
 fn names() -> impl Strategy<Value = String> {
@@ -258,7 +259,7 @@ fn drives() -> impl Strategy<Value = Drive> {
 
 proptest! {
     #[test]
-    fn whatever_is_signed_is_opened(
+    fn signed_commands_open(
         robot in names(), operator in names(), header in headers(), drive in drives(), seed: [u8; 32],
     ) {
         let (robot, operator) = (&robot.parse().unwrap(), &operator.parse().unwrap());
@@ -270,7 +271,7 @@ proptest! {
         prop_assert_eq!(envelope.open(route, &key.public()), Ok(drive));
     }
 
-    /// One bit or many, in any byte, those of the signature too.
+    /// Any change of one or more bits, also in the signature.
     #[test]
     fn no_byte_can_be_changed(drive in drives(), at: prop::sample::Index, change in 1..=255_u8) {
         let (robot, operator) = (&scout(), &anna());
@@ -295,7 +296,7 @@ proptest! {
         }
     }
 
-    /// Neither a stamp nor a body of one message is good in another.
+    /// Envelope and body of two messages cannot be combined.
     #[test]
     fn nothing_can_be_put_together_from_two(first in headers(), second in headers(), a in drives(), b in drives()) {
         prop_assume!(first != second && a != b);
@@ -312,7 +313,7 @@ proptest! {
         }
     }
 
-    /// Also where one part ends with what the next begins with: the lengths tell.
+    /// Also if one part ends as the next begins: the lengths are signed.
     #[test]
     fn each_part_alone_changes_what_is_signed(
         names in prop::array::uniform4(names()), headers in [headers(), headers()],

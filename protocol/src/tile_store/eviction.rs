@@ -1,23 +1,23 @@
-//! Staying within the limit.
+//! Keeps a store within its memory limit.
 
 use super::TileStore;
-use super::stored_tile::Content;
 use crate::tile::{TILE_CELLS, TileKey};
+use crate::tile_store::Content;
 
-/// An entry without cells: its fields, key and share of the tree, rounded up.
+/// Memory of an entry without cells: its fields, key and share of the tree, rounded up.
 pub(super) const TOMBSTONE_BYTES: usize = 128;
-/// An entry with cells.
+/// Memory of an entry with cells.
 pub(super) const TILE_BYTES: usize = 2 * TILE_CELLS + TOMBSTONE_BYTES;
 
-/// The share of the limit, one part in so many, that an eviction frees beyond need: finding the farthest
-/// tiles looks at all of them, which pays only for many at a time.
+/// An eviction frees one part in this many beyond the need: finding the farthest tiles visits all
+/// of them.
 const SLACK: usize = 32;
-/// The share of the limit, one part in so many, that tombstones may take.
+/// Tombstones may take one part in this many of the limit.
 const TOMBSTONE_SHARE: usize = 8;
 
 impl TileStore {
-    /// Makes tombstones of the tiles farthest from the focus, if the limit is passed, and returns their
-    /// keys. A publisher gives each the next revision; a receiver leaves them their own.
+    /// Replaces the tiles farthest from the focus by tombstones if the limit is exceeded; returns
+    /// their keys. A publisher gives each the next revision; a receiver keeps their revisions.
     pub(super) fn evict_beyond_limit(&mut self, is_publisher: bool) -> Vec<TileKey> {
         if self.bytes_held() <= self.limit_bytes {
             return Vec::new();
@@ -42,7 +42,7 @@ impl TileStore {
         evicted
     }
 
-    /// The `count` tiles with cells that are farthest from the focus, farthest first.
+    /// The `count` tiles with cells farthest from the focus, farthest first.
     fn farthest(&self, count: usize) -> Vec<TileKey> {
         let [focus_x, focus_y] = self.focus_m;
         let mut by_distance: Vec<(f64, TileKey)> = self
@@ -62,7 +62,7 @@ impl TileStore {
         by_distance.into_iter().map(|(_, key)| key).collect()
     }
 
-    /// Forgets the older half of the tombstones, if they take more than their share.
+    /// Removes the older half of the tombstones if they exceed their share.
     fn forget_old_tombstones(&mut self) {
         if self.tombstones * TOMBSTONE_BYTES <= self.limit_bytes / TOMBSTONE_SHARE {
             return;

@@ -1,32 +1,23 @@
-//! Every tile ever published: the one truth that exports, digests, announcements and consoles read.
+//! The store of all published tiles, from which exports, digests, announcements and consoles read.
 //!
-//! The edge [publishes](TileStore::publish) into one store, a console [applies](TileStore::apply) what it
-//! receives to another; when both hold the same cells, their [root digests](TileStore::root_digest) agree.
+//! The edge [publishes](TileStore::publish) into one store, a console [applies](TileStore::apply)
+//! what it receives to another. If both hold the same cells, their [root
+//! digests](TileStore::root_digest) are equal.
 //!
-//! A store is bounded. When its tiles outgrow the limit it drops those farthest from the
-//! [focus](TileStore::set_focus) and leaves *tombstones*, entries without cells, whose revisions tell the
-//! other side that the cells are gone. Tombstones are bounded too: past an eighth of the limit the oldest
-//! half is forgotten. Both are counted.
+//! A store is bounded. Beyond the limit it replaces the tiles farthest from the
+//! [focus](TileStore::set_focus) by *tombstones*, entries without cells, whose revisions tell the
+//! other side that the cells are gone. When tombstones exceed an eighth of the limit, the older
+//! half is removed. Both are counted.
 
-mod error;
 mod eviction;
-mod publish;
-mod receive;
-mod root;
-mod stored_tile;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
 
 use crate::layer::LayerId;
-use crate::tile::{BootId, Tile, TileCells, TileDigest, TileKey};
-
-pub use error::StoreError;
-pub use publish::Publication;
-pub use receive::Applied;
-pub use root::RootDigest;
-pub use stored_tile::StoredTile;
-
-use stored_tile::Content;
+use crate::tile::{BootId, InvalidCode, TILE_CELLS, Tile, TileCells, TileDigest, TileKey};
 
 /// A layer and the size of its square cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +28,7 @@ pub struct LayerGrid {
     pub cell_m: f64,
 }
 
-/// What was dropped to stay within the limit, since the store was made.
+/// Evictions since the store was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreCounters {
     /// Tiles replaced by tombstones.
@@ -46,7 +37,7 @@ pub struct StoreCounters {
     pub tombstones_forgotten: u64,
 }
 
-/// The tiles of all layers of one robot. See the [module](self).
+/// Tiles of all layers of one robot. See the [module](self).
 #[derive(Debug)]
 pub struct TileStore {
     boot: BootId,
@@ -58,7 +49,7 @@ pub struct TileStore {
     tiles_held: usize,
     tombstones: usize,
     counters: StoreCounters,
-    /// Earlier boots, so that a late tile of theirs does not pass for yet another boot.
+    /// Earlier boots, so that their late tiles are not taken for a new boot.
     retired_boots: VecDeque<BootId>,
     unknown_digest: TileDigest,
 }
@@ -72,8 +63,8 @@ struct LayerTiles {
 }
 
 impl TileStore {
-    /// An empty store of run `boot` that keeps its tiles within `tile_store_mb` megabytes (10⁶ bytes, at least
-    /// 1). Its layers come by [`set_grid`](Self::set_grid).
+    /// An empty store of run `boot`, limited to `tile_store_mb` megabytes (10⁶ bytes, at least 1).
+    /// Add layers with [`set_grid`](Self::set_grid).
     pub fn new(boot: BootId, tile_store_mb: u32) -> Self {
         Self::within_bytes(
             boot,
@@ -81,7 +72,7 @@ impl TileStore {
         )
     }
 
-    /// As [`new`](Self::new), with the limit in bytes; of fewer than 8320 not one tile is kept.
+    /// As [`new`](Self::new), with the limit in bytes; below 8320 it keeps no tile.
     pub fn within_bytes(boot: BootId, limit_bytes: usize) -> Self {
         Self {
             boot,
@@ -98,7 +89,7 @@ impl TileStore {
         }
     }
 
-    /// Adds a layer, or changes the cell size of one that holds nothing.
+    /// Adds a layer, or changes the cell size of an empty one.
     pub fn set_grid(&mut self, grid: LayerGrid) -> Result<(), StoreError> {
         let LayerGrid { layer, cell_m } = grid;
         if !(cell_m.is_finite() && cell_m > 0.0) {
@@ -123,23 +114,23 @@ impl TileStore {
         Ok(())
     }
 
-    /// Where the vehicle is, metres in `odom`: when space runs out, the tiles farthest from here go first.
+    /// Position of the vehicle, metres in `odom`: the tiles farthest from here are evicted first.
     pub fn set_focus(&mut self, focus_m: [f64; 2]) {
         self.focus_m = focus_m;
     }
 
-    /// Stamp of the newest measurement in what is [published](Self::publish) from now on, nanoseconds on the clock of
-    /// the data.
+    /// Stamp of the newest measurement for later [`publish`](Self::publish) calls, nanoseconds on
+    /// the clock of the data.
     pub fn set_stamp(&mut self, stamp_ns: i64) {
         self.stamp_ns = stamp_ns;
     }
 
-    /// The run whose revisions the store holds.
+    /// Run to which the revisions belong.
     pub fn boot(&self) -> BootId {
         self.boot
     }
 
-    /// The layers with a grid, in wire order.
+    /// Layers with a grid, in wire order.
     pub fn grids(&self) -> impl Iterator<Item = LayerGrid> {
         self.layers.iter().map(|(&layer, held)| LayerGrid {
             layer,
@@ -147,27 +138,27 @@ impl TileStore {
         })
     }
 
-    /// The side of a cell of `layer`, metres; `None` where the layer has no grid.
+    /// Side of a cell of `layer`, metres; `None` without a grid.
     pub fn cell_m(&self, layer: LayerId) -> Option<f64> {
         self.layers.get(&layer).map(|held| held.cell_m)
     }
 
-    /// How often `layer` has been erased in this boot.
+    /// Number of erasures of `layer` in this boot.
     pub fn epoch(&self, layer: LayerId) -> u32 {
         self.layers.get(&layer).map_or(0, |held| held.epoch)
     }
 
-    /// The greatest revision in `layer`, 0 before the first.
+    /// Greatest revision in `layer`, 0 before the first.
     pub fn head_revision(&self, layer: LayerId) -> u64 {
         self.layers.get(&layer).map_or(0, |held| held.head_revision)
     }
 
-    /// The entry of one tile, tombstones included.
+    /// Entry of a tile, possibly a tombstone.
     pub fn get(&self, key: TileKey) -> Option<&StoredTile> {
         self.layers.get(&key.layer)?.tiles.get(&(key.tx, key.ty))
     }
 
-    /// One tile as it is published, tombstones as all-unknown cells.
+    /// A tile as published; a tombstone has unknown cells.
     pub fn tile(&self, key: TileKey) -> Option<Tile> {
         let stored = self.get(key)?;
         Some(Tile {
@@ -181,7 +172,7 @@ impl TileStore {
         })
     }
 
-    /// The entries of `layer` in key order, tombstones included.
+    /// Entries of `layer` in key order, including tombstones.
     pub fn tiles(&self, layer: LayerId) -> impl Iterator<Item = (TileKey, &StoredTile)> {
         self.layers
             .get(&layer)
@@ -190,7 +181,7 @@ impl TileStore {
             .map(move |(&(tx, ty), stored)| (TileKey { layer, tx, ty }, stored))
     }
 
-    /// The entries of `layer` newer than `revision`, in key order, tombstones included.
+    /// Entries of `layer` newer than `revision`, in key order, including tombstones.
     pub fn newer_than(
         &self,
         layer: LayerId,
@@ -200,22 +191,22 @@ impl TileStore {
             .filter(move |(_, stored)| stored.revision > revision)
     }
 
-    /// How many tiles of `layer` have known cells.
+    /// Number of tiles of `layer` with known cells.
     pub fn tile_count(&self, layer: LayerId) -> usize {
         self.tiles(layer)
             .filter(|(_, stored)| stored.known > 0)
             .count()
     }
 
-    /// How many cells of `layer` are known.
+    /// Number of known cells of `layer`.
     pub fn cells_known(&self, layer: LayerId) -> u64 {
         self.tiles(layer)
             .map(|(_, stored)| u64::from(stored.known))
             .sum()
     }
 
-    /// How many cells of `layer` are in each of its classes, in the order of
-    /// [`LayerId::classes`]; empty for a continuous layer.
+    /// Number of cells of each class, in the order of [`LayerId::classes`]; empty for a continuous
+    /// layer.
     pub fn class_counts(&self, layer: LayerId) -> Vec<(&'static str, u64)> {
         let classes = layer.classes();
         let mut counts = vec![0_u64; classes.len() + 1];
@@ -232,7 +223,7 @@ impl TileStore {
             .collect()
     }
 
-    /// Bytes that `layer` takes in memory.
+    /// Memory of `layer`, bytes.
     pub fn bytes(&self, layer: LayerId) -> u64 {
         self.tiles(layer)
             .map(|(_, stored)| match stored.content {
@@ -242,17 +233,17 @@ impl TileStore {
             .sum()
     }
 
-    /// Bytes that all layers take in memory: at most the limit.
+    /// Memory of all layers, bytes; at most the limit.
     pub fn bytes_held(&self) -> usize {
         self.tiles_held * eviction::TILE_BYTES + self.tombstones * eviction::TOMBSTONE_BYTES
     }
 
-    /// What was dropped to stay within the limit.
+    /// Evictions.
     pub fn counters(&self) -> StoreCounters {
         self.counters
     }
 
-    /// Puts an entry where its key says and keeps the tallies; the layer must have a grid.
+    /// Inserts an entry and updates the totals; the layer must have a grid.
     fn insert(&mut self, key: TileKey, stored: StoredTile) {
         let Some(held) = self.layers.get_mut(&key.layer) else {
             return;
@@ -273,7 +264,7 @@ impl TileStore {
         }
     }
 
-    /// Drops every entry of `layer`, which from now on is of `epoch`.
+    /// Removes every entry of `layer` and sets its epoch.
     fn clear_layer(&mut self, layer: LayerId, epoch: u32) {
         let Some(held) = self.layers.get_mut(&layer) else {
             return;
@@ -287,7 +278,7 @@ impl TileStore {
         }
     }
 
-    /// The entry for `cells`; all-unknown cells take no space.
+    /// Entry for `cells`; all-unknown cells take no memory.
     fn entry(&self, revision: u64, stamp_ns: i64, cells: TileCells) -> StoredTile {
         match cells.known() {
             0 => self.tombstone(revision, stamp_ns, Content::Blank),
@@ -309,6 +300,307 @@ impl TileStore {
             known: 0,
             content,
         }
+    }
+}
+
+/// Reason why a store refused a tile or grid.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StoreError {
+    /// The store has no grid for the tile's layer.
+    #[error("layer {0} has no grid in this store: call set_grid first")]
+    NoGrid(LayerId),
+    /// Invalid cell size.
+    #[error("cell size {cell_m} m of layer {layer} is not a positive number")]
+    CellSize {
+        /// The layer.
+        layer: LayerId,
+        /// Refused size.
+        cell_m: f64,
+    },
+    /// Another cell size while tiles are held.
+    #[error("layer {layer} holds tiles of {held_m} m cells, not {cell_m} m: erase it first")]
+    GridInUse {
+        /// The layer.
+        layer: LayerId,
+        /// Size of the held cells.
+        held_m: f64,
+        /// Refused size.
+        cell_m: f64,
+    },
+    /// A code that the layer does not use.
+    #[error("tile {key}: {source}")]
+    Code {
+        /// Refused tile.
+        key: TileKey,
+        /// Position and code.
+        source: InvalidCode,
+    },
+    /// Cells that differ from the publisher's digest.
+    #[error("tile {key}, revision {revision}: its cells do not match its digest, ask for it again")]
+    Digest {
+        /// Refused tile.
+        key: TileKey,
+        /// Its revision.
+        revision: u64,
+    },
+}
+
+/// Entry of a store.
+#[derive(Clone, Debug)]
+pub struct StoredTile {
+    revision: u64,
+    stamp_ns: i64,
+    digest: TileDigest,
+    known: u16,
+    content: Content,
+}
+
+#[derive(Clone, Debug)]
+enum Content {
+    Cells(TileCells),
+    /// Published as all unknown.
+    Blank,
+    /// Dropped because of the memory limit.
+    Evicted,
+}
+
+impl StoredTile {
+    /// Revision of its present state.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Stamp of the newest measurement at its last change, nanoseconds on the clock of the data.
+    pub fn stamp_ns(&self) -> i64 {
+        self.stamp_ns
+    }
+
+    /// Digest of its cells, or of unknown cells.
+    pub fn digest(&self) -> TileDigest {
+        self.digest
+    }
+
+    /// Number of known cells.
+    pub fn known(&self) -> usize {
+        usize::from(self.known)
+    }
+
+    /// `None` if no cell is known.
+    pub fn cells(&self) -> Option<&TileCells> {
+        match &self.content {
+            Content::Cells(cells) => Some(cells),
+            Content::Blank | Content::Evicted => None,
+        }
+    }
+
+    /// Whether it was dropped because of the memory limit.
+    pub fn is_evicted(&self) -> bool {
+        matches!(self.content, Content::Evicted)
+    }
+}
+
+// A tile's known cells fit the u16 that counts them.
+const _: () = assert!(TILE_CELLS <= u16::MAX as usize);
+
+/// BLAKE3 over a layer's cells: equal if and only if two stores hold the same cells of the same
+/// size.
+///
+/// Input, integers little-endian: length of the layer's name (`u8`), name, bits of the cell size in
+/// metres (`f64`); then for each tile with a known cell, sorted by `tx` and then `ty`: `tx` and
+/// `ty` (`i32`) and the tile's digest. It does not depend on history.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RootDigest(pub [u8; 32]);
+
+impl fmt::Display for RootDigest {
+    /// In hexadecimal.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl TileStore {
+    /// Digest of all cells of `layer`; `None` without a grid.
+    pub fn root_digest(&self, layer: LayerId) -> Option<RootDigest> {
+        let cell_m = self.cell_m(layer)?;
+        let name = layer.name();
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&[name.len() as u8]);
+        hasher.update(name.as_bytes());
+        hasher.update(&cell_m.to_bits().to_le_bytes());
+        for (key, stored) in self.tiles(layer) {
+            if stored.known() > 0 {
+                hasher.update(&key.tx.to_le_bytes());
+                hasher.update(&key.ty.to_le_bytes());
+                hasher.update(&stored.digest().0);
+            }
+        }
+        Some(RootDigest(*hasher.finalize().as_bytes()))
+    }
+}
+
+/// Result of [`TileStore::publish`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[must_use = "a changed tile is to be sent"]
+pub enum Publication {
+    /// The tile changed.
+    Published {
+        /// New revision.
+        revision: u64,
+        /// Tiles that became tombstones with newer revisions; possibly the tile itself.
+        evicted: Vec<TileKey>,
+    },
+    /// The store already held these cells.
+    Unchanged,
+}
+
+impl TileStore {
+    /// Sets the cells of tile `key`, with the next revision if they change.
+    pub fn publish(&mut self, key: TileKey, cells: TileCells) -> Result<Publication, StoreError> {
+        let held = self
+            .layers
+            .get(&key.layer)
+            .ok_or(StoreError::NoGrid(key.layer))?;
+        cells
+            .check(key.layer)
+            .map_err(|source| StoreError::Code { key, source })?;
+        if is_unchanged(held, key, &cells) {
+            return Ok(Publication::Unchanged);
+        }
+        let revision = self.last_revision + 1;
+        let stored = self.entry(revision, self.stamp_ns, cells);
+        self.insert(key, stored);
+        let evicted = self.evict_beyond_limit(true);
+        Ok(Publication::Published { revision, evicted })
+    }
+
+    /// Erases `layer` and returns its new epoch, which invalidates its older tiles everywhere.
+    pub fn erase_layer(&mut self, layer: LayerId) -> Result<u32, StoreError> {
+        let held = self.layers.get(&layer).ok_or(StoreError::NoGrid(layer))?;
+        let epoch = held.epoch.saturating_add(1);
+        self.clear_layer(layer, epoch);
+        Ok(epoch)
+    }
+}
+
+fn is_unchanged(held: &LayerTiles, key: TileKey, cells: &TileCells) -> bool {
+    match held
+        .tiles
+        .get(&(key.tx, key.ty))
+        .and_then(|stored| stored.cells())
+    {
+        Some(before) => before == cells,
+        None => cells.known() == 0,
+    }
+}
+
+/// Number of stored earlier boots.
+const RETIRED_BOOTS_MAX: usize = 16;
+
+/// Result of [`TileStore::apply`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Applied {
+    /// The tile was stored.
+    Stored,
+    /// Its boot was replaced by another.
+    OldBoot,
+    /// Its layer has been erased since.
+    OldEpoch,
+    /// The store holds this revision or a newer one.
+    OldRevision,
+}
+
+impl TileStore {
+    /// Applies a tile from another store, unless it is outdated.
+    ///
+    /// A new boot empties the store; a newer epoch empties the layer. A refused tile changes
+    /// nothing. Tiles that are evicted here keep their revisions, so the root digest shows the gap
+    /// and the publisher's tile may be applied again.
+    pub fn apply(&mut self, tile: Tile) -> Result<Applied, StoreError> {
+        let Tile {
+            key,
+            boot,
+            epoch,
+            revision,
+            stamp_ns,
+            digest,
+            cells,
+        } = tile;
+        if !self.layers.contains_key(&key.layer) {
+            return Err(StoreError::NoGrid(key.layer));
+        }
+        cells
+            .check(key.layer)
+            .map_err(|source| StoreError::Code { key, source })?;
+        let stored = self.entry(revision, stamp_ns, cells);
+        if stored.digest != digest {
+            return Err(StoreError::Digest { key, revision });
+        }
+        if !self.adopt_boot(boot) {
+            return Ok(Applied::OldBoot);
+        }
+        if !self.adopt_epoch(key.layer, epoch) {
+            return Ok(Applied::OldEpoch);
+        }
+        if let Some(held) = self.get(key)
+            && (revision < held.revision || (revision == held.revision && !held.is_evicted()))
+        {
+            return Ok(Applied::OldRevision);
+        }
+        self.insert(key, stored);
+        let _evicted = self.evict_beyond_limit(false);
+        Ok(Applied::Stored)
+    }
+
+    /// Removes a tile that the publisher no longer holds.
+    pub fn forget(&mut self, key: TileKey) {
+        let Some(held) = self.layers.get_mut(&key.layer) else {
+            return;
+        };
+        match held
+            .tiles
+            .remove(&(key.tx, key.ty))
+            .map(|gone| gone.content)
+        {
+            Some(Content::Cells(_)) => self.tiles_held -= 1,
+            Some(Content::Blank | Content::Evicted) => self.tombstones -= 1,
+            None => {}
+        }
+    }
+
+    /// Switches to the publisher's run `boot`, emptying the store if it is new; false if `boot` is
+    /// outdated.
+    pub fn adopt_boot(&mut self, boot: BootId) -> bool {
+        if boot == self.boot {
+            return true;
+        }
+        if self.retired_boots.contains(&boot) {
+            return false;
+        }
+        if self.retired_boots.len() == RETIRED_BOOTS_MAX {
+            self.retired_boots.pop_front();
+        }
+        self.retired_boots.push_back(self.boot);
+        self.boot = boot;
+        self.last_revision = 0;
+        for layer in LayerId::ALL {
+            self.clear_layer(layer, 0);
+            if let Some(held) = self.layers.get_mut(&layer) {
+                held.head_revision = 0;
+            }
+        }
+        true
+    }
+
+    /// Switches to the publisher's `epoch` of `layer`, emptying the layer if it is newer; false if
+    /// `epoch` is outdated or the layer has no grid.
+    pub fn adopt_epoch(&mut self, layer: LayerId, epoch: u32) -> bool {
+        let Some(held) = self.layers.get(&layer) else {
+            return false;
+        };
+        if epoch > held.epoch {
+            self.clear_layer(layer, epoch);
+        }
+        epoch >= self.epoch(layer)
     }
 }
 

@@ -51,7 +51,7 @@ fn a_store_too_small_for_a_tile_keeps_none() {
 }
 
 #[test]
-fn a_tile_has_the_stamp_of_its_last_change_here_and_there() {
+fn tiles_keep_the_stamp_of_their_last_change() {
     let mut edge = store();
     let [here, there] = [0, 1].map(|tx| key(LayerId::Occupancy, tx, 0));
     edge.set_stamp(100);
@@ -161,7 +161,7 @@ fn erasing_a_layer_voids_what_was_published() {
 }
 
 #[test]
-fn a_new_boot_empties_the_receiver_and_the_old_one_does_not_come_back() {
+fn new_boot_empties_receiver_and_old_boot_is_refused() {
     let tile = key(LayerId::Occupancy, 0, 0);
     let other = key(LayerId::Occupancy, 1, 0);
     let mut before = store();
@@ -256,7 +256,7 @@ fn a_cell_size_must_be_one_and_stay() {
 }
 
 #[test]
-fn the_farthest_tiles_go_first_and_their_tombstones_reach_the_other_side() {
+fn farthest_tiles_are_evicted_and_tombstones_propagate() {
     let mut edge = store_of(BOOT, 1);
     let mut console = store_of(BOOT, 100);
     let mut evicted_in_order = Vec::new();

@@ -1,10 +1,10 @@
-//! The parts of `SPEC.md` that are for machines.
+//! The machine-readable parts of `SPEC.md`.
 
 use serde_json::Value;
 
 pub(crate) const SPEC: &str = include_str!("../../SPEC.md");
 
-/// The lines of the one code block that opens with exactly ` ```info `.
+/// Lines of the one code block that opens with exactly ` ```info `.
 pub(crate) fn block(info: &str) -> String {
     let opening = format!("```{info}");
     let mut lines = SPEC.lines();
@@ -20,7 +20,7 @@ pub(crate) fn block(info: &str) -> String {
     block.join("\n")
 }
 
-/// What every block whose opening begins with ` ```kind ` is about.
+/// The rest of the opening line of every block that begins with ` ```kind `.
 pub(crate) fn blocks_of(kind: &str) -> Vec<&'static str> {
     let opening = format!("```{kind} ");
     SPEC.lines()
@@ -47,8 +47,8 @@ pub(crate) fn json(name: &str) -> Value {
     value
 }
 
-/// The cells between the bars of the rows of all tables whose first cell is `` `…` `` or a number, in the
-/// text between a heading and the next.
+/// Cells of the rows of all tables whose first cell is `` `…` `` or a number, between a heading and
+/// the next.
 pub(crate) fn table(heading: &str) -> Vec<Vec<&'static str>> {
     let mut lines = SPEC.lines();
     assert!(

@@ -1,5 +1,5 @@
-//! `SPEC.md` and the code are held together: every example in the document is built from the values that
-//! it states and compared byte by byte, and every message, field, layer, key and limit must be in it.
+//! Checks `SPEC.md` against the code: every example is built from its stated values and compared
+//! byte by byte, and every message, field, layer, key and limit must be in it.
 
 #![allow(
     clippy::unwrap_used,

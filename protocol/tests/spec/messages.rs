@@ -1,4 +1,4 @@
-//! Messages: the bytes of every example, and that no message and no field is missing.
+//! Messages: the bytes of every example; no message and no field may be missing.
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -18,7 +18,7 @@ use serde_json::Value;
 use super::document::{blocks_of, hex, json, table};
 use super::signed::check_signed;
 
-/// Checks the example of a name, knowing its type.
+/// Checks the example of a name with its type.
 type Check = fn(&str);
 
 const EXAMPLES: [(&str, Check); 41] = [
@@ -65,7 +65,7 @@ const EXAMPLES: [(&str, Check); 41] = [
     ("Answer.Refused", check::<Answer>),
 ];
 
-/// What is in messages and is none itself.
+/// Parts of messages.
 const PARTS: [&str; 39] = [
     "LayerInfo",
     "SensorInfo",
@@ -143,9 +143,9 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
     }
 }
 
-/// The body that an example states.
+/// The body of an example.
 pub(crate) fn body<T: Serialize + DeserializeOwned>(name: &str, stated: &Value) -> T {
-    // By way of text: a `Value` would keep `f32`s as `f64`s, with other digits.
+    // Through text: a `Value` would keep `f32`s as `f64`s, with other digits.
     let body: T = serde_json::from_str(&stated["body"].to_string()).unwrap();
     let told: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
     assert_eq!(told, stated["body"], "{name} does not state every field");
@@ -219,7 +219,7 @@ struct Declaration {
     members: Vec<String>,
 }
 
-/// Every public type there, read from the sources: one that is added must be documented.
+/// Every public type, read from the sources: a new one must be documented.
 fn declarations() -> Vec<Declaration> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/message");
     let mut declarations: Vec<Declaration> = Vec::new();

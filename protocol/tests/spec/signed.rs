@@ -1,4 +1,4 @@
-//! Signed messages: the bytes of every example, and what is signed.
+//! Signed messages: the bytes of every example, and the signed bytes.
 
 use std::fmt::Debug;
 
@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::document::{SPEC, hex, json, table};
 use super::messages::body;
 
-/// The key of the examples: the text between the lines that begin and end it.
+/// The key of the examples: the text between its begin and end lines.
 fn pem(kind: &str) -> &'static str {
     let begin = SPEC.find(&format!("-----BEGIN {kind} KEY-----")).unwrap();
     let end = format!("-----END {kind} KEY-----\n");
@@ -65,9 +65,9 @@ pub(crate) fn check_signed<T: Command + PartialEq + Debug>(name: &str) {
     assert_eq!(opened, Ok(command), "{name}");
 }
 
-/// Without the code that signs: from the document's words and the library alone.
+/// Independent of the signing code: from the specification and the Ed25519 library only.
 #[test]
-fn the_signature_is_over_what_is_said() {
+fn signature_covers_the_specified_bytes() {
     let message = hex("Drive");
     let stated = json("Drive");
     let (robot, operator) = names(&stated);

@@ -118,7 +118,7 @@ fn version_and_limits() {
 }
 
 #[test]
-fn reasons_for_refusing_and_their_words() {
+fn refusals_match_the_table() {
     let rows = table("#### `Refusal`");
     assert_eq!(rows.len(), Refusal::ALL.len());
     for (number, (row, refusal)) in rows.iter().zip(Refusal::ALL).enumerate() {

@@ -1,15 +1,16 @@
 //! What telling obstacles apart costs: votes, clusters, shores and docking sites of maps that are made up.
 
-use mapping::cost_config::{RigidityConfig, ShoreConfig};
+use mapping::clustering::euclidean_clusters;
 use mapping::docking::{BoatFootprint, find_docking_sites};
-use mapping::docking_grid::{DockingColumn, DockingGrid};
+use mapping::docking::{DockingColumn, DockingGrid};
 use mapping::grid::CellIndex;
-use mapping::majority_vote::majority_vote;
-use mapping::obstacle_voxel::{ObstacleVoxel, Rigidity};
+use mapping::grid::VoxelIndex;
+use mapping::rigidity::RigidityConfig;
 use mapping::rigidity::RigidityMap;
+use mapping::rigidity::majority_vote;
+use mapping::rigidity::{ObstacleVoxel, Rigidity};
+use mapping::shore::ShoreConfig;
 use mapping::shore::Shores;
-use mapping::shore_clusters::euclidean_clusters;
-use mapping::voxel::VoxelIndex;
 
 use crate::rounds::{ROUNDS, Rounds, timed};
 

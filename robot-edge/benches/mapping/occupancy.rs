@@ -1,8 +1,8 @@
 //! Placing beams and the occupancy update alone: posed scans in memory, nothing published.
 
 use mapping::occupancy_grid::OccupancyGrid;
-use mapping::ray::{FixedPoint, RayWalk};
 use mapping::registered_scan::{BeamOutcome, RegisteredScan};
+use mapping::scan_marks::{FixedPoint, RayWalk};
 
 use crate::CELLS_M;
 use crate::prepared::{Prepared, generic2d, hits, register};

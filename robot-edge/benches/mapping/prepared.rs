@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::Context as _;
+use localization::beam_projection::ZeroRange;
 use localization::beam_projection::{BodyBox, SensorSettings};
-use localization::beam_range::ZeroRange;
 use localization::pose_buffer::InterpolationLimits;
-use localization::pose_jump::JumpLimit;
+use localization::pose_buffer::JumpLimit;
 use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationOutput,
     RegistrationSettings, ScanRegistration,

@@ -11,7 +11,7 @@ use std::{env, fs};
 
 use anyhow::{Context as _, bail, ensure};
 use mapping::octree::{Octree, Ray};
-use mapping::octree_config::{OctreeConfig, RangeSensorModel};
+use mapping::octree::{OctreeConfig, RangeSensorModel};
 use mapping::registered_scan::SensorId;
 use nalgebra::Point3;
 use robot_edge::summary::peak_rss_bytes;

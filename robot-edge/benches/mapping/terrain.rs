@@ -7,11 +7,11 @@ use mapping::registered_scan::SensorId;
 use mapping::terrain::Terrain;
 use measurement::Measurement;
 use measurement::time::Monotonic;
-use robot_edge::app::localization_plan::{
-    LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
-};
 use robot_edge::clock;
 use robot_edge::config::{self, Config, WheelsAndAttitude};
+use robot_edge::runtime::localization_plan::{
+    LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
+};
 use simulation::{SimulatedSource, SimulationOptions, World};
 
 use crate::rounds::{ROUNDS, Rounds};

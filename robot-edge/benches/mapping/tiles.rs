@@ -7,7 +7,7 @@ use measurement::time::{RobotDuration, RobotTime};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile::codec::{Decoder, Encoder};
-use robot_edge::streaming::publisher::Publisher;
+use robot_edge::publishing::publisher::Publisher;
 
 use crate::CELLS_M;
 use crate::prepared::{Prepared, generic2d};

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use anyhow::anyhow;
-use mapping::cost_config::Surface;
+use mapping::cost_map::Surface;
 use mapping::height_columns::{ColumnKind, ColumnRules, read_columns};
 use mapping::octree::{BrickColumn, Octree};
-use mapping::registered_scan::RegisteredScan;
 use mapping::voxel_layers::VoxelLayers;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{Measurement, Stream};
@@ -145,10 +144,10 @@ impl Drive {
                     let mut measurement = measurement.clone();
                     measurement.stamp = measurement.stamp + late;
                     let (started, mut mapped) = (clock::now(), 0);
-                    pipeline.push(measurement, |scan: &RegisteredScan| {
+                    for scan in pipeline.push(measurement)? {
                         mapped += 1;
                         end = Some(Point3::from(scan.odom_from_base.translation.vector));
-                    })?;
+                    }
                     let scan_time: Duration = clock::elapsed(started);
                     if mapped > 0 {
                         scan_times.push(scan_time.as_secs_f64() * 1e6);

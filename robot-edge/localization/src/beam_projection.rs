@@ -1,53 +1,52 @@
-//! One scan and the sensor's poses in, placed beams out.
+//! Projects the beams of a scan to `odom`, each with the sensor's pose at its own time
+//! (docs/methods.md, section 0).
 
-use nalgebra::{Point3, Vector3};
-
-use super::beam_fan::BeamFan;
-use super::beam_range::{RangeLimits, ZeroRange};
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
+use nalgebra::{Point3, Vector3};
 
-/// The sensor whose scans are placed.
+/// Settings of one range sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSettings {
-    /// Which of the vehicle's range sensors it is.
+    /// Index of the sensor.
     pub id: SensorId,
-    /// Replaces the scans' own smallest range, metres.
+    /// Replaces the scans' smallest range, metres.
     pub range_min_m: Option<f32>,
-    /// Replaces the scans' own greatest range, metres.
+    /// Replaces the scans' greatest range, metres.
     pub range_max_m: Option<f32>,
-    /// What a range below the smallest one means.
+    /// Meaning of a range below the smallest one.
     pub zero_range: ZeroRange,
-    /// Added to the sensor's stamps, to take out its latency.
+    /// Added to the sensor's stamps, to compensate its latency.
     pub time_offset: RobotDuration,
-    /// Where it is mounted, for pose sources that do not say.
+    /// Mounting, for pose sources without one.
     pub base_from_sensor: Pose,
 }
 
-/// The box that the vehicle fills, centred on its frame in y: hits inside it are the vehicle itself.
+/// Box of the vehicle's body, centred on its frame in y. Hits inside it are dropped as
+/// [`DropReason::OwnBody`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyBox {
-    /// Along x, metres.
+    /// Extent along x, metres.
     pub length_m: f64,
-    /// Along y, metres.
+    /// Extent along y, metres.
     pub width_m: f64,
-    /// Its middle ahead of the vehicle's frame, metres.
+    /// Offset of its middle ahead of the vehicle's frame, metres.
     pub offset_m: f64,
-    /// Its lowest part above the vehicle's frame, metres: negative for a hull.
+    /// Lowest part above the vehicle's frame, metres; negative for a hull.
     pub lowest_m: f64,
-    /// Its highest part above the vehicle's frame, metres.
+    /// Highest part above the vehicle's frame, metres.
     pub highest_m: f64,
 }
 
-/// What noise may carry a hit on the body's top or bottom out of it, metres.
+/// Noise of a hit on the body's top or bottom, metres.
 const HEIGHT_MARGIN_M: f64 = 0.05;
 
 impl BodyBox {
-    /// Made so high that it holds a sensor at this height: a body whose height is assumed too low would
-    /// let a sensor on its top see the mast that carries it.
+    /// Raises the box to contain a sensor at this height, so that a sensor on top does not map its
+    /// own mast.
     fn up_to_sensor(self, sensor_z_m: f64) -> Self {
         Self {
             lowest_m: self.lowest_m.min(sensor_z_m) - HEIGHT_MARGIN_M,
@@ -62,7 +61,7 @@ impl BodyBox {
             && (self.lowest_m..=self.highest_m).contains(&point_in_base.z)
     }
 
-    /// The distance from a point that no part of it exceeds, metres.
+    /// Greatest distance of the box from a point, metres.
     fn max_distance_m(&self, point_in_base: &Point3<f64>) -> f64 {
         let middle_m = 0.5 * (self.lowest_m + self.highest_m);
         let half = Vector3::new(
@@ -74,7 +73,7 @@ impl BodyBox {
     }
 }
 
-/// Places the beams of one sensor's scans.
+/// Projects the beams of one sensor's scans.
 #[derive(Clone, Debug)]
 pub struct BeamProjector {
     sensor: SensorSettings,
@@ -85,7 +84,7 @@ pub struct BeamProjector {
 }
 
 impl BeamProjector {
-    /// For one sensor on one vehicle.
+    /// With these settings.
     pub fn new(sensor: SensorSettings, body: BodyBox) -> Self {
         let fan = BeamFan::default();
         Self {
@@ -97,10 +96,9 @@ impl BeamProjector {
         }
     }
 
-    /// Places every valid beam with the sensor's pose at the beam's own time, `odom_from_sensor_at`.
+    /// Projects every valid beam with `odom_from_sensor_at` its own time.
     ///
-    /// # Errors
-    /// Why a pose is missing: then the whole scan is left out.
+    /// # Errors If a pose is missing; then the whole scan is dropped.
     pub fn project(
         &mut self,
         scan: &Scan,
@@ -168,13 +166,145 @@ impl BeamProjector {
         })
     }
 
-    /// Beams of the scans that were placed.
+    /// Beams of the registered scans.
     pub const fn beams_in(&self) -> u64 {
         self.beams_in
     }
 
-    /// Beams left out of placed scans, by reason.
+    /// Beams dropped from registered scans, by reason.
     pub const fn dropped_beams(&self) -> &DropCounts {
         &self.dropped_beams
+    }
+}
+
+/// Limits for classifying ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeLimits {
+    /// Smallest range that is a measurement, metres.
+    pub range_min_m: f32,
+    /// Ranges at or above this are misses, metres.
+    pub range_max_m: f32,
+    /// Meaning of a range below `range_min_m`, 0 included.
+    pub zero_range: ZeroRange,
+}
+
+/// Meaning of a range below the sensor's smallest one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ZeroRange {
+    /// Dirt on the window, a fault, an object too near.
+    #[default]
+    Invalid,
+    /// No return, for sensors that report it this way.
+    Miss,
+}
+
+impl RangeLimits {
+    /// Classifies a range, in this order (docs/methods.md, section 0): NaN, −∞ or negative is
+    /// invalid (`None`); +∞ or ≥ `range_max_m` is a miss; < `range_min_m` is as `zero_range` says;
+    /// the rest are hits.
+    pub fn classify(&self, range_m: f32) -> Option<BeamOutcome> {
+        if range_m.is_nan() || range_m < 0.0 {
+            None
+        } else if range_m >= self.range_max_m {
+            Some(BeamOutcome::Miss)
+        } else if range_m < self.range_min_m {
+            match self.zero_range {
+                ZeroRange::Invalid => None,
+                ZeroRange::Miss => Some(BeamOutcome::Miss),
+            }
+        } else {
+            Some(BeamOutcome::Hit)
+        }
+    }
+}
+
+/// Cosine and sine of every beam's angle, cached for scans of the same shape.
+#[derive(Clone, Debug, Default)]
+pub struct BeamFan {
+    angle_min_rad: f32,
+    angle_increment_rad: f32,
+    directions: Vec<(f64, f64)>,
+}
+
+impl BeamFan {
+    /// `(cos, sin)` of each beam's angle in the sensor's plane.
+    pub fn directions(&mut self, scan: &Scan) -> &[(f64, f64)] {
+        let same_shape = self.angle_min_rad.to_bits() == scan.angle_min_rad.to_bits()
+            && self.angle_increment_rad.to_bits() == scan.angle_increment_rad.to_bits();
+        if !same_shape {
+            self.angle_min_rad = scan.angle_min_rad;
+            self.angle_increment_rad = scan.angle_increment_rad;
+            self.directions.clear();
+        }
+        for beam in self.directions.len()..scan.ranges_m.len() {
+            let angle_rad =
+                f64::from(scan.angle_min_rad) + beam as f64 * f64::from(scan.angle_increment_rad);
+            self.directions
+                .push((libm::cos(angle_rad), libm::sin(angle_rad)));
+        }
+        &self.directions[..scan.ranges_m.len()]
+    }
+}
+
+#[cfg(test)]
+mod beam_range_tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_judged_in_order() {
+        let rule = RangeLimits {
+            range_min_m: 0.1,
+            range_max_m: 20.0,
+            zero_range: ZeroRange::Invalid,
+        };
+        for (range, expected) in [
+            (f32::NAN, None),
+            (f32::NEG_INFINITY, None),
+            (-0.5, None),
+            (f32::INFINITY, Some(BeamOutcome::Miss)),
+            (20.0, Some(BeamOutcome::Miss)),
+            (81.91, Some(BeamOutcome::Miss)),
+            (0.0, None),
+            (0.099, None),
+            (0.1, Some(BeamOutcome::Hit)),
+            (19.999, Some(BeamOutcome::Hit)),
+        ] {
+            assert_eq!(rule.classify(range), expected, "{range}");
+        }
+        let trusting = RangeLimits {
+            zero_range: ZeroRange::Miss,
+            ..rule
+        };
+        assert_eq!(trusting.classify(0.0), Some(BeamOutcome::Miss));
+        assert_eq!(trusting.classify(-0.5), None);
+    }
+}
+
+#[cfg(test)]
+mod beam_fan_tests {
+    use super::*;
+
+    #[test]
+    fn directions_follow_the_shape_of_each_scan() {
+        let scan = |angle_min_rad, beams| Scan {
+            angle_min_rad,
+            angle_increment_rad: 0.5,
+            ranges_m: vec![1.0; beams],
+            ..Scan::default()
+        };
+        let mut fan = BeamFan::default();
+        assert_eq!(
+            fan.directions(&scan(0.0, 2)),
+            [(1.0, 0.0), (libm::cos(0.5), libm::sin(0.5))]
+        );
+        assert_eq!(
+            fan.directions(&scan(0.0, 3))[2],
+            (libm::cos(1.0), libm::sin(1.0))
+        );
+        assert_eq!(
+            fan.directions(&scan(-1.0, 1)),
+            [(libm::cos(-1.0), libm::sin(-1.0))]
+        );
     }
 }

@@ -1,47 +1,45 @@
-//! Poses from satellite fixes and an attitude sensor.
+//! Poses from GNSS fixes and an attitude sensor (docs/methods.md, section 0, pose source (c); \[HYB\] §2.2).
 //!
-//! Positions are those of the antenna, metres east, north and up of the first fix (the datum); the attitude is
-//! that of the vehicle in the same axes (REP-103, REP-105: yaw 0 is east), so the lever arm from the vehicle's
-//! origin to the antenna is taken off where the vehicle was turned to. Fixes come 1 to 20 times a second and a
-//! boat rolls in between: there is a pose at every stamp of either sensor, the antenna's place interpolated
-//! linearly and the attitude by slerp.
+//! Positions are those of the antenna, metres east, north and up of the first fix (the datum). The attitude is in
+//! the same axes (REP-103, REP-105: yaw 0 is east), and the lever arm to the antenna is subtracted with it. Fixes
+//! come at 1 to 20 Hz and a boat rolls in between, so there is a pose at every stamp of either sensor: the antenna's
+//! position is interpolated linearly, the attitude by slerp.
 //!
-//! A single fix that leaps is an echo of the signal and is left out. Fixes that stay where one leapt to, for
-//! [`OUTLIER_CONFIRMATION`], are believed: then it is the poses that jump, as those of any other source can.
+//! A single outlier is a multipath error and is dropped. Fixes that stay at an outlier for
+//! [`OUTLIER_CONFIRMATION`] are accepted; that is a pose jump.
 
-use nalgebra::{Point3, UnitQuaternion, Vector3};
-
-use super::attitude_filter::{AttitudeFilter, AttitudeSettings, attitude_at};
-use super::attitude_smoothing::StampedAttitude;
-use super::dead_reckoning::StampedPose;
-use super::geodesy::{GeodeticPoint, LocalTangentPlane};
-use super::pose_jump::JumpLimit;
-use super::sample_synchronizer::{Bracket, SampleSynchronizer, Stamped};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{GeodeticFix, ImuSample};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
-/// How long fixes must stay where one leapt to before they are believed, time of the data.
+use crate::attitude::{AttitudeFilter, AttitudeSettings, StampedAttitude, attitude_at};
+use crate::dead_reckoning::StampedPose;
+use crate::pose_buffer::JumpLimit;
+use crate::sample_synchronizer::{Bracket, SampleSynchronizer, Stamped};
+
+/// Time of the data after which fixes that stay at an outlier are accepted.
 pub const OUTLIER_CONFIRMATION: RobotDuration = RobotDuration::from_millis(1000);
 
-/// The receiver and the attitude sensor.
+/// Settings of the receiver and the attitude sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GnssSettings {
     /// Added to the stamps of fixes.
     pub fix_time_offset: RobotDuration,
-    /// Where the antenna sits on the vehicle, metres.
+    /// Position of the antenna on the vehicle, metres.
     pub antenna_in_base: Vector3<f64>,
     /// The attitude sensor.
     pub attitude: AttitudeSettings,
-    /// Fixes farther apart than this are a leap.
+    /// Fixes farther apart than this are outliers.
     pub outlier_limit: JumpLimit,
-    /// Where either sensor is silent for longer, there are no poses.
+    /// Without data of either sensor for longer, no poses are made.
     pub max_gap: RobotDuration,
 }
 
 impl GnssSettings {
-    /// How long after its time a pose is known at most: the fix behind it may be as far away as is bridged.
+    /// Greatest latency of a pose in time of the data: the next fix may be up to `max_gap` away.
     pub fn lag(&self) -> RobotDuration {
         let of_fixes = self
             .max_gap
@@ -51,8 +49,8 @@ impl GnssSettings {
     }
 }
 
-/// Fixes and attitudes in, poses of the vehicle out: `odom_from_base`, where `odom` is east, north and up of the
-/// datum.
+/// Converts fixes and attitudes to poses of the vehicle: `odom_from_base`, where `odom` is east,
+/// north and up of the datum.
 #[derive(Clone, Debug)]
 pub struct GnssPositioning {
     settings: GnssSettings,
@@ -65,7 +63,7 @@ pub struct GnssPositioning {
 }
 
 impl GnssPositioning {
-    /// Without having seen anything.
+    /// With these settings.
     pub fn new(settings: GnssSettings) -> Self {
         Self {
             plane: None,
@@ -78,14 +76,14 @@ impl GnssPositioning {
         }
     }
 
-    /// Takes a fix; appends the poses that are known now to `out`, in order.
+    /// Takes a fix; appends the poses that are complete now to `out`, in order.
     pub fn push_fix(&mut self, stamp: RobotTime, fix: &GeodeticFix, out: &mut Vec<StampedPose>) {
         let stamp = stamp + self.settings.fix_time_offset;
         let taken = geodetic_point(fix).and_then(|place| {
             let plane = self
                 .plane
                 .get_or_insert_with(|| LocalTangentPlane::new(place));
-            let antenna = (stamp, plane.enu_from_geodetic(&place));
+            let antenna = (stamp, plane.enu_from_geodetic(&place).into());
             self.fixes.check(&antenna)?;
             self.joined.push_a(antenna)
         });
@@ -93,7 +91,7 @@ impl GnssPositioning {
         self.join(out);
     }
 
-    /// Takes an attitude; appends the poses that are known now to `out`, in order.
+    /// Takes an attitude; appends the poses that are complete now to `out`, in order.
     pub fn push_attitude(
         &mut self,
         stamp: RobotTime,
@@ -106,14 +104,14 @@ impl GnssPositioning {
         self.join(out);
     }
 
-    /// The data ended: appends the last poses to `out`.
+    /// End of the data: appends the last poses to `out`.
     pub fn finish(&mut self, out: &mut Vec<StampedPose>) {
         self.attitudes.finish(&mut self.smoothed);
         self.take_smoothed();
         self.join(out);
     }
 
-    /// The data's clock started anew. The datum stays: Earth does too.
+    /// Clock reset. The datum is kept.
     pub fn reset(&mut self) {
         let (plane, drops) = (self.plane.take(), std::mem::take(&mut self.drops));
         *self = Self {
@@ -123,12 +121,12 @@ impl GnssPositioning {
         };
     }
 
-    /// Messages that were left out, by reason.
+    /// Dropped messages, by reason.
     pub const fn drops(&self) -> &DropCounts {
         &self.drops
     }
 
-    /// Where `odom` has its origin; `None` before the first fix.
+    /// Origin of `odom`; `None` before the first fix.
     pub fn datum(&self) -> Option<GeodeticPoint> {
         self.plane.as_ref().map(LocalTangentPlane::datum)
     }
@@ -183,16 +181,16 @@ fn geodetic_point(fix: &GeodeticFix) -> Result<GeodeticPoint, DropReason> {
         .ok_or(DropReason::BadFix)
 }
 
-/// No vehicle of ours is higher above the ellipsoid, or deeper below it, metres.
+/// Greatest distance from the ellipsoid, metres.
 const MAX_ALTITUDE_M: f64 = 100_000.0;
 
-/// Tells fixes from leaps.
+/// Detects outliers.
 #[derive(Clone, Debug)]
 struct FixFilter {
     outlier_limit: JumpLimit,
     newest: Option<RobotTime>,
     accepted: Option<Stamped<Point3<f64>>>,
-    /// Where fixes leapt to: when first, and the newest.
+    /// Time of the first fix at an outlier, and the newest one there.
     outlier: Option<(RobotTime, Stamped<Point3<f64>>)>,
 }
 

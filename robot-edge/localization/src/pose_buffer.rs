@@ -1,32 +1,31 @@
-//! The poses of one frame over time: a bounded buffer that interpolates.
+//! Pose buffer: the poses of one frame over time, interpolated (docs/methods.md, section 0), and
+//! pose jumps.
 
 use std::collections::VecDeque;
 
-use nalgebra::{Quaternion, UnitQuaternion};
-
-use super::pose_jump::{JumpLimit, PoseJump};
 use measurement::drops::DropReason;
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
+use nalgebra::{Quaternion, UnitQuaternion};
 
-/// How far a [`PoseBuffer`] reaches beyond its samples.
+/// Limits of interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InterpolationLimits {
-    /// Samples farther apart than this are not interpolated between.
+    /// Longest time between samples that is interpolated.
     pub max_gap: RobotDuration,
-    /// How far past the newest sample a pose may be extrapolated.
+    /// Longest extrapolation past the newest sample.
     pub max_extrapolation: RobotDuration,
-    /// Samples farther apart than this are not interpolated between either.
+    /// A step beyond this is not interpolated.
     pub jump: JumpLimit,
 }
 
-/// Samples in stamp order, each stamp once.
+/// In stamp order, stamps are unique.
 #[derive(Clone, Debug, Default)]
 pub struct PoseBuffer {
     samples: VecDeque<(RobotTime, Pose)>,
 }
 
-/// Samples that a track holds at most, whatever their stamps say: 10 s at 1 kHz.
+/// Limit of the samples, 10 s at 1 kHz.
 const MAX_SAMPLES: usize = 10_000;
 
 impl PoseBuffer {
@@ -42,7 +41,7 @@ impl PoseBuffer {
         }
     }
 
-    /// The jump that a sample would be behind the newest, if it is one.
+    /// The jump from the newest sample to this one, if it is one.
     pub fn jump_to(
         &self,
         stamp: RobotTime,
@@ -53,7 +52,8 @@ impl PoseBuffer {
         limits.jump.between(newest, &(stamp, pose))
     }
 
-    /// Forgets samples before `stamp`, but never the newest: it says why there is no pose.
+    /// Removes samples before `stamp`, but never the newest, which decides the reason for a missing
+    /// pose.
     pub fn forget_before(&mut self, stamp: RobotTime) {
         while self.samples.len() > 1 && self.samples.front().is_some_and(|(old, _)| *old < stamp) {
             self.samples.pop_front();
@@ -65,10 +65,9 @@ impl PoseBuffer {
         self.samples.back().map(|(stamp, _)| *stamp)
     }
 
-    /// The segment that gives poses at `stamp`, and for how long.
+    /// The segment that gives poses at `stamp`.
     ///
-    /// # Errors
-    /// The reason why there is no pose at `stamp`.
+    /// # Errors The reason for a missing pose.
     pub fn segment(
         &self,
         stamp: RobotTime,
@@ -79,7 +78,7 @@ impl PoseBuffer {
         };
         let at = self.samples.partition_point(|(other, _)| *other < stamp);
         match self.samples.get(at) {
-            // A sample at the very stamp needs no neighbour.
+            // A sample at exactly this stamp needs no neighbour.
             Some(&sample) if sample.0 == stamp => Ok(Segment::still(sample)),
             Some(_) if at == 0 => {
                 debug_assert!(stamp < first.0);
@@ -107,7 +106,7 @@ impl PoseBuffer {
                 };
                 Ok(match before.filter(is_motion) {
                     Some(before) => Segment::between(before, last, until),
-                    // A single pose says nothing of motion.
+                    // A single pose has no velocity.
                     None => Segment {
                         until,
                         ..Segment::still(last)
@@ -118,13 +117,14 @@ impl PoseBuffer {
     }
 }
 
-/// Poses between (or shortly after) two samples: translation linear, rotation by slerp.
+/// Interpolation between two samples, and extrapolation after them: translation linear, rotation by
+/// slerp.
 #[derive(Clone, Debug)]
 pub struct Segment {
     from: (RobotTime, Pose),
     to: (RobotTime, Pose),
     until: RobotTime,
-    /// Angle between the two quaternions as vectors, radians; what slerp turns through.
+    /// Angle between the two quaternions as 4D vectors, radians.
     angle_rad: f64,
     sin_angle: f64,
 }
@@ -140,7 +140,7 @@ impl Segment {
         }
     }
 
-    /// From one sample to the next, going on as evenly up to `until`.
+    /// From one sample to the next, extrapolated until `until`.
     pub(super) fn between(
         from: (RobotTime, Pose),
         mut to: (RobotTime, Pose),
@@ -149,7 +149,7 @@ impl Segment {
         let (a, b) = (from.1.rotation.quaternion(), to.1.rotation.quaternion());
         let mut cos_angle = a.coords.dot(&b.coords);
         if cos_angle < 0.0 {
-            // q and −q are one rotation: take the short way round.
+            // q and −q are one rotation: use the nearer one.
             to.1.rotation = UnitQuaternion::new_unchecked(-*b);
             cos_angle = -cos_angle;
         }
@@ -163,7 +163,7 @@ impl Segment {
         }
     }
 
-    /// Whether it gives the pose at `stamp`.
+    /// Whether the segment gives a pose at `stamp`.
     pub fn covers(&self, stamp: RobotTime) -> bool {
         self.from.0 <= stamp && stamp <= self.until
     }
@@ -185,13 +185,13 @@ impl Segment {
     }
 
     fn rotation_at(&self, t: f64) -> UnitQuaternion<f64> {
-        // Up to this the series below has lost nothing that f64 could hold.
+        // Below this angle the series is exact in f64.
         const SMALL_RAD: f64 = 0.02;
         let (a, b) = (self.from.1.rotation.coords, self.to.1.rotation.coords);
         if self.angle_rad < SMALL_RAD {
             let square = self.angle_rad * self.angle_rad;
             let (wa, wb) = (small_weight(1.0 - t, square), small_weight(t, square));
-            // The weights of unit quaternions give a unit quaternion; dividing by its length would only cost time.
+            // Already of unit length.
             return UnitQuaternion::new_unchecked(Quaternion::from(a * wa + b * wb));
         }
         let weight = |t: f64| libm::sin(t * self.angle_rad) / self.sin_angle;
@@ -199,8 +199,7 @@ impl Segment {
     }
 }
 
-/// `sin(t·θ) / sin θ` for small θ, of which the square is given: between poses a hundredth of a second apart,
-/// for every beam, two sines would take longer than all the rest.
+/// `sin(t·θ) / sin θ` for small θ from θ², by a series: two sines per beam would dominate the cost.
 fn small_weight(t: f64, square: f64) -> f64 {
     let tt = t * t;
     let sixth = (31.0 - 18.0 * tt + 3.0 * tt * tt) * (1.0 / 15120.0);
@@ -208,8 +207,44 @@ fn small_weight(t: f64, square: f64) -> f64 {
     t + t * (1.0 - tt) * square * (1.0 / 6.0 + square * (fourth + square * sixth))
 }
 
+/// Greatest step between two consecutive poses: `slack_m` plus `speed_mps` times the time between
+/// them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JumpLimit {
+    /// Independent of time, metres.
+    pub slack_m: f64,
+    /// Greatest speed with the error of stamps, metres per second.
+    pub speed_mps: f64,
+}
+
+/// Pose jump: the map before it and the data after it do not fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseJump {
+    /// Stamp of the first pose after it.
+    pub stamp: RobotTime,
+    /// Metres.
+    pub distance_m: f64,
+}
+
+impl JumpLimit {
+    /// The jump between two poses, if it is one.
+    pub fn between(
+        &self,
+        before: &(RobotTime, Pose),
+        after: &(RobotTime, Pose),
+    ) -> Option<PoseJump> {
+        let way = after.1.translation.vector - before.1.translation.vector;
+        let distance_m = way.norm();
+        let time_s = after.0.since(before.0).as_secs_f64().abs();
+        (distance_m > self.slack_m + self.speed_mps * time_s).then_some(PoseJump {
+            stamp: after.0,
+            distance_m,
+        })
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod pose_buffer_tests {
     use std::f64::consts::FRAC_PI_2;
 
     use proptest::prelude::*;
@@ -248,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_between_samples_are_interpolated_and_after_them_extrapolated() {
+    fn poses_are_interpolated_and_extrapolated() {
         let track = track(&[
             (1.0, planar(0.0, 0.0, 0.0)),
             (1.4, planar(4.0, 0.0, FRAC_PI_2)),
@@ -267,7 +302,7 @@ mod tests {
         assert_eq!(x_at(&track, 1.2), Err(DropReason::PoseGap));
         assert_eq!(x_at(&track, 1.0), Ok(1.0));
         assert_eq!(x_at(&track, 1.501), Ok(2.0));
-        // The motion across a gap is not extrapolated either.
+        // The motion before a gap is not extrapolated.
         assert_eq!(x_at(&track, 1.55), Ok(2.0));
         assert_eq!(x_at(&PoseBuffer::default(), 1.0), Err(DropReason::NoPose));
     }
@@ -320,5 +355,35 @@ mod tests {
             let expected = rotation(a).slerp(&rotation(b), t);
             prop_assert!(got.angle_to(&expected) < 1e-7, "{}", got.angle_to(&expected));
         }
+    }
+}
+
+#[cfg(test)]
+mod pose_jump_tests {
+    use super::*;
+    use measurement::pose::planar;
+
+    #[test]
+    fn a_jump_is_farther_than_slack_and_driving_explain() {
+        let limit = JumpLimit {
+            slack_m: 1.0,
+            speed_mps: 3.0,
+        };
+        let at = |secs, x_m, y_m| {
+            let stamp = RobotTime::from_secs_f64(secs).unwrap();
+            (stamp, planar(x_m, y_m, 0.0))
+        };
+        let jump = |after| limit.between(&at(10.0, 1.0, 1.0), &after);
+        assert_eq!(jump(at(10.0, 2.0, 1.0)), None);
+        assert_eq!(jump(at(10.5, 1.0, 3.5)), None);
+        let far = PoseJump {
+            stamp: RobotTime::from_secs_f64(10.5).unwrap(),
+            distance_m: 5.0,
+        };
+        assert_eq!(jump(at(10.5, 4.0, 5.0)), Some(far));
+        // A long gap allows a long step.
+        assert_eq!(jump(at(12.0, 4.0, 5.0)), None);
+        // Stamps that go back are no jump.
+        assert_eq!(jump(at(8.0, 4.0, 5.0)), None);
     }
 }

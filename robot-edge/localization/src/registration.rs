@@ -1,34 +1,29 @@
-//! Measurements in stamp order in, posed scans out: waits for poses, places beams, counts drops.
+//! Registers scans: takes measurements in stamp order, waits for poses, projects beams to `odom`, counts drops
+//! (docs/methods.md, section 0).
 
-use self::pending_jumps::PendingJumps;
-use self::pose_estimator::PoseEstimator;
-use self::scan_queue::{QueuedScan, ScanQueue};
-use super::dead_reckoning::StampedPose;
-use super::geodesy::GeodeticPoint;
-use super::pose_jump::PoseJump;
-use super::transform_buffer::TransformBuffer;
-use mapping::registered_scan::RegisteredScan;
+mod scan_queue;
+
+use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, OwnPose, StreamId};
+use protocol::geodesy::GeodeticPoint;
 
-mod pending_jumps;
-mod pose_estimator;
-mod scan_queue;
-mod settings;
+use crate::beam_projection::{BodyBox, SensorSettings};
+use crate::dead_reckoning::{DeadReckoning, DeadReckoningSettings, StampedPose};
+use crate::gnss_positioning::{GnssPositioning, GnssSettings};
+use crate::pose_buffer::{InterpolationLimits, PoseJump};
+use crate::registration::scan_queue::{QueuedScan, ScanQueue};
+use crate::tilt::TiltSettings;
+use crate::transform_buffer::TransformBuffer;
 
-pub use settings::{
-    MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationCounts,
-    RegistrationSettings, SensorCounts,
-};
-
-/// What comes out of a [`ScanRegistration`], in the order of the data.
+/// Output of a [`ScanRegistration`], in the order of the data.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RegistrationOutput {
-    /// A scan.
+    /// A registered scan.
     Scan(RegisteredScan),
-    /// Between the scans before and those after it, the poses jumped.
+    /// The poses jumped between the scans before and after it.
     Jump(PoseJump),
 }
 
@@ -47,32 +42,29 @@ pub struct ScanRegistration {
     settings: RegistrationSettings,
     tree: TransformBuffer,
     newest: RobotTime,
-    /// First beam of the newest scan that came out of a queue.
+    /// First beam of the newest scan that left a queue.
     newest_out: RobotTime,
     sensors: Vec<ScanQueue>,
     pose_estimator: Option<PoseEstimator>,
     estimated_poses: Vec<StampedPose>,
-    /// Angles of tilts that were left out.
+    /// Dropped tilt angles.
     dropped_tilts: DropCounts,
     jumps: PendingJumps,
-    /// Of scans that bring their own.
+    /// Pose of the newest scan that has its own.
     last_own_pose: Option<StampedPose>,
 }
 
-/// Name under which poses of odometry, of wheels and of fixes stand in the tree, whatever their messages call
-/// their frame.
+/// Frame of the poses from odometry, wheels and fixes, whatever their messages name it.
 pub const ODOMETRY_FRAME: &str = "odom";
 
 impl ScanRegistration {
-    /// With no poses yet.
+    /// With these settings.
     pub fn new(mut settings: RegistrationSettings) -> Self {
         let new = |sensor: &RangeSensorSettings| ScanQueue::new(sensor.clone(), settings.body);
         let mut sensors: Vec<_> = settings.sensors.iter().map(new).collect();
         let longest_hold = scan_queue::set_holds(&mut sensors);
         let tilts = settings.sensors.iter().filter_map(|s| s.tilt.as_ref());
-        let lag = tilts.fold(pose_estimator::lag(&settings.origin), |lag, tilt| {
-            lag.max(tilt.lag())
-        });
+        let lag = tilts.fold(lag(&settings.origin), |lag, tilt| lag.max(tilt.lag()));
         settings.max_pose_wait = settings.max_pose_wait + lag;
         settings.pose_history = settings.pose_history + lag + longest_hold;
         Self {
@@ -89,8 +81,8 @@ impl ScanRegistration {
         }
     }
 
-    /// Takes one measurement; appends every scan that can be placed now to `out`, and every jump of the
-    /// poses ahead of the first scan behind it.
+    /// Takes one measurement; appends every scan that can be registered now to `out`, and each pose
+    /// jump before the first scan after it.
     pub fn push(&mut self, measurement: Measurement, out: &mut Vec<RegistrationOutput>) {
         if !measurement.is_static_transform() {
             self.newest = self.newest.max(measurement.stamp);
@@ -129,20 +121,20 @@ impl ScanRegistration {
                 }
             }
             MeasurementData::Joints(joints) => self.tilt(stamp, stream, &joints),
-            // No scan, and if a pose, taken already.
+            // No scan; poses were taken above.
             MeasurementData::Imu(_)
             | MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
             | MeasurementData::PointCloud(_) => {}
         }
         self.register_queued(Self::is_ready, out);
-        // Only now: behind a pause in the data, a scan that waited still needed its old pose.
+        // After registration: after a pause in the data, a queued scan still needs its old pose.
         self.tree
             .forget_before(self.newest - self.settings.pose_history);
     }
 
-    /// The data's clock started anew: places or drops what waits, then forgets all moving poses. The first
-    /// pose after it may be anywhere: that is no jump.
+    /// Clock reset: registers or drops the queued scans, then forgets all moving poses. The next
+    /// pose is no jump.
     pub fn reset_clock(&mut self, out: &mut Vec<RegistrationOutput>) {
         self.finish(out);
         self.tree.clear_dynamic();
@@ -155,7 +147,7 @@ impl ScanRegistration {
         self.last_own_pose = None;
     }
 
-    /// The data ended: places what waits, or drops it.
+    /// End of the data: registers or drops the queued scans.
     pub fn finish(&mut self, out: &mut Vec<RegistrationOutput>) {
         if let Some(pose_estimator) = &mut self.pose_estimator {
             pose_estimator.finish(&mut self.estimated_poses);
@@ -166,7 +158,7 @@ impl ScanRegistration {
         self.emit_jumps(RobotTime::MAX, &base_frame, out);
     }
 
-    /// What became of scans and beams so far.
+    /// Counts of scans and beams.
     pub fn counts(&self) -> RegistrationCounts {
         let mut counts = RegistrationCounts {
             dropped_poses: self.dropped_tilts.clone(),
@@ -181,12 +173,12 @@ impl ScanRegistration {
         counts
     }
 
-    /// Where the origin of `odom` lies on Earth: the first satellite fix, where poses are made of fixes.
+    /// Origin of `odom` on Earth, if poses are made from GNSS fixes.
     pub fn datum(&self) -> Option<GeodeticPoint> {
         self.pose_estimator.as_ref()?.datum()
     }
 
-    /// Where the vehicle is, as far as poses have come; `None` before the first and where only scans bring them.
+    /// Newest pose of the vehicle; `None` before the first.
     pub fn newest_pose(&self) -> Option<StampedPose> {
         let settings = &self.settings;
         let chain = self
@@ -220,7 +212,7 @@ impl ScanRegistration {
             };
             return of.enqueue(waiting, self.newest_out, self.settings.max_queued);
         }
-        // A log's scans bring their poses, so that it does not matter when they were.
+        // The scans of a log carry their poses.
         let registered = match own_pose {
             Some(OwnPose {
                 odom_from_base,
@@ -253,7 +245,7 @@ impl ScanRegistration {
             match tilt.pose(stamp, joints, &sensor.settings.beams.base_from_sensor) {
                 Some(Ok((stamp, base_from_sensor))) => {
                     let (base, frame) = (&self.settings.base_frame, &sensor.tilted_frame);
-                    // It turns where it is, and so it never jumps.
+                    // It turns in place, so it never jumps.
                     self.tree
                         .insert(base, frame, stamp, base_from_sensor, false);
                 }
@@ -280,8 +272,8 @@ impl ScanRegistration {
         self.estimated_poses = estimated_poses;
     }
 
-    /// Tells the jumps up to `stamp` that moved the vehicle, or the sensor where the tree does not know the
-    /// vehicle.
+    /// Emits the jumps up to `stamp` that moved the vehicle, or the sensor if the tree does not
+    /// contain the vehicle.
     fn emit_jumps(
         &mut self,
         stamp: RobotTime,
@@ -316,7 +308,7 @@ impl ScanRegistration {
         }
     }
 
-    /// Of the scans that wait, the one whose first beam was first, and its sensor.
+    /// The queued scan with the earliest first beam, and its sensor.
     fn next_queued(&self) -> Option<(usize, &QueuedScan)> {
         let heads = self.sensors.iter().enumerate();
         heads
@@ -332,7 +324,7 @@ impl ScanRegistration {
         let chain = self.sensors[sensor].chain(&self.tree, &self.settings, &scan.frame);
         match chain.and_then(|(chain, _)| chain.newest()) {
             Some(newest) if newest > scan.last_beam => true,
-            // Of equal stamps the later wins, so wait until no other can come.
+            // Of equal stamps the later wins, so wait until no other can arrive.
             Some(newest) if newest == scan.last_beam => passed_by(RobotDuration::ZERO),
             Some(_) | None => passed_by(self.settings.max_pose_wait),
         }
@@ -346,7 +338,7 @@ impl ScanRegistration {
         let mut sampler = chain.sampler();
         let odom_from_base = match tree.chain(settings.fixed_frame(), &settings.base_frame) {
             Some(chain) => chain.sampler().pose_at(scan.first_beam)?,
-            // The tree has no frame for the vehicle: the mounting says where it is.
+            // Without a vehicle frame in the tree, the mounting gives its pose.
             None => {
                 sampler.pose_at(scan.first_beam)?
                     * mount
@@ -357,6 +349,272 @@ impl ScanRegistration {
             .project(&scan.scan, scan.first_beam, odom_from_base, |stamp| {
                 Ok(sampler.pose_at(stamp)? * mount)
             })
+    }
+}
+
+/// Source of poses, decided before the first measurement.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PoseOrigin {
+    /// Each scan carries its own.
+    Log,
+    /// The transform tree.
+    Tf {
+        /// Frame of the map.
+        fixed_frame: FrameId,
+    },
+    /// Odometry messages.
+    Odometry,
+    /// Wheel encoders and an attitude sensor.
+    Wheels(DeadReckoningSettings),
+    /// GNSS fixes and an attitude sensor.
+    Gps(GnssSettings),
+    /// The vehicle stays at the origin.
+    Static,
+}
+
+/// Source of a range sensor's mounting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MountOrigin {
+    /// The transform tree contains the sensor's frame.
+    Tree,
+    /// The configuration; the tree ends at the vehicle.
+    Configured,
+}
+
+/// Streams for poses; `None` accepts any stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PoseStreams {
+    /// Angles of wheels.
+    pub wheels: Option<StreamId>,
+    /// Attitudes.
+    pub attitude: Option<StreamId>,
+    /// Satellite fixes.
+    pub fixes: Option<StreamId>,
+}
+
+/// One range sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RangeSensorSettings {
+    /// Stream of its scans; `None` accepts every scan.
+    pub stream: Option<StreamId>,
+    /// Range limits, and the mounting before it is tilted.
+    pub beams: SensorSettings,
+    /// Source of the mounting.
+    pub mount: MountOrigin,
+    /// The servo that tilts it; only with a configured mounting.
+    pub tilt: Option<TiltSettings>,
+}
+
+/// Settings of [`ScanRegistration`].
+#[derive(Clone, Debug)]
+pub struct RegistrationSettings {
+    /// Source of poses.
+    pub origin: PoseOrigin,
+    /// Streams of the pose sensors.
+    pub pose_streams: PoseStreams,
+    /// Frame of the vehicle in the transform tree.
+    pub base_frame: FrameId,
+    /// Limits of interpolation.
+    pub limits: InterpolationLimits,
+    /// Time that poses are kept behind the newest stamp.
+    pub pose_history: RobotDuration,
+    /// Time that a scan waits for a pose after its last beam.
+    pub max_pose_wait: RobotDuration,
+    /// Limit of queued scans per sensor; beyond it the oldest is dropped.
+    pub max_queued: usize,
+    /// Range sensors, in the order of their ids.
+    pub sensors: Vec<RangeSensorSettings>,
+    /// Box of the vehicle.
+    pub body: BodyBox,
+}
+
+/// Counts of scans and beams.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RegistrationCounts {
+    /// Received scans.
+    pub scans_in: u64,
+    /// Registered scans.
+    pub scans_registered: u64,
+    /// Dropped scans, by reason.
+    pub dropped_scans: DropCounts,
+    /// Dropped wheel angles, attitudes, fixes and tilt angles, by reason.
+    pub dropped_poses: DropCounts,
+    /// Beams of the registered scans.
+    pub beams_in: u64,
+    /// Dropped beams of registered scans, by reason.
+    pub dropped_beams: DropCounts,
+    /// Counts per range sensor, in the order of their ids.
+    pub sensors: Vec<SensorCounts>,
+}
+
+/// Counts of one sensor.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SensorCounts {
+    /// The sensor.
+    pub sensor: SensorId,
+    /// Received scans.
+    pub scans_in: u64,
+    /// Registered scans.
+    pub scans_registered: u64,
+    /// Dropped scans, by reason.
+    pub dropped_scans: DropCounts,
+    /// Beams of the registered scans.
+    pub beams_in: u64,
+    /// Dropped beams of registered scans, by reason.
+    pub dropped_beams: DropCounts,
+}
+
+impl RegistrationSettings {
+    fn fixed_frame(&self) -> &str {
+        match &self.origin {
+            PoseOrigin::Tf { fixed_frame } => fixed_frame,
+            // The vehicle stays at the origin of the map.
+            PoseOrigin::Static => &self.base_frame,
+            PoseOrigin::Odometry | PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Log => {
+                ODOMETRY_FRAME
+            }
+        }
+    }
+}
+
+impl RegistrationCounts {
+    fn add(&mut self, sensor: SensorCounts) {
+        self.scans_in += sensor.scans_in;
+        self.scans_registered += sensor.scans_registered;
+        self.dropped_scans.merge(&sensor.dropped_scans);
+        self.beams_in += sensor.beams_in;
+        self.dropped_beams.merge(&sensor.dropped_beams);
+        self.sensors.push(sensor);
+    }
+}
+
+/// Estimator of poses and its input streams.
+#[derive(Clone, Debug)]
+struct PoseEstimator {
+    estimator: Estimator,
+    streams: PoseStreams,
+}
+
+#[derive(Clone, Debug)]
+enum Estimator {
+    Wheels(Box<DeadReckoning>),
+    Fixes(Box<GnssPositioning>),
+}
+
+impl PoseEstimator {
+    /// `None` if the source provides poses.
+    fn of(origin: &PoseOrigin, streams: PoseStreams) -> Option<Self> {
+        let estimator = match origin {
+            PoseOrigin::Wheels(settings) => {
+                Estimator::Wheels(Box::new(DeadReckoning::new(settings.clone())))
+            }
+            PoseOrigin::Gps(settings) => {
+                Estimator::Fixes(Box::new(GnssPositioning::new(settings.clone())))
+            }
+            PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
+                return None;
+            }
+        };
+        Some(Self { estimator, streams })
+    }
+
+    /// Takes a measurement of its streams; appends the poses that are complete now to `out`, in
+    /// order.
+    fn push(&mut self, measurement: &Measurement, out: &mut Vec<StampedPose>) {
+        let is_from = |stream: Option<StreamId>| stream.is_none_or(|own| own == measurement.stream);
+        let stamp = measurement.stamp;
+        match (&mut self.estimator, &measurement.data) {
+            (Estimator::Wheels(wheels), MeasurementData::Joints(joints))
+                if is_from(self.streams.wheels) =>
+            {
+                wheels.push_joints(stamp, joints, out);
+            }
+            (Estimator::Wheels(wheels), MeasurementData::Imu(sample))
+                if is_from(self.streams.attitude) =>
+            {
+                wheels.push_attitude(stamp, sample, out);
+            }
+            (Estimator::Fixes(fixes), MeasurementData::Fix(fix)) if is_from(self.streams.fixes) => {
+                fixes.push_fix(stamp, fix, out);
+            }
+            (Estimator::Fixes(fixes), MeasurementData::Imu(sample))
+                if is_from(self.streams.attitude) =>
+            {
+                fixes.push_attitude(stamp, sample, out);
+            }
+            (Estimator::Wheels(_) | Estimator::Fixes(_), _) => {}
+        }
+    }
+
+    /// End of the data: appends the last poses to `out`.
+    fn finish(&mut self, out: &mut Vec<StampedPose>) {
+        match &mut self.estimator {
+            Estimator::Wheels(wheels) => wheels.finish(out),
+            Estimator::Fixes(fixes) => fixes.finish(out),
+        }
+    }
+
+    /// Clock reset.
+    fn reset(&mut self) {
+        match &mut self.estimator {
+            Estimator::Wheels(wheels) => wheels.reset(),
+            Estimator::Fixes(fixes) => fixes.reset(),
+        }
+    }
+
+    /// Dropped messages, by reason.
+    fn drops(&self) -> &DropCounts {
+        match &self.estimator {
+            Estimator::Wheels(wheels) => wheels.drops(),
+            Estimator::Fixes(fixes) => fixes.drops(),
+        }
+    }
+
+    fn datum(&self) -> Option<GeodeticPoint> {
+        match &self.estimator {
+            Estimator::Wheels(_) => None,
+            Estimator::Fixes(fixes) => fixes.datum(),
+        }
+    }
+}
+
+/// Latency of a pose in time of the data, without the sensors' periods.
+fn lag(origin: &PoseOrigin) -> RobotDuration {
+    match origin {
+        PoseOrigin::Wheels(settings) => settings.lag(),
+        PoseOrigin::Gps(settings) => settings.lag(),
+        PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
+            RobotDuration::ZERO
+        }
+    }
+}
+
+/// Limit of pending jumps; further ones between two scans replace the newest.
+const MAX_PENDING: usize = 64;
+
+/// Jumps and the frames of their poses, in the order of arrival, that no scan has passed yet.
+#[derive(Clone, Debug, Default)]
+struct PendingJumps(Vec<(FrameId, PoseJump)>);
+
+impl PendingJumps {
+    /// Adds jumps; beyond the limit they replace the newest.
+    fn extend(&mut self, jumps: impl IntoIterator<Item = (FrameId, PoseJump)>) {
+        self.0.extend(jumps);
+        if let Some(newest) = self.0.len().checked_sub(1)
+            && newest >= MAX_PENDING
+        {
+            self.0.swap_remove(MAX_PENDING - 1);
+        }
+    }
+
+    /// Takes those up to `stamp`, in stamp order.
+    fn take_until(&mut self, stamp: RobotTime) -> Vec<(FrameId, PoseJump)> {
+        let mut due: Vec<_> = self
+            .0
+            .extract_if(.., |(_, jump)| jump.stamp <= stamp)
+            .collect();
+        due.sort_by_key(|(_, jump)| jump.stamp);
+        due
     }
 }
 

@@ -1,11 +1,11 @@
-//! Two sensors that keep their own time, brought together: both at every stamp of either.
+//! Synchronizes two sensors: samples of both around every stamp of either.
 
 use std::collections::VecDeque;
 
 use measurement::drops::DropReason;
 use measurement::time::{RobotDuration, RobotTime};
 
-/// What was measured, and when.
+/// Value with its stamp.
 pub type Stamped<T> = (RobotTime, T);
 
 /// Samples that wait for those of the other sensor.
@@ -13,7 +13,7 @@ pub type Stamped<T> = (RobotTime, T);
 pub struct SampleSynchronizer<A, B> {
     a: Samples<A>,
     b: Samples<B>,
-    /// The newest stamp that was taken.
+    /// The newest emitted stamp.
     at: Option<RobotTime>,
 }
 
@@ -22,13 +22,13 @@ pub struct SampleSynchronizer<A, B> {
 pub struct SynchronizedSample<A, B> {
     /// A stamp of either sensor.
     pub stamp: RobotTime,
-    /// Of the one sensor.
+    /// Samples of the first sensor.
     pub a: Bracket<A>,
-    /// Of the other.
+    /// Samples of the second sensor.
     pub b: Bracket<B>,
 }
 
-/// The samples at or before and at or after a stamp: the same one, where there is one at the stamp itself.
+/// Samples at or before and at or after a stamp; equal if there is one at the stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bracket<T> {
     /// At or before.
@@ -37,7 +37,7 @@ pub struct Bracket<T> {
     pub after: Stamped<T>,
 }
 
-/// Samples of one sensor that wait for the other at most: 100 s at 100 Hz.
+/// Limit of the waiting samples of one sensor, 100 s at 100 Hz.
 pub(super) const MAX_SAMPLES: usize = 10_000;
 
 impl<A, B> Default for SampleSynchronizer<A, B> {
@@ -51,28 +51,26 @@ impl<A, B> Default for SampleSynchronizer<A, B> {
 }
 
 impl<A: Copy, B: Copy> SampleSynchronizer<A, B> {
-    /// Takes a sample of the one sensor; stamps must rise.
+    /// Takes a sample of the first sensor; stamps must increase.
     ///
-    /// # Errors
-    /// [`DropReason::QueueFull`] where too many pending for the other sensor.
+    /// # Errors [`DropReason::QueueFull`] if too many samples wait for the other sensor.
     pub fn push_a(&mut self, sample: Stamped<A>) -> Result<(), DropReason> {
         self.a.push(sample, self.at.is_some())
     }
 
-    /// The same of the other sensor.
+    /// Takes a sample of the second sensor.
     ///
-    /// # Errors
-    /// As [`push_a`](Self::push_a).
+    /// # Errors As [`push_a`](Self::push_a).
     pub fn push_b(&mut self, sample: Stamped<B>) -> Result<(), DropReason> {
         self.b.push(sample, self.at.is_some())
     }
 
-    /// How many samples of each sensor are kept.
+    /// Number of kept samples of each sensor.
     pub fn kept(&self) -> (usize, usize) {
         (self.a.0.len(), self.b.0.len())
     }
 
-    /// The next stamp of either sensor at which both are known; at first, that from which on they are.
+    /// The next stamp of either sensor at which both are known.
     pub fn take_next(&mut self) -> Option<SynchronizedSample<A, B>> {
         let stamp = match self.at {
             None => self.a.first()?.max(self.b.first()?),
@@ -87,12 +85,12 @@ impl<A: Copy, B: Copy> SampleSynchronizer<A, B> {
 }
 
 impl<T> Bracket<T> {
-    /// Whether what lies between is known at `stamp`: there is a sample at it, or no gap around it.
+    /// Whether interpolation at `stamp` is valid: a sample at it, or no gap around it.
     pub fn is_known_at(&self, stamp: RobotTime, max_gap: RobotDuration) -> bool {
         self.after.0 == stamp || self.after.0.since(self.before.0) <= max_gap
     }
 
-    /// How far `stamp` is from the one sample to the other, 0 to 1; 1 where they are the same.
+    /// Interpolation fraction of `stamp`, 0 to 1; 1 if both samples are equal.
     pub fn fraction(&self, stamp: RobotTime) -> f64 {
         let span = self.after.0.since(self.before.0).as_nanos();
         if span == 0 {
@@ -102,13 +100,13 @@ impl<T> Bracket<T> {
     }
 }
 
-/// Samples in stamp order; before the first meeting, and between, the one ahead of the next stamp is kept.
+/// Samples in stamp order; the last one before the next output stamp is kept.
 #[derive(Clone, Debug)]
 struct Samples<T>(VecDeque<Stamped<T>>);
 
 impl<T: Copy> Samples<T> {
-    /// Before the first meeting the oldest goes where there is no more room; later the newest, because what lies
-    /// between must be known from the last meeting on.
+    /// Beyond the limit, drops the oldest before the first output, later the newest, because the
+    /// samples since the last output must stay complete.
     fn push(&mut self, sample: Stamped<T>, has_begun: bool) -> Result<(), DropReason> {
         let is_full = self.0.len() >= MAX_SAMPLES;
         if is_full && has_begun {
@@ -158,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn both_are_known_at_every_stamp_of_either() {
+    fn both_sensors_are_known_at_every_stamp() {
         let mut joined = SampleSynchronizer::default();
         for millis in [0, 100, 200] {
             joined.push_a((at(millis), millis)).unwrap();

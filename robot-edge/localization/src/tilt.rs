@@ -1,33 +1,31 @@
-//! A range sensor that a servo turns about its own y axis, by the angles that the servo reports.
-
-use nalgebra::{Quaternion, UnitQuaternion};
+//! A range sensor that a servo tilts about the sensor's y axis.
 
 use measurement::StreamId;
 use measurement::drops::DropReason;
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
+use nalgebra::{Quaternion, UnitQuaternion};
 
-/// How a joint's angle tilts a sensor.
+/// Relation of a joint's angle to the tilt.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TiltSettings {
     /// Name of the joint.
     pub joint: String,
-    /// The stream that its angles are taken from; any that has the joint, where `None`.
+    /// Stream of the angles; `None` accepts any stream with the joint.
     pub stream: Option<StreamId>,
-    /// Angle of the sensor per angle of the joint.
+    /// Tilt per joint angle.
     pub scale: f64,
-    /// Angle of the sensor where the joint is at zero, radians, positive nose down.
+    /// Tilt at joint angle zero, radians, positive nose down.
     pub offset_rad: f64,
     /// Added to the stamps of the angles.
     pub time_offset: RobotDuration,
 }
 
 impl TiltSettings {
-    /// Where the sensor is by the angles (radians) of one message, and when: `base_from_sensor` is its mounting
-    /// before it is tilted. `None` where the message does not hold the joint.
+    /// Stamp and pose of the sensor by the joint angles of one message, radians; `base_from_sensor`
+    /// is its mounting before it is tilted. `None` without the joint.
     ///
-    /// # Errors
-    /// [`DropReason::BadPose`] where the angle is not finite.
+    /// # Errors [`DropReason::BadPose`] if the angle is not finite.
     pub fn pose(
         &self,
         stamp: RobotTime,
@@ -46,12 +44,12 @@ impl TiltSettings {
         Some(Ok((stamp + self.time_offset, tilted)))
     }
 
-    /// Whether the joint's angles are taken from `stream`.
+    /// Whether angles of `stream` are used.
     pub fn uses_stream(&self, stream: StreamId) -> bool {
         self.stream.is_none_or(|own| own == stream)
     }
 
-    /// How long after its time an angle is known, beside the encoder's own period.
+    /// Latency of an angle in time of the data, without the encoder's period.
     pub fn lag(&self) -> RobotDuration {
         RobotDuration::from_nanos(0i64.saturating_sub(self.time_offset.as_nanos()).max(0))
     }
@@ -81,7 +79,7 @@ mod tests {
     #[test]
     fn a_joint_turns_the_nose_down_about_the_sensors_own_axis() {
         let joints = [("left", 7.0), ("tilt", 0.3)].map(|(name, rad)| (name.to_owned(), rad));
-        // A sensor that looks to the left: its y axis is the vehicle's −x.
+        // A sensor that faces left: its y axis is the vehicle's −x.
         let mount = planar(1.0, 2.0, std::f64::consts::FRAC_PI_2);
         for (scale, offset_rad, angle_rad) in [(1.0, 0.0, 0.3), (-1.0, 0.1, -0.2)] {
             let (stamp, pose) = tilt(scale, offset_rad)
@@ -100,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_without_the_joint_say_nothing_and_angles_that_are_none_are_refused() {
+    fn other_joints_are_ignored_and_invalid_angles_refused() {
         let of = |name: &str, rad: f64| {
             let joints = [(name.to_owned(), rad)];
             tilt(1.0, 0.0).pose(at(0.0), &joints, &Pose::identity())

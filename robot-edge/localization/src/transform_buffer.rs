@@ -1,18 +1,18 @@
-//! The transform tree over time (REP-105): which frame hangs on which, and where.
+//! Transform buffer: the tree of frames over time (REP-105).
 
 use std::collections::BTreeMap;
 
-use super::pose_buffer::{InterpolationLimits, PoseBuffer, Segment};
-use super::pose_jump::PoseJump;
 use measurement::FrameId;
 use measurement::drops::DropReason;
 use measurement::pose::Pose;
 use measurement::time::RobotTime;
 
-/// Frames that a tree holds at most; real vehicles have tens.
+use crate::pose_buffer::{InterpolationLimits, PoseBuffer, PoseJump, Segment};
+
+/// Limit of the frames; real vehicles have tens.
 const MAX_FRAMES: usize = 1024;
 
-/// The tree: each frame's parent, and its pose in it over time.
+/// Each frame's parent, and its pose in it over time.
 #[derive(Clone, Debug)]
 pub struct TransformBuffer {
     limits: InterpolationLimits,
@@ -41,9 +41,9 @@ impl TransformBuffer {
     }
 
     /// Adds a pose of `child` in `parent`. A frame that changes its parent loses its earlier poses;
-    /// a static transform replaces moving ones and holds for all time.
+    /// a static transform replaces moving ones.
     ///
-    /// Returns the jump that it is behind the frame's newest pose, if it is one.
+    /// Returns the jump from the frame's newest pose, if it is one.
     pub fn insert(
         &mut self,
         parent: &FrameId,
@@ -81,7 +81,7 @@ impl TransformBuffer {
         }
     }
 
-    /// Forgets moving poses before `stamp`, but never a frame's newest.
+    /// Removes moving poses before `stamp`, but never a frame's newest.
     pub fn forget_before(&mut self, stamp: RobotTime) {
         for edge in self.edges.values_mut() {
             if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
@@ -90,7 +90,7 @@ impl TransformBuffer {
         }
     }
 
-    /// Forgets all moving poses: the data's clock started anew.
+    /// Clock reset: removes all moving poses.
     pub fn clear_dynamic(&mut self) {
         for edge in self.edges.values_mut() {
             if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
@@ -99,10 +99,10 @@ impl TransformBuffer {
         }
     }
 
-    /// The frames from `source` up to its root, `source` first.
+    /// Frames from `source` up to its root, `source` first.
     pub fn ancestry(&self, source: &FrameId) -> Vec<FrameId> {
         let mut frames = vec![FrameId::clone(source)];
-        // Bounded: damaged data can close a loop.
+        // Bounded, because damaged data can close a loop.
         while let Some(edge) = frames.last().and_then(|frame| self.edges.get(frame)) {
             if frames.len() > MAX_FRAMES {
                 break;
@@ -112,15 +112,15 @@ impl TransformBuffer {
         frames
     }
 
-    /// Whether `frame` is one whose own poses move `source` in `target`: `source` or a frame above it, below
-    /// `target`. `None` where `target` is not above `source`.
+    /// Whether poses of `frame` move `source` in `target`: it is `source` or an ancestor below
+    /// `target`. `None` if `target` is no ancestor of `source`.
     pub fn is_between(&self, target: &str, source: &FrameId, frame: &FrameId) -> Option<bool> {
         let ancestors = self.ancestry(source);
         let at = ancestors.iter().position(|above| &**above == target)?;
         Some(ancestors[..at].contains(frame))
     }
 
-    /// The links from `source` up to `target`, `source`'s first; `None` where `target` is not above it.
+    /// Links from `source` up to `target`, `source`'s first; `None` if `target` is no ancestor.
     pub fn chain<'a>(&'a self, target: &str, source: &FrameId) -> Option<TransformChain<'a>> {
         let mut links = Vec::new();
         let mut frame = source;
@@ -148,7 +148,7 @@ impl Edge {
     }
 }
 
-/// The links between two frames.
+/// Links between two frames.
 #[derive(Clone, Debug)]
 pub struct TransformChain<'a> {
     links: Vec<&'a EdgeTransform>,
@@ -156,9 +156,9 @@ pub struct TransformChain<'a> {
 }
 
 impl TransformChain<'_> {
-    /// The newest stamp up to which every moving link has poses; `None` where one has none at all.
+    /// Newest stamp up to which every moving link has poses; `None` if one has none.
     ///
-    /// [`RobotTime::MAX`] where no link moves.
+    /// [`RobotTime::MAX`] if no link moves.
     pub fn newest(&self) -> Option<RobotTime> {
         self.links
             .iter()
@@ -168,7 +168,7 @@ impl TransformChain<'_> {
             })
     }
 
-    /// A sampler of `target_from_source` for a run of stamps that mostly rise, such as those of beams.
+    /// A sampler of `target_from_source` for mostly increasing stamps, such as those of beams.
     pub const fn sampler(&self) -> Sampler<'_> {
         Sampler {
             chain: self,
@@ -177,7 +177,7 @@ impl TransformChain<'_> {
     }
 }
 
-/// Gives poses along a [`TransformChain`]; remembers where in the buffers the last one was found.
+/// Samples a [`TransformChain`]; caches the last segment of each link.
 #[derive(Clone, Debug)]
 pub struct Sampler<'a> {
     chain: &'a TransformChain<'a>,
@@ -187,8 +187,7 @@ pub struct Sampler<'a> {
 impl Sampler<'_> {
     /// `target_from_source` at `stamp`.
     ///
-    /// # Errors
-    /// The reason why there is no pose at `stamp`.
+    /// # Errors The reason for a missing pose.
     pub fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
         self.segments.resize(self.chain.links.len(), None);
         let mut target_from_source: Option<Pose> = None;
@@ -217,7 +216,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::pose_jump::JumpLimit;
+    use crate::pose_buffer::JumpLimit;
     use measurement::pose::planar;
     use measurement::time::RobotDuration;
 

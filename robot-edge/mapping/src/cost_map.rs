@@ -1,42 +1,83 @@
-//! The slope cost map: a window of columns around the vehicle, read anew only where voxels have changed.
+//! Slope cost map (docs/methods.md, section 4): a window of columns around the vehicle, updated
+//! where voxels have changed.
 //!
-//! What a tile of columns is depends on its voxels alone, its slopes on the columns up to three around it, what is
-//! rigid there on the voxels up to two around it. So three windows lie in each other, each a tile smaller on every
-//! side: what is told of a cell does not depend on where the edge was when it was computed, and the map is always
-//! the one that would be computed from nothing.
+//! A tile of columns depends on its own voxels, its slopes on the columns up to three around it,
+//! its rigidity on the voxels up to two around it. Therefore three windows are nested, each one
+//! tile smaller on every side. A published cell does not depend on the position of the window when
+//! it was computed.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
+use serde::Deserialize;
 
-use super::column_window::{ColumnTile, ColumnWindow, WindowPart};
-use super::cost_config::{CostConfig, RigidityConfig, Surface};
-use super::grid::CellIndex;
-use super::height_columns::{ColumnKind, ColumnRules, TILE_COLUMNS, read_columns};
-use super::obstacle_voxel::{ObstacleVoxel, Rigidity};
-use super::octree::{BrickColumn, Octree, SurfaceVoxel};
-use super::rigidity::RigidityMap;
-use super::slope::{Beach, slopes};
-use super::vehicle::VehicleShape;
-use super::voxel::VoxelIndex;
+use crate::grid::{CellIndex, VoxelIndex};
+use crate::height_columns::{
+    ColumnKind, ColumnRules, ColumnTile, ColumnWindow, TILE_COLUMNS, WindowPart, read_columns,
+};
+use crate::octree::{BrickColumn, Octree, SurfaceVoxel};
+use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap};
+use crate::slope::{Beach, slopes};
+use crate::vehicle::VehicleShape;
 
-/// Fewest tiles that are worth a thread of their own.
+/// Settings of `[mapping.cost]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CostConfig {
+    /// Requires the octree.
+    pub enabled: bool,
+    /// Side of the box, metres (\[HYB\] §5.1: 40 on land, 160 on water).
+    pub box_m: f64,
+    /// Extent of the box below and above the vehicle, metres.
+    pub box_half_height_m: f64,
+    /// Slope of cost 1, degrees (\[HYB\] §5.1: 45 on land, 30 for docking).
+    pub critical_slope_deg: f64,
+    /// Surface that the vehicle moves on.
+    pub surface: Surface,
+    /// Period of updates in time of the data, seconds.
+    pub period_s: f64,
+}
+
+/// Surface that a vehicle moves on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surface {
+    /// Ground that beams hit.
+    Land,
+    /// Water, which returns no laser beam.
+    Water,
+}
+
+impl Default for CostConfig {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            box_m: 40.0,
+            box_half_height_m: 4.0,
+            critical_slope_deg: 45.0,
+            surface: Surface::Land,
+            period_s: 0.2,
+        }
+    }
+}
+
+/// Fewest tiles per thread.
 const MIN_SHARE: usize = 64;
 
-/// A cell of the map.
+/// Cell of the cost map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostCell {
-    /// 0 is flat or clear, 1 lethal; not a number where unknown.
+    /// 0 is flat ground or clear water, 1 lethal, NaN unknown.
     pub cost: f32,
-    /// Of what makes the column lethal; unlabelled where nothing does, or nobody can say.
+    /// Rigidity of the obstacle in the column; unlabelled without obstacle or without metrics.
     pub rigidity: Rigidity,
     /// Water without an obstacle.
     pub is_clear_water: bool,
-    /// On water: what was hit there is higher than the water.
+    /// On water: the hits are above the water level.
     pub rises_from_water: bool,
 }
 
 impl CostCell {
-    /// Nothing is known.
+    /// Without information.
     pub const UNKNOWN: Self = Self {
         cost: f32::NAN,
         rigidity: Rigidity::Unlabelled,
@@ -44,7 +85,7 @@ impl CostCell {
         rises_from_water: false,
     };
 
-    /// Whether another one would look different.
+    /// Whether the published values differ.
     pub(super) fn differs(self, other: Self) -> bool {
         self.cost.to_bits() != other.cost.to_bits() || self.rigidity != other.rigidity
     }
@@ -65,8 +106,7 @@ pub struct CostMap {
 }
 
 impl CostMap {
-    /// An empty map. The settings are taken as valid. It is the same map, bit for bit, whatever the number of
-    /// `threads`.
+    /// An empty map; the settings must be valid. The map does not depend on `threads`.
     pub fn new(
         config: &CostConfig,
         rigidity: &RigidityConfig,
@@ -87,7 +127,7 @@ impl CostMap {
         }
     }
 
-    /// Brings the map up to what the octree holds now, around a vehicle at a place in `odom`.
+    /// Updates the map from the octree, around the vehicle's position.
     pub fn update(&mut self, octree: &mut Octree, vehicle_in_odom: Point3<f64>) {
         let changed = octree.take_changed();
         let octree = &*octree;
@@ -102,7 +142,7 @@ impl CostMap {
         }
         let read = self.window.tiles_to_read();
         let columns = self.for_each(&read, |at| read_columns(octree, at, &rules));
-        // Most of what a scan changes is air that is none of a column's levels.
+        // Most changes of a scan are free voxels that change no column.
         let mut changed = Vec::new();
         for (&at, columns) in read.iter().zip(columns) {
             if self.window.set_columns(at, &columns) {
@@ -112,7 +152,7 @@ impl CostMap {
         let sloped = self.window.tiles_without_slopes(&changed);
         let beach = self.beach(&rules);
         let costs = self.for_each(&sloped, |at| self.costs(at, beach.as_ref()));
-        // What stands in the way may have become rigid where no level has changed.
+        // Rigidity may have changed without a change of levels.
         changed.extend(read);
         for (&at, costs) in sloped.iter().zip(costs) {
             if self.window.set_costs(at, costs) {
@@ -123,29 +163,29 @@ impl CostMap {
         self.classify(octree, &to_classify, &rules);
     }
 
-    /// The cells that have changed since the last call; of the same cell the last one counts.
+    /// Cells changed since the last call; a later entry of the same cell replaces an earlier one.
     pub fn take_changed(&mut self) -> Vec<(CellIndex, CostCell)> {
         std::mem::take(&mut self.changed)
     }
 
-    /// Forgets everything; changes that nobody took are forgotten.
+    /// Erases the map and its untaken changes.
     pub fn erase(&mut self) {
         self.window.clear();
         self.rules = None;
         self.changed.clear();
     }
 
-    /// A cell of the window.
+    /// A cell; `None` outside of the window.
     pub fn cell(&self, cell: CellIndex) -> Option<CostCell> {
         self.window.cell(cell)
     }
 
-    /// The cells of the window, row by row, with the least cell and how many are in a row.
+    /// Cells of the window, row by row: least cell, cells per row, cells.
     pub fn cells(&self) -> (CellIndex, usize, Vec<CostCell>) {
         self.window.cells()
     }
 
-    /// Every voxel of what makes columns lethal, in the whole window.
+    /// Voxels of obstacles in lethal columns of the whole window.
     pub fn obstacle_voxels(&self, octree: &Octree) -> Vec<ObstacleVoxel> {
         let mut voxels = Vec::new();
         if let Some(rules) = &self.rules {
@@ -156,17 +196,17 @@ impl CostMap {
         voxels
     }
 
-    /// Whether it tells what makes columns lethal apart.
+    /// Whether rigidity is enabled.
     pub const fn classifies_rigidity(&self) -> bool {
         self.rigidity.enabled
     }
 
-    /// Memory of the window, bytes.
+    /// Memory, bytes.
     pub fn bytes(&self) -> usize {
         self.window.bytes()
     }
 
-    /// What `of` gives for each tile, in order.
+    /// Applies `of` to each tile, in order.
     fn for_each<T: Send>(
         &self,
         tiles: &[BrickColumn],
@@ -188,7 +228,8 @@ impl CostMap {
         slopes(&self.window.patch(at), self.cell_m as f32, beach).map(cost)
     }
 
-    /// Which levels count for a vehicle at a height: those of the last time, unless it has moved away from them.
+    /// Levels for a vehicle at height `z_m`; the previous ones unless the vehicle has moved away
+    /// from them.
     fn rules_at(&self, z_m: f64) -> ColumnRules {
         let voxels = |metres: f64| libm::ceil(metres / self.cell_m - 1e-9) as i32;
         let height = voxels(self.vehicle.height_m).max(1);
@@ -196,7 +237,8 @@ impl CostMap {
             Surface::Land => {
                 let reach = voxels(self.config.box_half_height_m);
                 let z = libm::floor(z_m / self.cell_m) as i32;
-                // The box moves in steps of an eighth of itself: each one makes all columns be read anew.
+                // The box moves in steps of an eighth of its height, because each step rereads all
+                // columns.
                 let step = (reach / 4).max(1);
                 let middle = self.rules.map(|rules| rules.from_z + reach);
                 let middle = middle.filter(|middle| (z - middle).abs() <= step);
@@ -210,7 +252,7 @@ impl CostMap {
                 }
             }
             Surface::Water => {
-                // A boat heaves: its waterline is where it was, unless it is three quarters of a voxel off.
+                // A boat heaves: the level is kept until it is three quarters of a voxel off.
                 let level = (z_m + self.vehicle.bottom_z_m) / self.cell_m;
                 let is_held =
                     |rules: &ColumnRules| (level - f64::from(rules.from_z) - 0.5).abs() <= 1.25;
@@ -220,7 +262,7 @@ impl CostMap {
                         surface: Surface::Water,
                         from_z,
                         to_z: from_z,
-                        // The upper one of two that it may be in while the boat heaves.
+                        // The upper one of the two voxels between which the boat heaves.
                         water_z: libm::floor(z_m / self.cell_m + 0.5) as i32,
                         height,
                     }
@@ -229,8 +271,8 @@ impl CostMap {
         }
     }
 
-    /// Which slopes beside water are land that a hull can lie on: those that come out of it no farther away than twice
-    /// the boat's length. What lies higher or level is not where a boat gets to.
+    /// Slopes beside water that a hull can lie on: they rise out of the water within twice the
+    /// boat's length.
     fn beach(&self, rules: &ColumnRules) -> Option<Beach> {
         match rules.surface {
             Surface::Land => None,
@@ -241,12 +283,12 @@ impl CostMap {
         }
     }
 
-    /// How high the water stands, z of `odom`, metres; only on water.
+    /// Water level, z of `odom`, metres; valid on water only.
     fn water_m(&self, rules: &ColumnRules) -> f32 {
         ((f64::from(rules.water_z) + 0.5) * self.cell_m) as f32
     }
 
-    /// Decides what is told of the columns of tiles.
+    /// Computes and publishes the cells of tiles.
     fn classify(&mut self, octree: &Octree, to_classify: &[BrickColumn], rules: &ColumnRules) {
         let mut verdicts = Vec::new();
         if self.rigidity.enabled {
@@ -282,7 +324,7 @@ impl CostMap {
         }
     }
 
-    /// The occupied voxels above the ground of the lethal columns of a tile.
+    /// Collects the occupied voxels above ground of the lethal columns of a tile.
     fn collect_obstacles(
         &self,
         octree: &Octree,

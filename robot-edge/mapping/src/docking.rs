@@ -1,18 +1,19 @@
-//! Where a boat could dock: gentle slopes that rise out of clear water and are large enough for it.
+//! Docking sites: gentle slopes that rise out of clear water and hold the boat's footprint
+//! (docs/methods.md, section 4, "Docking sites").
 //!
-//! \[HYB\] §8.2.2 (*Hybrid 3D perception on land and water*) leaves the choice to navigation. Here a *berth* is
-//! a place and heading of the boat where its footprint lies on cells of moderate cost, above 0 and below
-//! lethal, the water it comes through, as wide and as long as itself right behind it, is clear, and it lies on
-//! land, or land begins right ahead: a shoal with water around it is none. A site is what berths that touch cover. Asking for the whole footprint keeps overgrown shores out: among their lethal
-//! cells there are moderate ones, but no rectangle of them as wide as the boat.
+//! A *docking pose* is a position and heading at which the footprint covers cells of moderate cost
+//! (above 0, below 1), an area of the same size right behind it is clear water, and land is below
+//! the boat or right ahead, so that a shoal does not count. A site is a connected set of cells that
+//! docking poses cover. Overgrown shores have moderate cells too, but no boat-sized rectangle of
+//! them.
+
+use std::f64::consts::{SQRT_2, TAU};
 
 use nalgebra::{Point2, Vector2};
 
-use super::docking_grid::{DockingGrid, Ground};
-use super::docking_pose::{DockingPose, DockingTemplates};
-use super::grid::CellIndex;
+use crate::grid::CellIndex;
 
-/// The outline of a boat.
+/// Footprint of a boat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoatFootprint {
     /// From bow to stern, metres.
@@ -26,26 +27,28 @@ pub struct BoatFootprint {
 pub struct DockingSite {
     /// Its cells, ascending.
     pub cells: Vec<CellIndex>,
-    /// Their mean, metres in `odom`.
+    /// Mean of the cells, metres in `odom`.
     pub centre_in_odom: Point2<f64>,
-    /// Where the bow points on the way in, radians in `odom`, counter-clockwise from x.
+    /// Direction of the bow on the way in, radians in `odom`, counter-clockwise from x.
     pub heading_rad: f64,
     /// Mean cost of its cells, above 0 and below 1.
     pub mean_cost: f64,
-    /// Across the heading, from the outer side of the leftmost berth to that of the rightmost, metres: at
-    /// least the boat's own width.
+    /// Extent across the heading of all docking poses of the site, metres: at least the boat's
+    /// width.
     pub width_m: f64,
 }
 
-/// Mean costs that differ by less are of one rank, metres of width decide: the slope cost is no more exact.
+/// Mean costs within this difference rank equal, and the width decides: the cost is not more
+/// precise.
 const COST_RANK: f64 = 0.05;
-/// Berths whose headings differ by no more than so many steps from that of most count for a site's heading.
+/// Docking poses within this many heading steps of the most frequent heading count for a site's
+/// heading.
 const HEADINGS_BESIDE: usize = 2;
 
-/// The docking sites of a window, the best first.
+/// Docking sites of a window, the best first.
 ///
-/// Gentler slopes are better, in steps of 0.05 of mean cost, because it is the slope that the hulls have to
-/// bear; of the same step the wider site, which leaves more room for error; then that of the least cell.
+/// A lower mean cost is better, in steps of 0.05, because the hulls bear the slope; then the wider
+/// site, then the lesser first cell.
 pub fn find_docking_sites(window: &DockingGrid<'_>, boat: &BoatFootprint) -> Vec<DockingSite> {
     let shapes = DockingTemplates::new(boat, window.cell_m());
     let docking_poses = shapes.docking_poses(window);
@@ -62,7 +65,7 @@ pub fn find_docking_sites(window: &DockingGrid<'_>, boat: &BoatFootprint) -> Vec
     sites
 }
 
-/// Which cells of moderate cost any berth covers.
+/// Marks the cells that a docking pose covers.
 fn covered(
     window: &DockingGrid<'_>,
     shapes: &DockingTemplates,
@@ -77,7 +80,7 @@ fn covered(
     covered
 }
 
-/// The sets of marked cells that touch, also at corners; each ascending by place.
+/// Connected sets of marked cells (also across corners), each ascending.
 fn connected(marked: &[bool], window: &DockingGrid<'_>) -> Vec<Vec<usize>> {
     let mut open = marked.to_vec();
     let mut sets = Vec::new();
@@ -139,8 +142,8 @@ fn site(
     })
 }
 
-/// The mean direction of the berths whose headings are about that of most: a spit of land has berths from
-/// both sides, and the mean of all of them points along it.
+/// Mean direction of the docking poses around the most frequent heading. A spit of land has poses
+/// from both sides, whose overall mean points along it.
 fn main_heading(shapes: &DockingTemplates, docking_poses: &[DockingPose]) -> Option<Vector2<f64>> {
     let headings = shapes.headings();
     let mut counts = vec![0_u32; headings];
@@ -160,5 +163,479 @@ fn main_heading(shapes: &DockingTemplates, docking_poses: &[DockingPose]) -> Opt
     sum.try_normalize(0.5)
 }
 
+/// Input for one column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DockingColumn {
+    /// Slope cost, 0 to 1, for the critical slope of docking; NaN if unknown.
+    pub cost: f32,
+    /// Water without an obstacle.
+    pub is_clear_water: bool,
+    /// The hits are above the water level; false for a shoal.
+    pub rises_from_water: bool,
+}
+
+/// A rectangle of columns.
+#[derive(Debug)]
+pub struct DockingGrid<'a> {
+    first: CellIndex,
+    width: usize,
+    cell_m: f64,
+    columns: &'a [DockingColumn],
+    /// Per row: number of columns of each kind before each column, and in the whole row.
+    before: Vec<Counts>,
+}
+
+/// Kind of a column for a boat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    ClearWater,
+    /// Cost above 0 and below 1.
+    Moderate,
+    Lethal,
+    /// Unknown, or level land.
+    Other,
+}
+
+/// Number of columns of each kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Counts {
+    pub(super) water: u32,
+    pub(super) moderate: u32,
+    pub(super) lethal: u32,
+    /// Above the water and not lethal.
+    pub(super) land: u32,
+}
+
+impl<'a> DockingGrid<'a> {
+    /// `columns` are row by row, y upwards, `width` in a row; the first is cell `first`. An
+    /// incomplete last row is ignored.
+    pub fn new(first: CellIndex, width: usize, cell_m: f64, columns: &'a [DockingColumn]) -> Self {
+        let rows = columns.len().checked_div(width).unwrap_or(0);
+        let columns = &columns[..rows * width];
+        let mut before = Vec::with_capacity(rows * (width + 1));
+        for row in columns.chunks_exact(width.max(1)) {
+            let mut counts = Counts::default();
+            before.push(counts);
+            for column in row {
+                counts.add(*column);
+                before.push(counts);
+            }
+        }
+        Self {
+            first,
+            width,
+            cell_m,
+            columns,
+            before,
+        }
+    }
+
+    pub(super) const fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    pub(super) const fn columns(&self) -> &[DockingColumn] {
+        self.columns
+    }
+
+    pub(super) fn ground(&self, at: usize) -> Ground {
+        Ground::of(self.columns[at])
+    }
+
+    pub(super) const fn width(&self) -> usize {
+        self.width
+    }
+
+    fn rows(&self) -> usize {
+        self.columns.len().checked_div(self.width).unwrap_or(0)
+    }
+
+    pub(super) fn cell(&self, at: usize) -> CellIndex {
+        CellIndex {
+            x: self
+                .first
+                .x
+                .saturating_add_unsigned((at % self.width) as u32),
+            y: self
+                .first
+                .y
+                .saturating_add_unsigned((at / self.width) as u32),
+        }
+    }
+
+    /// Metres in `odom`.
+    pub(super) fn centre(&self, at: usize) -> Point2<f64> {
+        self.cell(at).centre(self.cell_m)
+    }
+
+    /// Columns that touch one, also across corners, itself included.
+    pub(super) fn neighbours(&self, at: usize) -> impl Iterator<Item = usize> + use<> {
+        let (x, y) = (at % self.width, at / self.width);
+        let (width, rows) = (self.width, self.rows());
+        let ys = y.saturating_sub(1)..(y + 2).min(rows);
+        ys.flat_map(move |y| {
+            let xs = x.saturating_sub(1)..(x + 2).min(width);
+            xs.map(move |x| y * width + x)
+        })
+    }
+
+    /// Distance of each column to the nearest one of a kind, in steps to adjacent columns (also
+    /// across corners).
+    pub(super) fn steps_to(&self, ground: Ground) -> Vec<u32> {
+        let start = |column: &DockingColumn| {
+            let is_there = Ground::of(*column) == ground;
+            if is_there { 0 } else { u32::MAX }
+        };
+        let mut steps: Vec<u32> = self.columns.iter().map(start).collect();
+        // Chebyshev distance transform: two passes, forward and backward.
+        let mut pass = |at: usize| {
+            let least = self.neighbours(at).map(|beside| steps[beside]).min();
+            let over_there = least.map_or(u32::MAX, |steps| steps.saturating_add(1));
+            steps[at] = steps[at].min(over_there);
+        };
+        (0..self.columns.len()).for_each(&mut pass);
+        (0..self.columns.len()).rev().for_each(&mut pass);
+        steps
+    }
+
+    /// Indices of columns `from .. to` of a row, clipped to the window.
+    pub(super) fn row_span(&self, y: isize, from: isize, to: isize) -> std::ops::Range<usize> {
+        if y < 0 || y.cast_unsigned() >= self.rows() {
+            return 0..0;
+        }
+        let within = |x: isize| x.max(0).cast_unsigned().min(self.width);
+        let row = y.cast_unsigned() * self.width;
+        let from = within(from);
+        row + from..row + within(to).max(from)
+    }
+
+    pub(super) fn counts(&self, row_span: std::ops::Range<usize>) -> Counts {
+        if row_span.is_empty() {
+            return Counts::default();
+        }
+        // Each row has one count more than columns.
+        let row = row_span.start / self.width;
+        let (start, end) = (
+            self.before[row_span.start + row],
+            self.before[row_span.end + row],
+        );
+        Counts {
+            water: end.water - start.water,
+            moderate: end.moderate - start.moderate,
+            lethal: end.lethal - start.lethal,
+            land: end.land - start.land,
+        }
+    }
+}
+
+impl Ground {
+    fn of(column: DockingColumn) -> Self {
+        if column.is_clear_water {
+            Self::ClearWater
+        } else if column.cost >= 1.0 {
+            Self::Lethal
+        } else if column.cost > 0.0 {
+            Self::Moderate
+        } else {
+            Self::Other
+        }
+    }
+}
+
+impl Counts {
+    fn add(&mut self, column: DockingColumn) {
+        match Ground::of(column) {
+            Ground::ClearWater => self.water += 1,
+            Ground::Lethal => self.lethal += 1,
+            Ground::Moderate => {
+                self.moderate += 1;
+                self.land += u32::from(column.rises_from_water);
+            }
+            Ground::Other => self.land += u32::from(column.rises_from_water),
+        }
+    }
+}
+
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.water += other.water;
+        self.moderate += other.moderate;
+        self.lethal += other.lethal;
+        self.land += other.land;
+    }
+}
+
+/// Headings to test, 15° apart.
+const HEADINGS: usize = 24;
+/// Minimum share of moderate cells below the boat. The rest may be level or unknown, because a
+/// tilting laser leaves gaps. None may be lethal.
+const MIN_MODERATE_SHARE: f64 = 0.9;
+/// Minimum share of clear water behind the boat. The rest may be unknown or the edge of the ramp,
+/// which the waterline cuts at an angle. None may be lethal.
+const MIN_WATER_SHARE: f64 = 0.8;
+/// Greatest size of a boat, cells; it bounds work and memory.
+const MAX_CELLS: f64 = 256.0;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct DockingPose {
+    /// Index of the middle cell of its footprint.
+    pub(super) centre: usize,
+    /// Index of the heading.
+    pub(super) heading: usize,
+}
+
+/// Cells that a boat covers at each heading.
+#[derive(Clone, Debug, Default)]
+pub(super) struct DockingTemplates {
+    /// One per heading; empty if the boat is too large.
+    shapes: Vec<DockingTemplate>,
+    /// Greatest distance of a docking pose from clear water, cells.
+    max_steps_to_water: u32,
+    /// A docking pose is farther than this from a lethal cell, cells.
+    lethal_clearance: u32,
+}
+
+#[derive(Clone, Debug)]
+struct DockingTemplate {
+    direction: Vector2<f64>,
+    footprint_mask: CellMask,
+    /// Same size as the footprint, right behind it.
+    water: CellMask,
+    /// Same size as the footprint, right ahead of it, where the land may begin.
+    ahead: CellMask,
+    /// Minimum moderate cells below the footprint.
+    min_moderate: u32,
+    /// Minimum clear water behind the footprint.
+    min_water: u32,
+    /// Minimum land cells below the footprint or ahead: the boat's width, so that stray hits are no
+    /// land.
+    min_land: u32,
+    /// Maximum clear water ahead if all land is ahead.
+    max_water_ahead: u32,
+}
+
+/// Cells around a middle one, as spans of rows.
+#[derive(Clone, Debug, Default)]
+struct CellMask {
+    row_spans: Vec<RowSpan>,
+    cells: u32,
+}
+
+/// Columns `from .. to` of row `y`, relative to the middle cell.
+#[derive(Clone, Copy, Debug)]
+struct RowSpan {
+    y: i32,
+    from: i32,
+    to: i32,
+}
+
+impl DockingTemplates {
+    pub(super) fn new(boat: &BoatFootprint, cell_m: f64) -> Self {
+        let cells = |metres: f64| metres / cell_m;
+        let (length, width) = (cells(boat.length_m), cells(boat.width_m));
+        let fits = |size: f64| size > 0.0 && size <= MAX_CELLS;
+        if !(fits(length) && fits(width)) {
+            return Self::default();
+        }
+        let shapes = (0..HEADINGS).map(|heading| {
+            let angle_rad = TAU * heading as f64 / HEADINGS as f64;
+            let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
+            let rectangle = |ahead: f64| CellMask::rectangle(direction, ahead, length, width);
+            let [footprint_mask, water, ahead] = [0.0, -length, length].map(rectangle);
+            DockingTemplate {
+                direction,
+                min_moderate: footprint_mask.share(MIN_MODERATE_SHARE),
+                // A boat shorter than a cell has no cell behind it.
+                min_water: water.share(MIN_WATER_SHARE).max(1),
+                min_land: libm::ceil(width) as u32,
+                max_water_ahead: ahead.cells - ahead.share(MIN_WATER_SHARE),
+                footprint_mask,
+                water,
+                ahead,
+            }
+        });
+        let to_water = 1.5 * length + 0.5 * width;
+        // Diagonal steps that stay within the circle inscribed in the footprint.
+        let to_side = 0.5 * width.min(length) / SQRT_2;
+        Self {
+            shapes: shapes.collect(),
+            max_steps_to_water: to_water as u32 + 1,
+            lethal_clearance: to_side as u32,
+        }
+    }
+
+    pub(super) const fn headings(&self) -> usize {
+        self.shapes.len()
+    }
+
+    /// Direction of the bow.
+    pub(super) fn direction(&self, heading: usize) -> Vector2<f64> {
+        self.shapes[heading].direction
+    }
+
+    /// All docking poses, by position and heading.
+    pub(super) fn docking_poses(&self, window: &DockingGrid<'_>) -> Vec<DockingPose> {
+        let mut docking_poses = Vec::new();
+        let to_water = window.steps_to(Ground::ClearWater);
+        let to_lethal = window.steps_to(Ground::Lethal);
+        for (centre, (to_water, to_lethal)) in to_water.into_iter().zip(to_lethal).enumerate() {
+            // Cheap tests first.
+            if window.ground(centre) != Ground::Moderate
+                || to_water > self.max_steps_to_water
+                || to_lethal <= self.lethal_clearance
+            {
+                continue;
+            }
+            for (heading, shape) in self.shapes.iter().enumerate() {
+                if shape.is_docking_pose(window, centre) {
+                    docking_poses.push(DockingPose { centre, heading });
+                }
+            }
+        }
+        docking_poses
+    }
+
+    /// Indices of the cells below a boat.
+    pub(super) fn cells<'a>(
+        &'a self,
+        window: &'a DockingGrid<'_>,
+        docking_pose: DockingPose,
+    ) -> impl Iterator<Item = usize> + 'a {
+        let shape = &self.shapes[docking_pose.heading].footprint_mask;
+        shape.cell_ranges(window, docking_pose.centre).flatten()
+    }
+}
+
+impl DockingTemplate {
+    fn is_docking_pose(&self, window: &DockingGrid<'_>, centre: usize) -> bool {
+        let below = self.footprint_mask.counts(window, centre);
+        let holds = |below: &Counts| below.moderate >= self.min_moderate;
+        let Some(below) = below.filter(holds) else {
+            return false;
+        };
+        let behind = self.water.counts(window, centre);
+        behind.is_some_and(|behind| behind.water >= self.min_water)
+            && (below.land >= self.min_land || self.leads_to_land(window, centre))
+    }
+
+    /// A sonar measures the bed of shallow water as gentle as a beach. A shoal differs by having no
+    /// land behind it.
+    fn leads_to_land(&self, window: &DockingGrid<'_>, centre: usize) -> bool {
+        let ahead = self.ahead.counts(window, centre);
+        ahead
+            .is_some_and(|ahead| ahead.land >= self.min_land && ahead.water <= self.max_water_ahead)
+    }
+}
+
+impl CellMask {
+    /// Cells with centres in a rectangle of `length` along `direction` and `width` across, its
+    /// centre `ahead` of the middle cell; all in cells.
+    fn rectangle(direction: Vector2<f64>, ahead: f64, length: f64, width: f64) -> Self {
+        let reach = libm::ceil(ahead.abs() + 0.5 * (length + width)) as i32;
+        let is_inside = |x: i32, y: i32| {
+            let cell = Vector2::new(f64::from(x), f64::from(y));
+            let (along, across) = (cell.dot(&direction) - ahead, cell.perp(&direction));
+            along.abs() <= 0.5 * length && across.abs() <= 0.5 * width
+        };
+        let mut shape = Self::default();
+        for y in -reach..=reach {
+            // A rectangle is convex: one span per row.
+            let mut inside = (-reach..=reach).filter(|&x| is_inside(x, y));
+            if let Some(from) = inside.next() {
+                let to = inside.next_back().unwrap_or(from) + 1;
+                shape.row_spans.push(RowSpan { y, from, to });
+                shape.cells += to.abs_diff(from);
+            }
+        }
+        shape
+    }
+
+    fn share(&self, share: f64) -> u32 {
+        libm::ceil(share * f64::from(self.cells)) as u32
+    }
+
+    /// Index ranges of its cells, clipped to the window.
+    fn cell_ranges<'a>(
+        &'a self,
+        window: &'a DockingGrid<'_>,
+        centre: usize,
+    ) -> impl Iterator<Item = std::ops::Range<usize>> + 'a {
+        let (x, y) = (
+            (centre % window.width()).cast_signed(),
+            (centre / window.width()).cast_signed(),
+        );
+        self.row_spans.iter().map(move |row_span| {
+            let along = |cells: i32| x + cells as isize;
+            window.row_span(
+                y + row_span.y as isize,
+                along(row_span.from),
+                along(row_span.to),
+            )
+        })
+    }
+
+    /// Counts on its cells; `None` if any is lethal.
+    fn counts(&self, window: &DockingGrid<'_>, centre: usize) -> Option<Counts> {
+        let mut counts = Counts::default();
+        for row_span in self.cell_ranges(window, centre) {
+            counts += window.counts(row_span);
+            if counts.lethal > 0 {
+                return None;
+            }
+        }
+        Some(counts)
+    }
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod docking_pose_tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::docking::DockingColumn;
+    use crate::grid::CellIndex;
+
+    proptest! {
+        /// The cheap tests exclude no docking pose.
+        #[test]
+        fn no_docking_pose_is_missed(
+            kinds in prop::collection::vec(
+                prop_oneof![
+                    6 => Just((0.0, true, false)),
+                    4 => Just((0.5, false, true)),
+                    2 => Just((0.5, false, false)),
+                    1 => Just((1.0, false, true)),
+                    1 => Just((f32::NAN, false, false)),
+                ],
+                16,
+            ),
+            length_m in 0.5..5.0_f64,
+            width_m in 0.5..5.0_f64,
+        ) {
+            let boat = BoatFootprint { length_m, width_m };
+            let shapes = DockingTemplates::new(&boat, 1.0);
+            // Patches of 4 × 4 columns.
+            let columns: Vec<_> = (0..256)
+                .map(|at| kinds[at / 64 * 4 + at % 16 / 4])
+                .map(|(cost, is_clear_water, rises_from_water)| DockingColumn {
+                    cost,
+                    is_clear_water,
+                    rises_from_water,
+                })
+                .collect();
+            let window = DockingGrid::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns);
+            let all = (0..256).flat_map(|centre| {
+                let headings = 0..shapes.headings();
+                headings.map(move |heading| DockingPose { centre, heading })
+            });
+            let docking_poses = all.filter(|docking_pose| {
+                window.ground(docking_pose.centre) == Ground::Moderate
+                    && shapes.shapes[docking_pose.heading].is_docking_pose(&window, docking_pose.centre)
+            });
+            prop_assert_eq!(shapes.docking_poses(&window), docking_poses.collect::<Vec<_>>());
+        }
+    }
+}

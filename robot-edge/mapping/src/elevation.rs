@@ -1,28 +1,51 @@
-//! Rolling elevation map from one down-tilted laser ([LOD §4]; `algorithms.md` §1).
+//! Rolling elevation map of one down-tilted laser (docs/methods.md, section 1; \[LOD\] §4).
 //!
-//! Cells are fixed in `odom` and hold heights above a ground plane, so that neither driving nor turning
-//! moves anything from cell to cell. What each cell says as an obstacle is decided here too, for the cells
-//! that a scan touched and no others.
+//! Cells are fixed in `odom` and hold heights above the ground plane. Driving and turning move
+//! nothing between cells. The obstacle class of a cell is updated here too, only for cells that the
+//! scan hit.
 
 use std::collections::VecDeque;
 
-use nalgebra::{Point2, Point3};
-
-use super::elevation_cell::{Bounds, CellClass, ElevationCell};
-use super::elevation_config::{
-    ElevationConfig, GroundConfig, GroundReference, ObstacleConfig, ObstacleRule,
-};
-use super::grid::CellIndex;
-use super::ground_plane::GroundPlane;
-use super::local_ground::LocalGround;
-use super::ray_clearing::{RayClearing, around, rises_from_ground};
-use super::registered_scan::{BeamOutcome, RegisteredScan};
-use super::rolling_grid::RollingGrid;
-use super::scan_hits::{HitCell, ScanHits};
-use measurement::pose::{self, Pose};
+use measurement::pose;
+use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
+use nalgebra::{Point2, Point3};
+use serde::Deserialize;
 
-/// The map.
+use crate::grid::CellIndex;
+use crate::ground_plane::{GroundConfig, GroundPlane, GroundReference, LocalGround};
+use crate::obstacle::{ObstacleConfig, ObstacleRule};
+use crate::ray_clearing::{RayClearing, around, rises_from_ground};
+use crate::registered_scan::{BeamOutcome, RegisteredScan};
+use crate::rolling_grid::{RollingGrid, Slot};
+
+/// Settings of `[mapping.elevation]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ElevationConfig {
+    /// Enables the elevation map and the obstacle map.
+    pub enabled: bool,
+    /// Side of a cell of both maps, metres.
+    pub cell_m: f64,
+    /// Cells along an edge of the window around the vehicle.
+    pub cells: u32,
+    /// Time after which an obstacle observed in fewer than 5 scans is forgotten, seconds.
+    pub forget_s: f64,
+}
+
+impl Default for ElevationConfig {
+    /// 20 × 20 m (\[LOD\] table 5.1).
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            cell_m: 0.2,
+            cells: 101,
+            forget_s: 10.0,
+        }
+    }
+}
+
+/// Rolling elevation map.
 #[derive(Clone, Debug)]
 pub struct ElevationMap {
     cell_m: f64,
@@ -36,37 +59,39 @@ pub struct ElevationMap {
     hits: ScanHits,
     ray_clearing: RayClearing,
     forget_ms: u32,
-    /// Obstacles when they were first seen, oldest first: some were never seen again.
+    /// Time and cell of new obstacles, oldest first, until they are confirmed or forgotten.
     unconfirmed: VecDeque<(u32, CellIndex)>,
     last_position: Option<Point3<f64>>,
     travel_m: f32,
     last_stamp: Option<RobotTime>,
     elapsed: RobotDuration,
-    /// Milliseconds from the first scan to the last one, and to the one with which the map began.
+    /// Time of the data since the first scan, milliseconds, at the last scan and when the map was
+    /// last erased.
     now_ms: u32,
     start_ms: u32,
     /// Cells whose class the last scan changed.
     reclassified: Vec<CellIndex>,
 }
 
-/// What became of one scan's points.
+/// Result of one scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ElevationReport {
-    /// Points that are in the map.
+    /// Points inside the window.
     pub points: u32,
     /// Points outside of the window.
     pub outside: u32,
-    /// Cells whose obstacle was seen to be gone.
+    /// Cells whose obstacle was cleared.
     pub cleared: u32,
 }
 
-/// An obstacle seen in fewer scans is forgotten if it is not seen again.
+/// An obstacle observed in fewer scans is forgotten after `forget_s`.
 const CONFIRMING_SCANS: u16 = 5;
-/// What is there when a map begins is taken to stand there: nothing was seen of how it came, milliseconds.
+/// Obstacles observed this soon after the map began are grounded: their approach could not be
+/// observed, milliseconds.
 const BEGINNING_MS: u32 = 1000;
 
 impl ElevationMap {
-    /// An empty map. The settings are taken as valid (see the configuration's own checks).
+    /// An empty map; the settings must be valid.
     pub fn new(
         elevation: &ElevationConfig,
         obstacle: &ObstacleConfig,
@@ -96,7 +121,7 @@ impl ElevationMap {
         }
     }
 
-    /// Adds one scan; heights are those above `plane`.
+    /// Adds one scan; heights refer to `plane`.
     pub fn integrate(&mut self, scan: &RegisteredScan, plane: &GroundPlane) -> ElevationReport {
         self.reclassified.clear();
         self.hits.clear();
@@ -120,7 +145,7 @@ impl ElevationMap {
         report
     }
 
-    /// Time of the data that has passed over the scans, milliseconds; steps back count for nothing.
+    /// Time of the data since the first scan, milliseconds. Steps back count as zero.
     fn advance_time(&mut self, stamp: RobotTime) -> u32 {
         let step = stamp.since(self.last_stamp.replace(stamp).unwrap_or(stamp));
         self.elapsed = self.elapsed + step.max(RobotDuration::ZERO);
@@ -200,9 +225,9 @@ impl ElevationMap {
         }
     }
 
-    /// Whether what now stands out stands on the ground: it rose from it, was there from the beginning, or
-    /// touches what was known to before the beams had moved on to this cell. A person who brushes past a wall
-    /// does so within a moment, and the cells behind them are no older.
+    /// Whether a raised cell stands on the ground: it rose from it, was there from the beginning,
+    /// or touches a cell that was grounded half a cell of travel ago. The delay excludes a person
+    /// who passes close to a wall.
     fn is_grounded(&self, hit: &HitCell, now_ms: u32) -> bool {
         let known_before_m = self.travel_m - 0.5 * self.cell_m as f32;
         let touches_grounded = || {
@@ -255,7 +280,7 @@ impl ElevationMap {
         }
     }
 
-    /// Forgets everything: the ground plane was reset.
+    /// Erases the map after a reset of the ground plane.
     pub fn erase(&mut self) {
         self.grid.erase();
         self.ray_clearing.erase();
@@ -274,17 +299,17 @@ impl ElevationMap {
         &self.grid
     }
 
-    /// The cells whose class the last scan changed; a cell may be listed twice.
+    /// Cells whose class the last scan changed; with possible repetitions.
     pub fn reclassified(&self) -> &[CellIndex] {
         &self.reclassified
     }
 
-    /// The cells changed since the last call, those that left the window included.
+    /// Cells changed since the last call, including those that left the window.
     pub fn take_changed(&mut self) -> Vec<(CellIndex, ElevationCell)> {
         self.grid.take_changed()
     }
 
-    /// What the obstacle map says of a cell; unknown outside of the window.
+    /// Obstacle class of a cell; unknown outside of the window.
     pub fn class(&self, cell: CellIndex) -> CellClass {
         self.grid
             .get(cell)
@@ -297,7 +322,7 @@ impl ElevationMap {
     }
 }
 
-/// A pose without pitch, roll and height: what the document's map is without its compensation.
+/// A pose without pitch, roll and height, for `compensation = false`.
 struct Flattened {
     base_from_odom: Pose,
     odom_from_flat: Pose,
@@ -319,5 +344,357 @@ impl Flattened {
     }
 }
 
+/// Statistics of the heights in one cell, metres above the ground plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElevationCell {
+    mean_m: f32,
+    /// Sum of squared deviations from the mean (Welford 1962), m².
+    squares_m2: f32,
+    min_m: f32,
+    max_m: f32,
+    /// Mean of the points within the thresholds.
+    ground_mean_m: f32,
+    /// Lowest point clearly above the ground.
+    lowest_raised_m: f32,
+    /// Travelled distance at the last hit, metres.
+    pub(super) hit_at_travel_m: f32,
+    points: u32,
+    /// Milliseconds since the map's first scan.
+    last_seen_ms: u32,
+    /// Counts of about the newest [`RECENT`] points.
+    recent: u16,
+    above: u16,
+    below: u16,
+    ground_points: u16,
+    scans: u16,
+    /// Index of the cell in the list of the scan that hit it last; [`ScanHits::bounds`] checks
+    /// whether that is this scan.
+    pub(super) hit: u16,
+    /// Scans with a beam through the obstacle since the last hit.
+    pub(super) crossed_scans: u8,
+    class: CellClass,
+    /// Travelled distance at which the obstacle was first observed to stand on the ground, or to
+    /// touch one that does; +∞ if never.
+    pub(super) grounded_at_travel_m: f32,
+}
+
+/// Class of a cell of the obstacle map (\[LOD\] §4.4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CellClass {
+    /// No point.
+    Unknown,
+    /// Within the thresholds.
+    Free,
+    /// Beyond one of them.
+    Obstacle,
+}
+
+/// Heights of the local ground, metres above the ground plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds {
+    pub(super) lowest_m: f32,
+    pub(super) highest_m: f32,
+    /// Points above this are clearly above the ground, obstacle or not.
+    pub(super) raised_above_m: f32,
+}
+
+/// Points for the 5 % rule. Of all points ever, 5 % would be too many for a kerb that is reached
+/// after a minute of standing in front of it.
+const RECENT: u16 = 512;
+
+impl ElevationCell {
+    /// Without information.
+    pub const UNKNOWN: Self = Self {
+        mean_m: 0.0,
+        squares_m2: 0.0,
+        min_m: f32::INFINITY,
+        max_m: f32::NEG_INFINITY,
+        ground_mean_m: 0.0,
+        lowest_raised_m: f32::INFINITY,
+        hit_at_travel_m: 0.0,
+        points: 0,
+        last_seen_ms: 0,
+        hit: 0,
+        recent: 0,
+        above: 0,
+        below: 0,
+        ground_points: 0,
+        scans: 0,
+        crossed_scans: 0,
+        class: CellClass::Unknown,
+        grounded_at_travel_m: f32::INFINITY,
+    };
+
+    /// Whether it has a point.
+    pub const fn is_known(&self) -> bool {
+        self.points > 0
+    }
+
+    /// Mean height; `None` if unknown.
+    pub fn mean_m(&self) -> Option<f32> {
+        self.is_known().then_some(self.mean_m)
+    }
+
+    /// Least height; +∞ if unknown.
+    pub const fn min_m(&self) -> f32 {
+        self.min_m
+    }
+
+    /// Greatest height; −∞ if unknown.
+    pub const fn max_m(&self) -> f32 {
+        self.max_m
+    }
+
+    /// Variance of the heights, m²; 0 for fewer than two points.
+    pub fn variance_m2(&self) -> f32 {
+        if self.points < 2 {
+            0.0
+        } else {
+            self.squares_m2 / (self.points - 1) as f32
+        }
+    }
+
+    /// Number of points.
+    pub const fn points(&self) -> u32 {
+        self.points
+    }
+
+    /// Number of scans with a point in it.
+    pub const fn scans(&self) -> u16 {
+        self.scans
+    }
+
+    /// Time of the last such scan, milliseconds since the map's first scan.
+    pub const fn last_seen_ms(&self) -> u32 {
+        self.last_seen_ms
+    }
+
+    /// Class in the obstacle map.
+    pub const fn class(&self) -> CellClass {
+        self.class
+    }
+
+    /// Whether it holds something that beams below its top cannot pass.
+    pub(super) const fn is_raised(&self) -> bool {
+        matches!(self.class, CellClass::Obstacle) && self.above > 0
+    }
+
+    /// Height above ground at which the obstacle was first observed, metres: near 0 if the beams
+    /// swept up its face, more if it came from the side.
+    pub(super) fn gap_m(&self) -> f32 {
+        self.lowest_raised_m - self.ground_mean_m
+    }
+
+    pub(super) fn is_grounded(&self) -> bool {
+        self.grounded_at_travel_m.is_finite()
+    }
+
+    /// Height of the slice that was observed, metres.
+    pub(super) fn slice_m(&self) -> f32 {
+        self.max_m - self.lowest_raised_m
+    }
+
+    pub(super) fn add(&mut self, height_m: f32, ground: Bounds) {
+        self.points = self.points.saturating_add(1);
+        let deviation_m = height_m - self.mean_m;
+        self.mean_m += deviation_m / self.points as f32;
+        self.squares_m2 += deviation_m * (height_m - self.mean_m);
+        self.min_m = self.min_m.min(height_m);
+        self.max_m = self.max_m.max(height_m);
+        if self.recent >= RECENT {
+            self.recent /= 2;
+            self.above /= 2;
+            self.below /= 2;
+        }
+        self.recent += 1;
+        if height_m > ground.raised_above_m {
+            self.lowest_raised_m = self.lowest_raised_m.min(height_m);
+        }
+        if height_m > ground.highest_m {
+            self.above += 1;
+        } else if height_m < ground.lowest_m {
+            self.below += 1;
+        } else {
+            self.ground_points = self.ground_points.saturating_add(1);
+            self.ground_mean_m += (height_m - self.ground_mean_m) / f32::from(self.ground_points);
+        }
+    }
+
+    /// Finishes a scan that had points in it.
+    pub(super) fn end_scan(&mut self, now_ms: u32, travel_m: f32) {
+        self.scans = self.scans.saturating_add(1);
+        self.last_seen_ms = now_ms;
+        self.hit_at_travel_m = travel_m;
+        self.crossed_scans = 0;
+    }
+
+    /// Rule `mean` (docs/methods.md, section 1).
+    pub(super) fn classify_by_mean(&mut self, ground: Bounds) {
+        let is_ground = (ground.lowest_m..=ground.highest_m).contains(&self.mean_m);
+        self.class = self.known_class(!is_ground);
+    }
+
+    /// Rule `points`: at least 2 points and 5 % of the recent ones beyond a threshold
+    /// (docs/methods.md, section 1).
+    pub(super) fn classify_by_points(&mut self) {
+        let beyond = |count: u16| count >= 2 && u32::from(count) * 20 >= u32::from(self.recent);
+        self.class = self.known_class(beyond(self.above) || beyond(self.below));
+    }
+
+    fn known_class(&self, is_obstacle: bool) -> CellClass {
+        match (self.is_known(), is_obstacle) {
+            (false, _) => CellClass::Unknown,
+            (true, false) => CellClass::Free,
+            (true, true) => CellClass::Obstacle,
+        }
+    }
+
+    /// Removes the obstacle; keeps the ground observed below it.
+    pub(super) fn clear(&mut self) {
+        let ground = (self.ground_points, self.ground_mean_m, self.last_seen_ms);
+        *self = Self::UNKNOWN;
+        let (points, mean_m, last_seen_ms) = ground;
+        if points > 0 {
+            self.points = u32::from(points);
+            self.recent = points.min(RECENT);
+            self.ground_points = points;
+            (self.mean_m, self.ground_mean_m) = (mean_m, mean_m);
+            (self.min_m, self.max_m) = (mean_m, mean_m);
+            self.last_seen_ms = last_seen_ms;
+            self.scans = 1;
+            self.class = CellClass::Free;
+        }
+    }
+}
+
+/// Scratch list of the cells that one scan hits, each listed once.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ScanHits {
+    cells: Vec<HitCell>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HitCell {
+    pub(super) cell: CellIndex,
+    pub(super) slot: Slot,
+    /// Heights of the ground there.
+    pub(super) bounds: Bounds,
+}
+
+impl ScanHits {
+    pub(super) fn clear(&mut self) {
+        self.cells.clear();
+    }
+
+    /// In the order of their first points.
+    pub(super) fn cells(&self) -> &[HitCell] {
+        &self.cells
+    }
+
+    /// Whether this scan has a point in `cell`.
+    pub(super) fn contains(&self, grid: &RollingGrid<ElevationCell>, cell: CellIndex) -> bool {
+        let slot = grid.slot(cell);
+        slot.is_some_and(|slot| self.bounds(grid.at(cell, slot).hit, slot).is_some())
+    }
+
+    /// Bounds of the cell at `slot` if it is listed at index `hit`.
+    pub(super) fn bounds(&self, hit: u16, slot: Slot) -> Option<Bounds> {
+        let entry = self.cells.get(usize::from(hit))?;
+        (entry.slot == slot).then_some(entry.bounds)
+    }
+
+    /// Lists a cell; returns its index.
+    pub(super) fn list(&mut self, cell: CellIndex, slot: Slot, bounds: Bounds) -> u16 {
+        // A scan has far fewer cells; beyond this limit a cell would be listed twice, which is
+        // harmless.
+        let hit = u16::try_from(self.cells.len()).unwrap_or(u16::MAX);
+        self.cells.push(HitCell { cell, slot, bounds });
+        hit
+    }
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod elevation_cell_tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const GROUND: Bounds = Bounds {
+        lowest_m: -0.1,
+        highest_m: 0.1,
+        raised_above_m: 0.05,
+    };
+
+    fn cell(points_m: &[f32]) -> ElevationCell {
+        let mut cell = ElevationCell::UNKNOWN;
+        for &height_m in points_m {
+            cell.add(height_m, GROUND);
+        }
+        cell.classify_by_points();
+        cell
+    }
+
+    #[test]
+    fn two_points_and_one_in_twenty_make_an_obstacle() {
+        let ground = |n: usize| vec![0.0; n];
+        let with = |n: usize, extra: &[f32]| cell(&[&ground(n), extra].concat()).class();
+        assert_eq!(with(0, &[]), CellClass::Unknown);
+        assert_eq!(with(5, &[]), CellClass::Free);
+        assert_eq!(with(5, &[0.5]), CellClass::Free, "one point");
+        assert_eq!(with(38, &[0.5; 2]), CellClass::Obstacle);
+        assert_eq!(with(39, &[0.5; 2]), CellClass::Free, "2 of 41");
+        assert_eq!(with(5, &[-0.5; 2]), CellClass::Obstacle);
+        // A kerb that is reached after a minute of standing in front of it.
+        assert_eq!(with(9000, &[0.15; 28]), CellClass::Obstacle);
+    }
+
+    #[test]
+    fn the_mean_hides_a_pole() {
+        let mut pole = cell(&[&[0.0; 18][..], &[0.6; 2]].concat());
+        assert_eq!(pole.class(), CellClass::Obstacle);
+        pole.classify_by_mean(GROUND);
+        assert_eq!(pole.class(), CellClass::Free);
+        let mut kerb = cell(&[0.0, 0.21]);
+        kerb.classify_by_mean(GROUND);
+        assert_eq!(kerb.class(), CellClass::Obstacle);
+    }
+
+    #[test]
+    fn cleared_cell_keeps_its_ground() {
+        let mut cell = cell(&[0.02, 0.5, 0.9]);
+        cell.clear();
+        assert_eq!((cell.mean_m(), cell.points()), (Some(0.02), 1));
+        assert_eq!((cell.min_m(), cell.max_m()), (0.02, 0.02));
+        assert_eq!(cell.class(), CellClass::Free);
+        let mut never_ground = ElevationCell::UNKNOWN;
+        never_ground.add(0.5, GROUND);
+        never_ground.clear();
+        assert_eq!(never_ground, ElevationCell::UNKNOWN);
+    }
+
+    proptest! {
+        #[test]
+        fn statistics_are_those_of_all_points(
+            heights_m in prop::collection::vec(-3.0..3.0f32, 1..300),
+        ) {
+            let mut cell = ElevationCell::UNKNOWN;
+            for &height_m in &heights_m {
+                cell.add(height_m, GROUND);
+            }
+            let n = heights_m.len() as f64;
+            let mean = heights_m.iter().map(|&z| f64::from(z)).sum::<f64>() / n;
+            let squares: f64 = heights_m.iter().map(|&z| (f64::from(z) - mean).powi(2)).sum();
+            let variance = if heights_m.len() < 2 { 0.0 } else { squares / (n - 1.0) };
+            prop_assert!((f64::from(cell.mean_m().unwrap()) - mean).abs() < 1e-4);
+            prop_assert!((f64::from(cell.variance_m2()) - variance).abs() < 1e-3);
+            let least_m = heights_m.iter().copied().fold(f32::INFINITY, f32::min);
+            let greatest_m = heights_m.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            prop_assert_eq!(cell.min_m().to_bits(), least_m.to_bits());
+            prop_assert_eq!(cell.max_m().to_bits(), greatest_m.to_bits());
+            prop_assert_eq!(cell.points() as usize, heights_m.len());
+        }
+    }
+}

@@ -1,12 +1,12 @@
-//! Cells, the tiles they lie in, and a sparse grid of tiles without bounds.
+//! Cells, tiles, voxels, and an unbounded sparse grid of tiles.
 
 use std::collections::HashMap;
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 
 /// Cells along the edge of a tile.
 pub const TILE_EDGE: usize = 64;
-/// [`TILE_EDGE`] for cell and tile indices, which are signed.
+/// [`TILE_EDGE`] for signed indices.
 pub const TILE_EDGE_CELLS: i32 = 64;
 /// Cells of a tile.
 pub const TILE_CELLS: usize = TILE_EDGE * TILE_EDGE;
@@ -14,20 +14,20 @@ pub const TILE_CELLS: usize = TILE_EDGE * TILE_EDGE;
 /// A cell of a grid fixed in `odom`: cell (x, y) covers `[x, x+1)·cell_m` by `[y, y+1)·cell_m`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellIndex {
-    /// Towards x of `odom`.
+    /// Along x of `odom`.
     pub x: i32,
-    /// Towards y of `odom`.
+    /// Along y of `odom`.
     pub y: i32,
 }
 
-/// A tile: 64×64 cells, tile (x, y) holding cells `64·x … 64·x + 63` by `64·y … 64·y + 63`.
+/// A tile of 64×64 cells: cells `64·x … 64·x + 63` by `64·y … 64·y + 63`.
 ///
-/// Ordered by y, then x: the order of rows in a picture seen from below.
+/// Ordered by y, then x.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TileIndex {
-    /// Towards x of `odom`.
+    /// Along x of `odom`.
     pub x: i32,
-    /// Towards y of `odom`.
+    /// Along y of `odom`.
     pub y: i32,
 }
 
@@ -44,7 +44,7 @@ impl Ord for TileIndex {
 }
 
 impl CellIndex {
-    /// The cell that `point`, metres in `odom`, lies in.
+    /// The cell that contains `point`, metres in `odom`.
     pub fn containing(point: Point2<f64>, cell_m: f64) -> Self {
         let index = |coordinate: f64| libm::floor(coordinate / cell_m) as i32;
         Self {
@@ -53,8 +53,8 @@ impl CellIndex {
         }
     }
 
-    /// As [`CellIndex::containing`] with the inverse of the cell's side, and in line: for every point of every
-    /// scan, where a division and a call to `floor` for each coordinate would take longer than the rest.
+    /// [`CellIndex::containing`] with the inverse cell size. It avoids a division and a call of
+    /// `floor` per coordinate, which dominated the cost per point.
     pub fn near(point: Point2<f64>, cells_per_m: f64) -> Self {
         let index = |coordinate: f64| {
             let cells = coordinate * cells_per_m;
@@ -67,7 +67,7 @@ impl CellIndex {
         }
     }
 
-    /// The tile it lies in and its place there, row by row.
+    /// Its tile and its index there, row by row.
     pub const fn split(self) -> (TileIndex, usize) {
         let edge = TILE_EDGE_CELLS;
         let place = self.y.rem_euclid(edge) * edge + self.x.rem_euclid(edge);
@@ -92,15 +92,15 @@ impl CellIndex {
 /// One tile of a [`TiledGrid`].
 #[derive(Clone, Debug)]
 pub struct GridTile<T> {
-    /// Where it lies.
+    /// Its index.
     pub index: TileIndex,
-    /// Its cells, row by row, y upwards.
+    /// Cells row by row, y upwards.
     pub cells: Box<[T; TILE_CELLS]>,
     /// Touched since the changes were last taken.
     changed: bool,
 }
 
-/// A grid without bounds, stored as the tiles that were ever touched.
+/// An unbounded grid that stores the tiles that were ever touched.
 #[derive(Clone, Debug)]
 pub struct TiledGrid<T> {
     blank: T,
@@ -110,7 +110,7 @@ pub struct TiledGrid<T> {
 }
 
 impl<T: Copy> TiledGrid<T> {
-    /// An empty grid whose cells begin as `blank`.
+    /// An empty grid; new cells are `blank`.
     pub fn new(blank: T) -> Self {
         Self {
             blank,
@@ -120,14 +120,14 @@ impl<T: Copy> TiledGrid<T> {
         }
     }
 
-    /// The tile at `index`, if it was ever touched.
+    /// `None` if it was never touched.
     pub fn get(&self, index: TileIndex) -> Option<&GridTile<T>> {
         self.slots
             .get(&index)
             .map(|&slot| &self.tiles[slot as usize])
     }
 
-    /// The cells of the tile at `index`, made blank if it is new, and marked as changed.
+    /// The cells of a tile, created if necessary, and marked as changed.
     pub fn touch(&mut self, index: TileIndex) -> &mut [T; TILE_CELLS] {
         let slot = *self.slots.entry(index).or_insert_with(|| {
             let cells = Box::new([self.blank; TILE_CELLS]);
@@ -146,7 +146,7 @@ impl<T: Copy> TiledGrid<T> {
         &mut tile.cells
     }
 
-    /// All tiles, in the order in which they were first touched.
+    /// All tiles, in the order of their creation.
     pub fn tiles(&self) -> impl ExactSizeIterator<Item = &GridTile<T>> {
         self.tiles.iter()
     }
@@ -163,17 +163,17 @@ impl<T: Copy> TiledGrid<T> {
         changed
     }
 
-    /// Removes every tile; changes that nobody took are forgotten.
+    /// Removes all tiles and untaken changes.
     pub fn erase(&mut self) {
         self.slots.clear();
         self.tiles.clear();
         self.changed.clear();
     }
 
-    /// Where there are more than `limit` tiles, removes those farthest from `centre` (a tile) until 31/32 of
-    /// the limit are left, so that not every call has to; says how many.
+    /// If there are more than `limit` tiles, removes those farthest from the tile `centre` until
+    /// 31/32 of the limit remain (so that not every call evicts); returns their number.
     ///
-    /// Call it after [`TiledGrid::take_changed`], or changes are lost with the tiles.
+    /// Call it after [`TiledGrid::take_changed`]: changes of evicted tiles are lost.
     pub fn evict_farthest(&mut self, centre: TileIndex, limit: usize) -> usize {
         let kept = limit - limit / 32;
         let excess = if self.tiles.len() > limit {
@@ -204,12 +204,55 @@ impl<T: Copy> TiledGrid<T> {
     }
 }
 
+/// A voxel: (x, y, z) covers `[x, x+1)·cell_m` by `[y, y+1)·cell_m` by `[z, z+1)·cell_m`.
+///
+/// Ordered by x, y, z, so the voxels of a column are contiguous and columns are in the order of
+/// [`CellIndex`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct VoxelIndex {
+    /// Along x of `odom`.
+    pub x: i32,
+    /// Along y of `odom`.
+    pub y: i32,
+    /// Upwards.
+    pub z: i32,
+}
+
+impl VoxelIndex {
+    /// The voxel that contains `point`, metres in `odom`; saturates at the range of an index.
+    pub fn containing(point: Point3<f64>, cell_m: f64) -> Self {
+        let index = |coordinate: f64| libm::floor(coordinate / cell_m) as i32;
+        Self {
+            x: index(point.x),
+            y: index(point.y),
+            z: index(point.z),
+        }
+    }
+
+    /// Its centre, metres in `odom`.
+    pub fn centre(self, cell_m: f64) -> Point3<f64> {
+        Point3::new(
+            (f64::from(self.x) + 0.5) * cell_m,
+            (f64::from(self.y) + 0.5) * cell_m,
+            (f64::from(self.z) + 0.5) * cell_m,
+        )
+    }
+
+    /// Its column.
+    pub const fn column(self) -> CellIndex {
+        CellIndex {
+            x: self.x,
+            y: self.y,
+        }
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod grid_tests {
     use super::*;
 
     #[test]
-    fn cells_left_of_zero_belong_to_the_tile_left_of_zero() {
+    fn negative_cells_are_in_negative_tiles() {
         let cell = CellIndex::containing(Point2::new(-0.05, 6.4), 0.1);
         assert_eq!(cell, CellIndex { x: -1, y: 64 });
         assert_eq!(cell.split(), (TileIndex { x: -1, y: 1 }, 63));
@@ -217,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_taken_once_and_in_order() {
+    fn changes_are_taken_once_in_order() {
         let mut grid = TiledGrid::new(0u8);
         for (x, y) in [(3, 1), (-2, 1), (0, -5), (3, 1)] {
             grid.touch(TileIndex { x, y })[0] += 1;
@@ -233,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_farthest_tiles_go_first() {
+    fn farthest_tiles_are_evicted_first() {
         let mut grid = TiledGrid::new(0u8);
         for x in -5..=5 {
             grid.touch(TileIndex { x, y: 0 })[0] = (10 + x) as u8;
@@ -247,5 +290,30 @@ mod tests {
         assert_eq!(left, [(3, 13), (4, 14), (5, 15)]);
         assert_eq!(grid.get(TileIndex { x: 5, y: 0 }).unwrap().cells[0], 15);
         assert!(grid.get(TileIndex { x: 0, y: 0 }).is_none());
+    }
+}
+
+#[cfg(test)]
+mod voxel_tests {
+    use super::*;
+
+    #[test]
+    fn negative_coordinates_round_down() {
+        let voxel = VoxelIndex::containing(Point3::new(-0.05, 0.05, -0.31), 0.1);
+        assert_eq!(voxel, VoxelIndex { x: -1, y: 0, z: -4 });
+        assert_eq!(voxel.column(), CellIndex { x: -1, y: 0 });
+        let centre = Point3::new(-0.05, 0.05, -0.35);
+        assert!((voxel.centre(0.1) - centre).norm() < 1e-12);
+    }
+
+    #[test]
+    fn voxels_of_a_column_are_contiguous() {
+        let at = |x, y, z| VoxelIndex { x, y, z };
+        let mut voxels = [at(1, 0, 0), at(0, 1, -3), at(0, 0, 7), at(0, 1, 2)];
+        voxels.sort_unstable();
+        assert_eq!(
+            voxels,
+            [at(0, 0, 7), at(0, 1, -3), at(0, 1, 2), at(1, 0, 0)]
+        );
     }
 }

@@ -1,12 +1,58 @@
-//! The plane that heights refer to, and when it is taken anew ([LOD §4.6, §5.3]; `algorithms.md` §1).
+//! Ground plane that heights refer to, its reset, and the local ground around a cell
+//! (docs/methods.md, section 1; \[LOD\] §4.6, §5.3).
 
-use nalgebra::{Point3, Vector3};
-
-use super::elevation_config::GroundConfig;
-use measurement::pose::{self, Pose};
+use measurement::pose;
+use measurement::pose::Pose;
 use measurement::time::RobotTime;
+use nalgebra::{Point3, Vector3};
+use serde::Deserialize;
 
-/// The ground as the vehicle stood on it: a plane fixed in `odom`.
+use crate::elevation::{Bounds, CellClass, ElevationCell};
+use crate::grid::CellIndex;
+use crate::rolling_grid::RollingGrid;
+
+/// Settings of `[mapping.ground]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroundConfig {
+    /// ε: the plane is reset if pitch differs from that at the last reset by more than this,
+    /// degrees (\[LOD\] §5.3: 0.5; 0.7 and 0.9 in two experiments),
+    pub epsilon_deg: f64,
+    /// η: and if pitch changed from scan to scan by less than this at 25 Hz, degrees (\[LOD\] §5.3:
+    /// 0.1), over a wheelbase.
+    pub eta_deg: f64,
+    /// Reference of the obstacle map's thresholds.
+    pub reference: GroundReference,
+    /// With `reference = "local"`: steepest ground that is no obstacle, degrees.
+    pub max_slope_deg: f64,
+    /// Whether heights are compensated for pitch and roll; `false` only for comparison (experiment
+    /// e5).
+    pub compensation: bool,
+}
+
+/// Reference of the obstacle map's thresholds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GroundReference {
+    /// The ground plane at its last reset (\[LOD\]).
+    Plane,
+    /// The ground around each cell, so that a gentle gradient is no obstacle and a kerb is.
+    Local,
+}
+
+impl Default for GroundConfig {
+    fn default() -> Self {
+        Self {
+            epsilon_deg: 0.5,
+            eta_deg: 0.1,
+            reference: GroundReference::Plane,
+            max_slope_deg: 8.0,
+            compensation: true,
+        }
+    }
+}
+
+/// A plane fixed in `odom`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundPlane {
     origin_in_odom: Point3<f64>,
@@ -22,36 +68,36 @@ impl GroundPlane {
         }
     }
 
-    /// How high a point is above it, metres; below it negative.
+    /// Signed height of a point above the plane, metres.
     ///
-    /// For a point that a beam hit this is `H = cos ρ · (R_ref − R_real)` of [LOD §4.2], without keeping a
-    /// plane of reference ranges: `z = h − R_real · cos ρ` and `h = R_ref · cos ρ`.
+    /// For a hit this is equation (2) of docs/methods.md, `H = cos ρ · (R_ref − R)`, since `z = h −
+    /// R · cos ρ` and `h = R_ref · cos ρ`.
     pub fn height_m(&self, point_in_odom: &Point3<f64>) -> f64 {
         self.normal_in_odom
             .dot(&(point_in_odom - self.origin_in_odom))
     }
 }
 
-/// Decides when the ground has changed its orientation.
+/// Decides when the ground plane is reset (docs/methods.md, section 1).
 ///
-/// [LOD §5.3] takes the plane anew where pitch differs from that of the last time by more than ε and from
-/// that of the last scan by less than η. Taken literally this happens one scan after a bump, with the
-/// vehicle on top of it. So here every change from scan to scan must have stayed below η, and the pitch within half
-/// of ε of itself, while the vehicle drove a wheelbase: no object that is shorter can do it, nor standing still on one.
+/// \[LOD\] §5.3 resets if pitch differs from that at the last reset by more than ε and from that of
+/// the last scan by less than η. Literally this fires one scan after a bump. Here every change per
+/// scan must stay below η, and the pitch within ε/2, over a wheelbase of travel. Neither a shorter
+/// object nor standing on one can cause it.
 #[derive(Clone, Debug)]
 pub struct GroundTracker {
     epsilon_rad: f64,
-    /// η as a rate: the document's is per scan, at 25 Hz.
+    /// η as a rate; the source gives it per scan at 25 Hz.
     eta_radps: f64,
     wheelbase_m: f64,
     plane: Option<AveragedPlane>,
     last: Option<Sample>,
-    /// How far the vehicle has driven with a steady pitch, and what that was where it began to be.
+    /// Distance driven with a steady pitch, metres, and the pitch at its start.
     steady_m: f64,
     steady_pitch_rad: f64,
 }
 
-/// A plane and the attitudes that it is the mean of.
+/// A plane averaged over attitudes.
 #[derive(Clone, Copy, Debug)]
 struct AveragedPlane {
     plane: GroundPlane,
@@ -59,8 +105,8 @@ struct AveragedPlane {
     scans: u32,
 }
 
-/// A plane is the mean of so many attitudes after it was taken: 0.1° of noise in a single one would be 7 cm
-/// at the end of a street.
+/// Attitudes that are averaged after a reset: 0.1° of noise in a single one is 7 cm at the end of a
+/// street.
 const AVERAGED_SCANS: u32 = 50;
 
 impl AveragedPlane {
@@ -72,7 +118,7 @@ impl AveragedPlane {
         }
     }
 
-    /// Takes in one more attitude of a vehicle that still stands on the plane.
+    /// Includes one more attitude.
     fn average_in(&mut self, odom_from_base: &Pose, pitch_rad: f64) {
         if self.scans < AVERAGED_SCANS {
             self.scans += 1;
@@ -95,13 +141,13 @@ struct Sample {
 /// The ground plane was reset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundPlaneReset {
-    /// When.
+    /// Time of the scan.
     pub stamp: RobotTime,
-    /// Pitch when it was taken before, radians, positive nose down.
+    /// Pitch of the previous plane, radians, positive nose down.
     pub pitch_before_rad: f64,
     /// Pitch now.
     pub pitch_rad: f64,
-    /// How far the vehicle had driven with a steady pitch, metres.
+    /// Distance driven with a steady pitch, metres.
     pub steady_m: f64,
 }
 
@@ -118,20 +164,20 @@ impl std::fmt::Display for GroundPlaneReset {
     }
 }
 
-/// Degrees, rounded so that none is "-0.0".
+/// Degrees to one decimal, without "-0.0".
 fn tenths(angle_rad: f64) -> f64 {
     libm::round(10.0 * angle_rad.to_degrees()) / 10.0 + 0.0
 }
 
-/// The document's scan rate, to which its η refers.
-const DOCUMENT_RATE_HZ: f64 = 25.0;
+/// Scan rate of the source, to which its η refers.
+const SOURCE_RATE_HZ: f64 = 25.0;
 
 impl GroundTracker {
     /// For a vehicle with axles `wheelbase_m` apart.
     pub fn new(config: &GroundConfig, wheelbase_m: f64) -> Self {
         Self {
             epsilon_rad: config.epsilon_deg.to_radians(),
-            eta_radps: config.eta_deg.to_radians() * DOCUMENT_RATE_HZ,
+            eta_radps: config.eta_deg.to_radians() * SOURCE_RATE_HZ,
             wheelbase_m,
             plane: None,
             last: None,
@@ -140,8 +186,8 @@ impl GroundTracker {
         }
     }
 
-    /// Takes the vehicle's pose at a scan; returns the plane that the scan's heights refer to, and the
-    /// change where it was taken anew. The first pose gives the first plane, which is no change.
+    /// Takes the pose of a scan; returns the plane for its heights, and the reset if there was one.
+    /// The first pose sets the plane, which is no reset.
     pub fn update(
         &mut self,
         stamp: RobotTime,
@@ -181,7 +227,7 @@ impl GroundTracker {
         self.plane.map(|taken| taken.plane)
     }
 
-    /// Forgets the plane: the next pose gives a new one.
+    /// The next pose sets a new plane.
     pub fn reset(&mut self) {
         self.plane = None;
         self.last = None;
@@ -194,7 +240,7 @@ impl GroundTracker {
         };
         let elapsed_s = now.stamp.since(before.stamp).as_secs_f64();
         let change_rad = (now.pitch_rad - before.pitch_rad).abs();
-        // Onto a ramp the pitch may well change by less than η in every scan: it must also stay where it is.
+        // On the way onto a ramp each change may be below η: the pitch must also stay in place.
         let drift_rad = (now.pitch_rad - self.steady_pitch_rad).abs();
         if change_rad <= self.eta_radps * elapsed_s && drift_rad <= 0.5 * self.epsilon_rad {
             self.steady_m += (now.position - before.position).norm();
@@ -202,6 +248,87 @@ impl GroundTracker {
             self.steady_m = 0.0;
             self.steady_pitch_rad = now.pitch_rad;
         }
+    }
+}
+
+/// Radius around a cell in which ground is searched, metres.
+const REACH_M: f64 = 0.6;
+/// Height above ground from which a point is not ground, metres: three times the attitude noise at
+/// 9 m.
+const RAISED_M: f32 = 0.05;
+
+impl Bounds {
+    /// The ground plane itself.
+    pub(super) const PLANE: Self = Self {
+        lowest_m: 0.0,
+        highest_m: 0.0,
+        raised_above_m: RAISED_M,
+    };
+
+    /// Extended by the depth and height that are not yet an obstacle.
+    pub(super) fn beyond(self, h_neg_m: f32, h_pos_m: f32) -> Self {
+        Self {
+            lowest_m: self.lowest_m - h_neg_m,
+            highest_m: self.highest_m + h_pos_m,
+            raised_above_m: self.raised_above_m,
+        }
+    }
+}
+
+/// Local ground around a cell (docs/methods.md, section 1, "Smooth slopes").
+///
+/// Each free cell nearby limits the ground here: it rises or falls no steeper than `max_slope_deg`
+/// between them. A kerb exceeds that limit and a gradient does not. A plane fitted over a step
+/// would hide half of it.
+#[derive(Clone, Debug)]
+pub(super) struct LocalGround {
+    /// Offsets of the neighbours, each with the greatest rise or fall of the ground on the way,
+    /// metres.
+    around: Vec<(i32, i32, f32)>,
+}
+
+impl LocalGround {
+    pub(super) fn new(cell_m: f64, max_slope_deg: f64) -> Self {
+        let slope = libm::tan(max_slope_deg.to_radians());
+        // At least the adjacent cells.
+        let reach = ((REACH_M / cell_m) as i32).max(1);
+        let mut around = Vec::new();
+        for dy in -reach..=reach {
+            for dx in -reach..=reach {
+                let distance_m = libm::hypot(f64::from(dx), f64::from(dy)) * cell_m;
+                let is_near = distance_m <= REACH_M.max(1.5 * cell_m);
+                if (dx, dy) != (0, 0) && is_near {
+                    around.push((dx, dy, (slope * distance_m) as f32));
+                }
+            }
+        }
+        Self { around }
+    }
+
+    /// Bounds of the ground height at `cell`; the ground plane if no free cell is near.
+    pub(super) fn around(&self, grid: &RollingGrid<ElevationCell>, cell: CellIndex) -> Bounds {
+        let free = self.around.iter().filter_map(|&(dx, dy, rise_m)| {
+            let at = CellIndex {
+                x: cell.x + dx,
+                y: cell.y + dy,
+            };
+            let neighbour = grid.get(at)?;
+            let is_free = neighbour.class() == CellClass::Free;
+            is_free.then_some((neighbour.mean_m()?, rise_m))
+        });
+        let found = free.fold(None, |bounds: Option<Bounds>, (mean_m, rise_m)| {
+            let (low_m, high_m) = (mean_m - rise_m, mean_m + rise_m);
+            let (lowest_m, highest_m) = match bounds {
+                Some(bounds) => (bounds.lowest_m.max(low_m), bounds.highest_m.min(high_m)),
+                None => (low_m, high_m),
+            };
+            Some(Bounds {
+                lowest_m,
+                highest_m,
+                raised_above_m: highest_m + RAISED_M,
+            })
+        });
+        found.unwrap_or(Bounds::PLANE)
     }
 }
 

@@ -1,77 +1,80 @@
-//! Columns of the octree: where the ground is in each, and what stands on it (\[HYB\] §5.1).
+//! Height columns: ground and top of each column of the octree (docs/methods.md, section 4; \[HYB\]
+//! §5.1), and the window of column tiles that moves with the vehicle.
 
-use super::cost_config::Surface;
-use super::octree::{BrickColumn, Octree, SurfaceVoxel};
-use super::voxel::VoxelIndex;
+use crate::cost_map::{CostCell, Surface};
+use crate::grid::{CellIndex, VoxelIndex};
+use crate::octree::{BrickColumn, Octree, SurfaceVoxel};
+use crate::slope::{PATCH_COLUMNS, PATCH_EDGE, Patch, REACH_COLUMNS};
 
-/// Columns along the edge of a tile: those of a column of bricks.
+/// Columns along the edge of a tile, which is a column of bricks.
 pub(super) const TILE_EDGE: usize = 4;
-/// [`TILE_EDGE`] for indices, which are signed.
+/// [`TILE_EDGE`] for signed indices.
 pub(super) const TILE_EDGE_COLUMNS: i32 = 4;
 /// Columns of a tile.
 pub(super) const TILE_COLUMNS: usize = 16;
 
-/// What is known of a column.
+/// Kind of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColumnKind {
-    /// Nothing in the interval that counts.
+    /// No known voxel in the relevant interval.
     #[default]
     Unknown,
     /// The ground was hit.
     Sampled,
-    /// The lowest known voxel is free: the ground is taken to lie just beneath it.
+    /// The lowest known voxel is free: the ground is at most just below it.
     Inferred,
-    /// Water without an obstacle at its surface: seen through down to there.
+    /// Water without an obstacle: observed through down to the surface.
     Water,
-    /// Seen over from the water, not down to it: nobody knows what is beneath.
+    /// On water: only observed above the surface, unknown below.
     Occluded,
-    /// Beside water: nothing was seen through beneath what was hit, which may be land that rises from it.
+    /// On water: hit, and nothing observed through below the hit; possibly land.
     Bank,
 }
 
-/// One column of voxels, reduced to two levels.
+/// One column of voxels with its ground and top.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Column {
-    /// What is known.
+    /// Kind of the column.
     pub kind: ColumnKind,
     /// z of the ground's voxel.
     pub ground_z: i32,
-    /// z of the highest occupied voxel that stands in the vehicle's way; that of the ground where there is none.
+    /// z of the highest occupied voxel within the vehicle's height; the ground's if there is none.
     pub top_z: i32,
-    /// Where in the ground's voxel the ground is: x and y from the column's least corner, z of `odom`, metres. Of
-    /// [`ColumnKind::Bank`] the lowest that was hit, of [`ColumnKind::Water`] and [`ColumnKind::Occluded`] the upper
-    /// side of the lowest voxel that was seen through: a beam may have passed just beneath that side, and the ground
-    /// be all but as high.
+    /// Position of the ground: x and y from the column's least corner, z of `odom`, metres.
+    /// [`ColumnKind::Bank`]: the lowest hit. [`ColumnKind::Water`] and [`ColumnKind::Occluded`]:
+    /// the upper side of the lowest voxel observed through, because a beam may have passed just
+    /// below that side.
     pub ground_m: [f32; 3],
-    /// The same of the top.
+    /// Position of the top, as `ground_m`.
     pub top_m: [f32; 3],
-    /// Radius of the smallest spot of light that hit the top, metres; 0 where nothing hit it.
+    /// Radius of the smallest laser spot that hit the top, metres; 0 without a hit.
     pub top_spot_m: f32,
 }
 
-/// How columns are read.
+/// Levels for reading columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ColumnRules {
-    /// What the vehicle moves on.
+    /// Surface that the vehicle moves on.
     pub surface: Surface,
-    /// Lowest voxel that is looked at; on water that of the vehicle's lowest point.
+    /// Lowest voxel to read; on water that of the vehicle's lowest point.
     pub from_z: i32,
     /// Highest voxel that may be the ground.
     pub to_z: i32,
-    /// Highest voxel that the water's surface may lie in; only on water.
+    /// Highest voxel of the water's surface; used on water only.
     pub water_z: i32,
     /// Height of the vehicle, voxels.
     pub height: i32,
 }
 
 impl ColumnRules {
-    /// Highest voxel that is looked at.
+    /// Highest voxel to read.
     pub const fn highest_z(&self) -> i32 {
         self.to_z + self.height
     }
 }
 
-/// Reads the sixteen columns of a column of bricks, rows of growing y.
+/// Reads the sixteen columns of a column of bricks, rows of growing y (docs/methods.md, section 4,
+/// ground level and obstacle level).
 pub fn read_columns(
     octree: &Octree,
     at: BrickColumn,
@@ -131,14 +134,14 @@ pub fn read_columns(
     })
 }
 
-/// Where a column lies in its tile.
+/// Offset of a column in its tile.
 pub(super) fn offset(column: usize) -> (i32, i32) {
     let column = (column % TILE_COLUMNS) as u8;
     let edge = TILE_EDGE as u8;
     (i32::from(column % edge), i32::from(column / edge))
 }
 
-/// Where the surface in a voxel is: the mean of its hits, else its centre. x and y from its least corner.
+/// Mean position of the hits in a voxel, or its centre; x and y from its least corner.
 fn surface_m(octree: &Octree, voxel: VoxelIndex) -> [f32; 3] {
     let cell_m = octree.cell_m();
     let mean = octree
@@ -148,29 +151,29 @@ fn surface_m(octree: &Octree, voxel: VoxelIndex) -> [f32; 3] {
     [x, y, f64::from(voxel.z) + z].map(|voxels| (voxels * cell_m) as f32)
 }
 
-/// Radius of the smallest spot of light that hit a voxel.
+/// Radius of the smallest laser spot that hit a voxel, metres.
 fn spot_m(octree: &Octree, voxel: VoxelIndex) -> f32 {
     let spot = octree.surface(voxel).map_or(0.0, SurfaceVoxel::spot);
     (spot * octree.cell_m()) as f32
 }
 
-/// Ground and top of sixteen columns while their layers are read upwards.
+/// Levels of sixteen columns while their layers are read upwards; bit sets have a bit per column.
 struct Levels {
-    /// Columns whose ground is still to be found, a bit for each.
+    /// Ground not yet found.
     pending: u16,
-    /// Columns whose ground was hit.
+    /// Ground was hit.
     hit: u16,
-    /// Columns of which something is known in the interval that counts.
+    /// Known in the relevant interval.
     known: u16,
-    /// Columns on water whose lowest known voxel was hit, or the one above it.
+    /// On water: the lowest known voxel, or the one above it, was hit.
     bank: u16,
-    /// Columns on water of which a voxel is known.
+    /// On water: a voxel is known.
     begun: u16,
-    /// The highest ground of any column so far.
+    /// Highest ground of any column so far.
     highest_ground_z: i32,
     ground_z: [i32; TILE_COLUMNS],
     top_z: [i32; TILE_COLUMNS],
-    /// On water, the lowest known voxel; where the next one was hit, that.
+    /// On water: the lowest known voxel, or the next one if that was hit.
     lowest_z: [i32; TILE_COLUMNS],
 }
 
@@ -189,12 +192,12 @@ impl Levels {
         }
     }
 
-    /// The ground is the water's surface everywhere.
     const fn on_water(z: i32) -> Self {
         Self::new(0, z)
     }
 
-    /// Whether nothing from a layer upwards can change what was found: most of what is read is air above the vehicle.
+    /// Whether no layer from `z` upwards can change the levels; most layers are air above the
+    /// vehicle.
     const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
         let is_land = matches!(rules.surface, Surface::Land);
         is_land && self.pending == 0 && z > self.highest_ground_z + rules.height
@@ -230,7 +233,8 @@ impl Levels {
         }
     }
 
-    /// Of a slope that beams graze, one may pass through the lower part of a column and another hit its upper part.
+    /// On a slope that beams graze, one beam may pass through the lower part of a column and
+    /// another hit its upper part.
     fn find_lowest(&mut self, z: i32, known: u16, occupied: u16) {
         for column in columns(known) {
             let bit = 1 << column;
@@ -263,11 +267,324 @@ impl Levels {
     }
 }
 
-/// The numbers of the bits that are set.
+/// Indices of the set bits.
 fn columns(mut set: u16) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let column = set.trailing_zeros() as usize;
         set &= set.wrapping_sub(1);
         (column < TILE_COLUMNS).then_some(column)
     })
+}
+
+/// Sixteen columns and their derived values.
+#[derive(Clone, Debug)]
+pub(super) struct ColumnTile {
+    at: Option<BrickColumn>,
+    pub(super) columns: [Column; TILE_COLUMNS],
+    /// By slope alone; NaN if unknown.
+    pub(super) costs: [f32; TILE_COLUMNS],
+    published: [CostCell; TILE_COLUMNS],
+    is_read: bool,
+    is_sloped: bool,
+    is_classified: bool,
+}
+
+/// Nested windows, the outermost first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum WindowPart {
+    /// Columns are known.
+    Read,
+    /// Slopes are known.
+    Sloped,
+    /// Rigidity is known; cells are published.
+    Classified,
+}
+
+/// A square of tiles in a buffer that is circular in both axes.
+#[derive(Clone, Debug)]
+pub(super) struct ColumnWindow {
+    side: i32,
+    first: Option<BrickColumn>,
+    tiles: Vec<ColumnTile>,
+}
+
+impl ColumnTile {
+    const BLANK: Self = Self {
+        at: None,
+        columns: [UNKNOWN; TILE_COLUMNS],
+        costs: [f32::NAN; TILE_COLUMNS],
+        published: [CostCell::UNKNOWN; TILE_COLUMNS],
+        is_read: false,
+        is_sloped: false,
+        is_classified: false,
+    };
+
+    pub(super) fn cell_of(at: BrickColumn, column: usize) -> CellIndex {
+        let (x, y) = offset(column);
+        CellIndex {
+            x: at.x * TILE_EDGE_COLUMNS + x,
+            y: at.y * TILE_EDGE_COLUMNS + y,
+        }
+    }
+}
+
+const UNKNOWN: Column = Column {
+    kind: super::height_columns::ColumnKind::Unknown,
+    ground_z: 0,
+    top_z: 0,
+    ground_m: [0.0; 3],
+    top_m: [0.0; 3],
+    top_spot_m: 0.0,
+};
+
+impl WindowPart {
+    /// Tiles between its edge and that of the outermost window.
+    const fn margin(self) -> i32 {
+        match self {
+            Self::Read => 0,
+            Self::Sloped => 1,
+            Self::Classified => 2,
+        }
+    }
+}
+
+impl ColumnWindow {
+    /// A window that publishes at least `box_m`.
+    pub(super) fn new(box_m: f64, cell_m: f64) -> Self {
+        let published = libm::ceil(box_m / (f64::from(TILE_EDGE_COLUMNS) * cell_m) - 1e-9) as i32;
+        let side = published.max(1) + 2 * WindowPart::Classified.margin();
+        Self {
+            side,
+            first: None,
+            tiles: vec![ColumnTile::BLANK; (side * side) as usize],
+        }
+    }
+
+    /// Moves the window; tiles that leave a nested window become stale there.
+    pub(super) fn center_on(&mut self, cell: CellIndex) {
+        let tile = |cell: i32| (cell >> 2) - self.side / 2;
+        let first = BrickColumn {
+            x: tile(cell.x),
+            y: tile(cell.y),
+        };
+        if self.first.replace(first) == Some(first) {
+            return;
+        }
+        for at in self.tiles(WindowPart::Read) {
+            let slot = self.slot(at);
+            let (slopes, classifies) = (
+                self.is_inside(at, WindowPart::Sloped),
+                self.is_inside(at, WindowPart::Classified),
+            );
+            let tile = &mut self.tiles[slot];
+            if tile.at != Some(at) {
+                *tile = ColumnTile {
+                    at: Some(at),
+                    ..ColumnTile::BLANK
+                };
+            }
+            tile.is_sloped &= slopes;
+            tile.is_classified &= classifies;
+        }
+    }
+
+    /// Marks all tiles as stale.
+    pub(super) fn invalidate(&mut self) {
+        for tile in &mut self.tiles {
+            tile.is_read = false;
+            tile.is_sloped = false;
+            tile.is_classified = false;
+        }
+    }
+
+    /// Erases all tiles, published cells included.
+    pub(super) fn clear(&mut self) {
+        self.tiles.fill(ColumnTile::BLANK);
+        self.first = None;
+    }
+
+    /// Marks the columns of a tile as stale.
+    pub(super) fn mark_stale(&mut self, at: BrickColumn) {
+        if self.is_inside(at, WindowPart::Read) {
+            let slot = self.slot(at);
+            self.tiles[slot].is_read = false;
+        }
+    }
+
+    /// Tiles with stale columns.
+    pub(super) fn tiles_to_read(&self) -> Vec<BrickColumn> {
+        self.tiles(WindowPart::Read)
+            .filter(|&at| !self.tiles[self.slot(at)].is_read)
+            .collect()
+    }
+
+    /// Tiles with stale slopes after the columns of `changed` were set.
+    pub(super) fn tiles_without_slopes(&mut self, changed: &[BrickColumn]) -> Vec<BrickColumn> {
+        for at in self.around(changed) {
+            let slot = self.slot(at);
+            self.tiles[slot].is_sloped = false;
+        }
+        self.tiles(WindowPart::Sloped)
+            .filter(|&at| !self.tiles[self.slot(at)].is_sloped)
+            .collect()
+    }
+
+    /// Tiles to publish after voxels or slopes of `sloped` have changed.
+    pub(super) fn tiles_to_classify(&mut self, sloped: &[BrickColumn]) -> Vec<BrickColumn> {
+        for at in self.around(sloped) {
+            let slot = self.slot(at);
+            self.tiles[slot].is_classified = false;
+        }
+        self.tiles(WindowPart::Classified)
+            .filter(|&at| !self.tiles[self.slot(at)].is_classified)
+            .collect()
+    }
+
+    /// Tiles and their neighbours in the window, each once.
+    pub(super) fn around(&self, tiles: &[BrickColumn]) -> Vec<BrickColumn> {
+        let beside = |at: &BrickColumn| {
+            let at = *at;
+            (-1..=1).flat_map(move |dy| {
+                (-1..=1).map(move |dx| BrickColumn {
+                    x: at.x + dx,
+                    y: at.y + dy,
+                })
+            })
+        };
+        let mut is_listed = vec![false; self.tiles.len()];
+        let around = tiles
+            .iter()
+            .flat_map(beside)
+            .filter(|&at| self.is_inside(at, WindowPart::Read));
+        around
+            .filter(|&at| !std::mem::replace(&mut is_listed[self.slot(at)], true))
+            .collect()
+    }
+
+    pub(super) fn tiles(&self, part: WindowPart) -> impl Iterator<Item = BrickColumn> + use<> {
+        let (margin, side) = (part.margin(), self.side);
+        self.first.into_iter().flat_map(move |first| {
+            (margin..side - margin).flat_map(move |y| {
+                (margin..side - margin).map(move |x| BrickColumn {
+                    x: first.x + x,
+                    y: first.y + y,
+                })
+            })
+        })
+    }
+
+    pub(super) fn tile(&self, at: BrickColumn) -> Option<&ColumnTile> {
+        self.is_inside(at, WindowPart::Read)
+            .then(|| &self.tiles[self.slot(at)])
+    }
+
+    /// Returns whether they changed.
+    pub(super) fn set_columns(
+        &mut self,
+        at: BrickColumn,
+        columns: &[Column; TILE_COLUMNS],
+    ) -> bool {
+        let slot = self.slot(at);
+        let tile = &mut self.tiles[slot];
+        tile.is_read = true;
+        let before = std::mem::replace(&mut tile.columns, *columns);
+        before != *columns
+    }
+
+    /// Returns whether they changed.
+    pub(super) fn set_costs(&mut self, at: BrickColumn, costs: [f32; TILE_COLUMNS]) -> bool {
+        let slot = self.slot(at);
+        let tile = &mut self.tiles[slot];
+        tile.is_sloped = true;
+        let before = std::mem::replace(&mut tile.costs, costs);
+        before.map(f32::to_bits) != costs.map(f32::to_bits) // unknown is not-a-number
+    }
+
+    /// Appends the changed cells of a tile to `changed`.
+    pub(super) fn publish(
+        &mut self,
+        at: BrickColumn,
+        cells: &[CostCell; TILE_COLUMNS],
+        changed: &mut Vec<(CellIndex, CostCell)>,
+    ) {
+        let slot = self.slot(at);
+        let tile = &mut self.tiles[slot];
+        for (column, (cell, published)) in cells.iter().zip(&mut tile.published).enumerate() {
+            if cell.differs(*published) {
+                changed.push((ColumnTile::cell_of(at, column), *cell));
+            }
+            *published = *cell;
+        }
+        tile.is_classified = true;
+    }
+
+    /// Columns of a tile and of its neighbourhood.
+    pub(super) fn patch(&self, at: BrickColumn) -> Patch {
+        let mut patch = [UNKNOWN; PATCH_COLUMNS];
+        let least = ColumnTile::cell_of(at, 0);
+        for (y, row) in (least.y - REACH_COLUMNS..).zip(patch.chunks_exact_mut(PATCH_EDGE)) {
+            for (x, column) in (least.x - REACH_COLUMNS..).zip(row) {
+                let slot = self.slot(BrickColumn {
+                    x: x >> 2,
+                    y: y >> 2,
+                });
+                *column = self.tiles[slot].columns[((y & 3) * 4 + (x & 3)) as usize];
+            }
+        }
+        patch
+    }
+
+    /// Published cell.
+    pub(super) fn cell(&self, cell: CellIndex) -> Option<CostCell> {
+        let at = BrickColumn {
+            x: cell.x >> 2,
+            y: cell.y >> 2,
+        };
+        let column = ((cell.y & 3) * 4 + (cell.x & 3)) as usize;
+        self.is_inside(at, WindowPart::Classified)
+            .then(|| self.tiles[self.slot(at)].published[column])
+    }
+
+    /// Published cells, row by row: least cell, cells per row, cells.
+    pub(super) fn cells(&self) -> (CellIndex, usize, Vec<CostCell>) {
+        let first = self.first.unwrap_or(BrickColumn { x: 0, y: 0 });
+        let margin = WindowPart::Classified.margin();
+        let least = ColumnTile::cell_of(
+            BrickColumn {
+                x: first.x + margin,
+                y: first.y + margin,
+            },
+            0,
+        );
+        let width = (self.side - 2 * margin) * TILE_EDGE_COLUMNS;
+        let cells = (0..width).flat_map(|y| {
+            (0..width).map(move |x| CellIndex {
+                x: least.x + x,
+                y: least.y + y,
+            })
+        });
+        let published = cells
+            .map(|cell| self.cell(cell).unwrap_or(CostCell::UNKNOWN))
+            .collect();
+        (least, width as usize, published)
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.tiles.len() * size_of::<ColumnTile>()
+    }
+
+    fn is_inside(&self, at: BrickColumn, part: WindowPart) -> bool {
+        let margin = part.margin();
+        self.first.is_some_and(|first| {
+            let within = |at: i32, first: i32| {
+                (margin..self.side - margin).contains(&at.wrapping_sub(first))
+            };
+            within(at.x, first.x) && within(at.y, first.y)
+        })
+    }
+
+    fn slot(&self, at: BrickColumn) -> usize {
+        let place = |coordinate: i32| coordinate.rem_euclid(self.side) as usize;
+        place(at.y) * self.side as usize + place(at.x)
+    }
 }

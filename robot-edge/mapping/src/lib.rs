@@ -1,72 +1,51 @@
-//! The mapping core: posed scans in, map cells out.
+//! The mapping core: registered scans in, map cells out. docs/methods.md has the equations and
+//! their sources.
 //!
-//! Everything here is a pure function of its inputs: no clock, file, socket, thread or channel, and
-//! nothing of the wire. The same scans give the same cells, bit for bit, at any speed and on any platform.
+//! Everything here is a pure function of its inputs: no clock, file, socket, thread or channel. The
+//! same scans give bit-identical cells, at any speed and on any platform.
 
 #![warn(missing_docs)]
 
-pub mod config;
-pub mod cost_config;
-pub mod elevation_config;
-pub mod occupancy_config;
-pub mod octree_config;
-pub mod registered_scan;
-pub mod vehicle;
-
-pub mod grid;
-pub mod log_odds;
-pub mod occupancy_grid;
-pub mod ray;
-pub mod scan_marks;
-
+pub mod clustering;
+pub mod cost_map;
+pub mod docking;
 pub mod elevation;
-pub mod elevation_cell;
+pub mod grid;
 pub mod ground_plane;
-mod local_ground;
+pub mod height_columns;
 pub mod obstacle;
-mod ray_clearing;
-pub mod rolling_grid;
-mod scan_hits;
-pub mod terrain;
-
+pub mod occupancy_grid;
 pub mod octree;
 pub mod radial_filter;
-pub mod voxel;
-
-mod column_window;
-pub mod cost_map;
-pub mod height_columns;
-mod slope;
-
-pub mod inter_scan;
-pub mod intra_scan;
-
-pub mod cluster_tracker;
-pub mod majority_vote;
-pub mod obstacle_voxel;
+mod ray_clearing;
+pub mod registered_scan;
 pub mod rigidity;
+pub mod rolling_grid;
+pub mod scan_marks;
+pub mod scan_metrics;
 pub mod shore;
-pub mod shore_clusters;
-pub mod shore_layer;
-
-pub mod docking;
-pub mod docking_grid;
-mod docking_pose;
-
+mod slope;
+pub mod terrain;
+pub mod vehicle;
 pub mod voxel_layers;
-mod waterline;
 
-use nalgebra::Point3;
-
-use config::MappingConfig;
-use ground_plane::GroundPlaneReset;
 use measurement::drops::{DropCounts, DropReason};
-use occupancy_grid::OccupancyGrid;
-use octree_config::RangeSensorModel;
-use registered_scan::RegisteredScan;
-use terrain::Terrain;
-use vehicle::VehicleShape;
-use voxel_layers::VoxelLayers;
+use nalgebra::Point3;
+use serde::Deserialize;
+
+use crate::cost_map::CostConfig;
+use crate::elevation::ElevationConfig;
+use crate::ground_plane::{GroundConfig, GroundPlaneReset};
+use crate::obstacle::ObstacleConfig;
+use crate::occupancy_grid::{OccupancyConfig, OccupancyGrid};
+use crate::octree::{OctreeConfig, RangeSensorModel};
+use crate::registered_scan::RegisteredScan;
+use crate::rigidity::RigidityConfig;
+use crate::scan_metrics::MetricsConfig;
+use crate::shore::ShoreConfig;
+use crate::terrain::Terrain;
+use crate::vehicle::VehicleShape;
+use crate::voxel_layers::VoxelLayers;
 
 /// All map layers of one vehicle.
 #[derive(Clone, Debug)]
@@ -78,7 +57,7 @@ pub struct Mapper {
     resets: u32,
 }
 
-/// What became of one scan.
+/// Result of one scan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapReport {
     /// Beams that hit something.
@@ -87,14 +66,14 @@ pub struct MapReport {
     pub misses: u64,
     /// Beams that did not reach a layer, by reason.
     pub dropped_beams: DropCounts,
-    /// The ground plane was reset, and the maps above it erased.
+    /// Set if the ground plane was reset and the maps above it erased.
     pub ground_plane_reset: Option<GroundPlaneReset>,
-    /// Bricks of the octree that were evicted to keep its memory limit.
+    /// Bricks of the octree that were evicted by its memory limit.
     pub evicted_bricks: u32,
 }
 
 impl Mapper {
-    /// Empty maps of a vehicle with these range sensors, in the order of their numbers.
+    /// Empty maps. `sensors` are in the order of [`registered_scan::SensorId`].
     pub fn new(
         config: &MappingConfig,
         vehicle: VehicleShape,
@@ -128,7 +107,7 @@ impl Mapper {
         if let Some(terrain) = &mut self.terrain {
             let mapped = terrain.integrate(scan);
             report.ground_plane_reset = mapped.ground_plane_reset;
-            // Each beam has one fate: where there is an occupancy grid, which knows no window, it is that one.
+            // A beam is counted once: by the occupancy grid if it is enabled, which has no window.
             if self.occupancy.is_none() {
                 let points = mapped.elevation;
                 let misses = scan.beams.len() as u32 - points.points - points.outside;
@@ -151,49 +130,49 @@ impl Mapper {
         report
     }
 
-    /// Brings every map up to date that is computed only now and then.
+    /// Updates the maps that are computed periodically, whether or not they are due.
     pub fn refresh(&mut self) {
         if let Some(voxels) = &mut self.voxels {
             voxels.refresh();
         }
     }
 
-    /// Where the vehicle was at the last scan, metres.
+    /// Position of the vehicle at the last scan, metres.
     pub const fn vehicle_in_odom(&self) -> Point3<f64> {
         self.vehicle_in_odom
     }
 
-    /// The occupancy grid, where it is mapped.
+    /// `None` if disabled.
     pub const fn occupancy(&self) -> Option<&OccupancyGrid> {
         self.occupancy.as_ref()
     }
 
-    /// The occupancy grid, to take its changes.
+    /// For taking its changes.
     pub const fn occupancy_mut(&mut self) -> Option<&mut OccupancyGrid> {
         self.occupancy.as_mut()
     }
 
-    /// Elevation and obstacles, where they are mapped.
+    /// Elevation and obstacle map; `None` if disabled.
     pub const fn terrain(&self) -> Option<&Terrain> {
         self.terrain.as_ref()
     }
 
-    /// Elevation and obstacles, to take their changes.
+    /// For taking its changes.
     pub const fn terrain_mut(&mut self) -> Option<&mut Terrain> {
         self.terrain.as_mut()
     }
 
-    /// Octree, slope cost and shores, where they are mapped.
+    /// Octree, cost map and shores; `None` if disabled.
     pub const fn voxels(&self) -> Option<&VoxelLayers> {
         self.voxels.as_ref()
     }
 
-    /// Octree, slope cost and shores, to take their changes.
+    /// For taking its changes.
     pub const fn voxels_mut(&mut self) -> Option<&mut VoxelLayers> {
         self.voxels.as_mut()
     }
 
-    /// Forgets everything in every layer: what was mapped does not fit what comes.
+    /// Erases every layer.
     pub fn reset(&mut self) {
         self.resets += 1;
         if let Some(occupancy) = &mut self.occupancy {
@@ -207,14 +186,14 @@ impl Mapper {
         }
     }
 
-    /// How often everything was forgotten.
+    /// Number of calls of [`Mapper::reset`].
     pub const fn resets(&self) -> u32 {
         self.resets
     }
 
-    /// Keeps every layer within its memory limit; says how many tiles were evicted.
+    /// Applies the memory limits; returns the number of evicted tiles.
     ///
-    /// Call it after the changes were taken and published.
+    /// Call it after the changes were taken: the changes of evicted tiles are lost.
     pub fn enforce_memory_limits(&mut self) -> usize {
         let vehicle = self.vehicle_in_odom;
         self.occupancy
@@ -228,5 +207,48 @@ impl MapReport {
         self.hits = hits.into();
         self.misses = misses.into();
         self.dropped_beams.add_many(lost.0, lost.1.into());
+    }
+}
+
+/// Settings of `[mapping]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MappingConfig {
+    /// Threads for mapping, 1 or 2. The maps do not depend on it.
+    pub threads: usize,
+    /// 2D occupancy grid.
+    pub occupancy: OccupancyConfig,
+    /// Rolling elevation map.
+    pub elevation: ElevationConfig,
+    /// Obstacle map, derived from the elevation map.
+    pub obstacle: ObstacleConfig,
+    /// Ground plane that heights refer to.
+    pub ground: GroundConfig,
+    /// Probabilistic 3D occupancy.
+    pub octree: OctreeConfig,
+    /// Slope cost map, derived from the octree.
+    pub cost: CostConfig,
+    /// `IntraScan` and `InterScan` metrics.
+    pub metrics: MetricsConfig,
+    /// Traversable vegetation on land.
+    pub rigidity: RigidityConfig,
+    /// Shores and their vegetation.
+    pub shore: ShoreConfig,
+}
+
+impl Default for MappingConfig {
+    fn default() -> Self {
+        Self {
+            threads: 1,
+            occupancy: OccupancyConfig::default(),
+            elevation: ElevationConfig::default(),
+            obstacle: ObstacleConfig::default(),
+            ground: GroundConfig::default(),
+            octree: OctreeConfig::default(),
+            cost: CostConfig::default(),
+            metrics: MetricsConfig::default(),
+            rigidity: RigidityConfig::default(),
+            shore: ShoreConfig::default(),
+        }
     }
 }

@@ -1,29 +1,65 @@
-//! Obstacle map: the part of the elevation map that a planner or an operator needs ([LOD §4.3, §4.4]).
+//! Obstacle map: the classes of the elevation map's cells (docs/methods.md, section 1; \[LOD\]
+//! §4.3, §4.4).
 
 use nalgebra::Point2;
+use serde::Deserialize;
 
-use super::elevation::ElevationMap;
-use super::elevation_cell::CellClass;
-use super::elevation_config::ObstacleConfig;
-use super::grid::CellIndex;
-use super::rolling_grid::{RollingGrid, difference};
+use crate::elevation::{CellClass, ElevationMap};
+use crate::grid::CellIndex;
+use crate::rolling_grid::{RollingGrid, difference};
 
-/// A window of the elevation map at the same cell size, in three states.
+/// Settings of `[mapping.obstacle]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ObstacleConfig {
+    /// Which cells are obstacles.
+    pub rule: ObstacleRule,
+    /// Greatest height that is no obstacle, metres (\[LOD\] ch. 5: 0.10).
+    pub h_pos_m: f64,
+    /// Greatest depth below the ground that is no obstacle, metres (\[LOD\] ch. 5: 0.10).
+    pub h_neg_m: f64,
+    /// Cells along an edge of the window, at most those of the elevation map.
+    pub cells: u32,
+}
+
+/// Rule for obstacles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObstacleRule {
+    /// The mean height is beyond a threshold (\[LOD\] §4.3).
+    Mean,
+    /// At least 2 points and 5 % of the recent points are beyond a threshold. A mean hides a pole
+    /// or a kerb that fills half of its cell.
+    Points,
+}
+
+impl Default for ObstacleConfig {
+    fn default() -> Self {
+        Self {
+            rule: ObstacleRule::Points,
+            h_pos_m: 0.1,
+            h_neg_m: 0.1,
+            cells: 101,
+        }
+    }
+}
+
+/// A window of the elevation map at the same cell size, in three classes.
 #[derive(Clone, Debug)]
 pub struct ObstacleMap {
     grid: RollingGrid<CellClass>,
 }
 
 impl ObstacleMap {
-    /// An empty map. The settings are taken as valid.
+    /// An empty map; the settings must be valid.
     pub fn new(config: &ObstacleConfig) -> Self {
         Self {
             grid: RollingGrid::new(config.cells, CellClass::Unknown),
         }
     }
 
-    /// Follows the vehicle and takes over the cells that the elevation map's last scan decided anew, and those
-    /// that enter the window.
+    /// Moves with the vehicle; copies the cells that the last scan reclassified and those that
+    /// enter the window.
     pub fn update(&mut self, elevation: &ElevationMap, vehicle: Point2<f64>) {
         let before = self.grid.first();
         let center = CellIndex::containing(vehicle, elevation.cell_m());
@@ -50,7 +86,7 @@ impl ObstacleMap {
         }
     }
 
-    /// Forgets everything.
+    /// Erases every cell.
     pub fn erase(&mut self) {
         self.grid.erase();
     }
@@ -60,7 +96,7 @@ impl ObstacleMap {
         &self.grid
     }
 
-    /// The cells changed since the last call, those that left the window included.
+    /// Cells changed since the last call, including those that left the window.
     pub fn take_changed(&mut self) -> Vec<(CellIndex, CellClass)> {
         self.grid.take_changed()
     }

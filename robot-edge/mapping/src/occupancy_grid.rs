@@ -1,15 +1,14 @@
-//! 2D Bayesian occupancy grid from a horizontal laser (\[LRF\]; `algorithms.md` §2), without bounds.
+//! Unbounded 2D Bayesian occupancy grid of a horizontal laser (docs/methods.md, section 2;
+//! \[LRF\]).
 
 use nalgebra::Point3;
+use serde::Deserialize;
 
-use super::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
-use super::log_odds::{LogOdds, LogOddsUpdate};
-use super::occupancy_config::{Miss, OccupancyConfig};
-use super::ray::FixedPoint;
-use super::registered_scan::{BeamOutcome, RegisteredScan};
-use super::scan_marks::{MAX_BEAM_CELLS, ScanMarks};
+use crate::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
+use crate::registered_scan::{BeamOutcome, RegisteredScan};
+use crate::scan_marks::{FixedPoint, MAX_BEAM_CELLS, ScanMarks};
 
-/// The grid. Cells are fixed in `odom`; memory grows with the area that was seen, up to a limit.
+/// Occupancy grid. Cells are fixed in `odom`; memory grows with the observed area, up to a limit.
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
     cell_m: f64,
@@ -18,11 +17,11 @@ pub struct OccupancyGrid {
     tile_limit: usize,
     grid: TiledGrid<i16>,
     marks: ScanMarks,
-    // Kept for its allocation: ends of the beams of one scan.
+    // Kept for its allocation.
     beams: Vec<(FixedPoint, FixedPoint, BeamOutcome)>,
 }
 
-/// What became of one scan's beams.
+/// Result of one scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OccupancyReport {
     /// Beams that marked a hit.
@@ -34,7 +33,7 @@ pub struct OccupancyReport {
 }
 
 impl OccupancyGrid {
-    /// An empty grid. `config` is taken as valid (see the configuration's own checks).
+    /// An empty grid; the settings must be valid.
     pub fn new(config: &OccupancyConfig) -> Self {
         let grid = TiledGrid::new(LogOdds::UNKNOWN.steps());
         let tile_bytes = TILE_EDGE * TILE_EDGE * size_of::<i16>();
@@ -54,7 +53,7 @@ impl OccupancyGrid {
         }
     }
 
-    /// Updates every cell that the scan saw, once: a hit in it wins over beams that only cross it, or
+    /// Updates each observed cell once. A hit wins over beams that only cross the cell; otherwise
     /// grazing beams would erase walls.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> OccupancyReport {
         let mut report = OccupancyReport::default();
@@ -80,7 +79,7 @@ impl OccupancyGrid {
         report
     }
 
-    /// Fills `self.beams` with those that mark cells; their extent, or `None` if there are none.
+    /// Fills `self.beams`; returns their extent, or `None` without beams.
     fn take_beams(
         &mut self,
         scan: &RegisteredScan,
@@ -100,7 +99,7 @@ impl OccupancyGrid {
             let grown = ends.and_then(|(start, end)| {
                 let beam =
                     Extent::around(start.cell(), end.cell()).no_larger_than(MAX_BEAM_CELLS)?;
-                // A vehicle does not move that far within one sweep: such poses make no sense.
+                // No vehicle moves that far within one scan: the poses are wrong.
                 let scan = extent.map_or(beam, |extent: Extent| extent.joined(beam));
                 Some((start, end, scan.no_larger_than(2 * MAX_BEAM_CELLS)?))
             });
@@ -120,7 +119,7 @@ impl OccupancyGrid {
         self.cell_m
     }
 
-    /// What is known of a cell.
+    /// One cell.
     pub fn cell(&self, cell: CellIndex) -> LogOdds {
         let (tile, place) = cell.split();
         self.grid.get(tile).map_or(LogOdds::UNKNOWN, |tile| {
@@ -128,7 +127,7 @@ impl OccupancyGrid {
         })
     }
 
-    /// The tiles.
+    /// The cells.
     pub const fn grid(&self) -> &TiledGrid<i16> {
         &self.grid
     }
@@ -138,14 +137,15 @@ impl OccupancyGrid {
         self.grid.take_changed()
     }
 
-    /// Forgets every cell.
+    /// Erases every cell.
     pub fn erase(&mut self) {
         self.grid.erase();
     }
 
-    /// Keeps the memory limit: evicts the tiles farthest from `point_in_odom` and says how many.
+    /// Evicts the tiles farthest from `point_in_odom` beyond the memory limit; returns their
+    /// number.
     ///
-    /// Call it after [`OccupancyGrid::take_changed`], or their last changes are lost.
+    /// Call it after [`OccupancyGrid::take_changed`]: changes of evicted tiles are lost.
     pub fn enforce_memory_limit(&mut self, point_in_odom: &Point3<f64>) -> usize {
         let centre = CellIndex::containing(point_in_odom.xy(), self.cell_m)
             .split()
@@ -158,7 +158,7 @@ impl OccupancyGrid {
         self.grid.bytes()
     }
 
-    /// Memory of what is only needed while a scan is added, bytes; it grows to the largest scan's.
+    /// Scratch memory for adding a scan, bytes.
     pub fn scratch_bytes(&self) -> usize {
         let beam_bytes = size_of::<(FixedPoint, FixedPoint, BeamOutcome)>();
         self.marks.bytes() + self.beams.capacity() * beam_bytes
@@ -194,5 +194,177 @@ impl Extent {
     }
 }
 
+/// Settings of `[mapping.occupancy]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OccupancyConfig {
+    /// Enables the layer.
+    pub enabled: bool,
+    /// Side of a cell, metres.
+    pub cell_m: f64,
+    /// Probability that a cell crossed by a beam is occupied (\[LRF\]: 0.3).
+    pub p_free: f64,
+    /// Probability that a cell with a hit is occupied (\[LRF\]: 0.6).
+    pub p_occupied: f64,
+    /// Least probability of a cell, so that the map can change again.
+    pub p_min: f64,
+    /// Greatest probability of a cell.
+    pub p_max: f64,
+    /// Effect of a beam without a return on the cells along it.
+    pub miss: Miss,
+    /// Memory limit of the cells, megabytes (10⁶ bytes); beyond it the farthest tiles are evicted.
+    pub memory_limit_mb: u32,
+}
+
+/// Effect of a beam without a return.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Miss {
+    /// None (\[LRF\]: 0.5 beyond range).
+    Unknown,
+    /// Free up to the sensor's range, for lasers with reliable misses.
+    Free,
+}
+
+impl Default for OccupancyConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            cell_m: 0.1,
+            p_free: 0.3,
+            p_occupied: 0.6,
+            p_min: 0.02,
+            p_max: 0.98,
+            miss: Miss::Unknown,
+            memory_limit_mb: 256,
+        }
+    }
+}
+
+/// L = ln(p / (1 − p)) in steps of 1/4096, so that p = 0.02 … 0.98 (|L| ≤ 3.9) fits an i16.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LogOdds(i16);
+
+/// Steps per unit of L: a step of 1/16,384 in probability at p = 0.5.
+const STEPS: f64 = 4096.0;
+
+impl LogOdds {
+    /// A cell that no scan has touched. No probability encodes to it.
+    pub const UNKNOWN: Self = Self(i16::MIN);
+
+    /// Clamped to the range of 16 bits (p = 0.0003 … 0.9997).
+    pub fn from_probability(p: f64) -> Self {
+        let steps = libm::round(libm::log(p / (1.0 - p)) * STEPS);
+        Self(steps.clamp(f64::from(-i16::MAX), f64::from(i16::MAX)) as i16)
+    }
+
+    /// `None` if unknown.
+    pub fn probability(self) -> Option<f64> {
+        (self != Self::UNKNOWN).then(|| 1.0 / (1.0 + libm::exp(f64::from(-self.0) / STEPS)))
+    }
+
+    /// Steps of 1/4096.
+    pub const fn from_steps(steps: i16) -> Self {
+        Self(steps)
+    }
+
+    /// Steps of 1/4096.
+    pub const fn steps(self) -> i16 {
+        self.0
+    }
+}
+
+/// Equation (3) of docs/methods.md as a sum of log-odds, with clamps: with p₀ = 0.5 it is `L ← L +
+/// l_z`.
+#[derive(Clone, Copy, Debug)]
+pub struct LogOddsUpdate {
+    free: i16,
+    occupied: i16,
+    min: i16,
+    max: i16,
+}
+
+/// Marks of a cell within one scan.
+pub mod mark {
+    /// Not touched.
+    pub const NONE: u8 = 0;
+    /// Crossed by a beam.
+    pub const FREE: u8 = 1;
+    /// The end of a beam.
+    pub const OCCUPIED: u8 = 2;
+}
+
+impl LogOddsUpdate {
+    /// All arguments are probabilities.
+    pub fn new(p_free: f64, p_occupied: f64, p_min: f64, p_max: f64) -> Self {
+        let steps = |p| LogOdds::from_probability(p).steps();
+        Self {
+            free: steps(p_free),
+            occupied: steps(p_occupied),
+            min: steps(p_min),
+            max: steps(p_max),
+        }
+    }
+
+    /// Updates each cell by its mark; branch-free, so that it is vectorised.
+    #[inline]
+    pub fn apply(&self, cells: &mut [i16], marks: &[u8]) {
+        const UNKNOWN: i16 = i16::MIN;
+        // Local copies; otherwise it is not vectorised.
+        let Self {
+            free,
+            occupied,
+            min,
+            max,
+        } = *self;
+        for (cell, &mark) in cells.iter_mut().zip(marks) {
+            let before = if *cell == UNKNOWN { 0 } else { *cell };
+            let evidence = if mark == mark::OCCUPIED {
+                occupied
+            } else {
+                free
+            };
+            let after = before.saturating_add(evidence).clamp(min, max);
+            *cell = if mark == mark::NONE { *cell } else { after };
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod log_odds_tests {
+    use super::*;
+
+    /// Equation (3) of docs/methods.md.
+    fn bayes(p_z: f64, p: f64, p0: f64) -> f64 {
+        1.0 / (1.0 + (1.0 - p_z) / p_z * (1.0 - p) / p * p0 / (1.0 - p0))
+    }
+
+    #[test]
+    fn log_odds_sum_equals_equation_3() {
+        let update = LogOddsUpdate::new(0.3, 0.6, 0.02, 0.98);
+        let mut cells = [i16::MIN];
+        let mut p = 0.5;
+        for mark in [2, 2, 1, 2, 1, 1, 1, 2, 2, 2, 2] {
+            update.apply(&mut cells, &[mark]);
+            p = bayes(if mark == 2 { 0.6 } else { 0.3 }, p, 0.5);
+            let got = LogOdds::from_steps(cells[0]).probability().unwrap();
+            assert!((got - p).abs() < 5e-4, "{got} instead of {p}");
+        }
+    }
+
+    #[test]
+    fn cells_are_clamped_and_unmarked_cells_stay() {
+        let update = LogOddsUpdate::new(0.3, 0.6, 0.02, 0.98);
+        let mut cells = [i16::MIN, 17, i16::MIN, i16::MIN];
+        for _ in 0..100 {
+            update.apply(&mut cells, &[0, 0, 1, 2]);
+        }
+        let p = |i: usize| LogOdds::from_steps(cells[i]).probability();
+        assert_eq!((p(0), cells[1]), (None, 17));
+        assert!((p(2).unwrap() - 0.02).abs() < 1e-4);
+        assert!((p(3).unwrap() - 0.98).abs() < 1e-4);
+    }
+}

@@ -1,31 +1,31 @@
-//! Hits that nothing beside them confirms are noise (\[HYB\] §4.3.1, there by PCL's radial filter).
+//! Radial outlier filter (docs/methods.md, section 0; \[HYB\] §4.3.1, which uses PCL's).
 
 use nalgebra::Point3;
 
-use super::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
+use crate::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
 
 /// Least radius within which a neighbour confirms a hit, metres.
 const LEAST_RADIUS_M: f64 = 0.1;
-/// The radius, in distances of neighbouring beams where they hit.
+/// Radius in distances of neighbouring beams at the hit.
 const RADIUS_BEAMS: f64 = 3.0;
-/// Beams on either side that count as neighbours, of this scan and of the one before.
+/// Neighbouring beams on either side, in this scan and in the previous one.
 const BESIDE: usize = 2;
-/// A beam has no more neighbours than a sweep that turns twice with beams 0.1° apart has beams.
+/// Limit of the beam index: more than two turns at 0.1°.
 const MAX_BEAMS: usize = 8192;
 
-/// Decides which hits are confirmed, by the beams next to them and by the same beams of the scan before.
+/// Decides which hits are confirmed by neighbouring beams of the same and the previous scan.
 #[derive(Clone, Debug, Default)]
 pub struct RadialFilter {
-    /// Hits of the scan before by the number of their beams, for each sensor.
+    /// Hits of the previous scan by beam index, for each sensor.
     before: Vec<(SensorId, Hits)>,
     now: Hits,
 }
 
-/// Hits by the number of their beams.
+/// Hits by beam index.
 type Hits = Vec<Option<Point3<f64>>>;
 
 impl RadialFilter {
-    /// Says of each beam of a scan whether it is a hit that fewer than `min_neighbours` confirm.
+    /// Sets for each beam whether it is a hit with fewer than `min_neighbours` neighbours.
     pub fn isolated(
         &mut self,
         scan: &RegisteredScan,
@@ -65,14 +65,14 @@ impl RadialFilter {
                 };
                 hits.filter(is_near).count()
             };
-            // It finds itself in its own scan.
+            // The hit itself is within the radius.
             let neighbours = (near(&self.now) + near(before)).saturating_sub(1);
             *isolated = neighbours < usize::from(min_neighbours);
         }
         std::mem::swap(&mut self.before[place].1, &mut self.now);
     }
 
-    /// Forgets the scans before.
+    /// Forgets the previous scans.
     pub fn reset(&mut self) {
         self.before.clear();
     }
@@ -98,7 +98,7 @@ mod tests {
     use measurement::pose::Pose;
     use measurement::time::RobotTime;
 
-    /// Beams straight ahead side by side, at these ranges; 0 is a miss.
+    /// Parallel beams straight ahead at these ranges; 0 is a miss.
     fn scan(ranges_m: &[f64]) -> RegisteredScan {
         let beams = (0..).zip(ranges_m).map(|(index, &range_m)| RegisteredBeam {
             origin_in_odom: Point3::origin(),

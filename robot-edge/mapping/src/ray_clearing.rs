@@ -1,60 +1,59 @@
-//! What was there and is gone: beams that pass through it say so (`algorithms.md` §1, "Dynamic obstacles").
+//! Ray clearing: removes obstacles that later beams pass through (docs/methods.md, section 1, "Ray
+//! clearing").
 //!
-//! A beam that crosses a cell below the top of what stood there, on its way to a farther hit, is evidence
-//! that it is gone; after [`SCANS_TO_CLEAR`] such scans without a new hit the cell is cleared.
+//! A beam that crosses a cell below the top of its obstacle, on the way to a farther hit, is
+//! evidence. After [`SCANS_TO_CLEAR`] such scans without a new hit the cell is cleared.
 //!
-//! The design takes every beam for evidence that is at most 5 cm above the highest point. Of a vehicle that
-//! drives on, that erases what is real: while the plane of beams rises over the top of a box or a pavement, scan
-//! after scan passes 0 to 5 cm above it. So that margin is granted only where rising over a top cannot be the
-//! reason: the vehicle has not moved since the last hit; or the thing was first seen well above the ground and
-//! touches nothing that stands on it (it came from the side, and did not rise from the ground as the beams swept
-//! up its face), was seen for less than a second or at one height only, and the beam goes on to well below its
-//! top. Otherwise a beam must pass clearly below the top.
+//! \[LOD\] accepts every beam up to 5 cm above the top. While the vehicle drives, that erases real
+//! obstacles: the scan plane rises over the top of a box or a kerb, and scan after scan passes 0 to
+//! 5 cm above it. Therefore the margin is granted only if the vehicle is stationary since the last
+//! hit; or if the obstacle came from the side (first observed well above the ground, touching
+//! nothing grounded), was observed for less than a second or at one height only, and the beam
+//! continues to well below its top. Otherwise a beam must pass clearly below the top.
 
 use nalgebra::Point2;
 
-use super::elevation_cell::ElevationCell;
-use super::grid::CellIndex;
-use super::ground_plane::GroundPlane;
-use super::ray::{FixedPoint, RayWalk};
-use super::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
-use super::rolling_grid::{RollingGrid, Slot};
-use super::scan_hits::ScanHits;
+use crate::elevation::{ElevationCell, ScanHits};
+use crate::grid::CellIndex;
+use crate::ground_plane::GroundPlane;
+use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use crate::rolling_grid::{RollingGrid, Slot};
+use crate::scan_marks::{FixedPoint, RayWalk};
 
-/// Scans with a beam through a thing after which it is gone.
 const SCANS_TO_CLEAR: u8 = 5;
-/// How far above a thing's top a beam may pass and still say that it is gone, metres.
+/// Greatest height of a beam above the top, metres, if the margin is granted.
 const MARGIN_M: f32 = 0.05;
-/// How far below the top of a thing that may just have been risen over, metres: three times the noise.
+/// Least depth of a beam below the top otherwise, metres: three times the noise.
 const CLEARLY_BELOW_M: f32 = 0.03;
-/// A vehicle that moved less has not moved, metres.
+/// Travel below which the vehicle is stationary, metres.
 const STANDSTILL_M: f32 = 0.01;
-/// Seen first so far above the ground, a thing came from the side, metres: a scan later the beams of a
-/// vehicle at 3 m/s are 1.6 cm higher, and what is less than 5 cm high counts as ground.
+/// An obstacle first observed higher above the ground came from the side, metres: within a scan the
+/// beams of a vehicle at 3 m/s rise by 1.6 cm, and less than 5 cm counts as ground.
 const SIDE_GAP_M: f32 = 0.07;
-/// Seen in a slice no higher, a thing has not been risen along, metres.
+/// Greatest slice of an obstacle that was observed at one height only, metres.
 const SLICE_M: f32 = 0.08;
-/// A walking person leaves a cell in half a second; at 25 Hz a box of 15 cm is swept in 28 scans at 1 m/s.
+/// Scans of a brief obstacle: a walking person leaves a cell in half a second; at 25 Hz and 1 m/s a
+/// box of 15 cm is swept in 28 scans.
 const BRIEF_SCANS: u16 = 25;
 
-/// Of so many beams a scan looks at one, at another one every time: what is gone is then seen to be gone
-/// within two seconds, for an eighth of the work.
+/// Each scan tests one of this many beams, in turn: obstacles are cleared within two seconds for an
+/// eighth of the work.
 const BEAMS_IN_TURN: usize = 8;
 
-/// Cells along the edge of a block: a block is one word of bits.
+/// Cells along the edge of a block, whose bits are one word.
 const BLOCK: i32 = 8;
-/// About how long the edge of a quarter is, whatever the cells, metres: a beam over open ground passes a few.
+/// Approximate edge of a quarter, metres: a beam over open ground crosses few of them.
 const QUARTER_M: f64 = 1.6;
 
-/// Which cells hold something: their bits in blocks, and how high the quarters are, to say whether to look there.
+/// Index of the raised cells: a bit per cell in blocks, and an upper bound of the height per
+/// quarter, to skip empty parts.
 #[derive(Clone, Debug)]
 pub(super) struct RayClearing {
     cell_m: f64,
     blocks: RollingGrid<u64>,
-    /// Blocks along the edge of a quarter.
     quarter_blocks: i32,
-    /// At least as high as everything in each quarter, metres; −∞ where nothing stood since it was entered. It is
-    /// never lowered: looking at empty blocks costs little, and a count would not survive places that are taken.
+    /// Upper bound of the heights in each quarter, metres; −∞ if it was always empty. It is never
+    /// lowered: testing empty blocks is cheap.
     quarter_tops_m: RollingGrid<f32>,
     turn: usize,
     crossed: Vec<(CellIndex, Slot)>,
@@ -88,7 +87,7 @@ impl RayClearing {
         }
     }
 
-    /// Something up to `top_m` stands in `cell` now.
+    /// Sets a raised cell and its height.
     pub(super) fn mark(&mut self, cell: CellIndex, top_m: f32) {
         let (block, bit) = block_of(cell);
         if let Some(slot) = self.blocks.slot(block) {
@@ -101,7 +100,6 @@ impl RayClearing {
         }
     }
 
-    /// Nothing stands in `cell` any more.
     pub(super) fn unmark(&mut self, cell: CellIndex) {
         let (block, bit) = block_of(cell);
         if let Some(slot) = self.blocks.slot(block) {
@@ -114,7 +112,7 @@ impl RayClearing {
         self.quarter_tops_m.erase();
     }
 
-    /// Counts the scan's beams through what stands in `grid`; returns the cells where it is gone.
+    /// Counts the scan's beams through obstacles of `grid`; returns the cells to clear.
     pub(super) fn cleared_cells(
         &mut self,
         scan: &RegisteredScan,
@@ -135,7 +133,7 @@ impl RayClearing {
         self.crossed.dedup();
         let mut gone = Vec::new();
         for &(cell, slot) in &self.crossed {
-            // Something is still there: the beam passed beside it.
+            // The obstacle is still observed: the beam passed beside it.
             if around(cell).any(|at| hits.contains(grid, at)) {
                 continue;
             }
@@ -162,14 +160,14 @@ impl RayClearing {
             return;
         };
         let line = Line::new(beam, plane);
-        // As much as the beam can fall between the middle of a quarter and its farthest corner.
+        // Greatest descent of the beam between the middle of a quarter and its farthest corner.
         let fall_m = (line.rise_per_m.abs() * quarter_m) as f32;
         let walk = RayWalk::new(start, end);
         let (mut at, mut error) = (start.cell(), walk.error);
         for _ in 0..=walk.steps {
             let index = CellIndex { x: at.0, y: at.1 };
             let Some(&top_m) = self.quarter_tops_m.get(index) else {
-                // The window is convex and holds the sensor: what follows is outside too.
+                // The window is convex and holds the sensor: the rest is outside too.
                 return;
             };
             let height_m = line.height_beside(index.centre(quarter_m)) - fall_m;
@@ -236,7 +234,8 @@ impl RayClearing {
         }
     }
 
-    /// Whether a beam at this height through the cell, to a hit at `end_m`, says that what stood there is gone.
+    /// Whether a beam at `height_m` over the cell, to a hit at `end_m`, is evidence that the
+    /// obstacle is gone.
     fn is_evidence(cell: &ElevationCell, height_m: f32, end_m: f32, travel_m: f32) -> bool {
         let is_vehicle_still = travel_m - cell.hit_at_travel_m < STANDSTILL_M;
         let is_brief = cell.scans() < BRIEF_SCANS || cell.slice_m() < SLICE_M;
@@ -255,7 +254,7 @@ impl RayClearing {
     }
 }
 
-/// A beam seen from above, with its height over the ground plane.
+/// A beam in plan view, with its height above the ground plane.
 struct Line {
     from: Point2<f64>,
     /// Unit vector.
@@ -269,7 +268,7 @@ struct Line {
 impl Line {
     fn new(beam: &RegisteredBeam, plane: &GroundPlane) -> Self {
         let (from, to) = (beam.origin_in_odom.xy(), beam.end_in_odom.xy());
-        // Not nalgebra's norm: its square root in software takes ten times as long, for every beam.
+        // Faster than nalgebra's norm, whose software square root takes ten times as long.
         let length_m = libm::sqrt((to - from).norm_squared()).max(1e-9);
         let from_height_m = plane.height_m(&beam.origin_in_odom);
         let to_height_m = plane.height_m(&beam.end_in_odom);
@@ -283,20 +282,20 @@ impl Line {
         }
     }
 
-    /// The beam's height where it is nearest to a point.
+    /// Height where the beam is nearest to a point.
     fn height_beside(&self, point: Point2<f64>) -> f32 {
         let along_m = (point - self.from).dot(&self.along);
         (self.from_height_m + along_m * self.rise_per_m) as f32
     }
 
-    /// Whether it comes as near to a point on its way.
+    /// Whether the beam passes a point within `reach_m`.
     fn passes(&self, point: Point2<f64>, reach_m: f64) -> bool {
         let to_point = point - self.from;
         let along_m = to_point.dot(&self.along);
         to_point.perp(&self.along).abs() <= reach_m && along_m <= self.length_m + reach_m
     }
 
-    /// The beam's height over a cell that it crosses well, on its way to a hit beyond the next cell.
+    /// Height over a cell, if the beam crosses it well and ends beyond the next cell.
     fn height_over(&self, center: Point2<f64>, cell_m: f64) -> Option<f32> {
         let to_center = center - self.from;
         let along_m = to_center.dot(&self.along);
@@ -317,12 +316,12 @@ fn block_of(cell: CellIndex) -> (CellIndex, u64) {
     (block, 1 << bit)
 }
 
-/// Whether what stands in a cell rose from the ground while the beams swept up its face.
+/// Whether the obstacle rose from the ground while the beams swept up its face.
 pub(super) fn rises_from_ground(cell: &ElevationCell) -> bool {
     cell.gap_m() <= SIDE_GAP_M
 }
 
-/// The cell and the eight around it.
+/// A cell and its eight neighbours.
 pub(super) fn around(cell: CellIndex) -> impl Iterator<Item = CellIndex> {
     (-1..=1).flat_map(move |dy| {
         (-1..=1).map(move |dx| CellIndex {

@@ -1,26 +1,52 @@
-//! On land: which obstacles could be pushed through.
+//! Vegetation on land: traversable or rigid (docs/methods.md, section 6; \[HYB\] §7.1).
 //!
-//! \[HYB\] §7.1 (*Hybrid 3D perception on land and water*): a voxel is an obstruction only where both metrics,
-//! each smoothed on its own, say that it is rigid; a column that holds one is.
+//! A voxel is rigid only if both metrics, each smoothed on its own, say so. A column with a rigid
+//! voxel is rigid.
+//!
+//! The majority vote works on sorted voxels, which are runs along z, one per column. The votes of a
+//! neighbouring column are differences of running sums, found with pointers that only advance.
 
-use super::cost_config::RigidityConfig;
-use super::grid::CellIndex;
-use super::majority_vote::majority_vote;
-use super::obstacle_voxel::{ObstacleVoxel, Rigidity};
-use super::voxel::VoxelIndex;
+use serde::Deserialize;
 
-/// Obstacles told apart.
+use crate::grid::{CellIndex, VoxelIndex};
+
+/// Settings of `[mapping.rigidity]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigidityConfig {
+    /// Requires the cost map.
+    pub enabled: bool,
+    /// Rigid above this `IntraScan` (\[HYB\] §7.1: 0.04).
+    pub intra_threshold: f64,
+    /// Rigid below this `InterScan` (\[HYB\] §7.1: 0.39).
+    pub inter_threshold: f64,
+    /// Cost of a traversable column.
+    pub traversable_vegetation_cost: f64,
+}
+
+impl Default for RigidityConfig {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            intra_threshold: 0.04,
+            inter_threshold: 0.39,
+            traversable_vegetation_cost: 0.7,
+        }
+    }
+}
+
+/// Rigidity of voxels and columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RigidityMap {
-    /// Every voxel, ascending.
+    /// Ascending.
     pub voxels: Vec<(VoxelIndex, Rigidity)>,
-    /// Every column that holds a voxel, ascending: rigid with one rigid voxel, traversable with only others
-    /// that are labelled, unlabelled (it keeps its cost) where none is.
+    /// Columns with a voxel, ascending: rigid with a rigid voxel, else traversable with a labelled
+    /// one, else unlabelled (it keeps its cost).
     pub columns: Vec<(CellIndex, Rigidity)>,
 }
 
 impl RigidityMap {
-    /// Tells obstacles apart: all voxels of the columns in question, each once, in any order.
+    /// Classifies all voxels of the columns in question, each once, in any order.
     pub fn of(obstacles: &[ObstacleVoxel], config: &RigidityConfig) -> Self {
         let mut obstacles = obstacles.to_vec();
         obstacles.sort_unstable_by_key(|obstacle| obstacle.voxel);
@@ -42,15 +68,201 @@ impl RigidityMap {
     }
 }
 
-/// One rigid voxel outweighs all others, and any label none: as [`Rigidity`] is ordered.
+/// The greatest label of a column, in the order of [`Rigidity`].
 fn verdict(column: &[(VoxelIndex, Rigidity)]) -> Option<(CellIndex, Rigidity)> {
     let (voxel, _) = column.first()?;
     let rigidity = column.iter().map(|(_, rigidity)| *rigidity).max()?;
     Some((voxel.column(), rigidity))
 }
 
+/// An occupied voxel in a lethal column, above the ground and no higher than the vehicle: the
+/// ground below grass is rigid, and what is higher is no obstacle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObstacleVoxel {
+    /// The voxel.
+    pub voxel: VoxelIndex,
+    /// Moving average of `IntraScan`.
+    pub intra: Option<f32>,
+    /// Moving average of `InterScan`.
+    pub inter: Option<f32>,
+}
+
+/// Label of a voxel or column.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Rigidity {
+    /// No metric.
+    #[default]
+    Unlabelled,
+    /// Vegetation that gives way.
+    Traversable,
+    /// Does not give way.
+    Rigid,
+}
+
+impl ObstacleVoxel {
+    /// Label by `IntraScan`: rigid above `threshold`.
+    pub fn by_intra(&self, threshold: f64) -> Rigidity {
+        Rigidity::of(self.intra, |width| width > threshold)
+    }
+
+    /// Label by `InterScan`: rigid below `threshold`.
+    pub fn by_inter(&self, threshold: f64) -> Rigidity {
+        Rigidity::of(self.inter, |change| change < threshold)
+    }
+}
+
+impl Rigidity {
+    fn of(metric: Option<f32>, is_rigid: impl Fn(f64) -> bool) -> Self {
+        match metric {
+            Some(value) if value.is_nan() => Self::Unlabelled,
+            Some(value) if is_rigid(value.into()) => Self::Rigid,
+            Some(_) => Self::Traversable,
+            None => Self::Unlabelled,
+        }
+    }
+
+    /// Rigid if both are; a missing label leaves the decision to the other (\[HYB\] §7.1).
+    #[must_use]
+    pub const fn both(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Unlabelled, label) | (label, Self::Unlabelled) => label,
+            (Self::Rigid, Self::Rigid) => Self::Rigid,
+            (Self::Traversable, _) | (_, Self::Traversable) => Self::Traversable,
+        }
+    }
+
+    /// Rigid if either is; a missing label leaves the decision to the other (\[HYB\] §7.2).
+    #[must_use]
+    pub const fn either(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Unlabelled, label) | (label, Self::Unlabelled) => label,
+            (Self::Traversable, Self::Traversable) => Self::Traversable,
+            (Self::Rigid, _) | (_, Self::Rigid) => Self::Rigid,
+        }
+    }
+}
+
+/// Reach of a vote to each side, voxels (\[HYB\] §7.1: 5×5×5).
+const REACH: i32 = 2;
+
+/// Labels after a simultaneous majority vote of the labelled voxels up to two away along each axis,
+/// itself included. A tie keeps the label. Unlabelled voxels neither vote nor get a label.
+///
+/// `voxels` are strictly ascending; `labels` and the result are in their order.
+pub fn majority_vote(voxels: &[VoxelIndex], labels: &[Rigidity]) -> Vec<Rigidity> {
+    debug_assert!(voxels.is_sorted_by(|a, b| a < b));
+    debug_assert_eq!(voxels.len(), labels.len());
+    let field = VoteField::new(voxels, labels);
+    let balances = field.balances();
+    let smoothed = labels.iter().zip(balances);
+    smoothed
+        .map(|(&label, balance)| match label {
+            Rigidity::Unlabelled => Rigidity::Unlabelled,
+            Rigidity::Rigid if balance < 0 => Rigidity::Traversable,
+            Rigidity::Traversable if balance > 0 => Rigidity::Rigid,
+            Rigidity::Rigid | Rigidity::Traversable => label,
+        })
+        .collect()
+}
+
+/// Votes as running sums.
+struct VoteField {
+    columns: Vec<Column>,
+    /// z of every voxel.
+    heights: Vec<i32>,
+    /// Rigid minus other votes of all voxels before each one, and of all.
+    balance_before: Vec<i32>,
+}
+
+/// The voxels `first .. end` of one column.
+#[derive(Clone, Copy)]
+struct Column {
+    x: i32,
+    y: i32,
+    first: usize,
+    end: usize,
+}
+
+impl VoteField {
+    fn new(voxels: &[VoxelIndex], labels: &[Rigidity]) -> Self {
+        let mut columns: Vec<Column> = Vec::new();
+        for (at, voxel) in voxels.iter().enumerate() {
+            match columns.last_mut() {
+                Some(column) if (column.x, column.y) == (voxel.x, voxel.y) => column.end = at + 1,
+                Some(_) | None => columns.push(Column {
+                    x: voxel.x,
+                    y: voxel.y,
+                    first: at,
+                    end: at + 1,
+                }),
+            }
+        }
+        let votes = labels.iter().map(|label| match label {
+            Rigidity::Unlabelled => 0,
+            Rigidity::Traversable => -1,
+            Rigidity::Rigid => 1,
+        });
+        let running = votes.scan(0, |balance, vote| {
+            *balance += vote;
+            Some(*balance)
+        });
+        Self {
+            columns,
+            heights: voxels.iter().map(|voxel| voxel.z).collect(),
+            balance_before: std::iter::once(0).chain(running).collect(),
+        }
+    }
+
+    /// Rigid minus other votes around every voxel.
+    fn balances(&self) -> Vec<i32> {
+        let mut balances = vec![0; self.heights.len()];
+        // For each x offset, the first column not before the neighbourhood.
+        let mut firsts = [0; 2 * REACH as usize + 1];
+        for column in &self.columns {
+            for (x_beside, first) in (-REACH..).zip(&mut firsts) {
+                // In i64, so that it cannot overflow.
+                let x = i64::from(column.x) + i64::from(x_beside);
+                let least_y = i64::from(column.y) - i64::from(REACH);
+                let greatest_y = i64::from(column.y) + i64::from(REACH);
+                let is_before = |other: &Column| (other.x.into(), other.y.into()) < (x, least_y);
+                while self.columns.get(*first).is_some_and(is_before) {
+                    *first += 1;
+                }
+                for beside in &self.columns[*first..] {
+                    if (beside.x.into(), beside.y.into()) > (x, greatest_y) {
+                        break;
+                    }
+                    self.add_votes(*column, *beside, &mut balances);
+                }
+            }
+        }
+        balances
+    }
+
+    /// Adds the votes of column `beside` to the voxels of `column`.
+    fn add_votes(&self, column: Column, beside: Column, balances: &mut [i32]) {
+        let heights = &self.heights[beside.first..beside.end];
+        let before = &self.balance_before[beside.first..=beside.end];
+        let (mut from, mut to) = (0, 0);
+        let voxels = column.first..column.end;
+        for (&z, balance) in self.heights[voxels.clone()]
+            .iter()
+            .zip(&mut balances[voxels])
+        {
+            let (least_z, greatest_z) = (z.saturating_sub(REACH), z.saturating_add(REACH));
+            while from < heights.len() && heights[from] < least_z {
+                from += 1;
+            }
+            while to < heights.len() && heights[to] <= greatest_z {
+                to += 1;
+            }
+            *balance += before[to] - before[from];
+        }
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod rigidity_tests {
     use proptest::prelude::*;
 
     use super::*;
@@ -81,7 +293,7 @@ mod tests {
 
     #[test]
     fn only_what_is_wide_and_still_is_rigid() {
-        // Far enough apart not to vote on one another.
+        // Too far apart for votes.
         let verdicts = columns(&[
             obstacle(40, 0, WIDE, MOVING),
             obstacle(0, 0, WIDE, STILL),
@@ -106,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn one_rigid_voxel_makes_a_column_rigid_and_uncounted_ones_do_not_matter() {
+    fn one_rigid_voxel_makes_a_column_rigid() {
         let column = [
             obstacle(0, 0, NARROW, STILL),
             obstacle(0, 5, WIDE, STILL),
@@ -119,7 +331,7 @@ mod tests {
 
     #[test]
     fn each_metric_is_smoothed_on_its_own_before_both_are_asked() {
-        // Of both together, one of three voxels is rigid and would lose a vote; of each metric, two are.
+        // Combined, one of three voxels is rigid and would lose a vote; of each metric, two are.
         let voxels = [
             obstacle(0, 0, WIDE, STILL),
             obstacle(0, 1, WIDE, MOVING),
@@ -147,6 +359,140 @@ mod tests {
             let expected = RigidityMap::of(&obstacles, &config);
             obstacles.reverse();
             prop_assert_eq!(RigidityMap::of(&obstacles, &config), expected);
+        }
+    }
+}
+
+#[cfg(test)]
+mod obstacle_voxel_tests {
+    use super::*;
+    use Rigidity::{Rigid, Traversable, Unlabelled};
+
+    #[test]
+    fn labels_follow_the_thresholds() {
+        let voxel = |intra, inter| ObstacleVoxel {
+            voxel: VoxelIndex { x: 0, y: 0, z: 0 },
+            intra,
+            inter,
+        };
+        let labels = |voxel: ObstacleVoxel| (voxel.by_intra(0.04), voxel.by_inter(0.39));
+        assert_eq!(labels(voxel(Some(0.05), Some(0.3))), (Rigid, Rigid));
+        assert_eq!(
+            labels(voxel(Some(0.03), Some(0.4))),
+            (Traversable, Traversable)
+        );
+        assert_eq!(
+            labels(voxel(None, Some(f32::NAN))),
+            (Unlabelled, Unlabelled)
+        );
+    }
+
+    #[test]
+    fn land_asks_both_and_water_either() {
+        let all = [Unlabelled, Traversable, Rigid];
+        let both = all.map(|a| all.map(|b| a.both(b)));
+        assert_eq!(both[0], all);
+        assert_eq!(both[1], [Traversable, Traversable, Traversable]);
+        assert_eq!(both[2], [Rigid, Traversable, Rigid]);
+        let either = all.map(|a| all.map(|b| a.either(b)));
+        assert_eq!(either[0], all);
+        assert_eq!(either[1], [Traversable, Traversable, Rigid]);
+        assert_eq!(either[2], [Rigid, Rigid, Rigid]);
+    }
+}
+
+#[cfg(test)]
+mod majority_vote_tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use Rigidity::{Rigid, Traversable, Unlabelled};
+
+    const fn at(x: i32, y: i32, z: i32) -> VoxelIndex {
+        VoxelIndex { x, y, z }
+    }
+
+    fn voted<const N: usize>(labelled: [(VoxelIndex, Rigidity); N]) -> [Rigidity; N] {
+        let voxels = labelled.map(|(voxel, _)| voxel);
+        let labels = labelled.map(|(_, label)| label);
+        majority_vote(&voxels, &labels).try_into().unwrap()
+    }
+
+    #[test]
+    fn the_majority_of_those_in_reach_wins_and_ties_keep() {
+        assert_eq!(voted([(at(0, 0, 0), Rigid)]), [Rigid]);
+        let tie = [(at(0, 0, 0), Rigid), (at(0, 0, 1), Traversable)];
+        assert_eq!(voted(tie), [Rigid, Traversable]);
+        let outvoted = [
+            (at(0, 0, 0), Traversable),
+            (at(1, 1, 1), Rigid),
+            (at(2, 2, 2), Traversable),
+        ];
+        assert_eq!(voted(outvoted), [Traversable; 3]);
+        let out_of_reach = [
+            (at(-3, 0, 0), Traversable),
+            (at(0, 0, 0), Rigid),
+            (at(0, 0, 3), Traversable),
+            (at(0, 3, 0), Traversable),
+        ];
+        assert_eq!(voted(out_of_reach)[1], Rigid);
+    }
+
+    #[test]
+    fn the_unlabelled_neither_vote_nor_are_labelled() {
+        let labelled = [
+            (at(0, 0, 0), Rigid),
+            (at(0, 0, 1), Unlabelled),
+            (at(0, 0, 2), Unlabelled),
+        ];
+        assert_eq!(voted(labelled), [Rigid, Unlabelled, Unlabelled]);
+    }
+
+    #[test]
+    fn the_edges_of_the_index_do_not_wrap() {
+        let (least, greatest) = (i32::MIN, i32::MAX);
+        let corners = [
+            (at(least, least, least), Rigid),
+            (at(least, greatest, least), Traversable),
+            (at(greatest, greatest, greatest - 1), Traversable),
+            (at(greatest, greatest, greatest), Rigid),
+        ];
+        assert_eq!(voted(corners), corners.map(|(_, label)| label));
+    }
+
+    proptest! {
+        #[test]
+        fn it_is_the_vote_counted_one_by_one(
+            labelled in prop::collection::btree_map(
+                (-6..6i32, -6..6i32, -6..6i32),
+                prop_oneof![Just(Rigid), Just(Traversable), Just(Unlabelled)],
+                0..300,
+            ),
+        ) {
+            let voxels: Vec<_> = labelled.keys().map(|&(x, y, z)| at(x, y, z)).collect();
+            let labels: Vec<_> = labelled.values().copied().collect();
+            let expected = labelled.iter().map(|(at, label)| counted(&labelled, *at, *label));
+            prop_assert_eq!(majority_vote(&voxels, &labels), expected.collect::<Vec<_>>());
+        }
+    }
+
+    type Labelled = BTreeMap<(i32, i32, i32), Rigidity>;
+
+    fn counted(labelled: &Labelled, (x, y, z): (i32, i32, i32), label: Rigidity) -> Rigidity {
+        let count = |wanted: Rigidity| {
+            let beside = |a: i32, b: i32| (a - b).abs() <= 2;
+            let others = labelled.iter().filter(|(other, label)| {
+                beside(other.0, x) && beside(other.1, y) && beside(other.2, z) && **label == wanted
+            });
+            others.count()
+        };
+        match count(Rigid).cmp(&count(Traversable)) {
+            _ if label == Unlabelled => Unlabelled,
+            std::cmp::Ordering::Less => Traversable,
+            std::cmp::Ordering::Equal => label,
+            std::cmp::Ordering::Greater => Rigid,
         }
     }
 }

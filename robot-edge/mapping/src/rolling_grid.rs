@@ -1,29 +1,28 @@
 //! A square window of cells that moves with the vehicle while its cells stay fixed in `odom`.
 //!
-//! The cells live in a circular buffer in both axes, and each place of the buffer knows whose cell it holds.
-//! So moving the window touches no cell at all: a place is blanked when the next cell that belongs there is
-//! first written. ([LOD §4.5] shifts and rotates its array, and reports holes and drag.)
+//! The buffer is circular in both axes, and each entry stores which cell it holds. Moving the
+//! window touches no cell: an entry is blanked when its next cell is first written. (\[LOD\] §4.5
+//! shifts and rotates its array, and reports holes and drag.)
 
-use super::grid::CellIndex;
+use crate::grid::CellIndex;
 
-/// The window.
+/// Rolling window.
 #[derive(Clone, Debug)]
 pub struct RollingGrid<T> {
     blank: T,
     /// Cells along an edge.
     side: i32,
-    /// The cell with the least x and y; `None` until the window was first laid.
+    /// The cell with the least x and y; `None` before the first [`RollingGrid::center_on`].
     first: Option<CellIndex>,
     /// Column and row of `first` in the buffer.
     origin: (i32, i32),
     /// Row-major by `y mod side`, then `x mod side`.
     entries: Vec<Entry<T>>,
     changed: Vec<CellIndex>,
-    /// Cells that lost their place after a change that nobody had taken.
+    /// Untaken changes of cells that lost their entry.
     departed: Vec<(CellIndex, T)>,
 }
 
-/// A place of the buffer: all that is known of a cell lies together.
 #[derive(Clone, Copy, Debug)]
 struct Entry<T> {
     owner: CellIndex,
@@ -31,20 +30,20 @@ struct Entry<T> {
     value: T,
 }
 
-/// Windows stay within ± this, cells.
+/// Limit of window coordinates, cells.
 const MAX_INDEX: i32 = 1 << 30;
-/// The owner of a place that holds nothing: no window reaches it.
+/// Owner of an empty entry; no window reaches it.
 const NO_OWNER: CellIndex = CellIndex {
     x: i32::MIN,
     y: i32::MIN,
 };
 
-/// Where a cell of the window has its place.
+/// Index of a cell's entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Slot(usize);
 
 impl<T: Copy> RollingGrid<T> {
-    /// A window of `side` × `side` cells (at least 1) that begin as `blank`.
+    /// A window of `side` × `side` cells (at least 1), all `blank`.
     pub fn new(side: u32, blank: T) -> Self {
         let empty = Entry {
             owner: NO_OWNER,
@@ -67,7 +66,7 @@ impl<T: Copy> RollingGrid<T> {
         self.side
     }
 
-    /// The cell with the least x and y; `None` before the window was first laid.
+    /// The cell with the least x and y; `None` before the first [`RollingGrid::center_on`].
     pub const fn first(&self) -> Option<CellIndex> {
         self.first
     }
@@ -77,10 +76,10 @@ impl<T: Copy> RollingGrid<T> {
         self.entries.len() * size_of::<Entry<T>>()
     }
 
-    /// Moves the window so that `center` is its middle cell. Cells that enter it are blank, but for those
-    /// that were in it before and whose place nobody has taken since.
+    /// Moves the window so that `center` is its middle cell. Cells that enter it are blank, unless
+    /// they were in it before and their entry was not reused.
     pub fn center_on(&mut self, center: CellIndex) {
-        // Far from the edge of what an index holds, so that no window wraps around it.
+        // Far from the limits of an index, so that no window wraps.
         let first_of = |center: i32| center.clamp(-MAX_INDEX, MAX_INDEX) - self.side / 2;
         let first = CellIndex {
             x: first_of(center.x),
@@ -90,7 +89,7 @@ impl<T: Copy> RollingGrid<T> {
         self.origin = (first.x.rem_euclid(self.side), first.y.rem_euclid(self.side));
     }
 
-    /// Where `cell` has its place; `None` outside of the window.
+    /// Entry of `cell`; `None` outside of the window.
     pub fn slot(&self, cell: CellIndex) -> Option<Slot> {
         let first = self.first?;
         let side = self.side;
@@ -103,13 +102,13 @@ impl<T: Copy> RollingGrid<T> {
         })
     }
 
-    /// The place of a cell that may lie outside of the window.
+    /// Also for cells outside of the window.
     fn entry_index(&self, cell: CellIndex) -> usize {
         let (x, y) = (cell.x.rem_euclid(self.side), cell.y.rem_euclid(self.side));
         y as usize * self.side as usize + x as usize
     }
 
-    /// The value of `cell`, whose place is `slot`.
+    /// Value of `cell`, whose entry is `slot`.
     pub fn at(&self, cell: CellIndex, slot: Slot) -> &T {
         let entry = &self.entries[slot.0];
         if entry.owner == cell {
@@ -119,7 +118,8 @@ impl<T: Copy> RollingGrid<T> {
         }
     }
 
-    /// The value of `cell`, whose place is `slot`, to be changed; say so with [`RollingGrid::mark_changed`].
+    /// Mutable value of `cell`, whose entry is `slot`; call [`RollingGrid::mark_changed`] after a
+    /// change.
     pub fn at_mut(&mut self, cell: CellIndex, slot: Slot) -> &mut T {
         let entry = &mut self.entries[slot.0];
         if entry.owner != cell {
@@ -132,26 +132,26 @@ impl<T: Copy> RollingGrid<T> {
         &mut entry.value
     }
 
-    /// The value of `cell`; `None` outside of the window.
+    /// Value of `cell`; `None` outside of the window.
     pub fn get(&self, cell: CellIndex) -> Option<&T> {
         self.slot(cell).map(|slot| self.at(cell, slot))
     }
 
-    /// What [`RollingGrid::at_mut`] gave for `cell` at `slot` has changed.
+    /// Records that `cell` at `slot` has changed.
     pub fn mark_changed(&mut self, cell: CellIndex, slot: Slot) {
         if !std::mem::replace(&mut self.entries[slot.0].is_changed, true) {
             self.changed.push(cell);
         }
     }
 
-    /// The cells changed since the last call, each with its newest value, in the order of their first
-    /// change; those that lost their place come first.
+    /// Cells changed since the last call, with their newest values, in the order of their first
+    /// change; those that lost their entry come first.
     pub fn take_changed(&mut self) -> Vec<(CellIndex, T)> {
         let mut taken = std::mem::take(&mut self.departed);
         for cell in std::mem::take(&mut self.changed) {
             let entry = self.entry_index(cell);
             let entry = &mut self.entries[entry];
-            // Whoever lost its place is in `departed`; whoever came back changed has been listed twice.
+            // A cell that lost its entry is in `departed`; one that returned may be listed twice.
             if entry.owner == cell && std::mem::take(&mut entry.is_changed) {
                 taken.push((cell, entry.value));
             }
@@ -159,7 +159,7 @@ impl<T: Copy> RollingGrid<T> {
         taken
     }
 
-    /// Blanks every cell; changes that nobody took are forgotten.
+    /// Blanks every cell; discards untaken changes.
     pub fn erase(&mut self) {
         for entry in &mut self.entries {
             entry.owner = NO_OWNER;
@@ -169,7 +169,7 @@ impl<T: Copy> RollingGrid<T> {
         self.departed.clear();
     }
 
-    /// Every cell of the window, rows of growing y, in a row growing x.
+    /// Every cell of the window, row by row.
     pub fn iter(&self) -> impl Iterator<Item = (CellIndex, &T)> {
         let side = self.side;
         let cells = self.first.into_iter().flat_map(move |first| {
@@ -184,7 +184,7 @@ impl<T: Copy> RollingGrid<T> {
     }
 }
 
-/// The cells of the window of `side` cells from `from` that are not in the one from `other`.
+/// Cells of the window of `side` cells from `from` that are not in the one from `other`.
 pub(super) fn difference(
     from: CellIndex,
     other: CellIndex,
@@ -192,7 +192,7 @@ pub(super) fn difference(
 ) -> impl Iterator<Item = CellIndex> {
     let outside = move |at: i32, first: i32| !(0..side).contains(&at.wrapping_sub(first));
     let row = move |y: i32| {
-        // A row that both windows share lacks only its columns beyond the other.
+        // In a row of both windows, only the columns beyond the other.
         let columns = if outside(y, other.y) {
             from.x..from.x + side
         } else {
@@ -203,7 +203,7 @@ pub(super) fn difference(
     (from.y..from.y + side).flat_map(row)
 }
 
-/// The part of `from .. from + side` that is not in `other .. other + side`.
+/// The part of `from .. from + side` outside of `other .. other + side`.
 fn beyond(from: i32, other: i32, side: i32) -> std::ops::Range<i32> {
     if other >= from {
         from..other.min(from + side)
@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(grid.get(cell(3, 0)), Some(&0), "an entering cell is blank");
         assert_eq!(grid.get(cell(-2, 0)), None);
         set(&mut grid, cell(3, 0), 9);
-        // The cell that lost its place has not lost its last value.
+        // The departed cell keeps its last value.
         assert_eq!(
             grid.take_changed(),
             [(cell(-2, 0), 8), (cell(2, -2), 7), (cell(3, 0), 9)]
@@ -253,8 +253,8 @@ mod tests {
     }
 
     proptest! {
-        /// Against a map without bounds: nothing is ever seen but the last value of the very cell or blank,
-        /// blank only of cells that left the window, and every last value is published.
+        /// Compared with a map: a read gives the last value or, for cells that left the window,
+        /// possibly blank; every last value is published.
         #[test]
         fn the_window_shows_the_last_values_and_publishes_them_all(
             steps in prop::collection::vec((-9..9i32, -9..9i32, -3..4i32, -3..4i32), 1..40),

@@ -1,20 +1,57 @@
-//! On water: shores, and how dense what grows there is.
+//! Shores on water: clusters of the obstacles in lethal columns, their vegetation classes, and
+//! docking sites (docs/methods.md, sections 4 and 6; \[HYB\] §7.2).
 //!
-//! \[HYB\] §7.2 (*Hybrid 3D perception on land and water*). From afar single plants are not to be told apart,
-//! so a shore is judged as a whole: by the share of its voxels that are rigid. (The document's text calls ρ
-//! the share of vegetation; its table 8.1 and its labels fit only the share of what is rigid.)
+//! At a distance single plants cannot be separated, so a shore is classified as a whole, by its
+//! share of rigid voxels.
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
+use serde::Deserialize;
 
-use super::cluster_tracker::ClusterTracker;
-use super::cost_config::ShoreConfig;
-use super::grid::CellIndex;
-use super::majority_vote::majority_vote;
-use super::obstacle_voxel::{ObstacleVoxel, Rigidity};
-use super::shore_clusters::euclidean_clusters;
-use super::voxel::VoxelIndex;
+use crate::clustering::{ClusterTracker, euclidean_clusters};
+use crate::cost_map::CostMap;
+use crate::docking::{BoatFootprint, DockingColumn, DockingGrid, DockingSite, find_docking_sites};
+use crate::grid::{CellIndex, VoxelIndex};
+use crate::octree::Octree;
+use crate::rigidity::{ObstacleVoxel, Rigidity, majority_vote};
+use crate::vehicle::VehicleShape;
 
-/// Clusters obstacles, and knows clusters again.
+/// Settings of `[mapping.shore]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShoreConfig {
+    /// Requires the cost map.
+    pub enabled: bool,
+    /// Rigid above this `IntraScan` (\[HYB\] §7.2: 0.20).
+    pub intra_threshold: f64,
+    /// Rigid below this `InterScan` (\[HYB\] §7.2: 0.39).
+    pub inter_threshold: f64,
+    /// Voxels whose centres are no farther apart belong to one cluster, metres (\[HYB\] §7.2: 3).
+    pub cluster_m: f64,
+    /// Share of rigid voxels below which a cluster is Sparse (\[HYB\] §7.2: 0.25).
+    pub sparse_below: f64,
+    /// Share of rigid voxels above which a cluster is Solid (\[HYB\] §7.2: 0.68).
+    pub solid_above: f64,
+    /// Period of clustering in time of the data, seconds.
+    pub period_s: f64,
+}
+
+impl Default for ShoreConfig {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            intra_threshold: 0.20,
+            inter_threshold: 0.39,
+            cluster_m: 3.0,
+            sparse_below: 0.25,
+            solid_above: 0.68,
+            period_s: 1.0,
+        }
+    }
+}
+
+/// Clusters obstacles and numbers the clusters.
 #[derive(Clone, Debug)]
 pub struct Shores {
     config: ShoreConfig,
@@ -25,56 +62,55 @@ pub struct Shores {
 /// The shores of one update.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShoreMap {
-    /// All clusters, by number.
+    /// Ordered by number.
     pub clusters: Vec<ShoreCluster>,
-    /// Every voxel that is counted, ascending.
+    /// Every counted voxel, ascending.
     pub voxels: Vec<ShoreVoxel>,
 }
 
-/// Voxels that belong together.
+/// A cluster of bank voxels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShoreCluster {
-    /// The same from update to update, from 1.
+    /// From 1; constant between updates.
     pub number: u32,
-    /// How many it has.
+    /// Number of voxels.
     pub voxels: u32,
-    /// How many of these are rigid.
+    /// Number of rigid voxels.
     pub rigid_voxels: u32,
-    /// ρ: the share of these.
+    /// ρ: share of rigid voxels.
     pub ratio: f64,
-    /// What that means.
+    /// Class by `ratio`.
     pub class: ShoreClass,
     /// Mean of the voxels' centres, metres in `odom`.
     pub centre_in_odom: Point3<f64>,
-    /// The columns it stands in, ascending. A column in which voxels hang farther above others than the
-    /// tolerance belongs to two clusters.
+    /// Its columns, ascending. A column may belong to two clusters, one above the other.
     pub columns: Vec<CellIndex>,
 }
 
-/// What grows on a shore.
+/// Vegetation of a shore.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ShoreClass {
     /// Scattered canes.
     Sparse,
-    /// Canes close together, that still give way.
+    /// Dense canes that still give way.
     Dense,
-    /// Bushes, trunks, rock, walls: not to be touched.
+    /// Bushes, trunks, rock, walls.
     Solid,
 }
 
 /// One voxel of a cluster.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShoreVoxel {
-    /// Where it lies.
+    /// The voxel.
     pub voxel: VoxelIndex,
     /// Rigid or traversable, after the vote.
     pub rigidity: Rigidity,
-    /// The number of its cluster.
+    /// Number of its cluster.
     pub cluster: u32,
 }
 
 impl Shores {
-    /// No shores yet; voxels are `cell_m` apart.
+    /// `cell_m` is the side of a voxel.
     pub fn new(config: &ShoreConfig, cell_m: f64) -> Self {
         Self {
             config: config.clone(),
@@ -83,10 +119,10 @@ impl Shores {
         }
     }
 
-    /// The shores that these voxels make: each voxel once, in any order.
+    /// Clusters these voxels: each voxel once, in any order.
     ///
-    /// A voxel is vegetation only if both metrics say so. One without any metric is not counted and joins no
-    /// cluster: it must not tie shores together of which nothing else is known to link them.
+    /// A voxel is vegetation only if both metrics say so. A voxel without metrics is ignored, so
+    /// that it cannot link two shores.
     pub fn update(&mut self, obstacles: &[ObstacleVoxel]) -> ShoreMap {
         let (voxels, labels) = self.labelled(obstacles);
         let labels = majority_vote(&voxels, &labels);
@@ -120,7 +156,7 @@ impl Shores {
         ShoreMap { clusters, voxels }
     }
 
-    /// The voxels that are counted, ascending, and what both metrics together say of each.
+    /// Voxels with a label, ascending, and their labels by both metrics.
     fn labelled(&self, obstacles: &[ObstacleVoxel]) -> (Vec<VoxelIndex>, Vec<Rigidity>) {
         let labelled = obstacles.iter().map(|obstacle| {
             let by_intra = obstacle.by_intra(self.config.intra_threshold);
@@ -155,18 +191,18 @@ impl Shores {
     }
 }
 
-/// What has been counted of a cluster.
+/// Sums over a cluster.
 #[derive(Debug, Default)]
 struct Part {
     voxels: u32,
     rigid_voxels: u32,
-    /// Of the voxels' indices, in whole numbers.
+    /// Sums of the voxel indices.
     sum: [i64; 3],
     columns: Vec<CellIndex>,
 }
 
 impl Part {
-    /// Counts a voxel; they come ascending.
+    /// Adds a voxel; voxels come ascending.
     fn add(&mut self, voxel: VoxelIndex, label: Rigidity) {
         self.voxels += 1;
         self.rigid_voxels += u32::from(label == Rigidity::Rigid);
@@ -181,8 +217,206 @@ impl Part {
     }
 }
 
+/// Content of a cell of the layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ShoreCell {
+    /// A cluster of this class.
+    Cluster(ShoreClass),
+    /// A docking site.
+    DockingSite,
+}
+
+/// Limit of stored clusters; beyond it those with the least numbers are removed.
+const MAX_CLUSTERS: usize = 4096;
+/// Limit of stored voxels of shores that extend out of the window: 300 m of the densest of \[HYB\]
+/// table 8.1. Beyond it, only the voxels in the window count.
+const MAX_VOXELS_OUTSIDE: usize = 65_536;
+
+/// Shores around the vehicle, and those it has left behind.
+#[derive(Clone, Debug)]
+pub struct ShoreLayer {
+    shores: Shores,
+    boat: BoatFootprint,
+    cell_m: f64,
+    clusters: BTreeMap<u32, ShoreCluster>,
+    /// Voxels of the clusters that extended into the window at the last update, ascending.
+    voxels: Vec<ObstacleVoxel>,
+    sites: Vec<DockingSite>,
+    cells: BTreeMap<CellIndex, ShoreCell>,
+    changed: Vec<(CellIndex, Option<ShoreCell>)>,
+    updates: u32,
+}
+
+impl ShoreLayer {
+    /// The settings must be valid.
+    pub fn new(config: &ShoreConfig, boat: VehicleShape, cell_m: f64) -> Self {
+        Self {
+            shores: Shores::new(config, cell_m),
+            boat: BoatFootprint {
+                length_m: boat.length_m,
+                width_m: boat.width_m,
+            },
+            cell_m,
+            clusters: BTreeMap::new(),
+            voxels: Vec::new(),
+            sites: Vec::new(),
+            cells: BTreeMap::new(),
+            changed: Vec::new(),
+            updates: 0,
+        }
+    }
+
+    /// Updates the layer from the cost map and the octree.
+    pub fn update(&mut self, costs: &CostMap, octree: &Octree) {
+        self.updates += 1;
+        let (first, width, window) = costs.cells();
+        let is_inside = |cell: CellIndex| {
+            let within = |at: i32, first: i32| {
+                at.checked_sub(first)
+                    .and_then(|n| usize::try_from(n).ok())
+                    .is_some_and(|n| n < width)
+            };
+            within(cell.x, first.x) && within(cell.y, first.y)
+        };
+        let found = self.find_shores(costs.obstacle_voxels(octree), is_inside);
+        let columns: Vec<_> = window
+            .iter()
+            .map(|cell| DockingColumn {
+                cost: cell.cost,
+                is_clear_water: cell.is_clear_water,
+                rises_from_water: cell.rises_from_water,
+            })
+            .collect();
+        let docking = DockingGrid::new(first, width, self.cell_m, &columns);
+        self.sites = find_docking_sites(&docking, &self.boat);
+        let mut cells = BTreeMap::new();
+        for site in &self.sites {
+            cells.extend(
+                site.cells
+                    .iter()
+                    .map(|&cell| (cell, ShoreCell::DockingSite)),
+            );
+        }
+        for cluster in &found.clusters {
+            let class = ShoreCell::Cluster(cluster.class);
+            cells.extend(cluster.columns.iter().map(|&cell| (cell, class)));
+        }
+        self.publish(cells, is_inside);
+        // Clusters that were left behind are kept unchanged.
+        self.clusters
+            .retain(|_, cluster| !cluster.columns.iter().any(|&cell| is_inside(cell)));
+        self.clusters.extend(
+            found
+                .clusters
+                .into_iter()
+                .map(|cluster| (cluster.number, cluster)),
+        );
+        while self.clusters.len() > MAX_CLUSTERS {
+            self.clusters.pop_first();
+        }
+    }
+
+    /// The clusters, by number.
+    pub fn clusters(&self) -> impl Iterator<Item = &ShoreCluster> {
+        self.clusters.values()
+    }
+
+    /// Docking sites, the best first.
+    pub fn docking_sites(&self) -> &[DockingSite] {
+        &self.sites
+    }
+
+    /// How often the layer was updated.
+    pub const fn updates(&self) -> u32 {
+        self.updates
+    }
+
+    /// Cells changed since the last call, `None` for emptied ones; a later entry of the same cell
+    /// replaces an earlier one.
+    pub fn take_changed(&mut self) -> Vec<(CellIndex, Option<ShoreCell>)> {
+        std::mem::take(&mut self.changed)
+    }
+
+    /// Erases the layer.
+    pub fn erase(&mut self) {
+        self.clusters.clear();
+        self.voxels.clear();
+        self.sites.clear();
+        self.cells.clear();
+        self.changed.clear();
+        self.updates += 1;
+    }
+
+    /// Shores of the window, extended by their voxels that the window has left behind: otherwise a
+    /// shore that the boat passes would shrink to its last voxels, possibly of another class.
+    fn find_shores(
+        &mut self,
+        inside: Vec<ObstacleVoxel>,
+        is_inside: impl Fn(CellIndex) -> bool,
+    ) -> ShoreMap {
+        let mut voxels = std::mem::take(&mut self.voxels);
+        voxels.retain(|obstacle| !is_inside(obstacle.voxel.column()));
+        if voxels.len() > MAX_VOXELS_OUTSIDE {
+            voxels.clear();
+        }
+        voxels.extend(
+            inside
+                .into_iter()
+                .filter(|obstacle| is_inside(obstacle.voxel.column())),
+        );
+        voxels.sort_unstable_by_key(|obstacle| obstacle.voxel);
+        let found = self.shores.update(&voxels);
+        let reaches_in =
+            |cluster: &&ShoreCluster| cluster.columns.iter().any(|&cell| is_inside(cell));
+        let reaching: BTreeSet<u32> = found
+            .clusters
+            .iter()
+            .filter(reaches_in)
+            .map(|cluster| cluster.number)
+            .collect();
+        let mut counted = found
+            .voxels
+            .iter()
+            .filter(|shore| reaching.contains(&shore.cluster))
+            .peekable();
+        voxels.retain(|obstacle| {
+            while counted
+                .next_if(|shore| shore.voxel < obstacle.voxel)
+                .is_some()
+            {}
+            counted
+                .peek()
+                .is_some_and(|shore| shore.voxel == obstacle.voxel)
+        });
+        self.voxels = voxels;
+        found
+    }
+
+    /// Records the cells that changed. Cells outside of the window stay as published.
+    fn publish(
+        &mut self,
+        cells: BTreeMap<CellIndex, ShoreCell>,
+        is_inside: impl Fn(CellIndex) -> bool,
+    ) {
+        let gone = self
+            .cells
+            .keys()
+            .filter(|&cell| is_inside(*cell) && !cells.contains_key(cell));
+        self.changed.extend(gone.map(|&cell| (cell, None)));
+        let new = cells
+            .iter()
+            .filter(|(cell, class)| self.cells.get(cell) != Some(class));
+        self.changed
+            .extend(new.map(|(&cell, &class)| (cell, Some(class))));
+        self.cells = cells;
+    }
+}
+
 #[cfg(test)]
-mod tests {
+mod tests;
+
+#[cfg(test)]
+mod shore_tests {
     use proptest::prelude::*;
 
     use super::*;
@@ -201,8 +435,8 @@ mod tests {
         }
     }
 
-    /// A row of voxels too far apart to vote on one another and near enough to be one cluster, the first
-    /// `rigid` of them rigid.
+    /// A row of voxels too far apart for votes and near enough for one cluster, the first `rigid`
+    /// of them rigid.
     fn row(y: i32, voxels: i32, rigid: i32) -> Vec<ObstacleVoxel> {
         let voxels = (0..voxels).map(|n| {
             let intra = if n < rigid { 0.3 } else { 0.1 };
@@ -238,7 +472,7 @@ mod tests {
     }
 
     #[test]
-    fn vegetation_must_be_seen_by_both_metrics() {
+    fn vegetation_needs_both_metrics() {
         let alone = |intra, inter| update(&[obstacle((0, 0, 0), intra, inter)]);
         let class = |intra, inter| alone(intra, inter).clusters[0].class;
         assert_eq!(class(Some(0.1), Some(0.9)), ShoreClass::Sparse);
@@ -261,14 +495,14 @@ mod tests {
         }));
         assert_eq!(update(&obstacles).clusters.len(), 2);
         obstacles.extend(row(7, 1, 0));
-        // The one that is counted now stands where one was not.
+        // A counted voxel replaces an uncounted one.
         obstacles.swap_remove(10);
         assert_eq!(update(&obstacles).clusters.len(), 1);
     }
 
     #[test]
-    fn the_vote_comes_after_both_metrics_are_combined() {
-        // By either, two of three are rigid and win; of each metric alone one is, and would lose.
+    fn vote_follows_the_combination_of_metrics() {
+        // Combined, two of three are rigid and win; of each metric alone one is, and would lose.
         let map = update(&[
             obstacle((0, 0, 0), Some(0.3), Some(0.9)),
             obstacle((0, 0, 1), Some(0.1), Some(0.1)),
@@ -278,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cluster_knows_where_it_is_and_stays_the_same() {
+    fn clusters_have_a_centre_and_keep_their_number() {
         let mut shores = Shores::new(&ShoreConfig::default(), CELL_M);
         let mut obstacles = row(0, 3, 0);
         let map = shores.update(&obstacles);
@@ -288,7 +522,7 @@ mod tests {
             map.clusters[0].columns,
             [0, 3, 6].map(|x| CellIndex { x, y: 0 })
         );
-        // One that comes before it in order does not take its number.
+        // A new cluster that is earlier in order does not take the number.
         obstacles.extend(row(-30, 9, 0));
         let numbers: Vec<_> = shores.update(&obstacles).clusters;
         let numbers = numbers

@@ -1,34 +1,32 @@
-//! How steep a column is, from what lies around it (\[HYB\] §5.1, with heights in place of voxel indices).
+//! Slopes of columns (docs/methods.md, section 4, equation (4) and "Levels are heights"; \[HYB\]
+//! §5.1).
 //!
-//! A tile's sixteen columns are done at once: the sums of the least squares are those of a box of columns, first
-//! along rows and then across them, and every step is a loop over plain numbers that the compiler makes vectors of.
+//! The sixteen columns of a tile are computed together: the sums of the least squares are box sums,
+//! first along rows and then across them, in loops that the compiler vectorises.
 
-mod planes;
+use crate::height_columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
+use crate::octree::FINER;
 
-use super::height_columns::{Column, ColumnKind, TILE_COLUMNS, TILE_EDGE};
-use super::octree::FINER;
-use planes::{Plane, Planes, SUMS};
-
-/// Columns around one that count, each way.
+/// Reach of the 7×7 window to each side, columns.
 pub(super) const REACH: usize = 3;
-/// [`REACH`] for indices, which are signed.
+/// [`REACH`] for signed indices.
 pub(super) const REACH_COLUMNS: i32 = 3;
-/// Columns along the edge of what a tile needs.
+/// Columns along the edge of a patch.
 pub(super) const PATCH_EDGE: usize = TILE_EDGE + 2 * REACH;
-/// Columns of what a tile needs.
+/// Columns of a patch.
 pub(super) const PATCH_COLUMNS: usize = PATCH_EDGE * PATCH_EDGE;
 
 /// A tile and the columns around it, rows of growing y.
 pub(super) type Patch = [Column; PATCH_COLUMNS];
 
-/// The slopes of the columns of a tile, rise over run; NaN where unknown.
+/// Slopes of the columns of a tile, rise over run; NaN if unknown.
 ///
-/// That of the plane that fits the 7×7 columns around a column to half a voxel, or those of them that were hit finely,
-/// see [`Points::fine_plane`]; where none does, Δ of the document, from the ground of each of them and of its own up to
-/// its top. Of a column where no beam met the ground, only a plane says something.
+/// The slope of the least-squares plane through the 7×7 columns around a column if it fits within
+/// half a voxel, or of the plane through its fine hits (see [`Points::fine_plane`]); otherwise α of
+/// equation (4). A column whose ground was not hit gets a slope from a plane only.
 ///
-/// On water, where the ground is as deep as the vehicle reaches, land is steeper than anything; only a plane that comes
-/// out of the water nearby, `beach`, is a slope.
+/// On water, where the ground is as deep as the vehicle's draught, only a plane that rises out of
+/// the water nearby (`beach`) is a slope; other land is steeper than any limit.
 pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32; TILE_COLUMNS] {
     let points = Points::of(patch, cell_m, beach);
     let planes = Planes::of(&points);
@@ -67,54 +65,54 @@ pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32;
     })
 }
 
-/// Where land that a boat can land on comes out of the water.
+/// Where land that a boat can land on rises out of the water.
 pub(super) struct Beach {
     /// Height of the water, z of `odom`, metres.
     pub(super) water_m: f32,
-    /// It is no farther away, metres.
+    /// Greatest distance to the water, metres.
     pub(super) reach_m: f32,
 }
 
-/// What a column is to the slopes around it.
+/// Kind of a column for the slopes around it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum PointKind {
     Unknown,
-    /// Water and nothing on it: level, whatever rises beside it.
+    /// Water without obstacle: level.
     Water,
-    /// Ground that was hit and nothing on it.
+    /// Ground was hit, without obstacle.
     Ground,
-    /// Something stands there.
+    /// An obstacle.
     Obstacle,
-    /// Where the ground lies is not known, but that it is no higher than what was seen through.
+    /// Ground unknown, but no higher than what was observed through.
     Below,
-    /// The same beside water.
+    /// As `Below`, beside water.
     Occluded,
-    /// Beside water: what was hit, and nothing seen through beneath it.
+    /// Beside water: hit, and nothing observed through below.
     Bank,
 }
 
-/// The columns of a patch, a number of each in a row; x and y from the patch's middle, z from a height nearby, metres.
+/// The columns of a patch as arrays; x and y from the patch's middle, z from `reference_m`, metres.
 struct Points {
-    /// The height that z is from, metres.
+    /// z of `odom`, metres.
     reference_m: f32,
     kind: [PointKind; PATCH_COLUMNS],
-    /// 1 where the top counts for a plane.
+    /// 1 if the top counts for a plane.
     weight: Row,
     top: [Row; 3],
-    /// Of a column that nothing hit the upper side of its lowest free voxel: the ground is no higher.
+    /// Ground; of a column without hit the upper side of its lowest free voxel, an upper bound.
     ground: [Row; 3],
-    /// What must not be above a plane, nor below it; far on the other side where nothing needs to be.
+    /// Bounds that a plane must respect; ±[`FAR_M`] without bound.
     highest: Row,
     lowest: Row,
-    /// How far from where it is compared a column may have been seen through, along x and along y, metres.
+    /// Horizontal uncertainty of a bound along x and along y, metres.
     aside: Row,
-    /// How finely the top's height is known: the radius of the spot of light that came back from it.
+    /// Radius of the laser spot that hit the top, metres.
     spot: Row,
 }
 
 type Row = [f32; PATCH_COLUMNS];
 
-/// Farther than anything from a plane, metres.
+/// Beyond any plane, metres.
 const FAR_M: f32 = 1e6;
 
 impl PointKind {
@@ -167,7 +165,7 @@ impl Points {
                 points.aside[n] = 0.5 * cell_m;
             }
             if column.kind == ColumnKind::Water {
-                // As deep as the vehicle reaches.
+                // As deep as the vehicle's draught.
                 ground[2] = (column.ground_z as f32 + 0.5) * cell_m - reference_m;
             }
             for axis in 0..3 {
@@ -184,8 +182,8 @@ impl Points {
             }
             points.lowest[n] = match kind {
                 PointKind::Unknown => FAR_M,
-                // Nobody knows how deep it is beneath the water, nor whether the beams that passed above it met land
-                // right behind: a gap between hits on a gentle ramp is no hole in it.
+                // The depth below the water is unknown, and so is whether the beams above it met
+                // land right behind: a gap between hits on a gentle ramp is no hole.
                 PointKind::Water => seen_to_m.max(water_m - reference_m),
                 PointKind::Ground
                 | PointKind::Obstacle
@@ -197,7 +195,7 @@ impl Points {
         points
     }
 
-    /// Whether nothing else is known around the middle of a window.
+    /// Whether the window has no other known column.
     fn is_alone(&self, window: Window) -> bool {
         let own = window.middle();
         window
@@ -205,9 +203,9 @@ impl Points {
             .all(|n| n == own || self.kind[n] == PointKind::Unknown)
     }
 
-    /// Whether nothing is farther from the plane than `margin_m`: neither what was hit, nor a place that far below
-    /// it that was seen through, which may be anywhere in its column. That the ground lies beneath what was seen above
-    /// the plane says nothing against it.
+    /// Whether every hit is within `margin_m` of the plane, and no place farther than that below it
+    /// was observed through (anywhere in its column). Ground below what was observed above the
+    /// plane is consistent with it.
     fn fit(&self, plane: Plane, window: Window, highest: &Row, margin_m: f32) -> bool {
         let mut misfits = 0;
         let drop = plane.drop();
@@ -226,7 +224,7 @@ impl Points {
         misfits == 0 && self.tops_fit(plane, window, margin_m)
     }
 
-    /// Whether no obstacle's top is below the plane; of what has none its ground is the top.
+    /// Whether no obstacle's top is below the plane; without obstacle the ground is the top.
     fn tops_fit(&self, plane: Plane, window: Window, margin_m: f32) -> bool {
         let [x, y, z] = &self.top;
         window.columns().all(|n| {
@@ -234,11 +232,13 @@ impl Points {
         })
     }
 
-    /// The plane through what was hit finely around a column, where coarser hits say nothing against it.
+    /// Plane through the fine hits around a column, if the coarser hits are consistent with it
+    /// (docs/methods.md, section 4, "Coarse hits").
     ///
-    /// A spot of light that lies across a crest sends back its lower part, and the hit is placed in its middle: too
-    /// high by up to its radius. So the coarsest tops are left out, more and more of them, and need lie no farther
-    /// above the plane than that is; what is left is held to `margin_m` as ever.
+    /// A laser spot across a crest returns its lower part, and the hit is placed in its middle, too
+    /// high by up to the spot's radius. So the coarsest tops are left out, more and more of them,
+    /// if they are above the plane by no more than that radius; the rest must fit within
+    /// `margin_m`.
     fn fine_plane(&self, window: Window, margin_m: f32) -> Option<Plane> {
         let hit = || window.columns().filter(|&n| self.weight[n] > 0.0);
         let coarsest_m = hit().map(|n| self.spot[n]).fold(0.0, f32::max);
@@ -264,13 +264,13 @@ impl Points {
         limits_m.find_map(plane)
     }
 
-    /// What a column adds to [`Planes`].
+    /// Terms of a column for [`Planes`].
     fn products(&self, n: usize) -> [f32; SUMS] {
         let [x, y, z] = [0, 1, 2].map(|axis| self.top[axis][n]);
         [1.0, x, y, z, x * x, x * y, y * y, x * z, y * z]
     }
 
-    /// Δ of the document: from the ground around it, and its own, up to its top.
+    /// α of equation (4): from the grounds around and its own up to its top.
     fn steepest(&self, window: Window, cell_m: f32) -> f32 {
         let own = window.middle();
         let [x, y, top_m] = [0, 1, 2].map(|axis| self.top[axis][own]);
@@ -300,7 +300,7 @@ impl Window {
         (self.y + REACH) * PATCH_EDGE + self.x + REACH
     }
 
-    /// Their places in the patch, row by row.
+    /// Index ranges in the patch, row by row.
     fn rows(self) -> impl Iterator<Item = std::ops::Range<usize>> + Clone {
         (0..WINDOW).map(move |row| {
             let first = (self.y + row) * PATCH_EDGE + self.x;
@@ -311,4 +311,110 @@ impl Window {
     fn columns(self) -> impl Iterator<Item = usize> + Clone {
         self.rows().flatten()
     }
+}
+
+/// z = a·x + b·y + c.
+#[derive(Clone, Copy)]
+struct Plane {
+    a: f32,
+    b: f32,
+    c: f32,
+}
+
+impl Plane {
+    /// Least-squares plane of the sums of [`Planes`]; `None` if the points are nearly collinear.
+    fn through([n, x, y, z, xx, xy, yy, xz, yz]: [f32; SUMS]) -> Option<Self> {
+        if n < 3.0 {
+            return None;
+        }
+        let mean = [x / n, y / n, z / n];
+        let (xx, xy, yy) = (xx - x * mean[0], xy - x * mean[1], yy - y * mean[1]);
+        let (xz, yz) = (xz - x * mean[2], yz - y * mean[2]);
+        let determinant = xx * yy - xy * xy;
+        let is_spread = determinant > MIN_SPREAD * (xx + yy) * (xx + yy);
+        is_spread.then(|| {
+            let a = (xz * yy - yz * xy) / determinant;
+            let b = (yz * xx - xz * xy) / determinant;
+            Self {
+                a,
+                b,
+                c: mean[2] - a * mean[0] - b * mean[1],
+            }
+        })
+    }
+
+    fn slope(self) -> f32 {
+        libm::sqrtf(self.a * self.a + self.b * self.b)
+    }
+
+    /// Greatest descent over a horizontal offset of one in x and in y.
+    fn drop(self) -> f32 {
+        self.a.abs() + self.b.abs()
+    }
+
+    #[inline]
+    fn height(self, x: f32, y: f32) -> f32 {
+        self.a * x + self.b * y + self.c
+    }
+}
+
+/// Sums over the windows of the sixteen columns: n, x, y, z, xx, xy, yy, xz, yz.
+struct Planes([[f32; TILE_COLUMNS]; SUMS]);
+
+/// Number of sums in [`Planes`].
+const SUMS: usize = 9;
+/// Least ratio of the points' spread across their main direction to that along it, squared.
+const MIN_SPREAD: f32 = 0.02;
+
+impl Planes {
+    /// Planes through the tops.
+    fn of(points: &Points) -> Self {
+        let [x, y, z] = &points.top;
+        let w = &points.weight;
+        let products: [Row; SUMS] = std::array::from_fn(|sum| {
+            let mut row = [0.0; PATCH_COLUMNS];
+            for n in 0..PATCH_COLUMNS {
+                row[n] = w[n]
+                    * match sum {
+                        0 => 1.0,
+                        1 => x[n],
+                        2 => y[n],
+                        3 => z[n],
+                        4 => x[n] * x[n],
+                        5 => x[n] * y[n],
+                        6 => y[n] * y[n],
+                        7 => x[n] * z[n],
+                        _ => y[n] * z[n],
+                    };
+            }
+            row
+        });
+        Self(products.map(|row| window_sums(&row)))
+    }
+
+    /// Plane around a column.
+    fn get(&self, column: usize) -> Option<Plane> {
+        Plane::through(self.0.map(|sums| sums[column]))
+    }
+}
+
+/// Box sums over the window of each column of the tile.
+fn window_sums(row: &Row) -> [f32; TILE_COLUMNS] {
+    let mut along = [[0.0; TILE_EDGE]; PATCH_EDGE];
+    for (sums, row) in along.iter_mut().zip(row.chunks_exact(PATCH_EDGE)) {
+        for step in 0..WINDOW {
+            for (x, sum) in sums.iter_mut().enumerate() {
+                *sum += row[x + step];
+            }
+        }
+    }
+    let mut sums = [0.0; TILE_COLUMNS];
+    for (y, sums) in sums.chunks_exact_mut(TILE_EDGE).enumerate() {
+        for along in &along[y..y + WINDOW] {
+            for (sum, part) in sums.iter_mut().zip(along) {
+                *sum += part;
+            }
+        }
+    }
+    sums
 }

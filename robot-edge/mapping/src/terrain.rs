@@ -1,10 +1,10 @@
-//! Elevation and obstacles above one ground plane: the layers of \[LOD\], in their order.
+//! Elevation map and obstacle map above one ground plane (docs/methods.md, section 1).
 
-use super::config::MappingConfig;
-use super::elevation::{ElevationMap, ElevationReport};
-use super::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
-use super::obstacle::ObstacleMap;
-use super::registered_scan::RegisteredScan;
+use crate::MappingConfig;
+use crate::elevation::{ElevationMap, ElevationReport};
+use crate::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
+use crate::obstacle::ObstacleMap;
+use crate::registered_scan::RegisteredScan;
 
 /// Ground plane, elevation map and obstacle map of one vehicle.
 #[derive(Clone, Debug)]
@@ -12,21 +12,21 @@ pub struct Terrain {
     ground: GroundTracker,
     elevation: ElevationMap,
     obstacle: ObstacleMap,
-    /// How often both maps were erased.
+    /// Number of erasures.
     epoch: u32,
 }
 
-/// What became of one scan.
+/// Result of one scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TerrainReport {
-    /// Of its points.
+    /// Result of the elevation map.
     pub elevation: ElevationReport,
-    /// The ground plane was reset before it was added.
+    /// Set if the ground plane was reset before the scan was added.
     pub ground_plane_reset: Option<GroundPlaneReset>,
 }
 
 impl Terrain {
-    /// Empty maps. The settings are taken as valid.
+    /// Empty maps; the settings must be valid.
     pub fn new(config: &MappingConfig, wheelbase_m: f64) -> Self {
         Self {
             ground: GroundTracker::new(&config.ground, wheelbase_m),
@@ -52,7 +52,7 @@ impl Terrain {
         }
     }
 
-    /// Forgets the maps and the ground plane: the next scan gives a new one.
+    /// Erases the maps and the ground plane; the next scan sets a new one.
     pub fn reset(&mut self) {
         self.ground.reset();
         self.erase_maps();
@@ -64,7 +64,7 @@ impl Terrain {
         self.epoch += 1;
     }
 
-    /// The plane that heights refer to; `None` before the first scan.
+    /// `None` before the first scan.
     pub fn ground_plane(&self) -> Option<GroundPlane> {
         self.ground.plane()
     }
@@ -74,7 +74,7 @@ impl Terrain {
         &self.elevation
     }
 
-    /// The elevation map, to take its changes.
+    /// For taking its changes.
     pub const fn elevation_mut(&mut self) -> &mut ElevationMap {
         &mut self.elevation
     }
@@ -84,12 +84,12 @@ impl Terrain {
         &self.obstacle
     }
 
-    /// The obstacle map, to take its changes.
+    /// For taking its changes.
     pub const fn obstacle_mut(&mut self) -> &mut ObstacleMap {
         &mut self.obstacle
     }
 
-    /// How often both maps were erased.
+    /// Number of erasures of both maps.
     pub const fn epoch(&self) -> u32 {
         self.epoch
     }

@@ -1,8 +1,8 @@
-//! The vehicle's body: settings of `[vehicle]`, and what of it mapping uses.
+//! Dimensions and limits of the vehicle.
 
 use serde::Deserialize;
 
-/// The vehicle's body and limits.
+/// Settings of `[vehicle]`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VehicleConfig {
@@ -12,14 +12,14 @@ pub struct VehicleConfig {
     pub length_m: f64,
     /// Extent along y, metres, centred on the base frame.
     pub width_m: f64,
-    /// From the base frame's origin forward to the middle of the footprint, metres: positive for a base frame at the rear
-    /// axle.
+    /// From the base frame's origin forward to the middle of the footprint, metres; positive for a
+    /// base frame at the rear axle.
     pub footprint_offset_m: f64,
-    /// Extent along z from the ground up, metres.
+    /// Extent along z from the ground upwards, metres.
     pub height_m: f64,
-    /// Height of its lowest part above the base frame, metres: negative for a hull.
+    /// Height of its lowest part above the base frame, metres; negative for a hull.
     pub bottom_z_m: f64,
-    /// Distance of the axles, metres; where absent, the length.
+    /// Distance of the axles, metres; default: the length.
     pub wheelbase_m: Option<f64>,
     /// Greatest speed, metres per second.
     pub max_speed_mps: f64,
@@ -28,7 +28,7 @@ pub struct VehicleConfig {
 }
 
 impl Default for VehicleConfig {
-    /// Of an unknown vehicle: all is assumed.
+    /// Assumed values for an unknown vehicle.
     fn default() -> Self {
         Self {
             name: "generic2d".to_owned(),
@@ -45,7 +45,7 @@ impl Default for VehicleConfig {
 }
 
 impl VehicleConfig {
-    /// What mapping must know of it.
+    /// The part that mapping uses.
     pub fn shape(&self) -> VehicleShape {
         VehicleShape {
             length_m: self.length_m,
@@ -56,7 +56,7 @@ impl VehicleConfig {
         }
     }
 
-    /// Distance of the axles, metres; at most the length, which stands in where it is not known.
+    /// Distance of the axles, metres; the length if not configured.
     pub fn wheelbase_m(&self) -> f64 {
         self.wheelbase_m.unwrap_or(self.length_m)
     }
@@ -65,13 +65,13 @@ impl VehicleConfig {
 /// Size of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleShape {
-    /// From front to back, or bow to stern, metres.
+    /// Extent along x, metres.
     pub length_m: f64,
-    /// Across, metres.
+    /// Extent along y, metres.
     pub width_m: f64,
-    /// From the ground, or from its lowest point, up; metres.
+    /// From its lowest point upwards, metres.
     pub height_m: f64,
-    /// Height of its lowest point above its base frame, metres; negative for a hull.
+    /// Height of its lowest point above the base frame, metres; negative for a hull.
     pub bottom_z_m: f64,
     /// Distance of the axles, metres.
     pub wheelbase_m: f64,

@@ -1,22 +1,19 @@
-//! The layers of \[HYB\], in their order: octree, slope cost with rigidity, shores.
+//! Layers from 3D sensors: octree, cost map with rigidity, shores (docs/methods.md, sections 3 to
+//! 6).
 
+use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::Point3;
 
-use super::config::MappingConfig;
-use super::cost_config::Surface;
-use super::cost_map::CostMap;
-use super::inter_scan::InterScan;
-use super::intra_scan::IntraScan;
-use super::octree::{Octree, Ray, SurfaceHit};
-use super::octree_config::RangeSensorModel;
-use super::radial_filter::RadialFilter;
-use super::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
-use super::shore_layer::ShoreLayer;
-use super::vehicle::VehicleShape;
-use super::waterline::Waterline;
-use measurement::time::{RobotDuration, RobotTime};
+use crate::MappingConfig;
+use crate::cost_map::{CostMap, Surface};
+use crate::octree::{Octree, RangeSensorModel, Ray, SurfaceHit};
+use crate::radial_filter::RadialFilter;
+use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use crate::scan_metrics::{InterScan, IntraScan};
+use crate::shore::ShoreLayer;
+use crate::vehicle::VehicleShape;
 
-/// The octree of one vehicle and what is made of it.
+/// Octree of one vehicle and the maps derived from it.
 #[derive(Clone, Debug)]
 pub struct VoxelLayers {
     octree: Octree,
@@ -32,34 +29,34 @@ pub struct VoxelLayers {
     shore: Option<ShoreLayer>,
     shore_timer: UpdateTimer,
     vehicle_in_odom: Point3<f64>,
-    /// Of a boat.
+    /// Boats only.
     waterline: Option<Waterline>,
     epoch: u32,
 }
 
-/// Of each beam of the scan that is added, not-a-number where it has none.
+/// Metrics of each beam of the current scan; NaN without.
 #[derive(Clone, Debug, Default)]
 struct Metrics {
     intra: Vec<f32>,
     inter: Vec<f32>,
 }
 
-/// What became of one scan.
+/// Result of one scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VoxelReport {
     /// Beams that marked a hit.
     pub hits: u32,
     /// Beams without a return.
     pub misses: u32,
-    /// Hits that nothing beside them confirmed.
+    /// Hits removed by the radial filter.
     pub isolated: u32,
-    /// Beams for which the map has no place.
+    /// Beams outside of the range of the map.
     pub out_of_bounds: u32,
-    /// Bricks that were evicted to keep the memory limit.
+    /// Bricks evicted by the memory limit.
     pub evicted_bricks: u32,
 }
 
-/// When something is done again, by the time of the data.
+/// Periodic update in time of the data.
 #[derive(Clone, Copy, Debug)]
 struct UpdateTimer {
     period: RobotDuration,
@@ -67,7 +64,8 @@ struct UpdateTimer {
 }
 
 impl VoxelLayers {
-    /// Empty maps. The settings are taken as valid; sensors are in the order of their numbers.
+    /// Empty maps; the settings must be valid. `sensors` are in the order of
+    /// [`crate::registered_scan::SensorId`].
     pub fn new(
         config: &MappingConfig,
         vehicle: VehicleShape,
@@ -99,7 +97,7 @@ impl VoxelLayers {
         }
     }
 
-    /// Adds one scan, and brings the maps made of the octree up to date where that is due.
+    /// Adds one scan, and updates the derived maps if they are due.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> VoxelReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let model = self
@@ -112,7 +110,7 @@ impl VoxelLayers {
         if let Some(waterline) = &mut self.waterline {
             waterline.observe(self.vehicle_in_odom.z);
         }
-        // What tells of vegetation is light; sound goes on in water.
+        // Lasers have metrics, and end at the water; sonars measure in it.
         let waterline = self.waterline.filter(|_| model.has_metrics);
         let end = |beam: &RegisteredBeam| match (beam.outcome, waterline) {
             (BeamOutcome::Miss, Some(waterline)) => {
@@ -138,7 +136,7 @@ impl VoxelLayers {
                 self.update_shore();
             }
         } else {
-            // Nobody reads them.
+            // Discarded: no layer uses them.
             self.octree.take_changed();
         }
         let is_hit = |outcome| outcome == BeamOutcome::Hit;
@@ -157,13 +155,13 @@ impl VoxelLayers {
         }
     }
 
-    /// Brings every map up to date, whatever is due.
+    /// Updates all derived maps, whether or not they are due.
     pub fn refresh(&mut self) {
         self.update_cost();
         self.update_shore();
     }
 
-    /// Forgets everything.
+    /// Erases everything.
     pub fn reset(&mut self) {
         self.octree.erase();
         self.filter.reset();
@@ -180,7 +178,7 @@ impl VoxelLayers {
         self.epoch += 1;
     }
 
-    /// How often everything was forgotten.
+    /// Number of erasures.
     pub const fn epoch(&self) -> u32 {
         self.epoch
     }
@@ -190,22 +188,22 @@ impl VoxelLayers {
         &self.octree
     }
 
-    /// The slope cost map, where it is mapped.
+    /// `None` if disabled.
     pub const fn cost(&self) -> Option<&CostMap> {
         self.cost.as_ref()
     }
 
-    /// The slope cost map, to take its changes.
+    /// For taking its changes.
     pub const fn cost_mut(&mut self) -> Option<&mut CostMap> {
         self.cost.as_mut()
     }
 
-    /// The shores, where they are mapped.
+    /// `None` if disabled.
     pub const fn shore(&self) -> Option<&ShoreLayer> {
         self.shore.as_ref()
     }
 
-    /// The shores, to take their changes.
+    /// For taking its changes.
     pub const fn shore_mut(&mut self) -> Option<&mut ShoreLayer> {
         self.shore.as_mut()
     }
@@ -259,7 +257,8 @@ impl UpdateTimer {
         }
     }
 
-    /// Whether it is, and then from now on. A clock that has gone back makes everything due.
+    /// Returns whether an update is due, and restarts the period if so. A clock that went back
+    /// makes it due.
     fn is_due(&mut self, now: RobotTime) -> bool {
         let is_due = self
             .last
@@ -268,5 +267,56 @@ impl UpdateTimer {
             self.last = Some(now);
         }
         is_due
+    }
+}
+
+/// Weight of a scan in the mean, which averages heaving.
+const WEIGHT: f64 = 0.02;
+
+/// Water level, estimated as the mean height of a boat's base frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Waterline {
+    /// z of `odom`, metres.
+    height_m: Option<f64>,
+}
+
+impl Waterline {
+    /// Takes the height of the base frame, z of `odom`, metres.
+    pub(super) fn observe(&mut self, base_m: f64) {
+        let mean_m = self.height_m.unwrap_or(base_m);
+        self.height_m = Some(mean_m + WEIGHT * (base_m - mean_m));
+    }
+
+    /// Shortens a miss to the water level: light that enters water does not return, so a miss says
+    /// nothing about what is below.
+    pub(super) fn end_of_miss(self, origin: Point3<f64>, end: Point3<f64>) -> Point3<f64> {
+        match self.height_m {
+            Some(height_m) if end.z < height_m && height_m < origin.z => {
+                let share = (origin.z - height_m) / (origin.z - end.z);
+                origin + (end - origin) * share
+            }
+            Some(_) | None => end,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn beams_without_a_return_end_at_the_water() {
+        let mut waterline = Waterline::default();
+        let (mast, far) = (Point3::new(0.0, 0.0, 2.0), Point3::new(40.0, 20.0, -6.0));
+        assert_eq!(waterline.end_of_miss(mast, far), far);
+        for base_m in [0.1, -0.1].repeat(300) {
+            waterline.observe(base_m);
+        }
+        let end = waterline.end_of_miss(mast, far);
+        assert!((end - Point3::new(10.0, 5.0, 0.0)).norm() < 0.05, "{end}");
+        let sky = Point3::new(40.0, 0.0, 3.0);
+        assert_eq!(waterline.end_of_miss(mast, sky), sky);
+        let under = Point3::new(0.0, 0.0, -0.5);
+        assert_eq!(waterline.end_of_miss(under, far), far);
     }
 }

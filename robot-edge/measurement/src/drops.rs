@@ -1,9 +1,9 @@
-//! Nothing is lost silently: every loss is counted by reason.
+//! Drops, counted by reason: no loss is silent.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Why something that came in did not reach the map.
+/// Reason for a drop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum DropReason {
     // Recordings.
@@ -17,53 +17,54 @@ pub enum DropReason {
     BadStamp,
     /// A pose that is not finite or whose quaternion is not a rotation.
     BadPose,
-    /// Older than what its source already yielded, by more than the reordering window.
+    /// Older than the data already delivered, by more than the reordering window.
     Late,
 
     // Wheels and attitude.
-    /// Wheel angles that are not finite, or that turned farther than the vehicle drives: a counter that
-    /// wrapped or was reset.
+    /// Wheel angles that are not finite, or an impossible turn: a counter that wrapped or was
+    /// reset.
     WheelJump,
 
     // Satellite positions.
-    /// The receiver says that it has no fix.
+    /// The receiver reports no fix.
     NoFix,
     /// A latitude, longitude or altitude that is not finite or not on Earth.
     BadFix,
-    /// Farther from the fixes before than the vehicle drives, and not borne out by those behind.
+    /// A GNSS outlier: farther from the previous fixes than the vehicle can drive, and not
+    /// confirmed by later ones.
     GnssOutlier,
 
     // Scans.
     /// No beams, or angles or times that are not finite.
     BadScan,
-    /// No pose has come yet, or none connects the sensor's frame with the map's.
+    /// No pose yet, or no transform between the sensor's frame and the map's.
     NoPose,
     /// Before the first pose.
     BeforeFirstPose,
     /// Between two poses that are farther apart than `localization.max_gap_s`.
     PoseGap,
-    /// Between two poses that are farther apart than `localization.jump_m` and driving explain.
+    /// Between two poses whose step exceeds `localization.jump_m` and the possible motion.
     PoseJump,
     /// Farther past the newest pose than `localization.max_extrapolation_s`.
     AfterLastPose,
-    /// More scans waited for a pose than fit the queue, or one waited for mapping for too long.
+    /// The queue for poses was full, or a scan waited too long for mapping.
     QueueFull,
 
     // Beams.
-    /// Not-a-number, negative, zero or below the sensor's smallest range.
+    /// NaN, negative, zero or below the sensor's smallest range.
     InvalidRange,
     /// A hit on the vehicle itself.
     OwnBody,
-    /// A hit that nothing beside it confirms.
+    /// A hit without confirming neighbours (radial filter).
     Isolated,
-    /// So far from `odom`'s origin that the map has no cell for it.
+    /// Too far from the origin of `odom` for the map's index range.
     OutOfBounds,
-    /// A hit beyond the window of a map that moves with the vehicle.
+    /// A hit outside of a rolling map's window.
     OutsideWindow,
 }
 
 impl DropReason {
-    /// The name in `--summary`, in messages and on the wire.
+    /// Name in `--summary` and on the wire.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Damaged => "damaged",
@@ -98,17 +99,17 @@ impl fmt::Display for DropReason {
     }
 }
 
-/// How many were dropped, by reason.
+/// Counts by reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DropCounts(BTreeMap<DropReason, u64>);
 
 impl DropCounts {
-    /// Counts one.
+    /// Counts one drop.
     pub fn add(&mut self, reason: DropReason) {
         self.add_many(reason, 1);
     }
 
-    /// Counts `n`; zero leaves no entry.
+    /// Counts `n` drops; zero leaves no entry.
     pub fn add_many(&mut self, reason: DropReason, n: u64) {
         if n > 0 {
             *self.0.entry(reason).or_default() += n;
@@ -122,12 +123,12 @@ impl DropCounts {
         }
     }
 
-    /// How many for `reason`.
+    /// Count of `reason`.
     pub fn get(&self, reason: DropReason) -> u64 {
         self.0.get(&reason).copied().unwrap_or(0)
     }
 
-    /// How many in all.
+    /// Sum of all counts.
     pub fn total(&self) -> u64 {
         self.0.values().sum()
     }

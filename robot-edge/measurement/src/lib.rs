@@ -1,4 +1,4 @@
-//! What a sensor, a recording or a simulated world says, in one plain vocabulary.
+//! Measurements of sensors, recordings and simulated worlds in one form.
 
 #![warn(missing_docs)]
 
@@ -30,21 +30,21 @@ pub struct Stream {
     pub type_name: String,
 }
 
-/// One thing that was measured.
+/// One message of one sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
-    /// When, on the clock of the data; for a scan, the time of beam 0.
+    /// Stamp of the data; for a scan, the time of beam 0.
     pub stamp: RobotTime,
-    /// Which stream of its source it came from.
+    /// Its stream in the source.
     pub stream: StreamId,
-    /// Frame in which the data is given; empty where the source names none.
+    /// Frame of the data; empty if the source names none.
     pub frame: FrameId,
-    /// What was measured.
+    /// The data.
     pub data: MeasurementData,
 }
 
 impl Measurement {
-    /// Whether it holds for all time, so that its stamp (often of another clock) says nothing of the present.
+    /// Whether it is a static transform, whose stamp (often of another clock) is meaningless.
     pub const fn is_static_transform(&self) -> bool {
         matches!(
             self.data,
@@ -63,7 +63,7 @@ pub enum MeasurementData {
     Scan {
         /// The sweep, in [`Measurement::frame`].
         scan: Scan,
-        /// The pose that the log itself gives to this sweep (CARMEN), which needs no other pose.
+        /// The pose that the log gives to this sweep (CARMEN).
         own_pose: Option<OwnPose>,
     },
     /// One transform of a tf message.
@@ -75,9 +75,9 @@ pub enum MeasurementData {
         /// Holds for all time (`/tf_static`).
         is_static: bool,
     },
-    /// Where the vehicle says it is: `nav_msgs/Odometry`, `geometry_msgs/PoseStamped`, CARMEN `ODOM`.
+    /// Pose of the vehicle: `nav_msgs/Odometry`, `geometry_msgs/PoseStamped`, CARMEN `ODOM`.
     Odometry {
-        /// The vehicle's frame; `base_link` where the message names none.
+        /// The vehicle's frame; `base_link` if the message names none.
         child: FrameId,
         /// Moves points from `child` into [`Measurement::frame`].
         odom_from_base: Pose,
@@ -94,19 +94,19 @@ pub enum MeasurementData {
     PointCloud(PointCloud),
 }
 
-/// The poses that a CARMEN laser line carries for its own sweep.
+/// Poses in a CARMEN laser line for its own sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnPose {
-    /// Places beams: the laser's pose.
+    /// The laser's pose.
     pub odom_from_sensor: Pose,
-    /// Places the vehicle: the robot's pose.
+    /// The robot's pose.
     pub odom_from_base: Pose,
 }
 
 /// Attitude and rates, frame of the sensor, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
-    /// Attitude as a quaternion (x, y, z, w), absent where the sensor gives none.
+    /// Attitude as a quaternion (x, y, z, w), if the sensor provides it.
     pub orientation_xyzw: Option<[f64; 4]>,
     /// Turn rates about x, y, z, rad/s.
     pub angular_velocity_radps: [f64; 3],
@@ -136,13 +136,13 @@ pub struct Twist {
     pub angular_radps: [f64; 3],
 }
 
-/// A cloud whose points keep the sensor's order.
+/// A cloud in the sensor's order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointCloud {
-    /// Points in row order, metres, not-a-number where there was no return.
+    /// Points in row order, metres, NaN without return.
     pub points_m: Vec<[f32; 3]>,
-    /// Number of points in a row, where the cloud is organised.
+    /// Number of points in a row of an organised cloud.
     pub width: u32,
-    /// Ring (row of the sensor) of each point, where the cloud has such a field.
+    /// Ring (row of the sensor) of each point, if the cloud has this field.
     pub rings: Option<Vec<u16>>,
 }

@@ -1,4 +1,4 @@
-//! Where a sensor sits on its vehicle.
+//! Mounting of a sensor on its vehicle.
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -24,8 +24,8 @@ pub struct Mount {
 }
 
 impl Mount {
-    /// Moves points from the sensor's frame into the base frame: roll, then pitch, then yaw, all about the
-    /// base's axes, as URDF writes them.
+    /// Moves points from the sensor's frame into the base frame: roll, then pitch, then yaw, about
+    /// the base's axes, as in URDF.
     pub fn base_from_sensor(&self) -> Pose {
         let about = |axis: usize, angle_deg: f64| {
             let half_rad = 0.5 * angle_deg.to_radians();
@@ -54,7 +54,7 @@ mod tests {
             yaw_deg: 90.0,
             ..Mount::default()
         };
-        // Sensor's y goes up by the roll and stays there; sensor's x goes left by the yaw.
+        // The sensor's y axis rises by the roll; its x axis turns left by the yaw.
         let base_from_sensor = mount.base_from_sensor();
         let up = base_from_sensor * Point3::new(0.0, 1.0, 0.0);
         let left = base_from_sensor * Point3::new(1.0, 0.0, 0.0);

@@ -15,10 +15,10 @@ pub fn planar(x_m: f64, y_m: f64, yaw_rad: f64) -> Pose {
     )
 }
 
-/// A pose from a translation and a quaternion (x, y, z, w) as messages carry them.
+/// A pose from a translation and a quaternion (x, y, z, w) of a message.
 ///
-/// `None` where a number is not finite or the quaternion's length is not within 1 % of 1: such a pose has
-/// no meaning, and guessing one would bend the map.
+/// `None` if a number is not finite or the quaternion's length is not within 1 % of 1: repairing it
+/// would distort the map.
 pub fn from_parts(translation_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Option<Pose> {
     let [x, y, z, w] = quaternion_xyzw;
     let norm = libm::sqrt(x * x + y * y + z * z + w * w);

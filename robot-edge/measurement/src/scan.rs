@@ -2,10 +2,11 @@
 
 use crate::time::RobotDuration;
 
-/// One sweep: the f32 fields of `sensor_msgs/LaserScan`, which every reader and driver fills exactly.
+/// One sweep, with the f32 fields of `sensor_msgs/LaserScan`.
 ///
-/// Beam `i` points at `angle_min_rad + i·angle_increment_rad` in the sensor's x-y plane (x forward, y
-/// left, counter-clockwise positive) and was measured `i·time_increment_s` after the measurement's stamp.
+/// Beam `i` points at `angle_min_rad + i·angle_increment_rad` in the sensor's x-y plane (x forward,
+/// y left, counter-clockwise positive) and was measured `i·time_increment_s` after the
+/// measurement's stamp.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Scan {
     /// Angle of beam 0, radians.
@@ -22,12 +23,12 @@ pub struct Scan {
     pub ranges_m: Vec<f32>,
 }
 
-/// A sweep that takes longer is damaged data: the slowest scanners turn once in some seconds.
+/// A longer sweep is damaged data: the slowest scanners turn once in some seconds.
 const MAX_SWEEP_S: f64 = 30.0;
 
 impl Scan {
-    /// Time from the first beam to the last; `None` where the scan makes no sense: no beams, angles or
-    /// times that are not finite, beams that run back in time, more than two turns, no greatest range.
+    /// Time from the first beam to the last; `None` for an invalid scan: no beams, angles or times
+    /// that are not finite, negative time increment, more than two turns, no greatest range.
     pub fn sweep_duration(&self) -> Option<RobotDuration> {
         let steps = self.ranges_m.len().checked_sub(1)? as f64;
         let sweep_s = steps * f64::from(self.time_increment_s);

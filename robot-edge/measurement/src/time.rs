@@ -1,4 +1,4 @@
-//! Time as the vehicle's sensors stamp it.
+//! Time of the data, and this machine's steady clock.
 
 use std::fmt;
 use std::ops::{Add, Sub};
@@ -6,8 +6,8 @@ use std::time::Duration;
 
 /// A sensor stamp: nanoseconds since the epoch of the clock that stamped the data.
 ///
-/// That clock may be the Unix epoch, the start of a simulation or anything else; only differences and
-/// order carry meaning. It is never compared with a clock of this machine.
+/// The epoch may be Unix, the start of a simulation or any other; only differences and order have a
+/// meaning. It is never compared with a clock of this machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct RobotTime(i64);
 
@@ -26,7 +26,7 @@ impl RobotTime {
         Self(nanos)
     }
 
-    /// A stamp from seconds; `None` where it is not finite or out of range (±292 years).
+    /// A stamp from seconds; `None` if not finite or out of range (±292 years).
     pub fn from_secs_f64(secs: f64) -> Option<Self> {
         nanos_from_secs(secs).map(Self)
     }
@@ -48,7 +48,7 @@ impl RobotTime {
 }
 
 impl RobotDuration {
-    /// No time at all.
+    /// Zero.
     pub const ZERO: Self = Self(0);
 
     /// A duration from whole nanoseconds.
@@ -61,7 +61,7 @@ impl RobotDuration {
         Self(millis.saturating_mul(1_000_000))
     }
 
-    /// A duration from seconds; not-a-number is zero, the rest saturates.
+    /// A duration from seconds; NaN is zero, the rest saturates.
     pub fn from_secs_f64(secs: f64) -> Self {
         // `as` saturates and maps NaN to zero.
         Self(libm::round(secs * 1e9) as i64)
@@ -118,15 +118,15 @@ impl fmt::Display for RobotTime {
     }
 }
 
-/// A moment on this machine's steady clock: nanoseconds since it started.
+/// A time of this machine's steady clock: nanoseconds since it started.
 ///
-/// On Linux it is `CLOCK_BOOTTIME`, which runs on while the machine is suspended
-/// ([`std::time::Instant`] stands still there, so that a command could look young after a night asleep).
+/// On Linux `CLOCK_BOOTTIME`, which continues while the machine is suspended.
+/// [`std::time::Instant`] does not, so that a command would look recent after a suspension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Monotonic(u64);
 
 impl Monotonic {
-    /// A moment from nanoseconds since the clock's start.
+    /// From nanoseconds since the clock's start.
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos)
     }

@@ -113,7 +113,7 @@ fn damage(name: &str, variants: u64) {
     ends.sort_unstable();
     for end in ends.into_iter().rev() {
         file.as_file_mut().set_len(end).unwrap();
-        // Nothing tells a log that is cut between two lines from a whole one.
+        // A log that is cut between two lines looks complete.
         if name.starts_with("carmen/") && content[..end as usize].ends_with(b"\n") {
             continue;
         }

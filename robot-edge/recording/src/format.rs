@@ -1,14 +1,14 @@
-//! Which format a file has, by its first bytes.
+//! Detects the format of a recording and opens it.
 
-use std::fmt;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::Read;
 use std::path::Path;
+use std::{fmt, io};
 
-use super::carmen::{self, CarmenReader};
-use super::mcap::McapReader;
-use super::rosbag::{self, RosbagReader};
-use super::{RecordingError, RecordingReader, Selection};
+use super::{RecordingError, RecordingReader, Selection, carmen, rosbag};
+use crate::carmen::CarmenReader;
+use crate::mcap::McapReader;
+use crate::rosbag::RosbagReader;
 
 /// Bytes looked at; enough for the first 100 lines of most CARMEN logs.
 const DETECTION_BYTES: u64 = 64 << 10;
@@ -30,9 +30,6 @@ pub enum Format {
 
 impl Format {
     /// The format of the file at `path`.
-    ///
-    /// # Errors
-    /// Where the file cannot be read or is of no known format.
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
         let io_error = |source| RecordingError::Io {
             path: path.to_owned(),
@@ -83,18 +80,12 @@ impl fmt::Display for Format {
 }
 
 /// Opens a recording, whatever its format.
-///
-/// # Errors
-/// Where the file cannot be opened, its format is unknown or its version unsupported.
 pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader>, RecordingError> {
     open_surveyed(path, selection, None)
 }
 
 /// Opens a recording whose survey found out from which range on its laser sees nothing although its messages
-/// do not say so ([`super::survey::scans::ScanSurvey::inferred_miss_range_m`]): CARMEN's.
-///
-/// # Errors
-/// Those of [`open`].
+/// do not say so (`inferred_miss_range_m`): CARMEN's.
 pub fn open_surveyed(
     path: &Path,
     selection: Selection,
@@ -124,11 +115,11 @@ fn printable(beginning: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::shared_data::shared_data;
     use super::*;
+    use crate::shared_data::shared_data;
 
     #[test]
-    fn formats_are_told_by_their_first_bytes() {
+    fn format_is_detected_by_first_bytes() {
         let check = |beginning: &[u8], expected| {
             assert_eq!(
                 Format::from_prefix(beginning),
@@ -156,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_says_why() {
+    fn unreadable_files_give_a_reason() {
         let folder = tempfile::tempdir().unwrap();
         let refusal = |content: &[u8]| {
             let path = folder.path().join("file");
@@ -167,7 +158,7 @@ mod tests {
         assert_eq!(
             refusal(b"\x1f\x8b\x08packed"),
             "F: not a recording this program reads: it begins with \"\\x1f\\x8b\\x08packed\". \
-             It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs"
+         It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs"
         );
         assert!(refusal(b"").contains("it begins with nothing: it is empty"));
         let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n";
@@ -180,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_of_others_are_recognised() {
+    fn foreign_recordings_are_recognised() {
         let Some(data) = shared_data("carmen") else {
             return;
         };

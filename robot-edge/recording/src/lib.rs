@@ -1,4 +1,4 @@
-//! Recordings: real data in, measurements out, and simulated data back into files others can open.
+//! Reads recordings as measurements and writes measurements as MCAP.
 //!
 //! A [`RecordingReader`] yields the measurements of one file in *file* order, streamed, in bounded memory,
 //! and survives any damage: what cannot be read is skipped and counted. [`open`] picks the reader by the
@@ -16,8 +16,6 @@ pub mod carmen;
 #[cfg(test)]
 mod corruption_tests;
 mod format;
-pub mod free_space;
-pub mod loss_log;
 pub mod mcap;
 pub mod messages;
 pub mod new_file;
@@ -41,7 +39,7 @@ pub enum RecordingError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// Neither name nor content is that of a known format.
@@ -53,7 +51,7 @@ pub enum RecordingError {
         /// Its first bytes, printable.
         begins_with: String,
     },
-    /// What Git keeps in place of the file.
+    /// The file is a Git LFS pointer.
     #[error("{path}: this is not the recording but a pointer to it that Git LFS left. \
              Fetch the file with `git lfs pull`", path = path.display())]
     GitLfsPointer {
@@ -67,9 +65,9 @@ pub enum RecordingError {
         path: PathBuf,
         /// Name of the format.
         format: &'static str,
-        /// What the file says.
+        /// The file's version.
         version: String,
-        /// What to do.
+        /// Advice to the user.
         remedy: &'static str,
     },
     /// The beginning is damaged such that nothing in the file can be trusted.
@@ -81,19 +79,19 @@ pub enum RecordingError {
         offset: u64,
         /// What is wrong.
         what: String,
-        /// What to do.
+        /// Advice to the user.
         remedy: &'static str,
     },
 }
 
-/// What is known of one stream so far, messages of types nobody understands included.
+/// Summary of one stream so far, including streams of unsupported types.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
     /// Name and type.
     pub stream: Stream,
     /// Whether its messages become measurements.
     pub understood: bool,
-    /// Messages seen so far.
+    /// Messages so far.
     pub messages: u64,
     /// Time the first message was logged.
     pub first: Option<RobotTime>,
@@ -101,7 +99,7 @@ pub struct StreamSummary {
     pub last: Option<RobotTime>,
 }
 
-/// How far reading has come, for a progress bar.
+/// Progress of reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
     /// Bytes read.
@@ -110,7 +108,7 @@ pub struct Position {
     pub bytes_total: u64,
 }
 
-/// Which streams to decode.
+/// Streams to decode.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub enum Selection {
     /// All that are understood.
@@ -133,22 +131,18 @@ impl Selection {
 /// Reads one file from its beginning to its end.
 pub trait RecordingReader: Send {
     /// The next measurement in file order; `None` at the end.
-    ///
-    /// # Errors
-    /// Only where reading cannot go on (the disk failed): damage is skipped and counted in
-    /// [`RecordingReader::losses`].
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError>;
 
     /// The streams met so far; a [`measurement::StreamId`] is an index into it. It only grows.
     fn streams(&self) -> &[StreamSummary];
 
-    /// What could not be read so far, by reason.
+    /// Losses so far, by reason.
     fn losses(&self) -> &DropCounts;
 
     /// The first few losses in words: where (byte or line) and what.
     fn loss_notes(&self) -> &[String];
 
-    /// How far reading has come.
+    /// Progress of reading.
     fn position(&self) -> Position;
 
     /// Stamps so far that contradicted the order of their stream and were changed to fit it.

@@ -1,15 +1,15 @@
-//! From messages, as they come from a file or a network, to measurements.
+//! Decodes messages of a file or a network into measurements and counts losses.
 
 use std::collections::VecDeque;
 
-use super::StreamSummary;
-use super::loss_log::LossLog;
-use crate::ros::{self, DecodeError, Encoding, MessageType};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{Measurement, Stream, StreamId};
 
-/// Streams that are told apart; what has more is damaged, or means harm.
+use super::{StreamSummary, ros};
+use crate::ros::{DecodeError, Encoding, MessageType};
+
+/// Limit on streams, so that damaged or hostile files cannot exhaust memory.
 pub const MAX_STREAMS: usize = 4096;
 
 /// How the messages of a stream are read.
@@ -33,7 +33,7 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// The number of a stream, which is a new one if its name or type is new; `None` where there are too many.
+    /// The number of a stream, which is a new one if its name or type is new; `None` if there are too many.
     pub fn stream(&mut self, stream: &Stream, is_understood: bool) -> Option<StreamId> {
         let known = self
             .streams
@@ -56,7 +56,7 @@ impl Messages {
         Some(id)
     }
 
-    /// Takes a message that was logged at `log_time`, where that is known; without `reading` it is only counted.
+    /// Takes a message that was logged at `log_time`, if it is known; without `reading` it is only counted.
     pub fn take(
         &mut self,
         stream: StreamId,
@@ -101,7 +101,7 @@ impl Messages {
         &self.streams
     }
 
-    /// What could not be read.
+    /// Losses.
     pub const fn losses(&self) -> &LossLog {
         &self.losses
     }
@@ -111,7 +111,7 @@ impl Messages {
         &mut self.losses
     }
 
-    /// What could not be read, by reason.
+    /// Losses, by reason.
     pub const fn loss_counts(&self) -> &DropCounts {
         self.losses.counts()
     }
@@ -153,5 +153,45 @@ impl Messages {
                 summary.stream.name, summary.messages
             )
         });
+    }
+}
+
+/// Losses that are described; later ones are only counted.
+const NOTES_LIMIT: usize = 20;
+
+/// Counts of losses and the first `NOTES_LIMIT` of them in words.
+#[derive(Debug, Default)]
+pub struct LossLog {
+    counts: DropCounts,
+    notes: Vec<String>,
+}
+
+impl LossLog {
+    /// Counts one loss. `note` describes it and is called only for the first losses.
+    pub fn add(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
+        self.count(reason);
+        self.note(note);
+    }
+
+    /// Counts one loss without words.
+    pub fn count(&mut self, reason: DropReason) {
+        self.counts.add(reason);
+    }
+
+    /// Notes something that cost no data.
+    pub fn note(&mut self, note: impl FnOnce() -> String) {
+        if self.notes.len() < NOTES_LIMIT {
+            self.notes.push(note());
+        }
+    }
+
+    /// Losses by reason.
+    pub const fn counts(&self) -> &DropCounts {
+        &self.counts
+    }
+
+    /// Descriptions of the first losses.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 }

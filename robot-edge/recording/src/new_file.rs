@@ -1,11 +1,9 @@
-//! Output files that a run writes all along: what an earlier run left is never written over.
+//! Output files of a run, which never overwrite existing files, and the free space of their disk.
 
 use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io;
+use std::fs::File;
 use std::path::{Path, PathBuf};
-
-use crate::free_space::{DiskSpace, DiskSpaceFn};
+use std::{fmt, fs, io};
 
 /// A file that this run writes.
 #[derive(Debug)]
@@ -20,9 +18,6 @@ pub struct NewFile {
 
 /// Creates `path`, or, where there is such a file, the first of `drive-2.csv`, `drive-3.csv` … that does not exist: of two
 /// processes that ask for one name, each gets a file of its own. A device or a pipe is opened as it is.
-///
-/// # Errors
-/// Where the system refuses.
 pub fn create(path: &Path) -> io::Result<NewFile> {
     let mut name = path.to_owned();
     let mut number: u32 = 1;
@@ -74,9 +69,6 @@ pub fn sync_folder_of(path: &Path) {
 
 impl NewFile {
     /// Waits until all that was written is on the disk.
-    ///
-    /// # Errors
-    /// Where the disk fails.
     pub fn sync(&self) -> io::Result<()> {
         if self.is_regular {
             self.file.sync_data()
@@ -85,7 +77,7 @@ impl NewFile {
         }
     }
 
-    /// The room on its disk, where that is too little to go on; `None` also where the system does not say.
+    /// Free space of its disk if that is too low to go on; `None` also if the system cannot report it.
     pub fn low_space(&self, disk_space: DiskSpaceFn) -> Option<DiskSpace> {
         if !self.is_regular {
             return None;
@@ -94,7 +86,7 @@ impl NewFile {
     }
 }
 
-/// Says that a file is not called as `option` asks for, and why; `None` where it is.
+/// Says that a file is not called as `option` asks for, and why; `None` if it is.
 pub fn note(option: &str, asked: &Path, path: &Path) -> Option<String> {
     (path != asked).then(|| {
         format!(
@@ -105,6 +97,53 @@ pub fn note(option: &str, asked: &Path, path: &Path) -> Option<String> {
     })
 }
 
+const MIN_FREE_BYTES: u64 = 1_000_000_000;
+/// … and one part in so many of the disk.
+const MIN_FREE_DIVISOR: u64 = 20;
+
+/// Room on a file system, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DiskSpace {
+    /// Bytes available to an ordinary user.
+    pub free_bytes: u64,
+    /// All of it.
+    pub total_bytes: u64,
+}
+
+impl DiskSpace {
+    /// Less is free than 1 GB or 5 % ("Recording durability").
+    pub const fn is_low(&self) -> bool {
+        self.free_bytes < MIN_FREE_BYTES || self.free_bytes < self.total_bytes / MIN_FREE_DIVISOR
+    }
+}
+
+impl fmt::Display for DiskSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [free_gb, total_gb] =
+            [self.free_bytes, self.total_bytes].map(|bytes| bytes as f64 / 1e9);
+        write!(f, "{free_gb:.1} of {total_gb:.1} GB are free")
+    }
+}
+
+/// Says how much room there is where a file or folder is.
+pub type DiskSpaceFn = fn(&Path) -> io::Result<DiskSpace>;
+
+/// The room where `path` is.
+#[cfg(target_os = "linux")]
+pub fn disk_space(path: &Path) -> io::Result<DiskSpace> {
+    let found = rustix::fs::statvfs(path)?;
+    Ok(DiskSpace {
+        free_bytes: found.f_bavail.saturating_mul(found.f_frsize),
+        total_bytes: found.f_blocks.saturating_mul(found.f_frsize),
+    })
+}
+
+/// Not available on this system: a full disk is noticed by the failed write.
+#[cfg(not(target_os = "linux"))]
+pub fn disk_space(_path: &Path) -> io::Result<DiskSpace> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::Write as _;
@@ -112,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_exists_is_left_alone_and_the_next_number_that_is_free_is_taken() {
+    fn existing_files_are_kept_and_the_next_free_number_is_used() {
         let folder = tempfile::tempdir().unwrap();
         for (name, names) in [
             ("drive.mcap", ["drive.mcap", "drive-2.mcap", "drive-4.mcap"]),
@@ -144,7 +183,7 @@ mod tests {
 
     /// Of as many as ask at one time.
     #[test]
-    fn nobody_is_given_the_file_of_another() {
+    fn concurrent_creators_get_different_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("drive.csv");
         let mut given = std::thread::scope(|scope| {
@@ -161,7 +200,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn a_device_is_written_to_as_it_is_and_a_link_to_nothing_is_not_followed() {
+    fn devices_are_opened_and_dangling_links_are_not_followed() {
         let mut null = create(Path::new("/dev/null")).unwrap();
         assert_eq!(
             (null.path.as_path(), null.is_regular),
@@ -182,5 +221,19 @@ mod tests {
         let made = create(&link).unwrap();
         assert_eq!(made.path, folder.path().join("drive-2.csv"));
         assert!(made.low_space(scarce).is_some());
+    }
+
+    const GB: u64 = 1_000_000_000;
+
+    #[test]
+    fn scarce_is_less_than_a_gigabyte_or_a_twentieth() {
+        let space = |free_bytes, total_bytes| DiskSpace {
+            free_bytes,
+            total_bytes,
+        };
+        assert!(!space(GB, 10 * GB).is_low());
+        assert!(space(GB - 1, 10 * GB).is_low());
+        assert!(!space(50 * GB, 1000 * GB).is_low());
+        assert!(space(50 * GB - 1, 1000 * GB).is_low());
     }
 }

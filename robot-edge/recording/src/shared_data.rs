@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::skip::skip;
 
-/// The folder `part` of the shared data; `None`, said aloud, where it is not on this machine.
+/// The folder `part` of the shared data; `None`, with a notice, if it is not on this machine.
 pub(crate) fn shared_data(part: &str) -> Option<PathBuf> {
     let beside = || {
         let folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();

@@ -10,8 +10,8 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 
 use super::mcap::{METADATA_NAME, VEHICLE_KEY};
-use crate::free_space::{DiskSpace, DiskSpaceFn};
 use crate::new_file::{self, NewFile};
+use crate::new_file::{DiskSpace, DiskSpaceFn};
 use crate::ros::{self, MessageType};
 use measurement::{Measurement, Stream};
 
@@ -24,9 +24,9 @@ pub enum WriteError {
     /// The file.
     #[error("{path}: cannot write the recording: {source}", path = path.display())]
     Mcap {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// What the system or the format said.
+        /// The error of the system or the format.
         source: mcap::McapError,
     },
     /// A stamp before 1970, which MCAP's unsigned times cannot hold.
@@ -47,7 +47,7 @@ pub enum WriteError {
     },
 }
 
-/// A recording's file, to have it synced by whoever may wait for that.
+/// A recording's file; another thread can sync it.
 #[derive(Clone, Debug)]
 pub struct RecordingFile(Arc<NewFile>);
 
@@ -64,9 +64,6 @@ pub struct McapWriter {
 impl McapWriter {
     /// Creates the file, under a numbered name where there is such a file ([`new_file::create`]). `vehicle` goes into its
     /// metadata, so that a replay needs no `--vehicle`.
-    ///
-    /// # Errors
-    /// Where the file cannot be created.
     pub fn create(path: &Path, vehicle: Option<&str>) -> Result<Self, WriteError> {
         let error = |source| WriteError::Mcap {
             path: path.to_owned(),
@@ -99,9 +96,6 @@ impl McapWriter {
     }
 
     /// Writes one measurement as a message on the topic `stream.name`.
-    ///
-    /// # Errors
-    /// Where the disk fails, or the stamp is before 1970.
     pub fn write(&mut self, stream: &Stream, measurement: &Measurement) -> Result<(), WriteError> {
         let Some((kind, data)) = ros::encode(measurement) else {
             self.not_written += 1;
@@ -131,9 +125,6 @@ impl McapWriter {
     }
 
     /// Closes the chunk and hands all of it to the disk: what was written before survives a power cut.
-    ///
-    /// # Errors
-    /// Where the disk fails.
     pub fn flush(&mut self) -> Result<(), WriteError> {
         self.flush_to_os()?;
         self.on_disk.sync()
@@ -141,9 +132,6 @@ impl McapWriter {
 
     /// Closes the chunk and hands all of it to the system, which puts it on the disk in its own time, or as [`RecordingFile::sync`]
     /// demands.
-    ///
-    /// # Errors
-    /// Where the system refuses.
     pub fn flush_to_os(&mut self) -> Result<(), WriteError> {
         self.writer.flush().map_err(|source| WriteError::Mcap {
             path: self.path().to_owned(),
@@ -172,9 +160,6 @@ impl McapWriter {
     }
 
     /// Writes index and end mark.
-    ///
-    /// # Errors
-    /// Where the disk fails.
     pub fn finish(mut self) -> Result<(), WriteError> {
         let error = |source| WriteError::Mcap {
             path: self.on_disk.0.path.clone(),
@@ -189,17 +174,11 @@ impl McapWriter {
 
 impl RecordingFile {
     /// Waits until all that was handed to the system is on the disk: it survives a power cut.
-    ///
-    /// # Errors
-    /// Where the disk fails.
     pub fn sync(&self) -> Result<(), WriteError> {
         self.0.sync().map_err(|why| self.failed(why))
     }
 
     /// Whether recording may go on.
-    ///
-    /// # Errors
-    /// Where the disk is nearly full.
     pub fn check_space(&self, disk_space: DiskSpaceFn) -> Result<(), WriteError> {
         self.0.low_space(disk_space).map_or(Ok(()), |space| {
             Err(WriteError::DiskLow {
@@ -224,7 +203,7 @@ fn channel(
     topic: &str,
     kind: MessageType,
 ) -> Result<(u16, u32), mcap::McapError> {
-    // Types that are encoded have a schema; one without a name would be a channel nobody reads.
+    // Types that are encoded have a schema; a channel without one could not be read.
     let (type_name, definition) = ros::ros2msg(kind).unwrap_or_default();
     if let Some((id, messages)) = channels.get_mut(&(topic.to_owned(), type_name)) {
         *messages += 1;

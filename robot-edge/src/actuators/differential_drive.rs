@@ -8,8 +8,8 @@ use teleop::Velocity;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DifferentialDrive {
-    /// Between the contact lines of left and right wheels, metres. Of a vehicle that skids while it turns, the effective
-    /// one, which is greater: turn on the spot and divide the difference of the wheels' paths by the angle.
+    /// Between the contact lines of left and right wheels, metres. Of a vehicle that skids while it turns, the
+    /// effective one, which is greater: turn on the spot and divide the difference of the wheels' paths by the angle.
     pub track_width_m: f64,
     /// Speed of a side at full command, metres per second.
     pub full_speed_mps: f64,

@@ -1,4 +1,4 @@
-//! Motors that belong to another system, which is told velocities by messages: `geometry_msgs/Twist` to ROS 2.
+//! Motors of another system that takes velocities by messages: `geometry_msgs/Twist` to ROS 2.
 //!
 //! Nothing below this seam is ours: where this process is killed or its machine hangs, nobody says zero, and the
 //! vehicle stops if the other system stops by itself when messages cease. So this is no substitute for
@@ -13,18 +13,18 @@ use super::Velocity;
 use crate::clock;
 use measurement::time::Monotonic;
 
-/// How long a velocity holds, from its decision on; then zero is said instead. As for motors behind a guard.
+/// Validity of a velocity, from its decision on; then zero is published. The same as for guarded motors.
 pub const WATCHDOG: Duration = Duration::from_millis(200);
 
-/// Zero is said again so often where nothing is decided any more.
+/// Period of repeating zero when there is no new velocity.
 const REPEAT: Duration = Duration::from_millis(50);
 
-/// At the end zero is said so often: a message may be lost.
+/// Number of zero messages at the end: one may be lost.
 const FINAL_ZERO_COUNT: usize = 3;
 
-/// Whoever carries velocities to the other system. It may take its time.
+/// Publishes velocities to the other system. It may block.
 pub trait VelocitySink: Send {
-    /// Says a velocity.
+    /// Publishes a velocity.
     fn publish(&mut self, velocity: Velocity);
 
     /// Whether anybody listens.
@@ -42,7 +42,7 @@ pub struct PublishedVelocity {
 struct Shared {
     latest: Mutex<VelocityDecision>,
     changed: Condvar,
-    /// Somebody has listened.
+    /// There is a subscriber.
     had_subscriber: AtomicBool,
 }
 
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_decided_is_said_and_silence_and_the_end_are_zero() {
+    fn velocities_are_published_and_silence_ends_in_zero() {
         let journal = Journal::default();
         let motors = PublishedVelocity::start(Box::new(journal.clone())).unwrap();
         motors.apply(AHEAD, clock::now());

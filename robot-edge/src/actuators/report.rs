@@ -1,26 +1,26 @@
-//! What an actuator says back: plain data for the teleop loop.
+//! State and faults of the motors: plain data for the teleop loop.
 
 use std::fmt;
 
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
-/// What is known of the motors.
+/// The state of the motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
     /// Whether they obey.
     pub readiness: Readiness,
-    /// What they were last told and have acknowledged, after saturation and rounding; absent before that.
+    /// The last acknowledged velocity, after saturation and rounding; absent before the first.
     pub applied: Option<Velocity>,
-    /// How fast the wheels turn, as their encoders say; absent without encoders, and when they have not answered lately.
+    /// The velocity measured by the encoders; absent without encoders or without a recent answer.
     pub measured: Option<Velocity>,
     /// The battery's voltage; absent where it is not known.
     pub battery_v: Option<f64>,
-    /// What the controller says of itself.
+    /// The status flags of the controller.
     pub controller: ControllerFlags,
-    /// Whether the controller stops the motors by itself when nobody speaks to it.
+    /// Whether the controller stops the motors by itself without communication.
     pub watchdog: ControllerWatchdog,
-    /// What went wrong on the way so far.
+    /// Counters of errors.
     pub counters: Counters,
     /// When this was so.
     pub at: Monotonic,
@@ -45,37 +45,37 @@ impl Report {
 /// Whether the motors obey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Readiness {
-    /// The controller is being found and checked; the motors are told to stand.
+    /// The controller is being found and checked; the command is zero.
     Starting,
-    /// The motors are told to stand, until a velocity of zero has been asked for: a key that was held all the time
-    /// must not set a vehicle going again by itself.
+    /// The command is zero until a velocity of zero is requested: a key held all the time must not start the vehicle
+    /// again.
     Holding(Hold),
-    /// What is asked for is done.
+    /// The requested velocity is applied.
     Active,
 }
 
-/// Why the motors stand, whatever is asked for.
+/// Why the motors are held at zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Hold {
-    /// Nothing has been asked for since the start.
+    /// No velocity was requested since the start.
     Start,
-    /// For too long nothing was asked for.
+    /// No velocity was requested for too long.
     Silence,
-    /// What arrived made no sense.
+    /// Invalid data arrived.
     Garbage,
     /// The controller was not ready, or has switched its power stage off.
     Controller,
 }
 
-/// Whether the controller stops the motors by itself when nobody speaks to it. It is the last line of defence: it
-/// alone acts when this computer, or the cable, is gone.
+/// The watchdog of the controller: it stops the motors without communication. Only it acts when this computer or the
+/// cable fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ControllerWatchdog {
-    /// Not tried yet, or not known.
+    /// Not tested yet.
     Unknown,
-    /// It was left alone on purpose, and has stopped.
+    /// Tested by a pause in communication: it stopped the motors.
     Proven,
-    /// It was left alone on purpose, and has not stopped.
+    /// Tested by a pause in communication: it did not stop the motors.
     Absent,
 }
 
@@ -113,16 +113,16 @@ impl fmt::Display for ControllerFlags {
     }
 }
 
-/// What went wrong on the way, since the start. They stop at their greatest value.
+/// Errors since the start. The counters saturate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Counters {
-    /// Times the motors were stopped because nothing valid came.
+    /// Stops because no valid command arrived.
     pub dropouts: u32,
-    /// Velocities refused as too old, as older than another, or as of the future.
+    /// Velocities refused as too old, out of order or from the future.
     pub stale: u32,
-    /// Bytes between valid messages of the edge.
+    /// Bytes that belong to no valid frame.
     pub garbage: u32,
-    /// Times that the controller had to be found anew.
+    /// Reconnections to the controller.
     pub reconnects: u32,
 }
 
@@ -136,7 +136,7 @@ impl Counters {
     };
 }
 
-/// Why the motors cannot be driven. They have been told to stand, where that was possible at all.
+/// Why the motors cannot be driven. Zero was sent to them if possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
     /// A velocity that is not a number; zero was passed on.
@@ -153,12 +153,12 @@ pub enum Fault {
     SupervisorGone,
 }
 
-/// What became of the motors when their owner was lost.
+/// State of the motors after the loss of the motor guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FallbackStop {
     /// The port is being opened, or zero has been sent and not been acknowledged yet.
     Trying,
-    /// They have acknowledged zero, and are told so again and again.
+    /// They have acknowledged zero, which is repeated.
     Stopped,
     /// The port cannot be opened: what the motors do is up to their controller's watchdog.
     Unreachable,

@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_are_told_once_a_minute_and_the_first_and_the_last_are_among_them() {
+    fn short_links_are_logged_once_a_minute() {
         let mut connections = ConnectionSummary::default();
         let word = |s: u64, words: &str| (s, format!("operator:anna {words}"));
         assert_eq!(

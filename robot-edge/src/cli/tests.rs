@@ -88,7 +88,7 @@ fn wrong_usage_is_refused_with_code_2_and_says_what_is_allowed() {
         ("simulate rooms --seed -3", "-3"),
         ("run --ros-domain 233", "0..=232"),
         ("run --wait 0", "above 0"),
-        ("run --no-network --state d", "cannot be used with"),
+        ("run --no-network --state-dir d", "cannot be used with"),
         (
             "replay a --no-network --listen tcp/0.0.0.0:1",
             "cannot be used with",

@@ -147,8 +147,8 @@ fn lines(issues: &[ConfigIssue]) -> String {
     let lines: Vec<String> = issues.iter().map(ToString::to_string).collect();
     lines.join("\n")
 }
-impl From<teleop::config::SettingError> for ConfigIssue {
-    fn from(error: teleop::config::SettingError) -> Self {
+impl From<teleop::SettingError> for ConfigIssue {
+    fn from(error: teleop::SettingError) -> Self {
         Self {
             origin: None,
             key: error.key,

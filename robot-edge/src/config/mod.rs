@@ -32,11 +32,11 @@ pub use sensors::{
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 
-use crate::link::config::LinkConfig;
-use crate::streaming::config::StreamingConfig;
-use localization::config::LocalizationConfig;
-use mapping::config::MappingConfig;
-use mapping::octree_config::RangeSensorModel;
+use crate::network::config::LinkConfig;
+use crate::publishing::config::StreamingConfig;
+use localization::LocalizationConfig;
+use mapping::MappingConfig;
+use mapping::octree::RangeSensorModel;
 use mapping::registered_scan::SensorId;
 use mapping::vehicle::VehicleConfig;
 use teleop::TeleopConfig;

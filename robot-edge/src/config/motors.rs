@@ -6,13 +6,13 @@ use super::error::{ConfigIssue, Problem};
 use super::layer::{join, quoted};
 use crate::actuators::roboteq::RoboteqConfig;
 
-/// What moves the vehicle; nothing where nothing is named.
+/// The motors of the vehicle; none by default.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorsConfig {
     /// A Roboteq AX3500 on a serial line.
     pub roboteq: Option<RoboteqConfig>,
-    /// Those of the ROS 2 system whose sensors are mapped, which is told velocities.
+    /// Motors of a ROS 2 system, by velocity messages.
     pub ros2_twist: Option<TwistConfig>,
 }
 
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn velocities_are_published_on_a_topic_and_only_instead_of_other_motors() {
+    fn ros2_twist_needs_a_topic_and_excludes_other_motors() {
         let config = check("[motors.ros2_twist]\n", &[]).unwrap();
         assert_eq!(config.motors.ros2_twist.unwrap().topic, "/cmd_vel");
         for topic in ["/bot/cmd_vel", "/a_1"] {

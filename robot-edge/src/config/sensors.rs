@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use mapping::octree_config::RangeSensorModel;
+use mapping::octree::RangeSensorModel;
 use mapping::registered_scan::SensorId;
 use measurement::mount::Mount;
 

@@ -8,11 +8,11 @@ use super::checks::{Allowed, Checks, as_toml};
 use super::error::ConfigIssue;
 use super::layer::quoted;
 use super::{Config, VehicleConfig};
-use crate::link::config::LinkConfig;
-use crate::link::endpoints::bulk_endpoint;
-use crate::streaming::config::StreamingConfig;
-use mapping::config::MappingConfig;
-use mapping::occupancy_config::OccupancyConfig;
+use crate::network::config::LinkConfig;
+use crate::network::endpoints::bulk_endpoint;
+use crate::publishing::config::StreamingConfig;
+use mapping::MappingConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 
 mod localization;
 mod sensors;

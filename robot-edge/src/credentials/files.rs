@@ -1,10 +1,12 @@
 //! Files that are made once and never written over, secrets that only their owner reads.
 
 use std::fs::{self, OpenOptions};
-use std::io::{self, Read as _, Write as _};
+use std::io;
+use std::io::Read as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::CredentialsError;
+use protocol::keys::{OperatorId, RobotId};
 
 /// Longest file that is read; certificates, keys and lists are far shorter.
 const MAX_BYTES: u64 = 1 << 20;
@@ -191,5 +193,155 @@ mod tests {
         );
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
         assert_eq!(left.len(), 1, "no draft is left: {left:?}");
+    }
+}
+
+/// The authority's certificate, in every folder.
+pub(super) const CA_CERTIFICATE: &str = "ca.pem";
+/// The authority's key, at home.
+pub(super) const CA_KEY: &str = "ca.key.pem";
+/// What its owner shows when it connects or is connected to.
+pub(super) const CERTIFICATE: &str = "link.pem";
+/// The key of that certificate.
+pub(super) const PRIVATE_KEY: &str = "link.key.pem";
+/// What a person signs commands with.
+pub(super) const SIGNING_KEY: &str = "signing.key.pem";
+/// Who may watch or drive a vehicle.
+pub(super) const OPERATORS: &str = "operators.toml";
+/// All that a router needs, in one file.
+pub(super) const ROUTER_CONFIG: &str = "router.json5";
+
+/// The folder of a fleet: what stays at home, and one folder for each machine and person to take away.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FleetFolder(PathBuf);
+
+impl FleetFolder {
+    /// The fleet at `root`, which need not be there.
+    pub fn new(root: impl Into<PathBuf>) -> Self {
+        Self(root.into())
+    }
+
+    /// The authority: never leaves home.
+    pub fn authority(&self) -> PathBuf {
+        self.0.join("authority")
+    }
+
+    /// What a vehicle takes with it.
+    pub fn vehicle(&self, robot: &RobotId) -> PathBuf {
+        self.vehicles_folder().join(robot.as_str())
+    }
+
+    /// What a person takes with them.
+    pub fn person(&self, name: &OperatorId) -> PathBuf {
+        self.0.join("people").join(name.as_str())
+    }
+
+    /// What a router takes with it.
+    pub fn router(&self) -> PathBuf {
+        self.0.join("router")
+    }
+
+    /// The list of those who may watch or drive a vehicle.
+    pub fn operators(&self, robot: &RobotId) -> PathBuf {
+        self.vehicle(robot).join(OPERATORS)
+    }
+
+    /// The configuration of a router.
+    pub fn router_config(&self) -> PathBuf {
+        self.router().join(ROUTER_CONFIG)
+    }
+
+    /// Every vehicle of the fleet, by name.
+    pub(super) fn vehicles(&self) -> Result<Vec<RobotId>, CredentialsError> {
+        let folder = self.vehicles_folder();
+        if !folder.exists() {
+            return Ok(Vec::new());
+        }
+        let failed = |why| CredentialsError::Read {
+            path: folder.clone(),
+            why,
+        };
+        let mut vehicles = Vec::new();
+        for entry in folder.read_dir().map_err(failed)? {
+            let name = entry.map_err(failed)?.file_name();
+            vehicles.extend(name.to_str().and_then(|name| name.parse().ok()));
+        }
+        vehicles.sort();
+        Ok(vehicles)
+    }
+
+    fn vehicles_folder(&self) -> PathBuf {
+        self.0.join("vehicles")
+    }
+}
+
+/// The folder inside `folder` that was probably meant, if it is a whole fleet's.
+pub(super) fn subfolder_hint(folder: &Path) -> Option<String> {
+    let fleet = FleetFolder::new(folder);
+    fleet.authority().exists().then(|| {
+        format!(
+            "this is a whole fleet's folder: name the one of a vehicle or a person in it, {} or {}",
+            folder.join("vehicles").join("NAME").display(),
+            folder.join("people").join("NAME").display()
+        )
+    })
+}
+
+/// Why credentials cannot be made or used.
+#[derive(Debug, thiserror::Error)]
+pub enum CredentialsError {
+    /// A file that cannot be read.
+    #[error("{path}: cannot be read: {why}", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        why: io::Error,
+    },
+    /// A file that cannot be written.
+    #[error("{path}: cannot be written: {why}", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        why: io::Error,
+    },
+    /// A secret that others can read.
+    #[error(
+        "{path}: others than its owner may read this secret (mode {mode:03o}). `chmod 600` it; if somebody may have read \
+         it, have a new one made",
+        path = path.display()
+    )]
+    Exposed {
+        /// The file.
+        path: PathBuf,
+        /// Its permissions.
+        mode: u32,
+    },
+    /// A file that does not hold what it should.
+    #[error("{path}: {why}", path = path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        why: String,
+    },
+    /// What was asked for does not fit what is there.
+    #[error("{0}")]
+    Conflict(String),
+    /// No certificate can be made.
+    #[error("no certificate can be made: {0}")]
+    Make(#[from] rcgen::Error),
+    /// No secret can be made.
+    #[error("the operating system gives no random numbers: {0}")]
+    NoRandomness(#[from] getrandom::Error),
+}
+
+impl CredentialsError {
+    pub(super) fn content(path: impl Into<PathBuf>, why: impl Into<String>) -> Self {
+        Self::Content {
+            path: path.into(),
+            why: why.into(),
+        }
     }
 }

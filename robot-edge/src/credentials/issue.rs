@@ -9,9 +9,11 @@ use rcgen::{KeyPair, PublicKeyData as _};
 
 use super::authority::{self, Authority};
 use super::files::{self, Readers};
-use super::folder::{CA_CERTIFICATE, CERTIFICATE, FleetFolder, PRIVATE_KEY, SIGNING_KEY};
 use super::{Certificate, CredentialsError, Identity, ListedOperator, OperatorList};
-use crate::link::security::RouterConfig;
+use crate::credentials::files::{
+    CA_CERTIFICATE, CERTIFICATE, FleetFolder, PRIVATE_KEY, SIGNING_KEY,
+};
+use crate::network::security::RouterConfig;
 use teleop::Role;
 
 /// By these a vehicle and a router are always reached from their own machine.

@@ -1,25 +1,26 @@
-//! What the loop writes into the audit log: what happened, and who was refused what.
+//! Writes events and refusals of the loop to the audit log.
 
 use std::time::Duration;
 
-use protocol::keys::OperatorId as OperatorName;
+use protocol::keys::{OperatorId as OperatorName, OperatorTopic};
+use protocol::message::Refusal;
 
 use super::operators::Operators;
 use super::shared_drive_state::DriveEvent;
 use super::status_message;
 use crate::audit::Audit;
 use measurement::time::Monotonic;
-use teleop::{ArbiterEvent, Refusal, RequestKind};
+use teleop::ArbiterEvent;
 
-/// Refusals of one wish for one reason are written this often at most; those between are counted.
+/// Refusals of one topic for one reason are written at most this often; others are counted.
 const REFUSALS_PERIOD: Duration = Duration::from_secs(1);
 
-/// Sees what happens, and tells the audit log, if there is one. It never waits.
+/// Records to the audit log, if there is one. It never waits.
 #[derive(Debug, Default)]
 pub(super) struct AuditRecorder {
     audit: Option<Audit>,
-    /// By wish and by reason, so that no flood of commands hides an emergency stop.
-    refusals: [[RefusalCounter; Refusal::ALL.len()]; RequestKind::ALL.len()],
+    /// By topic and reason, so that a flood of commands does not hide an emergency stop.
+    refusals: [[RefusalCounter; Refusal::ALL.len()]; OperatorTopic::ALL.len()],
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -36,7 +37,7 @@ impl AuditRecorder {
         }
     }
 
-    /// Something happened.
+    /// Records an event.
     pub(super) fn record(
         &mut self,
         drive_event: &DriveEvent,
@@ -65,16 +66,16 @@ impl AuditRecorder {
         }
     }
 
-    /// Something that came in the name of `operator` was refused.
+    /// Records a refused message in the name of `operator`.
     pub(super) fn record_refusal(
         &mut self,
         operator: &OperatorName,
-        request_kind: RequestKind,
+        request_kind: OperatorTopic,
         refusal: Refusal,
         now: Monotonic,
     ) {
         let Some(audit) = &self.audit else { return };
-        let row = RequestKind::ALL
+        let row = OperatorTopic::ALL
             .iter()
             .position(|known| *known == request_kind);
         let at = Refusal::ALL.iter().position(|reason| *reason == refusal);
@@ -106,14 +107,14 @@ impl AuditRecorder {
     }
 }
 
-/// What was refused, for programs and for people.
-const fn refusal_labels(request_kind: RequestKind) -> (&'static str, &'static str) {
+/// The refused topic, for programs and as text.
+const fn refusal_labels(request_kind: OperatorTopic) -> (&'static str, &'static str) {
     match request_kind {
-        RequestKind::Drive => ("drive", "a driving command"),
-        RequestKind::EStop => ("estop", "an emergency stop"),
-        RequestKind::Reset => ("reset", "a reset"),
-        RequestKind::Lease => ("lease", "a request of the lease"),
-        RequestKind::Setting => ("setting", "a setting"),
+        OperatorTopic::Drive => ("drive", "a driving command"),
+        OperatorTopic::EStop => ("estop", "an emergency stop"),
+        OperatorTopic::Reset => ("reset", "a reset"),
+        OperatorTopic::Lease => ("lease", "a request of the lease"),
+        OperatorTopic::Set => ("setting", "a setting"),
     }
 }
 
@@ -151,7 +152,7 @@ mod tests {
     #[test]
     fn each_line_says_what_was_refused() {
         let lines = written(|audit_recorder| {
-            for request_kind in RequestKind::ALL {
+            for request_kind in OperatorTopic::ALL {
                 audit_recorder.record_refusal(&anna(), request_kind, Refusal::TooOld, at(0));
             }
         });
@@ -170,15 +171,15 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_stop_has_its_own_line_among_commands_that_are_counted() {
+    fn a_refused_stop_has_its_own_audit_line() {
         let lines = written(|audit_recorder| {
             for (request_kind, ms) in [
-                (RequestKind::Drive, 0),
-                (RequestKind::Drive, 20),
-                (RequestKind::EStop, 40),
-                (RequestKind::Drive, 60),
-                (RequestKind::EStop, 140),
-                (RequestKind::Drive, 1000),
+                (OperatorTopic::Drive, 0),
+                (OperatorTopic::Drive, 20),
+                (OperatorTopic::EStop, 40),
+                (OperatorTopic::Drive, 60),
+                (OperatorTopic::EStop, 140),
+                (OperatorTopic::Drive, 1000),
             ] {
                 audit_recorder.record_refusal(&anna(), request_kind, Refusal::TooOld, at(ms));
             }
@@ -201,7 +202,7 @@ mod tests {
         let mut operators = Operators::open();
         let (operator, _) = operators.find(&anna()).unwrap();
         let drive_event = DriveEvent::Arbiter(ArbiterEvent::Refused {
-            request_kind: RequestKind::Reset,
+            request_kind: OperatorTopic::Reset,
             caller: Caller {
                 operator,
                 role: Role::Operator,

@@ -1,4 +1,4 @@
-//! A log of every round of the loop, for whoever wants to know afterwards what the vehicle was told, and why.
+//! A log of every round of the loop: what was requested, what was applied, and why they differ.
 
 use std::fmt;
 use std::io::{self, BufWriter, Write};
@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use crate::clock;
 use measurement::time::Monotonic;
-use recording::free_space::{DiskSpaceFn, disk_space};
+use protocol::message::Clamp;
 use recording::new_file::{self, NewFile};
-use teleop::report::Clamp;
+use recording::new_file::{DiskSpaceFn, disk_space};
 use teleop::{CollisionMonitorOutput, Mode, TeleopReport};
 
 /// Rounds that wait for the disk at most: 80 s of them.
@@ -43,8 +43,8 @@ struct Round {
 }
 
 impl DriveLog {
-    /// Begins a log in `file`, and goes on in others of its name, each of which begins with the header. Where it cannot be
-    /// written any more or the disk is nearly full, `ended` is told why, once.
+    /// Begins a log in `file`, and goes on in others of its name, each of which begins with the header. Where it cannot
+    /// be written any more or the disk is nearly full, `ended` is told why, once.
     ///
     /// # Errors
     /// Where the system gives no thread.
@@ -68,7 +68,7 @@ impl DriveLog {
         })
     }
 
-    /// Adds a round, at once: where the disk does not follow it is left out, and the next line says how many were.
+    /// Adds a round without waiting. If the disk is too slow, the round is dropped and counted in the next line.
     pub(super) fn add(&mut self, at: Monotonic, report: &TeleopReport) {
         let Some(rounds) = &self.rounds else { return };
         let round = Round {
@@ -79,7 +79,7 @@ impl DriveLog {
         match rounds.try_send(round) {
             Ok(()) => self.missed = 0,
             Err(TrySendError::Full(_)) => self.missed += 1,
-            // The writer said why.
+            // The writer reported why.
             Err(TrySendError::Disconnected(_)) => self.rounds = None,
         }
     }
@@ -220,10 +220,11 @@ const fn mode(mode: Mode) -> &'static str {
 
 const fn clamp(clamp: Clamp) -> &'static str {
     match clamp {
-        Clamp::Vehicle => "vehicle",
+        Clamp::Speed => "vehicle",
         Clamp::Age => "age",
         Clamp::CollisionMonitor => "guard",
         Clamp::Ramp => "ramp",
+        Clamp::Stop => "stop",
     }
 }
 
@@ -241,7 +242,7 @@ const fn guard(output: Option<CollisionMonitorOutput>) -> &'static str {
 mod tests {
     use super::*;
     use mapping::vehicle::VehicleConfig;
-    use recording::free_space::DiskSpace;
+    use recording::new_file::DiskSpace;
     use teleop::{ArbiterState, Rules, TeleopConfig};
 
     fn report() -> TeleopReport {
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_full_is_followed_by_another_with_a_header_of_its_own() {
+    fn a_full_log_is_followed_by_another_with_a_header() {
         let roomy: DiskSpaceFn = |_| {
             Ok(DiskSpace {
                 free_bytes: 90_000_000_000,

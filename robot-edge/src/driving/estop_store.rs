@@ -1,29 +1,32 @@
-//! Keeps the emergency stop on disk, by a thread of its own: the loop waits for no disk.
+//! Stores the emergency stop on disk from a thread of its own, so that the loop never waits for the disk.
 
+use std::fs::{File, OpenOptions};
 use std::io;
+use std::io::Read as _;
+use std::io::Seek as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
-use super::estop_file::EStopFile;
-use teleop::EStopId;
-use teleop::emergency_stop::StoredEStop;
+use teleop::{EStopId, StoredEStop};
 
-/// What waits for the disk at most. The arbiter asks again for what found no room.
+/// Greatest number of waiting requests. The arbiter repeats those that found no room.
 const CAPACITY: usize = 8;
 
-/// The loop's end of the thread that keeps the emergency stop.
+/// The loop's end of the storing thread.
 #[derive(Debug)]
 pub struct EStopStore {
     previous: StoredEStop,
     requests: Option<SyncSender<Option<EStopId>>>,
     stored: Receiver<Option<EStopId>>,
-    /// The disk is to say that none is in force, and has not yet.
+    /// Clearing was requested but not accepted yet.
     clear_pending: bool,
     thread: Option<JoinHandle<()>>,
 }
 
 impl EStopStore {
-    /// Reads what the run before left, and keeps from now on.
+    /// Reads what the previous run left, and starts the thread.
     ///
     /// # Errors
     /// Where the system gives no thread.
@@ -43,19 +46,19 @@ impl EStopStore {
         })
     }
 
-    /// What the run before left.
+    /// What the previous run left.
     pub(super) const fn previous(&self) -> StoredEStop {
         self.previous
     }
 
-    /// This one is in force.
+    /// Stores this emergency stop.
     pub(super) fn store(&mut self, id: EStopId) {
-        // It is asked for until it is stored.
+        // The arbiter repeats it until it is stored.
         let _is_on_its_way = self.submit(Some(id));
         self.clear_pending = false;
     }
 
-    /// None is in force any more.
+    /// Clears the stored emergency stop.
     pub(super) fn clear(&mut self) {
         self.clear_pending = !self.submit(None);
     }
@@ -98,7 +101,7 @@ fn run(
 ) {
     while let Ok(estop) = requested.recv() {
         match file.write(estop) {
-            // A loop that takes nothing has ended.
+            // Fails only if the loop has ended.
             Ok(()) => drop(done.try_send(estop)),
             Err(error) => tracing::error!(
                 path = %file.path().display(),
@@ -106,6 +109,95 @@ fn run(
                 "the emergency stop cannot be stored; it holds, and is not acknowledged"
             ),
         }
+    }
+}
+
+const NAME: &str = "estop";
+const BYTES: usize = 38;
+
+/// A file that says which emergency stop is active, if one is.
+///
+/// It always has the same length and is written in place: on a full disk an emergency stop is still stored (on file
+/// systems that write in place). What is half written or damaged reads as an emergency stop.
+#[derive(Debug)]
+pub struct EStopFile {
+    file: File,
+    path: PathBuf,
+}
+
+impl EStopFile {
+    /// Opens the file of a directory; where there is none it is made, and says that no emergency stop is active.
+    ///
+    /// # Errors
+    /// Where the directory or the file cannot be made or written.
+    pub fn open(dir: &Path) -> io::Result<Self> {
+        std::fs::create_dir_all(dir)?;
+        let path = dir.join(NAME);
+        let is_new = !path.try_exists()?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path)?;
+        let mut estop = Self { file, path };
+        if is_new {
+            estop.write(None)?;
+            File::open(dir)?.sync_all()?;
+        }
+        Ok(estop)
+    }
+
+    /// What was in force when it was last written.
+    pub fn read(&mut self) -> StoredEStop {
+        let mut bytes = Vec::with_capacity(BYTES + 1);
+        let read = self
+            .file
+            .rewind()
+            .and_then(|()| (&self.file).take(BYTES as u64 + 1).read_to_end(&mut bytes));
+        match read {
+            Ok(_) => parse(&bytes),
+            Err(error) => {
+                tracing::error!(path = %self.path.display(), %error, "cannot be read");
+                StoredEStop::Unreadable
+            }
+        }
+    }
+
+    /// Says which emergency stop is active, and returns when it is on the disk.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn write(&mut self, estop: Option<EStopId>) -> io::Result<()> {
+        self.file.rewind()?;
+        self.file.write_all(content(estop).as_bytes())?;
+        self.file.sync_data()
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+fn content(estop: Option<EStopId>) -> String {
+    let record = match estop {
+        None => format!("{:<8}{:020}", "none", 0),
+        Some(EStopId(id)) => format!("{:<8}{id:020}", "latched"),
+    };
+    let check = crc32fast::hash(record.as_bytes());
+    format!("{record} {check:08x}\n")
+}
+
+fn parse(bytes: &[u8]) -> StoredEStop {
+    let id = std::str::from_utf8(bytes).ok().and_then(|text| {
+        let id = text.get(8..28)?.parse().ok()?;
+        (text == content(None) || text == content(Some(EStopId(id)))).then_some((text, id))
+    });
+    match id {
+        Some((text, _)) if text.starts_with("none") => StoredEStop::None,
+        Some((_, id)) => StoredEStop::Latched(EStopId(id)),
+        None => StoredEStop::Unreadable,
     }
 }
 
@@ -156,5 +248,42 @@ mod tests {
         drop(estop_store);
         run(&mut file, &requested, &done);
         assert_eq!(file.read(), StoredEStop::None);
+    }
+
+    #[test]
+    fn a_damaged_file_counts_as_an_emergency_stop() {
+        let dir = tempfile::tempdir().unwrap();
+        let dir = dir.path().join("state/scout");
+        let read = || EStopFile::open(&dir).unwrap().read();
+        assert_eq!(read(), StoredEStop::None);
+        let mut file = EStopFile::open(&dir).unwrap();
+        for id in [7, u64::MAX, 0] {
+            file.write(Some(EStopId(id))).unwrap();
+            assert_eq!(read(), StoredEStop::Latched(EStopId(id)));
+        }
+        let path = file.path().to_owned();
+        let whole = std::fs::read(&path).unwrap();
+        assert_eq!(whole.len(), BYTES);
+        for at in 0..BYTES {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 1;
+            std::fs::write(&path, &damaged).unwrap();
+            assert_eq!(read(), StoredEStop::Unreadable, "{at}");
+            std::fs::write(&path, &whole[..at]).unwrap();
+            assert_eq!(read(), StoredEStop::Unreadable, "cut at {at}");
+        }
+        std::fs::write(&path, [&whole[..], b"x"].concat()).unwrap();
+        assert_eq!(read(), StoredEStop::Unreadable, "longer");
+        std::fs::write(&path, &whole).unwrap();
+        file.write(None).unwrap();
+        assert_eq!(read(), StoredEStop::None);
+    }
+
+    #[test]
+    fn a_directory_that_cannot_be_made_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("file");
+        std::fs::write(&file, "").unwrap();
+        assert!(EStopFile::open(&file.join("state")).is_err());
     }
 }

@@ -1,7 +1,7 @@
-//! What the collision monitor is told, and the loop's end of it.
+//! Inputs of the collision monitor, exchanged through triple buffers.
 //!
-//! Two ends tell it: whoever places scans, at once, of poses and sweeps; whoever maps, later, of the map. Each has buffers of
-//! its own and nobody waits: the loop sees the newest of what was handed over (triple buffers).
+//! The localization thread writes poses and scans; the mapping thread writes the local map; the loop reads the newest
+//! of each. No side waits for another.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -9,43 +9,42 @@ use std::time::Duration;
 use nalgebra::{Point2, UnitQuaternion};
 use triple_buffer::{Input, Output, triple_buffer};
 
-use super::receive_times::ReceiveTimes;
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
 use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::pose::{self, Pose};
-use measurement::time::Monotonic;
-use measurement::time::{RobotDuration, RobotTime};
+use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use teleop::collision_monitor::{
     Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
     CopyRequest, LocalMap, ObstacleScan, OdometrySample, UnavailableReason,
 };
 use teleop::{CollisionMonitorOutput, Velocity};
 
-/// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one with
-/// those of others.
+/// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one
+/// with those of others.
 const MAP_COPY_PERIOD: RobotDuration = RobotDuration::from_millis(100);
 /// What the guard takes for the time from copy to copy: after two and a half of it, a copy is stale. It is more than
-/// [`MAP_COPY_PERIOD`], for a sweep of 200 ms waits for the poses behind it and then for mapping, and all that is age of the copy.
+/// [`MAP_COPY_PERIOD`], for a sweep of 200 ms waits for the poses behind it and then for mapping, and all that is age
+/// of the copy.
 const MAP_ASSUMED_PERIOD: Duration = Duration::from_millis(200);
 /// Time from sweep to sweep until two have come.
 const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
 /// Of so many times from sweep to sweep the one in the middle counts.
 const PERIOD_SAMPLES: usize = 9;
 
-/// The end of whoever places scans: what cannot wait for the map.
+/// The end of the localization thread: poses and scans.
 #[derive(Debug)]
 pub struct MonitorSensorInput {
     rules: CollisionMonitorRules,
     sensors: Vec<Sensor>,
     odometry: Input<Option<OdometrySample>>,
-    /// What mapping makes of the ground, where it maps heights, but of every scan that was placed: those in the map may be
-    /// seconds behind.
+    /// What mapping makes of the ground, where it maps heights, but of every scan that was placed: those in the map may
+    /// be seconds behind.
     ground: Option<GroundTracker>,
     receive_times: ReceiveTimes,
 }
 
-/// The end of whoever maps.
+/// The end of the mapping thread.
 #[derive(Debug)]
 pub struct MonitorMapInput {
     rules: CollisionMonitorRules,
@@ -62,7 +61,7 @@ struct Sensor {
     gaps: VecDeque<Duration>,
 }
 
-/// The loop's end: the guard, and the newest of all that it was told.
+/// The loop's end: the collision monitor and its newest inputs.
 #[derive(Debug)]
 pub struct MonitorRunner {
     monitor: CollisionMonitor,
@@ -72,8 +71,8 @@ pub struct MonitorRunner {
     odometry: Output<Option<OdometrySample>>,
 }
 
-/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map. `ground` is one like
-/// that of the mapper, where heights are mapped; else each scan's ground is the plane under the vehicle.
+/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map. `ground` is one
+/// like that of the mapper, where heights are mapped; else each scan's ground is the plane under the vehicle.
 pub fn monitor_input(
     rules: CollisionMonitorRules,
     sensors: usize,
@@ -118,7 +117,7 @@ impl MonitorSensorInput {
         self.receive_times.record(stamp, received);
     }
 
-    /// The clock of the data starts anew.
+    /// The clock of the data restarts.
     pub fn reset_clock(&mut self) {
         self.receive_times.clear();
         for sensor in &mut self.sensors {
@@ -149,8 +148,8 @@ impl MonitorSensorInput {
         }));
     }
 
-    /// A scan was placed; it is not in the map yet. When it was measured, on this machine's clock: what came then, at the
-    /// latest.
+    /// A scan was placed; it is not in the map yet. When it was measured, on this machine's clock: what came then, at
+    /// the latest.
     pub fn add_scan(&mut self, scan: &RegisteredScan, now: Monotonic) -> Monotonic {
         let measured_at = self.receive_times.received_at(scan.stamp, now);
         let plane = self.plane_below(scan);
@@ -178,7 +177,8 @@ impl MonitorSensorInput {
         }
     }
 
-    /// The plane that the heights of the next scan refer to; `None` before the first one, and where heights are not mapped.
+    /// The plane that the heights of the next scan refer to; `None` before the first one, and where heights are not
+    /// mapped.
     pub fn ground_plane(&self) -> Option<GroundPlane> {
         self.ground.as_ref().and_then(GroundTracker::plane)
     }
@@ -233,8 +233,8 @@ impl MonitorMapInput {
 }
 
 impl Sensor {
-    /// Time from sweep to sweep: the median of the newest, so that neither a sweep that came late nor two that came at once
-    /// change it.
+    /// Time from sweep to sweep: the median of the newest, so that neither a sweep that came late nor two that came at
+    /// once change it.
     fn period_at(&mut self, stamp: RobotTime) -> Duration {
         let last = self.last.replace(stamp);
         if let Some(last) = last.filter(|&last| last < stamp) {
@@ -251,7 +251,7 @@ impl Sensor {
 }
 
 impl MonitorRunner {
-    /// What the guard lacked in the last round, where it could not judge then.
+    /// Why the last round gave no limits, if so.
     pub(super) const fn unavailable_reason(&self) -> Option<UnavailableReason> {
         self.monitor.unavailable_reason()
     }
@@ -266,7 +266,7 @@ impl MonitorRunner {
         self.monitor.side_ground_ages()
     }
 
-    /// The guard's word of this round.
+    /// The output of this round.
     pub(super) fn output(
         &mut self,
         (commanded, requested): (Velocity, Velocity),
@@ -296,6 +296,40 @@ fn upright(pose: &Pose) -> Pose {
         pose.translation,
         UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
     )
+}
+
+/// Measurements that are remembered: those of a second of fast sensors.
+const CAPACITY: usize = 1024;
+
+/// Receive times of the last measurements, by their rising stamps.
+///
+/// The age of a scan that waits for a pose or for processing counts from its reception, not from its use.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ReceiveTimes(VecDeque<(RobotTime, Monotonic)>);
+
+impl ReceiveTimes {
+    /// Something stamped `stamp` came.
+    pub(super) fn record(&mut self, stamp: RobotTime, received: Monotonic) {
+        if self.0.back().is_some_and(|&(last, _)| last >= stamp) {
+            return;
+        }
+        if self.0.len() >= CAPACITY {
+            self.0.pop_front();
+        }
+        self.0.push_back((stamp, received));
+    }
+
+    /// When the first of those came that were measured at `stamp` or later: no later than what was stamped so itself.
+    /// `now` where nothing has come since.
+    pub(super) fn received_at(&self, stamp: RobotTime, now: Monotonic) -> Monotonic {
+        let at = self.0.partition_point(|&(stored, _)| stored < stamp);
+        self.0.get(at).map_or(now, |&(_, received)| received)
+    }
+
+    /// The clock of the data restarts.
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What the loop tells its velocities.
+//! The motors that the loop commands.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -13,55 +13,55 @@ use crate::clock;
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
-/// How long a velocity holds for simulated motors, from its decision on. As for motors behind a guard.
+/// Validity of a velocity for simulated motors, from its decision on; the same as for real ones.
 const WATCHDOG: Duration = Duration::from_millis(200);
 
 /// The motors of a vehicle.
 #[derive(Debug)]
 pub enum Motors {
-    /// None: it can be watched, and not driven.
+    /// None: the vehicle can be watched but not driven.
     None,
     /// Those of a simulated vehicle.
     Simulated(SimulatedMotors),
-    /// Those of another system, which is told by messages.
+    /// Those of another system, commanded by messages.
     Published(PublishedVelocity),
     /// Real ones, behind a process of their own.
     #[cfg(target_os = "linux")]
     Guarded(GuardedMotors),
 }
 
-/// What the loop hears of its motors.
+/// The state of the motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
-    /// Whether they do what they are told.
+    /// Whether they obey.
     pub readiness: MotorReadiness,
-    /// How fast the vehicle is, as far as they know.
+    /// The measured velocity, if they know it.
     pub measured: Option<Velocity>,
 }
 
-/// Whether motors do what they are told.
+/// Whether the motors obey.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotorReadiness {
-    /// Not yet: they are being found and checked.
+    /// They are being found and checked.
     Starting,
-    /// They do.
+    /// They obey.
     Ready,
-    /// They do not, for good.
+    /// They have failed.
     Faulty(Fault),
     /// There are none.
     Absent,
 }
 
-/// The motors of a simulated vehicle: what the loop tells, the simulation takes.
+/// The motors of a simulated vehicle, shared by the loop and the simulation.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedMotors(Arc<Mutex<SimulatedMotorState>>);
 
-/// What both sides of simulated motors last said.
+/// The last values of both sides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SimulatedMotorState {
-    /// The vehicle no longer goes its own way, as simulated ones do until somebody takes them.
+    /// The vehicle obeys the loop. Before, it follows its simulated route.
     pub is_engaged: bool,
-    /// What the motors are told.
+    /// The commanded velocity.
     pub velocity: Velocity,
     /// When that was decided.
     pub decided_at: Monotonic,
@@ -70,7 +70,7 @@ pub struct SimulatedMotorState {
 }
 
 impl Motors {
-    /// Tells them a velocity that was decided at `now`; says what is known of them. It never waits.
+    /// Sends a velocity decided at `now`; returns the state of the motors. It never waits.
     pub fn apply(&mut self, velocity: Velocity, now: Monotonic) -> MotorState {
         match self {
             Self::None => MotorState {
@@ -94,7 +94,7 @@ impl Motors {
                 Ok(report) => MotorState {
                     readiness: match report.readiness {
                         Readiness::Starting => MotorReadiness::Starting,
-                        // Held motors obey as soon as zero is asked for, which it is until somebody drives.
+                        // Held motors obey after a zero command, which the loop sends until an operator drives.
                         Readiness::Holding(_) | Readiness::Active => MotorReadiness::Ready,
                     },
                     measured: report.measured,
@@ -107,14 +107,14 @@ impl Motors {
         }
     }
 
-    /// From now on the vehicle does nothing but what it is told.
+    /// From now on the vehicle obeys only the loop.
     pub fn take_over(&mut self) {
         if let Self::Simulated(motors) = self {
             motors.state().is_engaged = true;
         }
     }
 
-    /// Those of a simulated vehicle, where they are these.
+    /// The simulated motors, if they are simulated.
     pub(super) fn simulated(&self) -> Option<SimulatedMotors> {
         match self {
             Self::Simulated(motors) => Some(motors.clone()),
@@ -136,7 +136,7 @@ impl Motors {
 }
 
 impl SimulatedMotors {
-    /// Tells them a velocity that was decided at `now`; returns how fast the vehicle is, as far as they know.
+    /// Sets the velocity decided at `now`; returns the measured one, if known.
     pub(super) fn command(&self, velocity: Velocity, now: Monotonic) -> Option<Velocity> {
         let mut state = self.state();
         state.velocity = velocity;
@@ -144,7 +144,7 @@ impl SimulatedMotors {
         state.measured
     }
 
-    /// Says how fast the vehicle is, and what the motors are told: zero, where nothing was decided lately.
+    /// Sets the measured velocity; returns the commanded one: zero if it is too old.
     pub fn exchange(&self, measured: Velocity) -> SimulatedMotorState {
         let mut state = self.state();
         state.measured = Some(measured);
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn simulated_motors_go_to_zero_when_nothing_is_decided_any_more() {
+    fn simulated_motors_go_to_zero_without_new_velocity() {
         let simulated = SimulatedMotors::default();
         let mut motors = Motors::Simulated(simulated.clone());
         let ahead = Velocity {

@@ -1,14 +1,21 @@
-//! Who may drive, and how the vehicle tells them.
+//! The operators of this vehicle, and the watcher that reads the operator list again while the vehicle runs.
 
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use protocol::keys::OperatorId as OperatorName;
 use protocol::signed::{PublicKey, SecretKey};
 
-use crate::credentials::OperatorList;
+use crate::clock;
+use crate::credentials::{CredentialsError, OperatorList};
+use measurement::time::Monotonic;
 use teleop::{OperatorId, Role};
 
-/// Most operators that are told apart.
+/// Greatest number of operators in one run.
 pub const MAX_OPERATORS: usize = 64;
 
 /// The list of operators.
@@ -21,17 +28,17 @@ pub struct Operators {
     pending: PendingOperatorList,
 }
 
-/// Where a list is left that is newer than the one in force; the last one counts.
+/// A slot for a newer operator list; the last one counts.
 #[derive(Clone, Debug, Default)]
 pub struct PendingOperatorList(Arc<Mutex<Option<OperatorList>>>);
 
 impl PendingOperatorList {
-    /// Leaves a list for whoever takes it.
+    /// Sets the newer list.
     pub fn set(&self, list: OperatorList) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
     }
 
-    /// Takes what was left; whoever is leaving one just now is not waited for.
+    /// Takes the newer list. It does not wait for a writer.
     pub(crate) fn take(&self) -> Option<OperatorList> {
         match self.0.try_lock() {
             Ok(mut pending) => pending.take(),
@@ -65,7 +72,7 @@ impl Operators {
         }
     }
 
-    /// Those of a list who sign, and nobody else.
+    /// Only the operators of a list that have a signing key.
     pub fn listed(list: &OperatorList) -> Self {
         Self {
             known: signers(list).take(MAX_OPERATORS).collect(),
@@ -74,12 +81,12 @@ impl Operators {
         }
     }
 
-    /// Where a newer list is left for these.
+    /// The slot for a newer list.
     pub fn pending(&self) -> PendingOperatorList {
         self.pending.clone()
     }
 
-    /// Takes the newer list, if there is one: who may no more do what they could, or is told by another key.
+    /// Takes the newer list, if there is one. Returns the operators who lost rights or have another key.
     pub(super) fn take_pending(&mut self) -> Option<Vec<OperatorId>> {
         let list = self.pending.take()?;
         let mut revoked = Vec::new();
@@ -112,7 +119,7 @@ impl Operators {
         Some(revoked)
     }
 
-    /// Who goes by that name.
+    /// The operator of this name.
     pub fn find(&mut self, name: &OperatorName) -> Option<(OperatorId, &Operator)> {
         let known = self
             .known
@@ -125,7 +132,7 @@ impl Operators {
             .then_some((OperatorId(at as u32), operator))
     }
 
-    /// The place of somebody new, where everybody may come.
+    /// Adds an operator, if the list is open to all.
     fn welcome(&mut self, name: &OperatorName) -> Option<usize> {
         if !self.is_open || self.known.len() >= MAX_OPERATORS {
             return None;
@@ -157,8 +164,185 @@ fn signers(list: &OperatorList) -> impl Iterator<Item = Operator> {
     })
 }
 
+/// Period of reading the file. It is small: reading all of it finds every change, whatever its modification time is.
+const PERIOD: Duration = Duration::from_millis(500);
+/// A persistent error is reported again after this.
+const REMINDER: Duration = Duration::from_mins(1);
+/// A file that is missing for this long revokes all operators. Some editors remove a file before they write the new
+/// one.
+const GRACE: Duration = Duration::from_secs(10);
+
+/// Reports an event: its kind and its message.
+pub type EventSink = Box<dyn Fn(&'static str, String) + Send>;
+
+/// The watcher thread. It ends when this is dropped.
+#[derive(Debug)]
+pub struct OperatorListWatcher {
+    is_closing: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl OperatorListWatcher {
+    /// Watches the file at `path`, in which `list` was found. Newer lists go to each of `pending_lists`; `report`
+    /// reports what becomes of the file.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start(
+        path: PathBuf,
+        list: OperatorList,
+        pending_lists: Vec<PendingOperatorList>,
+        report: EventSink,
+    ) -> std::io::Result<Self> {
+        let is_closing = Arc::new(AtomicBool::new(false));
+        let is_over = Arc::clone(&is_closing);
+        let thread = thread::Builder::new()
+            .name("operators".to_owned())
+            .spawn(move || {
+                let mut state = WatcherState::new(list, pending_lists, report);
+                let is_over = || is_over.load(Ordering::Relaxed);
+                while clock::sleep_until(clock::now() + PERIOD, is_over) {
+                    state.poll(&path, clock::now());
+                }
+            })?;
+        Ok(Self {
+            is_closing,
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for OperatorListWatcher {
+    fn drop(&mut self) {
+        self.is_closing.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread that watches the list of operators failed");
+        }
+    }
+}
+
+struct WatcherState {
+    current: OperatorList,
+    pending_lists: Vec<PendingOperatorList>,
+    report: EventSink,
+    /// The present error of the file, and when it was reported.
+    reported_error: Option<(String, Monotonic)>,
+    /// Since when the file is missing.
+    missing: Option<Monotonic>,
+}
+
+impl WatcherState {
+    const fn new(
+        current: OperatorList,
+        pending_lists: Vec<PendingOperatorList>,
+        report: EventSink,
+    ) -> Self {
+        Self {
+            current,
+            pending_lists,
+            report,
+            reported_error: None,
+            missing: None,
+        }
+    }
+
+    fn poll(&mut self, path: &Path, now: Monotonic) {
+        let read = OperatorList::read(path);
+        if let Err(CredentialsError::Read { why, .. }) = &read
+            && matches!(
+                why.kind(),
+                io::ErrorKind::NotFound | io::ErrorKind::NotADirectory
+            )
+        {
+            self.is_missing(path, now);
+            return;
+        }
+        if self.missing.take().is_some() {
+            (self.report)("operators", "the list of operators is back".to_owned());
+        }
+        match read {
+            Ok(list) => {
+                self.reported_error = None;
+                if list != self.current {
+                    (self.report)("operators", changes(&self.current, &list));
+                    self.apply_list(list);
+                }
+            }
+            // An unreadable list changes no rights: it may be half written.
+            Err(why) => {
+                let why = format!("{why}. The list read before stays in force");
+                let is_news = self
+                    .reported_error
+                    .as_ref()
+                    .is_none_or(|(reported, at)| *reported != why || now.since(*at) >= REMINDER);
+                if is_news {
+                    tracing::error!("the list of operators cannot be used: {why}");
+                    (self.report)("operators_unreadable", why.clone());
+                    self.reported_error = Some((why, now));
+                }
+            }
+        }
+    }
+
+    fn is_missing(&mut self, path: &Path, now: Monotonic) {
+        let path = path.display();
+        let Some(since) = self.missing else {
+            self.missing = Some(now);
+            let grace_s = GRACE.as_secs();
+            let message = format!(
+                "the list of operators is missing: nobody may drive in {grace_s} s unless it comes back ({path})"
+            );
+            tracing::error!("{message}");
+            (self.report)("operators_missing", message);
+            return;
+        };
+        let nobody = OperatorList::default();
+        if now.since(since) >= GRACE && self.current != nobody {
+            let message =
+                format!("the list of operators is missing: nobody may watch or drive ({path})");
+            tracing::error!("{message}");
+            (self.report)("operators_missing", message);
+            self.apply_list(nobody);
+        }
+    }
+
+    fn apply_list(&mut self, list: OperatorList) {
+        for pending in &self.pending_lists {
+            pending.set(list.clone());
+        }
+        self.current = list;
+    }
+}
+
+fn changes(before: &OperatorList, after: &OperatorList) -> String {
+    let missing = |from: &OperatorList, of: &OperatorList| {
+        let missing = of
+            .people()
+            .iter()
+            .filter(|listed| !from.people().contains(listed));
+        let names: Vec<_> = missing
+            .map(|listed| listed.identity().to_string())
+            .collect();
+        if names.is_empty() {
+            "nobody".to_owned()
+        } else {
+            names.join(", ")
+        }
+    };
+    format!(
+        "the list of operators changed: off it {}; new on it {}",
+        missing(after, before),
+        missing(before, after)
+    )
+}
+
 #[cfg(test)]
 mod tests {
+    use std::fs;
+    use std::sync::Mutex;
+
     use super::*;
 
     fn name(name: &str) -> OperatorName {
@@ -234,5 +418,148 @@ mod tests {
         assert_eq!(operators.find(&name("anna")).unwrap().0, OperatorId(0));
         pending.set(list(&people[..1]));
         assert_eq!(operators.take_pending(), Some(Vec::new()));
+    }
+
+    /// A list's file, what is said of it, and the operators who are obeyed.
+    struct Case {
+        _folder: tempfile::TempDir,
+        path: PathBuf,
+        reported: Arc<Mutex<Vec<(&'static str, String)>>>,
+        state: WatcherState,
+        operators: crate::driving::Operators,
+    }
+
+    impl Case {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let reported = Arc::new(Mutex::new(Vec::new()));
+            let report: EventSink = Box::new({
+                let reported = Arc::clone(&reported);
+                move |kind, message| reported.lock().unwrap().push((kind, message))
+            });
+            let list = OperatorList::default();
+            let operators = crate::driving::Operators::listed(&list);
+            Self {
+                path: folder.path().join("operators.toml"),
+                _folder: folder,
+                reported,
+                state: WatcherState::new(list, vec![operators.pending()], report),
+                operators,
+            }
+        }
+
+        fn write(&self, name: &str) {
+            let text = format!("version = 1\n[[person]]\nname = \"{name}\"\nrole = \"observer\"\n");
+            fs::write(&self.path, text).unwrap();
+        }
+
+        /// What is said of the file at that time.
+        fn poll(&mut self, ms: u64) -> Vec<(&'static str, String)> {
+            self.state
+                .poll(&self.path, Monotonic::from_nanos(ms * 1_000_000));
+            std::mem::take(&mut *self.reported.lock().unwrap())
+        }
+    }
+
+    #[test]
+    fn a_broken_file_keeps_the_list_and_says_so_once_a_minute() {
+        let mut case = Case::new();
+        case.write("tv");
+        let reported = case.poll(0);
+        assert_eq!(reported.len(), 1);
+        assert!(
+            reported[0]
+                .1
+                .ends_with("off it nobody; new on it observer:tv"),
+            "{reported:?}"
+        );
+        assert_eq!(case.operators.take_pending(), Some(Vec::new()));
+        assert_eq!(
+            (case.poll(500), case.operators.take_pending()),
+            (vec![], None),
+            "no news"
+        );
+        for broken in ["", "version = 1\n[[person]]\nname = ", "\0\0\0"] {
+            fs::write(&case.path, broken).unwrap();
+            let reported = [case.poll(1000), case.poll(1500)].concat();
+            assert_eq!(reported.len(), 1, "{broken:?}: {reported:?}");
+            assert_eq!(reported[0].0, "operators_unreadable");
+            assert!(
+                reported[0].1.contains("operators.toml")
+                    && reported[0].1.contains("stays in force")
+            );
+        }
+        assert_eq!(case.poll(62_000).len(), 1, "a reminder");
+        assert_eq!(case.operators.take_pending(), None);
+        case.write("radio");
+        let reported = case.poll(63_000);
+        let changed = "off it observer:tv; new on it observer:radio";
+        assert!(reported[0].1.ends_with(changed), "{reported:?}");
+        assert!(case.operators.take_pending().is_some());
+    }
+
+    #[test]
+    fn a_missing_file_revokes_all_operators_after_ten_seconds() {
+        let mut case = Case::new();
+        let missing = |reported: &[(&'static str, String)], text: &str| {
+            let [(kind, message)] = reported else {
+                panic!("{reported:?}")
+            };
+            assert_eq!(*kind, "operators_missing");
+            let expected = format!("the list of operators is missing: {text} (");
+            assert!(message.starts_with(&expected), "{message}");
+        };
+        let countdown = "nobody may drive in 10 s unless it comes back";
+        case.write("tv");
+        drop(case.poll(0));
+        assert!(case.operators.take_pending().is_some());
+        // Away for 9.5 s: nothing changes.
+        fs::remove_file(&case.path).unwrap();
+        missing(&case.poll(500), countdown);
+        assert_eq!(case.poll(10_000), []);
+        case.write("tv");
+        let back = ("operators", "the list of operators is back".to_owned());
+        assert_eq!(case.poll(10_500), std::slice::from_ref(&back));
+        assert_eq!(case.operators.take_pending(), None);
+        // The countdown begins anew; with the whole folder away too.
+        fs::remove_dir_all(case.path.parent().unwrap()).unwrap();
+        missing(&case.poll(11_000), countdown);
+        assert_eq!(
+            (case.poll(20_500), case.operators.take_pending()),
+            (vec![], None)
+        );
+        missing(&case.poll(21_000), "nobody may watch or drive");
+        assert_eq!(case.state.current, OperatorList::default());
+        assert!(case.operators.take_pending().is_some());
+        assert_eq!(
+            (case.poll(90_000), case.operators.take_pending()),
+            (vec![], None)
+        );
+        // It gives leave again when it is back.
+        fs::create_dir(case.path.parent().unwrap()).unwrap();
+        case.write("tv");
+        let reported = case.poll(91_000);
+        assert_eq!(reported[0], back);
+        assert!(
+            reported[1]
+                .1
+                .ends_with("off it nobody; new on it observer:tv")
+        );
+        assert!(case.operators.take_pending().is_some());
+    }
+
+    #[test]
+    fn a_file_that_comes_back_broken_keeps_the_list() {
+        let mut case = Case::new();
+        case.write("tv");
+        drop(case.poll(0));
+        drop(case.operators.take_pending());
+        fs::remove_file(&case.path).unwrap();
+        drop(case.poll(500));
+        fs::write(&case.path, "").unwrap();
+        let reported = case.poll(1000);
+        assert_eq!(reported[1].0, "operators_unreadable", "{reported:?}");
+        assert_eq!(case.poll(20_000), []);
+        assert_eq!(case.operators.take_pending(), None);
     }
 }

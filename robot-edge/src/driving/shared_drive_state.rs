@@ -1,4 +1,4 @@
-//! What the loop shows to the rest of the program: the newest token, how driving is going, what happened.
+//! The state that the loop publishes to the rest of the program: newest token, status, events.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,37 +7,37 @@ use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::TeleopStatus;
 
-use super::loop_watchdog::LoopFailure;
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
+use crate::driving::thread::LoopFailure;
 use teleop::collision_monitor::UnavailableReason;
 use teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
 
-/// Notices that wait to be told at most; the oldest goes.
+/// Greatest number of waiting events; the oldest is dropped.
 const MAX_EVENTS: usize = 256;
 
-/// Something that people should know.
+/// An event for operators and the audit log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum DriveEvent {
     /// Of the arbiter.
     Arbiter(ArbiterEvent),
-    /// The guard could not judge, and the vehicle stops.
+    /// The collision monitor gave no limits, and the vehicle stops.
     MonitorUnavailable {
-        /// What it lacked, where that is known.
+        /// The cause, if it is known.
         unavailable_reason: Option<UnavailableReason>,
     },
-    /// Motors that cannot be driven any more.
+    /// The motors have failed.
     Motors(Fault),
-    /// The loop does not drive any more.
+    /// The loop has failed.
     LoopFailed(LoopFailure),
-    /// Somebody started or stopped a recording.
+    /// A recording was started or stopped.
     Recording {
         /// Started.
         is_on: bool,
         /// Who.
         by: OperatorId,
     },
-    /// Somebody switched the collision monitor.
+    /// The collision monitor was switched on or off.
     MonitorSwitched {
         /// To on.
         is_on: bool,
@@ -59,17 +59,17 @@ pub(super) enum MonitorReenabled {
     Reset,
 }
 
-/// The latest of everything. The loop writes without ever waiting: where a reader holds a part, it keeps it for the
-/// next round, 20 ms later.
+/// The latest values. The loop never waits to write: if a reader holds a part, the loop writes it in the next round, 20
+/// ms later.
 #[derive(Debug, Default)]
 pub struct SharedDriveState {
     token: Mutex<Option<AgeToken>>,
-    /// With what the guard knows beside its limits.
+    /// With the details of the collision monitor.
     report: Mutex<Option<(TeleopReport, MonitorDetail)>>,
     drive_events: Mutex<VecDeque<DriveEvent>>,
     names: Mutex<Vec<OperatorName>>,
     runtime_settings: Mutex<status_message::RuntimeSettings>,
-    /// Somebody wants a recording to run, or not to.
+    /// A requested start or stop of a recording.
     recording_request: Mutex<Option<bool>>,
     is_recording: AtomicBool,
     is_closing: AtomicBool,
@@ -81,14 +81,14 @@ impl SharedDriveState {
         *read(&self.token)
     }
 
-    /// Whether somebody holds the lease, or is about to: then tokens go out with every round.
+    /// Whether an operator holds the lease or gets it next: tokens are then published in every round.
     pub fn is_held(&self) -> bool {
         let report = *read(&self.report);
         report
             .is_some_and(|(report, _)| report.lease.holder.is_some() || report.lease.next.is_some())
     }
 
-    /// How driving is going, for the next status; `None` before the loop's first round.
+    /// The status of driving; `None` before the loop's first round.
     pub fn status(&self) -> Option<TeleopStatus> {
         let (report, detail) = (*read(&self.report))?;
         let mut runtime_settings = *read(&self.runtime_settings);
@@ -101,7 +101,7 @@ impl SharedDriveState {
         ))
     }
 
-    /// What happened since the last call, in words: kind and message.
+    /// The events since the last call: kind and message.
     pub fn take_events(&self) -> Vec<(&'static str, String)> {
         let drive_events: Vec<_> = read(&self.drive_events).drain(..).collect();
         let names = read(&self.names);
@@ -111,12 +111,12 @@ impl SharedDriveState {
             .collect()
     }
 
-    /// Bytes for tiles that somebody set, kbit/s.
+    /// The bandwidth for tiles, kbit/s.
     pub fn budget_kbps(&self) -> u32 {
         read(&self.runtime_settings).budget_kbps
     }
 
-    /// Whether somebody wants a recording to run, since the last call.
+    /// The start or stop of a recording requested since the last call.
     pub fn take_recording_request(&self) -> Option<bool> {
         read(&self.recording_request).take()
     }
@@ -126,7 +126,7 @@ impl SharedDriveState {
         self.is_recording.store(is_running, Ordering::Relaxed);
     }
 
-    /// Says whether it could be noted; it could not where somebody reads.
+    /// Returns whether the request was stored; not while a reader holds the lock.
     pub(super) fn request_recording(&self, is_on: bool) -> bool {
         write(&self.recording_request, |request| *request = Some(is_on))
     }
@@ -152,7 +152,7 @@ impl SharedDriveState {
         write(&self.runtime_settings, |shown| *shown = runtime_settings);
     }
 
-    /// Tells what happened; gives it back where it has to wait.
+    /// Publishes events; they stay in `waiting` while a reader holds the lock.
     pub(super) fn publish_events(&self, waiting: &mut VecDeque<DriveEvent>) {
         write(&self.drive_events, |published| {
             published.extend(waiting.drain(..));
@@ -160,7 +160,7 @@ impl SharedDriveState {
                 published.pop_front();
             }
         });
-        // Nobody reads: what is kept must not grow.
+        // Without a reader the queue must not grow.
         while waiting.len() > MAX_EVENTS {
             waiting.pop_front();
         }
@@ -179,7 +179,7 @@ fn read<T>(part: &Mutex<T>) -> MutexGuard<'_, T> {
     part.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Says whether it was written; it is not where somebody reads.
+/// Returns whether it was written; not while a reader holds the lock.
 fn write<T>(part: &Mutex<T>, change: impl FnOnce(&mut T)) -> bool {
     match part.try_lock() {
         Ok(mut shown) => change(&mut shown),

@@ -1,40 +1,42 @@
-//! The loop's thread.
+//! The thread of the teleop loop, and the watchdog that ends the process if the loop fails.
+//!
+//! Without the loop no operator can drive, stop or reset the vehicle. A service manager then starts the process again.
+//! The motor guard sends zero to real motors long before.
 
+use std::fmt;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 
-use super::audit_recorder::AuditRecorder;
-use super::drive_log::DriveLog;
-use super::drive_loop::DriveLoop;
-use super::estop_store::EStopStore;
-use super::inbox::{Inbox, InboxReceiver};
-use super::local_commands::LocalCommands;
-use super::loop_watchdog::{EndMarker, Heartbeat, run_watchdog};
-use super::monitor_input::MonitorRunner;
-use super::motors::Motors;
-use super::operators::Operators;
-use super::shared_drive_state::SharedDriveState;
 use crate::audit::Audit;
-use crate::clock;
+use crate::clock::{self, sleep_until};
+use crate::driving::audit_recorder::AuditRecorder;
+use crate::driving::drive_log::DriveLog;
+use crate::driving::drive_loop::DriveLoop;
+use crate::driving::estop_store::EStopStore;
+use crate::driving::inbox::{Inbox, InboxReceiver, LocalCommands};
+use crate::driving::monitor_input::MonitorRunner;
+use crate::driving::motors::{Motors, SimulatedMotors};
+use crate::driving::operators::Operators;
+use crate::driving::shared_drive_state::{DriveEvent, SharedDriveState};
 use crate::service_manager::ServiceManager;
-use teleop::emergency_stop::StoredEStop;
-use teleop::{ArbiterInput, Rules};
+use teleop::{ArbiterInput, Rules, StoredEStop, Velocity};
 
-/// A round ends at the latest after this.
+/// Longest duration of a round.
 const ROUND: Duration = Duration::from_millis(20);
-/// Commands make a round end sooner, but not sooner than this after the last one.
+/// A command ends a round early, but not before this.
 const MIN_ROUND: Duration = Duration::from_millis(2);
-/// Messages taken before a round may end: no flood delays it.
+/// Messages handled per round at most, so that a flood does not delay it.
 const MESSAGES_AT_ONCE: usize = 32;
 
-/// The service manager's watchdog is fed so often, by rounds alone: four times within the unit's `WatchdogSec`.
+/// Period of the service manager's watchdog messages, sent by rounds only: four times within the unit's `WatchdogSec`.
 const FEED_EVERY: Duration = Duration::from_millis(500);
 
-/// What drives.
+/// The parts of the loop.
 #[derive(Debug)]
 pub struct DrivingSettings {
     /// Who the vehicle is.
@@ -47,25 +49,25 @@ pub struct DrivingSettings {
     pub operators: Operators,
     /// With what.
     pub motors: Motors,
-    /// Bytes for tiles, kbit/s, until somebody sets another number.
+    /// Initial bandwidth for tiles, kbit/s.
     pub budget_kbps: u32,
-    /// What the collision monitor sees; where there is none, it is off.
+    /// The collision monitor; without it, it is off.
     pub monitor_runner: Option<MonitorRunner>,
-    /// What keeps the emergency stop; where there is none, it is forgotten at the end.
+    /// Stores the emergency stop; without it, the stop is lost at the end of the process.
     pub estop_store: Option<EStopStore>,
-    /// What somebody at the vehicle wants.
+    /// Commands given at the vehicle.
     pub local_commands: LocalCommands,
-    /// Whether somebody takes wishes for recordings from the board.
+    /// Whether recordings can be started and stopped.
     pub can_record: bool,
     /// Where every round is logged.
     pub log: Option<DriveLog>,
-    /// Where what happens is written down, if it is.
+    /// The audit log.
     pub audit: Option<Audit>,
-    /// Who is notified that the loop runs.
+    /// The service manager.
     pub service_manager: ServiceManager,
 }
 
-/// The running loop. Dropping it tells the motors zero.
+/// The running loop. Dropping it sends zero to the motors.
 #[derive(Debug)]
 pub struct Driving {
     inbox: Inbox,
@@ -101,7 +103,7 @@ impl Driving {
         })
     }
 
-    /// For the network: where it leaves what operators send, and what the loop shows.
+    /// For the network: the inbox for messages of operators, and the published state.
     pub fn handles(&self) -> (Inbox, Arc<SharedDriveState>) {
         (self.inbox.clone(), Arc::clone(&self.drive_state))
     }
@@ -142,7 +144,7 @@ fn run(
     } = settings;
     let mut drive_loop =
         DriveLoop::new((robot, boot), rules, operators, motors, drive_state, start);
-    // Gone before the driver, which may wait for its motors.
+    // Dropped before the loop, whose motors may take time.
     let _end_marker = EndMarker(heartbeat);
     drive_loop.runtime_settings.budget_kbps = budget_kbps;
     drive_loop.audit_recorder = AuditRecorder::new(audit);
@@ -157,7 +159,7 @@ fn run(
     drive_loop
         .drive_state
         .publish_settings(drive_loop.runtime_settings);
-    drive_loop.pending_self_test = Some(stored);
+    drive_loop.motor_check.pending_self_test = Some(stored);
     // So that the motors begin to be found.
     drive_loop.step(start, ArbiterInput::Tick);
     service_manager.ready();
@@ -171,7 +173,7 @@ fn run(
                 drive_loop.receive(incoming, clock::now());
             }
             due = last + MIN_ROUND;
-            // What came right behind the last round waits for the next one, which is soon.
+            // A message right after a round waits for the next round.
             thread::sleep(due.since(clock::now()));
         }
         drive_loop.dropped(inbox_receiver.take_dropped());
@@ -193,6 +195,110 @@ fn run(
     service_manager.disable_watchdog();
 }
 
+/// Checks are counted, not time: while the process is stopped or the machine suspended, there are none.
+const CHECK_PERIOD: Duration = Duration::from_millis(100);
+
+/// Checks in a row without a new round, of a loop with one every 20 ms.
+const MISSED_CHECKS: u32 = 10;
+
+/// Time for the delivery of the event to consoles.
+const EVENT_DELIVERY_TIME: Duration = Duration::from_millis(500);
+
+/// Why the loop has failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LoopFailure {
+    /// Its thread has ended unexpectedly.
+    Ended,
+    /// It has no rounds.
+    Stalled,
+}
+
+impl fmt::Display for LoopFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ended => "the teleop loop has failed: the robot program ends",
+            Self::Stalled => "the teleop loop stands still for a second: the robot program ends",
+        })
+    }
+}
+
+/// Progress of the loop.
+#[derive(Debug, Default)]
+pub(super) struct Heartbeat {
+    rounds: AtomicU64,
+    has_ended: AtomicBool,
+}
+
+impl Heartbeat {
+    /// A round has ended.
+    pub(super) fn round(&self) {
+        self.rounds.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Marks the end of the loop, also after a panic.
+#[derive(Debug)]
+pub(super) struct EndMarker<'a>(pub(super) &'a Heartbeat);
+
+impl Drop for EndMarker<'_> {
+    fn drop(&mut self) {
+        self.0.has_ended.store(true, Ordering::Release);
+    }
+}
+
+/// The progress observed so far.
+#[derive(Debug, Default)]
+struct ProgressMonitor {
+    rounds: u64,
+    missed_checks: u32,
+}
+
+impl ProgressMonitor {
+    fn check(&mut self, heartbeat: &Heartbeat) -> Option<LoopFailure> {
+        if heartbeat.has_ended.load(Ordering::Acquire) {
+            return Some(LoopFailure::Ended);
+        }
+        let rounds = heartbeat.rounds.load(Ordering::Relaxed);
+        self.missed_checks = if rounds == self.rounds {
+            self.missed_checks + 1
+        } else {
+            0
+        };
+        self.rounds = rounds;
+        (self.missed_checks >= MISSED_CHECKS).then_some(LoopFailure::Stalled)
+    }
+}
+
+/// Returns when the loop has ended as it was asked to; where it fails, ends the process.
+pub(super) fn run_watchdog(
+    heartbeat: &Heartbeat,
+    drive_state: &Arc<SharedDriveState>,
+    simulated: Option<&SimulatedMotors>,
+) {
+    let mut progress = ProgressMonitor::default();
+    let failure = loop {
+        sleep_until(clock::now() + CHECK_PERIOD, || false);
+        match progress.check(heartbeat) {
+            Some(LoopFailure::Ended) if drive_state.is_closing() => return,
+            Some(failure) => break failure,
+            None => {}
+        }
+    };
+    if let Some(motors) = simulated {
+        motors.command(Velocity::ZERO, clock::now());
+    }
+    drive_state.publish_events(&mut [DriveEvent::LoopFailed(failure)].into());
+    // Writing to a stopped terminal blocks.
+    drop(
+        std::thread::Builder::new()
+            .name("final-log".to_owned())
+            .spawn(move || tracing::error!("{failure}")),
+    );
+    sleep_until(clock::now() + EVENT_DELIVERY_TIME, || false);
+    // Not `exit`: its handlers could wait for the loop.
+    std::process::abort();
+}
+
 #[cfg(test)]
 #[cfg(unix)]
 mod tests {
@@ -206,7 +312,7 @@ mod tests {
     use crate::driving::Incoming;
     use crate::driving::motors::SimulatedMotors;
     use mapping::vehicle::VehicleConfig;
-    use teleop::config::TeleopConfig;
+    use teleop::TeleopConfig;
 
     const FAILS: &str = "FORESHORE_TEST_LOOP_FAILS";
 
@@ -292,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_panics_or_stands_still_ends_the_process_and_says_so() {
+    fn a_failed_loop_ends_the_process_with_a_message() {
         for (how, says) in [
             ("panic", "the teleop loop has failed"),
             ("stall", "stands still"),
@@ -306,5 +412,25 @@ mod tests {
             assert!(said.contains(says), "{how}: {said}");
         }
         assert_eq!(end_of("end").0, Some(0));
+    }
+
+    #[test]
+    fn only_ten_looks_in_a_row_without_a_round_are_a_stall() {
+        let (heartbeat, mut progress) = (Heartbeat::default(), ProgressMonitor::default());
+        heartbeat.round();
+        for _ in 0..3 {
+            heartbeat.round();
+            for _ in 0..10 {
+                assert_eq!(progress.check(&heartbeat), None);
+            }
+        }
+        assert_eq!(progress.check(&heartbeat), Some(LoopFailure::Stalled));
+    }
+
+    #[test]
+    fn an_end_is_seen_at_the_next_look() {
+        let (heartbeat, mut progress) = (Heartbeat::default(), ProgressMonitor::default());
+        drop(EndMarker(&heartbeat));
+        assert_eq!(progress.check(&heartbeat), Some(LoopFailure::Ended));
     }
 }

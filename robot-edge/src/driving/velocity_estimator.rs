@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(speeds(8_000, pose(-50.0, 0.0)), [0, 0], "back in time");
     }
     #[test]
-    fn noise_of_poses_is_spread_over_the_window() {
+    fn pose_noise_is_averaged_over_the_window() {
         let fastest = |window_s: f64| {
             let mut velocity_estimator =
                 VelocityEstimator::new(RobotDuration::from_secs_f64(window_s));

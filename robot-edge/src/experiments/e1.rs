@@ -12,7 +12,7 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use mapping::terrain::Terrain;
 use simulation::SimulationOptions;
 
@@ -145,7 +145,7 @@ fn pillar_to_wall_m(
 fn cost(run: &SimulatedRun, cell_m: f64, cells: u32) -> Vec<String> {
     let pipeline = run.pipeline();
     let bytes = pipeline.mapper().terrain().map_or(0, Terrain::bytes);
-    let times = pipeline.report().stages.mapping.times();
+    let times = pipeline.report().mapping_time.times();
     vec![
         format!("{cell_m} m"),
         format!("{cells} × {cells}"),

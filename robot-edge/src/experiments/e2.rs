@@ -10,7 +10,7 @@ use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{TerrainWorld, obstacle_map, views};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 
 /// How far from the floor the height of a cell may be, metres.
 const GROUND_M: f64 = 0.03;

@@ -9,7 +9,7 @@ use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, seconds, views};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use simulation::Motion;
 use simulation::truth::{GroundPlane, Verdict};
 

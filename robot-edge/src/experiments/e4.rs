@@ -10,7 +10,7 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::{extent_m, faces, front_m};
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use simulation::truth::GroundPlane;
 
 /// Shares by which encoders read too far [LOD §5.4]: not at all, 4.2 m as 4.4 m, 20 m as 21.4 m.

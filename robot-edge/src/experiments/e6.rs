@@ -10,7 +10,7 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
 use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use simulation::Motion;
 
 /// By how much the walls may grow.

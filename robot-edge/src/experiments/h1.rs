@@ -8,7 +8,7 @@ use super::outcome::{Check, Outcome, Part, Table};
 use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::voxel_views::{Section, from_above};
-use crate::pipeline::Pipeline;
+use crate::runtime::Pipeline;
 use simulation::SimulationOptions;
 use surfaces::{BINS_M, OpenGround, Surfaces};
 

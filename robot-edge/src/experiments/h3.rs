@@ -14,7 +14,7 @@ use super::published::known_cells;
 use super::session::{SEED, Session};
 use super::spread::Spread;
 use super::voxel_views::{self, Canvas};
-use mapping::obstacle_voxel::ObstacleVoxel;
+use mapping::rigidity::ObstacleVoxel;
 use objects::{Class, Columns, Objects};
 use simulation::SimulationOptions;
 

@@ -77,7 +77,7 @@ fn drive(dock: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
 
 fn evaluate(
     dock: &WaterWorld,
-    pipeline: &crate::pipeline::Pipeline,
+    pipeline: &crate::runtime::Pipeline,
 ) -> Result<Vec<Site>, ExperimentError> {
     let maps = dock.maps(pipeline)?;
     let cell_m = maps.voxels.octree().cell_m();

@@ -44,7 +44,7 @@ use protocol::tile_store::StoreError;
 use crate::config::ConfigError;
 use crate::config::overrides::OverrideError;
 use crate::exit::{Interrupted, UsageError};
-use crate::streaming::publisher::PublishError;
+use crate::publishing::publisher::PublishError;
 use simulation::truth::TruthError;
 use simulation::{OptionError, WorldError};
 
@@ -116,6 +116,9 @@ pub enum ExperimentError {
     /// The map could not be published.
     #[error(transparent)]
     Publish(#[from] PublishError),
+    /// Recording or publishing failed.
+    #[error(transparent)]
+    Pipeline(#[from] anyhow::Error),
     /// A layer to be shown does not fit into a store.
     #[error(transparent)]
     Store(#[from] StoreError),

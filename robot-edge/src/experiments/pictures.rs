@@ -13,7 +13,7 @@ use protocol::tile::{BootId, TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::ExperimentError;
-use crate::streaming::cells_to_tiles::set_code;
+use crate::publishing::cells_to_tiles::set_code;
 
 /// A picture.
 #[derive(Clone, Debug, PartialEq)]

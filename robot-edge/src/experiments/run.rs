@@ -7,9 +7,8 @@ use protocol::tile::BootId;
 use protocol::tile_store::TileStore;
 
 use super::ExperimentError;
-use crate::app::{self, localization_plan};
 use crate::config::{self, Config, Override};
-use crate::pipeline::{MapEvent, Pipeline};
+use crate::runtime::{self, MapEvent, Pipeline, localization_plan};
 use mapping::registered_scan::RegisteredScan;
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData, Stream};
@@ -110,12 +109,8 @@ impl SimulatedRun {
         mut mapped: impl FnMut(&Pipeline, &RegisteredScan),
     ) -> Result<(), ExperimentError> {
         let until = START + RobotDuration::from_secs_f64(until_s);
-        let mut scans = Vec::new();
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
-            self.pipeline.push(measurement, |scan: &RegisteredScan| {
-                scans.push(scan.clone());
-            })?;
-            for scan in scans.drain(..) {
+            for scan in self.pipeline.push(measurement)? {
                 mapped(&self.pipeline, &scan);
             }
             self.next = self.source.next_measurement();
@@ -132,7 +127,7 @@ impl SimulatedRun {
     /// Where publishing stopped.
     pub fn finish(mut self) -> Result<Pipeline, ExperimentError> {
         self.advance_to(self.duration_s())?;
-        self.pipeline.finish(())?;
+        self.pipeline.finish()?;
         Ok(self.pipeline)
     }
 
@@ -200,7 +195,7 @@ impl AveragedNoise {
 pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, ExperimentError> {
     let registration = localization_plan::registration_settings(
         config,
-        &app::simulated_localization_plan(config, streams)?,
+        &runtime::simulated_localization_plan(config, streams)?,
     );
     Ok(Pipeline::new(config, registration, BootId([0; 16]), false)?)
 }

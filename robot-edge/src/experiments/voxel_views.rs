@@ -7,8 +7,8 @@ use protocol::layer::LayerId;
 
 use super::ExperimentError;
 use super::pictures::{Drawing, Image, Picture, elevation, store_of};
+use mapping::grid::VoxelIndex;
 use mapping::octree::{Octree, VoxelState};
-use mapping::voxel::VoxelIndex;
 
 /// The highest occupied voxel of every column that is no higher than `below_m`, by the height of its middle.
 ///

@@ -6,14 +6,16 @@
 //! the origin in its middle. (octomap 1.9.7, `OccupancyOcTreeBase::writeBinaryNode`.)
 
 mod curve;
+#[cfg(test)]
 mod reader;
 mod writer;
 
 pub use curve::place;
+#[cfg(test)]
 pub use reader::{BtError, BtReader};
 pub use writer::{BtSizes, BtWriteError, BtWriter};
 
-use mapping::voxel::VoxelIndex;
+use mapping::grid::VoxelIndex;
 
 /// Levels below the root.
 const LEVELS: u8 = 16;

@@ -14,10 +14,10 @@ use protocol::tile_store::TileStore;
 
 use super::octomap_bt::{self, BtWriteError, BtWriter};
 use super::ply::{self, PlyHeader, PlyPoint};
-use crate::streaming::cells_to_tiles::key;
-use crate::streaming::voxel_snapshots::VoxelSnapshot;
+use crate::publishing::cells_to_tiles::key;
+use crate::publishing::voxel_snapshots::VoxelSnapshot;
+use mapping::grid::VoxelIndex;
 use mapping::octree::{Octree, SurfaceVoxel};
-use mapping::voxel::VoxelIndex;
 use measurement::time::RobotTime;
 
 /// Why a file of voxels could not be written.
@@ -212,8 +212,8 @@ fn class_of<'a>(voxel: VoxelIndex, cells: &impl Fn(TileKey) -> Option<&'a TileCe
 mod tests {
     use super::super::octomap_bt::BtReader;
     use super::*;
+    use mapping::octree::{OctreeConfig, RangeSensorModel};
     use mapping::octree::{Ray, VoxelState};
-    use mapping::octree_config::{OctreeConfig, RangeSensorModel};
     use mapping::registered_scan::SensorId;
 
     #[test]

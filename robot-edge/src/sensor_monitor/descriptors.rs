@@ -1,53 +1,45 @@
-//! Which sensors there are to be watched, and which measurements are whose.
+//! The monitored sensors and their streams.
 
 use protocol::message::{FieldOfView, SensorInfo, SensorKind, SensorMount};
 
 use super::geometry::{DetectedGeometry, sensor_mount};
 use crate::config::{Config, FixesAndAttitude, RangeSensorConfig, SensorConfig, WheelsAndAttitude};
-use localization::beam_range::{RangeLimits, ZeroRange};
+use localization::beam_projection::{RangeLimits, ZeroRange};
 use localization::registration::{
     MountOrigin, PoseOrigin, RangeSensorSettings, RegistrationSettings,
 };
 use mapping::registered_scan::SensorId;
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 
-/// A sensor to be watched.
 #[derive(Clone, Debug)]
 pub struct SensorDescriptor {
-    /// What is known of it.
     pub info: SensorInfo,
-    /// What it measures.
     pub own: MeasurementSelector,
     pub(super) range_sensor: Option<SensorId>,
     pub(super) geometry: DetectedGeometry,
 }
 
-/// The measurements of one sensor; where a stream is `None`, those of any.
+/// The measurements of one sensor; a `None` stream accepts any.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeasurementSelector {
-    /// Sweeps.
+    /// Scans.
     Scans {
-        /// Of this stream.
         stream: Option<StreamId>,
         /// Replaces the messages' smallest range, metres.
         range_min_m: Option<f32>,
         /// Replaces the messages' greatest range, metres.
         range_max_m: Option<f32>,
-        /// What a range below the smallest one means.
+        /// Meaning of a range below the smallest one.
         zero_range: ZeroRange,
     },
     /// Angles of wheels.
     Wheels {
-        /// Of this stream.
         stream: Option<StreamId>,
-        /// One of the joints.
         joint: String,
     },
     /// Angles of the servo that tilts a range sensor.
     Tilt {
-        /// Of this stream.
         stream: Option<StreamId>,
-        /// The joint.
         joint: String,
     },
     /// Attitudes.
@@ -56,15 +48,12 @@ pub enum MeasurementSelector {
     Fixes(Option<StreamId>),
     /// Odometry messages.
     Odometry,
-    /// Transforms in the frame of the map.
-    Transforms {
-        /// That frame.
-        fixed_frame: FrameId,
-    },
+    /// Transforms in the fixed frame.
+    Transforms { fixed_frame: FrameId },
 }
 
 impl MeasurementSelector {
-    /// Whether a measurement says anything; `None` where it is another's.
+    /// Whether a measurement is valid; `None` if it belongs to another sensor.
     pub(super) fn classify(&self, measurement: &Measurement) -> Option<bool> {
         let is_of = |stream: &Option<StreamId>| stream.is_none_or(|own| own == measurement.stream);
         match (self, &measurement.data) {
@@ -130,7 +119,7 @@ impl MeasurementSelector {
     }
 }
 
-/// The sensors that maps are made of: those that see, then those that say where the vehicle is.
+/// The sensors of the maps: range sensors, then pose sensors.
 pub fn descriptors(config: &Config, localization: &RegistrationSettings) -> Vec<SensorDescriptor> {
     let of_vehicle = config.range_sensors();
     let mut descriptors = Vec::new();
@@ -280,7 +269,7 @@ fn pose_sensors(config: &Config, localization: &RegistrationSettings) -> Vec<Sen
     }
 }
 
-/// A sensor that sweeps nothing.
+/// A sensor without a view.
 fn non_ranging(
     name: &str,
     kind: SensorKind,

@@ -1,4 +1,4 @@
-//! What a range sensor sees, and where it sits: read off its first measurements where nobody says so beforehand.
+//! View and mount of a range sensor, taken from its first measurements if they are not configured.
 
 use nalgebra::{Point3, Vector3};
 use protocol::message::{FieldOfView, SensorInfo, SensorMount};
@@ -8,7 +8,7 @@ use mapping::registered_scan::{RegisteredBeam, RegisteredScan};
 use measurement::pose::Pose;
 use measurement::{Measurement, MeasurementData};
 
-/// Angles between two beams that tell left from right, radians.
+/// Angles between two beams that determine the direction of the sweep, radians.
 const MIN_SIDE_ANGLE_RAD: f64 = 0.2;
 
 #[derive(Clone, Debug)]
@@ -29,7 +29,7 @@ struct BeamAngles {
 }
 
 impl DetectedGeometry {
-    /// Of a sensor that sweeps nothing.
+    /// A sensor without a view.
     pub(super) const fn nothing() -> Self {
         Self {
             range_m: [None; 2],
@@ -40,7 +40,7 @@ impl DetectedGeometry {
         }
     }
 
-    /// Of a range sensor; where its place is in the transform tree, the first scan that is placed shows it.
+    /// A range sensor. If its mount is in the transform tree, the first registered scan gives it.
     pub(super) const fn of_range_sensor(
         settings: &SensorSettings,
         is_in_tree: bool,
@@ -55,7 +55,7 @@ impl DetectedGeometry {
         }
     }
 
-    /// Takes a measurement of the sensor; whether `info` has become another.
+    /// Processes a measurement. Returns whether `info` changed.
     pub(super) fn measured(&mut self, measurement: &Measurement, info: &mut SensorInfo) -> bool {
         let MeasurementData::Scan { scan, .. } = &measurement.data else {
             return false;
@@ -94,7 +94,7 @@ impl DetectedGeometry {
         true
     }
 
-    /// Takes a scan of the sensor that was placed; whether `info` has become another.
+    /// Processes a registered scan. Returns whether `info` changed.
     pub(super) fn on_registered_scan(
         &mut self,
         scan: &RegisteredScan,
@@ -119,7 +119,7 @@ impl DetectedGeometry {
             let from_rad = fan.angle_rad(beam.index.into()) - ahead_rad;
             (MIN_SIDE_ANGLE_RAD..1.0).contains(&from_rad.abs())
         });
-        // Seen from above, a sensor that hangs upside down sweeps the other way.
+        // From above, an upside-down sensor sweeps in the other direction.
         let is_mirrored = aside.is_some_and(|beam| {
             let by_fan = fan.angle_rad(beam.index.into()) - ahead_rad;
             let by_place = wrapped_rad(bearing_rad(&base_from_odom, beam) - ahead_in_base);
@@ -145,7 +145,7 @@ impl BeamAngles {
     }
 }
 
-/// Where a beam points, seen from above in the vehicle's frame.
+/// Direction of a beam from above, in the vehicle's frame.
 fn bearing_rad(base_from_odom: &Pose, beam: &RegisteredBeam) -> f64 {
     let [from, to] = [beam.origin_in_odom, beam.end_in_odom].map(|point| base_from_odom * point);
     libm::atan2(to.y - from.y, to.x - from.x)
@@ -155,7 +155,7 @@ fn wrapped_rad(angle_rad: f64) -> f64 {
     libm::remainder(angle_rad, std::f64::consts::TAU)
 }
 
-/// A mount as it is told, and whether the sensor hangs upside down.
+/// The published mount, and whether the sensor is upside down.
 pub(super) fn sensor_mount(base_from_sensor: &Pose) -> (SensorMount, bool) {
     let place = base_from_sensor * Point3::origin();
     let ahead = base_from_sensor.rotation * Vector3::x();

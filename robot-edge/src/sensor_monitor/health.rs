@@ -1,4 +1,4 @@
-//! One sensor over time: how often it speaks, and what is wrong with it.
+//! The rate and the faults of one sensor.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,42 +7,42 @@ use protocol::message::SensorFault;
 
 use measurement::time::RobotTime;
 
-/// Rates are measured over this.
+/// Window of the rate.
 const RATE_WINDOW: Duration = Duration::from_secs(5);
-/// Messages within the window that are remembered; of faster sensors the window is shorter.
+/// Maximum number of messages in the window; for faster sensors it is shorter.
 const MAX_RECENT: usize = 1024;
-/// Nothing for so long is silence, and so are so many periods.
+/// Time, and number of periods, without a message before the sensor is silent.
 const SILENT_AFTER: Duration = Duration::from_secs(1);
 const SILENT_PERIODS: u32 = 5;
-/// A sensor has this long to say its first word.
+/// Time to the first message.
 const FIRST_MESSAGE_TIMEOUT: Duration = Duration::from_secs(3);
-/// Nothing but invalid measurements for so long, and for so many periods, is a fault.
+/// Time, and number of periods, of only invalid measurements before a fault.
 const INVALID_AFTER: Duration = Duration::from_secs(1);
 const INVALID_PERIODS: u32 = 3;
-/// Stamps that advance by so much more or less than time does have leapt.
+/// Deviation between stamps and time that counts as a jump of the clock.
 const STAMP_JUMP: Duration = Duration::from_secs(1);
-/// A leap is a fault for so long.
+/// Duration of the fault after a jump.
 const STAMP_JUMP_SHOWN: Duration = Duration::from_secs(5);
-/// Less than this share of the rate is slow.
+/// Share of the usual rate below which a sensor is slow.
 const SLOW_SHARE: f64 = 0.5;
-/// Of so many gaps the one in the middle is the pace: a pause is no news of it.
+/// Number of intervals whose median is the period: a pause does not change it.
 const MAX_GAPS: usize = 9;
 
 #[derive(Clone, Debug)]
 pub(super) struct SensorHealth {
     nominal_hz: Option<f64>,
     messages: u64,
-    /// It is watched since then.
+    /// Start of the monitoring.
     since: Duration,
     first: Option<Duration>,
-    /// Of the newest messages, not older than the window, when they could be known.
+    /// Arrival times of the newest messages in the window.
     recent: VecDeque<Duration>,
     last: Option<Duration>,
-    /// Of the last message that was a measurement; before that, of the first message.
+    /// Time of the last valid measurement, or of the first message before one.
     valid: Option<Duration>,
     stamp: Option<RobotTime>,
     stamp_jumped_at: Option<Duration>,
-    /// The newest gaps between messages.
+    /// The newest intervals between messages.
     gaps: VecDeque<Duration>,
     is_blocked: bool,
 }
@@ -64,7 +64,6 @@ impl SensorHealth {
         }
     }
 
-    /// Whether its window seems to be blocked.
     pub(super) const fn set_blocked(&mut self, is_blocked: bool) {
         self.is_blocked = is_blocked;
     }
@@ -100,12 +99,11 @@ impl SensorHealth {
         }
     }
 
-    /// The next stamp is compared with none before it.
     pub(super) const fn reset_stamp(&mut self) {
         self.stamp = None;
     }
 
-    /// Time stands at `to`, before or behind what it was: of messages only their number is kept.
+    /// The time is `to`, earlier or later than before. Only the number of messages is kept.
     pub(super) fn seek(&mut self, to: Duration) {
         *self = Self {
             messages: self.messages,
@@ -129,22 +127,22 @@ impl SensorHealth {
         let within = |at: &&Duration| now.saturating_sub(**at) <= RATE_WINDOW;
         let count = self.recent.iter().filter(within).count();
         let oldest = self.recent.iter().find(within);
-        // From message to message while they come, so that the rate of a slow one does not swing; over the time that
-        // has passed since when they do not.
+        // Rate between the messages while they arrive, so that it does not vary for a slow sensor; afterwards,
+        // over the time since the last ones.
         let until = if is_silent { now } else { last };
         let span_s = oldest.map_or(0.0, |oldest| until.saturating_sub(*oldest).as_secs_f64());
         let gap_s = self.median_gap().as_secs_f64();
         if count >= 2 && span_s > 0.0 {
             (count - 1) as f64 / span_s
         } else if count < 2 && !is_silent && gap_s > 0.0 {
-            // Fewer than two in the window: a slow one.
+            // Fewer than two messages in the window.
             1.0 / gap_s
         } else {
             0.0
         }
     }
 
-    /// What is wrong at `now`.
+    /// The fault at `now`.
     pub(super) fn fault(&self, now: Duration) -> Option<SensorFault> {
         let Some((last, first)) = self.last.zip(self.first) else {
             return (now.saturating_sub(self.since) >= FIRST_MESSAGE_TIMEOUT)
@@ -176,7 +174,7 @@ impl SensorHealth {
         self.is_blocked.then_some(SensorFault::Blocked)
     }
 
-    /// The gap in the middle of the newest; nothing before there is one.
+    /// The median of the newest intervals.
     fn median_gap(&self) -> Duration {
         let mut gaps: Vec<_> = self.gaps.iter().copied().collect();
         gaps.sort_unstable();
@@ -187,7 +185,7 @@ impl SensorHealth {
         SILENT_AFTER.max(self.periods(SILENT_PERIODS))
     }
 
-    /// So many of its periods; nothing where nobody knows them.
+    /// `periods` of the sensor; `None` if the period is unknown.
     fn periods(&self, count: u32) -> Duration {
         let period = match self.nominal_hz {
             Some(rate_hz) => Duration::try_from_secs_f64(1.0 / rate_hz).unwrap_or(Duration::MAX),
@@ -197,7 +195,7 @@ impl SensorHealth {
     }
 }
 
-/// Whether the stamps of two messages that came `gap` apart are of two clocks.
+/// Whether the stamps of two messages `gap` apart come from different clocks.
 fn is_stamp_jump(before: RobotTime, stamp: RobotTime, gap: Duration) -> bool {
     let step_ns = i128::from(stamp.as_nanos()) - i128::from(before.as_nanos());
     let gap_ns = i128::try_from(gap.as_nanos()).unwrap_or(i128::MAX);

@@ -1,7 +1,7 @@
-//! How each sensor is doing: rate, age, losses, faults. Pure: measurements and times in, statuses and changes out.
+//! Rate, age, losses and faults of each sensor. Pure.
 //!
-//! Times are durations on one line that the caller chooses and keeps to: since a live vehicle's program began, or of
-//! the data's own time where it is replayed or simulated, so that a replay tells the same at every speed.
+//! The caller chooses one time base: time since the start of a live program, or time of the data in a replay or
+//! simulation, so that a replay gives the same result at every speed.
 
 mod descriptors;
 mod geometry;
@@ -21,16 +21,15 @@ use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::Measurement;
 use measurement::drops::DropReason;
 
-/// Between two looks at the sensors.
+/// Interval of checks.
 const CHECK_PERIOD: Duration = Duration::from_millis(250);
-/// A fault that is gone for so long is over: one that comes and goes is told of once.
+/// A fault is cleared after this time without it, so that an intermittent one is reported once.
 const CLEAR_AFTER: Duration = Duration::from_secs(2);
 
-/// Watches the sensors of one vehicle.
 #[derive(Clone, Debug)]
 pub struct SensorMonitor {
     sensors: Vec<MonitoredSensor>,
-    /// What was found out of them.
+    /// Revision of the sensor descriptions.
     revision: u32,
     last_check: Option<Duration>,
 }
@@ -43,33 +42,27 @@ struct MonitoredSensor {
     health: SensorHealth,
     geometry: DetectedGeometry,
     dropped: u64,
-    /// The fault that people were told of, and when it was last there.
+    /// The reported fault, and when it was last present.
     reported: Option<(SensorFault, Duration)>,
 }
 
-/// A fault that began or is over.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FaultChange {
-    /// It began.
     Raised {
-        /// Name of the sensor.
         sensor: String,
-        /// What.
         fault: SensorFault,
-        /// What, in a sentence.
+        /// One sentence.
         message: String,
     },
-    /// The sensor is well again.
     Cleared {
-        /// Name of the sensor.
         sensor: String,
-        /// That, in a sentence.
+        /// One sentence.
         message: String,
     },
 }
 
 impl SensorMonitor {
-    /// Watches these, of which the first [`MAX_SENSORS`] count.
+    /// Monitors the first [`MAX_SENSORS`] of these.
     pub fn new(sensors: Vec<SensorDescriptor>) -> Self {
         let monitored = |descriptors: SensorDescriptor| MonitoredSensor {
             health: SensorHealth::new(descriptors.info.rate_hz),
@@ -91,7 +84,7 @@ impl SensorMonitor {
         }
     }
 
-    /// Something was measured, and could be known since `at`.
+    /// Processes a measurement that could have been received at `at` at the earliest.
     pub fn take(&mut self, measurement: &Measurement, at: Duration) {
         for sensor in &mut self.sensors {
             if let Some(is_valid) = sensor.own.classify(measurement) {
@@ -103,7 +96,7 @@ impl SensorMonitor {
         }
     }
 
-    /// The beams of a scan were placed; by them the sensor's window `is_blocked` or is not.
+    /// Processes a registered scan; `is_blocked` is the result of the blockage detection.
     pub fn on_registered_scan(&mut self, scan: &RegisteredScan, is_blocked: bool) {
         for sensor in &mut self.sensors {
             if sensor.range_sensor != Some(scan.sensor) {
@@ -116,14 +109,14 @@ impl SensorMonitor {
         }
     }
 
-    /// The stamps begin anew, and that is as it should be: a recording is replayed again.
+    /// The stamps restart because a recording is repeated; this is no fault.
     pub fn on_replay_restart(&mut self) {
         for sensor in &mut self.sensors {
             sensor.health.reset_stamp();
         }
     }
 
-    /// The data is wound: time stands at `to`, before or behind what it was. What was told of is not told to be over.
+    /// The replay is at `to`, earlier or later than before. Reported faults are not reported as cleared.
     pub fn seek(&mut self, to: Duration) {
         self.last_check = None;
         for sensor in &mut self.sensors {
@@ -132,13 +125,12 @@ impl SensorMonitor {
         }
     }
 
-    /// Whether it is time to [`check`](Self::check).
     pub fn is_check_due(&self, now: Duration) -> bool {
         self.last_check
             .is_none_or(|last_check| now.saturating_sub(last_check) >= CHECK_PERIOD)
     }
 
-    /// What began or is over since the last look.
+    /// The changes since the last check.
     pub fn check(&mut self, now: Duration) -> Vec<FaultChange> {
         self.last_check = Some(now);
         self.sensors
@@ -147,7 +139,7 @@ impl SensorMonitor {
             .collect()
     }
 
-    /// Takes over what the placer has left out.
+    /// Updates the drop counts of the registration.
     pub fn count(&mut self, counts: &RegistrationCounts) {
         let poses = |reasons: &[DropReason]| -> u64 {
             let reasons = reasons.iter();
@@ -176,20 +168,18 @@ impl SensorMonitor {
         }
     }
 
-    /// What is known of the sensors, and how often something was found out.
+    /// The sensor descriptions and their revision.
     pub fn infos(&self) -> (u32, Vec<SensorInfo>) {
         let infos = self.sensors.iter().map(|sensor| sensor.info.clone());
         (self.revision, infos.collect())
     }
 
-    /// The name of a range sensor.
     pub fn name(&self, id: SensorId) -> Option<&str> {
         let mut sensors = self.sensors.iter();
         let found = sensors.find(|sensor| sensor.range_sensor == Some(id))?;
         Some(&found.info.name)
     }
 
-    /// How the sensors are doing.
     pub fn statuses(&self, now: Duration) -> Vec<SensorStatus> {
         let status = |sensor: &MonitoredSensor| SensorStatus {
             name: sensor.info.name.clone(),
@@ -210,7 +200,7 @@ impl MonitoredSensor {
     fn check(&mut self, now: Duration) -> Option<FaultChange> {
         let sensor = self.info.name.clone();
         match (self.health.fault(now), self.reported) {
-            // What is only less bad is not told anew: a sensor that stutters would never be quiet.
+            // A less severe fault is not reported anew: an intermittent sensor would report all the time.
             (Some(fault), Some((reported, _))) if fault >= reported => {
                 self.reported = Some((reported, now));
                 None
@@ -242,7 +232,7 @@ impl MonitoredSensor {
             SensorFault::Clock => "its stamps jumped".to_owned(),
             SensorFault::AllInvalid => match self.own {
                 MeasurementSelector::Fixes(_) => "no fix".to_owned(),
-                // Over a bank or a shoal it is the water that is at fault, not the sonar.
+                // Over a bank or a shoal the water causes it, not the sonar.
                 MeasurementSelector::Scans { .. } if self.info.kind == SensorKind::Sonar => {
                     "nothing valid: covered, broken, or nearer to the bottom than it measures"
                         .to_owned()

@@ -61,7 +61,9 @@ fn config(preset: &str, settings: &[&str]) -> Config {
 }
 
 fn localization(config: &Config, origin: PoseOrigin, mount: MountOrigin) -> RegistrationSettings {
-    use crate::app::localization_plan::{LocalizationPlan, PlannedSensor, registration_settings};
+    use crate::runtime::localization_plan::{
+        LocalizationPlan, PlannedSensor, registration_settings,
+    };
     let sensors = config.range_sensors();
     let sensors = sensors.iter().map(|sensor| PlannedSensor {
         id: sensor.id,
@@ -100,7 +102,7 @@ fn fault(monitor: &SensorMonitor, ms: u64) -> Option<SensorFault> {
 fn the_sensors_of_a_boat_are_told_with_where_they_sit_and_what_they_see() {
     let config = config("riverwatch", &[]);
     let sensors = crate::config::FixesAndAttitude::of(&config.sensors).unwrap();
-    let origin = crate::app::localization_plan::poses_from_fixes(&config, &sensors);
+    let origin = crate::runtime::localization_plan::poses_from_fixes(&config, &sensors);
     let localization = localization(&config, origin, MountOrigin::Configured);
     let (revision, infos) = SensorMonitor::new(descriptors(&config, &localization)).infos();
     assert_eq!(revision, 0);
@@ -324,7 +326,7 @@ fn a_covered_laser_and_a_receiver_without_a_fix_measure_nothing() {
 
     let config = config("riverwatch", &[]);
     let sensors = crate::config::FixesAndAttitude::of(&config.sensors).unwrap();
-    let origin = crate::app::localization_plan::poses_from_fixes(&config, &sensors);
+    let origin = crate::runtime::localization_plan::poses_from_fixes(&config, &sensors);
     let localization = localization(&config, origin, MountOrigin::Configured);
     let mut boat = SensorMonitor::new(descriptors(&config, &localization));
     for n in 0..30 {

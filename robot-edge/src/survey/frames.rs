@@ -1,28 +1,27 @@
-//! Which frames hang on which.
+//! The transform tree of a recording.
 
 use std::collections::BTreeMap;
 
 use measurement::FrameId;
 use measurement::time::RobotTime;
 
-/// Edges that are told apart; more are only counted.
+/// Maximum number of edges; further ones are only counted.
 const MAX_EDGES: usize = 1000;
 
-/// The transforms of a recording: for each child and parent how many there are, and when.
+/// Number and stamps of the transforms between each pair of frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameSurvey {
     /// By child and parent.
     edges: BTreeMap<(FrameId, FrameId), FrameEdge>,
-    /// Transforms of edges beyond the first 1000.
+    /// Transforms of edges beyond the limit.
     pub beyond_limit: u64,
 }
 
-/// The transforms between two frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameEdge {
-    /// All of them hold for all time.
+    /// All of them are static.
     pub is_static: bool,
-    /// How many.
+    /// Number of transforms.
     pub count: u64,
     /// The first stamp in file order.
     pub first: RobotTime,
@@ -54,14 +53,14 @@ impl FrameSurvey {
         edge.last = stamp;
     }
 
-    /// Parent, child and what lies between, by child.
+    /// Parent, child and edge, by child.
     pub fn edges(&self) -> impl Iterator<Item = (&FrameId, &FrameId, &FrameEdge)> {
         self.edges
             .iter()
             .map(|((child, parent), edge)| (parent, child, edge))
     }
 
-    /// Frames that have children but no parent.
+    /// Frames with children and without a parent.
     pub fn roots(&self) -> Vec<&FrameId> {
         let mut roots: Vec<_> = self
             .edges()
@@ -73,8 +72,8 @@ impl FrameSurvey {
         roots
     }
 
-    /// The way from `frame` up to a root: each frame with the edge to its parent. Ends where frames go in a
-    /// circle, which damage can make them do.
+    /// The path from `frame` up to a root: each frame with the edge to its parent. Ends at a cycle, which damage
+    /// can produce.
     pub fn ancestors<'a>(&'a self, frame: &'a str) -> Vec<(&'a FrameId, &'a FrameEdge)> {
         let mut way: Vec<(&FrameId, &FrameEdge)> = Vec::new();
         let mut at = frame;
@@ -88,9 +87,9 @@ impl FrameSurvey {
         way
     }
 
-    /// The frame above `start` in which it moves and that a map can stand still in: `wanted`, or else `odom`,
-    /// `map`, the root. The vehicle's own frame is none: a laser that only moves in the vehicle says nothing
-    /// of where the vehicle is.
+    /// The fixed frame above `start` in which it moves: `wanted`, or else `odom`, `map`, the root. The vehicle's
+    /// own frame is excluded: a laser that only moves relative to the vehicle does not give the position of the
+    /// vehicle.
     pub fn fixed_ancestor(
         &self,
         start: &str,
@@ -112,7 +111,7 @@ impl FrameSurvey {
         chosen.map(|(frame, _)| FrameId::clone(frame))
     }
 
-    /// Whether `start` moves in `base_frame`, or, where that is not above it, in anything.
+    /// Whether `start` moves in `base_frame`, or in any ancestor if that is not one.
     pub fn moves_in(&self, start: &str, base_frame: &str) -> bool {
         let way = self.ancestors(start);
         let at_base = way.iter().position(|(frame, _)| ***frame == *base_frame);
@@ -120,7 +119,7 @@ impl FrameSurvey {
         below.iter().any(|(_, edge)| !edge.is_static)
     }
 
-    /// Whether `target` is `start` or above it.
+    /// Whether `target` is `start` or an ancestor of it.
     pub fn is_ancestor(&self, target: &str, start: &str) -> bool {
         target == start
             || self
@@ -194,7 +193,7 @@ mod tests {
         assert_eq!(fixed(&tree, "laser", Some("map")).as_deref(), Some("map"));
         assert_eq!(fixed(&tree, "laser", Some("base_link")), None);
         assert_eq!(fixed(&tree, "odom", None).as_deref(), Some("map"));
-        // A mounting that a node publishes again and again: only odometry knows where the vehicle is.
+        // If a node publishes the mounting repeatedly, only odometry gives the position.
         let mount_only = survey(&[("base_link", "laser", false)]);
         assert_eq!(fixed(&mount_only, "laser", None), None);
         let still = survey(&[("odom", "base_link", true), ("base_link", "laser", true)]);

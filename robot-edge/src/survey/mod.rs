@@ -2,28 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use self::fixes::FixSurvey;
 use self::frames::FrameSurvey;
-use self::scans::ScanSurvey;
-use self::stamps::StampSurvey;
-use self::wheels::{AttitudeSurvey, JointSurvey};
+use self::topics::{AttitudeSurvey, FixSurvey, JointSurvey, ScanSurvey, StampSurvey};
 use measurement::drops::DropCounts;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
-pub mod fixes;
-pub mod frames;
-mod mappable;
-pub mod max_range;
-mod poses;
+mod frames;
 pub mod range_sensors;
 mod report;
-pub mod scans;
-pub mod stamps;
-pub mod wheels;
+pub(crate) mod topics;
 
-pub use mappable::Mappable;
+pub use report::Mappable;
 
 /// Of longer files only the beginning is surveyed.
 pub const MAX_SURVEYED_BYTES: u64 = 256 << 20;
@@ -81,9 +72,6 @@ pub struct OdometrySurvey {
 
 impl Survey {
     /// Surveys the recording at `path`, up to [`MAX_SURVEYED_BYTES`] of it.
-    ///
-    /// # Errors
-    /// Where it cannot be read; see [`recording::open`].
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
         let format = Format::of(path)?;
         let mut reader = recording::open(path, Selection::All)?;
@@ -91,9 +79,6 @@ impl Survey {
     }
 
     /// Surveys what `reader` yields of the file at `path`, up to [`MAX_SURVEYED_BYTES`] of it.
-    ///
-    /// # Errors
-    /// Those of `reader`.
     pub fn of_reader(
         path: &Path,
         format: Format,

@@ -1,45 +1,39 @@
-//! Which stream of a recording is which range sensor of a vehicle.
+//! Assigns the scan streams of a recording to the range sensors of a vehicle.
 
 use std::fmt;
 
 use super::Survey;
-use super::scans::ScanSurvey;
+use super::topics::ScanSurvey;
 
-/// A range sensor that the vehicle has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WantedSensor<'a> {
-    /// Its name.
     pub name: &'a str,
-    /// The stream that is its own, as far as that is configured.
+    /// Its configured topic.
     pub topic: Option<&'a str>,
 }
 
-/// Why the streams of a recording cannot be shared out.
+/// Why streams cannot be assigned.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unassigned {
-    /// It has no scans at all.
+    /// There are no scans.
     NoScans,
-    /// The stream that is named for a sensor does not carry scans; these do.
+    /// The configured topic has no scans.
     NoSuchStream {
-        /// Name of the sensor.
         sensor: String,
-        /// What it names.
         topic: String,
-        /// What there is.
+        /// The topics with scans.
         streams: Vec<String>,
     },
     /// Several streams could be the sensor's.
     SeveralStreams {
-        /// Name of the sensor.
         sensor: String,
-        /// What there is.
+        /// The topics.
         streams: Vec<String>,
     },
-    /// Streams could be those of several sensors.
+    /// Streams could belong to several sensors.
     SeveralSensors {
-        /// Names of the sensors.
         sensors: Vec<String>,
-        /// What there is.
+        /// The topics.
         streams: Vec<String>,
     },
 }
@@ -85,12 +79,9 @@ impl fmt::Display for Unassigned {
     }
 }
 
-/// Shares out streams of scans, by their names: of each of `sensors` the index of the stream on its topic, or
-/// else of the only one that no other sensor names. `None` for sensors that have no scans, where another has
-/// some, and none are nobody's.
-///
-/// # Errors
-/// Where none or several fit, or no sensor has scans.
+/// Assigns scan streams by name. For each of `sensors`: the index of the stream on its topic, or of the only stream
+/// that no other sensor names. `None` for a sensor without scans, if another sensor has some and no stream is left
+/// over.
 pub fn assign(
     sensors: &[WantedSensor<'_>],
     streams: &[&str],
@@ -147,10 +138,6 @@ pub fn assign(
 }
 
 impl Survey {
-    /// The scans of each of `sensors`, see [`assign`].
-    ///
-    /// # Errors
-    /// Those of [`assign`].
     pub fn assign_scans(
         &self,
         sensors: &[WantedSensor<'_>],
@@ -161,7 +148,7 @@ impl Survey {
         Ok(scans.collect())
     }
 
-    /// Topic or message name of a stream of scans.
+    /// Topic or message name of a scan stream.
     pub fn name_of(&self, scan: &ScanSurvey) -> &str {
         self.stream(scan.stream)
             .map_or("", |summary| &summary.stream.name)
@@ -193,7 +180,7 @@ mod tests {
         );
         assert_eq!(assigned(&boat, &["/sonar"]), Ok(vec![None, Some(0)]));
         assert_eq!(assigned(&[("laser", "")], &["/any"]), Ok(vec![Some(0)]));
-        // Streams that are nobody's are left alone where every sensor has its own.
+        // Other streams are ignored if every sensor has its own.
         assert_eq!(
             assigned(&[("laser", "/b")], &["/a", "/b"]),
             Ok(vec![Some(1)])

@@ -4,13 +4,15 @@ use std::collections::BTreeSet;
 use std::fmt;
 
 use super::Survey;
-use super::scans::ScanSurvey;
-use super::stamps::StampSurvey;
+use super::range_sensors::WantedSensor;
+use super::topics::{ScanSurvey, StampSurvey};
+use crate::config::{self, Config, FixesAndAttitude, ImuConfig, WheelsAndAttitude, presets};
+use localization::{LocalizationConfig, PoseSource};
 use measurement::drops::DropReason;
 use measurement::time::RobotDuration;
-use measurement::{FrameId, GeodeticFix};
+use measurement::{FrameId, GeodeticFix, StreamId};
 
-/// Joints of one stream that the page lists.
+/// Maximum number of joints in the list of a stream.
 const MAX_JOINTS_LISTED: usize = 12;
 
 impl fmt::Display for Survey {
@@ -233,7 +235,7 @@ impl Survey {
         depth: usize,
         written: &mut BTreeSet<&'a FrameId>,
     ) -> fmt::Result {
-        // Damage can give a frame several parents, or make it its own ancestor.
+        // Damage can produce several parents of a frame, or a cycle.
         if !written.insert(parent) {
             return Ok(());
         }
@@ -321,12 +323,11 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
     }
 }
 
-/// A frame's name, or that it has none.
 fn frame(name: &str) -> &str {
     if name.is_empty() { "(unnamed)" } else { name }
 }
 
-/// Three digits that count.
+/// Three significant digits.
 fn significant(value: f64) -> String {
     let decimals = match value {
         v if v >= 100.0 => 0,
@@ -364,5 +365,301 @@ impl fmt::Display for Duration {
         } else {
             write!(f, "{minutes} min {seconds} s")
         }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Mappable {
+    /// Yes, with this range sensor.
+    Yes {
+        laser: StreamId,
+        /// Source of its poses, as text.
+        pose_source: String,
+        /// Whether a replay uses these poses only with `localization.source=auto`: the vehicle that the
+        /// recording names is configured for others, which are missing.
+        needs_auto: bool,
+        /// Whether the sensor must be named: there are several, and they are not all assigned to a vehicle that
+        /// the recording names.
+        must_be_named: bool,
+    },
+    /// There are range sensors, but no poses.
+    NoPoseSource,
+    NoRangeSensor,
+}
+
+impl Survey {
+    /// Chooses the range sensor with poses and the most scans.
+    pub fn mappable(&self) -> Mappable {
+        let vehicle = self.config_of_vehicle();
+        let candidates = self
+            .scans
+            .iter()
+            .filter_map(|scan| Some((scan, self.poses(scan, vehicle.as_ref())?)));
+        match candidates.max_by_key(|(scan, poses)| (!poses.needs_auto, scan.stamps.count)) {
+            Some((scan, poses)) => Mappable::Yes {
+                laser: scan.stream,
+                pose_source: poses.description,
+                needs_auto: poses.needs_auto,
+                must_be_named: self.scans.len() > 1 && self.sensors_of_vehicle().is_none(),
+            },
+            None if self.scans.is_empty() => Mappable::NoRangeSensor,
+            None => Mappable::NoPoseSource,
+        }
+    }
+
+    /// The configuration of the vehicle that the recording names, if it is a preset.
+    fn config_of_vehicle(&self) -> Option<Config> {
+        let preset = presets::get(self.vehicle.as_deref()?).ok()?;
+        config::load(preset.name, &[]).ok()
+    }
+
+    /// The range sensors of that vehicle with their streams, if all are assigned.
+    fn sensors_of_vehicle(&self) -> Option<Vec<(String, StreamId)>> {
+        let config = self.config_of_vehicle()?;
+        let sensors = config.range_sensors();
+        let wanted: Vec<_> = sensors
+            .iter()
+            .map(|sensor| WantedSensor {
+                name: sensor.name,
+                topic: sensor.config.topic.as_deref(),
+            })
+            .collect();
+        let assigned = self.assign_scans(&wanted).ok()?;
+        let named = sensors.iter().zip(assigned);
+        Some(
+            named
+                .filter_map(|(sensor, scans)| Some((sensor.name.to_owned(), scans?.stream)))
+                .collect(),
+        )
+    }
+
+    fn write_sensors_of_vehicle(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Some(vehicle), Some(sensors)) = (&self.vehicle, self.sensors_of_vehicle()) else {
+            return Ok(());
+        };
+        if sensors.len() > 1 {
+            let named = sensors.iter().map(|(name, stream)| {
+                let topic = self.stream(*stream).map_or("", |s| &*s.stream.name);
+                format!("{name} ({topic})")
+            });
+            let named: Vec<_> = named.collect();
+            writeln!(f, "  as {vehicle}, with {}", named.join(" and "))?;
+        }
+        Ok(())
+    }
+
+    /// Writes the command that maps the recording, with the range sensor if it must be named, and the alternatives.
+    fn write_replay(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        laser: Option<StreamId>,
+        options: &str,
+    ) -> fmt::Result {
+        let file = shell_quoted(&self.path.display().to_string());
+        let topic = |stream| {
+            let named = self.stream(stream);
+            let name = named.map_or("", |summary| &summary.stream.name);
+            format!("--topic laser={}", shell_quoted(name))
+        };
+        let named = laser.map(|laser| format!(" {}", topic(laser)));
+        let named = named.unwrap_or_default();
+        writeln!(f, "  robot-edge replay {file}{named}{options}")?;
+        let others = self.scans.iter().map(|scan| scan.stream);
+        for other in others.filter(|other| laser.is_some_and(|laser| laser != *other)) {
+            writeln!(f, "  or with {}", topic(other))?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn write_mappable(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.mappable() {
+            Mappable::Yes {
+                laser,
+                pose_source,
+                needs_auto,
+                must_be_named,
+            } => {
+                writeln!(f, "  {pose_source}")?;
+                self.write_sensors_of_vehicle(f)?;
+                let options = if needs_auto {
+                    " --set localization.source=auto"
+                } else {
+                    ""
+                };
+                self.write_replay(f, must_be_named.then_some(laser), options)
+            }
+            Mappable::NoPoseSource => {
+                writeln!(
+                    f,
+                    "  no: there are no poses of the sensor: neither odometry nor a"
+                )?;
+                writeln!(f, "  moving transform above {}", self.frames_of_scans())?;
+                writeln!(f, "  if the vehicle stood still:")?;
+                let several = self.scans.first().filter(|_| self.scans.len() > 1);
+                let laser = several.map(|scan| scan.stream);
+                self.write_replay(f, laser, " --set localization.source=static")
+            }
+            Mappable::NoRangeSensor => {
+                let clouds = self.streams.iter().any(|summary| {
+                    summary.stream.type_name == "sensor_msgs/PointCloud2" && summary.messages > 0
+                });
+                writeln!(f, "  no: there is no planar range sensor in it")?;
+                if clouds {
+                    writeln!(
+                        f,
+                        "  (point clouds are read, but not mapped as a planar laser)"
+                    )?;
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn frames_of_scans(&self) -> String {
+        let mut frames: Vec<&str> = self.scans.iter().map(|scan| &*scan.frame).collect();
+        frames.sort_unstable();
+        frames.dedup();
+        frames.join(", ")
+    }
+}
+
+fn shell_quoted(text: &str) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "/._-+:@%=,".contains(c);
+    if !text.is_empty() && text.chars().all(plain) {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', r"'\''"))
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Poses {
+    /// Source of the poses, as text.
+    pub(super) description: String,
+    /// Whether the vehicle is configured for others, which are missing.
+    pub(super) needs_auto: bool,
+}
+
+impl Survey {
+    /// The poses for `scan`. `vehicle` is the preset that the recording names.
+    pub(super) fn poses(&self, scan: &ScanSurvey, vehicle: Option<&Config>) -> Option<Poses> {
+        let wanted = vehicle.map_or(PoseSource::Auto, |config| config.localization.source);
+        let found = self.poses_from(wanted, scan, vehicle);
+        if wanted == PoseSource::Auto {
+            let needs_auto = false;
+            return found.map(|description| Poses {
+                description,
+                needs_auto,
+            });
+        }
+        let name = self.vehicle.as_deref().unwrap_or_default();
+        if let Some(description) = found {
+            return Some(Poses {
+                description: format!("{description}, as configured for {name}"),
+                needs_auto: false,
+            });
+        }
+        let others = self.poses_from(PoseSource::Auto, scan, vehicle)?;
+        Some(Poses {
+            description: format!(
+                "{others}; {name} is configured for another pose source, which is not in it"
+            ),
+            needs_auto: true,
+        })
+    }
+
+    /// As `runtime/plan.rs` decides with the configuration of the vehicle.
+    fn poses_from(
+        &self,
+        source: PoseSource,
+        scan: &ScanSurvey,
+        vehicle: Option<&Config>,
+    ) -> Option<String> {
+        let bring = || "every scan brings its pose".to_owned();
+        let own = || scan.has_own_poses.then(bring);
+        let transforms = || self.transforms(scan, vehicle);
+        let odometry = || self.describe_odometry();
+        let wheels = || self.wheels_and_attitude(vehicle?);
+        let fixes = || self.fixes_and_attitude(vehicle?);
+        match source {
+            PoseSource::Auto => own()
+                .or_else(transforms)
+                .or_else(odometry)
+                .or_else(wheels)
+                .or_else(fixes),
+            PoseSource::Log => own(),
+            PoseSource::Tf => transforms(),
+            PoseSource::Odometry => odometry(),
+            PoseSource::Static => Some("the vehicle stands still".to_owned()),
+            PoseSource::Wheels => wheels(),
+            PoseSource::Gps => fixes(),
+        }
+    }
+
+    fn transforms(&self, scan: &ScanSurvey, vehicle: Option<&Config>) -> Option<String> {
+        let default = LocalizationConfig::default();
+        let localization = vehicle.map_or(&default, |config| &config.localization);
+        let base_frame = localization.base_frame.as_str();
+        let wanted = localization.fixed_frame.as_deref();
+        let lead = |start: &str| {
+            let fixed_frame = self.frames.fixed_ancestor(start, base_frame, wanted)?;
+            Some(format!("transforms lead from {start} to {fixed_frame}"))
+        };
+        [&*scan.frame, base_frame].into_iter().find_map(lead)
+    }
+
+    fn describe_odometry(&self) -> Option<String> {
+        let odometry = self.best_odometry()?;
+        let name = &self.stream(odometry.stream)?.stream.name;
+        Some(format!(
+            "{name} gives poses of {} in {}",
+            odometry.child, odometry.parent
+        ))
+    }
+
+    fn wheels_and_attitude(&self, vehicle: &Config) -> Option<String> {
+        let sensors = WheelsAndAttitude::of(&vehicle.sensors).ok()?;
+        let (_, encoders) = sensors.encoders;
+        let (left, right) = (&encoders.left_joint, &encoders.right_joint);
+        let both = self
+            .joints
+            .iter()
+            .filter(|joints| joints.names.contains(left) && joints.names.contains(right));
+        let angles = self.topic(both.map(|joints| joints.stream), encoders.topic.as_deref())?;
+        let attitude = self.attitude_topic(sensors.imu.1)?;
+        Some(format!(
+            "wheels of {angles} and attitude of {attitude} give poses"
+        ))
+    }
+
+    fn fixes_and_attitude(&self, vehicle: &Config) -> Option<String> {
+        let sensors = FixesAndAttitude::of(&vehicle.sensors).ok()?;
+        let (_, receiver) = sensors.gps;
+        let with_fix = self.fixes.iter().filter(|fixes| fixes.fixed > 0);
+        let fixes = self.topic(
+            with_fix.map(|fixes| fixes.stream),
+            receiver.topic.as_deref(),
+        )?;
+        let attitude = self.attitude_topic(sensors.imu.1)?;
+        Some(format!(
+            "satellite fixes of {fixes} and attitude of {attitude} give poses"
+        ))
+    }
+
+    fn attitude_topic(&self, imu: &ImuConfig) -> Option<String> {
+        let oriented = self.attitudes.iter().filter(|a| a.oriented > 0);
+        self.topic(oriented.map(|a| a.stream), imu.topic.as_deref())
+    }
+
+    /// The possible topics of a sensor: the configured one, or all. A replay with several requires a choice.
+    fn topic(
+        &self,
+        streams: impl Iterator<Item = StreamId>,
+        configured: Option<&str>,
+    ) -> Option<String> {
+        let names = streams.filter_map(|stream| Some(&*self.stream(stream)?.stream.name));
+        let fits = |name: &&str| configured.is_none_or(|topic| topic == *name);
+        let names: Vec<&str> = names.filter(fits).collect();
+        (!names.is_empty()).then(|| names.join(" or "))
     }
 }

@@ -81,7 +81,7 @@ fn what_cannot_be_mapped_says_why() {
     assert!(
         without_poses
             .to_string()
-            .contains("no: nothing says where the sensor was")
+            .contains("no: there are no poses of the sensor")
     );
 
     let with_odometry = survey_text(&format!("{raw}ODOM 0 0 0 0 0 0 1 h 0\n"));
@@ -232,8 +232,8 @@ fn the_sensors_of_a_boat_are_mapped_together() {
     }
     assert!(
         page.ends_with(
-            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses, as the vehicle \
-             riverwatch wants them\n  as riverwatch, with laser (/scan) and sonar (/sonar)\n  \
+            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses, as configured for \
+             riverwatch\n  as riverwatch, with laser (/scan) and sonar (/sonar)\n  \
              robot-edge replay lake.mcap\n"
         ),
         "{page}"
@@ -263,7 +263,7 @@ fn poses_are_those_that_the_vehicle_wants() {
     check(
         "holos",
         &all,
-        "wheels of /joint_states and attitude of /imu/data give poses, as the vehicle holos wants them",
+        "wheels of /joint_states and attitude of /imu/data give poses, as configured for holos",
         "",
     );
     let without_wheels = &all[..3];

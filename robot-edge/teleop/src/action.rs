@@ -1,25 +1,26 @@
-//! What the arbiter wants done.
+//! Outputs of the arbiter.
 
 use super::arbiter::Mode;
-use super::emergency_stop::{EStopId, EStopSource};
-use super::lease::{GrantReason, LeaseEnd};
-use super::operator::{Caller, OperatorId, RequestId};
-use super::refusal::{Refusal, RequestKind};
+use super::lease::GrantReason;
 use super::token::AgeToken;
-use super::velocity::Velocity;
+use crate::lease::{Caller, OperatorId, RequestId};
+use crate::lease::{EStopId, EStopSource};
+use crate::motion::Velocity;
+use protocol::keys::OperatorTopic;
+use protocol::message::{Answer, LeaseEnd, Refusal};
 
-/// Most actions that one event can cause. A test holds the arbiter to it; beyond it, the last are lost.
+/// Greatest number of actions per input (checked by a test); further ones are dropped.
 const CAPACITY: usize = 8;
 
-/// What is to be done after one event.
+/// The actions that follow from one input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Actions {
-    /// What the motors are to be told now. It changes with [`super::ArbiterInput::Tick`]; with other events only to zero.
+    /// The velocity for the motors. [`crate::ArbiterInput::Tick`] changes it; other inputs only set it to zero.
     pub output: Velocity,
     actions: [Option<Action>; CAPACITY],
 }
 
-/// One thing to be done.
+/// One action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
     /// Publish this token.
@@ -31,59 +32,41 @@ pub enum Action {
         /// The answer.
         answer: Answer,
     },
-    /// Answer every request for an emergency stop that waits for an answer: it is stored.
+    /// Answer all waiting emergency stop requests: the stop is stored.
     AcknowledgeEStop(EStopId),
-    /// Write it to disk on another thread, then say [`super::ArbiterInput::EStopStored`].
+    /// Store it on disk from another thread, then report [`crate::ArbiterInput::EStopStored`].
     StoreEStop(EStopId),
-    /// Remove it from disk on that thread.
+    /// Remove it from disk, on the same thread.
     ClearEStop(EStopId),
-    /// Tell consoles and the audit log.
+    /// Report an event to consoles and the audit log.
     Notify(ArbiterEvent),
 }
 
-/// What a request is answered with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Answer {
-    /// The lease is theirs; commands must name this epoch.
-    Granted {
-        /// The epoch.
-        epoch: u64,
-    },
-    /// The lease will be granted when the vehicle stands, or when its holder consents.
-    Waiting,
-    /// It was done.
-    Done,
-    /// The vehicle is stopped, and this is stored.
-    EStopped(EStopId),
-    /// It was not done.
-    Refused(Refusal),
-}
-
-/// What people want to know, now or later.
+/// An event for consoles and the audit log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ArbiterEvent {
-    /// The state is another.
+    /// The mode has changed.
     ModeChanged {
-        /// It was this.
+        /// The previous mode.
         from: Mode,
-        /// It is this.
+        /// The new mode.
         to: Mode,
     },
-    /// Somebody asks the holder for the lease.
+    /// An operator requests the lease from its holder.
     LeaseRequested {
         /// Who.
         by: OperatorId,
     },
-    /// Somebody has the lease.
+    /// The lease was granted.
     LeaseGranted {
         /// Who.
         to: OperatorId,
-        /// By this grant.
+        /// The epoch of this grant.
         epoch: u64,
-        /// In this way.
+        /// Why it was granted.
         how: GrantReason,
     },
-    /// Somebody no longer has the lease.
+    /// The lease has ended.
     LeaseEnded {
         /// Who.
         operator: OperatorId,
@@ -94,20 +77,20 @@ pub enum ArbiterEvent {
     EStopped {
         /// This one.
         id: EStopId,
-        /// Who asked; absent where it was found at the start.
+        /// Its source; absent if a previous run left it.
         by: Option<EStopSource>,
     },
     /// An emergency stop has ended.
     Reset {
         /// This one.
         id: EStopId,
-        /// Who ended it; absent for somebody at the vehicle.
+        /// The operator who reset it; absent for a reset at the vehicle.
         by: Option<Caller>,
     },
     /// A request was refused (commands are only counted).
     Refused {
         /// What was asked for: an emergency stop, a reset or the lease.
-        request_kind: RequestKind,
+        request_kind: OperatorTopic,
         /// Whose.
         caller: Caller,
         /// Why.
@@ -123,7 +106,7 @@ impl Actions {
         }
     }
 
-    /// What is to be done, in this order.
+    /// The actions, in order of execution.
     pub fn iter(&self) -> impl Iterator<Item = Action> + '_ {
         self.actions.iter().copied().flatten()
     }

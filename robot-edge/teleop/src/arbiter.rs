@@ -1,36 +1,27 @@
-//! The state machine: from one event to the next state, and to what is to be done.
+//! The state machine of driving: one input gives the next state and the actions.
 //!
-//! "States": which there are, what the motors are told in each, and how each is left. Every transition is an exhaustive
-//! `match` on [`Mode`] in one of the files below, ordered by what happens: time passes (`output`), commands come
-//! (`commands`), the lease changes (`lease_requests`), somebody stops or resets the vehicle (`stops`).
+//! Every transition is an exhaustive `match` on [`Mode`]. This file has the state, ticks and drive commands; `requests`
+//! has the lease, emergency stops, faults and resets.
 
 use std::time::Duration;
 
-use super::action::{Action, Actions, ArbiterEvent};
-use super::age_window::AgeWindow;
-use super::arming::Arming;
-use super::config::Rules;
-use super::emergency_stop::{EStop, EStopId};
-use super::input::ArbiterInput;
-use super::lease::{Lease, LeaseEnd};
-use super::motion::Motion;
-use super::operator::RequestId;
-use super::refusal::Counters;
-use super::report::Clamp;
-use super::speed_limits::CollisionMonitorOutput;
-use super::token::TokenRing;
-use super::velocity::Velocity;
+use crate::action::{Action, Actions, ArbiterEvent};
+use crate::command_stream::{ArmingState, CommandStream, DriveCommand};
+use crate::config::Rules;
+use crate::input::{ArbiterInput, CollisionMonitorOutput};
+use crate::lease::{EStop, EStopId, EStopSource, Lease, RequestId, Role};
+use crate::motion::{Caps, Motion, MotionTarget, Velocity};
+use crate::report::Counters;
+use crate::token::TokenRing;
 use measurement::time::Monotonic;
+use protocol::message::{Answer, Clamp, FaultReason, LeaseEnd, Refusal, StopReason, TeleopState};
 
-mod commands;
-mod lease_requests;
-mod output;
-mod stops;
+mod requests;
 
-/// How long the guard's word holds. It speaks in every round, so that this only ends where it has died.
+/// Validity of an output of the collision monitor. It gives one in each round, so it expires only after a failure.
 const MONITOR_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// How soon after the start of a stop commands that are young again may take it back.
+/// How long after the start of a stop young commands may take it back.
 const RESUME_WINDOW: Duration = Duration::from_millis(200);
 
 /// What the vehicle is doing ("States").
@@ -38,11 +29,11 @@ const RESUME_WINDOW: Duration = Duration::from_millis(200);
 pub enum Mode {
     /// The self-test runs. Output: zero.
     SafeBoot,
-    /// Nobody drives. Output: zero, sent all the same.
+    /// No operator drives. Output: zero, sent in each round.
     Idle,
-    /// Somebody holds the lease. Output: zero, sent all the same.
+    /// An operator holds the lease. Output: zero, sent in each round.
     Held,
-    /// Somebody drives. Output: as asked, within every limit.
+    /// An operator drives. Output: the requested velocity within all limits.
     Driving,
     /// The output follows the stopping ramp.
     Stopping {
@@ -51,68 +42,42 @@ pub enum Mode {
         /// Since when.
         since: Monotonic,
     },
-    /// Somebody stopped the vehicle. Output: zero, until a reset.
+    /// Emergency stop. Output: zero until a reset.
     EStop,
-    /// The vehicle cannot be trusted. Output: zero, until somebody at the vehicle resets it.
+    /// The vehicle is not safe to drive. Output: zero until a reset at the vehicle.
     Fault(FaultReason),
 }
 
-/// Why a vehicle that was driven stops.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum StopReason {
-    /// Nothing is pressed any more.
-    Released,
-    /// The last command is too old (P1).
-    Age,
-    /// A command asked for what is no number.
-    NotFinite,
-    /// The collision monitor knows too little, or says nothing.
-    CollisionMonitorStale,
-    /// Who drove no longer holds the lease.
-    LeaseEnded(LeaseEnd),
-}
-
-impl StopReason {
-    /// Whether the operator asked for it.
-    pub const fn is_voluntary(self) -> bool {
+impl Mode {
+    /// The state as consoles get it.
+    pub const fn teleop_state(self) -> TeleopState {
         match self {
-            Self::Released => true,
-            Self::Age | Self::NotFinite | Self::CollisionMonitorStale => false,
-            Self::LeaseEnded(why) => match why {
-                LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
-                    true
-                }
-                LeaseEnd::Expired | LeaseEnd::TakenOver | LeaseEnd::Revoked | LeaseEnd::Fault => {
-                    false
-                }
-            },
-        }
-    }
-
-    /// Whether commands that come in time take it back: where the vehicle waited for them, or a key was let go
-    /// for a moment.
-    const fn is_recoverable(self) -> bool {
-        match self {
-            Self::Released | Self::Age => true,
-            Self::NotFinite | Self::CollisionMonitorStale | Self::LeaseEnded(_) => false,
+            Self::SafeBoot => TeleopState::SafeBoot,
+            Self::Idle => TeleopState::Idle,
+            Self::Held => TeleopState::Held,
+            Self::Driving => TeleopState::Driving,
+            Self::Stopping { reason, .. } => TeleopState::Stopping(reason),
+            Self::EStop => TeleopState::EStop,
+            Self::Fault(reason) => TeleopState::Fault(reason),
         }
     }
 }
 
-/// Why the vehicle cannot be trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum FaultReason {
-    /// The self-test failed.
-    SelfTest,
-    /// The motors do not do what they are told, or cannot be told.
-    Actuator,
+/// Whether young commands may take back a stop for this reason: it waited for commands, or a key was released briefly.
+const fn is_recoverable(reason: StopReason) -> bool {
+    match reason {
+        StopReason::Released | StopReason::Age => true,
+        StopReason::NotFinite | StopReason::CollisionMonitorStale | StopReason::LeaseEnded(_) => {
+            false
+        }
+    }
 }
 
 /// Everything the arbiter remembers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArbiterState {
     pub(super) mode: Mode,
-    /// The latest moment that an event brought. Time does not go back, whatever the caller says.
+    /// The latest time of an input. Time never goes back, whatever the caller passes.
     pub(super) now: Monotonic,
     pub(super) last_tick: Option<Monotonic>,
     pub(super) tokens: TokenRing,
@@ -125,25 +90,6 @@ pub struct ArbiterState {
     pub(super) estop: Option<EStop>,
     pub(super) last_estop: EStopId,
     pub(super) counters: Counters,
-}
-
-/// The holder's commands under one grant of the lease.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub(super) struct CommandStream {
-    /// The greatest sequence number taken.
-    pub(super) last_seq: Option<u64>,
-    /// When the token of the last command taken was issued.
-    pub(super) issued: Option<Monotonic>,
-    pub(super) requested: Velocity,
-    pub(super) arming: Arming,
-    pub(super) ages: AgeWindow,
-}
-
-impl CommandStream {
-    /// An upper bound on the age of the command in force.
-    pub(super) fn age(&self, now: Monotonic) -> Option<Duration> {
-        self.issued.map(|issued| now.since(issued))
-    }
 }
 
 impl ArbiterState {
@@ -180,14 +126,14 @@ impl ArbiterState {
         self.now.max(now)
     }
 
-    /// The guard's last word, unless it has been silent since.
+    /// The last output of the collision monitor, unless it has expired.
     pub(super) fn monitor_output(&self, now: Monotonic) -> Option<CollisionMonitorOutput> {
         let (output, received_at) = self.collision_monitor?;
         (now.since(received_at) <= MONITOR_TIMEOUT).then_some(output)
     }
 }
 
-/// What follows from `input` at the moment `now`: the state after it, and what is to be done.
+/// Applies `input` at time `now`: returns the next state and the actions.
 pub fn step(
     rules: &Rules,
     state: ArbiterState,
@@ -241,7 +187,7 @@ struct Step<'a> {
     now: Monotonic,
     state: ArbiterState,
     actions: Actions,
-    /// What people know of the mode.
+    /// The mode that was last reported.
     notified: Mode,
 }
 
@@ -258,7 +204,7 @@ impl Step<'_> {
         self.actions.push(Action::Notify(event));
     }
 
-    fn answer(&mut self, request: RequestId, answer: super::Answer) {
+    fn answer(&mut self, request: RequestId, answer: Answer) {
         self.actions.push(Action::Answer { request, answer });
     }
 
@@ -272,31 +218,321 @@ impl Step<'_> {
             reason,
             since: self.now,
         };
-        // A stop may be over within this step, where the process stood still meanwhile: its reason is told all the same.
+        // After a suspension of the process a stop may begin and end within this step; its reason is reported in any
+        // case.
         self.notify_mode_change();
         self.state.stream.arming = match reason {
-            StopReason::Released => Arming::Neutral { since: self.now },
+            StopReason::Released => ArmingState::Neutral { since: self.now },
             StopReason::Age
             | StopReason::NotFinite
             | StopReason::CollisionMonitorStale
-            | StopReason::LeaseEnded(_) => Arming::Locked,
+            | StopReason::LeaseEnded(_) => ArmingState::Locked,
         };
     }
 
-    /// Zero at once, and nothing pressed counts any more.
+    /// Zero at once; keys that are pressed now have no effect.
     fn halt(&mut self) {
         self.state.motion = Motion::default();
         self.state.clamp = None;
         self.state.stream.requested = Velocity::ZERO;
-        self.state.stream.arming = Arming::Locked;
+        self.state.stream.arming = ArmingState::Locked;
     }
 
-    /// Whether the guard knows enough to drive by.
+    /// Whether the collision monitor is off or has limits.
     fn monitor_is_available(&self) -> bool {
         match self.state.monitor_output(self.now) {
             None | Some(CollisionMonitorOutput::Stale) => false,
             Some(CollisionMonitorOutput::Off | CollisionMonitorOutput::Limits(_)) => true,
         }
+    }
+}
+
+/// Smallest age used as a divisor.
+const MIN_AGE: Duration = Duration::from_millis(1);
+
+/// Storing an emergency stop is requested again after this.
+const STORE_RETRY: Duration = Duration::from_secs(1);
+
+/// Differences between requested and applied velocity below this have no clamp, metres or radians per second.
+const SPEED_TOLERANCE: f64 = 1e-3;
+
+impl ArbiterState {
+    /// The speed at which the vehicle travels `max_latency_travel_m` within the greatest age of the last second, metres
+    /// per second. If no age is known, the greatest allowed one is assumed.
+    pub(crate) fn speed_allowed_mps(&self, rules: &Rules, now: Monotonic) -> f64 {
+        let age = self.stream.ages.peak(now).unwrap_or(rules.max_age);
+        rules.max_latency_travel_m / age.max(MIN_AGE).as_secs_f64()
+    }
+}
+
+impl Step<'_> {
+    pub(super) fn tick(&mut self) {
+        let last_tick = self.state.last_tick.replace(self.now);
+        let dt = last_tick.map_or(Duration::ZERO, |last| self.now.since(last));
+        self.state
+            .lease
+            .expire_request(self.now, self.rules.request_timeout);
+        self.check_age();
+        if self.state.lease.is_expired(self.now, self.rules.lease) {
+            self.end_lease(LeaseEnd::Expired, None);
+        }
+        self.check_monitor();
+        match self.state.mode {
+            Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {
+                self.state.motion = Motion::default();
+                self.state.clamp = None;
+            }
+            Mode::Driving => self.drive(dt),
+            Mode::Stopping { .. } => {
+                let limits = (&self.rules.linear, &self.rules.angular);
+                self.state.motion = self.state.motion.stopping(dt, limits);
+                self.state.clamp = None;
+                if self.state.motion.is_zero() {
+                    self.enter_standstill();
+                }
+            }
+        }
+        self.retry_estop_store();
+    }
+
+    /// Records the age of the command in force. If it is too old, the vehicle stops, and pressed keys have no effect.
+    fn check_age(&mut self) {
+        let Some(age) = self.state.stream.age(self.now) else {
+            return;
+        };
+        let most = self.rules.max_age;
+        self.state.stream.ages.record(self.now, age.min(most));
+        if age > most {
+            self.state.stream.arming = ArmingState::Locked;
+            if self.state.mode == Mode::Driving {
+                self.begin_stop(StopReason::Age);
+            }
+        }
+    }
+
+    /// If the collision monitor gives no limits, the vehicle stops, and pressed keys have no effect.
+    fn check_monitor(&mut self) {
+        if self.state.stream.arming != ArmingState::Pressed || self.monitor_is_available() {
+            return;
+        }
+        self.state.stream.arming = ArmingState::Locked;
+        if self.state.mode == Mode::Driving {
+            self.begin_stop(StopReason::CollisionMonitorStale);
+        }
+    }
+
+    /// Moves one tick towards the requested velocity, within all limits.
+    fn drive(&mut self, dt: Duration) {
+        let limits = (&self.rules.linear, &self.rules.angular);
+        let output = self
+            .state
+            .monitor_output(self.now)
+            .unwrap_or(CollisionMonitorOutput::Stale);
+        let monitor_caps = output.caps();
+        let age_cap = self.state.speed_allowed_mps(self.rules, self.now);
+        let requested = self.state.stream.requested;
+
+        let (mut target, mut clamp) = (requested, None);
+        for (cause, caps) in [
+            (
+                Clamp::Speed,
+                (
+                    Caps::NONE.at_most(limits.0.speed),
+                    Caps::NONE.at_most(limits.1.speed),
+                ),
+            ),
+            (Clamp::Age, (Caps::NONE.at_most(age_cap), Caps::NONE)),
+            (Clamp::CollisionMonitor, monitor_caps),
+        ] {
+            let factor = factor_within(target, caps);
+            if factor < 1.0 {
+                let slower = target.scaled(factor);
+                // Rounding on the wire can exceed a limit slightly.
+                if differ(target, slower) {
+                    clamp = Some(cause);
+                }
+                target = slower;
+            }
+        }
+
+        let aim = MotionTarget {
+            target,
+            caps: (monitor_caps.0.at_most(age_cap), monitor_caps.1),
+        };
+        self.state.motion = self.state.motion.towards(&aim, dt, limits);
+        self.state.clamp = active_clamp(clamp, target, self.state.motion.velocity());
+    }
+
+    /// The output has become zero: the next holder gets the lease, or the present holder may press again.
+    fn enter_standstill(&mut self) {
+        self.state.mode = if self.state.lease.holder.is_some() {
+            Mode::Held
+        } else {
+            Mode::Idle
+        };
+        self.grant_next();
+    }
+
+    fn retry_estop_store(&mut self) {
+        if let Some(estop) = &mut self.state.estop
+            && !estop.is_stored
+            && self.now.since(estop.store_requested) >= STORE_RETRY
+        {
+            estop.store_requested = self.now;
+            self.actions.push(Action::StoreEStop(estop.id));
+        }
+    }
+}
+
+fn differ(one: Velocity, other: Velocity) -> bool {
+    let differ = |one: f64, other: f64| (one - other).abs() > SPEED_TOLERANCE;
+    differ(one.linear_mps, other.linear_mps) || differ(one.angular_radps, other.angular_radps)
+}
+
+/// Why the output differs from the request in this tick. `limit` is the reason for `target`: it applies once the output
+/// has reached the target, and while the output brakes towards it. While the output rises, acceleration is the reason.
+fn active_clamp(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Option<Clamp> {
+    // In the direction of the target; negative if the output is faster. A target of zero keeps the sign of the request.
+    let missing = |target: f64, applied: f64| target.abs() - applied * 1.0_f64.copysign(target);
+    let missing = [
+        missing(target.linear_mps, applied.linear_mps),
+        missing(target.angular_radps, applied.angular_radps),
+    ];
+    let is_braking = missing.iter().any(|missing| *missing < -SPEED_TOLERANCE);
+    let is_short = missing.iter().any(|missing| *missing > SPEED_TOLERANCE);
+    match (is_braking, is_short) {
+        (true, _) => limit.or(Some(Clamp::Ramp)),
+        (false, true) => Some(Clamp::Ramp),
+        (false, false) => limit,
+    }
+}
+
+/// The factor that brings `velocity` within `caps`, linear and angular. Both parts get the same factor, so that the arc
+/// keeps the shape that the collision monitor checked.
+fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
+    let within = |speed: f64, caps: Caps| {
+        let cap = caps.towards(speed);
+        if speed.abs() > cap {
+            cap / speed.abs()
+        } else {
+            1.0
+        }
+    };
+    within(velocity.linear_mps, caps.0).min(within(velocity.angular_radps, caps.1))
+}
+
+impl ArbiterState {
+    /// Checks a command before its signature, which is more expensive; returns an upper bound of its age.
+    ///
+    /// A command with [`DriveCommand::estop`] and a valid signature goes to [`crate::step`] in any case.
+    pub fn precheck(
+        &self,
+        rules: &Rules,
+        now: Monotonic,
+        role: Role,
+        command: &DriveCommand,
+    ) -> Result<Duration, Refusal> {
+        let now = self.clamp_time(now);
+        if !role.may_drive() {
+            return Err(Refusal::Role);
+        }
+        let age = self.tokens.age(command.token, now)?;
+        if age > rules.max_age {
+            return Err(Refusal::TooOld);
+        }
+        if !self.lease.is_held_by(command.operator) {
+            return Err(Refusal::NotHolder);
+        }
+        if command.epoch != self.lease.epoch {
+            return Err(Refusal::OtherEpoch);
+        }
+        if self.stream.last_seq.is_some_and(|last| command.seq <= last) {
+            return Err(Refusal::OldSequence);
+        }
+        Ok(age)
+    }
+}
+
+impl Step<'_> {
+    pub(super) fn command(&mut self, role: Role, command: &DriveCommand) {
+        if command.estop && role.may_drive() {
+            self.emergency_stop(Some(EStopSource::Operator(command.operator)));
+            return;
+        }
+        match self.state.precheck(self.rules, self.now, role, command) {
+            Err(refusal) => self.state.counters.refuse(refusal),
+            Ok(age) => self.accept(command, age),
+        }
+    }
+
+    /// Accepts a young command of the holder, in sequence and of the newest grant.
+    fn accept(&mut self, command: &DriveCommand, age: Duration) {
+        let stream = &mut self.state.stream;
+        stream.last_seq = Some(command.seq);
+        if !command.requested.is_finite() {
+            self.state.counters.refuse(Refusal::NotFinite);
+            self.handle_invalid_command();
+            return;
+        }
+        self.state.counters.accepted = self.state.counters.accepted.saturating_add(1);
+        self.state.lease.renew(self.now);
+        // The previous command counts until now, the new one from now on.
+        if let Some(last) = stream.age(self.now) {
+            stream.ages.record(self.now, last.min(self.rules.max_age));
+        }
+        stream.ages.record(self.now, age);
+        stream.requested = command.requested;
+        // `issued` is never `now - age` of a saturated clock: the ring holds the moment itself.
+        stream.issued = self.state.tokens.issued(command.token, self.now).ok();
+
+        let is_neutral = command.requested.is_neutral();
+        stream.arming = if is_neutral {
+            stream.arming.after_neutral(self.now)
+        } else {
+            stream.arming.after_press(self.now, self.rules.neutral)
+        };
+        match self.state.mode {
+            Mode::Held if self.state.stream.arming == ArmingState::Pressed => {
+                if self.monitor_is_available() {
+                    self.state.mode = Mode::Driving;
+                } else {
+                    // Driving must not start by itself when the collision monitor recovers.
+                    self.state.stream.arming = ArmingState::Locked;
+                }
+            }
+            Mode::Driving if is_neutral => self.begin_stop(StopReason::Released),
+            Mode::Stopping { reason, since }
+                if !is_neutral && is_recoverable(reason) && self.can_resume(since) =>
+            {
+                self.state.mode = Mode::Driving;
+                self.state.stream.arming = ArmingState::Pressed;
+            }
+            Mode::SafeBoot
+            | Mode::Idle
+            | Mode::Held
+            | Mode::Driving
+            | Mode::Stopping { .. }
+            | Mode::EStop
+            | Mode::Fault(_) => {}
+        }
+    }
+
+    /// The command has no finite velocity: the vehicle stops, and pressed keys have no effect.
+    fn handle_invalid_command(&mut self) {
+        self.state.stream.arming = ArmingState::Locked;
+        let reason = StopReason::NotFinite;
+        match self.state.mode {
+            Mode::Driving => self.begin_stop(reason),
+            Mode::Stopping { since, .. } => self.state.mode = Mode::Stopping { reason, since },
+            Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {}
+        }
+    }
+
+    /// Whether a stop that began at `since` may be taken back: soon after its start, while the vehicle moves.
+    fn can_resume(&self, since: Monotonic) -> bool {
+        self.now.since(since) <= RESUME_WINDOW
+            && !self.state.motion.is_zero()
+            && self.monitor_is_available()
     }
 }
 

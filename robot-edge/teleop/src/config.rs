@@ -145,7 +145,7 @@ pub struct SettingError {
     pub allowed: String,
 }
 
-/// Settings that were checked, in the form that [`super::step`] uses.
+/// Settings that were checked, in the form that [`crate::step`] uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
     pub(super) max_age: Duration,
@@ -256,7 +256,7 @@ mod tests {
                 "teleop.jerk_radps3",
                 "teleop.stop_decel_mps2",
                 "teleop.stop_decel_radps2",
-                "teleop.guard.margin_m",
+                "teleop.collision_monitor.margin_m",
                 "vehicle.max_speed_mps",
                 "vehicle.max_turn_rate_radps",
             ]

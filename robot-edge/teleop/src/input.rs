@@ -1,19 +1,17 @@
-//! What can happen to the arbiter.
+//! Inputs of the arbiter.
 
-use super::command::DriveCommand;
-use super::emergency_stop::{EStopId, StoredEStop};
-use super::operator::{Caller, OperatorId, Role};
-use super::refusal::Refusal;
-use super::speed_limits::CollisionMonitorOutput;
-use super::token::AgeToken;
-use super::velocity::Velocity;
+use crate::command_stream::DriveCommand;
+use crate::lease::{Caller, EStopId, OperatorId, Role, StoredEStop};
+use crate::motion::{Caps, Velocity};
+use crate::token::AgeToken;
+use protocol::message::Refusal;
 
-/// One thing that happened.
+/// One input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ArbiterInput {
-    /// A round of the loop ends: time has passed, and the motors are to be told.
+    /// The end of a round: time has passed, and the motors need a velocity.
     Tick,
-    /// A new token is wanted; `nonce` is random.
+    /// Issue a token; `nonce` must be random.
     Token {
         /// 64 random bits.
         nonce: u64,
@@ -22,71 +20,128 @@ pub enum ArbiterInput {
     Command {
         /// The sender's role.
         role: Role,
-        /// What it says.
+        /// The command.
         command: DriveCommand,
     },
-    /// A command or request that was refused before it came here.
+    /// A command or request that the caller refused itself.
     Rejected(Refusal),
-    /// Somebody wants the lease changed.
+    /// A request about the lease.
     Lease {
         /// Who.
         caller: Caller,
-        /// The newest token that they had.
+        /// The newest token of the sender.
         token: AgeToken,
-        /// What they want.
+        /// The requested change.
         verb: LeaseVerb,
     },
-    /// The list of operators no longer has them, or no longer as one who may drive.
+    /// This operator was removed from the operator list, or may no longer drive.
     Revoked(OperatorId),
-    /// An operator wants the vehicle to stop and stay stopped.
+    /// An emergency stop requested by an operator.
     EStop(Caller),
-    /// Somebody at the vehicle wants that.
+    /// An emergency stop requested at the vehicle.
     LocalEStop,
-    /// This emergency stop is on disk.
+    /// This emergency stop is stored on disk.
     EStopStored(EStopId),
-    /// Somebody wants the emergency stop to end.
+    /// A reset of the emergency stop requested by an operator.
     Reset {
         /// Who.
         caller: Caller,
-        /// The newest token that they had.
+        /// The newest token of the sender.
         token: AgeToken,
-        /// The emergency stop that they know of.
+        /// The emergency stop to be reset.
         id: EStopId,
     },
-    /// Somebody at the vehicle wants the emergency stop or the fault to end.
+    /// A reset of the emergency stop or of a fault, requested at the vehicle.
     LocalReset,
-    /// The test of motors, guard and disk has ended.
+    /// The result of the self-test of motors, collision monitor and disk.
     SelfTest {
         /// Everything works.
         has_passed: bool,
-        /// What the run before left on disk.
+        /// What the previous run left on disk.
         stored: StoredEStop,
     },
-    /// The collision monitor's word of this round.
+    /// The collision monitor's output of this round.
     CollisionMonitor(CollisionMonitorOutput),
-    /// How fast the vehicle is, as its sensors tell.
+    /// The velocity measured by the sensors.
     Measured(Velocity),
-    /// The motors do not do what they are told, or cannot be told.
+    /// The motors do not obey, or cannot be reached.
     ActuatorFault,
 }
 
-/// What can be wanted of the lease ("Lease").
+/// A change of the lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LeaseVerb {
-    /// To hold it. Waits for the holder's consent where somebody else does.
+    /// Request it. If another operator holds it, the request waits for the holder's consent.
     Request,
-    /// To hand it to an operator who waits.
+    /// Hand it over to a waiting operator.
     HandOver {
         /// Who waits.
         to: OperatorId,
     },
-    /// Not to hand it to an operator who waits.
+    /// Refuse the request of a waiting operator.
     Refuse {
         /// Who waits.
         whom: OperatorId,
     },
-    /// To give it back, or to wait for it no longer.
+    /// Give it back, or withdraw a waiting request.
     Release,
-    /// To hold it whoever does; for supervisors.
+    /// Take it from the current holder (supervisors only).
     TakeOver,
+}
+
+/// The output of the collision monitor for one round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CollisionMonitorOutput {
+    /// It is switched off.
+    Off,
+    /// Go no faster than this.
+    Limits(SpeedLimits),
+    /// Its data is too old, and the configuration requires a stop in this case.
+    Stale,
+}
+
+/// The speed limit of each direction; negative values and NaN count as zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpeedLimits {
+    /// Metres per second.
+    pub forward_mps: f64,
+    /// Metres per second, positive.
+    pub reverse_mps: f64,
+    /// Radians per second.
+    pub left_radps: f64,
+    /// Radians per second, positive.
+    pub right_radps: f64,
+    /// The limits are those for creeping in unknown space.
+    pub in_unknown_space: bool,
+    /// By how much a boat exceeds these limits, with sign; zero on land. A boat cannot brake, so it gets no thrust in
+    /// this direction: thrust for a lower speed would only delay the slowing down.
+    pub overspeed: Velocity,
+}
+
+impl CollisionMonitorOutput {
+    /// The greatest linear and angular speeds allowed, metres and radians per second; infinite if the monitor is off.
+    pub const fn caps(self) -> (Caps, Caps) {
+        match self {
+            Self::Off => (Caps::NONE, Caps::NONE),
+            Self::Stale => (Caps::STOP, Caps::STOP),
+            Self::Limits(limits) => {
+                let Velocity {
+                    linear_mps,
+                    angular_radps,
+                } = limits.overspeed;
+                (
+                    thrust(limits.forward_mps, limits.reverse_mps, linear_mps),
+                    thrust(limits.left_radps, limits.right_radps, angular_radps),
+                )
+            }
+        }
+    }
+}
+
+/// The limits of one axis that exceeds them by `overspeed`.
+const fn thrust(positive: f64, negative: f64, overspeed: f64) -> Caps {
+    Caps::new(
+        if overspeed > 0.0 { 0.0 } else { positive },
+        if overspeed < 0.0 { 0.0 } else { negative },
+    )
 }

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::operator::OperatorId;
 use measurement::time::Monotonic;
 
 /// Who may drive.
@@ -14,7 +13,7 @@ pub struct LeaseHolder {
     pub renewed: Monotonic,
 }
 
-/// Who asked for the lease while somebody else held it.
+/// A request for a lease that another operator holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Waiting {
     /// Who.
@@ -23,42 +22,21 @@ pub struct Waiting {
     pub requested_at: Monotonic,
 }
 
-/// How somebody came by the lease.
+/// Why a lease was granted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GrantReason {
-    /// It was free, or theirs already.
+    /// It was free, or already held by the same operator.
     Request,
-    /// The holder consented, or gave it back while they waited.
+    /// The holder consented, or released it during the wait.
     HandOver,
     /// A supervisor took it.
     TakeOver,
 }
 
-/// Why somebody lost the lease.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum LeaseEnd {
-    /// They gave it back.
-    Released,
-    /// No command renewed it.
-    Expired,
-    /// They asked for it anew, as a console does that was restarted.
-    Renewed,
-    /// They consented to hand it over.
-    HandedOver,
-    /// A supervisor took it.
-    TakenOver,
-    /// They are no longer an operator.
-    Revoked,
-    /// The emergency stop was reset, after which everybody starts anew.
-    Reset,
-    /// The vehicle is at fault.
-    Fault,
-}
-
-/// Who holds the lease, who will and who wants to.
+/// The holder, the next holder and the waiting operator.
 ///
-/// There is never a holder while somebody is next: the lease of who must make room ends at once, and the next is
-/// granted when the vehicle stands.
+/// There is never a holder together with a next holder: the lease of the holder ends at once, and the next holder gets
+/// it at standstill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Lease {
     /// Grows with every grant; a command must name it.
@@ -94,20 +72,20 @@ impl Lease {
         }
     }
 
-    /// The holder is heard of.
+    /// Renews the lease: the holder sent a command.
     pub fn renew(&mut self, now: Monotonic) {
         if let Some(holder) = &mut self.holder {
             holder.renewed = now;
         }
     }
 
-    /// Whether the holder has not been heard of for longer than `lease`.
+    /// Whether no command renewed the lease for longer than `lease`.
     pub fn is_expired(&self, now: Monotonic, lease: Duration) -> bool {
         self.holder
             .is_some_and(|holder| now.since(holder.renewed) > lease)
     }
 
-    /// Lets `operator` wait, unless somebody else does; says whether they do.
+    /// Lets `operator` wait unless another operator waits; returns whether they wait.
     pub fn wait(&mut self, operator: OperatorId, now: Monotonic) -> bool {
         let is_free = self
             .waiting
@@ -121,7 +99,7 @@ impl Lease {
         is_free
     }
 
-    /// Lets `operator` want it no longer, who waits for it or is next; says whether they were. Whoever waits besides is next
+    /// Removes `operator` as waiting or next; returns whether they were either. The waiting operator becomes next
     /// instead.
     pub fn withdraw(&mut self, operator: OperatorId) -> bool {
         let waiting = self.waiting;
@@ -134,7 +112,7 @@ impl Lease {
         was_next || self.waiting != waiting
     }
 
-    /// Forgets who has waited for longer than `longest`.
+    /// Drops a request older than `longest`.
     pub fn expire_request(&mut self, now: Monotonic, longest: Duration) {
         if self
             .waiting
@@ -143,4 +121,81 @@ impl Lease {
             self.waiting = None;
         }
     }
+}
+
+/// An operator by its number in the vehicle's list of operator keys; the number lives as long as the process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct OperatorId(pub u32);
+
+/// What an operator may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// May only watch.
+    Observer,
+    /// May drive and stop the vehicle.
+    Operator,
+    /// May also take over the lease and reset emergency stops.
+    Supervisor,
+}
+
+impl Role {
+    /// Whether it may hold the lease, and stop the vehicle.
+    pub const fn may_drive(self) -> bool {
+        match self {
+            Self::Observer => false,
+            Self::Operator | Self::Supervisor => true,
+        }
+    }
+}
+
+/// The caller's handle for the answer to a request; opaque to the arbiter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct RequestId(pub u64);
+
+/// The sender of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Caller {
+    /// Who.
+    pub operator: OperatorId,
+    /// What they may do.
+    pub role: Role,
+    /// Where the answer goes.
+    pub request: RequestId,
+}
+
+/// Names one emergency stop; a reset must know it. Grows with each, also over restarts that find one stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EStopId(pub u64);
+
+/// Who stopped the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum EStopSource {
+    /// An operator, over the link.
+    Operator(OperatorId),
+    /// A person or button at the vehicle.
+    Local,
+}
+
+/// What the previous run left on disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StoredEStop {
+    /// None was in force.
+    None,
+    /// This one was.
+    Latched(EStopId),
+    /// Unreadable: an emergency stop is assumed.
+    Unreadable,
+}
+
+/// An emergency stop in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct EStop {
+    /// Its name.
+    pub id: EStopId,
+    /// It is stored and survives a restart; only then it is acknowledged and can be reset remotely.
+    pub is_stored: bool,
+    /// Time of the last request for it. A reset must carry a younger token.
+    pub last_requested: Monotonic,
+    /// When storing was last requested.
+    pub store_requested: Monotonic,
 }

@@ -1,56 +1,44 @@
-//! Driving from afar: the rules by which a vehicle obeys, and stops obeying, a person behind a bad link.
+//! Teleoperation: the rules by which a vehicle obeys an operator over an unreliable link, and stops.
 //!
-//! Everything here is a pure function of plain data. [`step`] takes what was, the present and one event, and returns
-//! what is and what is to be done; it reads no clock, allocates nothing, cannot fail, and needs no randomness (nonces
-//! come in as data). So a recorded sequence of events replays to the same decisions, and a model checker can try all
-//! of them. Threads, sockets, disks and motors are the caller's.
+//! All of it is a pure function of plain data. [`step`] takes the state, the present time and one input, and returns
+//! the next state and the actions to take. It reads no clock, allocates nothing, cannot fail and needs no randomness
+//! (nonces are inputs). A recorded sequence of inputs therefore gives the same decisions again, and a model checker can
+//! try all of them. Threads, sockets, disks and motors belong to the caller.
 //!
-//! The contract is `network-and-teleop.md`, section "Teleop: never obey an old command": its states, limits and the
-//! properties P1 to P12, which the tests of this module are named after.
+//! States, limits and the properties P1 to P12, which the tests are named after, are described in `docs/methods.md`.
 //!
-//! A caller that drives a vehicle does this in each round, at the latest every 20 ms:
-//! 1. [`ArbiterInput::CollisionMonitor`] with what the collision monitor has to say, or that it is off;
-//! 2. for each command that arrived, [`ArbiterState::precheck`], then its signature, then [`ArbiterInput::Command`], or
-//!    [`ArbiterInput::Rejected`] where one of the two failed;
-//! 3. [`ArbiterInput::Tick`], and [`Actions::output`] to the motors, whatever it is.
+//! A caller does this in each round, at the latest every 20 ms:
+//! 1. [`ArbiterInput::CollisionMonitor`] with the output of the collision monitor, or that it is off;
+//! 2. for each command that arrived: [`ArbiterState::precheck`], then its signature, then [`ArbiterInput::Command`], or
+//!    [`ArbiterInput::Rejected`] if one of the two failed;
+//! 3. [`ArbiterInput::Tick`], and [`Actions::output`] to the motors in any case.
 
 #![warn(missing_docs)]
 #![warn(clippy::wildcard_enum_match_arm)]
 
-pub mod command;
-pub mod config;
-pub mod operator;
-pub mod speed_limits;
-pub mod velocity;
-
-pub mod action;
-pub mod input;
-pub mod report;
-
-pub mod arbiter;
-
+mod action;
+mod arbiter;
 pub mod collision_monitor;
-
-pub mod age_window;
-pub mod arming;
-pub mod emergency_stop;
-pub mod lease;
-pub mod motion;
-pub mod refusal;
-pub mod token;
+mod command_stream;
+mod config;
+mod input;
+mod lease;
+mod motion;
+mod report;
+mod token;
 
 #[cfg(test)]
 mod proofs;
 
-pub use action::{Action, Actions, Answer, ArbiterEvent};
+pub use action::{Action, Actions, ArbiterEvent};
 pub use arbiter::{ArbiterState, Mode, step};
-pub use command::DriveCommand;
-pub use config::{Rules, TeleopConfig};
-pub use emergency_stop::EStopId;
-pub use input::{ArbiterInput, LeaseVerb};
-pub use operator::{Caller, OperatorId, RequestId, Role};
-pub use refusal::{Counters, Refusal, RequestKind};
-pub use report::TeleopReport;
-pub use speed_limits::{CollisionMonitorOutput, SpeedLimits};
-pub use token::{AgeToken, TokenFault, TokenRing};
-pub use velocity::Velocity;
+pub use command_stream::DriveCommand;
+pub use config::{Rules, SettingError, TeleopConfig};
+pub use input::{ArbiterInput, CollisionMonitorOutput, LeaseVerb, SpeedLimits};
+pub use lease::{
+    Caller, EStop, EStopId, EStopSource, GrantReason, Lease, LeaseHolder, OperatorId, RequestId,
+    Role, StoredEStop, Waiting,
+};
+pub use motion::Velocity;
+pub use report::{Counters, TeleopReport};
+pub use token::{AgeToken, TokenRing};

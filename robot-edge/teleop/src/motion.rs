@@ -1,11 +1,9 @@
-//! How speed follows what is asked: limits of speed, acceleration and jerk, and the stopping ramp.
+//! Motion limits: speed, acceleration and jerk towards the requested velocity, and the stopping ramp.
 //!
-//! A tick adds `acceleration · dt` to the speed, so that the acceleration and jerk between two outputs are exactly those
-//! decided here, whatever `dt` was.
+//! A tick adds `acceleration · dt` to the speed, so that the acceleration and jerk between two outputs are exactly
+//! those decided here, whatever `dt` was.
 
 use std::time::Duration;
-
-use super::velocity::Velocity;
 
 /// Speed and acceleration closer to what is asked than this are that, metres or radians per second.
 const CONVERGED: f64 = 1e-9;
@@ -15,33 +13,33 @@ const MAX_STEP: Duration = Duration::from_millis(40);
 
 /// Limits of one axis, in metres (along x) or radians (about z); all above zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisLimits {
+pub(crate) struct AxisLimits {
     /// Greatest speed, per second.
-    pub speed: f64,
+    pub(crate) speed: f64,
     /// Greatest acceleration that commands cause, per second squared.
-    pub accel: f64,
+    pub(crate) accel: f64,
     /// Greatest change of acceleration, per second cubed.
-    pub jerk: f64,
+    pub(crate) jerk: f64,
     /// Deceleration of stops, per second squared, at least `accel`; the jerk limit does not apply to it.
-    pub stop_decel: f64,
+    pub(crate) stop_decel: f64,
 }
 
-/// One axis of what the motors are told.
+/// One axis of the commanded motion.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Axis {
+pub(crate) struct Axis {
     /// Metres or radians per second.
-    pub speed: f64,
+    pub(crate) speed: f64,
     /// Per second squared; zero during and after a stopping ramp, where no jerk limit applies.
-    pub accel: f64,
+    pub(crate) accel: f64,
 }
 
-/// What the motors are told.
+/// The commanded motion.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Motion {
+pub(crate) struct Motion {
     /// Along x, metres.
-    pub linear: Axis,
+    pub(crate) linear: Axis,
     /// About z, radians.
-    pub angular: Axis,
+    pub(crate) angular: Axis,
 }
 
 /// The greatest speed of one axis in either direction; never negative.
@@ -53,12 +51,12 @@ pub struct Caps {
 
 /// What the next tick of [`Motion`] is to come nearer to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotionTarget {
+pub(crate) struct MotionTarget {
     /// What is asked, within every limit.
-    pub target: Velocity,
+    pub(crate) target: Velocity,
     /// Greatest linear and angular speeds, which the jerk limit does not stretch. Where it is faster, it brakes as in a
     /// stop: that is what these limits were computed with.
-    pub caps: (Caps, Caps),
+    pub(crate) caps: (Caps, Caps),
 }
 
 impl Caps {
@@ -109,7 +107,7 @@ impl Axis {
     /// passed: `a·dt + a²/2j ≤ gap`. What remains to be added while it falls in steps is less than the `a²/2j` of
     /// continuous time, so that `target` is not passed whatever the steps to come.
     #[must_use]
-    pub fn follow(self, target: f64, dt_s: f64, limits: &AxisLimits) -> Self {
+    pub(crate) fn follow(self, target: f64, dt_s: f64, limits: &AxisLimits) -> Self {
         if dt_s <= 0.0 {
             return self;
         }
@@ -133,7 +131,7 @@ impl Axis {
 
     /// The next speed of a stopping ramp that ends at `floor`, in the present direction.
     #[must_use]
-    pub fn brake(self, floor: f64, dt_s: f64, limits: &AxisLimits) -> Self {
+    pub(crate) fn brake(self, floor: f64, dt_s: f64, limits: &AxisLimits) -> Self {
         let slower = (self.speed.abs() - limits.stop_decel * dt_s).max(floor);
         Self {
             speed: slower.min(self.speed.abs()).copysign(self.speed),
@@ -160,8 +158,8 @@ impl Axis {
 }
 
 impl Motion {
-    /// What the motors are told.
-    pub const fn velocity(self) -> Velocity {
+    /// The commanded velocity.
+    pub(crate) const fn velocity(self) -> Velocity {
         Velocity {
             linear_mps: self.linear.speed,
             angular_radps: self.angular.speed,
@@ -169,13 +167,13 @@ impl Motion {
     }
 
     /// Neither goes nor turns.
-    pub fn is_zero(self) -> bool {
+    pub(crate) fn is_zero(self) -> bool {
         self.linear.speed.abs() <= 0.0 && self.angular.speed.abs() <= 0.0
     }
 
     /// The motion `dt` later, nearer to `aim`.
     #[must_use]
-    pub fn towards(
+    pub(crate) fn towards(
         self,
         aim: &MotionTarget,
         dt: Duration,
@@ -192,7 +190,7 @@ impl Motion {
 
     /// The motion `dt` later on the stopping ramp: zero after `speed / stop_decel`.
     #[must_use]
-    pub fn stopping(self, dt: Duration, limits: (&AxisLimits, &AxisLimits)) -> Self {
+    pub(crate) fn stopping(self, dt: Duration, limits: (&AxisLimits, &AxisLimits)) -> Self {
         Self {
             linear: self.linear.brake(0.0, dt.as_secs_f64(), limits.0),
             angular: self.angular.brake(0.0, dt.as_secs_f64(), limits.1),
@@ -200,10 +198,57 @@ impl Motion {
     }
 }
 
+/// Below this, metres per second and radians per second alike, a request asks for nothing.
+const NEUTRAL: f64 = 1e-3;
+/// Slower than this, in the same units, is standing still: no motor controller here resolves it.
+const STANDING: f64 = 1e-6;
+
+/// A velocity in the base frame (x forward, y left, z up).
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Velocity {
+    /// Along x, metres per second; negative backwards.
+    pub linear_mps: f64,
+    /// About z, radians per second; positive to the left.
+    pub angular_radps: f64,
+}
+
+impl Velocity {
+    /// Standing still, as far as that can be asked for.
+    pub const ZERO: Self = Self {
+        linear_mps: 0.0,
+        angular_radps: 0.0,
+    };
+
+    /// Neither infinite nor not-a-number.
+    pub const fn is_finite(self) -> bool {
+        self.linear_mps.is_finite() && self.angular_radps.is_finite()
+    }
+
+    /// Nothing is pressed.
+    pub const fn is_neutral(self) -> bool {
+        self.linear_mps.abs() < NEUTRAL && self.angular_radps.abs() < NEUTRAL
+    }
+
+    /// Nothing is asked of motors; never true of what is not a number.
+    pub const fn is_zero(self) -> bool {
+        self.linear_mps.abs() < STANDING && self.angular_radps.abs() < STANDING
+    }
+
+    /// Both parts times `factor`, so that the arc keeps its shape.
+    #[must_use]
+    pub const fn scaled(self, factor: f64) -> Self {
+        Self {
+            linear_mps: self.linear_mps * factor,
+            angular_radps: self.angular_radps * factor,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     const LIMITS: AxisLimits = AxisLimits {
         speed: 1.5,

@@ -1,18 +1,17 @@
-//! What a console is shown of the arbiter.
+//! The state of the arbiter for consoles, and its counters.
 
 use std::time::Duration;
 
-use super::arbiter::{ArbiterState, Mode};
-use super::arming::Arming;
-use super::config::Rules;
-use super::emergency_stop::EStop;
-use super::lease::Lease;
-use super::refusal::Counters;
-use super::speed_limits::CollisionMonitorOutput;
-use super::velocity::Velocity;
+use crate::arbiter::{ArbiterState, Mode};
+use crate::command_stream::ArmingState;
+use crate::config::Rules;
+use crate::input::CollisionMonitorOutput;
+use crate::lease::{EStop, Lease};
+use crate::motion::Velocity;
 use measurement::time::Monotonic;
+use protocol::message::{Arming, Clamp, Refusal};
 
-/// Everything an operator must see: who drives, how old commands are, what is asked, what is done and why it differs.
+/// What an operator needs to know: the driver, the age of commands, the requested and the applied velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TeleopReport {
     /// The state, and why.
@@ -33,31 +32,18 @@ pub struct TeleopReport {
     pub speed_allowed_mps: f64,
     /// What the holder asks.
     pub requested: Velocity,
-    /// What the motors are told.
+    /// The velocity sent to the motors.
     pub applied: Velocity,
-    /// What made the one differ from the other.
+    /// Why the applied velocity differs from the requested one.
     pub clamp: Option<Clamp>,
-    /// The guard's last word; absent where it has not spoken, or too long ago.
+    /// The collision monitor's last output; absent if there is none or it is too old.
     pub collision_monitor: Option<CollisionMonitorOutput>,
-    /// How fast the vehicle is, as its sensors tell.
+    /// The velocity measured by the sensors.
     pub measured: Option<Velocity>,
     /// The emergency stop in force.
     pub estop: Option<EStop>,
     /// What was obeyed and what was refused.
     pub counters: Counters,
-}
-
-/// What keeps the applied speed from the requested one now: of several, the tightest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Clamp {
-    /// The vehicle's greatest speed.
-    Vehicle,
-    /// The age of commands: `teleop.max_latency_travel_m`.
-    Age,
-    /// The collision monitor.
-    CollisionMonitor,
-    /// The limits of acceleration and jerk.
-    Ramp,
 }
 
 impl ArbiterState {
@@ -75,7 +61,11 @@ impl ArbiterState {
                 | Mode::Fault(_) => false,
             },
             lease: self.lease,
-            arming: self.stream.arming,
+            arming: match self.stream.arming {
+                ArmingState::Locked => Arming::Locked,
+                ArmingState::Neutral { .. } => Arming::Neutral,
+                ArmingState::Pressed => Arming::Pressed,
+            },
             last_seq: self.stream.last_seq,
             age: self.stream.age(now),
             peak_age: self.stream.ages.peak(now),
@@ -87,6 +77,46 @@ impl ArbiterState {
             measured: self.measured,
             estop: self.estop,
             counters: self.counters,
+        }
+    }
+}
+
+/// What was obeyed and what was not, since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Commands of the holder that were taken, neutral ones too.
+    pub accepted: u64,
+    /// Times that a moving vehicle stopped without its operator having asked for it.
+    pub involuntary_stops: u64,
+    refused: [u64; Refusal::ALL.len()],
+}
+
+impl Counters {
+    /// How often something was refused for this reason.
+    pub const fn refused(&self, refusal: Refusal) -> u64 {
+        self.refused[refusal as usize]
+    }
+
+    pub(super) const fn refuse(&mut self, refusal: Refusal) {
+        let count = &mut self.refused[refusal as usize];
+        *count = count.saturating_add(1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_reason_has_its_own_counter() {
+        let mut counters = Counters::default();
+        for (times, refusal) in Refusal::ALL.into_iter().enumerate() {
+            for _ in 0..times {
+                counters.refuse(refusal);
+            }
+        }
+        for (times, refusal) in Refusal::ALL.into_iter().enumerate() {
+            assert_eq!(counters.refused(refusal), times as u64, "{refusal}");
         }
     }
 }

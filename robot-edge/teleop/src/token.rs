@@ -1,16 +1,17 @@
 //! Tokens: how the vehicle knows the age of a command without trusting any clock but its own.
 //!
-//! "Teleop: never obey an old command": a command carries the newest token its console has seen, so that the time
-//! since that token was issued is an upper bound on the command's age.
+//! A command carries the newest token that its console received. The time since this token was issued is an upper bound
+//! of the command's age.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use protocol::message::Refusal;
 
 /// How long a token is known.
-pub const TOKEN_LIFETIME: Duration = Duration::from_secs(2);
+const TOKEN_LIFETIME: Duration = Duration::from_secs(2);
 
-/// Tokens remembered: [`TOKEN_LIFETIME`] at 50 Hz, and as much again as rounds that come early may add. Where more are
+/// Tokens remembered: `TOKEN_LIFETIME` at 50 Hz, and as much again as rounds that come early may add. Where more are
 /// issued the oldest are forgotten sooner, which refuses commands and never accepts one.
 const CAPACITY: usize = 128;
 
@@ -25,24 +26,7 @@ pub struct AgeToken {
     pub nonce: u64,
 }
 
-/// Why a token tells no age.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum TokenFault {
-    /// It is from another run or another vehicle.
-    #[error("the token is from another run of the vehicle")]
-    OtherBoot,
-    /// It was never issued, or is long forgotten.
-    #[error("the token is not known")]
-    Unknown,
-    /// It is not what was issued under its number.
-    #[error("the token's nonce is wrong")]
-    WrongNonce,
-    /// It is older than [`TOKEN_LIFETIME`].
-    #[error("the token has expired")]
-    Expired,
-}
-
-/// The tokens of the last [`TOKEN_LIFETIME`], and when each was issued.
+/// The tokens of the last `TOKEN_LIFETIME`, and when each was issued.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TokenRing {
     pub(super) boot_id: u128,
@@ -82,7 +66,7 @@ impl TokenRing {
         }
     }
 
-    /// The token issued last.
+    /// The newest token.
     pub fn newest(&self) -> Option<AgeToken> {
         let n = self.next_n.checked_sub(1)?;
         Some(AgeToken {
@@ -93,27 +77,27 @@ impl TokenRing {
     }
 
     /// When `token` was issued.
-    pub fn issued(&self, token: AgeToken, now: Monotonic) -> Result<Monotonic, TokenFault> {
+    pub fn issued(&self, token: AgeToken, now: Monotonic) -> Result<Monotonic, Refusal> {
         if token.boot_id != self.boot_id {
-            return Err(TokenFault::OtherBoot);
+            return Err(Refusal::OtherBoot);
         }
         // 1 for the newest token.
         let back = self.next_n.saturating_sub(token.n);
         if !(1..=CAPACITY as u64).contains(&back) {
-            return Err(TokenFault::Unknown);
+            return Err(Refusal::UnknownToken);
         }
         let slot = self.slots[slot_of(token.n)];
         if token.nonce != slot.nonce {
-            return Err(TokenFault::WrongNonce);
+            return Err(Refusal::WrongNonce);
         }
         if now.since(slot.issued) > TOKEN_LIFETIME {
-            return Err(TokenFault::Expired);
+            return Err(Refusal::TooOld);
         }
         Ok(slot.issued)
     }
 
     /// The time since `token` was issued.
-    pub fn age(&self, token: AgeToken, now: Monotonic) -> Result<Duration, TokenFault> {
+    pub fn age(&self, token: AgeToken, now: Monotonic) -> Result<Duration, Refusal> {
         Ok(now.since(self.issued(token, now)?))
     }
 }
@@ -135,10 +119,8 @@ mod tests {
     #[test]
     fn a_token_tells_the_time_since_its_issue() {
         let mut ring = TokenRing::new(BOOT);
-        assert_eq!(ring.newest(), None);
         let first = ring.issue(at(1000), 7);
         let second = ring.issue(at(1020), 8);
-        assert_eq!(ring.newest(), Some(second));
         assert_eq!(ring.age(first, at(1030)), Ok(Duration::from_millis(30)));
         assert_eq!(ring.age(second, at(1030)), Ok(Duration::from_millis(10)));
         assert_eq!(ring.age(second, at(1020)), Ok(Duration::ZERO));
@@ -153,7 +135,7 @@ mod tests {
             n: 0,
             nonce: 0,
         };
-        assert_eq!(ring.age(unborn, at(0)), Err(TokenFault::Unknown));
+        assert_eq!(ring.age(unborn, at(0)), Err(Refusal::UnknownToken));
         let token = ring.issue(at(1000), 7);
         let now = at(1001);
         for (token, fault) in [
@@ -162,23 +144,23 @@ mod tests {
                     boot_id: 1,
                     ..token
                 },
-                TokenFault::OtherBoot,
+                Refusal::OtherBoot,
             ),
-            (AgeToken { nonce: 8, ..token }, TokenFault::WrongNonce),
-            (AgeToken { n: 1, ..token }, TokenFault::Unknown),
+            (AgeToken { nonce: 8, ..token }, Refusal::WrongNonce),
+            (AgeToken { n: 1, ..token }, Refusal::UnknownToken),
             (
                 AgeToken {
                     n: u64::MAX,
                     ..token
                 },
-                TokenFault::Unknown,
+                Refusal::UnknownToken,
             ),
             (
                 AgeToken {
                     n: CAPACITY as u64,
                     ..token
                 },
-                TokenFault::Unknown,
+                Refusal::UnknownToken,
             ),
         ] {
             assert_eq!(ring.age(token, now), Err(fault), "{token:?}");
@@ -190,7 +172,7 @@ mod tests {
         let mut ring = TokenRing::new(BOOT);
         let first = ring.issue(at(0), 1);
         assert_eq!(ring.age(first, at(2000)), Ok(TOKEN_LIFETIME));
-        assert_eq!(ring.age(first, at(2001)), Err(TokenFault::Expired));
+        assert_eq!(ring.age(first, at(2001)), Err(Refusal::TooOld));
         // Two seconds at 50 Hz fit, whatever the rounds' jitter.
         for n in 1..=100 {
             ring.issue(at(n * 20), n);
@@ -199,6 +181,6 @@ mod tests {
         for n in 0..28 {
             ring.issue(at(2000), n);
         }
-        assert_eq!(ring.age(first, at(2000)), Err(TokenFault::Unknown));
+        assert_eq!(ring.age(first, at(2000)), Err(Refusal::UnknownToken));
     }
 }

@@ -75,7 +75,7 @@ fn the_poses_are_those_that_a_replay_takes() {
             "odom",
             "laser (static)",
             "can it be mapped?",
-            "wheels of /joint_states and attitude of /imu/data give poses, as the vehicle holos wants them",
+            "wheels of /joint_states and attitude of /imu/data give poses, as configured for holos",
             "robot-edge replay FILE",
         ],
     );
@@ -169,7 +169,7 @@ fn ros_1_bags() {
         return;
     };
     let check = |name: &str, lines: &[&str]| check(&folder.join(name), lines);
-    let no_poses = "no: nothing says where the sensor was. There is neither odometry nor a";
+    let no_poses = "no: there are no poses of the sensor: neither odometry nor a";
     let handheld = [
         "/scan sensor_msgs/LaserScan 360 10.00 Hz",
         "/scan: 360 scans of 681 beams in frame laser",

@@ -1,4 +1,4 @@
-//! An operator, a router or a stranger as a process of its own: to be stopped, killed, or put into a namespace by tests.
+//! An operator, a router or a stranger as a process, which tests stop, kill or start in a namespace.
 //!
 //! ```text
 //! drive-by-wire operate ENDPOINT ROBOT NAME JOURNAL.csv INPUT ...
@@ -8,15 +8,15 @@
 //! drive-by-wire knock FROM TO PORT KNOCKS_PER_S SECONDS PACKETS
 //! ```
 //!
-//! An INPUT is `LINEAR_MPS,ANGULAR_RADPS,SECONDS`. They are held one after the other, over and over, until somebody ends
-//! the process. `operate` says `holds the lease` as soon as it does, `route` says `routes`.
+//! An INPUT is `LINEAR_MPS,ANGULAR_RADPS,SECONDS`. The inputs are held in turn, repeatedly, until the
+//! process is ended. `operate` prints `holds the lease` once it does, `route` prints `routes`.
 //!
-//! `connect` opens a control session with the keys of that folder and says how long it took, `N ms PROTOCOL`. `knock` is a
-//! stranger: it begins connections from the address FROM, QUIC by the files of the folder PACKETS and TCP.
+//! `connect` opens a control session with the keys of that folder and prints its duration, `N ms PROTOCOL`. `knock` is a
+//! stranger that begins connections from the address FROM: TCP, and QUIC with the files of the folder PACKETS.
 
 #![allow(
     clippy::unwrap_used,
-    reason = "a part of tests: what fails here fails the test, with its reason"
+    reason = "part of the tests: a panic here fails the test"
 )]
 
 use std::fs;
@@ -28,8 +28,8 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, Operator};
 use robot_edge::clock::{self, sleep_until};
 use robot_edge::credentials::Credentials;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Wait as _};
 
 fn main() {
@@ -60,7 +60,7 @@ fn main() {
             Duration::from_secs(seconds.parse().unwrap()),
             Path::new(packets),
         ),
-        _ => panic!("{arguments:?} is none of what the head of drive-by-wire.rs says"),
+        _ => panic!("{arguments:?}: see the head of drive-by-wire.rs"),
     }
 }
 

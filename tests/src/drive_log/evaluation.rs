@@ -1,6 +1,6 @@
-//! Holds what the motors were told against what an operator sent.
+//! Compares the outputs of a drive log with the commands of operators.
 //!
-//! It knows nothing of the arbiter: only when a command was built, by the same clock, and what came out at the other end.
+//! Independent of the arbiter: it knows when a command was built, by the same clock, and the motor output.
 
 use std::time::Duration;
 
@@ -9,19 +9,19 @@ use measurement::time::Monotonic;
 use super::{DriveLog, Round};
 use crate::operator::{Input, Journal, Sent};
 
-/// What a line of the log is rounded to, m/s and rad/s.
+/// Rounding of outputs in the log, m/s and rad/s.
 const SPEED_STEP: f64 = 2e-6;
-/// The same of what is asked.
+/// Rounding of requests.
 const REQUEST_STEP: f64 = 1e-4;
-/// The same of ages.
+/// Rounding of ages.
 const AGE_STEP: Duration = Duration::from_micros(2);
-/// Faults that are told; there may be one in every round.
+/// Faults that are reported; every round may have one.
 const MAX_REPORTED_FAULTS: usize = 20;
 
-/// How long a press must have been preceded by nothing pressed, less what the link may take off it at both ends.
+/// Neutral time that a press needs before it, less the jitter of the link.
 const NEUTRAL: Duration = Duration::from_millis(160);
 
-/// What the vehicle promises.
+/// Limits of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Greatest age of a command that has an effect.
@@ -33,46 +33,46 @@ pub struct Limits {
 /// A stop because commands had become too old.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
-    /// When the token of the last command taken was issued.
+    /// When the token of the last accepted command was issued.
     pub issued: Monotonic,
     /// From then to the first round whose output fell.
     pub fell_after: Duration,
-    /// From that round to the first with an output of zero; `None` where commands came back in time.
+    /// From that round to the first with an output of zero; `None` if commands came back before.
     pub stood_after: Option<Duration>,
-    /// How long the stopping ramp lasts from the speed at its beginning: v/a, of both axes the longer.
+    /// Duration of the stopping ramp: v/a, the longer of both axes.
     pub ramp: Duration,
 }
 
-/// What became of commands.
+/// Result of [`evaluate`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// What should not have been; the first few.
+    /// The first violations of the rules.
     pub faults: Vec<String>,
     /// Every stop for age.
     pub stops: Vec<Stop>,
-    /// Rounds in which the motors were told to move.
+    /// Rounds with an output other than zero.
     pub moving_rounds: usize,
 }
 
 impl Evaluation {
-    /// Fails where there is a fault.
+    /// Panics if there is a fault.
     pub fn assert_no_faults(&self) {
         let faults = self.faults.join("\n");
         assert!(self.faults.is_empty(), "{faults}");
     }
 }
 
-/// Judges a run by the journals of everybody who drove in it. Every round must keep these rules:
+/// Checks a run against the journals of all its drivers. Every round must keep these rules:
 ///
-/// 1. The age that the vehicle reckons with is no less than the time since the command was built.
+/// 1. The age that the vehicle uses is no less than the time since the command was built.
 /// 2. Beyond the greatest age the output follows the stopping ramp: it never grows, and falls at least as fast.
-/// 3. Nothing is done that was not asked for: what is said to be requested was sent, by who drives.
-/// 4. Once it stands, it moves only by a command before which nothing was pressed, for long enough, since it moved.
-/// 5. It moves only while it says that it is `driving` or `stopping`.
+/// 3. The logged request was sent, by the driver.
+/// 4. A standing vehicle moves only by a command after a neutral time that began after its last motion.
+/// 5. It moves only in the modes `driving` and `stopping`.
 pub fn evaluate(log: &DriveLog, journals: &[&Journal], limits: &Limits) -> Evaluation {
     let mut verdict = Evaluation::default();
     let mut before: Option<&Round> = None;
-    // The last command in force while the vehicle moved, but for those that let go and made it stop.
+    // The last command in force while the vehicle moved; neutral commands do not count.
     let mut moved_by: Option<Sent> = None;
     for round in &log.rounds {
         let sent = command_in_force(round, journals);
@@ -83,7 +83,7 @@ pub fn evaluate(log: &DriveLog, journals: &[&Journal], limits: &Limits) -> Evalu
         }
         faults.extend(matches_request(round, sent.as_ref()));
         let is_standing = before.is_none_or(Round::is_stopped);
-        // A key that is held before an obstacle goes on counting.
+        // A key held before an obstacle needs no new press.
         let was_guarded =
             before.is_some_and(|before| before.mode == "driving" && before.clamp == "guard");
         if is_standing && !was_guarded && !round.is_stopped() {
@@ -100,7 +100,7 @@ pub fn evaluate(log: &DriveLog, journals: &[&Journal], limits: &Limits) -> Evalu
             let is_pressed = |sent: &Sent| sent.input != Input::NEUTRAL;
             moved_by = sent.filter(is_pressed).or(moved_by);
             if round.mode != "driving" && round.mode != "stopping" {
-                faults.push(format!("it moves and says that it is {}", round.mode));
+                faults.push(format!("it moves in mode {}", round.mode));
             }
         }
         for fault in faults {
@@ -146,7 +146,7 @@ fn old_commands_stop(before: &Round, round: &Round, limits: &Limits) -> Option<S
     });
     is_too_fast.then(|| {
         format!(
-            "a command of {:?} moves it; before, {:?} were told",
+            "a command of {:?} moves it; the output before was {:?}",
             round.age, before.output
         )
     })
@@ -158,7 +158,7 @@ fn matches_request(round: &Round, sent: Option<&Sent>) -> Option<String> {
         return None;
     }
     let Some(sent) = sent else {
-        return Some("nobody sent that".to_owned());
+        return Some("no operator sent that".to_owned());
     };
     let Input {
         linear_mps,
@@ -166,10 +166,10 @@ fn matches_request(round: &Round, sent: Option<&Sent>) -> Option<String> {
     } = sent.input;
     let asked = [linear_mps, angular_radps].map(f64::from);
     let differs = (0..2).any(|axis| (asked[axis] - round.requested[axis]).abs() > REQUEST_STEP);
-    differs.then(|| format!("{asked:?} was asked for"))
+    differs.then(|| format!("{asked:?} was requested"))
 }
 
-/// Rule 4, of the round in which the vehicle begins to move.
+/// Rule 4, for a round in which the vehicle begins to move.
 fn pressed_after_neutral(
     round: &Round,
     journal: Option<&Journal>,
@@ -177,10 +177,10 @@ fn pressed_after_neutral(
     sent: Option<&Sent>,
 ) -> Option<String> {
     let (Some(journal), Some(sent), Some(seq)) = (journal, sent, round.seq) else {
-        return Some("it sets off by itself".to_owned());
+        return Some("it starts without a command".to_owned());
     };
     let after = moved_by.map_or(0, |moved_by| {
-        // Another driver's numbers mean nothing here.
+        // Numbers of another driver are unrelated.
         let is_same = journal.find(moved_by.seq) == Some(moved_by);
         if is_same { moved_by.seq } else { 0 }
     });
@@ -192,9 +192,8 @@ fn pressed_after_neutral(
         let first = neutral.last().unwrap_or(last);
         last.at.since(first.at)
     });
-    (lasted < NEUTRAL).then(|| {
-        format!("before command {seq} nothing was pressed for {lasted:?}, after command {after}")
-    })
+    (lasted < NEUTRAL)
+        .then(|| format!("command {seq} follows {lasted:?} of neutral, after command {after}"))
 }
 
 fn stops(log: &DriveLog, limits: &Limits) -> Vec<Stop> {
@@ -227,4 +226,146 @@ fn stops(log: &DriveLog, limits: &Limits) -> Vec<Stop> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        max_age: Duration::from_millis(400),
+        stop_decel: [1.0, 4.0],
+    };
+
+    const PRESSED: Input = Input::of(0.2, 0.0);
+
+    fn at_ms(millis: u64) -> Monotonic {
+        Monotonic::from_nanos(millis * 1_000_000)
+    }
+
+    /// A command every 20 ms: neutral for 400 ms, then a key until 3 s, except neutral from 2 s to 2.3 s. Each
+    /// carries a token received 10 ms before.
+    fn journal() -> Journal {
+        let mut journal = Journal::default();
+        for seq in 1..150 {
+            let at = 20 * seq;
+            let is_neutral = at < 400 || (2000..2300).contains(&at);
+            journal.push(Sent {
+                at: at_ms(at),
+                seq,
+                epoch: 5,
+                token: seq,
+                token_received: at_ms(at - 10),
+                input: if is_neutral { Input::NEUTRAL } else { PRESSED },
+            });
+        }
+        journal
+    }
+
+    /// A round every 20 ms, 5 ms after the command, whose token was issued 30 ms before. Commands from 1 s to 1.6 s
+    /// are lost.
+    fn log() -> DriveLog {
+        let mut rounds: Vec<Round> = Vec::new();
+        for seq in 2..150 {
+            let at = 20 * seq + 5;
+            let arrived = if (1000..1600).contains(&at) { 49 } else { seq };
+            let issued = 20 * arrived - 25;
+            let age = at - issued;
+            let was = rounds.last().map_or(0.0, |round| round.output[0]);
+            let (mode, is) = if age > 400 {
+                ("stopping", f64::max(was - 0.02, 0.0))
+            } else if at < 400 || (1400..2300).contains(&at) {
+                ("held", 0.0)
+            } else {
+                ("driving", f64::min(was + 0.01, 0.2))
+            };
+            let asked = if at < 400 || (2000..2300).contains(&at) {
+                0.0
+            } else {
+                0.2
+            };
+            rounds.push(Round {
+                at: at_ms(at),
+                mode: mode.to_owned(),
+                requested: [asked, 0.0],
+                // As the log rounds it.
+                output: [(is * 1e6).round() / 1e6, 0.0],
+                age: Some(Duration::from_millis(age)),
+                epoch: 5,
+                seq: Some(arrived),
+                clamp: String::new(),
+                guard: "on".to_owned(),
+            });
+        }
+        DriveLog { rounds, missing: 0 }
+    }
+
+    fn verdict(log: &DriveLog) -> Evaluation {
+        evaluate(log, &[&journal()], &LIMITS)
+    }
+
+    /// The changed round must be the first fault.
+    fn is_faulted(at: u64, change: impl Fn(&mut Round), says: &str) {
+        let mut log = log();
+        let mut rounds = log.rounds.iter_mut();
+        change(rounds.find(|round| round.at == at_ms(at)).unwrap());
+        let verdict = verdict(&log);
+        let fault = verdict.faults.first().expect(says);
+        assert!(fault.contains(says), "{fault}");
+        assert!(
+            fault.starts_with(&format!("{:?}", Duration::from_millis(at))),
+            "{fault}"
+        );
+    }
+
+    #[test]
+    fn a_run_within_the_rules_has_no_faults() {
+        let verdict = verdict(&log());
+        assert_eq!(verdict.faults, [""; 0]);
+        let [stop] = verdict.stops[..] else {
+            panic!("{:?}", verdict.stops)
+        };
+        assert_eq!(stop.issued, at_ms(955));
+        assert_eq!(stop.fell_after, Duration::from_millis(410));
+        assert_eq!(stop.stood_after, Some(Duration::from_millis(180)));
+        assert_eq!(stop.ramp, Duration::from_millis(200));
+        assert!(verdict.moving_rounds > 60, "{}", verdict.moving_rounds);
+    }
+
+    #[test]
+    fn each_broken_rule_is_a_fault() {
+        is_faulted(
+            705,
+            |round| round.age = Some(Duration::from_millis(14)),
+            "command 35 is 15ms old at least",
+        );
+        // 19 mm/s less in a round that must take 20 mm/s off.
+        is_faulted(1365, |round| round.output[0] += 0.001, "moves it");
+        is_faulted(1425, |round| round.output[0] = -0.01, "moves it");
+        is_faulted(1425, |round| round.output[1] = 0.5, "moves it");
+        is_faulted(705, |round| round.requested[1] = 0.3, "was requested");
+        is_faulted(705, |round| round.seq = Some(999), "no operator sent that");
+        is_faulted(705, |round| round.epoch = 4, "no operator sent that");
+        is_faulted(
+            705,
+            |round| "held".clone_into(&mut round.mode),
+            "in mode held",
+        );
+        // A key that was not released.
+        is_faulted(
+            1705,
+            |round| {
+                round.output[0] = 0.001;
+                "driving".clone_into(&mut round.mode);
+            },
+            "follows 0ns of neutral, after command 49",
+        );
+        is_faulted(105, |round| round.output[0] = 0.001, "of neutral");
+        is_faulted(
+            45,
+            |round| {
+                round.output[0] = 0.001;
+                round.seq = None;
+                "driving".clone_into(&mut round.mode);
+            },
+            "without a command",
+        );
+    }
+}

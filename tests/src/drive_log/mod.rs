@@ -1,16 +1,16 @@
-//! What `robot-edge simulate --drive-log` wrote: one line for each round of the loop that drives.
+//! The CSV file of `--drive-log`: one line for each round of the teleop loop.
 
 mod evaluation;
-mod latency;
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-pub use evaluation::{Evaluation, Limits, Stop, evaluate};
-pub use latency::press_latencies;
+use crate::operator::{Input, Journal};
 
-/// The columns that are relied on, in this order.
+pub use evaluation::{Evaluation, Limits, Stop, evaluate};
+
+/// The columns in their order.
 const COLUMNS: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
                        age_ms,epoch,seq,clamp,guard";
 
@@ -22,31 +22,31 @@ pub type Speeds = [f64; 2];
 pub struct Round {
     /// When it ended, by this machine's clock.
     pub at: Monotonic,
-    /// What the vehicle was doing: `driving`, `held`, ….
+    /// State: `driving`, `held`, ….
     pub mode: String,
-    /// What the last command taken asked for.
+    /// Request of the last accepted command.
     pub requested: Speeds,
-    /// What the motors were told.
+    /// Output to the motors.
     pub output: Speeds,
-    /// An upper bound on the age of the last command taken; `None` where there is none under this grant.
+    /// Upper bound on the age of the last accepted command; `None` if there is none under this grant.
     pub age: Option<Duration>,
     /// The grant of the lease.
     pub epoch: u64,
-    /// Number of the last command taken under it.
+    /// Number of the last command accepted under it.
     pub seq: Option<u64>,
-    /// What made the output differ from what was asked; empty for nothing.
+    /// Why the output differs from the request; empty if it does not.
     pub clamp: String,
-    /// What the collision monitor said.
+    /// State of the collision monitor.
     pub guard: String,
 }
 
 impl Round {
-    /// Whether the motors were told zero.
+    /// Whether the output is zero.
     pub fn is_stopped(&self) -> bool {
         self.output.iter().all(|speed| speed.abs() <= 0.0)
     }
 
-    /// When the token of the last command taken was issued.
+    /// When the token of the last accepted command was issued.
     pub fn issued(&self) -> Option<Monotonic> {
         let at = self.at.since(Monotonic::default());
         let issued = at.checked_sub(self.age?)?;
@@ -59,12 +59,12 @@ impl Round {
 pub struct DriveLog {
     /// All of them, in the order of time.
     pub rounds: Vec<Round>,
-    /// Rounds that the disk did not follow.
+    /// Rounds that were not written in time.
     pub missing: u64,
 }
 
 impl DriveLog {
-    /// Reads a log; a last line that is not yet whole is left out. Fails at the first line that is none, and says which.
+    /// Reads a log and ignores an incomplete last line. Fails at the first invalid line, with its number.
     pub fn parse(csv: &str) -> Result<Self, String> {
         let mut lines = csv.split_inclusive('\n');
         let first = lines.next().unwrap_or_default().trim_end();
@@ -147,44 +147,28 @@ fn parse_round(line: &str) -> Option<Round> {
     })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rounds_are_read_and_what_is_missing_is_counted() {
-        let csv = format!(
-            "{COLUMNS}\n\
-             7000000000,held,0.0000,0.0000,0.000000,0.000000,,3,,,off\n\
-             # 12 rounds are missing: the disk did not follow\n\
-             7040000000,driving,0.2500,-0.5000,0.010000,-0.020000,31.250,3,17,ramp,on\n\
-             7060000000,dri"
-        );
-        let log = DriveLog::parse(&csv).unwrap();
-        assert_eq!(log.missing, 12);
-        let [held, driving] = &log.rounds[..] else {
-            panic!("{log:?}")
-        };
-        assert!(held.is_stopped() && held.age.is_none() && held.seq.is_none());
-        assert_eq!(
-            driving.output.map(f64::to_bits),
-            [0.01_f64, -0.02].map(f64::to_bits)
-        );
-        assert_eq!(driving.seq, Some(17));
-        let issued = Monotonic::from_nanos(7_008_750_000);
-        assert_eq!(driving.issued(), Some(issued));
-        assert_eq!(log.periods(), [Duration::from_millis(40)]);
-        assert_eq!(log.since(driving.at).len(), 1);
-        assert_eq!(log.during(held.at, driving.at).len(), 1);
-        for wrong in [
-            csv.replace("31.250", "-1"),
-            csv.replace(",ramp", ""),
-            csv.replace("t_ns", "t"),
-        ] {
-            assert!(
-                DriveLog::parse(&wrong).unwrap_err().starts_with("line"),
-                "{wrong}"
-            );
-        }
-    }
+/// For each press of a journal, the time from its first command to the end of the first round in which it
+/// moved the motors; `None` if it was released before.
+pub fn press_latencies(log: &DriveLog, journal: &Journal) -> Vec<Option<Duration>> {
+    let sent = journal.sent();
+    let presses = sent.windows(2).filter_map(|pair| {
+        let is_press = pair[0].input == Input::NEUTRAL && pair[1].input != Input::NEUTRAL;
+        is_press.then_some(pair[1])
+    });
+    presses
+        .map(|press| {
+            let released = journal
+                .between(press.seq, u64::MAX)
+                .iter()
+                .find(|later| later.input == Input::NEUTRAL)
+                .map_or(u64::MAX, |later| later.seq);
+            let is_moved_by_it =
+                |seq: Option<u64>| seq.is_some_and(|seq| (press.seq..released).contains(&seq));
+            let mut rounds = log.since(press.at).iter();
+            let moved = rounds.find(|round| {
+                round.epoch == press.epoch && is_moved_by_it(round.seq) && !round.is_stopped()
+            })?;
+            Some(moved.at.since(press.at))
+        })
+        .collect()
 }

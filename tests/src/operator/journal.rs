@@ -1,4 +1,4 @@
-//! What an operator sent, and when, by the clock that the drive log has too.
+//! The commands of an operator, with times of the drive log's clock.
 
 use std::io::{self, Write};
 
@@ -9,7 +9,7 @@ use super::Input;
 /// The first line of a journal as CSV.
 const COLUMNS: &str = "t_ns,seq,epoch,token,token_t_ns,linear_mps,angular_radps";
 
-/// One command, as it was sent.
+/// One command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sent {
     /// When it was built.
@@ -20,9 +20,9 @@ pub struct Sent {
     pub epoch: u64,
     /// Number of its token.
     pub token: u64,
-    /// When that token was heard first: later than it was issued.
+    /// When that token was first received: later than it was issued.
     pub token_received: Monotonic,
-    /// What it asks for.
+    /// The requested speeds.
     pub input: Input,
 }
 
@@ -50,7 +50,7 @@ impl Journal {
         self.sent.get(at)
     }
 
-    /// Those after `after` and before `before`, by number.
+    /// Commands with numbers between `after` and `before`.
     pub fn between(&self, after: u64, before: u64) -> &[Sent] {
         let from = self.sent.partition_point(|sent| sent.seq <= after);
         let to = self.sent.partition_point(|sent| sent.seq < before);
@@ -81,9 +81,9 @@ impl Journal {
         out.write_all(line.as_bytes())
     }
 
-    /// Reads such a file; a last line that was cut off, as by a kill, is left out.
+    /// Reads such a file and ignores an incomplete last line.
     ///
-    /// Fails at the first other line that is none, and says which.
+    /// Fails at the first other invalid line, with its number.
     pub fn parse(csv: &str) -> Result<Self, String> {
         let mut lines = csv.split_inclusive('\n');
         let first = lines.next().unwrap_or_default().trim_end();
@@ -120,42 +120,4 @@ fn parse_line(line: &str) -> Option<Sent> {
 
 fn nanos(moment: Monotonic) -> u128 {
     moment.since(Monotonic::default()).as_nanos()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn sent(seq: u64) -> Sent {
-        Sent {
-            at: Monotonic::from_nanos(10 * seq),
-            seq,
-            epoch: 3,
-            token: seq / 2,
-            token_received: Monotonic::from_nanos(9 * seq),
-            input: Input::of(0.1, -0.25),
-        }
-    }
-
-    #[test]
-    fn what_is_written_is_read() {
-        let mut csv = Vec::new();
-        Journal::begin(&mut csv).unwrap();
-        for seq in [4, 5, 9] {
-            Journal::write(&mut csv, &sent(seq)).unwrap();
-        }
-        let csv = String::from_utf8(csv).unwrap();
-        let journal = Journal::parse(&csv).unwrap();
-        assert_eq!(journal.sent(), [sent(4), sent(5), sent(9)]);
-        assert_eq!(journal.find(5), Some(&sent(5)));
-        assert_eq!(journal.find(6), None);
-        assert_eq!(journal.between(4, 9), [sent(5)]);
-        assert_eq!(journal.between(9, 9), []);
-
-        let cut_off = &csv[..csv.len() - 3];
-        assert_eq!(Journal::parse(cut_off).unwrap().sent().len(), 2);
-        let wrong = csv.replace("5,3,2", "5,3");
-        assert!(Journal::parse(&wrong).unwrap_err().starts_with("line 3"));
-        assert!(Journal::parse("").unwrap_err().starts_with("line 1"));
-    }
 }

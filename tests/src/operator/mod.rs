@@ -1,59 +1,61 @@
-//! Somebody who drives over a real link, as SPEC.md sections 12 and 13 have it, and keeps a journal of it.
+//! An operator who drives over a real link by SPEC.md sections 12 and 13 and keeps a journal.
 //!
-//! It is written from the specification and shares no code with the console: session, signature and keys are all
-//! that it takes from the project.
+//! It shares no code with the console; from the project it uses sessions, signatures and keys
+//! only.
 
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
-    reason = "a part of tests: what fails here fails the test, with its reason"
+    reason = "part of the tests: a panic here fails the test"
 )]
 
-mod driving;
 mod journal;
-mod received;
 
 use std::fs::File;
 use std::io;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::sleep;
 use std::time::Duration;
 
-use protocol::keys::{OperatorId, OperatorTopic, RobotId, operator_key};
-use protocol::message::{Drive, Pose, SensorStatus, TeleopStatus};
+use measurement::time::Monotonic;
+use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
+use protocol::message::{
+    AgeToken, Answer, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Status, TeleopState,
+    TeleopStatus,
+};
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
+use protocol::tile::BootId;
+use protocol::wire;
 use robot_edge::clock::{self, sleep_until};
 use robot_edge::credentials::{Credentials, Identity};
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
 
-use received::{Received, Token, lock};
-
 pub use journal::{Journal, Sent};
 
-/// How long a robot may take to do what it is told; nothing is measured by it.
+/// Longer than any step takes.
 pub const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// From one command to the next.
 pub const PERIOD: Duration = Duration::from_millis(20);
 
-/// A change of input is sent so often, within [`PERIOD`].
+/// Commands per [`PERIOD`] when the input changes.
 const REPETITIONS: u32 = 3;
 
-/// One reply is waited for so long; then the question is asked anew.
+/// Timeout of a reply; then the request is repeated.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Where nothing moves for so long, whoever drives lets go and presses again.
+/// If the vehicle does not move for this long, the operator releases and presses again.
 const PRESSED_AGAIN: Duration = Duration::from_secs(2);
 
-/// Longer than the neutral time that a press needs before it.
+/// Longer than the neutral time that a press needs.
 pub const NEUTRAL: Duration = Duration::from_millis(400);
 
-/// What is pressed, m/s and rad/s in `base_link`.
+/// Requested speeds, m/s and rad/s in `base_link`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Along x.
@@ -75,15 +77,15 @@ impl Input {
     }
 }
 
-/// Somebody who drives.
+/// An operator.
 pub struct Operator {
-    /// What they call themselves.
+    /// Their name.
     pub name: OperatorId,
-    /// What they sign with.
+    /// Their signing key.
     pub key: SecretKey,
-    /// The grant of the lease that they rely on.
+    /// Their grant of the lease.
     pub epoch: u64,
-    /// Of the last message that they signed.
+    /// Number of the last signed message.
     pub seq: u64,
     /// Every command sent so far.
     pub journal: Journal,
@@ -96,7 +98,7 @@ pub struct Operator {
 }
 
 impl Operator {
-    /// Connects to `robot` at `endpoint` without keys, as soon as there is somebody to connect to.
+    /// Connects to `robot` at `endpoint` without keys; tries again until it answers.
     pub fn connect(endpoint: &str, robot: &str, name: &str) -> Self {
         let name: OperatorId = name.parse().unwrap();
         let key = SecretKey::without_secret(&name);
@@ -114,7 +116,7 @@ impl Operator {
         Self::on(session, robot, name, key).with_token()
     }
 
-    /// On a link that is open already, signing with that key.
+    /// Uses an open session and signs with `key`.
     pub fn on(session: Session, robot: &str, name: OperatorId, key: SecretKey) -> Self {
         let robot: RobotId = robot.parse().unwrap();
         let received = Received::subscribe(&session, &robot);
@@ -142,7 +144,7 @@ impl Operator {
         }
     }
 
-    /// Writes the journal to a file too, each command before it is sent: it is whole whenever the process is killed.
+    /// Writes the journal to a file too, each command before it is sent, so that a kill loses none.
     pub fn write_journal(&mut self, path: &Path) -> io::Result<()> {
         let mut file = File::create(path)?;
         Journal::begin(&mut file)?;
@@ -150,7 +152,7 @@ impl Operator {
         Ok(())
     }
 
-    /// As [`Operator::connect`], and ready to send commands.
+    /// As [`Operator::connect`]; ready to send commands.
     pub fn ready(endpoint: &str, robot: &str, name: &str) -> Self {
         Self::connect(endpoint, robot, name).with_token()
     }
@@ -172,12 +174,12 @@ impl Operator {
         &self.session
     }
 
-    /// How driving goes, as last heard.
+    /// The last state of driving.
     pub fn teleop(&self) -> Option<TeleopStatus> {
         self.received().status.as_ref()?.teleop.clone()
     }
 
-    /// How the sensors are doing, as last heard.
+    /// The last state of the sensors.
     pub fn sensors(&self) -> Vec<SensorStatus> {
         let received = self.received();
         received
@@ -187,17 +189,17 @@ impl Operator {
             .unwrap_or_default()
     }
 
-    /// Where the robot is, by the last pose that came.
+    /// The last pose.
     pub fn pose(&self) -> Pose {
         lock(&self.received).pose.expect("a pose").1
     }
 
-    /// How fast the robot turns, as last heard.
+    /// The last turn rate.
     pub fn turn_rate_radps(&self) -> f32 {
         self.received().pose.unwrap().1.turn_rate_radps
     }
 
-    /// Waits until the status is as wanted.
+    /// Waits until `is_so`.
     pub fn wait_for_status(
         &self,
         what: &str,
@@ -214,10 +216,99 @@ impl Operator {
         }
     }
 
-    /// Waits for a status that the robot sends from now on, and returns it.
+    /// Waits for the next status.
     pub fn wait_for_new_status(&self) -> TeleopStatus {
         self.received().status = None;
-        self.wait_for_status("told", |_| true)
+        self.wait_for_status("a status", |_| true)
+    }
+
+    /// Sends a request until it is answered, with a new token and `seq` each time.
+    pub fn ask<T: Command>(&mut self, command: &T) -> Answer {
+        let key = operator_key(&self.robot, &self.name, T::TOPIC);
+        let started = clock::now();
+        while clock::elapsed(started) < TIMEOUT {
+            let message = self.signed(command);
+            let query = self.session.get(key.clone()).payload(message);
+            let replies = query.timeout(REPLY_TIMEOUT).wait();
+            let reply = replies.ok().and_then(|replies| replies.recv().ok());
+            if let Some(Ok(sample)) = reply.as_ref().map(zenoh::query::Reply::result) {
+                return wire::decode(&sample.payload().to_bytes()).unwrap().1;
+            }
+            sleep(PERIOD);
+        }
+        panic!("no answer to {key}");
+    }
+
+    /// Requests the lease until it is granted, or for `TIMEOUT`.
+    pub fn take_lease(&mut self) {
+        let started = clock::now();
+        loop {
+            match self.ask(&LeaseRequest::Request) {
+                Answer::Granted(epoch) => {
+                    self.epoch = epoch;
+                    return;
+                }
+                // After a reconnect the token may be old, or delayed commands use up the rate.
+                Answer::Refused(Refusal::TooOld | Refusal::UnknownToken | Refusal::TooMany)
+                    if clock::elapsed(started) < TIMEOUT =>
+                {
+                    sleep(PERIOD);
+                }
+                // The vehicle must stop first. A grant that is not received in time is requested again.
+                Answer::Waiting if clock::elapsed(started) < TIMEOUT => {
+                    let asked = clock::now();
+                    while clock::elapsed(asked) < Duration::from_secs(1) {
+                        let lease = self.teleop().map(|teleop| teleop.lease);
+                        let granted =
+                            lease.filter(|lease| lease.holder.as_ref() == Some(&self.name));
+                        if let Some(lease) = granted {
+                            self.epoch = lease.epoch;
+                            return;
+                        }
+                        sleep(PERIOD);
+                    }
+                }
+                answer @ (Answer::Done
+                | Answer::Waiting
+                | Answer::EStopped(_)
+                | Answer::Refused(_)) => {
+                    panic!("{answer:?}: {:?}", self.teleop())
+                }
+            }
+        }
+    }
+
+    /// Requests the lease unless it is held, sends neutral, then `input`, and waits until the vehicle drives.
+    pub fn start_driving(&mut self, input: Input) {
+        let lease = self.wait_for_new_status().lease;
+        if lease.holder.as_ref() == Some(&self.name) || lease.next.as_ref() == Some(&self.name) {
+            let granted = self.wait_for_status("granted", |teleop| {
+                teleop.lease.holder.as_ref() == Some(&self.name)
+            });
+            self.epoch = granted.lease.epoch;
+        } else {
+            self.take_lease();
+        }
+        let received = Arc::clone(&self.received);
+        let started = clock::now();
+        loop {
+            self.hold(Input::NEUTRAL, NEUTRAL);
+            lock(&received).status = None;
+            let pressed = clock::now();
+            let teleop = || lock(&received).status.as_ref()?.teleop.clone();
+            let drives = || teleop().is_some_and(|teleop| teleop.state == TeleopState::Driving);
+            self.hold_until(input, || {
+                drives() || clock::elapsed(pressed) > PRESSED_AGAIN
+            });
+            if drives() {
+                return;
+            }
+            let teleop = teleop();
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "it does not start: {teleop:?}"
+            );
+        }
     }
 
     /// Signs a command with the newest token, a new `seq` and the present epoch.
@@ -226,13 +317,13 @@ impl Operator {
         self.signed_with(newest, command)
     }
 
-    /// Sends a `Drive` as it is, for instance once more.
+    /// Sends a signed `Drive` message.
     pub fn put(&self, message: Vec<u8>) {
-        // While the link is down there is nobody to send to.
+        // Fails while the link is down.
         drop(self.drive.put(message).wait());
     }
 
-    /// Sends what is pressed, as one iteration of a console's input loop does.
+    /// Sends one command, as one iteration of a console's input loop.
     pub fn command(&mut self, input: Input) -> Vec<u8> {
         let newest = self.received().token.expect("a token");
         let message = self.signed_with(
@@ -259,13 +350,13 @@ impl Operator {
         message
     }
 
-    /// Holds this for a time; the last command, for whoever wants to send it again.
+    /// Holds `input` for a time; returns the last message.
     pub fn hold(&mut self, input: Input, time: Duration) -> Vec<u8> {
         let until = clock::now() + time;
         self.hold_until(input, || clock::now() >= until)
     }
 
-    /// Holds this until it is asked not to.
+    /// Holds `input` until `is_over`.
     pub fn hold_until(&mut self, input: Input, is_over: impl Fn() -> bool) -> Vec<u8> {
         let mut next = clock::now();
         loop {
@@ -277,7 +368,7 @@ impl Operator {
                 }
                 self.pressed = input;
             }
-            // What was missed is not made up for.
+            // Missed commands are not sent later.
             next = (next + PERIOD).max(clock::now());
             sleep_until(next, || false);
             if is_over() {
@@ -324,14 +415,14 @@ impl Operator {
             let name = &self.name;
             assert!(
                 clock::elapsed(started) < TIMEOUT,
-                "{name} waits for {what} in vain"
+                "{name}: timed out waiting for {what}"
             );
             sleep(PERIOD);
         }
     }
 }
 
-/// A session as consoles open them, as soon as somebody answers.
+/// A console's session; tries again until the endpoint answers.
 pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
     let endpoints = Endpoints {
         connect: vec![endpoint.to_owned()],
@@ -346,4 +437,64 @@ pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
         }
         sleep(PERIOD);
     }
+}
+
+/// The last messages of the robot.
+#[derive(Default)]
+struct Received {
+    pose: Option<(BootId, Pose)>,
+    token: Option<Token>,
+    status: Option<Status>,
+}
+
+/// The newest token and its time of arrival.
+#[derive(Clone, Copy)]
+struct Token {
+    boot: BootId,
+    token: AgeToken,
+    received: Monotonic,
+}
+
+impl Received {
+    fn subscribe(session: &Session, robot: &RobotId) -> Arc<Mutex<Self>> {
+        let received = Arc::new(Mutex::new(Self::default()));
+        for topic in [Topic::Pose, Topic::Status] {
+            let received = Arc::clone(&received);
+            session
+                .declare_subscriber(topic.key(robot))
+                .callback(move |sample| {
+                    let bytes = sample.payload().to_bytes();
+                    let mut received = lock(&received);
+                    // Undecodable messages on these keys are ignored.
+                    if topic != Topic::Pose {
+                        received.status = wire::decode(&bytes).ok().map(|(_, status)| status);
+                    } else if let Ok((header, pose)) = wire::decode(&bytes) {
+                        received.pose(header.boot, pose);
+                    }
+                })
+                .background()
+                .wait()
+                .unwrap();
+        }
+        received
+    }
+
+    fn pose(&mut self, boot: BootId, pose: Pose) {
+        self.pose = Some((boot, pose));
+        let Some(token) = pose.token else { return };
+        let is_news = self
+            .token
+            .is_none_or(|last| last.boot != boot || last.token.n < token.n);
+        if is_news {
+            self.token = Some(Token {
+                boot,
+                token,
+                received: clock::now(),
+            });
+        }
+    }
+}
+
+fn lock(received: &Mutex<Received>) -> MutexGuard<'_, Received> {
+    received.lock().unwrap_or_else(PoisonError::into_inner)
 }

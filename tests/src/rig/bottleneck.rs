@@ -1,28 +1,26 @@
-//! One direction of a link: a queue in front of a limited rate, and the way behind it.
-//!
-//! Pure: time is an argument, so that the rig's arithmetic is tested without waiting for it.
+//! One direction of a link: a queue in front of a limited rate, then a delay. Pure: time is an argument.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-/// Most bytes that one direction holds, waiting and under way together, whatever its [`Line`] says.
-pub(super) const MAX_LOAD_BYTES: usize = 64 << 20;
+/// Bytes that one direction holds at most, queued and under way, whatever its [`Line`] allows.
+const MAX_LOAD_BYTES: usize = 64 << 20;
 
-/// How fast one direction of a link is, and how far.
+/// Rate and delay of one direction of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// Time from the end of the queue to the other end of the link.
+    /// From the end of the queue to the other end of the link.
     pub delay: Duration,
-    /// Bytes per second that leave the queue; `None` is no limit, and 0 is a line on which nothing moves.
+    /// Bytes per second that leave the queue; `None` is no limit, 0 holds everything.
     pub rate_bytes_per_s: Option<u64>,
-    /// Bytes that may wait for the rate. One message or packet may always wait, however large it is.
+    /// Bytes that may wait for the rate. One packet may always wait, however large it is.
     pub queue_bytes: usize,
 }
 
 impl Default for Line {
-    /// As good as no link at all: no delay, no limit, and 32 KiB of queue as soon as there is a limit.
+    /// No delay, no limit; 32 KiB of queue once there is a limit.
     fn default() -> Self {
         Self {
             delay: Duration::ZERO,
@@ -38,10 +36,10 @@ pub(super) struct Bottleneck<T> {
     line: Line,
     waiting: VecDeque<Waiting<T>>,
     waiting_bytes: usize,
-    /// Bytes of the first in the queue that have not yet been sent at `served_until`.
+    /// Bytes of the first queued item that were not sent by `served_until`.
     head_remaining_bytes: f64,
     served_until: Monotonic,
-    /// In the order of leaving, whenever they are due: none overtakes another.
+    /// In the order of leaving: none overtakes another.
     in_flight: VecDeque<InFlight<T>>,
     in_flight_bytes: usize,
 }
@@ -73,18 +71,14 @@ impl<T> Bottleneck<T> {
         }
     }
 
-    pub(super) fn line(&self) -> Line {
-        self.line
-    }
-
-    /// Changes the line. What is under way keeps the time at which it arrives.
+    /// Changes the line. Items under way keep their arrival time.
     pub(super) fn set_line(&mut self, now: Monotonic, line: Line) {
         self.serve(now);
         self.line = line;
     }
 
-    /// Bytes that the queue takes now.
-    pub(super) fn room_bytes(&self) -> usize {
+    /// Free bytes of the queue.
+    fn room_bytes(&self) -> usize {
         let load = self.waiting_bytes + self.in_flight_bytes;
         let within_memory = MAX_LOAD_BYTES.saturating_sub(load);
         if self.waiting.is_empty() {
@@ -96,9 +90,7 @@ impl<T> Bottleneck<T> {
             .min(within_memory)
     }
 
-    /// Puts `item` at the end of the queue; it takes `extra_delay` beyond the line's own.
-    ///
-    /// Returns whether there was room for its `bytes`.
+    /// Queues `item`, with `extra_delay` beyond the line's; returns whether there was room for its `bytes`.
     pub(super) fn offer(
         &mut self,
         now: Monotonic,
@@ -124,7 +116,7 @@ impl<T> Bottleneck<T> {
         true
     }
 
-    /// The next that has arrived at the other end by `now`.
+    /// The next item that has arrived by `now`.
     pub(super) fn take(&mut self, now: Monotonic) -> Option<T> {
         self.serve(now);
         let first = self.in_flight.pop_front_if(|first| first.due <= now)?;
@@ -132,21 +124,14 @@ impl<T> Bottleneck<T> {
         Some(first.item)
     }
 
-    /// When something happens next of its own accord: an arrival, or room in the queue.
+    /// When the next item arrives or leaves the queue.
     pub(super) fn next_event(&self) -> Option<Monotonic> {
         let arrival = self.in_flight.front().map(|first| first.due);
         let departure = self.waiting.front().and_then(|_| self.first_leaves_at());
         arrival.into_iter().chain(departure).min()
     }
 
-    /// Lets the time from the last call to `now` pass without any of it being used.
-    ///
-    /// What is under way travels on meanwhile.
-    pub(super) fn skip_to(&mut self, now: Monotonic) {
-        self.served_until = now;
-    }
-
-    /// Takes out everything, wherever it is.
+    /// Removes everything, queued and under way.
     pub(super) fn drain(&mut self) -> Vec<T> {
         self.waiting_bytes = 0;
         self.in_flight_bytes = 0;
@@ -156,8 +141,8 @@ impl<T> Bottleneck<T> {
             .collect()
     }
 
-    /// Moves what the rate allowed by `now` from the queue onto the way.
-    pub(super) fn serve(&mut self, now: Monotonic) {
+    /// Moves what the rate allowed by `now` out of the queue.
+    fn serve(&mut self, now: Monotonic) {
         while !self.waiting.is_empty() {
             let Some(leaves) = self.first_leaves_at().filter(|leaves| *leaves <= now) else {
                 let served_s = now.since(self.served_until).as_secs_f64();
@@ -182,7 +167,7 @@ impl<T> Bottleneck<T> {
         }
     }
 
-    /// When the last byte of the first in the queue has been sent; never at a rate of 0.
+    /// When the last byte of the first item has left the queue; never at a rate of 0.
     fn first_leaves_at(&self) -> Option<Monotonic> {
         let seconds = match self.line.rate_bytes_per_s {
             None => 0.0,
@@ -225,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_refuses_and_an_empty_one_takes_anything() {
+    fn a_full_queue_refuses_and_an_empty_queue_accepts() {
         let mut link = Bottleneck::new(line(0, Some(1000), 150));
         assert!(link.offer(at_ms(0), 400, Duration::ZERO, 0));
         assert!(!link.offer(at_ms(0), 1, Duration::ZERO, 1));
@@ -236,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_rate_holds_for_what_waits() {
+    fn a_new_rate_applies_to_queued_items() {
         let mut link = Bottleneck::new(line(0, Some(100), 1000));
         assert!(link.offer(at_ms(0), 100, Duration::ZERO, ()));
         link.set_line(at_ms(500), line(0, Some(0), 1000));
@@ -245,17 +230,8 @@ mod tests {
         assert_eq!(link.next_event(), Some(at_ms(9_050)));
     }
 
-    #[test]
-    fn skipped_time_sends_nothing() {
-        let mut link = Bottleneck::new(line(0, Some(1000), 1000));
-        assert!(link.offer(at_ms(0), 100, Duration::ZERO, ()));
-        link.skip_to(at_ms(5000));
-        assert_eq!(link.take(at_ms(5099)), None);
-        assert_eq!(link.take(at_ms(5100)), Some(()));
-    }
-
     proptest! {
-        /// Whatever happens to the line, nothing is lost, doubled, overtaken, early or faster than the rate.
+        /// Nothing is lost, doubled, overtaken, early or faster than the rate.
         #[test]
         fn keeps_order_delay_and_rate(
             offers in prop::collection::vec((0_u64..50, 0_usize..2000, 0_u64..30), 1..100),

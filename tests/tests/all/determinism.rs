@@ -1,17 +1,17 @@
-//! The same measurements give the same map, however they arrive; other measurements another.
+//! The same measurements give the same map, in whatever order they arrive.
 
 use std::fs;
 use std::io;
 
 use measurement::{Measurement, MeasurementData};
 use protocol::tile_store::RootDigest;
-use robot_edge::app;
 use robot_edge::cli::{
     Cli, Command, DrivingOptions, MappingOptions, NetworkOptions, Simulate, VehicleOptions,
     Verbosity,
 };
 use robot_edge::exit::Exit;
 use robot_edge::pacer::Rate;
+use robot_edge::runtime;
 use simulation::{SimulationOptions, World};
 
 use crate::simulated_run::{digest, measurements, pipeline, vehicle_config};
@@ -35,9 +35,9 @@ fn map_of(world: &World, measurements: Vec<Measurement>, settings: &[&str]) -> R
         .filter(|measurement| is_scan(measurement))
         .count();
     for measurement in measurements {
-        pipeline.push(measurement, ()).unwrap();
+        pipeline.push(measurement).unwrap();
     }
-    pipeline.finish(()).unwrap();
+    pipeline.finish().unwrap();
     assert_eq!(pipeline.report().scans_mapped, scans as u64);
     assert_eq!(pipeline.registration().counts().dropped_scans.total(), 0);
     digest(&pipeline)
@@ -47,8 +47,8 @@ fn is_scan(measurement: &Measurement) -> bool {
     matches!(measurement.data, MeasurementData::Scan { .. })
 }
 
-/// As a link with delays would deliver them: batches of `period_s`, in each all poses before all scans, or
-/// the other way round.
+/// Batches of `period_s`, as a link with delays delivers them: in each, all poses before all scans, or
+/// the reverse.
 fn in_batches(
     mut measurements: Vec<Measurement>,
     period_s: f64,
@@ -87,17 +87,17 @@ fn the_map_does_not_depend_on_how_often_it_is_published() {
 }
 
 #[test]
-fn the_seed_makes_the_map() {
+fn the_map_depends_on_the_seed_alone() {
     let world = World::load("rooms").unwrap();
     let map = |seed| map_of(&world, measured(&world, seed), &[]);
     assert_eq!(map(2), map(2));
     assert_ne!(map(2), map(1));
 }
 
-/// The program sets its pipeline up itself, hands measurements over in batches, with one thread or two, and
-/// says the digest of the map that it exports.
+/// The program creates its own pipeline, passes measurements in batches, uses one thread or two, and
+/// reports the digest of the map that it exports.
 #[test]
-fn the_program_makes_the_map_that_its_library_makes() {
+fn the_program_makes_the_map_of_the_library() {
     let world = World::load("rooms").unwrap();
     let in_order = map_of(&world, measured(&world, 3), &[]).to_string();
     for threads in ["mapping.threads=1", "mapping.threads=2"] {
@@ -136,7 +136,7 @@ fn digest_of_simulate(seed: u64, setting: &str) -> String {
             verbose: 0,
         },
     };
-    assert_eq!(app::run(&cli, &mut io::sink()).unwrap(), Exit::Done);
+    assert_eq!(runtime::run(&cli, &mut io::sink()).unwrap(), Exit::Done);
     let summary: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(summary).unwrap()).unwrap();
     summary["layers"]["occupancy"]["digest"]

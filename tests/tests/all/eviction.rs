@@ -1,11 +1,11 @@
-//! What leaves the mapping memory to keep its limit stays in the tile store: one truth.
+//! Tiles evicted from the mapping memory stay in the tile store.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
-use robot_edge::pipeline::Pipeline;
-use robot_edge::streaming::cells_to_tiles;
+use robot_edge::publishing::cells_to_tiles;
+use robot_edge::runtime::Pipeline;
 use simulation::{SimulationOptions, World};
 
 use crate::simulated_run::{measurements, pipeline, vehicle_config};
@@ -37,25 +37,29 @@ fn revisions(pipeline: &Pipeline) -> BTreeMap<TileKey, u64> {
         .collect()
 }
 
-/// What happened to the tiles of a pipeline, seen from outside after each publication.
+/// Tiles of a pipeline, observed after each publication.
 #[derive(Default)]
 struct Watch {
     publications: u64,
     held: BTreeSet<TileKey>,
     revisions: BTreeMap<TileKey, u64>,
     evicted: BTreeSet<TileKey>,
-    /// Evicted, and touched again later: they began blank in the mapping memory.
+    /// Evicted and observed again later: they were blank in the mapping memory.
     seen_again: BTreeSet<TileKey>,
     evictions: u64,
 }
 
 impl Watch {
     fn look(&mut self, pipeline: &Pipeline) {
-        let publications = pipeline.report().stages.publish.runs();
+        let publications = pipeline.report().publish_time.runs();
         if publications == self.publications {
             return;
         }
-        assert_eq!(publications, self.publications + 1, "each is looked at");
+        assert_eq!(
+            publications,
+            self.publications + 1,
+            "a publication was missed"
+        );
         self.publications = publications;
         let bytes = pipeline.mapper().occupancy().unwrap().bytes();
         assert!(bytes <= LIMIT_MB as usize * 1_000_000, "{bytes}");
@@ -75,8 +79,8 @@ impl Watch {
     }
 }
 
-/// Maps twice, with [`LIMIT_MB`] and without, and compares what is published; what the watch saw, and what
-/// the pipeline counted.
+/// Maps with [`LIMIT_MB`] and without and compares the published tiles; returns the observation and the pipeline's
+/// count of evictions.
 fn check(cell_m: f64, duration_s: f64) -> (Watch, u64) {
     let world = World::load("rooms").unwrap();
     let options = SimulationOptions {
@@ -90,12 +94,12 @@ fn check(cell_m: f64, duration_s: f64) -> (Watch, u64) {
     let mut unlimited = pipeline(&vehicle_config(&world, &[&cell]));
     let mut watch = Watch::default();
     for measurement in measurements(&world, options) {
-        limited.push(measurement.clone(), ()).unwrap();
-        unlimited.push(measurement, ()).unwrap();
+        limited.push(measurement.clone()).unwrap();
+        unlimited.push(measurement).unwrap();
         watch.look(&limited);
     }
     for pipeline in [&mut limited, &mut unlimited] {
-        pipeline.finish(()).unwrap();
+        pipeline.finish().unwrap();
         let counters = pipeline.publisher().store().counters();
         assert_eq!(counters.tiles_evicted, 0, "the store has room for all");
     }
@@ -106,9 +110,9 @@ fn check(cell_m: f64, duration_s: f64) -> (Watch, u64) {
     assert!(ours.keys().eq(all.keys()));
     for (key, cells) in ours {
         let known = |cells: &TileCells| cells.codes().map(|code| code != UNKNOWN);
-        assert_eq!(known(&cells), known(&all[&key]), "{key}: what was known");
+        assert_eq!(known(&cells), known(&all[&key]), "{key}: known cells");
         if !watch.seen_again.contains(&key) {
-            assert_eq!(cells, all[&key], "{key}: what was said of it");
+            assert_eq!(cells, all[&key], "{key}: values");
         }
     }
     (watch, limited.publisher().traffic().evicted_from_mapping)
@@ -128,7 +132,7 @@ fn evicted_tiles_stay_published_as_they_were() {
 #[test]
 fn tiles_are_published_before_they_are_evicted() {
     let (watch, counted) = check(0.01, 20.0);
-    // A tile that was touched, said nothing new and went again leaves no trace outside.
+    // A tile that was reloaded and evicted without a change is not visible outside.
     assert!(
         (watch.evictions..watch.evictions + 5).contains(&counted),
         "{counted}"

@@ -1,14 +1,16 @@
-//! A fleet's folder, made by the program itself.
+//! A folder with keys, made by `robot-edge keys`.
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
+use robot_edge::credentials::Credentials;
+use robot_edge::network::sessions::Endpoints;
 use tempfile::TempDir;
 
 use crate::link::processes::program;
 
-/// The folder of a fleet that lasts as long as a test.
+/// A fleet whose folder is removed at the end of the test.
 pub(crate) struct Fleet {
     folder: TempDir,
 }
@@ -19,7 +21,7 @@ impl Fleet {
         Self::with(&[])
     }
 
-    /// The same, where the vehicle is reached at this address.
+    /// The same, with this address of the vehicle.
     pub(crate) fn reached_at(host: IpAddr) -> Self {
         Self::with(&["--host", &host.to_string()])
     }
@@ -64,12 +66,20 @@ impl Fleet {
         self.root().join("people").join(name)
     }
 
+    /// A console's endpoints: connects to `endpoint` with a person's keys.
+    pub(crate) fn endpoints(&self, name: &str, endpoint: String) -> Endpoints {
+        Endpoints {
+            connect: vec![endpoint],
+            credentials: Some(Credentials::open(&self.person(name)).unwrap()),
+            ..Endpoints::default()
+        }
+    }
+
     pub(crate) fn scratch(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 }
 
-/// The text of a file.
 pub(crate) fn text(path: impl AsRef<Path>) -> String {
     std::fs::read_to_string(path).unwrap()
 }

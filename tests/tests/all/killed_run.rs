@@ -1,4 +1,4 @@
-//! What a run that is killed leaves behind, and what the next one makes of it.
+//! Files that a killed run leaves behind, and the next run.
 
 use std::fs;
 use std::path::Path;
@@ -10,15 +10,14 @@ use recording::{Selection, open};
 use robot_edge::clock;
 use tempfile::tempdir;
 
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, program, wait_until};
 
-const TIMEOUT: Duration = Duration::from_mins(1);
-/// How long a run lasts, after it has begun to write.
+/// Duration of a run after its first write.
 const RUN: Duration = Duration::from_secs(4);
-/// What a kill may lose.
+/// Data that a kill may lose.
 const LOSS: Duration = Duration::from_secs(1);
 
-/// As a unit of systemd does after a crash: the same command, again and again.
+/// The same command for each run, as systemd restarts it.
 fn start(folder: &Path, port: u16) -> Running {
     let mut command = program("robot-edge");
     command
@@ -30,12 +29,16 @@ fn start(folder: &Path, port: u16) -> Running {
     Running::start(&mut command, "edge")
 }
 
-/// Time from the first to the last stamp of all that can be read of a recording.
+fn is_written(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|file| file.len() > 0)
+}
+
+/// Time from the first to the last readable stamp.
 fn recorded(path: &Path) -> Duration {
     let mut reader = open(path, Selection::All).unwrap();
     let mut stamps = Vec::new();
     while let Some(measurement) = reader.next_measurement().unwrap() {
-        // Transforms that always hold have a stamp of their own.
+        // The stamp of a static transform is arbitrary.
         if !measurement.is_static_transform() {
             stamps.push(measurement.stamp.as_nanos());
         }
@@ -45,7 +48,7 @@ fn recorded(path: &Path) -> Duration {
 }
 
 #[test]
-fn what_killed_runs_have_written_is_whole_after_three_restarts() {
+fn files_of_killed_runs_stay_whole_after_three_restarts() {
     let folder = tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let port = free_port();
@@ -57,12 +60,7 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
     ];
     for [recording, log] in names {
         let edge = start(folder.path(), port);
-        let started = clock::now();
-        while fs::metadata(at(recording)).map_or(0, |file| file.len()) == 0 {
-            assert!(clock::elapsed(started) < TIMEOUT, "{recording} never came");
-            sleep(Duration::from_millis(5));
-        }
-        // What is there now is of the first second.
+        wait_until(recording, || is_written(&at(recording)));
         let written = clock::now();
         sleep(RUN);
         edge.signal("KILL");
@@ -75,7 +73,7 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
             "{recording}: {length:?}, killed {:?} after its first flush",
             killed.since(written)
         );
-        // The file is there before the first measurement.
+        // The file exists before the first measurement.
         let slack = Duration::from_millis(500);
         assert!(
             length + LOSS + slack > killed.since(written),
@@ -91,15 +89,11 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
         }
     }
     let edge = start(folder.path(), port);
-    let started = clock::now();
-    while fs::metadata(at("f-4.mcap")).map_or(0, |file| file.len()) == 0 {
-        assert!(clock::elapsed(started) < TIMEOUT, "f-4.mcap never came");
-        sleep(Duration::from_millis(5));
-    }
-    // Until there is a map.
+    wait_until("f-4.mcap", || is_written(&at("f-4.mcap")));
+    // Time to make a map.
     sleep(LOSS);
     edge.signal("INT");
-    let said = edge.ends_well();
+    let printed = edge.ends_well();
     for [option, asked, name] in [
         ["--record", "f.mcap", "f-4.mcap"],
         ["--drive-log", "d.csv", "d-4.csv"],
@@ -108,12 +102,12 @@ fn what_killed_runs_have_written_is_whole_after_three_restarts() {
         let says = format!(
             "setup: {option}: {asked} exists and is not written over: this run writes {name}\n"
         );
-        assert!(said.contains(&says), "{said}");
+        assert!(printed.contains(&says), "{printed}");
     }
     for (name, bytes) in kept {
         assert!(
             fs::read(at(name)).unwrap() == bytes,
-            "{name} was written over"
+            "{name} was overwritten"
         );
     }
 }

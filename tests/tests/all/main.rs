@@ -1,10 +1,10 @@
-//! Edge and console together, and what the source may not contain.
+//! Edge and console together, and rules of the source.
 
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::print_stdout,
-    reason = "all of it is tests, helpers included, which clippy.toml's leave for tests does not see"
+    reason = "clippy.toml allows these in tests, but not in their helpers"
 )]
 
 mod layering;
@@ -31,6 +31,6 @@ mod live;
 #[cfg(target_os = "linux")]
 mod teleop;
 
-/// Where the edge's emulator, which [`live`] borrows, expects it.
+/// The edge's emulator, which [`live`] includes, imports it from the crate root.
 #[cfg(target_os = "linux")]
 use robot_edge::clock;

@@ -1,19 +1,19 @@
-//! A jump in odometry: told, and the maps kept or erased as configured; nothing is smeared across it.
+//! A jump in odometry is reported, and the maps are kept or erased as configured.
 
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData};
 use protocol::layer::LayerId;
 use robot_edge::experiments::run;
-use robot_edge::pipeline::{MapEvent, Pipeline};
+use robot_edge::runtime::{MapEvent, Pipeline};
 use simulation::source::START;
 use simulation::{SimulatedSource, SimulationOptions, World};
 
-/// The odometry of this drive is 5 m farther along from here on, seconds.
+/// Time at which the odometry jumps, seconds.
 const JUMP_S: f64 = 4.0;
 const JUMP_M: f64 = 5.0;
 const END_S: f64 = 6.0;
 
-/// Drives through the hall; the maps at the end and what happened.
+/// Drives through the hall; returns the maps and events.
 fn drive(on_jump: &str) -> (Pipeline, Vec<MapEvent>) {
     let world = World::load("hall").unwrap();
     let settings = [
@@ -28,9 +28,9 @@ fn drive(on_jump: &str) -> (Pipeline, Vec<MapEvent>) {
     let mut source = SimulatedSource::new(&world, options).unwrap();
     let mut pipeline = run::pipeline(&config, source.streams()).unwrap();
     while let Some(measurement) = source.next_measurement() {
-        pipeline.push(jumping(measurement), ()).unwrap();
+        pipeline.push(jumping(measurement)).unwrap();
     }
-    pipeline.finish(()).unwrap();
+    pipeline.finish().unwrap();
     let map_events = pipeline.take_map_events();
     (pipeline, map_events)
 }
@@ -45,7 +45,7 @@ fn jumping(mut measurement: Measurement) -> Measurement {
     measurement
 }
 
-/// Least x of the published cells, metres, and how often the layer was erased.
+/// Least x of the published cells, metres, and the number of erasures.
 fn published(pipeline: &Pipeline) -> (f64, u32) {
     let store = pipeline.publisher().store();
     let layer = LayerId::Obstacle;
@@ -54,7 +54,7 @@ fn published(pipeline: &Pipeline) -> (f64, u32) {
 }
 
 #[test]
-fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
+fn a_pose_jump_keeps_or_erases_the_maps_as_configured() {
     let (kept, map_events) = drive("keep");
     let [map_event] = &map_events[..] else {
         panic!("{map_events:?}");
@@ -65,10 +65,7 @@ fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
         "the poses jumped by 5.00 m: the maps were kept"
     );
     let (least_x_m, erased) = published(&kept);
-    assert!(
-        least_x_m < 4.0,
-        "what was seen before is still there: {least_x_m}"
-    );
+    assert!(least_x_m < 4.0, "the earlier cells are kept: {least_x_m}");
     assert_eq!(erased, 0);
 
     let (reset, map_events) = drive("reset");
@@ -83,7 +80,7 @@ fn a_jump_is_told_and_the_maps_are_kept_or_erased_as_configured() {
     );
     assert_eq!(erased, 1);
 
-    // The scans between the last pose before it and the first behind it have no pose, and no others are lost.
+    // Only scans between the poses before and after the jump lack a pose.
     for pipeline in [&kept, &reset] {
         let counts = pipeline.registration().counts();
         assert!(counts.dropped_scans.total() <= 1, "{counts:?}");

@@ -1,11 +1,11 @@
-//! `recordings/index.toml` says what every clip is: nothing in the folder is without origin and licence.
+//! Every clip in `recordings/` has an origin and a licence in `index.toml`.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
 #[test]
-fn every_clip_is_what_the_index_says() {
+fn every_clip_matches_the_index() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings");
     let text = fs::read_to_string(folder.join("index.toml")).unwrap();
     let index: toml::Table = text.parse().unwrap();

@@ -1,8 +1,8 @@
-//! Chance that is the same in every run.
+//! Random numbers that are the same in every run.
 
 use std::time::Duration;
 
-/// xorshift64*: good enough to choose moments with.
+/// xorshift64*
 pub(crate) struct SeededRng(u64);
 
 impl SeededRng {

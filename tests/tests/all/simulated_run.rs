@@ -1,25 +1,25 @@
-//! A simulated world through the edge's own pipeline, at library level.
+//! A simulated world through the edge's pipeline, at library level.
 
 use measurement::Measurement;
 use protocol::layer::LayerId;
 use protocol::tile_store::RootDigest;
 use robot_edge::config::Config;
 use robot_edge::experiments::run;
-use robot_edge::pipeline::Pipeline;
+use robot_edge::runtime::Pipeline;
 use simulation::{SimulatedSource, SimulationOptions, World};
 
-/// Everything that a run measures, in stamp order.
+/// All measurements of a run, by stamp.
 pub(crate) fn measurements(world: &World, options: SimulationOptions) -> Vec<Measurement> {
     let mut source = SimulatedSource::new(world, options).unwrap();
     std::iter::from_fn(|| source.next_measurement()).collect()
 }
 
-/// Empty maps of the vehicle, set up as `robot-edge simulate` does it (`determinism.rs` compares the two).
+/// The pipeline of `robot-edge simulate` (`determinism.rs` compares the two).
 pub(crate) fn pipeline(config: &Config) -> Pipeline {
     run::pipeline(config, &[]).unwrap()
 }
 
-/// The configuration of the world's vehicle, with `settings` (`key=value`) over it.
+/// The configuration of the world's vehicle, changed by `settings` (`key=value`).
 pub(crate) fn vehicle_config(world: &World, settings: &[&str]) -> Config {
     run::vehicle_config(world, settings).unwrap()
 }

@@ -1,10 +1,10 @@
-//! Tests that lack what they need on this machine. The edge's own tests include this file.
+//! Skipped tests. The edge's own tests include this file.
 
 /// Set by `.ci/nightly`.
 const NIGHTLY: &str = "FORESHORE_NIGHTLY";
 
-/// Says that a test is skipped: what it lacks, and what provides it (a package, a right, a variable). Fails it where
-/// [`NIGHTLY`] is set: there everything must run.
+/// Prints that a test is skipped: what it lacks, and what provides it (a package, a right, a variable). Fails the test if
+/// [`NIGHTLY`] is set.
 #[track_caller]
 pub(crate) fn skip(lacks: &str, remedy: &str) {
     assert!(

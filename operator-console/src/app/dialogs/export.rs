@@ -1,47 +1,45 @@
-//! Where to export to, and what.
+//! Dialog for an export: folder, parts, progress and result.
 
-mod progress;
-
-use eframe::egui::{
-    Align2, Button, Context, Key, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
-};
-use robot_edge::clock::wall_clock_label;
 use std::collections::BTreeSet;
 
+use eframe::egui::{
+    Align2, Button, Context, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
+};
+use robot_edge::clock::wall_clock_label;
+
+use crate::app::desktop;
 use crate::app::export_job::ExportProgress;
-use crate::app::pictures;
 use crate::command::{Command, ExportRequest};
 use crate::export::ExportPart;
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
+use crate::theme::{Tone, long_state_ui, state_ui};
 use crate::typed_path::{absolute, typed_path};
 
-/// Of the dialog, where the window is not narrower, points.
+/// Width of the dialog, points.
 const WIDTH: f32 = 460.0;
-/// What its frame takes of that.
 const MARGIN: f32 = 40.0;
-/// What its title and frame take of its height.
+/// Height of title and frame.
 const TITLE: f32 = 80.0;
 
-/// What is chosen.
 pub(super) struct ExportDialog {
     folder: String,
     parts: BTreeSet<ExportPart>,
     has_keyboard: bool,
-    /// How the export before ended: that was told.
+    /// Result of the last export, which is not shown again.
     previous: Option<ExportProgress>,
 }
 
 impl ExportDialog {
-    /// All that there is of the robot, to a folder named after it, or after the recording that it is.
+    /// Selects all parts that exist, and a folder named after the robot or the recording.
     pub(super) fn new(
         model: &ConsoleModel,
         recording: Option<&str>,
         last: Option<&ExportProgress>,
     ) -> Self {
-        let shown = pictures::name_for_files(model.robot(), recording);
-        let name = pictures::stamped_name(Some(&shown), &wall_clock_label());
-        let folder = pictures::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
+        let shown = desktop::name_for_files(model.robot(), recording);
+        let name = desktop::stamped_name(Some(&shown), &wall_clock_label());
+        let folder = desktop::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
         Self {
             folder: folder.display().to_string(),
             parts: ExportPart::all().filter(|part| part.is_in(model)).collect(),
@@ -50,7 +48,7 @@ impl ExportDialog {
         }
     }
 
-    /// Draws it; `opens_folder` is whether a finished export is shown, and `is_open` becomes false where it is closed.
+    /// `opens_folder`: whether to open the folder of a finished export. `is_open` is cleared when the dialog is closed.
     pub(super) fn show(
         &mut self,
         ctx: &Context,
@@ -70,7 +68,7 @@ impl ExportDialog {
             .show(ctx, |ui| {
                 let room = ctx.content_rect().size() - vec2(MARGIN, TITLE);
                 ui.set_width(WIDTH.min(room.x));
-                // It grows with what it says, as far as the window goes.
+                // The dialog grows with its content up to the window's size.
                 let scrolled = ScrollArea::vertical()
                     .max_height(room.y)
                     .min_scrolled_height(room.y);
@@ -129,12 +127,12 @@ impl ExportDialog {
             }
         });
         if let Some(progress) = progress {
-            command = command.take().or(progress::ui(ui, progress));
+            command = command.take().or(progress_ui(ui, progress));
         }
         command
     }
 
-    /// What has to be done before anything can be exported.
+    /// What is missing before an export can start.
     fn lacking(&self, model: Option<&ConsoleModel>) -> Option<&'static str> {
         if model.is_none() {
             Some("There is no robot to export from")
@@ -176,5 +174,105 @@ pub(super) fn part_words(part: ExportPart) -> &'static str {
         ExportPart::Trajectory => "Trajectory",
         ExportPart::Shores => "Shores as outlines",
         ExportPart::Voxels => "Voxels",
+    }
+}
+
+const GOES_ON: &str =
+    "The export continues when this is closed. Ctrl+E shows it again, and Events reports its end.";
+
+/// Draws progress or result.
+fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
+    match &progress.ended {
+        None => {
+            ui.add(ProgressBar::new(progress.share()).text(doing(progress)));
+            ui.label(RichText::new(GOES_ON).small().weak());
+            None
+        }
+        Some(Ok(words)) => {
+            // A folder may be longer than the dialog is wide.
+            long_state_ui(ui, Tone::Good, words, 15.0);
+            open_folder_ui(ui, progress)
+        }
+        Some(Err(why)) => {
+            let title = if progress.files == 0 {
+                "Nothing was exported"
+            } else {
+                "Not all was exported"
+            };
+            state_ui(ui, Tone::Warning, title, 15.0);
+            ui.label(why);
+            (progress.files > 0)
+                .then(|| open_folder_ui(ui, progress))
+                .flatten()
+        }
+    }
+}
+
+/// Text of the progress bar.
+fn doing(progress: &ExportProgress) -> String {
+    let [done, all] = progress.parts;
+    let what = progress.current.map(part_words).unwrap_or_default();
+    match progress.fetching {
+        None => format!("{done} of {all}: {what}"),
+        Some(fetching) => format!("{done} of {all}: {what}: {fetching}"),
+    }
+}
+
+fn open_folder_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
+    let button = ui.button("Open folder");
+    if let Some(why) = &progress.unopened {
+        let color = Tone::Warning.color(ui.visuals());
+        ui.label(RichText::new(why).color(color));
+    }
+    button
+        .clicked()
+        .then(|| Command::OpenFolder(progress.folder.clone()))
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use protocol::layer::LayerId;
+    use protocol::message::VoxelFile;
+
+    use super::*;
+    use crate::export::{ExportPart, Fetching};
+
+    #[test]
+    fn progress_bar_names_part_and_fetched_share() {
+        let progress = ExportProgress {
+            parts: [2, 5],
+            current: Some(ExportPart::Layer(LayerId::Cost)),
+            ..ExportProgress::default()
+        };
+        assert_eq!(doing(&progress), "2 of 5: Slope cost");
+        let progress = ExportProgress {
+            current: Some(ExportPart::Voxels),
+            fetching: Some(Fetching::Voxels(VoxelFile::Points, [1_300_000, 40_000_000])),
+            ..progress
+        };
+        let words = "2 of 5: Voxels: points.ply, 1.3 of 40.0 MB fetched";
+        assert_eq!(doing(&progress), words);
+    }
+
+    #[test]
+    fn open_failure_is_shown_below_its_button() {
+        let why = "No file manager on this computer. This one is /home/anna/maps/scout-2026-01-01";
+        let progress = ExportProgress {
+            folder: "/home/anna/maps/scout-2026-01-01".into(),
+            files: 1,
+            ended: Some(Ok("1 file".to_owned())),
+            unopened: Some(why.to_owned()),
+            ..ExportProgress::default()
+        };
+        let mut window = Harness::builder()
+            .with_size(vec2(300.0, 200.0))
+            .build_ui(move |ui| _ = super::progress_ui(ui, &progress));
+        window.run_steps(2);
+        let place = window.get_by_label(why).rect();
+        assert!(place.right() <= 300.0, "{place}");
+        assert!(place.top() >= window.get_by_label("Open folder").rect().bottom());
     }
 }

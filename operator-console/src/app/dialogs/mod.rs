@@ -1,9 +1,7 @@
-//! What lies over the window when it is asked for.
+//! Dialogs over the window.
 
-mod about;
-mod export;
-
-use eframe::egui::Context;
+use eframe::egui::{Align2, Context, Window};
+use export::ExportDialog;
 
 use super::export_job::ExportProgress;
 use crate::command::Command;
@@ -11,9 +9,8 @@ use crate::model::ConsoleModel;
 use crate::settings::Settings;
 use crate::shortcuts::Sheet;
 
-use export::ExportDialog;
+mod export;
 
-/// The dialogs, open or not.
 pub(super) struct Dialogs {
     pub(super) sheet: Sheet,
     is_about_open: bool,
@@ -28,7 +25,6 @@ impl Default for Dialogs {
 }
 
 impl Dialogs {
-    /// None is open.
     pub(super) const fn of(settings: &Settings) -> Self {
         Self {
             sheet: Sheet::CLOSED,
@@ -38,7 +34,6 @@ impl Dialogs {
         }
     }
 
-    /// Writes what is to be kept into `settings`.
     pub(super) const fn keep(&self, settings: &mut Settings) {
         settings.opens_exports = self.opens_exports;
     }
@@ -47,7 +42,7 @@ impl Dialogs {
         self.is_about_open = true;
     }
 
-    /// `recording`: the name of the file, where that is what is shown.
+    /// `recording`: file name, if a recording is shown.
     pub(super) fn show_export(
         &mut self,
         model: &ConsoleModel,
@@ -58,12 +53,12 @@ impl Dialogs {
             .get_or_insert_with(|| ExportDialog::new(model, recording, last));
     }
 
-    /// Something else is shown: what was chosen was not meant for that.
+    /// Another robot is shown: the choice was for the last one.
     pub(super) fn close_export(&mut self) {
         self.export = None;
     }
 
-    /// Closes the one in front; whether there was one.
+    /// Closes the topmost dialog; returns whether one was open.
     pub(super) fn close_one(&mut self) -> bool {
         if self.export.take().is_some() {
             return true;
@@ -71,7 +66,6 @@ impl Dialogs {
         std::mem::take(&mut self.is_about_open) || self.sheet.close()
     }
 
-    /// Draws those that are open.
     pub(super) fn show(
         &mut self,
         ctx: &Context,
@@ -80,7 +74,7 @@ impl Dialogs {
     ) -> Option<Command> {
         self.sheet.show(ctx);
         if self.is_about_open {
-            about::about_ui(ctx, &mut self.is_about_open);
+            about_ui(ctx, &mut self.is_about_open);
         }
         let mut command = None;
         if let Some(dialog) = &mut self.export {
@@ -92,4 +86,18 @@ impl Dialogs {
         }
         command
     }
+}
+
+fn about_ui(ctx: &Context, is_open: &mut bool) {
+    Window::new("About Foreshore")
+        .open(is_open)
+        .collapsible(false)
+        .resizable(false)
+        .pivot(Align2::CENTER_CENTER)
+        .default_pos(ctx.content_rect().center())
+        .show(ctx, |ui| {
+            ui.strong(concat!("Foreshore ", env!("CARGO_PKG_VERSION")));
+            ui.label("Shows what a robot or a boat maps, and drives it, over a bad link.");
+            ui.label(concat!("Licence: ", "MIT OR Apache-2.0"));
+        });
 }

@@ -1,8 +1,6 @@
 mod finding;
 mod habits;
-mod last_contact;
 mod map;
-mod small;
 mod trust;
 
 use std::time::Duration;
@@ -40,7 +38,7 @@ fn name() -> RobotId {
     "scout-1".parse().unwrap()
 }
 
-/// A robot whose map is `store`, and a console that hears what the test lets it hear.
+/// A robot with the map `store`, and a console that receives what the test injects.
 struct Rig {
     screen: Screen,
     model: Option<ConsoleModel>,
@@ -80,7 +78,7 @@ impl Rig {
         }
     }
 
-    /// A robot is chosen, and nothing is heard of it.
+    /// A chosen robot without any message.
     fn with_robot() -> Self {
         Self {
             model: Some(console(name().as_str(), &[LAYER])),
@@ -95,7 +93,7 @@ impl Rig {
         }
     }
 
-    /// A robot that is heard and has announced its map.
+    /// A live robot with a map head.
     fn live() -> Self {
         let mut rig = Self::with_robot();
         let layer = |layer| LayerInfo { layer, cell_m: 0.1 };
@@ -114,7 +112,7 @@ impl Rig {
         rig
     }
 
-    /// The same, which nobody drives yet, and Anna could.
+    /// The same, ready to be driven by Anna.
     fn drivable() -> Self {
         let mut rig = Self::live();
         rig.teleop_client = Some(crate::test_support::idle_teleop_client());
@@ -126,7 +124,7 @@ impl Rig {
         rig
     }
 
-    /// A robot that is heard and tells of these shores, if of any.
+    /// A live robot with these shores, if any.
     fn on_water(shores: Option<Shores>) -> Self {
         let mut rig = Self::with_robot();
         let info = Info {
@@ -195,7 +193,6 @@ impl Rig {
         inject_reply(model, request, topic, body, self.now);
     }
 
-    /// What the console asks now.
     fn outgoing(&mut self) -> Vec<Outgoing> {
         let now = self.now;
         self.model

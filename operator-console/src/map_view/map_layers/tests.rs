@@ -8,7 +8,6 @@ use super::*;
 use crate::model::ConsoleModel;
 use crate::test_support::{BOOT, at, push_tile};
 
-/// Costs over shores, as the operator put them.
 struct Rig {
     ctx: Context,
     robot: TileStore,
@@ -25,7 +24,7 @@ fn key(layer: LayerId) -> TileKey {
 }
 
 impl Rig {
-    /// Costs that are free everywhere, and shores in the upper half.
+    /// Costs that are free everywhere above shores in the upper half.
     fn new() -> Self {
         let mut robot = TileStore::new(BOOT, 10);
         for layer in [LayerId::Cost, LayerId::Shore] {
@@ -47,14 +46,14 @@ impl Rig {
         }
     }
 
-    /// The robot finds shores in these rows, by y, and the console hears of it.
+    /// The robot maps shores in these rows (by y).
     fn find_shores(&mut self, code: u16, rows: std::ops::Range<usize>) {
         let shore = TileCells::from_fn(|_, y| code * u16::from(rows.contains(&y)));
         drop(self.robot.publish(key(LayerId::Shore), shore).unwrap());
         push_tile(&mut self.model, &self.robot, key(LayerId::Shore), at(2_100));
     }
 
-    /// The pictures that a frame hands to the graphics driver.
+    /// Images uploaded in a frame.
     fn frame(&mut self) -> Vec<ColorImage> {
         let changed = self.model.take_changed_tiles();
         let mut time = FrameTime::of_tiles(usize::MAX);
@@ -77,14 +76,14 @@ impl Rig {
         images
     }
 
-    /// What free ground looks like where it is not seen through.
+    /// Colour of free ground over unknown cells.
     fn free(&self) -> Color32 {
         let palette = self.layers.palette(LayerId::Cost);
         Coloring::new(palette, false).plain(LayerId::Cost.quantisation().encode(0.0))
     }
 }
 
-/// Columns and rows of these pixels in all pictures, from the upper left.
+/// Columns and rows of these pixels, from the upper left.
 fn places(images: &[ColorImage], color: Color32) -> Vec<[usize; 2]> {
     let places = images.iter().flat_map(|image| {
         let pixels = image.pixels.iter().enumerate();
@@ -95,16 +94,16 @@ fn places(images: &[ColorImage], color: Color32) -> Vec<[usize; 2]> {
 }
 
 #[test]
-fn what_is_free_is_seen_where_nothing_below_is_known() {
+fn free_cells_have_colour_over_unknown_cells() {
     let mut rig = Rig::new();
     let images = rig.frame();
-    // The tile is 64 texels wide, in the lower left corner of its chunk; of its upper half, shores are known.
+    // The tile is in the lower left corner of its chunk, 64 texels wide; shores are known in its upper half.
     let seen = places(&images, rig.free());
     assert_eq!(seen.len(), 64 * 32);
     assert!(seen.iter().all(|[x, y]| *x < 64 && *y >= 512 - 32));
     assert_eq!(rig.frame(), []);
 
-    // Shores of another kind where some were: costs stay as they are.
+    // Other shore classes do not change the costs.
     let is_clear = |image: &ColorImage| {
         let mut pixels = image.pixels.iter();
         image.size == [64, 64] && pixels.all(|pixel| *pixel == Color32::TRANSPARENT)
@@ -113,13 +112,12 @@ fn what_is_free_is_seen_where_nothing_below_is_known() {
     let images = rig.frame();
     assert_eq!(places(&images, rig.free()), [] as [[usize; 2]; 0]);
     assert!(!images.is_empty() && !images.iter().any(is_clear));
-    // Where shores come to be known, costs let them through.
+    // Costs become transparent over new shores.
     rig.find_shores(2, 0..64);
     assert_eq!(
         rig.frame().iter().filter(|image| is_clear(image)).count(),
         1
     );
-    // Where they are known no longer, they do not.
     rig.find_shores(2, 63..64);
     let seen = places(&rig.frame(), rig.free());
     assert_eq!(seen.len(), 64 * 63);
@@ -127,7 +125,7 @@ fn what_is_free_is_seen_where_nothing_below_is_known() {
 }
 
 #[test]
-fn what_is_invisible_is_not_seen_through_to() {
+fn invisible_layers_do_not_count_as_below() {
     let mut rig = Rig::new();
     rig.frame();
     rig.stack.apply(LayerCommand::Opacity(LayerId::Shore, 0.0));
@@ -135,7 +133,7 @@ fn what_is_invisible_is_not_seen_through_to() {
     assert_eq!(seen.len(), 64 * 64);
     rig.stack.apply(LayerCommand::Opacity(LayerId::Shore, 0.1));
     assert_eq!(places(&rig.frame(), rig.free()).len(), 64 * 32);
-    // The lowest has its own colours, of one picture, whatever lies over it.
+    // The lowest layer does not depend on the others.
     rig.stack
         .apply(LayerCommand::Below(LayerId::Cost, LayerId::Shore));
     let textures = rig.layers.textures();

@@ -1,31 +1,38 @@
-//! A grid of round metres over the map, with its numbers at the edges of the screen.
+//! Reference marks on the map: grid, scale bar and compass.
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2};
-use protocol::export::round_length_m;
+use std::sync::Arc;
+
+use eframe::egui::accesskit::Role;
+use eframe::egui::{
+    Align2, Color32, FontId, Galley, Painter, Pos2, Rect, Sense, Shape, Stroke, StrokeKind, Ui,
+    Vec2, WidgetInfo, pos2, vec2,
+};
+use protocol::export::{length_label, round_length_m};
 
 use super::super::camera::Camera;
+use super::super::view_settings::Orientation;
 use crate::panels::formatting::signed;
+use crate::theme;
 
-/// Lines are about this far apart, points.
+/// Approximate distance of grid lines, points.
 const SPACING: f64 = 160.0;
-/// What covers no more than this of a number leaves it as it reads, points: above its figures there is as much.
+/// Numbers may be covered by this margin, points.
 const EDGE: f32 = 4.0;
-/// Between two numbers at least, points.
+/// Minimum distance of numbers, points.
 const GAP: f32 = 3.0;
-/// No screen has more lines in one direction.
+/// Per direction.
 const MAX_LINES: i64 = 200;
 
-/// A line of the grid on the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::map_view) struct GridLine {
     pub(in crate::map_view) ends: [Pos2; 2],
     pub(in crate::map_view) label: String,
-    /// Through the origin of `odom`.
+    /// Line through the origin of `odom`.
     pub(in crate::map_view) is_axis: bool,
 }
 
 impl GridLine {
-    /// Its lower end, or the left one of a line that lies rather than stands.
+    /// Lower or left end.
     fn label_at(&self) -> Pos2 {
         let [a, b] = self.ends;
         let way = b - a;
@@ -38,8 +45,8 @@ impl GridLine {
     }
 }
 
-/// The lines that cross `screen`: those of equal x, then those of equal y.
-pub(in crate::map_view) fn lines(camera: &Camera, screen: Rect) -> [Vec<GridLine>; 2] {
+/// Visible lines of constant x, then those of constant y.
+pub(in crate::map_view) fn grid_lines(camera: &Camera, screen: Rect) -> [Vec<GridLine>; 2] {
     let step_m = round_length_m(SPACING / camera.points_per_m());
     let decimals = if step_m < 0.1 {
         2
@@ -75,7 +82,7 @@ pub(in crate::map_view) fn lines(camera: &Camera, screen: Rect) -> [Vec<GridLine
     [of_x.collect(), of_y.collect()]
 }
 
-/// The part of a line that is in a rectangle (Liang and Barsky).
+/// Part of a line inside a rectangle (Liang and Barsky).
 fn clipped(from: Pos2, to: Pos2, rect: Rect) -> Option<[Pos2; 2]> {
     let way = to - from;
     let (mut enters, mut leaves) = (0.0_f32, 1.0_f32);
@@ -98,10 +105,9 @@ fn clipped(from: Pos2, to: Pos2, rect: Rect) -> Option<[Pos2; 2]> {
     (enters < leaves).then(|| [from + enters * way, from + leaves * way])
 }
 
-/// Draws the grid; the numbers stand where lines leave the screen below or on the left. One that would be `covered`,
-/// even half of it, is left out: half a number is another number. So is one that would lie on another, as those of x
-/// and y do where both leave a turned map on one side.
-pub(in crate::map_view) fn paint(
+/// Draws the grid. Numbers are at the lower or left end of lines. A number that would be `covered` or overlap another
+/// is omitted, because a partly covered number reads as another number.
+pub(in crate::map_view) fn paint_grid(
     painter: &Painter,
     [of_x, of_y]: &[Vec<GridLine>; 2],
     (screen, covered): (Rect, &[Rect]),
@@ -133,18 +139,160 @@ pub(in crate::map_view) fn paint(
     }
 }
 
+/// Points.
+const MAX_BAR: f32 = 160.0;
+/// Points.
+const MIN_BAR: f32 = 48.0;
+const BAR_HEIGHT: f32 = 6.0;
+const BAR_PADDING: f32 = 8.0;
+
+/// Length and its size on the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::map_view) struct ScaleBar {
+    pub(in crate::map_view) label: String,
+    pub(in crate::map_view) length: f32,
+}
+
+impl ScaleBar {
+    /// The longest bar of 1, 2 or 5 × 10ⁿ m whose card fits into `room` points.
+    pub(in crate::map_view) fn new(points_per_m: f64, room: f32) -> Self {
+        let longest = (room - 2.0 * BAR_PADDING).clamp(MIN_BAR, MAX_BAR);
+        let length_m = round_length_m(f64::from(longest) / points_per_m);
+        Self {
+            label: length_label(length_m),
+            length: (length_m * points_per_m) as f32,
+        }
+    }
+}
+
+/// Card and text of a bar with its lower left corner at `at`.
+fn scale_bar_card(
+    painter: &Painter,
+    at: Pos2,
+    bar: &ScaleBar,
+    ink: Color32,
+) -> (Rect, Arc<Galley>) {
+    let text = painter.layout_no_wrap(bar.label.clone(), FontId::proportional(14.0), ink);
+    let width = bar.length.max(text.size().x) + 2.0 * BAR_PADDING;
+    let height = text.size().y + BAR_HEIGHT + 3.0 + 1.5 * BAR_PADDING;
+    let card = Rect::from_min_size(at - vec2(0.0, height), vec2(width, height));
+    (card, text)
+}
+
+/// Area of the bar with its lower left corner at `at`.
+pub(in crate::map_view) fn scale_bar_place(painter: &Painter, at: Pos2, bar: &ScaleBar) -> Rect {
+    let (card, _) = scale_bar_card(painter, at, bar, Color32::BLACK);
+    card
+}
+
+/// `at`: lower left corner.
+pub(in crate::map_view) fn paint_scale_bar(
+    painter: &Painter,
+    at: Pos2,
+    bar: &ScaleBar,
+    ink: Color32,
+    paper: Color32,
+) {
+    let (card, text) = scale_bar_card(painter, at, bar, ink);
+    painter.rect_filled(card, 4.0, paper);
+    let left = card.center().x - 0.5 * bar.length;
+    let bottom = card.bottom() - BAR_PADDING;
+    let whole = Rect::from_min_max(
+        pos2(left, bottom - BAR_HEIGHT),
+        pos2(left + bar.length, bottom),
+    );
+    // One half is hollow, so that half of the length can be read.
+    let half = whole.with_max_x(left + 0.5 * bar.length);
+    painter.rect_filled(half, 0.0, ink);
+    painter.rect_stroke(whole, 0.0, Stroke::new(1.0, ink), StrokeKind::Inside);
+    let text_at = pos2(card.center().x, whole.top() - 3.0);
+    let text_rect = Align2::CENTER_BOTTOM.anchor_size(text_at, text.size());
+    painter.galley(text_rect.min, text, ink);
+}
+
+/// Diameter, points.
+pub(in crate::map_view) const COMPASS_SIZE: f32 = 44.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::map_view) struct CompassData {
+    /// Direction of y of `odom` on the screen.
+    pub(in crate::map_view) north: Vec2,
+    /// Whether y of `odom` is north.
+    pub(in crate::map_view) is_on_earth: bool,
+    pub(in crate::map_view) orientation: Orientation,
+}
+
+impl CompassData {
+    fn hint(self) -> String {
+        let turn = match self.orientation {
+            Orientation::NorthUp => "Turn the map with the robot (N)",
+            Orientation::RobotUp => "North up (N)",
+        };
+        let note = if self.is_on_earth {
+            ""
+        } else {
+            ". The robot does not know where north is: the compass shows y of its map"
+        };
+        format!("{turn}{note}")
+    }
+}
+
+/// Draws the compass. Returns whether it was clicked.
+pub(in crate::map_view) fn compass_ui(ui: &Ui, rect: Rect, data: CompassData) -> bool {
+    let response = ui.interact(rect, ui.scope_id().with("compass"), Sense::click());
+    let label = match (data.orientation, data.is_on_earth) {
+        (Orientation::NorthUp, true) => "Compass: north up",
+        (Orientation::NorthUp, false) => "Compass: y up",
+        (Orientation::RobotUp, _) => "Compass: robot up",
+    };
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, label));
+    let painter = ui.painter();
+    let ink = ui.visuals().text_color();
+    let (middle, radius) = (rect.center(), 0.5 * COMPASS_SIZE - 1.0);
+    painter.circle_filled(middle, radius, theme::card(ui.visuals()));
+    let rim = if response.hovered() || response.has_focus() {
+        Stroke::new(2.0, ink)
+    } else {
+        Stroke::new(1.0, ui.visuals().weak_text_color())
+    };
+    painter.circle_stroke(middle, radius, rim);
+    let side = vec2(-data.north.y, data.north.x);
+    let (tip, tail) = (data.north * 0.42 * radius, data.north * -0.72 * radius);
+    let wing = |factor: f32| middle + side * factor * radius;
+    let north_half = vec![middle + tip, wing(0.26), wing(-0.26)];
+    let south_half = vec![middle + tail, wing(0.26), wing(-0.26)];
+    painter.add(Shape::convex_polygon(
+        north_half,
+        theme::VEHICLE,
+        Stroke::NONE,
+    ));
+    painter.add(Shape::convex_polygon(
+        south_half,
+        ui.visuals().weak_text_color(),
+        Stroke::NONE,
+    ));
+    let letter = if data.is_on_earth { "N" } else { "y" };
+    painter.text(
+        middle + data.north * 0.72 * radius,
+        Align2::CENTER_CENTER,
+        letter,
+        FontId::proportional(13.0),
+        ink,
+    );
+    response.on_hover_text(data.hint()).clicked()
+}
+
 #[cfg(test)]
 mod tests {
+    use super::*;
     use eframe::egui::vec2;
 
-    use super::*;
-
     #[test]
-    fn lines_are_at_round_metres_and_numbered() {
+    fn grid_lines_are_at_round_metres() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 300.0));
-        // 40 points a metre: 10 × 7.5 m, a line every 2 m.
+        // 40 points per metre: 10 × 7.5 m, a line every 2 m.
         let camera = Camera::default();
-        let [of_x, of_y] = lines(&camera, screen);
+        let [of_x, of_y] = grid_lines(&camera, screen);
         let labels = |lines: &[GridLine]| {
             lines
                 .iter()
@@ -160,16 +308,36 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_a_turned_map_end_at_the_screen() {
+    fn grid_lines_of_a_rotated_map_are_clipped() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 300.0));
         let mut camera = Camera::default();
         camera.turn_up(0.5);
-        let [of_x, of_y] = lines(&camera, screen);
+        let [of_x, of_y] = grid_lines(&camera, screen);
         assert!(of_x.len() >= 4 && of_y.len() >= 4);
         for line in of_x.iter().chain(&of_y) {
             for end in line.ends {
                 assert!(screen.expand(1e-2).contains(end), "{end:?}");
             }
+        }
+    }
+
+    #[test]
+    fn scale_bars_have_round_lengths_and_fit() {
+        for (points_per_m, label, length) in [
+            (40.0, "2 m", 80.0),
+            (31.0, "5 m", 155.0),
+            (160.0, "1 m", 160.0),
+            (161.0, "50 cm", 80.5),
+            (2000.0, "5 cm", 100.0),
+            (0.05, "2 km", 100.0),
+            (0.3, "500 m", 150.0),
+        ] {
+            let bar = ScaleBar::new(points_per_m, 500.0);
+            assert_eq!(bar.label, label, "{points_per_m}");
+            assert!((bar.length - length).abs() < 1e-3, "{points_per_m}");
+        }
+        for (room, label) in [(176.0, "2 m"), (95.0, "1 m"), (10.0, "1 m")] {
+            assert_eq!(ScaleBar::new(40.0, room).label, label, "{room}");
         }
     }
 }

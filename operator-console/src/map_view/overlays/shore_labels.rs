@@ -1,13 +1,10 @@
-//! Where the labels of shores and docking sites stand: the nearest first, for they matter most to whoever drives, and
-//! none on another. Pure.
+//! Placement of shore and docking site labels: nearest first, without overlaps.
 
 use eframe::egui::{Pos2, Rect, Vec2, vec2};
 
-use super::vehicle;
-
-/// Between a label that has moved and what it has moved away from, points.
+/// Between a moved label and the one it avoids, points.
 const APART: f32 = 1.0;
-/// Where a label may stand, in its own sizes from where it belongs: there, or above, below, to the left or the right.
+/// Candidate positions in label sizes: in place, above, below, left, right.
 const PLACES: [Vec2; 5] = [
     Vec2::ZERO,
     vec2(0.0, -1.0),
@@ -16,29 +13,26 @@ const PLACES: [Vec2; 5] = [
     vec2(1.0, 0.0),
 ];
 
-/// What a label is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Shore,
     Site,
 }
 
-/// A label that wants a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Label {
     pub(super) kind: Kind,
-    /// Where it belongs: the middle of what it is of, on the screen.
+    /// Preferred centre on the screen.
     pub(super) at: Pos2,
     /// Points.
     pub(super) size: Vec2,
-    /// How far that is from the vehicle, metres, as the lists have it; infinite where nobody knows.
+    /// Distance from the vehicle, m; infinite if unknown.
     pub(super) away_m: f64,
-    /// Whether it is of what stands out: it has its place before all others.
+    /// Selected or hovered: placed first.
     pub(super) is_marked: bool,
 }
 
-/// Whether some of a label of this size can be seen that belongs there, or beside a vehicle that is there. What cannot
-/// gets no place from [`placed`].
+/// Whether a label at its preferred position is visible. Others are not placed.
 pub(super) fn is_in_sight((at, size): (Pos2, Vec2), screen: Rect, vehicle: Option<Pos2>) -> bool {
     screen.intersects(preferred_rect(at, size, vehicle))
 }
@@ -47,9 +41,9 @@ fn preferred_rect(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Rect {
     Rect::from_center_size(at + vehicle_clearance(at, size, vehicle), size)
 }
 
-/// Which of the labels have a place, and where that is, in the order in which they got it: what stands out, the nearest
-/// shore and the nearest docking site in sight, then whatever is nearer than the others. Of what is as near, the first
-/// comes first. One that would lie on another moves by its own size at most, or is left out. None lies on the vehicle.
+/// Indices and positions of the placed labels. Order: marked ones, the nearest shore and the nearest docking site,
+/// then by distance. A label that would overlap moves by at most its own size, or is omitted. No label covers the
+/// vehicle.
 pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> Vec<(usize, Rect)> {
     let seen = labels.iter().enumerate();
     let mut seen: Vec<_> = seen
@@ -76,14 +70,13 @@ pub(super) fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> V
     taken
 }
 
-/// How far a label of this size that would lie on the vehicle moves to lie beside it: the shortest way to a side, or
-/// up or down.
+/// Shortest offset that moves a label off the vehicle.
 fn vehicle_clearance(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
     let Some(vehicle_at) = vehicle else {
         return Vec2::ZERO;
     };
     let way = at - vehicle_at;
-    let lacks = 0.5 * (size + Vec2::splat(vehicle::ARROW)) - way.abs();
+    let lacks = 0.5 * (size + Vec2::splat(super::vehicle::ARROW)) - way.abs();
     if lacks.min_elem() <= 0.0 {
         Vec2::ZERO
     } else if lacks.x < lacks.y {
@@ -121,20 +114,20 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_shore_and_the_nearest_site_come_first_but_for_what_stands_out() {
+    fn marked_then_nearest_labels_are_placed_first() {
         let mut labels = vec![
             label(Kind::Site, 50.0, 90.0),
             label(Kind::Site, 100.0, 40.0),
             label(Kind::Shore, 150.0, 30.0),
             label(Kind::Shore, 200.0, 5.0),
             label(Kind::Shore, 250.0, 70.0),
-            // Nearer than all of them, and out of sight.
+            // Nearest, but out of sight.
             label(Kind::Shore, 900.0, 1.0),
         ];
         assert_eq!(order(&labels), [3, 1, 2, 4, 0]);
         labels[4].is_marked = true;
         assert_eq!(order(&labels), [4, 3, 1, 2, 0]);
-        // Nobody knows where the vehicle is.
+        // The vehicle's position is unknown.
         for label in &mut labels {
             label.away_m = f64::INFINITY;
         }
@@ -142,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_that_would_lie_on_others_moves_by_its_own_size_or_is_left_out() {
+    fn overlapping_labels_move_or_are_omitted() {
         let labels: Vec<_> = (0..6_u8)
             .map(|n| label(Kind::Shore, 100.0, f64::from(n)))
             .collect();
@@ -162,16 +155,16 @@ mod tests {
     }
 
     #[test]
-    fn a_label_that_moves_does_not_move_onto_the_vehicle() {
+    fn a_moved_label_does_not_cover_the_vehicle() {
         let labels = [
             label(Kind::Shore, 100.0, 1.0),
             label(Kind::Shore, 100.0, 2.0),
         ];
-        // Above the place of both.
+        // Above both labels.
         let vehicle = pos2(100.0, 75.0);
         let placed = placed(&labels, screen(), Some(vehicle));
         assert_eq!(placed.len(), 2);
-        let mark = Rect::from_center_size(vehicle, Vec2::splat(vehicle::ARROW));
+        let mark = Rect::from_center_size(vehicle, Vec2::splat(super::super::vehicle::ARROW));
         for (_, place) in placed {
             assert!(!mark.shrink(0.01).intersects(place), "{place}");
         }

@@ -1,4 +1,4 @@
-//! Shores by number where they are, and docking sites by letter, with an arrow that points in.
+//! Shores with numbers, docking sites with letters and an arrow.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -8,8 +8,8 @@ use eframe::egui::{
 };
 use protocol::message::{DockingSite, Shores};
 
+use super::super::ShoreMark;
 use super::super::camera::Camera;
-use super::super::shore_selection::ShoreMark;
 use super::shore_labels::{self, Kind, Label};
 use crate::model::{Outline, SiteName};
 use crate::panels::shores::Distance;
@@ -17,37 +17,36 @@ use crate::theme;
 
 const FONT: f32 = 13.0;
 const PADDING: Vec2 = vec2(5.0, 2.0);
-/// Room for each figure and each capital letter of a label, whatever the font makes of them.
+/// Fixed width per digit and letter of a label, points.
 const FIGURE: f32 = 8.0;
 const LETTER: f32 = 12.0;
 const LINE: f32 = 17.0;
-/// From the label of a docking site to the tip of its arrow, points.
+/// From a docking site's label to the tip of its arrow, points.
 const ARROW: f32 = 30.0;
 const HEAD: f32 = 9.0;
-/// From the ends of a marked docking site towards the water, points.
+/// Length of the end lines of a marked docking site, points.
 const END: f32 = 12.0;
 
-/// The shores that the robot told of, the names of their docking sites, and the outlines of the shores, in their order.
+/// Shores, names of docking sites, outlines of shores.
 type ShoreInputs<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
 
-/// What is to be drawn, in points.
+/// Marks in screen points.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::map_view) struct ShoreMarks {
-    /// Numbers of shores that have a place, and where, the largest shores first.
+    /// Placed numbers of shores, largest shores first.
     pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
-    /// Letters of docking sites that have a place, where, and where to: the best first.
+    /// Placed letters of docking sites with position and direction, best first.
     pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
-    /// Corners of each shore that stands out.
+    /// Outlines of marked shores.
     pub(in crate::map_view) outlines: Vec<Vec<Pos2>>,
-    /// Each docking site that stands out: along the bank as far as it is wide, with an end on either side towards the
-    /// water.
+    /// Marked docking sites: a line along the bank with an end line at both sides.
     pub(in crate::map_view) brackets: Vec<Vec<Pos2>>,
-    /// What the labels cover, in the order in which they got their places.
+    /// Areas of the labels in the order of placement.
     pub(in crate::map_view) labels: Vec<Rect>,
 }
 
 impl ShoreMarks {
-    /// What `camera` sees of the shores, of which those `marked` stand out. The vehicle is there, metres in `odom`.
+    /// `marked`: selected and hovered; `vehicle_m`: position in `odom`, m.
     pub(in crate::map_view) fn new(
         inputs: ShoreInputs<'_>,
         camera: &Camera,
@@ -102,7 +101,7 @@ impl ShoreMarks {
         }
     }
 
-    /// Draws what lies below the vehicle: what stands out, and the arrows of docking sites.
+    /// Draws what is below the vehicle: outlines and arrows.
     pub(in crate::map_view) fn paint_ground(
         &self,
         painter: &Painter,
@@ -111,7 +110,7 @@ impl ShoreMarks {
     ) {
         let halo = Stroke::new(6.0, Color32::WHITE);
         let line = Stroke::new(3.0, theme::MARKED);
-        // No halo lies on the line of another.
+        // Halos first, so that none covers a line.
         for stroke in [halo, line] {
             for outline in &self.outlines {
                 painter.add(Shape::closed_line(outline.clone(), stroke));
@@ -125,8 +124,7 @@ impl ShoreMarks {
         }
     }
 
-    /// Draws the labels, which nobody could read below a scan or the way of the vehicle: numbers on cards, letters in
-    /// inverse colours, so that neither is taken for the other.
+    /// Draws the labels above the vehicle: numbers on cards, letters in inverse colours.
     pub(in crate::map_view) fn paint_labels(
         &self,
         painter: &Painter,
@@ -142,16 +140,15 @@ impl ShoreMarks {
     }
 }
 
-/// What wants a label.
 struct LabelledShore {
     mark: ShoreMark,
-    /// Where into a docking site leads; of a shore nothing.
+    /// Direction of a docking site.
     heading_rad: Option<f32>,
     label: Label,
 }
 
-/// Those of which a label can be seen: docking sites, the best first, then shores, the largest first. How far away the others
-/// are is not asked, for there may be hundreds, in every frame.
+/// Visible labels: docking sites (best first), then shores (largest first). The distance is computed for visible ones
+/// only, because there may be hundreds.
 fn labelled(
     (shores, names, outlines): ShoreInputs<'_>,
     (camera, screen): (&Camera, Rect),
@@ -205,7 +202,6 @@ fn labelled(
     sites.chain(clusters).collect()
 }
 
-/// What a label says.
 fn text(mark: ShoreMark) -> String {
     match mark {
         ShoreMark::Shore(number) => number.to_string(),
@@ -213,7 +209,7 @@ fn text(mark: ShoreMark) -> String {
     }
 }
 
-/// The size of a label, points: known without its text, which only those that have a place need.
+/// Size of a label, points. It does not need the text.
 fn size(mark: ShoreMark) -> Vec2 {
     let width = match mark {
         ShoreMark::Shore(number) => figures(number) as f32 * FIGURE,
@@ -226,7 +222,6 @@ fn figures(number: u32) -> u32 {
     number.checked_ilog10().unwrap_or_default() + 1
 }
 
-/// Whether the robot tells of it.
 pub(in crate::map_view) fn is_listed(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
     match mark {
         ShoreMark::Shore(number) => shores.clusters.iter().any(|shore| shore.number == number),
@@ -234,8 +229,6 @@ pub(in crate::map_view) fn is_listed(shores: &Shores, names: &[SiteName], mark: 
     }
 }
 
-/// Where what is marked reaches to, metres in `odom`: corners of a shore, ends of a docking site; none where it is
-/// gone.
 pub(in crate::map_view) fn extent_m(
     shores: &Shores,
     names: &[SiteName],
@@ -265,7 +258,7 @@ fn site_of<'a>(
         .map(|(site, _)| site)
 }
 
-/// The ends of a docking site along the bank, metres in `odom`. How far in it reaches is not told.
+/// Ends of a docking site along the bank, m in `odom`.
 fn ends_m(site: &DockingSite) -> [[f64; 2]; 2] {
     let [x, y] = site.center_m.map(f64::from);
     let (sin, cos) = libm::sincos(f64::from(site.heading_rad));
@@ -273,7 +266,7 @@ fn ends_m(site: &DockingSite) -> [[f64; 2]; 2] {
     [half_m, -half_m].map(|left_m| [x - left_m * sin, y + left_m * cos])
 }
 
-/// A line between two points with an end on either side against `towards`; nothing where there are not two.
+/// Line between two ends, with end lines against `towards`.
 fn bracket(ends: &[Pos2], towards: Vec2) -> Vec<Pos2> {
     let [left, right] = *ends else {
         return Vec::new();
@@ -291,7 +284,7 @@ fn paint_label(painter: &Painter, at: Pos2, text: &str, ink: Color32, paper: Col
     painter.galley(place.min, text, ink);
 }
 
-/// An arrow from `at` on, with a halo that stands out on any map.
+/// Arrow with a halo.
 fn paint_arrow(painter: &Painter, at: Pos2, towards: Vec2, ink: Color32, paper: Color32) {
     let tip = at + towards * ARROW;
     let neck = tip - towards * HEAD;

@@ -1,24 +1,29 @@
-//! The vehicle: its footprint to scale, an arrow where that would be too small to see.
+//! The vehicle on the map: footprint, stopping distance, trajectory, sensors, and the obstacle that limits it.
 
-use eframe::egui::{Color32, Painter, Pos2, Shape, Stroke, Vec2, vec2};
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+use std::time::Duration;
 
-/// A shorter footprint is drawn as an arrow of [`ARROW`] points instead.
+use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, Vec2, vec2};
+
+use super::super::camera::Camera;
+use super::super::{LastScan, SensorField, Stopping};
+
+/// A shorter footprint is drawn as an arrow of [`ARROW`] points.
 const MIN_LENGTH: f32 = 16.0;
 pub(in crate::map_view) const ARROW: f32 = 20.0;
 
-/// The vehicle on the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::map_view) struct VehicleMark {
-    /// Corners of the footprint, from the front left one clockwise on the screen; empty where it is too
-    /// small or unknown.
+    /// Corners of the footprint, clockwise from the front left; empty if it is too small or unknown.
     pub(in crate::map_view) footprint: Vec<Pos2>,
     /// Tip, rear right, notch, rear left.
     pub(in crate::map_view) arrow: [Pos2; 4],
 }
 
 impl VehicleMark {
-    /// `footprint_m`: extent along and across, whose middle is `offset_m` ahead of `at`; `ahead`: where it heads on the screen,
-    /// a unit vector.
+    /// `footprint_m`: length and width, with its middle `offset_m` ahead of `at`; `ahead`: heading on the screen,
+    /// unit vector.
     pub(in crate::map_view) fn new(
         at: Pos2,
         ahead: Vec2,
@@ -46,7 +51,7 @@ impl VehicleMark {
         }
     }
 
-    /// Draws it in `color` with an outline that stands out on any map.
+    /// With an outline for contrast on any map.
     pub(in crate::map_view) fn paint(&self, painter: &Painter, color: Color32) {
         let halo = Stroke::new(3.5, Color32::WHITE);
         let line = Stroke::new(1.8, color);
@@ -57,25 +62,294 @@ impl VehicleMark {
         }
         let [tip, rear_right, notch, rear_left] = self.arrow;
         painter.add(Shape::closed_line(self.arrow.to_vec(), halo));
-        // The arrow is not convex; its halves are.
+        // The arrow is not convex, its halves are.
         for half in [[tip, rear_right, notch], [tip, notch, rear_left]] {
             painter.add(Shape::convex_polygon(half.to_vec(), color, Stroke::NONE));
         }
     }
 }
 
+/// Reaction time of the vehicle, s: one round of its loop.
+const REACTION_S: f64 = 0.02;
+/// Slower counts as standing.
+const MIN_SPEED_MPS: f64 = 0.02;
+/// Longer distances come from invalid data.
+const MAX_WAY_M: f64 = 500.0;
+const STEPS: usize = 24;
+
+/// Pose and motion of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::map_view) struct Motion {
+    /// m in `odom`, and radians counter-clockwise from x.
+    pub(in crate::map_view) position_m: [f64; 2],
+    pub(in crate::map_view) heading_rad: f64,
+    /// Along x and about z of `base`.
+    pub(in crate::map_view) speed_mps: f64,
+    pub(in crate::map_view) turn_rate_radps: f64,
+    /// Length and width, and offset of the middle ahead of the position, m.
+    pub(in crate::map_view) footprint_m: [f64; 2],
+    pub(in crate::map_view) footprint_offset_m: f64,
+}
+
+/// Stopping distance, m: the commanded speed for the reaction time, then braking.
+pub(in crate::map_view) fn stopping_distance_m(speed_mps: f64, stopping: Stopping) -> Option<f64> {
+    let speed_mps = speed_mps.abs();
+    let Stopping {
+        decel_mps2,
+        command_age_s,
+    } = stopping;
+    let is_known = decel_mps2 > 0.0 && command_age_s >= 0.0 && speed_mps.is_finite();
+    let way_m =
+        speed_mps * (command_age_s + REACTION_S) + speed_mps * speed_mps / (2.0 * decel_mps2);
+    (is_known && speed_mps >= MIN_SPEED_MPS && way_m.is_finite()).then(|| way_m.min(MAX_WAY_M))
+}
+
+/// Left and right edges of the area that the leading end sweeps until it stops, m in `odom`; empty if the vehicle
+/// stands.
+pub(in crate::map_view) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]> {
+    let Some(way_m) = stopping_distance_m(motion.speed_mps, stopping) else {
+        return Vec::new();
+    };
+    let [length_m, width_m] = motion.footprint_m;
+    let towards = motion.speed_mps.signum();
+    // The curvature stays constant while braking.
+    let curvature_radpm = motion.turn_rate_radps / motion.speed_mps;
+    let curvature_radpm = if curvature_radpm.is_finite() {
+        curvature_radpm
+    } else {
+        0.0
+    };
+    let [mut x, mut y] = motion.position_m;
+    let step_m = towards * way_m / STEPS as f64;
+    let edges = |x: f64, y: f64, heading_rad: f64| {
+        let (sin, cos) = libm::sincos(heading_rad);
+        let ahead = motion.footprint_offset_m + towards * 0.5 * length_m;
+        let side = 0.5 * width_m;
+        let (front_x, front_y) = (x + ahead * cos, y + ahead * sin);
+        [
+            [front_x - side * sin, front_y + side * cos],
+            [front_x + side * sin, front_y - side * cos],
+        ]
+    };
+    let mut swept = vec![edges(x, y, motion.heading_rad)];
+    for step in 0..STEPS {
+        let heading_rad = motion.heading_rad + curvature_radpm * step_m * (step as f64 + 0.5);
+        let (sin, cos) = libm::sincos(heading_rad);
+        x += step_m * cos;
+        y += step_m * sin;
+        let turned_rad = motion.heading_rad + curvature_radpm * step_m * (step as f64 + 1.0);
+        swept.push(edges(x, y, turned_rad));
+    }
+    swept
+}
+
+pub(in crate::map_view) fn paint_stopping(
+    painter: &Painter,
+    swept_m: &[[[f64; 2]; 2]],
+    (camera, screen): (&Camera, Rect),
+    color: Color32,
+) {
+    let mut mesh = Mesh::default();
+    let fill = color.gamma_multiply(0.38);
+    for edges_m in swept_m {
+        for edge_m in edges_m {
+            mesh.colored_vertex(camera.to_screen(screen, *edge_m), fill);
+        }
+    }
+    for pair in 1..swept_m.len() as u32 {
+        let first = 2 * (pair - 1);
+        mesh.add_triangle(first, first + 1, first + 2);
+        mesh.add_triangle(first + 1, first + 3, first + 2);
+    }
+    painter.add(mesh);
+    if let Some([left_m, right_m]) = swept_m.last() {
+        let ends = [left_m, right_m].map(|edge_m| camera.to_screen(screen, *edge_m));
+        painter.line_segment(ends, (3.0, color));
+    }
+}
+
+/// Minimum distance of drawn points, logical pixels.
+const STEP: f32 = 2.0;
+
+/// Visible parts of the trajectory, at screen resolution.
+pub(in crate::map_view) fn trail_lines(
+    trail_m: &VecDeque<[f64; 2]>,
+    camera: &Camera,
+    screen: Rect,
+) -> Vec<Vec<Pos2>> {
+    let near = screen.expand(20.0);
+    let mut lines: Vec<Vec<Pos2>> = Vec::new();
+    let mut line: Vec<Pos2> = Vec::new();
+    let mut before: Option<Pos2> = None;
+    let mut finish = |line: &mut Vec<Pos2>| {
+        if line.len() > 1 {
+            lines.push(std::mem::take(line));
+        } else {
+            line.clear();
+        }
+    };
+    let last = trail_m.len().saturating_sub(1);
+    for (index, point_m) in trail_m.iter().enumerate() {
+        let point = camera.to_screen(screen, *point_m);
+        if let Some(from) = before {
+            if from.distance(point) < STEP && index != last {
+                continue;
+            }
+            if near.intersects(Rect::from_two_pos(from, point)) {
+                if line.is_empty() {
+                    line.push(from);
+                }
+                line.push(point);
+            } else {
+                finish(&mut line);
+            }
+        }
+        before = Some(point);
+    }
+    finish(&mut line);
+    lines
+}
+
+/// Draws them with a halo; thinner on small scales, so that narrow passages stay visible.
+pub(in crate::map_view) fn paint_trail(
+    painter: &Painter,
+    lines: Vec<Vec<Pos2>>,
+    color: Color32,
+    points_per_m: f64,
+) {
+    let width = (0.06 * points_per_m as f32).clamp(1.0, 2.2);
+    let halo = Stroke::new(1.9 * width, Color32::from_white_alpha(170));
+    for line in &lines {
+        painter.add(Shape::line(line.clone(), halo));
+    }
+    for line in lines {
+        painter.add(Shape::line(line, Stroke::new(width, color)));
+    }
+}
+
+/// Maximum number of drawn scan points; more are subsampled.
+const MAX_SCAN_POINTS: usize = 4_000;
+/// Scan points fade out until this age.
+const LIFETIME: Duration = Duration::from_secs(2);
+const SCAN_POINT: f32 = 2.5;
+const STEP_RAD: f64 = 0.06;
+
+/// Closed outline of a sensor's field of view, m in `odom`. `heading_rad` is the vehicle's.
+pub(in crate::map_view) fn field_m(
+    field: &SensorField,
+    [x, y]: [f64; 2],
+    heading_rad: f64,
+) -> Vec<[f64; 2]> {
+    let [near_m, far_m] = field.range_m;
+    let is_sound = far_m.is_finite() && far_m > 0.0 && field.field_rad > 0.0;
+    if !is_sound {
+        return Vec::new();
+    }
+    let (sin, cos) = libm::sincos(heading_rad);
+    let [along, across] = field.mount_m;
+    let at = [
+        x + along * cos - across * sin,
+        y + along * sin + across * cos,
+    ];
+    let is_circle = field.field_rad >= TAU - 1e-6;
+    let field_rad = field.field_rad.min(TAU);
+    let steps = (field_rad / STEP_RAD).ceil().max(1.0);
+    let first_rad = heading_rad + field.mount_rad - 0.5 * field_rad;
+    let arc = |range_m: f64| {
+        let point = move |step: f64| {
+            let (sin, cos) = libm::sincos(first_rad + field_rad * step / steps);
+            [at[0] + range_m * cos, at[1] + range_m * sin]
+        };
+        (0..=steps as u32).map(move |step| point(f64::from(step)))
+    };
+    if is_circle {
+        arc(far_m).collect()
+    } else if near_m > 0.0 {
+        let near: Vec<_> = arc(near_m).collect();
+        arc(far_m).chain(near.into_iter().rev()).collect()
+    } else {
+        arc(far_m).chain([at]).collect()
+    }
+}
+
+/// Draws the outline, thin, with a halo.
+pub(in crate::map_view) fn paint_field(
+    painter: &Painter,
+    field_m: &[[f64; 2]],
+    (camera, screen): (&Camera, Rect),
+    color: Color32,
+) {
+    let points: Vec<Pos2> = field_m
+        .iter()
+        .map(|point_m| camera.to_screen(screen, *point_m))
+        .collect();
+    if Rect::from_points(&points).intersects(screen) {
+        let halo = Stroke::new(2.4, Color32::from_white_alpha(90));
+        painter.add(Shape::closed_line(points.clone(), halo));
+        painter.add(Shape::closed_line(points, Stroke::new(1.0, color)));
+    }
+}
+
+/// Draws scan points; older ones are fainter.
+pub(in crate::map_view) fn paint_scan(
+    painter: &Painter,
+    scan: &LastScan,
+    (camera, screen): (&Camera, Rect),
+    color: Color32,
+) {
+    let age = scan.age.as_secs_f32() / LIFETIME.as_secs_f32();
+    if age >= 1.0 {
+        return;
+    }
+    let color = color.gamma_multiply(1.0 - 0.7 * age);
+    let stride = scan.points_m.len() / MAX_SCAN_POINTS + 1;
+    let mut mesh = Mesh::default();
+    for point_m in scan.points_m.iter().step_by(stride) {
+        let at = camera.to_screen(screen, *point_m);
+        if screen.contains(at) {
+            mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(SCAN_POINT)), color);
+        }
+    }
+    painter.add(mesh);
+}
+
+/// Large enough for the obstacle to be visible inside, points.
+const RING_RADIUS: f32 = 10.0;
+const RING_LINE: f32 = 2.5;
+
+/// A ring around the obstacle that limits the vehicle, m in `odom`.
+pub(in crate::map_view) fn paint_barrier(
+    painter: &Painter,
+    position_m: [f64; 2],
+    (camera, screen): (&Camera, Rect),
+    color: Color32,
+) {
+    let at = camera.to_screen(screen, position_m);
+    if !screen.expand(RING_RADIUS).contains(at) {
+        return;
+    }
+    // A dark outline for contrast on every palette.
+    painter.circle_stroke(
+        at,
+        RING_RADIUS,
+        (2.0 * RING_LINE, Color32::from_black_alpha(180)),
+    );
+    painter.circle_stroke(at, RING_RADIUS, (RING_LINE, color));
+}
+
 #[cfg(test)]
 mod tests {
-    use eframe::egui::pos2;
+    use std::f64::consts::{FRAC_PI_2, PI};
 
     use super::*;
+    use eframe::egui::{pos2, vec2};
 
     fn assert_near(a: Pos2, b: Pos2) {
         assert!(a.distance(b) < 1e-3, "{a:?} is not {b:?}");
     }
 
     #[test]
-    fn the_footprint_is_to_scale_and_turned() {
+    fn the_footprint_is_to_scale_and_rotated() {
         let at = pos2(100.0, 200.0);
         let east = VehicleMark::new(at, vec2(1.0, 0.0), (Some([1.0, 0.5]), 0.0), 100.0);
         assert_near(east.footprint[0], pos2(150.0, 175.0));
@@ -84,14 +358,14 @@ mod tests {
         assert_near(north.footprint[0], pos2(75.0, 150.0));
         assert_near(north.footprint[1], pos2(125.0, 150.0));
         assert!(north.arrow[0].y < north.arrow[2].y, "the tip is ahead");
-        // The base frame at the rear axle: the front is 0.8 m ahead, the rear 0.2 m behind.
+        // The origin is at the rear axle: the front is 0.8 m ahead, the rear 0.2 m behind.
         let rear_axle = VehicleMark::new(at, vec2(0.0, -1.0), (Some([1.0, 0.5]), 0.3), 100.0);
         assert_near(rear_axle.footprint[0], pos2(75.0, 120.0));
         assert_near(rear_axle.footprint[2], pos2(125.0, 220.0));
     }
 
     #[test]
-    fn a_vehicle_is_never_too_small_to_see() {
+    fn a_small_vehicle_is_an_arrow() {
         for footprint_m in [
             None,
             Some([0.5, 0.3]),
@@ -102,5 +376,124 @@ mod tests {
             assert_eq!(mark.footprint, []);
             assert_near(mark.arrow[0], pos2(0.5 * ARROW, 0.0));
         }
+    }
+
+    const STOPPING: Stopping = Stopping {
+        decel_mps2: 0.5,
+        command_age_s: 0.18,
+    };
+
+    fn motion(speed_mps: f64, turn_rate_radps: f64) -> Motion {
+        Motion {
+            position_m: [10.0, 0.0],
+            heading_rad: 0.0,
+            speed_mps,
+            turn_rate_radps,
+            footprint_m: [2.0, 1.0],
+            footprint_offset_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn stopping_distance_is_reaction_plus_braking() {
+        let way_m = stopping_distance_m(1.5, STOPPING).unwrap();
+        assert!((way_m - (1.5 * 0.2 + 2.25)).abs() < 1e-12);
+        assert_eq!(
+            stopping_distance_m(-1.5, STOPPING),
+            stopping_distance_m(1.5, STOPPING)
+        );
+        assert_eq!(stopping_distance_m(0.0, STOPPING), None);
+        for decel_mps2 in [0.0, -1.0, f64::NAN] {
+            let stopping = Stopping {
+                decel_mps2,
+                ..STOPPING
+            };
+            assert_eq!(stopping_distance_m(1.0, stopping), None);
+        }
+    }
+
+    #[test]
+    fn swept_area_starts_at_the_leading_end() {
+        let swept = swept_m(&motion(1.0, 0.0), STOPPING);
+        assert_eq!(swept[0], [[11.0, 0.5], [11.0, -0.5]]);
+        let [[left_x, left_y], [right_x, right_y]] = *swept.last().unwrap();
+        assert!((left_x - 12.2).abs() < 1e-9 && (right_x - 12.2).abs() < 1e-9);
+        assert!((left_y - 0.5).abs() < 1e-9 && (right_y + 0.5).abs() < 1e-9);
+        let back = swept_m(&motion(-1.0, 0.0), STOPPING);
+        assert!((back.last().unwrap()[0][0] - 7.8).abs() < 1e-9);
+        assert!(swept_m(&motion(0.001, 1.0), STOPPING).is_empty());
+    }
+
+    #[test]
+    fn swept_area_of_an_offset_footprint() {
+        for (speed_mps, end_m) in [(1.0, 11.75), (-1.0, 9.75)] {
+            let rear_axle = Motion {
+                footprint_offset_m: 0.75,
+                ..motion(speed_mps, 0.0)
+            };
+            let swept = swept_m(&rear_axle, STOPPING);
+            assert_eq!(swept[0], [[end_m, 0.5], [end_m, -0.5]]);
+        }
+    }
+
+    #[test]
+    fn swept_area_of_a_turning_vehicle() {
+        // Radius 1 m about (10, 1), 1.2 m along it.
+        let swept = swept_m(&motion(1.0, 1.0), STOPPING);
+        let [[lx, ly], [rx, ry]] = *swept.last().unwrap();
+        let (sin, cos) = libm::sincos(1.2);
+        let middle = [0.5 * (lx + rx) - cos, 0.5 * (ly + ry) - sin];
+        assert!((middle[0] - (10.0 + sin)).abs() < 2e-3, "{middle:?}");
+        assert!((middle[1] - (1.0 - cos)).abs() < 2e-3, "{middle:?}");
+    }
+
+    #[test]
+    fn only_visible_parts_of_the_trail_are_drawn() {
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+        let camera = Camera::default();
+        // To the right beyond the screen and back 1 m higher, a point every centimetre.
+        let out = (0..2000).map(|cm| [f64::from(cm) * 0.01, 0.0]);
+        let back = (0..2000).rev().map(|cm| [f64::from(cm) * 0.01, 1.0]);
+        let trail: VecDeque<_> = out.chain(back).collect();
+        let lines = trail_lines(&trail, &camera, screen);
+        assert_eq!(lines.len(), 2);
+        let points: usize = lines.iter().map(Vec::len).sum();
+        assert!((200..240).contains(&points), "{points}");
+        assert_eq!(lines[0][0], screen.center());
+        assert_eq!(*lines[1].last().unwrap(), screen.center() - vec2(0.0, 40.0));
+        assert!(lines[0].last().unwrap().x > screen.right());
+    }
+
+    #[test]
+    fn a_standing_vehicle_has_no_trail() {
+        let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
+        let trail = VecDeque::from([[0.0, 0.0]]);
+        assert!(trail_lines(&trail, &Camera::default(), screen).is_empty());
+    }
+
+    #[test]
+    fn sensor_field_outline() {
+        // Half a metre ahead of a vehicle that faces north.
+        let field = SensorField {
+            mount_m: [0.5, 0.0],
+            mount_rad: 0.0,
+            field_rad: PI,
+            range_m: [0.0, 10.0],
+        };
+        let outline_m = field_m(&field, [1.0, 2.0], FRAC_PI_2);
+        let near = |[x, y]: [f64; 2], [ex, ey]: [f64; 2]| {
+            assert!(
+                (x - ex).abs() < 1e-9 && (y - ey).abs() < 1e-9,
+                "{x} {y} is not {ex} {ey}"
+            );
+        };
+        near(outline_m[0], [11.0, 2.5]);
+        near(outline_m[outline_m.len() - 2], [-9.0, 2.5]);
+        near(*outline_m.last().unwrap(), [1.0, 2.5]);
+        let blind = SensorField {
+            range_m: [0.0, f64::NAN],
+            ..field
+        };
+        assert_eq!(field_m(&blind, [0.0; 2], 0.0), Vec::<[f64; 2]>::new());
     }
 }

@@ -2,7 +2,7 @@ use std::fs::File;
 use std::time::Duration;
 
 use protocol::keys::Topic;
-use protocol::message::{Info, LayerInfo};
+use protocol::message::{Info, LayerInfo, Status};
 use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
 use protocol::tile::TileCells;
 use protocol::tile_store::{LayerGrid, TileStore};
@@ -10,11 +10,13 @@ use tiff::decoder::{Decoder, DecodingResult};
 
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
-use crate::test_support::{BOOT, announce_map, at, console, inject_reply, push_tile};
+use crate::test_support::{
+    BOOT, announce_map, at, console, inject, inject_reply, push_tile, scout,
+};
 
 const CELL_M: f64 = 0.1;
 
-/// A console that has received `store` whole.
+/// A console with all tiles of `store`.
 pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
     let mut model = console("scout", &LayerId::ALL);
     let grids: Vec<_> = store.grids().collect();
@@ -42,7 +44,7 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
     model
 }
 
-/// Every layer, with every kind of code and unknown cells on both sides of the origin.
+/// Every layer with all kinds of codes, and unknown cells on both sides of the origin.
 pub(in crate::map_view) fn store() -> TileStore {
     let mut store = TileStore::new(BOOT, 10);
     for layer in LayerId::ALL {
@@ -64,7 +66,7 @@ pub(in crate::map_view) fn store() -> TileStore {
 }
 
 #[test]
-fn a_probed_value_is_the_exports() {
+fn probe_and_export_have_equal_values() {
     let store = store();
     let model = model_of(&store);
     let dir = tempfile::tempdir().unwrap();
@@ -97,7 +99,7 @@ fn a_probed_value_is_the_exports() {
                 let probe = ProbeData::new(&model, &stack, point_m, at(3_000));
                 let cell = probe.cells.iter().find(|cell| cell.layer == layer);
                 let value = cell.and_then(|cell| cell.value);
-                // Row 0 of a GeoTIFF is the greatest y.
+                // Row 0 of a GeoTIFF has the greatest y.
                 let pixel = pixels[(raster.height() - 1 - row) * raster.width() + column];
                 let is_unknown = pixel.is_nan() || (!layer.classes().is_empty() && pixel == 0.0);
                 assert_eq!(
@@ -113,7 +115,7 @@ fn a_probed_value_is_the_exports() {
 }
 
 #[test]
-fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
+fn hidden_layers_are_probed_if_known() {
     let store = store();
     let model = model_of(&store);
     let mut stack = LayerStack::default();
@@ -142,7 +144,7 @@ fn shown_layers_are_always_read_and_hidden_ones_where_they_are_known() {
 }
 
 #[test]
-fn points_are_in_the_cells_that_cover_them() {
+fn cell_at_a_point() {
     let check = |point_m, expected| {
         let (key, column, row) = cell_at(LayerId::Cost, point_m, 0.1).unwrap();
         assert_eq!((key.tx, key.ty, column, row), expected);
@@ -186,7 +188,7 @@ fn values_have_units_or_names() {
 }
 
 #[test]
-fn a_probe_says_where_what_and_when() {
+fn probe_shows_position_value_and_age() {
     let mut hidden = cell(LayerId::Cost, 0.5);
     hidden.is_shown = false;
     let probe = ProbeData {
@@ -219,10 +221,10 @@ fn a_probe_says_where_what_and_when() {
 }
 
 #[test]
-fn an_unknown_cell_says_when_its_tile_changed_and_no_tile_says_nothing() {
+fn an_unknown_cell_has_the_age_of_its_tile() {
     let mut robot = store();
     let mut model = model_of(&robot);
-    let told = |model: &ConsoleModel, point_m| {
+    let reported = |model: &ConsoleModel, point_m| {
         let probe = ProbeData::new(model, &LayerStack::default(), point_m, at(5_000));
         let cells = probe.cells.iter();
         let mut cells = cells.filter(|cell| cell.layer == LayerId::Elevation);
@@ -235,10 +237,119 @@ fn an_unknown_cell_says_when_its_tile_changed_and_no_tile_says_nothing() {
     let tile = cell_at(LayerId::Elevation, in_tile, CELL_M).map(|(key, ..)| key);
     let revision = robot.get(tile.unwrap()).unwrap().revision();
     let words = format!("4.0 s ago, revision {revision}");
-    assert_eq!(told(&model, in_tile), words);
-    assert_eq!(told(&model, beside), "");
-    // What was erased is no tile any more.
+    assert_eq!(reported(&model, in_tile), words);
+    assert_eq!(reported(&model, beside), "");
+    // Erased tiles do not exist.
     robot.erase_layer(LayerId::Elevation).unwrap();
     announce_map(&mut model, &robot, at(4_000));
-    assert_eq!(told(&model, in_tile), "");
+    assert_eq!(reported(&model, in_tile), "");
+}
+
+fn sensor_info(name: &str, kind: SensorKind) -> SensorInfo {
+    SensorInfo {
+        name: name.to_owned(),
+        kind,
+        mount: None,
+        view: None,
+        rate_hz: None,
+    }
+}
+
+fn status(name: &str, fault: Option<SensorFault>) -> SensorStatus {
+    SensorStatus {
+        name: name.to_owned(),
+        messages: 7,
+        rate_hz: 5.0,
+        age_ms: Some(10_000),
+        dropped: 0,
+        fault,
+    }
+}
+
+#[test]
+fn layers_name_the_sensors_that_feed_them() {
+    let mut sensors = vec![
+        sensor_info("gps", SensorKind::SatelliteReceiver),
+        sensor_info("laser", SensorKind::TiltingLaser),
+        sensor_info("laser tilt", SensorKind::TiltEncoder),
+        sensor_info("sonar", SensorKind::Sonar),
+    ];
+    let statuses = [status("sonar", None), status("laser", None)];
+    let check = |sensors: &[SensorInfo], layer, expected: Option<&str>| {
+        let words = source_text(layer, sensors, &statuses, Duration::ZERO);
+        assert_eq!(words.as_deref(), expected);
+    };
+    check(&sensors, LayerId::Cost, Some("from laser and sonar"));
+    check(&sensors, LayerId::Rigidity, Some("from laser"));
+    check(&sensors[..1], LayerId::Cost, None);
+    check(&[], LayerId::Occupancy, None);
+    for name in ["left", "right"] {
+        sensors.push(sensor_info(name, SensorKind::PlanarLaser));
+    }
+    check(
+        &sensors,
+        LayerId::Shore,
+        Some("from laser, sonar and 2 more"),
+    );
+}
+
+#[test]
+fn sensor_faults_follow_the_names() {
+    let sensors = ["laser", "sonar", "left"].map(|name| sensor_info(name, SensorKind::PlanarLaser));
+    let check = |faults: &[(&str, SensorFault)], expected: &str| {
+        let statuses = faults
+            .iter()
+            .map(|(name, fault)| status(name, Some(*fault)));
+        let statuses: Vec<_> = statuses.collect();
+        let reported = Duration::from_secs(2);
+        let words = source_text(LayerId::Cost, &sensors, &statuses, reported);
+        assert_eq!(words.as_deref(), Some(expected));
+    };
+    check(
+        &[("laser", SensorFault::Silent)],
+        "from laser, sonar and 1 more (laser silent for 12 s)",
+    );
+    check(
+        &[
+            ("sonar", SensorFault::AllInvalid),
+            ("left", SensorFault::Slow),
+        ],
+        "from laser, sonar and 1 more (sonar sees nothing now, left slow now)",
+    );
+    check(
+        &[("left", SensorFault::Clock)],
+        "from laser, sonar and 1 more (left's clock jumped)",
+    );
+    let never = SensorStatus {
+        age_ms: None,
+        ..status("sonar", None)
+    };
+    let words = fault_text(&never, SensorFault::Silent, Duration::ZERO);
+    assert_eq!(words, "sonar silent from the start");
+}
+
+#[test]
+fn no_current_faults_of_silent_or_ended_data() {
+    let mut model = scout();
+    let described = Info {
+        sensors: vec![sensor_info("laser", SensorKind::PlanarLaser)],
+        ..Info::default()
+    };
+    inject_reply(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
+    let mut reported = Status {
+        sensors: vec![status("laser", Some(SensorFault::Slow))],
+        ..Status::default()
+    };
+    for (has_ended, now, words) in [
+        (false, 1_000, "from laser (laser slow now)"),
+        (false, 61_000, "from laser"),
+        (true, 62_000, "from laser"),
+    ] {
+        if now != 61_000 {
+            reported.has_ended = has_ended;
+            inject(&mut model, Topic::Status, &reported, at(now));
+        }
+        let source = source(&model, LayerId::Cost, at(now));
+        assert_eq!(source.as_deref(), Some(words), "{now}");
+    }
 }

@@ -1,11 +1,11 @@
-//! The card with the legends, and its button.
+//! Legends and their button.
 
 use eframe::egui::Shape;
 
-use super::super::overlays::scale_bar::ScaleBar;
+use super::super::overlays::grid::ScaleBar;
 use super::*;
 
-/// The share of the map that is under the legends.
+/// Share of the map under the legends.
 fn under_legends(window: &Harness<'_, Rig>) -> f32 {
     let view = &window.state().view;
     let place = view.legends.place().unwrap();
@@ -13,8 +13,7 @@ fn under_legends(window: &Harness<'_, Rig>) -> f32 {
 }
 
 #[test]
-fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
-    // One legend is always there, and the button in its row.
+fn a_button_opens_more_legends_on_small_maps() {
     for (width, height, most) in [
         (215.0, 390.0, 0.19),
         (260.0, 300.0, 0.21),
@@ -52,15 +51,15 @@ fn legends_leave_a_small_map_in_sight_and_a_button_opens_the_others() {
 }
 
 #[test]
-fn a_narrow_map_has_one_legend_however_high_it_is() {
+fn a_narrow_map_has_one_legend() {
     window_of(294.0, 1_200.0).get_by_label_contains("4 more legends");
     let wide = window_of(900.0, 1_200.0);
     assert!(wide.query_by_label_contains("more legend").is_none());
 }
 
 #[test]
-fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
-    // What a window of 700 × 620 points leaves of the map.
+fn a_narrow_map_has_the_button_beside_the_title() {
+    // The map in a window of 700 × 620 points.
     let mut window = window_of(294.0, 406.0);
     crate::theme::set(&window.ctx);
     window.run_steps(4);
@@ -82,7 +81,7 @@ fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
     assert!(card.contains_rect(button), "{card} {button}");
     assert!(button.y_range().contains(title.center().y), "{title}");
     assert!(title.right() <= button.left(), "{title} {button}");
-    // It is pressed there, also when what is below it has been scrolled by hand.
+    // The button also works after a click into the card.
     for label in ["more legend", "Fewer legends", "more legend"] {
         window.get_by_label_contains(label).click();
         window.run_steps(4);
@@ -93,23 +92,23 @@ fn a_narrow_map_has_one_legend_and_the_button_for_the_others_in_its_row() {
     window.get_by_label("Fewer legends");
 }
 
-/// Around the map in a test's window, and within the card of the scale bar, points, in sum of both sides.
+/// Margins of the test window and of the scale bar's card, points.
 const AROUND: f32 = 16.0;
 const PADDING: f32 = 16.0;
 
-/// The scale bar that there is room for beside the legends.
+/// The scale bar beside the legends.
 fn scale_bar(view: &MapView) -> ScaleBar {
     let room = view.place().width() - view.legend_width() - 3.0 * CARD_MARGIN;
     ScaleBar::new(view.camera.points_per_m(), room)
 }
 
 #[test]
-fn legends_and_scale_bar_of_a_narrow_map_keep_apart() {
-    // What windows of 500 to 730 points leave of the map.
+fn legends_do_not_cover_the_scale_bar() {
+    // The map in windows of 500 to 730 points.
     for width in [204.0, 215.0, 253.0, 294.0] {
         let mut window = window_of(width + AROUND, 300.0 + AROUND);
         crate::theme::set(&window.ctx);
-        // Then obstacles over heights are on top, with the longest words.
+        // Obstacles over heights have the longest texts.
         let stack = &mut window.state_mut().view.settings.stack;
         stack.apply(LayerCommand::Show(LayerId::Shore, false));
         window.run_steps(4);
@@ -128,7 +127,7 @@ fn legends_and_scale_bar_of_a_narrow_map_keep_apart() {
 }
 
 #[test]
-fn opened_legends_of_a_tiny_map_leave_no_half_of_the_scale_bar() {
+fn opened_legends_hide_the_scale_bar_completely() {
     let mut window = window_of(160.0 + AROUND, 134.0 + AROUND);
     crate::theme::set(&window.ctx);
     look(&mut window, Look::Follow(false));
@@ -156,7 +155,7 @@ fn opened_legends_of_a_tiny_map_leave_no_half_of_the_scale_bar() {
 }
 
 #[test]
-fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
+fn opened_legends_scroll_by_keys() {
     const SCROLLED: &str = "Legends; Page Up and Page Down scroll them";
     let mut window = window_of(260.0, 300.0);
     assert!(window.query_by_label(SCROLLED).is_none(), "closed");
@@ -166,7 +165,7 @@ fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
     window.run_steps(4);
     let first = window.get_by_label("Obstacle").rect().top();
     let top = |window: &Harness<'_, Rig>| window.get_by_label("Obstacle").rect().top();
-    // Who opened them has the keyboard on their button.
+    // Keys scroll while the button has the focus.
     window.key_press(Key::PageDown);
     window.run_steps(4);
     let second = top(&window);
@@ -174,7 +173,6 @@ fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
     window.key_press(Key::PageUp);
     window.run_steps(4);
     assert!((top(&window) - first).abs() < 1.0);
-    // So has who goes to them, and nobody else.
     window.get_by_label(SCROLLED).focus();
     window.run_steps(2);
     window.key_press(Key::PageDown);
@@ -192,7 +190,6 @@ fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
     window.key_press(Key::PageUp);
     window.run_steps(4);
     assert!((top(&window) - second).abs() < 1.0);
-    // Where all have room there is nothing to go to.
     let mut roomy = window_of(500.0, 800.0);
     if let Some(button) = roomy.query_by_label_contains("more legend") {
         button.click();
@@ -201,7 +198,7 @@ fn opened_legends_that_have_no_room_are_scrolled_by_keys() {
     assert!(roomy.query_by_label(SCROLLED).is_none());
 }
 
-/// Whether legends or their button lie on what stands in the upper right corner.
+/// Whether legends or their button overlap buttons or compass.
 fn lie_on_others(window: &Harness<'_, Rig>) -> bool {
     let view = &window.state().view;
     let legends = view.legends.place().unwrap();
@@ -211,8 +208,8 @@ fn lie_on_others(window: &Harness<'_, Rig>) -> bool {
 }
 
 #[test]
-fn legends_never_lie_on_the_compass_or_the_buttons() {
-    // What a window of 640 × 480 points at 120 % leaves of the map, with the driving panel and without; and others.
+fn legends_do_not_cover_compass_or_buttons() {
+    // Among others, the map in a window of 640 × 480 points at 120 %, with and without the driving panel.
     for (width, height, is_button_alone) in [
         (211.0, 168.0, true),
         (250.0, 168.0, true),
@@ -240,7 +237,7 @@ fn legends_never_lie_on_the_compass_or_the_buttons() {
 }
 
 #[test]
-fn a_title_that_has_no_room_beside_the_button_has_a_line_of_its_own() {
+fn a_long_title_is_below_the_button() {
     let mut window = window_of(211.0 + AROUND, 300.0 + AROUND);
     crate::theme::set(&window.ctx);
     let stack = &mut window.state_mut().view.settings.stack;

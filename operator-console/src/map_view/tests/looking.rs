@@ -1,4 +1,4 @@
-//! Where the camera goes by itself, and what is said of directions.
+//! Camera and directions.
 
 use eframe::egui::epaint::PathStroke;
 use eframe::egui::{Shape, Stroke};
@@ -12,7 +12,7 @@ use super::*;
 use crate::test_support::{idle_teleop_status, inject, pose_at_rest};
 use crate::theme;
 
-/// A shore of 20 × 6 m around (30, 13) that has most of its voxels in the east, and a docking site.
+/// A shore of 20 × 6 m around (30, 13) and a docking site.
 fn shores(datum: Option<Datum>) -> Shores {
     let corners = [(200, 100), (400, 100), (400, 160), (200, 160)];
     let shore = ShoreCluster {
@@ -32,7 +32,7 @@ fn shores(datum: Option<Datum>) -> Shores {
     Shores::gather(0.1, datum, vec![shore], vec![site])
 }
 
-fn hears(window: &mut Harness<'_, Rig>, shores: Shores) {
+fn receive_shores(window: &mut Harness<'_, Rig>, shores: Shores) {
     let news = ShoresReply {
         revision: 1,
         shores: Some(shores),
@@ -49,13 +49,13 @@ fn assert_looks_at(window: &Harness<'_, Rig>, point_m: [f64; 2]) {
 }
 
 #[test]
-fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
+fn a_selected_shore_is_approached() {
     let mut window = window();
-    hears(&mut window, shores(None));
+    receive_shores(&mut window, shores(None));
     let shore = Look::Mark(ShoreMark::Shore(3), [36.0, 13.0]);
     let site = ShoreMark::Site(window.state().model.site_names()[0]);
     let site = Look::Mark(site, [-19.0, -2.5]);
-    // The map is 800 × 600 points or little smaller.
+    // The map has about 800 × 600 points.
     for (mark, side_m, middle_m) in [(shore, 20.0, [30.0, 13.0]), (site, 8.0, [-19.0, -2.5])] {
         let screen = window.state().view.screen;
         let camera = &mut window.state_mut().view.camera;
@@ -67,12 +67,12 @@ fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
         let part = side_m * view.camera.points_per_m() / f64::from(view.screen.height());
         assert!((part - 1.0 / 3.0).abs() < 1e-3, "{mark:?}: {part}");
         assert_eq!(view.camera_mode(), CameraMode::Free);
-        // Once: who goes elsewhere then is not brought back.
+        // The camera approaches once.
         look(&mut window, Look::At([1.0, 2.0]));
         look(&mut window, Look::Out);
         assert_looks_at(&window, [1.0, 2.0]);
     }
-    // Of what is gone, the place is all that is known.
+    // A removed shore is only centred.
     let before = window.state().view.camera.points_per_m();
     look(&mut window, Look::Mark(ShoreMark::Shore(9), [4.0, 5.0]));
     assert_looks_at(&window, [4.0, 5.0]);
@@ -80,8 +80,7 @@ fn what_is_chosen_in_the_list_is_seen_whole_and_from_nearby() {
     assert_eq!(after.to_bits(), before.to_bits());
 }
 
-/// What stands out: of each whether it is a shore, which has a line all around it, and the corners of its line in `odom`,
-/// whole metres.
+/// Marked shores and docking sites: whether the line is closed, and its corners in `odom`, whole metres.
 fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
     let stroke = PathStroke::from(Stroke::new(3.0, theme::MARKED));
     let view = &window.state().view;
@@ -102,16 +101,16 @@ fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
 }
 
 #[test]
-fn what_was_clicked_stands_out_until_another_is_or_it_is_gone() {
+fn a_selected_shore_is_marked_until_it_is_gone() {
     let mut window = window();
-    hears(&mut window, shores(None));
+    receive_shores(&mut window, shores(None));
     let three = ShoreMark::Shore(3);
     let site = ShoreMark::Site(window.state().model.site_names()[0]);
     let around_three = (true, vec![[20, 10], [40, 10], [40, 16], [20, 16]]);
     assert_eq!(standing_out(&window), []);
     look(&mut window, Look::Hover(Some(three)));
     assert_eq!(standing_out(&window), std::slice::from_ref(&around_three));
-    // The hand is over what it clicks.
+    // Hovered and selected.
     look(&mut window, Look::Mark(three, [36.0, 13.0]));
     assert_eq!(standing_out(&window), std::slice::from_ref(&around_three));
     look(&mut window, Look::Hover(Some(site)));
@@ -121,7 +120,7 @@ fn what_was_clicked_stands_out_until_another_is_or_it_is_gone() {
     assert_eq!(both[0], around_three);
     look(&mut window, Look::Hover(None));
     assert_eq!(standing_out(&window), [around_three]);
-    // It is gone; what has its number then was not clicked.
+    // After its removal, a shore with the same number is not selected.
     for (revision, shores) in [
         (2, Shores::gather(0.1, None, Vec::new(), Vec::new())),
         (3, shores(None)),
@@ -144,20 +143,20 @@ fn what_was_clicked_stands_out_until_another_is_or_it_is_gone() {
 }
 
 #[test]
-fn the_whole_map_is_beside_the_legends_or_above_them() {
+fn the_fitted_map_is_beside_or_above_the_legends() {
     for (width, height) in [(800.0, 600.0), (420.0, 700.0), (1200.0, 700.0)] {
         let window = window_of(width, height);
         let view = &window.state().view;
         assert_eq!(view.camera_mode(), CameraMode::FitMap);
         let legends = view.legends.place().unwrap();
-        // Tiles (−1, 0), (0, 0) and (1, −1), of 6.4 m.
+        // Tiles (−1, 0), (0, 0) and (1, −1) of 6.4 m.
         let map = [[-6.4, 6.4], [12.8, 6.4], [12.8, -6.0], [-6.4, -6.0]];
         let map = Rect::from_points(&map.map(|corner_m| view.place_of(corner_m)));
         let size = format!("{width} × {height}: {map} {legends}");
         assert!(!map.intersects(legends), "{size}");
         assert!(view.screen.contains_rect(map), "{size}");
     }
-    // Without legends it has the whole place, and its middle in the middle.
+    // Without legends the map is centred.
     let mut window = window();
     let beside = window.state().view.camera.points_per_m();
     look(&mut window, Look::Draw(Overlay::Legend, false));
@@ -168,7 +167,7 @@ fn the_whole_map_is_beside_the_legends_or_above_them() {
 }
 
 #[test]
-fn a_direction_is_from_the_maps_x_where_nobody_knows_north() {
+fn directions_are_relative_to_x_without_north() {
     let datum = Datum {
         latitude_deg: 47.0,
         longitude_deg: 8.0,
@@ -179,7 +178,7 @@ fn a_direction_is_from_the_maps_x_where_nobody_knows_north() {
         (Some(datum), "Map, measured: 5.00 m  ·  037°"),
     ] {
         let mut window = window();
-        hears(&mut window, shores(datum));
+        receive_shores(&mut window, shores(datum));
         look(&mut window, Look::At([2.0, 3.0]));
         look(&mut window, Look::Measure(true));
         look(&mut window, Look::Point);
@@ -188,7 +187,7 @@ fn a_direction_is_from_the_maps_x_where_nobody_knows_north() {
     }
 }
 
-/// What is written on the map by itself that begins so, and where.
+/// Texts on the map that start with one of these, and their positions.
 fn written(window: &Harness<'_, Rig>, first: [&str; 2]) -> Vec<(String, Rect)> {
     let shapes = window.output().shapes.iter();
     let texts = shapes.filter_map(|clipped| {
@@ -204,11 +203,11 @@ fn written(window: &Harness<'_, Rig>, first: [&str; 2]) -> Vec<(String, Rect)> {
 }
 
 #[test]
-fn no_number_of_the_grid_is_half_covered() {
+fn no_grid_number_is_partly_covered() {
     let mut window = window();
     look(&mut window, Look::Draw(Overlay::Grid, true));
     window.run_steps(2);
-    // The map is moved until numbers would be under the scale bar, under the card and under the legends.
+    // Moves numbers under scale bar, card and legends.
     let corner = window.state().view.place().left_bottom();
     let numbers = |window: &Harness<'_, Rig>| written(window, ["x ", "y "]).len();
     let mut counts = Vec::new();
@@ -222,7 +221,6 @@ fn no_number_of_the_grid_is_half_covered() {
         let bar = Rect::from_two_pos(corner + vec2(12.0, -12.0), corner + vec2(60.0, -40.0));
         let standing = view.occluders.iter().copied().chain(view.legends_place());
         let standing: Vec<_> = standing.chain([bar]).collect();
-        assert!(view.card_size.y > 20.0, "there is a card");
         for (number, place) in written(&window, ["x ", "y "]) {
             let other = standing
                 .iter()
@@ -234,7 +232,7 @@ fn no_number_of_the_grid_is_half_covered() {
 }
 
 #[test]
-fn no_number_of_the_grid_lies_on_another_however_the_map_is_turned() {
+fn grid_numbers_of_a_rotated_map_do_not_overlap() {
     let mut window = window();
     look(&mut window, Look::Follow(false));
     look(&mut window, Look::Draw(Overlay::Grid, true));
@@ -253,12 +251,12 @@ fn no_number_of_the_grid_lies_on_another_however_the_map_is_turned() {
 }
 
 #[test]
-fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
+fn shore_numbers_are_above_the_vehicle() {
     let mut window = window();
     for overlay in [Overlay::Legend, Overlay::Compass] {
         look(&mut window, Look::Draw(overlay, false));
     }
-    hears(&mut window, shores(None));
+    receive_shores(&mut window, shores(None));
     let pose = Pose {
         position_m: [36.0, 13.0, 0.0],
         ..pose_at_rest()
@@ -279,7 +277,7 @@ fn the_number_of_a_shore_is_drawn_over_the_vehicle() {
 }
 
 #[test]
-fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
+fn the_limiting_obstacle_has_a_ring() {
     let mut window = window();
     look(&mut window, Look::At([30.0, 10.0]));
     let model = &mut window.state_mut().model;
@@ -300,7 +298,7 @@ fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
     for (barrier_m, expected) in [
         (None, vec![]),
         (Some([32.0, 9.0]), vec![[32, 9]]),
-        // Not on the map's part that is shown.
+        // Outside the shown part.
         (Some([3_200.0, 9.0]), vec![]),
     ] {
         let teleop = TeleopStatus {
@@ -322,11 +320,11 @@ fn what_the_guard_holds_the_vehicle_back_for_has_a_ring() {
 }
 
 #[test]
-fn what_is_measured_covers_no_number_of_a_shore() {
+fn ruler_labels_do_not_cover_shore_numbers() {
     let mut window = window();
-    hears(&mut window, shores(None));
+    receive_shores(&mut window, shores(None));
     look(&mut window, Look::Measure(true));
-    // The number is at (36, 13). Where the line comes from above, its total would stand below its end, over that.
+    // The number is at (36, 13). The total would be placed below the end of the line, over the number.
     let below_m = 24.0 / window.state().view.camera.points_per_m();
     for point_m in [[30.0, 20.0], [36.0, 20.0], [36.0, 13.0 + below_m]] {
         look(&mut window, Look::At(point_m));
@@ -348,7 +346,7 @@ fn what_is_measured_covers_no_number_of_a_shore() {
 }
 
 #[test]
-fn nothing_is_read_below_buttons_and_legends() {
+fn no_probe_below_buttons_and_legends() {
     let mut window = window();
     let is_read = |window: &mut Harness<'_, Rig>, place: Pos2| {
         window.hover_at(place);

@@ -4,14 +4,14 @@ use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::super::coloring::Coloring;
-use super::super::tile_presence::TilePresence;
+use super::super::layer_compositing::TilePresence;
 use super::*;
 
 const LAYER: LayerId = LayerId::Occupancy;
 const CELL_M: f64 = 0.1;
 const ALLOWANCE: usize = 60;
 
-/// Place (`None` for a whole texture) and size.
+/// Position (`None` for a whole texture) and size.
 type Upload = (Option<[usize; 2]>, [usize; 2]);
 
 struct Rig {
@@ -58,7 +58,7 @@ impl Rig {
         self.textures.changed((tx, ty));
     }
 
-    /// Whether nothing is left to do after a frame that has time for so many tiles, and what it uploads.
+    /// Whether all is done after a frame with time for `tiles` tiles, and its uploads.
     fn frame_of(&mut self, tiles: usize) -> (bool, Vec<Upload>) {
         let bounds_cells = self.known.bounds_cells();
         let style = LayerStyle {
@@ -97,7 +97,7 @@ impl Rig {
         self.camera.center_on(center_m);
     }
 
-    /// The place in `odom` (lowest and greatest x and y, metres) of every piece that is drawn.
+    /// Drawn rectangles in `odom`, m.
     fn drawn_m(&self) -> Vec<[f64; 4]> {
         let input = RawInput {
             screen_rect: Some(screen()),
@@ -125,7 +125,7 @@ impl Rig {
 }
 
 #[test]
-fn a_changed_tile_changes_exactly_its_part_and_nothing_is_uploaded_twice() {
+fn a_changed_tile_uploads_only_its_part() {
     let mut rig = Rig::new();
     assert_eq!(rig.frame(), (true, vec![]), "an empty map has no textures");
     rig.put((0, 0), 1);
@@ -145,14 +145,14 @@ fn a_changed_tile_changes_exactly_its_part_and_nothing_is_uploaded_twice() {
 }
 
 #[test]
-fn many_changes_make_a_chunk_anew() {
+fn many_changes_recreate_a_chunk() {
     let mut rig = Rig::new();
     for index in 0..4_900 {
         rig.put((index % 70, index / 70), 251);
     }
-    // 448 m on 600 points: the third level, where a chunk is 64×64 tiles and a tile 8×8 texels.
+    // 448 m on 600 points: level 3 with 64×64 tiles per chunk and 8×8 texels per tile.
     rig.look_at([224.0, 224.0], 1.25);
-    // The base is one chunk of the fourth level.
+    // The base is one chunk of level 4.
     assert_eq!(rig.frame().1, vec![(None, [512, 512]); 5]);
     rig.put((69, 69), 1);
     let parts = vec![(Some([40, 464]), [8, 8]), (Some([276, 232]), [4, 4])];
@@ -164,12 +164,12 @@ fn many_changes_make_a_chunk_anew() {
 }
 
 #[test]
-fn a_tile_far_away_costs_little_until_it_is_seen() {
+fn distant_tiles_cost_little() {
     let mut rig = Rig::new();
     rig.put((0, 0), 1);
     rig.frame();
     rig.put((1000, 1000), 1);
-    // The base grows coarser, and has it.
+    // The base becomes coarser and contains the new tile.
     let (is_complete, uploads) = rig.frame();
     assert!(is_complete && uploads.len() <= 2, "{uploads:?}");
     assert_eq!(rig.frame(), (true, vec![]));
@@ -178,7 +178,7 @@ fn a_tile_far_away_costs_little_until_it_is_seen() {
 }
 
 #[test]
-fn textures_are_bounded_and_come_again() {
+fn textures_are_limited_and_recreated() {
     let mut rig = Rig::new();
     for column in 0..200 {
         rig.put((8 * column, 0), 1);
@@ -195,14 +195,14 @@ fn textures_are_bounded_and_come_again() {
 }
 
 #[test]
-fn what_is_not_made_yet_is_stood_in_for_without_holes_or_overlaps() {
+fn missing_chunks_are_replaced_without_holes() {
     let mut rig = Rig::new();
     for index in 0..4_900 {
         rig.put((index % 70, index / 70), 251);
     }
     rig.look_at([224.0, 224.0], 1.25);
     assert!(rig.frame().0);
-    // Closer, and no time to make what is seen.
+    // Closer, without time for new chunks.
     for (points_per_m, turn_rad) in [(9.0, 0.0), (3.0, 0.0), (1.25, 0.0), (0.4, 0.0)] {
         rig.camera.turn_up(std::f64::consts::FRAC_PI_2 + turn_rad);
         rig.look_at([200.0, 210.0], points_per_m);
@@ -212,7 +212,7 @@ fn what_is_not_made_yet_is_stood_in_for_without_holes_or_overlaps() {
         let known = [0.0, 0.0, 448.0, 448.0];
         let expected_m2 = area_m2(overlap(seen, known));
         let drawn_m = rig.drawn_m();
-        // Beyond what is known, textures are empty: how much of that is drawn does not matter.
+        // Textures are empty beyond known cells, so their drawn area there does not matter.
         let drawn_m2: f64 = drawn_m
             .iter()
             .map(|piece| area_m2(overlap(overlap(*piece, seen), known)))
@@ -226,7 +226,7 @@ fn what_is_not_made_yet_is_stood_in_for_without_holes_or_overlaps() {
 }
 
 #[test]
-fn a_turned_map_needs_little_more_than_one_that_is_not() {
+fn a_rotated_map_needs_few_more_chunks() {
     let mut rig = Rig::new();
     for index in 0..4_900 {
         rig.put((index % 70, index / 70), 251);
@@ -241,7 +241,7 @@ fn a_turned_map_needs_little_more_than_one_that_is_not() {
 }
 
 #[test]
-fn other_colours_come_without_a_hole() {
+fn recoloring_leaves_no_hole() {
     let mut rig = Rig::new();
     rig.put((0, 0), 1);
     rig.frame();
@@ -253,7 +253,7 @@ fn other_colours_come_without_a_hole() {
 }
 
 #[test]
-fn a_chunk_takes_as_many_frames_as_it_needs_and_misses_no_change() {
+fn a_chunk_built_over_several_frames_misses_no_change() {
     let mut rig = Rig::new();
     for index in 0..40 {
         rig.put((index % 8, index / 8), 251);
@@ -262,7 +262,7 @@ fn a_chunk_takes_as_many_frames_as_it_needs_and_misses_no_change() {
     rig.put((0, 0), 1);
     rig.put((7, 7), 1);
     assert_eq!(rig.frame_of(30), (false, vec![(None, [512, 512])]));
-    // (0, 0) was yet to be painted; (7, 7) is new.
+    // (0, 0) was still to be painted; (7, 7) is new.
     assert_eq!(rig.frame(), (true, vec![(Some([448, 0]), [64, 64])]));
 }
 

@@ -13,7 +13,7 @@ fn listed_as(address: &str, state: Option<AddressState>) -> ListedAddress {
 }
 
 #[test]
-fn every_address_has_the_state_of_its_own() {
+fn each_address_has_its_own_state() {
     let owned = |all: &[&str]| all.iter().map(|one| (*one).to_owned()).collect::<Vec<_>>();
     let named = owned(&["tcp/named:7447", "tcp/both:7447"]);
     let remembered = owned(&["tcp/both:7447", "tcp/other:7447", "tcp/missed:7447"]);
@@ -41,7 +41,7 @@ fn every_address_has_the_state_of_its_own() {
 }
 
 #[test]
-fn what_is_in_the_way_is_said_with_what_to_look_at() {
+fn address_states_have_advice() {
     let text = |state, has_keys| {
         let text = listed_as("tcp/boat:7450", Some(state)).text(has_keys);
         (text.tone, text.state, text.hint.unwrap_or_default())
@@ -50,7 +50,7 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
         robot: "scout".parse().unwrap(),
         by_quic,
     };
-    for (state, has_keys, tone, says, hint) in [
+    for (state, has_keys, tone, label, hint) in [
         (AddressState::Asking, false, Tone::Waiting, "asking…", ""),
         (AddressState::Found, false, Tone::Good, "answers", ""),
         (
@@ -128,20 +128,20 @@ fn what_is_in_the_way_is_said_with_what_to_look_at() {
             "eve is there",
         ),
     ] {
-        let expected = (tone, says.to_owned(), hint.to_owned());
+        let expected = (tone, label.to_owned(), hint.to_owned());
         assert_eq!(text(state, has_keys), expected);
     }
 }
 
 #[test]
-fn an_ipv6_address_that_may_be_meant_stands_in_brackets() {
+fn ipv6_addresses_need_brackets() {
     let hint = no_robot("::1", 7448);
     assert!(hint.ends_with(" try [::1]:7447"), "{hint}");
     assert!(!no_robot("boat", 1).contains("try"), "there is no port 0");
 }
 
 #[test]
-fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
+fn silent_addresses_can_be_forgotten() {
     let addresses = [
         listed_as("tcp/nosuch:7447", Some(AddressState::UnknownName)),
         listed_as("tcp/10.0.0.5:7447", Some(AddressState::Silent)),
@@ -175,8 +175,8 @@ fn silent_addresses_are_all_in_sight_and_can_be_forgotten() {
 }
 
 #[test]
-fn a_narrow_panel_says_how_many_addresses_are_remembered_and_whether_others_are_listed_above() {
-    for (width, is_above, says) in [
+fn heading_of_addresses_fits_a_narrow_panel() {
+    for (width, is_above, label) in [
         (170.0, false, "Remembered (1)"),
         (190.0, false, "Remembered (1)"),
         (260.0, false, "Remembered addresses (1)"),
@@ -193,7 +193,7 @@ fn a_narrow_panel_says_how_many_addresses_are_remembered_and_whether_others_are_
             .build_ui(move |ui| _ = remembered_ui(ui, &addresses));
         crate::theme::set(&window.ctx);
         window.run_steps(3);
-        let place = window.get_by_label(says).rect();
+        let place = window.get_by_label(label).rect();
         assert!(place.right() <= width - 7.5, "{width}: {place}");
     }
 }

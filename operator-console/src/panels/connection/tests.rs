@@ -7,7 +7,7 @@ use protocol::tile_store::{LayerGrid, TileStore};
 use super::*;
 use crate::test_support::{BOOT, announce_map, at, console, idle_teleop_status, inject};
 
-/// What a robot, or a recording, has announced of a map with one tile, to who wants these layers of it.
+/// A robot or recording that announces a map with one tile of these layers.
 fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
     let layer = LayerId::Occupancy;
     let mut store = TileStore::new(BOOT, 10);
@@ -25,7 +25,7 @@ fn announced(robot: &str, wanted: &[LayerId]) -> ConsoleModel {
 }
 
 #[test]
-fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
+fn docs_contain_the_map_states() {
     let handbook = include_str!("../../../../docs/console.md");
     let handbook = handbook.split_whitespace().collect::<Vec<_>>().join(" ");
     let unknown = console("scout", &[]);
@@ -34,8 +34,8 @@ fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
     let mut all = vec![drawing(Tone::Waiting, 0)];
     for model in [unknown, equal, behind] {
         for link in [LinkState::Live, LinkState::Silent] {
-            let heard = (link, Duration::from_millis(100));
-            all.push(map_state(model.map(), heard, at(1_100)));
+            let contact = (link, Duration::from_millis(100));
+            all.push(map_state(model.map(), contact, at(1_100)));
         }
     }
     for (_, long, short) in all {
@@ -46,32 +46,32 @@ fn the_handbook_names_what_is_said_of_the_map_as_it_is_said() {
 }
 
 #[test]
-fn the_map_of_a_recording_is_drawn_and_not_asked_for() {
+fn the_map_of_a_recording_is_drawn_not_fetched() {
     let model = announced("recording-1", &[LayerId::Occupancy]);
-    let told = |link: &LinkStatus| {
+    let reported = |link: &LinkStatus| {
         let data = ConnectionData::new(&model, link, at(1_100));
         (data.map_tone, data.map, data.map_short)
     };
     let behind = "Behind, asking what is missing".to_owned();
     let robot = LinkStatus::default();
-    assert_eq!(told(&robot), (Tone::Waiting, behind, "Behind"));
+    assert_eq!(reported(&robot), (Tone::Waiting, behind, "Behind"));
     let recording = LinkStatus {
         recording: Some("rooms.mcap".to_owned()),
         ..LinkStatus::default()
     };
     let drawn = (Tone::Waiting, "Being drawn".to_owned(), "Drawing");
-    assert_eq!(told(&recording), drawn);
-    for (missing, says) in [
+    assert_eq!(reported(&recording), drawn);
+    for (missing, text) in [
         (1, "Being drawn: 1 tile to come"),
         (1_200, "Being drawn: 1\u{a0}200 tiles to come"),
     ] {
-        let expected = (Tone::Waiting, says.to_owned(), "Drawing");
+        let expected = (Tone::Waiting, text.to_owned(), "Drawing");
         assert_eq!(drawing(Tone::Waiting, missing), expected);
     }
 }
 
 #[test]
-fn a_recording_is_never_called_live() {
+fn a_recording_is_not_live() {
     let model = console("recording-1", &[]);
     let link = LinkStatus {
         transport: None,
@@ -88,8 +88,8 @@ fn a_recording_is_never_called_live() {
         ..link.clone()
     };
     let of_failed = ConnectionData::new(&model, &failed, Monotonic::default());
-    let says = (of_failed.tone, &*of_failed.state, &*of_failed.map);
-    assert_eq!(says, (Tone::Warning, "Failed", "No map"));
+    let text = (of_failed.tone, &*of_failed.state, &*of_failed.map);
+    assert_eq!(text, (Tone::Warning, "Failed", "No map"));
     assert_eq!(of_failed.advice, failed.failure);
     let advice = data.advice.unwrap();
     assert!(!advice.contains("nobody"), "{advice}");
@@ -100,7 +100,7 @@ fn a_recording_is_never_called_live() {
 }
 
 #[test]
-fn a_live_robot_whose_maps_cannot_come_says_why() {
+fn problem_of_the_bulk_session_is_shown() {
     let mut model = console("scout", &[]);
     inject(&mut model, Topic::Status, &Status::default(), at(1_000));
     let of = |problem: Option<&str>| {
@@ -114,12 +114,12 @@ fn a_live_robot_whose_maps_cannot_come_says_why() {
     };
     assert_eq!(of(None), (Tone::Good, "Live".to_owned(), None));
     let why = "no answer at tcp/boat:7448, where maps come from; trying again";
-    let told = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
-    assert_eq!(of(Some(why)), told);
+    let reported = (Tone::Warning, "Live".to_owned(), Some(why.to_owned()));
+    assert_eq!(of(Some(why)), reported);
 }
 
 #[test]
-fn a_robot_whose_data_has_ended_is_not_called_live() {
+fn ended_data_is_not_live() {
     let mut model = console("scout", &[]);
     let ended = Status {
         has_ended: true,
@@ -138,9 +138,8 @@ fn a_robot_whose_data_has_ended_is_not_called_live() {
     assert_eq!(data.advice, link.problem);
     let data = ConnectionData::new(&model, &LinkStatus::default(), at(9_000));
     assert_eq!((data.tone, &*data.state), (Tone::Waiting, "Ended"));
-    assert!(data.advice.unwrap().contains("no more data"));
+    assert_eq!(data.advice.as_deref(), Some("Its data has ended."));
     assert!(data.rows.contains(&row("Last message", "8.0 s ago")));
-    // So has a vehicle that said so.
     let teleop = Some(idle_teleop_status());
     inject(
         &mut model,

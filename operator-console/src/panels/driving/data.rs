@@ -1,121 +1,112 @@
-//! What the operator is to see of driving, as plain data.
+//! Contents of the driving panel as plain data.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
-use protocol::message::{LeaseStatus, Settings, TeleopState, TeleopStatus};
-
-use super::gauge::{self, Gauge};
-use super::headline::{
-    VehicleState, data_ended, data_ended_silent, link_lost, live, status_pending,
+use protocol::message::{
+    Arming, BarrierKind, Clamp, CollisionMonitorState, Event, LeaseStatus, Settings, StopReason,
+    TeleopState, TeleopStatus,
 };
-use super::limit_reason::limit_reason;
-use super::notice::notice;
-use super::strictest_limit::strictest_limit;
-use super::{figures, labels};
-use crate::model::{ConsoleModel, LinkState, Stream};
-use crate::panels::formatting::age;
-use crate::panels::rows::Row;
-use crate::teleop_client::{EStopState, Lease, TeleopClientState};
+
+use super::labels::{self, VehicleState, opposing_keys};
+use super::limits::{
+    Gauge, gauges, is_stopped_by_monitor, limit_reason, monitor_text, strictest_limit,
+};
+use crate::model::{ConsoleModel, LinkState, StopBeforeEStop, Stream};
+use crate::panels::formatting::{age, capitalised, count};
+use crate::panels::rows::{Row, row};
+use crate::teleop_client::{EStopState, Lease, TeleopClientState, TeleopNotification};
 use crate::teleop_input::SpeedStep;
 use crate::theme::Tone;
 
-/// Poses come 20 times a second and more: without one for so long, what is shown is not what is.
+/// Poses come at 20 Hz or more: after this time without one, the shown state is out of date.
 const POSE_LATE: Duration = Duration::from_millis(600);
-/// A status comes twice a second.
+/// Status comes at 2 Hz.
 const STATUS_LATE: Duration = Duration::from_millis(1800);
+/// Commands of this age are shown as a warning.
+const OLD_MS: u32 = 200;
+const AGE_LIMIT: &str = "Age limit";
+const MONITOR: &str = "Monitor";
+const OBSTACLE: &str = "Obstacle";
+const LAST_OBSERVED: &str = "Last observed";
 
-/// What the panel shows.
+/// Contents of the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrivingData {
-    /// How the vehicle is.
     pub tone: Tone,
-    /// In a word or two.
+    /// State of the vehicle in one or two words.
     pub headline: String,
-    /// What follows from it, or what to do.
+    /// Consequence of the state, or what to do.
     pub advice: Option<String>,
-    /// What the words mean, where that is not plain.
+    /// Explanation of the headline, as hover text.
     pub hint: Option<&'static str>,
-    /// The emergency stop.
     pub estop: EStopButton,
-    /// Who drives, in words.
+    /// Who has the control lease.
     pub driver: String,
-    /// What can be done about that.
     pub lease: LeaseButtons,
-    /// Whether who sits here may only watch.
     pub is_observer: bool,
-    /// Whether who sits here is proven to have no right to take over.
+    /// Whether the operator's role is known and below supervisor.
     pub cannot_take_over: bool,
-    /// What the operator did not expect, lately.
+    /// An unexpected event, such as a lost lease.
     pub notice: Option<String>,
-    /// Somebody asks the operator to hand over.
+    /// The operator who requests a handover from this one.
     pub handover_request: Option<OperatorId>,
-    /// How fast keys drive.
     pub step: SpeedStep,
-    /// The vehicle's greatest speed, m/s; 0 where it is not known.
+    /// m/s; 0 if unknown.
     pub top_speed_mps: f32,
-    /// Forwards, and turning.
+    /// Linear and angular speed.
     pub gauges: Option<[Gauge; 2]>,
-    /// Why the two differ.
+    /// Why the applied speed differs from the requested one.
     pub clamp: Option<String>,
-    /// Ages, guard, last stop: each with its tone.
+    /// Command age, collision monitor, last stop.
     pub rows: Vec<(Tone, Row)>,
-    /// The link, in a few figures.
     pub link: Vec<Row>,
-    /// What can be set, as it is.
     pub settings: Option<Settings>,
-    /// Commands that the robot refused, by reason.
+    /// Refused commands: count and reason.
     pub refused: Vec<Row>,
 }
 
-/// The big button.
+/// State of the emergency stop button.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EStopButton {
-    /// To be pressed.
     Ready,
-    /// Pressed, and not acknowledged.
+    /// Pressed, not acknowledged yet.
     Sending(String),
-    /// In force: it can be reset.
     InForce {
-        /// Which.
         number: u64,
-        /// Whether it would be found after a restart: only then it can be reset.
+        /// Whether the stop survives a restart of the robot. Only then it can be reset.
         is_stored: bool,
     },
-    /// Not for who sits here: they only watch.
+    /// The operator is an observer.
     ReadOnly,
-    /// The robot does not obey this operator: somebody else must press it.
+    /// The robot refused this operator's emergency stop.
     Refused(String),
 }
 
-/// What can be done about who drives.
+/// Buttons for the control lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaseButtons {
-    /// Nothing at the moment.
+    /// None, while a request is under way or the link is lost.
     Quiet,
-    /// Nobody drives: this operator could.
     Free,
-    /// Somebody else does: they can be asked, or, by a supervisor, replaced.
     HeldByOther,
-    /// This operator waits.
     Waiting,
-    /// This operator drives.
     Held,
-    /// Who sits here only watches.
+    /// The operator is an observer.
     ReadOnly,
 }
 
 impl DrivingData {
-    /// The state at `now`; `None` where the robot cannot be driven.
+    /// `None` if the robot cannot be driven.
     pub fn new(
         model: &ConsoleModel,
         teleop_client: &TeleopClientState,
         now: Monotonic,
     ) -> Option<Self> {
-        let teleop = model.status()?.0.teleop.as_ref()?;
         let (status, status_at) = model.status()?;
-        // Whoever is live again is not lost, but what was told of it is of its last run.
+        let teleop = status.teleop.as_ref()?;
+        // After a restart the link is live, but the status is of the previous run.
         let is_live = model.connection().state(now) == LinkState::Live;
         let is_status_pending = is_live && model.awaits_status();
         let silence = if is_status_pending {
@@ -124,22 +115,22 @@ impl DrivingData {
             silence(model, now)
         };
         let headline = match silence {
-            Some(_) if is_status_pending => status_pending(),
-            Some(silence) if model.is_silence_expected() => data_ended_silent(silence),
-            Some(silence) => link_lost(silence, teleop_client),
-            None if status.has_ended && teleop.state == TeleopState::Idle => data_ended(),
-            None => live(teleop, teleop_client, VehicleState::of(model, now)),
+            Some(_) if is_status_pending => labels::status_pending(),
+            Some(silence) if model.is_silence_expected() => labels::data_ended_silent(silence),
+            Some(silence) => labels::link_lost(silence, teleop_client),
+            None if status.has_ended && teleop.state == TeleopState::Idle => labels::data_ended(),
+            None => labels::live(teleop, teleop_client, VehicleState::of(model, now)),
         };
-        // Where nobody drives from here nothing is asked for, whatever moves the vehicle.
         let is_driven = teleop.state != TeleopState::Idle;
         let gauges = model
             .info()
-            .map(|_| gauge::gauges(teleop, teleop_client.limits, is_driven));
+            .map(|_| gauges(teleop, teleop_client.limits, is_driven));
         let gauges = gauges.filter(|_| silence.is_none());
         let shown = gauges.as_ref();
         let strictest_limit = strictest_limit(teleop, model.recent_monitor_states());
         let clamp = shown
             .and_then(|gauges| limit_reason(teleop, strictest_limit, gauges, model.is_stuck()));
+        let events = model.events().iter().map(|(event, _)| event);
         Some(Self {
             tone: headline.tone,
             headline: headline.words,
@@ -155,21 +146,19 @@ impl DrivingData {
                 .waiting
                 .clone()
                 .filter(|_| teleop_client.lease.held().is_some()),
-            notice: notice(teleop_client, model.events().iter().map(|(event, _)| event)),
+            notice: notice(teleop_client, events),
             step: teleop_client.step,
             top_speed_mps: teleop_client.limits[0],
             gauges,
             clamp,
-            rows: figures::rows(model, teleop, teleop_client, silence),
-            link: figures::link_rows(model, now),
+            rows: rows(model, teleop, teleop_client, silence),
+            link: link_rows(model, now),
             settings: Some(teleop.settings).filter(|_| silence.is_none()),
-            refused: figures::refused_rows(teleop),
+            refused: refused_rows(teleop),
         })
     }
-}
 
-impl DrivingData {
-    /// Whether nothing changes but ages that nobody waits for.
+    /// Whether nothing but ages changes, so that the window needs fewer repaints.
     pub const fn is_at_rest(&self) -> bool {
         matches!(
             self.lease,
@@ -181,7 +170,7 @@ impl DrivingData {
     }
 }
 
-/// How long nothing has been heard that tells how the vehicle is, where that is too long.
+/// Time since the last pose, status or message, if it is too long.
 fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
     let quality = model.link_quality();
     let late = |stream, longest| quality.age(stream, now).filter(|age| *age > longest);
@@ -192,7 +181,7 @@ fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
 }
 
 impl EStopButton {
-    /// Of a stop that is on its way, whatever is known of the robot.
+    /// The button while a stop is being sent, also without a connected robot.
     pub fn underway(teleop_client: &TeleopClientState) -> Option<Self> {
         let words = match teleop_client.estop {
             EStopState::Sending(since) => format!("Not acknowledged for {}", age(since)),
@@ -216,9 +205,7 @@ fn estop_button(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> ESt
         },
         _ if teleop_client.is_observer() => EStopButton::ReadOnly,
         (EStopState::Refused(why), None) => EStopButton::Refused(labels::refusal(why)),
-        (EStopState::Quiet | EStopState::Sending(_) | EStopState::Unsendable(_), None) => {
-            EStopButton::Ready
-        }
+        _ => EStopButton::Ready,
     }
 }
 
@@ -228,7 +215,7 @@ fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: boo
     match (&lease.holder, &lease.next) {
         _ if is_mine && is_lost => format!("You drove ({})", teleop_client.operator),
         _ if is_mine => format!("You drive ({})", teleop_client.operator),
-        // Its answer may come behind a status that tells of the grant already: whose it is is not known yet.
+        // While a request is pending, the status may arrive before the answer: the grant may be this console's.
         (Some(holder), _) if *holder == teleop_client.operator && !teleop_client.is_asking => {
             format!("{holder} drives, from another console")
         }
@@ -238,8 +225,7 @@ fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: boo
     }
 }
 
-/// Whether the robot tells of a grant that is this console's and not another one's of the same name: the one that it
-/// has given back or lost since that was told, or the one that it waits for.
+/// Whether the reported grant is this console's, and not that of another console with the same operator name.
 fn is_own_grant(lease: &LeaseStatus, teleop_client: &TeleopClientState) -> bool {
     let is_granted = match teleop_client.lease {
         Lease::Waiting { after, .. } => lease.epoch > after,
@@ -264,5 +250,335 @@ fn lease_buttons(
         }
         Lease::None if teleop.lease.holder.is_some() => LeaseButtons::HeldByOther,
         Lease::None => LeaseButtons::Free,
+    }
+}
+
+fn rows(
+    model: &ConsoleModel,
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    silence: Option<Duration>,
+) -> Vec<(Tone, Row)> {
+    let mut rows = Vec::new();
+    if let Some(silence) = silence {
+        let words = format!("as of {} ago", age(silence));
+        rows.push((Tone::Warning, row("All below", words)));
+    }
+    let old = |age_ms: u32| match age_ms {
+        0..OLD_MS => Tone::Good,
+        OLD_MS.. => Tone::Warning,
+    };
+    let (tone, words) = match (teleop.age_ms, teleop.peak_age_ms) {
+        (Some(now_ms), Some(greatest_ms)) if now_ms <= greatest_ms => {
+            let words = format!("{now_ms} ms, at most {greatest_ms} ms");
+            (old(greatest_ms.max(now_ms)), words)
+        }
+        (Some(now_ms), Some(_) | None) => (old(now_ms), format!("{now_ms} ms")),
+        (None, _) => (Tone::Waiting, "none sent".to_owned()),
+    };
+    rows.push((tone, row("Command age", words)));
+    let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
+    let tone = if teleop.clamp == Some(Clamp::Age) {
+        Tone::Warning
+    } else {
+        Tone::Good
+    };
+    rows.push((tone, row(AGE_LIMIT, allowed)));
+    let (tone, words) = monitor_text(
+        teleop,
+        strictest_limit(teleop, model.recent_monitor_states()),
+        teleop_client.limits,
+    );
+    rows.push((tone, row(MONITOR, words)));
+    if teleop_client.lease.held().is_some() {
+        let (tone, barrier) = obstacle_row(model);
+        rows.push((tone, barrier));
+        if matches!(
+            teleop.collision_monitor,
+            CollisionMonitorState::On(_) | CollisionMonitorState::UnknownSpace(_)
+        ) {
+            rows.push((Tone::Good, coverage_row(teleop)));
+        }
+    }
+    let events = model.events().iter().map(|(event, _)| event);
+    if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
+        rows.push((tone, row("Last stop", stop)));
+    }
+    if teleop_client.lease.held().is_some() {
+        let (tone, words) = key_text(teleop, teleop_client);
+        rows.push((tone, row("Keys", words)));
+    }
+    let stops = teleop.counters.involuntary_stops;
+    if stops > 0 {
+        rows.push((Tone::Warning, row("Involuntary stops", count(stops))));
+    }
+    rows
+}
+
+/// The obstacle that limits the vehicle. The map shows a ring around it.
+fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
+    let (tone, words) = match model.barrier().map(|barrier| barrier.kind) {
+        None => (Tone::Waiting, "–"),
+        Some(BarrierKind::Detected) => (Tone::Warning, "detected now (ringed)"),
+        Some(BarrierKind::Shallow) => (Tone::Warning, "too shallow (ringed)"),
+        Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
+        Some(BarrierKind::Unknown) => (Tone::Warning, "unknown ground (ringed)"),
+        Some(BarrierKind::NoReturn) => (Tone::Warning, "no echo (ringed)"),
+    };
+    (tone, row(OBSTACLE, words))
+}
+
+/// Age of the oldest observation of the ground on each side of the vehicle.
+fn coverage_row(teleop: &TeleopStatus) -> Row {
+    let words: Vec<_> = ["ahead", "left", "behind", "right"]
+        .into_iter()
+        .zip(teleop.ground_age_ms)
+        .map(|(side, ground_age_ms)| match ground_age_ms {
+            None => format!("{side} never"),
+            Some(..1000) => format!("{side} now"),
+            Some(ms) => format!("{side} {} s", ms / 1000),
+        })
+        .collect();
+    row(LAST_OBSERVED, words.join(", "))
+}
+
+/// Hover text of a row.
+pub(super) fn hint(name: &str) -> Option<&'static str> {
+    match name {
+        AGE_LIMIT => Some(
+            "The older the commands, the lower the speed limit: the vehicle travels only a short way on old \
+             commands. While none are sent, the oldest accepted age counts.",
+        ),
+        MONITOR => Some(
+            "The collision monitor's speed limit in that direction, so that the vehicle stops before \
+             obstacles of its sensors or its map, and before unknown ground. When its \
+             data is late, the vehicle stops. Unknown ground has not been observed yet, or \
+             not recently: there the vehicle may only creep, or not move at all. \
+             That ends when its sensors have observed it. Obstacles are among the red \
+             points of the last scans (of a sonar: under water), or lethal on the map. When \
+             the limit alternates, this is the least of the last 1.5 s, at times.",
+        ),
+        OBSTACLE => Some(
+            "The obstacle for which the collision monitor limits the commanded motion; an amber ring on the map is \
+             around it. Detected: hit by a beam of the last scans; too shallow: hit by a sonar; on the map: an obstacle \
+             hit before; unknown ground: not observed, or too long ago; no echo: only beams \
+             without a return cover it.",
+        ),
+        LAST_OBSERVED => Some(
+            "How long ago a sensor observed the ground on each side, at the oldest place. The monitor lets the vehicle \
+             only creep towards ground that was observed too long ago.",
+        ),
+        _ => None,
+    }
+}
+
+/// Whether the vehicle follows the keys, or when it will.
+fn key_text(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> (Tone, &'static str) {
+    match teleop.state {
+        TeleopState::EStop => (Tone::Warning, "Ignored until the reset"),
+        TeleopState::Fault(_) => (Tone::Warning, "Ignored while in fault"),
+        TeleopState::SafeBoot => (Tone::Waiting, "Ignored before the self-test"),
+        TeleopState::Stopping(_) if teleop.arming == Arming::Pressed => {
+            (Tone::Waiting, "Active once it has slowed down")
+        }
+        TeleopState::Driving
+            if teleop.arming == Arming::Pressed && is_stopped_by_monitor(teleop) =>
+        {
+            (Tone::Warning, "Limited by the monitor")
+        }
+        _ => arming_text(teleop.arming, teleop_client),
+    }
+}
+
+fn arming_text(arming: Arming, teleop_client: &TeleopClientState) -> (Tone, &'static str) {
+    // The keyboard focus is in another window or in a text field.
+    let is_elsewhere = !teleop_client.is_ready && teleop_client.ignored.is_none();
+    let arming_label = labels::arming(arming);
+    match arming {
+        Arming::Locked | Arming::Neutral if is_elsewhere => {
+            (Tone::Warning, "No focus: click into the map")
+        }
+        Arming::Locked => (Tone::Warning, arming_label),
+        // Ignored keys are not sent: the vehicle reports neutral.
+        Arming::Neutral if teleop_client.ignored.is_some() => {
+            (Tone::Warning, labels::arming(Arming::Locked))
+        }
+        Arming::Neutral if opposing_keys(teleop_client) => (Tone::Waiting, "Cancel each other out"),
+        Arming::Neutral => (Tone::Waiting, arming_label),
+        Arming::Pressed => (Tone::Good, arming_label),
+    }
+}
+
+/// The reason of the newest stop; `None` before the first. The status reports stops while driving only, so that an
+/// emergency stop is found in the robot's `events` (oldest first).
+fn last_stop<'a>(
+    teleop: &TeleopStatus,
+    stop_before_estop: Option<StopBeforeEStop>,
+    events: impl DoubleEndedIterator<Item = &'a Event>,
+) -> Option<(Tone, String)> {
+    if let Some(estop) = teleop.estop {
+        let words = format!("emergency stop {}", estop.number);
+        return Some((Tone::Warning, words));
+    }
+    let is_stopping = matches!(teleop.state, TeleopState::Stopping(_));
+    let newest = events.rev().find_map(is_emergency);
+    // Events may be lost: a stop in the status after the emergency stop is newer.
+    let is_newest = stop_before_estop.is_some_and(|before| before.last_stop == teleop.last_stop);
+    if newest == Some(true) && is_newest && !is_stopping {
+        return Some((Tone::Warning, "emergency stop, reset since".to_owned()));
+    }
+    let stop = teleop.last_stop?;
+    let tone = match stop {
+        StopReason::Released => Tone::Waiting,
+        _ => Tone::Warning,
+    };
+    Some((tone, labels::stop(stop).to_owned()))
+}
+
+/// Whether an event is an emergency stop (true) or another stop (false).
+fn is_emergency(event: &Event) -> Option<bool> {
+    match event.kind.as_str() {
+        "estop" => Some(true),
+        "involuntary_stop" => Some(false),
+        "teleop_state" if event.message.starts_with("stopping") => Some(false),
+        _ => None,
+    }
+}
+
+/// The newest unexpected event. A lost lease includes the reason from the robot's `events`, oldest first.
+fn notice<'a>(
+    teleop_client: &TeleopClientState,
+    events: impl DoubleEndedIterator<Item = &'a Event>,
+) -> Option<String> {
+    let note = teleop_client.notice.as_ref()?;
+    let (words, _) = labels::note(note);
+    let words = capitalised(&words);
+    match note {
+        // The disabled buttons show it already.
+        TeleopNotification::ObserverOnly => None,
+        TeleopNotification::LeaseLost => Some(match why_ended(&teleop_client.operator, events) {
+            Some(why) => format!("{words}: {why}"),
+            None => words,
+        }),
+        _ => Some(words),
+    }
+}
+
+/// Why this operator's lease ended, as reported by the robot. `None` if the newest event of this operator is a grant:
+/// the event of its end was lost.
+fn why_ended<'a>(
+    operator: &OperatorId,
+    events: impl DoubleEndedIterator<Item = &'a Event>,
+) -> Option<&'a str> {
+    let newest = events.rev().find_map(|event| {
+        let rest = event.message.strip_prefix(operator.as_str())?;
+        match event.kind.as_str() {
+            "lease_granted" => rest.starts_with(" drives: ").then_some(None),
+            "lease_ended" => rest.strip_prefix(" no longer drives: ").map(Some),
+            _ => None,
+        }
+    });
+    newest.flatten()
+}
+
+fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
+    let quality = model.link_quality();
+    let none = || "–".to_owned();
+    let is_live = model.connection().state(now) == LinkState::Live;
+    let round_trip = model.connection().round_trip().filter(|_| is_live);
+    let round_trip = round_trip.map_or_else(none, |time| match time.as_millis() {
+        0 => "< 1 ms".to_owned(),
+        ms => format!("{ms} ms"),
+    });
+    let age_of = |stream| {
+        let age_of = quality.age(stream, now);
+        age_of.map_or_else(none, |time| format!("{} ago", age(time)))
+    };
+    let poses = format!(
+        "{:.0} of {:.0} Hz, {}",
+        // The rate is averaged over seconds, and may be above an expected rate that changed meanwhile.
+        quality.pose_hz(now).min(quality.expected_hz()),
+        quality.expected_hz(),
+        age_of(Stream::Pose)
+    );
+    let missing = quality.missing(now);
+    let missing = missing.map_or_else(none, |share| format!("{:.0} % of poses", 100.0 * share));
+    vec![
+        row("Round trip", round_trip),
+        row("Poses", poses),
+        row("Missing", missing),
+        row("Status", age_of(Stream::Status)),
+        row("Map state", age_of(Stream::MapHead)),
+    ]
+}
+
+fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {
+    let refused = teleop.counters.refused.iter();
+    refused
+        .filter(|refused| refused.count > 0)
+        .map(|refused| row(&count(refused.count), refused.reason.to_string()))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::{EStopStatus, Severity};
+
+    use super::*;
+    use crate::test_support::idle_teleop_status;
+
+    fn event(kind: &str, message: &str) -> Event {
+        Event {
+            kind: kind.to_owned(),
+            severity: Severity::Info,
+            message: message.to_owned(),
+        }
+    }
+
+    #[test]
+    fn last_stop_is_the_newest_of_status_and_events() {
+        let released = event("teleop_state", "stopping after driving");
+        let estop = event("estop", "emergency stop 3, by anna");
+        let rest = [
+            event("teleop_state", "emergency stop after driving"),
+            event("estop_reset", "emergency stop 3 reset by anna"),
+            event("teleop_state", "held after idle"),
+            event("teleop_state", "driving after held"),
+        ];
+        let mut teleop = idle_teleop_status();
+        teleop.last_stop = Some(StopReason::Released);
+        let before = |stop| {
+            let last_stop = Some(stop);
+            Some(StopBeforeEStop { last_stop })
+        };
+        let shown = |teleop: &TeleopStatus, first: &[&Event]| {
+            let events = first.iter().copied().chain(&rest);
+            last_stop(teleop, before(StopReason::Released), events)
+        };
+        let let_go = Some((Tone::Waiting, "keys released".to_owned()));
+        let emergency = |words: &str| Some((Tone::Warning, words.to_owned()));
+        assert_eq!(shown(&teleop, &[]), let_go);
+        let reset = emergency("emergency stop, reset since");
+        assert_eq!(shown(&teleop, &[&released, &estop]), reset);
+        assert_eq!(shown(&teleop, &[&estop, &released]), let_go);
+        let involuntary = event("involuntary_stop", "stopping after driving");
+        assert_eq!(shown(&teleop, &[&estop, &involuntary]), let_go);
+        // The status changed after the emergency stop.
+        let late = |before| last_stop(&teleop, before, [&released, &estop].into_iter());
+        assert_eq!(late(before(StopReason::Age)), let_go);
+        assert_eq!(
+            late(None),
+            let_go,
+            "no stop before the emergency stop is known"
+        );
+        teleop.state = TeleopState::Stopping(StopReason::Released);
+        assert_eq!(shown(&teleop, &[&released, &estop]), let_go);
+        teleop.state = TeleopState::EStop;
+        teleop.estop = Some(EStopStatus {
+            number: 3,
+            is_stored: true,
+        });
+        assert_eq!(shown(&teleop, &[]), emergency("emergency stop 3"));
+        assert_eq!(last_stop(&idle_teleop_status(), None, rest.iter()), None);
     }
 }

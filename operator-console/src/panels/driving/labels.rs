@@ -1,16 +1,59 @@
-//! States and reasons of driving as the operator reads them.
+//! Texts of the driving panel: states, reasons, headline and advice.
 
+use std::time::Duration;
+
+use measurement::time::Monotonic;
 use protocol::message::{
-    Answer, Arming, Clamp, FaultReason, LeaseEnd, LeaseRequest, Refusal, Setting, StopReason,
-    TeleopState,
+    Answer, Arming, Clamp, CollisionMonitorState, FaultReason, LeaseEnd, LeaseRequest, Refusal,
+    Setting, StopReason, TeleopState, TeleopStatus,
 };
 
+use super::limits::is_stopped_by_monitor;
+use crate::model::{ConsoleModel, DRIFTING_MPS, MIN_SHOWN_MPS, MIN_SHOWN_RADPS};
+use crate::panels::formatting::{age, capitalised, signed};
 use crate::role::OBSERVER_HINT;
-use crate::teleop_client::{NotSentReason, RequestKind, TeleopNotification};
-use crate::teleop_input::InputLockReason;
+use crate::teleop_client::{
+    Lease, NotSentReason, RequestKind, TeleopClientState, TeleopNotification,
+};
+use crate::teleop_input::{DriveKey, InputLockReason};
+use crate::theme::Tone;
 
-/// A state, with its reason.
-pub fn state(state: TeleopState) -> String {
+const DRIVES: &str = "W A S D or arrows drive while held";
+const COASTS: &str = "No thrust: it coasts, and wind and current move it";
+const NOT_HELD: &str = "No thrust: wind and current may move it";
+const SLOWS: &str = "Slows down first, then follows the keys";
+const STANDS: &str = "Stopped by the collision monitor";
+const NO_THRUST: &str = "No thrust: stopped by the collision monitor";
+const TURN_OR_GO: &str = "Stopped by the collision monitor: try driving or turning alone";
+const OPPOSING_KEYS: &str = "Opposing keys cancel each other out";
+const STOPPED: &str = "Motors are stopped until the reset.";
+const STOPPED_AFLOAT: &str = "Motors are stopped until the reset. Wind and current may move it";
+const STUCK: &str = "Commanded but not moving: stuck, or its motors do not respond";
+const AGROUND: &str = "Commanded but not moving: aground, held, or its motors do not respond";
+/// Advice that a key press can change: the panel reserves the height of the longest.
+pub(super) const KEY_ADVICE: [&str; 13] = [
+    TURN_OR_GO,
+    OPPOSING_KEYS,
+    DRIVES,
+    COASTS,
+    NOT_HELD,
+    SLOWS,
+    STANDS,
+    NO_THRUST,
+    STOPPED,
+    STOPPED_AFLOAT,
+    stop(StopReason::Released),
+    STUCK,
+    AGROUND,
+];
+const WITHOUT_OPERATOR: &str =
+    "Something other than an operator moves it, such as its own program or a simulated tour.";
+const ADRIFT: &str = "Something other than an operator moves it: its own program, or a current that is faster than usual. \
+                      From here both look the same.";
+const AGAINST_COMMAND: &str =
+    "It is commanded to stand, but moves: it rolls, it is pushed, or its motors do not respond.";
+
+pub(crate) fn state(state: TeleopState) -> String {
     match state {
         TeleopState::SafeBoot => "Self-test".to_owned(),
         TeleopState::Idle => "Nobody drives".to_owned(),
@@ -22,8 +65,7 @@ pub fn state(state: TeleopState) -> String {
     }
 }
 
-/// Why it stopped.
-pub const fn stop(why: StopReason) -> &'static str {
+pub(crate) const fn stop(why: StopReason) -> &'static str {
     match why {
         StopReason::Released => "keys released",
         StopReason::Age => "commands too old",
@@ -47,8 +89,8 @@ const fn fault(why: FaultReason) -> &'static str {
     }
 }
 
-/// Why a vehicle may not move that is told to go, and the same when that is over.
-pub const fn stuck(is_boat: bool) -> [&'static str; 2] {
+/// Possible reasons of a vehicle that does not move as commanded: present and past.
+pub(crate) const fn stuck(is_boat: bool) -> [&'static str; 2] {
     if is_boat {
         [
             "aground, held, or its motors do not respond",
@@ -62,8 +104,7 @@ pub const fn stuck(is_boat: bool) -> [&'static str; 2] {
     }
 }
 
-/// What keeps the vehicle from doing what is asked for.
-pub const fn clamp(clamp: Clamp) -> &'static str {
+pub(crate) const fn clamp(clamp: Clamp) -> &'static str {
     match clamp {
         Clamp::Speed => "the vehicle's greatest speed",
         Clamp::Ramp => "its acceleration",
@@ -73,32 +114,17 @@ pub const fn clamp(clamp: Clamp) -> &'static str {
     }
 }
 
-/// Why what is held down counts for nothing, where the robot stopped for `last_stop` last.
-pub fn ignored(why: InputLockReason, last_stop: Option<StopReason>) -> String {
-    let words = loss(why);
-    match (why, last_stop) {
-        (InputLockReason::Stopped, Some(reason)) if reason != StopReason::Released => {
-            format!("{words}, {}", stop(reason))
+/// Why held keys are ignored.
+fn ignored(why: InputLockReason, last_stop: Option<StopReason>) -> String {
+    match last_stop {
+        Some(reason) if why == InputLockReason::Stopped && reason != StopReason::Released => {
+            format!("{}, {}", loss(why), stop(reason))
         }
-        (
-            InputLockReason::Focus
-            | InputLockReason::WindowHidden
-            | InputLockReason::Typing
-            | InputLockReason::Gamepad
-            | InputLockReason::Link
-            | InputLockReason::Robot
-            | InputLockReason::Lease
-            | InputLockReason::LeaseRenewed
-            | InputLockReason::EStop
-            | InputLockReason::Stopped
-            | InputLockReason::LoopStalled,
-            _,
-        ) => words.to_owned(),
+        _ => loss(why).to_owned(),
     }
 }
 
-/// The same in general.
-pub const fn loss(loss: InputLockReason) -> &'static str {
+const fn loss(loss: InputLockReason) -> &'static str {
     match loss {
         InputLockReason::Focus => "the window lost focus",
         InputLockReason::WindowHidden => "the window was hidden",
@@ -114,8 +140,7 @@ pub const fn loss(loss: InputLockReason) -> &'static str {
     }
 }
 
-/// Whether a press would count on the vehicle.
-pub const fn arming(arming: Arming) -> &'static str {
+pub(super) const fn arming(arming: Arming) -> &'static str {
     match arming {
         Arming::Locked => "Release everything",
         Arming::Neutral => "Ready",
@@ -123,48 +148,26 @@ pub const fn arming(arming: Arming) -> &'static str {
     }
 }
 
-/// Why the vehicle does not do it.
-pub fn refusal(why: Refusal) -> String {
+pub(super) fn refusal(why: Refusal) -> String {
     match why {
-        // It tells strangers no more. Who is struck off, or has got another key, is one.
+        // The robot does not say more to unknown operators.
         Refusal::Signature | Refusal::UnknownOperator => {
             "your name and key are not on this vehicle's list of operators".to_owned()
         }
-        Refusal::Malformed
-        | Refusal::TooMany
-        | Refusal::Role
-        | Refusal::OtherBoot
-        | Refusal::UnknownToken
-        | Refusal::WrongNonce
-        | Refusal::TooOld
-        | Refusal::NotHolder
-        | Refusal::OtherEpoch
-        | Refusal::OldSequence
-        | Refusal::NotFinite
-        | Refusal::NotReady
-        | Refusal::Busy
-        | Refusal::NotWaiting
-        | Refusal::NoEStop
-        | Refusal::OtherEStop
-        | Refusal::EStopNotStored
-        | Refusal::EStopSince
-        | Refusal::OutOfRange
-        | Refusal::Unavailable => why.to_string(),
+        _ => why.to_string(),
     }
 }
 
-/// The same of what was asked for.
 fn request_refusal(what: &RequestKind, why: Refusal) -> String {
     let is_take_over = matches!(what, RequestKind::Lease(LeaseRequest::TakeOver));
     if is_take_over && why == Refusal::Role {
-        // Who reads it may drive, and would look for a fault in their keys.
         return "only supervisors take over".to_owned();
     }
     refusal(why)
 }
 
-/// A note, and whether it says that something was not done.
-pub fn note(note: &TeleopNotification) -> (String, bool) {
+/// Text of a notification, and whether it reports a failure.
+pub(crate) fn note(note: &TeleopNotification) -> (String, bool) {
     match note {
         TeleopNotification::Answered(what, Answer::Refused(why)) => {
             let why = request_refusal(what, *why);
@@ -239,4 +242,269 @@ fn answer_text(answer: Answer) -> String {
 
 const fn on_or_off(is_on: bool) -> &'static str {
     if is_on { "on" } else { "off" }
+}
+
+/// Motion of the vehicle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VehicleState {
+    /// Forward speed, m/s, if it moves.
+    moves: Option<f32>,
+    is_boat: bool,
+    motion: Motion,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Motion {
+    /// Commanded to move for seconds, but does not.
+    Stuck,
+    /// Commanded to stop a moment ago, within its braking time.
+    Brakes,
+    Still,
+    Moves,
+}
+
+impl VehicleState {
+    pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
+        Self {
+            moves: model.moves(),
+            is_boat: model.is_boat(),
+            motion: if model.is_stuck() {
+                Motion::Stuck
+            } else if model.brakes(now) {
+                Motion::Brakes
+            } else if model.is_still() {
+                Motion::Still
+            } else {
+                Motion::Moves
+            },
+        }
+    }
+}
+
+/// State of the vehicle in one or two words, with advice.
+pub(super) struct Headline {
+    pub(super) tone: Tone,
+    pub(super) words: String,
+    pub(super) advice: Option<String>,
+    pub(super) hint: Option<&'static str>,
+}
+
+impl Headline {
+    const fn new(tone: Tone, words: String, advice: Option<String>) -> Self {
+        Self {
+            tone,
+            words,
+            advice,
+            hint: None,
+        }
+    }
+}
+
+pub(super) fn link_lost(silence: Duration, teleop_client: &TeleopClientState) -> Headline {
+    let advice = match teleop_client.lease {
+        Lease::Held(_) => {
+            "It stops by itself without commands, and its lease soon expires. When it is connected again, release \
+             all keys, and press Request control."
+        }
+        Lease::None | Lease::Waiting { .. } => "State unknown (no data).",
+    };
+    let words = format!("Link lost for {}", age(silence));
+    Headline::new(Tone::Warning, words, Some(advice.to_owned()))
+}
+
+/// The robot has restarted and has not sent its status yet.
+pub(super) fn status_pending() -> Headline {
+    let advice = "It has restarted. State unknown (no data yet).";
+    let words = "Waiting for status".to_owned();
+    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
+}
+
+pub(super) fn data_ended() -> Headline {
+    let advice = "Robot session ended";
+    let words = "Its data has ended".to_owned();
+    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
+}
+
+/// The robot announced the end of its data and is silent now.
+pub(super) fn data_ended_silent(silence: Duration) -> Headline {
+    let advice = format!(
+        "No data for {}: robot-edge has closed, or the link is lost. State unknown (no data)",
+        age(silence)
+    );
+    Headline {
+        advice: Some(advice),
+        ..data_ended()
+    }
+}
+
+/// Headline of a connected vehicle.
+pub(super) fn live(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    vehicle: VehicleState,
+) -> Headline {
+    let unexpected_motion = unexpected_motion(teleop, vehicle.moves, vehicle.is_boat);
+    if let Some(unexpected_motion) = unexpected_motion.filter(|_| vehicle.motion != Motion::Brakes)
+    {
+        return unexpected_motion;
+    }
+    if teleop.state == TeleopState::Driving && vehicle.motion == Motion::Stuck {
+        let why = if vehicle.is_boat { AGROUND } else { STUCK };
+        return Headline::new(Tone::Warning, "Not moving".to_owned(), Some(why.to_owned()));
+    }
+    let headline = match teleop.state {
+        TeleopState::Stopping(_) => "Stopping".to_owned(),
+        TeleopState::Idle | TeleopState::Held if vehicle.motion == Motion::Brakes => {
+            "Stopping".to_owned()
+        }
+        TeleopState::Fault(_) => "Fault".to_owned(),
+        // A boat has no brakes: it may start to drift at any time.
+        TeleopState::Idle | TeleopState::Held
+            if teleop.is_drifting && vehicle.motion == Motion::Still =>
+        {
+            "Standing, not held".to_owned()
+        }
+        TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
+        TeleopState::Idle => "Standing".to_owned(),
+        TeleopState::Driving if is_stopped_by_monitor(teleop) => "Motion blocked".to_owned(),
+        TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
+            state(teleop.state)
+        }
+    };
+    let tone = match teleop.state {
+        TeleopState::Driving if !is_stopped_by_monitor(teleop) => Tone::Good,
+        TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
+        TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
+        TeleopState::Idle
+        | TeleopState::Held
+        | TeleopState::Driving
+        | TeleopState::Stopping(_)
+        | TeleopState::EStop
+        | TeleopState::Fault(_) => Tone::Warning,
+    };
+    Headline::new(tone, headline, advice(teleop, teleop_client, vehicle))
+}
+
+fn advice(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    vehicle: VehicleState,
+) -> Option<String> {
+    let is_mine = teleop_client.lease.held().is_some();
+    if is_mine && follows_keys(teleop) && opposing_keys(teleop_client) {
+        return Some(OPPOSING_KEYS.to_owned());
+    }
+    let words = match (teleop.state, teleop_client.ignored) {
+        // The stop ends first, then the vehicle follows the held keys.
+        (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => SLOWS,
+        (TeleopState::Stopping(why), _) => return Some(capitalised(stop(why))),
+        (TeleopState::Fault(_), _) => {
+            let fault = state(teleop.state);
+            return Some(format!("{fault}. Reset it at the vehicle."));
+        }
+        (TeleopState::EStop, _) if vehicle.is_boat => STOPPED_AFLOAT,
+        (TeleopState::EStop, _) => STOPPED,
+        (_, Some(why)) if is_mine => {
+            let why = ignored(why, teleop.last_stop);
+            return Some(format!("Release all keys: {why}"));
+        }
+        (TeleopState::Held, None)
+            if is_mine
+                && matches!(
+                    teleop.collision_monitor,
+                    CollisionMonitorState::Stale | CollisionMonitorState::Silent
+                ) =>
+        {
+            "The monitor's data is late, so nothing moves: the robot's sensors or its computer are slow. When it comes, \
+             press again"
+        }
+        (TeleopState::Held, None)
+            if is_mine
+                && !teleop_client.drive_input.is_neutral()
+                && teleop.arming == Arming::Locked =>
+        {
+            "Release all keys, then press again"
+        }
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine && !teleop_client.is_ready => {
+            "Keyboard focus is elsewhere. Click into the map to drive"
+        }
+        (TeleopState::Driving, _) if is_stopped_by_monitor(teleop) => {
+            // The monitor scales both alike: one of them alone may be free.
+            let requests_both = teleop.requested.linear_mps.abs() >= MIN_SHOWN_MPS
+                && teleop.requested.angular_radps.abs() >= MIN_SHOWN_RADPS;
+            match (is_mine && requests_both, vehicle.is_boat) {
+                (true, _) => TURN_OR_GO,
+                (false, true) => NO_THRUST,
+                (false, false) => STANDS,
+            }
+        }
+        (TeleopState::Idle | TeleopState::Held, _)
+            if teleop.is_drifting && vehicle.motion == Motion::Still =>
+        {
+            NOT_HELD
+        }
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => COASTS,
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine => DRIVES,
+        _ => return None,
+    };
+    Some(words.to_owned())
+}
+
+/// Whether a driven vehicle follows the keys now.
+const fn follows_keys(teleop: &TeleopStatus) -> bool {
+    match teleop.state {
+        TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
+        TeleopState::Held => !matches!(
+            teleop.collision_monitor,
+            CollisionMonitorState::Stale | CollisionMonitorState::Silent
+        ),
+        _ => false,
+    }
+}
+
+/// Whether the held keys cancel each other out: the command is neutral although keys are held in opposite directions.
+pub(super) fn opposing_keys(teleop_client: &TeleopClientState) -> bool {
+    use DriveKey::{A, D, Down, Left, Right, S, Up, W};
+    let is_held = |keys: [DriveKey; 2]| keys.iter().any(|key| teleop_client.keys.contains(key));
+    teleop_client.drive_input.is_neutral()
+        && [[[W, Up], [S, Down]], [[A, Left], [D, Right]]]
+            .into_iter()
+            .any(|[one, other]| is_held(one) && is_held(other))
+}
+
+/// Warning text for motion without an operator command; `moves` is the forward speed, m/s. A boat without thrust drifts
+/// slowly, which is no reason to warn. Each message has exactly one tone.
+fn unexpected_motion(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -> Option<Headline> {
+    let speed_mps = moves?;
+    let speed = signed(f64::from(speed_mps), 2);
+    let (tone, words, hint) = match (teleop.state, is_boat || teleop.is_drifting) {
+        (TeleopState::Idle, false) => (
+            Tone::Waiting,
+            "Moving by itself".to_owned(),
+            WITHOUT_OPERATOR,
+        ),
+        (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING_MPS => {
+            (Tone::Warning, "Moving or adrift".to_owned(), ADRIFT)
+        }
+        (TeleopState::EStop | TeleopState::Fault(_), false) => {
+            (Tone::Warning, state(teleop.state), AGAINST_COMMAND)
+        }
+        (TeleopState::SafeBoot | TeleopState::Held, false) => (
+            Tone::Warning,
+            "Moving without command".to_owned(),
+            AGAINST_COMMAND,
+        ),
+        _ => return None,
+    };
+    let advice = if teleop.state == TeleopState::Idle {
+        format!("Nobody drives it from here: {speed} m/s")
+    } else {
+        format!("Commanded to stand, but moving: {speed} m/s")
+    };
+    Some(Headline {
+        tone,
+        words,
+        advice: Some(advice),
+        hint: Some(hint),
+    })
 }

@@ -1,14 +1,8 @@
-mod braking;
-mod grants;
-mod input_hints;
-mod key_state;
-mod limit_reason;
-mod notice;
-mod read_only;
-mod requested_motion;
-mod restarted;
-mod stationary_boat;
-mod strictest_limit;
+mod keys;
+mod limits;
+
+use std::collections::BTreeMap;
+use std::time::Duration;
 
 use eframe::egui::vec2;
 use egui_kittest::Harness;
@@ -16,20 +10,49 @@ use egui_kittest::kittest::Queryable;
 use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::message::{
-    Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Info, Pose,
-    Refusal, RefusedCount, SpeedLimits, Status, StopReason, TeleopState, TeleopStatus,
+    Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Event, Info,
+    LeaseRequest, Pose, Refusal, RefusedCount, Severity, SpeedLimits, Status, StopReason,
+    TeleopState, TeleopStatus,
 };
+use protocol::tile::BootId;
+use teleop::Role;
 
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
+use crate::role::{OBSERVER_HINT, OPERATOR_HINT};
 use crate::teleop_client::{EStopState, Lease, RequestKind, TeleopClientState, TeleopNotification};
-use crate::teleop_input::{DriveInput, InputLockReason};
+use crate::teleop_input::{DriveInput, InputLockReason, SpeedStep};
 use crate::test_support::{
-    at, idle_teleop_client, idle_teleop_status, inject, inject_reply, scout,
+    announce_boot, at, idle_teleop_client, idle_teleop_status, inject, inject_reply, pose_at_rest,
+    scout,
 };
-use crate::theme::Tone;
 
-/// A robot that stands, and of which everything is told at 1 s.
+const UNLIMITED: SpeedLimits = SpeedLimits {
+    forward_mps: f32::INFINITY,
+    reverse_mps: f32::INFINITY,
+    left_radps: f32::INFINITY,
+    right_radps: f32::INFINITY,
+};
+
+const fn ahead(forward_mps: f32) -> SpeedLimits {
+    SpeedLimits {
+        forward_mps,
+        ..UNLIMITED
+    }
+}
+
+fn status(teleop: &TeleopStatus) -> Status {
+    Status {
+        teleop: Some(teleop.clone()),
+        ..Status::default()
+    }
+}
+
+fn warning(text: &str) -> (Tone, String) {
+    (Tone::Warning, text.to_owned())
+}
+
+/// A standing robot: pose, info and status are received at 1 s.
 struct Rig {
     teleop: TeleopStatus,
     teleop_client: TeleopClientState,
@@ -49,7 +72,7 @@ impl Rig {
         }
     }
 
-    /// Anna drives forwards, and gets half of what she asks for.
+    /// Anna drives forwards; half of the requested speed is applied.
     fn driving() -> Self {
         let mut rig = Self::new();
         rig.teleop_client.lease = Lease::Held(4);
@@ -84,14 +107,10 @@ impl Rig {
             turn_rate_radps,
             token: None,
         };
-        let status = Status {
-            teleop: Some(self.teleop.clone()),
-            ..Status::default()
-        };
         let now = at(1_000);
         inject_reply(&mut model, RequestId(0), Topic::Info, &info, now);
         inject(&mut model, Topic::Pose, &pose, now);
-        inject(&mut model, Topic::Status, &status, now);
+        inject(&mut model, Topic::Status, &status(&self.teleop), now);
         model
     }
 
@@ -105,11 +124,10 @@ impl Rig {
         found.next().map(|(tone, (_, value))| (tone, value))
     }
 
-    /// What a click on the button of this label asks for.
-    fn click(&self, label: &str) -> Option<Command> {
+    fn window(&self, size: [f32; 2]) -> Harness<'static, Option<Command>> {
         let data = self.data();
         let mut window = Harness::builder()
-            .with_size(vec2(320.0, 800.0))
+            .with_size(eframe::egui::Vec2::from(size))
             .build_ui_state(
                 move |ui, asked: &mut Option<Command>| {
                     let mut entry = DrivingEntry::default();
@@ -119,7 +137,14 @@ impl Rig {
                 },
                 None,
             );
-        window.run_steps(2);
+        crate::theme::set(&window.ctx);
+        window.run_steps(3);
+        window
+    }
+
+    /// The command of a click on the button of this label.
+    fn click(&self, label: &str) -> Option<Command> {
+        let mut window = self.window([320.0, 800.0]);
         window.get_by_label(label).click();
         window.run_steps(2);
         window.state().clone()
@@ -131,7 +156,7 @@ fn lease(request: LeaseRequest) -> Command {
 }
 
 #[test]
-fn a_robot_that_nobody_drives_is_offered() {
+fn an_idle_robot_offers_the_lease() {
     let rig = Rig::new();
     let data = rig.data();
     assert_eq!(
@@ -153,7 +178,7 @@ fn a_robot_that_nobody_drives_is_offered() {
 }
 
 #[test]
-fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
+fn requested_and_applied_speed_and_limit_are_shown() {
     let rig = Rig::driving();
     let data = rig.data();
     assert_eq!((data.headline.as_str(), data.tone), ("Driving", Tone::Good));
@@ -174,7 +199,6 @@ fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
     left.teleop.applied.angular_radps = 0.25;
     let [_, turning] = left.data().gauges.unwrap();
     assert_eq!(turning.figures, "14 of 29 °/s left");
-    // To the left is on the left.
     assert!(turning.applied < -14.0 && turning.requested < -28.0);
     assert!((turning.limit - 1.5_f32.to_degrees()).abs() < 1e-3);
     let age = Some((Tone::Good, "40 ms, at most 90 ms".to_owned()));
@@ -195,7 +219,7 @@ fn what_is_asked_for_what_is_applied_and_what_holds_it_back_are_seen() {
 }
 
 #[test]
-fn a_lost_link_is_no_pause() {
+fn a_lost_link_is_shown_and_the_estop_stays_usable() {
     for driving in [true, false] {
         let mut rig = if driving { Rig::driving() } else { Rig::new() };
         rig.now = at(1_601);
@@ -205,7 +229,6 @@ fn a_lost_link_is_no_pause() {
         assert!(data.advice.is_some());
         assert_eq!((data.gauges.as_ref(), data.clamp.as_ref()), (None, None));
         assert_eq!(data.settings, None);
-        // The robot gives up the lease of whom it does not hear.
         let driver = if driving {
             "You drove (anna)"
         } else {
@@ -214,7 +237,6 @@ fn a_lost_link_is_no_pause() {
         assert_eq!(data.driver, driver);
         let (_, first) = &data.rows[0];
         assert_eq!(first.1, "as of 0.6 s ago");
-        // The emergency stop can be pressed all the same.
         assert_eq!(
             rig.click("EMERGENCY STOP"),
             Some(Command::Drive(Intent::EStop))
@@ -223,7 +245,7 @@ fn a_lost_link_is_no_pause() {
 }
 
 #[test]
-fn whoever_asks_for_the_helm_is_a_question() {
+fn a_handover_request_is_shown_to_the_driver_only() {
     let mut rig = Rig::driving();
     rig.teleop.lease.waiting = Some("bert".parse().unwrap());
     let bert = || "bert".parse().unwrap();
@@ -237,11 +259,11 @@ fn whoever_asks_for_the_helm_is_a_question() {
         Some(lease(LeaseRequest::Refuse(bert())))
     );
     rig.teleop_client.lease = Lease::None;
-    assert_eq!(rig.data().handover_request, None, "others are not asked");
+    assert_eq!(rig.data().handover_request, None);
 }
 
 #[test]
-fn who_does_not_drive_may_ask_or_take_over() {
+fn others_can_request_handover_or_take_over() {
     let mut rig = Rig::driving();
     rig.teleop.lease.holder = Some("bert".parse().unwrap());
     rig.teleop_client.lease = Lease::None;
@@ -265,9 +287,9 @@ fn who_does_not_drive_may_ask_or_take_over() {
 }
 
 #[test]
-fn an_emergency_stop_is_seen_from_press_to_reset() {
+fn estop_button_from_press_to_reset() {
     let mut rig = Rig::driving();
-    rig.teleop_client.estop = EStopState::Sending(std::time::Duration::from_millis(700));
+    rig.teleop_client.estop = EStopState::Sending(Duration::from_millis(700));
     let sending = EStopButton::Sending("Not acknowledged for 0.7 s".to_owned());
     assert_eq!(rig.data().estop, sending);
     rig.teleop_client.estop = EStopState::Quiet;
@@ -279,9 +301,9 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
     });
     assert_eq!(rig.data().headline, "Emergency stop");
     rig.teleop.last_stop = Some(StopReason::Released);
-    let stop = Some((Tone::Warning, "emergency stop 3".to_owned()));
+    let stop = Some(warning("emergency stop 3"));
     assert_eq!(rig.row("Last stop"), stop);
-    assert_eq!(rig.click("Reset e-stop"), None, "it is not stored yet");
+    assert_eq!(rig.click("Reset e-stop"), None, "not stored yet");
     rig.teleop.estop = Some(EStopStatus {
         number: 3,
         is_stored: true,
@@ -297,7 +319,7 @@ fn an_emergency_stop_is_seen_from_press_to_reset() {
 }
 
 #[test]
-fn a_vehicle_that_moves_untold_does_not_stand() {
+fn motion_without_command_is_shown() {
     for (state, headline, tone) in [
         (TeleopState::Idle, "Moving by itself", Tone::Waiting),
         (TeleopState::Held, "Moving without command", Tone::Warning),
@@ -311,7 +333,7 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
         assert!(data.advice.unwrap().contains("−0.55 m/s"));
         let figures = data.gauges.unwrap().map(|gauge| gauge.figures);
         if state == TeleopState::Idle {
-            assert_eq!(figures, ["–", "–"], "nothing was asked for");
+            assert_eq!(figures, ["–", "–"]);
         } else {
             assert_eq!(figures, ["0.00 of 0.00 m/s", "0 of 0 °/s"]);
         }
@@ -321,7 +343,6 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
     boat.velocity = [0.2, 0.0];
     assert_eq!(boat.data().headline, "Drifting");
     assert_eq!(boat.data().tone, Tone::Warning);
-    // No usual current does that.
     boat.velocity = [1.5, 0.0];
     let data = boat.data();
     assert_eq!(
@@ -330,13 +351,36 @@ fn a_vehicle_that_moves_untold_does_not_stand() {
     );
     let advice = "Nobody drives it from here: 1.50 m/s";
     assert_eq!(data.advice.as_deref(), Some(advice));
-    // Who let go at speed goes on for a while.
     boat.teleop.state = TeleopState::Held;
     assert_eq!(boat.data().headline, "Drifting");
 }
 
 #[test]
-fn keys_that_go_elsewhere_are_not_said_to_be_ready() {
+fn a_boat_without_thrust_is_standing_or_drifting() {
+    let unheld = "No thrust: wind and current may move it";
+    let coasts = "No thrust: it coasts, and wind and current move it";
+    for state in [TeleopState::Idle, TeleopState::Held] {
+        for (velocity, headline, advice) in [
+            ([0.0; 2], "Standing, not held", unheld),
+            ([-0.04, 0.01], "Standing, not held", unheld),
+            ([0.2, 0.0], "Drifting", coasts),
+            ([0.0, 0.1], "Drifting", coasts),
+        ] {
+            let mut rig = Rig::new();
+            rig.teleop.state = state;
+            rig.teleop.is_drifting = true;
+            rig.is_boat = true;
+            rig.velocity = velocity;
+            let data = rig.data();
+            let shown = (data.headline.as_str(), data.advice.as_deref());
+            assert_eq!(shown, (headline, Some(advice)), "{state:?} {velocity:?}");
+            assert_eq!(data.tone, Tone::Warning);
+        }
+    }
+}
+
+#[test]
+fn keys_without_focus_are_not_ready() {
     for is_boat in [false, true] {
         let mut rig = Rig::driving();
         rig.teleop.state = TeleopState::Held;
@@ -349,13 +393,13 @@ fn keys_that_go_elsewhere_are_not_said_to_be_ready() {
         rig.teleop_client.is_ready = false;
         let advice = Some("Keyboard focus is elsewhere. Click into the map to drive".to_owned());
         assert_eq!(rig.data().advice, advice, "on water: {is_boat}");
-        let elsewhere = Some((Tone::Warning, "No focus: click into the map".to_owned()));
+        let elsewhere = Some(warning("No focus: click into the map"));
         assert_eq!(rig.row("Keys"), elsewhere);
     }
 }
 
 #[test]
-fn keys_that_are_ignored_are_said_to_be_and_why() {
+fn ignored_keys_are_shown_with_the_reason() {
     let mut rig = Rig::driving();
     rig.teleop.state = TeleopState::Held;
     rig.velocity = [0.0; 2];
@@ -382,122 +426,12 @@ fn keys_that_are_ignored_are_said_to_be_and_why() {
     for guard in [CollisionMonitorState::Stale, CollisionMonitorState::Silent] {
         rig.teleop.collision_monitor = guard;
         let advice = rig.data().advice.unwrap();
-        assert!(advice.starts_with("The guard's data is late, so nothing moves"));
+        assert!(advice.starts_with("The monitor's data is late, so nothing moves"));
     }
 }
 
 #[test]
-fn the_guard_and_the_last_stop_are_always_seen() {
-    let limits = |forward_mps| SpeedLimits {
-        forward_mps,
-        reverse_mps: f32::INFINITY,
-        left_radps: f32::INFINITY,
-        right_radps: f32::INFINITY,
-    };
-    for (guard, tone, words) in [
-        (CollisionMonitorState::Off, Tone::Warning, "Off"),
-        (
-            CollisionMonitorState::Silent,
-            Tone::Warning,
-            "Silent: nothing moves",
-        ),
-        (
-            CollisionMonitorState::On(limits(0.25)),
-            Tone::Good,
-            "On, ahead ≤ 0.25 m/s",
-        ),
-        // As fast as it goes, and none at all.
-        (
-            CollisionMonitorState::On(limits(1.0)),
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            CollisionMonitorState::On(limits(f32::INFINITY)),
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            CollisionMonitorState::On(limits(0.0)),
-            Tone::Good,
-            "On, ahead is blocked",
-        ),
-        (
-            CollisionMonitorState::UnknownSpace(limits(0.25)),
-            Tone::Warning,
-            "Unknown ground, ahead ≤ 0.25 m/s",
-        ),
-        // Of another way than that.
-        (
-            CollisionMonitorState::UnknownSpace(limits(1.0)),
-            Tone::Warning,
-            "Unknown ground",
-        ),
-        (
-            CollisionMonitorState::Stale,
-            Tone::Warning,
-            "Its data is late: nothing moves",
-        ),
-    ] {
-        let mut rig = Rig::new();
-        rig.teleop.state = TeleopState::Held;
-        rig.teleop.collision_monitor = guard;
-        rig.teleop.last_stop = Some(StopReason::Age);
-        assert_eq!(rig.row("Guard"), Some((tone, words.to_owned())));
-        let stop = Some((Tone::Warning, "commands too old".to_owned()));
-        assert_eq!(rig.row("Last stop"), stop);
-        // Nobody drives: it may go its own way.
-        rig.teleop.state = TeleopState::Idle;
-        let says = rig.row("Guard").unwrap().1;
-        assert_eq!(says, words.trim_end_matches(": nothing moves"));
-    }
-}
-
-#[test]
-fn who_drives_is_told_what_is_in_the_way() {
-    for (kind, words) in [
-        (BarrierKind::Detected, "detected now (ringed)"),
-        (BarrierKind::Mapped, "on the map (ringed)"),
-        (BarrierKind::Unknown, "unknown ground (ringed)"),
-        (BarrierKind::Shallow, "too shallow (ringed)"),
-        (BarrierKind::NoReturn, "no echo (ringed)"),
-    ] {
-        let mut rig = Rig::driving();
-        assert_eq!(rig.row("Obstacle"), Some((Tone::Waiting, "–".to_owned())));
-        let position_m = [3.0, 1.0];
-        rig.teleop.barrier = Some(Barrier { position_m, kind });
-        let expected = Some((Tone::Warning, words.to_owned()));
-        assert_eq!(rig.row("Obstacle"), expected);
-        rig.teleop_client.lease = Lease::None;
-        assert_eq!(rig.row("Obstacle"), None, "somebody else drives");
-    }
-}
-
-#[test]
-fn who_drives_is_told_when_each_side_was_looked_at() {
-    let mut rig = Rig::driving();
-    rig.teleop.ground_age_ms = [Some(40), Some(2_900), Some(61_000), None];
-    let words = "ahead now, left 2 s, behind 61 s, right never".to_owned();
-    let limits = SpeedLimits {
-        forward_mps: 1.0,
-        reverse_mps: 1.0,
-        left_radps: 1.0,
-        right_radps: 1.0,
-    };
-    for (guard, row) in [
-        (CollisionMonitorState::Off, None),
-        (
-            CollisionMonitorState::UnknownSpace(limits),
-            Some((Tone::Good, words)),
-        ),
-    ] {
-        rig.teleop.collision_monitor = guard;
-        assert_eq!(rig.row("Last observed"), row, "{guard:?}");
-    }
-}
-
-#[test]
-fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
+fn refused_commands_and_settings() {
     let mut rig = Rig::new();
     rig.teleop.counters.refused = vec![RefusedCount {
         reason: Refusal::TooOld,
@@ -505,19 +439,7 @@ fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
     }];
     let expected = ("1\u{a0}234".to_owned(), "it is too old".to_owned());
     assert_eq!(rig.data().refused, [expected]);
-    let data = rig.data();
-    let mut window = Harness::builder()
-        .with_size(vec2(320.0, 900.0))
-        .build_ui_state(
-            move |ui, asked: &mut Option<Command>| {
-                let mut entry = DrivingEntry::default();
-                if let Some(command) = driving_ui(ui, &data, &mut entry) {
-                    *asked = Some(command);
-                }
-            },
-            None,
-        );
-    window.run_steps(2);
+    let mut window = rig.window([320.0, 900.0]);
     window.get_by_label("Settings of the robot").click();
     window.run_steps(30);
     window.get_by_label("Collision monitor").click();
@@ -527,10 +449,10 @@ fn what_was_refused_is_counted_by_reason_and_settings_are_asked_for() {
 }
 
 #[test]
-fn what_was_not_expected_is_said() {
+fn notices_are_shown() {
     let mut rig = Rig::driving();
     assert_eq!(rig.data().notice, None);
-    for (note, says) in [
+    for (notice, expected) in [
         (TeleopNotification::LeaseLost, "Lease lost"),
         (
             TeleopNotification::EStopNotInForce,
@@ -552,24 +474,25 @@ fn what_was_not_expected_is_said() {
             "Lease request refused: your name and key are not on this vehicle's list of operators",
         ),
         (
+            TeleopNotification::Answered(
+                RequestKind::Lease(LeaseRequest::TakeOver),
+                Answer::Refused(Refusal::Role),
+            ),
+            "Lease take-over refused: only supervisors take over",
+        ),
+        (
             TeleopNotification::RequestTimedOut(RequestKind::Lease(LeaseRequest::Request)),
             "Lease request: no answer",
         ),
     ] {
-        rig.teleop_client.notice = Some(note);
-        assert_eq!(rig.data().notice.as_deref(), Some(says));
+        rig.teleop_client.notice = Some(notice);
+        assert_eq!(rig.data().notice.as_deref(), Some(expected));
     }
 }
 
 #[test]
-fn the_emergency_stop_is_in_sight_however_small_the_window_is() {
-    let data = Rig::driving().data();
-    let mut window = Harness::builder()
-        .with_size(vec2(320.0, 160.0))
-        .build_ui(move |ui| {
-            driving_ui(ui, &data, &mut DrivingEntry::default());
-        });
-    window.run_steps(2);
+fn estop_stays_visible_in_a_small_scrolled_window() {
+    let mut window = Rig::driving().window([320.0, 160.0]);
     window.hover_at(eframe::egui::pos2(160.0, 120.0));
     window.event(eframe::egui::Event::MouseWheel {
         unit: eframe::egui::MouseWheelUnit::Point,
@@ -586,4 +509,283 @@ fn the_emergency_stop_is_in_sight_however_small_the_window_is() {
         scrolled.bottom() < button.bottom(),
         "it did not scroll: {scrolled:?}"
     );
+}
+
+/// The vehicle is commanded to stop, and still moves at this time, ms.
+fn moves_while_held(model: &mut ConsoleModel, ms: u64) {
+    let pose = Pose {
+        speed_mps: 0.4,
+        ..pose_at_rest()
+    };
+    let mut teleop = idle_teleop_status();
+    teleop.state = TeleopState::Held;
+    inject(model, Topic::Pose, &pose, at(ms));
+    inject(model, Topic::Status, &status(&teleop), at(ms));
+}
+
+#[test]
+fn motion_within_the_braking_time_is_stopping() {
+    let mut model = Rig::driving().model();
+    let headline = |model: &ConsoleModel, ms| {
+        let data = DrivingData::new(model, &idle_teleop_client(), at(ms)).unwrap();
+        (data.headline, data.tone)
+    };
+    moves_while_held(&mut model, 1_200);
+    let stopping = ("Stopping".to_owned(), Tone::Waiting);
+    assert_eq!(headline(&model, 1_300), stopping);
+    moves_while_held(&mut model, 2_300);
+    let unexpected_motion = ("Moving without command".to_owned(), Tone::Warning);
+    assert_eq!(headline(&model, 2_300), unexpected_motion);
+}
+
+#[test]
+fn ended_data_is_not_a_lost_link() {
+    let mut model = Rig::new().model();
+    let status = Status {
+        has_ended: true,
+        teleop: Some(idle_teleop_status()),
+        ..Status::default()
+    };
+    inject(&mut model, Topic::Status, &status, at(1_200));
+    let data = DrivingData::new(&model, &idle_teleop_client(), at(9_000)).unwrap();
+    let headline = (data.headline.as_str(), data.tone);
+    assert_eq!(headline, ("Its data has ended", Tone::Waiting));
+    let advice = data.advice.unwrap();
+    assert!(
+        advice.contains("for 8.0 s: robot-edge has closed"),
+        "{advice}"
+    );
+}
+
+/// Driver and lease buttons for a reported grant to `anna`.
+fn granted(lease: Lease, last_grant: Option<u64>, epoch: u64) -> (String, LeaseButtons) {
+    let mut rig = Rig::driving();
+    rig.teleop_client.lease = lease;
+    rig.teleop_client.last_grant = last_grant;
+    rig.teleop.lease.epoch = epoch;
+    let data = rig.data();
+    (data.driver, data.lease)
+}
+
+#[test]
+fn a_released_grant_is_not_of_another_console() {
+    let mine = (String::from("You drive (anna)"), LeaseButtons::Quiet);
+    assert_eq!(granted(Lease::None, Some(4), 4), mine);
+    let others = "anna drives, from another console".to_owned();
+    let others = (others, LeaseButtons::HeldByOther);
+    assert_eq!(granted(Lease::None, Some(4), 5), others);
+    assert_eq!(granted(Lease::None, None, 4), others);
+    let mut free = Rig::new();
+    free.teleop_client.last_grant = Some(4);
+    free.teleop.lease.epoch = 4;
+    let data = free.data();
+    assert_eq!(
+        (data.driver.as_str(), data.lease),
+        ("Nobody drives", LeaseButtons::Free)
+    );
+}
+
+#[test]
+fn a_requested_grant_is_not_of_another_console() {
+    let waiting = Lease::Waiting {
+        after: 4,
+        since: at(0),
+    };
+    assert_eq!(granted(waiting, None, 5).0, "You drive (anna)");
+    let others = "anna drives, from another console";
+    assert_eq!(granted(waiting, None, 4).0, others);
+    let mut rig = Rig::driving();
+    rig.teleop_client.lease = Lease::None;
+    rig.teleop_client.is_asking = true;
+    assert_eq!(rig.data().driver, "anna drives");
+}
+
+/// Notice of a lost lease after these events (kind and message, oldest first).
+fn lost_lease(events: &[(&str, &str)]) -> Option<String> {
+    let mut rig = Rig::new();
+    rig.teleop_client.notice = Some(TeleopNotification::LeaseLost);
+    let mut model = rig.model();
+    for (kind, message) in events {
+        let event = Event {
+            kind: (*kind).to_owned(),
+            severity: Severity::Info,
+            message: (*message).to_owned(),
+        };
+        inject(&mut model, Topic::Event, &event, at(1_000));
+    }
+    DrivingData::new(&model, &rig.teleop_client, rig.now)
+        .unwrap()
+        .notice
+}
+
+#[test]
+fn a_lost_lease_shows_the_reason_if_known() {
+    const GRANTED: (&str, &str) = ("lease_granted", "anna drives: asked and the lease was free");
+    const REVOKED: (&str, &str) = (
+        "lease_ended",
+        "anna no longer drives: the leave to drive was taken away",
+    );
+    let idle = ("teleop_state", "nobody drives");
+    let of_others = ("lease_ended", "annabel no longer drives: no command came");
+    let why = "Lease lost: the leave to drive was taken away";
+    for (events, expected) in [
+        (vec![GRANTED, REVOKED, idle, of_others], why),
+        (vec![REVOKED, GRANTED], "Lease lost"),
+        (vec![of_others], "Lease lost"),
+    ] {
+        assert_eq!(lost_lease(&events).as_deref(), Some(expected), "{events:?}");
+    }
+}
+
+#[test]
+fn an_observer_can_press_nothing() {
+    let mut rig = Rig::new();
+    rig.teleop_client.role = Some(Role::Observer);
+    rig.teleop_client.notice = Some(TeleopNotification::ObserverOnly);
+    let data = rig.data();
+    assert_eq!(
+        (data.lease, &data.estop),
+        (LeaseButtons::ReadOnly, &EStopButton::ReadOnly)
+    );
+    assert_eq!(data.notice, None);
+    assert!(data.is_at_rest());
+    for label in ["EMERGENCY STOP", "Request control"] {
+        assert_eq!(rig.click(&format!("{label}. {OBSERVER_HINT}")), None);
+    }
+    assert_eq!(rig.click(OBSERVER_HINT), None);
+
+    rig.teleop.estop = Some(EStopStatus {
+        number: 3,
+        is_stored: true,
+    });
+    let in_force = EStopButton::InForce {
+        number: 3,
+        is_stored: true,
+    };
+    assert_eq!(rig.data().estop, in_force);
+    assert_eq!(rig.click("Reset e-stop"), None);
+    rig.teleop_client.role = Some(Role::Operator);
+    let reset = Some(Command::Drive(Intent::Reset(3)));
+    assert_eq!(rig.click("Reset e-stop"), reset);
+}
+
+#[test]
+fn only_supervisors_can_take_over() {
+    let mut rig = Rig::driving();
+    rig.teleop.lease.holder = Some("bert".parse().unwrap());
+    rig.teleop_client.lease = Lease::None;
+    rig.teleop_client.role = Some(Role::Operator);
+    assert_eq!(rig.data().lease, LeaseButtons::HeldByOther);
+    assert_eq!(rig.click(&format!("Take over. {OPERATOR_HINT}")), None);
+    let ask = Some(lease(LeaseRequest::Request));
+    assert_eq!(rig.click("Request handover"), ask);
+    for role in [None, Some(Role::Supervisor)] {
+        rig.teleop_client.role = role;
+        let take = Some(lease(LeaseRequest::TakeOver));
+        assert_eq!(rig.click("Take over"), take, "{role:?}");
+    }
+}
+
+#[test]
+fn each_headline_has_one_tone() {
+    let mut tones = BTreeMap::new();
+    for (state, is_drifting, speed_mps) in [
+        (TeleopState::Idle, false, 0.55),
+        (TeleopState::Idle, false, 1.5),
+        (TeleopState::Idle, true, 1.5),
+        (TeleopState::SafeBoot, false, 0.55),
+        (TeleopState::Held, false, 0.55),
+        (TeleopState::EStop, false, 0.55),
+    ] {
+        let mut rig = Rig::new();
+        rig.teleop.state = state;
+        rig.teleop.is_drifting = is_drifting;
+        rig.velocity = [speed_mps, 0.0];
+        let data = rig.data();
+        assert!(data.hint.is_some(), "{state:?}");
+        let tone = tones.entry(data.headline.clone()).or_insert(data.tone);
+        assert_eq!(*tone, data.tone, "{}", data.headline);
+    }
+    let headlines: Vec<_> = tones.keys().map(String::as_str).collect();
+    let expected = [
+        "Emergency stop",
+        "Moving by itself",
+        "Moving or adrift",
+        "Moving without command",
+    ];
+    assert_eq!(headlines, expected);
+}
+
+/// The panel with the pointer on this label.
+fn pointed_at(rig: &Rig, label: &str) -> Harness<'static, Option<Command>> {
+    let mut window = rig.window([560.0, 800.0]);
+    let place = window.get_by_label(label).rect();
+    window.hover_at(place.center());
+    window.run_steps(60);
+    window
+}
+
+#[test]
+fn rows_have_hover_text() {
+    let mut rig = Rig::new();
+    rig.velocity = [0.55, 0.0];
+    for (label, hint) in [
+        ("Age limit", "The older the commands, the lower"),
+        ("0.38 m/s", "the oldest accepted age"),
+        ("Monitor", "before unknown ground"),
+        (
+            "Moving by itself",
+            "Something other than an operator moves it",
+        ),
+    ] {
+        let count = |pointed: &str| {
+            let window = pointed_at(&rig, pointed);
+            window.query_all_by_label_contains(hint).count()
+        };
+        // The accessible description is always there.
+        assert!(count(label) > count("Linear speed"), "{label}");
+    }
+}
+
+#[test]
+fn step_hint_is_above_the_speeds() {
+    let mut rig = Rig::new();
+    rig.teleop_client.limits = [1.2, 1.5];
+    for (step, text) in [
+        ("1", "1: 20 % of its top speed, 0.24 m/s"),
+        ("3", "3: 60 % of its top speed, 0.72 m/s"),
+        ("5", "5: 100 % of its top speed, 1.20 m/s"),
+    ] {
+        let window = pointed_at(&rig, step);
+        let hint = window.get_by_label(text).rect();
+        let button = window.get_by_label(step).rect();
+        let speeds = window.get_by_label("Linear speed").rect();
+        assert!(hint.bottom() <= button.top(), "{step}: {hint} {button}");
+        assert!(hint.bottom() <= speeds.top(), "{step}: {hint} {speeds}");
+    }
+    rig.teleop_client.limits = [0.0; 2];
+    pointed_at(&rig, "3").get_by_label("3: 60 % of its top speed");
+}
+
+#[test]
+fn a_restarted_robot_is_waiting_for_status() {
+    let rig = Rig::driving();
+    let mut model = rig.model();
+    let shown = |model: &ConsoleModel, ms| {
+        let data = DrivingData::new(model, &rig.teleop_client, at(ms)).unwrap();
+        (data.tone, data.headline)
+    };
+    announce_boot(&mut model, BootId([7; 16]), at(1_050));
+    assert_eq!(shown(&model, 1_100).1, "Driving");
+    let lost = (Tone::Warning, "Link lost for 4.0 s".to_owned());
+    assert_eq!(shown(&model, 5_000), lost);
+    announce_boot(&mut model, BootId([8; 16]), at(5_000));
+    let waiting = (Tone::Waiting, "Waiting for status".to_owned());
+    assert_eq!(shown(&model, 5_000), waiting);
+    let data = DrivingData::new(&model, &rig.teleop_client, at(5_000)).unwrap();
+    assert_eq!((data.gauges, data.settings), (None, None),);
+    assert_eq!(data.driver, "You drove (anna)");
+    assert_eq!(data.rows[0].1.1, "as of 4.0 s ago");
+    assert_eq!(shown(&model, 7_000).0, Tone::Warning);
+    assert!(model.awaits_status());
 }

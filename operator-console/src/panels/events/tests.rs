@@ -12,7 +12,6 @@ use crate::test_support::{at, console, inject};
 const LONG: &str = "12 files are in /home/anna/maps/a folder with a name that is much longer than one line of a \
     panel, and behind which there are many words more that nobody would want to miss";
 
-/// A window with the panel alone.
 fn window(width: f32, log: &EventLog, filter: &EventFilter) -> Harness<'static> {
     let data = EventsData::new(log, filter);
     let mut filter = filter.clone();
@@ -24,7 +23,7 @@ fn window(width: f32, log: &EventLog, filter: &EventFilter) -> Harness<'static> 
 }
 
 #[test]
-fn a_long_line_has_more_lines_however_wide_the_panel_is() {
+fn long_events_wrap() {
     for width in [240.0, 400.0, 700.0] {
         let mut log = EventLog::default();
         for (n, text) in ["short", LONG, "newest"].into_iter().enumerate() {
@@ -47,7 +46,7 @@ fn a_long_line_has_more_lines_however_wide_the_panel_is() {
 }
 
 #[test]
-fn a_low_and_narrow_panel_shows_several_lines_below_one_of_filters() {
+fn a_small_panel_shows_several_events() {
     let [width, height] = [200.0, 150.0];
     let data = EventsData::new(&log(), &EventFilter::default());
     let mut window = Harness::builder()
@@ -76,7 +75,7 @@ fn a_low_and_narrow_panel_shows_several_lines_below_one_of_filters() {
 }
 
 #[test]
-fn an_empty_list_says_whether_the_filter_made_it_so() {
+fn an_empty_list_mentions_the_filter() {
     let filter = EventFilter {
         text: "no such words".to_owned(),
         ..EventFilter::default()
@@ -117,7 +116,7 @@ fn texts(filter: &EventFilter) -> Vec<String> {
 }
 
 #[test]
-fn lines_are_filtered_by_severity_and_words() {
+fn events_are_filtered_by_severity_and_text() {
     let all = EventFilter::default();
     assert_eq!(
         texts(&all),
@@ -149,7 +148,7 @@ fn lines_are_filtered_by_severity_and_words() {
 }
 
 #[test]
-fn every_line_says_who_tells_also_when_another_robot_is_shown_by_now() {
+fn events_name_their_source() {
     let mut log = log();
     for name in ["boat", "lake-2026-11-22T150130Z.mcap"] {
         let mut model = console("robot", &[]);

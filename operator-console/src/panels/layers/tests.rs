@@ -7,6 +7,7 @@ use protocol::keys::Topic;
 use protocol::message::{Info, LayerInfo};
 
 use super::*;
+use crate::map_view::LayerStack;
 use crate::model::RequestId;
 use crate::test_support::{at, console, inject_reply};
 
@@ -51,7 +52,7 @@ fn window_of(rows: Vec<LayerRow>) -> Harness<'static, Window> {
 }
 
 #[test]
-fn every_control_has_a_name_and_asks_for_what_it_says() {
+fn controls_have_names_and_requests() {
     for (label, asked) in [
         ("Elevation", LayerCommand::Show(LayerId::Elevation, false)),
         ("Only Elevation", LayerCommand::Only(LayerId::Elevation)),
@@ -88,7 +89,7 @@ fn every_control_has_a_name_and_asks_for_what_it_says() {
 }
 
 #[test]
-fn colours_that_cannot_be_chosen_are_told_without_a_box() {
+fn a_single_colour_scheme_is_a_label() {
     for (layer, colours, boxes) in [
         (LayerId::Cost, "Light to dark", 0),
         (LayerId::Rigidity, "Colour-blind safe", 0),
@@ -152,9 +153,8 @@ fn nothing_is_cut_off() {
 }
 
 #[test]
-fn nothing_moves_when_the_words_of_a_layer_change() {
+fn changed_layer_states_move_nothing() {
     let (top, low) = (LayerId::Obstacle, LayerId::Elevation);
-    // From narrow panels, where the longest words have three lines, to wide ones, where they have one.
     for width in [130.0, 160.0, 180.0, 200.0, 220.0, 290.0] {
         let mut tops = Vec::new();
         for state in [
@@ -177,7 +177,7 @@ fn nothing_moves_when_the_words_of_a_layer_change() {
 }
 
 #[test]
-fn what_is_hidden_of_a_robot_is_not_received() {
+fn hidden_layers_are_not_received() {
     let mut model = console("scout", &LayerId::ALL);
     let layers = vec![LayerInfo {
         layer: LayerId::Cost,
@@ -190,7 +190,7 @@ fn what_is_hidden_of_a_robot_is_not_received() {
     inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1_000));
     let mut view = MapView::default();
     view.apply(LayerCommand::Show(LayerId::Cost, false), &model);
-    for (recording, says) in [
+    for (recording, text) in [
         (None, "hidden, not received"),
         (Some("rooms.mcap"), "hidden"),
     ] {
@@ -202,12 +202,12 @@ fn what_is_hidden_of_a_robot_is_not_received() {
         let [row] = &data.rows[..] else {
             panic!("{data:?}");
         };
-        assert_eq!((row.state.as_str(), row.is_shown), (says, false));
+        assert_eq!((row.state.as_str(), row.is_shown), (text, false));
     }
 }
 
 #[test]
-fn a_layer_is_in_step_or_says_what_it_lacks() {
+fn layer_state_shows_missing_tiles() {
     let now = Monotonic::from_nanos(20_000_000_000);
     let step = |is_equal, missing| LayerSyncState {
         layer: LayerId::Cost,
@@ -240,7 +240,6 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
         9,
         (Tone::Waiting, "9 tiles, not synchronized for 15 s"),
     );
-    // As the bar has it.
     let lately = |missing| LayerSyncState {
         last_equal: Some(Monotonic::from_nanos(17_000_000_000)),
         ..step(false, missing)
@@ -253,20 +252,43 @@ fn a_layer_is_in_step_or_says_what_it_lacks() {
 }
 
 #[test]
-fn a_layer_of_a_recording_is_drawn_and_not_asked_for() {
-    let says = |missing, is_recording| {
+fn layers_of_a_recording_are_drawn_not_fetched() {
+    let text = |missing, is_recording| {
         let step = LayerSyncState {
             layer: LayerId::Occupancy,
             is_equal: false,
             last_equal: Some(at(1_000)),
             missing,
         };
-        let told = state_of(Some(step), 12, is_recording, at(10_000));
-        assert_eq!(told.0, Tone::Waiting);
-        told.1
+        let reported = state_of(Some(step), 12, is_recording, at(10_000));
+        assert_eq!(reported.0, Tone::Waiting);
+        reported.1
     };
-    assert_eq!(says(0, false), "12 tiles, not synchronized for 9.0 s");
-    assert_eq!(says(3, false), "12 tiles, 3 missing for 9.0 s");
-    assert_eq!(says(0, true), "12 tiles, being drawn");
-    assert_eq!(says(3, true), "12 tiles, 3 to come");
+    assert_eq!(text(0, false), "12 tiles, not synchronized for 9.0 s");
+    assert_eq!(text(3, false), "12 tiles, 3 missing for 9.0 s");
+    assert_eq!(text(0, true), "12 tiles, being drawn");
+    assert_eq!(text(3, true), "12 tiles, 3 to come");
+}
+
+#[test]
+fn a_dropped_layer_moves_into_the_gap() {
+    let stack = LayerStack::default();
+    let rows = |stack: &LayerStack| -> Vec<LayerId> {
+        let layers = stack.layers().iter().rev();
+        layers.map(|held| held.layer).collect()
+    };
+    let before = rows(&stack);
+    for from in 0..before.len() {
+        for gap in 0..=before.len() {
+            let mut expected = before.clone();
+            let layer = expected.remove(from);
+            expected.insert(if gap > from { gap - 1 } else { gap }, layer);
+            let mut stack = stack.clone();
+            if let Some(command) = moved(layer, &before, gap) {
+                stack.apply(command);
+            }
+            assert_eq!(rows(&stack), expected, "from {from} to {gap}");
+        }
+    }
+    assert_eq!(moved(LayerId::Cost, &[LayerId::Shore], 0), None);
 }

@@ -23,9 +23,9 @@ fn every_class_and_the_unknown_are_named() {
 }
 
 #[test]
-fn legends_are_as_high_as_they_are_said_to_be_and_no_wider_than_their_room() {
+fn legends_have_their_computed_size() {
     for width in [95.0, 150.0, 220.0] {
-        // What lies over another has the longest words.
+        // Upper layers have the longest texts.
         let palettes = LayerId::ALL.map(|layer| (layer.default_palette(), true));
         let mut data = LegendsData::with_short_titles(palettes);
         if width > 200.0 {
@@ -37,25 +37,28 @@ fn legends_are_as_high_as_they_are_said_to_be_and_no_wider_than_their_room() {
             .with_size(vec2(width + 16.0, 900.0))
             .build_ui(move |ui| {
                 ui.set_width(width);
-                let told = legends_height(ui, &data, width);
+                let reported = legends_height(ui, &data, width);
                 let drawn = ui.scope(|ui| legends_ui(ui, &data));
-                seen.set((told, drawn.response.rect.size()));
+                seen.set((reported, drawn.response.rect.size()));
             });
         crate::theme::set(&window.ctx);
         window.run_steps(3);
-        let (told, drawn) = sizes.get();
-        assert!((told - drawn.y).abs() < 2.0, "{width}: {told} {drawn}");
+        let (reported, drawn) = sizes.get();
+        assert!(
+            (reported - drawn.y).abs() < 2.0,
+            "{width}: {reported} {drawn}"
+        );
         assert!(drawn.x < width + 0.5, "{width}: {drawn}");
     }
 }
 
 #[test]
-fn numbers_of_a_ramp_keep_apart_and_its_ends_are_there() {
+fn scale_numbers_do_not_overlap() {
     let check = |spans: &[[f32; 2]], expected: &[bool]| {
         let spans: Vec<_> = spans.iter().map(|[a, b]| Rangef::new(*a, *b)).collect();
         assert_eq!(kept(&spans, 12.0), expected, "{spans:?}");
     };
-    // As "0.0  0.2  0.4 ≥ 0.5" would stand.
+    // Avoids "0.0  0.2  0.4 ≥ 0.5".
     check(
         &[[0.0, 18.0], [60.0, 78.0], [140.0, 158.0], [163.0, 195.0]],
         &[true, true, false, true],
@@ -74,7 +77,7 @@ fn numbers_of_a_ramp_keep_apart_and_its_ends_are_there() {
 }
 
 #[test]
-fn titles_are_short_where_there_is_little_room() {
+fn short_titles() {
     let palettes = [LayerId::Shore, LayerId::Elevation, LayerId::Cost]
         .map(|layer| (layer.default_palette(), false));
     let data = LegendsData::with_short_titles(palettes);
@@ -84,7 +87,7 @@ fn titles_are_short_where_there_is_little_room() {
 }
 
 #[test]
-fn what_is_unknown_is_said_once() {
+fn unknown_is_listed_once() {
     let palette = |layer: LayerId| layer.default_palette();
     let both = [
         (palette(LayerId::Obstacle), true),
@@ -108,11 +111,11 @@ fn what_is_unknown_is_said_once() {
 }
 
 #[test]
-fn every_tick_of_a_ramp_has_its_number() {
-    // 0.4 m would stand too near to what is written at the end, 0.5 m.
+fn ticks_have_numbers() {
+    // 0.4 m would be too close to the number at the end, 0.5 m.
     let palette = LayerId::Elevation.default_palette().fitted(-0.5, 0.5);
     let data = LegendsData::new([(palette, false)]);
-    let told = data.legends[0].ramp.as_ref().unwrap().ticks.len();
+    let reported = data.legends[0].ramp.as_ref().unwrap().ticks.len();
     let mut window = Harness::builder()
         .with_size(vec2(236.0, 200.0))
         .build_ui(move |ui| legends_ui(ui, &data));
@@ -122,7 +125,7 @@ fn every_tick_of_a_ramp_has_its_number() {
         ticks += usize::from(matches!(clipped.shape, Shape::LineSegment { .. }));
         texts += usize::from(matches!(clipped.shape, Shape::Text(_)));
     }
-    // The title and what is unknown are written, too.
+    // Title and "unknown" are texts, too.
     assert_eq!(ticks, texts - 2);
-    assert!((3..told).contains(&ticks), "{ticks} of {told}");
+    assert!((3..reported).contains(&ticks), "{ticks} of {reported}");
 }

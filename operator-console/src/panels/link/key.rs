@@ -1,5 +1,4 @@
-//! What stands above a plot: its title and, where it has several lines, what each of them is. In the plot it would cover what
-//! is drawn there, and a plot may be narrower than these words.
+//! Title and line names above a plot. Inside the plot they would cover its lines.
 
 use std::f32::consts::GOLDEN_RATIO;
 use std::sync::Arc;
@@ -9,13 +8,12 @@ use egui_plot::LineStyle;
 
 use super::LinkPlot;
 
-/// Length of the piece of a line before its name, and of that with the gap behind it, points.
+/// Length of a sample line, and the same with its gap, points.
 const SAMPLE: f32 = 16.0;
 const INDENT: f32 = SAMPLE + 3.0;
-/// Between what is in one row, points.
+/// Horizontal gap, points.
 const APART: f32 = 8.0;
 
-/// The words above a plot, each in its place.
 pub(super) struct Key {
     words: Vec<KeyText>,
     height: f32,
@@ -23,15 +21,14 @@ pub(super) struct Key {
 
 struct KeyText {
     text: Arc<Galley>,
-    /// Upper left corner, from that of the key, points.
+    /// Upper left corner relative to the key, points.
     at: Vec2,
-    /// How the line is drawn that they name; the title names none.
+    /// Style of the named line; `None` for the title.
     look: Option<(Color32, LineStyle)>,
 }
 
 impl Key {
-    /// The key of a plot, `width` points wide: what does not fit beside what is before it begins another row, and what is too
-    /// long for a row has several.
+    /// Lays out the key in `width` points; long texts wrap.
     pub(super) fn new(ui: &Ui, plot: &LinkPlot, width: f32) -> Self {
         let font = TextStyle::Small.resolve(ui.style());
         let lay_out = |words: &str, color, width: f32| {
@@ -46,7 +43,7 @@ impl Key {
             at: Vec2::ZERO,
             look: None,
         }];
-        // One line alone is what the title says.
+        // A single line needs no name.
         let lines = plot.lines.iter().filter(|_| plot.lines.len() > 1);
         for ((name, _), look) in lines.zip(looks(ui.visuals().dark_mode)) {
             let text = lay_out(name, look.0, width - INDENT);
@@ -65,12 +62,11 @@ impl Key {
         Self { words, height }
     }
 
-    /// Of all rows, points.
+    /// Total height, points.
     pub(super) const fn height(&self) -> f32 {
         self.height
     }
 
-    /// Draws it below and to the right of `corner`.
     pub(super) fn paint(&self, ui: &Ui, corner: Pos2) {
         let ink = ui.visuals().text_color();
         let middle = 0.5 * ui.text_style_height(&TextStyle::Small);
@@ -90,7 +86,7 @@ impl Key {
     }
 }
 
-/// How the lines of a plot are told apart, the first line's first: none by its colour alone.
+/// Styles of the lines of a plot. They differ by more than their colour.
 pub(super) fn looks(dark: bool) -> impl Iterator<Item = (Color32, LineStyle)> {
     const STYLES: [LineStyle; 4] = [
         LineStyle::Solid,
@@ -120,7 +116,7 @@ const fn colors(dark: bool) -> [Color32; 4] {
     }
 }
 
-/// A piece of a line as the plot draws it.
+/// Sample of a line.
 fn sample(ends: &[Pos2], style: LineStyle, stroke: Stroke) -> Vec<Shape> {
     match style {
         LineStyle::Solid => vec![Shape::line(ends.to_vec(), stroke)],
@@ -145,7 +141,7 @@ mod tests {
     use super::*;
     use crate::theme;
 
-    /// The places of all words of a key, with the pieces of lines before them, and how high it is.
+    /// Positions of the texts and samples, and the total height.
     fn laid_out(plot: &LinkPlot, width: f32) -> (Vec<Rect>, f32) {
         let seen = Rc::new(RefCell::new((Vec::new(), 0.0)));
         let (plot, kept) = (plot.clone(), Rc::clone(&seen));
@@ -165,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn no_word_is_cut_or_under_another_however_narrow_the_plot() {
+    fn no_text_of_the_key_is_cut_or_covered() {
         let names = ["Position", "State", "Map summary", "Map tiles"];
         let plot = |title, lines: &[&'static str]| LinkPlot {
             title,
@@ -189,7 +185,6 @@ mod tests {
                 }
             }
         }
-        // Where there is room, nothing is higher than a row.
         let (places, height) = laid_out(&plots[1], 400.0);
         assert!(places.iter().all(|place| place.top() < 0.5), "{places:?}");
         assert!(height < 20.0, "{height}");

@@ -25,7 +25,7 @@ fn recording(state: RecordingState) -> RecordingStatus {
     }
 }
 
-/// A robot that tells this of its recording at 1 s.
+/// A robot that reports this recording at 1 s.
 fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
     let mut model = scout();
     let status = Status {
@@ -57,7 +57,7 @@ fn text(data: &RecordingData) -> String {
 }
 
 #[test]
-fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
+fn a_running_recording_shows_length_and_size() {
     assert_eq!(
         text(&data(
             Some(recording(RecordingState::Recording)),
@@ -74,7 +74,7 @@ fn a_recording_that_runs_says_how_long_and_how_large_it_is() {
 }
 
 #[test]
-fn a_full_disk_and_what_was_lost_are_said() {
+fn full_disk_and_lost_messages_are_shown() {
     let full = RecordingStatus {
         files: 1,
         duration_s: 3_675,
@@ -96,7 +96,7 @@ fn a_full_disk_and_what_was_lost_are_said() {
 }
 
 #[test]
-fn a_robot_that_does_not_record_says_how_it_would() {
+fn hint_for_robots_without_recording() {
     assert_eq!(
         text(&data(None, &idle_teleop_client())),
         "Waiting This robot does not record\n\
@@ -105,7 +105,7 @@ fn a_robot_that_does_not_record_says_how_it_would() {
 }
 
 #[test]
-fn a_replay_is_not_told_to_be_started_with_what_it_does_not_have() {
+fn a_replay_gets_no_hint_to_record() {
     let advice = |source: &str, teleop| {
         let mut model = scout();
         let info = Info {
@@ -122,14 +122,15 @@ fn a_replay_is_not_told_to_be_started_with_what_it_does_not_have() {
         data.advice.unwrap()
     };
     let start = "Start robot-edge with --recordings DIR to let operators record.";
-    let replayed = "What it shows comes from rooms.mcap, not from sensors: nothing new to record.";
+    let replayed =
+        "Its data comes from rooms.mcap, not from sensors: there is nothing new to record.";
     assert_eq!(advice("rooms.mcap", None), replayed);
     assert_eq!(advice("", None), start);
     assert_eq!(advice("rooms", Some(idle_teleop_status())), start);
 }
 
 #[test]
-fn a_refusal_is_said_in_words() {
+fn refusals_are_shown() {
     let mut teleop_client = idle_teleop_client();
     let asked = RequestKind::Set(Setting::Recording(true));
     teleop_client.notice = Some(TeleopNotification::Answered(
@@ -148,7 +149,7 @@ fn a_refusal_is_said_in_words() {
 }
 
 #[test]
-fn who_cannot_ask_is_told_why() {
+fn a_disabled_button_shows_the_reason() {
     let blocked = |teleop_client: Option<&TeleopClientState>, ms| {
         let model = model(Some(recording(RecordingState::Stopped)));
         RecordingData::new(&model, teleop_client, None, at(ms))
@@ -181,7 +182,7 @@ fn who_cannot_ask_is_told_why() {
 }
 
 #[test]
-fn the_button_asks_for_what_it_says() {
+fn the_button_starts_and_stops() {
     for (state, label, drive_input) in [
         (RecordingState::Stopped, "Start recording", true),
         (RecordingState::Failed, "Start recording", true),
@@ -189,9 +190,9 @@ fn the_button_asks_for_what_it_says() {
     ] {
         let data = data(Some(recording(state)), &idle_teleop_client());
         let asked = Rc::new(RefCell::new(Vec::new()));
-        let heard = Rc::clone(&asked);
+        let contact = Rc::clone(&asked);
         let mut panel =
-            Harness::new_ui(move |ui| heard.borrow_mut().extend(recording_ui(ui, &data)));
+            Harness::new_ui(move |ui| contact.borrow_mut().extend(recording_ui(ui, &data)));
         panel.get_by_label(label).click();
         panel.run();
         let expected = Command::Drive(Intent::Set(Setting::Recording(drive_input)));
@@ -200,7 +201,7 @@ fn the_button_asks_for_what_it_says() {
 }
 
 #[test]
-fn a_recording_that_is_shown_is_no_robot_that_does_not_record() {
+fn an_open_recording_has_its_own_text() {
     let mut model = console("recording-1a2b3c", &[]);
     inject(&mut model, Topic::Status, &Status::default(), at(1_000));
     let data = RecordingData::new(&model, None, None, at(1_100));
@@ -238,9 +239,9 @@ fn files_on_this_machine_are_shown_and_opened() {
 
     let stopped = data(RecordingState::Stopped, 1);
     let asked = Rc::new(RefCell::new(Vec::new()));
-    let heard = Rc::clone(&asked);
+    let contact = Rc::clone(&asked);
     let mut panel =
-        Harness::new_ui(move |ui| heard.borrow_mut().extend(recording_ui(ui, &stopped)));
+        Harness::new_ui(move |ui| contact.borrow_mut().extend(recording_ui(ui, &stopped)));
     for label in ["Open folder", "Open it"] {
         panel.get_by_label(label).click();
         panel.run();
@@ -251,8 +252,8 @@ fn files_on_this_machine_are_shown_and_opened() {
 }
 
 #[test]
-fn a_low_panel_shows_figures_and_buttons_together() {
-    // As it is below the map in a window of 1280 × 800.
+fn a_low_panel_shows_rows_beside_buttons() {
+    // The panel in a window of 1280 × 800 points.
     let (width, height) = (680.0, 150.0);
     let data = data(
         Some(recording(RecordingState::Recording)),

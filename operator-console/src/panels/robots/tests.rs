@@ -21,7 +21,7 @@ fn seen(robot: &str, ago_s: u64, state: Option<FleetState>) -> RobotEntry {
 }
 
 #[test]
-fn the_advice_says_what_to_do() {
+fn advice_of_the_list() {
     let named = "boat".parse().unwrap();
     let advice = |seen: &[RobotEntry], search_target| {
         RobotsData::new(seen, None, search_target, None, NOW)
@@ -49,9 +49,9 @@ fn the_advice_says_what_to_do() {
 }
 
 #[test]
-fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
+fn search_addresses_are_shown_while_searching() {
     let addresses = ["tcp/a:7447".to_owned(), "tcp/b:7447".to_owned()];
-    let said = |seen: &[RobotEntry], current, search_target: SearchTarget<'_>| {
+    let texts = |seen: &[RobotEntry], current, search_target: SearchTarget<'_>| {
         let mut data = RobotsData::new(seen, current, search_target, None, NOW);
         let before = data.advice.clone();
         data.set_search_addresses(&addresses);
@@ -59,33 +59,33 @@ fn where_robots_are_looked_for_alone_is_said_while_that_matters() {
     };
     let only = " Only tcp/a:7447, tcp/b:7447 are asked, as --connect says.";
     assert_eq!(
-        said(&[], None, SearchTarget::Any),
+        texts(&[], None, SearchTarget::Any),
         Some(format!("No robot found yet.{only}"))
     );
     let boat = "boat".parse().unwrap();
-    let named = said(&[], None, SearchTarget::Named(&boat));
+    let named = texts(&[], None, SearchTarget::Named(&boat));
     let looking = "Looking for boat. Start it, or type its address.";
     assert_eq!(named, Some(format!("{looking}{only}")));
     let found = [seen("a", 0, None)];
-    assert_eq!(said(&found, None, SearchTarget::Any), None, "one is there");
+    assert_eq!(texts(&found, None, SearchTarget::Any), None, "one is there");
     let shown = Some((&boat, LinkState::Live));
-    assert_eq!(said(&[], shown, SearchTarget::Any), None, "one is shown");
+    assert_eq!(texts(&[], shown, SearchTarget::Any), None, "one is shown");
     let demo = SearchTarget::Demo { failure: None };
-    assert_eq!(said(&[], None, demo), None, "it comes by itself");
+    assert_eq!(texts(&[], None, demo), None, "it comes by itself");
 }
 
 #[test]
-fn a_robot_that_tells_nothing_is_not_looked_for_in_vain() {
+fn a_robot_that_denies_access_is_shown() {
     let boat: RobotId = "boat".parse().unwrap();
     let advice = |seen: &[RobotEntry], told_nothing_by: &[RobotId]| {
         let mut data = RobotsData::new(seen, None, SearchTarget::Any, None, NOW);
         data.set_denied_by(&told_nothing_by.iter().cloned().collect());
         data.advice.unwrap()
     };
-    let told = advice(&[], std::slice::from_ref(&boat));
+    let reported = advice(&[], std::slice::from_ref(&boat));
     assert!(
-        told.starts_with("boat answers, but denies access"),
-        "{told}"
+        reported.starts_with("boat answers, but denies access"),
+        "{reported}"
     );
     assert_eq!(advice(&[], &[]), "No robot found yet.");
     let other = [seen("a", 0, None)];
@@ -93,7 +93,7 @@ fn a_robot_that_tells_nothing_is_not_looked_for_in_vain() {
 }
 
 #[test]
-fn every_robot_says_how_it_is() {
+fn robot_states() {
     let anna = FleetState::DrivenBy("anna".parse().unwrap());
     let mut fleet = [
         seen("a", 3, Some(FleetState::Free)),
@@ -137,8 +137,8 @@ fn every_robot_says_how_it_is() {
 }
 
 #[test]
-fn a_robot_that_moves_by_itself_is_not_called_free() {
-    let told = |state, uncommanded_motion, link| {
+fn a_robot_that_moves_by_itself_is_not_free() {
+    let reported = |state, uncommanded_motion, link| {
         let mut seen = seen("a", 3, Some(state));
         seen.uncommanded_motion = uncommanded_motion;
         let current = "a".parse().unwrap();
@@ -151,35 +151,35 @@ fn a_robot_that_moves_by_itself_is_not_called_free() {
         );
         (data.found[0].state.clone(), data.found[0].tone)
     };
-    let says = |words: &str, tone| (words.to_owned(), tone);
+    let text = |words: &str, tone| (words.to_owned(), tone);
     let (live, free) = (LinkState::Live, || FleetState::Free);
     let [by_itself, or_adrift] = [
         UncommandedMotion::Autonomous,
         UncommandedMotion::MaybeDrifting,
     ]
     .map(Some);
-    let moving = says("moving by itself", Tone::Waiting);
-    assert_eq!(told(free(), by_itself, live), moving);
-    let adrift = says("moving or adrift", Tone::Warning);
-    assert_eq!(told(free(), or_adrift, live), adrift);
-    assert_eq!(told(free(), None, live), says("free", Tone::Good));
-    let silent = says("silent, last seen 3.0 s ago", Tone::Warning);
-    assert_eq!(told(free(), by_itself, LinkState::Silent), silent);
-    let stopped = says("emergency stop", Tone::Warning);
+    let moving = text("moving by itself", Tone::Waiting);
+    assert_eq!(reported(free(), by_itself, live), moving);
+    let adrift = text("moving or adrift", Tone::Warning);
+    assert_eq!(reported(free(), or_adrift, live), adrift);
+    assert_eq!(reported(free(), None, live), text("free", Tone::Good));
+    let silent = text("silent, last seen 3.0 s ago", Tone::Warning);
+    assert_eq!(reported(free(), by_itself, LinkState::Silent), silent);
+    let stopped = text("emergency stop", Tone::Warning);
     assert_eq!(
-        told(FleetState::EStop { has_ended: false }, by_itself, live),
+        reported(FleetState::EStop { has_ended: false }, by_itself, live),
         stopped
     );
 }
 
 #[test]
-fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forgotten() {
+fn only_silent_robots_can_be_forgotten() {
     let fleet = [
         seen("a", 3, Some(FleetState::Free)),
         seen("b", 16, Some(FleetState::Free)),
         seen("c", 3, Some(FleetState::Free)),
     ];
-    let told = |link| {
+    let reported = |link| {
         let current = "b".parse().unwrap();
         let data = RobotsData::new(&fleet, Some((&current, link)), SearchTarget::Any, None, NOW);
         let b = &data.found[1];
@@ -193,7 +193,11 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
             "silent, last seen 16 s ago",
         ),
     ] {
-        assert_eq!(told(link), (tone, state.to_owned(), false), "it is shown");
+        assert_eq!(
+            reported(link),
+            (tone, state.to_owned(), false),
+            "it is shown"
+        );
     }
     let data = RobotsData::new(&fleet, None, SearchTarget::Any, None, NOW);
     let mut window = Harness::builder()
@@ -213,7 +217,6 @@ fn a_robot_that_is_being_joined_keeps_its_age_and_only_who_is_silent_may_be_forg
             "{forget}: it answers"
         );
     }
-    // The state stands beside the name, or below it: over nothing.
     let state = window.get_by_label("silent, last seen 16 s ago").rect();
     assert!(!state.intersects(window.get_by_label("b").rect()));
     let forget = window.get_by_label("Forget b");

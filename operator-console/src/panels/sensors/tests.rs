@@ -29,7 +29,7 @@ fn status(name: &str, rate_hz: f32, fault: Option<SensorFault>) -> SensorStatus 
     }
 }
 
-/// A boat whose sensors have one fault each, told at 1 s.
+/// A boat whose sensors have one fault each at 1 s.
 fn boat() -> ConsoleModel {
     let mut model = scout();
     let described = Info {
@@ -46,7 +46,7 @@ fn boat() -> ConsoleModel {
         dropped: 12_345,
         ..status("sonar", 4.2, Some(SensorFault::Silent))
     };
-    let told = Status {
+    let reported = Status {
         sensors: vec![
             status("laser", 5.0, None),
             silent,
@@ -61,7 +61,7 @@ fn boat() -> ConsoleModel {
         ..Status::default()
     };
     inject_reply(&mut model, RequestId(0), Topic::Info, &described, at(1_000));
-    inject(&mut model, Topic::Status, &told, at(1_000));
+    inject(&mut model, Topic::Status, &reported, at(1_000));
     model
 }
 
@@ -82,7 +82,7 @@ fn text(data: &SensorsData) -> String {
 }
 
 #[test]
-fn each_sensor_says_how_it_is() {
+fn sensor_states() {
     assert_eq!(
         text(&SensorsData::new(&boat(), at(1_100))),
         "Good Good | laser | Tilting laser | 5.0 of 5 Hz | 0.0 s ago | 0\n\
@@ -94,7 +94,7 @@ fn each_sensor_says_how_it_is() {
 }
 
 #[test]
-fn what_was_good_before_the_link_fell_silent_is_not_called_good() {
+fn sensor_states_of_a_silent_link_are_not_good() {
     let text = text(&SensorsData::new(&boat(), at(6_000)));
     assert!(
         text.starts_with("As of 5.0 s ago\nWaiting Was good | laser"),
@@ -107,13 +107,13 @@ fn what_was_good_before_the_link_fell_silent_is_not_called_good() {
 }
 
 #[test]
-fn a_robot_that_told_nothing_is_said_to_have_told_nothing() {
+fn a_robot_without_sensor_data_has_a_note() {
     let data = SensorsData::new(&scout(), at(1_000));
     assert_eq!(text(&data), "No sensor data yet.");
 }
 
 #[test]
-fn the_panel_can_be_read_without_its_colours() {
+fn lines_differ_without_colour() {
     let data = SensorsData::new(&boat(), at(1_100));
     let panel = Harness::builder()
         .with_size(vec2(700.0, 260.0))
@@ -133,7 +133,7 @@ fn the_panel_can_be_read_without_its_colours() {
 }
 
 #[test]
-fn what_was_well_when_the_data_ended_is_not_called_well() {
+fn sensor_states_of_ended_data_are_not_good() {
     let mut model = boat();
     let ended = Status {
         sensors: vec![status("laser", 5.0, None)],
@@ -147,7 +147,7 @@ fn what_was_well_when_the_data_ended_is_not_called_well() {
 }
 
 #[test]
-fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
+fn sensors_fit_a_narrow_panel() {
     for width in [250.0, 400.0, 560.0] {
         let data = SensorsData::new(&boat(), at(1_100));
         let mut panel = Harness::builder()
@@ -180,20 +180,20 @@ fn a_narrow_panel_shows_all_of_every_sensor_within_its_width() {
 }
 
 #[test]
-fn sensors_of_a_recording_that_stands_do_not_grow_older() {
+fn sensors_of_a_paused_recording_do_not_age() {
     let mut model = console("recording-1a2b3c", &[]);
-    let told = Status {
+    let reported = Status {
         sensors: vec![status("laser", 5.0, None)],
         ..Status::default()
     };
-    inject(&mut model, Topic::Status, &told, at(1_000));
+    inject(&mut model, Topic::Status, &reported, at(1_000));
     let [then, later] = [1_100, 61_000].map(|ms| SensorsData::new(&model, at(ms)));
     assert_eq!(later, then);
     assert_eq!((then.note, &*then.sensors[0].state), (None, "Good"));
 }
 
 #[test]
-fn a_sonar_without_a_valid_measurement_may_be_too_near_to_the_bottom() {
+fn sonar_without_valid_ranges_has_its_own_advice() {
     let inject = |kind| fault_text(SensorFault::AllInvalid, Some(kind)).2;
     assert!(inject(SensorKind::Sonar).contains("nearer to the bottom"));
     assert!(!inject(SensorKind::TiltingLaser).contains("bottom"));

@@ -1,41 +1,37 @@
-//! The lists: a click shows a shore on the map and marks its row, the hand over a row lets it stand out there, too, a title
-//! sorts.
+//! Lists of shores and docking sites. A click selects a shore on the map, hovering highlights it, a title sorts.
 
 use std::sync::Arc;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    FontSelection, Galley, Id, Rect, RectAlign, Response, RichText, ScrollArea, Sense, Tooltip, Ui,
-    WidgetInfo, pos2, vec2,
+    Align2, Color32, FontId, FontSelection, Galley, Id, Rect, RectAlign, Response, RichText,
+    ScrollArea, Sense, Tooltip, Ui, WidgetInfo, pos2, vec2,
 };
 
+use super::super::formatting::capitalised;
 use super::super::legend::{SWATCH, paint_swatch};
-use super::columns::{CLASS, Columns, RIGID, TO_RIGID, TO_VOXELS, VOXELS, class, texts};
-use super::distance::{TO_SHORES, TO_SITES};
-use super::order::{arrange, remember};
-use super::{ShoreRow, ShoresData, SortBy};
+use super::{ShoreRow, ShoresData, SortBy, TO_SHORES, TO_SITES, arrange, remember};
 use crate::command::Look;
 use crate::map_view::ShoreMark;
 
-/// A name, its colour and how far away it is need it, points: nobody makes a panel so narrow to read it.
+/// Minimum width for name, colour and distance, points.
 const LEAST_WIDTH: f32 = 110.0;
-/// Longer lists may scroll in a panel that is narrow, and have a bar beside the numbers.
+/// Longer lists may have a scroll bar.
 const FEW: usize = 4;
 const ROW_HEIGHT: f32 = 24.0;
-/// Of what stands below the numbers of a row.
 const BELOW_SIZE: f32 = 12.0;
-/// It reaches a little into the row's first line, points.
+/// Overlap with the first line, points.
 const BELOW_RISE: f32 = 4.0;
-/// Under the last line of a row that has several, points.
+/// Below the last line of a row with several lines, points.
 const BELOW_GAP: f32 = 6.0;
-/// The lists scroll beyond this: eight rows.
+/// Maximum height of a list: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
-/// On the right of the numbers, points.
+/// Width of the scroll bar to the right of the numbers, points.
 const BAR: f32 = 12.0;
-/// From a row to what is told of it beside the panel, and how wide that is at most, points.
+/// Distance of the hover text from the panel, and its maximum width, points.
 const HINT_GAP: f32 = 14.0;
 const HINT_WIDTH: f32 = 260.0;
-/// What each column but the class sorts by.
+/// Sort key of each column.
 const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Number),
     None,
@@ -44,31 +40,29 @@ const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Distance),
 ];
 
-/// What is listed, and how.
 struct List<'a> {
     name: &'static str,
-    /// What its rows are called by.
+    /// How its rows are named.
     heading_text: &'static str,
     why: &'static str,
     titles: [&'static str; 5],
-    /// From where to where the last column is.
+    /// Explanation of the distance column.
     away: &'static str,
-    /// What the first column sorts by, in words.
+    /// Sort key of the first column.
     first: &'static str,
     usual: SortBy,
-    /// What is said of the usual order.
+    /// Explanation of the default order.
     usually: &'static str,
     rows: &'a [ShoreRow],
 }
 
-/// What a list asks for.
 #[derive(Default)]
 struct ListResponse {
     clicked: Option<Look>,
     hovered: Option<ShoreMark>,
 }
 
-/// Draws the panel; where to look when a row was clicked, and what stands out, too, when the hand is over another.
+/// Draws the panel. Returns a selected or hovered shore.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let has_bar = data.shores.len().max(data.sites.len()) > FEW;
     let least = if has_bar {
@@ -89,7 +83,7 @@ pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
 }
 
 fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
-    // Bars of lists that scroll lie over their right edge.
+    // Scroll bars are drawn over the right edge.
     ui.set_max_width(ui.available_width() - BAR);
     for note in &data.notes {
         ui.label(RichText::new(note).small());
@@ -98,9 +92,9 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let shores = List {
         name: "shores",
         heading_text: "Shores, called by number",
-        why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: what \
-              has merged keeps the number of the larger part, a part that comes off gets a new number, and no number is \
-              given twice.",
+        why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: a \
+              merged cluster keeps the number of its larger part, a separated part gets a new number, and no number is \
+              used twice.",
         titles: ["No.", "Class", RIGID, VOXELS, "Away"],
         away: TO_SHORES,
         first: "no.",
@@ -111,9 +105,9 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let sites = List {
         name: "docking sites",
         heading_text: "Docking sites, called by letter",
-        why: "The least mean slope cost first, in steps of 0.05; of the same step, the widest. A letter stays with its \
-              place, also on the map, whichever site is the first. The robot looks for sites in its window: what it has left behind \
-              keeps its class on the map, and has no letter.",
+        why: "Lowest mean slope cost first, in steps of 0.05; within a step, the widest. A letter stays with its \
+              place, also on the map, when the order changes. The robot searches for sites in the window around it: sites \
+              outside keep their class on the map, without a letter.",
         titles: ["Site", "", "Cost", "Width", "Away"],
         away: TO_SITES,
         first: "rank",
@@ -133,8 +127,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         .or_else(|| is_other.then_some(Look::Hover(asked.hovered)))
 }
 
-/// Where the columns are, how wide they are together, and how high the rows of each list are, points. A list that scrolls has a
-/// bar of its own, which lies beside them.
+/// Columns, their total width, and the row height of each list. The scroll bar of a list is beside its columns.
 fn room(ui: &Ui, lists: &[List<'_>; 2]) -> (Columns, f32, [f32; 2]) {
     let width = ui.available_width();
     let heights = |columns: &Columns, width: f32| {
@@ -143,7 +136,7 @@ fn room(ui: &Ui, lists: &[List<'_>; 2]) -> (Columns, f32, [f32; 2]) {
             .map(|list| row_height(ui, list, columns, width))
     };
     let scrolls = |list: &List<'_>, height: f32| height * list.rows.len() as f32 > LIST_HEIGHT;
-    // No row is lower than its numbers: many scroll whatever stands below these, which is laid out once for them.
+    // Rows are at least as high as their numbers, so that long lists are known to scroll without a layout.
     if !lists.iter().any(|list| scrolls(list, ROW_HEIGHT)) {
         let whole = columns(ui, lists, width);
         let heights = heights(&whole, width);
@@ -152,14 +145,14 @@ fn room(ui: &Ui, lists: &[List<'_>; 2]) -> (Columns, f32, [f32; 2]) {
             return (whole, width, heights);
         }
     }
-    // With less room its rows are no lower: it scrolls all the same.
+    // With less width rows do not get lower: the list still scrolls.
     let width = width - BAR;
     let columns = columns(ui, lists, width);
     let heights = heights(&columns, width);
     (columns, width, heights)
 }
 
-/// The same for all lists that have something in them.
+/// The same columns for all non-empty lists.
 fn columns(ui: &Ui, lists: &[List<'_>], width: f32) -> Columns {
     let lists = lists.iter().filter(|list| !list.rows.is_empty());
     let rows: Vec<_> = lists
@@ -218,7 +211,7 @@ fn list_ui(
     remember(ui, order, &rows, by, drawn.inner);
 }
 
-/// The titles of the columns; those that are numbers sort.
+/// Column titles; those of numbers sort.
 fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by: &mut SortBy) {
     let List {
         name,
@@ -251,7 +244,7 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
         }
         match sort {
             SortBy::Distance => hint_ui(&response, &format!("{label}: {away}")),
-            // Of docking sites there are other figures in these columns.
+            // Docking sites have other values in these columns.
             SortBy::Share if titles[column] == RIGID => {
                 hint_ui(&response, &format!("{label}: {TO_RIGID}"));
             }
@@ -266,14 +259,14 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
     }
 }
 
-/// What stands below the numbers of a row: what has no room beside them, and the reason of a docking site.
+/// Text below the numbers: omitted columns and the reason.
 fn below(columns: &Columns, row: &ShoreRow) -> Option<String> {
     let left_out = Some(columns.left_out(row)).filter(|words| !words.is_empty());
     let words: Vec<_> = left_out.into_iter().chain(row.reason.clone()).collect();
     (!words.is_empty()).then(|| words.join("; "))
 }
 
-/// The same in lines, none of which is wider than the panel.
+/// The same text, wrapped.
 fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option<Arc<Galley>> {
     let words = below(columns, row)?;
     let mut font = FontSelection::Default.resolve(ui.style());
@@ -283,7 +276,7 @@ fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option
     Some(ui.painter().layout(words, font, color, room))
 }
 
-/// Rows are as high as the highest of them: so it is known which of many are in sight.
+/// All rows of a list have the same height, so that visible rows are known without a layout.
 fn row_height(ui: &Ui, list: &List<'_>, columns: &Columns, width: f32) -> f32 {
     let below = list.rows.iter().filter_map(|row| {
         let lines = below_lines(ui, columns, row, width)?;
@@ -329,7 +322,7 @@ fn row_ui(
     response
 }
 
-/// Beside the panel: below the hand it would hide the rows that are read next.
+/// Hover text beside the panel, so that it does not cover the next rows.
 fn hint_ui(response: &Response, hint: &str) {
     let mut tooltip = Tooltip::for_enabled(response)
         .gap(HINT_GAP)
@@ -342,4 +335,225 @@ fn hint_ui(response: &Response, hint: &str) {
         ui.set_max_width(HINT_WIDTH);
         ui.label(hint);
     });
+}
+
+pub(super) const RIGID: &str = "Rigid";
+pub(super) const VOXELS: &str = "Voxels";
+/// Explanations of the columns.
+pub(super) const TO_RIGID: &str = "share of its rigid voxels, such as trunks and stones, not twigs. Below 25 % \
+                                   the shore is Sparse, above 68 % Solid, between them Dense; the first two are for docking in \
+                                   an emergency";
+pub(super) const TO_VOXELS: &str = "how many cubes of the voxel map it is made of";
+
+/// Column indices.
+pub(super) const CLASS: usize = 1;
+const SHARE: usize = 2;
+const SIZE: usize = 3;
+/// Columns that move below the row if the width is too small, in this order. Name and distance stay.
+const LEFT_OUT: [usize; 3] = [CLASS, SHARE, SIZE];
+const TEXT_SIZE: f32 = 13.0;
+/// Gaps between name, swatch and class; minimum gap between numbers, points.
+const SWATCH_GAP: f32 = 6.0;
+const GAP: f32 = 8.0;
+/// Minimum texts of the columns, so that a number with one more digit does not move them.
+const USUAL: [&str; 5] = ["88", "Sparse", "100 %", "88\u{a0}888", "888 m"];
+
+/// Texts of a row or of the titles.
+pub(super) type Texts<'a> = [&'a str; 5];
+
+/// Positions of the columns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Columns {
+    /// From the left edge, points: the left edge of the class, the right edge of the others.
+    at: [f32; 5],
+    /// Which columns are drawn.
+    has: [bool; 5],
+}
+
+impl Columns {
+    /// As many columns as fit into `width`, points.
+    pub(super) fn new<'a>(ui: &Ui, width: f32, texts: impl IntoIterator<Item = Texts<'a>>) -> Self {
+        let mut widths = [0.0_f32; 5];
+        for texts in texts {
+            for (widest, text) in widths.iter_mut().zip(texts) {
+                *widest = widest.max(text_width(ui, text));
+            }
+        }
+        let usual = USUAL.map(|text| text_width(ui, text));
+        Self::of(width, widths, usual)
+    }
+
+    /// From the widths of the texts and of the usual texts.
+    fn of(width: f32, widths: [f32; 5], usual: [f32; 5]) -> Self {
+        let mut roomy = widths;
+        for (width, usual) in roomy.iter_mut().zip(usual) {
+            *width = width.max(usual);
+        }
+        let mut has = [true; 5];
+        let (mut columns, mut gap) = Self::spread(width, roomy, has);
+        for left_out in LEFT_OUT {
+            if gap >= GAP {
+                break;
+            }
+            has[left_out] = false;
+            (columns, gap) = Self::spread(width, widths, has);
+        }
+        columns
+    }
+
+    /// Distributes the columns up to the right edge. Returns the gap between numbers, points.
+    fn spread(width: f32, widths: [f32; 5], has: [bool; 5]) -> (Self, f32) {
+        let class = if has[CLASS] {
+            SWATCH_GAP + widths[CLASS]
+        } else {
+            0.0
+        };
+        let [name, ..] = widths;
+        let begin = name + SWATCH_GAP + SWATCH.x + class;
+        let numbers = widths[SHARE..].iter().zip(&has[SHARE..]);
+        let numbers: Vec<_> = numbers
+            .filter_map(|(width, has)| has.then_some(width))
+            .collect();
+        let gap = (width - begin - numbers.iter().copied().sum::<f32>()) / numbers.len() as f32;
+        let mut at = [name, name + SWATCH_GAP, 0.0, 0.0, 0.0];
+        let mut end = begin;
+        for ((at, width), has) in at[SHARE..]
+            .iter_mut()
+            .zip(&widths[SHARE..])
+            .zip(&has[SHARE..])
+        {
+            if *has {
+                end += gap + width;
+            }
+            *at = end;
+        }
+        (Self { at, has }, gap)
+    }
+
+    /// Whether a column is drawn.
+    pub(super) const fn has(&self, column: usize) -> bool {
+        self.has[column]
+    }
+
+    /// Text of the omitted columns.
+    pub(super) fn left_out(&self, row: &ShoreRow) -> String {
+        let class = class(row);
+        let (share, size) = if row.is_site() {
+            (format!("cost {}", row.share), format!("{} wide", row.size))
+        } else {
+            (
+                format!("{} rigid", row.share),
+                format!("{} voxels", row.size),
+            )
+        };
+        let words = LEFT_OUT.into_iter().zip([class, share, size]);
+        let words = words.filter(|(column, words)| !self.has(*column) && !words.is_empty());
+        let words: Vec<_> = words.map(|(_, words)| words).collect();
+        capitalised(&words.join(", "))
+    }
+
+    /// Position of a column on the screen, points.
+    pub(super) fn x(&self, rect: Rect, column: usize) -> f32 {
+        rect.left() + self.at[column]
+    }
+
+    /// Remaining width from the left edge of the class, points.
+    pub(super) fn width_from_class(&self, width: f32) -> f32 {
+        width - self.at[CLASS]
+    }
+
+    pub(super) fn paint(&self, ui: &Ui, rect: Rect, texts: Texts<'_>, color: Color32) {
+        for (column, text) in texts.into_iter().enumerate() {
+            let x = self.x(rect, column);
+            let (x, align) = if column == CLASS {
+                (x + SWATCH.x + SWATCH_GAP, Align2::LEFT_CENTER)
+            } else {
+                (x, Align2::RIGHT_CENTER)
+            };
+            if self.has(column) {
+                let at = pos2(x, rect.center().y);
+                ui.painter().text(at, align, text, font(ui), color);
+            }
+        }
+    }
+}
+
+pub(super) fn texts<'a>(row: &'a ShoreRow, class: &'a str) -> Texts<'a> {
+    [&row.name, class, &row.share, &row.size, &row.distance]
+}
+
+/// Name of the class; empty for docking sites.
+pub(super) fn class(row: &ShoreRow) -> String {
+    if row.is_site() {
+        String::new()
+    } else {
+        capitalised(&row.class.label)
+    }
+}
+
+fn font(ui: &Ui) -> FontId {
+    let mut font = FontSelection::Default.resolve(ui.style());
+    font.size = TEXT_SIZE;
+    font
+}
+
+fn text_width(ui: &Ui, text: &str) -> f32 {
+    let galley = ui
+        .painter()
+        .layout_no_wrap(text.to_owned(), font(ui), Color32::BLACK);
+    galley.size().x.ceil()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTHS: [f32; 5] = [20.0, 40.0, 30.0, 40.0, 30.0];
+    const USUAL: [f32; 5] = [16.0, 0.0, 36.0, 42.0, 38.0];
+    const WHOLE: f32 = 20.0 + 6.0 + 18.0 + 6.0 + 40.0 + 36.0 + 42.0 + 38.0 + 3.0 * 8.0;
+
+    #[test]
+    fn class_names_need_space_for_usual_texts() {
+        let fits = Columns::of(WHOLE, WIDTHS, USUAL);
+        let narrow = Columns::of(WHOLE - 1.0, WIDTHS, USUAL);
+        assert_eq!(fits.has, [true; 5]);
+        assert_eq!(narrow.has, [true, false, true, true, true]);
+        let bits = |at: &[f32]| at.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&fits.at), bits(&[20.0, 26.0, 134.0, 184.0, 230.0]));
+        assert_eq!(bits(&narrow.at[..2]), bits(&[20.0, 26.0]));
+        assert!((narrow.at[4] - 229.0).abs() < 1e-3, "{narrow:?}");
+        let gap = (229.0 - 44.0 - 100.0) / 3.0;
+        assert!(
+            (narrow.at[2] - 44.0 - gap - 30.0).abs() < 1e-3,
+            "{narrow:?}"
+        );
+    }
+
+    #[test]
+    fn wide_texts_widen_their_column() {
+        let mut long = WIDTHS;
+        long[3] = 60.0;
+        assert!(!Columns::of(WHOLE, long, USUAL).has(CLASS));
+        let wide = Columns::of(WHOLE + 18.0, long, USUAL);
+        assert!(wide.has(CLASS));
+        assert!(wide.at[3] - 60.0 - wide.at[2] > 7.9, "{wide:?}");
+    }
+
+    #[test]
+    fn narrow_columns_are_omitted_except_distance() {
+        const NAME: f32 = 20.0 + 6.0 + 18.0;
+        let three = NAME + 100.0 + 3.0 * 8.0;
+        let two = NAME + 70.0 + 2.0 * 8.0;
+        for (width, has) in [
+            (three, [true, false, true, true, true]),
+            (three - 1.0, [true, false, false, true, true]),
+            (two, [true, false, false, true, true]),
+            (two - 1.0, [true, false, false, false, true]),
+            (NAME, [true, false, false, false, true]),
+        ] {
+            let columns = Columns::of(width, WIDTHS, USUAL);
+            assert_eq!(columns.has, has, "{width}");
+            assert!((columns.at[4] - width).abs() < 1e-3, "{columns:?}");
+        }
+    }
 }

@@ -10,6 +10,7 @@ use super::*;
 use crate::command::Look;
 use crate::model::{RequestId, ShoreOutlines, SiteNames};
 use crate::test_support::{at, inject, inject_reply, scout};
+use protocol::message::ShoreCluster;
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -31,7 +32,7 @@ fn site() -> DockingSite {
     }
 }
 
-/// A, B and C for sites that are far from each other.
+/// Sites that are far from each other.
 fn names() -> Vec<SiteName> {
     let far = |x_m| DockingSite {
         center_m: [x_m, 0.0],
@@ -40,7 +41,7 @@ fn names() -> Vec<SiteName> {
     SiteNames::default().name(&[far(0.0), far(100.0), far(200.0)])
 }
 
-/// The best docking site is called B, and another one A.
+/// The best docking site is B, the second A.
 fn data() -> ShoresData {
     let clusters = vec![cluster(1, 40, [30.0, 0.0]), cluster(2, 900, [8.0, 6.0])];
     let shores = Shores::gather(0.3, None, clusters, vec![site()]);
@@ -67,7 +68,7 @@ fn data() -> ShoresData {
 }
 
 #[test]
-fn lists_are_sorted_by_what_is_asked_for() {
+fn lists_are_sorted_by_the_chosen_column() {
     let mut rows = data().shores;
     let mut order = |by| {
         sort(&mut rows, by);
@@ -81,12 +82,12 @@ fn lists_are_sorted_by_what_is_asked_for() {
 }
 
 #[test]
-fn a_docking_site_says_why_it_fits() {
+fn docking_sites_have_a_reason() {
     assert_eq!(
         data().sites[0].reason.as_deref(),
         Some("2.5 × beam; 6 m to shore 2, dense")
     );
-    // The middle of the site is within the outline of what bends around it.
+    // The middle of the site is within the curved outline.
     let mut bay = cluster(4, 40, [30.0, 0.0]);
     bay.outline = vec![(0, -9), (100, -9), (100, 9), (0, 9)];
     let shores = Shores::gather(0.3, None, vec![bay], vec![site()]);
@@ -96,7 +97,7 @@ fn a_docking_site_says_why_it_fits() {
 }
 
 #[test]
-fn reasons_are_of_the_newest_report_and_of_the_vehicle_as_it_is() {
+fn reasons_follow_the_newest_report() {
     let mut model = scout();
     let tells_beam = |model: &mut ConsoleModel, beam_m| {
         let layer = LayerInfo {
@@ -111,7 +112,7 @@ fn reasons_are_of_the_newest_report_and_of_the_vehicle_as_it_is() {
         inject_reply(model, RequestId(900), Topic::Info, &info, at(0));
     };
     // The revision is the number of the only shore.
-    let tells_of = |model: &mut ConsoleModel, number: u32, center_m| {
+    let report_shores = |model: &mut ConsoleModel, number: u32, center_m| {
         let clusters = vec![cluster(number, 40, center_m)];
         let news = ShoresReply {
             revision: number.into(),
@@ -124,16 +125,16 @@ fn reasons_are_of_the_newest_report_and_of_the_vehicle_as_it_is() {
         data.sites[0].reason.clone().unwrap()
     };
     tells_beam(&mut model, 1.6);
-    tells_of(&mut model, 1, [8.0, 6.0]);
+    report_shores(&mut model, 1, [8.0, 6.0]);
     assert_eq!(reason(&model), "2.5 × beam; 6 m to shore 1, dense");
-    tells_of(&mut model, 2, [8.0, 9.0]);
+    report_shores(&mut model, 2, [8.0, 9.0]);
     assert_eq!(reason(&model), "2.5 × beam; 9 m to shore 2, dense");
     tells_beam(&mut model, 2.0);
     assert_eq!(reason(&model), "2.0 × beam; 9 m to shore 2, dense");
 }
 
 #[test]
-fn the_title_says_from_where_to_where_a_distance_is() {
+fn the_title_explains_the_distance() {
     let mut window = panel(240.0);
     for (list, end) in [
         ("shores", "the nearest edge of the shore's outline"),
@@ -149,7 +150,7 @@ fn the_title_says_from_where_to_where_a_distance_is() {
 }
 
 #[test]
-fn a_row_marks_on_hover_and_shows_on_click() {
+fn rows_react_to_hover_and_click() {
     let mut window = Harness::builder()
         .with_size(vec2(290.0, 300.0))
         .build_ui_state(
@@ -162,7 +163,7 @@ fn a_row_marks_on_hover_and_shows_on_click() {
     let mark = ShoreMark::Shore(2);
     let asked = std::mem::take(&mut window.state_mut().1);
     assert_eq!(asked.last(), Some(&Look::Hover(Some(mark))));
-    // Who obeys hears no more of it.
+    // The hover is requested once.
     window.state_mut().0.hovered = Some(mark);
     window.run_steps(2);
     assert_eq!(window.state().1, []);
@@ -182,7 +183,7 @@ fn a_row_marks_on_hover_and_shows_on_click() {
 }
 
 #[test]
-fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
+fn headings_explain_names_and_order() {
     let mut window = Harness::builder()
         .with_size(vec2(290.0, 300.0))
         .build_ui_state(|ui, data| _ = shores_ui(ui, data), data());
@@ -211,7 +212,7 @@ fn headings_say_what_numbers_and_letters_are_and_which_is_the_first() {
     assert!(top(&window, best) < top(&window, wider));
 }
 
-/// A panel of this width on the left of a window, and no more of it.
+/// A panel of this width at the left of a window.
 fn panel(width: f32) -> Harness<'static> {
     panel_of(width, data())
 }
@@ -227,7 +228,7 @@ fn panel_of(width: f32, data: ShoresData) -> Harness<'static> {
     window
 }
 
-/// As many shores, 3 m from each other.
+/// `count` shores, 3 m apart.
 fn data_of(count: u8) -> ShoresData {
     let shore = |number: u8| cluster(number.into(), 40, [3.0 * f32::from(number), 0.0]);
     let shores = Shores::gather(0.3, None, (1..=count).map(shore).collect(), Vec::new());
@@ -241,7 +242,7 @@ fn data_of(count: u8) -> ShoresData {
 }
 
 #[test]
-fn a_list_that_scrolls_leaves_room_for_its_bar() {
+fn a_scrolling_list_reserves_its_scroll_bar() {
     let right = |count: u8| {
         let window = panel_of(260.0, data_of(count));
         window
@@ -249,14 +250,14 @@ fn a_list_that_scrolls_leaves_room_for_its_bar() {
             .rect()
             .right()
     };
-    // The bar of the panel lies beside all rows, and that of the list beside those that scroll.
+    // The panel's scroll bar is beside all rows, a list's beside the rows that scroll.
     let [few, many] = [2, 12].map(right);
     assert!((few - 256.0).abs() < 0.5, "{few}");
     assert!((many - 244.0).abs() < 0.5, "{many}");
 }
 
 #[test]
-fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
+fn shores_fit_a_narrow_panel() {
     let heights = [175.0, 213.0, 260.0, 400.0].map(|width| {
         let window = panel(width);
         let [shore, site] = ["Shore 2, dense", "Docking site B"]
@@ -268,23 +269,23 @@ fn a_narrow_panel_shows_rows_whole_and_wraps_what_is_below_them() {
         [shore.height(), site.height()].map(|height| height.round() as i32)
     });
     let [lowest, .., wide] = heights;
-    // The class of a shore has a line of its own in a narrow panel, and a long reason has two.
+    // In a narrow panel the class has its own line and a long reason two lines.
     assert!(lowest[0] > wide[0] + 10, "{heights:?}");
     assert!(lowest[1] > wide[1] + 10, "{heights:?}");
     assert_eq!(wide[0], 24, "{heights:?}");
-    // A panel as wide as it is at first shows its insides so wide: rows of one line.
+    // At the default width rows have one line.
     assert_eq!(heights[2][0], 24, "{heights:?}");
     assert!(heights[1][0] > 34, "{heights:?}");
 }
 
 #[test]
-fn rows_of_a_list_that_scrolls_are_as_high_as_what_is_left_beside_its_bar_asks_for() {
+fn row_heights_of_a_scrolling_list() {
     let height = |width: f32, count: u8| {
         let window = panel_of(width, data_of(count));
         let row = window.get_by_label_contains("Shore 1, dense").rect();
         row.height()
     };
-    // The bar is 12 points wide: the same rows without it are so much narrower.
+    // The scroll bar is 12 points wide.
     let mut heights = Vec::new();
     for width in [
         210.0, 218.0, 226.0, 234.0, 242.0, 250.0, 258.0, 266.0, 274.0,
@@ -297,7 +298,7 @@ fn rows_of_a_list_that_scrolls_are_as_high_as_what_is_left_beside_its_bar_asks_f
 }
 
 #[test]
-fn what_is_told_of_a_row_covers_no_row() {
+fn hover_text_covers_no_row() {
     let mut window = panel(240.0);
     let rows = [
         "Shore 2, dense",
@@ -314,7 +315,7 @@ fn what_is_told_of_a_row_covers_no_row() {
     }
 }
 
-/// What is painted that begins so, and where.
+/// Texts that start with `first`, and their positions.
 fn painted(window: &Harness<'_>, first: &str) -> Vec<Rect> {
     let shapes = window.output().shapes.iter();
     let places = shapes.filter_map(|clipped| {
@@ -329,8 +330,8 @@ fn painted(window: &Harness<'_>, first: &str) -> Vec<Rect> {
 }
 
 #[test]
-fn a_very_narrow_panel_keeps_how_far_away_a_shore_is() {
-    /// What a window of 640 × 480 points at 120 % leaves the panel, and where its inside begins.
+fn a_very_narrow_panel_keeps_the_distance() {
+    /// Width and left edge of the panel in a window of 640 × 480 points at 120 %.
     const WIDTH: f32 = 132.0;
     const LEFT: f32 = 8.0;
     let window = panel_of(WIDTH, data_of(12));
@@ -359,9 +360,9 @@ fn a_very_narrow_panel_keeps_how_far_away_a_shore_is() {
 }
 
 #[test]
-fn why_numbers_change_is_said_in_the_panel_as_in_the_handbook() {
-    const NUMBERS: &str = "Numbers change while the robot learns: what has merged keeps the number of the larger part, \
-                           a part that comes off gets a new number, and no number is given twice.";
+fn docs_explain_changing_numbers() {
+    const NUMBERS: &str = "Numbers change while the robot learns: a merged cluster keeps the number of its larger part, \
+                           a separated part gets a new number, and no number is used twice.";
     let handbook = include_str!("../../../../docs/console.md");
     let handbook = handbook.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(handbook.contains(NUMBERS));
@@ -371,4 +372,54 @@ fn why_numbers_change_is_said_in_the_panel_as_in_the_handbook() {
     window.hover_at(place);
     window.run_steps(60);
     window.get_by_label_contains(NUMBERS);
+}
+
+fn outlines(center_m: [f32; 2], outline: &[(i32, i32)]) -> ShoreOutlines {
+    let shore = ShoreCluster {
+        number: 1,
+        class: ShoreClass::Dense,
+        voxels: 10,
+        rigid_voxels: 0,
+        center_m,
+        outline: outline.to_vec(),
+    };
+    ShoreOutlines::of(&Shores::gather(0.5, None, vec![shore], Vec::new()))
+}
+
+#[test]
+fn distance_to_the_nearest_edge() {
+    let reeds = outlines([9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)]);
+    let outline = &reeds.outlines()[0];
+    for (vehicle_m, expected) in [
+        ([4.0, 2.0], Distance::Metres(1.0)),
+        ([15.0, 3.9], Distance::Metres(2.0)),
+        ([9.0, 6.5], Distance::Metres(2.5)),
+        ([2.0, -4.0], Distance::Metres(5.0)),
+        ([9.0, 2.0], Distance::Around),
+        ([5.1, 0.1], Distance::Around),
+    ] {
+        let found = Distance::of_shore(outline, Some(vehicle_m));
+        assert_eq!(found, expected, "{vehicle_m:?}");
+    }
+    assert_eq!(Distance::of_shore(outline, None), Distance::Unknown);
+}
+
+#[test]
+fn a_shore_without_outline_uses_its_middle() {
+    let point = outlines([3.0, 4.0], &[]);
+    assert_eq!(
+        Distance::of_shore(&point.outlines()[0], Some([0.0, 0.0])),
+        Distance::Metres(5.0)
+    );
+}
+
+#[test]
+fn distance_texts() {
+    let check = |away: Distance, column: &str, words: &str| {
+        assert_eq!((&*away.column(), &*away.words()), (column, words));
+    };
+    check(Distance::Metres(9.94), "9.9 m", "9.9 m away");
+    check(Distance::Metres(9.96), "10 m", "10 m away");
+    check(Distance::Around, "around", "around the vehicle");
+    check(Distance::Unknown, "–", "distance unknown");
 }

@@ -10,7 +10,7 @@ fn seconds(s: f64) -> RobotDuration {
     RobotDuration::from_secs_f64(s)
 }
 
-/// A recording of 116 s that plays at its own speed.
+/// A recording of 116 s at its own speed.
 fn status() -> ReplayStatus {
     ReplayStatus {
         state: ReplayState::Playing,
@@ -44,7 +44,7 @@ fn data(status: &ReplayStatus) -> TimelineData {
     TimelineData::new("rooms.mcap", status, None)
 }
 
-/// In one line: state, position, length.
+/// State, position and length.
 fn words(status: &ReplayStatus) -> String {
     let data = data(status);
     let length = data.length.unwrap_or_else(|| "?".to_owned());
@@ -52,7 +52,7 @@ fn words(status: &ReplayStatus) -> String {
 }
 
 #[test]
-fn what_it_is_doing_is_said_in_words() {
+fn replay_states() {
     let check = |change: &dyn Fn(&mut ReplayStatus), expected: &str| {
         let mut status = status();
         change(&mut status);
@@ -105,7 +105,7 @@ fn what_it_is_doing_is_said_in_words() {
 }
 
 #[test]
-fn marks_say_when_and_what_and_tell_faults_from_the_rest() {
+fn marks_show_time_text_and_faults() {
     let marks = data(&status()).marks;
     let shown: Vec<_> = marks.iter().map(|m| (m.is_fault, &*m.words)).collect();
     assert_eq!(
@@ -141,7 +141,7 @@ fn harness(data: TimelineData) -> Harness<'static, State> {
 }
 
 #[test]
-fn every_control_has_a_name_and_does_what_it_says() {
+fn controls_have_names_and_commands() {
     let step = |s: f64| PlaybackCommand::Step(seconds(s));
     for (label, expected) in [
         ("Pause", PlaybackCommand::Pause),
@@ -177,7 +177,7 @@ fn speeds_are_chosen_from_a_list() {
     assert_eq!(harness.state().commands, [five]);
 }
 
-/// The middle of the bar, its left and its right end.
+/// Middle, left and right end of the bar.
 fn bar(harness: &Harness<'_, State>) -> (Pos2, f32, f32) {
     let bar = harness.get_by_label_contains("Position in the recording");
     let rect = bar.rect();
@@ -185,7 +185,7 @@ fn bar(harness: &Harness<'_, State>) -> (Pos2, f32, f32) {
 }
 
 #[test]
-fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
+fn click_and_drag_on_the_bar_seek() {
     let mut harness = harness(data(&status()));
     let (middle, left, right) = bar(&harness);
     let press = |harness: &mut Harness<'_, State>, pos: Pos2, pressed: bool| {
@@ -217,7 +217,7 @@ fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
     }
     press(&mut harness, pos2(left - 50.0, middle.y), false);
     harness.step();
-    let wound: Vec<u64> = harness
+    let seeks: Vec<u64> = harness
         .state()
         .commands
         .iter()
@@ -228,17 +228,13 @@ fn a_click_on_the_bar_winds_there_and_a_drag_follows_the_pointer() {
             (to.as_secs_f64() * 10.0).round() as u64
         })
         .collect();
-    assert_eq!(
-        wound.last(),
-        Some(&0),
-        "not before the beginning: {wound:?}"
-    );
-    let quarters = wound.iter().filter(|tenths| **tenths == 290).count();
-    assert_eq!(quarters, 1, "who does not move asks for nothing: {wound:?}");
+    assert_eq!(seeks.last(), Some(&0), "not before the start: {seeks:?}");
+    let quarters = seeks.iter().filter(|tenths| **tenths == 290).count();
+    assert_eq!(quarters, 1, "a resting pointer does not seek: {seeks:?}");
 }
 
 #[test]
-fn nothing_can_be_wound_before_the_recording_is_known() {
+fn no_seek_before_the_recording_is_open() {
     let mut opening = status();
     (opening.state, opening.length) = (ReplayState::Opening, None);
     let mut harness = harness(data(&opening));
@@ -252,7 +248,7 @@ fn nothing_can_be_wound_before_the_recording_is_known() {
 }
 
 #[test]
-fn why_it_cannot_be_shown_stands_there_instead() {
+fn a_failure_replaces_the_timeline() {
     let why = "rooms.mcap: damaged at byte 8: nothing can be read";
     let mut harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
     harness.get_by_label("rooms.mcap cannot be shown");
@@ -264,7 +260,7 @@ fn why_it_cannot_be_shown_stands_there_instead() {
 }
 
 #[test]
-fn an_option_in_why_it_cannot_be_shown_has_two_dashes() {
+fn options_in_errors_have_two_dashes() {
     let why = "Several topics carry scans: choose one, for example --topic laser=/scan";
     let harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
     let job = harness.output().shapes.iter().find_map(|clipped| {

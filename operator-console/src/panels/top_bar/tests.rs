@@ -20,7 +20,6 @@ fn data() -> TopBarData {
     }
 }
 
-/// The bar of a window: what is on the right, and the robot's part.
 fn bar(width: f32, data: TopBarData, unseen: usize) -> Harness<'static> {
     let mut window = Harness::builder()
         .with_size(vec2(width, 44.0))
@@ -35,8 +34,7 @@ fn bar(width: f32, data: TopBarData, unseen: usize) -> Harness<'static> {
 }
 
 #[test]
-fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
-    // Beside the menus of windows of 640, 700 and 1280 points.
+fn the_driver_is_whole_and_does_not_move() {
     for width in [480.0, 540.0, 1120.0] {
         let place = |data: TopBarData, unseen| {
             let window = bar(width, data, unseen);
@@ -60,7 +58,7 @@ fn who_drives_is_whole_and_stands_still_whatever_else_is_said() {
 }
 
 #[test]
-fn a_stop_that_is_being_sent_is_seen_before_the_robot_speaks() {
+fn a_stop_is_shown_before_the_robot_answers() {
     let model = console("scout", &[]);
     assert!(model.status().is_none());
     let mut teleop_client = idle_teleop_client();
@@ -75,7 +73,7 @@ fn a_stop_that_is_being_sent_is_seen_before_the_robot_speaks() {
 }
 
 #[test]
-fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
+fn an_observers_stop_is_disabled() {
     let estop = Some(EStopButton::ReadOnly);
     let window = bar(900.0, TopBarData { estop, ..data() }, 0);
     let stop = window.get_by_label("Stop. Observers neither drive nor stop the vehicle");
@@ -87,24 +85,23 @@ fn who_only_watches_is_told_so_at_a_stop_that_cannot_be_pressed() {
 }
 
 #[test]
-fn a_stop_that_the_robot_refused_does_not_look_as_if_it_would_stop_it() {
+fn a_refused_stop_looks_different() {
     let why = "the sender's role does not allow it".to_owned();
     let estop = Some(EStopButton::Refused(why));
     let mut window = bar(900.0, TopBarData { estop, ..data() }, 0);
     assert!(window.query_by_label("Stop").is_none());
     let refused = window.get_by_label("Refused");
-    // It may be pressed, and lies where the stop is.
     assert!(!refused.accesskit_node().is_disabled());
     let place = refused.rect();
     assert_eq!(place, bar(900.0, data(), 0).get_by_label("Stop").rect());
     window.hover_at(place.center());
     window.run_steps(60);
-    let told = "The robot does not stop for you: the sender's role does not allow it. Press again if you like";
-    window.get_by_label(told);
+    let reported = "The robot does not stop for you: the sender's role does not allow it. Press again if you like";
+    window.get_by_label(reported);
 }
 
 #[test]
-fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
+fn a_recently_synchronized_map_is_synchronized() {
     let map = (Tone::Good, "Synchronized 0.5 s ago".to_owned());
     let mut window = bar(900.0, TopBarData { map, ..data() }, 0);
     let place = window.get_by_label("Synchronized").rect();
@@ -114,7 +111,7 @@ fn a_map_that_was_in_step_a_moment_ago_is_in_step() {
 }
 
 #[test]
-fn a_long_name_is_read_whole_by_who_asks_for_it() {
+fn a_long_name_has_hover_text() {
     let name = "riverwatch-by-the-lake-2026-11-22T150130Z.mcap";
     let recording = TopBarData {
         name: name.to_owned(),
@@ -135,7 +132,7 @@ fn a_long_name_is_read_whole_by_who_asks_for_it() {
 }
 
 #[test]
-fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
+fn map_state_fits_the_width() {
     for (width, is_short) in [(540.0, true), (560.0, true), (1120.0, false)] {
         for (map, map_short) in [
             ("Was not synchronized at last contact", "Old"),
@@ -149,11 +146,11 @@ fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
                 ..data()
             };
             let mut window = bar(width, data, 0);
-            // Who hears it hears all of it.
+            // The accessible name is complete.
             let label = window.get_by_label(map).rect();
             let stop = window.get_by_label("Stop").rect();
             assert!(label.right() < stop.left(), "{width} {map}: {label} {stop}");
-            // The mark and the gap beside it are 20 points.
+            // The mark and its gap are 20 points.
             let wide = match (is_short, map_short) {
                 (false, _) => 120.0..320.0,
                 (true, "Old") => 40.0..52.0,
@@ -170,7 +167,7 @@ fn a_map_that_is_old_or_behind_says_so_in_the_room_that_there_is() {
 }
 
 #[test]
-fn no_word_of_the_map_is_cut() {
+fn no_map_state_is_cut() {
     for width in [480.0, 490.0, 500.0, 520.0, 540.0] {
         let window = bar(width, data(), 1);
         let label = window.get_by_label("Synchronized").rect();
@@ -182,7 +179,7 @@ fn no_word_of_the_map_is_cut() {
 }
 
 #[test]
-fn in_a_small_window_a_short_name_is_whole_and_nothing_is_cut() {
+fn nothing_is_cut_in_a_small_window() {
     let blue = Some(Color32::BLUE);
     for (name, color) in [
         ("two", None),
@@ -197,7 +194,6 @@ fn in_a_small_window_a_short_name_is_whole_and_nothing_is_cut() {
         };
         let wide = bar(1120.0, of(), 0);
         let whole = |label| wide.get_by_label(label).rect().width();
-        // Beside the menus of windows of 583, 636 and 700 points.
         for (width, unseen) in [446.0, 499.0, 563.0]
             .map(|width| [(width, 0), (width, 1)])
             .concat()
@@ -221,7 +217,7 @@ fn in_a_small_window_a_short_name_is_whole_and_nothing_is_cut() {
 }
 
 #[test]
-fn a_link_without_room_for_its_word_tells_it_to_whoever_points_at_its_mark() {
+fn a_short_link_state_has_hover_text() {
     let mut window = bar(
         446.0,
         TopBarData {
@@ -236,4 +232,58 @@ fn a_link_without_room_for_its_word_tells_it_to_whoever_points_at_its_mark() {
     window.hover_at(mark.center());
     window.run_steps(60);
     assert_eq!(window.get_all_by_label("Silent").count(), 2);
+}
+
+const WANTED: Wanted = Wanted {
+    name: 450.0,
+    link: 60.0,
+    ages: Some([90.0, 60.0]),
+    driver: 120.0,
+    map: 65.0,
+    mark: 20.0,
+    before_map: 14.0,
+    gaps: 26.0,
+};
+
+#[test]
+fn widths_by_priority() {
+    let room = |available| {
+        let room = Widths::new(available, WANTED);
+        assert!(room.has_link_words && room.has_map, "{available}: {room:?}");
+        (room.name, room.age)
+    };
+    let [long, short] = [Some((90.0, true)), Some((60.0, false))];
+    assert_eq!(room(1200.0), (450.0, long));
+    assert_eq!(room(1000.0), (400.0, long));
+    assert_eq!(room(600.0), (225.0, long));
+    assert_eq!(room(475.0), (100.0, long));
+    assert_eq!(room(439.0), (LEAST_NAME, long));
+    assert_eq!(room(438.0), (93.0, short));
+    assert_eq!(room(409.0), (LEAST_NAME, short));
+    assert_eq!(room(408.0), (123.0, None));
+    assert_eq!(room(349.0), (LEAST_NAME, None));
+    assert_eq!(room(348.0), (108.0, None));
+    assert_eq!(room(304.0), (LEAST_NAME, None));
+}
+
+#[test]
+fn other_texts_shrink_before_a_short_name() {
+    let room = |available, name| {
+        let room = Widths::new(available, Wanted { name, ..WANTED });
+        (room.name, room.has_link_words, room.has_map)
+    };
+    for (available, words, map) in [
+        (349.0, true, true),
+        (280.0, true, true),
+        (279.0, false, true),
+        (240.0, false, true),
+        (239.0, false, false),
+        (206.0, false, false),
+        (150.0, false, false),
+    ] {
+        let expected = (40.0, words, map);
+        assert_eq!(room(available, 40.0), expected, "{available}");
+    }
+    assert_eq!(room(303.0, 450.0), (103.0, false, true));
+    assert_eq!(room(100.0, 450.0), (LEAST_NAME, false, false));
 }

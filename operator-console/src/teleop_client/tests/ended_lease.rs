@@ -1,14 +1,14 @@
-//! Keys that are down when the lease ends, or is granted anew: what is said of them is true.
+//! Keys that are pressed when the lease ends or is renewed.
 
 use super::*;
 
-/// What was noted since the last call.
+/// Notifications since the last call.
 fn notifications(rig: &mut Rig) -> Vec<TeleopNotification> {
     let notifications = rig.teleop_client.take_notifications().into_iter();
     notifications.map(|(_, note)| note).collect()
 }
 
-/// A key drives that was pressed after the grant.
+/// A key that was pressed after the grant drives.
 fn driving() -> Rig {
     let mut rig = Rig::held();
     rig.turn(&[W]);
@@ -19,7 +19,7 @@ fn driving() -> Rig {
 }
 
 #[test]
-fn of_a_lease_that_ends_with_a_key_down_the_end_alone_is_said() {
+fn lease_end_with_pressed_key_has_one_notice() {
     type End = fn(&mut Rig);
     let ends: [(End, TeleopNotification); 3] = [
         (
@@ -45,7 +45,7 @@ fn of_a_lease_that_ends_with_a_key_down_the_end_alone_is_said() {
 }
 
 #[test]
-fn a_key_that_is_down_when_the_first_grant_comes_was_down_before() {
+fn key_pressed_at_first_grant_is_locked_by_lease() {
     for waits in [false, true] {
         let mut rig = Rig::new();
         rig.ask(LeaseRequest::Request);
@@ -55,7 +55,7 @@ fn a_key_that_is_down_when_the_first_grant_comes_was_down_before() {
             rig.run(20);
         }
         notifications(&mut rig);
-        // It comes before the queue that this is in has been dealt with.
+        // It comes before the queue with this event is drained.
         rig.teleop_client.apply(W);
         if waits {
             rig.status(|status| status.lease.epoch = 5);
@@ -68,7 +68,7 @@ fn a_key_that_is_down_when_the_first_grant_comes_was_down_before() {
 }
 
 #[test]
-fn a_key_that_drove_by_another_grant_was_not_down_before_anybody_drove() {
+fn key_of_renewed_lease_is_locked_by_renewal() {
     let mut rig = driving();
     rig.ask(LeaseRequest::Request);
     rig.run(20);

@@ -1,9 +1,7 @@
-//! A change of keys at a boat before reeds: the helm on one end of a link, on the other the vehicle's own rules.
+//! Change of keys at a boat before reeds: the teleop client on one end of a link, the vehicle's rules on the other.
 
 use mapping::vehicle::VehicleConfig;
-use teleop::arbiter::StopReason as Reason;
-use teleop::arming::Arming as VehicleArming;
-use teleop::emergency_stop::StoredEStop;
+use teleop::StoredEStop;
 use teleop::{self, Action, ArbiterInput, ArbiterState, CollisionMonitorOutput, Mode, SpeedLimits};
 use teleop::{ArbiterEvent, LeaseVerb, Rules, TeleopConfig, step};
 
@@ -11,37 +9,35 @@ use super::*;
 
 const S: InputEvent = InputEvent::Press(DriveKey::S);
 const NO_S: InputEvent = InputEvent::Release(DriveKey::S);
-/// How fast the boat is, whatever its motors do, m/s: it coasts, and wind and current move it.
+/// Speed of the boat with motors at zero, m/s: it coasts and drifts.
 const COASTS_MPS: f32 = 0.2;
 const ROUND_MS: u64 = 20;
 const STATUS_MS: u64 = 500;
 const BOOT_ID: u128 = 7;
 const ANNA: teleop::OperatorId = teleop::OperatorId(0);
 
-/// What the vehicle publishes.
 enum Published {
     Pose(AgeToken),
     Status(Box<TeleopStatus>),
 }
 
-/// A boat, a console, and a link between them that loses nothing.
+/// A boat, a console, and a link without loss.
 struct Shore {
     teleop_client: TeleopClient,
     rules: Rules,
     boat: ArbiterState,
     guard: CollisionMonitorOutput,
-    /// What the link takes one way, ms.
+    /// One-way delay of the link, ms.
     way_ms: u64,
     ms: u64,
     newest: Option<LatestPose>,
     to_boat: VecDeque<(u64, ArbiterInput)>,
     to_console: VecDeque<(u64, Published)>,
-    /// The state of the last status.
     published: Option<TeleopState>,
     last_stop: Option<StopReason>,
-    /// What the motors were told since, m/s, and when.
+    /// Motor commands since, m/s, with times.
     outputs: Vec<(u64, f64)>,
-    /// Whether anything but neutral was sent since.
+    /// Whether a command other than neutral was sent since.
     has_asked: bool,
 }
 
@@ -120,7 +116,7 @@ impl Shore {
                 Action::Notify(ArbiterEvent::ModeChanged {
                     to: Mode::Stopping { reason, .. },
                     ..
-                }) => self.last_stop = Some(stop_reason(reason)),
+                }) => self.last_stop = Some(reason),
                 Action::Answer { .. }
                 | Action::AcknowledgeEStop(_)
                 | Action::StoreEStop(_)
@@ -138,8 +134,8 @@ impl Shore {
                 Mode::Idle => TeleopState::Idle,
                 Mode::Held => TeleopState::Held,
                 Mode::Driving => TeleopState::Driving,
-                Mode::Stopping { reason, .. } => TeleopState::Stopping(stop_reason(reason)),
-                Mode::EStop | Mode::Fault(_) => panic!("nobody stopped it for good"),
+                Mode::Stopping { reason, .. } => TeleopState::Stopping(reason),
+                Mode::EStop | Mode::Fault(_) => panic!("no emergency stop"),
             },
             last_stop: self.last_stop,
             lease: LeaseStatus {
@@ -147,11 +143,7 @@ impl Shore {
                 holder: report.lease.holder.map(|_| "anna".parse().unwrap()),
                 ..LeaseStatus::default()
             },
-            arming: match report.arming {
-                VehicleArming::Locked => Arming::Locked,
-                VehicleArming::Neutral { .. } => Arming::Neutral,
-                VehicleArming::Pressed => Arming::Pressed,
-            },
+            arming: report.arming,
             peak_age_ms: report.peak_age.map(|age| age.as_millis() as u32),
             applied: Velocity {
                 linear_mps: report.applied.linear_mps as f32,
@@ -161,7 +153,7 @@ impl Shore {
         }
     }
 
-    /// A round of the vehicle's loop; its status goes out where its state is another, and twice a second.
+    /// A round of the vehicle's loop. It publishes a status on a change of state and twice a second.
     fn round(&mut self) {
         self.happen(ArbiterInput::Token { nonce: self.ms });
         self.happen(ArbiterInput::CollisionMonitor(self.guard));
@@ -175,7 +167,7 @@ impl Shore {
         }
     }
 
-    /// One iteration of the console's loop, with these events in its queue.
+    /// One iteration of the console's loop with these events.
     fn turn(&mut self, events: &[InputEvent]) {
         let now = at(self.ms);
         self.teleop_client.begin(self.newest, now);
@@ -214,7 +206,7 @@ impl Shore {
         }
     }
 
-    /// The lease is granted at once: it is not what this is about.
+    /// Grants the lease at once.
     fn grant(&mut self, request: RequestNumber, token: teleop::AgeToken) {
         self.happen(ArbiterInput::Lease {
             caller: teleop::Caller {
@@ -272,7 +264,7 @@ impl Shore {
         }
     }
 
-    /// When the boat began to back off.
+    /// When the boat began to reverse.
     fn backed_off(&self) -> Option<u64> {
         let first = self.outputs.iter().find(|(_, mps)| *mps < 0.0);
         first.map(|(ms, _)| *ms)
@@ -283,17 +275,7 @@ impl Shore {
     }
 }
 
-fn stop_reason(reason: Reason) -> StopReason {
-    match reason {
-        Reason::Released => StopReason::Released,
-        Reason::Age => StopReason::Age,
-        Reason::NotFinite => StopReason::NotFinite,
-        Reason::CollisionMonitorStale => StopReason::CollisionMonitorStale,
-        Reason::LeaseEnded(_) => panic!("nobody takes the lease"),
-    }
-}
-
-/// Reeds ahead: no faster than this that way, m/s.
+/// Reeds ahead: speed limit forward, m/s.
 fn reeds(forward_mps: f64) -> CollisionMonitorOutput {
     CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps,
@@ -306,7 +288,7 @@ fn reeds(forward_mps: f64) -> CollisionMonitorOutput {
 }
 
 #[test]
-fn whoever_backs_off_from_reeds_need_not_let_go_of_all_keys_however_fast_they_change() {
+fn reversing_from_obstacle_needs_no_full_release() {
     for (way_ms, forward_mps) in [(2, 0.0), (2, 0.1), (75, 0.0), (75, 0.1)] {
         for gap_ms in [1, 20, 50, 100, 150, 190, 230, 300] {
             let mut shore = Shore::driven(way_ms, reeds(forward_mps));
@@ -334,7 +316,7 @@ fn keys_that_overlap_back_off_too() {
 }
 
 #[test]
-fn a_key_that_is_let_go_while_it_waits_moves_nothing_later() {
+fn key_released_while_delayed_moves_nothing() {
     let mut shore = Shore::driven(2, reeds(0.0));
     shore.turn(&[NO_W]);
     shore.forget();
@@ -347,7 +329,7 @@ fn a_key_that_is_let_go_while_it_waits_moves_nothing_later() {
 }
 
 #[test]
-fn what_was_held_before_the_vehicle_stopped_by_itself_moves_nothing() {
+fn key_held_through_involuntary_stop_moves_nothing() {
     let mut shore = Shore::driven(2, CollisionMonitorOutput::Off);
     shore.guard = CollisionMonitorOutput::Stale;
     shore.run(2500);
@@ -355,7 +337,7 @@ fn what_was_held_before_the_vehicle_stopped_by_itself_moves_nothing() {
     shore.guard = reeds(1.0);
     shore.forget();
     shore.run(2000);
-    // Nor does what is pressed beside it.
+    // A key pressed beside it does not drive either.
     shore.turn(&[S]);
     shore.run(1000);
     assert!(shore.stands() && !shore.has_asked);
@@ -367,7 +349,7 @@ fn what_was_held_before_the_vehicle_stopped_by_itself_moves_nothing() {
 }
 
 #[test]
-fn in_free_water_a_key_that_slips_is_no_stop() {
+fn short_release_in_free_water_is_no_stop() {
     for way_ms in [2, 75] {
         let mut shore = Shore::driven(way_ms, CollisionMonitorOutput::Off);
         shore.turn(&[NO_W]);

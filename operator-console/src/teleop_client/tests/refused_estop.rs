@@ -1,4 +1,4 @@
-//! An operator whose leave was taken away while their console watches, and who presses the emergency stop.
+//! The emergency stop of an operator whose access was revoked while the console runs.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn estop(rig: &Rig) -> EStopState {
     rig.teleop_client.state(at(rig.ms)).estop
 }
 
-/// Presses once, and the robot answers so; the presses that were sent, and what was noted.
+/// Presses once with this answer; returns the sent presses and the notifications.
 fn press(rig: &mut Rig, answer: Answer) -> (Vec<u64>, Vec<TeleopNotification>) {
     rig.since();
     rig.turn(&[InputEvent::EStop]);
@@ -31,7 +31,7 @@ fn press(rig: &mut Rig, answer: Answer) -> (Vec<u64>, Vec<TeleopNotification>) {
 }
 
 #[test]
-fn every_press_is_sent_and_answered_and_the_refusal_stays() {
+fn each_press_is_sent_and_refusal_stays() {
     let mut rig = Rig::new();
     let mut presses = Vec::new();
     for (answer, says) in [
@@ -39,7 +39,7 @@ fn every_press_is_sent_and_answered_and_the_refusal_stays() {
             Refusal::Role,
             TeleopNotification::EStopRefused(Refusal::Role),
         ),
-        // Its copy in a drive command has overtaken the question: to the robot that is a repetition.
+        // Its copy in a drive command has overtaken the query: the robot takes the query for a repetition.
         (Refusal::NoEStop, TeleopNotification::EStopNotInForce),
         (
             Refusal::Role,
@@ -59,7 +59,7 @@ fn every_press_is_sent_and_answered_and_the_refusal_stays() {
 }
 
 #[test]
-fn a_stop_that_is_not_in_force_is_said_to_be_none() {
+fn inactive_stop_shows_a_notice() {
     let mut rig = Rig::new();
     press(&mut rig, Answer::Refused(Refusal::NoEStop));
     let state = rig.teleop_client.state(at(rig.ms));
@@ -68,7 +68,7 @@ fn a_stop_that_is_not_in_force_is_said_to_be_none() {
 }
 
 #[test]
-fn that_no_stop_is_in_force_is_not_said_of_one_that_is_on_its_way_or_in_force() {
+fn notice_of_inactive_stop_clears_with_a_new_stop() {
     let says_none = |rig: &Rig| {
         let state = rig.teleop_client.state(at(rig.ms));
         state.notice == Some(TeleopNotification::EStopNotInForce)
@@ -77,8 +77,8 @@ fn that_no_stop_is_in_force_is_not_said_of_one_that_is_on_its_way_or_in_force() 
     press(&mut rig, Answer::Refused(Refusal::NoEStop));
     assert!(says_none(&rig));
     rig.turn(&[InputEvent::EStop]);
-    assert!(!says_none(&rig), "another is on its way");
-    // Somebody else stops the robot.
+    assert!(!says_none(&rig), "a new press is unacknowledged");
+    // Another operator stops the robot.
     let mut rig = Rig::new();
     press(&mut rig, Answer::Refused(Refusal::NoEStop));
     rig.status(|status| status.estop = None);
@@ -94,7 +94,7 @@ fn that_no_stop_is_in_force_is_not_said_of_one_that_is_on_its_way_or_in_force() 
 }
 
 #[test]
-fn a_refusal_is_over_where_something_shows_that_the_robot_would_stop() {
+fn refusal_ends_when_the_robot_accepts_stops() {
     for change in [
         |rig: &mut Rig| {
             rig.ask(LeaseRequest::Request);

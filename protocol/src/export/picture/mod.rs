@@ -1,31 +1,23 @@
-//! A raster as a picture: title, map on a neutral ground, scale bar, legend with numbers or names.
+//! A raster as a picture: title, map on a neutral background, scale bar, legend.
 
 mod canvas;
-mod legend;
-mod map;
-mod scale_bar;
-mod text;
 
-pub use scale_bar::{length_label, round_length_m};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use self::canvas::{Canvas, Rect};
-use self::map::Magnification;
-use self::text::TextRenderer;
-use super::ExportError;
-use super::atomic_file::write_atomically;
-use crate::layer::{Palette, Swatch};
+use crate::export::picture::canvas::{Canvas, Rect, TextRenderer};
+use crate::export::{ExportError, write_atomically};
+use crate::layer::{Legend, Palette, Pattern, Ramp, Swatch, UNKNOWN};
 use crate::mosaic::Raster;
 
 const PAGE_COLOR: [u8; 3] = [250, 250, 251];
-/// Bluish, so that no grey of an occupancy map is mistaken for it.
+/// Bluish, distinct from the greys of an occupancy map.
 const BACKGROUND: [u8; 3] = [180, 192, 206];
 const TEXT_COLOR: [u8; 3] = [24, 28, 34];
-/// The vehicle's cell: orange, as [LOD §5] draws it.
+/// Orange, as in \[LOD\] §5.
 const VEHICLE_COLOR: [u8; 3] = [255, 140, 0];
-/// Length of the scale in the pictures of [LOD §5], metres.
+/// Length of the scale bar in the pictures of \[LOD\] §5, metres.
 const DOCUMENT_BAR_M: f64 = 1.0;
 const FAINT_TEXT_COLOR: [u8; 3] = [92, 98, 108];
 
@@ -33,35 +25,35 @@ const MARGIN: u32 = 28;
 const TITLE_PX: f32 = 30.0;
 const TEXT_PX: f32 = 19.0;
 const LINE_HEIGHT: u32 = 24;
-/// Ground left free around the map.
+/// Background around the map.
 const MAP_PADDING: u32 = 14;
-/// Narrower maps are centred on this much ground, so that title and scale bar have room.
+/// Minimum width of the background, for title and scale bar.
 const BACKGROUND_SIDE_MIN: u32 = 420;
 
-/// What a picture says beside its map.
+/// Text of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Caption<'a> {
-    /// Printed above the map, for instance the name of the recording.
+    /// Printed above the map, for example the name of the recording.
     pub title: &'a str,
-    /// Where the vehicle is in `odom`, metres: its cell is orange ([LOD §5]).
+    /// Position of the vehicle in `odom`, metres: its cell is orange (\[LOD\] §5).
     pub vehicle_m: Option<[f64; 2]>,
-    /// What is written on the map.
+    /// Labels on the map.
     pub labels: &'a [Label],
 }
 
-/// A word on the map.
+/// A label on the map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Label {
-    /// The word.
+    /// The text.
     pub text: String,
-    /// Where its middle is in `odom`, metres.
+    /// Position of its middle in `odom`, metres.
     pub at_m: [f64; 2],
 }
 
 /// Writes `raster` in the colours of `palette`.
 ///
-/// Small maps are magnified by a whole factor; of maps more than 4096 cells wide or high each pixel shows
-/// the highest code of a square of cells, so that walls stay visible.
+/// Small maps are magnified by an integer factor. In maps of more than 4096 cells per side each
+/// pixel shows the highest code of a square of cells, so that walls stay visible.
 pub fn write_picture(
     path: &Path,
     raster: &Raster,
@@ -91,8 +83,8 @@ fn encode(writer: &mut BufWriter<File>, canvas: &Canvas) -> Result<(), png::Enco
     image.finish()
 }
 
-/// The page: title and subtitle, below them the map on its ground with the legend to its right, below the
-/// map the scale bar.
+/// Layout: title and subtitle, below them the map with the legend to its right, below the map the
+/// scale bar.
 fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     let text_renderer = TextRenderer::new();
     let mut legend = palette.legend();
@@ -106,7 +98,7 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     }
     let magnification = Magnification::of(raster);
     let (map_width, map_height) = magnification.pixels(raster);
-    let legend_size = legend::size(&text_renderer, &legend);
+    let legend_size = legend_size(&text_renderer, &legend);
 
     let title = caption.title;
     let heading = if title.is_empty() {
@@ -124,7 +116,7 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     let legend_x = ground.right() + MARGIN;
     let heading_width = text_renderer.width(&heading, TITLE_PX);
     let page_width = (legend_x + legend_size.0).max(MARGIN + heading_width) + MARGIN;
-    let page_height = ground.bottom() + scale_bar::HEIGHT + MARGIN;
+    let page_height = ground.bottom() + SCALE_BAR_HEIGHT + MARGIN;
 
     let mut canvas = Canvas::new(page_width, page_height, PAGE_COLOR);
     text_renderer.draw(
@@ -171,8 +163,8 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
             );
         }
     }
-    legend::draw(&mut canvas, &text_renderer, (legend_x, ground.y), &legend);
-    scale_bar::draw(
+    draw_legend(&mut canvas, &text_renderer, (legend_x, ground.y), &legend);
+    draw_scale_bar(
         &mut canvas,
         &text_renderer,
         (ground.x, ground.bottom()),
@@ -195,5 +187,342 @@ fn subtitle(raster: &Raster, magnification: &Magnification) -> String {
     }
 }
 
+/// Limit of the longer side of a magnified map, pixels.
+const MAGNIFIED_SIDE_MAX: usize = 1000;
+/// Limit of the longer side of a map, pixels.
+const SIDE_MAX: usize = 4096;
+const FACTOR_MAX: usize = 24;
+
+/// Integer scale of a map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Magnification {
+    /// Edge of a cell, pixels.
+    PixelsPerCell(usize),
+    /// Edge of a pixel, cells, at least 2.
+    CellsPerPixel(usize),
+}
+
+impl Magnification {
+    fn of(raster: &Raster) -> Self {
+        let side = raster.width().max(raster.height());
+        if side > SIDE_MAX {
+            Self::CellsPerPixel(side.div_ceil(SIDE_MAX))
+        } else {
+            Self::PixelsPerCell((MAGNIFIED_SIDE_MAX / side).clamp(1, FACTOR_MAX))
+        }
+    }
+
+    /// Width and height of the map.
+    fn pixels(self, raster: &Raster) -> (u32, u32) {
+        let pixels = |cells: usize| match self {
+            Self::PixelsPerCell(factor) => (cells * factor) as u32,
+            Self::CellsPerPixel(factor) => cells.div_ceil(factor) as u32,
+        };
+        (pixels(raster.width()), pixels(raster.height()))
+    }
+
+    fn pixels_per_m(self, cell_m: f64) -> f64 {
+        match self {
+            Self::PixelsPerCell(factor) => factor as f64 / cell_m,
+            Self::CellsPerPixel(factor) => 1.0 / (factor as f64 * cell_m),
+        }
+    }
+
+    /// Edge of a pixel, cells, if more than one.
+    fn cells_per_pixel(self) -> Option<usize> {
+        match self {
+            Self::PixelsPerCell(_) => None,
+            Self::CellsPerPixel(factor) => Some(factor),
+        }
+    }
+
+    /// Draws the map with its upper left corner at `at`, where its patterns start; up is greater y.
+    fn draw(self, canvas: &mut Canvas, at: (u32, u32), raster: &Raster, palette: &Palette) {
+        let (cells, side_px) = match self {
+            Self::PixelsPerCell(factor) => (1, factor as u32),
+            Self::CellsPerPixel(factor) => (factor, 1),
+        };
+        let (mut row, mut highest) = (Vec::new(), Vec::new());
+        for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
+            highest_codes(raster, block_y, cells, &mut row, &mut highest);
+            for (&code, column) in highest.iter().zip(0_u32..) {
+                let square = Rect {
+                    x: at.0 + column * side_px,
+                    y: at.1 + file_row * side_px,
+                    width: side_px,
+                    height: side_px,
+                };
+                if palette.pattern(code) == Pattern::Plain {
+                    canvas.fill(square, over_background(palette.color(code)));
+                } else {
+                    canvas.fill_with(square, |x, y| {
+                        let [x, y] = [x - at.0, y - at.1].map(|pixel| pixel as usize);
+                        over_background(palette.color_at(code, x, y))
+                    });
+                }
+            }
+        }
+    }
+
+    /// Draws one cell in `color`, (column, row from the bottom) of `raster`; `at` is the corner of
+    /// the map.
+    fn mark(
+        self,
+        canvas: &mut Canvas,
+        at: (u32, u32),
+        raster: &Raster,
+        cell: (usize, usize),
+        color: [u8; 3],
+    ) {
+        let (x, y) = self.pixel_of(raster, cell);
+        let side_px = match self {
+            Self::PixelsPerCell(factor) => factor as u32,
+            Self::CellsPerPixel(_) => 1,
+        };
+        let square = Rect {
+            x: at.0 + x,
+            y: at.1 + y,
+            width: side_px,
+            height: side_px,
+        };
+        canvas.fill(square, color);
+    }
+
+    /// Upper left pixel of a cell, (column, row from the bottom) of `raster`, relative to the map.
+    fn pixel_of(self, raster: &Raster, cell: (usize, usize)) -> (u32, u32) {
+        let row = raster.height() - 1 - cell.1;
+        let (x, y) = match self {
+            Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor),
+            Self::CellsPerPixel(factor) => (cell.0 / factor, row / factor),
+        };
+        (x as u32, y as u32)
+    }
+}
+
+/// Blends a colour with straight alpha over the background.
+fn over_background([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
+    let color = [red, green, blue];
+    std::array::from_fn(|channel| {
+        let (over, under) = (u16::from(color[channel]), u16::from(BACKGROUND[channel]));
+        let alpha = u16::from(alpha);
+        ((over * alpha + under * (255 - alpha) + 127) / 255) as u8
+    })
+}
+
+/// Sets `highest` to the highest code of each square of `cells` by `cells`, whose upper row is `y`
+/// from the top; `row` is scratch memory.
+fn highest_codes(
+    raster: &Raster,
+    y: usize,
+    cells: usize,
+    row: &mut Vec<u16>,
+    highest: &mut Vec<u16>,
+) {
+    highest.clear();
+    highest.resize(raster.width().div_ceil(cells), UNKNOWN);
+    for y in y..(y + cells).min(raster.height()) {
+        raster.read_row(raster.height() - 1 - y, row);
+        for (highest, square) in highest.iter_mut().zip(row.chunks(cells)) {
+            *highest = square.iter().copied().fold(*highest, u16::max);
+        }
+    }
+}
+
+const TITLE_WIDTH_MAX: u32 = 190;
+const RAMP_WIDTH: u32 = 22;
+const RAMP_HEIGHT: u32 = 240;
+const TICK_LENGTH: u32 = 6;
+const SWATCH_SIDE: u32 = 20;
+const SWATCH_PITCH: u32 = 30;
+const GAP: u32 = 12;
+
+/// Size that [`draw_legend`] needs.
+fn legend_size(text_renderer: &TextRenderer, legend: &Legend) -> (u32, u32) {
+    let title = text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX);
+    let widths =
+        title
+            .iter()
+            .map(|line| text_renderer.width(line, TEXT_PX))
+            .chain(
+                legend
+                    .swatches
+                    .iter()
+                    .map(|swatch| SWATCH_SIDE + GAP + text_renderer.width(&swatch.label, TEXT_PX)),
+            )
+            .chain(legend.ramp.iter().flat_map(|ramp| &ramp.ticks).map(|tick| {
+                RAMP_WIDTH + TICK_LENGTH + 6 + text_renderer.width(&tick.label, TEXT_PX)
+            }));
+    let ramp_height = if legend.ramp.is_some() {
+        RAMP_HEIGHT + LINE_HEIGHT + GAP
+    } else {
+        0
+    };
+    let height = title.len() as u32 * LINE_HEIGHT
+        + GAP
+        + ramp_height
+        + legend.swatches.len() as u32 * SWATCH_PITCH;
+    (widths.max().unwrap_or(0), height)
+}
+
+/// Draws the legend with its upper left corner at `at`.
+fn draw_legend(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), legend: &Legend) {
+    let (x, mut y) = at;
+    for line in text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX) {
+        text_renderer.draw(canvas, (x, y), TEXT_PX, TEXT_COLOR, &line);
+        y += LINE_HEIGHT;
+    }
+    y += GAP;
+    if let Some(ramp) = &legend.ramp {
+        // Half a line above and below, for the labels of the ends.
+        y += LINE_HEIGHT / 2;
+        draw_ramp(canvas, text_renderer, (x, y), ramp);
+        y += RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP;
+    }
+    for swatch in &legend.swatches {
+        let square = Rect {
+            x,
+            y,
+            width: SWATCH_SIDE,
+            height: SWATCH_SIDE,
+        };
+        canvas.fill(square, FAINT_TEXT_COLOR);
+        canvas.fill_with(square.inside(), |x, y| {
+            let [x, y] = [x - square.x, y - square.y].map(|pixel| pixel as usize);
+            over_background(swatch.color_at(x, y))
+        });
+        let label_x = square.right() + GAP;
+        text_renderer.draw(canvas, (label_x, y), TEXT_PX, TEXT_COLOR, &swatch.label);
+        y += SWATCH_PITCH;
+    }
+}
+
+fn draw_ramp(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), ramp: &Ramp) {
+    let (x, y) = at;
+    let bar = Rect {
+        x,
+        y,
+        width: RAMP_WIDTH,
+        height: RAMP_HEIGHT,
+    };
+    canvas.fill_framed(bar, FAINT_TEXT_COLOR, FAINT_TEXT_COLOR);
+    let span = ramp.high - ramp.low;
+    for row in 1..RAMP_HEIGHT - 1 {
+        let part = 1.0 - (row as f32 - 0.5) / (RAMP_HEIGHT - 2) as f32;
+        let [red, green, blue, _] = ramp.color(ramp.low + span * part);
+        let line = Rect {
+            x: x + 1,
+            y: y + row,
+            width: RAMP_WIDTH - 2,
+            height: 1,
+        };
+        canvas.fill(line, [red, green, blue]);
+    }
+    for tick in &ramp.ticks {
+        let part = (tick.value - ramp.low) / span;
+        let tick_y = y + ((1.0 - part) * (RAMP_HEIGHT - 1) as f32).round() as u32;
+        let mark = Rect {
+            x: bar.right(),
+            y: tick_y,
+            width: TICK_LENGTH,
+            height: 1,
+        };
+        canvas.fill(mark, FAINT_TEXT_COLOR);
+        let label = (mark.right() + 6, tick_y.saturating_sub(LINE_HEIGHT / 2 - 2));
+        text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &tick.label);
+    }
+}
+
+/// Height that [`draw_scale_bar`] needs.
+const SCALE_BAR_HEIGHT: u32 = 44;
+const BAR_PX_MAX: f64 = 240.0;
+const BAR_PX_MIN: f64 = 10.0;
+const BAR_TOP: u32 = 16;
+const BAR_HEIGHT: u32 = 9;
+
+/// Draws the bar, `wanted_m` long if that is possible, with its label to the right; `at` is the
+/// upper left corner.
+fn draw_scale_bar(
+    canvas: &mut Canvas,
+    text_renderer: &TextRenderer,
+    at: (u32, u32),
+    pixels_per_m: f64,
+    wanted_m: Option<f64>,
+    width_max: u32,
+) {
+    let fits_m = BAR_PX_MAX.min(f64::from(width_max) * 0.5) / pixels_per_m;
+    let can_be_seen = |length_m: &f64| length_m * pixels_per_m >= BAR_PX_MIN;
+    let length_m = wanted_m
+        .map(|length_m| length_m.min(fits_m))
+        .filter(can_be_seen)
+        .unwrap_or_else(|| round_length_m(fits_m));
+    let (x, y) = (at.0, at.1 + BAR_TOP);
+    let width = (length_m * pixels_per_m).round().max(1.0) as u32;
+    let bar = Rect {
+        x,
+        y,
+        width,
+        height: BAR_HEIGHT,
+    };
+    canvas.fill_framed(bar, TEXT_COLOR, TEXT_COLOR);
+    // The second half is white, so that the bar also shows half its length.
+    let half = Rect {
+        x: x + width / 2,
+        y: y + 1,
+        width: (width - width / 2).saturating_sub(1),
+        height: BAR_HEIGHT - 2,
+    };
+    canvas.fill(half, [255; 3]);
+    let label = (bar.right() + 10, y.saturating_sub(6));
+    text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &length_label(length_m));
+}
+
+/// Length of a scale bar, metres: the greatest of 1, 2 and 5 times a power of ten up to
+/// `length_max_m`.
+pub fn round_length_m(length_max_m: f64) -> f64 {
+    let mut power = 1e-3;
+    while power * 10.0 <= length_max_m && power < 1e9 {
+        power *= 10.0;
+    }
+    [5.0, 2.0]
+        .into_iter()
+        .map(|factor| factor * power)
+        .find(|&length| length <= length_max_m)
+        .unwrap_or(power)
+}
+
+/// Label of a length in metres.
+pub fn length_label(length_m: f64) -> String {
+    let rounded = |value: f64| (value * 1000.0).round() / 1000.0;
+    if length_m >= 1000.0 {
+        format!("{} km", rounded(length_m / 1000.0))
+    } else if length_m >= 1.0 {
+        format!("{} m", rounded(length_m))
+    } else {
+        format!("{} cm", rounded(length_m * 100.0))
+    }
+}
+
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod scale_bar_tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_round_and_fit() {
+        let check = |length_max_m: f64, expected: &str| {
+            assert_eq!(
+                length_label(round_length_m(length_max_m)),
+                expected,
+                "{length_max_m}"
+            );
+        };
+        check(24.0, "20 m");
+        check(9.99, "5 m");
+        check(1.0, "1 m");
+        check(0.57, "50 cm");
+        check(0.024, "2 cm");
+        check(4100.0, "2 km");
+    }
+}

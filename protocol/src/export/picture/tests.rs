@@ -1,5 +1,5 @@
-use super::map::Magnification;
 use super::*;
+use crate::export::picture::Magnification;
 use crate::export::tests::raster_of;
 use crate::layer::LayerId;
 
@@ -9,7 +9,7 @@ fn pixel(canvas: &Canvas, x: u32, y: u32) -> [u8; 3] {
 }
 
 #[test]
-fn the_map_stands_upright_in_its_colours() {
+fn map_is_upright_and_coloured() {
     let raster = raster_of(LayerId::Obstacle, 0.5, 10, 10, |x, y| match (x, y) {
         (0, 0) | (9, 9) => 1,
         (9, 0) => 2,
@@ -74,7 +74,7 @@ fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
             .filter(|&(x, y)| pixel(&canvas, x, y) == color)
             .count()
     };
-    let map_bottom = canvas.height() - scale_bar::HEIGHT - MARGIN;
+    let map_bottom = canvas.height() - SCALE_BAR_HEIGHT - MARGIN;
     assert_eq!(
         count(VEHICLE_COLOR, 0..map_bottom),
         20 * 20,
@@ -95,7 +95,7 @@ fn marks(raster: &Raster, palette: &Palette, code: u16, side: u32) -> Vec<(u32, 
     let (width, height) = Magnification::of(raster).pixels(raster);
     let ground_width = (width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN);
     let x0 = MARGIN + (ground_width - width) / 2;
-    let legend_height = legend::size(&TextRenderer::new(), &palette.legend()).1;
+    let legend_height = legend_size(&TextRenderer::new(), &palette.legend()).1;
     let ground_height = (height + 2 * MAP_PADDING).max(legend_height);
     let y0 = MARGIN + 2 * LINE_HEIGHT + 18 + (ground_height - height) / 2;
     let [red, green, blue, _] = palette.mark_color(code);

@@ -1,13 +1,14 @@
-//! The largest maps: what exporting them takes.
+//! Memory for exporting the largest maps.
 
 use super::*;
 
 /// Cells on a side: a square kilometre at 0.1 m.
 const SIDE: i64 = 10_000;
-/// The picture of 3334 × 3334 pixels takes 33 MB, and as much while it is filtered. A raster of its own would be 200 MB.
+/// The picture of 3334 × 3334 pixels takes 33 MB, and as much while it is filtered. A copied raster
+/// would take 200 MB.
 const MAX_EXTRA_KB: u64 = 150_000;
 
-/// A line of this process's status, KB; `None` where the system tells nothing.
+/// A line of this process's status, KB; `None` if the system has none.
 fn status_kb(name: &str) -> Option<u64> {
     let text = fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
@@ -23,7 +24,7 @@ fn a_map_of_10_000_by_10_000_cells_is_exported_in_little_memory() {
     let code = |x: i64, y: i64| 1 + ((x / 7 + y / 3) % 250) as u16;
     let store = store_of(layer, 0.1, SIDE, SIDE, code);
     assert_eq!(store.cells_known(layer), 100_000_000);
-    // From here on the peak is counted anew.
+    // Resets the peak.
     drop(fs::write("/proc/self/clear_refs", "5"));
     let held_kb = status_kb("VmRSS:");
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Laws, golden bytes and hostile bytes.
+//! Round trips, golden bytes and hostile bytes.
 
 use proptest::prelude::*;
 
@@ -6,7 +6,7 @@ use super::*;
 use crate::layer::LayerId;
 use crate::tile::TileCells;
 
-/// A deterministic tile of `layer`: a wall, a part out of sight, and some of what is typical of the layer.
+/// A deterministic tile of `layer`: a wall, an unknown part, and typical values of the layer.
 fn pattern(layer: LayerId) -> TileCells {
     TileCells::from_fn(|x, y| {
         let wall = x == 20 || (y == 41 && x > 20);
@@ -117,8 +117,8 @@ const GOLDEN: [(LayerId, &[u8]); 6] = [
     ),
 ];
 
-/// Decoding the golden bytes must work as long as format version 1 is read. Encoding may find other bytes
-/// when zstd is updated: then add those, and keep these for the decoder.
+/// Golden bytes must decode as long as format version 1 is read. If a new version of zstd encodes
+/// differently, add its bytes and keep these for the decoder.
 #[test]
 fn golden_bytes() {
     let mut encoder = Encoder::new().unwrap();

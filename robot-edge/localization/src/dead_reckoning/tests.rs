@@ -1,12 +1,13 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use super::*;
+use measurement::mount::Mount;
+use measurement::pose;
+use measurement::pose::planar;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
-use super::*;
 use crate::sample_synchronizer::MAX_SAMPLES;
-use measurement::mount::Mount;
-use measurement::pose::{self, planar};
 
 const RADIUS_M: f64 = 0.125;
 
@@ -88,7 +89,7 @@ fn turned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> UnitQuaternion<f64> {
     about(Vector3::z(), yaw_rad) * about(Vector3::y(), pitch_rad) * about(Vector3::x(), roll_rad)
 }
 
-/// A smooth drive: speed and angles swing about a mean.
+/// A smooth drive: speed and angles oscillate about a mean.
 #[derive(Clone, Copy, Debug)]
 struct Drive {
     speed_mps: f64,
@@ -135,7 +136,7 @@ impl Drive {
         )
     }
 
-    /// The integral of the speed along the attitude by Simpson's rule, to far below a micrometre.
+    /// Simpson's integral of the speed along the attitude, to far below a micrometre.
     fn position_m(&self, until_s: f64) -> Vector3<f64> {
         let velocity = |secs| self.attitude(secs) * (Vector3::x() * self.speed_mps(secs));
         let steps = 2000;
@@ -149,7 +150,7 @@ impl Drive {
     }
 
     fn angles_rad(&self, secs: f64) -> [f64; 2] {
-        // What one wheel gains in a curve, the other loses.
+        // The gain of one wheel in a curve is the loss of the other.
         let turned_rad = 2.0 * self.turn_rate_radps * secs;
         let mean_rad = self.distance_m(secs) / RADIUS_M;
         [mean_rad - turned_rad, mean_rad + turned_rad]
@@ -234,7 +235,7 @@ proptest! {
         let mut attitude_late = on_time.clone();
         attitude_late.attitude.time_offset = back;
         prop_assert_eq!(&reckoned(attitude_late, &attitude), &expected);
-        // Without the offset they differ, unless the vehicle stands.
+        // Without the offset they differ, unless the vehicle is stationary.
         if drive.speed_mps.abs() > 0.5 {
             prop_assert!(reckoned(on_time, &wheels) != expected);
         }
@@ -264,7 +265,7 @@ proptest! {
     }
 
     #[test]
-    fn nothing_that_sensors_say_panics_or_gives_a_senseless_pose(
+    fn any_input_gives_finite_poses_without_panic(
         messages in prop::collection::vec(
             (any::<i64>(), any::<bool>(), prop::array::uniform4(any::<f64>()), any::<bool>()), 0..60,
         ),
@@ -324,7 +325,7 @@ fn the_way_up_a_ramp_leads_up() {
 }
 
 #[test]
-fn there_is_a_pose_at_the_stamps_of_both_sensors() {
+fn poses_at_the_stamps_of_both_sensors() {
     let level = Message::Imu(UnitQuaternion::identity());
     let wheels = |distance_m: f64| Message::Joints([distance_m / RADIUS_M; 2]);
     let messages = [
@@ -341,7 +342,7 @@ fn there_is_a_pose_at_the_stamps_of_both_sensors() {
     let yaw_rad: Vec<_> = poses.iter().map(|(_, pose)| pose::yaw_rad(pose)).collect();
     assert!((yaw_rad[0] - 0.06).abs() < 1e-6, "{yaw_rad:?}");
     assert!((yaw_rad[1] - 0.1).abs() < 1e-9, "{yaw_rad:?}");
-    // From 5 m on: what the wheels showed first is the origin.
+    // From 5 m on: the first wheel angles are the origin.
     let distance_m: Vec<_> = poses
         .iter()
         .map(|(_, pose)| pose.translation.vector.norm())
@@ -352,7 +353,7 @@ fn there_is_a_pose_at_the_stamps_of_both_sensors() {
 }
 
 #[test]
-fn in_a_pause_of_either_sensor_there_are_no_poses_but_the_way_goes_on() {
+fn gaps_give_no_poses_but_displacement_continues() {
     for is_silent in [
         |message: &Message| matches!(message, Message::Imu(_)),
         |message: &Message| matches!(message, Message::Joints(_)),
@@ -413,7 +414,7 @@ fn what_makes_no_sense_is_left_out_and_counted() {
             (DropReason::WheelJump, 3),
         ]
     );
-    // Of 1 m the steps at the jumps are missing, 5 mm; none is added.
+    // The steps at the jumps are missing from 1 m, 5 mm; none is added.
     let (stamp, last) = out.last().unwrap();
     assert_eq!(*stamp, at(1.0));
     assert!((last.translation.x - 0.995).abs() < 1e-9, "{last}");
@@ -433,7 +434,7 @@ fn memory_is_bounded_whichever_sensor_is_missing() {
     push(&mut reckoning, &wheels(149.99), &mut out);
     assert_eq!(out.len(), 2);
     assert_eq!(*reckoning.drops(), DropCounts::default());
-    // Then only wheels: what they show after their room is full is not lost from the way.
+    // Then only wheels: their displacement after the queue is full is not lost.
     for n in 15_000..30_000 {
         push(&mut reckoning, &wheels(f64::from(n) * 0.01), &mut out);
     }
@@ -452,7 +453,7 @@ fn memory_is_bounded_whichever_sensor_is_missing() {
 }
 
 #[test]
-fn a_clock_that_starts_anew_begins_at_the_origin() {
+fn clock_reset_restarts_at_the_origin() {
     let (mut reckoning, mut out) = (DeadReckoning::new(settings()), Vec::new());
     for message in straight(UnitQuaternion::identity(), 50) {
         push(&mut reckoning, &message, &mut out);

@@ -30,7 +30,7 @@ fn settings() -> GnssSettings {
 }
 
 fn fix_at(place: &Point3<f64>) -> GeodeticFix {
-    let place = LocalTangentPlane::new(DATUM).geodetic_from_enu(place);
+    let place = LocalTangentPlane::new(DATUM).geodetic_from_enu((*place).into());
     GeodeticFix {
         latitude_deg: place.latitude_deg,
         longitude_deg: place.longitude_deg,
@@ -52,8 +52,8 @@ fn about(axis: Vector3<f64>, angle_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(axis * angle_rad)
 }
 
-/// Poses of a vehicle whose base is where `base` says, with an antenna as in `settings`: fixes at 5 Hz, attitudes
-/// at 100 Hz, for 10 s.
+/// Poses for a base that moves as `base`, with an antenna as in `settings`: fixes at 5 Hz,
+/// attitudes at 100 Hz, for 10 s.
 fn positioned(
     settings: GnssSettings,
     base: impl Fn(f64) -> (Point3<f64>, UnitQuaternion<f64>),
@@ -94,7 +94,7 @@ fn a_circle_on_earth_is_a_circle_of_the_same_radius() {
         let from_centre = Point3::from(pose.translation.vector) - centre;
         assert!((from_centre.norm() - radius_m).abs() < 1e-3, "{stamp:?}");
         assert!(from_centre.z.abs() < 1e-6);
-        // Ahead is along the circle: yaw 0 is east, and turns left.
+        // Ahead is along the circle: yaw 0 is east, positive to the left.
         let ahead = pose.rotation * Vector3::x();
         assert!(ahead.dot(&from_centre).abs() < 1e-2 * radius_m);
     }
@@ -118,7 +118,7 @@ fn the_first_fix_is_the_origin_and_a_metre_is_a_metre() {
 
 #[test]
 fn the_lever_arm_is_taken_off_where_the_vehicle_is_turned_to() {
-    // It rolls and turns on the spot; only the antenna on its mast moves.
+    // It rolls and turns in place; only the antenna on its mast moves.
     let lever = Vector3::new(-0.5, 0.2, 1.5);
     let mast = GnssSettings {
         antenna_in_base: lever,
@@ -130,10 +130,10 @@ fn the_lever_arm_is_taken_off_where_the_vehicle_is_turned_to() {
         (Point3::origin(), attitude)
     };
     let poses = positioned(mast, swaying);
-    // The antenna's first place is the origin.
+    // The first antenna position is the origin.
     for (stamp, pose) in &poses {
         let base = pose.translation.vector + lever;
-        // Between fixes the antenna's way is a chord.
+        // Between fixes the antenna's path is a chord.
         assert!(base.norm() < 3e-3, "{stamp:?}: {base}");
     }
     for (_, pose) in poses.iter().step_by(20) {
@@ -216,7 +216,7 @@ fn fixes_that_are_none_are_counted_by_reason() {
 }
 
 #[test]
-fn where_fixes_stay_after_a_leap_they_are_believed() {
+fn persistent_outliers_are_accepted() {
     let mut filter = FixFilter::new(settings().outlier_limit);
     let place = |tenths: i32, x_m: f64| (at(0.1 * f64::from(tenths)), Point3::new(x_m, 0.0, 0.0));
     assert_eq!(filter.check(&place(0, 0.0)), Ok(()));
@@ -224,7 +224,7 @@ fn where_fixes_stay_after_a_leap_they_are_believed() {
     let leaps = judged.iter().filter(|judged| judged.is_err()).count();
     assert_eq!(leaps, 10, "for a second");
     assert!(judged[10..].iter().all(Result::is_ok));
-    // Echoes that agree with nothing are never believed.
+    // Inconsistent outliers are never accepted.
     let echoes = (14..40).map(|n| filter.check(&place(n, 100.0 + 30.0 * f64::from(n % 3 + 1))));
     assert!(
         echoes
@@ -243,7 +243,7 @@ fn poses_wait_for_the_fix_behind_them() {
 }
 
 #[test]
-fn a_clock_that_starts_anew_keeps_the_datum() {
+fn clock_reset_keeps_the_datum() {
     let mut positioning = GnssPositioning::new(settings());
     let mut out = Vec::new();
     let level = imu(UnitQuaternion::identity());

@@ -1,11 +1,7 @@
-//! One range sensor: the scans of it that wait, and what became of them.
+//! Queued scans of one range sensor.
 
 use std::collections::VecDeque;
 
-use super::RegistrationOutput;
-use super::settings::{MountOrigin, RangeSensorSettings, RegistrationSettings, SensorCounts};
-use crate::beam_projection::{BeamProjector, BodyBox};
-use crate::transform_buffer::{TransformBuffer, TransformChain};
 use mapping::registered_scan::RegisteredScan;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
@@ -13,13 +9,20 @@ use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, StreamId};
 
+use crate::beam_projection::{BeamProjector, BodyBox};
+use crate::registration::{
+    MountOrigin, RangeSensorSettings, RegistrationOutput, RegistrationSettings, SensorCounts,
+};
+use crate::transform_buffer::{TransformBuffer, TransformChain};
+
 #[derive(Clone, Debug)]
 pub(super) struct ScanQueue {
     pub(super) settings: RangeSensorSettings,
     pub(super) projector: BeamProjector,
-    /// Name of the tilted sensor in the transform tree. No frame of a recording begins with a slash.
+    /// Frame of the tilted sensor in the transform tree. Frames of recordings never begin with a
+    /// slash.
     pub(super) tilted_frame: FrameId,
-    /// How long its scans are held back behind their stamps so that those of other sensors can go first.
+    /// Delay of its scans, so that earlier ones of other sensors can arrive.
     pub(super) hold: RobotDuration,
     queue: VecDeque<QueuedScan>,
     newest_scan: RobotTime,
@@ -32,7 +35,7 @@ pub(super) struct ScanQueue {
 pub(super) struct QueuedScan {
     pub(super) first_beam: RobotTime,
     pub(super) last_beam: RobotTime,
-    /// From when on no other sensor's scan can come that belongs before it.
+    /// Stamp of the data from which no earlier scan of another sensor can arrive.
     pub(super) release_at: RobotTime,
     pub(super) frame: FrameId,
     pub(super) scan: Scan,
@@ -58,7 +61,7 @@ impl ScanQueue {
         self.settings.stream.is_none_or(|own| own == stream)
     }
 
-    /// First and last beam of a scan that came in, and when its stamp was.
+    /// Stamps of the first and last beam of a received scan.
     pub(super) fn beam_times(
         &mut self,
         stamp: RobotTime,
@@ -73,7 +76,7 @@ impl ScanQueue {
         Some((first_beam, first_beam + sweep))
     }
 
-    /// Lets a scan wait, unless it is older than the one before it or than `newest_out`.
+    /// Queues a scan, unless it is older than the previous one or than `newest_out`.
     pub(super) fn enqueue(&mut self, scan: QueuedScan, newest_out: RobotTime, max_queued: usize) {
         if scan.first_beam < self.newest_scan.max(newest_out) {
             return self.drop(DropReason::Late);
@@ -94,8 +97,8 @@ impl ScanQueue {
         self.queue.pop_front()
     }
 
-    /// The way from the sensor to the map: `fixed_from_sensor = chain · mount`, where the mounting is the
-    /// identity if the tree reaches the sensor.
+    /// Chain to the map: `fixed_from_sensor = chain · mount`; `mount` is the identity if the tree
+    /// contains the sensor.
     pub(super) fn chain<'a>(
         &self,
         tree: &'a TransformBuffer,
@@ -145,12 +148,12 @@ impl ScanQueue {
     }
 }
 
-/// Longest that scans are held back for those of other sensors, time of the data: sensors whose offsets differ by
-/// more cannot hold each other up for longer, and of theirs that come too late for the order are dropped.
+/// Limit of the delay in time of the data. Of sensors whose offsets differ by more, scans that
+/// arrive too late for the order are dropped.
 const MAX_HOLD: RobotDuration = RobotDuration::from_millis(1000);
 
-/// Sets how long each sensor's scans are held back: measurements come in the order of their stamps, so a scan of a
-/// sensor whose offset is smaller by `d` can come up to `d` behind one that it belongs before.
+/// Sets the delays: measurements arrive in stamp order, so a scan of a sensor whose offset is
+/// smaller by `d` may arrive up to `d` late.
 pub(super) fn set_holds(sensors: &mut [ScanQueue]) -> RobotDuration {
     let offset = |sensor: &ScanQueue| sensor.settings.beams.time_offset.as_nanos();
     let least = sensors.iter().map(offset).min().unwrap_or(0);

@@ -1,18 +1,15 @@
-use nalgebra::{Point3, Quaternion, UnitQuaternion};
+mod many_sensors;
 
 use super::*;
-use crate::attitude_filter::AttitudeSettings;
-use crate::beam_projection::{BodyBox, SensorSettings};
-use crate::beam_range::ZeroRange;
-use crate::dead_reckoning::DeadReckoningSettings;
-use crate::pose_buffer::InterpolationLimits;
-use crate::pose_jump::JumpLimit;
-use crate::wheel_odometer::WheelSettings;
 use mapping::registered_scan::{BeamOutcome, SensorId};
 use measurement::pose::{Pose, planar};
 use measurement::{ImuSample, StreamId};
+use nalgebra::{Point3, Quaternion, UnitQuaternion};
 
-mod many_sensors;
+use crate::attitude::AttitudeSettings;
+use crate::beam_projection::{BodyBox, SensorSettings, ZeroRange};
+use crate::dead_reckoning::{DeadReckoningSettings, WheelSettings};
+use crate::pose_buffer::{InterpolationLimits, JumpLimit};
 
 fn at(secs: f64) -> RobotTime {
     RobotTime::from_secs_f64(secs).unwrap()
@@ -100,7 +97,7 @@ fn measurement(secs: f64, frame: &str, data: MeasurementData) -> Measurement {
     }
 }
 
-/// x of the ends of every placed scan's beams.
+/// x of the ends of every registered scan's beams.
 fn run(
     settings: RegistrationSettings,
     input: Vec<Measurement>,
@@ -185,7 +182,7 @@ fn a_pause_in_the_data_does_not_cost_the_scan_before_it() {
 }
 
 #[test]
-fn when_stamps_have_passed_it_by_100_ms_it_is_extrapolated_or_dropped() {
+fn after_the_wait_a_scan_is_extrapolated_or_dropped() {
     let other = |secs| measurement(secs, "imu", MeasurementData::Joints(vec![]));
     let near = vec![
         pose(1.0, 0.0),
@@ -247,7 +244,7 @@ fn every_lost_scan_has_its_reason() {
 }
 
 #[test]
-fn invalid_beams_and_the_vehicle_itself_are_left_out_and_counted() {
+fn invalid_beams_and_own_body_hits_are_counted() {
     let mut still = settings(PoseOrigin::Static);
     still.sensors[0].beams.base_from_sensor = planar(-0.15, 0.0, 0.0);
     let ranges = [f32::NAN, 0.0, 0.2, 0.34, 0.36, 5.0, f32::INFINITY];
@@ -311,7 +308,7 @@ fn a_static_transform_of_another_clock_hurries_nothing() {
     };
     let mut settings = settings(tf());
     settings.sensors[0].mount = MountOrigin::Tree;
-    // The mounting comes late, stamped by the wall clock: the scan waits for it and for its pose.
+    // The mounting arrives late, stamped by the wall clock: the scan waits for it and for its pose.
     let input = vec![
         pose(1.0, 0.0),
         scan(1.0, 0.1, &[2.0, 2.0]),
@@ -322,7 +319,7 @@ fn a_static_transform_of_another_clock_hurries_nothing() {
 }
 
 #[test]
-fn a_clock_that_starts_anew_forgets_old_poses() {
+fn clock_reset_forgets_old_poses() {
     let mut registration = ScanRegistration::new(settings(tf()));
     let mut out = Vec::new();
     registration.push(pose(100.0, 50.0), &mut out);
@@ -335,7 +332,7 @@ fn a_clock_that_starts_anew_forgets_old_poses() {
     assert_eq!(ends(&out[1]), [10.0]);
 }
 
-/// What comes out: the x of a scan's only beam, or the metres of a jump.
+/// The x of a scan's only beam, or the distance of a jump.
 #[derive(Debug, PartialEq)]
 enum Out {
     Scan(f64),
@@ -370,7 +367,7 @@ fn odometry(secs: f64, x: f64) -> Measurement {
 }
 
 #[test]
-fn a_jump_of_odometry_comes_between_the_scans_before_and_after_it() {
+fn odometry_jump_is_between_the_scans_around_it() {
     for (origin, pose) in [
         (tf(), pose as fn(f64, f64) -> Measurement),
         (PoseOrigin::Odometry, odometry),
@@ -382,10 +379,10 @@ fn a_jump_of_odometry_comes_between_the_scans_before_and_after_it() {
                 pose(1.0, 0.0),
                 scan(1.05, 0.0, &[2.0]),
                 pose(1.1, 0.1),
-                // Its first beam is before the jump, its last behind it.
+                // Its first beam is before the jump, its last after it.
                 scan(1.1, 0.05, &[2.0, 2.0]),
                 scan(1.15, 0.0, &[2.0]),
-                // 5 m, where 20 m/s for 0.1 s and 1 m are allowed.
+                // 5 m, while 20 m/s for 0.1 s plus 1 m are allowed.
                 pose(1.2, 5.1),
                 scan(1.25, 0.0, &[2.0]),
                 pose(1.3, 5.2),
@@ -410,7 +407,7 @@ fn a_jump_of_odometry_comes_between_the_scans_before_and_after_it() {
 }
 
 #[test]
-fn a_jump_that_no_scan_follows_is_told_at_the_end() {
+fn jump_without_later_scan_is_emitted_at_the_end() {
     let mut registration = ScanRegistration::new(settings(tf()));
     let mut out = push_all(
         &mut registration,
@@ -447,7 +444,7 @@ fn jumps_of_frames_that_do_not_carry_the_vehicle_are_none() {
 }
 
 #[test]
-fn a_log_tells_its_jumps_but_loses_no_scan() {
+fn log_with_jumps_loses_no_scan() {
     let own = |secs, x_m| {
         let mut carmen = scan(secs, 0.0, &[2.0]);
         if let MeasurementData::Scan { own_pose, .. } = &mut carmen.data {
@@ -467,7 +464,7 @@ fn a_log_tells_its_jumps_but_loses_no_scan() {
 }
 
 #[test]
-fn a_clock_that_starts_anew_is_no_jump() {
+fn clock_reset_is_no_jump() {
     let mut registration = ScanRegistration::new(settings(PoseOrigin::Odometry));
     let mut out = push_all(
         &mut registration,
@@ -520,7 +517,7 @@ fn a_scan_that_is_older_than_the_one_before_is_late() {
 }
 
 #[test]
-fn scans_without_a_valid_beam_are_placed_empty_and_their_beams_counted() {
+fn scans_without_valid_beams_are_registered_empty() {
     let input = vec![
         scan(1.0, 0.0, &[f32::NAN; 5]),
         scan(1.1, 0.0, &[0.0, f32::NEG_INFINITY]),
@@ -584,7 +581,7 @@ fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
     })
 }
 
-/// 2 m/s ahead for 3 s: attitudes at 100 Hz, wheels at 20 Hz that are stamped late, scans at 10 Hz.
+/// 2 m/s ahead for 3 s: attitudes at 100 Hz, wheels at 20 Hz with late stamps, scans at 10 Hz.
 fn drive(wheels_late_s: f64) -> Vec<Measurement> {
     let mut input = Vec::new();
     for tick in 0..=300 {

@@ -1,8 +1,7 @@
+use super::*;
 use proptest::prelude::*;
 
-use super::*;
-use crate::octree::{Ray, SurfaceHit};
-use crate::octree_config::{OctreeConfig, RangeSensorModel};
+use crate::octree::{OctreeConfig, RangeSensorModel, Ray, SurfaceHit};
 use crate::registered_scan::SensorId;
 
 const CELL_M: f64 = 0.1;
@@ -44,7 +43,7 @@ fn hit(octree: &mut Octree, origin: [f64; 3], points: impl IntoIterator<Item = [
     hit_by_spots(octree, origin, 0.0, points);
 }
 
-/// By beams whose spots of light have a radius.
+/// Adds hits with a spot radius.
 fn hit_by_spots(
     octree: &mut Octree,
     origin: [f64; 3],
@@ -100,15 +99,15 @@ fn costs(map: &CostMap) -> Vec<(CellIndex, f32)> {
 }
 
 #[test]
-fn planes_cost_what_their_slope_says() {
-    // From above, and as a vehicle sees them that stands before them.
+fn cost_of_planes_matches_their_slope() {
+    // From above, and from a vehicle in front of them.
     let views = [0.0_f64, 5.0, 10.0, 20.0, 30.0, 40.0].map(|degrees| (degrees, 8.0));
     for (degrees, height_m) in views
         .into_iter()
         .chain([(10.0, 1.0), (20.0, 1.0), (35.0, 1.0)])
     {
         let slope = libm::tan(degrees.to_radians());
-        // Noise of a centimetre, always the same.
+        // Deterministic noise of a centimetre.
         let noise = |x: f64, y: f64| 0.01 * libm::sin(x * 977.0 + y * 1201.0);
         let mut octree = octree();
         let along = |x: f64, y: f64| (x + 0.3 * y) / libm::hypot(1.0, 0.3);
@@ -141,7 +140,7 @@ fn planes_cost_what_their_slope_says() {
 }
 
 #[test]
-fn a_step_of_two_voxels_is_lethal_and_the_ground_beside_it_is_not() {
+fn two_voxel_step_is_lethal_but_not_the_ground_beside() {
     let mut octree = octree();
     let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
     let face = (0..160)
@@ -165,7 +164,7 @@ fn a_step_of_two_voxels_is_lethal_and_the_ground_beside_it_is_not() {
     }
 }
 
-/// Radius of the spot of a beam of 15 mrad, metres.
+/// Radius of the spot of a 15 mrad beam, metres.
 fn spot_m(range_m: f32) -> f32 {
     range_m * 0.0075
 }
@@ -176,7 +175,7 @@ fn a_step_of_two_voxels_is_lethal_from_afar_too() {
     let face = || {
         (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
     };
-    // From 15 m; and from there what had been seen from 5 m away up to its foot.
+    // From 15 m; and from there after it was observed from 5 m away up to its foot.
     for foot_m in [15.0, 5.0] {
         let mut octree = octree();
         let (foot, raised): (Vec<_>, Vec<_>) =
@@ -196,8 +195,8 @@ fn a_step_of_two_voxels_is_lethal_from_afar_too() {
     }
 }
 
-/// A bank of 10° seen from nearby; before that, from 18 m, beams whose middle passed above its crest lit a tenth of
-/// its columns with the lower part of their spots.
+/// A bank of 10° observed from nearby. Before that, from 18 m, beams whose middle passed above its
+/// crest hit a tenth of its columns with the lower part of their spots.
 #[test]
 fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
     let slope = libm::tan(10.0_f64.to_radians());
@@ -217,13 +216,13 @@ fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
         costs.iter().filter(|(_, cost)| *cost >= 1.0).count()
     };
     assert_eq!(lethal(18.0, 0.09), 0);
-    // From nearby it would be there, and so is what is higher than such a spot.
+    // From nearby it would be lethal, and so is an object higher than such a spot.
     assert!(lethal(5.0, 0.09) > 100, "{}", lethal(5.0, 0.09));
     assert!(lethal(18.0, 0.2) > 500, "{}", lethal(18.0, 0.2));
 }
 
-/// A bank of 35° that rises by 7 cm in a column, and a beam that grazes it, 3 cm too low, where a row of columns is
-/// lowest.
+/// A bank of 35° that rises by 7 cm per column, and a beam that grazes it, 3 cm too low, where a
+/// row of columns is lowest.
 #[test]
 fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
     let slope = libm::tan(35.0_f64.to_radians());
@@ -250,7 +249,7 @@ fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
 }
 
 #[test]
-fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
+fn only_branches_below_vehicle_height_are_obstacles() {
     for (height_m, is_lethal) in [(1.45, false), (0.45, true)] {
         let mut octree = octree();
         hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
@@ -268,7 +267,7 @@ fn what_hangs_higher_than_the_vehicle_is_no_obstacle_and_a_low_branch_is() {
 }
 
 #[test]
-fn a_hole_is_lethal_at_its_rim_where_beams_went_below_the_ground() {
+fn rim_of_an_observed_hole_is_lethal() {
     let mut octree = octree();
     let pit = |x: f64, y: f64| {
         if x.abs() < 0.6 && y.abs() < 0.6 {
@@ -292,7 +291,7 @@ fn a_hole_is_lethal_at_its_rim_where_beams_went_below_the_ground() {
 #[test]
 fn water_is_level_and_costs_nothing_and_what_rises_from_it_does() {
     let mut octree = octree();
-    // Nothing comes back from the water, where beams are taken to end.
+    // No returns from the water, where misses end.
     let far = (-40..40).map(|n| [3.9, f64::from(n) * 0.1 + 0.05]);
     let rays = far.flat_map(|[x, y]| {
         (0..8).map(move |n| Ray {
@@ -315,13 +314,13 @@ fn water_is_level_and_costs_nothing_and_what_rises_from_it_does() {
     assert!(water.cost == 0.0 && water.is_clear_water, "{water:?}");
     let beside = map.cell(CellIndex { x: 14, y: 0 }).unwrap();
     assert!(beside.cost == 0.0 && beside.is_clear_water, "{beside:?}");
-    // It heaves by half a voxel: the water is where it was.
+    // A boat that heaves by half a voxel does not move the water level.
     map.take_changed();
     map.update(&mut octree, Point3::new(0.0, 0.0, 0.12));
     assert_eq!(map.take_changed(), []);
 }
 
-/// A slipway of 12° and the yard above it, from x = 0 on, in stripes: a laser that tilts leaves gaps.
+/// A slipway of 12° and the yard above it, from x = 0 on, in stripes: a tilting laser leaves gaps.
 fn slipway() -> impl Iterator<Item = [f64; 3]> {
     let stripes = (0..68).filter(|n| n % 6 < 4);
     stripes.flat_map(|n| {
@@ -332,7 +331,7 @@ fn slipway() -> impl Iterator<Item = [f64; 3]> {
 }
 
 #[test]
-fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
+fn land_rising_from_water_is_a_slope_and_objects_lethal() {
     let mut octree = octree();
     for y in [-0.8, 0.0, 0.8] {
         hit(&mut octree, [-1.5, y, 0.6], slipway());
@@ -343,7 +342,7 @@ fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
     let cell = |x: i32, y: i32| map.cell(CellIndex { x, y }).unwrap();
     for y in -8..8 {
         for x in 4..20 {
-            // Where the water's surface may be as high, a gap is water.
+            // Up to the water level, a gap is water.
             let CostCell {
                 cost,
                 is_clear_water,
@@ -358,7 +357,7 @@ fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
                 is_clear_water,
                 ..
             } = cell(x, y);
-            // Level land, which beams hit or pass over, is none to dock at.
+            // Level land is no docking site.
             assert!(cost >= 1.0 || cost == 0.0, "{x} {y}: {cost}");
             assert!(!is_clear_water, "{x} {y}");
         }
@@ -372,7 +371,7 @@ fn land_that_rises_from_water_is_a_slope_and_what_is_above_it_lethal() {
     }
 }
 
-/// Beams from the boat that meet nothing end at the water before the shore.
+/// Misses from the boat end at the water before the shore.
 fn see_water(octree: &mut Octree) {
     let ends = (-24..24).flat_map(|row| (0..14).map(move |n| (n, row)));
     let rays = ends.map(|(n, row)| Ray {
@@ -394,11 +393,11 @@ const BOAT_LASER: [f64; 3] = [-1.5, 0.02, 0.6];
 fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
     let mut octree = octree();
     let height_m = |x: f64| 0.2126 * x + 0.005;
-    // Of a row of columns, at the upper side of the voxels that the water's surface may lie in, nothing was hit: every
-    // beam over it met the ramp right behind.
+    // In one row of columns, the upper side of the voxels of the water level has no hit: every beam
+    // over it met the ramp right behind.
     let is_gap = |x: f64| (0.8..0.9).contains(&x);
-    // What is hit at a flat angle lies a little above the ramp, by the noise of poses and because of a voxel only its
-    // upper part is hit: in world `dock` 4 to 10 cm, here as many parts of a voxel.
+    // Hits at a flat angle are above the ramp, by pose noise and because only the upper part of a
+    // voxel is hit: 4 to 10 cm in world `dock`, here the same fraction of a voxel.
     let points = (0..60).map(|n| 0.025 + 0.05 * f64::from(n));
     let points = points.filter(|&x| !is_gap(x));
     let points = points.flat_map(|x| {
@@ -425,7 +424,7 @@ fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
 #[test]
 fn a_quay_beside_water_is_lethal_at_its_edge() {
     let mut octree = octree();
-    // Its wall is a voxel higher than the one in which the water's surface may lie; above it the ground rises gently.
+    // Its wall is a voxel above the water level; behind it the ground rises gently.
     let rows = (-24..24).map(|row| f64::from(row) * 0.05 + 0.02);
     let wall = rows
         .clone()
@@ -467,8 +466,8 @@ prop_compose! {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Voxels change here and there, are evicted, and the window moves: what the map tells is always what it would
-    /// tell if it were computed from nothing.
+    /// Voxels change and are evicted, and the window moves: the map always equals one computed from
+    /// scratch.
     #[test]
     fn it_is_the_map_that_would_be_computed_from_nothing(
         scans in prop::collection::vec(scan(), 2..10),
@@ -490,10 +489,10 @@ proptest! {
             let mut whole = octree.clone();
             let vehicle = Point3::new(origin[0], origin[1], origin[2] * 0.5);
             map.update(&mut octree, vehicle);
-            // And by two threads, too.
+            // Also with two threads.
             let mut fresh = CostMap {
                 threads: 2, window: ColumnWindow::new(8.0, CELL_M), changed: Vec::new(), ..map.clone() };
-            // At the same levels: those are held while the vehicle moves up and down.
+            // With the same levels, which are kept while the vehicle moves vertically.
             fresh.update(&mut whole, vehicle);
             let bits = |map: &CostMap| -> Vec<_> {
                 let (least, width, cells) = map.cells();

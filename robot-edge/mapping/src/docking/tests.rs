@@ -1,11 +1,11 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use super::*;
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-use super::*;
-use crate::docking_grid::DockingColumn;
+use crate::docking::DockingColumn;
 
 const SIDE: usize = 100;
 const CELL_M: f64 = 0.3;
@@ -31,7 +31,7 @@ const fn land(cost: f32) -> DockingColumn {
     }
 }
 
-/// A bed that a sonar saw where the hulls reach, under water.
+/// A bed below the water, as a sonar measures it.
 const fn bed(cost: f32) -> DockingColumn {
     DockingColumn {
         rises_from_water: false,
@@ -39,7 +39,7 @@ const fn bed(cost: f32) -> DockingColumn {
     }
 }
 
-/// The sites of a square window around the origin whose columns are as `column` says for x and y in metres.
+/// Sites of a square window around the origin; `column` takes x and y in metres.
 fn sites(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> {
     let metres = |index: usize| (index as f64 + 0.5 - SIDE as f64 / 2.0) * CELL_M;
     let columns: Vec<_> = (0..SIDE * SIDE)
@@ -59,7 +59,7 @@ fn ramp(x: f64, y: f64, width_m: f64, cost: f32) -> DockingColumn {
     }
 }
 
-/// What `share` of all columns take.
+/// True with probability `share`.
 fn chance(random: &mut ChaCha8Rng, share: f64) -> bool {
     f64::from(random.next_u32()) < share * f64::from(u32::MAX)
 }
@@ -72,7 +72,7 @@ fn a_ramp_between_overgrown_shores_is_found() {
     };
     assert!(site.heading_rad.abs() < 1e-9, "{}", site.heading_rad);
     assert!((site.mean_cost - 0.5).abs() < 1e-6);
-    // 4 m are 13 cells, all of which berths cover, as far as the deepest reaches.
+    // 4 m are 13 cells, all covered by docking poses, as far as the deepest reaches.
     assert!((site.width_m - 4.0).abs() < 0.5, "{}", site.width_m);
     assert!(
         (site.centre_in_odom.y).abs() < 0.2,
@@ -176,7 +176,7 @@ fn holes_and_noise_do_not_hide_a_ramp() {
 }
 
 #[test]
-fn gentler_comes_first_and_of_alike_the_wider() {
+fn gentler_then_wider_sites_rank_first() {
     let bays = |costs: [f32; 2], widths_m: [f64; 2]| {
         let found = sites(|x, y| {
             if y < 0.0 {
@@ -227,7 +227,7 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
     // Bare banks, steep or level, right behind it.
     assert_eq!(patch(land(0.4)).len(), 1);
     assert_eq!(patch(land(0.0)).len(), 1);
-    // Within a boat's length of the shoal a bank, but clear water between them.
+    // A bank within a boat's length of the shoal, with clear water between.
     let before_a_bank = |gap_m: f64| {
         let found = sites(|x, _| match x {
             _ if x < 0.0 => WATER,
@@ -238,7 +238,7 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
         found.len()
     };
     assert_eq!((before_a_bank(0.0), before_a_bank(2.5)), (1, 0));
-    // What lies between was not seen.
+    // The cells between are unknown.
     let behind_a_hole = sites(|x, _| match x {
         _ if x < 0.0 => WATER,
         _ if x < 5.0 => bed(0.08),
@@ -264,7 +264,7 @@ fn odd_windows_and_boats_have_no_sites() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
-    /// However a shore lies, its ramp is found, and headed for.
+    /// A ramp is found at any heading of the shore.
     #[test]
     fn a_ramp_is_found_at_any_heading(heading_rad in 0.0..TAU) {
         let (sin, cos) = libm::sincos(heading_rad);

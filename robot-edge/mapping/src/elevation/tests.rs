@@ -1,7 +1,7 @@
+use super::*;
 use nalgebra::Translation3;
 
-use super::*;
-use crate::elevation_cell::CellClass;
+use crate::elevation::CellClass;
 use crate::registered_scan::{RegisteredBeam, SensorId};
 
 const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
@@ -19,7 +19,7 @@ fn map(cells: u32) -> ElevationMap {
     )
 }
 
-/// A scan at `time_s` of a vehicle at `x_m` whose beams hit `points`, all from one sensor.
+/// A scan at `time_s` of a vehicle at `x_m` whose beams hit `points`.
 fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> RegisteredScan {
     let odom_from_base = Pose::from_parts(
         Translation3::new(x_m, 0.0, 0.0),
@@ -53,7 +53,7 @@ fn class_at(map: &ElevationMap, x_m: f64, y_m: f64) -> CellClass {
     map.class(CellIndex::containing(Point2::new(x_m, y_m), 0.2))
 }
 
-/// Where a beam of the sensor that passes `x_m` at `height_m` meets the ground.
+/// Where a beam that passes `x_m` at `height_m` meets the ground.
 fn ground_behind(x_m: f64, height_m: f64) -> f64 {
     SENSOR.x + (x_m - SENSOR.x) * SENSOR.z / (SENSOR.z - height_m)
 }
@@ -81,7 +81,7 @@ fn points_become_statistics_and_classes() {
 }
 
 #[test]
-fn a_person_who_leaves_is_seen_through_by_a_vehicle_that_stands() {
+fn stationary_vehicle_clears_a_person_who_left() {
     let mut map = map(101);
     let ground_m = ground_behind(4.1, 0.5);
     let person = [[4.1, 0.1, 0.5]; 8];
@@ -105,7 +105,7 @@ fn a_person_who_leaves_is_seen_through_by_a_vehicle_that_stands() {
 }
 
 #[test]
-fn a_hit_in_between_begins_the_count_anew() {
+fn a_hit_restarts_the_clearing_count() {
     let mut map = map(101);
     let ground_m = ground_behind(4.1, 0.5);
     let (pole, beyond) = (
@@ -119,7 +119,7 @@ fn a_hit_in_between_begins_the_count_anew() {
     assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
 }
 
-/// Beams rise over a box while the vehicle drives on; the design's own rule erases it here.
+/// Beams rise over a box while the vehicle drives on; the rule of \[LOD\] erases it here.
 #[test]
 fn a_box_stays_when_the_beams_rise_over_its_top() {
     let mut map = map(101);
@@ -159,7 +159,7 @@ fn what_was_glimpsed_is_forgotten_and_ground_is_not() {
 }
 
 #[test]
-fn what_is_there_when_the_map_begins_is_not_forgotten() {
+fn initial_obstacles_are_not_forgotten() {
     let mut map = map(101);
     map.integrate(&scan(0.0, 0.0, &[[4.1, 0.1, 0.5]; 2]), &ground());
     map.integrate(&scan(60.0, 0.0, &[[1.1, 1.1, 0.0]]), &ground());
@@ -167,7 +167,7 @@ fn what_is_there_when_the_map_begins_is_not_forgotten() {
 }
 
 #[test]
-fn without_compensation_a_pitched_vehicle_sees_a_wall_that_is_none() {
+fn without_compensation_pitch_creates_a_false_wall() {
     let ground_config = GroundConfig {
         compensation: false,
         ..GroundConfig::default()
@@ -229,9 +229,9 @@ fn a_gentle_gradient_is_local_ground_and_a_kerb_on_it_is_not() {
     assert_eq!(class_at(&local, 8.1, 0.1), CellClass::Obstacle, "the kerb");
 }
 
-/// A replay that goes round: time goes on, and what came from the side is not taken for what was there before.
+/// After a clock reset, an obstacle from the side is not taken for an initial one.
 #[test]
-fn a_clock_that_starts_anew_stops_nothing() {
+fn clock_reset_does_not_stop_forgetting() {
     let mut map = map(101);
     let elsewhere = [[1.1, 1.1, 0.0]];
     map.integrate(&scan(100.0, 0.0, &elsewhere), &ground());
@@ -248,10 +248,10 @@ fn a_clock_that_starts_anew_stops_nothing() {
     );
 }
 
-/// Far away and back: the place of the thing's quarter was taken in between (17 quarters on), those of its
-/// block (15 blocks) and of its cell (101 cells) were not.
+/// Far away and back: the entry of the obstacle's quarter was reused in between (17 quarters on),
+/// those of its block (15 blocks) and cell (101 cells) were not.
 #[test]
-fn what_is_seen_again_after_a_long_way_can_still_go() {
+fn reobserved_obstacles_can_still_be_cleared() {
     let mut map = map(101);
     let ground_m = ground_behind(4.1, 0.5);
     let person = [[4.1, 0.1, 0.5]; 8];

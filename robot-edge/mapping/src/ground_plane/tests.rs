@@ -1,8 +1,7 @@
-use nalgebra::{Translation3, UnitQuaternion};
-use proptest::prelude::*;
-
 use super::*;
 use measurement::time::RobotDuration;
+use nalgebra::{Translation3, UnitQuaternion};
+use proptest::prelude::*;
 
 fn rotation(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll_rad, pitch_rad, yaw_rad)
@@ -15,7 +14,7 @@ fn pitched(x_m: f64, pitch_deg: f64) -> Pose {
     )
 }
 
-/// Drives on with the given pitch at each scan, 8 mm and 40 ms apart; the scans with a change.
+/// Drives with the given pitch per scan, 8 mm and 40 ms apart; returns the scans with a reset.
 fn changes(pitches_deg: &[f64], speed_mps: f64) -> Vec<usize> {
     let mut tracker = GroundTracker::new(&GroundConfig::default(), 0.55);
     let mut changed = Vec::new();
@@ -41,13 +40,13 @@ fn climb(level: usize, steps: usize, pitch_deg: f64, rest: usize) -> Vec<f64> {
 
 #[test]
 fn a_ramp_changes_the_ground_once_after_a_wheelbase() {
-    // 8 mm a scan: a wheelbase of 0.55 m is 69 scans.
+    // 8 mm per scan: a wheelbase of 0.55 m is 69 scans.
     assert_eq!(changes(&climb(50, 10, 4.0, 200), 0.2), [50 + 9 + 69]);
 }
 
 #[test]
 fn a_slow_way_onto_a_ramp_changes_it_once_and_not_on_the_way() {
-    // 0.058° a scan, as front wheels that roll onto a ramp of 4° do it at 0.2 m/s: below η all the time.
+    // 0.058° per scan, as front wheels that roll onto a ramp of 4° at 0.2 m/s: always below η.
     let changed = changes(&climb(200, 69, 4.0, 200), 0.2);
     assert_eq!(changed.len(), 1, "{changed:?}");
     assert!((269 + 60..=269 + 69).contains(&changed[0]), "{changed:?}");
@@ -61,16 +60,16 @@ fn neither_a_bump_nor_standing_on_one_changes_it() {
     assert_eq!(changes(&bump, 0.2), [0usize; 0]);
     // The literal rule fires here one scan after the climb.
     assert_eq!(changes(&climb(50, 10, -4.5, 1000), 0.0), [0usize; 0]);
-    // Slow drift that never is 0.5° from the last time.
+    // Slow drift that never exceeds ε.
     assert_eq!(changes(&climb(0, 1000, 0.49, 500), 0.2), [0usize; 0]);
 }
 
 #[test]
-fn a_plane_settles_while_the_vehicle_stands_on_it() {
+fn plane_averages_attitudes_after_a_reset() {
     let mut tracker = GroundTracker::new(&GroundConfig::default(), 0.55);
     let mut far_m = Vec::new();
     for scan in 0..60 {
-        // Off by 0.2° at first, then by turns as much to either side of the truth.
+        // Off by 0.2° at first, then alternately by as much to either side of the truth.
         let pitch_deg = if scan % 2 == 0 { 0.2 } else { -0.2 };
         let stamp = RobotTime::from_nanos(40_000_000 * scan);
         let (plane, _) = tracker.update(stamp, &pitched(0.0, pitch_deg));
@@ -105,7 +104,7 @@ fn heights_and_the_event_refer_to_the_new_plane() {
     assert!(seen[199].abs() < 1e-9, "{}", seen[199]);
 }
 
-/// A degree of pitch: the document turns its reference about the ground below the lens, not about the lens.
+/// A degree of pitch: \[LOD\] turns its reference about the ground below the lens, not about the lens.
 #[test]
 fn one_increment_is_short_already() {
     let (h, tilt) = (1.08, 7.5f64.to_radians());
@@ -126,11 +125,11 @@ fn one_increment_is_short_already() {
 proptest! {
     /// [LOD §4.2, §4.6] for any height, tilt and beam, the exact range to the ground and anything on it.
     #[test]
-    fn heights_are_those_of_the_documents_reference_plane(
+    fn heights_match_equations_1_and_2(
         h in 0.3..3.0f64, tilt_deg in 2.0..30.0f64, sigma_deg in 30.0..150.0f64, share in 0.2..1.3f64,
     ) {
         let (tilt, sigma) = (tilt_deg.to_radians(), sigma_deg.to_radians());
-        // The document's formulas.
+        // Equations (1) and (2) of docs/methods.md.
         let d = h / libm::cos(std::f64::consts::FRAC_PI_2 - tilt);
         let r_ref = d / libm::sin(sigma);
         let rho = libm::acos(h / r_ref);
@@ -144,22 +143,22 @@ proptest! {
         let hit = base_from_laser * Point3::new(r_real * libm::cos(angle), r_real * libm::sin(angle), 0.0);
         let plane = GroundPlane::under(&Pose::identity());
         prop_assert!((plane.height_m(&hit) - height).abs() < 1e-9);
-        // The document takes σ itself for the azimuth; in a tilted plane it is this.
+        // [LOD] uses σ for the azimuth; this is exact in a tilted plane.
         let azimuth = libm::atan2(hit.y, hit.x);
         let exact = libm::atan2(-libm::cos(sigma), libm::sin(sigma) * libm::cos(tilt));
         prop_assert!((azimuth - exact).abs() < 1e-9);
     }
 
-    /// The document turns each point of its reference plane by the change since the last scan and casts it
-    /// back onto the ground. Over a wobble that ends where it began it does not come back; ours does.
+    /// [LOD] turns each point of its reference plane by the change since the last scan and projects it
+    /// back onto the ground. After a wobble it does not return to the start; the absolute attitude does.
     #[test]
-    fn the_documents_increments_drift_and_absolute_attitude_does_not(
+    fn increments_drift_and_absolute_attitude_does_not(
         amplitude_deg in 2.0..4.0f64, sigma_deg in 60.0..120.0f64,
     ) {
         let (h, tilt, sigma) = (1.08, 7.5f64.to_radians(), sigma_deg.to_radians());
         let first = (h / libm::cos(std::f64::consts::FRAC_PI_2 - tilt)) / libm::sin(sigma);
         let along = (first * first - h * h).sqrt();
-        // x to the right and y ahead, as in the document; a point of the reference plane on the ground.
+        // x to the right and y ahead, as in [LOD]; a point of the reference plane on the ground.
         let mut point = nalgebra::Vector3::new(along * libm::cos(sigma), along * libm::sin(sigma), 0.0);
         let attitude = |scan: u32| {
             let phase = f64::from(scan) / 50.0 * std::f64::consts::TAU;
@@ -176,7 +175,7 @@ proptest! {
             point.z = 0.0;
         }
         let drift_m = ((point.norm_squared() + h * h).sqrt() - first).abs();
-        // Ours: the pose after the wobble is the pose before it.
+        // Absolute attitude: the pose after the wobble is the pose before it.
         let (pitch, roll) = attitude(500);
         let pose = Pose::from_parts(Translation3::identity(), rotation(roll, pitch, 0.0));
         let laser = Pose::from_parts(Translation3::new(0.0, 0.0, h), rotation(0.0, tilt, 0.0));

@@ -1,14 +1,14 @@
-use proptest::prelude::*;
-
 use super::*;
-use crate::config::MappingConfig;
-use crate::ground_plane::GroundPlane;
-use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use measurement::pose::{Pose, planar};
 use measurement::time::RobotTime;
+use proptest::prelude::*;
+
+use crate::MappingConfig;
+use crate::ground_plane::GroundPlane;
+use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 
 proptest! {
-    /// Taken over cell by cell as scans change them, the map is what a full copy of the window would be.
+    /// Incremental updates equal a full copy of the window.
     #[test]
     fn updates_of_changed_cells_equal_a_full_copy(
         scans in prop::collection::vec(

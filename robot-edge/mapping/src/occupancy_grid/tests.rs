@@ -1,14 +1,14 @@
 use std::collections::BTreeMap;
 
+use super::*;
+use measurement::pose::Pose;
+use measurement::time::RobotTime;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
-use super::*;
 use crate::registered_scan::{RegisteredBeam, SensorId};
-use measurement::pose::Pose;
-use measurement::time::RobotTime;
 
-/// Where a beam starts, where it ends, and what came back.
+/// Start, end and outcome of a beam.
 type Beam = ((f64, f64), (f64, f64), BeamOutcome);
 
 fn scan(beams: &[Beam]) -> RegisteredScan {
@@ -69,7 +69,7 @@ fn a_cell_is_updated_once_per_scan_and_a_hit_wins() {
 }
 
 #[test]
-fn a_miss_tells_nothing_unless_it_is_trusted() {
+fn misses_free_cells_only_if_configured() {
     let beams = scan(&[((0.5, 0.5), (3.5, 0.5), BeamOutcome::Miss)]);
     let mut doubting = grid(1.0, Miss::Unknown);
     assert_eq!(doubting.integrate(&beams).misses, 1);
@@ -126,7 +126,7 @@ fn the_memory_limit_keeps_what_is_near() {
     assert_eq!(p(&grid, 399 * 64 + 15, 10), Some(0.6));
 }
 
-/// The same rules, cell by cell on a map of floats: the reference the fast grid is held against.
+/// Reference: the same rules, cell by cell, in floating point.
 fn reference(scans: &[RegisteredScan], cell_m: f64) -> BTreeMap<(i32, i32), f64> {
     let logit = |p: f64| libm::log(p / (1.0 - p));
     let mut cells = BTreeMap::new();
@@ -135,7 +135,7 @@ fn reference(scans: &[RegisteredScan], cell_m: f64) -> BTreeMap<(i32, i32), f64>
         for beam in &scan.beams {
             let fixed = |p: &Point3<f64>| FixedPoint::from_metres(p.x, p.y, cell_m).unwrap();
             let (start, end) = (fixed(&beam.origin_in_odom), fixed(&beam.end_in_odom));
-            let walk = crate::ray::RayWalk::new(start, end);
+            let walk = crate::scan_marks::RayWalk::new(start, end);
             let (mut cell, mut error) = (start.cell(), walk.error);
             for _ in 0..walk.steps {
                 marks.entry(cell).or_insert(false);

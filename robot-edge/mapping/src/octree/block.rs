@@ -1,34 +1,35 @@
-//! A block of 16³ voxels: the bricks of it that are not all alike, and what the others are.
+//! A block of 16³ voxels and its bricks of 4³ voxels.
+//!
+//! A brick is uniform, full (one byte per voxel, one cache line) or packed: two bits per voxel for
+//! at most three known values. Few beams reach bricks far from the vehicle, and most of them stay
+//! packed: a third of the memory, and an update is some twenty operations on 64 voxels at once.
 
-use super::brick::{Brick, BrickChange, BrickStates};
-use super::log_odds_table::{EVEN, UNKNOWN, Update, Values};
-use super::packed_brick::PackedBrick;
-use super::scratch_pages::{BrickMarks, MarkedBlock};
-use super::surface::SurfaceVoxel;
-use super::voxel_address::{BLOCK_BRICKS, BRICK_VOXELS, BlockIndex};
+use crate::octree::log_odds_table::{EVEN, UNKNOWN, Update, Values};
+use crate::octree::scratch_pages::{BrickMarks, MarkedBlock};
+use crate::octree::surface::SurfaceVoxel;
+use crate::octree::voxel_address::{BLOCK_BRICKS, BRICK_VOXELS, BlockIndex};
 
-/// 16³ voxels.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     pub(super) index: BlockIndex,
-    /// For each brick where it is: see [`Child`].
+    /// Kind and index of each brick, see [`Child`].
     children: [u8; BLOCK_BRICKS],
-    /// Columns of bricks in which the state of a voxel has changed since that was taken, a bit for each.
+    /// Brick columns with untaken changes, a bit for each.
     changed: u16,
     bricks: BrickList<Brick>,
     packed: BrickList<PackedBrick>,
-    /// Voxels that were hit, by address.
+    /// Voxels with hits, ascending by address.
     surface: Vec<(u16, SurfaceVoxel)>,
 }
 
-/// What a brick of a block is.
+/// Representation of a brick.
 #[derive(Clone, Copy, Debug)]
 enum Child {
     /// All voxels have this value.
     Uniform(u8),
-    /// At this place among the bricks.
+    /// Index among the full bricks.
     Full(usize),
-    /// At this place among the packed bricks.
+    /// Index among the packed bricks.
     Packed(usize),
 }
 
@@ -37,7 +38,7 @@ const ALL_LEAST: u8 = 254;
 const ALL_GREATEST: u8 = 253;
 const FIRST_PACKED: u8 = 64;
 
-/// Bricks in no order, each with its number in the block.
+/// Bricks in no particular order, each with its number in the block.
 #[derive(Clone, Debug)]
 struct BrickList<T> {
     bricks: Vec<T>,
@@ -56,7 +57,6 @@ impl Block {
         }
     }
 
-    /// The value of the voxel at an address.
     pub(super) fn value(&self, address: usize, values: Values) -> u8 {
         let voxel = address % BRICK_VOXELS;
         match self.child(address / BRICK_VOXELS, values) {
@@ -66,7 +66,8 @@ impl Block {
         }
     }
 
-    /// Applies the marks of a scan, and clears them. Says whether columns of bricks have changed where none had.
+    /// Applies the marks of a scan and clears them. Returns whether these are the first untaken
+    /// changes.
     pub(super) fn apply(
         &mut self,
         marked: &mut MarkedBlock<'_>,
@@ -78,7 +79,7 @@ impl Block {
         for number in bits(marked.touched) {
             let marks = marked.take(number);
             let change = match self.child(number, values) {
-                // Most bricks near the vehicle are as free as can be.
+                // Most bricks near the vehicle are as free as possible.
                 Child::Uniform(value) if value == values.least && marks.hit == 0 => BrickChange {
                     states: false,
                     uniform: false,
@@ -102,7 +103,6 @@ impl Block {
         self.changed != 0 && !was_changed
     }
 
-    /// What hits in the voxel at an address were like.
     pub(super) fn surface(&self, address: usize) -> Option<&SurfaceVoxel> {
         let found = self
             .surface
@@ -110,7 +110,8 @@ impl Block {
         found.ok().map(|place| &self.surface[place].1)
     }
 
-    /// The same, to add one; its column of bricks has changed. Says whether it is the first that has.
+    /// For adding a hit; its brick column has changed. The flag is set if it is the first untaken
+    /// change.
     pub(super) fn surface_mut(&mut self, address: usize) -> (&mut SurfaceVoxel, bool) {
         let was_changed = self.changed != 0;
         self.changed |= 1 << (address / BRICK_VOXELS % 16);
@@ -125,7 +126,7 @@ impl Block {
         (&mut self.surface[place].1, !was_changed)
     }
 
-    /// Which voxels of a brick are known and which are occupied.
+    /// Known and occupied voxels of a brick.
     pub(super) fn states(&self, number: usize, values: Values) -> BrickStates {
         let all = |is: bool| if is { u64::MAX } else { 0 };
         match self.child(number, values) {
@@ -138,17 +139,16 @@ impl Block {
         }
     }
 
-    /// Takes the columns of bricks that have changed, a bit for each, x first.
+    /// Takes the brick columns with changes, a bit for each, x first.
     pub(super) const fn take_changed(&mut self) -> u16 {
         std::mem::replace(&mut self.changed, 0)
     }
 
-    /// Bricks that are stored, in full and packed.
+    /// Number of full and of packed bricks.
     pub(super) fn stored(&self) -> (usize, usize) {
         (self.bricks.bricks.len(), self.packed.bricks.len())
     }
 
-    /// Its memory, bytes.
     pub(super) fn bytes(&self) -> usize {
         let surface = self.surface.capacity() * size_of::<(u16, SurfaceVoxel)>();
         size_of::<Self>() + self.bricks.bytes() + self.packed.bytes() + surface
@@ -164,14 +164,14 @@ impl Block {
         }
     }
 
-    /// Reads of the block itself what [`Block::apply`] needs, for the same reason as [`Block::fetch`].
+    /// Prefetches the block, as [`Block::fetch`] its bricks.
     #[inline]
     pub(super) fn fetch_header(&self) -> u8 {
         self.children[0] ^ self.packed.numbers.capacity() as u8
     }
 
-    /// Reads one byte of each brick, so that the processor fetches all of them at once and not one after another:
-    /// in a large map none is in its caches.
+    /// Prefetch: reads one byte of each brick, so that the processor loads them in parallel. In a
+    /// large map none is in its caches.
     #[inline]
     fn fetch(&self, numbers: u64) -> u8 {
         let byte = |number: usize| match self.children[number] {
@@ -205,7 +205,7 @@ impl Block {
         change
     }
 
-    /// Stores a brick no longer whose voxels are all alike, if they can change no more in that direction.
+    /// Replaces a uniform brick at a limit of the log-odds by its value.
     fn prune(&mut self, number: usize, values: Values) {
         let child = self.child(number, values);
         let value = match child {
@@ -249,11 +249,11 @@ impl<T> Default for BrickList<T> {
 }
 
 impl<T> BrickList<T> {
-    /// Adds a brick; returns its place.
+    /// Adds a brick; returns its index.
     fn push(&mut self, number: usize, brick: T) -> u8 {
         let place = self.bricks.len();
         if place == self.bricks.capacity() {
-            // By a little: doubling would leave a quarter of the memory of a large map unused.
+            // In small steps: doubling would waste a quarter of the memory of a large map.
             self.bricks.reserve_exact(GROWTH);
             self.numbers.reserve_exact(GROWTH);
         }
@@ -262,7 +262,7 @@ impl<T> BrickList<T> {
         place as u8
     }
 
-    /// Removes the brick at a place; returns the number of the brick that is there now.
+    /// Removes a brick; returns the number of the brick that took its index.
     fn remove(&mut self, place: usize) -> Option<usize> {
         self.bricks.swap_remove(place);
         self.numbers.swap_remove(place);
@@ -274,7 +274,7 @@ impl<T> BrickList<T> {
     }
 }
 
-/// The numbers of the bits that are set.
+/// Indices of the set bits.
 fn bits(mut set: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let bit = set.trailing_zeros() as usize;
@@ -283,5 +283,230 @@ fn bits(mut set: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Bricks for which a shelf gets room at a time.
+/// Steps by which a list of bricks grows.
 const GROWTH: usize = 4;
+
+/// Log-odds of 64 voxels, by address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(align(64))]
+pub(super) struct Brick(pub(super) [u8; BRICK_VOXELS]);
+
+/// Effect of an update on a brick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct BrickChange {
+    /// The state (unknown, free, occupied) of a voxel changed.
+    pub(super) states: bool,
+    /// All voxels are equal now.
+    pub(super) uniform: bool,
+}
+
+/// States of the 4³ voxels of a brick, a bit for each: x first, then y, then z.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BrickStates {
+    /// Something is known of them.
+    pub known: u64,
+    /// Of the known voxels; the others are free.
+    pub occupied: u64,
+}
+
+impl Brick {
+    /// Applies the marks of a scan.
+    ///
+    /// Computes and stores unconditionally, so that it is vectorised.
+    #[inline]
+    pub(super) fn apply(
+        &mut self,
+        marks: BrickMarks,
+        update: Update,
+        values: Values,
+    ) -> BrickChange {
+        let (mut states, mut unlike) = (0, 0);
+        let before = self.0;
+        for (value, is_free) in self.0.iter_mut().zip(bytes_of(marks.free)) {
+            *value = if is_free == 0 {
+                *value
+            } else {
+                values.freed(*value, update)
+            };
+        }
+        if marks.hit != 0 {
+            for (value, is_hit) in self.0.iter_mut().zip(bytes_of(marks.hit)) {
+                *value = if is_hit == 0 {
+                    *value
+                } else {
+                    values.hit(*value, update)
+                };
+            }
+        }
+        let first = self.0[0];
+        for (&new, old) in self.0.iter().zip(before) {
+            let became_known = u8::from(old == UNKNOWN) & u8::from(new != UNKNOWN);
+            let changed_sides = u8::from(old > EVEN) ^ u8::from(new > EVEN);
+            states |= became_known | changed_sides;
+            unlike |= new ^ first;
+        }
+        BrickChange {
+            states: states != 0,
+            uniform: unlike == 0,
+        }
+    }
+}
+
+impl Brick {
+    pub(super) fn states(&self) -> BrickStates {
+        BrickStates {
+            known: bits_where(&self.0, |value| value != UNKNOWN),
+            occupied: bits_where(&self.0, |value| value > EVEN),
+        }
+    }
+}
+
+/// A bit for each voxel: the result of `is`.
+#[inline]
+fn bits_where(voxels: &[u8; BRICK_VOXELS], is: impl Fn(u8) -> bool) -> u64 {
+    // Moves bit 8·n of eight bytes to bit 56 + n.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let mut bits = 0;
+    for (at, eight) in voxels.as_chunks::<8>().0.iter().enumerate() {
+        let ones = u64::from_le_bytes(eight.map(|value| u8::from(is(value))));
+        bits |= (ones.wrapping_mul(GATHER) >> 56) << (8 * at);
+    }
+    bits
+}
+
+/// All ones in each byte whose bit is set.
+#[inline]
+fn bytes_of(bits: u64) -> [u8; BRICK_VOXELS] {
+    let mut bytes = [0; BRICK_VOXELS];
+    for (eight, of_eight) in bytes
+        .as_chunks_mut::<8>()
+        .0
+        .iter_mut()
+        .zip(bits.to_le_bytes())
+    {
+        for (voxel, byte) in eight.iter_mut().enumerate() {
+            *byte = (of_eight >> voxel & 1).wrapping_neg();
+        }
+    }
+    bytes
+}
+
+/// 64 voxels with up to three known values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct PackedBrick {
+    /// Low and high bit of each voxel's index in `values`, from 1; 0 is unknown.
+    planes: [u64; 2],
+    values: [u8; 3],
+}
+
+impl PackedBrick {
+    /// A uniform brick, known or unknown.
+    pub(super) const fn filled(value: u8) -> Self {
+        let low = if value == UNKNOWN { 0 } else { u64::MAX };
+        Self {
+            planes: [low, 0],
+            values: [value, UNKNOWN, UNKNOWN],
+        }
+    }
+
+    pub(super) const fn value(&self, voxel: usize) -> u8 {
+        let place = (self.planes[0] >> voxel & 1) | (self.planes[1] >> voxel & 1) << 1;
+        match place {
+            0 => UNKNOWN,
+            place => self.values[place as usize - 1],
+        }
+    }
+
+    pub(super) fn unpack(&self) -> Brick {
+        let palette = [UNKNOWN, self.values[0], self.values[1], self.values[2]];
+        let [low, high] = self.planes;
+        let mut voxels = [0; BRICK_VOXELS];
+        for (voxel, value) in voxels.iter_mut().enumerate() {
+            *value = palette[((low >> voxel & 1) | (high >> voxel & 1) << 1) as usize];
+        }
+        Brick(voxels)
+    }
+
+    pub(super) fn states(&self) -> BrickStates {
+        let [low, high] = self.planes;
+        let sets = [low & !high, !low & high, low & high];
+        let occupied = sets.into_iter().zip(self.values).map(
+            |(set, value)| {
+                if value > EVEN { set } else { 0 }
+            },
+        );
+        BrickStates {
+            known: low | high,
+            occupied: occupied.fold(0, |a, b| a | b),
+        }
+    }
+
+    /// Applies the marks of a scan; `None` if there are more than three values then.
+    #[inline]
+    pub(super) fn applied(
+        &self,
+        marks: BrickMarks,
+        update: Update,
+        values: Values,
+    ) -> Option<(Self, BrickChange)> {
+        let mut new = Palette::default();
+        let mut states = false;
+        let [low, high] = self.planes;
+        let sets = [!low & !high, low & !high, !low & high, low & high];
+        let olds = [UNKNOWN, self.values[0], self.values[1], self.values[2]];
+        for (set, old) in sets.into_iter().zip(olds) {
+            if set == 0 {
+                continue;
+            }
+            let (free, hit) = (set & marks.free, set & marks.hit);
+            new.add(set & !free & !hit, old);
+            for (seen, value) in [
+                (free, values.freed(old, update)),
+                (hit, values.hit(old, update)),
+            ] {
+                new.add(seen, value);
+                states |= seen != 0 && (old == UNKNOWN || (old > EVEN) != (value > EVEN));
+            }
+        }
+        let uniform = new.sets[0] == u64::MAX;
+        new.packed()
+            .map(|packed| (packed, BrickChange { states, uniform }))
+    }
+
+    /// Value of the first known voxel.
+    pub(super) const fn first_value(&self) -> u8 {
+        self.values[0]
+    }
+}
+
+#[derive(Default)]
+struct Palette {
+    sets: [u64; 3],
+    values: [u8; 3],
+    overflows: bool,
+}
+
+impl Palette {
+    #[inline]
+    fn add(&mut self, set: u64, value: u8) {
+        if set == 0 || value == UNKNOWN {
+            return;
+        }
+        for (own, own_value) in self.sets.iter_mut().zip(&mut self.values) {
+            if *own == 0 || *own_value == value {
+                *own |= set;
+                *own_value = value;
+                return;
+            }
+        }
+        self.overflows = true;
+    }
+
+    fn packed(&self) -> Option<PackedBrick> {
+        let [a, b, c] = self.sets;
+        (!self.overflows).then_some(PackedBrick {
+            planes: [a | c, b | c],
+            values: self.values,
+        })
+    }
+}

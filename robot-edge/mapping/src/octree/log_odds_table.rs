@@ -1,44 +1,42 @@
-//! Log-odds in one byte.
+//! Log-odds in one byte (docs/methods.md, section 3).
 
-use crate::octree_config::{OctreeConfig, RangeSensorModel};
+use crate::octree::{OctreeConfig, RangeSensorModel};
 
-/// A voxel of which nothing is known.
+/// Unknown voxel.
 pub(super) const UNKNOWN: u8 = 0;
-/// A voxel that is as likely free as occupied; greater ones are occupied.
+/// L = 0; greater values are occupied.
 pub(super) const EVEN: u8 = 128;
-/// Scales of log-odds that are tried.
+/// Number of scales to try.
 const CANDIDATES: u32 = 512;
-/// Most steps that a byte leaves on either side of [`EVEN`].
+/// Steps of a byte on either side of [`EVEN`].
 const MAX_STEPS: f64 = 127.0;
 
-/// How log-odds become steps of a byte around [`EVEN`].
+/// Scale of log-odds as steps of a byte around [`EVEN`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LogOddsTable {
     per_unit: f64,
     pub(super) values: Values,
 }
 
-/// The values that voxels can have.
+/// Range of values of voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Values {
-    /// Of a voxel that cannot become freer.
     pub(super) least: u8,
-    /// Of a voxel that cannot become more occupied.
     pub(super) greatest: u8,
 }
 
-/// What one scan of one sensor changes.
+/// Change by one scan of one sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Update {
-    /// Added to a voxel that was hit.
+    /// Added on a hit.
     pub(super) hit: u8,
-    /// Taken from a voxel that was seen through.
+    /// Subtracted on a miss.
     pub(super) miss: u8,
 }
 
 impl LogOddsTable {
-    /// As fine as a byte allows, and so that the sensors' own log-odds are as nearly whole steps as they can be:
-    /// 1/30 to 1/50 of a unit for the sensors of \[HYB\].
+    /// As fine as a byte allows, with the sensors' log-odds as near to whole steps as possible:
+    /// 1/30 to 1/50 for the sensors of \[HYB\].
     pub(super) fn new(config: &OctreeConfig, sensors: &[RangeSensorModel]) -> Self {
         let (least, greatest) = (log_odds(config.p_min), log_odds(config.p_max));
         let finest = MAX_STEPS / greatest.max(-least);
@@ -67,7 +65,7 @@ impl LogOddsTable {
         }
     }
 
-    /// What one scan of `sensor` changes: at least one step.
+    /// At least one step.
     pub(super) fn update(&self, sensor: &RangeSensorModel) -> Update {
         let steps = |p: f64| libm::round(log_odds(p).abs() * self.per_unit).clamp(1.0, 254.0) as u8;
         Update {
@@ -76,21 +74,20 @@ impl LogOddsTable {
         }
     }
 
-    /// The log-odds of a known voxel.
     pub(super) fn log_odds(&self, value: u8) -> f64 {
         (f64::from(value) - f64::from(EVEN)) / self.per_unit
     }
 }
 
 impl Values {
-    /// A voxel that was seen through.
+    /// L ← clamp(L + l) for a miss.
     #[inline]
     pub(super) fn freed(self, value: u8, update: Update) -> u8 {
         let known = if value == UNKNOWN { EVEN } else { value };
         known.saturating_sub(update.miss).max(self.least)
     }
 
-    /// A voxel that was hit.
+    /// L ← clamp(L + l) for a hit.
     #[inline]
     pub(super) fn hit(self, value: u8, update: Update) -> u8 {
         let known = if value == UNKNOWN { EVEN } else { value };
@@ -98,7 +95,7 @@ impl Values {
     }
 }
 
-/// ln(p / (1 − p)).
+/// L = ln(p / (1 − p)).
 fn log_odds(p: f64) -> f64 {
     libm::log(p / (1.0 - p))
 }

@@ -1,50 +1,48 @@
-//! The occupancy octree: probabilities of voxels, from all range sensors (\[HYB\] §4.3.1).
+//! Occupancy octree of all range sensors (docs/methods.md, section 3; \[HYB\] §4.3.1).
 //!
-//! What it means is what it means in `OctoMap`: log-odds, clamping, one update per voxel and scan, a hit wins,
-//! equal siblings are pruned, any coarser level can be asked for, no bounds. How it is stored is not: a hash of
-//! blocks of 16³ voxels, each of bricks of 4³, one byte a voxel or less. Of the sixteen levels of an octree a
-//! query needs two steps; a brick is at most one cache line, and is updated by a few vector instructions.
+//! It has the semantics of `OctoMap`: log-odds, clamping, one update per voxel and scan, a hit
+//! wins, uniform parts are pruned, queries at any coarser level, no bounds. The storage differs: a
+//! hash map of *blocks* of 16³ voxels, each of *bricks* of 4³, one byte or less per voxel. A query
+//! takes two steps instead of sixteen; a brick is at most one cache line and is updated by a few
+//! vector instructions. Two *shards* are updated in parallel.
 
 mod block;
-mod brick;
 mod log_odds_table;
-mod packed_brick;
 mod queries;
 mod ray_marks;
-mod ray_walk;
 mod scratch_pages;
-mod shard;
 mod surface;
 mod voxel_address;
 
+use std::collections::HashMap;
+
 use nalgebra::Point3;
+use rustc_hash::FxBuildHasher;
+use serde::Deserialize;
 
-pub use self::brick::BrickStates;
-pub use self::queries::{ColumnStates, KnownBlock, VoxelCounts, VoxelState};
-pub(super) use self::surface::FINER;
-pub use self::surface::{SurfaceHit, SurfaceVoxel};
+use crate::grid::VoxelIndex;
+use crate::octree::block::Block;
+use crate::octree::log_odds_table::{LogOddsTable, Update, Values};
+use crate::octree::ray_marks::RayMarks;
+use crate::octree::scratch_pages::ShardMarks;
+use crate::octree::voxel_address::{BlockIndex, split};
+use crate::registered_scan::SensorId;
+pub use block::BrickStates;
+pub use queries::{ColumnStates, KnownBlock, VoxelCounts, VoxelState};
+pub(super) use surface::FINER;
+pub use surface::{SurfaceHit, SurfaceVoxel};
 
-use self::block::Block;
-use self::log_odds_table::{LogOddsTable, Update, Values};
-use self::ray_marks::RayMarks;
-use self::shard::{SHARDS, Shard};
-use self::voxel_address::split;
-use super::octree_config::{OctreeConfig, RangeSensorModel};
-use super::registered_scan::SensorId;
-use super::voxel::VoxelIndex;
-
-/// One beam: from where to where, metres in `odom`.
+/// One beam, metres in `odom`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// The sensor.
+    /// Position of the sensor.
     pub origin: Point3<f64>,
-    /// The hit, or how far there is none.
+    /// The hit, or the end of a miss.
     pub end: Point3<f64>,
     /// Whether `end` was hit.
     pub is_hit: bool,
 }
 
-/// A beam, in voxels.
 #[derive(Clone, Copy, Debug)]
 struct VoxelRay {
     from: [f64; 3],
@@ -52,7 +50,7 @@ struct VoxelRay {
     is_hit: bool,
 }
 
-/// Probabilities of voxels.
+/// Occupancy octree.
 #[derive(Clone, Debug)]
 pub struct Octree {
     cell_m: f64,
@@ -60,9 +58,9 @@ pub struct Octree {
     steps: LogOddsTable,
     updates: Vec<Update>,
     shards: [Shard; SHARDS],
-    /// Of the scan that is added.
+    /// Rays of the current scan.
     rays: Vec<VoxelRay>,
-    /// One for each thread that marks.
+    /// One for each thread.
     marks: Vec<RayMarks>,
 }
 
@@ -71,20 +69,20 @@ pub struct Octree {
 /// Ordered by y, then x.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BrickColumn {
-    /// Towards x of `odom`.
+    /// Along x of `odom`.
     pub x: i32,
-    /// Towards y of `odom`.
+    /// Along y of `odom`.
     pub y: i32,
 }
 
 /// Longest beam, voxels: 300 m at 1 cm.
 const MAX_BEAM: f64 = 30_000.0;
-/// Greatest coordinate of the ends of a beam, voxels: blocks and voxels are numbered in 32 bits.
+/// Greatest coordinate of a beam's ends, voxels: block and voxel indices have 32 bits.
 const MAX_COORDINATE: f64 = (1 << 29) as f64;
 
 impl Octree {
-    /// An empty map. The settings are taken as valid; sensors are numbered in the order given. It is the same
-    /// map, bit for bit, whatever the number of `threads`.
+    /// An empty map; the settings must be valid. `sensors` are in the order of [`SensorId`]. The
+    /// map does not depend on `threads`.
     pub fn new(config: &OctreeConfig, sensors: &[RangeSensorModel], threads: usize) -> Self {
         let steps = LogOddsTable::new(config, sensors);
         Self {
@@ -103,7 +101,7 @@ impl Octree {
         self.cell_m
     }
 
-    /// Adds the beams of one scan of a sensor; says how many had no place in the map.
+    /// Adds the beams of one scan; returns the number of beams outside of the range of the map.
     pub fn integrate(&mut self, sensor: SensorId, rays: impl IntoIterator<Item = Ray>) -> u32 {
         let unplaced = self.take_rays(rays);
         let update = self.updates.get(usize::from(sensor.0));
@@ -122,9 +120,10 @@ impl Octree {
         unplaced
     }
 
-    /// Adds what a hit says of the surface in its voxel; `weight` is that of the newest value of a metric.
+    /// Adds the position and metrics of a hit to its voxel; `weight` is that of the newest metric
+    /// in the moving average.
     ///
-    /// Nothing where the scan of the hit has not been integrated.
+    /// It has no effect before the scan of the hit was integrated.
     pub fn add_surface(&mut self, hit: &SurfaceHit, weight: f32) {
         let voxel = VoxelIndex::containing(hit.point, self.cell_m);
         let (index, address) = split(voxel);
@@ -133,7 +132,8 @@ impl Octree {
         });
     }
 
-    /// The columns of bricks in which the state or the surface of a voxel has changed since the last call, in order.
+    /// Brick columns in which the state or surface of a voxel has changed since the last call, in
+    /// order.
     pub fn take_changed(&mut self) -> Vec<BrickColumn> {
         let mut columns = Vec::new();
         for shard in &mut self.shards {
@@ -144,8 +144,8 @@ impl Octree {
         columns
     }
 
-    /// Where the blocks take more than the memory limit, removes those farthest from `center` until 31/32 of it
-    /// are left, so that not every call has to; says how many bricks were stored there.
+    /// If the blocks exceed the memory limit, removes those farthest from `center` until 31/32 of
+    /// it remain (so that not every call evicts); returns the number of removed bricks.
     pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> usize {
         if self.block_bytes() <= self.limit_bytes {
             return 0;
@@ -168,25 +168,25 @@ impl Octree {
         shards.map(|shard| shard.retain(is_kept)).sum()
     }
 
-    /// Forgets everything.
+    /// Erases everything.
     pub fn erase(&mut self) {
         for shard in &mut self.shards {
             shard.retain(|_| false);
         }
     }
 
-    /// Memory of the voxels, bytes; without [`Octree::scratch_bytes`].
+    /// Memory of the map, bytes, without [`Octree::scratch_bytes`].
     pub fn bytes(&self) -> usize {
         let index_bytes = self.shards.iter().map(Shard::index_bytes);
         self.block_bytes() + index_bytes.sum::<usize>()
     }
 
-    /// Memory that a scan needs while it is added, bytes.
+    /// Memory for adding a scan, bytes.
     pub fn scratch_bytes(&self) -> usize {
         self.marks.iter().map(RayMarks::bytes).sum()
     }
 
-    /// Turns beams into voxels; says how many have no place in the map.
+    /// Converts beams to voxels; returns the number of beams outside of the range of the map.
     fn take_rays(&mut self, rays: impl IntoIterator<Item = Ray>) -> u32 {
         let per_m = 1.0 / self.cell_m;
         let voxels = |point: &Point3<f64>| [point.x * per_m, point.y * per_m, point.z * per_m];
@@ -210,7 +210,7 @@ impl Octree {
         unplaced
     }
 
-    /// Least and greatest corner of the beams, voxels; `None` without beams.
+    /// Least and greatest corner of the beams, voxels.
     fn bounds(&self) -> Option<([f64; 3], [f64; 3])> {
         let first = self.rays.first()?.from;
         let (mut least, mut greatest) = (first, first);
@@ -224,7 +224,7 @@ impl Octree {
         Some((least, greatest))
     }
 
-    /// Marks what the beams say, in one part or in two at once.
+    /// Marks the beams, in one thread or two.
     fn mark(&mut self) {
         let rays = &self.rays[..];
         match &mut self.marks[..] {
@@ -237,7 +237,7 @@ impl Octree {
         }
     }
 
-    /// Applies what was marked, one shard after the other or both at once.
+    /// Applies the marks, the shards in sequence or in parallel.
     fn apply(&mut self, update: Update) {
         let values = self.steps.values;
         let [first, second] = &mut self.shards;
@@ -277,7 +277,7 @@ impl Octree {
 
 fn mark_rays(marks: &mut RayMarks, rays: &[VoxelRay]) {
     for ray in rays {
-        // All of them are inside of the window, which was made for them.
+        // Always inside of the window, which covers all beams.
         if let (Some(from), Some(to)) = (marks.fixed(ray.from), marks.fixed(ray.to)) {
             marks.mark_free(from, to);
             if ray.is_hit {
@@ -296,6 +296,190 @@ impl PartialOrd for BrickColumn {
 impl Ord for BrickColumn {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         (self.y, self.x).cmp(&(other.y, other.x))
+    }
+}
+
+/// Settings of `[mapping.octree]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OctreeConfig {
+    /// Enables the layer.
+    pub enabled: bool,
+    /// Side of a voxel, metres.
+    pub cell_m: f64,
+    /// Least probability of a voxel (\[HYB\] §4.3.1: 0.1).
+    pub p_min: f64,
+    /// Greatest probability of a voxel (\[HYB\] §4.3.1: 0.6).
+    pub p_max: f64,
+    /// Memory limit of the voxels, megabytes (10⁶ bytes); beyond it the farthest blocks are
+    /// evicted.
+    pub memory_limit_mb: u32,
+}
+
+/// Parameters of a range sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeSensorModel {
+    /// Probability that a voxel with a hit is occupied.
+    pub p_hit: f64,
+    /// Probability that a voxel crossed by a beam is occupied.
+    pub p_miss: f64,
+    /// Neighbours that the radial filter requires; 0 accepts every hit.
+    pub min_neighbours: u8,
+    /// Full angle of a beam's cone, radians; 0 for an ideal line.
+    pub divergence_rad: f64,
+    /// Whether its beams have `IntraScan` and `InterScan` metrics: lasers, not sonars.
+    pub has_metrics: bool,
+}
+
+impl Default for OctreeConfig {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            cell_m: 0.1,
+            p_min: 0.1,
+            p_max: 0.6,
+            memory_limit_mb: 256,
+        }
+    }
+}
+
+impl Default for RangeSensorModel {
+    /// The laser of \[HYB\]'s introbot.
+    fn default() -> Self {
+        Self {
+            p_hit: 0.95,
+            p_miss: 0.49,
+            min_neighbours: 2,
+            divergence_rad: 0.0,
+            has_metrics: true,
+        }
+    }
+}
+
+const SHARDS: usize = 2;
+
+/// Half of the blocks of the map.
+#[derive(Clone, Debug, Default)]
+struct Shard {
+    blocks: Vec<Block>,
+    places: HashMap<BlockIndex, u32, FxBuildHasher>,
+    block_bytes: usize,
+    /// Indices of the blocks that the current scan marks.
+    marked: Vec<u32>,
+    /// Blocks with untaken changes, or that were removed.
+    changed: Vec<BlockIndex>,
+    gone: Vec<BlockIndex>,
+}
+
+impl Shard {
+    fn block(&self, index: BlockIndex) -> Option<&Block> {
+        let place = self.places.get(&index);
+        place.map(|&place| &self.blocks[place as usize])
+    }
+
+    /// In no particular order.
+    fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// Applies the marks of a scan, made by one thread or two, and clears them.
+    fn apply(&mut self, marks: &mut [ShardMarks<'_>], update: Update, values: Values) {
+        if let [own, others @ ..] = marks {
+            for other in others {
+                own.take_common(other);
+            }
+        }
+        for part in marks {
+            self.find_blocks(part);
+            for (mut marked, &place) in part.marked().zip(&self.marked) {
+                let block = &mut self.blocks[place as usize];
+                let before = block.bytes();
+                if block.apply(&mut marked, update, values) {
+                    self.changed.push(marked.block);
+                }
+                self.block_bytes = self.block_bytes + block.bytes() - before;
+            }
+        }
+    }
+
+    /// Calls `add` with the surface voxel at an address of a block, if the block exists.
+    fn with_surface(
+        &mut self,
+        index: BlockIndex,
+        address: usize,
+        add: impl FnOnce(&mut SurfaceVoxel),
+    ) {
+        let Some(&place) = self.places.get(&index) else {
+            return;
+        };
+        let block = &mut self.blocks[place as usize];
+        let before = block.bytes();
+        let (surface, is_first) = block.surface_mut(address);
+        add(surface);
+        self.block_bytes = self.block_bytes + block.bytes() - before;
+        if is_first {
+            self.changed.push(index);
+        }
+    }
+
+    /// Takes the brick columns with changes, in no particular order.
+    fn take_changed(&mut self, columns: &mut Vec<BrickColumn>) {
+        let mut add = |block: BlockIndex, changed: u16| {
+            let bricks = (0..16).filter(|brick| changed >> brick & 1 == 1);
+            columns.extend(bricks.map(|brick| BrickColumn {
+                x: block.x * 4 + brick % 4,
+                y: block.y * 4 + brick / 4,
+            }));
+        };
+        for index in std::mem::take(&mut self.changed) {
+            if let Some(&place) = self.places.get(&index) {
+                add(index, self.blocks[place as usize].take_changed());
+            }
+        }
+        for index in std::mem::take(&mut self.gone) {
+            add(index, u16::MAX);
+        }
+    }
+
+    /// Keeps the blocks that `is_kept` accepts; returns the number of removed bricks.
+    fn retain(&mut self, is_kept: impl Fn(&Block) -> bool) -> usize {
+        let (kept, evicted): (Vec<_>, Vec<_>) = std::mem::take(&mut self.blocks)
+            .into_iter()
+            .partition(is_kept);
+        self.block_bytes = kept.iter().map(Block::bytes).sum();
+        self.places = (0..)
+            .zip(&kept)
+            .map(|(place, block)| (block.index, place))
+            .collect();
+        self.blocks = kept;
+        self.gone.extend(evicted.iter().map(|block| block.index));
+        let stored = evicted.iter().map(Block::stored);
+        stored.map(|(full, packed)| full + packed).sum()
+    }
+
+    const fn block_bytes(&self) -> usize {
+        self.block_bytes
+    }
+
+    fn index_bytes(&self) -> usize {
+        self.places.capacity() * (size_of::<(BlockIndex, u32)>() + 1)
+    }
+
+    /// Finds or creates the block of each page of marks.
+    fn find_blocks(&mut self, marks: &ShardMarks<'_>) {
+        self.marked.clear();
+        let mut fetched = 0;
+        for index in marks.blocks() {
+            let place = *self.places.entry(index).or_insert_with(|| {
+                self.blocks.push(Block::new(index));
+                self.block_bytes += size_of::<Block>();
+                (self.blocks.len() - 1) as u32
+            });
+            fetched ^= self.blocks[place as usize].fetch_header();
+            self.marked.push(place);
+        }
+        // Otherwise the read would be optimised away.
+        std::hint::black_box(fetched);
     }
 }
 

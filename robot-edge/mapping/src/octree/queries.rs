@@ -1,27 +1,28 @@
-//! What can be asked of the octree.
+//! Queries of the octree.
 
 use nalgebra::Vector3;
 
-use super::block::Block;
-use super::brick::BrickStates;
-use super::log_odds_table::{EVEN, UNKNOWN};
-use super::surface::SurfaceVoxel;
-use super::voxel_address::{BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split};
-use super::{BrickColumn, Octree};
-use crate::voxel::VoxelIndex;
+use crate::grid::VoxelIndex;
+use crate::octree::block::{Block, BrickStates};
+use crate::octree::log_odds_table::{EVEN, UNKNOWN};
+use crate::octree::surface::SurfaceVoxel;
+use crate::octree::voxel_address::{
+    BLOCK_BRICKS, BLOCK_EDGE, BRICK_EDGE, BRICK_VOXELS, BlockIndex, split,
+};
+use crate::octree::{BrickColumn, Octree};
 
-/// What is known of a voxel.
+/// State of a voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum VoxelState {
-    /// Nothing.
+    /// Not observed.
     Unknown,
-    /// More likely free than not.
+    /// L ≤ 0.
     Free,
-    /// More likely occupied than not.
+    /// L > 0.
     Occupied,
 }
 
-/// 16³ voxels.
+/// States of a block of 16³ voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KnownBlock {
     /// Its voxel of least x, y and z.
@@ -30,41 +31,42 @@ pub struct KnownBlock {
     pub bricks: [BrickStates; BLOCK_BRICKS],
 }
 
-/// How many voxels are what.
+/// Numbers of known voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VoxelCounts {
-    /// More likely occupied than not.
+    /// L > 0.
     pub occupied: u64,
-    /// Known and not occupied.
+    /// L ≤ 0.
     pub free: u64,
 }
 
-/// Sixteen columns of voxels in a layer of bricks: a bit for each column in each of four layers, x first.
+/// States of sixteen columns in a layer of bricks: a bit for each column in each of four layers, x
+/// first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ColumnStates {
     /// z of the lowest layer, voxels.
     pub z: i32,
-    /// Known, lowest layer first.
+    /// Lowest layer first.
     pub known: [u16; 4],
-    /// Occupied, lowest layer first.
+    /// Lowest layer first.
     pub occupied: [u16; 4],
 }
 
 impl Octree {
-    /// What is known of a voxel.
+    /// State of a voxel.
     pub fn state(&self, voxel: VoxelIndex) -> VoxelState {
         state(self.value(voxel))
     }
 
-    /// The probability that a voxel is occupied; `None` where nothing is known.
+    /// Probability that a voxel is occupied; `None` if unknown.
     pub fn probability(&self, voxel: VoxelIndex) -> Option<f64> {
         let value = self.value(voxel);
         let log_odds = self.steps.log_odds(value);
         (value != UNKNOWN).then(|| 1.0 / (1.0 + libm::exp(-log_odds)))
     }
 
-    /// What is known of the cube of 2ˡᵉᵛᵉˡ voxels an edge that a voxel lies in: occupied where any of it is, as in
-    /// `OctoMap`, else free where any of it is known. At most level 16, the size of all of an `OctoMap`.
+    /// State of the cube of 2ˡᵉᵛᵉˡ voxels per edge that contains a voxel: occupied if any voxel is,
+    /// as in `OctoMap`, else free if any is known. At most level 16, the size of a whole `OctoMap`.
     pub fn state_at_level(&self, voxel: VoxelIndex, level: u32) -> VoxelState {
         let level = level.min(16);
         let edge = 1_i32 << level;
@@ -90,14 +92,14 @@ impl Octree {
             .unwrap_or(VoxelState::Unknown)
     }
 
-    /// What the hits in a voxel were like, if it was ever hit.
+    /// Surface of a voxel, if it was ever hit.
     pub fn surface(&self, voxel: VoxelIndex) -> Option<&SurfaceVoxel> {
         let (index, address) = split(voxel);
         self.block(index)?.surface(address)
     }
 
-    /// The sixteen columns of voxels in a column of bricks, from the layer of bricks that holds `from` up to the
-    /// one that holds `to`, both z of voxels. Layers of which nothing is known may be left out.
+    /// States of the columns in a brick column, from the brick layer that contains `from` to the
+    /// one that contains `to`, both z of voxels. Unknown layers may be omitted.
     pub fn columns(
         &self,
         column: BrickColumn,
@@ -128,7 +130,7 @@ impl Octree {
         })
     }
 
-    /// How many voxels are what.
+    /// Counts all known voxels.
     pub fn counts(&self) -> VoxelCounts {
         let mut counts = VoxelCounts::default();
         for block in self.blocks() {
@@ -142,7 +144,7 @@ impl Octree {
         counts
     }
 
-    /// The blocks that hold a known voxel, in the `order` of their least voxels.
+    /// Blocks with a known voxel, in the `order` of their least voxels.
     pub fn known_blocks<K: Ord>(
         &self,
         order: impl Fn(VoxelIndex) -> K,
@@ -156,7 +158,7 @@ impl Octree {
         known.filter(|block| block.bricks.iter().any(|brick| brick.known != 0))
     }
 
-    /// Every occupied voxel with what its hits were like, in no order that means anything but always the same one.
+    /// Every occupied voxel with its surface, in a deterministic but arbitrary order.
     pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
         self.blocks().flat_map(move |block| {
             (0..BLOCK_BRICKS).flat_map(move |number| {

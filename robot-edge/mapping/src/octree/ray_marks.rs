@@ -1,19 +1,25 @@
-//! What one scan says of each voxel: seen through, or hit. Each voxel has one mark, however many beams meet it.
+//! Marks of one scan, free or hit, one per voxel, and the integer walk along a beam that sets them
+//! (docs/methods.md, section 3).
+//!
+//! A beam is walked in slabs, the voxel layers across its longest axis. Within a slab each of the
+//! other two coordinates crosses at most one boundary, so a slab holds at most three voxels: entry,
+//! exit and, if both cross, one in between. Marking entry and exit unconditionally, although they
+//! are often equal, is cheaper than a branch. The voxels are those of Amanatides and Woo (1987), as
+//! in `OctoMap`.
 
-use super::ray_walk::{FixedPoint, RayWalk, Slab, fixed, voxel};
-use super::scratch_pages::{PageRef, ScratchPages, ShardMarks};
-use super::shard::SHARDS;
-use super::voxel_address::{
+use crate::octree::SHARDS;
+use crate::octree::scratch_pages::{PageRef, ScratchPages, ShardMarks};
+use crate::octree::voxel_address::{
     BLOCK_BRICKS, BLOCK_EDGE, BRICK_VOXELS, BlockIndex, LOCAL_BITS, Window,
 };
 
-/// Greatest side of the window that holds a scan, voxels.
+/// Greatest side of a scan's window, voxels.
 const MAX_SIDE: u32 = 1 << 16;
-/// Greatest coordinate of a block, so that voxels are numbered in 32 bits.
+/// Greatest coordinate of a block; voxel indices have 32 bits.
 const MAX_BLOCK: f64 = (1 << 26) as f64;
 const NO_BLOCK: u64 = u64::MAX;
 
-/// Scratch marks of one scan, or of a part of it.
+/// Scratch marks of one scan, or of a thread's part of it.
 #[derive(Clone, Debug)]
 pub(super) struct RayMarks {
     window: Window,
@@ -29,11 +35,12 @@ impl RayMarks {
         }
     }
 
-    /// Begins a scan whose beams lie between two corners, voxels of `odom`; says whether it fits.
+    /// Begins a scan whose beams are between two corners, voxels of `odom`; returns whether it
+    /// fits.
     pub(super) fn begin(&mut self, least: [f64; 3], greatest: [f64; 3]) -> bool {
         let block_edge = f64::from(BLOCK_EDGE);
         let first = least.map(|voxels| libm::floor(voxels / block_edge));
-        // One voxel more, so that what lies on the far edge is inside.
+        // One voxel more, so that points on the far edge are inside.
         let extents = (0..3).map(|axis| greatest[axis] - first[axis] * block_edge + 1.0);
         let fits = extents.clone().all(|extent| extent < f64::from(MAX_SIDE))
             && first.iter().all(|block| block.abs() < MAX_BLOCK);
@@ -46,14 +53,14 @@ impl RayMarks {
         fits
     }
 
-    /// A point of `odom`, in voxels, in the window; `None` outside.
+    /// Converts from voxels of `odom` to the window; `None` outside.
     pub(super) fn fixed(&self, point: [f64; 3]) -> Option<FixedPoint> {
         let corner = self.window.corner();
         let inside = std::array::from_fn(|axis| point[axis] - corner[axis]);
         fixed(inside, self.window.side())
     }
 
-    /// Marks what a beam went through, without the voxel that it ends in.
+    /// Marks the voxels of a beam, without its last one.
     pub(super) fn mark_free(&mut self, from: FixedPoint, to: FixedPoint) {
         let Self {
             window,
@@ -73,7 +80,6 @@ impl RayMarks {
         }
     }
 
-    /// Marks what a beam hit.
     pub(super) fn mark_hit(&mut self, at: FixedPoint) {
         let code = code(&self.window, at);
         let place = self.scratch_pages.place(&self.window, code >> LOCAL_BITS);
@@ -81,12 +87,12 @@ impl RayMarks {
         self.scratch_pages.mark_hit(place, brick, bit);
     }
 
-    /// The marks, by shard of the map.
+    /// Marks by shard.
     pub(super) fn shards(&mut self) -> [ShardMarks<'_>; SHARDS] {
         self.scratch_pages.shards(self.window)
     }
 
-    /// Ends a scan, whose marks have been taken.
+    /// Ends a scan after its marks were taken.
     pub(super) fn close(&mut self) {
         self.scratch_pages.close();
     }
@@ -97,13 +103,13 @@ impl RayMarks {
     }
 }
 
-/// The code of the voxel of a point.
+/// Code of the voxel of a point, see [`Window`].
 fn code(window: &Window, at: FixedPoint) -> u64 {
     let at = voxel(at);
     (0..3).map(|axis| window.code(axis, at[axis])).sum()
 }
 
-/// The brick of a voxel in its block, and the bit of the voxel in its brick.
+/// The brick of a voxel in its block, and its bit in the brick.
 #[inline]
 const fn brick_and_bit(code: u64) -> (usize, u64) {
     (
@@ -112,7 +118,7 @@ const fn brick_and_bit(code: u64) -> (usize, u64) {
     )
 }
 
-/// Writes into the page that was written last, for as long as it is the same.
+/// Writes to the current page as long as the voxels are in it.
 struct PageWriter<'a> {
     window: &'a Window,
     block: u64,
@@ -128,7 +134,7 @@ impl<'a> PageWriter<'a> {
         }
     }
 
-    /// Marks slabs for as long as they lie in the page; gives back the first that does not.
+    /// Marks slabs in the current page; returns the first slab outside.
     #[inline]
     fn fast(&mut self, scratch_pages: &mut ScratchPages, walk: &mut RayWalk) -> Option<Slab> {
         let Some(page) = scratch_pages.page_mut(self.place) else {
@@ -178,5 +184,211 @@ impl<'a> PageWriter<'a> {
         if let Some(page) = scratch_pages.page_mut(self.place) {
             page.free[brick] |= bit;
         }
+    }
+}
+
+const FRACTION_BITS: u32 = 32;
+const ONE: u64 = 1 << FRACTION_BITS;
+
+/// A point inside a window, voxels with 32 bits of fraction, x, y, z.
+pub(super) type FixedPoint = [u64; 3];
+
+/// Converts `point`, in voxels from the window's least corner; `None` outside of the window of
+/// `side` voxels.
+pub(super) fn fixed(point: [f64; 3], side: u32) -> Option<FixedPoint> {
+    let within = |voxels: &f64| (0.0..f64::from(side)).contains(voxels); // false for NaN
+    point
+        .iter()
+        .all(within)
+        .then(|| point.map(|voxels| (voxels * ONE as f64) as u64))
+}
+
+pub(super) fn voxel(point: FixedPoint) -> [u32; 3] {
+    point.map(|coordinate| (coordinate >> FRACTION_BITS) as u32)
+}
+
+/// Codes of the voxels of one slab.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slab {
+    pub(super) enter: u64,
+    pub(super) leave: u64,
+    /// Whether [`RayWalk::between`] is one more voxel.
+    pub(super) crosses_both: bool,
+}
+
+/// A walk through the slabs of a beam.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RayWalk {
+    along: Axis,
+    e: Axis,
+    f: Axis,
+    /// Remaining whole slabs.
+    slabs: u32,
+}
+
+/// One coordinate of a beam.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    /// This axis' bits of the current voxel's code.
+    code: u64,
+    /// Bits of this axis in a code.
+    mask: u64,
+    /// Added to the code per voxel; for a growing coordinate with ones between the bits of this
+    /// axis, so that a carry passes.
+    step: u64,
+    /// Distance from the last boundary, in the direction of the beam, as a fraction of a voxel.
+    fraction: u32,
+    /// Movement per slab, as a fraction of a voxel.
+    slope: u32,
+}
+
+impl RayWalk {
+    /// From `from` to `to`, without the voxel of `to`. Calls `first` with the first slab; the last
+    /// one is left for [`RayWalk::last`].
+    #[inline]
+    pub(super) fn new(
+        window: &Window,
+        from: FixedPoint,
+        to: FixedPoint,
+        first: impl FnOnce(Slab, &Self),
+    ) -> Self {
+        let [x, y, z] = std::array::from_fn(|axis| from[axis].abs_diff(to[axis]));
+        let order = if x >= y && x >= z {
+            [0, 1, 2]
+        } else if y >= z {
+            [1, 0, 2]
+        } else {
+            [2, 0, 1]
+        };
+        let per_slab = ONE as f64 / x.max(y).max(z).max(1) as f64;
+        let axis = |n: usize| Axis::new(window, order[n], (from, to), per_slab);
+        let (along, e, f) = (axis(0), axis(1), axis(2));
+        let slabs =
+            (from[order[0]] >> FRACTION_BITS).abs_diff(to[order[0]] >> FRACTION_BITS) as u32;
+        let mut walk = Self { along, e, f, slabs };
+        if slabs > 0 {
+            let rest = ONE - u64::from(along.fraction);
+            let part = |slope: u32| ((u64::from(slope) * rest) >> FRACTION_BITS) as u32;
+            let slab = walk.advance(part(e.slope), part(f.slope));
+            first(slab, &walk);
+            walk.slabs -= 1;
+        }
+        walk
+    }
+
+    #[inline]
+    pub(super) const fn slabs(&self) -> u32 {
+        self.slabs
+    }
+
+    #[inline]
+    pub(super) fn next_slab(&mut self) -> Slab {
+        self.slabs -= 1;
+        self.advance(self.e.slope, self.f.slope)
+    }
+
+    /// Voxels of the slab in which the beam ends at `end`, without that voxel.
+    #[inline]
+    pub(super) fn last(mut self, end: u64) -> impl Iterator<Item = u64> {
+        let at = |walk: &Self| walk.along.code | walk.e.code | walk.f.code;
+        let enter = at(&self);
+        let crosses = |axis: &Axis| axis.code != end & axis.mask;
+        let between = (crosses(&self.e) && crosses(&self.f)).then(|| {
+            if self.e_is_first() {
+                self.e.advance(true);
+            } else {
+                self.f.advance(true);
+            }
+            at(&self)
+        });
+        std::iter::once(enter)
+            .chain(between)
+            .filter(move |&code| code != end)
+    }
+
+    /// The voxel between the two of the last slab, if both other coordinates cross a boundary.
+    #[inline]
+    pub(super) fn between(&self, slab: Slab) -> u64 {
+        let later = if self.e_was_first() {
+            self.f.mask
+        } else {
+            self.e.mask
+        };
+        (slab.leave & !later) | (slab.enter & later)
+    }
+
+    #[inline]
+    fn advance(&mut self, e_part: u32, f_part: u32) -> Slab {
+        let enter = self.along.code | self.e.code | self.f.code;
+        let e_crosses = self.e.advance_by(e_part);
+        let f_crosses = self.f.advance_by(f_part);
+        let leave = self.along.code | self.e.code | self.f.code;
+        self.along.advance(true);
+        Slab {
+            enter,
+            leave,
+            crosses_both: e_crosses & f_crosses,
+        }
+    }
+
+    /// Whether the last boundary of `e` was crossed before that of `f`.
+    #[inline]
+    fn e_was_first(&self) -> bool {
+        let since = |of: &Axis, other: &Axis| u64::from(of.fraction) * u64::from(other.slope);
+        since(&self.e, &self.f) > since(&self.f, &self.e)
+    }
+
+    /// Whether the next boundary of `e` is crossed before that of `f`.
+    #[inline]
+    fn e_is_first(&self) -> bool {
+        let rest = |axis: &Axis| ONE - u64::from(axis.fraction);
+        // Halved to fit.
+        (rest(&self.e) >> 1) * u64::from(self.f.slope)
+            < (rest(&self.f) >> 1) * u64::from(self.e.slope)
+    }
+}
+
+impl Axis {
+    #[inline]
+    fn new(
+        window: &Window,
+        axis: usize,
+        (from, to): (FixedPoint, FixedPoint),
+        per_slab: f64,
+    ) -> Self {
+        let (from, to) = (from[axis], to[axis]);
+        let code = window.code(axis, (from >> FRACTION_BITS) as u32);
+        let (mask, unit) = (window.mask(axis), Window::unit(axis));
+        let grows = to >= from;
+        // Rounded down, so that the walk never runs ahead of the beam.
+        let slope = ((from.abs_diff(to) as f64 * per_slab) as u64).saturating_sub(1);
+        let fraction = from as u32;
+        Self {
+            code,
+            mask,
+            step: if grows {
+                (!mask).wrapping_add(unit)
+            } else {
+                unit.wrapping_neg()
+            },
+            fraction: if grows { fraction } else { !fraction },
+            slope: slope.min(u64::from(u32::MAX)) as u32,
+        }
+    }
+
+    /// Moves by a fraction of a voxel; returns whether it crosses a boundary.
+    #[inline]
+    const fn advance_by(&mut self, part: u32) -> bool {
+        let (fraction, crosses) = self.fraction.overflowing_add(part);
+        self.fraction = fraction;
+        self.advance(crosses);
+        crosses
+    }
+
+    /// Moves to the next voxel if `crosses`.
+    #[inline]
+    const fn advance(&mut self, crosses: bool) {
+        let step = self.step & (crosses as u64).wrapping_neg();
+        self.code = self.code.wrapping_add(step) & self.mask;
     }
 }

@@ -1,45 +1,45 @@
-//! Where the marks of one scan are kept: a page of bits for each block of voxels that the scan meets.
+//! Storage for the marks of one scan: a page of bits for each block that the scan meets.
 
 use std::collections::HashMap;
 
 use rustc_hash::FxBuildHasher;
 
-use super::shard::SHARDS;
-use super::voxel_address::{BLOCK_BRICKS, BlockIndex, Window};
+use crate::octree::SHARDS;
+use crate::octree::voxel_address::{BLOCK_BRICKS, BlockIndex, Window};
 
-/// Bits of a slot for each axis, at most.
+/// Greatest number of slot bits per axis.
 const MAX_SLOT_BITS: u32 = 7;
 const NO_PAGE: u32 = u32::MAX;
 
-/// The pages of one scan.
+/// Pages of one scan.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ScratchPages {
     index: PageIndex,
     page_lists: [PageList; SHARDS],
 }
 
-/// Where the page of a block is.
+/// Index of a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PageRef {
     shard: usize,
     at: usize,
 }
 
-/// Finds pages.
+/// Finds the page of a block.
 #[derive(Clone, Debug, Default)]
 struct PageIndex {
-    /// The page of a block, by the lowest bits of its coordinates.
+    /// Page by the lowest bits of the block's coordinates.
     slots: Vec<u32>,
-    /// The page of a block whose slot another one has.
+    /// Pages of blocks whose slot is occupied.
     overflow: HashMap<u64, u32, FxBuildHasher>,
     block_bits: u32,
 }
 
-/// The pages of the blocks of one shard of the map.
+/// Pages of one shard.
 #[derive(Clone, Debug, Default)]
 struct PageList {
     heads: Vec<PageHead>,
-    /// One for each head, and more.
+    /// Kept for their allocation; at least one for each head.
     scratch_pages: Vec<Page>,
 }
 
@@ -61,14 +61,14 @@ const BLANK: Page = Page {
     hit: [0; BLOCK_BRICKS],
 };
 
-/// Voxels of a brick that a scan saw through and that it hit, a bit for each; none is both.
+/// Free and hit voxels of a brick, a bit for each; disjoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct BrickMarks {
     pub(super) free: u64,
     pub(super) hit: u64,
 }
 
-/// The marks of one shard of the map.
+/// Marks of one shard.
 #[derive(Debug)]
 pub(super) struct ShardMarks<'a> {
     window: Window,
@@ -76,18 +76,18 @@ pub(super) struct ShardMarks<'a> {
     page_list: &'a mut PageList,
 }
 
-/// A block that a scan marked.
+/// A marked block.
 #[derive(Debug)]
 pub(super) struct MarkedBlock<'a> {
     pub(super) block: BlockIndex,
-    /// Bricks that hold a mark, a bit for each.
+    /// Bricks with a mark, a bit for each.
     pub(super) touched: u64,
     has_hits: bool,
     page: &'a mut Page,
 }
 
 impl ScratchPages {
-    /// Prepares for a scan in a window of that many bits of a block's coordinate.
+    /// Prepares for a scan in a window with that many bits per block coordinate.
     pub(super) fn open(&mut self, block_bits: u32) {
         let index = &mut self.index;
         if block_bits != index.block_bits || index.slots.is_empty() {
@@ -96,7 +96,7 @@ impl ScratchPages {
         }
     }
 
-    /// The page of a block of the window, which it gets if it has none.
+    /// The page of a block of the window, created if necessary.
     pub(super) fn place(&mut self, window: &Window, block: u64) -> PageRef {
         let Self { index, page_lists } = self;
         let slot = index.slot(block);
@@ -118,20 +118,18 @@ impl ScratchPages {
         place
     }
 
-    /// The page at a place.
     #[inline]
     pub(super) fn page_mut(&mut self, place: PageRef) -> Option<&mut Page> {
         self.page_lists[place.shard].scratch_pages.get_mut(place.at)
     }
 
-    /// Marks the hit voxel of a bit in a brick of the page at a place.
     pub(super) fn mark_hit(&mut self, place: PageRef, brick: usize, bit: u64) {
         let page_list = &mut self.page_lists[place.shard];
         page_list.scratch_pages[place.at].hit[brick] |= bit;
         page_list.heads[place.at].has_hits = true;
     }
 
-    /// The marks, by shard of the map.
+    /// Marks by shard.
     pub(super) fn shards(&mut self, window: Window) -> [ShardMarks<'_>; SHARDS] {
         let index = &self.index;
         self.page_lists.each_mut().map(|page_list| ShardMarks {
@@ -141,7 +139,7 @@ impl ScratchPages {
         })
     }
 
-    /// Ends a scan, whose marks have been taken.
+    /// Ends a scan after its marks were taken.
     pub(super) fn close(&mut self) {
         for page_list in &mut self.page_lists {
             for head in page_list.heads.drain(..) {
@@ -152,7 +150,6 @@ impl ScratchPages {
         self.index.overflow.clear();
     }
 
-    /// Their memory, bytes.
     pub(super) fn bytes(&self) -> usize {
         let scratch_pages = self
             .page_lists
@@ -164,7 +161,6 @@ impl ScratchPages {
 }
 
 impl PageRef {
-    /// Of no page.
     pub(super) const NONE: Self = Self {
         shard: 0,
         at: usize::MAX,
@@ -181,7 +177,6 @@ impl PageRef {
         (self.at * SHARDS + self.shard) as u32
     }
 
-    /// Of a new page.
     fn new(window: &Window, page_lists: &mut [PageList; SHARDS], block: u64) -> Self {
         let shard = window.block(block).shard();
         let page_list = &mut page_lists[shard];
@@ -209,7 +204,6 @@ impl PageIndex {
         (part(0) | part(1) | part(2)) as usize
     }
 
-    /// Where the page of a block of this shard is, if it has one.
     fn find(&self, page_list: &PageList, block: u64) -> Option<usize> {
         let number = self.slots[self.slot(block)];
         let at = PageRef::of(number).at;
@@ -226,13 +220,13 @@ impl PageIndex {
 }
 
 impl ShardMarks<'_> {
-    /// The blocks that hold marks, in the order of their first ones.
+    /// Blocks with marks, in the order of their first ones.
     pub(super) fn blocks(&self) -> impl Iterator<Item = BlockIndex> + '_ {
         let heads = self.page_list.heads.iter();
         heads.map(|head| self.window.block(head.block))
     }
 
-    /// Takes from another part of the same scan its marks of the blocks that are marked here too.
+    /// Moves the marks of the blocks that are marked in both from `other` to here.
     pub(super) fn take_common(&mut self, other: &mut Self) {
         let page_list = &mut *self.page_list;
         for (head, page) in other
@@ -248,7 +242,7 @@ impl ShardMarks<'_> {
         }
     }
 
-    /// The blocks that hold marks, in the same order. Whoever takes them clears the marks.
+    /// Blocks with marks, in the same order. The caller must clear the marks.
     pub(super) fn marked(&mut self) -> impl Iterator<Item = MarkedBlock<'_>> {
         let window = self.window;
         let PageList {
@@ -268,7 +262,7 @@ impl ShardMarks<'_> {
 }
 
 impl MarkedBlock<'_> {
-    /// Takes the marks of a brick, which loses them.
+    /// Takes and clears the marks of a brick.
     pub(super) fn take(&mut self, brick: usize) -> BrickMarks {
         let hit = if self.has_hits {
             std::mem::take(&mut self.page.hit[brick])
@@ -282,7 +276,8 @@ impl MarkedBlock<'_> {
 }
 
 impl Page {
-    /// Bricks that hold a mark, a bit for each. Looked for afterwards: that costs less than to note it at each mark.
+    /// Bricks with a mark, a bit for each. Computed afterwards, which is cheaper than recording it
+    /// at each mark.
     fn touched(&self) -> u64 {
         let bricks = self.free.iter().zip(&self.hit).enumerate();
         bricks.fold(0, |touched, (brick, (free, hit))| {

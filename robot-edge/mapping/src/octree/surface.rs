@@ -1,45 +1,46 @@
-//! What the hits in a voxel say beyond that it is occupied: where in it the surface lies, and the metrics.
+//! Surface in a voxel: mean position of the hits, and the metrics (docs/methods.md, sections 4 and
+//! 5).
 
 use nalgebra::{Point3, Vector3};
 
-use crate::voxel::VoxelIndex;
+use crate::grid::VoxelIndex;
 
-/// Parts of a voxel in which positions are summed, along each axis.
+/// Resolution of positions within a voxel, along each axis.
 const PARTS: f64 = 1024.0;
-/// Radius of a spot of light that is fine enough: half a voxel's side.
+/// Radius of a spot that is fine enough: half a voxel.
 const FINE: u16 = 512;
-/// A spot this much smaller than another one tells better where the surface lies.
+/// A spot smaller than another by this factor locates the surface better.
 pub(crate) const FINER: f64 = 0.75;
-/// Hits after which old ones count half, so that a surface may move.
+/// Number of hits after which the sums are halved, so that a surface may move.
 const MEMORY: u16 = 64;
 
-/// The hits in one voxel.
+/// Surface in one voxel.
 ///
-/// A spot of light that lies across a crest or an edge sends back a part of itself, and the hit is placed in its middle:
-/// so the mean is of the finest hits only.
+/// A laser spot across a crest or an edge returns a part of itself, and the hit is placed in its
+/// middle. So the mean is of the finest hits only.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceVoxel {
-    /// Hits that the mean is of.
+    /// Hits in the mean.
     hits: u16,
-    /// Radius of the smallest spot of light that hit it, parts of its side.
+    /// Radius of the smallest spot, in parts of a voxel.
     spot: u16,
-    /// Of their positions in the voxel, parts of its side.
+    /// Sums of positions in the voxel, in parts of a voxel.
     sums: [u32; 3],
-    /// Moving averages; not a number where there is none.
+    /// Moving averages; NaN without value.
     intra: f32,
     inter: f32,
 }
 
-/// One hit: where, and what its beam's metrics are, not-a-number where it has none.
+/// A hit and its beam's metrics; NaN without.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceHit {
     /// Metres in `odom`.
     pub point: Point3<f64>,
-    /// Radius of the beam's spot of light there, metres: what came back is from somewhere in it.
+    /// Radius of the laser spot, metres.
     pub spot_m: f32,
-    /// Of its segment, 0 … 1.
+    /// `IntraScan`, 0 … 1.
     pub intra: f32,
-    /// From the scan before, 0 … 1.
+    /// `InterScan`, 0 … 1.
     pub inter: f32,
 }
 
@@ -52,7 +53,7 @@ impl SurfaceVoxel {
         inter: f32::NAN,
     };
 
-    /// Adds a hit in the voxel; `weight` is that of the newest value in a moving average.
+    /// Adds a hit in the voxel; `weight` is that of the newest metric.
     pub(super) fn add(&mut self, hit: &SurfaceHit, voxel: VoxelIndex, cell_m: f64, weight: f32) {
         self.add_point(hit, voxel, cell_m);
         let average = |value: &mut f32, new: f32| {
@@ -68,7 +69,7 @@ impl SurfaceVoxel {
         average(&mut self.inter, hit.inter);
     }
 
-    /// Adds the place of a hit, unless finer ones were there; those that it is finer than no longer count.
+    /// Adds a position unless finer ones exist; replaces coarser ones.
     fn add_point(&mut self, hit: &SurfaceHit, voxel: VoxelIndex, cell_m: f64) {
         let spot = libm::ceil(f64::from(hit.spot_m) / cell_m * PARTS) as u16;
         let is_finer = |a: u16, b: u16| f64::from(a.max(FINE)) < FINER * f64::from(b.max(FINE));
@@ -91,25 +92,24 @@ impl SurfaceVoxel {
         }
     }
 
-    /// The mean of the hits, in voxels from the voxel's least corner.
+    /// Mean of the hits, in voxels from the voxel's least corner.
     pub fn mean(&self) -> Vector3<f64> {
         let hits = f64::from(self.hits.max(1));
         let [x, y, z] = self.sums.map(|sum| (f64::from(sum) / hits + 0.5) / PARTS);
         Vector3::new(x, y, z)
     }
 
-    /// Radius of the smallest spot of light among the hits, voxels: how finely the surface's height is known, at most
-    /// 64.
+    /// Radius of the smallest spot, voxels, at most 64.
     pub fn spot(&self) -> f64 {
         f64::from(self.spot) / PARTS
     }
 
-    /// Moving average of the hits' `IntraScan`, if any had one.
+    /// Moving average of `IntraScan`.
     pub fn intra(&self) -> Option<f32> {
         (!self.intra.is_nan()).then_some(self.intra)
     }
 
-    /// Moving average of the hits' `InterScan`, if any had one.
+    /// Moving average of `InterScan`.
     pub fn inter(&self) -> Option<f32> {
         (!self.inter.is_nan()).then_some(self.inter)
     }
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_is_that_of_the_points_and_follows_a_surface_that_moves() {
+    fn mean_follows_a_moving_surface() {
         let voxel = VoxelIndex { x: -3, y: 7, z: 0 };
         let mut surface = SurfaceVoxel::NONE;
         let hit = |z_m: f64, inter| SurfaceHit {
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_is_known_as_finely_as_by_its_finest_hit() {
+    fn finest_hits_define_the_surface() {
         let mut surface = SurfaceVoxel::NONE;
         let hits = [
             (9.0, 64.0, 0.09, 0.9),

@@ -1,8 +1,7 @@
 use std::collections::BTreeMap;
 
-use proptest::prelude::*;
-
 use super::*;
+use proptest::prelude::*;
 
 const SENSOR: SensorId = SensorId(0);
 
@@ -40,7 +39,7 @@ const fn voxel(x: i32, y: i32, z: i32) -> VoxelIndex {
     VoxelIndex { x, y, z }
 }
 
-/// The voxels of a segment without that of its end, by [Amanatides and Woo 1987] in floating point.
+/// Voxels of a segment without its last one, by Amanatides and Woo (1987) in floating point.
 fn crossed(from: [f64; 3], to: [f64; 3]) -> Vec<VoxelIndex> {
     let mut at = from.map(|voxels| voxels.floor() as i32);
     let end = to.map(|voxels| voxels.floor() as i32);
@@ -64,7 +63,7 @@ fn crossed(from: [f64; 3], to: [f64; 3]) -> Vec<VoxelIndex> {
     voxels
 }
 
-/// A map without bricks, marks or packing, and with log-odds as they are.
+/// A map without blocks, marks or packing, and with exact log-odds.
 #[derive(Default)]
 struct Reference(BTreeMap<VoxelIndex, f64>);
 
@@ -121,7 +120,7 @@ prop_compose! {
 }
 
 prop_compose! {
-    /// Scans of few beams from near the same place, so that voxels are met again and again.
+    /// Scans of few beams from nearly the same position, so that voxels are updated repeatedly.
     fn scans()(
         scans in prop::collection::vec(
             (point(0.2), prop::collection::vec((point(2.5), any::<bool>()), 1..25)), 1..12)
@@ -140,7 +139,7 @@ proptest! {
     fn it_is_the_map_that_the_formulas_give(scans in scans()) {
         let mut octree = octree(1);
         let mut reference = Reference::default();
-        // Again and again, so that voxels come to their limits and bricks are pruned.
+        // Repeated, so that voxels reach their limits and bricks are pruned.
         for scan in scans.iter().cycle().take(scans.len() * 9) {
             octree.integrate(SENSOR, scan.iter().copied());
             reference.integrate(scan, &octree.steps);
@@ -172,10 +171,9 @@ proptest! {
         prop_assert_eq!(values(&one), values(&two));
     }
 
-    /// Whoever reads the changed columns again knows all that has changed, and what a coarser level says is what
-    /// its voxels say.
+    /// The changed columns hold all changes, and a coarser level agrees with its voxels.
     #[test]
-    fn changes_are_told_and_coarser_levels_agree(scans in scans(), probe in point(2.5)) {
+    fn changes_are_complete_and_coarser_levels_agree(scans in scans(), probe in point(2.5)) {
         let mut octree = octree(1);
         let mut known = BTreeMap::new();
         for scan in &scans {
@@ -261,7 +259,7 @@ fn what_saturates_takes_no_memory() {
 }
 
 #[test]
-fn beyond_the_limit_the_farthest_bricks_go_and_what_was_there_is_unknown() {
+fn memory_limit_evicts_the_farthest_bricks() {
     let config = OctreeConfig {
         memory_limit_mb: 1,
         ..config()
@@ -302,7 +300,7 @@ fn beyond_the_limit_the_farthest_bricks_go_and_what_was_there_is_unknown() {
 }
 
 #[test]
-fn beams_without_a_place_are_counted_and_the_others_kept() {
+fn out_of_range_beams_are_counted() {
     let mut octree = octree(1);
     let unplaced = octree.integrate(
         SENSOR,
@@ -352,7 +350,7 @@ fn far_beams_at_fine_voxels_share_slots_and_nothing_else() {
 }
 
 #[test]
-fn hits_tell_where_the_surface_lies() {
+fn hits_set_the_surface() {
     let mut octree = octree(1);
     let end = [1.03, 0.07, 0.02];
     let hit = SurfaceHit {

@@ -1,7 +1,7 @@
-//! How voxels are addressed: blocks of 16³ voxels, each of 64 bricks of 4³.
+//! Addresses of voxels: blocks of 16³ voxels, each of 64 bricks of 4³.
 
-use super::shard::SHARDS;
-use crate::voxel::VoxelIndex;
+use crate::grid::VoxelIndex;
+use crate::octree::SHARDS;
 
 /// Voxels along the edge of a brick.
 pub(super) const BRICK_EDGE: i32 = 4;
@@ -9,9 +9,8 @@ pub(super) const BRICK_EDGE: i32 = 4;
 pub(super) const BRICK_VOXELS: usize = 64;
 /// Voxels along the edge of a block.
 pub(super) const BLOCK_EDGE: i32 = 16;
-/// Bricks of a block.
 pub(super) const BLOCK_BRICKS: usize = 64;
-/// Bits of the address of a voxel in its block.
+/// Bits of a voxel's address in its block.
 pub(super) const LOCAL_BITS: u32 = 12;
 
 /// A block: block (x, y, z) holds voxels `16·x … 16·x + 15` and so on.
@@ -22,12 +21,12 @@ pub(super) struct BlockIndex {
     pub(super) z: i32,
 }
 
-/// What a coordinate in a block adds to a voxel's address there: brick by brick, in both x first.
+/// Contribution of a coordinate to a voxel's address: brick by brick, x first in both.
 pub(super) const fn local(coordinate: u32, axis: u32) -> u32 {
     ((coordinate >> 2 & 3) << (6 + 2 * axis)) | ((coordinate & 3) << (2 * axis))
 }
 
-/// The block of a voxel and its address there.
+/// Block of a voxel, and its address there.
 pub(super) fn split(voxel: VoxelIndex) -> (BlockIndex, usize) {
     let part = |coordinate: i32| (coordinate & (BLOCK_EDGE - 1)) as u32;
     let address = local(part(voxel.x), 0) | local(part(voxel.y), 1) | local(part(voxel.z), 2);
@@ -49,13 +48,12 @@ impl BlockIndex {
         }
     }
 
-    /// The shard of the map that it belongs to. Blocks side by side are in different ones, so that each shard has
-    /// half of any scan.
+    /// Adjacent blocks are in different shards, so that each shard has half of any scan.
     pub(super) const fn shard(self) -> usize {
         (self.x ^ self.y ^ self.z) as usize % SHARDS
     }
 
-    /// How far it is from another one, squared, in blocks.
+    /// In blocks.
     pub(super) fn distance_squared(self, other: Self) -> i64 {
         let part = |a: i32, b: i32| {
             let difference = i64::from(a) - i64::from(b);
@@ -64,7 +62,6 @@ impl BlockIndex {
         part(self.x, other.x) + part(self.y, other.y) + part(self.z, other.z)
     }
 
-    /// The voxel at an address.
     pub(super) fn voxel(self, address: usize) -> VoxelIndex {
         let first = self.first_voxel();
         let address = address as u32;
@@ -80,8 +77,9 @@ impl BlockIndex {
     }
 }
 
-/// A cube of voxels around a scan. In it a voxel has a code: its address in its block, above that the number of
-/// the block in the window. The bits of the three coordinates are apart, so that one can be stepped alone.
+/// A cube of voxels around a scan. A voxel's *code* is its address in its block, and above that the
+/// number of the block in the window. The bits of the three coordinates are separate, so that one
+/// can be stepped alone.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     first: BlockIndex,
@@ -90,7 +88,7 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// From the block `first`, at least `side` voxels along an edge.
+    /// From block `first`, with at least `side` voxels along an edge.
     pub(super) const fn new(first: BlockIndex, side: u32) -> Self {
         let blocks = side.div_ceil(BLOCK_EDGE as u32).next_power_of_two();
         Self {
@@ -104,28 +102,26 @@ impl Window {
         (BLOCK_EDGE as u32) << self.block_bits
     }
 
-    /// Bits of a block's coordinate.
     pub(super) const fn block_bits(&self) -> u32 {
         self.block_bits
     }
 
-    /// What a coordinate of a voxel in the window adds to its code.
+    /// Contribution of a voxel's coordinate to its code.
     pub(super) const fn code(&self, axis: usize, coordinate: u32) -> u64 {
         let block = (coordinate >> 4) as u64;
         block << self.block_shift(axis) | local(coordinate & 15, axis as u32) as u64
     }
 
-    /// The bits of an axis in a code.
+    /// Bits of an axis in a code.
     pub(super) const fn mask(&self, axis: usize) -> u64 {
         self.code(axis, self.side() - 1)
     }
 
-    /// The lowest bit of an axis in a code.
+    /// Lowest bit of an axis in a code.
     pub(super) const fn unit(axis: usize) -> u64 {
         1 << (2 * axis)
     }
 
-    /// The block that has a number in the window.
     pub(super) fn block(&self, number: u64) -> BlockIndex {
         let coordinate = |axis: usize| {
             let shifted = number >> (self.block_shift(axis) - LOCAL_BITS);

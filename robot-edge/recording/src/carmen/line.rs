@@ -38,7 +38,7 @@ pub(super) enum Layout {
     RobotLaser,
 }
 
-/// Layout and frame of the messages called `keyword`; `None` where they are not read.
+/// Layout and frame of the messages called `keyword`; `None` if they are not read.
 pub(super) fn layout_of(keyword: &str) -> Option<(Layout, &'static str)> {
     if let Some(laser) = keyword.strip_prefix("RAWLASER") {
         return Some((Layout::RawLaser, numbered_laser_frame(laser)?));
@@ -75,7 +75,7 @@ pub(super) fn is_message_name(keyword: &str) -> bool {
             .all(|&b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_')
 }
 
-/// Why a line says nothing.
+/// Why a line cannot be decoded.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub(super) enum LineError {
     #[error("ends before {0}")]
@@ -206,7 +206,7 @@ impl Fields<'_> {
 
     fn ranges(&mut self) -> Result<Vec<f32>, LineError> {
         let count: usize = self.number("number of ranges")?;
-        // A count that lies must not ask for more memory than the line could fill.
+        // A wrong count must not allocate more memory than the line could fill.
         let most = self.0.size_hint().1.unwrap_or(0);
         let mut ranges_m = Vec::with_capacity(count.min(most));
         for _ in 0..count {

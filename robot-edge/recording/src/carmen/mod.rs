@@ -1,21 +1,18 @@
 //! CARMEN logs (`.log`, `.clf`): text, a message a line, in the order in which things happened.
 
+mod line;
+
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use self::bounded_lines::{BoundedLines, LineEnd, MAX_LINE_BYTES};
-use self::line::Layout;
-use self::stamp_repair::{Repair, StampRepair};
-use super::loss_log::LossLog;
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
 use measurement::drops::{DropCounts, DropReason};
-use measurement::time::RobotTime;
+use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, Stream, StreamId};
 
-mod bounded_lines;
-mod line;
-mod stamp_repair;
+use self::line::Layout;
+use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
+use crate::messages::LossLog;
 
 /// Message names a log may hold before more are taken for garbage; CARMEN itself knows about 20.
 const MAX_STREAMS: usize = 64;
@@ -41,7 +38,7 @@ pub struct CarmenReader {
     stamp_repairs: u64,
 }
 
-/// What is kept for the lines of one message name.
+/// State of one message name.
 #[derive(Debug)]
 struct LogStream {
     /// `None` where its lines are only counted.
@@ -53,9 +50,6 @@ struct LogStream {
 
 impl CarmenReader {
     /// Opens the log at `path`.
-    ///
-    /// # Errors
-    /// Where the file cannot be opened.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
         let io_error = |source| RecordingError::Io {
             path: path.to_owned(),
@@ -78,14 +72,14 @@ impl CarmenReader {
 
     /// Makes `FLASER` and `RLASER` ranges at or above `range_max_m` misses, instead of those from 80 m:
     /// these lines do not say what their laser reports where it sees nothing, but
-    /// [`super::survey::Survey`] finds it.
+    /// `Survey` finds it.
     #[must_use]
     pub const fn with_laser_range_max_m(mut self, range_max_m: f32) -> Self {
         self.laser_range_max_m = range_max_m;
         self
     }
 
-    /// What the current line says, if anything.
+    /// The measurement of the current line, if any.
     fn read_line(&mut self, end: LineEnd) -> Option<Measurement> {
         let line_number = self.lines.line_number();
         if end == LineEnd::TooLong {
@@ -95,7 +89,7 @@ impl CarmenReader {
             return None;
         }
         if end == LineEnd::EndOfFile {
-            // CARMEN ends every line. What is there may still be whole but for its last field.
+            // CARMEN ends every line with a newline; all fields but the last may still be complete.
             self.losses.add(DropReason::CutOff, || {
                 format!("line {line_number}: the recording ends inside this line")
             });
@@ -254,6 +248,116 @@ fn repair_note(line_number: u64, name: &str, raw_stamp: RobotTime, repair: Repai
         }
     };
     format!("line {line_number}: the stamp of {name} {what} (later ones only counted)")
+}
+
+/// A scan of 10,000 beams with remissions is about 150 kB of text.
+const MAX_LINE_BYTES: usize = 1 << 20;
+
+/// Result of [`BoundedLines::next_line`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LineEnd {
+    /// A whole line.
+    Newline,
+    /// The file ends without a newline: the line may be cut.
+    EndOfFile,
+    /// Longer than [`MAX_LINE_BYTES`]; what follows up to the newline was skipped.
+    TooLong,
+}
+
+/// Reads lines into one buffer.
+#[derive(Debug)]
+struct BoundedLines<R> {
+    reader: R,
+    line: Vec<u8>,
+    line_number: u64,
+    bytes_read: u64,
+}
+
+impl<R: BufRead> BoundedLines<R> {
+    const fn new(reader: R) -> Self {
+        Self {
+            reader,
+            line: Vec::new(),
+            line_number: 0,
+            bytes_read: 0,
+        }
+    }
+
+    /// Moves to the next line; `None` at the end of the file.
+    fn next_line(&mut self) -> io::Result<Option<LineEnd>> {
+        self.line.clear();
+        let read = (&mut self.reader)
+            .take(MAX_LINE_BYTES as u64 + 1)
+            .read_until(b'\n', &mut self.line)?;
+        if read == 0 {
+            return Ok(None);
+        }
+        self.line_number += 1;
+        self.bytes_read += read as u64;
+        if self.line.last() == Some(&b'\n') {
+            return Ok(Some(LineEnd::Newline));
+        }
+        if read <= MAX_LINE_BYTES {
+            return Ok(Some(LineEnd::EndOfFile));
+        }
+        self.bytes_read += self.reader.skip_until(b'\n')? as u64;
+        Ok(Some(LineEnd::TooLong))
+    }
+
+    fn line(&self) -> &[u8] {
+        &self.line
+    }
+
+    /// Its number, from 1.
+    const fn line_number(&self) -> u64 {
+        self.line_number
+    }
+
+    const fn bytes_read(&self) -> u64 {
+        self.bytes_read
+    }
+}
+
+/// A step longer than this, either way, is a change of clock: no log lasts 11 days.
+const CLOCK_CHANGE: RobotDuration = RobotDuration::from_millis(1_000_000_000);
+
+/// Repair of a stamp.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Repair {
+    /// Nothing.
+    None,
+    /// It went back by this much, and was held at the one before.
+    Held(RobotDuration),
+    /// It is of another clock, which is taken to go on where the old one stood.
+    ClockChange,
+}
+
+/// The stamps of one stream so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct StampRepair {
+    last: Option<RobotTime>,
+    clock_offset: RobotDuration,
+}
+
+impl StampRepair {
+    /// The stamp to use for a line stamped `raw`: never before the one returned last.
+    fn repair(&mut self, raw: RobotTime) -> (RobotTime, Repair) {
+        let stamp = raw + self.clock_offset;
+        let Some(last) = self.last else {
+            self.last = Some(stamp);
+            return (stamp, Repair::None);
+        };
+        let step = stamp.since(last);
+        if step > CLOCK_CHANGE || last.since(stamp) > CLOCK_CHANGE {
+            self.clock_offset = last.since(raw);
+            return (last, Repair::ClockChange);
+        }
+        if step < RobotDuration::ZERO {
+            return (last, Repair::Held(last.since(stamp)));
+        }
+        self.last = Some(stamp);
+        (stamp, Repair::None)
+    }
 }
 
 #[cfg(test)]

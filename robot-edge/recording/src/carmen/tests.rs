@@ -1,10 +1,10 @@
 use std::io::Write;
 
+use measurement::MeasurementData;
 use proptest::prelude::*;
 
 use super::*;
 use crate::shared_data::shared_data;
-use measurement::MeasurementData;
 
 fn read_all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
     std::iter::from_fn(|| reader.next_measurement().unwrap()).collect()
@@ -211,6 +211,78 @@ proptest! {
             if let MeasurementData::Scan { scan, .. } = measurement.data {
                 prop_assert!(!scan.ranges_m.is_empty());
             }
+        }
+    }
+}
+
+#[test]
+fn long_lines_are_skipped_and_the_next_is_whole() {
+    let mut text = b"one\n".to_vec();
+    text.extend(vec![b'x'; MAX_LINE_BYTES + 5]);
+    text.extend(b"\nthree\nfour");
+    let mut lines = BoundedLines::new(&text[..]);
+    assert_eq!(lines.next_line().unwrap(), Some(LineEnd::Newline));
+    assert_eq!(lines.line(), b"one\n");
+    assert_eq!(lines.next_line().unwrap(), Some(LineEnd::TooLong));
+    assert!(lines.line().len() <= MAX_LINE_BYTES + 1);
+    assert_eq!(lines.next_line().unwrap(), Some(LineEnd::Newline));
+    assert_eq!((lines.line(), lines.line_number()), (&b"three\n"[..], 3));
+    assert_eq!(lines.next_line().unwrap(), Some(LineEnd::EndOfFile));
+    assert_eq!(lines.next_line().unwrap(), None);
+    assert_eq!(lines.bytes_read(), text.len() as u64);
+}
+
+fn seconds(secs: f64) -> RobotTime {
+    RobotTime::from_secs_f64(secs).unwrap()
+}
+
+fn check(stamps_s: &[f64], expected_s: &[f64], repaired: usize) {
+    let mut repair = StampRepair::default();
+    let mut repairs = 0;
+    for (&raw, &expected) in stamps_s.iter().zip(expected_s) {
+        let (stamp, done) = repair.repair(seconds(raw));
+        repairs += usize::from(done != Repair::None);
+        let error = stamp.as_secs_f64() - expected;
+        assert!(error.abs() < 1e-6, "{raw} became {stamp}, not {expected}");
+    }
+    assert_eq!(repairs, repaired);
+}
+
+#[test]
+fn good_stamps_stay() {
+    check(&[10.0, 10.0, 10.5, 1000.0], &[10.0, 10.0, 10.5, 1000.0], 0);
+}
+
+#[test]
+fn a_stamp_that_goes_back_is_held() {
+    check(&[10.0, 9.5, 9.9, 10.1], &[10.0, 10.0, 10.0, 10.1], 2);
+    check(&[21.0, 0.0, 1.08e-42, 22.7], &[21.0, 21.0, 21.0, 22.7], 2);
+}
+
+#[test]
+fn time_goes_on_where_the_clock_changes() {
+    let wrap = 4_294_967_296.0;
+    check(
+        &[5.0, wrap - 2.0, wrap - 1.5, 0.5, 1.0],
+        &[5.0, 5.0, 5.5, 5.5, 6.0],
+        2,
+    );
+    check(
+        &[1.018e9, 0.0, 1.018e9, 1.018e9 + 1.0],
+        &[1.018e9, 1.018e9, 1.018e9, 1.018e9 + 1.0],
+        2,
+    );
+}
+
+proptest! {
+    #[test]
+    fn time_never_goes_back(stamps in prop::collection::vec(any::<i64>(), 0..50)) {
+        let mut repair = StampRepair::default();
+        let mut last = RobotTime::MIN;
+        for nanos in stamps {
+            let (stamp, _) = repair.repair(RobotTime::from_nanos(nanos));
+            prop_assert!(stamp >= last);
+            last = stamp;
         }
     }
 }

@@ -1,10 +1,11 @@
-//! The outer records of an MCAP file, one after another, found again where damage hides them.
+//! Outer records of an MCAP file; finds the next record behind damage.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
 
-use super::magic::MAGIC;
-use super::record::{least_length, op};
+use crate::RecordingError;
+use crate::mcap::record::{least_length, op};
 
 /// Longest record that is read whole; others are passed over (attachments may be as long as they like).
 pub(super) const MAX_RECORD_BYTES: u64 = 64 << 20;
@@ -14,7 +15,7 @@ const RECORD_HEADER_BYTES: u64 = 9;
 /// How many records must follow one another before bytes are believed to be records again.
 const PLAUSIBLE_RUN: usize = 3;
 
-/// What comes next in the file.
+/// The next piece of the file.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Frame {
     /// A record whose body is in [`Framing::body`].
@@ -68,7 +69,6 @@ impl Framing {
         })
     }
 
-    /// The body of the last record.
     pub(super) fn body(&self) -> &[u8] {
         &self.body
     }
@@ -238,4 +238,44 @@ const fn is_read(opcode: u8) -> bool {
             | op::DATA_END
             | op::FOOTER
     )
+}
+
+/// `\x89MCAP0\r\n`, at both ends of a file.
+pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+
+/// Opens a file and checks its first bytes.
+pub(super) fn open_checked(path: &Path) -> Result<File, RecordingError> {
+    let io_error = |source| RecordingError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = File::open(path).map_err(io_error)?;
+    let mut magic = Vec::new();
+    file.by_ref()
+        .take(MAGIC.len() as u64)
+        .read_to_end(&mut magic)
+        .map_err(io_error)?;
+    if magic == MAGIC {
+        Ok(file)
+    } else {
+        Err(not_this_format(path, &magic))
+    }
+}
+
+fn not_this_format(path: &Path, begins_with: &[u8]) -> RecordingError {
+    let path = path.to_owned();
+    match begins_with {
+        [0x89, b'M', b'C', b'A', b'P', version, b'\r', b'\n'] => {
+            RecordingError::UnsupportedVersion {
+                path,
+                format: "MCAP",
+                version: char::from(*version).to_string(),
+                remedy: "only version 0 exists at the time of writing: update this program",
+            }
+        }
+        _ => RecordingError::UnknownFormat {
+            path,
+            begins_with: format!("{:?}", String::from_utf8_lossy(begins_with)),
+        },
+    }
 }

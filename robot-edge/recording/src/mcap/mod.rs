@@ -4,26 +4,24 @@
 //! without limit, and a damaged chunk ends them. So the outer framing is walked here, within limits, and
 //! goes on behind damage; writing is the crate's.
 
-mod chunk;
 mod framing;
-mod magic;
 mod record;
 pub mod recover;
-mod summary;
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use framing::{Frame, Framing};
-use magic::open_checked;
-use record::{Malformed, op};
-
-use super::messages::{MAX_STREAMS, Messages, Reading};
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use crate::ros::{self, Encoding, MessageType};
+use framing::{Frame, Framing, MAGIC, open_checked};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{Measurement, Stream, StreamId};
+use record::{Malformed, op};
+
+use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary, ros};
+use crate::messages::{MAX_STREAMS, Messages, Reading};
+use crate::ros::{Encoding, MessageType};
 
 /// Name of the metadata record that Foreshore writes, and the key in it that names the vehicle.
 pub(super) const METADATA_NAME: &str = "foreshore";
@@ -47,22 +45,19 @@ pub struct McapReader {
 #[derive(Clone, Copy, Debug)]
 struct Channel {
     stream: StreamId,
-    /// How its messages are read; `None` where they are only counted.
+    /// How its messages are read; `None` if they are only counted.
     reading: Option<Reading>,
 }
 
 impl McapReader {
     /// Opens the file at `path`.
-    ///
-    /// # Errors
-    /// Where it cannot be opened, or does not begin as an MCAP file of version 0.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
         let io_error = |source| RecordingError::Io {
             path: path.to_owned(),
             source,
         };
         let mut file = open_checked(path)?;
-        let summary = summary::read(&mut file).map_err(io_error)?;
+        let summary = read_summary(&mut file).map_err(io_error)?;
         let framing = Framing::new(file).map_err(io_error)?;
         let mut reader = Self {
             path: path.to_owned(),
@@ -76,8 +71,8 @@ impl McapReader {
             data_has_ended: false,
             is_finished: false,
         };
-        for (opcode, body) in summary::definitions(&summary) {
-            // What is malformed here is read where it was first written.
+        for (opcode, body) in summary_definitions(&summary) {
+            // A malformed definition is read again in the data section.
             reader.take_record(opcode, body).unwrap_or_default();
         }
         Ok(reader)
@@ -177,7 +172,7 @@ impl McapReader {
         let unpacked = record::Chunk::parse(&body)
             .map_err(|Malformed| malformed(offset))
             .and_then(|chunk| {
-                chunk::unpack(&chunk, &mut records)
+                record::unpack(&chunk, &mut records)
                     .map_err(|err| format!("byte {offset}: a chunk is lost: {err}"))
             });
         match unpacked {
@@ -347,6 +342,41 @@ impl RecordingReader for McapReader {
     fn vehicle(&self) -> Option<&str> {
         self.vehicle.as_deref()
     }
+}
+
+/// Larger summaries are not read: they hold indexes of files of hundreds of gigabytes.
+const MAX_SUMMARY_BYTES: u64 = 16 << 20;
+
+/// Opcode, length and body of the footer, and the end mark.
+const END_BYTES: u64 = 9 + 20 + MAGIC.len() as u64;
+
+/// The summary section of `file`; empty where it has none, or not a whole one.
+fn read_summary(file: &mut File) -> io::Result<Vec<u8>> {
+    let length = file.metadata()?.len();
+    let Some(footer_at) = length.checked_sub(END_BYTES) else {
+        return Ok(Vec::new());
+    };
+    file.seek(SeekFrom::Start(footer_at))?;
+    let mut end = [0; END_BYTES as usize];
+    file.read_exact(&mut end)?;
+    let [opcode, footer @ ..] = end;
+    let start = footer
+        .get(8..16)
+        .and_then(<[u8]>::first_chunk)
+        .map_or(0, |raw| u64::from_le_bytes(*raw));
+    let is_whole = opcode == op::FOOTER && end.ends_with(&MAGIC);
+    if !is_whole || start == 0 || start > footer_at || footer_at - start > MAX_SUMMARY_BYTES {
+        return Ok(Vec::new());
+    }
+    file.seek(SeekFrom::Start(start))?;
+    let mut summary = vec![0; (footer_at - start) as usize];
+    file.read_exact(&mut summary)?;
+    Ok(summary)
+}
+
+/// The schemas and channels in a summary, opcode and body, in file order.
+fn summary_definitions(summary: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    record::any_records(summary).filter(|(opcode, _)| matches!(*opcode, op::SCHEMA | op::CHANNEL))
 }
 
 #[cfg(test)]

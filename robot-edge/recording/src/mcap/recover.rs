@@ -8,20 +8,18 @@ use std::path::{Path, PathBuf};
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
-use super::chunk;
-use super::framing::{Frame, Framing};
-use super::magic::open_checked;
+use super::framing::{Frame, Framing, open_checked};
 use super::record::{self, Malformed, op};
 use crate::RecordingError;
-use crate::loss_log::LossLog;
+use crate::messages::LossLog;
 use measurement::drops::{DropCounts, DropReason};
 
-/// What was saved and what was lost.
+/// Result of a recovery.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecoverReport {
     /// Messages in the new file.
     pub messages: u64,
-    /// What could not be read, by reason.
+    /// Losses, by reason.
     pub losses: DropCounts,
     /// The first few losses in words.
     pub notes: Vec<String>,
@@ -36,18 +34,15 @@ pub enum RecoverError {
     /// The new file.
     #[error("{path}: cannot write what was saved: {source}", path = path.display())]
     Write {
-        /// Which.
+        /// The file.
         path: PathBuf,
-        /// What the system or the format said.
+        /// The error of the system or the format.
         source: mcap::McapError,
     },
 }
 
 /// Copies what can be read of `damaged` to `saved`, which must not exist yet. Messages are copied byte by
 /// byte, whatever their types; `damaged` is not changed.
-///
-/// # Errors
-/// Where `damaged` is no MCAP file or `saved` cannot be created and written.
 pub fn recover(damaged: &Path, saved: &Path) -> Result<RecoverReport, RecoverError> {
     let read_error = |source| RecordingError::Io {
         path: damaged.to_owned(),
@@ -82,7 +77,7 @@ pub fn recover(damaged: &Path, saved: &Path) -> Result<RecoverReport, RecoverErr
                 let records = record::Chunk::parse(framing.body())
                     .map_err(|Malformed| "its fields are damaged".to_owned())
                     .and_then(|chunk| {
-                        chunk::unpack(&chunk, &mut unpacked).map_err(|err| err.to_string())
+                        record::unpack(&chunk, &mut unpacked).map_err(|err| err.to_string())
                     });
                 if let Err(why) = records {
                     losses.add(DropReason::Damaged, || {
@@ -169,7 +164,7 @@ impl Copy {
     }
 
     fn channel(&mut self, channel: &record::Channel<'_>) -> Result<(), mcap::McapError> {
-        // Schema 0 says that there is none; one that is lost leaves its channel without.
+        // Schema 0 means none; a channel whose schema is lost gets none.
         let schema = self.schemas.get(&channel.schema_id).copied().unwrap_or(0);
         let metadata = owned(&channel.metadata);
         let id =

@@ -1,13 +1,12 @@
 use std::fs;
-
-use serde_json::Value;
-
 use std::fs::File;
 
-use super::magic::MAGIC;
-use super::*;
-use crate::shared_data::shared_data;
 use measurement::MeasurementData;
+use serde_json::Value;
+
+use super::*;
+use crate::mcap::framing::MAGIC;
+use crate::shared_data::shared_data;
 
 /// Every message of the file: channel, sequence, log time, publish time, data.
 fn messages(path: &Path) -> Vec<(u16, u32, u64, u64, Vec<u8>)> {
@@ -32,7 +31,7 @@ fn messages(path: &Path) -> Vec<(u16, u32, u64, u64, Vec<u8>)> {
         match opcode {
             op::DATA_END => break,
             op::CHUNK => {
-                chunk::unpack(&record::Chunk::parse(framing.body()).unwrap(), &mut chunk).unwrap();
+                record::unpack(&record::Chunk::parse(framing.body()).unwrap(), &mut chunk).unwrap();
                 for record in record::records(&chunk) {
                     let (opcode, body) = record.unwrap();
                     take(opcode, body, &mut found);

@@ -1,19 +1,15 @@
-//! Bytes → measurements.
+//! Decodes ROS messages into measurements.
 
-use super::cursor::Cursor;
-use super::point_cloud;
-use super::{DecodeError, Decoded, Encoding, MessageType};
-use measurement::pose::{self, Pose};
+use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
-use measurement::{FrameId, GeodeticFix, ImuSample, MeasurementData, Twist};
+use measurement::{FrameId, GeodeticFix, ImuSample, MeasurementData, PointCloud, Twist, pose};
 
-/// What a message says: each measurement in it, or why that one says nothing.
+use super::{DecodeError, Decoded, Encoding, MessageType};
+
+/// Decodes a message: each measurement in it, or why that one cannot be decoded.
 ///
 /// `is_static` is whether the message came on `/tf_static`.
-///
-/// # Errors
-/// Where nothing of the message can be read.
 pub fn decode(
     kind: MessageType,
     encoding: Encoding,
@@ -48,7 +44,7 @@ fn one(
     let data = match kind {
         MessageType::LaserScan => Ok(laser_scan(fields, false)?),
         MessageType::MultiEchoLaserScan => Ok(laser_scan(fields, true)?),
-        MessageType::PointCloud2 => point_cloud::decode(fields)?.map(MeasurementData::PointCloud),
+        MessageType::PointCloud2 => point_cloud(fields)?.map(MeasurementData::PointCloud),
         MessageType::Imu => Ok(MeasurementData::Imu(imu(fields)?)),
         MessageType::JointState => Ok(MeasurementData::Joints(joints(fields)?)),
         MessageType::NavSatFix => Ok(MeasurementData::Fix(fix(fields)?)),
@@ -56,7 +52,7 @@ fn one(
             let child = frame_id(fields.string()?);
             odometry(child, pose(fields)?)
         }
-        // The message does not say whose pose it is: the vehicle's.
+        // The message has no child frame: it is the vehicle's pose.
         MessageType::PoseStamped | MessageType::PoseWithCovarianceStamped => {
             odometry("base_link".into(), pose(fields)?)
         }
@@ -165,7 +161,7 @@ fn imu(fields: &mut Cursor<'_>) -> Result<ImuSample, DecodeError> {
     let angular_velocity_radps = fields.f64s()?;
     fields.f64s::<9>()?;
     Ok(ImuSample {
-        // sensor_msgs/Imu: −1 in the first element says that there is no orientation.
+        // sensor_msgs/Imu: −1 in the first element means that there is no orientation.
         orientation_xyzw: (first_covariance.to_bits() != (-1.0f64).to_bits())
             .then_some(orientation_xyzw),
         angular_velocity_radps,
@@ -206,4 +202,249 @@ fn twist(fields: &mut Cursor<'_>) -> Result<Twist, DecodeError> {
         linear_mps: fields.f64s()?,
         angular_radps: fields.f64s()?,
     })
+}
+
+/// A place in a message's bytes.
+#[derive(Clone, Debug)]
+struct Cursor<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    encoding: Encoding,
+    big_endian: bool,
+}
+
+macro_rules! number {
+    ($name:ident, $type:ty) => {
+        fn $name(&mut self) -> Result<$type, DecodeError> {
+            const SIZE: usize = size_of::<$type>();
+            self.align(SIZE);
+            let raw: [u8; SIZE] = *self
+                .take(SIZE)?
+                .first_chunk()
+                .ok_or(DecodeError::TooShort)?;
+            Ok(if self.big_endian {
+                <$type>::from_be_bytes(raw)
+            } else {
+                <$type>::from_le_bytes(raw)
+            })
+        }
+    };
+}
+
+impl<'a> Cursor<'a> {
+    /// At the first field of `message`.
+    fn new(message: &'a [u8], encoding: Encoding) -> Result<Self, DecodeError> {
+        let (bytes, big_endian) = match encoding {
+            Encoding::Ros1 => (message, false),
+            // OMG DDSI-RTPS 2.5, 10.2: {0, 0} is big-endian plain CDR, {0, 1} little-endian; then options.
+            Encoding::Cdr => match message {
+                [0, order @ (0 | 1), _, _, fields @ ..] => (fields, *order == 0),
+                [a, b, ..] => return Err(DecodeError::Encapsulation([*a, *b])),
+                _ => return Err(DecodeError::TooShort),
+            },
+        };
+        Ok(Self {
+            bytes,
+            at: 0,
+            encoding,
+            big_endian,
+        })
+    }
+
+    number!(u8, u8);
+    number!(i8, i8);
+    number!(u16, u16);
+    number!(u32, u32);
+    number!(i32, i32);
+    number!(f32, f32);
+    number!(f64, f64);
+
+    const fn encoding(&self) -> Encoding {
+        self.encoding
+    }
+
+    /// `N` numbers of 8 bytes.
+    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], DecodeError> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.f64()?;
+        }
+        Ok(values)
+    }
+
+    /// Length of a sequence whose elements take at least `element_bytes` each: one that lies must not
+    /// ask for more memory than the message could fill.
+    fn length(&mut self, element_bytes: usize) -> Result<usize, DecodeError> {
+        let length = self.u32()? as usize;
+        let fits = length
+            .checked_mul(element_bytes)
+            .is_some_and(|bytes| bytes <= self.rest());
+        if fits {
+            Ok(length)
+        } else {
+            Err(DecodeError::TooShort)
+        }
+    }
+
+    /// `float32[]`.
+    fn f32_sequence(&mut self) -> Result<Vec<f32>, DecodeError> {
+        let length = self.length(4)?;
+        if length > 0 {
+            self.align(4);
+        }
+        let raw = self.take(4 * length)?.as_chunks::<4>().0;
+        Ok(if self.big_endian {
+            raw.iter().map(|bytes| f32::from_be_bytes(*bytes)).collect()
+        } else {
+            raw.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+        })
+    }
+
+    /// `uint8[]`.
+    fn byte_sequence(&mut self) -> Result<&'a [u8], DecodeError> {
+        let length = self.length(1)?;
+        self.take(length)
+    }
+
+    /// `string`; CDR ends it with a zero that its length counts.
+    fn string(&mut self) -> Result<&'a str, DecodeError> {
+        let bytes = self.byte_sequence()?;
+        let bytes = match self.encoding {
+            Encoding::Cdr => bytes.strip_suffix(&[0]).unwrap_or(bytes),
+            Encoding::Ros1 => bytes,
+        };
+        str::from_utf8(bytes).ok().ok_or(DecodeError::NotText)
+    }
+
+    /// CDR puts every number at a multiple of its size, counted from the first field.
+    fn align(&mut self, size: usize) {
+        if self.encoding == Encoding::Cdr {
+            self.at = self.at.next_multiple_of(size);
+        }
+    }
+
+    fn take(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
+        let end = self.at.checked_add(length).ok_or(DecodeError::TooShort)?;
+        let taken = self.bytes.get(self.at..end).ok_or(DecodeError::TooShort)?;
+        self.at = end;
+        Ok(taken)
+    }
+
+    const fn rest(&self) -> usize {
+        self.bytes.len().saturating_sub(self.at)
+    }
+}
+
+/// `sensor_msgs/PointField` datatypes that are read.
+const UINT8: u8 = 2;
+const UINT16: u8 = 4;
+const FLOAT32: u8 = 7;
+
+struct Field {
+    offset: usize,
+    datatype: u8,
+}
+
+/// Reads a cloud behind its header. The outer error is of the layout, the inner of the content.
+fn point_cloud(fields: &mut Cursor<'_>) -> Result<Result<PointCloud, DecodeError>, DecodeError> {
+    let height = fields.u32()?;
+    let width = fields.u32()?;
+    let [mut x, mut y, mut z, mut ring] = [const { None }; 4];
+    // A name, an offset, a type and a count: at least 13 bytes.
+    for _ in 0..fields.length(13)? {
+        let name = fields.string()?;
+        let field = Field {
+            offset: fields.u32()? as usize,
+            datatype: fields.u8()?,
+        };
+        fields.u32()?;
+        match name {
+            "x" => x = Some(field),
+            "y" => y = Some(field),
+            "z" => z = Some(field),
+            "ring" => ring = Some(field),
+            _ => {}
+        }
+    }
+    let big_endian = fields.u8()? != 0;
+    let point_step = fields.u32()? as usize;
+    let row_step = fields.u32()? as usize;
+    let data = fields.byte_sequence()?;
+    if height <= 1 && ring.is_none() {
+        return Ok(Err(DecodeError::NotOrganised));
+    }
+    let (Some(x), Some(y), Some(z)) = (x, y, z) else {
+        return Ok(Err(DecodeError::BadCloud));
+    };
+    let layout = Layout {
+        height,
+        width,
+        point_step,
+        row_step,
+        big_endian,
+    };
+    Ok(layout
+        .read(data, &[x, y, z], ring.as_ref())
+        .ok_or(DecodeError::BadCloud))
+}
+
+struct Layout {
+    height: u32,
+    width: u32,
+    point_step: usize,
+    row_step: usize,
+    big_endian: bool,
+}
+
+impl Layout {
+    fn read(&self, data: &[u8], xyz: &[Field; 3], ring: Option<&Field>) -> Option<PointCloud> {
+        let points = (self.height as usize).checked_mul(self.width as usize)?;
+        // No more points than there are bytes for, whatever the sizes claim.
+        if self.point_step == 0 || points > data.len() / self.point_step {
+            return None;
+        }
+        let mut cloud = PointCloud {
+            points_m: Vec::with_capacity(points),
+            width: self.width,
+            rings: ring.map(|_| Vec::with_capacity(points)),
+        };
+        for row in 0..self.height as usize {
+            for column in 0..self.width as usize {
+                let start = row
+                    .checked_mul(self.row_step)?
+                    .checked_add(column * self.point_step)?;
+                let point = data.get(start..)?.get(..self.point_step)?;
+                let [x, y, z] = xyz;
+                cloud.points_m.push([
+                    self.float(point, x)?,
+                    self.float(point, y)?,
+                    self.float(point, z)?,
+                ]);
+                if let (Some(rings), Some(field)) = (&mut cloud.rings, ring) {
+                    rings.push(self.ring(point, field)?);
+                }
+            }
+        }
+        Some(cloud)
+    }
+
+    fn float(&self, point: &[u8], field: &Field) -> Option<f32> {
+        let raw = *point.get(field.offset..)?.first_chunk()?;
+        let value = if self.big_endian {
+            f32::from_be_bytes(raw)
+        } else {
+            f32::from_le_bytes(raw)
+        };
+        (field.datatype == FLOAT32).then_some(value)
+    }
+
+    fn ring(&self, point: &[u8], field: &Field) -> Option<u16> {
+        let raw = point.get(field.offset..)?;
+        match field.datatype {
+            UINT8 => raw.first().map(|ring| u16::from(*ring)),
+            UINT16 if self.big_endian => raw.first_chunk().map(|raw| u16::from_be_bytes(*raw)),
+            UINT16 => raw.first_chunk().map(|raw| u16::from_le_bytes(*raw)),
+            _ => None,
+        }
+    }
 }

@@ -3,19 +3,13 @@
 //! ROS 1 serialisation and ROS 2's CDR differ in padding, in byte order and in `Header`; one cursor reads
 //! both, so that each message is described once.
 
-mod cursor;
 mod decode;
 mod encode;
-mod message_type;
 pub mod middleware;
-mod point_cloud;
-mod schema;
 
 pub use decode::decode;
+pub(crate) use encode::ros2msg;
 pub use encode::{encode, twist_message};
-pub use message_type::MessageType;
-pub(crate) use message_type::ros1_type_name;
-pub(crate) use schema::ros2msg;
 
 use measurement::drops::DropReason;
 use measurement::time::RobotTime;
@@ -33,7 +27,7 @@ pub enum Encoding {
 /// One measurement out of a message; a `TFMessage` gives several.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
-    /// The header's stamp; `None` where the message has none or it is zero.
+    /// The header's stamp; `None` if the message has none or it is zero.
     pub stamp: Option<RobotTime>,
     /// The header's frame without a leading slash; empty where there is none.
     pub frame: FrameId,
@@ -41,7 +35,7 @@ pub struct Decoded {
     pub data: MeasurementData,
 }
 
-/// Why (a part of) a message says nothing.
+/// Why a message, or a part of it, cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// The message ends before its last field, or a sequence claims more elements than there are bytes.
@@ -61,7 +55,7 @@ pub enum DecodeError {
         "the cloud is neither organised nor has a ring field, so its beams cannot be told apart"
     )]
     NotOrganised,
-    /// A cloud whose fields are not where its layout says.
+    /// A cloud whose fields do not fit its layout.
     #[error("the cloud's fields do not fit its points")]
     BadCloud,
 }
@@ -78,6 +72,76 @@ impl DecodeError {
             | Self::BadCloud => DropReason::Undecodable,
         }
     }
+}
+
+/// A message type that becomes measurements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MessageType {
+    /// `sensor_msgs/LaserScan`.
+    LaserScan,
+    /// `sensor_msgs/MultiEchoLaserScan`: the first echo of each beam.
+    MultiEchoLaserScan,
+    /// `sensor_msgs/PointCloud2`, organised or with a ring field.
+    PointCloud2,
+    /// `sensor_msgs/Imu`.
+    Imu,
+    /// `sensor_msgs/JointState`.
+    JointState,
+    /// `sensor_msgs/NavSatFix`.
+    NavSatFix,
+    /// `nav_msgs/Odometry`.
+    Odometry,
+    /// `tf2_msgs/TFMessage`, and ROS 1's older `tf/tfMessage`.
+    TfMessage,
+    /// `geometry_msgs/PoseStamped`.
+    PoseStamped,
+    /// `geometry_msgs/PoseWithCovarianceStamped`.
+    PoseWithCovarianceStamped,
+    /// `geometry_msgs/Twist`.
+    Twist,
+    /// `geometry_msgs/TwistStamped`.
+    TwistStamped,
+}
+
+impl MessageType {
+    const NAMES: [(Self, &'static str); 12] = [
+        (Self::LaserScan, "sensor_msgs/LaserScan"),
+        (Self::MultiEchoLaserScan, "sensor_msgs/MultiEchoLaserScan"),
+        (Self::PointCloud2, "sensor_msgs/PointCloud2"),
+        (Self::Imu, "sensor_msgs/Imu"),
+        (Self::JointState, "sensor_msgs/JointState"),
+        (Self::NavSatFix, "sensor_msgs/NavSatFix"),
+        (Self::Odometry, "nav_msgs/Odometry"),
+        (Self::TfMessage, "tf2_msgs/TFMessage"),
+        (Self::PoseStamped, "geometry_msgs/PoseStamped"),
+        (
+            Self::PoseWithCovarianceStamped,
+            "geometry_msgs/PoseWithCovarianceStamped",
+        ),
+        (Self::Twist, "geometry_msgs/Twist"),
+        (Self::TwistStamped, "geometry_msgs/TwistStamped"),
+    ];
+
+    /// All of them, with their names in ROS 1 form (`sensor_msgs/Imu`).
+    pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
+        Self::NAMES.into_iter()
+    }
+
+    /// From a type name in ROS 1 form (`sensor_msgs/Imu`) or ROS 2 form (`sensor_msgs/msg/Imu`).
+    pub fn from_type_name(name: &str) -> Option<Self> {
+        if name == "tf/tfMessage" {
+            return Some(Self::TfMessage);
+        }
+        let name = ros1_type_name(name);
+        Self::NAMES
+            .iter()
+            .find_map(|&(kind, known)| (known == name).then_some(kind))
+    }
+}
+
+/// `sensor_msgs/msg/Imu` → `sensor_msgs/Imu`; ROS 1 names stay.
+pub(crate) fn ros1_type_name(name: &str) -> String {
+    name.replacen("/msg/", "/", 1)
 }
 
 #[cfg(test)]

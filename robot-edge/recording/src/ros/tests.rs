@@ -1,9 +1,8 @@
+use measurement::scan::Scan;
+use measurement::{GeodeticFix, ImuSample, Measurement, StreamId, Twist, pose};
 use proptest::prelude::*;
 
 use super::*;
-use measurement::pose;
-use measurement::scan::Scan;
-use measurement::{GeodeticFix, ImuSample, Measurement, StreamId, Twist};
 
 const KINDS: [MessageType; 12] = [
     MessageType::LaserScan,
@@ -94,7 +93,7 @@ fn what_is_written_is_read_back() {
             data: sample.data,
         };
         assert_eq!(decoded, [Ok(expected)], "{kind:?}");
-        assert!(schema::ros2msg(kind).is_some(), "{kind:?} has no schema");
+        assert!(ros2msg(kind).is_some(), "{kind:?} has no schema");
     }
 }
 
@@ -314,4 +313,19 @@ fn a_twist_without_a_stamp_is_six_numbers() {
     let decoded = decoded.into_iter().next().unwrap().unwrap();
     assert_eq!(decoded.stamp, None);
     assert_eq!(decoded.data, MeasurementData::Twist(twist));
+}
+
+#[test]
+fn both_forms_of_a_name_are_one_type() {
+    for name in ["sensor_msgs/LaserScan", "sensor_msgs/msg/LaserScan"] {
+        assert_eq!(
+            MessageType::from_type_name(name),
+            Some(MessageType::LaserScan)
+        );
+    }
+    assert_eq!(
+        MessageType::from_type_name("tf/tfMessage"),
+        Some(MessageType::TfMessage)
+    );
+    assert_eq!(MessageType::from_type_name("sick_scan/RadarScan"), None);
 }

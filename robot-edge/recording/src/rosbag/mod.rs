@@ -3,24 +3,26 @@
 //! Read from front to back as they were recorded, so a bag whose index is damaged or was never written is
 //! as good as any.
 
+#[cfg(test)]
+mod bag_bytes;
+mod record;
+
+use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use self::chunk::{Chunk, decompress};
-use self::contents::{Contents, WalkStep};
-use self::record::{Compression, RecordHeader};
-use self::record_source::{Found, Record, RecordSource};
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use measurement::Measurement;
 use measurement::drops::{DropCounts, DropReason};
+use measurement::time::RobotTime;
+use measurement::{Measurement, Stream, StreamId};
 
-mod chunk;
-mod contents;
-mod record;
-mod record_source;
+use self::record::{
+    Chunk, Compression, Found, Record, RecordHeader, RecordSource, connection_type, decompress,
+};
+use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
+use crate::messages::{Messages, Reading};
+use crate::ros::{Encoding, MessageType};
 
-/// The first line of a bag.
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
 /// Bytes that hold the first line of a bag of any version.
@@ -43,9 +45,6 @@ pub struct RosbagReader {
 
 impl RosbagReader {
     /// Opens the bag at `path`.
-    ///
-    /// # Errors
-    /// Where the file cannot be opened, is no bag, or is one of another version.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
         let io_error = |source| io_error(path, source);
         let mut file = File::open(path).map_err(io_error)?;
@@ -135,7 +134,7 @@ impl RosbagReader {
         let (records, wrong) = self
             .records
             .with_data(record, |data| decompress(compression, size, is_cut, data))?;
-        // What the end of the file cuts off is counted there.
+        // A chunk cut by the end of the file is counted when the end is reached.
         if let Some(what) = wrong.filter(|_| !is_cut) {
             self.contents.count_loss(DropReason::Damaged, || {
                 format!("byte {}: {what}", record.at)
@@ -153,7 +152,7 @@ impl RosbagReader {
 impl RecordingReader for RosbagReader {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
         loop {
-            if let Some(measurement) = self.contents.ready.pop_front() {
+            if let Some(measurement) = self.contents.messages.pop() {
                 return Ok(Some(measurement));
             }
             if !self.walk().map_err(|source| io_error(&self.path, source))? {
@@ -163,15 +162,15 @@ impl RecordingReader for RosbagReader {
     }
 
     fn streams(&self) -> &[StreamSummary] {
-        &self.contents.streams
+        self.contents.messages.streams()
     }
 
     fn losses(&self) -> &DropCounts {
-        self.contents.losses.counts()
+        self.contents.messages.loss_counts()
     }
 
     fn loss_notes(&self) -> &[String] {
-        self.contents.losses.notes()
+        self.contents.messages.losses().notes()
     }
 
     fn position(&self) -> Position {
@@ -188,7 +187,7 @@ fn check_first_line(path: &Path, beginning: &[u8]) -> Result<(), RecordingError>
             path: path.to_owned(),
             offset: beginning.len() as u64,
             what: "the file ends in its first line".to_owned(),
-            remedy: "Nothing was recorded, or it was not copied to its end: copy it anew",
+            remedy: "Nothing was recorded, or it was not copied to its end: copy it again",
         });
     }
     let text = String::from_utf8_lossy(beginning);
@@ -220,7 +219,187 @@ fn io_error(path: &Path, source: io::Error) -> RecordingError {
     }
 }
 
-#[cfg(test)]
-mod bag_bytes;
+/// Connections and streams that a bag may have; large robots have some hundreds.
+const MAX_CONNECTIONS: usize = 10_000;
+
+/// Connections and messages of a bag.
+#[derive(Debug)]
+struct Contents {
+    selection: Selection,
+    connections: HashMap<u32, Connection>,
+    messages: Messages,
+    data: Vec<u8>,
+}
+
+/// A publisher's topic.
+#[derive(Clone, Copy, Debug)]
+struct Connection {
+    stream: StreamId,
+    /// `None` if messages are only counted.
+    reading: Option<Reading>,
+}
+
+/// Kind of one record.
+#[derive(Debug)]
+enum WalkStep {
+    /// Dealt with.
+    Continue,
+    /// A compressed chunk, whose data is next.
+    Chunk {
+        record: Record,
+        compression: Compression,
+        size: u32,
+    },
+    /// There are no more, and the one at byte `at` is not whole.
+    CutOff { at: u64 },
+    /// There are no more.
+    End,
+}
+
+impl Contents {
+    fn new(selection: Selection) -> Self {
+        Self {
+            selection,
+            connections: HashMap::new(),
+            messages: Messages::default(),
+            data: Vec::new(),
+        }
+    }
+
+    /// Reads the next record of `source`; `place` describes an offset.
+    fn walk<R: Read + Seek>(
+        &mut self,
+        source: &mut RecordSource<R>,
+        place: impl Fn(u64) -> String,
+    ) -> io::Result<WalkStep> {
+        let record = match source.next()? {
+            Found::Record(record) => record,
+            Found::Damage { at, what } => {
+                self.count_loss(DropReason::Damaged, || format!("{}: {what}", place(at)));
+                return Ok(WalkStep::Continue);
+            }
+            Found::CutOff { at } => return Ok(WalkStep::CutOff { at }),
+            Found::End => return Ok(WalkStep::End),
+        };
+        match &record.header {
+            // Its records follow as if it were not there.
+            RecordHeader::Chunk {
+                compression: Compression::None,
+                ..
+            } => {}
+            &RecordHeader::Chunk { compression, size } => {
+                return Ok(WalkStep::Chunk {
+                    record,
+                    compression,
+                    size,
+                });
+            }
+            RecordHeader::Connection { .. } => {
+                if let Err(what) = self.take_connection(source, &record)? {
+                    self.count_loss(DropReason::Damaged, || {
+                        format!("{}: a connection with {what}", place(record.at))
+                    });
+                }
+            }
+            RecordHeader::Message { conn, time } => {
+                self.take_message(source, &record, *conn, *time, place)?;
+            }
+            RecordHeader::Bag { .. }
+            | RecordHeader::Index { .. }
+            | RecordHeader::ChunkInfo { .. } => {
+                source.skip(record.data_bytes)?;
+            }
+        }
+        Ok(WalkStep::Continue)
+    }
+
+    /// Takes in the connections that follow each other in `source`, as they do at the end of a bag: it lists
+    /// them all there. What is wrong with them will be met, and counted, when reading gets there.
+    fn take_connections<R: Read + Seek>(&mut self, source: &mut RecordSource<R>) -> io::Result<()> {
+        while let Found::Record(record) = source.next()? {
+            let is_connection = matches!(record.header, RecordHeader::Connection { .. });
+            if !is_connection || self.take_connection(source, &record)?.is_err() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn count_loss(&mut self, reason: DropReason, note: impl FnOnce() -> String) {
+        self.messages.losses_mut().add(reason, note);
+    }
+
+    fn take_connection<R: Read + Seek>(
+        &mut self,
+        source: &mut RecordSource<R>,
+        record: &Record,
+    ) -> io::Result<Result<(), &'static str>> {
+        let RecordHeader::Connection { conn, topic } = &record.header else {
+            return Ok(Ok(()));
+        };
+        if !source.read_data(record, &mut self.data)? {
+            return Ok(Err("a description of more than 256 MiB"));
+        }
+        let type_name = match connection_type(&self.data) {
+            Ok(type_name) => type_name,
+            Err(what) => return Ok(Err(what)),
+        };
+        if self.connections.len() >= MAX_CONNECTIONS && !self.connections.contains_key(conn) {
+            return Ok(Err("a number beyond any a bag has"));
+        }
+        let kind = MessageType::from_type_name(&type_name);
+        let stream = Stream {
+            name: topic.clone(),
+            type_name,
+        };
+        // Several publishers of a topic share one stream.
+        let Some(stream) = self.messages.stream(&stream, kind.is_some()) else {
+            return Ok(Err("a topic beyond the number any bag has"));
+        };
+        let reading = kind.filter(|_| self.selection.contains(topic));
+        let reading = reading.map(|kind| Reading {
+            kind,
+            encoding: Encoding::Ros1,
+            is_static: topic.rsplit('/').next() == Some("tf_static"),
+        });
+        self.connections
+            .insert(*conn, Connection { stream, reading });
+        Ok(Ok(()))
+    }
+
+    fn take_message<R: Read + Seek>(
+        &mut self,
+        source: &mut RecordSource<R>,
+        record: &Record,
+        conn: u32,
+        time: RobotTime,
+        place: impl Fn(u64) -> String,
+    ) -> io::Result<()> {
+        let Some(&connection) = self.connections.get(&conn) else {
+            self.count_loss(DropReason::Damaged, || {
+                format!(
+                    "{}: a message of connection {conn}, which is not described",
+                    place(record.at)
+                )
+            });
+            return source.skip(record.data_bytes);
+        };
+        let Connection { stream, reading } = connection;
+        if reading.is_none() {
+            self.messages.take(stream, None, Some(time), &[]);
+            return source.skip(record.data_bytes);
+        }
+        if source.read_data(record, &mut self.data)? {
+            self.messages.take(stream, reading, Some(time), &self.data);
+        } else {
+            self.messages.take(stream, None, Some(time), &[]);
+            self.count_loss(DropReason::Damaged, || {
+                format!("{}: a message of more than 256 MiB", place(record.at))
+            });
+        }
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests;

@@ -1,12 +1,12 @@
 use std::io::Write;
 
-use proptest::prelude::*;
-
-use super::bag_bytes::{bag, chunk, connection, index, message};
-use super::*;
-use crate::shared_data::shared_data;
 use measurement::MeasurementData;
 use measurement::time::RobotTime;
+use proptest::prelude::*;
+
+use super::*;
+use crate::rosbag::bag_bytes::{bag, chunk, connection, index, message};
+use crate::shared_data::shared_data;
 
 fn read_all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
     std::iter::from_fn(|| reader.next_measurement().unwrap()).collect()

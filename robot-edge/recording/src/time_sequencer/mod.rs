@@ -7,20 +7,16 @@
 //! - *ahead* of all others: one stamp far in the future does not push the clock ahead and make what follows
 //!   late; a pause in the recording is followed after two items.
 //! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
-//!   begins a new epoch, in which order starts anew.
+//!   begins a new epoch with its own order.
 //!
 //! Transforms do not move the data's clock: localisation dates them into the future (AMCL by 1 s, its
 //! `transform_tolerance`), which would leave nothing of the window to the other streams.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 
-use self::reorder_buffer::ReorderBuffer;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
-
-mod clock_steps;
-mod reorder_buffer;
 
 /// How far items may be out of order by default: transforms and scans of one instant are logged less than
 /// this apart.
@@ -29,7 +25,7 @@ pub const DEFAULT_WINDOW: RobotDuration = RobotDuration::from_millis(1000);
 /// Sources whose stamps are followed each on its own.
 const MAX_SOURCES: usize = 4096;
 
-/// What comes out of a [`TimeSequencer`].
+/// Output of a [`TimeSequencer`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ordered {
     /// The next measurement: its stamp is not before that of the one ahead of it, unless either passed at once
@@ -67,7 +63,7 @@ pub struct TimeSequencer {
     late_scans: u64,
 }
 
-/// What one clock has shown so far.
+/// State since the last clock reset.
 #[derive(Debug, Default)]
 struct Epoch {
     /// The greatest stamp that is believed.
@@ -141,7 +137,7 @@ impl TimeSequencer {
         self.buffered.oldest_stamp().filter(|first| *first <= reach)
     }
 
-    /// Items up to `stamp`, which is one of [`oldest_buffered_stamp`](Self::first_waiting), wait no longer.
+    /// Items up to `stamp`, which is one of `oldest_buffered_stamp`, wait no longer.
     pub fn release_until(&mut self, stamp: RobotTime) {
         while self
             .buffered
@@ -153,9 +149,6 @@ impl TimeSequencer {
     }
 
     /// The next item in order out of the measurements that `source` yields in file order; `None` at the end.
-    ///
-    /// # Errors
-    /// Those of `source`.
     pub fn next_from<E>(
         &mut self,
         mut source: impl FnMut() -> Result<Option<Measurement>, E>,
@@ -219,7 +212,7 @@ impl TimeSequencer {
         self.release_all();
     }
 
-    /// What was dropped so far.
+    /// Drops so far.
     pub const fn drops(&self) -> &DropCounts {
         &self.drops
     }
@@ -307,7 +300,7 @@ const fn moves_clock(source: &Source) -> bool {
     matches!(source, Source { child: None, .. })
 }
 
-/// What no other measurement's time has a bearing on.
+/// Measurements that need no order relative to others.
 const fn needs_no_order(measurement: &Measurement) -> bool {
     let brings_its_pose = matches!(
         measurement.data,
@@ -317,6 +310,163 @@ const fn needs_no_order(measurement: &Measurement) -> bool {
         }
     );
     measurement.is_static_transform() || brings_its_pose
+}
+
+impl TimeSequencer {
+    /// Believes a measurement, or puts it aside.
+    fn check_stamp(&mut self, source: Source, arrival: u64, measurement: Measurement) {
+        let step = self.step(&source, measurement.stamp);
+        let suspect = self
+            .suspects
+            .iter()
+            .position(|suspect| suspect.source == source)
+            .map(|index| self.suspects.remove(index));
+        let confirmed = suspect.as_ref().is_some_and(|suspect| suspect.step == step);
+        if let Some(suspect) = suspect {
+            match (suspect.step, confirmed) {
+                (Step::Ahead, true) if measurement.stamp < suspect.measurement.stamp => {
+                    self.accept(source.clone(), arrival, measurement);
+                    let Suspect {
+                        arrival,
+                        measurement,
+                        ..
+                    } = suspect;
+                    return self.check_stamp(source, arrival, measurement);
+                }
+                (Step::Ahead, true) => {
+                    self.accept(source.clone(), suspect.arrival, suspect.measurement);
+                    return self.check_stamp(source, arrival, measurement);
+                }
+                (Step::Back, true) => {
+                    self.start_epoch(suspect.measurement.stamp);
+                    let mut first = vec![suspect];
+                    first.extend(self.suspects.extract_if(.., |s| s.step == Step::Back));
+                    first.sort_unstable_by_key(|s| s.arrival);
+                    for suspect in first {
+                        self.accept(suspect.source, suspect.arrival, suspect.measurement);
+                    }
+                    return self.check_stamp(source, arrival, measurement);
+                }
+                (Step::Back, false) => self.drop_late(&suspect.measurement),
+                // It keeps its place in the order but does not move the clock.
+                (Step::Ahead | Step::Usual, _) => self.insert(suspect.arrival, suspect.measurement),
+            }
+        }
+        if step == Step::Usual {
+            self.accept(source, arrival, measurement);
+        } else {
+            self.suspects.push(Suspect {
+                source,
+                step,
+                arrival,
+                measurement,
+            });
+        }
+    }
+
+    fn step(&self, source: &Source, stamp: RobotTime) -> Step {
+        let newest_of_source = self.epoch.newest_of.get(source);
+        if newest_of_source.is_some_and(|&newest| stamp < newest - self.window) {
+            return Step::Back;
+        }
+        let is_ahead = |newest| stamp > newest + self.window;
+        if moves_clock(source) && self.epoch.newest.is_some_and(is_ahead) {
+            return Step::Ahead;
+        }
+        Step::Usual
+    }
+
+    fn accept(&mut self, source: Source, arrival: u64, measurement: Measurement) {
+        let stamp = measurement.stamp;
+        if moves_clock(&source) {
+            self.epoch.newest = self.epoch.newest.max(Some(stamp));
+        }
+        let newest_of_source = self.epoch.newest_of.entry(source).or_insert(stamp);
+        let is_in_order = stamp >= *newest_of_source;
+        *newest_of_source = stamp.max(*newest_of_source);
+        if self.releases_late
+            && is_in_order
+            && self
+                .epoch
+                .last_released
+                .is_some_and(|last_released| stamp < last_released)
+        {
+            self.out.push_back(Ordered::Measurement(measurement));
+        } else {
+            self.insert(arrival, measurement);
+        }
+    }
+
+    /// Accepts suspects that are no longer ahead of the clock.
+    fn accept_suspects_in_reach(&mut self) {
+        let Some(newest) = self.epoch.newest else {
+            return;
+        };
+        let reach = newest + self.window;
+        while let Some(index) = self
+            .suspects
+            .iter()
+            .position(|s| s.step == Step::Ahead && s.measurement.stamp <= reach)
+        {
+            let suspect = self.suspects.remove(index);
+            self.accept(suspect.source, suspect.arrival, suspect.measurement);
+        }
+    }
+}
+
+const MAX_BUFFERED: usize = 20_000;
+
+/// Limit on buffered heap bytes.
+const MAX_BUFFERED_BYTES: usize = 128 << 20;
+
+/// Measurements by stamp.
+#[derive(Debug, Default)]
+struct ReorderBuffer {
+    /// By stamp and arrival, so equal stamps keep their order.
+    items: BTreeMap<(RobotTime, u64), Measurement>,
+    payload_bytes: usize,
+}
+
+impl ReorderBuffer {
+    /// Takes the measurement that was the `arrival`-th to come.
+    fn insert(&mut self, arrival: u64, measurement: Measurement) {
+        self.payload_bytes += payload_bytes(&measurement.data);
+        self.items.insert((measurement.stamp, arrival), measurement);
+    }
+
+    fn oldest_stamp(&self) -> Option<RobotTime> {
+        self.items.first_key_value().map(|((stamp, _), _)| *stamp)
+    }
+
+    fn pop_first(&mut self) -> Option<Measurement> {
+        let (_, measurement) = self.items.pop_first()?;
+        self.payload_bytes -= payload_bytes(&measurement.data);
+        Some(measurement)
+    }
+
+    /// Whether the oldest must leave although its time has not come.
+    fn is_over_limit(&self) -> bool {
+        self.items.len() > MAX_BUFFERED || self.payload_bytes > MAX_BUFFERED_BYTES
+    }
+}
+
+/// Heap memory of the kinds that can be large.
+fn payload_bytes(data: &MeasurementData) -> usize {
+    match data {
+        MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * 4,
+        MeasurementData::PointCloud(cloud) => {
+            cloud.points_m.len() * 12 + cloud.rings.as_ref().map_or(0, |rings| rings.len() * 2)
+        }
+        MeasurementData::Joints(joints) => joints
+            .iter()
+            .map(|(name, _)| name.len() + size_of::<(String, f64)>())
+            .sum(),
+        MeasurementData::Transform { .. }
+        | MeasurementData::Odometry { .. }
+        | MeasurementData::Imu(_)
+        | MeasurementData::Fix(_)
+        | MeasurementData::Twist(_) => 0,
+    }
 }
 
 #[cfg(test)]

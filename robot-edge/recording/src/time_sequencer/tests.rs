@@ -1,9 +1,8 @@
+use measurement::pose::Pose;
+use measurement::{PointCloud, StreamId, Twist};
 use proptest::prelude::*;
 
-use super::reorder_buffer::MAX_BUFFERED;
-use super::*;
-use measurement::Twist;
-use measurement::pose::Pose;
+use super::{MAX_BUFFERED, *};
 
 /// A measurement that carries its arrival number.
 fn item(stream: u16, stamp_ms: i64, number: usize) -> Measurement {
@@ -175,7 +174,7 @@ fn a_pause_is_followed() {
 }
 
 #[test]
-fn one_old_stamp_is_late_and_a_clock_that_goes_back_starts_anew() {
+fn one_old_stamp_is_late_but_a_clock_reset_is_followed() {
     check(
         &[(0, 5000), (0, 0), (0, 5100), (0, 5200)],
         "5000 5100 5200",
@@ -315,7 +314,7 @@ proptest! {
 }
 
 #[test]
-fn live_data_waits_briefly_and_goes_on_even_if_it_is_late() {
+fn live_data_waits_briefly_and_late_data_is_released() {
     let mut order = TimeSequencer::live(RobotDuration::from_millis(50));
     let out = |order: &mut TimeSequencer| {
         let mut stamps = Vec::new();
@@ -338,7 +337,7 @@ fn live_data_waits_briefly_and_goes_on_even_if_it_is_late() {
     order.push(item(2, 70, 0));
     assert_eq!(out(&mut order), [70], "late, and wanted all the same");
     assert_eq!(order.drops().total(), 1);
-    // Nothing comes any more, and nobody waits for ever.
+    // No more input: the buffered items are released.
     order.release_until(ms(120));
     assert_eq!(out(&mut order), [120]);
     order.release_until(ms(150));
@@ -355,4 +354,37 @@ fn live_data_waits_briefly_and_goes_on_even_if_it_is_late() {
     order.release_until(ms(300));
     assert_eq!(order.oldest_buffered_stamp(), None);
     assert_eq!(out(&mut order), [300]);
+}
+
+fn cloud(points: usize) -> Measurement {
+    Measurement {
+        stamp: RobotTime::default(),
+        stream: StreamId(0),
+        frame: "".into(),
+        data: MeasurementData::PointCloud(PointCloud {
+            points_m: vec![[0.0; 3]; points],
+            width: 1,
+            rings: None,
+        }),
+    }
+}
+
+#[test]
+fn items_and_bytes_are_bounded() {
+    let mut room = ReorderBuffer::default();
+    for arrival in 0..MAX_BUFFERED as u64 {
+        room.insert(arrival, cloud(0));
+    }
+    assert!(!room.is_over_limit());
+    room.insert(u64::MAX, cloud(0));
+    assert!(room.is_over_limit());
+
+    let mut room = ReorderBuffer::default();
+    let points = MAX_BUFFERED_BYTES / 12;
+    room.insert(0, cloud(points));
+    assert!(!room.is_over_limit());
+    room.insert(1, cloud(1));
+    assert!(room.is_over_limit());
+    assert_eq!(room.pop_first(), Some(cloud(points)));
+    assert!(!room.is_over_limit());
 }

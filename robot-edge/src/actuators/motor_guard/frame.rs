@@ -1,13 +1,13 @@
-//! What edge and guard say to each other through the guard's standard input and output.
+//! Frames between teleop loop and motor guard, through the guard's standard input and output.
 //!
-//! Frames have one length in each direction, so that nothing in them says how much to read. All numbers are little
+//! Frames have a fixed length in each direction, so that no length field can be corrupted. All numbers are little
 //! endian; `crc` is CRC-32 (IEEE 802.3) of everything before it.
 //!
-//! | asked, 40 bytes | | told, 88 bytes | |
+//! | command, 40 bytes | | report, 88 bytes | |
 //! | --- | --- | --- | --- |
 //! | 0 | `F5 4D`, version 1, kind 1 | 0 | `F5 4D`, version 1, kind 2 |
 //! | 4 | sequence number, u64 | 4 | sequence number of the newest velocity that was taken, u64 |
-//! | 12 | decided at, u64 ns of `CLOCK_BOOTTIME` | 12 | told at, u64 ns of `CLOCK_BOOTTIME` |
+//! | 12 | decided at, u64 ns of `CLOCK_BOOTTIME` | 12 | reported at, u64 ns of `CLOCK_BOOTTIME` |
 //! | 20 | linear, f64 m/s | 20 | applied: linear, angular, 2 × f64 |
 //! | 28 | angular, f64 rad/s | 36 | measured: linear, angular, 2 × f64 |
 //! | 36 | crc | 52 | battery, f64 V |
@@ -17,16 +17,19 @@
 //! | | | 68 | lapses, stale, garbage, reconnects: 4 × u32 |
 //! | | | 84 | crc |
 
+use crate::actuators::report::{
+    ControllerFault, ControllerFlags, ControllerWatchdog, Counters, Hold, Readiness, Report,
+};
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
 const MAGIC: [u8; 3] = [0xF5, b'M', 1];
 const CRC_BYTES: usize = 4;
 
-/// Bytes of a frame that asks.
+/// Bytes of a command frame.
 pub const COMMAND_BYTES: usize = 40;
 
-/// Bytes of a frame that tells.
+/// Bytes of a report frame.
 pub const REPORT_BYTES: usize = 88;
 
 /// A velocity, and when it was decided.
@@ -202,6 +205,169 @@ impl Reader<'_> {
 pub(super) fn nanos(moment: Monotonic) -> u64 {
     let since_start = moment.since(Monotonic::from_nanos(0));
     u64::try_from(since_start.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// What is known of the motors, or why they cannot be driven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorReport {
+    /// The newest velocity that was taken; 0 before the first.
+    pub sequence: u64,
+    /// Everything else.
+    pub report: Report,
+    /// Why the motors cannot be driven, if so.
+    pub fault: Option<ControllerFault>,
+}
+
+impl Frame<REPORT_BYTES> for MotorReport {
+    const KIND: u8 = 2;
+
+    fn write(&self, body: &mut Writer<'_>) {
+        let report = &self.report;
+        body.put(&self.sequence.to_le_bytes());
+        body.put_moment(report.at);
+        body.put_velocity(report.applied.unwrap_or_default());
+        body.put_velocity(report.measured.unwrap_or_default());
+        body.put(&report.battery_v.unwrap_or_default().to_le_bytes());
+        let known = u8::from(report.applied.is_some())
+            | u8::from(report.measured.is_some()) << 1
+            | u8::from(report.battery_v.is_some()) << 2;
+        let (fault, detail) = fault_code(self.fault);
+        // No process has a number of more than 22 bits.
+        let [low, middle, high, _] = detail.to_le_bytes();
+        body.put(&[
+            known,
+            readiness_code(report.readiness),
+            fault,
+            low,
+            report.controller.0,
+            watchdog_code(report.watchdog),
+            middle,
+            high,
+        ]);
+        let Counters {
+            dropouts,
+            stale,
+            garbage,
+            reconnects,
+        } = report.counters;
+        for counter in [dropouts, stale, garbage, reconnects] {
+            body.put(&counter.to_le_bytes());
+        }
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let sequence = u64::from_le_bytes(body.take()?);
+        let at = body.take_moment()?;
+        let applied = body.take_velocity()?;
+        let measured = body.take_velocity()?;
+        let battery_v = body.take_f64()?;
+        let [known, readiness, fault, low, flags, watchdog, middle, high] = body.take()?;
+        let detail = u32::from_le_bytes([low, middle, high, 0]);
+        let mut counter = || body.take().map(u32::from_le_bytes);
+        let counters = Counters {
+            dropouts: counter()?,
+            stale: counter()?,
+            garbage: counter()?,
+            reconnects: counter()?,
+        };
+        let velocity = |bit: u8, velocity: Velocity| {
+            (known & bit != 0 && velocity.is_finite()).then_some(velocity)
+        };
+        Some(Self {
+            sequence,
+            report: Report {
+                readiness: readiness_of(readiness)?,
+                applied: velocity(1, applied),
+                measured: velocity(2, measured),
+                battery_v: (known & 4 != 0 && battery_v.is_finite()).then_some(battery_v),
+                controller: ControllerFlags(flags),
+                watchdog: watchdog_of(watchdog)?,
+                counters,
+                at,
+            },
+            fault: fault_of(fault, detail)?,
+        })
+    }
+}
+
+const fn readiness_code(readiness: Readiness) -> u8 {
+    match readiness {
+        Readiness::Starting => 0,
+        Readiness::Active => 1,
+        Readiness::Holding(Hold::Start) => 2,
+        Readiness::Holding(Hold::Silence) => 3,
+        Readiness::Holding(Hold::Garbage) => 4,
+        Readiness::Holding(Hold::Controller) => 5,
+    }
+}
+
+const fn readiness_of(code: u8) -> Option<Readiness> {
+    Some(match code {
+        0 => Readiness::Starting,
+        1 => Readiness::Active,
+        2 => Readiness::Holding(Hold::Start),
+        3 => Readiness::Holding(Hold::Silence),
+        4 => Readiness::Holding(Hold::Garbage),
+        5 => Readiness::Holding(Hold::Controller),
+        _ => return None,
+    })
+}
+
+const fn watchdog_code(watchdog: ControllerWatchdog) -> u8 {
+    match watchdog {
+        ControllerWatchdog::Unknown => 0,
+        ControllerWatchdog::Proven => 1,
+        ControllerWatchdog::Absent => 2,
+    }
+}
+
+const fn watchdog_of(code: u8) -> Option<ControllerWatchdog> {
+    Some(match code {
+        0 => ControllerWatchdog::Unknown,
+        1 => ControllerWatchdog::Proven,
+        2 => ControllerWatchdog::Absent,
+        _ => return None,
+    })
+}
+
+const fn fault_code(fault: Option<ControllerFault>) -> (u8, u32) {
+    match fault {
+        None => (0, 0),
+        Some(ControllerFault::Port(errno)) => (1, errno as u32),
+        Some(ControllerFault::Silent) => (2, 0),
+        Some(ControllerFault::GarbledLine) => (3, 0),
+        Some(ControllerFault::Refusing) => (4, 0),
+        Some(ControllerFault::Unreadable) => (5, 0),
+        Some(ControllerFault::MotorMode(mode)) => (6, mode as u32),
+        Some(ControllerFault::NoWatchdog(mode)) => (7, mode as u32),
+        Some(ControllerFault::Held(pid)) => (8, pid),
+    }
+}
+
+/// The outer absence: no such code.
+#[expect(
+    clippy::option_option,
+    reason = "no fault is not the same as no such code"
+)]
+const fn fault_of(code: u8, detail: u32) -> Option<Option<ControllerFault>> {
+    let [low, ..] = detail.to_le_bytes();
+    Some(match code {
+        0 => None,
+        1 => Some(ControllerFault::Port(low)),
+        2 => Some(ControllerFault::Silent),
+        3 => Some(ControllerFault::GarbledLine),
+        4 => Some(ControllerFault::Refusing),
+        5 => Some(ControllerFault::Unreadable),
+        6 => Some(ControllerFault::MotorMode(low)),
+        7 => Some(ControllerFault::NoWatchdog(low)),
+        8 => Some(ControllerFault::Held(detail)),
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+pub(super) fn every_fault(detail: u32) -> impl Iterator<Item = Option<ControllerFault>> {
+    (0..=u8::MAX).filter_map(move |code| fault_of(code, detail))
 }
 
 #[cfg(test)]

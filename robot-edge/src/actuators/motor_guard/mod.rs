@@ -9,33 +9,24 @@
 //! - when the pipe closes: the edge is gone;
 //! - when garbage comes, and at SIGTERM, SIGINT and SIGQUIT. SIGUSR1, SIGUSR2 and SIGHUP it ignores.
 //!
-//! After each of these the motors stand until zero has been asked for. The other way round, where the child is
-//! gone or does not answer, [`GuardedMotors`] ends it, opens the port itself, tells the motors zero, and reports a fault
-//! for good. Before that, as soon as the child has missed two reports, it tells the motors zero once.
+//! After each of these the motors stand until zero has been asked for. The other way round, where the child is gone or
+//! does not answer, [`GuardedMotors`] ends it, opens the port itself, tells the motors zero, and reports a fault for
+//! good. Before that, as soon as the child has missed two reports, it tells the motors zero once.
 //!
-//! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child waits
-//! for it to let go of the port, and ends it where it does not.
+//! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child
+//! waits for it to let go of the port, and ends it where it does not.
 //!
 //! Edge and guard run on one machine and read one clock, `CLOCK_BOOTTIME`, so that an age is a difference of two
-//! readings. What neither can do is act on a machine that stands still: for that there is the controller's own watchdog.
+//! readings. What neither can do is act on a machine that stands still: for that there is the controller's own
+//! watchdog.
 
 use std::time::Duration;
 
 pub mod frame;
-pub mod motor_report;
-
-mod gate;
 
 mod guard;
-
-mod latest_command;
 mod parent;
 mod supervisor;
-
-mod wait;
-
-#[cfg(test)]
-mod tests;
 
 pub use guard::{ignore_signals, run};
 pub use parent::{GuardCommand, GuardedMotors};
@@ -45,3 +36,6 @@ pub const WATCHDOG: Duration = Duration::from_millis(200);
 
 /// How often the guard says what is known of the motors.
 pub const REPORT_PERIOD: Duration = Duration::from_millis(50);
+
+#[cfg(test)]
+mod tests;

@@ -13,14 +13,14 @@ use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
 
 use super::frame::{Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
-use super::motor_report::MotorReport;
+use super::guard::wait;
 use super::parent::{GuardCommand, MotorSnapshot, Shared};
-use super::wait::wait;
+use crate::actuators::motor_guard::frame::MotorReport;
 use crate::actuators::report::{FallbackStop, Fault, Report};
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
-use crate::actuators::roboteq::port::{Port, Sharing};
 use crate::actuators::roboteq::serial_link::SerialLink;
+use crate::actuators::roboteq::serial_link::{Port, Sharing};
 use crate::clock;
 use crate::service_manager;
 use measurement::time::Monotonic;
@@ -29,17 +29,17 @@ use teleop::Velocity;
 /// At least this often it looks at everything.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// A guard that has told nothing for this long, though it does so every 50 ms, may have been stopped: the motors are told
-/// zero once. If it was only slow, it goes on.
+/// A guard that has told nothing for this long, though it does so every 50 ms, may have been stopped: the motors are
+/// told zero once. If it was only slow, it goes on.
 const REPORT_OVERDUE: Duration = Duration::from_millis(120);
 
-/// Until a guard must have told something for the first time: its program must be loaded.
+/// Timeout of the first report of a guard: its program must be loaded.
 const START: Duration = Duration::from_secs(5);
 
 /// How long a guard may take to end by itself, which includes its last words to the motors.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(1500);
 
-/// How long motors are told zero at the end that have lost their guard.
+/// How long zero is sent at the end after the loss of the guard.
 const FINAL_STOP_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(super) struct Supervisor {
@@ -59,7 +59,7 @@ struct Guard {
     command_pipe: ChildStdin,
     report_pipe: ChildStdout,
     decoder: Decoder<REPORT_BYTES>,
-    /// When it is lost, unless it tells something.
+    /// When it counts as lost without a report.
     lost: Monotonic,
     /// When the motors are told zero past it, unless it tells something; absent before the first time, and after that.
     missed: Option<Monotonic>,
@@ -139,13 +139,13 @@ impl Supervisor {
             self.read_reports(guard)?;
             let now = clock::now();
             if guard.missed.take_if(|missed| now >= *missed).is_some() {
-                // What cannot be told now is told when it is lost.
+                // If this fails, zero is sent when the guard is lost.
                 drop(Port::stop_without_reply(&self.config.port));
             }
             if now >= guard.lost {
                 return Err(io::ErrorKind::TimedOut.into());
             }
-            // What the guard told last still holds; what has gone wrong shows in `lost`.
+            // The last report of the guard still holds; a failure shows in `lost`.
             self.refresh_snapshot(now);
             let turn = now + POLL_PERIOD;
             let until = guard.missed.map_or(turn, |missed| turn.min(missed));
@@ -197,7 +197,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Tells the motors zero as long as anybody wants to know: there is no way back from here but a new start.
+    /// Sends zero to the motors until the end: only a restart leads out of this state.
     fn fallback_stop(&self, mut child: Option<Child>, why: &io::Error) {
         let since = clock::now();
         let mut is_said = false;
@@ -217,7 +217,7 @@ impl Supervisor {
             if child.as_mut().is_some_and(has_ended) {
                 child = None;
             }
-            // Not before: a terminal that is stopped stops whoever writes to it.
+            // Not before: writing to a stopped terminal blocks.
             if fallback_stop == FallbackStop::Stopped && !is_said {
                 is_said = true;
                 tracing::error!(%why, "the motor guard was lost: the motors were told to stand");

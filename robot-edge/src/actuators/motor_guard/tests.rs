@@ -10,14 +10,14 @@ use std::sync::Mutex;
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, test_kill_process, waitpid};
 
 use super::frame::{COMMAND_BYTES, Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
-use super::motor_report::MotorReport;
 use super::*;
+use crate::actuators::motor_guard::frame::MotorReport;
 use crate::actuators::report::{
     ControllerFault, ControllerWatchdog, FallbackStop, Fault, Hold, Readiness, Report,
 };
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::emulator::on_terminal::EmulatorOnTerminal;
-use crate::actuators::roboteq::port::{Port, Sharing};
+use crate::actuators::roboteq::serial_link::{Port, Sharing};
 use crate::clock;
 use measurement::time::Monotonic;
 use teleop::Velocity;
@@ -309,7 +309,7 @@ fn an_edge_that_is_killed_leaves_standing_motors() {
 }
 
 #[test]
-fn an_edge_that_is_stopped_leaves_standing_motors_also_when_it_goes_on() {
+fn a_stopped_edge_leaves_motors_at_zero_after_it_continues() {
     let controller = EmulatorOnTerminal::start(|_| {});
     let edge = Edge::drive(&controller);
     stop(&edge.0);
@@ -393,7 +393,7 @@ fn on_a_real_line() -> EmulatorOnTerminal {
 }
 
 #[test]
-fn motors_whose_guard_is_stopped_stand_within_a_quarter_of_a_second_and_go_on_with_it() {
+fn a_stopped_guard_means_zero_within_250_ms_until_it_continues() {
     let controller = on_a_real_line();
     let mut motors = start(&config(controller.path()));
     let mut took = Vec::new();
@@ -419,7 +419,7 @@ fn motors_whose_guard_is_stopped_stand_within_a_quarter_of_a_second_and_go_on_wi
 }
 
 #[test]
-fn a_guard_that_is_killed_right_after_its_edge_has_stopped_both_motors_or_neither() {
+fn a_killed_guard_has_stopped_both_motors_or_neither() {
     let mut stopped = 0;
     for _ in 0..5 {
         let controller = on_a_real_line();
@@ -439,7 +439,7 @@ fn a_guard_that_is_killed_right_after_its_edge_has_stopped_both_motors_or_neithe
 }
 
 #[test]
-fn an_end_with_a_guard_that_is_stopped_leaves_standing_motors() {
+fn an_end_with_a_stopped_guard_leaves_motors_at_zero() {
     let controller = EmulatorOnTerminal::start(|emulator| {
         // Not by itself.
         emulator.input_mode = 1;
@@ -467,7 +467,7 @@ fn a_program_that_is_no_guard_is_a_fault() {
 }
 
 #[test]
-fn a_port_that_is_not_there_is_told_by_guard_and_rescue() {
+fn guard_and_supervisor_report_a_missing_port() {
     let mut config = config(Path::new("/dev/nonexistent"));
     let mut motors = start(&config);
     apply_until(&mut motors, AHEAD, "told", |known| {
@@ -678,7 +678,7 @@ fn frames_that_are_old_repeated_or_of_the_future_move_nothing() {
 }
 
 #[test]
-fn what_waited_in_the_pipe_of_a_stopped_guard_moves_nothing() {
+fn commands_queued_for_a_stopped_guard_move_nothing() {
     let controller = EmulatorOnTerminal::start(|_| {});
     let guard = BareGuard::start(&config(controller.path()));
     let (sequence, _) = guard.drive(&controller, 1);

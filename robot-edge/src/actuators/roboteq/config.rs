@@ -15,8 +15,8 @@ use teleop::Velocity;
 pub struct RoboteqConfig {
     /// The serial port: `/dev/ttyS0`, or better a name that stays: `/dev/serial/by-id/…`.
     pub port: PathBuf,
-    /// The vehicle's geometry; its full speed is that at command 127, measured on the vehicle, with a full battery where
-    /// the controller runs open loop.
+    /// The vehicle's geometry; its full speed is that at command 127, measured on the vehicle, with a full battery
+    /// where the controller runs open loop.
     pub drive: DifferentialDrive,
     /// The channel of the left side; the right side has the other.
     pub left_channel: Channel,
@@ -30,7 +30,7 @@ pub struct RoboteqConfig {
     /// the motor then turns at 127·58593.75 / ((time base + 1)·pulses per revolution) turns per minute.
     #[serde(default)]
     pub encoder_full_speed_mps: Option<f64>,
-    /// Do not drive where the controller would go on by itself when nobody speaks to it any more.
+    /// Refuse to drive if the controller would not stop by itself without communication.
     #[serde(default = "yes")]
     pub require_watchdog: bool,
 }
@@ -93,7 +93,7 @@ impl RoboteqConfig {
         faults
     }
 
-    /// What the channels are told for `velocity`.
+    /// The channel commands for `velocity`.
     pub fn powers(&self, velocity: Velocity) -> [Power; 2] {
         let sides = self.drive.sides(velocity);
         let full_mps = self.drive.full_speed_mps;
@@ -103,13 +103,13 @@ impl RoboteqConfig {
         )
     }
 
-    /// The velocity that channels mean that are told this.
+    /// The velocity of channel commands.
     pub fn velocity_of_powers(&self, powers: [Power; 2]) -> Velocity {
         let [left, right] = self.by_side(powers);
         self.velocity_of_sides(left, right, self.drive.full_speed_mps)
     }
 
-    /// The velocity that encoders mean that say this, by channel; absent where there are none.
+    /// The velocity of encoder values, by channel; absent without encoders.
     pub fn velocity_of_encoders(&self, speeds: [Power; 2]) -> Option<Velocity> {
         let [left, right] = self.by_side(speeds);
         let full_mps = self.encoder_full_speed_mps?;

@@ -1,4 +1,4 @@
-//! Speaks with an AX3500: finds it, stops it, checks it, and then tells it two speeds again and again.
+//! The protocol state machine of an AX3500: finds it, stops it, checks it, and then repeats two speed commands.
 //!
 //! Bytes go in ([`Driver::receive`]) and out ([`Driver::transmit`]), the time is an argument, and nothing waits. One
 //! command at a time is on its way: what the port's buffer holds could not be taken back, and would be an old command.
@@ -11,16 +11,16 @@
 
 use std::time::Duration;
 
-use super::exchange::{Exchange, Outcome};
-use super::scheduler::{Scheduler, Task};
-use super::wire::{self, Channel, Command, Line, Parameter, Power, ReplyParser};
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
+use crate::actuators::roboteq::wire::{
+    self, Channel, Command, Exchange, Line, Outcome, Parameter, Power, ReplyParser,
+};
 use measurement::time::Monotonic;
 
-/// Failures in a row after which the controller is looked for anew.
+/// Consecutive failures after which the search for the controller restarts.
 const LIMIT_IN_A_ROW: u8 = 3;
 
-/// Until the controller has taken in what was said blindly: 15 characters of 1.04 ms, and its loop of 16 ms.
+/// Time until the controller has handled an unacknowledged command: 15 characters of 1.04 ms, and its loop of 16 ms.
 const STOP_PAUSE: Duration = Duration::from_millis(60);
 
 /// Until it has entered RS-232 mode.
@@ -42,7 +42,7 @@ pub struct Status {
     pub state: State,
     /// What the channels have acknowledged last.
     pub acknowledged: Option<[Power; 2]>,
-    /// What their encoders say.
+    /// The encoder values.
     pub encoders: Option<[Power; 2]>,
     /// The battery's voltage.
     pub battery_v: Option<f64>,
@@ -61,7 +61,7 @@ pub enum State {
     Starting,
     /// It obeys.
     Ready,
-    /// It does not obey, and is told to stand.
+    /// It does not obey; zero is sent.
     Faulty(ControllerFault),
 }
 
@@ -110,7 +110,7 @@ enum Phase {
     /// Where the controller does not take both at once.
     Zero(Channel),
     Check(Parameter),
-    /// Nothing is said.
+    /// Nothing is sent.
     AwaitWatchdog,
     Ready,
     Refused(ControllerFault),
@@ -142,7 +142,7 @@ impl Driver {
         }
     }
 
-    /// What the channels are to be told from now on; while the controller is not ready, that is forgotten.
+    /// Sets the channel commands; ignored while the controller is not ready.
     pub fn command(&mut self, wanted: [Power; 2]) {
         if self.phase == Phase::Ready {
             self.wanted = wanted;
@@ -296,7 +296,7 @@ impl Driver {
         if reply == WatchdogTripped && self.phase == Phase::AwaitWatchdog {
             return self.check_watchdog(ControllerWatchdog::Proven, now);
         }
-        // It did not hear us for a second, or was switched off: what it was told before no longer holds.
+        // It received nothing for a second, or was switched off: earlier commands no longer hold.
         if matches!(reply, WatchdogTripped | Prompt) && self.phase == Phase::Ready {
             return self.reconnect(ControllerFault::Silent, now);
         }
@@ -424,6 +424,128 @@ impl Driver {
             Phase::Refused(ControllerFault::NoWatchdog(self.input_mode.unwrap_or(0xFF)))
         };
         self.enter(phase, now);
+    }
+}
+
+/// Speeds that have not changed are repeated after this: a command that got lost, or a controller that was reset, must
+/// not last.
+const REPEAT: Duration = Duration::from_millis(50);
+
+/// Least time between two pairs of motor commands: a quick line must not be flooded.
+const MIN_PAUSE: Duration = Duration::from_millis(10);
+
+const STATUS_EVERY: Duration = Duration::from_millis(200);
+const VOLTAGES_EVERY: Duration = Duration::from_secs(1);
+const ENCODERS_EVERY: Duration = Duration::from_millis(100);
+
+/// The next transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Task {
+    RunOne,
+    RunTwo,
+    Status,
+    Voltages,
+    Encoders,
+}
+
+/// Motor commands in pairs, and at most one question between two pairs.
+#[derive(Clone, Debug)]
+pub(super) struct Scheduler {
+    /// The first command of a pair was sent.
+    is_half: bool,
+    /// A question may come before the next pair.
+    may_poll: bool,
+    pair_at: Monotonic,
+    must_repeat: bool,
+    polls: [Poll; 3],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Poll {
+    task: Task,
+    every: Duration,
+    /// Absent where it is never asked.
+    due: Option<Monotonic>,
+}
+
+impl Scheduler {
+    pub(super) fn new(has_encoders: bool, now: Monotonic) -> Self {
+        let poll = |task, every, is_asked: bool| Poll {
+            task,
+            every,
+            due: is_asked.then_some(now),
+        };
+        Self {
+            is_half: false,
+            may_poll: false,
+            pair_at: now,
+            must_repeat: true,
+            polls: [
+                poll(Task::Status, STATUS_EVERY, true),
+                poll(Task::Encoders, ENCODERS_EVERY, has_encoders),
+                poll(Task::Voltages, VOLTAGES_EVERY, true),
+            ],
+        }
+    }
+
+    /// The next transmission, if one is due.
+    pub(super) fn next(
+        &mut self,
+        wanted: [Power; 2],
+        acknowledged: [Option<Power>; 2],
+        now: Monotonic,
+    ) -> Option<Task> {
+        if self.is_half {
+            self.is_half = false;
+            self.may_poll = true;
+            return Some(Task::RunTwo);
+        }
+        let is_acknowledged = acknowledged == wanted.map(Some);
+        let is_stop = wanted == [Power::ZERO; 2];
+        // No question delays a stop.
+        if self.may_poll && (is_acknowledged || !is_stop) {
+            let due = |poll: &&mut Poll| poll.due.is_some_and(|due| now >= due);
+            if let Some(poll) = self.polls.iter_mut().find(due) {
+                poll.due = Some(now + poll.every);
+                self.may_poll = false;
+                return Some(poll.task);
+            }
+        }
+        let pause = if is_acknowledged && !self.must_repeat {
+            REPEAT
+        } else {
+            MIN_PAUSE
+        };
+        if now < self.pair_at + pause {
+            return None;
+        }
+        self.pair_at = now;
+        self.must_repeat = false;
+        self.is_half = true;
+        Some(Task::RunOne)
+    }
+
+    /// Sends zero to both motors next, before anything else.
+    pub(super) fn stop_both(&mut self, now: Monotonic) {
+        self.is_half = false;
+        self.may_poll = true;
+        self.must_repeat = false;
+        self.pair_at = now;
+    }
+
+    /// The last exchange failed: both motors get their commands again.
+    pub(super) fn repeat(&mut self, now: Monotonic) {
+        self.is_half = false;
+        self.must_repeat = true;
+        self.pair_at = now;
+    }
+
+    /// When there is something to say at the latest, or it must be asked whether there is.
+    pub(super) fn deadline(&self) -> Monotonic {
+        if self.is_half {
+            return self.pair_at;
+        }
+        self.pair_at + MIN_PAUSE
     }
 }
 

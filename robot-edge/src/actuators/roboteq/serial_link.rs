@@ -1,13 +1,22 @@
 //! A controller and its driver at the two ends of a port that may come and go.
 
-use std::os::fd::{AsFd as _, BorrowedFd};
+use std::fs;
+use std::fs::File;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::config::RoboteqConfig;
-use super::driver::{Driver, State, Status};
-use super::lock_holder::LockHolder;
-use super::port::{Port, PortError, Sharing};
+use rustix::fs::{FlockOperation, Mode, OFlags};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSelector};
+
+use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
+use crate::actuators::roboteq::config::RoboteqConfig;
+use crate::actuators::roboteq::driver::{Driver, State, Status, Transmission};
+use crate::actuators::roboteq::wire;
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
@@ -73,7 +82,7 @@ impl SerialLink {
         }
     }
 
-    /// Does what is due: opens the port, takes what came in, and tells the motors `velocity`. Call it when the port has
+    /// Opens the port, reads input and sends `velocity`, as due. Call it when the port has
     /// something to read, when `velocity` has changed, and at [`Self::deadline`]. It does not wait.
     pub fn step(&mut self, velocity: Velocity, now: Monotonic) {
         if let Err(lost) = self.try_step(velocity, now) {
@@ -141,7 +150,7 @@ impl SerialLink {
         let orphan = holder.filter(|holder| holder.is_orphaned_guard());
         if orphan.is_some() && waited >= STOP_AFTER && !locked.was_stopped {
             locked.was_stopped = true;
-            // What cannot be told now is told as soon as the port is open.
+            // If it cannot be sent now, it is sent when the port is open.
             drop(Port::stop_without_reply(&self.config.port));
         }
         let is_ended =
@@ -209,8 +218,248 @@ impl SerialLink {
         Some(self.config.velocity_of_powers(status.acknowledged?))
     }
 
-    /// What the vehicle does as its encoders say.
+    /// The velocity measured by the encoders.
     pub fn measured(&self, status: &Status) -> Option<Velocity> {
         self.config.velocity_of_encoders(status.encoders?)
+    }
+}
+
+/// Why a port could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// The system refused.
+    #[error("{path}: {source}", path = path.display())]
+    Io {
+        /// The port.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The adapter cannot do 7 data bits with even parity, and would send something else.
+    #[error("{path}: this port cannot do 9600 baud, 7 data bits, even parity, 1 stop bit", path = path.display())]
+    Settings {
+        /// The port.
+        path: PathBuf,
+    },
+}
+
+impl PortError {
+    /// By the system's number for it, `EINVAL` for settings that the port cannot do.
+    pub fn fault(&self) -> ControllerFault {
+        let number = match self {
+            Self::Io { source, .. } => source.raw_os_error().unwrap_or(0),
+            Self::Settings { .. } => rustix::io::Errno::INVAL.raw_os_error(),
+        };
+        ControllerFault::Port(u8::try_from(number).unwrap_or(u8::MAX))
+    }
+
+    /// Whether another process holds the port's lock.
+    pub fn is_locked(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => source.kind() == io::ErrorKind::WouldBlock,
+            Self::Settings { .. } => false,
+        }
+    }
+}
+
+/// Who else may have the port open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sharing {
+    /// An exclusive lock (`flock`): two owners would send commands in turn.
+    Exclusive,
+    /// Anybody: to stop motors whose owner is lost, and may still hold the port.
+    Shared,
+}
+
+/// An open serial port.
+#[derive(Debug)]
+pub struct Port(File);
+
+impl Port {
+    /// Opens `path` with the AX3500's settings (manual, p. 138): 9600 baud, 7 data bits, even parity, 1 stop bit, no
+    /// flow control. It waits neither for a carrier nor for anybody else.
+    pub fn open(path: &Path, sharing: Sharing) -> Result<Self, PortError> {
+        let io = |source: rustix::io::Errno| PortError::Io {
+            path: path.to_owned(),
+            source: source.into(),
+        };
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(io)?;
+        match sharing {
+            Sharing::Exclusive => {
+                rustix::fs::flock(&fd, FlockOperation::NonBlockingLockExclusive).map_err(io)?;
+            }
+            Sharing::Shared => {}
+        }
+        if apply_settings(&fd).map_err(io)? || is_pseudo_terminal(&fd).map_err(io)? {
+            Ok(Self(File::from(fd)))
+        } else {
+            Err(PortError::Settings {
+                path: path.to_owned(),
+            })
+        }
+    }
+
+    /// Sends zero once to the motors at `path`, also if another process holds the port, without waiting for a reply.
+    pub fn stop_without_reply(path: &Path) -> Result<(), PortError> {
+        let stop = Transmission {
+            bytes: wire::stop_without_reply(),
+            flush: true,
+        };
+        let sent = Self::open(path, Sharing::Shared)?.send(&stop);
+        sent.map_err(|source| PortError::Io {
+            path: path.to_owned(),
+            source,
+        })
+    }
+
+    /// Sends without waiting. What does not fit into the port's buffer is lost: the controller will not answer, and the
+    /// driver then begins anew.
+    pub fn send(&self, transmission: &Transmission) -> io::Result<()> {
+        if transmission.flush {
+            termios::tcflush(&self.0, QueueSelector::IOFlush)?;
+        }
+        match rustix::io::write(&self.0, transmission.bytes.as_bytes()) {
+            Ok(_) | Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Ok(()),
+            Err(errno) => Err(errno.into()),
+        }
+    }
+
+    /// What has come in, without waiting; empty where nothing has.
+    ///
+    /// # Errors
+    /// The port is gone: an adapter was unplugged.
+    pub fn read<'a>(&self, buffer: &'a mut [u8]) -> io::Result<&'a [u8]> {
+        match rustix::io::read(&self.0, &mut *buffer) {
+            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(count) => Ok(buffer.get(..count).unwrap_or_default()),
+            Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Ok(&[]),
+            Err(errno) => Err(errno.into()),
+        }
+    }
+}
+
+impl AsFd for Port {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}
+
+/// Returns whether the port took them; a port may say yes and do something else.
+fn apply_settings(fd: &OwnedFd) -> rustix::io::Result<bool> {
+    let mut settings = termios::tcgetattr(fd)?;
+    settings.make_raw();
+    let frame =
+        ControlModes::CSIZE | ControlModes::PARENB | ControlModes::PARODD | ControlModes::CSTOPB;
+    let wanted = ControlModes::CS7 | ControlModes::PARENB;
+    settings.control_modes &= !(frame | ControlModes::CRTSCTS | ControlModes::HUPCL);
+    settings.control_modes |= wanted | ControlModes::CREAD | ControlModes::CLOCAL;
+    settings.input_modes &= !(InputModes::IXON | InputModes::IXOFF | InputModes::IXANY);
+    // A character with a parity error is dropped: its command is then refused, or its echo differs.
+    settings.input_modes |= InputModes::INPCK | InputModes::IGNPAR;
+    settings.set_speed(termios::speed::B9600)?;
+    termios::tcsetattr(fd, OptionalActions::Now, &settings)?;
+    let taken = termios::tcgetattr(fd)?;
+    Ok(taken.control_modes & frame == wanted
+        && taken.output_speed() == termios::speed::B9600
+        && taken.input_speed() == termios::speed::B9600)
+}
+
+/// Pseudo-terminals carry bytes, whatever the settings; an emulated controller hangs on one.
+fn is_pseudo_terminal(fd: &OwnedFd) -> rustix::io::Result<bool> {
+    // Linux, Documentation/admin-guide/devices.txt: Unix98 PTY slaves are 136–143.
+    let major = rustix::fs::major(rustix::fs::fstat(fd)?.st_rdev);
+    Ok((136..=143).contains(&major))
+}
+
+/// A process that holds the lock of a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct LockHolder {
+    /// Its number.
+    pub(super) pid: u32,
+}
+
+impl LockHolder {
+    /// The process that holds the lock of `port`; absent if there is none or it is unknown.
+    pub(super) fn of(port: &Path) -> Option<Self> {
+        let file = fs::metadata(port).ok()?;
+        let locks = fs::read_to_string("/proc/locks").ok()?;
+        holder_in(&locks, file.dev(), file.ino()).map(|pid| Self { pid })
+    }
+
+    /// Whether it is a motor guard whose edge has gone. A guard's parent runs the same program as long as it lives;
+    /// then the guard is a child of another process.
+    pub(super) fn is_orphaned_guard(self) -> bool {
+        let command = fs::read(format!("/proc/{}/cmdline", self.pid)).unwrap_or_default();
+        let is_guard =
+            command.split(|&byte| byte == 0).nth(1) == Some(MOTOR_GUARD_COMMAND.as_bytes());
+        let (Some(own), Some(parent)) = (program(self.pid), parent(self.pid)) else {
+            return false;
+        };
+        is_guard && program(parent) != Some(own)
+    }
+
+    /// Ends it, stopped or not, if it still is an orphaned guard; returns whether it was signalled.
+    pub(super) fn kill_orphaned_guard(self) -> bool {
+        let pid = i32::try_from(self.pid).ok().and_then(Pid::from_raw);
+        // Open before the check: the number cannot be another process's then.
+        let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        process.is_some_and(|process| {
+            self.is_orphaned_guard() && pidfd_send_signal(&process, Signal::KILL).is_ok()
+        })
+    }
+}
+
+/// In the text of `/proc/locks` (proc(5)), who holds the `flock` of a file.
+fn holder_in(locks: &str, device: u64, inode: u64) -> Option<u32> {
+    let (major, minor) = (rustix::fs::major(device), rustix::fs::minor(device));
+    let file = format!("{major:02x}:{minor:02x}:{inode}");
+    locks.lines().find_map(|line| {
+        let mut fields = line.split_ascii_whitespace().skip(1);
+        // Who waits for a lock has an arrow in its place.
+        let is_held = fields.next() == Some("FLOCK");
+        let pid = fields.nth(2)?;
+        (is_held && fields.next() == Some(file.as_str()))
+            .then(|| pid.parse().ok())
+            .flatten()
+    })
+}
+
+/// The file that a process runs, also where it has been replaced since.
+fn program(pid: u32) -> Option<(u64, u64)> {
+    let file = fs::metadata(format!("/proc/{pid}/exe")).ok()?;
+    Some((file.dev(), file.ino()))
+}
+
+fn parent(pid: u32) -> Option<u32> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The name in parentheses before it may hold anything.
+    let (_, fields) = stat.rsplit_once(')')?;
+    fields.split_ascii_whitespace().nth(1)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuators::roboteq::emulator::on_terminal::EmulatorOnTerminal;
+
+    #[test]
+    fn a_lock_is_found_by_device_and_inode() {
+        let locks = "1: POSIX  ADVISORY  WRITE 5 00:1c:5 0 EOF\n\
+                     2: FLOCK  ADVISORY  WRITE 77 00:1c:5 0 EOF\n\
+                     2: -> FLOCK  ADVISORY  WRITE 78 00:1c:6 0 EOF\n";
+        assert_eq!(holder_in(locks, rustix::fs::makedev(0, 0x1c), 5), Some(77));
+        assert_eq!(holder_in(locks, rustix::fs::makedev(0, 0x1c), 6), None);
+        assert_eq!(holder_in(locks, rustix::fs::makedev(0, 0x1d), 5), None);
+    }
+
+    #[test]
+    fn a_holder_that_is_no_guard_is_not_killed() {
+        let controller = EmulatorOnTerminal::start(|_| {});
+        assert_eq!(LockHolder::of(controller.path()), None);
+        let _port = Port::open(controller.path(), Sharing::Exclusive).unwrap();
+        let holder = LockHolder::of(controller.path()).unwrap();
+        assert_eq!(holder.pid, std::process::id());
+        assert!(!holder.kill_orphaned_guard());
     }
 }

@@ -1,14 +1,18 @@
-//! What is said on the line to an AX3500 and back, without the line.
+//! The serial protocol of an AX3500 without I/O: commands, replies, and the state of one command (exchange).
 //!
-//! The source is the *AX3500 Motor Controller User's Manual*, version 1.9b, June 1, 2007; pages are its own. A command is
-//! a few characters and a carriage return. The controller echoes every character; then it says `+` (done), `-` (not
+//! The source is the *AX3500 Motor Controller User's Manual*, version 1.9b, June 1, 2007; pages are its own. A command
+//! is a few characters and a carriage return. The controller echoes every character; then it says `+` (done), `-` (not
 //! done) or, to a query, its values, two hexadecimal digits on a line each (p. 141 f.). Unasked it says `W` each second
 //! in which its watchdog has stopped the motors (p. 142), `OK` when it begins to listen (p. 140), and in R/C mode lines
 //! that begin with `:` (p. 170). Whether `+` has a carriage return of its own, and what follows a bare one, the manual
-//! does not say; nothing here depends on it. `+`, `-` and `W` occur in no echo and no value, so that they count wherever
-//! they stand, also in the middle of an echo.
+//! does not say; nothing here depends on it. `+`, `-` and `W` occur in no echo and no value, so that they count
+//! wherever they stand, also in the middle of an echo.
+
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+
+use measurement::time::Monotonic;
 
 /// Longest line that means anything; longer ones are noise.
 const LINE_BYTES: usize = 16;
@@ -26,7 +30,7 @@ pub enum Channel {
     Two,
 }
 
-/// What a channel is told, or says of its encoder: −127 … 127 of full speed.
+/// A channel command or encoder value: −127 … 127 of full speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub struct Power(i8);
 
@@ -153,8 +157,8 @@ pub fn wake() -> Line {
     line
 }
 
-/// Both motors to zero, for when nothing is known of what the line carries. The first command may be glued to the rest of
-/// another one, and is repeated at the end.
+/// Both motors to zero, for when nothing is known of what the line carries. The first command may be glued to the rest
+/// of another one, and is repeated at the end.
 pub fn stop_without_reply() -> Line {
     let mut line = Line::EMPTY;
     line.extend(b"!A00\r!B00\r!A00\r");
@@ -166,7 +170,7 @@ pub fn battery_v(value: u8) -> f64 {
     f64::from(value) * 55.0 / 256.0
 }
 
-/// What the controller says.
+/// A reply of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reply {
     /// `+`: done.
@@ -281,6 +285,162 @@ fn digit(byte: u8) -> Option<u8> {
     char::from(byte)
         .to_digit(16)
         .and_then(|digit| u8::try_from(digit).ok())
+}
+
+/// Longest wait for the end of an answer. The longest exchange (`?E`) is 3 + 9 characters of 1.04 ms, the controller
+/// looks every 16 ms (manual, p. 156), and an adapter on USB may hold characters back for 16 ms.
+pub(super) const REPLY_TIMEOUT: Duration = Duration::from_millis(100);
+
+/// A command that waits for its answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Exchange {
+    pub(super) command: Command,
+    sent: Monotonic,
+    /// The command before it whose echo may still come first, as it was interrupted or its answer is late.
+    late_echo: Option<Command>,
+    /// That command's acknowledgement may still come.
+    has_late_answer: bool,
+    echoes: usize,
+    acknowledged: usize,
+    values: [u8; 2],
+    count: usize,
+}
+
+/// The state of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// It still waits.
+    Waiting,
+    /// It was done; values where it asked for some.
+    Done([u8; 2]),
+    /// It was not done.
+    Refused,
+    /// The echo differs from the command: the effect is unknown.
+    Garbled,
+}
+
+impl Exchange {
+    pub(super) const fn new(command: Command, now: Monotonic) -> Self {
+        Self {
+            command,
+            sent: now,
+            late_echo: None,
+            has_late_answer: false,
+            echoes: 0,
+            acknowledged: 0,
+            values: [0; 2],
+            count: 0,
+        }
+    }
+
+    /// Sends zero to both motors although an answer is pending; that answer arrives first and is ignored.
+    pub(super) fn stop_both(interrupted: Option<Self>, now: Monotonic) -> Self {
+        Self {
+            late_echo: interrupted.filter(Self::is_silent).map(|last| last.command),
+            has_late_answer: interrupted
+                .is_some_and(|last| last.command.answer() == Answer::Acknowledgement),
+            ..Self::new(Command::StopBoth, now)
+        }
+    }
+
+    /// The same behind `silent`, whose echo had not come in time: late, it is no sign of a line that garbles.
+    pub(super) fn after_silence(mut self, silent: Option<Command>) -> Self {
+        let is_own = |late: &Command| late.line() == self.own_line();
+        self.late_echo = self.late_echo.or(silent.filter(|late| !is_own(late)));
+        self
+    }
+
+    /// Whether nothing at all has come.
+    pub(super) const fn is_silent(&self) -> bool {
+        self.echoes == 0
+    }
+
+    /// When it was sent.
+    pub(super) const fn sent(&self) -> Monotonic {
+        self.sent
+    }
+
+    pub(super) fn deadline(&self) -> Monotonic {
+        self.sent + REPLY_TIMEOUT
+    }
+
+    /// Only what follows the command's own echo is its answer: a late answer to another one is not.
+    pub(super) fn take(&mut self, reply: Reply) -> Outcome {
+        match reply {
+            Reply::Echo(line) => self.take_echo(line),
+            Reply::Acknowledged | Reply::Refused if self.has_late_answer => {
+                self.has_late_answer = false;
+                Outcome::Waiting
+            }
+            Reply::Refused if self.echoes > self.acknowledged => Outcome::Refused,
+            Reply::Acknowledged if self.echoes > self.acknowledged => match self.command.answer() {
+                Answer::Acknowledgement => {
+                    self.acknowledged += 1;
+                    if self.acknowledged < self.lines() {
+                        Outcome::Waiting
+                    } else {
+                        Outcome::Done(self.values)
+                    }
+                }
+                Answer::Values(_) => Outcome::Waiting,
+            },
+            Reply::Value(value) if self.echoes > 0 => self.take_value(value),
+            Reply::Refused
+            | Reply::Acknowledged
+            | Reply::Value(_)
+            | Reply::WatchdogTripped
+            | Reply::Prompt
+            | Reply::Noise => Outcome::Waiting,
+        }
+    }
+
+    fn take_echo(&mut self, line: Line) -> Outcome {
+        if self
+            .late_echo
+            .take()
+            .is_some_and(|late| late.line() == line)
+        {
+            return Outcome::Waiting;
+        }
+        if line != self.own_line() {
+            return Outcome::Garbled;
+        }
+        self.echoes = self.lines().min(self.echoes + 1);
+        Outcome::Waiting
+    }
+
+    /// What is echoed next.
+    fn own_line(&self) -> Line {
+        let own = match (self.command, self.echoes) {
+            (Command::StopBoth, 0) => Command::Run(Channel::One, Power::ZERO),
+            (Command::StopBoth, _) => Command::Run(Channel::Two, Power::ZERO),
+            (command, _) => command,
+        };
+        own.line()
+    }
+
+    /// Lines that it is sent in, each of which has an echo and an acknowledgement of its own.
+    const fn lines(&self) -> usize {
+        match self.command {
+            Command::StopBoth => 2,
+            Command::Run(..) | Command::Read(_) | Command::Voltages | Command::EncoderSpeeds => 1,
+        }
+    }
+
+    fn take_value(&mut self, value: u8) -> Outcome {
+        let Answer::Values(wanted) = self.command.answer() else {
+            return Outcome::Waiting;
+        };
+        if let Some(slot) = self.values.get_mut(self.count) {
+            *slot = value;
+        }
+        self.count += 1;
+        if self.count < wanted {
+            Outcome::Waiting
+        } else {
+            Outcome::Done(self.values)
+        }
+    }
 }
 
 #[cfg(test)]

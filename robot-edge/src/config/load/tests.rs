@@ -11,7 +11,7 @@ use crate::config::presets::PRESETS;
 use crate::config::sensors::{
     ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
-use localization::config::PoseSource;
+use localization::PoseSource;
 
 fn sets(settings: &[&str]) -> Vec<Override> {
     settings.iter().map(|text| text.parse().unwrap()).collect()

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use localization::beam_range::ZeroRange;
+use localization::beam_projection::ZeroRange;
 use measurement::mount::Mount;
 
 /// A planar range sensor.

@@ -3,7 +3,7 @@
 use crate::config::checks::{Allowed, Checks, as_toml};
 use crate::config::layer::quoted;
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
-use localization::config::{LocalizationConfig, PoseSource};
+use localization::{LocalizationConfig, PoseSource};
 
 pub(super) fn localization(checks: &mut Checks, localization: &LocalizationConfig) {
     let key = |name: &str| format!("localization.{name}");

@@ -1,7 +1,7 @@
 //! Which values make sense for elevation and obstacles.
 
 use crate::config::checks::{Allowed, Checks};
-use mapping::config::MappingConfig;
+use mapping::MappingConfig;
 
 /// Most cells along an edge of a window: 4 million cells of some 60 bytes.
 const MAX_CELLS: u32 = 2001;

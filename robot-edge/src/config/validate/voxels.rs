@@ -1,8 +1,9 @@
 //! Which values make sense for the octree and what is made of it.
 
 use crate::config::checks::{Allowed, Checks};
-use mapping::config::MappingConfig;
-use mapping::cost_config::{MetricsConfig, ShoreConfig};
+use mapping::MappingConfig;
+use mapping::scan_metrics::MetricsConfig;
+use mapping::shore::ShoreConfig;
 
 /// Sides of voxels, metres.
 const CELL_M: Allowed = Allowed::Within(0.01, 10.0);

@@ -12,13 +12,13 @@ use super::*;
 use crate::credentials::OperatorList;
 use crate::driving::monitor_input::monitor_input;
 use crate::driving::motors::SimulatedMotors;
-use mapping::elevation_config::ObstacleConfig;
+use mapping::obstacle::ObstacleConfig;
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::planar;
 use measurement::time::RobotTime;
+use teleop::TeleopConfig;
 use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
-use teleop::config::TeleopConfig;
 use teleop::{Caller, LeaseVerb};
 
 fn guard_rules() -> CollisionMonitorRules {
@@ -64,7 +64,7 @@ fn stops(
 }
 
 #[test]
-fn a_stop_for_want_of_a_guard_says_what_the_guard_lacked() {
+fn a_stop_by_the_monitor_reports_the_cause() {
     let now = clock::now();
     let mut drive_loop = guarded(now);
     drive_loop.tick(now);
@@ -136,7 +136,7 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
 }
 
 #[test]
-fn what_bounds_the_motion_that_is_asked_for_is_in_the_status_while_the_guard_is_on() {
+fn the_barrier_is_in_the_status_while_the_monitor_is_on() {
     let now = clock::now();
     let mut drive_loop = guarded(now);
     let (mut sensor_input, _map, monitor_runner) = monitor_input(guard_rules(), 1, None);
@@ -180,10 +180,10 @@ fn what_bounds_the_motion_that_is_asked_for_is_in_the_status_while_the_guard_is_
     );
 }
 
-/// An emergency stop of an observer comes within the drive command and as a request, in either order: whichever is heard
-/// first, the other is refused for the role too, not answered as what is over already.
+/// An emergency stop of an observer comes within the drive command and as a request, in either order: whichever is
+/// heard first, the other is refused for the role too, not answered as what is over already.
 #[test]
-fn a_press_of_whoever_may_not_stop_the_vehicle_is_refused_for_that_by_whichever_way_it_comes() {
+fn an_emergency_stop_of_an_observer_is_refused_each_time() {
     let now = clock::now();
     let eve = SecretKey::from_seed(&[5; 32]);
     let key = eve.public().to_pem().unwrap();

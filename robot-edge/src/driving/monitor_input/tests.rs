@@ -1,12 +1,12 @@
 use nalgebra::{Point3, Translation3};
 
 use super::*;
-use mapping::config::MappingConfig;
-use mapping::elevation_config::ObstacleConfig;
+use mapping::MappingConfig;
+use mapping::obstacle::ObstacleConfig;
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, SensorId};
 use mapping::vehicle::VehicleConfig;
+use teleop::TeleopConfig;
 use teleop::collision_monitor::CollisionMonitorConfig;
-use teleop::config::TeleopConfig;
 
 const SCAN_PERIOD_MS: i64 = 40;
 /// From scan to scan, metres.
@@ -84,7 +84,7 @@ fn in_the_way(monitor_runner: &mut MonitorRunner) -> Vec<[f64; 2]> {
 
 /// A laser that takes 200 ms for a sweep, and a sonar at 10 Hz between its stamps.
 #[test]
-fn the_map_is_copied_with_what_comes_between_the_sweeps_of_a_slow_sensor() {
+fn the_map_is_copied_between_scans_of_a_slow_sensor() {
     let config = MappingConfig::default();
     let mut mapper = Mapper::new(&config, VehicleConfig::default().shape(), &[]);
     let (_, mut monitor_map_input, mut monitor_runner) = monitor_input(rules(false), 2, None);
@@ -121,7 +121,7 @@ fn the_map_is_copied_with_what_comes_between_the_sweeps_of_a_slow_sensor() {
 
 /// Mapping may be any time behind: here it has mapped nothing yet.
 #[test]
-fn a_sweep_is_judged_by_the_ramp_that_the_vehicle_drives_on_although_nothing_was_mapped() {
+fn a_scan_on_a_ramp_is_judged_by_the_ramp_without_a_map() {
     let (mut monitor_input, _, mut monitor_runner) =
         monitor_input(rules(false), 1, Some(tracker()));
     // 0.2 m above the ground that the vehicle stands on, and above the level before the ramp less than 0.1 m.
@@ -248,4 +248,29 @@ fn the_period_of_a_sensor_is_the_median_of_its_gaps() {
     // Another rate is known by its fifth gap.
     let slower = [500; 5].map(&mut period_ms);
     assert_eq!((slower[0], slower[4]), (200, 500));
+}
+
+#[test]
+fn what_waits_grows_older() {
+    let stamp = RobotTime::from_nanos;
+    let at = Monotonic::from_nanos;
+    let mut receive_times = ReceiveTimes::default();
+    assert_eq!(receive_times.received_at(stamp(5), at(9)), at(9));
+    receive_times.record(stamp(10), at(100));
+    receive_times.record(stamp(20), at(120));
+    receive_times.record(stamp(20), at(130));
+    receive_times.record(stamp(15), at(140));
+    assert_eq!(receive_times.received_at(stamp(10), at(200)), at(100));
+    assert_eq!(
+        receive_times.received_at(stamp(11), at(200)),
+        at(120),
+        "not before 20 came"
+    );
+    assert_eq!(receive_times.received_at(stamp(21), at(200)), at(200));
+    for n in 0..5000 {
+        receive_times.record(stamp(100 + n), at(1000));
+    }
+    assert_eq!(receive_times.0.len(), CAPACITY);
+    receive_times.clear();
+    assert_eq!(receive_times.received_at(stamp(10), at(300)), at(300));
 }

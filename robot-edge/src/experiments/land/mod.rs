@@ -10,7 +10,7 @@ use super::ExperimentError;
 use super::published::known_cells;
 use super::run::{SimulatedRun, vehicle_config};
 use crate::config::Config;
-use crate::pipeline::Pipeline;
+use crate::runtime::Pipeline;
 use mapping::cost_map::CostMap;
 use mapping::octree::Octree;
 use mapping::voxel_layers::VoxelLayers;

@@ -7,10 +7,10 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use super::ExperimentError;
 use super::run::SimulatedRun;
-use crate::pipeline::Pipeline;
+use crate::runtime::Pipeline;
 use mapping::cost_map::CostMap;
 use mapping::grid::CellIndex;
-use mapping::shore_layer::ShoreLayer;
+use mapping::shore::ShoreLayer;
 use mapping::voxel_layers::VoxelLayers;
 use simulation::{Motion, SimulationOptions, World};
 

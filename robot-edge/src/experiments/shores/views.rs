@@ -8,10 +8,10 @@ use protocol::layer::LayerId;
 use super::{BoatMaps, WaterWorld};
 use crate::experiments::ExperimentError;
 use crate::experiments::pictures::{Image, Picture, elevation, store_of};
-use crate::pipeline::Pipeline;
-use mapping::cost_config::ShoreConfig;
+use crate::runtime::Pipeline;
 use mapping::grid::CellIndex;
-use mapping::obstacle_voxel::Rigidity;
+use mapping::rigidity::Rigidity;
+use mapping::shore::ShoreConfig;
 
 /// What the metrics say of columns of obstacles, gathered while the boat drives: its window leaves them behind.
 #[derive(Default)]

@@ -6,7 +6,7 @@ use super::sweep::Sweep;
 use super::{Cell, TerrainWorld, around};
 use crate::experiments::outcome::Check;
 use crate::experiments::spread::Spread;
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use simulation::truth::GroundPlane;
 
 /// Cells whose true height is so near a threshold are left aside, metres.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{Cell, TerrainWorld};
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use simulation::solid::{Shape, Solid};
 use simulation::truth::GroundPlane;
 

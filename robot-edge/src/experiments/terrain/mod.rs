@@ -15,7 +15,7 @@ use super::ExperimentError;
 use super::published::known_cells;
 use super::run::{SimulatedRun, vehicle_config};
 use crate::config::Config;
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use measurement::time::RobotTime;
 use simulation::solid::{Reflectivity, Solid};
 use simulation::source::START;

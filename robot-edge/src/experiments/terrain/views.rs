@@ -6,7 +6,7 @@ use protocol::tile_store::TileStore;
 use super::TerrainWorld;
 use crate::experiments::ExperimentError;
 use crate::experiments::pictures::{Picture, document_elevation, elevation, obstacle, store_of};
-use crate::pipeline::Pipeline;
+use crate::runtime::Pipeline;
 use simulation::truth::GroundPlane;
 
 /// The world as it truly is, seen from above: the greatest height in every cell above `plane`.

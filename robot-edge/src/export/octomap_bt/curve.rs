@@ -1,7 +1,7 @@
 //! The curve that passes the voxels of any cube of the tree in one go (G. M. Morton, 1966): the order of the file.
 
 use super::{LEVELS, ORIGIN};
-use mapping::voxel::VoxelIndex;
+use mapping::grid::VoxelIndex;
 
 /// Where along the curve a voxel is, from 0; `None` where the format has no room for it: farther than 32,768 voxels
 /// from the origin along an axis.

@@ -1,7 +1,7 @@
 //! Reads a tree leaf by leaf, without building it: any bytes, in constant memory.
 
 use super::{Child, Cube, FIRST_LINE, LEVELS, ORIGIN};
-use mapping::voxel::VoxelIndex;
+use mapping::grid::VoxelIndex;
 
 /// Why bytes are no binary tree; offsets count from the file's first byte.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -4,8 +4,8 @@ use std::io::{self, Write};
 
 use super::curve::{place, voxel_at, voxels, x_first};
 use super::{Child, Cube, FIRST_LINE, LEVELS};
+use mapping::grid::VoxelIndex;
 use mapping::octree::BrickStates;
-use mapping::voxel::VoxelIndex;
 
 /// Why cubes were not written.
 #[derive(Debug, thiserror::Error)]

@@ -8,16 +8,15 @@ mod limits;
 use std::time::Duration;
 
 use super::*;
-use crate::action::Answer;
-use crate::command::DriveCommand;
+use crate::command_stream::DriveCommand;
 use crate::config::TeleopConfig;
-use crate::emergency_stop::StoredEStop;
 use crate::input::LeaseVerb;
-use crate::operator::{Caller, OperatorId, Role};
-use crate::refusal::{Refusal, RequestKind};
+use crate::lease::StoredEStop;
+use crate::lease::{Caller, OperatorId, Role};
 use crate::report::TeleopReport;
 use crate::token::AgeToken;
 use mapping::vehicle::VehicleConfig;
+use protocol::message::{Answer, Refusal, StopReason};
 
 const ALICE: OperatorId = OperatorId(1);
 const BOB: OperatorId = OperatorId(2);
@@ -77,10 +76,7 @@ impl Vehicle {
     /// Alice holds the lease.
     fn held() -> Self {
         let mut vehicle = Self::idle();
-        assert_eq!(
-            vehicle.lease(ALICE, LeaseVerb::Request),
-            Answer::Granted { epoch: 1 }
-        );
+        assert_eq!(vehicle.lease(ALICE, LeaseVerb::Request), Answer::Granted(1));
         vehicle
     }
 

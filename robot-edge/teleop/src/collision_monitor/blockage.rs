@@ -1,7 +1,7 @@
 //! Whether a range sensor's beams without an echo may be believed: its window may be blocked.
 //!
-//! A planar lidar reports "no echo" (+∞, REP-117) in an open field, and the same behind a cover. Two observations tell the
-//! cases apart:
+//! A planar lidar reports "no echo" (+∞, REP-117) in an open field, and the same behind a cover. Two observations tell
+//! the cases apart:
 //! - the sensor still has echoes: of the ground, of a shore, of the vehicle's own body. Without any for
 //!   [`ECHO_TIMEOUT`] its misses prove nothing;
 //! - misses point at what had echoes within the last [`MEMORY`], although the beams still pass there. A cover is fixed to the
@@ -224,8 +224,8 @@ impl<'a> ScanPlane<'a> {
         })
     }
 
-    /// The number of the beam that points at a point, and whether one of those beside it has an echo; absent where no beam
-    /// should meet it.
+    /// The number of the beam that points at a point, and whether one of those beside it has an echo; absent where no
+    /// beam should meet it.
     fn beams_at(&self, point: &Point3<f64>) -> Option<(u32, bool)> {
         let to = point - self.origin;
         let distance_m = to.norm();

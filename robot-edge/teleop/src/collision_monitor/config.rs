@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::clearance::{Footprint, Margins};
-use super::motion_direction::Braking;
+use crate::collision_monitor::footprint::Braking;
+use crate::collision_monitor::footprint::{Footprint, Margins};
 use crate::config::{SettingError, TeleopConfig};
-use mapping::elevation_config::ObstacleConfig;
+use mapping::obstacle::ObstacleConfig;
 use mapping::vehicle::VehicleConfig;
 
-/// From the guard's word to the next one, seconds.
+/// Time between two rounds, seconds.
 const ROUND_S: f64 = 0.02;
 
 /// How long the vehicle may go on with what it knew before its sensors fell silent, seconds.
@@ -37,16 +37,16 @@ pub struct CollisionMonitorConfig {
     pub side_margin_m: f64,
     /// From a command to the motors until the vehicle obeys, seconds.
     pub actuator_delay_s: f64,
-    /// A beam has seen that the way is free where it is lower than this above the ground, metres: lower things may hide.
+    /// A beam observes free ground only where it is lower than this above the ground, metres.
     pub ground_visible_below_m: f64,
-    /// Above `creep_mps` the ground in the way must have been looked at within so long, seconds; absent: 3 on land, 10 on
-    /// water.
+    /// Above `creep_mps` the ground in the way must have been looked at within so long, seconds; absent: 3 on land, 10
+    /// on water.
     pub max_ground_age_s: Option<f64>,
-    /// Whether the sensors tell "no echo" from "window blocked" themselves: then a beam without an echo has seen that the way
-    /// is free, as one with an echo has.
+    /// Whether the sensors distinguish "no echo" from "window blocked" themselves: a beam without an echo then proves
+    /// free space like one with an echo.
     pub treat_no_return_as_free: bool,
-    /// Greatest speed where only beams without an echo say that the way is free, metres per second; 0 where they never do.
-    /// They do while their sensor has had echoes of anything within the last second.
+    /// Greatest speed where only beams without an echo say that the way is free, metres per second; 0 where they never
+    /// do. They do while their sensor has had echoes of anything within the last second.
     pub no_return_speed_mps: f64,
 }
 

@@ -1,32 +1,30 @@
-//! From what is allowed on single headings to the greatest speeds of going and of turning.
+//! From the allowed speeds in single directions to the limits of linear and angular speed.
 //!
-//! The arbiter moves each of the two towards what is asked, and brakes each, in its own time. So what is driven is no arc
-//! but a mixture of the two that changes, and each mixture that may come about must be one to stop from.
+//! The arbiter changes linear and angular speed independently. The path is therefore not one arc: the mixture of the
+//! two changes, and the vehicle must be able to stop from each mixture that may occur.
 
-use super::barrier::BarrierKind;
-use super::direction_table::{
-    ALL_DIRECTIONS, AxisSpeed, AxisSpeeds, DirectionTable, DriveAxis, STEPS,
-};
-use super::motion_direction::MotionDirection;
-use super::speed_limit_context::{AllowedSpeed, SpeedLimitContext};
-use crate::speed_limits::SpeedLimits;
-use crate::velocity::Velocity;
+use crate::collision_monitor::allowed_speed::{AllowedSpeed, SpeedLimitContext};
+use crate::collision_monitor::config::CollisionMonitorRules;
+use crate::collision_monitor::footprint::MotionDirection;
+use crate::input::SpeedLimits;
+use crate::motion::Velocity;
+use protocol::message::BarrierKind;
 
-/// Slower is standing still, metres per second of any point of the body.
+/// Speeds below this count as standstill, metres per second of any point of the body.
 const STANDSTILL_MPS: f64 = 0.005;
 
-/// A part that is slowed down beside another that is kept aims at so much of what is allowed: what is left leans more to the
-/// other, and a heading that leans more is often allowed a hair less.
+/// A part that is slowed down beside another that is kept aims at so much of what is allowed: what is left leans more
+/// to the other, and a heading that leans more is often allowed a hair less.
 const AIM: f64 = 0.999;
 
-/// It is aimed only beside a part that is at most this share of it: a mixture of more leaves its heading when both brake, and
-/// needs the room that a half leaves.
+/// It is aimed only beside a part that is at most this share of it: a mixture of more leaves its heading when both
+/// brake, and needs the room that a half leaves.
 const AIMED_BESIDE: f64 = 0.05;
 
 /// How often that is tried.
 const AIMS: usize = 3;
 
-/// A judgement under way.
+/// The computation of one round.
 pub(super) struct LimitSolver<'a> {
     context: SpeedLimitContext<'a>,
     directions: &'a DirectionTable,
@@ -34,14 +32,14 @@ pub(super) struct LimitSolver<'a> {
     allowed: [Option<AllowedSpeed>; ALL_DIRECTIONS],
     /// Greatest speeds along each axis so far, metres of travel per second.
     most_mps: [f64; 4],
-    /// What is asked is slower for want of sight.
+    /// Unknown ground limits the requested motion.
     in_unknown_space: bool,
-    /// Of what is asked, the heading that bounds it most.
+    /// The direction that limits the requested motion most.
     limiting_direction: Option<MotionDirection>,
 }
 
 impl<'a> LimitSolver<'a> {
-    /// What is allowed along each axis alone.
+    /// Starts with the limits along each axis alone.
     pub(super) fn new(context: SpeedLimitContext<'a>, directions: &'a DirectionTable) -> Self {
         let rules = context.rules;
         let radius_m = rules.footprint.radius_m();
@@ -67,7 +65,7 @@ impl<'a> LimitSolver<'a> {
         solver
     }
 
-    /// Scales what is asked so that the vehicle can stop from every mixture of its going and its turning.
+    /// Scales the request so that the vehicle can stop from every mixture of its linear and angular speed.
     pub(super) fn limit_request(&mut self, requested: AxisSpeeds) {
         let exact = requested
             .direction(self.radius_m)
@@ -84,12 +82,12 @@ impl<'a> LimitSolver<'a> {
         self.scale(&requested, share);
     }
 
-    /// What bounds what is asked, and where, in the base frame; nothing where all of it is allowed.
+    /// What limits the request, and where, in the base frame; absent if all of it is allowed.
     pub(super) fn barrier(&self) -> Option<(BarrierKind, [f64; 2])> {
         self.context.barrier(self.limiting_direction?)
     }
 
-    /// Brakes what the vehicle could no longer stop from.
+    /// Limits a motion from which the vehicle could no longer stop.
     pub(super) fn limit_motion(&mut self, motion: AxisSpeeds) {
         if let Some((direction, speed_mps)) = motion.direction(self.radius_m)
             && speed_mps >= STANDSTILL_MPS
@@ -135,7 +133,8 @@ impl<'a> LimitSolver<'a> {
         }
     }
 
-    /// The lesser of a share of what is asked and what one heading leaves of it; where that is less, it is the tightest.
+    /// The lesser of a share of what is asked and what one heading leaves of it; where that is less, it is the
+    /// tightest.
     fn tighten_share(
         &mut self,
         share: f64,
@@ -165,8 +164,9 @@ impl<'a> LimitSolver<'a> {
         allowed.speed_mps / mixed_mps
     }
 
-    /// Limits one part of the motion while the other one keeps its speed: to what its heading allows, where that can be found
-    /// at once, else to the greatest of some shares of what it would be from which the vehicle can stop, with all that is less.
+    /// Limits one part of the motion while the other one keeps its speed: to what its heading allows, where that can be
+    /// found at once, else to the greatest of some shares of what it would be from which the vehicle can stop, with all
+    /// that is less.
     fn limit_beside(&mut self, kept: AxisSpeed, changing: AxisSpeed) {
         if kept.speed_mps < STANDSTILL_MPS || changing.speed_mps < STANDSTILL_MPS {
             return;
@@ -195,9 +195,9 @@ impl<'a> LimitSolver<'a> {
             .map_or(aimed_mps, |share_mps| aimed_mps.max(share_mps))
     }
 
-    /// The speed of the changing part from which the vehicle can stop: all of it where it can; else, beside a part that is small
-    /// against it, what the heading of the mixture allows, found in a few steps; 0 where that finds none. So a turn that is
-    /// only noise takes nothing of going but what it is allowed less.
+    /// The speed of the changing part from which the vehicle can stop: all of it where it can; else, beside a part that
+    /// is small against it, what the heading of the mixture allows, found in a few steps; 0 where that finds none. So a
+    /// turn that is only noise takes nothing of going but what it is allowed less.
     fn aimed_beside_mps(&self, kept: AxisSpeed, changing: AxisSpeed, safe_mps: f64) -> f64 {
         let mut part = changing;
         for aim in 0..=AIMS {
@@ -217,7 +217,7 @@ impl<'a> LimitSolver<'a> {
         0.0
     }
 
-    /// How fast the other part may be as far as the headings of the compass tell.
+    /// How fast the other part may be according to the direction table.
     fn safe_beside_mps(&mut self, kept: AxisSpeed, axis: DriveAxis) -> f64 {
         for step in 1..STEPS {
             let (direction, allowed) = self.allowed(kept.axis.towards(axis, step));
@@ -239,8 +239,8 @@ impl<'a> LimitSolver<'a> {
             .is_none_or(|(mixed_mps, allowed_mps)| mixed_mps <= allowed_mps)
     }
 
-    /// The speed of a motion of two parts, and what is allowed on its heading, metres of travel per second; nothing where it
-    /// does not move.
+    /// The speed of a motion of two parts, and what is allowed on its heading, metres of travel per second; nothing
+    /// where it does not move.
     fn mixture(&self, one: AxisSpeed, other: AxisSpeed) -> Option<(f64, f64)> {
         let (going, turning) = match one.axis {
             DriveAxis::Forward | DriveAxis::Back => (one, other),
@@ -270,6 +270,137 @@ impl<'a> LimitSolver<'a> {
     fn limit(&mut self, axis: DriveAxis, speed_mps: f64) {
         let most_mps = &mut self.most_mps[axis as usize];
         *most_mps = most_mps.min(speed_mps);
+    }
+}
+
+/// From one axis to the next, the first of them included: 15 degrees apart.
+pub(super) const STEPS: usize = 6;
+
+/// Headings all around.
+pub(super) const ALL_DIRECTIONS: usize = 4 * STEPS;
+
+/// A way to move that is either going or turning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum DriveAxis {
+    Forward,
+    Left,
+    Back,
+    Right,
+}
+
+/// Headings from forward over left, each by its number.
+#[derive(Clone, Debug)]
+pub(super) struct DirectionTable {
+    headings: [MotionDirection; ALL_DIRECTIONS],
+}
+
+/// A motion in metres per second of travel: how fast it goes, and how fast its outermost point swings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct AxisSpeeds {
+    pub(super) going: AxisSpeed,
+    pub(super) turning: AxisSpeed,
+}
+
+/// One part of a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct AxisSpeed {
+    pub(super) axis: DriveAxis,
+    /// Metres of travel per second, not negative.
+    pub(super) speed_mps: f64,
+}
+
+impl DriveAxis {
+    pub(super) const ALL: [Self; 4] = [Self::Forward, Self::Left, Self::Back, Self::Right];
+
+    /// Number of a heading some steps from this axis towards one beside it.
+    pub(super) const fn towards(self, beside: Self, step: usize) -> usize {
+        let (from, to) = (self as usize * STEPS, beside as usize * STEPS);
+        let is_next = (from + STEPS) % ALL_DIRECTIONS == to;
+        let back = if is_next { step } else { ALL_DIRECTIONS - step };
+        (from + back) % ALL_DIRECTIONS
+    }
+}
+
+impl DirectionTable {
+    pub(super) fn new(radius_m: f64) -> Self {
+        let headings = std::array::from_fn(|number| {
+            let angle = std::f64::consts::FRAC_PI_2 * (number % STEPS) as f64 / STEPS as f64;
+            let (cos, sin) = (libm::cos(angle), libm::sin(angle));
+            // Axes are exact: their headings neither drift to a side nor along.
+            let (along, swing) = match number / STEPS {
+                0 => (cos, sin),
+                1 => (-sin, cos),
+                2 => (-cos, -sin),
+                _ => (sin, -cos),
+            };
+            MotionDirection {
+                along,
+                turn_per_m: swing / radius_m,
+                swing: swing.abs(),
+            }
+        });
+        Self { headings }
+    }
+
+    pub(super) const fn direction(&self, number: usize) -> MotionDirection {
+        self.headings[number]
+    }
+}
+
+impl AxisSpeeds {
+    /// A motion, at most as fast as the vehicle can be.
+    pub(super) fn of(velocity: Velocity, rules: &CollisionMonitorRules) -> Self {
+        let Velocity {
+            linear_mps,
+            angular_radps,
+        } = velocity;
+        let turning_radps = angular_radps.abs().min(rules.max_turn_rate_radps);
+        Self {
+            going: AxisSpeed {
+                axis: if linear_mps < 0.0 {
+                    DriveAxis::Back
+                } else {
+                    DriveAxis::Forward
+                },
+                speed_mps: linear_mps.abs().min(rules.max_speed_mps),
+            },
+            turning: AxisSpeed {
+                axis: if angular_radps < 0.0 {
+                    DriveAxis::Right
+                } else {
+                    DriveAxis::Left
+                },
+                speed_mps: turning_radps * rules.footprint.radius_m(),
+            },
+        }
+    }
+
+    /// Its heading and speed of travel; nothing where it does not move.
+    pub(super) fn direction(&self, radius_m: f64) -> Option<(MotionDirection, f64)> {
+        let signed = |part: AxisSpeed, negative: DriveAxis| {
+            if part.axis == negative {
+                -part.speed_mps
+            } else {
+                part.speed_mps
+            }
+        };
+        let (along_m, swing_m) = (
+            signed(self.going, DriveAxis::Back),
+            signed(self.turning, DriveAxis::Right),
+        );
+        MotionDirection::of(along_m, swing_m, radius_m)
+    }
+
+    /// The greatest speed on a heading between its axes that is a mixture of at most its going and its turning.
+    pub(super) fn mixed_mps(&self, direction: MotionDirection) -> f64 {
+        let most = |part: AxisSpeed, share: f64| {
+            if share > 0.0 {
+                part.speed_mps / share
+            } else {
+                f64::INFINITY
+            }
+        };
+        most(self.going, direction.along.abs()).min(most(self.turning, direction.swing))
     }
 }
 

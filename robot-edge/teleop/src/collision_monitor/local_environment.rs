@@ -1,19 +1,19 @@
-//! What lies around the vehicle now, as points in its base frame.
+//! The surroundings of the vehicle as points in its base frame: hits, mapped obstacles, borders of unknown ground.
 
 use std::time::Duration;
 
 use nalgebra::Point2;
 
 use super::blockage::BlockageCounts;
-use super::clearance::Footprint;
 use super::config::CollisionMonitorRules;
 use super::local_map::LocalMap;
 use super::obstacle_scan::ObstacleScan;
 use super::predicted_pose::PredictedPose;
-use mapping::elevation_cell::CellClass;
+use crate::collision_monitor::footprint::Footprint;
+use mapping::elevation::CellClass;
 use measurement::time::Monotonic;
 
-/// Cells from the vehicle to the edge of the window in which unseen ground is looked for, at most.
+/// Greatest number of cells from the vehicle to the edge of the window for unknown ground.
 const MAX_CELLS: i32 = 40;
 
 /// Cells beyond this number are all alike: no vehicle comes there.
@@ -25,16 +25,16 @@ const MIN_CELL_M: f64 = 0.05;
 /// What is known of a cell of ground around the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum GroundState {
-    /// Nobody has looked at it in time.
+    /// Not observed within `max_ground_age_s`.
     Unknown,
-    /// Only beams without an echo say that it is free.
+    /// Observed only by beams without an echo.
     FreeByNoReturn,
     Observed,
 }
 
-/// When a cell was looked at last: by a beam low enough to see what stands there, or by one that passed above it. The
-/// latter counts where a map knows the cell: a laser that looks down at the ground ahead has seen what it passes over now
-/// some time ago, and is still what watches that direction.
+/// Time of the last observation of a cell: by a beam low enough to detect obstacles there, or by one that passed above
+/// it. The latter counts only if the map knows the cell: a laser that points down at the ground ahead observed the cell
+/// some time ago, and still watches this direction.
 #[derive(Clone, Copy, Debug, Default)]
 struct CellObservations {
     cell: [i64; 2],
@@ -73,23 +73,23 @@ impl ObservationTimes {
     }
 }
 
-/// Points in the base frame, metres. It keeps its memory from round to round.
+/// Points in the base frame, metres. Buffers are reused from round to round.
 #[derive(Clone, Debug)]
 pub(super) struct LocalEnvironment {
-    /// Where beams hit something; the bottom of the water last.
+    /// Hits of beams; the bottom of the water last.
     pub(super) hits: Vec<[f64; 2]>,
     /// How many of the hits are the bottom of the water.
     pub(super) shallows: usize,
-    /// Centres of the map's obstacles that no beam hits now.
+    /// Centres of mapped obstacle cells without a hit now.
     pub(super) mapped: Vec<[f64; 2]>,
     pub(super) mapped_cell_m: f64,
-    /// Centres of cells that nobody has seen in time, where others begin.
+    /// Centres of unknown cells at the border of known ones.
     pub(super) unknown: Vec<[f64; 2]>,
-    /// Centres of cells that no beam with an echo has seen in time, where those begin that one has.
+    /// Centres of cells without an observation by echo, at the border of cells with one.
     pub(super) unconfirmed: Vec<[f64; 2]>,
     pub(super) unknown_cell_m: f64,
-    /// How long ago the ground beside the vehicle was looked at last, where that is least recent: ahead, to the left,
-    /// behind, to the right; absent where nobody has looked since the vehicle came there.
+    /// Age of the observation of the ground beside the vehicle, the oldest of three points: ahead, left, behind, right;
+    /// absent without observation.
     pub(super) side_ground_ages: [Option<Duration>; 4],
     /// Cells from the vehicle to the edge of the window.
     reach_cells: i64,
@@ -126,8 +126,7 @@ impl LocalEnvironment {
         }
     }
 
-    /// Takes over what the sweeps and the map know around a vehicle. What is stale still tells of obstacles, but no longer
-    /// of ground that is free.
+    /// Reads scans and map around the vehicle. Stale data still gives obstacles, but no free ground.
     pub(super) fn update(
         &mut self,
         rules: &CollisionMonitorRules,
@@ -170,7 +169,7 @@ impl LocalEnvironment {
         }
     }
 
-    /// Where a beam hits what is mapped, the hit says better where it is.
+    /// A hit in a mapped cell replaces the cell: it is more precise.
     fn update_mapped(
         &mut self,
         rules: &CollisionMonitorRules,
@@ -197,14 +196,14 @@ impl LocalEnvironment {
         }
         for (index, centre) in map.obstacles() {
             let point = vehicle.to_base(centre);
-            // Where the vehicle stands, nothing does.
+            // There is no obstacle under the vehicle.
             if !self.is_hit[index] && self.is_near(point) && !rules.footprint.contains(point) {
                 self.mapped.push(point);
             }
         }
     }
 
-    /// Notes when each cell was looked at last: by the sweeps that are new, and by the vehicle that stands on it.
+    /// Records the time of observation of each cell: by new scans, and by the vehicle that stands on it.
     fn record_observations(
         &mut self,
         rules: &CollisionMonitorRules,
@@ -228,7 +227,7 @@ impl LocalEnvironment {
                 }
             }
         }
-        // What the end of a beam or a map's cell lies in has been seen, though its centre may lie behind.
+        // A cell that contains a beam's end counts as observed, although its centre may lie behind the end.
         let slack_m = 0.75 * self.unknown_cell_m;
         let body = rules.footprint.grown(0.5 * self.unknown_cell_m);
         let with_noted = obstacle_scans.iter().zip(&self.recorded);
@@ -323,14 +322,14 @@ impl LocalEnvironment {
                 let last = passing.unwrap_or_default().max(observations.low.last());
                 (last != Monotonic::default()).then(|| now.since(last))
             });
-            // Unseen is older than any age.
+            // A point without observation is older than any age.
             ages.into_iter()
                 .try_fold(Duration::ZERO, |oldest, age| Some(oldest.max(age?)))
         });
     }
 
-    /// Points on the ground just outside of the footprint and its margin, in the base frame: ahead, to the left, behind, to
-    /// the right.
+    /// Points on the ground just outside of the footprint and its margin, in the base frame: ahead, to the left,
+    /// behind, to the right.
     fn sides(rules: &CollisionMonitorRules) -> [[[f64; 2]; 3]; 4] {
         let edge = rules.footprint.grown(rules.margins.ahead_m + MIN_CELL_M);
         let Footprint {

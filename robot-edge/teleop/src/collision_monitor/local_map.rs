@@ -1,4 +1,4 @@
-//! The part of a map around the vehicle, copied so that nobody waits for the map.
+//! A copy of the map around the vehicle, so that the collision monitor never waits for the mapping thread.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use nalgebra::Point2;
 
 use super::obstacle_scan::is_stale;
 use mapping::cost_map::CostMap;
-use mapping::elevation_cell::CellClass;
+use mapping::elevation::CellClass;
 use mapping::grid::CellIndex;
 use mapping::obstacle::ObstacleMap;
 use mapping::occupancy_grid::OccupancyGrid;
@@ -15,7 +15,7 @@ use measurement::time::Monotonic;
 /// Most cells along an edge.
 const MAX_SIDE: i32 = 512;
 
-/// A square of cells, fixed in `odom`. It keeps its memory from copy to copy.
+/// A square of cells, fixed in `odom`. Its buffer is reused from copy to copy.
 #[derive(Clone, Debug, Default)]
 pub struct LocalMap {
     measured_at: Monotonic,
@@ -101,23 +101,23 @@ impl LocalMap {
         }
     }
 
-    /// Whether it is too old for what it calls free to be free.
+    /// Whether it is too old to trust its free cells.
     pub fn is_stale(&self, now: Monotonic) -> bool {
         is_stale(self.measured_at, self.period, now)
     }
 
     /// Edge of a cell, metres.
-    pub const fn cell_m(&self) -> f64 {
+    pub(super) const fn cell_m(&self) -> f64 {
         self.cell_m
     }
 
     /// Cells of the copy.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.classes.len()
     }
 
-    /// Whether nothing was copied.
-    pub fn is_empty(&self) -> bool {
+    #[cfg(test)]
+    fn is_empty(&self) -> bool {
         self.classes.is_empty()
     }
 

@@ -1,56 +1,42 @@
-//! The collision monitor: how fast the vehicle may go so that it stops before what is in its way.
+//! Collision monitor: limits the speed so that the vehicle stops before obstacles and unknown ground.
 //!
-//! `network-and-teleop.md`, section "Collision monitor". It knows the posed points of the last sweep of each sensor and the
-//! last map, both as plain data that others hand over, and waits for neither. It says how fast the vehicle may go and turn
-//! and nothing else: what it says can only make the vehicle slower (P9). Beside that it tells what bounds the motion that is
-//! asked for ([`Barrier`]), by which nothing is judged.
+//! Inputs are the last scan of each sensor ([`ObstacleScan`], filled by the localization thread) and a copy of the map
+//! ([`LocalMap`], filled by the mapping thread). Both are plain data, and the monitor waits for neither. The output is
+//! only a set of speed limits, so it can only make the vehicle slower (P9). In addition it reports what limits the
+//! requested motion ([`Barrier`]); no limit depends on this report.
 //!
-//! The placing side fills a [`ObstacleScan`] with each sweep, the mapping side a [`LocalMap`] now and then, and both hand them
-//! over; the loop asks [`CollisionMonitor::output`] in each round, after the commands of that round were taken and before its
-//! tick.
-//! Each keeps its memory, so that nothing is allocated once they have been filled. Whoever switches the guard off says
-//! `CollisionMonitorOutput::Off` in its stead.
+//! The loop calls [`CollisionMonitor::output`] in each round, after the commands of the round and before its tick. All
+//! parts reuse their buffers, so nothing is allocated after the first rounds.
 //!
-//! A round places the vehicle where it will be when it obeys, which is where what it was told until now leads; sees how
-//! far its footprint can move from there along arcs before it touches a point ([`clearance`], exact); and which speed that
-//! leaves time to stop from ([`motion_direction`]). Where the footprint would come to ground that nobody has looked at, it must be
-//! able to stop before that ground, or creep.
+//! One round: predict the pose at which the vehicle obeys the present command (`predicted_pose`); find how far the
+//! footprint can move from there along arcs before it touches a point (`footprint`, exact); find the speed from which
+//! the vehicle stops within this distance (`allowed_speed`); combine the directions to limits of linear and angular
+//! speed (`limit_solver`). Before ground that no sensor observed in time, the vehicle must be able to stop, or creep.
 //!
-//! What stands still is promised and what moves is not; nor what the sensors cannot see (glass, what is lower or higher
-//! than a level laser, what is thinner than the gap between beams or hides behind what is as thin), nor that the vehicle
-//! brakes as its configuration says. What is known only from the map is passed no nearer than half a cell, when creeping a
-//! sixth. On a boat nothing brakes: thrust is cut, and what is promised is that it coasts no farther than
-//! `teleop.stop_decel_mps2` says, without wind and current.
+//! Limits of the guarantee: it covers static obstacles only, and not those that the sensors cannot detect (glass,
+//! objects below or above a level laser, objects thinner than the gap between beams). The vehicle must brake as
+//! configured. Obstacles known only from the map are passed no nearer than half a cell, at creep speed a sixth. A boat
+//! cannot brake: thrust is cut, and the guarantee is that it coasts no farther than `teleop.stop_decel_mps2` says,
+//! without wind and current.
 
-pub mod config;
-
-pub mod local_map;
-pub mod obstacle_scan;
-pub mod predicted_pose;
-
-pub mod clearance;
-pub mod motion_direction;
-
-mod barrier;
+mod allowed_speed;
 mod blockage;
-mod command_history;
-mod coverage;
-mod direction_table;
+mod config;
+mod footprint;
 mod limit_solver;
 mod local_environment;
+mod local_map;
 mod monitor;
-mod overspeed;
-mod speed_limit_context;
-mod unavailable;
+mod obstacle_scan;
+mod predicted_pose;
 
-pub use barrier::{Barrier, BarrierKind};
+pub use allowed_speed::Barrier;
 pub use blockage::BlockageDetector;
 pub use config::{CollisionMonitorConfig, CollisionMonitorRules, UnknownSpacePolicy};
 pub use local_map::{CopyRequest, LocalMap};
-pub use monitor::{CollisionMonitor, CollisionMonitorInput};
+pub use monitor::{CollisionMonitor, CollisionMonitorInput, UnavailableReason};
 pub use obstacle_scan::ObstacleScan;
 pub use predicted_pose::OdometrySample;
-pub use unavailable::UnavailableReason;
 
 #[cfg(test)]
 mod tests;

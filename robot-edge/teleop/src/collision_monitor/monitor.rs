@@ -1,39 +1,35 @@
-//! The guard of one vehicle, round by round.
+//! The collision monitor of one vehicle: one output per round.
 
+use std::fmt;
 use std::time::Duration;
 
-use super::barrier::Barrier;
-use super::command_history::CommandHistory;
-use super::config::{CollisionMonitorRules, UnknownSpacePolicy};
-use super::direction_table::{AxisSpeeds, DirectionTable};
-use super::limit_solver::LimitSolver;
-use super::local_environment::LocalEnvironment;
-use super::local_map::LocalMap;
-use super::obstacle_scan::ObstacleScan;
-use super::overspeed::overspeed;
-use super::predicted_pose::{MAX_POSE_AGE, OdometrySample};
-use super::speed_limit_context::SpeedLimitContext;
-use super::unavailable::UnavailableReason;
-use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
-use crate::velocity::Velocity;
+use crate::collision_monitor::allowed_speed::{Barrier, SpeedLimitContext};
+use crate::collision_monitor::config::{CollisionMonitorRules, UnknownSpacePolicy};
+use crate::collision_monitor::limit_solver::{AxisSpeeds, DirectionTable, LimitSolver};
+use crate::collision_monitor::local_environment::LocalEnvironment;
+use crate::collision_monitor::local_map::LocalMap;
+use crate::collision_monitor::obstacle_scan::ObstacleScan;
+use crate::collision_monitor::predicted_pose::{CommandHistory, MAX_POSE_AGE, OdometrySample};
+use crate::input::{CollisionMonitorOutput, SpeedLimits};
+use crate::motion::Velocity;
 use measurement::time::Monotonic;
 
-/// What the guard knows in a round.
+/// The inputs of one round.
 #[derive(Clone, Copy, Debug)]
 pub struct CollisionMonitorInput<'a> {
     /// The last sweep of each sensor.
     pub obstacle_scans: &'a [ObstacleScan],
-    /// The last map, where there is one.
+    /// The last map, if there is one.
     pub map: Option<&'a LocalMap>,
     /// The newest pose and measured speed; absent before the first.
     pub odometry: Option<OdometrySample>,
-    /// What the motors were told in the last round.
+    /// The velocity sent to the motors in the last round.
     pub commanded: Velocity,
-    /// What the operator asks now.
+    /// The velocity requested by the operator now.
     pub requested: Velocity,
 }
 
-/// The guard of one vehicle. Of earlier rounds it judges by what the motors were told, and by nothing else.
+/// The collision monitor of one vehicle. Of earlier rounds it uses only the velocities sent to the motors.
 #[derive(Clone, Debug)]
 pub struct CollisionMonitor {
     rules: CollisionMonitorRules,
@@ -46,7 +42,7 @@ pub struct CollisionMonitor {
 }
 
 impl CollisionMonitor {
-    /// A guard that keeps to `rules`.
+    /// A monitor with these rules.
     pub fn new(rules: CollisionMonitorRules) -> Self {
         Self {
             rules,
@@ -59,28 +55,28 @@ impl CollisionMonitor {
         }
     }
 
-    /// The rules that it keeps to.
+    /// The rules.
     pub const fn rules(&self) -> &CollisionMonitorRules {
         &self.rules
     }
 
-    /// What it lacked in the last round, where it could not judge then.
+    /// Why the last round gave no limits, if so.
     pub const fn unavailable_reason(&self) -> Option<UnavailableReason> {
         self.unavailable_reason
     }
 
-    /// What bounded the motion that was asked for in the last round; none where nothing did, or where it could not judge.
+    /// What limited the requested motion in the last round, if anything did.
     pub const fn barrier(&self) -> Option<Barrier> {
         self.barrier
     }
 
-    /// How long ago the ground beside the vehicle was looked at last: ahead, to the left, behind, to the right; absent where
-    /// nobody has looked.
+    /// Age of the last observation of the ground beside the vehicle: ahead, left, behind, right; absent without
+    /// observation.
     pub const fn side_ground_ages(&self) -> [Option<Duration>; 4] {
         self.environment.side_ground_ages
     }
 
-    /// Its word of this round. Where the operator asks for no number, it judges as if they asked for nothing.
+    /// The output of this round. A request that is not finite counts as zero.
     pub fn output(
         &mut self,
         input: &CollisionMonitorInput<'_>,
@@ -108,7 +104,7 @@ impl CollisionMonitor {
             return Err(UnavailableReason::NotFinite);
         }
         self.commanded.record(since, input.commanded);
-        // Without a pose nothing can be placed, and creeping would be a guess.
+        // Without a pose no scan can be used, and creeping would be a guess.
         let obeys = (self.rules.actuator_delay, self.rules.is_boat);
         let odometry = input.odometry.ok_or(UnavailableReason::PoseTooOld(None))?;
         let vehicle = odometry.predicted_pose(&self.commanded, obeys, now)?;
@@ -152,5 +148,102 @@ impl CollisionMonitor {
             },
             ..limits
         })
+    }
+}
+
+/// Why the output is [`CollisionMonitorOutput::Stale`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UnavailableReason {
+    /// The newest pose has this age, or there is none yet.
+    PoseTooOld(Option<Duration>),
+    /// A pose, speed or motor command is NaN or infinite.
+    NotFinite,
+    /// The last scan of every sensor is too old, and `teleop.collision_monitor.unknown_space_policy` is `stop`.
+    ScansTooOld,
+}
+
+impl fmt::Display for UnavailableReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PoseTooOld(Some(age)) => {
+                write!(f, "its newest pose was {:.2} s old", age.as_secs_f64())
+            }
+            Self::PoseTooOld(None) => f.write_str("it had no pose yet"),
+            Self::NotFinite => f.write_str("a pose or speed was no number"),
+            Self::ScansTooOld => f.write_str("no sensor had seen anything new in time"),
+        }
+    }
+}
+
+/// A limit that is less than the greatest speed by a smaller share is that speed: it is divided by a radius on its way.
+const ROUNDING: f64 = 1e-9;
+
+/// A boat at its greatest speed measures more and less in turn, by less than this share: positions that are good to 2
+/// cm, half a second apart, make 0.06 m/s of 3.0. What is so much faster needs 0.6 m more to come to rest, less than
+/// its margin of 1 m.
+const NOISE: f64 = 0.03;
+
+/// What is measured beyond the limits, with its sign; zero along an axis that keeps to them.
+///
+/// Where the guard allows the greatest speed, noise does not count: no command asks for more, and without thrust at
+/// every second measurement the boat would never get there.
+pub(super) fn overspeed(
+    limits: &SpeedLimits,
+    measured: Velocity,
+    rules: &CollisionMonitorRules,
+) -> Velocity {
+    Velocity {
+        linear_mps: beyond(
+            (limits.forward_mps, limits.reverse_mps),
+            measured.linear_mps,
+            rules.max_speed_mps,
+        ),
+        angular_radps: beyond(
+            (limits.left_radps, limits.right_radps),
+            measured.angular_radps,
+            rules.max_turn_rate_radps,
+        ),
+    }
+}
+
+fn beyond((positive, negative): (f64, f64), measured: f64, greatest: f64) -> f64 {
+    let limit = if measured < 0.0 { negative } else { positive };
+    let tolerated = if limit < greatest * (1.0 - ROUNDING) {
+        limit
+    } else {
+        greatest * (1.0 + NOISE)
+    };
+    if measured.abs() > tolerated {
+        measured - limit.copysign(measured)
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_at_the_greatest_speed_is_not_overspeed() {
+        for (limit, measured, expected) in [
+            (3.0, 3.08, 0.0),
+            (3.0 * (1.0 - 1e-12), -3.08, 0.0),
+            (3.0, 3.1, 0.1),
+            (2.9, 2.9, 0.0),
+            (2.9, 2.95, 0.05),
+            (0.0, -0.25, -0.25),
+        ] {
+            // What holds the other way does not matter.
+            for other in [0.0, 3.0] {
+                let limits = if measured < 0.0 {
+                    (other, limit)
+                } else {
+                    (limit, other)
+                };
+                let is = beyond(limits, measured, 3.0);
+                assert!((is - expected).abs() < 1e-9, "{limit} {measured}: {is}");
+            }
+        }
     }
 }

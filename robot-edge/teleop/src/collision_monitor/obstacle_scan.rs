@@ -1,27 +1,26 @@
-//! What the last sweep of a sensor says of what is in the way, and of what was looked at.
+//! Obstacles and observed ground of the last scan of one sensor.
 
 use std::time::Duration;
 
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector2};
 
-use super::blockage::{BlockageCounts, BlockageDetector};
-use super::config::{CollisionMonitorRules, Heights};
-use super::coverage::{Coverage, VisibleRange};
+use crate::collision_monitor::blockage::{BlockageCounts, BlockageDetector};
+use crate::collision_monitor::config::{CollisionMonitorRules, Heights};
 use mapping::ground_plane::GroundPlane;
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use measurement::pose::Pose;
 use measurement::time::Monotonic;
 
-/// Most points of one sweep that are kept; real sensors have some thousand.
+/// Greatest number of points kept of one scan; real sensors have some thousand.
 const MAX_POINTS: usize = 16_384;
 
-/// How many steps from beam to beam wide a beam looks: one that is missing between two others is made up for.
+/// Width of a beam in steps between beams, so that a single missing beam leaves no gap.
 const BEAM_STEPS: f64 = 2.0;
 
 /// Sweeps and maps are never stale before this ("Collision monitor").
 const MIN_STALE_AGE: Duration = Duration::from_millis(300);
 
-/// One sweep of one sensor. It keeps its memory from sweep to sweep: whoever hands them over swaps two or three.
+/// One scan of one sensor. Its buffers are reused from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct ObstacleScan {
     measured_at: Monotonic,
@@ -39,10 +38,10 @@ pub(super) fn is_stale(measured_at: Monotonic, period: Duration, now: Monotonic)
 }
 
 impl ObstacleScan {
-    /// Takes over a sweep whose heights are those above `plane`.
+    /// Reads a scan; heights refer to `plane`.
     ///
-    /// `measured_at` is when it was measured, on this machine's clock: when it arrived, at the latest. `period` is the time from
-    /// sweep to sweep. `blockage` is that of the sensor, and has taken this scan.
+    /// `measured_at` is when it was measured, on this machine's clock: when it arrived, at the latest. `period` is the
+    /// time from sweep to sweep. `blockage` is that of the sensor, and has taken this scan.
     pub fn read(
         &mut self,
         scan: &RegisteredScan,
@@ -99,18 +98,18 @@ impl ObstacleScan {
         self.blockage_counts
     }
 
-    /// What stands in the vehicle's way, and where the water is too shallow for it; metres in `odom`.
+    /// Obstacles and points of too shallow water, metres in `odom`.
     pub(super) fn obstacles_and_shallows(&self) -> (&[[f64; 2]], &[[f64; 2]]) {
         let first = self.points_in_odom.len() - self.shallows;
         self.points_in_odom.split_at(first)
     }
 
-    /// Whether it is too old to be relied on.
+    /// Whether it is too old to use.
     pub fn is_stale(&self, now: Monotonic) -> bool {
         is_stale(self.measured_at, self.period, now)
     }
 
-    /// What is in the way, metres in `odom`.
+    /// All obstacle points, metres in `odom`.
     pub fn points_in_odom(&self) -> &[[f64; 2]] {
         &self.points_in_odom
     }
@@ -120,10 +119,10 @@ impl ObstacleScan {
     }
 }
 
-/// What one beam says.
+/// The result of one beam.
 struct BeamResult {
     visible: VisibleRange,
-    /// What is in the way, and whether that is the bottom of the water.
+    /// The obstacle, and whether it is the bottom of the water.
     obstacle_in_odom: Option<(Point3<f64>, bool)>,
 }
 
@@ -173,7 +172,7 @@ impl BeamEvaluator<'_> {
         };
         let obstacle = obstacle.filter(|_| hits);
         let until = obstacle.unwrap_or(1.0);
-        // What looks under water has not seen what floats on it.
+        // A beam under water does not observe floating obstacles.
         let is_under_water = self.rules.is_boat && from_height_m < 0.0;
         BeamResult {
             visible: if is_under_water {
@@ -193,7 +192,7 @@ impl BeamEvaluator<'_> {
         }
     }
 
-    /// Whether a beam without an echo has seen that the way is free.
+    /// Whether a beam without an echo proves free space.
     fn is_miss_trusted(&self, beam: &RegisteredBeam) -> bool {
         let is_proven = self.rules.no_return_speed_mps > 0.0 && self.blockage.has_echoes();
         (self.rules.treat_no_return_as_free || is_proven) && !self.blockage.is_beam_blocked(beam)
@@ -220,7 +219,7 @@ fn low_part(from_height_m: f64, to_height_m: f64, below_m: f64) -> (f64, f64) {
     }
 }
 
-/// What something at a height is to the vehicle.
+/// The meaning of a beam end at a height.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum HeightClass {
     Clear,
@@ -252,6 +251,146 @@ impl Heights {
             Some(keel_m) if to_height_m >= keel_m - self.h_neg_m => HeightClass::Shallow,
             Some(_) => HeightClass::Clear,
         }
+    }
+}
+
+/// Number of sectors: 0.3 to 0.6 degrees each.
+const SECTORS: usize = 720;
+
+/// Widest beam that counts as observed, radians; coarser sensors leave gaps.
+const WIDEST_BEAM_RAD: f64 = 0.1;
+
+/// The observed range in each direction from one origin.
+#[derive(Clone, Debug)]
+pub(super) struct Coverage {
+    origin_in_odom: Point2<f64>,
+    sectors: Box<[Option<VisibleRange>; SECTORS]>,
+}
+
+/// The range observed by one beam, or by all beams of one sector; distances along the ground, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct VisibleRange {
+    /// From here on it was low enough to see what stands on the ground, …
+    pub(super) near_m: f32,
+    /// … up to here.
+    pub(super) far_m: f32,
+    /// It passed over everything up to here, at whatever height.
+    pub(super) reach_m: f32,
+    /// It had no echo.
+    pub(super) is_miss: bool,
+}
+
+impl VisibleRange {
+    pub(super) const NOTHING: Self = Self {
+        near_m: f32::INFINITY,
+        far_m: 0.0,
+        reach_m: 0.0,
+        is_miss: false,
+    };
+
+    /// What both have looked at.
+    fn and(self, other: Self) -> Self {
+        Self {
+            near_m: self.near_m.max(other.near_m),
+            far_m: self.far_m.min(other.far_m),
+            reach_m: self.reach_m.min(other.reach_m),
+            is_miss: self.is_miss || other.is_miss,
+        }
+    }
+}
+
+/// How a point was observed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Observation {
+    /// By a beam that was low enough there; else by one that passed above it.
+    pub(super) is_low: bool,
+    /// By a beam without an echo.
+    pub(super) is_miss: bool,
+}
+
+impl Default for Coverage {
+    fn default() -> Self {
+        Self {
+            origin_in_odom: Point2::origin(),
+            sectors: Box::new([None; SECTORS]),
+        }
+    }
+}
+
+/// The number of the sector of a direction that is not zero. Sectors are equal parts of a square, not of a circle,
+/// which takes no trigonometry.
+fn sector(direction: Vector2<f64>) -> usize {
+    let share = direction.y / (direction.x.abs() + direction.y.abs());
+    let quarters = match (direction.x >= 0.0, direction.y >= 0.0) {
+        (true, true) => share,
+        (true, false) => 4.0 + share,
+        (false, _) => 2.0 - share,
+    };
+    ((0.25 * SECTORS as f64 * quarters) as usize).min(SECTORS - 1)
+}
+
+impl Coverage {
+    /// Forgets everything, and looks from another place.
+    pub(super) fn clear(&mut self, origin_in_odom: Point2<f64>) {
+        self.origin_in_odom = origin_in_odom;
+        self.sectors.fill(None);
+    }
+
+    /// A beam of some width, radians, looked in a direction (any length).
+    pub(super) fn add_beam(
+        &mut self,
+        direction: Vector2<f64>,
+        width_rad: f64,
+        visible: VisibleRange,
+    ) {
+        let is_direction =
+            direction.x.is_finite() && direction.y.is_finite() && direction != Vector2::zeros();
+        if !is_direction {
+            return;
+        }
+        let half = (0.5 * width_rad).clamp(0.0, 0.5 * WIDEST_BEAM_RAD); // NaN stays, and looks nowhere
+        let across = Vector2::new(-direction.y, direction.x) * half;
+        let (first, last) = (sector(direction - across), sector(direction + across));
+        let mut at = first;
+        loop {
+            let observation = &mut self.sectors[at];
+            *observation = Some(observation.map_or(visible, |before| before.and(visible)));
+            if at == last {
+                break;
+            }
+            at = if at + 1 == SECTORS { 0 } else { at + 1 };
+        }
+    }
+
+    /// How a point, metres in `odom`, was looked at, if it was; with `slack_m` for what lies at the end of a beam.
+    pub(super) fn observation_at(
+        &self,
+        point_in_odom: Point2<f64>,
+        slack_m: f64,
+    ) -> Option<Observation> {
+        let to = point_in_odom - self.origin_in_odom;
+        let distance_m = (to.x * to.x + to.y * to.y).sqrt();
+        if distance_m <= 0.0 {
+            return Some(Observation {
+                is_low: true,
+                is_miss: false,
+            });
+        }
+        let visible = self.sectors[sector(to)]?;
+        let is_low = distance_m >= f64::from(visible.near_m) - slack_m
+            && distance_m <= f64::from(visible.far_m) + slack_m;
+        let is_passed = distance_m <= f64::from(visible.reach_m);
+        (is_low || is_passed).then_some(Observation {
+            is_low,
+            is_miss: visible.is_miss,
+        })
+    }
+
+    /// Whether a point was looked at by a beam that was low enough there.
+    #[cfg(test)]
+    pub(super) fn is_visible(&self, point_in_odom: Point2<f64>, slack_m: f64) -> bool {
+        self.observation_at(point_in_odom, slack_m)
+            .is_some_and(|observation| observation.is_low)
     }
 }
 

@@ -1,21 +1,20 @@
-//! Where the vehicle will be when it obeys what it is told now, seen from above.
+//! The planar pose of the vehicle at the time when it obeys the present command.
 
 use std::time::Duration;
 
 use nalgebra::{Point2, Vector2};
 
-use super::command_history::CommandHistory;
-use super::unavailable::UnavailableReason;
-use crate::velocity::Velocity;
+use crate::collision_monitor::monitor::UnavailableReason;
+use crate::motion::Velocity;
 use measurement::pose::{self, Pose};
 use measurement::time::Monotonic;
 
-/// What is known of where the vehicle is and how it moves.
+/// The newest pose and velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OdometrySample {
     /// The newest pose.
     pub odom_from_base: Pose,
-    /// How fast it was then, as its sensors tell.
+    /// The measured velocity at that time.
     pub measured: Velocity,
     /// When that was, on this machine's clock.
     pub measured_at: Monotonic,
@@ -29,15 +28,15 @@ pub(super) struct PredictedPose {
     ahead: Vector2<f64>,
 }
 
-/// Oldest pose from which the present one is reckoned.
+/// Oldest pose that is extrapolated.
 pub(super) const MAX_POSE_AGE: Duration = Duration::from_millis(300);
 
 impl OdometrySample {
-    /// Where the vehicle will be `delay` from now, when it obeys what it is told now: what it was told until now, it does
-    /// whatever comes. At constant speed that is the `v · age` of the design, with measured `v`.
+    /// The pose `delay` from now, when the vehicle obeys the present command. Commands until now are executed in any
+    /// case. At constant speed the distance is `v · age` with the measured `v`.
     ///
-    /// Its speed is the measured one, and changes as what it was `commanded` did, a delay before. What `coasts` does not slow
-    /// down when it is told to.
+    /// The speed is the measured one plus the changes of the `commanded` one, a delay before. A vehicle that `coasts`
+    /// does not slow down on command.
     ///
     /// # Errors
     /// What it lacks: a number is not finite, or the pose is too old.
@@ -60,7 +59,8 @@ impl OdometrySample {
         if !is_finite {
             return Err(UnavailableReason::NotFinite);
         }
-        // What it did when it was measured, it was told then; what it will do until `delay` from now, it was told since.
+        // The motion at the measurement follows the command at `obeyed`; the motion until `delay` from now, the ones
+        // since.
         let obeyed = before(self.measured_at, delay);
         let then = commanded.at(obeyed).unwrap_or(Velocity::ZERO);
         let mut position_in_odom = Point2::from(at.xy());
@@ -129,8 +129,74 @@ impl PredictedPose {
     }
 }
 
+/// Commands that are remembered.
+const CAPACITY: usize = 64;
+
+/// The last commands, oldest first: those that the vehicle has yet to obey.
+#[derive(Clone, Debug)]
+pub(super) struct CommandHistory {
+    commands: [(Monotonic, Velocity); CAPACITY],
+    len: usize,
+    /// Commands closer together than this are stored as one.
+    spacing: Duration,
+}
+
+impl CommandHistory {
+    /// A history of at least `span`.
+    pub(super) fn new(span: Duration) -> Self {
+        Self {
+            commands: [(Monotonic::default(), Velocity::ZERO); CAPACITY],
+            len: 0,
+            spacing: span / (CAPACITY as u32 - 2),
+        }
+    }
+
+    /// Records the velocity sent to the motors from this time on.
+    pub(super) fn record(&mut self, from: Monotonic, velocity: Velocity) {
+        if let Some((start, newest)) = self.commands[..self.len].last_mut()
+            && from.since(*start) < self.spacing
+        {
+            *newest = velocity;
+            return;
+        }
+        if self.len == CAPACITY {
+            self.commands.copy_within(1.., 0);
+            self.len -= 1;
+        }
+        self.commands[self.len] = (from, velocity);
+        self.len += 1;
+    }
+
+    /// The velocities between two times, in order, each with its duration, seconds. Before the first stored command its
+    /// velocity is assumed.
+    pub(super) fn between(
+        &self,
+        from: Monotonic,
+        to: Monotonic,
+    ) -> impl Iterator<Item = (Velocity, f64)> {
+        let commands = &self.commands[..self.len];
+        commands
+            .iter()
+            .enumerate()
+            .map(move |(index, &(start, velocity))| {
+                let start = if index == 0 { from } else { start.max(from) };
+                let end = commands.get(index + 1).map_or(to, |next| next.0.min(to));
+                (velocity, end.since(start).as_secs_f64())
+            })
+    }
+
+    /// The velocity at a time.
+    pub(super) fn at(&self, moment: Monotonic) -> Option<Velocity> {
+        let commands = &self.commands[..self.len];
+        let newest = commands.iter().rev().find(|(start, _)| *start <= moment);
+        newest.or(commands.first()).map(|(_, velocity)| *velocity)
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::float_cmp, reason = "these values are exact")]
+
     use super::*;
     use measurement::pose::planar;
 
@@ -248,5 +314,57 @@ mod tests {
             unavailable_reason(lost, 1_000_000_000),
             Some(UnavailableReason::NotFinite)
         );
+    }
+
+    fn going(linear_mps: f64) -> Velocity {
+        Velocity {
+            linear_mps,
+            angular_radps: 0.0,
+        }
+    }
+
+    fn gone_m(commanded: &CommandHistory, from: u64, to: u64) -> f64 {
+        let parts = commanded.between(at(from), at(to));
+        parts
+            .map(|(velocity, time_s)| velocity.linear_mps * time_s)
+            .sum()
+    }
+
+    #[test]
+    fn commands_hold_until_the_next() {
+        let mut commanded = CommandHistory::new(Duration::from_millis(400));
+        assert_eq!(commanded.at(at(100)), None);
+        assert_eq!(gone_m(&commanded, 0, 1000), 0.0);
+        for (millis, speed) in [(1000, 1.0), (1020, 2.0), (1040, 0.0)] {
+            commanded.record(at(millis), going(speed));
+        }
+        for (millis, speed) in [
+            (500, 1.0),
+            (1010, 1.0),
+            (1020, 2.0),
+            (1039, 2.0),
+            (2000, 0.0),
+        ] {
+            assert_eq!(commanded.at(at(millis)), Some(going(speed)), "{millis}");
+        }
+        assert!((gone_m(&commanded, 990, 1030) - (0.03 + 0.02)).abs() < 1e-12);
+        assert!((gone_m(&commanded, 1030, 1100) - 0.02).abs() < 1e-12);
+        assert_eq!(gone_m(&commanded, 1050, 1040), 0.0);
+    }
+
+    #[test]
+    fn it_remembers_its_span_however_fast_commands_come() {
+        for millis in [1, 2, 20, 100] {
+            let mut commanded = CommandHistory::new(Duration::from_millis(400));
+            let count = 5000;
+            for n in 0..count {
+                commanded.record(at(n * millis), going(if n % 2 == 0 { 1.0 } else { 3.0 }));
+            }
+            let end = count * millis;
+            let gone_m = gone_m(&commanded, end - 400, end);
+            assert!(commanded.commands[0].0 <= at(end - 400), "{millis}");
+            // The newest of those that are one may stand for all.
+            assert!((0.39..=1.21).contains(&gone_m), "{millis}: {gone_m}");
+        }
     }
 }

@@ -1,34 +1,34 @@
 //! Every sequence of events, on a small network: two operators, a supervisor among them, and a stranger.
 //!
-//! Time goes in steps of 100 ms, of which the age limit, the neutral time and the time for recovery take two each and the
-//! lease three; from full speed the vehicle stops within four. Nothing the arbiter decides depends on the time, the
-//! epoch or the sequence number itself, only on differences (a property test says so), and all that is older than
-//! every limit is alike. So a state of the model is the arbiter's *relative to the present* ([`small`]), of which there
-//! are finitely many, and the search ends by itself.
+//! Time goes in steps of 100 ms, of which the age limit, the neutral time and the time for recovery take two each and
+//! the lease three; from full speed the vehicle stops within four. Nothing the arbiter decides depends on the time, the
+//! epoch or the sequence number itself, only on differences (a property test says so), and all that is older than every
+//! limit is alike. So a state of the model is the arbiter's *relative to the present* ([`small`]), of which there are
+//! finitely many, and the search ends by itself.
 //!
 //! The network holds a few commands at once; each is delivered, delivered and kept (a duplicate), or lost, in any
 //! order, at any time later. A console stamps a command with any of the latest tokens and with the present epoch or an
-//! earlier one, so that tokens and grants are delayed as well. Requests are made at any time, with a young or an old token.
-//! The same monitor that watches the random sequences watches every transition.
+//! earlier one, so that tokens and grants are delayed as well. Requests are made at any time, with a young or an old
+//! token. The same monitor that watches the random sequences watches every transition.
 
 mod acts;
 mod small;
 
+use protocol::message::{FaultReason, LeaseEnd, StopReason};
 use stateright::{Checker as _, Model, Property};
 
 use self::acts::Act;
 use self::small::{Message, Pressed, Small, UNIT};
 use super::monitor::Violation;
 use super::world::caller;
-use crate::arbiter::{FaultReason, Mode, StopReason, step};
-use crate::arming::Arming;
-use crate::command::DriveCommand;
+use crate::arbiter::{Mode, step};
+use crate::command_stream::ArmingState;
+use crate::command_stream::DriveCommand;
 use crate::config::Rules;
+use crate::input::CollisionMonitorOutput;
 use crate::input::{ArbiterInput, LeaseVerb};
-use crate::lease::LeaseEnd;
+use crate::lease::{OperatorId, Role};
 use crate::motion::AxisLimits;
-use crate::operator::{OperatorId, Role};
-use crate::speed_limits::CollisionMonitorOutput;
 
 /// Operators 0 and 1 may drive; 1 is a supervisor; 2 is a stranger.
 const STRANGER: u8 = 2;
@@ -88,8 +88,8 @@ impl Scope {
         small.lower(&state, &monitor, passed);
     }
 
-    /// Whatever a stranger does, nothing changes: commands in their own name with the present epoch and the newest token,
-    /// requests of every kind.
+    /// Whatever a stranger does, nothing changes: commands in their own name with the present epoch and the newest
+    /// token, requests of every kind.
     fn strangers_effect(small: &Small) -> Option<Violation> {
         let (who, token) = (caller(STRANGER), small::token(0));
         let command = |operator, estop| ArbiterInput::Command {
@@ -224,7 +224,7 @@ impl Model for Scope {
                 state.mode == Mode::Driving && (1..FULL_UM).contains(&state.speed_um)
             }),
             Property::sometimes("a press is kept for standstill", |_, state: &Small| {
-                state.stopping().is_some() && state.arming == Arming::Pressed
+                state.stopping().is_some() && state.arming == ArmingState::Pressed
             }),
         ];
         if self.operators > 1 {

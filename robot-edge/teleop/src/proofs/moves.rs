@@ -1,9 +1,9 @@
 //! What people, network and hardware do in a random sequence.
 
-use crate::emergency_stop::StoredEStop;
+use crate::input::CollisionMonitorOutput;
 use crate::input::LeaseVerb;
-use crate::speed_limits::CollisionMonitorOutput;
-use crate::velocity::Velocity;
+use crate::lease::StoredEStop;
+use crate::motion::Velocity;
 
 /// What happens to a command on its way.
 #[derive(Clone, Copy, Debug)]

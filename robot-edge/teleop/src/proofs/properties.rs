@@ -1,6 +1,7 @@
 //! P1 to P9, P11 over random sequences of moves, each of one to hundreds of events.
 //!
-//! The long run is `PROPTEST_CASES=1000000 cargo test --release --lib teleop::proofs::properties::no_short`: seven minutes.
+//! The long run is `PROPTEST_CASES=1000000 cargo test --release --lib teleop::proofs::properties::no_short`: seven
+//! minutes.
 
 use proptest::prelude::*;
 
@@ -8,11 +9,11 @@ use super::moves::{Fate, Move};
 use super::rules;
 use super::world::World;
 use crate::config::{Rules, TeleopConfig};
-use crate::emergency_stop::{EStopId, StoredEStop};
 use crate::input::LeaseVerb;
-use crate::operator::OperatorId;
-use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
-use crate::velocity::Velocity;
+use crate::input::{CollisionMonitorOutput, SpeedLimits};
+use crate::lease::OperatorId;
+use crate::lease::{EStopId, StoredEStop};
+use crate::motion::Velocity;
 use measurement::time::Monotonic;
 
 /// Thousands of events: what needs a long history.

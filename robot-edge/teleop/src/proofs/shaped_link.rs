@@ -1,7 +1,7 @@
 //! P12: a live operator on the shaped link does get to drive, without involuntary stops.
 //!
-//! The link of "Teleop": 75 ms one way with jitter of 20 ms and 2 % loss each way, tokens and commands at 50 Hz. Nothing
-//! is sent twice here, though every change of input would be: the figures are those of the worse case.
+//! The link of "Teleop": 75 ms one way with jitter of 20 ms and 2 % loss each way, tokens and commands at 50 Hz.
+//! Nothing is sent twice here, though every change of input would be: the figures are those of the worse case.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
@@ -9,14 +9,14 @@ use rand_chacha::rand_core::{Rng as _, SeedableRng as _};
 use super::world::caller;
 use crate::action::{Action, Actions, ArbiterEvent};
 use crate::arbiter::{ArbiterState, Mode, step};
-use crate::command::DriveCommand;
+use crate::command_stream::DriveCommand;
 use crate::config::{Rules, TeleopConfig};
-use crate::emergency_stop::StoredEStop;
+use crate::input::CollisionMonitorOutput;
 use crate::input::{ArbiterInput, LeaseVerb};
-use crate::operator::{OperatorId, Role};
-use crate::speed_limits::CollisionMonitorOutput;
+use crate::lease::StoredEStop;
+use crate::lease::{OperatorId, Role};
+use crate::motion::Velocity;
 use crate::token::AgeToken;
-use crate::velocity::Velocity;
 use mapping::vehicle::VehicleConfig;
 use measurement::time::Monotonic;
 
@@ -197,7 +197,9 @@ fn a_live_operator_drives_without_involuntary_stops() {
         drive.pressed_ms,
         drive.travelled_m,
         report.peak_age,
-        report.counters.refused(crate::Refusal::OldSequence),
+        report
+            .counters
+            .refused(protocol::message::Refusal::OldSequence),
     );
     assert!(
         stops <= minutes,

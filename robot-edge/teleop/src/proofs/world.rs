@@ -7,14 +7,14 @@ use super::monitor::{Monitor, Violation};
 use super::moves::{Fate, Move};
 use crate::action::{Action, Actions, ArbiterEvent};
 use crate::arbiter::{ArbiterState, Mode, step};
-use crate::command::DriveCommand;
+use crate::command_stream::DriveCommand;
 use crate::config::Rules;
-use crate::emergency_stop::{EStopId, StoredEStop};
+use crate::input::CollisionMonitorOutput;
 use crate::input::{ArbiterInput, LeaseVerb};
-use crate::operator::{Caller, OperatorId, RequestId, Role};
-use crate::speed_limits::CollisionMonitorOutput;
+use crate::lease::{Caller, OperatorId, RequestId, Role};
+use crate::lease::{EStopId, StoredEStop};
+use crate::motion::Velocity;
 use crate::token::AgeToken;
-use crate::velocity::Velocity;
 use measurement::time::Monotonic;
 
 #[derive(Clone, Copy, Debug)]

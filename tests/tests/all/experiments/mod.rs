@@ -1,5 +1,5 @@
-//! Every experiment of `algorithms.md` §8 that is built passes: with one seed in the normal run, but for those that
-//! take minutes, with twenty in the ignored tests. What each asks for is in `robot-edge/src/experiments/`, what came out in
+//! Every experiment passes: with one seed in the normal run (those that take minutes are ignored), with twenty seeds in
+//! the ignored tests. The checks are in `robot-edge/src/experiments/`, the results in
 //! `docs/experiments.md`.
 
 use std::sync::atomic::AtomicBool;
@@ -26,7 +26,7 @@ fn passes(experiment: Experiment, seeds: u64) {
     assert!(failed.is_empty(), "{experiment}: {failed:#?}");
     let gates = outcome.checks.iter();
     let gates = gates.filter(|check| check.verdict == Verdict::Passed);
-    assert!(gates.count() > 0, "{experiment} asks for nothing");
+    assert!(gates.count() > 0, "{experiment} checks nothing");
     let names: std::collections::BTreeSet<_> =
         outcome.pictures().map(|picture| &picture.name).collect();
     assert_eq!(
@@ -34,7 +34,7 @@ fn passes(experiment: Experiment, seeds: u64) {
         outcome.pictures().count(),
         "two pictures share a name"
     );
-    assert!(!names.is_empty(), "{experiment} shows nothing");
+    assert!(!names.is_empty(), "{experiment} has no picture");
 }
 
 macro_rules! experiments {
@@ -48,7 +48,7 @@ macro_rules! experiments {
             })*
         }
 
-        /// With the twenty seeds.
+        /// With twenty seeds.
         mod twenty_seeds {
             $(#[test]
             #[ignore = "20 seeds"]
@@ -58,7 +58,7 @@ macro_rules! experiments {
         }
 
         #[test]
-        fn no_experiment_is_forgotten() {
+        fn every_experiment_is_listed() {
             assert_eq!(Experiment::ALL, [$(Experiment::$experiment),*]);
         }
     };

@@ -1,54 +1,34 @@
-//! A robot that comes back at another address is found there, and shown again.
+//! A robot that restarts at another address is found and shown again.
 
-use std::thread::sleep;
 use std::time::Duration;
 
 use operator_console::link::{Discovery, FoundRobot};
-use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::controls::Controls;
-use super::processes::{Running, free_port, program};
-use super::screen::{Key, Screen, skip_without_window};
-use super::telemetry::{TIMEOUT, Telemetry};
+use super::processes::{Running, free_port, program, simulate, wait_until};
+use super::screen::{Key, Screen};
+use super::telemetry::Telemetry;
 
 const ROBOT: &str = "mover";
 
-/// A place on this machine where a robot may be.
 fn free_endpoint() -> String {
     format!("tcp/127.0.0.1:{}", free_port())
 }
 
 fn robot_at(endpoint: &str) -> Running {
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--quiet",
-    ]);
-    command.args(["--robot", ROBOT, "--listen", endpoint]);
+    let mut command = simulate(&["--robot", ROBOT, "--listen", endpoint]);
     Running::start(&mut command, "edge")
 }
 
-/// It ends without a word, as a vehicle whose battery is taken out.
+/// Ends it without a farewell, as a power failure does.
 fn kill(robot: Running) {
     robot.signal("KILL");
     drop(robot);
 }
 
-fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let started = clock::now();
-    while !is_so() {
-        assert!(clock::elapsed(started) < TIMEOUT, "not {what}");
-        sleep(Duration::from_millis(10));
-    }
-}
-
 #[test]
-fn a_robot_is_found_where_it_answers_now_and_a_forgotten_address_is_told_of_no_more() {
+fn a_robot_is_found_at_its_new_address() {
     let [old, new] = [free_endpoint(), free_endpoint()];
     let first = robot_at(&old);
     let discovery = Discovery::start(vec![old.clone()], false, None, None, || {});
@@ -62,18 +42,20 @@ fn a_robot_is_found_where_it_answers_now_and_a_forgotten_address_is_told_of_no_m
     wait_until("found", || is_at(&old));
     kill(first);
     let _second = robot_at(&new);
-    // Whoever types an address is not kept waiting for the next round; where no answer there yet, it is typed again.
+    // A typed address is asked at once; it is typed again until the robot answers.
     wait_until("found where it is now", || {
         discovery.add_address(new.clone());
         is_at(&new)
     });
-    let nobody = format!("no answer at {old}; trying again");
-    wait_until("told", || discovery.complaints().as_ref() == Some(&nobody));
+    let complaint = format!("no answer at {old}; trying again");
+    wait_until("a complaint", || {
+        discovery.complaints().as_ref() == Some(&complaint)
+    });
 
     discovery.forget_address(&old);
     assert_eq!(discovery.complaints(), None);
     assert!(!discovery.asks(&old) && discovery.asks(&new));
-    // A round that asked it may have been under way.
+    // A request to it may still have been under way.
     let seen = discovery.discovered_robots()[0].seen;
     wait_until("asked again", || {
         discovery.add_address(new.clone());
@@ -83,7 +65,7 @@ fn a_robot_is_found_where_it_answers_now_and_a_forgotten_address_is_told_of_no_m
 }
 
 #[test]
-fn the_window_follows_a_robot_to_another_address_with_a_stop_that_is_on_its_way() {
+fn a_pending_emergency_stop_reaches_the_new_address() {
     let Some(screen) = Screen::open() else {
         return;
     };
@@ -96,13 +78,9 @@ fn the_window_follows_a_robot_to_another_address_with_a_stop_that_is_on_its_way(
     command.arg("--config").arg(folder.path().join("a.json"));
     command.arg("--controls").arg(&controls.0);
     command.args(["--operator", "anna", "--robot", ROBOT, "--connect", &old]);
-    let mut console = Running::start(&mut command, "the window");
-    let Some(window) = screen.window("Foreshore", || !console.is_running()) else {
-        let (_, said) = console.end();
-        skip_without_window(&said);
+    let Some((console, window)) = screen.open_console(&mut command) else {
         return;
     };
-    screen.focus(window);
     controls.beginning("Live");
     controls.beginning("Synchronized");
 

@@ -1,4 +1,4 @@
-//! What a screen reader is told of a console's window, as it writes it to a file: where every control is, and what it says.
+//! The accessibility tree of a console's window, which `--controls` writes to a file.
 
 use std::fs;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use robot_edge::clock;
 
-/// Longer than anything that is waited for takes on a machine that is busy with other tests.
+/// Longer than any step takes on a busy machine.
 const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A control.
@@ -16,7 +16,7 @@ pub(crate) struct Control {
     pub(crate) role: String,
     /// Left, top, right and bottom, pixels.
     pub(crate) edges: [i16; 4],
-    /// What it says: its label, or else its value.
+    /// Its label, or else its value.
     pub(crate) words: String,
 }
 
@@ -27,15 +27,15 @@ impl Control {
     }
 }
 
-/// The file that they are in.
+/// The file with all controls.
 pub(crate) struct Controls(pub(crate) PathBuf);
 
 impl Controls {
-    /// All that there are at the moment; none before the first frame.
+    /// All controls; none before the first frame.
     pub(crate) fn all(&self) -> Vec<Control> {
         let text = fs::read_to_string(&self.0).unwrap_or_default();
         let rows = text.lines().map(|line| line.split('\t').collect());
-        // A run of text is a part of a control that is listed too.
+        // A text run is part of another control.
         rows.filter(|fields: &Vec<&str>| fields[0] != "TextRun")
             .map(|fields| {
                 let edge = |at: usize| fields[at].parse().unwrap();
@@ -53,7 +53,7 @@ impl Controls {
             .collect()
     }
 
-    /// Waits until something is found in them.
+    /// Waits until `find` returns a value.
     pub(crate) fn wait_for<T>(&self, what: &str, find: impl Fn(&[Control]) -> Option<T>) -> T {
         let started = clock::now();
         loop {
@@ -62,17 +62,17 @@ impl Controls {
                 return found;
             }
             if clock::elapsed(started) > TIMEOUT {
-                let said: Vec<_> = all
+                let printed: Vec<_> = all
                     .iter()
                     .map(|control| format!("{}: {}", control.role, control.words))
                     .collect();
-                panic!("not seen: {what}. What is there:\n{}", said.join("\n"));
+                panic!("timed out: {what}. Controls:\n{}", printed.join("\n"));
             }
             sleep(Duration::from_millis(10));
         }
     }
 
-    /// Waits for a control that begins so.
+    /// Waits for a control whose text begins with `words`.
     pub(crate) fn beginning(&self, words: &str) -> Control {
         self.wait_for(words, |all| {
             let mut all = all.iter();
@@ -81,7 +81,7 @@ impl Controls {
         })
     }
 
-    /// Waits until nothing begins so any more.
+    /// Waits until no control's text begins with `words`.
     pub(crate) fn without(&self, words: &str) {
         self.wait_for(&format!("the end of {words:?}"), |all| {
             let is_there = all.iter().any(|control| control.words.starts_with(words));
@@ -89,7 +89,7 @@ impl Controls {
         });
     }
 
-    /// Waits for a control of this role that says just that.
+    /// Waits for a control of this role and text.
     pub(crate) fn named(&self, role: &str, words: &str) -> Control {
         self.wait_for(&format!("{role} {words}"), |all| {
             let mut all = all.iter();

@@ -1,4 +1,4 @@
-//! What streaming costs the vehicle's processor, with consoles that follow and consoles that do not. Measures.
+//! Processor load of streaming, with consoles that follow and that are stopped. A benchmark.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -7,7 +7,6 @@ use tempfile::tempdir;
 
 use super::processes::{Running, console, free_port, program, rooms};
 
-/// Long enough for a hundredth of a per cent.
 const MEASURED: Duration = Duration::from_secs(30);
 
 /// 25 scans a second: the recording has 10.
@@ -23,7 +22,7 @@ fn edge(network: &[&str]) -> Running {
 
 #[test]
 #[ignore = "two minutes: measures"]
-fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
+fn streaming_costs_little_with_fast_and_stopped_consoles() {
     let folder = tempdir().unwrap();
     let alone = edge(&["--no-network"]);
     sleep(Duration::from_secs(2));
@@ -49,13 +48,14 @@ fn streaming_costs_the_vehicle_little_whatever_consoles_do() {
     frozen.signal("STOP");
     let beside_frozen = robot.load(MEASURED);
     println!("with a console and one that is stopped: {beside_frozen:.2} % of a core");
-    let said = watching.ends_well();
+    let printed = watching.ends_well();
     println!(
         "the console beside it: {}",
-        said.lines()
+        printed
+            .lines()
             .find(|line| line.contains("synchronized"))
             .unwrap_or_default()
     );
-    assert!(!said.contains("console too slow"), "{said}");
+    assert!(!printed.contains("console too slow"), "{printed}");
     drop((frozen, robot));
 }

@@ -1,4 +1,4 @@
-//! Files that are dragged over a window and dropped on it, as a file manager does it: the source's side of XDND, version 5
+//! Drag and drop of files onto a window, as by a file manager: the source's side of XDND, version 5
 //! (<https://freedesktop.org/wiki/Specifications/XDND>).
 
 use std::os::unix::ffi::OsStrExt as _;
@@ -20,26 +20,25 @@ use x11rb::wrapper::ConnectionExt as _;
 
 use super::screen::Screen;
 
-/// The target answers within this time, or hangs.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// What is spoken here.
+/// Version of the protocol.
 const VERSION: u32 = 5;
 
-/// Files that are held over a window.
+/// Files that are dragged over a window.
 pub(crate) struct DragSource {
     x: RustConnection,
     atoms: Atoms,
     source: Window,
     target: Window,
-    /// When it began, as the screen counts time.
+    /// Start of the drag, in time of the X server.
     began: Timestamp,
-    /// What is dragged: `text/uri-list`.
+    /// The files as `text/uri-list`.
     uris: Vec<u8>,
-    /// How often the target has asked for it.
+    /// Number of requests for them.
     requests: usize,
 }
 
-/// What is said in messages and properties.
+/// Names of messages and properties.
 struct Atoms {
     aware: Atom,
     selection: Atom,
@@ -75,7 +74,7 @@ impl Atoms {
 }
 
 impl DragSource {
-    /// Drags files into the middle of a window, which has asked for them and would take them when this returns.
+    /// Drags files to the middle of a window; returns when the window accepts them.
     pub(crate) fn start(screen: &Screen, target: Window, files: &[&Path]) -> Self {
         let (x, root) = screen.connection();
         let source = x.generate_id().unwrap();
@@ -110,7 +109,7 @@ impl DragSource {
             .unwrap();
         self.send(atoms.enter, [VERSION << 24, atoms.uri_list, 0, 0]);
         let size = x.get_geometry(self.target).unwrap().reply().unwrap();
-        // The pointer goes on while files are held over a window; each place is told when the last was answered.
+        // Each position is sent when the last one was answered.
         for step in 1_u16..=5 {
             let [x_in, y_in] = [size.width / 10 * step, size.height / 10 * step];
             let [x_in, y_in] = [x_in, y_in].map(|pixels| i16::try_from(pixels).unwrap());
@@ -125,19 +124,19 @@ impl DragSource {
         self.serve_until(|drag_source| drag_source.requests > 0);
     }
 
-    /// Lets go of the files, and waits until the window has them.
+    /// Drops the files and waits until the window has them.
     pub(crate) fn drop_files(mut self) {
         self.send(self.atoms.drop, [0, self.began, 0, 0]);
         let [_, is_taken, ..] = self.wait_for_message(self.atoms.finished);
         assert_eq!(is_taken & 1, 1, "the window has not taken the files");
     }
 
-    /// Takes them away again.
+    /// Drags them out of the window.
     pub(crate) fn leave(self) {
         self.send(self.atoms.leave, [0; 4]);
     }
 
-    /// A message to the window: whom it is from, and this.
+    /// Sends a message to the window.
     fn send(&self, what: Atom, [a, b, c, d]: [u32; 4]) {
         let message = ClientMessageEvent::new(32, self.target, what, [self.source, a, b, c, d]);
         self.x
@@ -147,7 +146,7 @@ impl DragSource {
             .unwrap();
     }
 
-    /// What the window says with that message, as soon as it does. Meanwhile it may ask for what is dragged.
+    /// Waits for a message of the window; answers its requests for the files meanwhile.
     fn wait_for_message(&mut self, what: Atom) -> [u32; 5] {
         let mut received = None;
         self.serve(|message| {
@@ -166,7 +165,7 @@ impl DragSource {
         }
     }
 
-    /// Answers until a message is what was waited for.
+    /// Answers requests until a message `is_it`.
     fn serve(&mut self, mut is_it: impl FnMut(&ClientMessageEvent) -> bool) {
         let started = clock::now();
         loop {
@@ -178,7 +177,7 @@ impl DragSource {
         }
     }
 
-    /// The next event; what is dragged is handed over to whoever asks for it.
+    /// The next event; answers a request for the files.
     fn take(&mut self, started: Monotonic) -> Option<Event> {
         let event = self.x.poll_for_event().unwrap();
         match &event {
@@ -223,7 +222,7 @@ impl DragSource {
     }
 }
 
-/// The screen's time: what it stamps a change of nothing with.
+/// The time of the X server: the stamp of an empty change.
 fn now(x: &RustConnection, window: Window, property: Atom) -> Timestamp {
     x.change_property32(PropMode::APPEND, window, property, AtomEnum::ATOM, &[])
         .unwrap()
@@ -236,7 +235,7 @@ fn now(x: &RustConnection, window: Window, property: Atom) -> Timestamp {
     }
 }
 
-/// `file` addresses, each with the end of a line: letters, digits and a few marks as they are, every other byte in hexadecimal.
+/// `file` URIs, each with a line end; bytes other than letters, digits and `/-._~` are percent-encoded.
 fn uri_list(files: &[&Path]) -> Vec<u8> {
     let mut uris = Vec::new();
     for file in files {

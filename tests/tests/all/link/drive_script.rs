@@ -1,4 +1,4 @@
-//! The console drives a simulated robot by a script: the same helm as the window's, over real sessions.
+//! The console drives a simulated robot by a script, over real sessions.
 
 use std::fs;
 use std::io;
@@ -9,26 +9,15 @@ use std::time::Duration;
 
 use tempfile::tempdir;
 
-use super::processes::{Running, free_port, program};
+use super::processes::{Running, free_port, program, simulate};
 
 fn robot(port: u16) -> Running {
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--robot",
-        "scout",
-        "--quiet",
-        "--listen",
-    ]);
-    command.arg(format!("tcp/127.0.0.1:{port}"));
+    let listen = format!("tcp/127.0.0.1:{port}");
+    let mut command = simulate(&["--robot", "scout", "--listen", &listen]);
     Running::start(&mut command, "edge")
 }
 
-/// A console that plays the script on the robot at `port`.
+/// Starts a console that plays the script for the robot at `port`.
 fn starts(port: u16, operator: &str, file: &Path) -> Running {
     let mut command = program("operator-console");
     command
@@ -40,7 +29,7 @@ fn starts(port: u16, operator: &str, file: &Path) -> Running {
     Running::start(&mut command, "console")
 }
 
-/// Plays the script on the robot at `port`; the exit code, and what was said.
+/// Plays the script for the robot at `port`; returns exit code and output.
 fn drives(port: u16, operator: &str, script: &str) -> (Option<i32>, String) {
     let folder = tempdir().unwrap();
     let file = folder.path().join("script.txt");
@@ -48,19 +37,22 @@ fn drives(port: u16, operator: &str, script: &str) -> (Option<i32>, String) {
     starts(port, operator, &file).end()
 }
 
-/// The lines that hold `words`.
-fn lines<'a>(said: &'a str, words: &str) -> Vec<&'a str> {
-    said.lines().filter(|line| line.contains(words)).collect()
+/// The lines that contain `words`.
+fn lines<'a>(printed: &'a str, words: &str) -> Vec<&'a str> {
+    printed
+        .lines()
+        .filter(|line| line.contains(words))
+        .collect()
 }
 
 #[test]
-fn a_script_drives_stops_and_stops_for_good() {
+fn a_script_drives_stops_and_emergency_stops() {
     let port = free_port();
     let _edge = robot(port);
     let script = "\
 0.0 lease request
 0.0 await held
-# Down before the grant was known: it moves nothing until it is pressed anew.
+# Held before the grant: it moves nothing until it is pressed again.
 0.4 press left
 0.4 await driving
 1.2 focus off           # the window loses the keyboard
@@ -84,27 +76,31 @@ fn a_script_drives_stops_and_stops_for_good() {
 5.2 lease release
 5.2 await idle
 ";
-    let (code, said) = drives(port, "anna", script);
-    assert_eq!(code, Some(0), "{said}");
-    assert_eq!(lines(&said, "lease held, grant").len(), 2, "{said}");
-    assert_eq!(lines(&said, " Driving, lease of anna").len(), 3, "{said}");
+    let (code, printed) = drives(port, "anna", script);
+    assert_eq!(code, Some(0), "{printed}");
+    assert_eq!(lines(&printed, "lease held, grant").len(), 2, "{printed}");
     assert_eq!(
-        lines(&said, "emergency stop 1 acknowledged").len(),
-        1,
-        "{said}"
+        lines(&printed, " Driving, lease of anna").len(),
+        3,
+        "{printed}"
     );
     assert_eq!(
-        lines(&said, "reset of emergency stop 1: done").len(),
+        lines(&printed, "emergency stop 1 acknowledged").len(),
         1,
-        "{said}"
+        "{printed}"
     );
-    assert_eq!(lines(&said, "budget 100: done").len(), 1, "{said}");
-    // The program that hung was stopped for its age, and by nothing else.
-    assert_eq!(lines(&said, "1 involuntary stops").len(), 1, "{said}");
+    assert_eq!(
+        lines(&printed, "reset of emergency stop 1: done").len(),
+        1,
+        "{printed}"
+    );
+    assert_eq!(lines(&printed, "budget 100: done").len(), 1, "{printed}");
+    // Only the hang caused an involuntary stop.
+    assert_eq!(lines(&printed, "1 involuntary stops").len(), 1, "{printed}");
 }
 
 #[test]
-fn a_key_that_was_down_all_along_moves_nothing() {
+fn a_key_held_before_the_grant_moves_nothing() {
     let port = free_port();
     let _edge = robot(port);
     let script = "\
@@ -116,22 +112,22 @@ fn a_key_that_was_down_all_along_moves_nothing() {
 2.0 lease release
 2.0 await idle
 ";
-    let (code, said) = drives(port, "anna", script);
-    assert_eq!(code, Some(0), "{said}");
-    assert_eq!(lines(&said, "Driving").len(), 0, "{said}");
-    let accepted: u64 = lines(&said, "commands accepted")[0]
+    let (code, printed) = drives(port, "anna", script);
+    assert_eq!(code, Some(0), "{printed}");
+    assert_eq!(lines(&printed, "Driving").len(), 0, "{printed}");
+    let accepted: u64 = lines(&printed, "commands accepted")[0]
         .split_whitespace()
         .nth(1)
         .unwrap()
         .parse()
         .unwrap();
-    assert!(accepted >= 50, "neutral ones were sent all along: {said}");
+    assert!(accepted >= 50, "neutral commands were sent: {printed}");
 }
 
-/// The whole vehicle stands still for a while, and wakes up to commands that are as old as that: none moves it, nor does
-/// the key that is down all along.
+/// The edge hangs for a while and then gets old commands: none moves the vehicle, nor does
+/// the key that is still held.
 #[test]
-fn a_robot_that_hangs_obeys_nothing_of_what_it_missed() {
+fn a_robot_that_hung_obeys_no_old_command() {
     let port = free_port();
     let edge = robot(port);
     let folder = tempdir().unwrap();
@@ -155,16 +151,20 @@ fn a_robot_that_hangs_obeys_nothing_of_what_it_missed() {
     edge.signal("STOP");
     sleep(Duration::from_millis(1500));
     edge.signal("CONT");
-    let (code, said) = console.end();
-    assert_eq!(code, Some(0), "{said}");
+    let (code, printed) = console.end();
+    assert_eq!(code, Some(0), "{printed}");
     // `wait_for_output` has read the first.
-    assert_eq!(lines(&said, " Driving, lease of anna").len(), 1, "{said}");
-    let stopped = said.find("applied 0.00 m/s 0.00 rad/s").unwrap();
-    assert!(stopped < said.find(" Driving").unwrap(), "{said}");
+    assert_eq!(
+        lines(&printed, " Driving, lease of anna").len(),
+        1,
+        "{printed}"
+    );
+    let stopped = printed.find("applied 0.00 m/s 0.00 rad/s").unwrap();
+    assert!(stopped < printed.find(" Driving").unwrap(), "{printed}");
 }
 
 #[test]
-fn operators_hand_over_and_what_is_refused_is_a_failure() {
+fn operators_hand_over_and_a_refusal_fails_the_script() {
     let port = free_port();
     let _edge = robot(port);
     let anna = std::thread::spawn(move || {
@@ -196,26 +196,29 @@ fn operators_hand_over_and_what_is_refused_is_a_failure() {
     );
     assert_eq!(lines(&bert.1, "lease held").len(), 1, "{}", bert.1);
 
-    let (code, said) = drives(
+    let (code, printed) = drives(
         port,
         "anna",
         "0 reset\n0 lease consent bert\n1 estop\n1 await held 1",
     );
-    assert_eq!(code, Some(1), "{said}");
+    assert_eq!(code, Some(1), "{printed}");
     for words in [
         "line 1: there is no emergency stop",
         "lease consent bert refused",
         "emergency stop 1 acknowledged",
         "line 4: waited in vain for held",
     ] {
-        assert_eq!(lines(&said, words).len(), 1, "{words}: {said}");
+        assert_eq!(lines(&printed, words).len(), 1, "{words}: {printed}");
     }
-    assert!(!said.contains("left out"), "nothing followed: {said}");
+    assert!(
+        !printed.contains("left out"),
+        "no line was left out: {printed}"
+    );
 }
 
-/// What would follow takes the vehicle to be in a state that it is not in.
+/// Later lines rely on the state that was not reached.
 #[test]
-fn an_await_in_vain_ends_the_script() {
+fn a_timed_out_await_ends_the_script() {
     let port = free_port();
     let _edge = robot(port);
     let script = "\
@@ -227,48 +230,51 @@ fn an_await_in_vain_ends_the_script() {
 0.6 estop
 0.6 await estop
 ";
-    let (code, said) = drives(port, "anna", script);
-    assert_eq!(code, Some(1), "{said}");
+    let (code, printed) = drives(port, "anna", script);
+    assert_eq!(code, Some(1), "{printed}");
     let in_vain = "line 5: waited in vain for fault; the rest is left out";
-    assert_eq!(lines(&said, in_vain).len(), 1, "{said}");
-    assert_eq!(lines(&said, "emergency stop").len(), 0, "{said}");
+    assert_eq!(lines(&printed, in_vain).len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "emergency stop").len(), 0, "{printed}");
 }
 
-/// A script that ends while it drives gives the lease back: the next one need not wait until it runs out.
+/// A script that ends while driving releases the lease, so the next need not wait until it expires.
 #[test]
-fn a_script_that_ends_leaves_the_helm() {
+fn a_script_that_ends_releases_the_lease() {
     let port = free_port();
     let _edge = robot(port);
-    let (code, said) = drives(
+    let (code, printed) = drives(
         port,
         "anna",
         "0 lease request\n0 await lease\n0.4 press left\n0.4 await driving\n",
     );
-    assert_eq!(code, Some(0), "{said}");
-    // Time to hear of the robot first, and less than a lease lasts.
-    let (code, said) = drives(port, "bert", "0.5 lease request\n0.5 await lease 20\n");
-    assert_eq!(code, Some(0), "{said}");
-    let first = lines(&said, ", lease of ")[0];
-    assert!(first.contains("lease of nobody"), "{said}");
+    assert_eq!(code, Some(0), "{printed}");
+    // Time to receive a status, less than the lease lasts.
+    let (code, printed) = drives(port, "bert", "0.5 lease request\n0.5 await lease 20\n");
+    assert_eq!(code, Some(0), "{printed}");
+    let first = lines(&printed, ", lease of ")[0];
+    assert!(first.contains("lease of nobody"), "{printed}");
 }
 
 #[test]
-fn a_script_that_is_none_says_its_line() {
-    let (code, said) = drives(9, "anna", "0.0 lease request\n1.0 honk\n");
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("line 2") && said.contains("honk"), "{said}");
+fn a_script_error_names_its_line() {
+    let (code, printed) = drives(9, "anna", "0.0 lease request\n1.0 honk\n");
+    assert_eq!(code, Some(2), "{printed}");
+    assert!(
+        printed.contains("line 2") && printed.contains("honk"),
+        "{printed}"
+    );
 }
 
-/// A firewall lets through the port that is known, and not the next one, which maps come by.
+/// A firewall passes the control port and blocks the bulk port.
 #[test]
-fn a_robot_whose_maps_are_out_of_reach_is_driven() {
+fn a_robot_is_driven_when_its_bulk_port_is_unreachable() {
     let (port, known) = (free_port(), free_port());
     let _edge = robot(port);
     let firewall = TcpListener::bind(("127.0.0.1", known)).unwrap();
     thread::spawn(move || {
         for near in firewall.incoming() {
             let near = near.unwrap();
-            // The robot may still be starting: who asks asks again.
+            // The robot may still be starting.
             let Ok(far) = TcpStream::connect(("127.0.0.1", port)) else {
                 continue;
             };
@@ -289,7 +295,11 @@ fn a_robot_whose_maps_are_out_of_reach_is_driven() {
 1.4 lease release
 1.4 await idle
 ";
-    let (code, said) = drives(known, "anna", script);
-    assert_eq!(code, Some(0), "{said}");
-    assert_eq!(lines(&said, " Driving, lease of anna").len(), 1, "{said}");
+    let (code, printed) = drives(known, "anna", script);
+    assert_eq!(code, Some(0), "{printed}");
+    assert_eq!(
+        lines(&printed, " Driving, lease of anna").len(),
+        1,
+        "{printed}"
+    );
 }

@@ -11,14 +11,14 @@ use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use super::driver::{NEUTRAL, hold_until, pictures, take_lease};
-use super::processes::{Running, free_port, program};
-use super::screen::{Key, Screen, skip_without_window};
+use super::processes::{Running, free_port, program, simulate};
+use super::screen::{Key, Screen};
 use super::telemetry::{TIMEOUT, Telemetry};
 
-/// A robot, a window that shows it, and somebody who watches both.
+/// A robot, a window that shows it, and an observer.
 struct Scene {
     screen: Screen,
-    /// What the console was started with.
+    /// Arguments of the console.
     arguments: Vec<String>,
     window: u32,
     console: Running,
@@ -27,48 +27,25 @@ struct Scene {
     _edge: Option<Running>,
 }
 
-/// A console that drives, in a window that has the keyboard; what it said where it opened none.
-fn console(
-    screen: &Screen,
-    arguments: &[String],
-    settings: &Path,
-) -> Result<(Running, u32), String> {
+fn console(screen: &Screen, arguments: &[String], settings: &Path) -> Option<(Running, u32)> {
     let mut command = program("operator-console");
-    screen.show(&mut command);
     command.args(["--operator", "anna", "--config"]);
     command.arg(settings.join("console.json")).args(arguments);
-    let mut console = Running::start(&mut command, "the window");
-    let window = screen.window("Foreshore", || !console.is_running());
-    match window {
-        Some(window) => {
-            screen.focus(window);
-            Ok((console, window))
-        }
-        None => Err(console.end().1),
-    }
+    screen.open_console(&mut command)
 }
 
 impl Scene {
-    /// `None`, said aloud, where no window can be opened here.
+    /// `None`, and a skipped test, if no window can be opened.
     fn open() -> Option<Self> {
         let port = free_port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
-        let mut command = program("robot-edge");
-        command.args([
-            "simulate",
-            "rooms",
-            "--rate",
-            "1",
-            "--keep-serving",
-            "--quiet",
-        ]);
-        command.args(["--robot", "scout", "--listen", &endpoint]);
+        let mut command = simulate(&["--robot", "scout", "--listen", &endpoint]);
         let edge = Running::start(&mut command, "edge");
         let arguments = ["--robot", "scout", "--connect", &endpoint].map(str::to_owned);
         Self::of(arguments.into(), Some(edge), || ("scout", endpoint.clone()))
     }
 
-    /// The console's own simulated robot, found as any other console would find it.
+    /// The simulated robot of `--demo`, found by discovery.
     fn demo() -> Option<Self> {
         let arguments = ["--demo", "rooms"].map(str::to_owned);
         Self::of(arguments.into(), None, || {
@@ -86,7 +63,7 @@ impl Scene {
         })
     }
 
-    /// A console with these arguments; `robot` says whom it drives, and where that is.
+    /// A console with these arguments; `robot` returns name and endpoint of its robot.
     fn of(
         arguments: Vec<String>,
         edge: Option<Running>,
@@ -94,13 +71,7 @@ impl Scene {
     ) -> Option<Self> {
         let screen = Screen::open()?;
         let settings = tempdir().unwrap();
-        let (console, window) = match console(&screen, &arguments, settings.path()) {
-            Ok(shown) => shown,
-            Err(said) => {
-                skip_without_window(&said);
-                return None;
-            }
-        };
+        let (console, window) = console(&screen, &arguments, settings.path())?;
         let (robot, endpoint) = robot();
         let telemetry = Telemetry::of(robot, &endpoint);
         telemetry.wait_for_status("shown", |_| true);
@@ -119,7 +90,7 @@ impl Scene {
         take_lease(&self.screen, &self.telemetry);
     }
 
-    /// A text field is there, and has the keyboard.
+    /// Opens a text field.
     fn opens_recordings(&self) {
         self.screen.tap_with(Key::Control, Key::O);
         sleep(Duration::from_secs(1));
@@ -149,13 +120,13 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     screen.release(Key::A);
     assert_eq!(scene.stands().last_stop, Some(StopReason::Released));
 
-    // Keys go elsewhere while one is down: it stops, and does not start again by itself.
+    // The window loses the keyboard while a key is down: it stops and does not start again.
     scene.turns_left(Key::Left);
     screen.unfocus();
     scene.stands();
     screen.focus(scene.window);
     sleep(Duration::from_secs(1));
-    telemetry.assert_stopped("the key was down all along");
+    telemetry.assert_stopped("the key was not released");
     screen.release(Key::Left);
     scene.turns_left(Key::Left);
     screen.release(Key::Left);
@@ -175,7 +146,7 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
 }
 
 #[test]
-fn a_space_in_a_text_stops_nothing_and_one_behind_it_does() {
+fn a_space_in_a_text_stops_nothing_but_the_next_one_does() {
     let Some(scene) = Scene::open() else { return };
     let (screen, telemetry) = (&scene.screen, &scene.telemetry);
     scene.opens_recordings();
@@ -183,14 +154,14 @@ fn a_space_in_a_text_stops_nothing_and_one_behind_it_does() {
     sleep(Duration::from_secs(1));
     screen.picture(&pictures("spaces.png"));
     assert!(!is_stopped(&telemetry.now().unwrap()), "it was a text");
-    // The next key is for the vehicle, however soon it comes.
+    // The next key is for the vehicle.
     screen.tap(Key::Escape);
     screen.tap(Key::Space);
     telemetry.wait_for_status("stopped right behind a text", is_stopped);
 }
 
 #[test]
-fn a_space_stops_wherever_it_is_typed_while_this_operator_drives() {
+fn a_space_in_a_text_stops_while_this_operator_drives() {
     let Some(scene) = Scene::open() else { return };
     scene.take_lease();
     scene.opens_recordings();
@@ -205,9 +176,9 @@ fn is_stopped(status: &TeleopStatus) -> bool {
     status.state == TeleopState::EStop
 }
 
-/// The robot of `--demo`, in a corridor: across it, up to the wall, with the key held.
+/// Across a corridor up to the wall, with the key held.
 #[test]
-fn the_demo_drives_up_to_a_wall_and_stops_there_by_itself() {
+fn the_collision_monitor_stops_the_demo_before_a_wall() {
     let Some(scene) = Scene::demo() else { return };
     let (screen, telemetry) = (&scene.screen, &scene.telemetry);
     scene.take_lease();
@@ -251,12 +222,12 @@ fn the_demo_drives_up_to_a_wall_and_stops_there_by_itself() {
 }
 
 #[test]
-fn a_window_that_is_closed_stops_and_gives_the_lease_back() {
+fn a_closed_window_stops_the_vehicle_and_releases_the_lease() {
     let Some(scene) = Scene::open() else { return };
     scene.take_lease();
     scene.turns_left(Key::A);
     scene.screen.close(scene.window);
-    // The console says so itself: the lease does not run out, which takes 2 s and is another reason.
+    // The console releases the lease; it does not expire after 2 s.
     let idle = scene
         .telemetry
         .wait_for_status("idle", |status| status.state == TeleopState::Idle);
@@ -268,7 +239,7 @@ fn a_window_that_is_closed_stops_and_gives_the_lease_back() {
 }
 
 #[test]
-fn a_window_that_hangs_with_a_key_down_stops_the_vehicle() {
+fn a_hanging_window_with_a_key_down_stops_the_vehicle() {
     let Some(scene) = Scene::open() else { return };
     scene.take_lease();
     scene.turns_left(Key::A);
@@ -286,7 +257,7 @@ fn a_window_that_hangs_with_a_key_down_stops_the_vehicle() {
 }
 
 #[test]
-fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
+fn a_killed_window_with_a_key_down_stops_the_vehicle() {
     let Some(mut scene) = Scene::open() else {
         return;
     };
@@ -295,8 +266,8 @@ fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
     scene.console.signal("KILL");
     assert_eq!(scene.stands().last_stop, Some(StopReason::Age));
     let idle = |status: &TeleopStatus| status.state == TeleopState::Idle;
-    scene.telemetry.wait_for_status("nobody's", idle);
-    // Somebody starts it again, and the key has been down all the time.
+    scene.telemetry.wait_for_status("released", idle);
+    // The console is restarted while the key is still down.
     let (console, _) = console(&scene.screen, &scene.arguments, scene.settings.path()).unwrap();
     scene.console = console;
     scene.take_lease();
@@ -308,10 +279,10 @@ fn a_window_that_is_killed_with_a_key_down_stops_the_vehicle() {
     scene.stands();
 }
 
-/// From a key that goes down to the robot's word that it drives, and how evenly commands come meanwhile. The robot tells
-/// of a change of state at once, so that this is the way there and back.
+/// Time from a key press to the robot's status, there and back, and the rate of commands. The robot reports
+/// a change of state at once.
 #[test]
-#[ignore = "figures: wants a machine to itself"]
+#[ignore = "figures: needs an idle machine"]
 fn figures_of_a_key_on_a_window() {
     let Some(scene) = Scene::open() else { return };
     scene.take_lease();
@@ -337,7 +308,7 @@ fn figures_of_a_key_on_a_window() {
     took_ms.sort_by(f64::total_cmp);
     let rank = |share: f64| took_ms[((took_ms.len() - 1) as f64 * share) as usize];
     println!(
-        "key to the robot's word: p50 {:.1} ms, p90 {:.1} ms, greatest {:.1} ms of {} presses",
+        "key to status: p50 {:.1} ms, p90 {:.1} ms, greatest {:.1} ms of {} presses",
         rank(0.5),
         rank(0.9),
         rank(1.0),
@@ -346,7 +317,7 @@ fn figures_of_a_key_on_a_window() {
     let accepted = || {
         scene
             .telemetry
-            .wait_for_status("told", |_| true)
+            .wait_for_status("a status", |_| true)
             .counters
             .accepted
     };
@@ -354,7 +325,7 @@ fn figures_of_a_key_on_a_window() {
     scene.turns_left(Key::A);
     let mut peak_age_ms = 0;
     while clock::elapsed(from) < Duration::from_secs(10) {
-        let status = scene.telemetry.wait_for_status("told", |_| true);
+        let status = scene.telemetry.wait_for_status("a status", |_| true);
         peak_age_ms = peak_age_ms.max(status.peak_age_ms.unwrap_or(0));
         sleep(Duration::from_millis(50));
     }

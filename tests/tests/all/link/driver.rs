@@ -1,4 +1,4 @@
-//! Hands that drive a robot from a window, and look at whether it obeys.
+//! Drives a robot by keys on a window and checks its status.
 
 use std::path::PathBuf;
 use std::thread::sleep;
@@ -10,15 +10,14 @@ use robot_edge::clock;
 use super::screen::{Key, Screen};
 use super::telemetry::Telemetry;
 
-/// The robot takes a press after 200 ms of nothing; the console adds what a link may shift.
+/// The robot accepts a press after 200 ms of neutral; the console adds the jitter of a link.
 pub(crate) const NEUTRAL: Duration = Duration::from_millis(400);
 
-/// Pictures are kept for people to look at.
 pub(crate) fn pictures(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("foreshore_{name}"))
 }
 
-/// Asks for `anna` until the robot grants the lease: the window may not have heard of the robot yet.
+/// Requests the lease for `anna` until it is granted: the window may not have connected yet.
 pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
     for _attempt in 0..30 {
         let started = clock::now();
@@ -29,7 +28,7 @@ pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
             }
             sleep(Duration::from_millis(10));
         }
-        // Where the lease is held already, it is given back.
+        // The same key releases a lease that is held.
         screen.tap_with(Key::Control, Key::G);
     }
     let picture = pictures("no_lease.png");
@@ -37,8 +36,8 @@ pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
     panic!("the robot grants no lease; see {}", picture.display());
 }
 
-/// Holds a key until the vehicle drives as wanted. A machine that is busy with other tests may hang in the middle of a
-/// press, which then does not count: so it is let go and pressed anew, as anybody would.
+/// Holds a key until the vehicle drives and `is_so`. A busy machine may hang during a press, which then does not
+/// count, so the press is repeated.
 pub(crate) fn hold_until(
     screen: &Screen,
     telemetry: &Telemetry,

@@ -9,22 +9,11 @@ use protocol::message::{
 };
 use protocol::signed::SecretKey;
 
-use super::processes::{Running, free_port, program};
+use super::processes::{Running, free_port, simulate};
 
 fn robot(port: u16) -> Running {
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--robot",
-        "scout",
-        "--quiet",
-        "--listen",
-    ]);
-    command.arg(format!("tcp/127.0.0.1:{port}"));
+    let listen = format!("tcp/127.0.0.1:{port}");
+    let mut command = simulate(&["--robot", "scout", "--listen", &listen]);
     Running::start(&mut command, "edge")
 }
 
@@ -33,13 +22,13 @@ fn operator(port: u16, name: &str) -> Operator {
 }
 
 #[test]
-fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
+fn silence_old_commands_and_held_keys_move_nothing() {
     let port = free_port();
     let _edge = robot(port);
     let mut anna = operator(port, "anna");
     anna.take_lease();
 
-    // A key that was down before moves nothing: first everything must be let go.
+    // A key held before the grant moves nothing.
     anna.hold(Input::of(0.0, 0.5), NEUTRAL);
     let held = anna.wait_for_status("held", |teleop| teleop.state == TeleopState::Held);
     assert_eq!(held.lease.holder, Some(anna.name.clone()));
@@ -51,7 +40,7 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
     assert_eq!(status.state, TeleopState::Driving);
     assert!(anna.turn_rate_radps() > 0.3, "{}", anna.turn_rate_radps());
 
-    // Nothing comes any more, not even a word that nothing is pressed.
+    // The operator sends nothing any more.
     let stopped = anna.wait_for_status("stopped", |teleop| {
         teleop.state == TeleopState::Held || teleop.state == TeleopState::Idle
     });
@@ -59,7 +48,7 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
     assert!(stopped.applied.angular_radps.abs() < 1e-6, "{stopped:?}");
     assert_eq!(stopped.counters.involuntary_stops, 1);
 
-    // What was sent while it drove comes again, and moves nothing; nor does the key that is still down.
+    // Repeated commands move nothing, nor does the key that is still down.
     let refused = |teleop: &TeleopStatus| -> u64 {
         teleop
             .counters
@@ -84,7 +73,7 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
         anna.turn_rate_radps()
     );
 
-    // Let go and pressed anew, it turns.
+    // Released and pressed again, it turns.
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(Input::of(0.0, -0.5), Duration::from_millis(1200));
     anna.wait_for_status("turning right", |teleop| {
@@ -93,7 +82,7 @@ fn an_operator_drives_and_silence_old_commands_and_held_keys_move_nothing() {
 }
 
 #[test]
-fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
+fn an_emergency_stop_holds_until_it_is_reset() {
     let port = free_port();
     let _edge = robot(port);
     let (mut anna, mut bert) = (operator(port, "anna"), operator(port, "bert"));
@@ -102,7 +91,7 @@ fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(Input::of(0.0, 0.5), Duration::from_secs(1));
 
-    // Whoever sees the robot may stop it, without the lease.
+    // The emergency stop needs no lease.
     let stopped = bert.ask(&EStop { press: 77 });
     let Answer::EStopped(number) = stopped else {
         panic!("{stopped:?}")
@@ -119,7 +108,7 @@ fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
     );
     assert_eq!(bert.ask(&Reset { estop: number }), Answer::Done);
     anna.wait_for_status("idle", |teleop| teleop.state == TeleopState::Idle);
-    // A repetition that comes late stops nobody.
+    // A late repetition of the press is refused.
     assert_eq!(
         bert.ask(&EStop { press: 77 }),
         Answer::Refused(Refusal::NoEStop)
@@ -129,7 +118,7 @@ fn an_emergency_stop_holds_until_it_is_reset_and_the_budget_can_be_set() {
 }
 
 #[test]
-fn who_signs_for_somebody_else_moves_nothing() {
+fn a_signature_of_another_operator_moves_nothing() {
     let port = free_port();
     let _edge = robot(port);
     let (mut anna, mut mallory) = (operator(port, "anna"), operator(port, "anna"));

@@ -1,4 +1,4 @@
-//! Recordings are dropped on the window, as from a file manager.
+//! Recordings are dropped on the window.
 
 use std::fs;
 use std::path::Path;
@@ -7,17 +7,16 @@ use tempfile::tempdir;
 
 use super::controls::Controls;
 use super::drag_source::DragSource;
-use super::processes::{Running, free_port, program, rooms};
-use super::screen::{Screen, skip_without_window};
+use super::processes::{free_port, program, rooms};
+use super::screen::Screen;
 
 #[test]
-fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
+fn a_dropped_recording_opens_and_other_files_are_refused() {
     let Some(screen) = Screen::open() else {
         return;
     };
     let folder = tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
-    // Names as people give them.
     let (recording, notes) = (file("two rooms, 50 % of Größe.mcap"), file("my notes.txt"));
     fs::copy(rooms(), &recording).unwrap();
     fs::write(&notes, "these are notes").unwrap();
@@ -26,13 +25,10 @@ fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
     screen.show(&mut command);
     command.arg("--config").arg(file("settings.json"));
     command.arg("--controls").arg(&controls.0);
-    // Nobody is there.
+    // No robot listens there.
     command.arg("--connect");
     command.arg(format!("tcp/127.0.0.1:{}", free_port()));
-    let mut console = Running::start(&mut command, "the window");
-    let Some(window) = screen.window("Foreshore", || !console.is_running()) else {
-        let (_, said) = console.end();
-        skip_without_window(&said);
+    let Some((console, window)) = screen.open_console(&mut command) else {
         return;
     };
     controls.beginning("Looking for robots");
@@ -63,7 +59,7 @@ fn a_recording_that_is_dropped_is_shown_and_what_is_none_is_refused() {
     controls.named("Button", "Pause");
     controls.beginning("Synchronized");
 
-    // While one is shown, what is none changes nothing.
+    // Other files do not close an open recording.
     drag(&[&notes]).drop_files();
     controls.beginning(&format!("{}: not a recording", notes.display()));
     controls.beginning("Position in the recording: ");

@@ -1,4 +1,4 @@
-//! Garbage on every key and queryable: refused, counted, nothing grows, and the map stays true.
+//! Garbage on every key and queryable is refused and counted; memory and map are not affected.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -9,27 +9,17 @@ use protocol::message::Status;
 use protocol::tile::TileKey;
 use protocol::wire;
 use tempfile::tempdir;
-use zenoh::{Config, Session, Wait as _};
+use zenoh::Wait as _;
 
-use super::processes::{Running, assert_same_maps, console, free_port, program, rooms};
+use super::processes::{
+    Running, assert_same_maps, console, free_port, program, rooms, zenoh_session,
+};
 use super::router::router;
 
-/// Memory that either program may take beyond what it had before the garbage.
+/// Allowed growth of either program.
 const GROWTH_BYTES: u64 = 20_000_000;
 
-fn client(port: u16) -> Session {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
-}
-
-/// Messages that nobody should send: each kind once.
+/// One invalid message of each kind.
 fn garbage() -> Vec<Vec<u8>> {
     let mut state = 7u32;
     let mut random = |length: usize| {
@@ -42,7 +32,7 @@ fn garbage() -> Vec<Vec<u8>> {
     let mut garbage: Vec<_> = [0, 1, 2, 33, 34, 35, 100, 1000, 60_000, 200_000]
         .map(&mut random)
         .into();
-    // A right header with anything behind it, and with another version.
+    // A valid header before garbage, and other versions.
     for version in [wire::PROTOCOL, wire::PROTOCOL + 1, 999] {
         for length in [0, 1, 20, 5000] {
             let mut message = version.to_le_bytes().to_vec();
@@ -89,7 +79,7 @@ fn topics() -> Vec<Topic> {
 fn garbage_is_refused_and_counted_and_nothing_grows() {
     let folder = tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    // Everything goes through routers, so that the garbage reaches consoles too.
+    // Through routers, the garbage reaches consoles too.
     let port = free_port();
     let routers = [router(port), router(port + 1)];
     let mut command = program("robot-edge");
@@ -106,7 +96,8 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     let before = [robot.memory(), watching.memory()];
 
     let id: RobotId = "scout".parse().unwrap();
-    let sessions = [client(port), client(port + 1)];
+    let sessions =
+        [port, port + 1].map(|port| zenoh_session("client", &format!("tcp/127.0.0.1:{port}")));
     let status = sessions[0]
         .declare_subscriber(Topic::Status.key(&id))
         .wait()
@@ -156,11 +147,11 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     println!("the edge refused {refused} messages; memory {before:?} → {after:?}");
     assert!(refused >= 100, "{refused} were counted");
 
-    let said = watching.ends_well();
-    println!("{said}");
+    let printed = watching.ends_well();
+    println!("{printed}");
     assert!(
-        said.contains("× malformed") && said.contains("× other protocol version"),
-        "{said}"
+        printed.contains("× malformed") && printed.contains("× other protocol version"),
+        "{printed}"
     );
     robot.signal("INT");
     robot.ends_well();

@@ -1,4 +1,4 @@
-//! What a window costs that shows a robot which stands still. Measures.
+//! Processor load of a window that shows a standing robot. A benchmark.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -15,8 +15,8 @@ use super::telemetry::Telemetry;
 const MEASURED: Duration = Duration::from_secs(30);
 
 #[test]
-#[ignore = "two minutes: measures, and wants the machine for itself"]
-fn a_window_beside_a_robot_that_stands_costs_little() {
+#[ignore = "two minutes: measures, and needs an idle machine"]
+fn a_window_of_a_standing_robot_costs_little() {
     let Some(screen) = Screen::open() else { return };
     let port = free_port();
     let endpoint = format!("tcp/127.0.0.1:{port}");
@@ -41,14 +41,14 @@ fn a_window_beside_a_robot_that_stands_costs_little() {
         command.args(["--operator", "anna"]);
         command
     };
-    // Once with what a screen reader would be told, which costs more, to know that it shows what it should.
+    // Once with the accessibility tree, which costs more, to know what it shows.
     let named = Running::start(console().arg("--controls").arg(&controls.0), "the window");
     controls.beginning("Synchronized");
     screen.focus(screen.window("Foreshore", || false).unwrap());
-    // Whoever takes it over stops what it does by itself; its sensors go on.
+    // The lease stops the simulated drive; the sensors continue.
     take_lease(&screen, &telemetry);
     screen.tap_with(Key::Control, Key::G);
-    telemetry.wait_for_status("nobody's, and standing", |status| {
+    telemetry.wait_for_status("released and standing", |status| {
         status.lease.holder.is_none() && status.state == TeleopState::Idle
     });
     sleep(Duration::from_secs(5));

@@ -1,34 +1,26 @@
-//! A console that comes when the data has ended, and shows no layer, draws the whole way and exports what the robot does.
+//! A console that connects after the end of the data and shows no layer gets the trajectory and exports the same maps.
 
-use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
 use operator_console::export::{ExportPart, Fetcher, export_parts};
-use operator_console::link::RobotSession;
-use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
+use operator_console::model::{ConsoleModel, LinkState};
 use protocol::layer::LayerId;
-use protocol::tile::BootId;
 use robot_edge::clock;
-use robot_edge::link::sessions::Endpoints;
 use tempfile::tempdir;
 
-use super::processes::{Running, assert_same_maps, free_port, program};
+use super::processes::{
+    Running, assert_same_maps, connect_to, free_port, open_session, program, wait_until,
+};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
 
-#[track_caller]
-fn wait_until(session: &RobotSession, what: &str, is_so: impl Fn(&ConsoleModel) -> bool) {
-    let is_late = clock::sleep_until(clock::now() + TIMEOUT, || is_so(&session.model()));
-    assert!(!is_late, "{what}");
-}
-
 #[test]
-fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
+fn a_late_console_without_layers_exports_the_edges_map() {
     let folder = tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let port = free_port();
-    // It ends while the vehicle moves.
+    // The data ends while the vehicle moves.
     let mut command = program("robot-edge");
     command.args([
         "simulate",
@@ -43,27 +35,15 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     command.arg(format!("tcp/127.0.0.1:{port}"));
     command.arg("--export").arg(at("edge"));
     let robot = Running::start(&mut command, "edge");
-    let settings = ModelSettings {
-        robot: "scout".parse().unwrap(),
-        session: BootId([2; 16]),
-        tile_store_mb: 64,
-        layers: BTreeSet::new(),
-    };
-    let endpoints = Endpoints {
-        connect: vec![format!("tcp/127.0.0.1:{port}")],
-        ..Endpoints::default()
-    };
-    let early = RobotSession::open(settings.clone(), &endpoints, || {}).unwrap();
-    wait_until(&early, "the data ends", ConsoleModel::has_ended);
+    let endpoints = connect_to(format!("tcp/127.0.0.1:{port}"));
+    let early = open_session(&endpoints, &[], || {});
+    wait_until("the data ends", || early.model().has_ended());
     drop(early);
 
-    let settings = ModelSettings {
-        session: BootId([3; 16]),
-        ..settings
-    };
-    let late = RobotSession::open(settings, &endpoints, || {}).unwrap();
-    // The vehicle drove through four rooms, and its data has ended when this console comes.
-    wait_until(&late, "the way is there", |model| {
+    let late = open_session(&endpoints, &[], || {});
+    // The trajectory through four rooms.
+    wait_until("the trajectory arrives", || {
+        let model = late.model();
         let trail_m = model.vehicle().trail();
         let reach_m = |axis: usize| {
             let along = trail_m.iter().map(|point_m| point_m[axis]);
@@ -79,7 +59,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     assert_eq!(
         late.model().vehicle().poses().len(),
         1,
-        "it heard only where it ended"
+        "it received the last pose only"
     );
     let is_known = |model: &ConsoleModel| {
         let store = model.map().store();
@@ -94,7 +74,7 @@ fn a_late_console_that_shows_no_layer_exports_the_edges_map_and_way() {
     });
     exported.unwrap().outcome(&at("console")).unwrap();
     assert!(is_known(&late.model()));
-    // What it sees of the map is as old as it is, and not as long ago as it came.
+    // Ages of tiles are those of their data, not of their arrival.
     let ages_s = {
         let model = late.model();
         let (map, layer) = (model.map(), LayerId::Occupancy);

@@ -19,7 +19,6 @@ mod driver;
 mod driving;
 #[cfg(target_os = "linux")]
 mod drop_file;
-mod final_status;
 mod garbage;
 #[cfg(target_os = "linux")]
 mod idle;

@@ -1,15 +1,23 @@
-//! The two programs as their users start them.
+//! The two programs, started as users start them.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::rig::ports::free_pair;
+use operator_console::link::RobotSession;
+use operator_console::model::ModelSettings;
+use protocol::layer::LayerId;
+use protocol::tile::BootId;
 use robot_edge::clock;
+use robot_edge::network::sessions::Endpoints;
+use zenoh::{Config, Session, Wait as _};
 
-/// Nothing that these tests wait for takes longer.
+/// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(2);
 
 /// The project's own recording: the simulated world `rooms`, 116 s.
@@ -17,7 +25,7 @@ pub(crate) fn rooms() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../recordings/rooms.mcap")
 }
 
-/// A program of this workspace. Cargo has built it, for its own package's tests, beside this one.
+/// A program of this workspace; Cargo builds it beside this test binary.
 pub(crate) fn program(name: &str) -> Command {
     let tests = std::env::current_exe().unwrap();
     let path = tests.ancestors().nth(2).unwrap().join(name);
@@ -31,12 +39,12 @@ pub(crate) fn program(name: &str) -> Command {
     command
 }
 
-/// A control port of this machine that is free, and the next one too.
+/// A free control port; the next port is free too.
 pub(crate) fn free_port() -> u16 {
     free_pair().unwrap()
 }
 
-/// A process that does not outlive its test.
+/// A process, killed at the end of its test.
 pub(crate) struct Running {
     child: Child,
     name: String,
@@ -86,7 +94,7 @@ impl Running {
     /// Processor time so far, seconds.
     pub(crate) fn processor_s(&self) -> f64 {
         let stat = fs::read_to_string(format!("/proc/{}/stat", self.child.id())).unwrap();
-        // utime and stime, in hundredths; the name in parentheses before them may hold anything.
+        // utime and stime, in hundredths of a second; the name in parentheses before them is arbitrary.
         let fields: Vec<_> = stat
             .rsplit(')')
             .next()
@@ -97,14 +105,14 @@ impl Running {
         (ticks[0] + ticks[1]) / 100.0
     }
 
-    /// Processor time over the wall time in which it was used, per cent of a core.
+    /// Processor time during `measured`, per cent of a core.
     pub(crate) fn load(&self, measured: Duration) -> f64 {
         let (before_s, started) = (self.processor_s(), clock::now());
-        std::thread::sleep(measured);
+        sleep(measured);
         100.0 * (self.processor_s() - before_s) / clock::elapsed(started).as_secs_f64()
     }
 
-    /// Whether a library of that name is loaded into it.
+    /// Whether this library is loaded.
     pub(crate) fn has_loaded(&self, library: &str) -> bool {
         let maps = fs::read_to_string(format!("/proc/{}/maps", self.child.id())).unwrap();
         maps.contains(library)
@@ -114,20 +122,20 @@ impl Running {
         self.child.try_wait().unwrap().is_none()
     }
 
-    /// Reads standard output up to the line that holds `words`, which is returned.
+    /// Reads standard output up to a line that contains `words`; returns the line.
     pub(crate) fn wait_for_output(&mut self, words: &str) -> String {
-        let mut said = BufReader::new(self.child.stdout.as_mut().unwrap());
+        let mut printed = BufReader::new(self.child.stdout.as_mut().unwrap());
         loop {
             let mut line = String::new();
-            let bytes = said.read_line(&mut line).unwrap();
-            assert!(bytes > 0, "{} ended before it said {words:?}", self.name);
+            let bytes = printed.read_line(&mut line).unwrap();
+            assert!(bytes > 0, "{} ended before {words:?}", self.name);
             if line.contains(words) {
                 return line;
             }
         }
     }
 
-    /// Waits for the end; what it said, standard output first.
+    /// Waits for the end; returns exit code and output, standard output first.
     pub(crate) fn end(mut self) -> (Option<i32>, String) {
         let started = clock::now();
         let code = loop {
@@ -139,42 +147,113 @@ impl Running {
                 "{} does not end",
                 self.name
             );
-            std::thread::sleep(Duration::from_millis(20));
+            sleep(Duration::from_millis(20));
         };
-        let mut said = String::new();
+        let mut printed = String::new();
         self.child
             .stdout
             .take()
             .unwrap()
-            .read_to_string(&mut said)
+            .read_to_string(&mut printed)
             .unwrap();
         self.child
             .stderr
             .take()
             .unwrap()
-            .read_to_string(&mut said)
+            .read_to_string(&mut printed)
             .unwrap();
-        (code, said)
+        (code, printed)
     }
 
-    /// Waits for the end, which must be a good one.
+    /// Waits for the end, which must be without an error.
     pub(crate) fn ends_well(self) -> String {
         let name = self.name.clone();
-        let (code, said) = self.end();
-        assert_eq!(code, Some(0), "{name}: {said}");
-        said
+        let (code, printed) = self.end();
+        assert_eq!(code, Some(0), "{name}: {printed}");
+        printed
     }
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may be stopped, and have ended long ago.
+        // It may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
     }
 }
 
-/// `robot-edge replay rooms`, which stays when the recording ends.
+/// `robot-edge simulate rooms` in real time, which serves until it is ended.
+pub(crate) fn simulate(arguments: &[&str]) -> Command {
+    let mut command = program("robot-edge");
+    command
+        .args(["simulate", "rooms", "--rate", "1"])
+        .args(["--keep-serving", "--quiet"])
+        .args(arguments);
+    command
+}
+
+/// A Zenoh session without discovery: a router listens at `endpoint`, a client connects to it and tries again.
+pub(crate) fn zenoh_session(mode: &str, endpoint: &str) -> Session {
+    let side = if mode == "router" {
+        "listen"
+    } else {
+        "connect"
+    };
+    let endpoints = format!("{side}/endpoints");
+    let started = clock::now();
+    loop {
+        let mut config = Config::default();
+        for (key, value) in [
+            ("mode", format!("{mode:?}")),
+            (endpoints.as_str(), format!("[{endpoint:?}]")),
+            ("scouting/multicast/enabled", "false".to_owned()),
+        ] {
+            config.insert_json5(key, &value).unwrap();
+        }
+        match zenoh::open(config).wait() {
+            Ok(session) => return session,
+            Err(err) => assert!(clock::elapsed(started) < TIMEOUT, "{err}"),
+        }
+        sleep(Duration::from_millis(50));
+    }
+}
+
+/// The session of a console's window with robot `scout`, which shows these layers.
+pub(crate) fn open_session(
+    endpoints: &Endpoints,
+    layers: &[LayerId],
+    wake: impl Fn() + Send + 'static,
+) -> RobotSession {
+    static OPENED: AtomicU8 = AtomicU8::new(1);
+    let settings = ModelSettings {
+        robot: "scout".parse().unwrap(),
+        session: BootId([OPENED.fetch_add(1, Ordering::Relaxed); 16]),
+        tile_store_mb: 64,
+        layers: layers.iter().copied().collect(),
+    };
+    RobotSession::open(settings, endpoints, wake).unwrap()
+}
+
+/// The endpoints of a console that connects without keys.
+pub(crate) fn connect_to(endpoint: String) -> Endpoints {
+    Endpoints {
+        connect: vec![endpoint],
+        ..Endpoints::default()
+    }
+}
+
+/// Waits until `is_so`; returns how long it took.
+#[track_caller]
+pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) -> Duration {
+    let started = clock::now();
+    while !is_so() {
+        assert!(clock::elapsed(started) < TIMEOUT, "timed out: {what}");
+        sleep(Duration::from_millis(5));
+    }
+    clock::elapsed(started)
+}
+
+/// `robot-edge replay rooms`, which serves after the recording has ended.
 pub(crate) fn edge(port: u16, robot: &str, rate: &str, export: &Path) -> Running {
     let mut command = program("robot-edge");
     command
@@ -187,7 +266,7 @@ pub(crate) fn edge(port: u16, robot: &str, rate: &str, export: &Path) -> Running
     Running::start(&mut command, &format!("edge {robot}"))
 }
 
-/// A headless console that watches until the data ends, then exports.
+/// A headless console that exports when the data ends.
 pub(crate) fn console(port: u16, robot: &str, export: &Path) -> Running {
     let mut command = program("operator-console");
     command.args([
@@ -204,13 +283,13 @@ pub(crate) fn console(port: u16, robot: &str, export: &Path) -> Running {
     )
 }
 
-/// Fails unless both folders hold the same maps, byte for byte.
+/// Panics unless both folders have the same maps, byte for byte.
 pub(crate) fn assert_same_maps(edge: &Path, console: &Path) {
     // occupancy.tif, .png, .pgm and .yaml, and trajectory.tum
     assert_same_files(edge, console, 5);
 }
 
-/// The same of any layers, which have so many files.
+/// As [`assert_same_maps`], with this number of files.
 pub(crate) fn assert_same_files(edge: &Path, console: &Path, files: usize) {
     let mut compared = 0;
     for entry in fs::read_dir(edge).unwrap() {

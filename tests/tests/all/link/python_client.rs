@@ -1,4 +1,4 @@
-//! A client in another language, written from `protocol/SPEC.md` alone, holds the same map.
+//! A client in another language, written from `protocol/SPEC.md` alone, has the same map.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -21,8 +21,8 @@ fn run(command: &mut Command) -> Option<Output> {
         .filter(|output| output.status.success())
 }
 
-/// A Python with the client's packages, in a virtual environment of its own that later runs use again; `None`,
-/// said aloud, where it cannot be made.
+/// A Python with the client's packages, in a virtual environment that later runs reuse; `None`,
+/// and a skipped test, if it cannot be made.
 fn python() -> Option<PathBuf> {
     let requirements = client_folder().join("requirements.txt");
     let wanted = blake3::hash(&std::fs::read(&requirements).unwrap()).to_hex();
@@ -52,7 +52,7 @@ fn python() -> Option<PathBuf> {
 }
 
 #[test]
-fn the_python_client_agrees_with_the_edge_and_with_the_specification() {
+fn the_python_client_agrees_with_the_edge() {
     let Some(python) = python() else { return };
     let folder = client_folder();
     let vectors = Command::new(&python)
@@ -69,7 +69,6 @@ fn the_python_client_agrees_with_the_edge_and_with_the_specification() {
     let exports = tempdir().unwrap();
     let port = free_port();
     let robot = edge(port, "scout", "20", &exports.path().join("edge"));
-    // It joins in the middle.
     sleep(Duration::from_secs(2));
     let mut command = Command::new(&python);
     command.arg("-B").arg(folder.join("foreshore_client.py"));
@@ -88,12 +87,12 @@ fn the_python_client_agrees_with_the_edge_and_with_the_specification() {
         synchronized.contains("occupancy 29326 cells known"),
         "{synchronized}"
     );
-    // It compares with what the robot exports when it ends.
+    // It compares its map with the export of the robot.
     robot.signal("INT");
     robot.ends_well();
-    let said = client.ends_well();
+    let printed = client.ends_well();
     assert!(
-        said.contains("same as the export: occupancy 29326 cells"),
-        "{said}"
+        printed.contains("same as the export: occupancy 29326 cells"),
+        "{printed}"
     );
 }

@@ -1,24 +1,18 @@
-//! Many consoles and robots through one Zenoh router.
+//! Consoles and robots at one Zenoh router.
 
 use std::thread::sleep;
 use std::time::Duration;
 
 use tempfile::tempdir;
-use zenoh::{Config, Session, Wait as _};
+use zenoh::Session;
 
-use super::processes::{Running, assert_same_maps, console, free_port, program, rooms};
+use super::processes::{
+    Running, assert_same_maps, console, free_port, program, rooms, zenoh_session,
+};
 
-/// A router as `zenohd` is one; `bulk` needs a second, at the next port.
+/// A router for one session; bulk needs a second one at the next port.
 pub(crate) fn router(port: u16) -> Session {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", "\"router\"".to_owned()),
-        ("listen/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
+    zenoh_session("router", &format!("tcp/127.0.0.1:{port}"))
 }
 
 fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &str) {
@@ -31,7 +25,7 @@ fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &s
         .enumerate()
         .map(|(n, name)| {
             let mut command = program("robot-edge");
-            // Different maps: a tile of one robot must not pass for one of another.
+            // Different maps: tiles of two robots must not be confused.
             command.arg("replay").arg(rooms()).args([
                 "--rate",
                 rate,

@@ -1,4 +1,4 @@
-//! A virtual screen with real keys: Xvfb, and the extension of the X protocol that presses them.
+//! A virtual screen (Xvfb) with real keys, pressed by the XTEST extension.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -16,15 +16,15 @@ use x11rb::protocol::xproto::{
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 
+use super::processes::Running;
 use crate::skip::skip;
 
-/// A window takes this long to appear at most.
 const TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Between two keys of a hand that is quick.
+/// Time between two keys of a fast typist.
 const STROKE: Duration = Duration::from_millis(20);
 
-/// A key by its place on the keyboard: Linux' number for it, and 8.
+/// A key by its X keycode: the Linux keycode plus 8.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Key {
     Escape = 9,
@@ -38,7 +38,6 @@ pub(crate) enum Key {
     Enter = 36,
     Control = 37,
     A = 38,
-    S = 39,
     G = 42,
     L = 46,
     Shift = 50,
@@ -49,7 +48,7 @@ pub(crate) enum Key {
     Left = 113,
 }
 
-/// The rows of a keyboard of the United States, which a virtual screen has, and where each begins.
+/// First keycode and keys of each row of a US keyboard.
 const ROWS: [(u8, &str); 4] = [
     (10, "1234567890-="),
     (24, "qwertyuiop[]"),
@@ -57,10 +56,9 @@ const ROWS: [(u8, &str); 4] = [
     (52, "zxcvbnm,./"),
 ];
 
-/// A console opened no window on this machine, and said why.
-pub(crate) fn skip_without_window(said: &str) {
+pub(crate) fn skip_without_window(printed: &str) {
     skip(
-        &format!("no window can be opened: {said}"),
+        &format!("no window can be opened: {printed}"),
         "the packages of .ci/run",
     );
 }
@@ -74,9 +72,9 @@ pub(crate) struct Screen {
 }
 
 impl Screen {
-    /// `None`, said aloud, where there is none to be had.
+    /// `None`, and a skipped test, if there is no Xvfb.
     pub(crate) fn open() -> Option<Self> {
-        // The server chooses a number that is free, and says which when it is ready.
+        // The server chooses a free display and prints its number when it is ready.
         let server = Command::new("Xvfb")
             .args([
                 "-displayfd",
@@ -109,14 +107,14 @@ impl Screen {
         })
     }
 
-    /// Another connection to it, with events of its own, and the window behind all others.
+    /// Another connection, with its own events, and the root window.
     pub(crate) fn connection(&self) -> (RustConnection, Window) {
         let (x, screen) = x11rb::connect(Some(&self.display)).unwrap();
         let root = x.setup().roots[screen].root;
         (x, root)
     }
 
-    /// Lets a program open its window here.
+    /// Makes a program open its window here.
     pub(crate) fn show(&self, command: &mut Command) {
         command
             .env("DISPLAY", &self.display)
@@ -124,7 +122,7 @@ impl Screen {
             .env_remove("WAYLAND_SOCKET");
     }
 
-    /// The window of this title, as soon as it can be seen; `None` where `is_over` before.
+    /// Waits for a visible window of this title; `None` if `is_over` first.
     pub(crate) fn window(&self, title: &str, mut is_over: impl FnMut() -> bool) -> Option<Window> {
         let started = clock::now();
         while clock::elapsed(started) < TIMEOUT && !is_over() {
@@ -138,7 +136,18 @@ impl Screen {
         None
     }
 
-    /// Gives a window the keyboard.
+    /// Starts a console here and gives its window the keyboard; `None`, and a skipped test, if it opens no window.
+    pub(crate) fn open_console(&self, command: &mut Command) -> Option<(Running, Window)> {
+        self.show(command);
+        let mut console = Running::start(command, "the window");
+        let Some(window) = self.window("Foreshore", || !console.is_running()) else {
+            skip_without_window(&console.end().1);
+            return None;
+        };
+        self.focus(window);
+        Some((console, window))
+    }
+
     pub(crate) fn focus(&self, window: Window) {
         self.x
             .set_input_focus(InputFocus::PARENT, window, x11rb::CURRENT_TIME)
@@ -147,28 +156,24 @@ impl Screen {
             .unwrap();
     }
 
-    /// Takes the keyboard away from every window.
     pub(crate) fn unfocus(&self) {
         self.focus(self.root);
     }
 
-    /// A key goes down and stays down.
     pub(crate) fn press(&self, key: Key) {
         self.fake(KEY_PRESS_EVENT, key as u8, [0, 0]);
     }
 
-    /// A key goes up.
     pub(crate) fn release(&self, key: Key) {
         self.fake(KEY_RELEASE_EVENT, key as u8, [0, 0]);
     }
 
-    /// A key goes down and up.
     pub(crate) fn tap(&self, key: Key) {
         self.press(key);
         self.release(key);
     }
 
-    /// A key is pressed and let go while another is held.
+    /// Taps a key while another is held.
     pub(crate) fn tap_with(&self, held: Key, key: Key) {
         self.press(held);
         sleep(STROKE);
@@ -177,7 +182,7 @@ impl Screen {
         self.release(held);
     }
 
-    /// Types small letters, digits and what paths and addresses are made of.
+    /// Types letters, digits and the marks of paths and addresses.
     pub(crate) fn write(&self, text: &str) {
         for letter in text.chars() {
             let (letter, is_shifted) = match letter {
@@ -210,14 +215,14 @@ impl Screen {
     /// Points and clicks, pixels from the upper left corner.
     pub(crate) fn click(&self, at: [i16; 2]) {
         self.point(at);
-        // A button is seen under the pointer a frame before it is pressed.
+        // The button needs a frame to notice the pointer.
         sleep(Duration::from_millis(200));
         self.fake(BUTTON_PRESS_EVENT, 1, at);
         sleep(Duration::from_millis(50));
         self.fake(BUTTON_RELEASE_EVENT, 1, at);
     }
 
-    /// The colours of the screen: width, height, and red, green and blue of each pixel, row by row.
+    /// Width, height, and red, green and blue of each pixel, row by row.
     pub(crate) fn pixels(&self) -> ([u16; 2], Vec<[u8; 3]>) {
         let size = self.x.get_geometry(self.root).unwrap().reply().unwrap();
         let image = self
@@ -234,12 +239,12 @@ impl Screen {
             .unwrap()
             .reply()
             .unwrap();
-        // Blue first, and a byte that says nothing.
+        // Blue, green, red and an unused byte.
         let pixels = image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]);
         ([size.width, size.height], pixels.collect())
     }
 
-    /// Asks a window to close, as its cross does.
+    /// Asks a window to close.
     pub(crate) fn close(&self, window: Window) {
         let [protocols, delete] = ["WM_PROTOCOLS", "WM_DELETE_WINDOW"].map(|name| {
             let atom = self.x.intern_atom(false, name.as_bytes()).unwrap();
@@ -253,7 +258,7 @@ impl Screen {
             .unwrap();
     }
 
-    /// Saves what is on the screen, where `ImageMagick` is there to do it.
+    /// Saves a picture of the screen with `ImageMagick`.
     pub(crate) fn picture(&self, file: &Path) {
         let taken = Command::new("import")
             .args(["-display", &self.display, "-window", "root"])

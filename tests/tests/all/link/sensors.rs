@@ -1,4 +1,4 @@
-//! What a console is told of sensors and recordings, over real sessions.
+//! Sensor status, scans and recordings over real sessions.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -19,16 +19,16 @@ use recording::{Selection, open};
 use robot_edge::clock;
 use serde::de::DeserializeOwned;
 use tempfile::tempdir;
-use zenoh::{Config, Session, Wait as _};
+use zenoh::{Session, Wait as _};
 
-use super::processes::{Running, free_port, program, rooms};
+use super::processes::{Running, free_port, program, rooms, simulate, zenoh_session};
 
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// What was heard so far of one topic, and how many bytes that were.
+/// Messages of one topic, and their bytes.
 type Received<T> = Arc<Mutex<(Vec<T>, usize)>>;
 
-/// Somebody who watches, and wants to see sweeps.
+/// A console that wants scans.
 struct Watcher {
     control: Session,
     robot: RobotId,
@@ -37,19 +37,6 @@ struct Watcher {
     scans: Received<Scan>,
     // Closes last.
     _bulk: Session,
-}
-
-fn client(port: u16) -> Session {
-    let mut config = Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("connect/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
-        ("connect/timeout_ms", "-1".to_owned()),
-        ("scouting/multicast/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
 }
 
 fn subscribe<T: DeserializeOwned + Send + 'static>(session: &Session, key: String) -> Received<T> {
@@ -73,7 +60,8 @@ fn subscribe<T: DeserializeOwned + Send + 'static>(session: &Session, key: Strin
 impl Watcher {
     fn of(port: u16) -> Self {
         let robot: RobotId = "scout".parse().unwrap();
-        let (control, bulk) = (client(port), client(port + 1));
+        let [control, bulk] =
+            [port, port + 1].map(|port| zenoh_session("client", &format!("tcp/127.0.0.1:{port}")));
         Self {
             status: subscribe(&control, Topic::Status.key(&robot)),
             events: subscribe(&control, Topic::Event.key(&robot)),
@@ -102,7 +90,7 @@ impl Watcher {
         self.control.put(key, view).wait().unwrap();
     }
 
-    /// Looks on until `found` says what was waited for.
+    /// Sends its view until `found` returns a value.
     fn wait_for<T>(&self, what: &str, found: impl Fn(&Self) -> Option<T>) -> T {
         let started = clock::now();
         loop {
@@ -110,7 +98,7 @@ impl Watcher {
             if let Some(found) = found(self) {
                 return found;
             }
-            assert!(clock::elapsed(started) < TIMEOUT, "never saw: {what}");
+            assert!(clock::elapsed(started) < TIMEOUT, "timed out: {what}");
             sleep(Duration::from_millis(100));
         }
     }
@@ -136,7 +124,7 @@ impl Watcher {
     }
 }
 
-/// The project's own recording, whose laser sees nothing from 4 s on, is silent from 8 s to 14 s, and ends at 20 s.
+/// The recording `rooms` with an invalid laser from 4 s, a silent one from 8 s to 14 s, and an end at 20 s.
 fn with_a_faulty_laser(folder: &Path) -> PathBuf {
     let path = folder.join("faulty.mcap");
     let mut writer = McapWriter::create(&path, Some("pioneer")).unwrap();
@@ -170,7 +158,7 @@ fn with_a_faulty_laser(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_time() {
+fn an_invalid_or_silent_laser_is_reported_in_recording_time() {
     let folder = tempdir().unwrap();
     let port = free_port();
     let mut command = program("robot-edge");
@@ -193,13 +181,13 @@ fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_t
         watcher.info().filter(|info| info.revision > 0)
     });
     assert!(!info.can_record && !info.is_boat);
-    let told: Vec<_> = info
+    let found: Vec<_> = info
         .sensors
         .iter()
         .map(|sensor| (sensor.name.as_str(), sensor.kind))
         .collect();
     assert_eq!(
-        told,
+        found,
         [
             ("laser", SensorKind::PlanarLaser),
             ("transforms", SensorKind::Transforms)
@@ -239,26 +227,17 @@ fn a_laser_that_sees_nothing_and_falls_silent_is_told_of_in_the_recordings_own_t
         let laser = &status.sensors[0];
         (laser.fault.is_none() && laser.rate_hz > 9.0).then_some(laser.rate_hz)
     });
-    // Of the recording's time, although it is replayed twice as fast.
+    // In recording time, although it is replayed twice as fast.
     assert!(rate_hz < 11.0, "{rate_hz}");
 }
 
-/// Killed as it records, it records again when it is started again, and says so to the first console that comes.
+/// A run killed while it records continues to record after its restart and tells the first console.
 #[test]
-fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
+fn an_operators_recording_continues_after_a_kill() {
     let folder = tempdir().unwrap();
     let port = free_port();
     let start = || {
-        let mut command = program("robot-edge");
-        command.args([
-            "simulate",
-            "rooms",
-            "--rate",
-            "1",
-            "--keep-serving",
-            "--quiet",
-        ]);
-        command.args(["--robot", "scout", "--recordings"]);
+        let mut command = simulate(&["--robot", "scout", "--recordings"]);
         command.arg(folder.path());
         command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
         Running::start(&mut command, "edge")
@@ -289,11 +268,11 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
         event.message,
         "recording goes on: the run before was cut off while an operator recorded"
     );
-    // Whoever ends the program ends the recording.
+    // A regular end of the program ends the recording.
     edge.signal("INT");
     edge.ends_well();
     drop(watcher);
-    assert!(std::fs::read(&file).unwrap() == written, "written over");
+    assert!(std::fs::read(&file).unwrap() == written, "overwritten");
     for name in [&before.file, &after.file] {
         let mut reader = open(&folder.path().join(name), Selection::All).unwrap();
         let mut measurements = 0;
@@ -310,23 +289,11 @@ fn what_an_operator_records_goes_on_after_a_kill_until_somebody_ends_it() {
 }
 
 #[test]
-fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operators() {
+fn a_simulated_robot_sends_scans_on_request_and_records() {
     let folder = tempdir().unwrap();
     let port = free_port();
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--robot",
-        "scout",
-        "--quiet",
-        "--set",
-        "vehicle.footprint_offset_m=0.125",
-        "--recordings",
-    ]);
+    let mut command = simulate(&["--robot", "scout"]);
+    command.args(["--set", "vehicle.footprint_offset_m=0.125", "--recordings"]);
     command.arg(folder.path().join("here"));
     command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
     let robot = Running::start(&mut command, "edge");
@@ -345,8 +312,8 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     };
     assert!(points.iter().all(is_near), "beyond the laser's 5.6 m");
 
-    // A sixteenth of 256 kbit/s is 2 kB/s; a burst of a quarter of a second, and the message that overdraws it, come
-    // on top.
+    // A sixteenth of 256 kbit/s is 2 kB/s, plus a burst of a quarter of a second and the message that exceeds
+    // it.
     let before = watcher.scans.lock().unwrap().1;
     let started = clock::now();
     watcher.wait_for("four seconds", |_| {
@@ -361,7 +328,7 @@ fn a_simulated_robot_shows_its_sweeps_to_who_wants_them_and_records_for_operator
     );
     assert!(bytes > 2_000, "{bytes}");
 
-    // Nobody wants them any more: the view says so, and none comes.
+    // A view without scans stops them.
     watcher.send_view(false);
     sleep(Duration::from_millis(500));
     let before = watcher.scans.lock().unwrap().0.len();

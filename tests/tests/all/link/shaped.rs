@@ -1,4 +1,4 @@
-//! "What the link must do", measured on an emulated link with root. Each prints a table row.
+//! Benchmarks of synchronization on an emulated link. Needs root; each prints a table row.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, sleep};
 use std::time::Duration;
 
-use foreshore_tests::rig::Line;
-use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
+use foreshore_tests::rig::tun::{Namespaces, Side};
+use foreshore_tests::rig::{Conditions, Line};
 use measurement::time::Monotonic;
 use robot_edge::clock;
 use tempfile::tempdir;
@@ -48,7 +48,7 @@ fn recording(name: &str) -> Option<std::path::PathBuf> {
     None
 }
 
-/// `name` of this workspace inside of a namespace.
+/// Program `name` of this workspace inside a namespace.
 fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
     link.command(side, program(name).get_program())
 }
@@ -82,7 +82,7 @@ fn console(link: &Namespaces, export: &Path, options: &[&str]) -> Command {
     command
 }
 
-/// Whether a console is synchronized, as it says so itself, and when.
+/// Times at which a console reports that it is synchronized or not.
 struct Steps {
     child: Child,
     steps: Receiver<(Monotonic, bool)>,
@@ -96,10 +96,10 @@ impl Steps {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let said = BufReader::new(child.stderr.take().unwrap());
+        let printed = BufReader::new(child.stderr.take().unwrap());
         let (sender, steps) = sync_channel(1000);
         thread::spawn(move || {
-            for line in said.lines().map_while(Result::ok) {
+            for line in printed.lines().map_while(Result::ok) {
                 if line.contains("is_synchronized") {
                     sender.send((clock::now(), line.contains("true"))).ok();
                 }
@@ -108,7 +108,7 @@ impl Steps {
         Self { child, steps }
     }
 
-    /// When it next is what is asked for; `None` within a minute.
+    /// When it next reports this state; `None` after a minute.
     fn next(&self, is_synchronized: bool) -> Option<Monotonic> {
         loop {
             match self.steps.recv_timeout(Duration::from_mins(1)) {
@@ -145,9 +145,9 @@ fn late_joiner_on_the_shaped_link() {
     for run in 1..=5 {
         let before = link.traffic_from(Side::A).sent.bytes;
         let mut command = console(&link, &folder.path().join("export"), &[]);
-        let said = Running::start(&mut command, "console").ends_well();
+        let printed = Running::start(&mut command, "console").ends_well();
         let bytes = link.traffic_from(Side::A).sent.bytes - before;
-        let figures: Vec<_> = said
+        let figures: Vec<_> = printed
             .lines()
             .filter(|line| line.contains("after discovery") || line.contains("messages of"))
             .collect();
@@ -155,7 +155,7 @@ fn late_joiner_on_the_shaped_link() {
             "late joiner {run}: {}; {bytes} bytes of IP towards the console",
             figures.join("; ")
         );
-        assert!(!figures.is_empty(), "{said}");
+        assert!(!figures.is_empty(), "{printed}");
     }
     drop(edge);
 }
@@ -189,7 +189,7 @@ fn steady_cost_while_mapping() {
             kbps(0),
             kbps(1)
         );
-        // 64 are aimed at; a laser that reaches 80 m takes more.
+        // The target is 64; a laser with 80 m range takes more.
         assert!(name != "rooms.mcap" || kbps(0) <= 80.0);
         drop((console, edge));
         sleep(Duration::from_secs(1));
@@ -203,7 +203,7 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
     };
     let folder = tempdir().unwrap();
     link.set_both(shaped(0.05)).unwrap();
-    // Over and over: a console whose robot has ended would end too.
+    // In a loop: a console ends with its robot's data.
     let edge = edge(&link, &rooms(), "1", &["--loop"]);
     let steps = Steps::watch(&mut console(
         &link,
@@ -257,6 +257,6 @@ fn healing_after_loss_and_cuts() {
         at(1.0),
         healed
     );
-    // 5 s and 15 s are aimed at.
+    // Targets are 5 s and 15 s.
     assert!(at(0.95) <= 10.0 && at(1.0) <= 20.0);
 }

@@ -1,12 +1,12 @@
-//! The window, opened for real on a virtual screen.
+//! The window on a virtual screen, and errors before it opens.
 
 use tempfile::tempdir;
 
 use super::processes::{Running, program, rooms};
 use super::screen::{Screen, skip_without_window};
 
-/// Whether a library that windows need is missing, which is this machine's fault and not the program's.
-fn lacks_a_library(said: &str) -> bool {
+/// Whether this machine lacks a library that windows need.
+fn lacks_a_library(printed: &str) -> bool {
     [
         "libX",
         "libxcb",
@@ -16,10 +16,10 @@ fn lacks_a_library(said: &str) -> bool {
         "NoGlutinConfigs",
     ]
     .iter()
-    .any(|word| said.contains(word))
+    .any(|word| printed.contains(word))
 }
 
-/// How many pixels of a picture are free space, walls and the vehicle.
+/// Number of pixels in the colours of free space, walls and the vehicle.
 #[derive(Debug)]
 struct Colors {
     free: usize,
@@ -27,7 +27,7 @@ struct Colors {
     vehicle: usize,
 }
 
-/// The colours of the window that is opened so, `after` so many seconds; `None`, said aloud, where there can be no window.
+/// The colours of a console's window `after` some seconds; `None`, and a skipped test, without a window.
 fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
     let screen = Screen::open()?;
     let folder = tempdir().unwrap();
@@ -38,12 +38,12 @@ fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
         .args(arguments)
         .args(["--after", after, "--screenshot"])
         .arg(&picture);
-    let (code, said) = Running::start(&mut command, "the window").end();
-    if code != Some(0) && lacks_a_library(&said) {
-        skip_without_window(&said);
+    let (code, printed) = Running::start(&mut command, "the window").end();
+    if code != Some(0) && lacks_a_library(&printed) {
+        skip_without_window(&printed);
         return None;
     }
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(0), "{printed}");
 
     let file = std::io::BufReader::new(std::fs::File::open(&picture).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
@@ -71,7 +71,7 @@ fn the_demo_shows_its_map_in_a_window() {
     let Some(colors) = colors_of_window(&["--demo", "rooms"], "6") else {
         return;
     };
-    // The first room is free of obstacles but for its walls: much white, some black, and not all of either.
+    // The first room has walls and no obstacles: much white, some black.
     assert!(colors.free > 20_000, "{colors:?}");
     assert!(colors.walls > 500, "{colors:?}");
     assert!(colors.vehicle > 50, "{colors:?}");
@@ -90,19 +90,19 @@ fn a_recording_shows_its_map_in_a_window() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_before_a_window_opens() {
+fn a_file_that_is_no_recording_is_refused_before_the_window() {
     let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
     let command = &mut program("operator-console");
-    let (code, said) = Running::start(command.args(["--open", manifest]), "the window").end();
-    assert_eq!(code, Some(3), "{said}");
+    let (code, printed) = Running::start(command.args(["--open", manifest]), "the window").end();
+    assert_eq!(code, Some(3), "{printed}");
     assert!(
-        said.contains("Cargo.toml") && said.contains("not a recording"),
-        "{said}"
+        printed.contains("Cargo.toml") && printed.contains("not a recording"),
+        "{printed}"
     );
 }
 
 #[test]
-fn without_a_screen_the_window_says_what_to_do() {
+fn without_a_screen_the_console_suggests_headless() {
     let mut command = program("operator-console");
     command
         .env_remove("DISPLAY")
@@ -110,22 +110,25 @@ fn without_a_screen_the_window_says_what_to_do() {
         .env_remove("WAYLAND_SOCKET");
     let settings = tempdir().unwrap();
     command.arg("--config").arg(settings.path().join("a.json"));
-    let (code, said) =
+    let (code, printed) =
         Running::start(command.args(["--connect", "tcp/127.0.0.1:9"]), "the window").end();
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("--headless"), "{said}");
+    assert_eq!(code, Some(1), "{printed}");
+    assert!(printed.contains("--headless"), "{printed}");
 }
 
 #[test]
-fn a_demo_of_a_world_that_is_none_says_so_at_once() {
+fn an_unknown_demo_world_is_an_error() {
     let command = &mut program("operator-console");
-    let (code, said) = Running::start(command.args(["--demo", "nowhere"]), "the window").end();
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("nowhere") && said.contains("rooms"), "{said}");
+    let (code, printed) = Running::start(command.args(["--demo", "nowhere"]), "the window").end();
+    assert_eq!(code, Some(2), "{printed}");
+    assert!(
+        printed.contains("nowhere") && printed.contains("rooms"),
+        "{printed}"
+    );
 }
 
 #[test]
-fn shells_are_told_what_to_complete() {
+fn completions_list_the_options() {
     let command = &mut program("operator-console");
     let output = command.args(["completions", "bash"]).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();

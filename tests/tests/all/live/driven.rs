@@ -1,152 +1,76 @@
-//! A live vehicle's motors: a Roboteq AX3500, emulated, at the far end of a pseudo-terminal; everything before it is real.
+//! A live vehicle with an emulated Roboteq AX3500 at a pseudo-terminal.
 
 use std::fs;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{JoinHandle, sleep};
+use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator, PERIOD};
 use protocol::message::{Answer, EStop, TeleopState};
 use robot_edge::clock;
-use tempfile::{TempDir, tempdir};
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::live_rig::{AHEAD, LiveRig, TIMEOUT, VEHICLE, roboteq};
 use super::room::{Room, Speeds};
 use super::ros_system::{RosMiddleware, RosSystem};
-use crate::link::processes::{Running, free_port, program};
-
-const NAME: &str = "rover";
-
-/// Straight ahead.
-const AHEAD: Input = Input::of(0.3, 0.0);
-
-/// Nothing that is waited for takes longer.
-pub(super) const TIMEOUT: Duration = Duration::from_mins(1);
+use super::service_manager::guard_of;
+use crate::link::processes::{Running, free_port, wait_until};
 
 /// A vehicle with one laser, in a room.
 pub(super) struct Rover {
     edge: Running,
-    port: u16,
-    folder: TempDir,
+    live_rig: LiveRig,
     pub(super) room: Arc<Room>,
-    is_over: Arc<AtomicBool>,
-    play: Option<JoinHandle<()>>,
 }
 
 impl Rover {
-    /// With the motors that this table of its configuration says, in this ROS 2 system; it moves with these speeds.
+    /// `motors` is the table of its configuration; it moves with `speeds`.
     fn start(
         motors: &str,
         mut system: RosSystem,
         speeds: impl Fn() -> Speeds + Send + 'static,
     ) -> Self {
-        let port = free_port();
-        let folder = tempdir().unwrap();
-        let is_over = Arc::new(AtomicBool::new(false));
-        system.announce("/scan", "sensor_msgs/msg/LaserScan");
         system.announce("/odom", "nav_msgs/msg/Odometry");
-        let config = folder.path().join("rover.toml");
-        fs::write(&config, format!("{VEHICLE}{motors}")).unwrap();
-        let mut command = program("robot-edge");
-        command.args(["run", "--ros", &system.endpoint(), "--wait", "60"]);
-        command
-            .args(["--robot", NAME, "--quiet", "--vehicle"])
-            .arg(&config);
-        command.arg("--listen").arg(format!("tcp/127.0.0.1:{port}"));
-        command.env("STATE_DIRECTORY", folder.path().join("state"));
-        command.env("ROS_DOMAIN_ID", "0");
-        let edge = Running::start(&mut command, "edge");
         let room = Arc::new(Room::default());
-        let play = std::thread::spawn({
-            let (room, is_over) = (Arc::clone(&room), Arc::clone(&is_over));
-            move || room.play(&mut system, speeds, || is_over.load(Ordering::Relaxed))
+        let live_rig = LiveRig::new(format!("{VEHICLE}{motors}"), system, {
+            let room = Arc::clone(&room);
+            move |system: &mut RosSystem, is_over: &dyn Fn() -> bool| {
+                room.play(system, speeds, is_over);
+            }
         });
+        let edge = live_rig.start_edge(|_| ());
         Self {
             edge,
-            port,
-            folder,
+            live_rig,
             room,
-            is_over,
-            play: Some(play),
         }
     }
 
-    /// With the emulated controller, and somebody who drives it: its motors turn.
+    /// With the emulated controller and an operator who drives: the motors turn.
     pub(super) fn with_roboteq() -> (Self, Arc<EmulatorOnTerminal>, Operator) {
         let controller = Arc::new(EmulatorOnTerminal::start(|_| ()));
-        let motors = format!(
-            "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
-             drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
-            controller.path().display()
-        );
         let system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
         let wheels = Arc::clone(&controller);
-        let rover = Self::start(&motors, system, move || {
+        let rover = Self::start(&roboteq(&controller), system, move || {
             let [left, right] = wheels.with(|emulator| emulator.motors());
             let [left, right] = [left, right].map(|power| f64::from(power) / 127.0);
             [0.5 * (left + right), (right - left) / 0.5]
         });
-        let mut anna = rover.operator();
-        anna.start_driving(AHEAD);
-        let started = clock::now();
-        anna.hold_until(AHEAD, || {
-            assert!(clock::elapsed(started) < TIMEOUT, "the motors never turn");
-            controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
-        });
+        let anna = rover.live_rig.start_driving(&controller);
         (rover, controller, anna)
     }
-
-    /// Somebody who may drive, as soon as the motors are found.
-    fn operator(&self) -> Operator {
-        let operator = Operator::ready(&format!("tcp/127.0.0.1:{}", self.port), NAME, "anna");
-        operator.wait_for_status("ready", |teleop| teleop.state == TeleopState::Idle);
-        operator
-    }
-}
-
-impl Drop for Rover {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(play) = self.play.take() {
-            // What failed there fails the test elsewhere.
-            drop(play.join());
-        }
-    }
-}
-
-/// As shipped, with its collision monitor.
-const VEHICLE: &str = "preset = \"generic2d\"\n";
-
-/// The process that guards the motors of `edge`.
-fn guard_of(edge: u32) -> u32 {
-    let tasks = fs::read_dir(format!("/proc/{edge}/task")).unwrap();
-    let children =
-        tasks.filter_map(|task| fs::read_to_string(task.unwrap().path().join("children")).ok());
-    let children: Vec<u32> = children
-        .flat_map(|children| {
-            let pids = children.split_whitespace().map(|pid| pid.parse().unwrap());
-            pids.collect::<Vec<u32>>()
-        })
-        .collect();
-    let is_guard = |pid: &u32| {
-        let words = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        words.split('\0').any(|word| word == "motor-guard")
-    };
-    let guard = children.into_iter().find(is_guard);
-    guard.expect("a process that guards the motors")
 }
 
 #[test]
 fn an_operator_drives_real_motors_and_silence_stops_them() {
     let (_rover, controller, mut anna) = Rover::with_roboteq();
-    // Not one more word.
+    // The operator sends nothing any more.
     controller.assert_stops_for_good();
     let stopped = anna.wait_for_status("stopped", |teleop| {
         matches!(teleop.state, TeleopState::Held | TeleopState::Idle)
     });
     assert!(stopped.applied.linear_mps.abs() < 1e-6, "{stopped:?}");
-    // It drives again, and to let go is to stop.
+    // It drives again and stops on release.
     anna.start_driving(AHEAD);
     anna.hold(Input::NEUTRAL, PERIOD * 10);
     controller.assert_stops_for_good();
@@ -164,14 +88,14 @@ fn an_edge_that_is_killed_or_hangs_leaves_motors_that_stand() {
 }
 
 #[test]
-fn motors_without_their_guard_stand_and_are_a_fault() {
+fn motors_stop_with_a_fault_when_their_guard_dies() {
     let (rover, controller, mut anna) = Rover::with_roboteq();
     let guard = guard_of(rover.edge.id());
     let killed = std::process::Command::new("kill")
         .args(["-KILL", &guard.to_string()])
         .status();
     assert!(killed.unwrap().success());
-    // The key stays down.
+    // The key is held.
     anna.hold(AHEAD, Duration::from_secs(1));
     controller.assert_stops_for_good();
     let status = anna.wait_for_status("a fault", |teleop| {
@@ -181,17 +105,17 @@ fn motors_without_their_guard_stand_and_are_a_fault() {
 }
 
 #[test]
-fn an_emergency_stop_is_kept_where_systemd_says() {
+fn an_emergency_stop_is_stored_in_the_state_directory() {
     let (rover, controller, mut anna) = Rover::with_roboteq();
     let answer = anna.ask(&EStop { press: 5 });
     assert!(matches!(answer, Answer::EStopped(_)), "{answer:?}");
     controller.assert_stops_for_good();
-    let kept = fs::read_dir(rover.folder.path().join("state")).unwrap();
+    let kept = fs::read_dir(rover.live_rig.state()).unwrap();
     assert!(kept.count() > 0);
 }
 
 #[test]
-fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
+fn a_ros_system_gets_velocities_and_zero_at_every_stop() {
     for ros_middleware in [RosMiddleware::Rmw { domain: 0 }, RosMiddleware::Bridge] {
         let mut system = RosSystem::start(free_port(), ros_middleware);
         let received = system.subscribe_twist("/bot/cmd_vel");
@@ -201,7 +125,7 @@ fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
             let last = moves.lock().unwrap().last().copied();
             last.map_or([0.0, 0.0], |twist| [twist.linear_x, twist.angular_z])
         });
-        let mut anna = rover.operator();
+        let mut anna = rover.live_rig.operator();
         anna.start_driving(AHEAD);
         let last = || received.lock().unwrap().last().copied();
         let started = clock::now();
@@ -213,27 +137,11 @@ fn a_ros_system_is_told_velocities_and_zero_at_every_stop_and_at_the_end() {
             );
             last().is_some_and(|twist| twist.linear_x > 0.1)
         });
-        // Not one more word of the operator.
-        let started = clock::now();
-        while !last().unwrap().is_zero() {
-            assert!(
-                clock::elapsed(started) < TIMEOUT,
-                "{ros_middleware:?}: {:?}",
-                last()
-            );
-            sleep(PERIOD);
-        }
+        // The operator sends nothing any more.
+        wait_until("zero", || last().unwrap().is_zero());
         anna.start_driving(AHEAD);
         rover.edge.signal("INT");
-        let started = clock::now();
-        while !last().unwrap().is_zero() {
-            assert!(
-                clock::elapsed(started) < TIMEOUT,
-                "{ros_middleware:?}: {:?}",
-                last()
-            );
-            sleep(PERIOD);
-        }
+        wait_until("zero", || last().unwrap().is_zero());
         sleep(PERIOD * 20);
         let received = received.lock().unwrap();
         assert!(received.last().unwrap().is_zero());

@@ -1,5 +1,5 @@
-//! Kills of the edge at random moments while it drives and records, under the shipped unit and a real systemd, which starts it
-//! again each time.
+//! Kills of the edge at random times while it drives and records, under the shipped unit and a real systemd, which
+//! restarts it.
 
 use std::fs;
 use std::path::Path;
@@ -13,13 +13,13 @@ use super::service::Service;
 use crate::link::processes::{Running, program};
 use crate::rng::SeededRng;
 
-/// What a recording may lose of its end, in scans of a tenth of a second: the last second, and what is on its way.
+/// Scans of 0.1 s that a recording may lose: the last second, and scans under way.
 const SCANS_LOST: u64 = 12;
 
-/// Vehicles at once, each with a systemd of its own.
+/// Concurrent vehicles, each with a systemd of its own.
 const VEHICLES: usize = 3;
 
-/// The numbers of the scans that can be saved of a recording.
+/// Numbers of the scans that `robot-edge recover` finds.
 fn scans_in(recording: &Path) -> Vec<u64> {
     let folder = tempdir().unwrap();
     let whole = folder.path().join("whole.mcap");
@@ -44,7 +44,7 @@ fn kill_one_vehicle(count: usize, seed: u64) -> Vec<Duration> {
     for number in 0..count {
         let mut anna = service.live_rig.start_driving(&service.controller);
         let edge = service.manager.edge().unwrap();
-        // A run of its own file each: what one recorded is judged when it has been killed.
+        // Each run has its own file, which is checked after the kill.
         service.call_with(&format!("--record {}", recording(number + 1)));
         let killed = kill_while_driving(edge, &mut anna, &mut rng);
         let published = u64::from(service.live_rig.scans());

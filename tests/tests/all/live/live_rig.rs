@@ -1,4 +1,4 @@
-//! All of a live vehicle but its program: a laser in a ROS 2 system, motors, a configuration, and who drives it.
+//! The environment of a live edge: a laser in a ROS 2 system, motors, a configuration and an operator.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,14 +23,17 @@ const NAME: &str = "rover";
 /// Straight ahead.
 pub(super) const AHEAD: Input = Input::of(0.3, 0.0);
 
-/// Nothing that is waited for takes longer.
+/// Longer than any step takes.
 pub(super) const TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Nothing says where it is, so that the collision monitor would see it stand still while it drives.
-const VEHICLE: &str = "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
-                       [teleop.collision_monitor]\nenabled = false\n";
+/// The shipped preset, with its collision monitor.
+pub(super) const VEHICLE: &str = "preset = \"generic2d\"\n";
 
-/// What is around an edge, and outlives it.
+/// Without localization, the collision monitor would see a standing vehicle, so it is off.
+const BLIND_VEHICLE: &str = "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
+                             [teleop.collision_monitor]\nenabled = false\n";
+
+/// The environment of an edge; it outlives the edge.
 pub(super) struct LiveRig {
     port: u16,
     ros: String,
@@ -38,22 +41,26 @@ pub(super) struct LiveRig {
     configuration: String,
     scans: Arc<AtomicU32>,
     is_over: Arc<AtomicBool>,
-    laser: Option<JoinHandle<()>>,
+    sensors: Option<JoinHandle<()>>,
 }
 
 impl LiveRig {
-    /// With the motors that this table of its configuration says, in this ROS 2 system.
-    pub(super) fn new(motors: &str, mut system: RosSystem) -> Self {
+    /// `play` publishes the sensors' messages until its second argument, asked once for each scan, returns true.
+    pub(super) fn new(
+        configuration: String,
+        mut system: RosSystem,
+        play: impl FnOnce(&mut RosSystem, &dyn Fn() -> bool) + Send + 'static,
+    ) -> Self {
         let (scans, is_over) = (
             Arc::new(AtomicU32::new(0)),
             Arc::new(AtomicBool::new(false)),
         );
         system.announce("/scan", "sensor_msgs/msg/LaserScan");
         let ros = system.endpoint();
-        let laser = std::thread::spawn({
+        let sensors = std::thread::spawn({
             let (scans, is_over) = (Arc::clone(&scans), Arc::clone(&is_over));
             move || {
-                system.sweep_until(0, || {
+                play(&mut system, &|| {
                     scans.fetch_add(1, Ordering::Relaxed);
                     is_over.load(Ordering::Relaxed)
                 });
@@ -63,27 +70,26 @@ impl LiveRig {
             port: free_port(),
             ros,
             folder: tempdir().unwrap(),
-            configuration: format!("{VEHICLE}{motors}"),
+            configuration,
             scans,
             is_over,
-            laser: Some(laser),
+            sensors: Some(sensors),
         }
     }
 
     /// With the emulated controller.
     pub(super) fn with_roboteq(set_up: impl FnOnce(&mut Emulator)) -> (Self, EmulatorOnTerminal) {
         let controller = EmulatorOnTerminal::start(set_up);
-        let motors = format!(
-            "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
-             drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
-            controller.path().display()
-        );
+        let configuration = format!("{BLIND_VEHICLE}{}", roboteq(&controller));
         let system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
-        (Self::new(&motors, system), controller)
+        let laser = |system: &mut RosSystem, is_over: &dyn Fn() -> bool| {
+            system.sweep_until(0, is_over);
+        };
+        (Self::new(configuration, system, laser), controller)
     }
 
-    /// The same on a real line, whose controller's watchdog acts at the start alone: what stops these motors is not the
-    /// watchdog.
+    /// With the timing of a real line and a controller whose watchdog acts at the start only: it does not stop
+    /// these motors.
     pub(super) fn on_a_real_line() -> (Self, EmulatorOnTerminal) {
         Self::with_roboteq(|emulator| {
             emulator.has_line_timing = true;
@@ -92,12 +98,11 @@ impl LiveRig {
         })
     }
 
-    /// A vehicle's configuration.
     pub(super) fn configuration(&self) -> &str {
         &self.configuration
     }
 
-    /// What an edge is called with.
+    /// The arguments of an edge.
     pub(super) fn arguments(&self, configuration: &Path) -> String {
         let (ros, port) = (&self.ros, self.port);
         format!(
@@ -117,29 +122,28 @@ impl LiveRig {
         Running::start(&mut command, "edge")
     }
 
-    /// Files of the vehicle.
     pub(super) fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Where it keeps an emergency stop.
+    /// The folder of a stored emergency stop.
     pub(super) fn state(&self) -> PathBuf {
         self.folder().join("state")
     }
 
-    /// Scans that were published so far, or are just being.
+    /// Number of scans published so far.
     pub(super) fn scans(&self) -> u32 {
         self.scans.load(Ordering::Relaxed)
     }
 
-    /// Somebody who may drive, as soon as the motors are found.
+    /// An operator, once the motors are ready.
     pub(super) fn operator(&self) -> Operator {
         let operator = Operator::ready(&format!("tcp/127.0.0.1:{}", self.port), NAME, "anna");
         operator.wait_for_status("ready", |teleop| teleop.state == TeleopState::Idle);
         operator
     }
 
-    /// Somebody who drives: the motors of `controller` turn.
+    /// An operator who drives: the motors of `controller` turn.
     pub(super) fn start_driving(&self, controller: &EmulatorOnTerminal) -> Operator {
         let mut anna = self.operator();
         anna.start_driving(AHEAD);
@@ -155,9 +159,18 @@ impl LiveRig {
 impl Drop for LiveRig {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
-        if let Some(laser) = self.laser.take() {
-            // What failed there fails the test elsewhere.
-            drop(laser.join());
+        if let Some(sensors) = self.sensors.take() {
+            // Its failures fail the test elsewhere.
+            drop(sensors.join());
         }
     }
+}
+
+/// The configuration of motors at the emulated controller.
+pub(super) fn roboteq(controller: &EmulatorOnTerminal) -> String {
+    format!(
+        "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
+         drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
+        controller.path().display()
+    )
 }

@@ -1,4 +1,4 @@
-//! What a live system says makes the map that a recording of it makes.
+//! A live system gives the same map as its recording.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,10 +17,10 @@ use zenoh::Wait as _;
 use super::ros_system::{RosMiddleware, RosSystem};
 use crate::link::processes::{Running, free_port, program, rooms};
 
-/// Nothing that is waited for takes longer.
+/// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(2);
 
-/// Ten times as fast as it was recorded.
+/// Replay speed.
 const RATE: u64 = 10;
 
 /// One message of a recording.
@@ -50,7 +50,7 @@ fn summary(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// What a replay of the recording makes of it.
+/// Summary of a replay of the recording.
 fn replayed() -> Value {
     let folder = tempdir().unwrap();
     let path = folder.path().join("replay.json");
@@ -63,7 +63,7 @@ fn replayed() -> Value {
     summary(&path)
 }
 
-/// Waits until the edge has got so many scans.
+/// Waits until the edge has received this number of scans.
 fn await_scans(port: u16, scans: u64) {
     let session = connected(&format!("tcp/127.0.0.1:{port}"), None);
     let key = Topic::Status.key(&"live".parse().unwrap());
@@ -79,7 +79,7 @@ fn await_scans(port: u16, scans: u64) {
     }
 }
 
-/// Plays the recording to a live edge; its summary, and what it recorded itself makes, replayed.
+/// Plays the recording to a live edge; returns its summary and that of a replay of its own recording.
 fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
     let folder = tempdir().unwrap();
     let (listen, ros) = (free_port(), free_port());
@@ -136,11 +136,11 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         }
     }
     await_scans(listen, scans);
-    // What waits for its turn waits for 50 ms.
+    // Scans wait for poses for up to 50 ms.
     sleep(Duration::from_millis(500));
     edge.signal("INT");
-    let (code, said) = edge.end();
-    assert_eq!(code, Some(130), "{said}");
+    let (code, printed) = edge.end();
+    assert_eq!(code, Some(130), "{printed}");
 
     let again = folder.path().join("again.json");
     let mut command = program("robot-edge");
@@ -154,7 +154,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
 }
 
 #[test]
-fn rmw_zenoh_is_mapped_as_its_recording_is_and_garbage_is_counted() {
+fn live_rmw_zenoh_gives_the_map_of_its_recording() {
     let replayed = replayed();
     let (live, again) = live(RosMiddleware::Rmw { domain: 7 }, true);
     assert_eq!(live["scans"], replayed["scans"]);
@@ -169,7 +169,7 @@ fn rmw_zenoh_is_mapped_as_its_recording_is_and_garbage_is_counted() {
 }
 
 #[test]
-fn a_bridge_is_mapped_as_its_recording_is() {
+fn a_live_bridge_gives_the_map_of_its_recording() {
     let replayed = replayed();
     let (live, again) = live(RosMiddleware::Bridge, false);
     assert_eq!(live["scans"], replayed["scans"]);
@@ -178,7 +178,7 @@ fn a_bridge_is_mapped_as_its_recording_is() {
 }
 
 #[test]
-fn a_router_that_is_restarted_is_found_again() {
+fn the_edge_reconnects_to_a_restarted_router() {
     let (listen, ros) = (free_port(), free_port());
     let system = || {
         let mut system = RosSystem::start(ros, RosMiddleware::Rmw { domain: 0 });

@@ -1,4 +1,4 @@
-//! `robot-edge run`: a ROS 2 system that speaks Zenoh, played by these tests, and a motor controller on a terminal.
+//! `robot-edge run` with a ROS 2 system over Zenoh, played by these tests, and a motor controller at a terminal.
 
 mod driven;
 mod kills;
@@ -12,10 +12,7 @@ mod ros_system;
 mod service;
 mod service_manager;
 
-/// Loaded from the edge's own tests: an emulator is no part of a program that drives.
+/// From the edge's own tests: an emulator is no part of the program.
 #[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]
-#[allow(
-    dead_code,
-    reason = "the edge's own tests put everything that can be wrong with it to use"
-)]
+#[allow(dead_code, reason = "the edge's own tests use all of it")]
 mod emulator;

@@ -1,4 +1,4 @@
-//! What a service manager is notified of.
+//! Notifications to a service manager.
 
 use std::fs;
 use std::os::unix::net::UnixDatagram;
@@ -6,10 +6,10 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::live_rig::LiveRig;
-use super::service_manager::{children, is_motor_guard};
+use super::service_manager::guard_of;
 use crate::link::processes::{Running, program, rooms};
 
-/// What a service manager gets within a second.
+/// Notifications of the next second.
 fn notified(socket: &UnixDatagram) -> Vec<String> {
     sleep(Duration::from_secs(1));
     let mut buffer = [0; 64];
@@ -21,7 +21,7 @@ fn notified(socket: &UnixDatagram) -> Vec<String> {
 }
 
 #[test]
-fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
+fn only_the_teleop_loop_feeds_the_service_watchdog() {
     let (live_rig, _controller) = LiveRig::with_roboteq(|_| ());
     let path = live_rig.folder().join("notify");
     let socket = UnixDatagram::bind(&path).unwrap();
@@ -38,11 +38,8 @@ fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
     );
     let states = notified(&socket);
     assert!(states.contains(&"WATCHDOG=1".to_owned()), "{states:?}");
-    // The guard must not be taken for the edge.
-    let guard = children(edge.id())
-        .into_iter()
-        .find(|pid| is_motor_guard(*pid));
-    let guard = fs::read(format!("/proc/{}/environ", guard.unwrap())).unwrap();
+    // The motor guard must not notify.
+    let guard = fs::read(format!("/proc/{}/environ", guard_of(edge.id()))).unwrap();
     assert!(!String::from_utf8_lossy(&guard).contains("NOTIFY_SOCKET"));
 
     edge.signal("STOP");
@@ -51,7 +48,7 @@ fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
     edge.signal("CONT");
     assert!(
         notified(&socket).contains(&"WATCHDOG=1".to_owned()),
-        "it goes on"
+        "it continues"
     );
     edge.signal("INT");
     assert_eq!(edge.end().0, Some(130));
@@ -59,7 +56,7 @@ fn rounds_of_the_loop_alone_feed_the_service_managers_watchdog() {
 }
 
 #[test]
-fn a_run_that_drives_nothing_is_ready_without_a_watchdog() {
+fn a_replay_is_ready_without_a_watchdog() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).unwrap();

@@ -1,4 +1,4 @@
-//! The edge is killed while it drives and started again at once, when its motor guard still tells the motors zero.
+//! The edge is killed while it drives and restarted at once, while its motor guard still sends zero.
 
 use std::thread::{scope, sleep};
 use std::time::Duration;
@@ -11,27 +11,27 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::emulator::Output;
 use super::emulator::on_terminal::EmulatorOnTerminal;
 use super::live_rig::{AHEAD, LiveRig, TIMEOUT};
-use super::service_manager::{children, is_motor_guard};
+use super::service_manager::{guard_of, is_motor_guard};
 use crate::rng::SeededRng;
 
-/// Both motors stand so soon after the edge was killed.
+/// From a kill of the edge until both motors stand.
 pub(super) const ZERO_WITHIN: Duration = Duration::from_millis(200);
 
-/// Between a press that the motors have obeyed and the kill.
+/// Longest time from the first motion to the kill.
 const LONGEST_DRIVE_MS: u64 = 700;
 
-/// Sends a signal to a process that there is.
+/// Sends a signal to a process that must exist.
 pub(super) fn signal(pid: u32, signal: Signal) {
     assert!(try_signal(pid, signal), "there is no process {pid}");
 }
 
-/// Sends a signal; whether there is such a process.
+/// Sends a signal; returns whether the process exists.
 pub(super) fn try_signal(pid: u32, signal: Signal) -> bool {
     let pid = Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
     kill_process(pid, signal).is_ok()
 }
 
-/// Drives on, and kills `edge` at a moment that nothing else decides; that moment.
+/// Drives on and kills `edge` at a random time, which is returned.
 pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, rng: &mut SeededRng) -> Monotonic {
     let due = clock::now() + rng.millis(0, LONGEST_DRIVE_MS);
     scope(|scope| {
@@ -46,14 +46,14 @@ pub(super) fn kill_while_driving(edge: u32, anna: &mut Operator, rng: &mut Seede
     })
 }
 
-/// How long after `killed` the last of both motors has come to stand, by the line's own time.
+/// Time from `killed` until both motors stand, by the time of the line.
 pub(super) fn zero_after(controller: &EmulatorOnTerminal, killed: Monotonic) -> Duration {
     let started = clock::now();
     loop {
         let outputs = controller.outputs();
         let turning = outputs.iter().rposition(|output| !output.is_zero());
         let stands = outputs.get(turning.map_or(0, |turning| turning + 1));
-        // Long enough to see that they go on standing.
+        // Long enough to see that they stay at zero.
         if let Some(Output { at, .. }) =
             stands.filter(|stands| clock::elapsed(stands.at) > ZERO_WITHIN)
         {
@@ -68,7 +68,7 @@ pub(super) fn zero_after(controller: &EmulatorOnTerminal, killed: Monotonic) -> 
     }
 }
 
-/// Least, median and greatest of some times.
+/// Prints least, median and greatest time.
 pub(super) fn table(what: &str, times: &mut [Duration]) {
     times.sort();
     println!(
@@ -86,7 +86,7 @@ fn restarts_in_a_row(count: usize) {
     let mut edge = live_rig.start_edge(|_| ());
     let mut times = Vec::new();
     for _ in 0..count {
-        // It gets to drive, and has no fault before.
+        // It drives, without a fault before.
         let mut anna = live_rig.start_driving(&controller);
         let killed = kill_while_driving(edge.id(), &mut anna, &mut rng);
         let next = live_rig.start_edge(|_| ());
@@ -99,24 +99,18 @@ fn restarts_in_a_row(count: usize) {
 }
 
 #[test]
-fn an_edge_that_is_started_as_its_predecessor_is_killed_drives_five_times_in_a_row() {
+fn a_killed_edge_is_restarted_and_drives_5_times() {
     restarts_in_a_row(5);
 }
 
 #[test]
 #[ignore = "100 restarts take some 5 minutes"]
-fn an_edge_that_is_started_as_its_predecessor_is_killed_drives_a_hundred_times_in_a_row() {
+fn a_killed_edge_is_restarted_and_drives_100_times() {
     restarts_in_a_row(100);
 }
 
-/// The process that guards the motors of `edge`.
-fn guard_of(edge: u32) -> u32 {
-    let guard = children(edge).into_iter().find(|pid| is_motor_guard(*pid));
-    guard.expect("a process that guards the motors")
-}
-
 #[test]
-fn a_stopped_guard_whose_edge_is_killed_goes_on_and_stops_both_motors() {
+fn a_stopped_guard_stops_both_motors_when_its_edge_is_killed() {
     let (live_rig, controller) = LiveRig::on_a_real_line();
     let edge = live_rig.start_edge(|_| ());
     let _anna = live_rig.start_driving(&controller);
@@ -131,9 +125,9 @@ fn a_stopped_guard_whose_edge_is_killed_goes_on_and_stops_both_motors() {
 }
 
 #[test]
-fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
+fn the_next_motor_guard_ends_one_that_hangs() {
     let (live_rig, controller) = LiveRig::on_a_real_line();
-    // It ends soon after its edge: it may be gone before it is stopped.
+    // The guard ends soon after its edge: it may be gone before it is stopped.
     for _ in 0..5 {
         let edge = live_rig.start_edge(|_| ());
         let _anna = live_rig.start_driving(&controller);
@@ -142,7 +136,7 @@ fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
         if try_signal(guard, Signal::STOP) {
             let _next = live_rig.start_edge(|_| ());
             live_rig.start_driving(&controller);
-            assert!(!is_motor_guard(guard), "it is still there");
+            assert!(!is_motor_guard(guard), "it still exists");
             return;
         }
     }

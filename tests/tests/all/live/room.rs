@@ -1,4 +1,4 @@
-//! A vehicle in a room, closed loop: what its motors do moves it, and what its sensors say follows from where it is then.
+//! A vehicle in a room, in a closed loop of motors, pose and sensors.
 
 use std::sync::Mutex;
 use std::time::Duration;
@@ -14,29 +14,30 @@ use protocol::message::CollisionMonitorState;
 use recording::ros;
 use robot_edge::clock::{self, sleep_until};
 
-use super::driven::{Rover, TIMEOUT};
+use super::driven::Rover;
+use super::live_rig::TIMEOUT;
 use super::ros_system::RosSystem;
 
-/// Where the walls are, metres from where the vehicle starts, which is along x.
+/// Positions of the walls, metres; the vehicle starts at 0, along x.
 const WALLS_X_M: [f64; 2] = [-3.0, 4.0];
 const WALLS_Y_M: [f64; 2] = [-3.0, 3.0];
 
-/// From one odometry message to the next; every fifth time there is a scan.
+/// Period of odometry; every fifth time there is a scan.
 const STEP: Duration = Duration::from_millis(20);
 
-/// Half the length of the preset `generic2d`, and what its guard leaves free ahead, metres.
+/// Half length and safety margin of the preset `generic2d`, metres.
 const HALF_LENGTH_M: f64 = 0.25;
 const MARGIN_M: f64 = 0.1;
 
 /// Speeds of a vehicle, m/s and rad/s.
 pub(super) type Speeds = [f64; 2];
 
-/// Where the vehicle is.
+/// The pose of the vehicle.
 #[derive(Debug, Default)]
 pub(super) struct Room(Mutex<Isometry2<f64>>);
 
 impl Room {
-    /// Moves the vehicle by its `speeds`, and publishes its odometry and what its laser sees, until it `is_over`.
+    /// Moves the vehicle by its `speeds` and publishes odometry and scans until it `is_over`.
     pub(super) fn play(
         &self,
         system: &mut RosSystem,
@@ -45,9 +46,6 @@ impl Room {
     ) {
         let mut last = clock::now();
         for step in 0_u32.. {
-            if is_over() {
-                return;
-            }
             let now = clock::now();
             let pose = self.drive(speeds(), now.since(last).as_secs_f64());
             last = now;
@@ -55,9 +53,12 @@ impl Room {
             let stamp = RobotTime::from_nanos(stamp as i64);
             system.publish("/odom", &odometry(stamp, pose));
             if step % 5 == 0 {
+                if is_over() {
+                    return;
+                }
                 system.publish("/scan", &scan(stamp, pose));
             }
-            sleep_until(now + STEP, &is_over);
+            sleep_until(now + STEP, || false);
         }
     }
 
@@ -70,7 +71,7 @@ impl Room {
         *pose
     }
 
-    /// How far its front is from the wall ahead of where it started, metres.
+    /// Distance from its front to the wall ahead, metres.
     fn gap_m(&self) -> f64 {
         WALLS_X_M[1] - HALF_LENGTH_M - self.0.lock().unwrap().translation.x
     }
@@ -123,14 +124,14 @@ fn real_motors_stop_before_a_wall_with_the_key_held() {
     let (fast, gap_m) = (Input::of(0.6, 0.0), || rover.room.gap_m());
     let stands = || controller.with(|emulator| emulator.motors() == [0, 0]);
     let started = clock::now();
-    // On a busy machine it may stop for another reason on its way.
+    // On a busy machine it may stop for another reason before.
     while gap_m() > MARGIN_M + 0.2 {
         assert!(clock::elapsed(started) < TIMEOUT, "{} m", gap_m());
         anna.start_driving(fast);
         anna.hold(fast, PERIOD * 25);
         anna.hold_until(fast, || stands() || gap_m() < 0.0);
     }
-    // It may creep a last bit; then it stands, with the key down.
+    // After the last creeping it stands, with the key down.
     anna.hold(fast, PERIOD * 100);
     let gap = gap_m();
     println!("{gap:.3} m are left");
@@ -141,7 +142,7 @@ fn real_motors_stop_before_a_wall_with_the_key_held() {
         matches!(status.collision_monitor, CollisionMonitorState::On(_)),
         "{status:?}"
     );
-    // Away from it the way is free.
+    // Backwards the way is free.
     anna.start_driving(Input::of(-0.3, 0.0));
     anna.hold(Input::of(-0.3, 0.0), PERIOD * 100);
     assert!(gap_m() > gap + 0.2, "{} m", gap_m());

@@ -1,4 +1,4 @@
-//! A ROS 2 system as it looks from Zenoh: `rmw_zenoh` behind its router, or `zenoh-bridge-ros2dds`.
+//! A ROS 2 system seen from Zenoh: `rmw_zenoh` behind its router, or `zenoh-bridge-ros2dds`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -9,7 +9,7 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use measurement::{Measurement, MeasurementData, StreamId};
 use recording::ros;
-use recording::ros::middleware::attachment::Attachment;
+use recording::ros::middleware::Attachment;
 use robot_edge::clock;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -18,18 +18,18 @@ use zenoh::query::Queryable;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait as _};
 
-/// Nothing that is waited for takes longer.
+/// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Of every type that is published alike: whoever listens must not look at it.
+/// Type hash of every published topic; the edge must ignore it.
 const HASH: &str = "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828";
 
-/// Of `geometry_msgs/Twist`: a node listens to no other.
+/// Type hash of `geometry_msgs/Twist`; a node subscribes to this one only.
 const TWIST_HASH: &str = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
 
 const GID: [u8; 16] = *b"sixteen bytes...";
 
-/// How it speaks Zenoh.
+/// Its way to Zenoh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RosMiddleware {
     Rmw { domain: u32 },
@@ -46,7 +46,7 @@ pub(super) struct RosSystem {
     listeners: Vec<Subscriber<()>>,
 }
 
-/// A velocity as a ROS 2 node hears it.
+/// A velocity as a ROS 2 node receives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Twist {
     pub(super) sequence: i64,
@@ -55,7 +55,7 @@ pub(super) struct Twist {
 }
 
 impl Twist {
-    /// As `rmw_zenoh` reads it, which drops what has no attachment.
+    /// As `rmw_zenoh` reads it, which drops messages without an attachment.
     fn of(sample: &Sample, ros_middleware: RosMiddleware) -> Self {
         let message = sample.payload().to_bytes();
         assert_eq!((message.len(), &message[..4]), (52, &[0, 1, 0, 0][..]));
@@ -131,7 +131,7 @@ impl RosSystem {
         self.topics.insert(topic.to_owned(), topic_of);
     }
 
-    /// What was published on this topic before anybody listened: it is told to who asks for it.
+    /// A message kept for late subscribers, which query it.
     pub(super) fn keep(&mut self, topic: &str, type_name: &str, message: &[u8]) {
         let key = self.key(topic, type_name);
         let zid = self.session.zid();
@@ -151,14 +151,14 @@ impl RosSystem {
         self.kept.push(queryable);
     }
 
-    /// Waits until somebody listens to this topic.
+    /// Waits until this topic has a subscriber.
     pub(super) fn wait_for_subscriber(&self, topic: &str) {
         let publisher = &self.topics[topic].publisher;
         let started = clock::now();
         while !publisher.matching_status().wait().unwrap().matching() {
             assert!(
                 clock::elapsed(started) < TIMEOUT,
-                "nobody listens to {topic}"
+                "no subscriber of {topic}"
             );
             sleep(Duration::from_millis(20));
         }
@@ -183,7 +183,7 @@ impl RosSystem {
         put.wait().unwrap();
     }
 
-    /// A node listens to velocities; what it hears, in the order in which it comes.
+    /// Subscribes to velocities; returns them in order of arrival.
     pub(super) fn subscribe_twist(&mut self, topic: &str) -> Arc<Mutex<Vec<Twist>>> {
         let received = Arc::new(Mutex::new(Vec::new()));
         let subscriber = self
@@ -204,7 +204,7 @@ impl RosSystem {
         received
     }
 
-    /// A laser at 10 Hz in the middle of a round room of 5 m, from scan number `from` on; the number of the next.
+    /// Publishes scans at 10 Hz from number `from`; returns the next number.
     pub(super) fn sweep_until(&mut self, from: u32, is_over: impl Fn() -> bool) -> u32 {
         let mut tick = from;
         while !is_over() {

@@ -1,4 +1,4 @@
-//! The vehicle as the README installs it: the shipped unit under a real systemd.
+//! The shipped unit under a real systemd, installed as in docs/deployment.md.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -12,25 +12,26 @@ use robot_edge::clock;
 use rustix::process::Signal;
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
-use super::live_rig::{AHEAD, LiveRig, TIMEOUT};
+use super::live_rig::{AHEAD, LiveRig};
 use super::restarts::{ZERO_WITHIN, signal, try_signal, zero_after};
 use super::service_manager::{ServiceManager, shipped_unit};
+use crate::link::processes::wait_until;
 
 const ENVIRONMENT: &str = "robot-edge.env";
 
 /// A vehicle whose edge is a service of systemd.
 pub(super) struct Service {
-    // Ends first: the others are what it needs.
+    // Dropped first: it needs the others.
     pub(super) manager: ServiceManager,
     pub(super) live_rig: LiveRig,
     pub(super) controller: EmulatorOnTerminal,
 }
 
 impl Service {
-    /// The edge is started with these options besides.
+    /// Starts the edge with more options.
     pub(super) fn new(options: &str) -> Self {
         let (live_rig, controller) = LiveRig::on_a_real_line();
-        // A pseudo-terminal belongs to whoever has opened it; a serial port to a group that the unit is in.
+        // A serial port belongs to a group that the unit is in; a pseudo-terminal does not.
         fs::set_permissions(controller.path(), fs::Permissions::from_mode(0o666)).unwrap();
         let manager = ServiceManager::start(&[
             ("rover.toml", live_rig.configuration()),
@@ -44,7 +45,7 @@ impl Service {
         }
     }
 
-    /// From its next start on it is called with these options besides.
+    /// Changes the options of its next start.
     pub(super) fn call_with(&self, options: &str) {
         let path = self.manager.path("/etc/foreshore").join(ENVIRONMENT);
         fs::write(path, environment(&self.live_rig, options)).unwrap();
@@ -57,21 +58,13 @@ impl Service {
     }
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let started = clock::now();
-    while !is_so() {
-        assert!(clock::elapsed(started) < TIMEOUT, "waited in vain: {what}");
-        sleep(PERIOD);
-    }
-}
-
 fn environment(live_rig: &LiveRig, options: &str) -> String {
     let arguments = live_rig.arguments(Path::new("/etc/foreshore/rover.toml"));
     format!("ROBOT_EDGE=\"{arguments} {options}\"\n")
 }
 
 #[test]
-fn the_unit_signals_the_edge_alone_and_is_fed_by_its_loop() {
+fn the_shipped_unit_has_the_required_settings() {
     let unit = shipped_unit();
     for setting in [
         "KillMode=process",
@@ -93,7 +86,7 @@ fn the_unit_signals_the_edge_alone_and_is_fed_by_its_loop() {
 
 #[test]
 #[ignore = "needs root and systemd"]
-fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
+fn systemd_restarts_a_killed_edge_after_both_motors_stop() {
     let service = Service::new("");
     let _anna = service.live_rig.start_driving(&service.controller);
     let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
@@ -102,7 +95,7 @@ fn systemd_restarts_an_edge_that_is_killed_and_both_motors_stand_long_before() {
     let zero = zero_after(&service.controller, killed);
     println!("both motors at zero after {zero:?}");
     assert!(zero < ZERO_WITHIN, "{zero:?}");
-    // It is started again, gets the port, and drives.
+    // It restarts, gets the port and drives.
     let _anna = service.live_rig.start_driving(&service.controller);
     assert_eq!(service.manager.property("NRestarts"), "1");
     assert_ne!(service.sole_guard(), guard);
@@ -125,7 +118,7 @@ fn systemd_ends_and_restarts_an_edge_that_hangs() {
     signal(edge, Signal::STOP);
     let zero = zero_after(&service.controller, hangs);
     assert!(zero < Duration::from_millis(500), "{zero:?}");
-    wait_until("it is ended", || {
+    wait_until("it is killed", || {
         !Path::new(&format!("/proc/{edge}")).exists()
     });
     println!(
@@ -139,7 +132,7 @@ fn systemd_ends_and_restarts_an_edge_that_hangs() {
 
 #[test]
 #[ignore = "needs root and systemd"]
-fn a_stop_at_the_vehicle_leaves_the_guard_even_where_all_processes_get_it() {
+fn a_stop_signal_to_all_processes_leaves_the_motor_guard() {
     let service = Service::new("");
     let mut anna = service.live_rig.start_driving(&service.controller);
     let guard = service.sole_guard();
@@ -166,9 +159,9 @@ fn a_stop_at_the_vehicle_leaves_the_guard_even_where_all_processes_get_it() {
 
 #[test]
 #[ignore = "needs root and systemd"]
-fn a_guard_that_hangs_and_was_left_behind_is_ended_by_the_next() {
+fn the_next_motor_guard_ends_one_that_hangs() {
     let service = Service::new("");
-    // It ends soon after its edge: it may be gone before it is stopped.
+    // The guard ends soon after its edge: it may be gone before it is stopped.
     for _ in 0..5 {
         let _anna = service.live_rig.start_driving(&service.controller);
         let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());

@@ -15,12 +15,12 @@ use tempfile::{TempDir, tempdir};
 
 use crate::link::processes::program;
 
-/// Nothing that is waited for takes longer.
+/// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(1);
 
 const UNIT: &str = "robot-edge.service";
 
-/// The rest of a machine's start is left out: mounting, devices, and the rate limit, which would be this machine's.
+/// Replaces mounts, devices and the rate limit, which would affect this machine.
 const UNITS: [(&str, &str); 3] = [
     ("foreshore-test.target", "[Unit]\nDefaultDependencies=no\n"),
     (
@@ -45,7 +45,7 @@ pub(super) fn shipped_unit() -> String {
 
 /// A systemd with the vehicle's service installed.
 pub(super) struct ServiceManager {
-    /// `unshare`; its end is the end of everything inside.
+    /// `unshare`; its end ends everything inside.
     outside: Child,
     systemd: u32,
     group: PathBuf,
@@ -94,14 +94,14 @@ impl ServiceManager {
             let ended = self.outside.try_wait().unwrap();
             assert_eq!(
                 ended, None,
-                "no systemd: see what service_manager.sh says above; it needs root"
+                "no systemd: see the output of service_manager.sh above; it needs root"
             );
             self.systemd = children(self.outside.id()).first().copied().unwrap_or(0);
             let name =
                 fs::read_to_string(format!("/proc/{}/comm", self.systemd)).unwrap_or_default();
             if name.trim_end() == "systemd" {
-                let said = self.try_control(&["is-system-running"]).stdout;
-                if matches!(said.trim_ascii(), b"running" | b"degraded") {
+                let printed = self.try_control(&["is-system-running"]).stdout;
+                if matches!(printed.trim_ascii(), b"running" | b"degraded") {
                     return;
                 }
             }
@@ -126,27 +126,27 @@ impl ServiceManager {
             .unwrap()
     }
 
-    /// `systemctl` with these arguments; what it said.
+    /// Runs `systemctl`; returns its output.
     pub(super) fn control(&self, arguments: &[&str]) -> String {
         let output = self.try_control(arguments);
-        let [said, failed] =
+        let [printed, failed] =
             [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
-        assert!(output.status.success(), "{arguments:?}: {said}{failed}");
-        said
+        assert!(output.status.success(), "{arguments:?}: {printed}{failed}");
+        printed
     }
 
     /// A property of the service.
     pub(super) fn property(&self, name: &str) -> String {
-        let said = self.control(&["show", UNIT, "--value", "--property", name]);
-        said.trim_end().to_owned()
+        let printed = self.control(&["show", UNIT, "--value", "--property", name]);
+        printed.trim_end().to_owned()
     }
 
-    /// Begins to start it, as the README does.
+    /// Begins to start the service.
     pub(super) fn start_service(&self) {
         self.control(&["start", "--no-block", UNIT]);
     }
 
-    /// A file inside, from outside.
+    /// Path of a file inside, seen from outside.
     pub(super) fn path(&self, inside: &str) -> PathBuf {
         PathBuf::from(format!("/proc/{}/root{inside}", self.systemd))
     }
@@ -167,7 +167,7 @@ impl ServiceManager {
         all.filter(is_edge).collect()
     }
 
-    /// The edge, as this machine numbers it, while there is one.
+    /// Process id of the edge, outside, if it runs.
     pub(super) fn edge(&self) -> Option<u32> {
         let mut edges = self
             .processes()
@@ -176,7 +176,7 @@ impl ServiceManager {
         edges.next()
     }
 
-    /// The motor guards of edges of now and before.
+    /// The motor guards of this edge and earlier ones.
     pub(super) fn motor_guards(&self) -> Vec<u32> {
         self.processes()
             .into_iter()
@@ -184,7 +184,7 @@ impl ServiceManager {
             .collect()
     }
 
-    /// What the edge has said so far.
+    /// The output of the edge.
     pub(super) fn log(&self) -> String {
         fs::read_to_string(self.path("/run/edge.log")).unwrap_or_default()
     }
@@ -193,13 +193,13 @@ impl ServiceManager {
 impl Drop for ServiceManager {
     fn drop(&mut self) {
         if std::thread::panicking() && self.systemd != 0 {
-            println!("the edge said: {}", self.log());
+            println!("output of the edge: {}", self.log());
         }
         // It may have ended already.
         drop(self.outside.kill());
         drop(self.outside.wait());
         let started = clock::now();
-        // Groups of processes that are just ending cannot be removed yet.
+        // Groups with ending processes cannot be removed yet.
         while self.group.exists() && remove_groups(&self.group).is_err() {
             if clock::elapsed(started) > Duration::from_secs(5) {
                 println!("{} is left behind", self.group.display());
@@ -210,7 +210,7 @@ impl Drop for ServiceManager {
     }
 }
 
-/// The control group, of version 2, that this process is in.
+/// The control group (version 2) of this process.
 fn control_group() -> PathBuf {
     let mounts = fs::read_to_string("/proc/self/mounts").unwrap();
     let is_version_2 = |fields: &Vec<&str>| fields[2] == "cgroup2";
@@ -218,7 +218,7 @@ fn control_group() -> PathBuf {
         .lines()
         .map(|line| line.split(' ').collect())
         .find(is_version_2)
-        .expect("control groups of version 2 are mounted nowhere");
+        .expect("control groups of version 2 are not mounted");
     let groups = fs::read_to_string("/proc/self/cgroup").unwrap();
     let own = groups
         .lines()
@@ -238,7 +238,7 @@ fn remove_groups(group: &Path) -> io::Result<()> {
 }
 
 /// Child processes of a process.
-pub(super) fn children(of: u32) -> Vec<u32> {
+fn children(of: u32) -> Vec<u32> {
     let Ok(tasks) = fs::read_dir(format!("/proc/{of}/task")) else {
         return Vec::new();
     };
@@ -249,8 +249,14 @@ pub(super) fn children(of: u32) -> Vec<u32> {
     pids.map(|pid| pid.parse().unwrap()).collect()
 }
 
-/// Whether it is a process that guards motors.
+/// Whether this process is a motor guard.
 pub(super) fn is_motor_guard(pid: u32) -> bool {
     let words = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     words.split('\0').any(|word| word == "motor-guard")
+}
+
+/// The motor guard of `edge`.
+pub(super) fn guard_of(edge: u32) -> u32 {
+    let guard = children(edge).into_iter().find(|pid| is_motor_guard(*pid));
+    guard.expect("a motor guard")
 }

@@ -20,7 +20,7 @@ done
 umount --recursive /sys/fs/cgroup
 mount -t cgroup2 cgroup2 /sys/fs/cgroup
 
-# As the README installs it.
+# As docs/deployment.md installs it.
 useradd --system --home-dir /var/lib/foreshore foreshore
 install -d -o root -g foreshore -m 750 /etc/foreshore
 touch /usr/bin/robot-edge

@@ -1,4 +1,4 @@
-//! Commands of those who may connect, and may not do what they try; and of those who no longer may.
+//! Invalid commands of authorized operators, and commands of removed ones.
 
 use std::fs;
 use std::time::Duration;
@@ -15,21 +15,11 @@ use zenoh::Wait as _;
 
 use super::{matrix, router};
 use crate::fleet::{Fleet, text};
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, simulate};
 
 /// A simulated robot with the fleet's keys, and an audit log.
 pub(super) fn robot(fleet: &Fleet, how: &str, port: u16) -> Running {
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--quiet",
-        how,
-    ]);
-    command.arg(format!("quic/127.0.0.1:{port}"));
+    let mut command = simulate(&[how, &format!("quic/127.0.0.1:{port}")]);
     command.arg("--keys").arg(fleet.vehicle());
     let audit = fleet.scratch("audit.jsonl");
     command.args(["--set", &format!("link.audit_log=\"{}\"", audit.display())]);
@@ -49,7 +39,7 @@ fn refused(teleop: &TeleopStatus, why: Refusal) -> u64 {
     of.map_or(0, |of| of.count)
 }
 
-/// Each line of the audit log: kind and message.
+/// Kind and message of each line of the audit log.
 pub(super) fn audit(fleet: &Fleet) -> Vec<(String, String)> {
     let line = |line: &str| {
         let line: serde_json::Value = serde_json::from_str(line).unwrap();
@@ -62,6 +52,28 @@ pub(super) fn audit(fleet: &Fleet) -> Vec<(String, String)> {
         .collect()
 }
 
+/// The line of the first entry of this kind that contains `says`.
+pub(super) fn position(log: &[(String, String)], kind: &str, says: &str) -> usize {
+    let at = log
+        .iter()
+        .position(|(of, message)| of == kind && message.contains(says));
+    at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
+}
+
+/// Writes the vehicle's list of operators without `name`.
+pub(super) fn take_off(fleet: &Fleet, name: &str) {
+    let path = fleet.vehicle().join("operators.toml");
+    let whole = text(&path);
+    let entry = whole
+        .find(&format!("\n[[person]]\nname = \"{name}\""))
+        .unwrap();
+    let rest = &whole[entry + 1..];
+    let next = rest.find("\n[[person]]").unwrap_or(rest.len());
+    let draft = fleet.scratch("operators.new");
+    fs::write(&draft, whole[..entry].to_owned() + &rest[next..]).unwrap();
+    fs::rename(&draft, &path).unwrap();
+}
+
 pub(super) const TURN: Input = Input::of(0.0, 0.5);
 
 const ON: Drive = Drive {
@@ -70,7 +82,7 @@ const ON: Drive = Drive {
     estop: None,
 };
 
-/// Sends commands that are not what their sender signed, or not for here and now: none moves anything.
+/// Sends commands that were changed, or signed for another time, robot or operator: none moves the vehicle.
 fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     let (mut anna, bert) = (operator(fleet, "anna", port), operator(fleet, "bert", port));
     anna.take_lease();
@@ -82,7 +94,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     };
     let start = refused(&before, Refusal::Signature);
 
-    // A tampered one: another speed, another epoch, another number, another signature.
+    // Tampered: another speed, epoch, number or signature.
     let places = [
         ENVELOPE_BYTES + 4,
         2 + 16 + 16,
@@ -93,12 +105,12 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
         let mut message = anna.signed(&ON);
         message[place] ^= 1;
         anna.put(message);
-        // Another epoch or number is refused for itself where it cannot be right.
+        // Another epoch or number may be refused before the signature is checked.
         if n == 0 || n == 3 {
             anna.wait_for_status("refused", signature(start + n as u64 / 3 + 1));
         }
     }
-    // A re-stamped one: an older command with the newest token.
+    // Re-stamped: an older command with the newest token.
     let mut old = anna.signed(&ON);
     std::thread::sleep(Duration::from_millis(100));
     let newer = anna.signed(&ON);
@@ -107,7 +119,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     anna.put(old);
     anna.wait_for_status("re-stamped refused", signature(signatures + 1));
 
-    // A re-addressed one: for another robot, and from another operator's key.
+    // Re-addressed: for another robot, and on another operator's key.
     let stamp = anna.stamp();
     let barge = "barge".parse().unwrap();
     let route = Route {
@@ -118,12 +130,12 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     anna.wait_for_status("that for another robot refused", signature(signatures + 2));
     let message = anna.signed(&ON);
     bert.put(message.clone());
-    let told = |teleop: &TeleopStatus| refused(teleop, Refusal::NotHolder) > 0;
-    bert.wait_for_status("that of another operator refused", told);
-    // In Bert's own name, signed by him, and put where Anna's are: access control has it, and nobody hears of it.
+    let is_refused = |teleop: &TeleopStatus| refused(teleop, Refusal::NotHolder) > 0;
+    bert.wait_for_status("that of another operator refused", is_refused);
+    // On Anna's key by Bert: access control drops it without an answer.
     let key = operator_key(anna.robot(), &anna.name, OperatorTopic::Drive);
     bert.session().put(key, message).wait().unwrap();
-    // One kind of request in the place of another.
+    // A request on the key of another kind.
     let reset = anna.signed(&Reset { estop: 1 });
     let key = operator_key(anna.robot(), &anna.name, OperatorTopic::EStop);
     let replies = anna.session().get(key).payload(reset).wait().unwrap();
@@ -139,7 +151,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     assert!(after.applied.angular_radps.abs() < 1e-6, "{after:?}");
     assert!(after.requested.angular_radps.abs() < 1e-6, "{after:?}");
 
-    // What moved the vehicle once does not move it again.
+    // A repeated command does not move the vehicle.
     anna.take_lease();
     anna.hold(Input::NEUTRAL, NEUTRAL);
     let last = anna.hold(TURN, Duration::from_secs(1));
@@ -149,7 +161,7 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
     let all =
         |teleop: &TeleopStatus| -> u64 { teleop.counters.refused.iter().map(|of| of.count).sum() };
     let before = all(&stopped);
-    // One after the other: datagrams that come all at once may be lost.
+    // Slowly: datagrams of a burst may be lost.
     let mut after = stopped;
     while all(&after) < before + 20 {
         for _ in 0..10 {
@@ -164,23 +176,23 @@ fn nothing_that_was_changed_moves_the_vehicle(fleet: &Fleet, port: u16) {
 }
 
 #[test]
-fn nothing_that_was_changed_on_the_way_moves_the_vehicle() {
+fn commands_changed_on_the_way_move_nothing() {
     let (fleet, port) = (Fleet::new(), free_port());
     let _edge = robot(&fleet, "--listen", port);
     nothing_that_was_changed_moves_the_vehicle(&fleet, port);
 }
 
 #[test]
-fn nothing_that_was_changed_by_a_router_moves_the_vehicle() {
+fn commands_changed_behind_a_router_move_nothing() {
     let (fleet, port) = (Fleet::new(), free_port());
     let _router = router::start(&fleet, port);
     let _edge = robot(&fleet, "--connect", port);
     nothing_that_was_changed_moves_the_vehicle(&fleet, port);
 }
 
-/// Behind a router, which goes on letting her through: what she sends reaches the vehicle.
+/// Behind a router, which still forwards the commands of a removed operator.
 #[test]
-fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
+fn a_removed_operator_cannot_drive_and_the_audit_log_says_so() {
     let (fleet, port) = (Fleet::new(), free_port());
     let _router = router::start(&fleet, port);
     let edge = robot(&fleet, "--connect", port);
@@ -193,20 +205,16 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
     anna.hold(TURN, Duration::from_secs(1));
     anna.wait_for_status("driving", |teleop| teleop.applied.angular_radps > 0.3);
 
-    // A broken list changes nothing.
+    // A broken list stays without effect.
     let path = fleet.vehicle().join("operators.toml");
     let whole = text(&path);
     fs::write(&path, &whole[..whole.len() - 30]).unwrap();
     anna.hold(TURN, Duration::from_millis(1500));
     anna.wait_for_status("driving still", |teleop| teleop.applied.angular_radps > 0.3);
 
-    let entry = whole.find("\n[[person]]\nname = \"anna\"").unwrap();
-    let next = entry + 1 + whole[entry + 1..].find("\n[[person]]").unwrap();
-    let without = whole[..entry].to_owned() + &whole[next..];
-    let draft = fleet.scratch("operators.new");
-    fs::write(&draft, &without).unwrap();
-    fs::rename(&draft, &path).unwrap();
-    // She goes on pressing the key.
+    fs::write(&path, &whole).unwrap();
+    take_off(&fleet, "anna");
+    // She holds the key.
     anna.hold(TURN, Duration::from_millis(1500));
     let revoked = StopReason::LeaseEnded(LeaseEnd::Revoked);
     let status = bert.wait_for_status("revoked", |teleop| {
@@ -220,13 +228,13 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
     ] {
         assert_eq!(answer, Answer::Refused(Refusal::Signature));
     }
-    // Bert is still on it.
+    // Bert is still on the list.
     bert.take_lease();
     let Answer::EStopped(number) = bert.ask(&EStop { press: 6 }) else {
         panic!("no emergency stop")
     };
     let mut sam = operator(&fleet, "sam", port);
-    // His newest token may be older than the emergency stop; then he asks again.
+    // His token may be older than the emergency stop; then he asks again.
     let too_early = Answer::Refused(Refusal::EStopSince);
     let answer = (0..100).find_map(|_| {
         std::thread::sleep(Duration::from_millis(50));
@@ -238,15 +246,11 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
         operator.session().close().wait().unwrap();
     }
     edge.signal("INT");
-    let (code, said) = edge.end();
-    assert_eq!(code, Some(0), "{said}");
+    let (code, printed) = edge.end();
+    assert_eq!(code, Some(0), "{printed}");
 
     let log = audit(&fleet);
-    let at = |kind: &str, says: &str| {
-        let is_it = |(of, message): &(String, String)| of == kind && message.contains(says);
-        let at = log.iter().position(is_it);
-        at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
-    };
+    let at = |kind: &str, says: &str| position(&log, kind, says);
     let order = [
         at("start", "configuration "),
         at("connect", "router: connects, control, from "),
@@ -259,7 +263,7 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
         ),
         at(
             "refused",
-            "a driving command in the name of anna: nobody of that name on the list of operators has signed it",
+            "a driving command in the name of anna: its signature is wrong",
         ),
         at("lease_granted", "bert drives"),
         at("estop", "by bert"),
@@ -267,14 +271,13 @@ fn who_is_taken_off_the_list_drives_no_more_at_once_and_all_is_written_down() {
     ];
     assert!(order.is_sorted(), "{order:?} {log:#?}");
     at("disconnect", "router: is gone, control, from ");
-    // Each thing that she tried has a line of its own, however many commands came before.
-    let unsigned =
-        "in the name of anna: nobody of that name on the list of operators has signed it";
+    // Each kind of refused request has a line of its own.
+    let unsigned = "in the name of anna: its signature is wrong";
     at("refused", &format!("a request of the lease {unsigned}"));
     at("refused", &format!("an emergency stop {unsigned}"));
     let refusals = log.iter().filter(|(kind, _)| kind == "refused").count();
     assert!(
         refusals < 14,
-        "one a second, for each wish and reason: {refusals}"
+        "at most one a second for each request and reason: {refusals}"
     );
 }

@@ -1,4 +1,4 @@
-//! A stranger who knocks a hundred times a second, in network namespaces and behind the rate limit that is shipped.
+//! A stranger who begins 100 connections a second, in network namespaces, with the shipped rate limit.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -8,9 +8,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Side};
 
 use crate::fleet::Fleet;
 use crate::link::processes::{Running, program};
@@ -31,7 +30,7 @@ fn ip(arguments: &str) {
     assert!(done.success(), "ip {arguments}");
 }
 
-/// Three namespaces on one bridge. They end with this.
+/// Three namespaces on one bridge, removed on drop.
 struct Lan(String);
 
 impl Lan {
@@ -77,16 +76,12 @@ impl Drop for Lan {
     }
 }
 
-/// What a console sends first, by QUIC, to whoever is there.
-fn first_packets(fleet: &Path) -> Vec<Vec<u8>> {
+/// The first QUIC packets of a console.
+fn first_packets(fleet: &Fleet) -> Vec<Vec<u8>> {
     let sink = UdpSocket::bind("127.0.0.1:0").unwrap();
     sink.set_read_timeout(Some(Duration::from_millis(200)))
         .unwrap();
-    let endpoints = Endpoints {
-        connect: vec![format!("quic/{}", sink.local_addr().unwrap())],
-        credentials: Some(Credentials::open(&fleet.join("people/tv")).unwrap()),
-        ..Endpoints::default()
-    };
+    let endpoints = fleet.endpoints("tv", format!("quic/{}", sink.local_addr().unwrap()));
     let mut packets: Vec<Vec<u8>> = Vec::new();
     for _ in 0..4 {
         assert!(sessions::open(Side::Console, Channel::Control, &endpoints).is_err());
@@ -100,17 +95,17 @@ fn first_packets(fleet: &Path) -> Vec<Vec<u8>> {
 
 #[test]
 #[ignore = "needs root and nft, takes half a minute"]
-fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
+fn a_flood_of_connections_keeps_no_operator_out() {
     let fleet = Fleet::new();
     let root = fleet.root();
-    // The vehicle's own address is in its certificate.
+    // A certificate with the vehicle's address.
     let vehicle = root.join("vehicles/scout");
     fs::remove_file(vehicle.join("link.pem")).unwrap();
     let made = fleet.keys(&["--robot", "scout", "--host", VEHICLE]);
     assert!(made.status.success(), "{made:?}");
     let packets = fleet.scratch("packets");
     fs::create_dir(&packets).unwrap();
-    for (number, packet) in first_packets(&root).into_iter().enumerate() {
+    for (number, packet) in first_packets(&fleet).into_iter().enumerate() {
         fs::write(packets.join(number.to_string()), packet).unwrap();
     }
 
@@ -139,10 +134,10 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
     let connect = || {
         let mut connect = lan.within("o", drive_by_wire.get_program());
         connect.args(["connect", &format!("quic/{VEHICLE}:{PORT}")]);
-        let said = Running::start(connect.arg(&person), "operator").ends_well();
-        print!("connected after {said}");
-        assert!(["quic", "tls"].contains(&said.trim_end().rsplit(' ').next().unwrap()));
-        said.split(' ').next().unwrap().parse::<u64>().unwrap()
+        let printed = Running::start(connect.arg(&person), "operator").ends_well();
+        print!("connected after {printed}");
+        assert!(["quic", "tls"].contains(&printed.trim_end().rsplit(' ').next().unwrap()));
+        printed.split(' ').next().unwrap().parse::<u64>().unwrap()
     };
     let quiet_ms = connect();
     let before = edge.memory();
@@ -157,8 +152,8 @@ fn a_stranger_who_knocks_a_hundred_times_a_second_keeps_nobody_out() {
         clock::sleep_until(clock::now() + Duration::from_millis(700), || false);
     }
     let grown = edge.memory().saturating_sub(before);
-    let said = flood.ends_well();
-    assert!(said.contains("knocks"), "{said}");
+    let printed = flood.ends_well();
+    assert!(printed.contains("knocks"), "{printed}");
     println!(
         "quiet {quiet_ms} ms, slowest {slowest_ms} ms, memory +{} kB",
         grown / 1024

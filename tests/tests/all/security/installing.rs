@@ -1,4 +1,4 @@
-//! `robot-edge install-keys` as its users run it: whole, whatever happens, and again and again.
+//! `robot-edge install-keys`, repeated and killed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -34,20 +34,20 @@ fn copied(from: &Path, to: &Path) {
     }
 }
 
-/// The line of the README with which keys are put onto a vehicle, as it is, twice.
+/// Runs the command of docs/deployment.md that installs keys, twice.
 #[test]
-fn the_recipe_of_the_readme_takes_a_revoked_operator_away_when_it_is_repeated() {
+fn the_install_command_of_the_readme_removes_a_revoked_operator() {
     let fleet = Fleet::new();
-    let readme = text(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md"));
+    let page = text(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/deployment.md"));
     let etc = fleet.scratch("etc");
     fs::create_dir(&etc).unwrap();
-    let lines = readme
+    let lines = page
         .lines()
         .filter(|line| line.contains("/etc/foreshore/keys"));
     let mut recipe: Vec<_> = lines
         .filter(|line| line.starts_with("robot-edge install-keys ") || line.starts_with("cp "))
         .map(|line| line.replace("/etc/foreshore", etc.to_str().unwrap()))
-        // There may be no such user here, and it is not about them.
+        // The user may not exist here.
         .map(|line| line.split(" && chown").next().unwrap().to_owned())
         .collect();
     let recipe = recipe.pop().unwrap();
@@ -73,9 +73,9 @@ fn the_recipe_of_the_readme_takes_a_revoked_operator_away_when_it_is_repeated() 
     assert_eq!(names, ["anna"], "{recipe}");
 }
 
-/// Runs are killed at any moment, and somebody looks all the time.
+/// Runs are killed at random times while another thread reads the keys.
 #[test]
-fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_killed() {
+fn installed_keys_are_all_old_or_all_new_after_a_kill() {
     let fleet = Fleet::new();
     let (one, two) = (fleet.vehicle(), fleet.scratch("two"));
     copied(&one, &two);
@@ -90,7 +90,7 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
         command.spawn().unwrap()
     };
     assert!(install(&one).wait().unwrap().success());
-    // A run is killed while it lasts, on a fast machine too.
+    // Measured, so that a run is killed while it lasts, on a fast machine too.
     let started = clock::now();
     assert!(install(&one).wait().unwrap().success());
     let whole_run = clock::elapsed(started);
@@ -101,7 +101,7 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
     scope(|scope| {
         scope.spawn(|| {
             while !is_over.load(Ordering::Relaxed) {
-                // It is never missing, and never half.
+                // Never missing and never partial.
                 let list = text(to.join("operators.toml"));
                 assert!(
                     whole.iter().any(|of| of["operators.toml"] == list),
@@ -128,10 +128,10 @@ fn whoever_looks_finds_all_of_the_old_keys_or_all_of_the_new_whenever_a_run_is_k
         assert!(killed > 10, "{killed}");
     });
     let both = BTreeSet::from([Some(0), Some(1)]);
-    assert_eq!(found, both, "each was installed, and nothing else");
+    assert_eq!(found, both, "only complete sets were found, and both");
     assert!(looks.load(Ordering::Relaxed) > 1000);
     assert!(install(&two).wait().unwrap().success());
     assert_eq!(contents(&to), whole[1]);
     let left = fs::read_dir(&etc).unwrap().count();
-    assert_eq!(left, 1, "nothing is left of runs that were killed");
+    assert_eq!(left, 1, "killed runs left files behind");
 }

@@ -1,4 +1,4 @@
-//! `robot-edge keys` as its users see it.
+//! `robot-edge keys`
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::fleet::{Fleet, text};
 use crate::link::processes::program;
 
-/// Every file below a folder: its text, and who may read it.
+/// Text and permissions of every file below a folder.
 fn files(root: &Path) -> BTreeMap<PathBuf, (String, u32)> {
     let mut found = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
@@ -28,7 +28,7 @@ fn files(root: &Path) -> BTreeMap<PathBuf, (String, u32)> {
 }
 
 #[test]
-fn people_and_vehicles_are_added_and_nothing_that_is_there_changes() {
+fn adding_people_and_vehicles_keeps_existing_keys() {
     let fleet = Fleet::new();
     let first = files(&fleet.root());
     let names: Vec<_> = first.keys().map(|name| name.to_str().unwrap()).collect();
@@ -65,14 +65,14 @@ fn people_and_vehicles_are_added_and_nothing_that_is_there_changes() {
     }
 
     let again = fleet.keys(&["--robot", "scout", "--operator", "anna"]);
-    let said = String::from_utf8(again.stdout).unwrap();
+    let printed = String::from_utf8(again.stdout).unwrap();
     assert!(
-        again.status.success() && said.contains("nothing to do"),
-        "{said}"
+        again.status.success() && printed.contains("nothing to do"),
+        "{printed}"
     );
     assert_eq!(files(&fleet.root()), first);
 
-    // Another vehicle, for Anna and somebody new; the first vehicle's list stays as it is.
+    // Another vehicle, for Anna and a new observer; the first vehicle's list stays as it is.
     let more = fleet.keys(&[
         "--robot",
         "barge",
@@ -94,7 +94,7 @@ fn people_and_vehicles_are_added_and_nothing_that_is_there_changes() {
     assert_eq!(*mode, 0o600);
     assert!(router.contains("operator:bert") && router.contains("vehicle:barge"));
 
-    // Without a vehicle, people are for all of them.
+    // Without --robot, people are for all vehicles.
     assert!(fleet.keys(&["--supervisor", "zoe"]).status.success());
     for robot in ["scout", "barge"] {
         let list = text(
@@ -108,7 +108,7 @@ fn people_and_vehicles_are_added_and_nothing_that_is_there_changes() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_in_words_and_changes_nothing() {
+fn conflicting_key_requests_are_refused_with_a_reason() {
     let fleet = Fleet::new();
     let before = files(&fleet.root());
     for (arguments, says) in [
@@ -121,19 +121,19 @@ fn what_does_not_fit_is_refused_in_words_and_changes_nothing() {
         ),
     ] {
         let refused = fleet.keys(arguments);
-        let said = String::from_utf8(refused.stderr).unwrap();
-        assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(says), "{arguments:?}: {said}");
+        let printed = String::from_utf8(refused.stderr).unwrap();
+        assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {printed}");
+        assert!(printed.contains(says), "{arguments:?}: {printed}");
         assert_eq!(files(&fleet.root()), before, "{arguments:?}");
     }
     fs::remove_file(fleet.root().join("authority/ca.key.pem")).unwrap();
     let refused = fleet.keys(&["--operator", "eve"]);
-    let said = String::from_utf8(refused.stderr).unwrap();
-    assert!(said.contains("ca.key.pem is missing"), "{said}");
+    let printed = String::from_utf8(refused.stderr).unwrap();
+    assert!(printed.contains("ca.key.pem is missing"), "{printed}");
 }
 
 #[test]
-fn keys_that_cannot_be_used_are_refused_in_words() {
+fn unusable_keys_are_refused_with_a_reason() {
     let fleet = Fleet::new();
     let (vehicle, anna) = (fleet.vehicle(), fleet.person("anna"));
     let run = |keys: &Path, more: &[&str]| {
@@ -148,9 +148,9 @@ fn keys_that_cannot_be_used_are_refused_in_words() {
             "--keys",
         ]);
         let ended = command.arg(keys).args(more).output().unwrap();
-        let said = String::from_utf8(ended.stderr).unwrap();
-        assert_eq!(ended.status.code(), Some(2), "{said}");
-        said
+        let printed = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(2), "{printed}");
+        printed
     };
     assert!(run(&fleet.root(), &[]).contains("vehicles/NAME"));
     assert!(run(&anna, &[]).contains("not of a vehicle"));
@@ -177,7 +177,10 @@ fn keys_that_cannot_be_used_are_refused_in_words() {
         ("quic/127.0.0.1:7447", "need --keys"),
         ("tls/0.0.0.0:7447", "need --keys"),
     ] {
-        let (code, said) = open(endpoint);
-        assert!(code == Some(2) && said.contains(says), "{endpoint}: {said}");
+        let (code, printed) = open(endpoint);
+        assert!(
+            code == Some(2) && printed.contains(says),
+            "{endpoint}: {printed}"
+        );
     }
 }

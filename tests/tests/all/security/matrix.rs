@@ -1,27 +1,26 @@
 //! Role × key × verb: every cell allowed or refused, directly and through a router.
 //!
-//! A put that is refused still returns `Ok`, so what arrives is seen at the vehicle. Whatever is sent after it on the
-//! same link, and is allowed, arrives after it: no test waits for something not to happen.
+//! A refused put still returns `Ok`, so arrivals are observed at the vehicle. An allowed message sent later on the
+//! same link arrives later, so no test waits for something not to happen.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
-use std::thread::sleep;
 use std::time::Duration;
 
 use robot_edge::clock;
 use robot_edge::credentials::Credentials;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::{Session, Wait as _};
 
 use super::router;
 use crate::fleet::Fleet;
-use crate::link::processes::free_port;
+use crate::link::processes::{free_port, wait_until};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
 
-/// What the vehicle sends by itself.
-const TOLD: [&str; 7] = [
+/// Keys that the vehicle publishes.
+const PUBLISHED: [&str; 7] = [
     "pose",
     "status",
     "event",
@@ -30,8 +29,8 @@ const TOLD: [&str; 7] = [
     "scan",
     "map/occupancy/3/-4",
 ];
-/// What it answers to everybody.
-const ASKED: [&str; 7] = [
+/// Keys that it answers to everyone.
+const ANSWERED: [&str; 7] = [
     "info",
     "ping",
     "shores",
@@ -43,7 +42,7 @@ const ASKED: [&str; 7] = [
 const VERBS: [&str; 5] = ["drive", "estop", "reset", "lease", "set"];
 const PEOPLE: [&str; 4] = ["anna", "bert", "sam", "tv"];
 
-/// A vehicle that takes everything that reaches it.
+/// A vehicle that records everything that reaches it.
 struct Vehicle {
     session: Session,
     arrived: Arc<Mutex<BTreeSet<String>>>,
@@ -90,20 +89,8 @@ impl Vehicle {
     }
 }
 
-fn until(what: &str, is_so: impl Fn() -> bool) {
-    let started = clock::now();
-    while !is_so() {
-        assert!(clock::elapsed(started) < TIMEOUT, "never: {what}");
-        sleep(Duration::from_millis(5));
-    }
-}
-
 pub(super) fn person(fleet: &Fleet, name: &str, port: u16) -> Session {
-    let endpoints = Endpoints {
-        connect: vec![format!("quic/127.0.0.1:{port}")],
-        credentials: Some(Credentials::open(&fleet.person(name)).unwrap()),
-        ..Endpoints::default()
-    };
+    let endpoints = fleet.endpoints(name, format!("quic/127.0.0.1:{port}"));
     let started = clock::now();
     loop {
         match sessions::open(Side::Console, Channel::Control, &endpoints) {
@@ -118,9 +105,9 @@ fn every_key() -> Vec<String> {
         .iter()
         .flat_map(|name| VERBS.map(|verb| format!("op/{name}/{verb}")));
     let others = ["view/0123", "alive", "op/anna", "map/occupancy/**", "**"];
-    let mut keys: Vec<_> = TOLD
+    let mut keys: Vec<_> = PUBLISHED
         .into_iter()
-        .chain(ASKED)
+        .chain(ANSWERED)
         .chain(others)
         .map(str::to_owned)
         .collect();
@@ -128,18 +115,18 @@ fn every_key() -> Vec<String> {
     keys
 }
 
-/// What the design lets through of what people send.
+/// The rights of each role.
 fn may(name: &str, verb: &str, key: &str) -> bool {
     let own = |verb: &str| name != "tv" && key == format!("op/{name}/{verb}");
     let (drive, requests) = VERBS.split_first().unwrap();
     match verb {
         "PUT" => key == "view/0123" || own(drive),
-        "GET" => ASKED.contains(&key) || requests.iter().any(|request| own(request)),
+        "GET" => ANSWERED.contains(&key) || requests.iter().any(|request| own(request)),
         _ => false,
     }
 }
 
-/// What people send, as it arrives.
+/// Checks every key and verb of what people send.
 fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     let mut cells = 0;
     for (name, session) in sessions {
@@ -152,7 +139,7 @@ fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
             let replies = session.get(full).timeout(TIMEOUT).wait().unwrap();
             answers.push((key, replies));
         }
-        // Elsewhere than at this vehicle.
+        // Keys outside this vehicle.
         session
             .put("foreshore/barge/op/anna/drive", "x")
             .wait()
@@ -160,7 +147,7 @@ fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
         session.put("elsewhere", "x").wait().unwrap();
         let mark = format!("foreshore/scout/view/mark-{name}");
         session.put(mark.clone(), "x").wait().unwrap();
-        until("the mark arrives", || vehicle.has(&format!("PUT {mark}")));
+        wait_until("the mark arrives", || vehicle.has(&format!("PUT {mark}")));
         for (key, replies) in answers {
             for verb in ["PUT", "DELETE", "GET"] {
                 let is_there = vehicle.has(&format!("{verb} foreshore/scout/{key}"));
@@ -181,12 +168,12 @@ fn sent(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     cells
 }
 
-/// What people hear.
-fn heard(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
+/// Checks every key that people receive.
+fn received(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     let mut cells = 0;
     for (name, session) in sessions {
         let arrived = Arc::new(Mutex::new(BTreeSet::new()));
-        // Each key by itself, and all of them at once by a wildcard that access control does not grant.
+        // Each key, and wildcards that access control does not grant.
         for key in
             every_key()
                 .iter()
@@ -208,19 +195,19 @@ fn heard(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
             arrived.lock().unwrap().contains(&full)
         };
         let concrete = || every_key().into_iter().filter(|key| !key.contains('*'));
-        // A subscription takes a moment to reach the vehicle; all of them go the same way.
-        until("the pose arrives", || {
+        // Subscriptions take time to reach the vehicle.
+        wait_until("the pose arrives", || {
             for key in concrete() {
                 let full = format!("foreshore/scout/{key}");
                 vehicle.session.put(full, "x").wait().unwrap();
             }
-            TOLD.iter().all(|key| has(key))
+            PUBLISHED.iter().all(|key| has(key))
         });
         for key in concrete() {
             assert_eq!(
                 has(&key),
-                TOLD.contains(&key.as_str()),
-                "{name} hears {key}"
+                PUBLISHED.contains(&key.as_str()),
+                "{name} receives {key}"
             );
             cells += 1;
         }
@@ -228,7 +215,7 @@ fn heard(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     cells
 }
 
-/// Presence, and what only a vehicle may declare.
+/// Checks liveliness, and declarations that only a vehicle may make.
 fn declared(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     let key = "foreshore/scout/alive";
     let _alive = vehicle
@@ -248,9 +235,9 @@ fn declared(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
     };
     for (name, session) in sessions {
         for key in [key, "foreshore/*/alive"] {
-            until(&format!("{name} sees that {key}"), || is_seen(session, key));
+            wait_until(&format!("{name} sees that {key}"), || is_seen(session, key));
         }
-        // Somebody who plays the vehicle: nobody sees it, nobody asks it.
+        // Nobody sees or asks a person who declares a vehicle's keys.
         let token = "foreshore/barge/alive";
         let _token = session.liveliness().declare_token(token).wait().unwrap();
         let _fake = session
@@ -281,7 +268,8 @@ fn declared(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
 
 fn every_cell(vehicle: &Vehicle, fleet: &Fleet, port: u16) {
     let sessions = PEOPLE.map(|name| (name, person(fleet, name, port)));
-    let cells = sent(vehicle, &sessions) + heard(vehicle, &sessions) + declared(vehicle, &sessions);
+    let cells =
+        sent(vehicle, &sessions) + received(vehicle, &sessions) + declared(vehicle, &sessions);
     println!("{cells} cells");
     for (_, session) in sessions {
         session.close().wait().unwrap();
@@ -289,14 +277,14 @@ fn every_cell(vehicle: &Vehicle, fleet: &Fleet, port: u16) {
 }
 
 #[test]
-fn every_role_may_do_what_it_may_and_nothing_else() {
+fn every_role_has_exactly_its_rights() {
     let (fleet, port) = (Fleet::new(), free_port());
     let vehicle = Vehicle::new(&fleet, &[format!("quic/127.0.0.1:{port}")], &[]);
     every_cell(&vehicle, &fleet, port);
 }
 
 #[test]
-fn every_role_may_do_through_a_router_what_it_may_and_nothing_else() {
+fn every_role_has_exactly_its_rights_through_a_router() {
     let (fleet, port) = (Fleet::new(), free_port());
     let _router = router::start(&fleet, port);
     let vehicle = Vehicle::new(&fleet, &[], &[format!("quic/127.0.0.1:{port}")]);

@@ -1,4 +1,4 @@
-//! Who may do what, through real listeners with exactly the files that `robot-edge keys` makes.
+//! Access rights at real listeners, with the files that `robot-edge keys` makes.
 
 mod router;
 

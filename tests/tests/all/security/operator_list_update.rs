@@ -1,4 +1,4 @@
-//! The list of operators changes while the vehicle runs: who is taken off it sees nothing any more, and whoever stays goes on.
+//! The list of operators changes while the vehicle runs: removed operators lose access, the others reconnect.
 
 use std::fs;
 use std::net::UdpSocket;
@@ -11,36 +11,21 @@ use foreshore_tests::operator::NEUTRAL;
 use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseRequest, Refusal, StopReason, TeleopState};
 use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Side};
 use zenoh::{Session, Wait as _};
 
-use super::commands::{TURN, audit, operator, robot};
+use super::commands::{TURN, audit, operator, position, robot, take_off};
 use super::{matrix, router};
 use crate::fleet::{Fleet, text};
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, program, wait_until};
 
-/// A connection that was being set up when the links were closed holds the port for 30 s, and clients try again ever more rarely.
+/// A connection in setup when the links are closed keeps the port for 30 s, and clients retry with growing pauses.
 const TIMEOUT: Duration = Duration::from_secs(90);
-/// Who is taken off the list sees nothing of the vehicle after this.
+/// A removed operator receives nothing after this time.
 const REVOKED: Duration = Duration::from_secs(2);
 
-/// Writes the vehicle's list without somebody.
-fn take_off(fleet: &Fleet, name: &str) {
-    let path = fleet.vehicle().join("operators.toml");
-    let whole = text(&path);
-    let entry = whole
-        .find(&format!("\n[[person]]\nname = \"{name}\""))
-        .unwrap();
-    let rest = &whole[entry + 1..];
-    let next = rest.find("\n[[person]]").unwrap_or(rest.len());
-    let draft = fleet.scratch("operators.new");
-    fs::write(&draft, whole[..entry].to_owned() + &rest[next..]).unwrap();
-    fs::rename(&draft, &path).unwrap();
-}
-
-/// When each pose came that a session is told of.
+/// Arrival times of poses at a session.
 #[derive(Clone, Default)]
 struct Poses(Arc<Mutex<Vec<Monotonic>>>);
 
@@ -54,20 +39,16 @@ impl Poses {
             .background()
             .wait()
             .unwrap();
-        let started = clock::now();
-        while poses.0.lock().unwrap().is_empty() {
-            assert!(clock::elapsed(started) < TIMEOUT, "no pose comes");
-            sleep(Duration::from_millis(5));
-        }
+        wait_until("a pose", || !poses.0.lock().unwrap().is_empty());
         poses
     }
 
-    /// The last one, after `since`.
+    /// Arrival of the last pose, relative to `since`.
     fn last_after(&self, since: Monotonic) -> Duration {
         self.0.lock().unwrap().last().unwrap().since(since)
     }
 
-    /// The longest time between two, the second of which came after `since`.
+    /// The longest time between two poses, the second after `since`.
     fn longest_gap(&self, since: Monotonic) -> Duration {
         let poses = self.0.lock().unwrap();
         let pairs = poses.windows(2).filter(|pair| pair[1] > since);
@@ -78,17 +59,13 @@ impl Poses {
     }
 }
 
-/// A session for tiles.
+/// A bulk session.
 fn tiles(fleet: &Fleet, name: &str, port: u16) -> Session {
-    let endpoints = Endpoints {
-        connect: vec![format!("quic/127.0.0.1:{port}")],
-        credentials: Some(Credentials::open(&fleet.person(name)).unwrap()),
-        ..Endpoints::default()
-    };
+    let endpoints = fleet.endpoints(name, format!("quic/127.0.0.1:{port}"));
     sessions::open(Side::Console, Channel::Bulk, &endpoints).unwrap()
 }
 
-/// Whether the vehicle answers a question for tiles.
+/// Whether the vehicle answers on the bulk session.
 fn answers(tiles: &Session) -> bool {
     let question = protocol::wire::encode(
         &protocol::wire::Header {
@@ -108,7 +85,7 @@ fn answers(tiles: &Session) -> bool {
 }
 
 #[test]
-fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again() {
+fn a_removed_operator_is_cut_off_and_the_driver_reconnects() {
     let (fleet, port) = (Fleet::new(), free_port());
     let edge = robot(&fleet, "--listen", port);
     let mut anna = operator(&fleet, "anna", port);
@@ -116,7 +93,7 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
     let (of_anna, of_bert) = (Poses::of(anna.session()), Poses::of(&bert));
     let (tiles_of_bert, tiles_of_anna) = (tiles(&fleet, "bert", port), tiles(&fleet, "anna", port));
     assert!(answers(&tiles_of_bert) && answers(&tiles_of_anna));
-    // Somebody who takes nothing any more does not hold up the others.
+    // A stopped console must not delay the others.
     let mut console = program("operator-console");
     console.args(["--headless", "--for", "100", "--connect"]);
     console.arg(format!("quic/127.0.0.1:{port}"));
@@ -129,7 +106,7 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
     anna.start_driving(TURN);
     take_off(&fleet, "bert");
     let written = clock::now();
-    // She holds the key all the time, until she is told of the vehicle again.
+    // She holds the key until she receives a pose again.
     anna.hold(TURN, REVOKED);
     let (last, resumed) = (of_bert.last_after(written), clock::now());
     anna.hold_until(TURN, || {
@@ -139,7 +116,7 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
     let gap = of_anna.longest_gap(written);
     println!("bert's last pose came after {last:.2?}; anna's link was interrupted for {gap:.2?}");
     assert!(last < REVOKED, "{last:?}");
-    assert!(!answers(&tiles_of_bert), "Bert is told of tiles");
+    assert!(!answers(&tiles_of_bert), "Bert still gets tiles");
     let status = anna.wait_for_new_status();
     assert_ne!(status.state, TeleopState::Driving, "without a new press");
     let why = status.last_stop.unwrap();
@@ -147,24 +124,21 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
         matches!(why, StopReason::Age | StopReason::LeaseEnded(_)),
         "{why:?}"
     );
-    // Her session and her tiles have come back by themselves.
+    // Her sessions reconnect.
     anna.start_driving(TURN);
-    let started = clock::now();
-    while !answers(&tiles_of_anna) {
-        assert!(clock::elapsed(started) < TIMEOUT, "no tiles for Anna");
-    }
-    assert_eq!(of_bert.last_after(written), last, "he is told nothing anew");
+    wait_until("tiles for Anna", || answers(&tiles_of_anna));
+    assert_eq!(
+        of_bert.last_after(written),
+        last,
+        "he received a pose again"
+    );
     drop(frozen);
     anna.session().close().wait().unwrap();
     edge.signal("INT");
     edge.ends_well();
 
     let log = audit(&fleet);
-    let at = |kind: &str, says: &str| {
-        let is_it = |(of, message): &(String, String)| of == kind && message.contains(says);
-        let at = log.iter().position(is_it);
-        at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
-    };
+    let at = |kind: &str, says: &str| position(&log, kind, says);
     let order = [
         at("operators", "off it operator:bert"),
         at("access", "all links are closed, and opened anew"),
@@ -175,7 +149,7 @@ fn who_is_taken_off_the_list_sees_nothing_any_more_and_the_driver_drives_again()
 }
 
 #[test]
-fn a_list_that_says_the_same_in_another_order_interrupts_nobody() {
+fn a_reordered_operator_list_interrupts_no_link() {
     let (fleet, port) = (Fleet::new(), free_port());
     let _edge = robot(&fleet, "--listen", port);
     let anna = operator(&fleet, "anna", port);
@@ -191,14 +165,9 @@ fn a_list_that_says_the_same_in_another_order_interrupts_nobody() {
         format!("{head}\n[[person]]{}\n", people.join("\n[[person]]")),
     )
     .unwrap();
-    let started = clock::now();
-    while !audit(&fleet).iter().any(|(kind, _)| kind == "operators") {
-        assert!(
-            clock::elapsed(started) < TIMEOUT,
-            "the list is not read again"
-        );
-        sleep(Duration::from_millis(20));
-    }
+    wait_until("the list is read again", || {
+        audit(&fleet).iter().any(|(kind, _)| kind == "operators")
+    });
     sleep(Duration::from_secs(1));
     let gap = poses.longest_gap(written);
     assert!(gap < Duration::from_millis(500), "{gap:?}");
@@ -206,10 +175,10 @@ fn a_list_that_says_the_same_in_another_order_interrupts_nobody() {
     anna.session().close().wait().unwrap();
 }
 
-/// A router has rules of its own, made by `robot-edge keys`: it goes on telling of the vehicle until it has new ones. That he
-/// drives no more does not rest on them.
+/// The rules of a router are made by `robot-edge keys`: it forwards poses to a removed operator until it has new rules. The
+/// vehicle itself refuses the commands.
 #[test]
-fn behind_a_router_who_is_taken_off_drives_no_more_and_sees_until_the_router_has_new_rules() {
+fn behind_a_router_a_removed_operator_loses_driving_at_once() {
     let (fleet, port) = (Fleet::new(), free_port());
     let old_rules = router::start(&fleet, port);
     let _edge = robot(&fleet, "--connect", port);
@@ -225,25 +194,27 @@ fn behind_a_router_who_is_taken_off_drives_no_more_and_sees_until_the_router_has
     let gap = of_anna.longest_gap(written);
     assert!(
         gap < Duration::from_secs(1),
-        "nobody is interrupted: {gap:?}"
+        "a link was interrupted for {gap:?}"
     );
-    assert!(of_bert.last_after(written) > Duration::ZERO, "he sees it");
+    assert!(
+        of_bert.last_after(written) > Duration::ZERO,
+        "he still gets poses"
+    );
 
-    // The file follows from the lists, and is written anew with them.
+    // The rules are generated from the lists.
     old_rules.close().wait().unwrap();
     let _new_rules = router::start(&fleet, port);
     let restarted = clock::now();
-    while of_anna.last_after(written) < restarted.since(written) {
-        assert!(clock::elapsed(restarted) < TIMEOUT, "Anna is told nothing");
-        sleep(Duration::from_millis(20));
-    }
+    wait_until("a pose for Anna", || {
+        of_anna.last_after(written) >= restarted.since(written)
+    });
     sleep(Duration::from_secs(1));
     assert!(of_bert.last_after(written) < restarted.since(written));
 }
 
-/// Whoever is quick takes the port while the links are closed.
+/// Another program takes the port while the links are closed.
 #[test]
-fn a_port_that_is_taken_meanwhile_is_waited_for() {
+fn the_edge_waits_for_a_port_that_is_taken_meanwhile() {
     let (fleet, port) = (Fleet::new(), free_port());
     let edge = robot(&fleet, "--listen", port);
     let anna = operator(&fleet, "anna", port);
@@ -267,7 +238,7 @@ fn a_port_that_is_taken_meanwhile_is_waited_for() {
                 sleep(Duration::from_millis(10));
             }
         });
-        // Where the vehicle was quicker, again.
+        // Repeated if the vehicle was faster.
         for change in 0..10 {
             fs::write(&list, if change % 2 == 0 { &whole } else { &without }).unwrap();
             let changed = clock::now();
@@ -280,11 +251,11 @@ fn a_port_that_is_taken_meanwhile_is_waited_for() {
         }
         is_over.store(true, Ordering::Relaxed);
     });
-    assert!(failed(), "nobody was quicker than the vehicle");
+    assert!(failed(), "the vehicle always got the port first");
     let freed = clock::now();
     anna.wait_for_new_status();
     println!(
-        "told of again {:.2?} after the port was free",
+        "connected again {:.2?} after the port was free",
         clock::elapsed(freed)
     );
     anna.session().close().wait().unwrap();
@@ -305,7 +276,7 @@ fn a_port_that_is_taken_meanwhile_is_waited_for() {
 }
 
 #[test]
-fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_when_it_is_back() {
+fn a_deleted_operator_list_revokes_access_after_ten_seconds() {
     let (fleet, port) = (Fleet::new(), free_port());
     let edge = robot(&fleet, "--listen", port);
     let mut anna = operator(&fleet, "anna", port);
@@ -315,7 +286,7 @@ fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_w
     anna.start_driving(TURN);
     fs::remove_file(&list).unwrap();
     let removed = clock::now();
-    // Nothing changes for as long as it says.
+    // Rights last for 10 s.
     anna.hold(TURN, Duration::from_secs(9));
     let is_hers = anna.wait_for_new_status().lease.holder == Some(anna.name.clone());
     assert!(is_hers, "she may drive for 10 s");
@@ -325,10 +296,9 @@ fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_w
     assert!(last > Duration::from_secs(9) && last < Duration::from_secs(13));
     fs::write(&list, whole).unwrap();
     let back = clock::now();
-    while poses.last_after(removed) < back.since(removed) {
-        assert!(clock::elapsed(back) < TIMEOUT, "she is told nothing");
-        sleep(Duration::from_millis(20));
-    }
+    wait_until("a pose for Anna", || {
+        poses.last_after(removed) >= back.since(removed)
+    });
     anna.hold(TURN, NEUTRAL);
     assert_ne!(anna.wait_for_new_status().state, TeleopState::Driving);
     anna.start_driving(TURN);
@@ -336,13 +306,13 @@ fn a_deleted_list_lets_nobody_drive_or_watch_after_ten_seconds_and_gives_leave_w
     edge.signal("INT");
     edge.ends_well();
     let log = audit(&fleet);
-    let said: Vec<_> = log
+    let printed: Vec<_> = log
         .iter()
         .filter(|(kind, _)| kind == "operators_missing")
         .map(|(_, message)| message.split(" (").next().unwrap())
         .collect();
     assert_eq!(
-        said,
+        printed,
         [
             "the list of operators is missing: nobody may drive in 10 s unless it comes back",
             "the list of operators is missing: nobody may watch or drive",

@@ -1,4 +1,4 @@
-//! A router as `zenohd -c router.json5` is one.
+//! A router, as `zenohd -c router.json5`.
 
 use std::fs;
 use std::thread::sleep;
@@ -11,7 +11,7 @@ use crate::fleet::{Fleet, text};
 
 const TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Starts a router with the generated file, of which only the addresses are changed.
+/// Starts a router with the generated file; only the addresses are changed.
 pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
     let made = fleet.keys(&["--router", "127.0.0.1"]);
     assert!(made.status.success(), "{made:?}");
@@ -21,7 +21,7 @@ pub(super) fn start(fleet: &Fleet, port: u16) -> Session {
         .replace("[::]:7448", &format!("127.0.0.1:{}", port + 1));
     let path = fleet.scratch("router.json5");
     fs::write(&path, here).unwrap();
-    // The port of a router before it may not be free yet.
+    // The port of an earlier router may not be free yet.
     let started = clock::now();
     loop {
         match zenoh::open(Config::from_file(&path).unwrap()).wait() {

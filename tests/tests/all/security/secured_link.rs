@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use robot_edge::clock;
 use robot_edge::credentials::{Credentials, OperatorList};
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::qos::Reliability;
 use zenoh::session::Link;
 use zenoh::{Session, Wait as _};
@@ -17,7 +17,7 @@ use crate::link::processes::{Running, assert_same_maps, free_port, program, room
 
 use crate::fleet::Fleet;
 
-/// A script that asks for the lease, turns for a second and gives the lease back.
+/// A script that requests the lease, turns for a second and releases the lease.
 pub(super) const TURNS: &str = "\
 0.0 lease request
 0.0 await lease
@@ -51,7 +51,6 @@ fn a_console_with_keys_gets_the_map_by_quic_and_tls() {
     assert_same_maps(&fleet.scratch("edge"), &fleet.scratch("console"));
 }
 
-/// The console itself drives, on a list that nobody has touched since the vehicle started.
 #[test]
 fn a_console_with_keys_drives_under_its_own_name() {
     let fleet = Fleet::new();
@@ -72,18 +71,18 @@ fn a_console_with_keys_drives_under_its_own_name() {
     console.args(["--headless", "--connect", &endpoint]);
     console.arg("--keys").arg(fleet.person("anna"));
     console.args(["drive", "--script"]).arg(&script);
-    let said = Running::start(&mut console, "console").ends_well();
-    assert!(said.contains(" Driving, lease of anna"), "{said}");
+    let printed = Running::start(&mut console, "console").ends_well();
+    assert!(printed.contains(" Driving, lease of anna"), "{printed}");
 }
 
-/// The certificate says so: no robot need be there.
+/// By its certificate, without a robot.
 #[test]
-fn a_script_of_an_observer_is_refused_before_it_waits_for_anybody() {
+fn an_observers_script_is_refused_at_once() {
     let fleet = Fleet::new();
     let endpoint = format!("quic/127.0.0.1:{}", free_port());
     let script = fleet.scratch("stop.txt");
     fs::write(&script, "0.0 estop\n0.0 await estop 6\n").unwrap();
-    let said_to = |name| {
+    let printed_to = |name| {
         let mut console = program("operator-console");
         console.args(["--headless", "--timeout", "1", "--connect", &endpoint]);
         console.arg("--keys").arg(fleet.person(name));
@@ -95,11 +94,17 @@ fn a_script_of_an_observer_is_refused_before_it_waits_for_anybody() {
         )
     };
     let words = "Observers neither drive nor stop the vehicle";
-    let (code, said) = said_to("tv");
-    assert!(code == Some(2) && said.contains(words), "{code:?}: {said}");
+    let (code, printed) = printed_to("tv");
+    assert!(
+        code == Some(2) && printed.contains(words),
+        "{code:?}: {printed}"
+    );
     for name in ["anna", "sam"] {
-        let (code, said) = said_to(name);
-        assert!(code != Some(2) && !said.contains(words), "{code:?}: {said}");
+        let (code, printed) = printed_to(name);
+        assert!(
+            code != Some(2) && !printed.contains(words),
+            "{code:?}: {printed}"
+        );
     }
 }
 
@@ -119,7 +124,7 @@ fn open(side: Side, fleet: &Fleet, endpoint: String) -> Session {
 }
 
 #[test]
-fn poses_go_as_datagrams_beside_a_stream() {
+fn poses_are_datagrams_beside_a_stream() {
     let (fleet, port) = (Fleet::new(), free_port());
     let endpoint = format!("quic/127.0.0.1:{port}");
     let vehicle = open(Side::Edge, &fleet, endpoint.clone());
@@ -158,10 +163,10 @@ fn poses_go_as_datagrams_beside_a_stream() {
 }
 
 #[test]
-fn control_goes_by_tls_where_udp_does_not_get_through() {
+fn control_uses_tls_when_udp_is_blocked() {
     let (fleet, port) = (Fleet::new(), free_port());
     let vehicle = open(Side::Edge, &fleet, format!("tls/127.0.0.1:{port}"));
-    // Somebody takes what comes by UDP, and says nothing.
+    // A socket that receives UDP and does not answer.
     let _hole = UdpSocket::bind(("127.0.0.1", port)).unwrap();
     let console = open(Side::Console, &fleet, format!("quic/127.0.0.1:{port}"));
     let link = console.info().links().wait().next().unwrap();

@@ -1,5 +1,5 @@
-//! Networks that carry TCP and swallow UDP, as those of many a company do: control goes by TLS instead of QUIC, soon, and the
-//! console says so.
+//! Networks that pass TCP and drop UDP: control uses TLS instead of QUIC, and the
+//! console reports it.
 
 use std::fs;
 use std::net::TcpStream;
@@ -7,25 +7,21 @@ use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
+use foreshore_tests::rig::Conditions;
 use foreshore_tests::rig::relay::{Direction, Relay};
-use foreshore_tests::rig::udp::{Conditions, UdpRelay};
+use foreshore_tests::rig::udp::UdpRelay;
 use operator_console::link::{RobotSession, Transport};
-use operator_console::model::{LinkState, ModelSettings};
+use operator_console::model::LinkState;
 use protocol::layer::LayerId;
-use protocol::tile::BootId;
 use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::link::sessions::Endpoints;
 
 use super::secured_link::TURNS;
 use crate::fleet::Fleet;
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, open_session, program, wait_until};
 
-/// Longer than any of this takes.
-const TIMEOUT: Duration = Duration::from_mins(1);
-/// The head start of QUIC, twice where the robot has to be looked for first, and a machine that is busy with other tests.
+/// Twice the head start of QUIC (discovery and session), on a busy machine.
 const UP_WITHIN: Duration = Duration::from_secs(6);
-/// From the first silence to the first message by another way. Nothing is given up before 4 s of silence.
+/// From the first silence to the first message by TLS. QUIC is given up after 4 s of silence.
 const OVER_WITHIN: Duration = Duration::from_secs(15);
 
 /// A robot with keys, and the network between it and its operators.
@@ -44,14 +40,14 @@ impl Networked {
         edge.args(["simulate", "rooms", "--quiet", "--keep-serving", "--listen"]);
         edge.arg(format!("quic/127.0.0.1:{port}"));
         let edge = Running::start(edge.arg("--keys").arg(fleet.vehicle()), "edge");
-        // QUIC is listened for before TLS, and a robot that is not up yet answers neither.
-        takes("up", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+        // The TLS listener starts after that of QUIC.
+        wait_until("up", || TcpStream::connect(("127.0.0.1", port)).is_ok());
         let entrance = free_port();
         let tcp = [0, 1].map(|n| {
             let target = ([127, 0, 0, 1], port + n).into();
             Relay::at(entrance + n, target).unwrap()
         });
-        let udp = UdpRelay::seeded(entrance, ([127, 0, 0, 1], port).into(), 0).unwrap();
+        let udp = UdpRelay::start(entrance, ([127, 0, 0, 1], port).into(), 0).unwrap();
         Self {
             fleet,
             tcp,
@@ -60,7 +56,7 @@ impl Networked {
         }
     }
 
-    /// One that swallows UDP from the beginning.
+    /// A network that drops UDP from the beginning.
     fn without_udp() -> Self {
         let network = Self::start();
         network.swallows_udp(true);
@@ -75,7 +71,7 @@ impl Networked {
         self.udp.set_both(conditions).unwrap();
     }
 
-    /// Datagrams of a console that were swallowed.
+    /// Dropped datagrams of consoles.
     fn swallowed(&self) -> u64 {
         self.udp.traffic(Direction::ToTarget).blackholed.packets
     }
@@ -84,7 +80,7 @@ impl Networked {
         format!("quic/{}", self.udp.address())
     }
 
-    /// `operator-console` as an operator starts it, who knows the address and nothing else.
+    /// A console that knows the address only.
     fn console(&self, person: &str) -> Command {
         let mut console = program("operator-console");
         console.args(["--connect", &self.endpoint(), "--keys"]);
@@ -92,36 +88,11 @@ impl Networked {
         console
     }
 
-    /// What a console's window is made of.
+    /// The session of a console's window.
     fn session(&self) -> RobotSession {
-        let settings = ModelSettings {
-            robot: "scout".parse().unwrap(),
-            session: BootId([9; 16]),
-            tile_store_mb: 64,
-            layers: [LayerId::Occupancy].into(),
-        };
-        let endpoints = Endpoints {
-            connect: vec![self.endpoint()],
-            credentials: Some(Credentials::open(&self.fleet.person("anna")).unwrap()),
-            ..Endpoints::default()
-        };
-        RobotSession::open(settings, &endpoints, || {}).unwrap()
+        let endpoints = self.fleet.endpoints("anna", self.endpoint());
+        open_session(&endpoints, &[LayerId::Occupancy], || {})
     }
-}
-
-/// How long it takes until it is so.
-fn takes(what: &str, is_so: impl Fn() -> bool) -> Duration {
-    takes_or_says(|| what.to_owned(), is_so)
-}
-
-/// The same, where it is worth saying how it is instead.
-fn takes_or_says(what: impl Fn() -> String, is_so: impl Fn() -> bool) -> Duration {
-    let started = clock::now();
-    while !is_so() {
-        assert!(clock::elapsed(started) < TIMEOUT, "not {}", what());
-        sleep(Duration::from_millis(5));
-    }
-    clock::elapsed(started)
 }
 
 fn is_live(session: &RobotSession) -> bool {
@@ -143,28 +114,30 @@ fn a_console_drives_by_tls_and_says_so() {
     let mut console = Running::start(console.arg(script), "console");
     console.wait_for_output("lease held");
     let took = clock::elapsed(started);
-    let said = console.ends_well();
+    let printed = console.ends_well();
     println!(
         "from the program's start to the lease: {took:?}; {} datagrams were swallowed",
         network.swallowed()
     );
-    assert!(said.contains("control goes by TLS"), "{said}");
-    assert!(said.contains(" Driving, lease of anna"), "{said}");
-    assert!(said.contains(" 0 involuntary stops"), "{said}");
+    assert!(printed.contains("control goes by TLS"), "{printed}");
+    assert!(printed.contains(" Driving, lease of anna"), "{printed}");
+    assert!(printed.contains(" 0 involuntary stops"), "{printed}");
     assert!(network.swallowed() > 0, "QUIC was tried");
     assert!(took < UP_WITHIN, "{took:?}");
 }
 
 #[test]
-fn a_map_comes_by_tls_and_the_window_is_told() {
+fn a_map_comes_by_tls_and_the_console_shows_it() {
     let network = Networked::without_udp();
     let session = network.session();
-    let live = takes("live", || is_live(&session));
+    let live = wait_until("live", || is_live(&session));
     let in_step = live
-        + takes("synchronized", || {
+        + wait_until("synchronized", || {
             session.model().is_synchronized(clock::now())
         });
-    takes("told", || goes_by(&session, Transport::TlsInstead));
+    wait_until("a report of TLS", || {
+        goes_by(&session, Transport::TlsInstead)
+    });
     let cells = session
         .model()
         .map()
@@ -175,55 +148,45 @@ fn a_map_comes_by_tls_and_the_window_is_told() {
     assert!(live < UP_WITHIN, "{live:?}");
 }
 
-/// Who walks out of one network into another.
+/// As when a console changes to another network.
 #[test]
-fn a_link_by_quic_goes_on_by_tls_where_udp_is_swallowed_from_now_on() {
+fn a_quic_link_continues_by_tls_when_udp_stops() {
     let network = Networked::start();
     let session = network.session();
-    takes("live", || is_live(&session));
-    takes("by QUIC", || goes_by(&session, Transport::Quic));
+    wait_until("live", || is_live(&session));
+    wait_until("by QUIC", || goes_by(&session, Transport::Quic));
     network.swallows_udp(true);
-    takes("silent", || !is_live(&session));
-    let [control, _] = &network.tcp;
-    let before = control.connections_accepted();
-    let how_it_is = || {
-        format!(
-            "live again: {:?}, {:?}, {} connections asked for by TLS",
-            session.problem(),
-            session.transport(),
-            control.connections_accepted() - before
-        )
-    };
-    let over = takes_or_says(how_it_is, || is_live(&session));
-    takes("by TLS", || goes_by(&session, Transport::TlsInstead));
+    wait_until("silent", || !is_live(&session));
+    let over = wait_until("live again", || is_live(&session));
+    wait_until("by TLS", || goes_by(&session, Transport::TlsInstead));
     println!("silent for {over:?}");
-    // The map goes on coming by TLS all the time, and is no sign of life of what drives.
+    // Tiles continue by TLS, but do not count as signs of life of the control session.
     assert!(over > Duration::from_secs(2), "{over:?}");
     assert!(over < OVER_WITHIN, "{over:?}");
 }
 
-/// TLS may be first to get through when a network comes back, and QUIC would do as well.
+/// TLS may connect first when a network comes back, although QUIC works too.
 #[test]
-fn a_link_by_quic_that_was_cut_is_by_quic_again() {
+fn a_cut_quic_link_returns_to_quic() {
     let network = Networked::start();
     let session = network.session();
-    takes("live", || is_live(&session));
-    takes("by QUIC", || goes_by(&session, Transport::Quic));
+    wait_until("live", || is_live(&session));
+    wait_until("by QUIC", || goes_by(&session, Transport::Quic));
     network.swallows_udp(true);
     for tcp in &network.tcp {
-        tcp.cut().unwrap();
+        tcp.cut();
     }
-    let given_up = takes("given up", || session.problem().is_some());
+    let given_up = wait_until("given up", || session.problem().is_some());
     for tcp in &network.tcp {
         tcp.pass().unwrap();
     }
     let [control, _] = &network.tcp;
     let before = control.connections_accepted();
-    takes("asked by TLS", || control.connections_accepted() > before);
+    wait_until("asked by TLS", || control.connections_accepted() > before);
     network.swallows_udp(false);
-    let back = takes("live again", || is_live(&session));
+    let back = wait_until("live again", || is_live(&session));
     println!("given up after {given_up:?}, live {back:?} after TLS was asked");
-    // By what way it goes is looked at once a second.
+    // The transport is checked once a second.
     sleep(Duration::from_millis(1500));
     assert!(
         goes_by(&session, Transport::Quic),

@@ -1,8 +1,7 @@
-//! Who may not even connect.
+//! Peers that may not connect.
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::thread::sleep;
 use std::time::Duration;
 
 use rcgen::{
@@ -11,16 +10,15 @@ use rcgen::{
 };
 use robot_edge::clock;
 use robot_edge::credentials::Credentials;
-use robot_edge::link::LinkError;
-use robot_edge::link::endpoints::Channel;
-use robot_edge::link::sessions::{self, Endpoints, Side};
+use robot_edge::network::LinkError;
+use robot_edge::network::endpoints::Channel;
+use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Session, Wait as _};
 
 use super::matrix;
 use crate::fleet::{Fleet, text};
-use crate::link::processes::free_port;
+use crate::link::processes::{free_port, wait_until};
 
-const TIMEOUT: Duration = Duration::from_secs(20);
 /// Seconds.
 const DAY: i64 = 86_400;
 
@@ -35,7 +33,7 @@ fn vehicle(fleet: &Fleet, port: u16) -> Session {
     sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap()
 }
 
-/// What a stranger's own program would try with these files.
+/// Whether a stranger's own program can connect with these files.
 fn try_to_connect(endpoint: &str, authority: &Path, own: Option<&Path>) -> bool {
     let mut config = Config::default();
     let mut set = |key: &str, value: serde_json::Value| {
@@ -62,13 +60,13 @@ fn try_to_connect(endpoint: &str, authority: &Path, own: Option<&Path>) -> bool 
     let Ok(session) = zenoh::open(config).wait() else {
         return false;
     };
-    // TLS 1.3 tells a client that it is refused only after the client has gone on.
+    // In TLS 1.3 a client learns of its refusal after the handshake.
     let is_connected = session.info().peers_zid().wait().count() > 0;
     session.close().wait().unwrap();
     is_connected
 }
 
-/// A folder like a person's, with a certificate of the fleet's authority that is good from and until some seconds from
+/// A person's folder with a certificate of the fleet's authority, valid from and until some seconds from
 /// now.
 fn certificate(fleet: &Fleet, name: &str, [from_s, until_s]: [i64; 2]) -> PathBuf {
     let authority = fleet.root().join("authority");
@@ -96,7 +94,7 @@ fn certificate(fleet: &Fleet, name: &str, [from_s, until_s]: [i64; 2]) -> PathBu
 }
 
 #[test]
-fn only_certificates_of_the_fleet_that_are_good_now_get_in() {
+fn only_valid_certificates_of_the_fleet_connect() {
     let (fleet, others, port) = (Fleet::new(), Fleet::new(), free_port());
     let vehicle = vehicle(&fleet, port);
     let ca = fleet.vehicle().join("ca.pem");
@@ -123,7 +121,7 @@ fn only_certificates_of_the_fleet_that_are_good_now_get_in() {
             let is_in = try_to_connect(&endpoint, &ca, own.map(PathBuf::as_path));
             assert_eq!(is_in, gets_in, "{who} by {protocol}");
         }
-        // She does not take another fleet's vehicle for hers.
+        // A client refuses a vehicle of another fleet.
         let other_ca = other_anna.join("ca.pem");
         assert!(!try_to_connect(&endpoint, &other_ca, Some(&anna)));
     }
@@ -152,45 +150,34 @@ fn a_link_ends_when_its_certificate_does() {
     let session = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap();
     let links = || vehicle.info().links().wait().count();
     assert!(links() > 0);
-    let started = clock::now();
-    while links() > 0 {
-        assert!(
-            clock::elapsed(started) < TIMEOUT,
-            "the link outlives its certificate"
-        );
-        sleep(Duration::from_millis(50));
-    }
+    wait_until("the link ends with its certificate", || links() == 0);
     session.close().wait().unwrap();
     vehicle.close().wait().unwrap();
 }
 
 #[test]
-fn somebody_with_a_persons_certificate_is_no_vehicle() {
+fn a_persons_certificate_cannot_act_as_a_vehicle() {
     let (fleet, port) = (Fleet::new(), free_port());
-    // A client's certificate cannot listen; one for listening can be had of the authority, and has the wrong name.
+    // Sam listens with her own certificate.
     let impostor = Endpoints {
         listen: vec![format!("quic/127.0.0.1:{port}")],
         credentials: Some(Credentials::open(&fleet.person("sam")).unwrap()),
         ..Endpoints::default()
     };
     let impostor = sessions::open(Side::Edge, Channel::Control, &impostor).unwrap();
-    let endpoints = Endpoints {
-        connect: vec![format!("quic/127.0.0.1:{port}")],
-        credentials: Some(Credentials::open(&fleet.person("anna")).unwrap()),
-        ..Endpoints::default()
-    };
+    let endpoints = fleet.endpoints("anna", format!("quic/127.0.0.1:{port}"));
     let refused = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap_err();
     assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
     impostor.close().wait().unwrap();
 }
 
 #[test]
-fn a_name_that_is_no_vehicles_is_refused_though_its_certificate_is_good() {
+fn a_valid_certificate_without_a_vehicle_name_is_refused() {
     let (fleet, port) = (Fleet::new(), free_port());
     let authority = fleet.root().join("authority");
     let key = KeyPair::from_pem(&text(authority.join("ca.key.pem"))).unwrap();
     let issuer = Issuer::from_ca_cert_pem(&text(authority.join("ca.pem")), key).unwrap();
-    // As a public authority would sign one, which Zenoh believes beside our own.
+    // As signed by a public authority, which Zenoh trusts too.
     let params = CertificateParams::new(vec!["127.0.0.1".to_owned()]).unwrap();
     let own = KeyPair::generate().unwrap();
     let folder = fleet.scratch("public");
@@ -218,11 +205,7 @@ fn a_name_that_is_no_vehicles_is_refused_though_its_certificate_is_good() {
         config.insert_json5(key, &value.to_string()).unwrap();
     }
     let impostor = zenoh::open(config).wait().unwrap();
-    let endpoints = Endpoints {
-        connect: vec![format!("tls/127.0.0.1:{port}")],
-        credentials: Some(Credentials::open(&fleet.person("anna")).unwrap()),
-        ..Endpoints::default()
-    };
+    let endpoints = fleet.endpoints("anna", format!("tls/127.0.0.1:{port}"));
     let refused = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap_err();
     assert!(
         matches!(refused, LinkError::UnexpectedPeer { .. }),

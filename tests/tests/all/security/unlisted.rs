@@ -1,4 +1,4 @@
-//! Who is not on a vehicle's list is told so, and is let in as soon as they are, while it runs.
+//! An unlisted operator is refused with the reason, and gets access as soon as the list has the name.
 
 use std::fs;
 use std::thread::sleep;
@@ -11,25 +11,16 @@ use zenoh::Wait as _;
 
 use super::matrix;
 use crate::fleet::{Fleet, text};
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, program, simulate};
 
 const TIMEOUT: Duration = Duration::from_mins(1);
 
 fn robot(fleet: &Fleet, endpoint: &str) -> Running {
-    let mut command = program("robot-edge");
-    command.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--quiet",
-    ]);
-    command.args(["--listen", endpoint, "--keys"]);
+    let mut command = simulate(&["--listen", endpoint, "--keys"]);
     Running::start(command.arg(fleet.vehicle()), "edge")
 }
 
-/// What asking at `endpoint` with Carl's keys comes to, where that is what is expected.
+/// Waits until discovery at `endpoint` with Carl's keys gives the expected state.
 fn wait_until(fleet: &Fleet, endpoint: &str, is_expected: impl Fn(&AddressState) -> bool) {
     let keys = Credentials::open(&fleet.person("carl")).unwrap();
     let asked = vec![endpoint.to_owned()];
@@ -42,15 +33,15 @@ fn wait_until(fleet: &Fleet, endpoint: &str, is_expected: impl Fn(&AddressState)
 }
 
 #[test]
-fn who_is_not_on_the_list_is_told_so_and_is_let_in_without_a_restart_once_they_are() {
+fn an_unlisted_operator_gets_access_once_listed() {
     let (fleet, port) = (Fleet::new(), free_port());
     let endpoint = format!("quic/127.0.0.1:{port}");
     let list = fleet.vehicle().join("operators.toml");
     let without_carl = text(&list);
     let added = fleet.keys(&["--robot", "scout", "--operator", "carl"]);
-    let said = String::from_utf8(added.stdout).unwrap();
+    let printed = String::from_utf8(added.stdout).unwrap();
     let what_to_do = "the vehicle lets them in once it has this, by `robot-edge install-keys`";
-    assert!(said.contains(what_to_do), "{said}");
+    assert!(printed.contains(what_to_do), "{printed}");
     let with_carl = text(&list);
     fs::write(&list, &without_carl).unwrap();
     let edge = robot(&fleet, &endpoint);
@@ -66,14 +57,14 @@ fn who_is_not_on_the_list_is_told_so_and_is_let_in_without_a_restart_once_they_a
     console.args(["--connect", &endpoint, "--keys"]);
     console.arg(fleet.person("carl"));
     console.arg("--export").arg(fleet.scratch("maps"));
-    let (code, said) = Running::start(&mut console, "console").end();
-    assert_eq!(code, Some(1), "{said}");
+    let (code, printed) = Running::start(&mut console, "console").end();
+    assert_eq!(code, Some(1), "{printed}");
     let first = format!("looking for robot scout at {endpoint}\n");
-    assert!(said.starts_with(&first), "{said}");
+    assert!(printed.starts_with(&first), "{printed}");
     let why = format!("scout answers at {endpoint} but denies access: you are not on");
-    // While it is waited for, and at the end.
-    assert_eq!(said.matches(&why).count(), 2, "{said}");
-    assert!(!said.contains("no answer"), "{said}");
+    // During the wait and at the end.
+    assert_eq!(printed.matches(&why).count(), 2, "{printed}");
+    assert!(!printed.contains("no answer"), "{printed}");
 
     let written = clock::now();
     fs::write(&list, &with_carl).unwrap();

@@ -1,4 +1,4 @@
-//! An emergency stop outlives the program, and somebody at the vehicle has a say.
+//! An emergency stop survives the program; signals at the vehicle stop and release it.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use super::robot::{CIRCLE, NAME, Robot};
 use crate::link::processes::free_port;
 
 #[test]
-fn an_emergency_stop_is_found_again_after_the_program_was_killed() {
+fn an_emergency_stop_survives_a_kill() {
     let state = tempdir().unwrap();
     let port = free_port();
     let mut robot = Robot::start_with(
@@ -43,7 +43,7 @@ fn an_emergency_stop_is_found_again_after_the_program_was_killed() {
     assert_eq!(bert.ask(&Reset { estop: number }), Answer::Done);
     bert.start_driving(CIRCLE);
 
-    // What was reset is not found again.
+    // A reset one is not restored.
     robot.edge.signal("KILL");
     robot.restart();
     let mut carla = Operator::ready(&robot.endpoint(), NAME, "carla");
@@ -51,7 +51,7 @@ fn an_emergency_stop_is_found_again_after_the_program_was_killed() {
 }
 
 #[test]
-fn whoever_is_at_the_vehicle_stops_it_and_lets_it_go_again() {
+fn signals_at_the_vehicle_stop_and_release_it() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     anna.start_driving(CIRCLE);

@@ -1,4 +1,4 @@
-//! What is in the way stops the vehicle, whatever its operator presses.
+//! The collision monitor stops the vehicle before obstacles while a key is held.
 
 use std::time::Duration;
 
@@ -13,10 +13,10 @@ use super::robot::{CIRCLE, NAME, Robot};
 
 /// Half of the Pioneer's length and width, metres.
 const HALF_M: [f64; 2] = [0.2275, 0.1905];
-/// Left free ahead of it by its preset, metres.
+/// Safety margin of its preset, metres.
 const MARGIN_M: f64 = 0.1;
 
-/// How far it is from the front of the vehicle to the next wall ahead, metres.
+/// Distance from the front of the vehicle to the next wall, metres.
 fn gap_m(operator: &Operator) -> f64 {
     let world = World::load("rooms").unwrap();
     let scene = Scene::new(world.solids());
@@ -36,10 +36,10 @@ fn gap_m(operator: &Operator) -> f64 {
 }
 
 #[test]
-fn before_a_wall_it_stops_by_itself_with_the_key_held() {
+fn the_collision_monitor_stops_before_a_wall() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    // Across the corridor, which is 3 m wide.
+    // Across the corridor of 3 m.
     anna.start_driving(Input::of(0.0, 0.8));
     anna.hold(Input::of(0.0, 0.8), Duration::from_millis(1600));
     anna.hold(Input::of(0.6, 0.0), Duration::from_secs(6));
@@ -56,7 +56,7 @@ fn before_a_wall_it_stops_by_itself_with_the_key_held() {
     // Noise of the laser on either side of the margin.
     assert!((MARGIN_M - 0.06..MARGIN_M + 0.15).contains(&gap), "{gap} m");
 
-    // Away from it the way is free; nobody has looked there for longer than the guard trusts: it creeps.
+    // Backwards the way is free, but not observed recently: it creeps.
     anna.hold(Input::NEUTRAL, NEUTRAL);
     anna.hold(Input::of(-0.3, 0.0), Duration::from_secs(4));
     assert!(gap_m(&anna) > gap + 0.2);
@@ -64,7 +64,7 @@ fn before_a_wall_it_stops_by_itself_with_the_key_held() {
 }
 
 #[test]
-fn the_guard_is_switched_off_and_on_by_whoever_drives() {
+fn the_driver_switches_the_collision_monitor_off_and_on() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     anna.take_lease();
@@ -80,7 +80,7 @@ fn the_guard_is_switched_off_and_on_by_whoever_drives() {
 }
 
 #[test]
-fn the_guard_is_on_for_the_next_driver_whoever_switched_it_off() {
+fn the_collision_monitor_is_on_again_for_the_next_driver() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
@@ -90,7 +90,7 @@ fn the_guard_is_on_for_the_next_driver_whoever_switched_it_off() {
     anna.wait_for_status("driving without", |teleop| {
         teleop.collision_monitor == CollisionMonitorState::Off
     });
-    // She is cut off, and the lease ends.
+    // Her session is closed, and the lease ends.
     anna.session().close().wait().unwrap();
     bert.wait_for_status("free", |teleop| teleop.lease.holder.is_none());
     bert.take_lease();

@@ -1,4 +1,4 @@
-//! Somebody drives a circle while something else happens.
+//! Drives a circle while something else happens, and measures the rounds.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::scope;
@@ -12,7 +12,7 @@ use robot_edge::clock;
 use super::figures::at;
 use super::robot::CIRCLE;
 
-/// Runs `attack` while `driver` holds [`CIRCLE`]; when it began and ended.
+/// Runs `attack` while `driver` holds [`CIRCLE`]; returns its begin and end.
 pub(super) fn while_driving(
     driver: &mut Operator,
     attack: impl FnOnce(),
@@ -29,7 +29,7 @@ pub(super) fn while_driving(
     })
 }
 
-/// How much of the time the vehicle drove, from 0 to 1: on a busy machine it may not have been all.
+/// Share of the time in which the vehicle drove, from 0 to 1; below 1 on a busy machine.
 pub(super) fn drove(what: &str, log: &DriveLog, (began, ended): (Monotonic, Monotonic)) -> f64 {
     let driving_s = log.during(began, ended).windows(2).map(|pair| {
         let is_driving = pair[0].mode == "driving";
@@ -40,19 +40,19 @@ pub(super) fn drove(what: &str, log: &DriveLog, (began, ended): (Monotonic, Mono
     share
 }
 
-/// A round ends at the latest so long after the one before (`robot-edge/src/driving/thread.rs`).
+/// Period of the teleop loop.
 pub(super) const ROUND: Duration = Duration::from_millis(20);
 
-/// How much later than [`ROUND`] rounds ended.
+/// Delays of rounds beyond [`ROUND`].
 pub(super) struct Lateness {
-    /// The latest last.
+    /// Sorted.
     late: Vec<Duration>,
-    /// The share of the time that went by in rounds which were later than another [`ROUND`], from 0 to 1.
+    /// Share of the time in rounds that were late by more than [`ROUND`], from 0 to 1.
     delayed: f64,
 }
 
 impl Lateness {
-    /// Of the rounds of a drive. Prints it.
+    /// Of the rounds of a drive; prints them.
     pub(super) fn of(what: &str, log: &DriveLog, (began, ended): (Monotonic, Monotonic)) -> Self {
         let rounds = log.during(began, ended).to_vec();
         let periods = DriveLog { rounds, missing: 0 }.periods();
@@ -71,13 +71,13 @@ impl Lateness {
         Self { late, delayed }
     }
 
-    /// Of that share of all rounds, the latest.
+    /// The quantile `share`.
     pub(super) fn at(&self, share: f64) -> Duration {
         at(&self.late, share)
     }
 
-    /// Fails where these rounds were delayed and those of the same machine without a flood, shortly before, were not. A
-    /// busy machine delays some by itself.
+    /// Panics if these rounds are later than those without a flood. A busy machine delays some in
+    /// both.
     pub(super) fn is_no_worse_than(&self, quiet: &Self) {
         assert!(
             self.delayed <= 0.1 + 2.0 * quiet.delayed,
@@ -89,7 +89,7 @@ impl Lateness {
         assert!(median <= limit, "every second round is late by {median:?}");
     }
 
-    /// Fails where any round was delayed: for a machine that has nothing else to do.
+    /// Panics if any round is late: for an idle machine.
     pub(super) fn is_none(&self) {
         for (share, limit) in [(0.99, ROUND / 4), (1.0, ROUND)] {
             let late = self.at(share);

@@ -1,4 +1,4 @@
-//! How fast it is: each test prints rows of a table, and fails where a figure is far off. Needs the machine for itself.
+//! Latency benchmarks: each test prints rows of a table and fails if a figure is far off. Needs an idle machine.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -12,14 +12,13 @@ use super::drive::Lateness;
 use super::robot::{NAME, Robot};
 use crate::link::processes::{Running, free_port, program};
 
-/// Pressed and let go, over and over.
+/// Pressed and released in turn.
 pub(super) const PRESSED: (Input, Duration) = (Input::of(0.1, 0.5), Duration::from_millis(600));
 pub(super) const LET_GO: (Input, Duration) = (Input::NEUTRAL, Duration::from_millis(450));
 
-/// How many presses are measured.
 const PRESSES: usize = 120;
 
-/// From presses to the first round whose output moves, the slowest last, and how many presses had no effect. Prints it.
+/// Sorted times from a press to the first round that moves, and the number of presses without effect; prints them.
 pub(super) fn latencies(what: &str, log: &DriveLog, journal: &Journal) -> (Vec<Duration>, usize) {
     let latencies = press_latencies(log, journal);
     let mut effective: Vec<_> = latencies.iter().copied().flatten().collect();
@@ -35,7 +34,7 @@ pub(super) fn latencies(what: &str, log: &DriveLog, journal: &Journal) -> (Vec<D
     (effective, without_effect)
 }
 
-/// Of sorted times, that which so large a share of them does not exceed.
+/// The quantile `share` of sorted times.
 pub(super) fn at(times: &[Duration], share: f64) -> Duration {
     let last = times.len().checked_sub(1).expect("figures");
     times[(last as f64 * share).round() as usize]
@@ -48,7 +47,7 @@ fn press_and_let_go(operator: &mut Operator) {
     }
 }
 
-/// A robot with as many maps as it has, a console that follows, and one that is frozen; somebody presses and lets go.
+/// A robot with all maps, a console that follows, a console that is stopped, and an operator.
 fn measure_locally(world: &'static str) {
     let port = free_port();
     let robot = Robot::launch(program("robot-edge"), port, world, move |command| {
@@ -78,8 +77,8 @@ fn measure_locally(world: &'static str) {
         100.0 * load
     );
     let (latencies, without_effect) = latencies(world, &log, &anna.journal);
-    let nobody = Lateness::of(&format!("{world}, nobody drives"), &log, (idle, driven));
-    let somebody = Lateness::of(&format!("{world}, somebody drives"), &log, (driven, over));
+    let nobody = Lateness::of(&format!("{world}, standing"), &log, (idle, driven));
+    let somebody = Lateness::of(&format!("{world}, driving"), &log, (driven, over));
     let status = anna.wait_for_new_status();
     println!(
         "{world}: {} involuntary stops",
@@ -87,7 +86,7 @@ fn measure_locally(world: &'static str) {
     );
     drop((watching, frozen));
     robot.verdict(&[&anna.journal]);
-    // Twice what is aimed at.
+    // Twice the target.
     assert_eq!(without_effect, 0);
     assert!(at(&latencies, 0.99) <= Duration::from_millis(20));
     for late in [nobody, somebody] {

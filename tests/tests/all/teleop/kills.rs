@@ -1,4 +1,4 @@
-//! Processes die, hang and come back, with a key held.
+//! Processes die, hang and restart while a key is held.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,10 +15,10 @@ use tempfile::tempdir;
 use super::robot::{CIRCLE, LIMITS, NAME, Robot};
 use crate::link::processes::{Running, free_port, program};
 
-/// How long a hang lasts: longer than any command lives, shorter than the lease.
+/// Duration of a hang: longer than the greatest command age, shorter than the lease.
 const HANG: Duration = Duration::from_millis(1200);
 
-/// An operator that is a process: it holds [`CIRCLE`] for longer than any test lasts.
+/// An operator as a process, which holds [`CIRCLE`].
 struct OperatorProcess {
     running: Running,
     journal: PathBuf,
@@ -48,12 +48,12 @@ impl OperatorProcess {
     }
 }
 
-/// When the vehicle must stand, after what happened `at`: a generous deadline for a busy machine.
+/// When the vehicle must stand after the failure `at`: a generous deadline for a busy machine.
 fn stands_by(at: Monotonic) -> Monotonic {
     at + LIMITS.max_age + NEUTRAL
 }
 
-/// Fails where the motors were told to move between these moments, or nothing was logged.
+/// The rounds between these times, whose outputs must all be zero.
 fn stood(log: &DriveLog, from: Monotonic, to: Monotonic) -> &[Round] {
     let rounds = log.during(from, to);
     assert!(!rounds.is_empty());
@@ -68,7 +68,7 @@ fn drives(observer: &Operator) {
 }
 
 #[test]
-fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
+fn a_killed_operator_process_stops_and_frees_the_vehicle() {
     let (robot, folder) = (Robot::start(), tempdir().unwrap());
     let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
@@ -84,7 +84,7 @@ fn an_operators_process_that_is_killed_stops_the_vehicle_and_frees_it() {
 }
 
 #[test]
-fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
+fn a_hanging_operator_process_stops_the_vehicle() {
     let (robot, folder) = (Robot::start(), tempdir().unwrap());
     let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
     let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
@@ -94,7 +94,7 @@ fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
     sleep(HANG);
     anna.running.signal("CONT");
     let woken = clock::now();
-    // It goes on as if nothing had been: the lease is still its own, and the key is down.
+    // It continues with the lease and with the key down.
     sleep(HANG);
     let log = robot.log();
     let rounds = stood(&log, stands_by(stopped), clock::now());
@@ -102,13 +102,13 @@ fn an_operators_process_that_hangs_stops_the_vehicle_until_a_new_press() {
     assert_eq!((last.mode.as_str(), last.requested), ("held", [0.15, 1.0]));
     let journal = anna.journal();
     let taken = journal.find(last.seq.unwrap()).unwrap();
-    assert!(taken.at > woken, "commands are taken, and move nothing");
+    assert!(taken.at > woken, "commands are accepted and move nothing");
     let verdict = robot.verdict(&[&journal]);
     assert_eq!(verdict.stops.len(), 1);
 }
 
 #[test]
-fn an_edge_that_hangs_stands_when_it_wakes() {
+fn an_edge_that_hung_stays_stopped_when_it_continues() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     anna.start_driving(CIRCLE);
@@ -127,8 +127,8 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
     });
     let log = robot.log();
     assert!(log.during(stopped + NEUTRAL, woken).is_empty(), "it hangs");
-    assert!(!log.since(stopped + NEUTRAL).is_empty(), "it goes on");
-    // The first round as well: what waited for it is too old, and the ramp has long been due.
+    assert!(!log.since(stopped + NEUTRAL).is_empty(), "it continues");
+    // The first round too: waiting commands are too old, and the ramp is over.
     let from = woken + Duration::from_nanos(1);
     stood(&log, from, clock::now());
     anna.start_driving(CIRCLE);
@@ -136,7 +136,7 @@ fn an_edge_that_hangs_stands_when_it_wakes() {
 }
 
 #[test]
-fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
+fn a_restarted_edge_grants_no_old_lease() {
     let mut robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     anna.start_driving(CIRCLE);
@@ -145,7 +145,7 @@ fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
     anna.hold(CIRCLE, NEUTRAL);
     robot.verdict(&[&anna.journal]);
     let last = robot.log().rounds.pop().unwrap();
-    assert!(!last.is_stopped(), "it was killed as it drove: {last:?}");
+    assert!(!last.is_stopped(), "it was killed while it drove: {last:?}");
 
     robot.restart();
     anna.hold(CIRCLE, Duration::from_secs(4));
@@ -154,12 +154,14 @@ fn an_edge_that_is_killed_and_comes_back_knows_nobody() {
     assert!(rounds.len() > 50 && rounds.iter().all(|round| round.seq.is_none()));
     let teleop = anna.wait_for_new_status();
     assert_eq!(teleop.lease.holder, None);
-    assert!(!teleop.counters.refused.is_empty(), "it did hear her");
+    assert!(
+        !teleop.counters.refused.is_empty(),
+        "it received her commands"
+    );
     anna.start_driving(CIRCLE);
     robot.verdict(&[&anna.journal]);
 }
 
-/// A router as a process.
 fn router(port: u16) -> Running {
     let mut command = program("drive-by-wire");
     command.args(["route", &format!("tcp/127.0.0.1:{port}")]);
@@ -169,7 +171,7 @@ fn router(port: u16) -> Running {
 }
 
 #[test]
-fn a_router_that_hangs_or_dies_stops_the_vehicle_until_a_new_press() {
+fn a_router_that_hangs_or_dies_stops_the_vehicle() {
     let port = free_port();
     let mut between = router(port);
     let robot = Robot::start_with(port, &["--connect", &format!("tcp/127.0.0.1:{port}")]);

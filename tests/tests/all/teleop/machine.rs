@@ -1,4 +1,4 @@
-//! The vehicle's own machine: its wall clock jumps, its disk is full.
+//! The vehicle's computer: its wall clock jumps, its disk is full.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -16,13 +16,12 @@ use super::robot::{CIRCLE, NAME, Robot};
 use crate::link::processes::{free_port, program};
 use crate::skip::skip;
 
-/// How long each state of the machine lasts.
 const MEANWHILE: Duration = Duration::from_secs(2);
 
-/// Where Debian and its relatives keep it.
+/// Path on Debian.
 const LIBFAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
-/// `libfaketime` in front of a program: its wall clock is what the file says, and its other clocks are left alone.
+/// Loads `libfaketime`: the file sets the wall clock; other clocks are not changed.
 fn with_wall_clock(command: &mut Command, file: &Path) {
     command
         .env("LD_PRELOAD", LIBFAKETIME)
@@ -32,18 +31,18 @@ fn with_wall_clock(command: &mut Command, file: &Path) {
 }
 
 fn set_wall_clock(file: &Path, offset: &str) {
-    // Never half written: it is read all the time.
+    // Atomic: the file is read all the time.
     let next = file.with_extension("next");
     fs::write(&next, offset).unwrap();
     fs::rename(next, file).unwrap();
     let mut date = Command::new("date");
     with_wall_clock(&mut date, file);
-    let said = |date: &mut Command| {
-        let said = date.arg("+%s").output().unwrap();
-        let text = String::from_utf8(said.stdout).unwrap();
+    let printed = |date: &mut Command| {
+        let printed = date.arg("+%s").output().unwrap();
+        let text = String::from_utf8(printed.stdout).unwrap();
         text.trim().parse::<i64>().unwrap()
     };
-    let (faked, real) = (said(&mut date), said(&mut Command::new("date")));
+    let (faked, real) = (printed(&mut date), printed(&mut Command::new("date")));
     let off_s: i64 = offset.trim_end_matches('s').parse().unwrap();
     assert!(
         (faked - real - off_s).abs() <= 5,
@@ -52,7 +51,7 @@ fn set_wall_clock(file: &Path, offset: &str) {
 }
 
 #[test]
-fn a_wall_clock_that_is_set_changes_nothing() {
+fn setting_the_wall_clock_changes_nothing() {
     if !Path::new(LIBFAKETIME).exists() {
         skip(&format!("there is no {LIBFAKETIME}"), "package libfaketime");
         return;
@@ -79,13 +78,13 @@ fn a_wall_clock_that_is_set_changes_nothing() {
     robot.verdict(&[&anna.journal]);
 }
 
-/// A small disk of its own.
+/// A small disk.
 pub(super) struct Disk {
     folder: TempDir,
 }
 
 impl Disk {
-    /// `None` where the system does not let this process have one.
+    /// `None`, and a skipped test, without the right to mount.
     pub(super) fn mounted() -> Option<Self> {
         let folder = tempdir().unwrap();
         let mounted = Command::new("mount")
@@ -100,7 +99,6 @@ impl Disk {
         Some(Self { folder })
     }
 
-    /// Makes it larger or smaller; as large as this it takes no memory before it is filled.
     pub(super) fn resize(&self, size: &str) {
         let resized = Command::new("mount")
             .args(["-o", &format!("remount,size={size}")])

@@ -1,5 +1,5 @@
-//! A simulated robot is driven while everything goes wrong that can, and what its motors were told is held against what
-//! its operator sent.
+//! A simulated robot is driven under failures and attacks; its motor outputs are compared with the commands of its
+//! operators.
 
 mod at_the_vehicle;
 mod collision;

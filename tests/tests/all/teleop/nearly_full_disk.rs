@@ -1,4 +1,4 @@
-//! A disk that is nearly full, while somebody drives and while nobody does.
+//! A nearly full disk, while driving and while standing.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
@@ -18,11 +18,11 @@ use zenoh::Wait as _;
 use super::drive::while_driving;
 use super::machine::Disk;
 use super::robot::NAME;
-use crate::link::processes::{Running, free_port, program};
+use crate::link::processes::{Running, free_port, program, simulate};
 
 const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// A console: it hears what happens on the robot as long as it looks.
+/// A console that receives events as long as it sends its view.
 struct Console {
     operator: Operator,
     robot: RobotId,
@@ -79,7 +79,7 @@ impl Console {
     fn wait_for_event(&self, kind: &str) {
         let started = clock::now();
         while self.events(kind).is_empty() {
-            assert!(clock::elapsed(started) < TIMEOUT, "never told: {kind}");
+            assert!(clock::elapsed(started) < TIMEOUT, "no event: {kind}");
             self.subscribe();
             sleep(Duration::from_millis(100));
         }
@@ -88,28 +88,16 @@ impl Console {
 
 #[test]
 #[ignore = "needs root"]
-fn recording_and_drive_log_end_and_driving_goes_on_where_a_disk_is_nearly_full() {
+fn driving_continues_when_the_disk_is_nearly_full() {
     let disk = Disk::mounted().unwrap();
     disk.resize("3g");
     let [recording, log] = ["r.mcap", "d.csv"].map(|name| disk.path(name));
     let port = free_port();
     let start = || {
-        let mut command = program("robot-edge");
-        command
-            .args([
-                "simulate",
-                "rooms",
-                "--rate",
-                "1",
-                "--keep-serving",
-                "--quiet",
-            ])
-            .args(["--robot", NAME, "--listen"])
-            .arg(format!("tcp/127.0.0.1:{port}"))
-            .arg("--record")
-            .arg(&recording)
-            .arg("--drive-log")
-            .arg(&log);
+        let listen = format!("tcp/127.0.0.1:{port}");
+        let mut command = simulate(&["--robot", NAME, "--listen", &listen]);
+        command.arg("--record").arg(&recording);
+        command.arg("--drive-log").arg(&log);
         Running::start(&mut command, "edge")
     };
     let edge = start();
@@ -147,11 +135,11 @@ fn recording_and_drive_log_end_and_driving_goes_on_where_a_disk_is_nearly_full()
         assert_eq!(received[0].severity, severity);
     }
     edge.signal("INT");
-    let (code, said) = edge.end();
-    assert_eq!(code, Some(1), "the recording is not whole: {said}");
+    let (code, printed) = edge.end();
+    assert_eq!(code, Some(1), "the recording is incomplete: {printed}");
     assert!(
-        said.contains("recording ends: the disk is nearly full"),
-        "{said}"
+        printed.contains("recording ends: the disk is nearly full"),
+        "{printed}"
     );
     let mut reader = open(&recording, Selection::All).unwrap();
     let mut measurements = 0;
@@ -165,16 +153,16 @@ fn recording_and_drive_log_end_and_driving_goes_on_where_a_disk_is_nearly_full()
     assert!(rounds.len() > 100, "{}", rounds.len());
     drop((anna, console));
 
-    // From the start on: the first console that comes is told.
+    // A run that starts with a full disk tells the first console.
     let _edge = start();
     let mut anna = Operator::ready(&endpoint, NAME, "anna");
     let console = Console::at(&endpoint);
     console.wait_for_event("recording_stopped");
     console.wait_for_event("drive_log_stopped");
     while_driving(&mut anna, || sleep(Duration::from_secs(1)));
-    assert!(!disk.path("r-2.mcap").exists(), "nothing could be in it");
+    assert!(!disk.path("r-2.mcap").exists(), "it would be empty");
 
-    // Nobody drives: what cannot be recorded is an error.
+    // Without driving, a recording that ends is an error.
     let mut command = program("robot-edge");
     command.args([
         "simulate",
@@ -186,10 +174,10 @@ fn recording_and_drive_log_end_and_driving_goes_on_where_a_disk_is_nearly_full()
         "--no-network",
         "--quiet",
     ]);
-    let (code, said) = Running::start(command.arg("--record").arg(&recording), "recorder").end();
-    assert_eq!(code, Some(1), "{said}");
+    let (code, printed) = Running::start(command.arg("--record").arg(&recording), "recorder").end();
+    assert_eq!(code, Some(1), "{printed}");
     assert!(
-        said.contains("r-2.mcap: recording ends: the disk is nearly full"),
-        "{said}"
+        printed.contains("r-2.mcap: recording ends: the disk is nearly full"),
+        "{printed}"
     );
 }

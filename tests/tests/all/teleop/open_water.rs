@@ -1,4 +1,4 @@
-//! A boat out of reach of every shore, and a cover over its laser.
+//! A boat on open water, and a covered laser.
 
 use std::cell::Cell;
 use std::fs;
@@ -19,7 +19,7 @@ const CREEP_MPS: f64 = 0.3;
 
 const AHEAD: Input = Input::of(3.0, 0.0);
 
-/// The lake with the boat at another place, and with `noise` added to its sensors.
+/// The lake with another start of the boat and with `noise` for its sensors.
 fn lake(folder: &Path, start_x_m: f64, noise: &str) -> &'static str {
     let world =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/simulation/worlds/lake.toml");
@@ -39,7 +39,7 @@ fn lake(folder: &Path, start_x_m: f64, noise: &str) -> &'static str {
     path.to_str().unwrap().to_owned().leak()
 }
 
-/// The boat, somebody who drives it, and somebody who looks on.
+/// The boat, its driver and an observer.
 fn boat(world: &'static str) -> (Robot, Operator, Operator) {
     let port = free_port();
     let robot = Robot::launch(program("robot-edge"), port, world, move |command| {
@@ -55,7 +55,7 @@ fn fastest_mps(rounds: &[Round]) -> f64 {
 }
 
 #[test]
-fn out_of_reach_of_every_shore_it_goes_at_its_stated_speed_until_its_laser_is_covered() {
+fn on_open_water_a_covered_laser_slows_the_boat_to_creep() {
     let folder = tempdir().unwrap();
     let world = lake(folder.path(), 5000.0, "laser_covered_s = [20.0, 1e6]");
     let (robot, mut anna, bert) = boat(world);
@@ -86,7 +86,7 @@ fn out_of_reach_of_every_shore_it_goes_at_its_stated_speed_until_its_laser_is_co
         (OPEN_MPS - 0.1..OPEN_MPS + 0.05).contains(&fastest_mps),
         "{fastest_mps}"
     );
-    // It brakes as a boat does, and then creeps.
+    // It slows down to creep.
     anna.hold(AHEAD, Duration::from_secs(5));
     let log = robot.log();
     let last = log.rounds.last().unwrap();
@@ -95,7 +95,7 @@ fn out_of_reach_of_every_shore_it_goes_at_its_stated_speed_until_its_laser_is_co
 }
 
 #[test]
-fn among_shores_a_laser_that_is_covered_is_a_fault_of_the_sensor() {
+fn near_shores_a_covered_laser_is_a_sensor_fault() {
     let folder = tempdir().unwrap();
     let world = lake(folder.path(), -6.0, "laser_covered_s = [12.0, 1e6]");
     let (robot, mut anna, bert) = boat(world);

@@ -1,4 +1,4 @@
-//! Others want to drive as well, shout, or talk nonsense, while somebody drives.
+//! Other operators request the lease, flood the link or send garbage while one drives.
 
 use std::thread::{scope, sleep};
 use std::time::Duration;
@@ -14,15 +14,15 @@ use super::drive::{Lateness, drove, while_driving};
 use super::robot::{CIRCLE, NAME, Robot, refused};
 use crate::rng::SeededRng;
 
-/// How long each attack lasts.
+/// Duration of each attack.
 const ATTACK: Duration = Duration::from_secs(3);
 
-/// Commands a second of a flood, and how many of them at once.
+/// Commands per second of a flood, and of each burst.
 const FLOOD_PER_S: u32 = 10_000;
 const AT_ONCE: u32 = 20;
 
 #[test]
-fn a_second_operator_moves_nothing_until_it_is_their_turn() {
+fn a_second_operator_moves_nothing_before_the_grant() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
@@ -37,7 +37,7 @@ fn a_second_operator_moves_nothing_until_it_is_their_turn() {
     drove("a second operator", &robot.log(), drive);
     assert!(refused(&bert.wait_for_new_status(), Refusal::NotHolder) > 40);
 
-    // Handed over as it drives: first it must stand.
+    // Handed over while it drives: first it must stop.
     anna.start_driving(CIRCLE);
     anna.hold(CIRCLE, NEUTRAL);
     let consent = LeaseRequest::HandOver("bert".parse().unwrap());
@@ -47,9 +47,12 @@ fn a_second_operator_moves_nothing_until_it_is_their_turn() {
     anna.hold(CIRCLE, NEUTRAL);
     let log = robot.log();
     let first = log.rounds.iter().position(|round| round.epoch > anna_epoch);
-    assert!(log.rounds[first.unwrap()].is_stopped(), "through zero");
+    assert!(
+        log.rounds[first.unwrap()].is_stopped(),
+        "it did not stop before"
+    );
 
-    // Taken over as it drives, likewise.
+    // Taken over while it drives, likewise.
     bert.start_driving(other_way);
     let mut carla = Operator::ready(&robot.endpoint(), NAME, "carla");
     carla.ask(&LeaseRequest::TakeOver);
@@ -59,11 +62,14 @@ fn a_second_operator_moves_nothing_until_it_is_their_turn() {
         .rounds
         .iter()
         .position(|round| round.epoch >= carla.epoch);
-    assert!(log.rounds[first.unwrap()].is_stopped(), "through zero");
+    assert!(
+        log.rounds[first.unwrap()].is_stopped(),
+        "it did not stop before"
+    );
     robot.verdict(&[&anna.journal, &bert.journal, &carla.journal]);
 }
 
-/// Puts what `message` makes ten thousand times a second for a while.
+/// Puts messages at [`FLOOD_PER_S`] for [`ATTACK`].
 fn flood(session: &Session, key: &str, mut message: impl FnMut() -> Vec<u8>) {
     let publisher = session
         .declare_publisher(key.to_owned())
@@ -85,13 +91,13 @@ fn flood(session: &Session, key: &str, mut message: impl FnMut() -> Vec<u8>) {
     println!("{key}: {per_s:.0} messages/s");
 }
 
-/// Somebody drives for as long as an attack lasts, and nothing else happens.
+/// The rounds of a drive without an attack.
 fn quiet(robot: &Robot, driver: &mut Operator) -> Lateness {
     let drive = while_driving(driver, || sleep(ATTACK));
     Lateness::of("no flood", &robot.log(), drive)
 }
 
-/// Drives while two others shout; how much of the time it drove, and how late rounds were.
+/// Drives during two floods; returns the share of driving and the delays of rounds.
 fn drive_through_floods() -> [(f64, Lateness); 2] {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
@@ -132,23 +138,23 @@ fn drive_through_floods() -> [(f64, Lateness); 2] {
 }
 
 #[test]
-fn floods_of_others_move_nothing_and_delay_no_round() {
+fn floods_move_nothing_and_delay_no_round() {
     drive_through_floods();
 }
 
 #[test]
-#[ignore = "fifteen seconds: measures, and needs the machine for itself"]
-fn floods_of_others_neither_stop_the_vehicle_nor_delay_a_round() {
+#[ignore = "fifteen seconds: measures, and needs an idle machine"]
+fn floods_neither_stop_the_vehicle_nor_delay_a_round() {
     for (share, late) in drive_through_floods() {
         assert!(share > 0.99, "{share}");
         late.is_none();
     }
 }
 
-/// Where anybody may send anything, that is without keys, a flood in the driver's own name takes the driver's rate. It
-/// stops the vehicle, and moves nothing.
+/// Without keys, a flood in the driver's own name uses up the driver's rate. It
+/// stops the vehicle and moves nothing.
 #[test]
-fn a_flood_in_the_drivers_own_name_moves_nothing_and_an_emergency_stop_gets_through() {
+fn an_emergency_stop_gets_through_a_flood_in_the_drivers_name() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
     let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
@@ -174,7 +180,7 @@ fn a_flood_in_the_drivers_own_name_moves_nothing_and_an_emergency_stop_gets_thro
     robot.verdict(&[&anna.journal, &bert.journal]);
 }
 
-/// Keys that operators use, and keys that look as if.
+/// Keys that operators use, and similar ones.
 fn keys() -> Vec<String> {
     let mut keys = vec![
         format!("foreshore/{NAME}/op/anna"),
@@ -221,12 +227,12 @@ fn garbage_of_every_kind_on_every_key_moves_nothing() {
     robot.verdict(&[&anna.journal]);
 }
 
-/// Each byte of a command that the driver has just signed, changed; and each length that it could be cut to.
+/// Each byte of a newly signed command is changed; some are truncated.
 #[test]
-fn commands_that_were_tampered_with_move_nothing() {
+fn tampered_commands_move_nothing() {
     let robot = Robot::start();
     let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    // The same name and key, so that all that stands between it and the motors is the signature.
+    // The same name and key, so that only the signature protects the motors.
     let mut model = Operator::ready(&robot.endpoint(), NAME, "anna");
     let mut rng = SeededRng::new(8);
     let full_speed = Drive {
@@ -239,7 +245,7 @@ fn commands_that_were_tampered_with_move_nothing() {
     let before = anna.wait_for_new_status();
     let length = model.signed(&full_speed).len();
     let drive = while_driving(&mut anna, || {
-        // Slowly enough for the rate that the vehicle grants a name.
+        // Within the rate that the vehicle accepts from one name.
         for at in 0..length {
             let mut changed = model.signed(&full_speed);
             changed[at] ^= 1 << (rng.next() % 8);

@@ -12,13 +12,13 @@ use tempfile::{TempDir, tempdir};
 
 use crate::link::processes::{Running, free_port, program};
 
-/// What the operators of these tests call it.
+/// Name of the robot.
 pub(super) const NAME: &str = "scout";
 
 /// A circle that fits into the corridor in which it begins.
 pub(super) const CIRCLE: Input = Input::of(0.15, 1.0);
 
-/// As the vehicle of [`WORLD`] has them.
+/// Limits of the vehicle of [`WORLD`].
 pub(super) const LIMITS: Limits = Limits {
     max_age: Duration::from_millis(400),
     stop_decel: [1.0, 4.0],
@@ -26,7 +26,7 @@ pub(super) const LIMITS: Limits = Limits {
 
 const WORLD: &str = "rooms";
 
-/// A robot that runs.
+/// A running robot.
 pub(super) struct Robot {
     pub(super) edge: Running,
     pub(super) port: u16,
@@ -38,7 +38,7 @@ pub(super) struct Robot {
 }
 
 impl Robot {
-    /// Starts one that listens at a port of its own.
+    /// Starts one that listens at a free port.
     pub(super) fn start() -> Self {
         let port = free_port();
         Self::start_with(port, &["--listen", &format!("tcp/127.0.0.1:{port}")])
@@ -52,7 +52,7 @@ impl Robot {
         })
     }
 
-    /// Starts the program in another world, or changed otherwise.
+    /// Starts the program in a world, with a changed command.
     pub(super) fn launch(
         edge: Command,
         port: u16,
@@ -90,7 +90,7 @@ impl Robot {
         }
     }
 
-    /// Starts it again, with a log that begins anew.
+    /// Starts it again, with a new log.
     pub(super) fn restart(&mut self) {
         self.edge = (self.run)(&self.log);
         self.runs += 1;
@@ -100,21 +100,20 @@ impl Robot {
         format!("tcp/127.0.0.1:{}", self.port)
     }
 
-    /// What the motors were told so far.
+    /// The outputs so far.
     pub(super) fn log(&self) -> DriveLog {
         let name = match self.runs {
             1 => self.log.clone(),
             run => self.log.with_file_name(format!("drive-{run}.csv")),
         };
-        // The program has just been started: it may not be there yet.
         let csv =
             fs::read_to_string(&name).unwrap_or_else(|err| panic!("{}: {err}", name.display()));
         let log = DriveLog::parse(&csv).unwrap_or_else(|err| panic!("{err}"));
-        assert_eq!(log.missing, 0, "the disk was too slow to judge");
+        assert_eq!(log.missing, 0, "rounds are missing: the disk was too slow");
         log
     }
 
-    /// Judges what the motors were told so far, by the journals of everybody who drove.
+    /// Checks the outputs so far against the journals of all drivers.
     pub(super) fn verdict(&self, journals: &[&Journal]) -> Evaluation {
         let verdict = evaluate(&self.log(), journals, &LIMITS);
         verdict.assert_no_faults();
@@ -123,7 +122,7 @@ impl Robot {
     }
 }
 
-/// How often commands were refused for that reason.
+/// Number of commands refused for that reason.
 pub(super) fn refused(teleop: &TeleopStatus, reason: Refusal) -> u64 {
     let counters = teleop.counters.refused.iter();
     let mut found = counters.filter(|refused| refused.reason == reason);

@@ -1,5 +1,5 @@
-//! How fast it is on the shaped link, while tiles use all that the budget gives them: each test prints rows of a table,
-//! and fails, but for TCP, where a figure is far off. Needs the machine for itself, and root.
+//! Latency benchmarks on the shaped link while tiles use their whole budget: each test prints rows of a table
+//! and fails, except for TCP, if a figure is far off. Needs an idle machine and root.
 
 use std::path::Path;
 use std::process::Command;
@@ -7,8 +7,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Journal};
-use foreshore_tests::rig::Line;
-use foreshore_tests::rig::tun::{Conditions, Namespaces, Side};
+use foreshore_tests::rig::tun::{Namespaces, Side};
+use foreshore_tests::rig::{Conditions, Line};
 use robot_edge::clock;
 use tempfile::tempdir;
 
@@ -18,7 +18,6 @@ use crate::fleet::Fleet;
 use crate::link::processes::{Running, program};
 use crate::rig::namespaces;
 
-/// How long is measured.
 const MEASURED: Duration = Duration::from_mins(2);
 
 /// 2 Mbit/s, 150 ms round trip, 2 % loss, 32 kB of queue.
@@ -34,11 +33,11 @@ fn shaped() -> Conditions {
     }
 }
 
-/// How the three find and trust each other.
+/// Protocols and keys.
 enum Transport {
     /// Commands and tiles over TCP, without keys.
     Open,
-    /// Commands over QUIC, tiles over TLS, everybody with keys.
+    /// Commands over QUIC, tiles over TLS, with keys.
     Secured(Fleet),
 }
 
@@ -51,7 +50,7 @@ impl Transport {
         format!("{scheme}/{}:7447", Side::A.address())
     }
 
-    /// What the edge is told.
+    /// Options of the edge.
     fn listens(&self) -> Vec<String> {
         let listen = ["--listen".to_owned(), self.endpoint()];
         let trust = match self {
@@ -61,7 +60,7 @@ impl Transport {
         [&listen[..], &trust].concat()
     }
 
-    /// What a console is told.
+    /// Options of a console.
     fn connects(&self, name: &str) -> Vec<String> {
         let connect = ["--connect".to_owned(), self.endpoint()];
         let trust = match self {
@@ -71,7 +70,7 @@ impl Transport {
         [&connect[..], &trust].concat()
     }
 
-    /// What an operator is told before the journal.
+    /// Arguments of `drive-by-wire` before the journal.
     fn operates(&self, name: &str) -> [String; 4] {
         let (verb, who) = match self {
             Self::Open => ("operate", name.to_owned()),
@@ -85,12 +84,12 @@ fn text(path: &Path) -> String {
     path.to_str().unwrap().to_owned()
 }
 
-/// `name` of this workspace inside of a namespace, and its arguments.
+/// Program `name` of this workspace inside a namespace.
 fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
     link.command(side, program(name).get_program())
 }
 
-/// A robot, a console that takes every tile it can get, and somebody who presses and lets go, over and over.
+/// A robot, a console that fetches all tiles, and an operator who presses and releases a key.
 fn measure(link: &Namespaces, what: &str, transport: &Transport, world: &'static str) {
     link.set_both(Conditions::default()).unwrap();
     let edge = inside(link, Side::A, "robot-edge");
@@ -137,7 +136,7 @@ fn measure(link: &Namespaces, what: &str, transport: &Transport, world: &'static
         kbps(0),
         kbps(1)
     );
-    // Over TCP what is lost holds up all that is behind it: keys, and with them QUIC, are what is promised.
+    // Over TCP a loss delays all later commands, so limits hold for QUIC only.
     if matches!(transport, Transport::Secured(_)) {
         assert!(during as f64 <= elapsed_s / 60.0, "{during} stops");
         assert!(without_effect <= 1, "{without_effect} presses");

@@ -1,26 +1,25 @@
-//! The link stands still and then delivers everything at once: the case in which commands grow old on the way.
+//! The link stalls and then delivers old commands at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
 use foreshore_tests::operator::{NEUTRAL, Operator};
-use foreshore_tests::rig::Line;
 use foreshore_tests::rig::relay::{Direction, Relay};
 use protocol::message::Refusal;
 use robot_edge::clock;
 
 use super::robot::{CIRCLE, NAME, Robot, refused};
 
-/// Time for what was held to arrive, and for a session that broke to be opened anew.
+/// Time for held commands to arrive and for a broken session to reconnect.
 const AFTERWARDS: Duration = Duration::from_secs(3);
 
-/// What is held.
+/// What is stalled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Held {
-    /// Both directions: no new token comes either.
+    /// Both directions: no new token arrives either.
     Both,
-    /// Commands only: they carry tokens that were new when they were built.
+    /// Commands only: their tokens were new when they were built.
     Commands,
 }
 
@@ -29,15 +28,15 @@ enum Held {
 struct Late {
     /// Refused for their age.
     too_old: u64,
-    /// Refused before that was looked at: they came too thick.
+    /// Refused before the age was checked: too many at once.
     too_many: u64,
 }
 
 impl Late {
-    /// Fails where fewer came than a link must deliver that stood still for so long: else nothing was tried.
+    /// Panics if fewer commands arrived than the stall must have held.
     fn is_of(self, stall: Duration) {
         let Self { too_old, too_many } = self;
-        // Those of the last 400 ms may be young enough, and of the rest some are lost on a busy machine.
+        // Commands of the last 400 ms are young enough; a busy machine may lose some.
         let sent = (stall.as_secs_f64() - 0.6) * 50.0;
         assert!(
             too_old > 0 && (too_old + too_many) as f64 >= sent,
@@ -46,12 +45,12 @@ impl Late {
     }
 }
 
-/// Stalls the link with a key held; what came when it was over.
+/// Stalls the link while a key is held; returns the commands that arrived late.
 fn stall_while_driving(held: Held, stall: Duration) -> Late {
     let robot = Robot::start();
     let relay = Relay::to(([127, 0, 0, 1], robot.port).into()).unwrap();
     let mut anna = Operator::ready(&relay.endpoint(), NAME, "anna");
-    // Sees through the stall.
+    // Not affected by the stall.
     let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
     let stale = || {
         let status = observer.wait_for_new_status();
@@ -66,31 +65,19 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
         scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
         sleep(Duration::from_millis(300));
         match held {
-            Held::Both => relay.stall().unwrap(),
-            Held::Commands => {
-                let nothing_moves = Line {
-                    rate_bytes_per_s: Some(0),
-                    queue_bytes: 1 << 20,
-                    ..Line::default()
-                };
-                relay.set_line(Direction::ToTarget, nothing_moves).unwrap();
-            }
+            Held::Both => relay.stall(&Direction::ALL),
+            Held::Commands => relay.stall(&[Direction::ToTarget]),
         }
         let stalled = clock::now();
         sleep(stall);
-        match held {
-            Held::Both => relay.pass().unwrap(),
-            Held::Commands => relay
-                .set_line(Direction::ToTarget, Line::default())
-                .unwrap(),
-        }
+        relay.pass().unwrap();
         sleep(AFTERWARDS);
         is_over.store(true, Ordering::Relaxed);
         stalled
     });
     let log = robot.log();
     let end = clock::now();
-    // Stopped by the stall, and by nothing that came afterwards set in motion again, though the key was held.
+    // The stall stops the vehicle, and no late command moves it, although the key is held.
     let late = stalled + super::robot::LIMITS.max_age + NEUTRAL;
     let moves = log
         .during(late, end)
@@ -107,7 +94,7 @@ fn stall_while_driving(held: Held, stall: Duration) -> Late {
 }
 
 #[test]
-fn what_a_stalled_link_delivers_moves_nothing() {
+fn commands_of_a_stalled_link_move_nothing() {
     let stalls = [Held::Both, Held::Commands].map(|held| {
         let stall = move || stall_while_driving(held, Duration::from_secs(2));
         (held, std::thread::spawn(stall))
@@ -127,7 +114,7 @@ fn stalls_of_one_to_thirty_seconds() {
         let rows = [Held::Both, Held::Commands]
             .map(|held| std::thread::spawn(move || stall_while_driving(held, stall)))
             .map(|robot| robot.join().unwrap());
-        // Longer ones outlast Zenoh's lease of 4 s, with which most of what is under way is lost.
+        // Longer stalls exceed Zenoh's lease of 4 s, and most commands under way are lost.
         if seconds <= 3 {
             for late in rows {
                 late.is_of(stall);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn without_a_robot_the_screen_says_how_to_get_one() {
+fn first_run_page_explains_how_to_connect() {
     let rig = Rig::new();
     check(
         &rig.window(),
@@ -19,7 +19,7 @@ fn without_a_robot_the_screen_says_how_to_get_one() {
 }
 
 #[test]
-fn a_demonstration_that_starts_asks_for_nothing() {
+fn starting_demo_needs_no_input() {
     let mut rig = Rig::new();
     let robots =
         |failure| RobotsData::new(&[], None, SearchTarget::Demo { failure }, None, at(1_000));
@@ -39,7 +39,7 @@ fn a_demonstration_that_starts_asks_for_nothing() {
 }
 
 #[test]
-fn an_address_that_is_typed_fast_is_taken_whole() {
+fn fast_typed_address_is_complete() {
     let mut window = Rig::new().window();
     for address in ["tcp/10.0.0.5:7447", "tcp/10.0.0.6:7447"] {
         let enter = [true, false].map(|pressed| egui::Event::Key {
@@ -49,7 +49,7 @@ fn an_address_that_is_typed_fast_is_taken_whole() {
             repeat: false,
             modifiers: Modifiers::NONE,
         });
-        // All of it in one frame, as on a machine that takes its time.
+        // All in one frame, as on a slow machine.
         window.key_press_modifiers(Modifiers::COMMAND, Key::L);
         window.event(egui::Event::Text(address.to_owned()));
         for event in enter {
@@ -59,7 +59,7 @@ fn an_address_that_is_typed_fast_is_taken_whole() {
         let commands = std::mem::take(&mut window.state_mut().commands);
         assert_eq!(commands, [Command::AddAddress(address.to_owned())]);
     }
-    // What was refused stays to be mended, and gives way to what is typed from the start.
+    // A rejected address stays for correction and is replaced by typing.
     for (typed, refused) in [("nowhere", true), ("tcp/boat:9", false)] {
         window.key_press_modifiers(Modifiers::COMMAND, Key::L);
         window.run_steps(4);
@@ -113,7 +113,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
             Command::Layer(LayerCommand::Show(LayerId::Elevation, false))
         ]
     );
-    // By its number in the list, too; the one that is shown already is not asked for.
+    // By its number in the list too; the shown robot is not connected again.
     for key in [Key::Num1, Key::Num2] {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         window.run_steps(1);
@@ -144,7 +144,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
 }
 
 #[test]
-fn a_mistyped_address_goes_where_a_robot_is_chosen_instead() {
+fn invalid_address_clears_when_a_robot_is_chosen() {
     const WHY: &str = "The port is missing: for example 10.0.0.5:7447";
     let mut rig = Rig::live();
     let seen = ["scout-1", "boat-7"].map(|robot| RobotEntry {
@@ -174,7 +174,7 @@ fn a_mistyped_address_goes_where_a_robot_is_chosen_instead() {
     };
     check(&window, &[WHY], &[]);
     assert_eq!(typed(&window), "10.0.0.5");
-    // The one that is shown already is no other.
+    // The shown robot is not connected again.
     window.key_press_modifiers(Modifiers::COMMAND, Key::Num1);
     window.run_steps(4);
     check(&window, &[WHY], &[]);
@@ -207,7 +207,7 @@ fn another_robot_begins_with_an_empty_map() {
     window.run_steps(2);
     check(&window, &["Waiting", "Not described yet"], &["1 tile"]);
     assert!(is_fitted(&window));
-    // Once its animations are over, nothing wakes the window but the ages it shows.
+    // After its animations only the ages wake the window.
     window.run_steps(60);
     let delay = window
         .output()

@@ -1,10 +1,10 @@
-//! Names, keys, dialogs, and what is kept.
+//! Names of controls, shortcuts, dialogs, saved choices.
 
 use super::*;
 use crate::export::Fetching;
 use crate::settings::ThemeChoice;
 
-/// What a screen reader and a test find: the names of all that can be pressed, chosen or typed into, and those without.
+/// Names of all controls for a screen reader, and the controls without a name.
 fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
     let mut named = Vec::new();
     let mut unnamed = Vec::new();
@@ -39,11 +39,7 @@ fn every_control_has_a_name() {
     for rig in [Rig::new(), Rig::live(), Rig::on_water(None)] {
         let mut window = rig.window();
         for panel in PanelId::ALL {
-            window
-                .state_mut()
-                .screen
-                .workspace_mut()
-                .set_wanted(panel, true);
+            window.state_mut().screen.workspace.set_wanted(panel, true);
             window.run_steps(2);
             let (named, unnamed) = controls(&window);
             assert_eq!(unnamed, [""; 0], "{panel:?}");
@@ -53,7 +49,7 @@ fn every_control_has_a_name() {
 }
 
 #[test]
-fn keys_open_and_close_what_lies_over_the_window() {
+fn keys_open_and_close_dialogs() {
     let mut window = Rig::live().window();
     for (modifiers, key, says) in [
         (
@@ -89,7 +85,7 @@ fn keys_open_and_close_what_lies_over_the_window() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.key_press_modifiers(Modifiers::ALT, Key::Num2);
     window.key_press(Key::ArrowLeft);
-    // What is typed behind it would be for its dialog.
+    // Text typed after it would go to its dialog.
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(2);
     let asked = std::mem::take(&mut window.state_mut().commands);
@@ -104,9 +100,9 @@ fn keys_open_and_close_what_lies_over_the_window() {
     );
 }
 
-/// Where the system is dark, as where it is light, the first press shows another look.
+/// With a dark or a light system theme the first press changes the theme.
 #[test]
-fn the_key_of_the_theme_always_changes_what_is_seen() {
+fn theme_key_always_changes_the_theme() {
     for system in [egui::Theme::Dark, egui::Theme::Light] {
         let mut window = Rig::live().window();
         window.state().screen.appearance().apply(&window.ctx);
@@ -134,7 +130,7 @@ fn the_key_of_the_theme_always_changes_what_is_seen() {
     }
 }
 
-/// Whether an entry of the View menu can be chosen, and whether it is ticked.
+/// Whether an entry of the View menu is enabled, and whether it is ticked.
 fn entry(window: &Harness<'_, Rig>, panel: PanelId) -> [bool; 2] {
     let entry = window.get_by_role_and_label(Role::CheckBox, panel.title());
     let entry = entry.accesskit_node();
@@ -142,7 +138,6 @@ fn entry(window: &Harness<'_, Rig>, panel: PanelId) -> [bool; 2] {
     [!entry.is_disabled(), is_ticked]
 }
 
-/// With the View menu open.
 fn with_view_menu(rig: Rig, size: [f32; 2]) -> Harness<'static, Rig> {
     let mut window = rig.window_of(size);
     window.get_by_label("View").click();
@@ -160,7 +155,7 @@ fn driven() -> Rig {
 const LARGE: [f32; 2] = [1280.0, 800.0];
 
 #[test]
-fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
+fn unavailable_panel_is_disabled_with_a_reason() {
     let check = |rig: Rig, size, panel: PanelId, why: &str| {
         let mut window = with_view_menu(rig, size);
         assert_eq!(entry(&window, panel), [false, false], "{panel:?}");
@@ -193,7 +188,7 @@ fn what_is_not_there_cannot_be_ticked_in_the_view_menu_and_says_why() {
 }
 
 #[test]
-fn what_is_there_is_ticked_in_the_view_menu_and_what_was_closed_is_not() {
+fn view_menu_ticks_open_panels() {
     let check = |rig: Rig, panels: &[PanelId]| {
         let window = with_view_menu(rig, LARGE);
         for panel in panels {
@@ -215,7 +210,7 @@ fn what_is_there_is_ticked_in_the_view_menu_and_what_was_closed_is_not() {
 }
 
 #[test]
-fn escape_closes_a_menu_whether_the_link_lives_or_not() {
+fn escape_closes_a_menu_with_and_without_link() {
     for (ms, says) in [(1_000, "Live"), (13_000, "Link lost")] {
         let mut rig = Rig::live();
         rig.now = at(ms);
@@ -252,7 +247,7 @@ fn an_export_is_chosen_part_by_part() {
     let parts = [LAYER, LayerId::Elevation].map(ExportPart::Layer);
     assert_eq!(request.parts, parts.into());
     assert!(request.opens_folder);
-    // Its folder is named after a robot that is shown no more.
+    // Its folder is named after a robot that is no longer shown.
     assert_eq!(window.query_all_by_label("Folder").count(), 1);
     window.state_mut().screen.forget_robot();
     window.run_steps(2);
@@ -260,7 +255,7 @@ fn an_export_is_chosen_part_by_part() {
 }
 
 #[test]
-fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
+fn export_to_home_folder_keeps_unticked_parts() {
     let mut window = Rig::live().window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(4);
@@ -295,14 +290,14 @@ fn an_export_to_the_home_folder_goes_there_and_what_is_unticked_is_kept() {
 }
 
 #[test]
-fn an_export_says_what_it_lacks_how_far_it_is_and_how_it_ended() {
+fn export_dialog_shows_progress_and_result() {
     let mut window = Rig::live().window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(4);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
     window.key_press(Key::Backspace);
     window.run_steps(2);
-    check(&window, &["Name a folder"], &["It goes on"]);
+    check(&window, &["Name a folder"], &["The export continues"]);
     window.event(egui::Event::Text("maps".to_owned()));
     window.run_steps(2);
     window.key_press(Key::Enter);
@@ -325,7 +320,7 @@ fn an_export_says_what_it_lacks_how_far_it_is_and_how_it_ended() {
     window.run_steps(2);
     check(
         &window,
-        &["It goes on when this is closed"],
+        &["The export continues when this is closed"],
         &["Name a folder"],
     );
     assert!(window.query_by_role(Role::ProgressIndicator).is_some());
@@ -334,7 +329,7 @@ fn an_export_says_what_it_lacks_how_far_it_is_and_how_it_ended() {
     window.state_mut().export = Some(progress.clone());
     window.run_steps(2);
     let whole = ["Nothing was exported", "maps is a file"];
-    check(&window, &whole, &["It goes on", "Open folder"]);
+    check(&window, &whole, &["The export continues", "Open folder"]);
     progress.files = 2;
     window.state_mut().export = Some(progress);
     window.run_steps(2);

@@ -1,9 +1,9 @@
-//! The map, and shores on it.
+//! The map, shores on it, and small windows.
 
 use super::*;
 
 #[test]
-fn buttons_keys_and_hands_move_the_map() {
+fn buttons_keys_and_pointer_move_the_map() {
     let mut window = Rig::live().window();
     assert_eq!(
         window.state().screen.map_view().camera_mode(),
@@ -58,7 +58,7 @@ fn buttons_keys_and_hands_move_the_map() {
 }
 
 #[test]
-fn the_map_says_what_is_under_the_pointer() {
+fn probe_shows_values_under_the_pointer() {
     let mut rig = Rig::live();
     let key = rig.put(0, 0, 226);
     rig.push(key);
@@ -93,8 +93,8 @@ fn shore(number: u32, class: ShoreClass, rigid_voxels: u32, center_m: [f32; 2]) 
 }
 
 #[test]
-fn shores_are_listed_and_a_click_shows_where_they_are() {
-    // The boat is at (1, −2.5): 5 m from the middle of the reeds, and 2.6 m from their edge at x = 3.6 m.
+fn click_on_listed_shore_centres_it() {
+    // The boat is at (1, −2.5): 5 m from the centre of the reeds, and 2.6 m from their edge at x = 3.6 m.
     let mut reeds = shore(7, ShoreClass::Dense, 492, [4.0, 1.5]);
     reeds.outline = vec![(12, -10), (16, -10), (16, 8), (12, 8)];
     let clusters = vec![shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]), reeds];
@@ -141,7 +141,7 @@ fn shores_are_listed_and_a_click_shows_where_they_are() {
 }
 
 #[test]
-fn shores_that_are_not_known_yet_are_said_not_to_be() {
+fn unknown_shores_are_shown_as_unknown() {
     let shores = |shores| {
         let mut window = Rig::on_water(shores).window();
         window.get_by_label("Shores").click();
@@ -162,7 +162,7 @@ fn shores_that_are_not_known_yet_are_said_not_to_be() {
 }
 
 #[test]
-fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
+fn map_keeps_half_of_a_small_window_while_driving() {
     for width in [640.0, 700.0, 900.0] {
         let mut rig = Rig::live();
         let mut teleop_client = crate::test_support::idle_teleop_client();
@@ -183,7 +183,7 @@ fn the_map_has_near_half_of_a_small_window_while_somebody_drives() {
 }
 
 #[test]
-fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_it() {
+fn notice_on_the_map_covers_no_other_element() {
     const SAVED: &str = "Saved as /home/anna/pictures/foreshore-2024-05-01.png";
     let news = |mut rig: Rig, size: [f32; 2]| {
         let note = crate::event_log::Severity::Info;
@@ -214,7 +214,7 @@ fn a_notice_is_on_the_map_where_there_is_one_and_covers_nothing_that_stands_on_i
 }
 
 #[test]
-fn no_figure_of_driving_is_under_the_scroll_bar() {
+fn scroll_bar_covers_no_driving_value() {
     let mut rig = Rig::drivable();
     rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
     let window = rig.window_of([640.0, 420.0]);
@@ -230,12 +230,12 @@ fn no_figure_of_driving_is_under_the_scroll_bar() {
     let rights: Vec<_> = below.map(|label| label.right()).collect();
     assert!(rights.len() > 8, "{rights:?}");
     let greatest = rights.iter().copied().fold(0.0, f32::max);
-    // Figures stand at the right edge of what there is room for.
+    // Values are right-aligned in the available width.
     assert!(greatest <= bar.left() && greatest > bar.left() - 20.0);
 }
 
 #[test]
-fn no_hint_stays_over_the_panel_while_somebody_drives() {
+fn no_hint_covers_the_panel_while_driving() {
     let mut window = Rig::drivable().window();
     let drive = window
         .get_by_role_and_label(Role::Button, "Request control")
@@ -244,7 +244,7 @@ fn no_hint_stays_over_the_panel_while_somebody_drives() {
     window.hover_at(drive);
     window.run_steps(8);
     check(&window, &["Request the control lease (Ctrl+G)"], &[]);
-    // By key or by click, the pointer rests where it is.
+    // By key or click, the pointer stays in place.
     let teleop_client = window.state_mut().teleop_client.as_mut();
     teleop_client.unwrap().lease = crate::teleop_client::Lease::Held(4);
     window.run_steps(8);
@@ -253,4 +253,89 @@ fn no_hint_stays_over_the_panel_while_somebody_drives() {
     window.hover_at(back);
     window.run_steps(8);
     check(&window, &["Ctrl+G"], &["(Ctrl+G)", "others may drive"]);
+}
+
+/// Position in the top bar.
+fn in_bar(window: &Harness<'_, Rig>, label: &str) -> egui::Rect {
+    let found = window.query_all_by_label(label).map(|node| node.rect());
+    let mut found = found.filter(|rect| rect.bottom() < 44.0);
+    found
+        .next()
+        .unwrap_or_else(|| panic!("{label:?} is not in the bar"))
+}
+
+#[test]
+fn top_bar_shows_whole_names() {
+    let wide = Rig::drivable().window();
+    // 700 × 620 at 120 %, 110 % and 100 %.
+    for size in [[583.0, 517.0], [636.0, 564.0], [700.0, 620.0]] {
+        let window = Rig::drivable().window_of(size);
+        for label in [name().as_str(), "Nobody drives"] {
+            let [whole, place] = [&wide, &window].map(|window| in_bar(window, label));
+            let missing = whole.width() - place.width();
+            assert!(missing.abs() < 0.5, "{size:?} {label}: {place} of {whole}");
+            assert!(
+                place.right() < in_bar(&window, "Stop").left(),
+                "{size:?} {label}"
+            );
+        }
+    }
+}
+
+#[test]
+fn panels_stay_below_a_large_enough_map_while_driving() {
+    // 1280 × 800 at 120 %, and at 150 %.
+    for (size, has_room) in [([1067.0, 667.0], true), ([853.0, 533.0], false)] {
+        let mut rig = Rig::drivable();
+        rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
+        let window = rig.window_of(size);
+        let link = window.query_by_label("Receiving").is_some();
+        assert_eq!(link, has_room, "{size:?}");
+        let [map, whole] = [
+            window.state().screen.map_view().place().size(),
+            Vec2::from(size),
+        ];
+        assert!(map.x >= 0.4 * whole.x && map.y >= 0.4 * whole.y, "{map}");
+    }
+}
+
+#[test]
+fn shores_and_legends_work_in_a_small_window() {
+    let shore = |number: u32, x_m: f32| ShoreCluster {
+        number,
+        class: ShoreClass::Sparse,
+        voxels: 1_200,
+        rigid_voxels: 300,
+        center_m: [x_m, -2.5],
+        outline: Vec::new(),
+    };
+    let clusters = (7..=12_u8).map(|n| shore(n.into(), 3.0 * f32::from(n)));
+    let shores = Shores::gather(0.3, None, clusters.collect(), Vec::new());
+    for is_drivable in [false, true] {
+        let mut rig = Rig::on_water(Some(shores.clone()));
+        if is_drivable {
+            rig.teleop_client = Some(crate::test_support::idle_teleop_client());
+            let status = Status {
+                teleop: Some(crate::test_support::idle_teleop_status()),
+                ..Status::default()
+            };
+            rig.say(Topic::Status, &status);
+        }
+        // 640 × 480 at 120 %.
+        let mut window = rig.window_of([533.0, 400.0]);
+        let workspace = &mut window.state_mut().screen.workspace;
+        workspace.set_wanted(PanelId::Shores, true);
+        window.run_steps(4);
+        let map = window.state().screen.map_view().place();
+        for label in ["Sort shores by away", "Shore 7, sparse"] {
+            let place = window.get_by_label_contains(label).rect();
+            assert!(place.right() <= map.left(), "{label}: {place} {map}");
+        }
+        let legend = window.get_by_label("Legend: Shore").rect();
+        assert!(map.contains_rect(legend), "{legend} {map}");
+        for label in ["Compass: y up", "+", "Tools"] {
+            let other = window.get_by_label(label).rect();
+            assert!(!other.intersects(legend), "{label}: {other} {legend}");
+        }
+    }
 }

@@ -1,10 +1,11 @@
-//! What is live, what is old, and what says so.
+//! Display of live and of old data.
 
 use super::*;
 use crate::link::Transport;
+use crate::model::LastContact;
 
 #[test]
-fn a_robot_that_has_not_spoken_is_waited_for() {
+fn silent_new_robot_is_waiting() {
     let mut rig = Rig::with_robot();
     check(
         &rig.window(),
@@ -28,7 +29,7 @@ fn a_robot_that_has_not_spoken_is_waited_for() {
 }
 
 #[test]
-fn a_live_robot_in_step_is_shown_with_its_figures() {
+fn synchronized_robot_is_shown_with_values() {
     let mut rig = Rig::live();
     let key = rig.put(0, 0, 251);
     rig.push(key);
@@ -89,7 +90,7 @@ fn a_live_robot_in_step_is_shown_with_its_figures() {
 }
 
 #[test]
-fn a_map_that_is_behind_says_how_many_tiles_are_missing() {
+fn map_behind_shows_missing_tiles() {
     let mut rig = Rig::live();
     rig.outgoing();
     let keys = [rig.put(0, 0, 251), rig.put(1, 0, 1), rig.put(-1, 0, 1)];
@@ -132,7 +133,7 @@ fn a_map_that_is_behind_says_how_many_tiles_are_missing() {
 }
 
 #[test]
-fn a_silent_robot_is_never_taken_for_a_live_one() {
+fn silent_robot_is_never_shown_as_live() {
     let mut rig = Rig::live();
     let key = rig.put(0, 0, 251);
     rig.push(key);
@@ -155,7 +156,7 @@ fn a_silent_robot_is_never_taken_for_a_live_one() {
 }
 
 #[test]
-fn a_map_that_counted_as_in_step_did_so_when_the_link_was_lost() {
+fn synchronized_map_shows_loss_of_link() {
     for (heard_ms, says) in [
         (2_000, "Was synchronized 1.0 s before the link was lost"),
         (7_000, "Was not synchronized at last contact"),
@@ -175,7 +176,7 @@ fn a_map_that_counted_as_in_step_did_so_when_the_link_was_lost() {
 }
 
 #[test]
-fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
+fn link_lost_banner_moves_no_map_and_hides_no_button() {
     for size in [[1280.0, 800.0], [900.0, 560.0]] {
         let mut rig = Rig::live();
         let key = rig.put(0, 0, 251);
@@ -220,7 +221,7 @@ fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
         window.run_steps(2);
         let asked = std::mem::take(&mut window.state_mut().commands);
         assert_eq!(asked, [Command::Look(Look::In)]);
-        // What is under the banner is not read, and a click on it pins nothing.
+        // The banner blocks the map below: no probe, no pin by a click.
         window.drag_at(banner.center());
         window.run_steps(1);
         window.drop_at(banner.center());
@@ -234,7 +235,7 @@ fn the_banner_of_a_lost_link_moves_no_ground_and_hides_no_button() {
 }
 
 #[test]
-fn an_old_position_is_said_to_be_old_although_the_robot_is_heard() {
+fn old_position_is_marked_although_link_is_live() {
     let mut rig = Rig::live();
     rig.now = at(6_000);
     rig.announce();
@@ -275,7 +276,7 @@ fn a_recording_has_keys_a_name_and_no_link() {
     window.run_steps(4);
     let folder = window.get_by_role_and_label(Role::TextInput, "Folder");
     assert!(folder.value().unwrap().contains("foreshore-rooms-2"));
-    // The keyboard is left in a frame in which text may have been typed before.
+    // The keyboard focus leaves in a frame in which text may have been typed.
     let press = |key| egui::Event::Key {
         key,
         physical_key: None,
@@ -290,16 +291,16 @@ fn a_recording_has_keys_a_name_and_no_link() {
 }
 
 #[test]
-fn all_plots_of_the_link_are_in_sight_at_first() {
-    /// Of the panel: what reaches into it is cut off.
+fn all_link_plots_are_visible() {
+    /// Margin of the panel: content is clipped there.
     const MARGIN: f32 = 8.0;
-    // Beside the driving panel they have the least room, and their names the most lines.
+    // Beside the driving panel they have the least space, and their names the most lines.
     let mut rig = Rig::drivable();
     rig.link.transport = Some(Transport::TlsInstead);
     let window = rig.window();
     check(
         &window,
-        &["EMERGENCY STOP", "since QUIC does not answer"],
+        &["EMERGENCY STOP", "because QUIC does not answer"],
         &[],
     );
     let mut seen: Vec<egui::Rect> = Vec::new();
@@ -324,7 +325,7 @@ fn all_plots_of_the_link_are_in_sight_at_first() {
 }
 
 #[test]
-fn plots_of_the_link_are_wide_enough_beside_the_driving_panel_in_large_type() {
+fn link_plots_are_wide_enough_with_large_type() {
     // 1280 × 800 at 120 %.
     let window = Rig::drivable().window_of([1067.0, 667.0]);
     let stop = window.get_by_label("EMERGENCY STOP").rect();
@@ -333,4 +334,29 @@ fn plots_of_the_link_are_wide_enough_beside_the_driving_panel_in_large_type() {
         assert!(plot.width() > 150.0, "{title}: {plot}");
         assert!(plot.right() < stop.left(), "{title}: {plot}");
     }
+}
+
+#[test]
+fn earlier_contact_makes_silence_visible() {
+    let rig_at = |now_ms| {
+        let mut rig = Rig::with_robot();
+        rig.model.as_mut().unwrap().set_last_contact(LastContact {
+            last: at(4_000),
+            expected_from: at(20_000),
+            had_ended: false,
+        });
+        rig.now = at(now_ms);
+        rig.window()
+    };
+    let calm = rig_at(19_000);
+    check(&calm, &["Waiting", "15 s ago"], &["Link lost", "Silent"]);
+    let missed = rig_at(20_000);
+    let says = [
+        "Silent",
+        "Link lost: no data for 16 s",
+        "16 s ago",
+        "Its map is fetched on reconnection",
+        "1 alert",
+    ];
+    check(&missed, &says, &["Waiting", "No map yet", "No alerts"]);
 }

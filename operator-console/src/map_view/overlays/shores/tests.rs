@@ -16,7 +16,7 @@ fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
 }
 
 #[test]
-fn labels_are_where_shores_are_and_never_on_one_another() {
+fn labels_are_at_shores_without_overlap() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     // 40 points a metre: 1 and 2 would overlap, 4 is out of sight. Nobody knows where the vehicle is: the largest comes
     // first, and 1 stands above 2.
@@ -42,11 +42,11 @@ fn labels_are_where_shores_are_and_never_on_one_another() {
     let shores = Shores::gather(0.3, None, clusters, vec![site, beside(-60.0)]);
     let named = names.name(&shores.sites);
     let known = ShoreOutlines::of(&shores);
-    let told = (&shores, &*named, known.outlines());
+    let reported = (&shores, &*named, known.outlines());
     let camera = Camera::default();
     let marks_of = |mark| {
         let mark = ShoreMark::Site(mark);
-        ShoreMarks::new(told, &camera, screen, &[mark], None)
+        ShoreMarks::new(reported, &camera, screen, &[mark], None)
     };
     let marks = marks_of(named[0]);
     let numbers: Vec<_> = marks
@@ -76,14 +76,14 @@ fn labels_are_where_shores_are_and_never_on_one_another() {
     assert!(of_gone.is_empty(), "it is not where another is now");
     // What stands out stays where it is, and the larger one moves.
     let mark = ShoreMark::Shore(1);
-    let marks = ShoreMarks::new(told, &camera, screen, &[mark], None);
+    let marks = ShoreMarks::new(reported, &camera, screen, &[mark], None);
     let numbers = marks.numbers.iter();
     let numbers: Vec<_> = numbers.map(|(text, at)| (&**text, at.y.round())).collect();
     assert_eq!(numbers, [("2", 138.0), ("3", 120.0), ("1", 160.0)]);
 }
 
 #[test]
-fn the_nearest_shore_and_the_nearest_site_are_labelled_however_many_there_are() {
+fn nearest_shore_and_site_are_always_labelled() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     // All of them are within a label's size, the farther the larger and the better.
     let clusters = (1..=20_u8).map(|n| {
@@ -124,15 +124,15 @@ fn the_nearest_shore_and_the_nearest_site_are_labelled_however_many_there_are() 
 }
 
 #[test]
-fn a_label_stands_beside_the_vehicle_and_nowhere_else_otherwise() {
+fn labels_move_off_the_vehicle() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     let shores = Shores::gather(0.3, None, vec![cluster(1, 10, [1.0, 1.0])], Vec::new());
     let known = ShoreOutlines::of(&shores);
-    let told = (&shores, &[][..], known.outlines());
+    let reported = (&shores, &[][..], known.outlines());
     let label_at = |vehicle_at: Pos2| {
         let camera = Camera::default();
         let vehicle_m = Some(camera.to_odom(screen, vehicle_at));
-        let marks = ShoreMarks::new(told, &camera, screen, &[], vehicle_m);
+        let marks = ShoreMarks::new(reported, &camera, screen, &[], vehicle_m);
         marks.numbers[0].1
     };
     // The label is 18 × 21 points, the vehicle 20 × 20.
@@ -148,7 +148,7 @@ fn a_label_stands_beside_the_vehicle_and_nowhere_else_otherwise() {
 }
 
 #[test]
-fn what_is_marked_stands_out_whatever_its_rank() {
+fn marked_shores_are_always_drawn() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     let site = |x_m, mean_cost| DockingSite {
         center_m: [x_m, 0.0],
@@ -162,9 +162,9 @@ fn what_is_marked_stands_out_whatever_its_rank() {
     let named = names.name(&sites);
     let shores = Shores::gather(0.3, None, Vec::new(), sites);
     let known = ShoreOutlines::of(&shores);
-    let told = (&shores, &*named, known.outlines());
+    let reported = (&shores, &*named, known.outlines());
     let camera = Camera::default();
-    let marks = ShoreMarks::new(told, &camera, screen, &[marked], None);
+    let marks = ShoreMarks::new(reported, &camera, screen, &[marked], None);
     let labels: Vec<_> = marks
         .sites
         .iter()
@@ -181,7 +181,7 @@ fn what_is_marked_stands_out_whatever_its_rank() {
 }
 
 #[test]
-fn what_cannot_be_seen_is_left_out_before_anything_is_made_of_it() {
+fn invisible_labels_are_skipped() {
     let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
     // 40 points a metre: the middles are at these places in x, and each label of one figure reaches 9 points to either side,
     // each of two 13.
@@ -204,10 +204,10 @@ fn what_cannot_be_seen_is_left_out_before_anything_is_made_of_it() {
     let names = SiteNames::default().name(&sites);
     let shores = Shores::gather(0.3, None, clusters, sites);
     let known = ShoreOutlines::of(&shores);
-    let told = (&shores, &*names, known.outlines());
+    let reported = (&shores, &*names, known.outlines());
     let camera = Camera::default();
     let seen = |vehicle_m| {
-        let named = labelled(told, (&camera, screen), &[], vehicle_m);
+        let named = labelled(reported, (&camera, screen), &[], vehicle_m);
         named.iter().map(|named| named.mark).collect::<Vec<_>>()
     };
     let (near, [three, ten, one]) = (ShoreMark::Site(names[1]), [3, 10, 1].map(ShoreMark::Shore));
@@ -216,13 +216,13 @@ fn what_cannot_be_seen_is_left_out_before_anything_is_made_of_it() {
     let vehicle_m = Some([f64::from(x_m(418.0)), 0.0]);
     let two = ShoreMark::Shore(2);
     assert_eq!(seen(vehicle_m), [near, two, three, ten, one]);
-    let marks = ShoreMarks::new(told, &camera, screen, &[], vehicle_m);
+    let marks = ShoreMarks::new(reported, &camera, screen, &[], vehicle_m);
     let numbers: Vec<_> = marks.numbers.iter().map(|(text, _)| &**text).collect();
     assert!(numbers.contains(&"3"), "{numbers:?}");
 }
 
 #[test]
-fn labels_are_as_wide_as_what_they_say() {
+fn label_widths() {
     for number in [0, 1, 9, 10, 99, 100, 4_000, u32::MAX] {
         let mark = ShoreMark::Shore(number);
         let width = text(mark).len() as f32 * FIGURE + 10.0;

@@ -1,18 +1,18 @@
-//! Rows below the pointer: they stay where they are, and the one that was clicked stays marked.
+//! Rows under the pointer keep their positions, and a selected row stays marked.
 
 use eframe::egui::Color32;
 
 use super::*;
 
-/// A window with the panel, or without it.
+/// A window with or without the panel.
 struct Rig {
     data: ShoresData,
     is_shown: bool,
-    /// What is chosen is filled with it.
+    /// Fill colour of selected rows.
     chosen: Color32,
 }
 
-/// Shores of these numbers, each three times as many metres along x, from a vehicle at `x_m`.
+/// Shores with these numbers, each at three times as many metres along x, with the vehicle at `x_m`.
 fn shores(numbers: &[u8], x_m: f64) -> ShoresData {
     let shore = |number: &u8| cluster((*number).into(), 40, [3.0 * f32::from(*number), 0.0]);
     let shores = Shores::gather(0.3, None, numbers.iter().map(shore).collect(), Vec::new());
@@ -46,20 +46,20 @@ fn window(data: ShoresData) -> Harness<'static, Rig> {
     window
 }
 
-/// The robot tells of other shores, or is elsewhere.
-fn hears(window: &mut Harness<'_, Rig>, data: ShoresData) {
+/// New shores or another vehicle position.
+fn receive_shores(window: &mut Harness<'_, Rig>, data: ShoresData) {
     window.state_mut().data = data;
     window.run_steps(2);
 }
 
-/// Where the row of a shore is; what it says is what is known now.
+/// Position of a row.
 fn place(window: &Harness<'_, Rig>, number: u32) -> Rect {
     let rows = &window.state().data.shores;
     let row = rows.iter().find(|row| row.mark == ShoreMark::Shore(number));
     window.get_by_label(&row.unwrap().sentence).rect()
 }
 
-/// Numbers of the shores, from above.
+/// Numbers from the top.
 fn order(window: &Harness<'_, Rig>) -> Vec<u32> {
     let rows = window.state().data.shores.iter();
     let numbers = rows.filter_map(|row| match row.mark {
@@ -75,17 +75,17 @@ fn order(window: &Harness<'_, Rig>) -> Vec<u32> {
 }
 
 #[test]
-fn rows_keep_their_order_while_the_pointer_is_among_them() {
+fn rows_keep_their_order_under_the_pointer() {
     let mut window = window(shores(&[1, 2, 3], 0.0));
     assert_eq!(order(&window), [1, 2, 3]);
     let row = place(&window, 2);
     window.hover_at(row.center());
-    // The pointer comes with the pose that would sort them anew: 3 is the nearest now.
-    hears(&mut window, shores(&[1, 2, 3], 10.0));
+    // The pointer arrives with the pose that changes the order: 3 is nearest now.
+    receive_shores(&mut window, shores(&[1, 2, 3], 10.0));
     assert_eq!(order(&window), [1, 2, 3]);
     assert!((place(&window, 2).top() - row.top()).abs() < 0.5);
-    // 1 is gone. 5 and 4 are new, 5 m and 2 m away.
-    hears(&mut window, shores(&[2, 3, 5, 4], 10.0));
+    // 1 is removed; 5 and 4 are new, at 5 m and 2 m.
+    receive_shores(&mut window, shores(&[2, 3, 5, 4], 10.0));
     assert_eq!(order(&window), [2, 3, 4, 5]);
     window.remove_cursor();
     window.run_steps(3);
@@ -93,7 +93,7 @@ fn rows_keep_their_order_while_the_pointer_is_among_them() {
 }
 
 #[test]
-fn a_column_that_is_chosen_by_keys_sorts_below_the_pointer() {
+fn sorting_by_keys_ignores_the_pointer() {
     let mut window = window(shores(&[1, 2, 3], 10.0));
     assert_eq!(order(&window), [3, 2, 1]);
     let middle = place(&window, 2).center();
@@ -105,19 +105,19 @@ fn a_column_that_is_chosen_by_keys_sorts_below_the_pointer() {
 }
 
 #[test]
-fn a_list_that_was_hidden_begins_anew_below_the_pointer() {
+fn a_hidden_list_is_sorted_again() {
     let mut window = window(shores(&[1, 2, 3], 0.0));
     let middle = place(&window, 2).center();
     window.hover_at(middle);
     window.run_steps(2);
     window.state_mut().is_shown = false;
-    hears(&mut window, shores(&[1, 2, 3], 10.0));
+    receive_shores(&mut window, shores(&[1, 2, 3], 10.0));
     window.state_mut().is_shown = true;
     window.run_steps(2);
     assert_eq!(order(&window), [3, 2, 1]);
 }
 
-/// Rows that look as what is chosen does.
+/// Rows with the fill colour of selected rows.
 fn chosen(window: &Harness<'_, Rig>) -> Vec<Rect> {
     let fill = window.state().chosen;
     let shapes = window.output().shapes.iter();
@@ -132,7 +132,7 @@ fn chosen(window: &Harness<'_, Rig>) -> Vec<Rect> {
 }
 
 #[test]
-fn the_row_that_was_clicked_stays_marked_wherever_the_pointer_and_the_row_are() {
+fn a_clicked_row_stays_marked() {
     let one = Some(ShoreMark::Shore(1));
     let marked = |x_m, hovered| ShoresData {
         marked: one,
@@ -142,10 +142,10 @@ fn the_row_that_was_clicked_stays_marked_wherever_the_pointer_and_the_row_are() 
     let mut window = window(marked(0.0, None));
     let middle = place(&window, 2).center();
     window.hover_at(middle);
-    hears(&mut window, marked(0.0, Some(ShoreMark::Shore(2))));
+    receive_shores(&mut window, marked(0.0, Some(ShoreMark::Shore(2))));
     window.remove_cursor();
     for x_m in [0.0, 10.0] {
-        hears(&mut window, marked(x_m, None));
+        receive_shores(&mut window, marked(x_m, None));
         window.run_steps(2);
         let rows = chosen(&window);
         let [row] = rows[..] else {
@@ -158,7 +158,7 @@ fn the_row_that_was_clicked_stays_marked_wherever_the_pointer_and_the_row_are() 
 }
 
 #[test]
-fn what_is_marked_is_what_a_click_showed_and_not_what_the_hand_is_over() {
+fn selected_and_hovered_rows_differ() {
     let mut model = scout();
     let layer = LayerInfo {
         layer: LayerId::Shore,

@@ -1,6 +1,7 @@
 //! Several range sensors on one vehicle, and tilting ones.
 
 use super::*;
+
 use crate::tilt::TiltSettings;
 
 /// A laser on stream 1 and a sonar on stream 2, their stamps late by these times.
@@ -82,7 +83,7 @@ fn two_sensors_interleave_in_the_order_of_their_beams() {
 
 #[test]
 fn scans_that_offsets_put_in_another_order_come_out_in_it() {
-    // What the sonar stamps at 1.10 s was at 1.04 s, before the laser's of 1.05 s.
+    // The sonar's stamp 1.10 s means 1.04 s, before the laser's 1.05 s.
     let input = vec![
         odometry(1.0, 0.0),
         scan_of(0, 1.05, 0.0, &[2.0]),
@@ -94,7 +95,7 @@ fn scans_that_offsets_put_in_another_order_come_out_in_it() {
     let (out, counts) = registered(settings.clone(), input.clone());
     assert_eq!(seen(&out), [(1, 1040, 3.4), (0, 1050, 2.5)]);
     assert_eq!(counts.dropped_scans.total(), 0);
-    // A sonar that is silent costs the laser the difference of their offsets and no more.
+    // A silent sonar delays the laser by the difference of their offsets only.
     let mut registration = ScanRegistration::new(settings);
     let mut out = Vec::new();
     registration.push(input[0].clone(), &mut out);
@@ -117,8 +118,8 @@ fn a_still_vehicle_has_its_scans_in_order_too() {
 }
 
 #[test]
-fn offsets_that_cannot_be_reconciled_cost_the_sensor_that_has_them() {
-    // An hour behind: nothing waits for it longer than a second.
+fn too_large_offsets_drop_scans_of_that_sensor() {
+    // An hour late: the delay is limited to a second.
     let mut input = vec![odometry(1.0, 0.0)];
     for n in 0..30 {
         let secs = 1.0 + 0.1 * f64::from(n);
@@ -164,7 +165,7 @@ fn scans_of_streams_that_no_sensor_has_are_passed_over() {
     assert_eq!((out.len(), counts.scans_in), (1, 1));
 }
 
-/// A laser 1 m above the vehicle's frame, looking ahead, that a joint tilts.
+/// A laser 1 m above the vehicle's frame, facing forward, tilted by a joint.
 fn tilting(encoder_offset_ms: i64) -> RegistrationSettings {
     let mut settings = settings(PoseOrigin::Odometry);
     let sensor = &mut settings.sensors[0];
@@ -188,13 +189,13 @@ fn joint(secs: f64, angle_rad: f64) -> Measurement {
 }
 
 #[test]
-fn a_tilted_beam_ends_where_geometry_says() {
+fn tilted_beam_ends_match_geometry() {
     let step_s = 0.1;
     let input = vec![
         odometry(0.9, 10.0),
         joint(1.0, 0.0),
         scan(1.0, step_s, &[2.0, 2.0, 2.0]),
-        // The same joint of a stream that is not the sensor's own says nothing.
+        // The same joint on another stream is ignored.
         Measurement {
             stream: StreamId(8),
             ..joint(1.1, -1.0)
@@ -206,7 +207,7 @@ fn a_tilted_beam_ends_where_geometry_says() {
     let (out, counts) = registered(tilting(0), input);
     let beams = &registered_scan(&out[0]).beams;
     for (beam, angle_rad) in beams.iter().zip([0.0, 0.3, 0.6]) {
-        // Nose down: the beam's end falls, and comes nearer.
+        // Nose down: the beam's end is lower and nearer.
         let expected = Point3::new(
             10.0 + 2.0 * libm::cos(angle_rad),
             0.0,
@@ -251,7 +252,7 @@ fn a_tilt_is_waited_for_and_its_gaps_are_not_bridged() {
     );
 }
 
-/// A servo at 1 rad/s whose encoder reports late, over ground 1 m below the laser.
+/// A servo at 1 rad/s with a late encoder, over ground 1 m below the laser.
 fn nodding(encoder_late_s: f64) -> Vec<Measurement> {
     let angle_rad = |secs: f64| 0.2 + (secs - 1.0);
     let mut input = Vec::new();
@@ -286,7 +287,7 @@ fn an_encoders_lag_and_its_offset_cancel() {
     let (corrected_m, all) = heights(tilting(-30), nodding(0.03));
     assert_eq!(all, 11);
     assert!(corrected_m.iter().all(|z_m| z_m.abs() < 1e-6));
-    // Without the offset the laser is taken to look 0.03 rad higher than it did.
+    // Without the offset the laser seems to point 0.03 rad too high.
     let (lagging_m, _) = heights(tilting(0), nodding(0.03));
     assert!(
         lagging_m.iter().all(|z_m| (0.03..0.2).contains(z_m)),
@@ -295,7 +296,7 @@ fn an_encoders_lag_and_its_offset_cancel() {
 }
 
 #[test]
-fn a_canopy_above_the_vehicle_stays_and_its_own_deck_goes() {
+fn canopy_above_vehicle_is_kept_and_own_deck_dropped() {
     let mut settings = tilting(0);
     settings.body = BodyBox {
         length_m: 1.5,
@@ -322,15 +323,15 @@ fn a_canopy_above_the_vehicle_stays_and_its_own_deck_goes() {
         (kept, counts.dropped_beams.get(DropReason::OwnBody))
     };
     let straight_up = -std::f64::consts::FRAC_PI_2;
-    // 5 cm of body above the lens and 5 cm of margin; the canopy hangs at 1.25 m.
+    // 5 cm of body above the lens and 5 cm of margin; the canopy is at 1.25 m.
     assert_eq!(hits_at(straight_up, &[0.11, 0.6]), (vec![0.11, 0.6], 0));
-    // Straight down: the body, 5 cm of margin under it; then what lies under a bridge.
+    // Straight down: the body, 5 cm of margin below it; then the ground below a bridge.
     assert_eq!(hits_at(-straight_up, &[0.3, 0.69, 0.71]), (vec![0.71], 2));
-    // Level: as before, the footprint decides.
+    // Level: the footprint decides.
     assert_eq!(hits_at(0.0, &[0.5, 0.74, 0.76]), (vec![0.76], 2));
 }
 
-/// The base frame is at the rear axle: the front overhangs it by 1.3 m, the rear by 0.2 m.
+/// The base frame is at the rear axle: the front is 1.3 m ahead of it, the rear 0.2 m behind.
 #[test]
 fn hits_on_a_front_that_overhangs_are_the_vehicles_own() {
     for (yaw_rad, ranges_m, kept) in [

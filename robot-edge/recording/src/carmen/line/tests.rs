@@ -16,7 +16,7 @@ fn scan_of(line: &str) -> (Scan, Option<OwnPose>) {
 }
 
 #[test]
-fn laser_line_places_beams_by_the_laser_and_the_vehicle_by_the_robot() {
+fn laser_line_has_separate_laser_and_vehicle_poses() {
     let line = "FLASER 4 6.66 7.16 50 81.83 1.25 2 0.5 1 2 -0.5 21.0199 pippo 22.5";
     let (scan, own_pose) = scan_of(line);
     assert_eq!(scan.ranges_m, [6.66, 7.16, 50.0, 81.83]);

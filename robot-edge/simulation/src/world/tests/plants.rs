@@ -135,7 +135,7 @@ fn receivers_are_the_files() {
     };
     let default = receiver("");
     assert_eq!((default.min_share, default.separation_m), (0.05, 0.75));
-    let own = receiver("[receiver]\nleast_share = 0.1");
+    let own = receiver("[receiver]\nmin_share = 0.1");
     assert_eq!((own.min_share, own.separation_m), (0.1, 0.75));
 }
 

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
-use super::super::motor_report::{MotorReport, every_fault};
 use super::*;
+use crate::actuators::motor_guard::frame::{MotorReport, every_fault};
 use crate::actuators::report::{ControllerWatchdog, Counters, Hold, Readiness, Report};
 
 fn motor_command(sequence: u64, linear_mps: f64) -> MotorCommand {

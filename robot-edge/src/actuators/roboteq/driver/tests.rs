@@ -173,7 +173,7 @@ fn a_stop_is_one_write_for_both_motors_whatever_is_on_its_way() {
 }
 
 #[test]
-fn a_controller_that_takes_one_command_at_a_time_is_told_zero_one_by_one() {
+fn a_one_command_controller_gets_zeros_one_by_one() {
     for (is_from_the_start, ms) in [(true, 60), (false, 180)] {
         let mut bench = Bench::new(false, |emulator| {
             if is_from_the_start {
@@ -198,7 +198,7 @@ fn a_controller_that_takes_one_command_at_a_time_is_told_zero_one_by_one() {
 }
 
 #[test]
-fn speeds_are_repeated_and_never_more_than_one_command_is_on_its_way() {
+fn speeds_are_repeated_with_one_command_in_flight() {
     let mut bench = Bench::ready();
     bench.command(30, 30);
     bench.run_ms(100);
@@ -258,7 +258,7 @@ fn a_controller_that_would_do_something_else_is_not_driven() {
 }
 
 #[test]
-fn a_controller_that_does_not_stop_by_itself_is_not_driven_unless_that_is_allowed() {
+fn a_controller_without_watchdog_is_refused_by_default() {
     for (require_watchdog, state) in [
         (true, State::Faulty(ControllerFault::NoWatchdog(1))),
         (false, State::Ready),
@@ -283,7 +283,7 @@ fn a_controller_that_does_not_stop_by_itself_is_not_driven_unless_that_is_allowe
 }
 
 #[test]
-fn a_cut_cable_is_told_and_what_was_asked_before_it_is_forgotten() {
+fn a_cut_cable_is_a_fault_and_drops_earlier_commands() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
@@ -443,4 +443,71 @@ proptest! {
         prop_assert_eq!(bench.status().state, State::Ready);
         prop_assert!(bench.emulator.outputs.iter().all(Output::is_zero));
     }
+}
+
+const STOP: [Power; 2] = [Power::ZERO; 2];
+
+fn at(ms: u64) -> Monotonic {
+    Monotonic::from_nanos(1_000_000_000 + ms * 1_000_000)
+}
+
+fn ahead() -> [Power; 2] {
+    [Power::from_fraction(0.5); 2]
+}
+
+/// With every question due, and a pair just said.
+fn busy() -> Scheduler {
+    let mut scheduler = Scheduler::new(true, at(0));
+    let tasks = [10, 11].map(|ms| scheduler.next(ahead(), [None; 2], at(ms)));
+    assert_eq!(tasks, [Some(Task::RunOne), Some(Task::RunTwo)]);
+    scheduler
+}
+
+#[test]
+fn one_question_comes_between_two_pairs() {
+    let mut scheduler = busy();
+    let acknowledged = ahead().map(Some);
+    let mut tasks = Vec::new();
+    for ms in 12..250 {
+        tasks.extend(scheduler.next(ahead(), acknowledged, at(ms)));
+    }
+    let polls = tasks
+        .iter()
+        .filter(|task| !matches!(task, Task::RunOne | Task::RunTwo));
+    assert_eq!(tasks[0], Task::Status);
+    assert_eq!(tasks[1..3], [Task::RunOne, Task::RunTwo]);
+    assert_eq!(tasks[3], Task::Encoders);
+    assert!(polls.count() >= 4, "{tasks:?}");
+}
+
+#[test]
+fn no_question_delays_a_stop() {
+    let acknowledged = ahead().map(Some);
+    let mut scheduler = busy();
+    assert_eq!(
+        scheduler.next(STOP, acknowledged, at(19)),
+        None,
+        "a pair was said just now"
+    );
+    assert_eq!(
+        scheduler.next(STOP, acknowledged, at(20)),
+        Some(Task::RunOne)
+    );
+    assert_eq!(
+        scheduler.next(STOP, acknowledged, at(21)),
+        Some(Task::RunTwo)
+    );
+    let mut scheduler = busy();
+    assert_eq!(
+        scheduler.next(ahead(), [None; 2], at(20)),
+        Some(Task::Status)
+    );
+}
+
+#[test]
+fn a_standing_vehicle_is_told_so_again_and_again() {
+    let mut scheduler = busy();
+    let pairs =
+        (12..1012).filter(|&ms| scheduler.next(STOP, STOP.map(Some), at(ms)) == Some(Task::RunOne));
+    assert!((19..=21).contains(&pairs.count()));
 }

@@ -13,8 +13,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
 
-use super::line_timing::LineTiming;
-use super::{Emulator, Output};
+use super::{Emulator, LineTiming, Output};
 use crate::clock::{self, sleep_until};
 
 /// Longest that a test waits for what must happen; far longer than it takes.

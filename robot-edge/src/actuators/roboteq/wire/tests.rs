@@ -128,3 +128,84 @@ proptest! {
         prop_assert_eq!(command.line() == other.line(), command == other);
     }
 }
+
+const RUN: Command = Command::Run(Channel::One, Power::ZERO);
+
+fn receive(command: Command, bytes: &[u8]) -> Outcome {
+    outcome(Exchange::new(command, Monotonic::from_nanos(0)), bytes)
+}
+
+fn outcome(mut exchange: Exchange, bytes: &[u8]) -> Outcome {
+    let mut parser = ReplyParser::default();
+    bytes
+        .iter()
+        .filter_map(|&byte| parser.push(byte))
+        .map(|reply| exchange.take(reply))
+        .find(|&outcome| outcome != Outcome::Waiting)
+        .unwrap_or(Outcome::Waiting)
+}
+
+#[test]
+fn an_answer_follows_its_own_echo() {
+    assert_eq!(receive(RUN, b"!A00\r+"), Outcome::Done([0; 2]));
+    assert_eq!(receive(RUN, b"!A00\r-"), Outcome::Refused);
+    assert_eq!(receive(RUN, b"+\r"), Outcome::Waiting, "whose is it?");
+    assert_eq!(receive(RUN, b"-\r+\r!A00\r"), Outcome::Waiting);
+    assert_eq!(receive(RUN, b"!A40\r+"), Outcome::Garbled);
+    assert_eq!(receive(RUN, b"!A0\r"), Outcome::Garbled);
+    assert_eq!(receive(RUN, b"!A00\r12\r"), Outcome::Waiting);
+}
+
+#[test]
+fn values_are_counted() {
+    let status = Command::Read(Parameter::Status);
+    assert_eq!(receive(status, b"^89\r05\r+\r"), Outcome::Done([5, 0]));
+    assert_eq!(receive(status, b"05\r^89\r"), Outcome::Waiting);
+    assert_eq!(receive(Command::Voltages, b"?E\r8A\r"), Outcome::Waiting);
+    assert_eq!(
+        receive(Command::Voltages, b"11\r?E\r8A\rW6B\r"),
+        Outcome::Done([0x8A, 0x6B])
+    );
+}
+
+#[test]
+fn both_motors_must_acknowledge() {
+    let stop = Command::StopBoth;
+    for done in [
+        &b"!A00\r+\r!B00\r+\r"[..],
+        b"!A00\r!B0+0\r+",
+        b"!A00\r!B00\r++",
+    ] {
+        assert_eq!(receive(stop, done), Outcome::Done([0; 2]));
+    }
+    assert_eq!(receive(stop, b"!A00\r+\r!B00\r"), Outcome::Waiting);
+    assert_eq!(receive(stop, b"!A00\r+\r+\r"), Outcome::Waiting);
+    assert_eq!(receive(stop, b"!A00\r+\r!B00\r-"), Outcome::Refused);
+    assert_eq!(receive(stop, b"!B00\r+"), Outcome::Garbled);
+    assert_eq!(receive(stop, b"!A00\r+!A00\r+"), Outcome::Garbled);
+}
+
+#[test]
+fn the_answer_to_what_a_stop_interrupted_is_not_its_own() {
+    let interrupting = |command| {
+        let last = Exchange::new(command, Monotonic::from_nanos(0));
+        Exchange::stop_both(Some(last), Monotonic::from_nanos(1))
+    };
+    let drive = Command::Run(Channel::Two, Power::from_fraction(1.0));
+    for late in [drive, RUN] {
+        let echo = [late.bytes().as_bytes(), b"+"].concat();
+        let both = [&echo[..], b"!A00\r+!B00\r"].concat();
+        assert_eq!(outcome(interrupting(late), &both), Outcome::Waiting);
+        let done = [&both[..], b"+"].concat();
+        assert_eq!(outcome(interrupting(late), &done), Outcome::Done([0; 2]));
+    }
+    // Its acknowledgement comes behind the stop's first echo.
+    let late = b"!B7F\r!A00\r+!B00\r+";
+    assert_eq!(outcome(interrupting(drive), late), Outcome::Waiting);
+    let query = interrupting(Command::Voltages);
+    assert_eq!(
+        outcome(query, b"?E\r8A\r!A00\r6B\r+!B00\r+"),
+        Outcome::Done([0; 2])
+    );
+    assert_eq!(outcome(query, b"?Z\r"), Outcome::Garbled);
+}

@@ -127,7 +127,7 @@ impl Vehicle {
 const REQUEST: LeaseRequest = LeaseRequest::Request;
 
 #[test]
-fn the_guard_is_on_for_whoever_is_granted_the_lease_whoever_switched_it_off() {
+fn the_monitor_is_on_after_each_grant_of_the_lease() {
     let granted = |epoch| Some(Answer::Granted(epoch));
     let mut vehicle = Vehicle::new();
     assert_eq!(vehicle.sends("anna", &REQUEST), granted(1));
@@ -160,7 +160,7 @@ fn the_guard_is_on_for_whoever_is_granted_the_lease_whoever_switched_it_off() {
 }
 
 #[test]
-fn the_guard_is_on_again_after_each_emergency_stop_and_each_reset() {
+fn the_monitor_is_on_after_each_emergency_stop_and_reset() {
     let mut vehicle = Vehicle::new();
     vehicle.sends("anna", &REQUEST);
     vehicle.without_guard("anna");

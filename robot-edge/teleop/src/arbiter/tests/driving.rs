@@ -1,4 +1,5 @@
 use super::*;
+use protocol::message::{Arming, Refusal, StopReason};
 
 #[test]
 fn a_press_after_neutral_drives() {

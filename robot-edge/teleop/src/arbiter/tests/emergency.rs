@@ -1,4 +1,6 @@
 use super::*;
+use protocol::keys::OperatorTopic;
+use protocol::message::{Answer, FaultReason, Refusal};
 
 const FIRST: EStopId = EStopId(1);
 
@@ -26,7 +28,7 @@ fn any_operator_stops_the_vehicle_at_once() {
     vehicle.input(ArbiterInput::EStopStored(FIRST));
     assert!(vehicle.actions.contains(&Action::AcknowledgeEStop(FIRST)));
     vehicle.input(ArbiterInput::EStop(caller(BOB)));
-    assert_eq!(vehicle.answer(), Some(Answer::EStopped(FIRST)));
+    assert_eq!(vehicle.answer(), Some(Answer::EStopped(FIRST.0)));
     vehicle.input(ArbiterInput::EStopStored(FIRST));
     assert_eq!(vehicle.actions, []);
 }
@@ -69,7 +71,7 @@ fn onlookers_do_not_stop_it() {
     assert_eq!(vehicle.state.mode, Mode::Driving);
     assert_eq!(vehicle.answer(), Some(Answer::Refused(Refusal::Role)));
     assert!(vehicle.events.contains(&ArbiterEvent::Refused {
-        request_kind: RequestKind::EStop,
+        request_kind: OperatorTopic::EStop,
         caller: onlooker,
         refusal: Refusal::Role,
     }));
@@ -115,7 +117,7 @@ fn a_reset_must_be_right_in_everything() {
     assert!(matches!(
         vehicle.events.last(),
         Some(ArbiterEvent::Refused {
-            request_kind: RequestKind::Reset,
+            request_kind: OperatorTopic::Reset,
             refusal: Refusal::NotHolder,
             ..
         })
@@ -162,10 +164,7 @@ fn after_a_reset_the_holder_asks_lets_go_and_presses() {
     assert_eq!(vehicle.reset(ALICE, FIRST), Answer::Done);
     vehicle.hold(FORWARD, 5);
     assert_eq!(vehicle.state.mode, Mode::Idle);
-    assert_eq!(
-        vehicle.lease(ALICE, LeaseVerb::Request),
-        Answer::Granted { epoch: 2 }
-    );
+    assert_eq!(vehicle.lease(ALICE, LeaseVerb::Request), Answer::Granted(2));
     vehicle.hold(FORWARD, 20);
     assert_eq!(
         (vehicle.state.mode, vehicle.output()),
@@ -194,10 +193,7 @@ fn an_operator_alone_can_reset_what_was_found_at_the_start() {
         vehicle.reset(ALICE, found),
         Answer::Refused(Refusal::NotHolder)
     );
-    assert_eq!(
-        vehicle.lease(ALICE, LeaseVerb::Request),
-        Answer::Granted { epoch: 1 }
-    );
+    assert_eq!(vehicle.lease(ALICE, LeaseVerb::Request), Answer::Granted(1));
     assert_eq!(vehicle.state.mode, Mode::EStop);
     assert_eq!(vehicle.reset(ALICE, found), Answer::Done);
     vehicle.input(ArbiterInput::LocalEStop);

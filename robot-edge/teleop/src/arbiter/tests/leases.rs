@@ -1,5 +1,7 @@
 use super::*;
 use crate::lease::GrantReason;
+use protocol::keys::OperatorTopic;
+use protocol::message::{Answer, LeaseEnd, Refusal, StopReason};
 
 #[test]
 fn nothing_is_granted_before_the_self_test() {
@@ -37,14 +39,14 @@ fn old_requests_and_onlookers_are_refused() {
     assert_eq!(vehicle.state.mode, Mode::Idle);
     let refusal = Refusal::Role;
     assert!(vehicle.events.contains(&ArbiterEvent::Refused {
-        request_kind: RequestKind::Lease,
+        request_kind: OperatorTopic::Lease,
         caller: onlooker,
         refusal
     }));
 }
 
 #[test]
-fn the_holder_consents_and_the_vehicle_stops_before_the_other_drives() {
+fn a_hand_over_happens_after_the_vehicle_has_stopped() {
     let mut vehicle = Vehicle::driving();
     assert_eq!(vehicle.lease(BOB, LeaseVerb::Request), Answer::Waiting);
     assert!(
@@ -123,7 +125,7 @@ fn a_supervisor_takes_over_a_standing_vehicle_at_once() {
     vehicle.hold(Velocity::ZERO, 20);
     assert_eq!(
         vehicle.lease(CAROL, LeaseVerb::TakeOver),
-        Answer::Granted { epoch: 2 }
+        Answer::Granted(2)
     );
     let ended = ArbiterEvent::LeaseEnded {
         operator: ALICE,

@@ -1,6 +1,6 @@
 use super::*;
-use crate::report::Clamp;
-use crate::speed_limits::SpeedLimits;
+use crate::input::SpeedLimits;
+use protocol::message::{Arming, Clamp, StopReason};
 
 const OPEN: SpeedLimits = SpeedLimits {
     forward_mps: 1.0,
@@ -116,7 +116,7 @@ fn before_a_wall_it_still_backs_off_and_turns() {
 }
 
 #[test]
-fn before_a_wall_a_stop_is_over_at_once_and_the_next_press_needs_neutral() {
+fn a_stop_at_a_wall_is_immediate_and_needs_neutral_again() {
     let mut vehicle = Vehicle::driving();
     vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.0,
@@ -136,7 +136,7 @@ fn before_a_wall_a_stop_is_over_at_once_and_the_next_press_needs_neutral() {
 }
 
 #[test]
-fn a_guard_that_knows_too_little_stops_the_vehicle_for_good() {
+fn a_stale_monitor_stops_the_vehicle_until_a_new_press() {
     let mut vehicle = Vehicle::driving();
     vehicle.collision_monitor = CollisionMonitorOutput::Stale;
     vehicle.hold(FORWARD, 1);
@@ -161,7 +161,7 @@ fn a_guard_that_says_nothing_stops_the_vehicle() {
 }
 
 #[test]
-fn a_press_that_the_guard_did_not_see_does_not_count_later() {
+fn a_press_without_monitor_does_not_count_later() {
     let mut vehicle = Vehicle::held();
     vehicle.hold(Velocity::ZERO, 11);
     vehicle.collision_monitor = CollisionMonitorOutput::Stale;
@@ -187,7 +187,7 @@ fn what_limits_the_speed_is_told() {
         angular_radps: 5.0,
     };
     vehicle.hold(spin, 100);
-    assert_eq!(vehicle.report().clamp, Some(Clamp::Vehicle));
+    assert_eq!(vehicle.report().clamp, Some(Clamp::Speed));
     near(vehicle.output().angular_radps, 1.0);
     vehicle.silence(600);
     assert_eq!(vehicle.report().clamp, None);
@@ -196,7 +196,7 @@ fn what_limits_the_speed_is_told() {
 #[test]
 fn on_its_way_to_a_limit_it_is_held_back_by_its_acceleration() {
     // The first is the greatest speed as the 32 bits of the wire may round it.
-    for (asked_mps, at_last) in [(1.000_000_05, None), (1.5, Some(Clamp::Vehicle))] {
+    for (asked_mps, at_last) in [(1.000_000_05, None), (1.5, Some(Clamp::Speed))] {
         for way in [1.0, -1.0] {
             let asked = Velocity {
                 linear_mps: way * asked_mps,
@@ -214,7 +214,7 @@ fn on_its_way_to_a_limit_it_is_held_back_by_its_acceleration() {
 }
 
 #[test]
-fn the_guard_is_named_while_it_brakes_and_where_it_holds() {
+fn the_clamp_names_the_monitor_while_it_limits() {
     let mut vehicle = Vehicle::driving();
     vehicle.collision_monitor = CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps: 0.1,

@@ -5,7 +5,7 @@ use crate::collision_monitor::CollisionMonitorConfig;
 use crate::collision_monitor::config::CollisionMonitorRules;
 use crate::collision_monitor::local_environment::LocalEnvironment;
 use crate::config::TeleopConfig;
-use mapping::elevation_config::ObstacleConfig;
+use mapping::obstacle::ObstacleConfig;
 use mapping::vehicle::VehicleConfig;
 
 /// What is known, and whose.
@@ -95,7 +95,7 @@ fn ahead_mps(scene: &Scene, turning_mps: f64) -> f64 {
 }
 
 #[test]
-fn a_turn_that_is_only_noise_takes_next_to_nothing_of_the_speed_ahead() {
+fn a_turn_from_noise_hardly_limits_the_speed_ahead() {
     for (scene, ahead) in [
         (Scene::boat().before_a_wall(9.34), 2.458),
         (Scene::on_land().before_a_wall(0.9), 0.875),
@@ -159,6 +159,39 @@ proptest! {
             if is_slowing && kept.speed_mps >= STANDSTILL_MPS && left_mps >= STANDSTILL_MPS {
                 let left = AxisSpeed { speed_mps: left_mps, ..changing };
                 prop_assert!(solver.can_stop_from(kept, left), "{left:?} of {before_mps} beside {kept:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn headings_lie_between_their_axes() {
+    let directions = DirectionTable::new(0.5);
+    for (axis, along, turn) in [
+        (DriveAxis::Forward, 1.0, 0.0),
+        (DriveAxis::Left, 0.0, 2.0),
+        (DriveAxis::Back, -1.0, 0.0),
+        (DriveAxis::Right, 0.0, -2.0),
+    ] {
+        for beside in DriveAxis::ALL {
+            let direction = directions.direction(axis.towards(beside, 0));
+            assert_eq!(
+                (direction.along, direction.turn_per_m),
+                (along, turn),
+                "{axis:?}"
+            );
+        }
+    }
+    for going in [DriveAxis::Forward, DriveAxis::Back] {
+        for turning in [DriveAxis::Left, DriveAxis::Right] {
+            for step in 1..STEPS {
+                let direction = directions.direction(going.towards(turning, step));
+                let again = directions.direction(turning.towards(going, STEPS - step));
+                assert_eq!(direction, again);
+                assert_eq!(direction.along > 0.0, going == DriveAxis::Forward);
+                assert_eq!(direction.turn_per_m > 0.0, turning == DriveAxis::Left);
+                let angle = libm::atan2(direction.swing, direction.along.abs()).to_degrees();
+                assert!((angle - 15.0 * step as f64).abs() < 1e-9);
             }
         }
     }

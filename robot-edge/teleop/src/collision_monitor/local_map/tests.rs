@@ -1,5 +1,5 @@
 use super::*;
-use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use measurement::pose::planar;
 use measurement::time::RobotTime;

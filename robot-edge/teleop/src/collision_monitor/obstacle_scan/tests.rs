@@ -3,7 +3,7 @@ use nalgebra::Vector3;
 use super::*;
 use crate::collision_monitor::CollisionMonitorConfig;
 use crate::config::TeleopConfig;
-use mapping::elevation_config::ObstacleConfig;
+use mapping::obstacle::ObstacleConfig;
 use mapping::registered_scan::SensorId;
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::planar;
@@ -97,7 +97,7 @@ fn a_hole_begins_where_its_beam_passed_the_ground() {
 }
 
 #[test]
-fn a_sensor_whose_height_says_nothing_takes_everything_for_an_obstacle() {
+fn a_sensor_near_ground_height_reports_all_hits_as_obstacles() {
     let rules = rules(|_, _, _| {});
     for sensor_m in [0.0, 0.1] {
         assert_eq!(point_of(&rules, sensor_m, 0.0), Some([3.0, 0.0]));
@@ -231,4 +231,67 @@ fn it_grows_stale_after_300_ms_or_two_and_a_half_periods() {
         };
         assert!(!is_stale(stale_ms) && is_stale(stale_ms + 1), "{period_ms}");
     }
+}
+
+fn visible(near_m: f32, far_m: f32) -> VisibleRange {
+    VisibleRange {
+        near_m,
+        far_m,
+        reach_m: far_m,
+        is_miss: false,
+    }
+}
+
+#[test]
+fn sectors_follow_each_other_around() {
+    let mut last = 0;
+    for step in 0..3600 {
+        let angle_rad = f64::from(step) * 0.1_f64.to_radians();
+        let at = sector(Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad)));
+        assert!(at == last || at == last + 1, "{step}");
+        last = at;
+    }
+    assert_eq!(last, SECTORS - 1);
+}
+
+#[test]
+fn adjoining_beams_leave_no_gap_and_cover_nothing_beside() {
+    let mut coverage = Coverage::default();
+    coverage.clear(Point2::new(5.0, -3.0));
+    let degree = 1.0_f64.to_radians();
+    for n in -45..=45 {
+        let angle_rad = f64::from(n) * degree;
+        let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
+        coverage.add_beam(direction, degree, visible(0.0, 2.0));
+    }
+    let sees = |angle_deg: f64, distance_m: f64| {
+        let (sin, cos) = (
+            libm::sin(angle_deg.to_radians()),
+            libm::cos(angle_deg.to_radians()),
+        );
+        coverage.is_visible(
+            Point2::new(5.0 + distance_m * cos, -3.0 + distance_m * sin),
+            0.01,
+        )
+    };
+    for tenth in -450..=450 {
+        assert!(sees(f64::from(tenth) / 10.0, 1.99), "{tenth}");
+        assert!(!sees(f64::from(tenth) / 10.0, 2.02), "{tenth}");
+    }
+    assert!(!sees(47.0, 1.0) && !sees(-47.0, 1.0) && !sees(180.0, 0.5));
+}
+
+#[test]
+fn the_shorter_of_two_beams_counts() {
+    let mut coverage = Coverage::default();
+    let ahead = Vector2::new(1.0, 0.001);
+    coverage.add_beam(ahead, 0.001, visible(0.5, 4.0));
+    coverage.add_beam(ahead, 0.001, visible(0.2, 2.0));
+    let sees = |x: f64| coverage.is_visible(Point2::new(x, 0.001 * x), 0.0);
+    assert_eq!([0.3, 1.0, 3.0].map(sees), [false, true, false]);
+    for bad in [Vector2::zeros(), Vector2::new(f64::NAN, 1.0)] {
+        coverage.add_beam(bad, 0.01, visible(0.0, 100.0));
+    }
+    coverage.add_beam(Vector2::new(0.0, 1.0), f64::NAN, visible(0.0, f32::NAN));
+    assert!(!coverage.is_visible(Point2::new(0.0, 1.0), 0.0));
 }

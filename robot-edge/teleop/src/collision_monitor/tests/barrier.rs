@@ -3,16 +3,17 @@
 use std::time::Duration;
 
 use nalgebra::Point2;
+use protocol::message::BarrierKind;
 
 use super::world::*;
 use crate::collision_monitor::{
-    Barrier, BarrierKind, BlockageDetector, CollisionMonitor, CollisionMonitorInput,
-    CollisionMonitorRules, CopyRequest, LocalMap, ObstacleScan, OdometrySample,
+    Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
+    CopyRequest, LocalMap, ObstacleScan, OdometrySample,
 };
-use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
-use crate::velocity::Velocity;
+use crate::input::{CollisionMonitorOutput, SpeedLimits};
+use crate::motion::Velocity;
 use mapping::ground_plane::GroundPlane;
-use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 use mapping::occupancy_grid::OccupancyGrid;
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::{Pose, planar};
@@ -158,7 +159,7 @@ fn is_at(barrier: Option<Barrier>, kind: BarrierKind, at: [f64; 2], within_m: f6
 }
 
 #[test]
-fn a_wall_is_told_where_it_stands_whichever_way_is_asked_for() {
+fn a_wall_is_reported_at_its_position_in_any_direction() {
     let mut scene = Scene::new(Laser::ALL_DIRECTIONS, &vec![across(0.9), across(-0.8)]);
     is_at(
         scene.barrier(1.0, 0.0),
@@ -201,7 +202,7 @@ fn of_a_motion_that_turns_it_is_what_bounds_the_mixture() {
 }
 
 #[test]
-fn what_is_only_on_the_map_is_told_and_the_nearer_of_two_wins() {
+fn a_mapped_barrier_is_reported_and_the_nearer_one_wins() {
     let at = [0.95, 0.05];
     let nothing_seen = Scene::new(Laser::ALL_DIRECTIONS, &vec![]);
     let mut scene = nothing_seen.with_pillar_on_the_map(at);
@@ -217,7 +218,7 @@ fn what_is_only_on_the_map_is_told_and_the_nearer_of_two_wins() {
 }
 
 #[test]
-fn the_edge_of_what_was_seen_is_told_also_where_it_does_not_make_it_creep() {
+fn the_edge_of_observed_ground_is_reported_without_creeping() {
     let near_sighted = Laser {
         range_max_m: 0.8,
         ..Laser::ALL_DIRECTIONS
@@ -245,7 +246,7 @@ fn the_edge_of_what_was_seen_is_told_also_where_it_does_not_make_it_creep() {
 }
 
 #[test]
-fn where_nothing_is_known_now_there_is_no_such_place_but_what_was_hit() {
+fn stale_scans_report_only_hits_as_barrier() {
     for (ahead_m, is_told) in [(0.9, false), (0.48, true)] {
         let mut scene = Scene::new(Laser::ALL_DIRECTIONS, &vec![across(ahead_m)]);
         scene.age = Duration::from_millis(301);
@@ -272,7 +273,7 @@ fn a_guard_that_cannot_judge_tells_none() {
 
 /// A boat whose sonar finds a shoal ahead, and beside it a post that stands out of the water.
 #[test]
-fn a_shoal_is_told_apart_from_what_stands_in_the_water() {
+fn a_shoal_and_an_obstacle_in_water_have_different_kinds() {
     let mut setup = Setup::default();
     setup.teleop.is_boat = true;
     setup.vehicle.length_m = 0.8;

@@ -3,8 +3,8 @@ use proptest::prelude::*;
 use super::world::*;
 use crate::collision_monitor::CollisionMonitorConfig;
 use crate::config::TeleopConfig;
-use crate::speed_limits::CollisionMonitorOutput;
-use crate::velocity::Velocity;
+use crate::input::CollisionMonitorOutput;
+use crate::motion::Velocity;
 use mapping::vehicle::VehicleConfig;
 
 const fn going(linear_mps: f64, angular_radps: f64) -> Velocity {
@@ -57,7 +57,7 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
 
 /// With the base frame at the rear axle, and at the front axle.
 #[test]
-fn what_overhangs_the_base_frame_stops_before_a_wall_too_and_as_near() {
+fn an_offset_footprint_stops_equally_near_to_a_wall() {
     for footprint_offset_m in [0.35, -0.35, 0.0] {
         for speed_mps in [1.0, -1.0] {
             let setup = Setup {

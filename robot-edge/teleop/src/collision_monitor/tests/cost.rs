@@ -9,9 +9,9 @@ use crate::collision_monitor::{
     BlockageDetector, CollisionMonitor, CollisionMonitorInput, CopyRequest, LocalMap, ObstacleScan,
     OdometrySample,
 };
-use crate::velocity::Velocity;
+use crate::motion::Velocity;
 use mapping::ground_plane::GroundPlane;
-use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 use mapping::occupancy_grid::OccupancyGrid;
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::planar;

@@ -12,10 +12,10 @@ use crate::collision_monitor::{
     BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput, CopyRequest,
     LocalMap, ObstacleScan, OdometrySample, UnavailableReason, UnknownSpacePolicy,
 };
-use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
-use crate::velocity::Velocity;
+use crate::input::{CollisionMonitorOutput, SpeedLimits};
+use crate::motion::Velocity;
 use mapping::ground_plane::GroundPlane;
-use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 use mapping::occupancy_grid::OccupancyGrid;
 use mapping::registered_scan::BeamOutcome;
 use mapping::vehicle::VehicleConfig;
@@ -474,7 +474,7 @@ fn thrust_mps(limits: SpeedLimits) -> f64 {
 }
 
 #[test]
-fn in_open_water_a_boat_that_measures_more_than_its_greatest_speed_is_not_held_back() {
+fn a_boat_above_its_greatest_speed_keeps_thrust_in_open_water() {
     let mut boat = setup();
     boat.teleop.is_boat = true;
     let limits_at = |setup: &Setup, measured_mps: f64| {

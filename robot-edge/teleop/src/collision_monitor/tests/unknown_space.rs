@@ -9,10 +9,10 @@ use crate::collision_monitor::{
     BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput, CopyRequest,
     LocalMap, ObstacleScan, OdometrySample,
 };
-use crate::speed_limits::{CollisionMonitorOutput, SpeedLimits};
-use crate::velocity::Velocity;
+use crate::input::{CollisionMonitorOutput, SpeedLimits};
+use crate::motion::Velocity;
 use mapping::ground_plane::GroundPlane;
-use mapping::occupancy_config::OccupancyConfig;
+use mapping::occupancy_grid::OccupancyConfig;
 use mapping::occupancy_grid::OccupancyGrid;
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::{Pose, planar};
@@ -187,7 +187,7 @@ fn hall_map(setup: &Setup, walls: &Walls, centre: &Pose, measured_at: Monotonic)
 }
 
 #[test]
-fn ground_just_driven_over_may_be_gone_back_over_and_older_ground_only_crept_over() {
+fn reversing_is_free_over_recent_ground_and_creep_over_older() {
     let walls = pillar([0.0, 0.0], 26.0);
     for (stands_s, least_mps, most_mps) in [(0, 0.4, 1.0), (4, 0.0, CREEP_MPS)] {
         let mut drive = Drive::new(setup(), walls.clone(), 0);
@@ -212,7 +212,7 @@ fn ground_just_driven_over_may_be_gone_back_over_and_older_ground_only_crept_ove
 
 /// The front laser dies, the one that looks back lives on, and the map knows all of the hall.
 #[test]
-fn what_a_dead_sensor_saw_counts_for_so_long_and_the_panel_is_told_of_its_side() {
+fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
     let walls = pillar([0.0, 0.0], 26.0);
     let pose = planar(0.0, 0.0, 0.0);
     let back = planar(0.0, 0.0, std::f64::consts::PI);

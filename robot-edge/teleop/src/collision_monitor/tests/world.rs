@@ -5,17 +5,17 @@ use std::time::Duration;
 
 use nalgebra::{Point2, Point3, Vector2};
 
-use crate::collision_monitor::clearance::Footprint;
+use crate::collision_monitor::footprint::Footprint;
 use crate::collision_monitor::{
     BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput,
     CollisionMonitorRules, LocalMap, ObstacleScan, OdometrySample,
 };
 use crate::config::TeleopConfig;
+use crate::input::CollisionMonitorOutput;
+use crate::motion::Velocity;
 use crate::motion::{AxisLimits, Motion, MotionTarget};
-use crate::speed_limits::CollisionMonitorOutput;
-use crate::velocity::Velocity;
-use mapping::elevation_config::ObstacleConfig;
 use mapping::ground_plane::GroundPlane;
+use mapping::obstacle::ObstacleConfig;
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::{Pose, planar};

@@ -2,12 +2,12 @@
 
 use super::Scope;
 use super::small::{self, Pressed, Small, TOKENS};
-use crate::command::DriveCommand;
-use crate::emergency_stop::{EStopId, StoredEStop};
+use crate::command_stream::DriveCommand;
 use crate::input::{ArbiterInput, LeaseVerb};
-use crate::operator::{OperatorId, Role};
+use crate::lease::{EStopId, StoredEStop};
+use crate::lease::{OperatorId, Role};
+use crate::motion::Velocity;
 use crate::proofs::world::caller;
-use crate::velocity::Velocity;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Act {

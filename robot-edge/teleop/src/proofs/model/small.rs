@@ -2,18 +2,19 @@
 
 use std::time::Duration;
 
-use crate::arbiter::{ArbiterState, Mode, StopReason};
-use crate::arming::Arming;
-use crate::emergency_stop::{EStop, EStopId};
+use crate::arbiter::{ArbiterState, Mode};
+use crate::command_stream::ArmingState;
+use crate::input::CollisionMonitorOutput;
+use crate::lease::OperatorId;
+use crate::lease::{EStop, EStopId};
 use crate::lease::{Lease, LeaseHolder, Waiting};
-use crate::operator::OperatorId;
+use crate::motion::Velocity;
 use crate::proofs::licence::Licence;
 use crate::proofs::millis;
 use crate::proofs::monitor::{InForce, Latched, Monitor, Violation};
-use crate::speed_limits::CollisionMonitorOutput;
 use crate::token::{AgeToken, TokenRing};
-use crate::velocity::Velocity;
 use measurement::time::Monotonic;
+use protocol::message::StopReason;
 
 /// A step of time.
 pub(super) const UNIT: Duration = millis(100);
@@ -72,7 +73,7 @@ pub(super) struct Small {
     last_seq: Option<u64>,
     issued: Option<Monotonic>,
     is_pressed: bool,
-    pub(super) arming: Arming,
+    pub(super) arming: ArmingState,
     /// Micrometres per second.
     pub(super) speed_um: i64,
     monitor_is_available: bool,
@@ -122,7 +123,7 @@ impl Small {
             last_seq: None,
             issued: None,
             is_pressed: false,
-            arming: Arming::Locked,
+            arming: ArmingState::Locked,
             speed_um: 0,
             monitor_is_available: false,
             estop: None,
@@ -250,8 +251,8 @@ impl Small {
         self.issued = state.stream.issued.map(at);
         self.is_pressed = !state.stream.requested.is_neutral();
         self.arming = match state.stream.arming {
-            Arming::Neutral { since } => Arming::Neutral { since: at(since) },
-            arming @ (Arming::Locked | Arming::Pressed) => arming,
+            ArmingState::Neutral { since } => ArmingState::Neutral { since: at(since) },
+            arming @ (ArmingState::Locked | ArmingState::Pressed) => arming,
         };
         self.speed_um = (state.motion.linear.speed * 1e6).round() as i64;
         self.monitor_is_available = matches!(

@@ -1,11 +1,12 @@
 //! What the arbiter wants done, held against what it may want.
 
 use super::{Monitor, Violation, bit, ensure};
-use crate::action::{Action, Actions, Answer, ArbiterEvent};
+use crate::action::{Action, Actions, ArbiterEvent};
 use crate::config::Rules;
-use crate::lease::LeaseEnd;
-use crate::velocity::Velocity;
+use crate::lease::EStopId;
+use crate::motion::Velocity;
 use measurement::time::Monotonic;
+use protocol::message::{Answer, LeaseEnd};
 
 impl Monitor {
     pub(super) fn observe_actions(
@@ -45,14 +46,14 @@ impl Monitor {
                     self.requested_at &= !bit(to);
                     self.forget_commands();
                 }
-                Action::AcknowledgeEStop(id)
+                Action::AcknowledgeEStop(EStopId(id))
                 | Action::Answer {
                     answer: Answer::EStopped(id),
                     ..
                 } => {
                     let is_stored = self
                         .estop
-                        .is_some_and(|estop| estop.is_stored && estop.id == id);
+                        .is_some_and(|estop| estop.is_stored && estop.id.0 == id);
                     ensure(
                         is_stored,
                         "P5: an emergency stop is acknowledged before it is stored",

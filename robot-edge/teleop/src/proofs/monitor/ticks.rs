@@ -6,10 +6,10 @@ use super::{Monitor, Violation, ensure};
 use crate::arbiter::{ArbiterState, Mode, step};
 use crate::config::Rules;
 use crate::input::ArbiterInput;
+use crate::input::CollisionMonitorOutput;
+use crate::motion::Velocity;
 use crate::motion::{AxisLimits, Caps};
 use crate::proofs::millis;
-use crate::speed_limits::CollisionMonitorOutput;
-use crate::velocity::Velocity;
 use measurement::time::Monotonic;
 
 const MAX_STEP: Duration = millis(40);

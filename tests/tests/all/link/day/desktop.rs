@@ -1,4 +1,4 @@
-//! An operator's desk: a screen, the console on it as its users start it, and a folder that is their home.
+//! A console on a virtual screen, with a home folder of its own.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,9 +10,9 @@ use tempfile::{TempDir, tempdir};
 
 use crate::link::controls::{Control, Controls};
 use crate::link::processes::{Running, program};
-use crate::link::screen::{Screen, skip_without_window};
+use crate::link::screen::Screen;
 
-/// Where pictures of the steps go; kept as documentation where it is `docs/day`.
+/// Folder for pictures of the steps; `docs/day` renews those of the documentation.
 const PICTURES: &str = "FORESHORE_DAY_PICTURES";
 
 pub(super) struct Desktop {
@@ -20,12 +20,12 @@ pub(super) struct Desktop {
     pub(super) controls: Controls,
     pub(super) home: TempDir,
     arguments: Vec<String>,
-    console: Option<(Running, u32)>,
+    console: Option<Running>,
     pictures: PathBuf,
 }
 
 impl Desktop {
-    /// `None`, said aloud, where no window can be opened here.
+    /// `None`, and a skipped test, if no window can be opened.
     pub(super) fn new(arguments: &[&str], last: &str) -> Option<Self> {
         let screen = Screen::open()?;
         let home = tempdir().unwrap();
@@ -43,10 +43,9 @@ impl Desktop {
         desktop.start(last).then_some(desktop)
     }
 
-    /// Starts the console with one argument more; false, said aloud, where it can open no window.
+    /// Starts the console with one more argument; false, and a skipped test, if no window can be opened.
     pub(super) fn start(&mut self, last: &str) -> bool {
         let mut command = program("operator-console");
-        self.screen.show(&mut command);
         command.arg("--controls").arg(&self.controls.0);
         let home = self.home.path();
         for (name, folder) in [
@@ -58,34 +57,28 @@ impl Desktop {
         ] {
             command.env(name, home.join(folder));
         }
-        // A folder that is shown would lie over the window.
+        // A file manager would cover the window.
         command.env_remove("XDG_CURRENT_DESKTOP");
-        let mut console = Running::start(command.args(&self.arguments).arg(last), "the window");
-        let window = self.screen.window("Foreshore", || !console.is_running());
-        let Some(window) = window else {
-            let (_, said) = console.end();
-            skip_without_window(&said);
-            return false;
-        };
-        self.screen.focus(window);
-        self.console = Some((console, window));
-        true
+        command.args(&self.arguments).arg(last);
+        let opened = self.screen.open_console(&mut command);
+        self.console = opened.map(|(console, _window)| console);
+        self.console.is_some()
     }
 
-    /// Waits until the console has ended, which must be well.
+    /// Waits until the console has ended without an error.
     pub(super) fn wait_for_exit(&mut self) {
-        let (console, _) = self.console.take().expect("a console");
+        let console = self.console.take().expect("a console");
         console.ends_well();
         fs::remove_file(&self.controls.0).unwrap();
     }
 
-    /// Clicks a button or anything else that is pressed.
+    /// Clicks the control of this role and text.
     pub(super) fn click(&self, role: &str, words: &str) {
         self.screen.click(self.controls.named(role, words).middle());
     }
 
-    /// Does something until something is seen that begins so: a window that was just opened may miss the first keys, and
-    /// what moves is missed by the pointer. Anybody would do it again.
+    /// Repeats `act` until a control's text begins with `wanted`: a new window may miss the first keys, and the pointer may
+    /// miss a control that moves.
     pub(super) fn retry_until_shown(&self, wanted: &str, act: impl Fn()) -> Control {
         let find = || {
             let all = self.controls.all();
@@ -105,7 +98,6 @@ impl Desktop {
         self.controls.beginning(wanted)
     }
 
-    /// The map.
     pub(super) fn map(&self) -> Control {
         self.controls.wait_for("the map", |all| {
             let mut all = all.iter();
@@ -113,15 +105,15 @@ impl Desktop {
         })
     }
 
-    /// Keeps what the screen looks like now.
+    /// Saves a picture of the screen.
     pub(super) fn picture(&self, name: &str) {
-        // What was clicked last is drawn, and what came up slowly has come.
+        // Animations have ended.
         sleep(Duration::from_millis(500));
         self.screen
             .picture(&self.pictures.join(format!("{name}.png")));
     }
 
-    /// The one file or folder of that name's end, somewhere in the operator's home.
+    /// The only file below the home folder whose path ends so.
     pub(super) fn find(&self, end: &str) -> PathBuf {
         fn within(folder: &Path, end: &str, found: &mut Vec<PathBuf>) {
             for entry in fs::read_dir(folder).unwrap() {
@@ -140,7 +132,7 @@ impl Desktop {
     }
 }
 
-/// As a hand does between two things: what was done is drawn meanwhile.
+/// Waits until the last action is drawn.
 pub(super) fn settle() {
     sleep(Duration::from_millis(400));
 }

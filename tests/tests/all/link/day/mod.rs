@@ -1,8 +1,7 @@
-//! A day with the console, from the first window to the last, with real keys and a real pointer, and a picture of each step.
+//! The console end to end, with real keys, a real pointer and a picture of each step: what only the whole window shows.
 
 mod desktop;
 mod probe;
-mod raster;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,30 +17,27 @@ use super::controls::Control;
 use super::driver::{hold_until, take_lease};
 use super::processes::{Running, free_port, program};
 use super::screen::Key;
-use super::telemetry::{TIMEOUT, Telemetry};
+use super::telemetry::Telemetry;
 use desktop::{Desktop, settle};
-use probe::{Reading, position_m, readings};
-use raster::Raster;
+use probe::{Raster, Reading, position_m, readings};
 
 const ROBOT: &str = "barge";
 /// The inner faces of the yard's walls on the left and on the right: `worlds/yard.toml`.
 const WALLS_M: [f64; 2] = [8.55, -8.55];
-/// Side of a cell of the yard's maps.
 const CELL_M: f64 = 0.1;
-/// A step of the pointer is so much on this map, at most.
+/// Greatest width of a pixel on this map.
 const STEP_M: f64 = 0.1;
-/// Driven so far at least.
-const WAY_M: f64 = 0.5;
-/// Points of the map that are read, and of which so many must be known.
+/// Points of the map that are read in each row.
 const PROBES: i16 = 7;
+/// Values that must be known.
 const MIN_KNOWN: usize = 3;
 
 #[test]
 fn a_day_with_the_console() {
-    // Whoever names an address is shown nobody whom other tests have on this network.
-    let yesterdays = format!("tcp/127.0.0.1:{}", free_port());
+    // An address switches discovery off, so robots of other tests do not appear.
+    let unused = format!("tcp/127.0.0.1:{}", free_port());
     let arguments = ["--operator", "anna", "--robot", ROBOT, "--connect"];
-    let Some(mut desktop) = Desktop::new(&arguments, &yesterdays) else {
+    let Some(mut desktop) = Desktop::new(&arguments, &unused) else {
         return;
     };
     let recordings = tempdir().unwrap();
@@ -66,7 +62,6 @@ fn a_day_with_the_console() {
     finds_the_robot(&desktop, &relay);
     starts_recording(&desktop);
     switches_layers(&desktop);
-    saves_pictures(&desktop);
     drives(&desktop, &telemetry);
     measures(&desktop);
     loses_the_link(&desktop, &relay);
@@ -82,7 +77,6 @@ fn finds_the_robot(desktop: &Desktop, relay: &Relay) {
     desktop.controls.beginning(&format!("Looking for {ROBOT}"));
     desktop.picture("01_open");
     desktop.retry_until_shown("Remembered addresses", || {
-        // What is typed before the field is there waits for it.
         desktop.screen.tap_with(Key::Control, Key::L);
         desktop.screen.write(&relay.endpoint());
         desktop.screen.tap(Key::Enter);
@@ -92,63 +86,14 @@ fn finds_the_robot(desktop: &Desktop, relay: &Relay) {
     desktop.picture("02_found");
 }
 
-/// What stands below the name of a layer in its panel.
-fn state_of<'a>(all: &'a [Control], layer: &str) -> Option<&'a str> {
-    let name = all
-        .iter()
-        .find(|control| control.role == "CheckBox" && control.words == layer)?;
-    let below = all.iter().filter(|control| {
-        let [left, top, right, _] = control.edges;
-        control.role == "Label"
-            && top >= name.edges[3] - 2
-            && left <= name.edges[0] + 20
-            && right > name.edges[0]
-    });
-    let next = below.min_by_key(|control| control.edges[1])?;
-    Some(&next.words)
-}
-
 fn switches_layers(desktop: &Desktop) {
-    let is_hidden = |layer: &'static str, is_hidden: bool| {
-        desktop
-            .controls
-            .wait_for(&format!("{layer} hidden: {is_hidden}"), |all| {
-                let state = state_of(all, layer)?;
-                (state.starts_with("hidden") == is_hidden).then_some(())
-            });
-    };
-    is_hidden("Rigidity", true);
-    desktop
-        .controls
-        .beginning("Slope cost: 0 flat or clear, 1 lethal");
+    let legend = "Slope cost: 0 flat or clear, 1 lethal";
+    desktop.controls.beginning(legend);
     desktop.screen.tap_with(Key::Alt, Key::Digit5);
-    is_hidden("Rigidity", false);
-    desktop.controls.beginning("Rigidity");
-    desktop.controls.wait_for("rigidity synchronized", |all| {
-        let state = state_of(all, "Rigidity")?;
-        state.contains("synchronized").then_some(())
-    });
+    desktop.controls.beginning("Traversable");
+    desktop.controls.beginning("Synchronized");
     desktop.picture("03_layers");
     desktop.screen.tap_with(Key::Alt, Key::Digit5);
-    is_hidden("Rigidity", true);
-}
-
-/// Hands let go of Ctrl before the letter as often as after it; S is a key that drives as well.
-fn saves_pictures(desktop: &Desktop) {
-    let folder = desktop.home.path().join("pictures");
-    let saved = || fs::read_dir(&folder).map_or(0, Iterator::count);
-    for count in 1..=3 {
-        desktop.screen.press(Key::Control);
-        desktop.screen.press(Key::S);
-        desktop.screen.release(Key::Control);
-        desktop.screen.release(Key::S);
-        let started = clock::now();
-        while saved() < count {
-            assert!(clock::elapsed(started) < TIMEOUT, "{count} pictures");
-            settle();
-        }
-    }
-    assert_eq!(saved(), 3);
 }
 
 fn starts_recording(desktop: &Desktop) {
@@ -158,40 +103,22 @@ fn starts_recording(desktop: &Desktop) {
     });
 }
 
+/// Drives long enough for a recording of several seconds.
 fn drives(desktop: &Desktop, telemetry: &Telemetry) {
     take_lease(&desktop.screen, telemetry);
-    telemetry.wait_for_status("held", |status| status.state == TeleopState::Held);
-    let (from, _) = telemetry.pose();
-    let way_m = || {
-        let ([x, y], _) = telemetry.pose();
-        nalgebra::distance(&from.into(), &[x, y].into())
-    };
-    let mut presses = 0;
-    // The guard of a laser that tilts knows little just ahead, and may stop it before.
-    while way_m() < WAY_M {
-        assert!(presses < 10, "{} m", way_m());
-        presses += 1;
-        let forward = |status: &TeleopStatus| status.applied.linear_mps > 0.1;
-        hold_until(&desktop.screen, telemetry, Key::W, forward);
-        if presses == 1 {
-            desktop.picture("04_driving");
-        }
-        sleep(Duration::from_secs(1));
-        desktop.screen.release(Key::W);
-        telemetry.wait_for_status("standing", |status| status.state == TeleopState::Held);
-    }
-    // A machine that is busy with other tests may be behind with telling where it is.
-    telemetry.wait_until_stopped();
-    let stood = way_m();
+    let forward = |status: &TeleopStatus| status.applied.linear_mps > 0.1;
+    hold_until(&desktop.screen, telemetry, Key::W, forward);
+    desktop.picture("04_driving");
     sleep(Duration::from_secs(1));
-    assert!((way_m() - stood).abs() < 0.02, "it stands");
-    println!("driven {stood:.2} m with {presses} presses");
-    // Given back.
+    desktop.screen.release(Key::W);
+    telemetry.wait_for_status("held", |status| status.state == TeleopState::Held);
+    // The pose may lag behind on a busy machine.
+    telemetry.wait_until_stopped();
     desktop.screen.tap_with(Key::Control, Key::G);
-    telemetry.wait_for_status("nobody's", |status| status.lease.holder.is_none());
+    telemetry.wait_for_status("released", |status| status.lease.holder.is_none());
 }
 
-/// Where the pointer reads on the map, metres in `odom`, once it points there: elsewhere than before.
+/// Moves the pointer; returns the position that the map shows for it, metres in `odom`.
 fn reads_at(desktop: &Desktop, at: [i16; 2]) -> [f64; 2] {
     let before = position_m(&desktop.controls.all());
     desktop.screen.point(at);
@@ -208,14 +135,13 @@ fn reads_at(desktop: &Desktop, at: [i16; 2]) -> [f64; 2] {
 }
 
 fn measures(desktop: &Desktop) {
-    // The whole map grows while one looks; the vehicle stands.
     desktop.screen.tap(Key::V);
     settle();
     let [left, top, right, bottom] = desktop.map().edges;
     let corner = [left + (right - left) / 4, top + (bottom - top) / 3];
     let other = [right - (right - left) / 4, bottom - (bottom - top) / 3];
     let (from_m, to_m) = (reads_at(desktop, corner), reads_at(desktop, other));
-    // North is up: the two are all there is to know of the view.
+    // North is up, so two points define the view.
     let pixels_per_m = f64::from(other[0] - corner[0]) / (to_m[0] - from_m[0]);
     assert!(
         pixels_per_m > 1.0 / STEP_M,
@@ -246,7 +172,7 @@ fn measures(desktop: &Desktop) {
     );
 }
 
-/// How far from grey a part of the screen is on average: the greatest less the least of red, green and blue.
+/// Mean colour of a part of the screen: greatest less least of red, green and blue.
 fn colourfulness(desktop: &Desktop, edges: [i16; 4]) -> f64 {
     let ([width, _], pixels) = desktop.screen.pixels();
     let [left, top, right, bottom] = edges.map(|edge| usize::try_from(edge).unwrap());
@@ -262,7 +188,6 @@ fn colourfulness(desktop: &Desktop, edges: [i16; 4]) -> f64 {
 
 fn loses_the_link(desktop: &Desktop, relay: &Relay) {
     let [left, top, right, bottom] = desktop.map().edges;
-    // Without what stands at the edges of the map.
     let middle = [
         left + (right - left) / 4,
         top + (bottom - top) / 4,
@@ -271,7 +196,7 @@ fn loses_the_link(desktop: &Desktop, relay: &Relay) {
     ];
     let live = colourfulness(desktop, middle);
     let cut = clock::now();
-    relay.cut().unwrap();
+    relay.cut();
     let banner = desktop.controls.beginning("Link lost: no data for");
     println!(
         "from the cut to the banner in the window: {:?}; {}",
@@ -304,7 +229,7 @@ fn stops_recording(desktop: &Desktop, folder: &Path) -> PathBuf {
     files.remove(0)
 }
 
-/// Where the recording is, seconds, and how long.
+/// Position in the recording and its length, seconds.
 fn position_s(all: &[Control]) -> Option<[f64; 2]> {
     let clock_s = |words: &str| {
         let mut parts = words.split(':').map(str::parse::<f64>);
@@ -317,7 +242,7 @@ fn position_s(all: &[Control]) -> Option<[f64; 2]> {
     })
 }
 
-/// Opens the recording and winds it: paused, the last time forward.
+/// Opens the recording, pauses it and seeks in it, the last time forward.
 fn scrubs(desktop: &Desktop, recording: &Path) {
     desktop.screen.tap_with(Key::Control, Key::O);
     desktop.controls.beginning("MCAP, ROS 1 bag");
@@ -340,14 +265,14 @@ fn scrubs(desktop: &Desktop, recording: &Path) {
                 ((position_s - wanted_s).abs() < 0.02 * length_s + 0.2).then_some(())
             });
         println!(
-            "wound to {wanted_s:.1} s of {length_s:.1} s in {:?}",
+            "sought to {wanted_s:.1} s of {length_s:.1} s in {:?}",
             clock::elapsed(clicked)
         );
     }
     desktop.controls.beginning("Synchronized");
 }
 
-/// Reads the map in many places, the last of which stays pinned.
+/// Reads the map at many points; the last one stays pinned.
 fn probes(desktop: &Desktop) -> Vec<([f64; 2], Vec<Reading>)> {
     desktop.screen.tap_with(Key::Alt, Key::Digit5);
     desktop.controls.beginning("Traversable");
@@ -359,13 +284,13 @@ fn probes(desktop: &Desktop) -> Vec<([f64; 2], Vec<Reading>)> {
     let places = (1..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
     let mut read = Vec::new();
     for (column, row) in places {
-        // Around the vehicle and ahead of it; not synchronized with cells.
+        // Around the vehicle and ahead of it, at varying places within a cell.
         let at = [
             middle + 23 * column + 3 * row - 40,
             top + (bottom - top) * row / PROBES + 5 * column,
         ];
         let point_m = reads_at(desktop, at);
-        // The card rounds: a point at the edge of a cell could be in the next.
+        // The card rounds, so a point near an edge may belong to the next cell.
         let is_within = point_m.iter().all(|m| {
             let share = (m / CELL_M).rem_euclid(1.0);
             (0.1..0.9).contains(&share)
@@ -382,12 +307,12 @@ fn probes(desktop: &Desktop) -> Vec<([f64; 2], Vec<Reading>)> {
     read
 }
 
-/// Exports what is shown, and holds it to what was read.
+/// Exports the maps and compares them with the values that were read.
 fn exports(desktop: &Desktop, read: &[([f64; 2], Vec<Reading>)]) {
     desktop.screen.tap_with(Key::Control, Key::E);
     desktop.controls.named("Button", "Export");
     settle();
-    // The keyboard is where the folder is.
+    // The text field of the folder has the keyboard.
     desktop.screen.tap(Key::Enter);
     desktop.controls.named("Button", "Open folder");
     desktop.picture("09_exported");
@@ -412,7 +337,7 @@ fn exports(desktop: &Desktop, read: &[([f64; 2], Vec<Reading>)]) {
     desktop.screen.tap(Key::Escape);
 }
 
-/// Puts the window in another order, ends the day, and finds it so the next morning.
+/// Changes layout and scale, restarts the console and expects both as they were.
 fn comes_back(desktop: &mut Desktop, relay: &Relay) {
     desktop.retry_until_shown("Live", || desktop.click("Button", "Close recording"));
     desktop.controls.beginning("Synchronized");
@@ -423,19 +348,19 @@ fn comes_back(desktop: &mut Desktop, relay: &Relay) {
     desktop.controls.without("Events");
     settle();
     desktop.picture("10_another_layout");
-    let evening = desktop.map().edges;
+    let before = desktop.map().edges;
     desktop.screen.tap_with(Key::Control, Key::Q);
     desktop.wait_for_exit();
 
     assert!(desktop.start(&relay.endpoint()));
     desktop.controls.beginning("Live");
     desktop.controls.beginning("Synchronized");
-    // The layer that was shown last, too.
+    // The visible layers are remembered too.
     desktop.controls.beginning("Traversable");
     desktop.controls.without("Events");
     settle();
     desktop.picture("11_the_next_day");
-    assert_eq!(desktop.map().edges, evening);
+    assert_eq!(desktop.map().edges, before);
     desktop.retry_until_shown("Scale: ", || desktop.click("Button", "View"));
     desktop.controls.beginning("Scale: 110 %");
     desktop.screen.tap(Key::Escape);

@@ -1,22 +1,29 @@
-//! The probe's card, as a screen reader is told of it.
+//! Map values that the probe's card shows, and those of exported maps.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 use protocol::layer::{LayerId, Quantisation};
 
+use tiff::decoder::{Decoder, DecodingResult};
+use tiff::tags::Tag;
+
 use crate::link::controls::Control;
 
-/// What the card says of one layer.
+/// The value that the card shows of one layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Reading {
     pub(super) layer: LayerId,
     pub(super) value: String,
 }
 
-/// Where the card says that it reads: x and y in `odom`, metres.
+/// The position that the card shows: x and y in `odom`, metres.
 pub(super) fn position_m(all: &[Control]) -> Option<[f64; 2]> {
     all.iter().find_map(|control| position(&control.words))
 }
 
-/// What it says of each layer.
+/// The values that the card shows.
 pub(super) fn readings(all: &[Control]) -> Vec<Reading> {
     let Some(card) = all
         .iter()
@@ -32,7 +39,6 @@ pub(super) fn readings(all: &[Control]) -> Vec<Reading> {
         let layer = LayerId::ALL
             .into_iter()
             .find(|layer| operator_console::panels::layers::layer_name(*layer) == name.words)?;
-        // Next to it, on the same line.
         let in_line = all.iter().filter(|control| {
             control.role == "Label"
                 && control.edges[0] >= name.edges[2]
@@ -48,8 +54,7 @@ pub(super) fn readings(all: &[Control]) -> Vec<Reading> {
 }
 
 impl Reading {
-    /// Whether an exported value (NaN, or 0 of a class, where nothing is known) is what the card says, to the digits that
-    /// it shows.
+    /// Whether an exported value is the value shown, to its last digit. Unknown is NaN, or class 0.
     pub(super) fn agrees_with(&self, exported: f32) -> bool {
         if self.value == "unknown" {
             let is_class = !self.layer.classes().is_empty();
@@ -72,7 +77,6 @@ impl Reading {
 
 /// `x 1.20 m  y −3.40 m`
 fn position(words: &str) -> Option<[f64; 2]> {
-    // The spaces between them are of those that no line is broken at.
     let mut words = words.split_whitespace();
     words.next().filter(|name| *name == "x")?;
     let x = number(words.next()?)?;
@@ -84,22 +88,53 @@ fn number(words: &str) -> Option<f64> {
     words.replace('−', "-").parse().ok()
 }
 
-#[test]
-fn a_reading_is_held_to_the_digits_that_it_shows() {
-    let reading = |layer, value: &str| Reading {
-        layer,
-        value: value.to_owned(),
-    };
-    let height = reading(LayerId::Elevation, "−0.125 m");
-    assert!(
-        height.agrees_with(-0.1254)
-            && !height.agrees_with(-0.1256)
-            && !height.agrees_with(f32::NAN)
-    );
-    let obstacle = reading(LayerId::Obstacle, "free");
-    assert!(obstacle.agrees_with(-1.0) && !obstacle.agrees_with(1.0) && !obstacle.agrees_with(0.0));
-    let nothing = reading(LayerId::Elevation, "unknown");
-    assert!(nothing.agrees_with(f32::NAN) && !nothing.agrees_with(0.0));
-    assert_eq!(position("x −1.20 m  y 3.40 m"), Some([-1.2, 3.4]));
-    assert_eq!(position("x marks the spot"), None);
+/// An exported layer of any type of pixel.
+pub(super) struct Raster {
+    width: usize,
+    height: usize,
+    /// Side of a cell, metres.
+    cell_m: f64,
+    /// The upper left corner, metres in `odom`.
+    corner_m: [f64; 2],
+    values: Vec<f32>,
+}
+
+impl Raster {
+    pub(super) fn read(path: &Path) -> Self {
+        let file = BufReader::new(File::open(path).unwrap());
+        let mut decoder = Decoder::new(file).unwrap();
+        let (width, height) = decoder.dimensions().unwrap();
+        let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap();
+        let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
+        let image = decoder.read_image().unwrap();
+        let values = if let DecodingResult::F32(values) = image {
+            values
+        } else if let DecodingResult::I8(values) = image {
+            values.into_iter().map(f32::from).collect()
+        } else if let DecodingResult::U8(values) = image {
+            values.into_iter().map(f32::from).collect()
+        } else {
+            panic!("{}: unexpected pixel type", path.display())
+        };
+        Self {
+            width: width as usize,
+            height: height as usize,
+            cell_m: scale[0],
+            corner_m: [tie[3], tie[4]],
+            values,
+        }
+    }
+
+    /// The value at a point, metres in `odom`; NaN outside.
+    pub(super) fn at(&self, [x_m, y_m]: [f64; 2]) -> f32 {
+        let column = ((x_m - self.corner_m[0]) / self.cell_m).floor();
+        let row = ((self.corner_m[1] - y_m) / self.cell_m).floor();
+        let is_within =
+            (0.0..self.width as f64).contains(&column) && (0.0..self.height as f64).contains(&row);
+        if is_within {
+            self.values[row as usize * self.width + column as usize]
+        } else {
+            f32::NAN
+        }
+    }
 }

@@ -1,0 +1,196 @@
+//! The two Zenoh sessions: control and bulk.
+//!
+//! Two sessions instead of priorities: on one stream, priorities have no effect on the buffer of the socket, so that
+//! small messages wait behind tiles.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{SendError, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use zenoh::{Config, Session, Wait};
+
+use super::LinkError;
+use super::endpoints::{Channel, attempts, listeners};
+use super::security::{self, SettingsOfTls};
+use crate::audit::Audit;
+use crate::credentials::{Credentials, OperatorList};
+
+/// The endpoints and credentials of a program.
+#[derive(Clone, Debug, Default)]
+pub struct Endpoints {
+    /// Control endpoints to listen on.
+    pub listen: Vec<String>,
+    /// Control endpoints to connect to.
+    pub connect: Vec<String>,
+    /// A Zenoh configuration (JSON5) that is overridden by these settings.
+    pub zenoh_config: Option<PathBuf>,
+    /// With credentials the sessions use mutual TLS; without, they are open to everyone.
+    pub credentials: Option<Credentials>,
+    /// Who may connect to a vehicle with credentials, besides routers.
+    pub operators: OperatorList,
+    /// Receives connections and disconnections.
+    pub audit: Option<Audit>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Listens, and connects in the background without waiting.
+    Edge,
+    /// Connects to one robot or router, or returns an error.
+    Console,
+}
+
+/// Time after which a console gives up connecting.
+pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval of attempts to connect.
+pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
+
+/// Head start of QUIC before TLS is tried in parallel: some round trips of a long link. A silent client can block the
+/// QUIC listener, but not that of TLS.
+const FALLBACK_DELAY: Duration = Duration::from_millis(600);
+
+///
+/// With credentials, the control session of a console uses QUIC, or TLS if QUIC does not answer.
+pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Session, LinkError> {
+    let credentials = endpoints.credentials.as_ref();
+    let listen = listeners(channel, &endpoints.listen, credentials.is_some())?;
+    let mut attempt_list = attempts(channel, &endpoints.connect, credentials.is_some())?;
+    let security = match (credentials, side) {
+        (None, _) => SettingsOfTls::new(),
+        (Some(credentials), Side::Edge) => {
+            security::edge_settings(credentials, &endpoints.operators)
+        }
+        (Some(credentials), Side::Console) => security::console_settings(credentials),
+    };
+    if side == Side::Edge {
+        // A vehicle retries in the background and would never use the second attempt.
+        attempt_list.truncate(1);
+    }
+    let mut configs = Vec::with_capacity(attempt_list.len());
+    for connect in attempt_list {
+        let settings = settings((side, channel), &listen, &connect, credentials.is_none());
+        let file = endpoints.zenoh_config.as_deref();
+        let config = config(settings.chain(security.clone()), file)?;
+        configs.push((config, [&listen[..], &connect].concat().join(", ")));
+    }
+    let session = first_to_open(channel, configs)?;
+    if side == Side::Console && credentials.is_some() {
+        security::check_peers(&session, &endpoints.connect.join(", "))?;
+    }
+    if let Some(audit) = &endpoints.audit {
+        security::audit_links(&session, channel, audit.clone())?;
+    }
+    Ok(session)
+}
+
+/// Opens sessions in turn: the next one starts when the previous ones have failed or after their head start. Returns
+/// the first one that is open.
+fn first_to_open(
+    channel: Channel,
+    attempt_list: Vec<(Config, String)>,
+) -> Result<Session, LinkError> {
+    let open = move |config: Config, endpoints: String| {
+        zenoh::open(config).wait().map_err(|why| LinkError::Open {
+            channel,
+            endpoints,
+            why,
+        })
+    };
+    let count = attempt_list.len();
+    let mut attempt_list = attempt_list.into_iter().enumerate();
+    let (sender, opened) = sync_channel(count);
+    let mut underway = 0;
+    loop {
+        if let Some((n, (config, endpoints))) = attempt_list.next() {
+            if count == 1 {
+                return open(config, endpoints);
+            }
+            let sender = sender.clone();
+            underway += 1;
+            thread::spawn(move || {
+                if let Err(SendError((_, Ok(late)))) = sender.send((n, open(config, endpoints))) {
+                    // Another session was opened first.
+                    drop(late.close().wait());
+                }
+            });
+        }
+        match opened.recv_timeout(FALLBACK_DELAY) {
+            Ok((n, Ok(session))) => {
+                if n > 0 {
+                    tracing::warn!(
+                        "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
+                    );
+                }
+                return Ok(session);
+            }
+            Ok((_, Err(why))) => {
+                underway -= 1;
+                if underway == 0 && attempt_list.len() == 0 {
+                    return Err(why);
+                }
+            }
+            Err(_none_yet) => {}
+        }
+    }
+}
+
+/// The settings that do not depend on credentials.
+fn settings(
+    (side, channel): (Side, Channel),
+    listen: &[String],
+    connect: &[String],
+    is_open: bool,
+) -> impl Iterator<Item = (&'static str, Value)> {
+    // A robot with keys is reached at a known address and is not discoverable.
+    let answers_scouts = is_open && side == Side::Edge && channel == Channel::Control;
+    let retry_ms = RETRY_PERIOD.as_millis() as u64;
+    let (mode, timeout_ms) = match side {
+        Side::Edge => ("peer", -1),
+        // A router forwards between clients, but not between peers without gossip.
+        Side::Console => ("client", CONNECT_TIMEOUT.as_millis() as i64),
+    };
+    [
+        ("mode", json!(mode)),
+        ("listen/endpoints", json!(listen)),
+        ("connect/endpoints", json!(connect)),
+        ("connect/exit_on_failure", json!(false)),
+        ("connect/timeout_ms", json!(timeout_ms)),
+        (
+            "connect/retry",
+            json!({ "period_init_ms": retry_ms, "period_max_ms": retry_ms, "period_increase_factor": 1 }),
+        ),
+        ("open/return_conditions/connect_scouted", json!(false)),
+        // A console discovers by an explicit scout; automatic connections are off.
+        ("scouting/multicast/enabled", json!(answers_scouts)),
+        ("scouting/multicast/listen", json!(answers_scouts)),
+        ("scouting/multicast/autoconnect", json!([])),
+        ("scouting/gossip/enabled", json!(false)),
+        // 1000 ms was unstable on bad links. Safety does not depend on it.
+        ("transport/link/tx/lease", json!(4000)),
+        ("transport/link/rx/max_message_size", json!(4 << 20)),
+        ("transport/shared_memory/enabled", json!(false)),
+        ("adminspace/enabled", json!(false)),
+    ]
+    .into_iter()
+}
+
+fn config(
+    settings: impl Iterator<Item = (&'static str, Value)>,
+    file: Option<&Path>,
+) -> Result<Config, LinkError> {
+    let mut config = match file {
+        Some(path) => Config::from_file(path).map_err(|why| LinkError::Config {
+            path: path.to_owned(),
+            why,
+        })?,
+        None => Config::default(),
+    };
+    for (key, value) in settings {
+        config
+            .insert_json5(key, &value.to_string())
+            .map_err(|why| LinkError::Setting { key, why })?;
+    }
+    Ok(config)
+}

@@ -1,0 +1,149 @@
+//! Map cells become tiles here, and nowhere else.
+
+use protocol::layer::{LayerId, UNKNOWN};
+use protocol::tile::{TileCells, TileKey};
+
+use mapping::cost_map::CostCell;
+use mapping::elevation::{CellClass, ElevationCell};
+use mapping::grid::{GridTile, TILE_EDGE, TileIndex};
+use mapping::occupancy_grid::LogOdds;
+use mapping::rigidity::Rigidity;
+use mapping::shore::ShoreCell;
+use mapping::shore::ShoreClass;
+
+/// Turns cells of the mapping core into the codes that are published.
+#[derive(Clone, Debug)]
+pub struct CellCoder {
+    /// Code of every log-odds value, indexed by its bits.
+    occupancy: Box<[u16]>,
+}
+
+impl CellCoder {
+    /// Builds the table: 65,536 logistic functions once, instead of one per cell and publication.
+    pub fn new() -> Self {
+        let quantisation = LayerId::Occupancy.quantisation();
+        let code = |bits: u16| {
+            let probability = LogOdds::from_steps(bits.cast_signed()).probability();
+            probability.map_or(UNKNOWN, |p| quantisation.encode(p as f32))
+        };
+        Self {
+            occupancy: (0..=u16::MAX).map(code).collect(),
+        }
+    }
+
+    /// The code of a cell of the elevation map: its mean height.
+    pub fn elevation(cell: &ElevationCell) -> u16 {
+        let quantisation = LayerId::Elevation.quantisation();
+        cell.mean_m()
+            .map_or(UNKNOWN, |mean_m| quantisation.encode(mean_m))
+    }
+
+    /// The code of a cell of the obstacle map.
+    pub const fn obstacle(class: CellClass) -> u16 {
+        match class {
+            CellClass::Unknown => UNKNOWN,
+            CellClass::Free => 1,
+            CellClass::Obstacle => 2,
+        }
+    }
+
+    /// The code of a slope cost.
+    pub fn cost(cell: &CostCell) -> u16 {
+        LayerId::Cost.quantisation().encode(cell.cost)
+    }
+
+    /// The code of what makes a column lethal.
+    pub const fn rigidity(rigidity: Rigidity) -> u16 {
+        match rigidity {
+            Rigidity::Unlabelled => UNKNOWN,
+            Rigidity::Traversable => 1,
+            Rigidity::Rigid => 2,
+        }
+    }
+
+    /// The code of a cell of the shore layer.
+    pub const fn shore(cell: Option<ShoreCell>) -> u16 {
+        match cell {
+            None => UNKNOWN,
+            Some(ShoreCell::Cluster(ShoreClass::Sparse)) => 1,
+            Some(ShoreCell::Cluster(ShoreClass::Dense)) => 2,
+            Some(ShoreCell::Cluster(ShoreClass::Solid)) => 3,
+            Some(ShoreCell::DockingSite) => 4,
+        }
+    }
+
+    /// The codes of a tile of the occupancy grid.
+    pub fn occupancy(&self, tile: &GridTile<i16>) -> TileCells {
+        let mut cells = TileCells::unknown();
+        for (code, &steps) in cells.codes_mut().iter_mut().zip(tile.cells.iter()) {
+            *code = self.occupancy[usize::from(steps.cast_unsigned())];
+        }
+        cells
+    }
+}
+
+impl Default for CellCoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+// Tiles of the mapping core and of the wire are the same squares.
+const _: () = assert!(TILE_EDGE == protocol::tile::TILE_SIDE);
+
+/// Keeps what `before` knows where `cells` know nothing.
+pub fn fill_unknown(cells: &mut TileCells, before: &TileCells) {
+    for (code, &old) in cells.codes_mut().iter_mut().zip(before.codes()) {
+        // Always stored, so that the compiler makes vectors of it.
+        *code = if *code == UNKNOWN { old } else { *code };
+    }
+}
+
+/// Sets the code of the cell at `place` (row by row) of a tile.
+pub fn set_code(cells: &mut TileCells, place: usize, code: u16) {
+    cells.codes_mut()[place] = code;
+}
+
+/// The key under which a tile of the mapping core is published.
+pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
+    TileKey {
+        layer,
+        tx: index.x,
+        ty: index.y,
+    }
+}
+
+/// A tile of cells that are all alike.
+#[cfg(test)]
+pub(super) fn uniform_tile(code: u16) -> TileCells {
+    TileCells::from_fn(|_, _| code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mapping::grid::TiledGrid;
+
+    #[test]
+    fn log_odds_become_probabilities_in_steps_of_a_250th() {
+        let mut grid = TiledGrid::new(LogOdds::UNKNOWN.steps());
+        let index = TileIndex { x: -3, y: 7 };
+        let cells = grid.touch(index);
+        for (cell, p) in cells.iter_mut().zip([0.5, 0.02, 0.3, 0.6, 0.98]) {
+            *cell = LogOdds::from_probability(p).steps();
+        }
+        let codes = CellCoder::new().occupancy(grid.get(index).unwrap());
+        assert_eq!(codes.codes()[..6], [126, 6, 76, 151, 246, 0]);
+        assert_eq!(key(LayerId::Occupancy, index).first_cell(), (-192, 448));
+    }
+
+    #[test]
+    fn what_was_known_stays_where_nothing_newer_is() {
+        let mut cells = TileCells::from_fn(|x, y| if y == 0 { x as u16 % 3 } else { UNKNOWN });
+        let before = TileCells::from_fn(|_, y| if y < 2 { 7 } else { UNKNOWN });
+        fill_unknown(&mut cells, &before);
+        assert_eq!(cells.codes()[..4], [7, 1, 2, 7]);
+        assert_eq!(cells.codes()[64..67], [7, 7, 7]);
+        assert_eq!(cells.known(), 128);
+    }
+}

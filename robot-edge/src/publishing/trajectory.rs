@@ -1,0 +1,246 @@
+//! The pose of the vehicle at each mapped scan, for exports and consoles. Pure.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use protocol::export::StampedPose;
+use protocol::message::{TrajectoryPart, TrajectoryRequest};
+
+use mapping::registered_scan::RegisteredScan;
+
+/// Maximum number of poses: 64 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
+const MAX_POSES: usize = 1_000_000;
+
+/// Shared by mapping and network.
+#[derive(Clone, Debug, Default)]
+pub struct SharedTrajectory(Arc<Mutex<Trajectory>>);
+
+impl SharedTrajectory {
+    pub fn lock(&self) -> MutexGuard<'_, Trajectory> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The poses of mapped scans, oldest first.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Poses after the shown ones belong to a recording that was sought back; seeking forward needs them.
+    poses: Vec<StampedPose>,
+    /// Poses of the scans in a paused snapshot.
+    provisional: Vec<StampedPose>,
+    /// Every `stride`-th pose is kept.
+    stride: u64,
+    scans: u64,
+    /// Increases when indices of poses change.
+    number: u64,
+}
+
+impl Default for Trajectory {
+    fn default() -> Self {
+        Self {
+            poses: Vec::new(),
+            provisional: Vec::new(),
+            stride: 1,
+            scans: 0,
+            number: 0,
+        }
+    }
+}
+
+impl Trajectory {
+    /// Adds a mapped scan.
+    pub fn add(&mut self, scan: &RegisteredScan) {
+        self.add_pose(pose_of(scan));
+    }
+
+    /// Adds a scan of a paused snapshot, until [`Self::seek`].
+    pub fn add_provisional(&mut self, scan: &RegisteredScan) {
+        self.provisional.push(pose_of(scan));
+    }
+
+    fn add_pose(&mut self, pose: StampedPose) {
+        if self.scans.is_multiple_of(self.stride) {
+            if self.len() >= MAX_POSES {
+                self.thin();
+            }
+            let at = self.len();
+            match self.poses.get_mut(at) {
+                Some(known) => *known = pose,
+                None => self.poses.push(pose),
+            }
+        }
+        self.scans += 1;
+    }
+
+    pub fn poses(&self) -> Vec<StampedPose> {
+        (0..self.visible_len())
+            .filter_map(|at| self.pose(at))
+            .collect()
+    }
+
+    fn pose(&self, at: usize) -> Option<StampedPose> {
+        let len = self.len();
+        let pose = match at.checked_sub(len) {
+            None => self.poses.get(at),
+            Some(behind) => self.provisional.get(behind),
+        };
+        pose.copied()
+    }
+
+    /// Number of scans, for [`Self::seek`].
+    pub const fn scans(&self) -> u64 {
+        self.scans
+    }
+
+    /// Shows the trajectory after `scans` scans of the same recording.
+    pub fn seek(&mut self, scans: u64) {
+        if scans != self.scans || !self.provisional.is_empty() {
+            self.scans = scans;
+            self.provisional.clear();
+            self.number += 1;
+        }
+    }
+
+    /// The reply to a query, and the stamp of the newest pose, nanoseconds.
+    pub fn reply(&self, request: TrajectoryRequest) -> (i64, TrajectoryPart) {
+        let visible_len = self.visible_len();
+        let is_this = request
+            .trajectory
+            .is_none_or(|number| number == self.number);
+        let from = usize::try_from(request.from).unwrap_or(usize::MAX);
+        let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
+        let until = if is_this { visible_len } else { 0 };
+        let part = (from..until).step_by(step).filter_map(|at| self.pose(at));
+        let newest = visible_len.checked_sub(1).and_then(|at| self.pose(at));
+        let stamp_ns = newest.map_or(0, |pose| pose.stamp_ns);
+        (
+            stamp_ns,
+            TrajectoryPart::new(self.number, visible_len as u64, part),
+        )
+    }
+
+    fn visible_len(&self) -> usize {
+        self.len() + self.provisional.len()
+    }
+
+    fn len(&self) -> usize {
+        let len = usize::try_from(self.scans.div_ceil(self.stride)).unwrap_or(usize::MAX);
+        len.min(self.poses.len())
+    }
+
+    fn thin(&mut self) {
+        let mut index = 0;
+        self.poses.retain(|_| {
+            index += 1;
+            index % 2 == 1
+        });
+        self.stride *= 2;
+        self.number += 1;
+    }
+}
+
+fn pose_of(scan: &RegisteredScan) -> StampedPose {
+    let q = scan.odom_from_base.rotation.quaternion();
+    StampedPose::new(
+        scan.stamp.as_nanos(),
+        scan.odom_from_base.translation.vector.into(),
+        [q.i, q.j, q.k, q.w],
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::num::NonZeroU32;
+
+    use protocol::message::MAX_TRAJECTORY_POSES;
+
+    use super::*;
+
+    fn pose(n: i64) -> StampedPose {
+        StampedPose::new(n, [0.1 * n as f64, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    }
+
+    fn of(scans: i64) -> Trajectory {
+        let mut trajectory = Trajectory::default();
+        (0..scans).for_each(|n| trajectory.add_pose(pose(n)));
+        trajectory
+    }
+
+    fn stamps(poses: &[StampedPose]) -> Vec<i64> {
+        poses.iter().map(|pose| pose.stamp_ns).collect()
+    }
+
+    fn ask(trajectory: &Trajectory, of: Option<u64>, from: u64, step: u32) -> TrajectoryPart {
+        let step = NonZeroU32::new(step).unwrap();
+        let request = TrajectoryRequest {
+            trajectory: of,
+            from,
+            step,
+        };
+        trajectory.reply(request).1
+    }
+
+    #[test]
+    fn a_question_is_answered_with_the_poses_that_are_written() {
+        let trajectory = of(1200);
+        let mut fetched = Vec::new();
+        while fetched.len() < 1200 {
+            let part = ask(&trajectory, Some(0), fetched.len() as u64, 1);
+            assert_eq!((part.trajectory, part.poses), (0, 1200));
+            assert_eq!(
+                part.rows.len(),
+                (1200 - fetched.len()).min(MAX_TRAJECTORY_POSES)
+            );
+            fetched.extend(part.part());
+        }
+        assert_eq!(fetched, trajectory.poses());
+        let coarse: Vec<_> = ask(&trajectory, None, 100, 400).part().collect();
+        assert_eq!(stamps(&coarse), [100, 500, 900]);
+        assert_eq!(ask(&trajectory, None, 1200, 1).rows, [[0; 8]; 0]);
+        assert_eq!(ask(&trajectory, None, u64::MAX, u32::MAX).rows, [[0; 8]; 0]);
+        assert_eq!(ask(&trajectory, Some(1), 0, 1).rows, [[0; 8]; 0]);
+    }
+
+    #[test]
+    fn a_recording_that_is_wound_has_the_way_up_to_where_it_stands() {
+        let mut trajectory = of(100);
+        trajectory.seek(40);
+        assert_eq!(stamps(&trajectory.poses()), (0..40).collect::<Vec<_>>());
+        assert_eq!(ask(&trajectory, Some(0), 0, 1).poses, 40);
+        assert_eq!(ask(&trajectory, Some(0), 0, 1).rows, [[0; 8]; 0]);
+        trajectory.add_pose(pose(40));
+        assert_eq!(trajectory.poses().len(), 41);
+        trajectory.seek(90);
+        assert_eq!(trajectory.poses(), of(90).poses());
+        assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
+        trajectory.seek(90);
+        assert_eq!(ask(&trajectory, Some(2), 0, 1).rows.len(), 90);
+        trajectory.seek(0);
+        assert_eq!(trajectory.poses(), []);
+    }
+
+    #[test]
+    fn a_long_way_is_thinned_and_keeps_its_beginning() {
+        let many = i64::try_from(MAX_POSES).unwrap();
+        let trajectory = of(many + 5);
+        let kept = stamps(&trajectory.poses());
+        assert_eq!(kept.len(), MAX_POSES / 2 + 3);
+        assert_eq!(kept[..3], [0, 2, 4]);
+        assert_eq!(kept[kept.len() - 3..], [many, many + 2, many + 4]);
+        let part = ask(&trajectory, None, 0, 1);
+        assert_eq!((part.trajectory, part.poses), (1, kept.len() as u64));
+    }
+
+    #[test]
+    fn what_is_shown_for_a_standstill_changes_nothing_of_the_way() {
+        let mut trajectory = of(100);
+        trajectory.seek(40);
+        trajectory.provisional = [1_000, 1_001].map(pose).into();
+        assert_eq!(stamps(&trajectory.poses())[38..], [38, 39, 1_000, 1_001]);
+        let part = ask(&trajectory, Some(1), 39, 1);
+        assert_eq!((part.poses, part.rows.len()), (42, 3));
+        trajectory.seek(40);
+        assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
+        trajectory.seek(90);
+        assert_eq!(trajectory.poses(), of(90).poses());
+    }
+}

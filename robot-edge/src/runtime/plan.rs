@@ -1,0 +1,343 @@
+//! Chooses the range sensors and the source of poses of a recording, before the replay.
+
+use self::range_sensors::FoundSensor;
+use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
+use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
+use crate::exit::UsageError;
+use crate::survey::Survey;
+use localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
+use localization::{LocalizationConfig, PoseSource};
+use recording::Format;
+
+mod pose_streams;
+mod range_sensors;
+
+/// The choice.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Plan {
+    /// Name of each range sensor and its topic or message name.
+    pub(super) sensors: Vec<(String, String)>,
+    pub(super) localization_plan: LocalizationPlan,
+    /// The streams that are read.
+    pub(super) streams: Vec<String>,
+    /// Range from which on the only laser has no return, if its messages do not give it, metres.
+    pub(super) inferred_miss_range_m: Option<f32>,
+    /// Notes about the choice.
+    pub(super) notes: Vec<String>,
+}
+
+/// Chooses by the contents of the recording and the configuration. An error lists the candidates and the options to
+/// choose one.
+pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
+    let (found, missing) = range_sensors::find_sensors(survey, config)?;
+    let ChosenPoses {
+        origin,
+        pose_streams,
+    } = choose_origin(survey, &found, config)?;
+    let mut sensors = range_sensors::place(survey, &found, &origin, config)?;
+    let topics = found.iter().map(|found| survey.name_of(found.scans));
+    let mut streams: Vec<_> = topics.clone().map(str::to_owned).collect();
+    let mut notes = Vec::new();
+    for sensor in missing {
+        notes.push(format!("{sensor}: it has no scans of this sensor"));
+    }
+    let lasers = range_sensors::join_names(&found);
+    match &origin {
+        PoseOrigin::Log => notes.push(format!(
+            "poses: those that {} brings for its own scans",
+            streams.join(" and ")
+        )),
+        PoseOrigin::Tf { fixed_frame } => {
+            notes.push(format!("poses: transforms up to frame {fixed_frame}"));
+            for (found, planned) in found.iter().zip(&sensors) {
+                if planned.mount == MountOrigin::Configured {
+                    notes.push(format!(
+                        "the {}'s mounting: as configured, the transforms do not say",
+                        found.sensor.name
+                    ));
+                }
+            }
+            streams.extend(streams_of_type(
+                survey,
+                &["tf2_msgs/TFMessage", "tf/tfMessage"],
+            ));
+        }
+        PoseOrigin::Odometry => {
+            let odometry = choose_odometry(survey)?;
+            notes.push(format!(
+                "poses: {odometry}, with the configured mounting of {lasers}"
+            ));
+            streams.push(odometry);
+        }
+        PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) => {
+            let named = |stream| pose_streams::name(survey, stream).to_owned();
+            let PoseStreams {
+                wheels,
+                attitude,
+                fixes,
+            } = pose_streams;
+            let of = match (wheels.map(named), fixes.map(named)) {
+                (Some(wheels), _) => format!("wheels of {wheels}"),
+                (None, Some(fixes)) => format!("satellite fixes of {fixes}"),
+                (None, None) => String::new(),
+            };
+            let attitude_of = attitude.map(named).unwrap_or_default();
+            notes.push(format!(
+                "poses: {of} and attitude of {attitude_of}, with the configured mounting of {lasers}"
+            ));
+            streams.extend([wheels, fixes, attitude].into_iter().flatten().map(named));
+        }
+        PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
+    }
+    let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
+    streams.extend(tilts.map(|stream| pose_streams::name(survey, stream).to_owned()));
+    notes.extend(range_sensors::tilt_notes(survey, &found, &sensors));
+    let mut inferred_miss_range_m = None;
+    let is_alone = found.len() == 1;
+    for (found, planned) in found.iter().zip(&mut sensors) {
+        let is_carmen = survey.format == Format::Carmen;
+        let unsaid = found.scans.inferred_miss_range_m().filter(|_| is_carmen);
+        let Some(range_m) = unsaid else { continue };
+        // The reader has one limit, so that several lasers get theirs here.
+        if is_alone {
+            inferred_miss_range_m = unsaid;
+        } else {
+            planned.range_max_m = unsaid;
+        }
+        notes.push(format!(
+            "{} reports {range_m} m where it sees nothing: such beams are misses",
+            survey.name_of(found.scans)
+        ));
+    }
+    if !survey.is_complete() {
+        notes.push("decided from the beginning of the recording, which is long".to_owned());
+    }
+    let named = found.iter().map(|found| found.sensor.name.to_owned());
+    Ok(Plan {
+        sensors: named.zip(topics.map(str::to_owned)).collect(),
+        localization_plan: LocalizationPlan {
+            origin,
+            pose_streams,
+            sensors,
+        },
+        streams: unique(streams),
+        inferred_miss_range_m,
+        notes,
+    })
+}
+
+fn unique(names: Vec<String>) -> Vec<String> {
+    let mut once = Vec::with_capacity(names.len());
+    for name in names {
+        if !once.contains(&name) {
+            once.push(name);
+        }
+    }
+    once
+}
+
+/// The source of poses and its streams.
+struct ChosenPoses {
+    origin: PoseOrigin,
+    pose_streams: PoseStreams,
+}
+
+fn choose_origin(
+    survey: &Survey,
+    found: &[FoundSensor<'_>],
+    config: &Config,
+) -> Result<ChosenPoses, UsageError> {
+    let localization = &config.localization;
+    let wheel_streams = || poses_by_wheels(survey, config);
+    let fix_streams = || poses_by_fixes(survey, config);
+    let ready_made = |origin| ChosenPoses {
+        origin,
+        pose_streams: PoseStreams::default(),
+    };
+    let tf = || poses_by_tf(survey, found, localization);
+    let log = || {
+        let all = found.iter().all(|found| found.scans.has_own_poses);
+        all.then_some(PoseOrigin::Log)
+    };
+    let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
+    let chosen = match localization.source {
+        PoseSource::Auto => match log().or_else(tf).or_else(odometry).map(ready_made) {
+            Some(chosen) => Some(chosen),
+            None => match wheel_streams()? {
+                Some(chosen) => Some(chosen),
+                None => fix_streams()?,
+            },
+        },
+        PoseSource::Log => log().map(ready_made),
+        PoseSource::Tf => tf().map(ready_made),
+        PoseSource::Odometry => odometry().map(ready_made),
+        PoseSource::Static => Some(ready_made(PoseOrigin::Static)),
+        PoseSource::Wheels => wheel_streams()?,
+        PoseSource::Gps => fix_streams()?,
+    };
+    let origin = chosen.as_ref().map(|chosen| &chosen.origin);
+    let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
+    if let Some(wanted) = &localization.fixed_frame
+        && wants_frame
+        && origin != Some(&PoseOrigin::Log)
+        && !has_fixed_frame(survey, origin, wanted)
+    {
+        return Err(UsageError(format!(
+            "{}: no frame {wanted:?} in which {} moves (localization.fixed_frame): {}",
+            survey.path.display(),
+            range_sensors::join_names(found),
+            describe_pose_sources(survey)
+        )));
+    }
+    chosen.ok_or_else(|| no_pose_source(survey, found, localization.source))
+}
+
+fn poses_by_wheels(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
+    let Ok(sensors) = WheelsAndAttitude::of(&config.sensors) else {
+        return Ok(None);
+    };
+    let chosen = |pose_streams| ChosenPoses {
+        origin: poses_from_wheels(config, &sensors),
+        pose_streams,
+    };
+    Ok(pose_streams::wheel_streams(survey, &sensors)?.map(chosen))
+}
+
+fn poses_by_fixes(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
+    let Ok(sensors) = FixesAndAttitude::of(&config.sensors) else {
+        return Ok(None);
+    };
+    let chosen = |pose_streams| ChosenPoses {
+        origin: poses_from_fixes(config, &sensors),
+        pose_streams,
+    };
+    Ok(pose_streams::fix_streams(survey, &sensors)?.map(chosen))
+}
+
+/// Transforms reach that frame, or there are only odometry messages, which define it.
+fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) -> bool {
+    match found {
+        Some(PoseOrigin::Odometry) => survey
+            .odometry
+            .iter()
+            .any(|odometry| *odometry.parent == *wanted),
+        Some(PoseOrigin::Wheels(_) | PoseOrigin::Gps(_)) => wanted == ODOMETRY_FRAME,
+        Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
+        None => false,
+    }
+}
+
+fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource) -> UsageError {
+    let path = survey.path.display();
+    let there_is = describe_pose_sources(survey);
+    let lasers = range_sensors::join_names(found);
+    let (wanted, lacks) = match source {
+        PoseSource::Log => ("log", "its scans bring no poses of their own"),
+        PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
+        PoseSource::Odometry => ("odometry", "there is no odometry"),
+        PoseSource::Wheels => (
+            "wheels",
+            match (survey.joints.is_empty(), survey.attitudes.is_empty()) {
+                (true, true) => "there are neither angles of wheels nor attitudes",
+                (true, false) => "there are no angles of wheels (sensor_msgs/JointState)",
+                (false, _) => "there are no attitudes (sensor_msgs/Imu)",
+            },
+        ),
+        PoseSource::Gps => (
+            "gps",
+            match (survey.fixes.is_empty(), survey.attitudes.is_empty()) {
+                (true, true) => "there are neither satellite fixes nor attitudes",
+                (true, false) => "there are no satellite fixes (sensor_msgs/NavSatFix)",
+                (false, _) => "there are no attitudes (sensor_msgs/Imu)",
+            },
+        ),
+        PoseSource::Auto | PoseSource::Static => {
+            let leads = match survey.frames.edges().next() {
+                Some(_) => format!(
+                    ", and none leads from {} up to a frame in which it moves",
+                    found.first().map_or("", |found| &*found.scans.frame)
+                ),
+                None => String::new(),
+            };
+            let wheels = pose_streams::describe_available(survey)
+                .map_or(String::new(), |there_are| format!(". {there_are}"));
+            return UsageError(format!(
+                "{path}: nothing in it says where {lasers} was: {there_is}{leads}{wheels}. If the vehicle \
+                 stood still, map it with --set localization.source=static"
+            ));
+        }
+    };
+    UsageError(format!(
+        "{path}: nothing in it says where {lasers} was, as localization.source = {wanted:?} wants it: \
+         {lacks}; {there_is}. --set localization.source=auto takes what there is"
+    ))
+}
+
+/// The fixed frame above a range sensor, or above the vehicle that carries it, if a transform between them moves.
+fn poses_by_tf(
+    survey: &Survey,
+    found: &[FoundSensor<'_>],
+    localization: &LocalizationConfig,
+) -> Option<PoseOrigin> {
+    let base_frame = localization.base_frame.as_str();
+    let wanted = localization.fixed_frame.as_deref();
+    let starts = found
+        .iter()
+        .flat_map(|found| [&*found.scans.frame, base_frame]);
+    starts
+        .filter_map(|start| survey.frames.fixed_ancestor(start, base_frame, wanted))
+        .map(|fixed_frame| PoseOrigin::Tf { fixed_frame })
+        .next()
+}
+
+fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
+    let stream = survey
+        .best_odometry()
+        .and_then(|odometry| survey.stream(odometry.stream));
+    let name = stream.map(|summary| summary.stream.name.clone());
+    name.ok_or_else(|| {
+        UsageError(format!(
+            "{}: there is no odometry in it",
+            survey.path.display()
+        ))
+    })
+}
+
+fn describe_pose_sources(survey: &Survey) -> String {
+    let edges: Vec<_> = survey
+        .frames
+        .edges()
+        .map(|(parent, child, _)| format!("{parent} → {child}"))
+        .take(8)
+        .collect();
+    let odometry: Vec<_> = survey
+        .odometry
+        .iter()
+        .filter_map(|odometry| {
+            let stream = survey.stream(odometry.stream)?;
+            Some(format!("{} in {}", stream.stream.name, odometry.parent))
+        })
+        .take(8)
+        .collect();
+    match (&edges[..], &odometry[..]) {
+        ([], []) => "there are neither transforms nor odometry".to_owned(),
+        ([], odometry) => format!("there is odometry ({})", odometry.join(", ")),
+        (edges, []) => format!("there are transforms ({}), no odometry", edges.join(", ")),
+        (edges, odometry) => format!(
+            "there are transforms ({}) and odometry ({})",
+            edges.join(", "),
+            odometry.join(", ")
+        ),
+    }
+}
+
+fn streams_of_type(survey: &Survey, types: &[&str]) -> Vec<String> {
+    let streams = survey.streams.iter().map(|summary| &summary.stream);
+    streams
+        .filter(|stream| types.contains(&stream.type_name.as_str()))
+        .map(|stream| stream.name.clone())
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

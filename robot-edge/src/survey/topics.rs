@@ -1,0 +1,389 @@
+//! Statistics of each topic: stamps, scans, joint angles, attitudes and satellite fixes.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use measurement::scan::Scan;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{FrameId, GeodeticFix, ImuSample, StreamId};
+
+/// Maximum number of steps for the median.
+const MAX_STEPS: usize = 10_000;
+
+/// Statistics of the stamps of one stream.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StampSurvey {
+    pub count: u64,
+    /// The first in file order.
+    pub first: Option<RobotTime>,
+    /// The last in file order.
+    pub last: Option<RobotTime>,
+    /// Stamps equal to the previous one.
+    pub repeated: u64,
+    /// Stamps before the previous one.
+    pub backward: u64,
+    steps: Vec<RobotDuration>,
+}
+
+impl StampSurvey {
+    pub(super) fn add(&mut self, stamp: RobotTime) {
+        self.count += 1;
+        self.first.get_or_insert(stamp);
+        if let Some(last) = self.last.replace(stamp) {
+            let step = stamp.since(last);
+            if step < RobotDuration::ZERO {
+                self.backward += 1;
+            } else if step == RobotDuration::ZERO {
+                self.repeated += 1;
+            } else if self.steps.len() < MAX_STEPS {
+                self.steps.push(step);
+            }
+        }
+    }
+
+    /// Stamps per second: the inverse of the median step forward. `None` if most stamps are repeated or go back.
+    pub fn rate_hz(&self) -> Option<f64> {
+        if (self.steps.len() as u64) < self.repeated + self.backward {
+            return None;
+        }
+        let mut steps = self.steps.clone();
+        let middle = steps.len() / 2;
+        let (_, median, _) = steps
+            .get_mut(..)
+            .filter(|steps| !steps.is_empty())?
+            .select_nth_unstable(middle);
+        Some(1.0 / median.as_secs_f64())
+    }
+
+    pub fn duration(&self) -> RobotDuration {
+        match (self.first, self.last) {
+            (Some(first), Some(last)) => last.since(first),
+            (None, _) | (_, None) => RobotDuration::ZERO,
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScanSurvey {
+    pub stream: StreamId,
+    /// Frame of the first scan.
+    pub frame: FrameId,
+    /// Stamps of the scans.
+    pub stamps: StampSurvey,
+    /// Fewest and most beams.
+    pub beams: (usize, usize),
+    /// Angle of beam 0 of the first scan, radians.
+    pub angle_min_rad: f32,
+    /// Angle from beam to beam in the first scan, radians.
+    pub angle_increment_rad: f32,
+    /// Time from beam to beam in the first scan, seconds.
+    pub time_increment_s: f32,
+    /// Smallest range that is a measurement, of the first scan, metres.
+    pub range_min_m: f32,
+    /// Range from which on there is none, of the first scan, metres.
+    pub range_max_m: f32,
+    pub max_range: MaxRangeSurvey,
+    /// Whether every scan has its own pose.
+    pub has_own_poses: bool,
+}
+
+impl ScanSurvey {
+    pub(super) fn new(stream: StreamId, frame: FrameId, scan: &Scan) -> Self {
+        Self {
+            stream,
+            frame,
+            stamps: StampSurvey::default(),
+            beams: (usize::MAX, 0),
+            angle_min_rad: scan.angle_min_rad,
+            angle_increment_rad: scan.angle_increment_rad,
+            time_increment_s: scan.time_increment_s,
+            range_min_m: scan.range_min_m,
+            range_max_m: scan.range_max_m,
+            max_range: MaxRangeSurvey::default(),
+            has_own_poses: true,
+        }
+    }
+
+    pub(super) fn add(&mut self, stamp: RobotTime, scan: &Scan, has_own_pose: bool) {
+        self.stamps.add(stamp);
+        let beams = scan.ranges_m.len();
+        self.beams = (self.beams.0.min(beams), self.beams.1.max(beams));
+        self.max_range.add(&scan.ranges_m);
+        self.has_own_poses &= has_own_pose;
+    }
+
+    /// Angle of the last beam of the longest scan, taking the first scan's start and step, radians.
+    pub fn angle_max_rad(&self) -> f32 {
+        let steps = self.beams.1.saturating_sub(1) as f32;
+        self.angle_min_rad + steps * self.angle_increment_rad
+    }
+
+    /// The range from which on this laser has no return, if its messages do not give it, metres.
+    pub fn inferred_miss_range_m(&self) -> Option<f32> {
+        self.max_range
+            .miss_range_m()
+            .filter(|&range| range < self.range_max_m)
+    }
+}
+
+/// Depth of the band below the greatest range, metres.
+const BAND_M: f32 = 0.2;
+
+/// Depth of the layer below the band that it is compared with, metres.
+const BELOW_M: f32 = 1.0;
+
+/// Longer ranges are damaged, metres.
+const LONGEST_M: f32 = 1000.0;
+
+/// A varying greatest range is a miss only if it is longer than any room, metres.
+const LONGEST_ROOM_M: f32 = 20.0;
+
+/// Statistics of the longest ranges of a stream.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MaxRangeSurvey {
+    beams: u64,
+    /// By millimetre: the number, and the smallest.
+    top: BTreeMap<i32, (u64, f32)>,
+    max_m: f32,
+}
+
+impl MaxRangeSurvey {
+    pub(super) fn add(&mut self, ranges_m: &[f32]) {
+        self.beams += ranges_m.len() as u64;
+        for &range in ranges_m {
+            // Ranges that are NaN fail the comparison.
+            if range > self.max_m - BAND_M - BELOW_M && range > 0.0 && range < LONGEST_M {
+                self.add_top(range);
+            }
+        }
+    }
+
+    fn add_top(&mut self, range_m: f32) {
+        let (count, smallest) = self.top.entry(millimetres(range_m)).or_insert((0, range_m));
+        *count += 1;
+        *smallest = smallest.min(range_m);
+        if range_m > self.max_m {
+            self.max_m = range_m;
+            self.top = self.top.split_off(&millimetres(range_m - BAND_M - BELOW_M));
+        }
+    }
+
+    /// The greatest range and its number of beams, to the millimetre.
+    pub fn greatest(&self) -> Option<(f32, u64)> {
+        let (_, &(count, _)) = self.top.last_key_value()?;
+        Some((self.max_m, count))
+    }
+
+    /// The range from which on this laser has no return, judged by the repetition of its greatest ranges.
+    ///
+    /// The band of 0.2 m below the greatest range must hold at least 10 beams and 0.05 % of all, and it is a
+    /// row of misses in two cases. Either 90 % of it is one value: no wall is that even, as its range changes
+    /// from beam to beam. Or the laser's greatest range varies (infinite-corridor: 51.05 to 51.16 m): the
+    /// range is longer than a room (20 m), and the band is ten times as dense as the metre below it; then
+    /// all of the band is taken. Farther walls that fall into it cost their last 0.2 m.
+    pub fn miss_range_m(&self) -> Option<f32> {
+        let (_, &(at_max, max_m)) = self.top.last_key_value()?;
+        let band_from = millimetres(self.max_m - BAND_M);
+        let in_band: u64 = self
+            .top
+            .range(band_from..)
+            .map(|(_, (count, _))| count)
+            .sum();
+        let below: u64 = self
+            .top
+            .range(..band_from)
+            .map(|(_, (count, _))| count)
+            .sum();
+        if in_band < 10 || in_band * 2000 < self.beams {
+            return None;
+        }
+        if at_max * 10 >= in_band * 9 {
+            return Some(max_m);
+        }
+        let density_ratio = f64::from(BELOW_M / BAND_M) * in_band as f64 / below as f64;
+        let lowest_m = self
+            .top
+            .range(band_from..)
+            .next()
+            .map(|(_, (_, smallest))| *smallest);
+        lowest_m.filter(|_| self.max_m >= LONGEST_ROOM_M && density_ratio >= 10.0)
+    }
+}
+
+fn millimetres(range_m: f32) -> i32 {
+    libm::roundf(range_m * 1000.0) as i32
+}
+
+/// Maximum number of joints of a stream, and of bytes of a name.
+const MAX_JOINTS: usize = 1000;
+const MAX_NAME_BYTES: usize = 255;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct JointSurvey {
+    pub stream: StreamId,
+    /// Number of messages.
+    pub count: u64,
+    pub names: BTreeSet<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttitudeSurvey {
+    pub stream: StreamId,
+    /// Number of messages.
+    pub count: u64,
+    /// Number of messages with an orientation; raw ones have only turn rates.
+    pub oriented: u64,
+}
+
+impl JointSurvey {
+    pub(super) const fn new(stream: StreamId) -> Self {
+        Self {
+            stream,
+            count: 0,
+            names: BTreeSet::new(),
+        }
+    }
+
+    pub(super) fn add(&mut self, joints: &[(String, f64)]) {
+        self.count += 1;
+        for (name, _) in joints {
+            let is_new = self.names.len() < MAX_JOINTS
+                && name.len() <= MAX_NAME_BYTES
+                && !self.names.contains(name);
+            if is_new {
+                self.names.insert(name.clone());
+            }
+        }
+    }
+}
+
+impl AttitudeSurvey {
+    pub(super) const fn new(stream: StreamId) -> Self {
+        Self {
+            stream,
+            count: 0,
+            oriented: 0,
+        }
+    }
+
+    pub(super) fn add(&mut self, sample: &ImuSample) {
+        self.count += 1;
+        self.oriented += u64::from(sample.orientation_xyzw.is_some());
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixSurvey {
+    pub stream: StreamId,
+    /// Number of messages.
+    pub count: u64,
+    /// Number of messages with a valid fix.
+    pub fixed: u64,
+    /// The first valid fix.
+    pub first: Option<GeodeticFix>,
+}
+
+impl FixSurvey {
+    pub(super) const fn new(stream: StreamId) -> Self {
+        Self {
+            stream,
+            count: 0,
+            fixed: 0,
+            first: None,
+        }
+    }
+
+    pub(super) fn add(&mut self, fix: &GeodeticFix) {
+        self.count += 1;
+        if fix.status >= 0 {
+            self.fixed += 1;
+            self.first.get_or_insert(*fix);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn survey(stamps_ms: &[i64]) -> StampSurvey {
+        let mut survey = StampSurvey::default();
+        for stamp in stamps_ms {
+            survey.add(RobotTime::from_nanos(stamp * 1_000_000));
+        }
+        survey
+    }
+
+    #[test]
+    fn the_rate_is_that_of_the_usual_step() {
+        let stamps = survey(&[0, 100, 200, 300, 300, 290, 390, 9000, 9100]);
+        assert_eq!(stamps.rate_hz(), Some(10.0));
+        assert_eq!((stamps.count, stamps.repeated, stamps.backward), (9, 1, 1));
+        assert_eq!(stamps.duration(), RobotDuration::from_millis(9100));
+    }
+
+    #[test]
+    fn stamps_that_stand_still_have_no_rate() {
+        assert_eq!(survey(&[]).rate_hz(), None);
+        assert_eq!(survey(&[5]).rate_hz(), None);
+        assert_eq!(survey(&[5, 5, 5, 10_005]).rate_hz(), None);
+    }
+}
+
+#[cfg(test)]
+mod max_range_tests {
+    use super::*;
+
+    /// Ranges as (metres, how often).
+    fn survey(ranges: &[(f32, usize)]) -> MaxRangeSurvey {
+        let mut survey = MaxRangeSurvey::default();
+        for &(range, count) in ranges {
+            survey.add(&vec![range; count]);
+        }
+        survey
+    }
+
+    #[test]
+    fn one_repeated_value_is_a_miss() {
+        let aces = survey(&[
+            (1.0, 70_000),
+            (50.0, 500),
+            (49.86, 1),
+            (50.0, 120),
+            (f32::INFINITY, 9),
+        ]);
+        assert_eq!(aces.greatest(), Some((50.0, 620)));
+        assert_eq!(aces.miss_range_m(), Some(50.0));
+        assert_eq!(survey(&[(4.0, 900), (8.19, 30)]).miss_range_m(), Some(8.19));
+    }
+
+    #[test]
+    fn a_greatest_range_that_varies_is_a_miss_as_a_whole() {
+        let corridor = survey(&[
+            (20.0, 340_000),
+            (50.5, 30),
+            (51.05, 218),
+            (51.16, 2),
+            (51.06, 3720),
+            (51.11, 466),
+        ]);
+        assert_eq!(corridor.greatest(), Some((51.16, 2)));
+        assert_eq!(corridor.miss_range_m(), Some(51.05));
+    }
+
+    #[test]
+    fn walls_are_no_misses() {
+        // Seen from one place for long: a far wall, each beam of another length.
+        let wall: Vec<_> = (0..100).map(|i| (7.3 - 0.002 * i as f32, 50)).collect();
+        assert_eq!(survey(&wall).miss_range_m(), None);
+        // Far ranges that thin out.
+        let hall: Vec<_> = (0..600).map(|i| (30.0 - 0.01 * i as f32, 1 + i)).collect();
+        assert_eq!(survey(&hall).miss_range_m(), None);
+        // Too few to tell.
+        assert_eq!(survey(&[(3.0, 100), (50.0, 9)]).miss_range_m(), None);
+        assert_eq!(
+            survey(&[(3.0, 1_000_000), (50.0, 400)]).miss_range_m(),
+            None
+        );
+        assert_eq!(survey(&[]).greatest(), None);
+    }
+}
