@@ -270,7 +270,7 @@ fn poses_are_those_that_the_vehicle_wants() {
     check(
         "holos",
         without_wheels,
-        "/odom gives poses of base_link in sensor; the vehicle holos wants others, which are not in it",
+        "/odom gives poses of base_link in sensor; holos is configured for another pose source, which is not in it",
         " --set localization.source=auto",
     );
     // The first leaves it open; of the second nothing is known here.
