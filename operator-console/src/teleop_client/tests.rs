@@ -701,7 +701,7 @@ fn teleop_client_and_input_are_pure() {
         "winit",
         "crate::link",
     ];
-    for folder in ["teleop_client", "teleop_input"] {
+    for (folder, least) in [("teleop_client", 7), ("teleop_input", 1)] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("src")
             .join(folder);
@@ -717,7 +717,7 @@ fn teleop_client_and_input_are_pure() {
                 assert_eq!(word, None, "{}: {line}", file.display());
             }
         }
-        assert!(seen > 0, "{folder} has moved");
+        assert!(seen >= least, "{folder} has moved");
     }
 }
 
