@@ -82,6 +82,8 @@ pub struct Driver {
     /// When the phase goes on.
     due: Monotonic,
     last_fault: Option<ControllerFault>,
+    /// It was looked for in vain since it was last found.
+    has_failed_start: bool,
     parser: ReplyParser,
     exchange: Option<Exchange>,
     /// The last command, where nothing came back in time.
@@ -124,6 +126,7 @@ impl Driver {
             phase: Phase::StopWithoutReply,
             due: now,
             last_fault: None,
+            has_failed_start: false,
             parser: ReplyParser::default(),
             exchange: None,
             unanswered: None,
@@ -390,7 +393,11 @@ impl Driver {
     fn reconnect(&mut self, fault: ControllerFault, now: Monotonic) {
         let was_found = matches!(self.phase, Phase::Ready | Phase::Refused(_));
         self.reconnects = self.reconnects.saturating_add(u32::from(was_found));
-        self.last_fault = Some(fault);
+        // A controller may still boot, and the first answers may come late: a fault only where it is not found again.
+        let is_retry = std::mem::replace(&mut self.has_failed_start, true);
+        if was_found || is_retry {
+            self.last_fault = Some(fault);
+        }
         self.failures = 0;
         self.exchange = None;
         self.unanswered = None;
@@ -417,6 +424,7 @@ impl Driver {
     fn check_watchdog(&mut self, watchdog: ControllerWatchdog, now: Monotonic) {
         self.watchdog = watchdog;
         self.last_fault = None;
+        self.has_failed_start = false;
         let is_safe = watchdog == ControllerWatchdog::Proven || !self.require_watchdog;
         let phase = if is_safe {
             Phase::Ready

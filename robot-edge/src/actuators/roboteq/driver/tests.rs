@@ -352,6 +352,29 @@ fn answers_that_come_late_once_are_no_fault() {
     assert_eq!(bench.emulator.motors(), [50, 40]);
 }
 
+/// A fault is kept until somebody resets it: one start in vain, as of a controller that boots, must not be one.
+#[test]
+fn a_fault_is_only_a_controller_that_is_not_found_twice() {
+    for (mute_ms, is_fault) in [(400, false), (u64::MAX, true)] {
+        let mut bench = Bench::new(false, |emulator| emulator.fault = EmulatedFault::TxCut);
+        let mut states = Vec::new();
+        for ms in 0..4000 {
+            if ms == mute_ms {
+                bench.emulator.fault = EmulatedFault::None;
+            }
+            bench.run_ms(1);
+            states.push(bench.status().state);
+        }
+        states.dedup();
+        let last = if is_fault {
+            State::Faulty(ControllerFault::Silent)
+        } else {
+            State::Ready
+        };
+        assert_eq!(states, [State::Starting, last]);
+    }
+}
+
 #[test]
 fn a_reset_is_noticed() {
     let mut bench = Bench::ready();
