@@ -1,7 +1,9 @@
 //! Files that a killed run leaves behind, and the next run.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -11,6 +13,7 @@ use robot_edge::clock;
 use tempfile::tempdir;
 
 use crate::link::processes::{Running, free_port, program, wait_until};
+use crate::skip::skip;
 
 /// Duration of a run after its first write.
 const RUN: Duration = Duration::from_secs(4);
@@ -109,5 +112,33 @@ fn files_of_killed_runs_stay_whole_after_three_restarts() {
             fs::read(at(name)).unwrap() == bytes,
             "{name} was overwritten"
         );
+    }
+}
+
+/// What a power cut leaves is only what was synced.
+#[test]
+fn recordings_and_their_folder_are_synced_each_second() {
+    if Command::new("strace").arg("-V").output().is_err() {
+        return skip("there is no strace", "the package strace");
+    }
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let run = Command::new("strace")
+        .args(["-f", "-y", "-e", "trace=fsync,fdatasync", "-o"])
+        .arg(at("calls"))
+        .args(["timeout", "--signal", "INT", "4"])
+        .arg(program("robot-edge").get_program())
+        .args(["simulate", "rooms", "--rate", "1"])
+        .args([OsStr::new("--record"), at("f.mcap").as_ref()])
+        .args([OsStr::new("--drive-log"), at("d.csv").as_ref()])
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(124), "{run:?}");
+    let calls = fs::read_to_string(at("calls")).unwrap();
+    for (path, at_least) in [(at("f.mcap"), 3), (at("d.csv"), 3), (at(""), 2)] {
+        let path = path.display().to_string();
+        let target = format!("<{}>", path.trim_end_matches('/'));
+        let synced = calls.lines().filter(|line| line.contains(&target)).count();
+        assert!(synced >= at_least, "{target}: {synced}\n{calls}");
     }
 }
