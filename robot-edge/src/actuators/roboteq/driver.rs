@@ -82,8 +82,8 @@ pub struct Driver {
     /// When the phase goes on.
     due: Monotonic,
     last_fault: Option<ControllerFault>,
-    /// It was looked for in vain since it was last found.
-    has_failed_start: bool,
+    /// Starts in vain since it was last found.
+    failed_starts: u32,
     parser: ReplyParser,
     exchange: Option<Exchange>,
     /// The last command, where nothing came back in time.
@@ -126,7 +126,7 @@ impl Driver {
             phase: Phase::StopWithoutReply,
             due: now,
             last_fault: None,
-            has_failed_start: false,
+            failed_starts: 0,
             parser: ReplyParser::default(),
             exchange: None,
             unanswered: None,
@@ -394,8 +394,8 @@ impl Driver {
         let was_found = matches!(self.phase, Phase::Ready | Phase::Refused(_));
         self.reconnects = self.reconnects.saturating_add(u32::from(was_found));
         // A controller may still boot, and the first answers may come late: a fault only where it is not found again.
-        let is_retry = std::mem::replace(&mut self.has_failed_start, true);
-        if was_found || is_retry {
+        self.failed_starts = self.failed_starts.saturating_add(1);
+        if was_found || self.failed_starts > 1 {
             self.last_fault = Some(fault);
         }
         self.failures = 0;
@@ -424,7 +424,7 @@ impl Driver {
     fn check_watchdog(&mut self, watchdog: ControllerWatchdog, now: Monotonic) {
         self.watchdog = watchdog;
         self.last_fault = None;
-        self.has_failed_start = false;
+        self.failed_starts = 0;
         let is_safe = watchdog == ControllerWatchdog::Proven || !self.require_watchdog;
         let phase = if is_safe {
             Phase::Ready
