@@ -24,7 +24,7 @@ pub struct Body {
 
 /// A body among what it can run into: solids, and plants that do not give way.
 #[derive(Clone)]
-pub struct Bumper {
+pub(crate) struct Bumper {
     body: Body,
     scene: Arc<Scene>,
 }
@@ -32,17 +32,16 @@ pub struct Bumper {
 /// A depth is exact to 2⁻²⁴ of half the body: far less than a slow vehicle moves in a step.
 const DEPTH_HALVINGS: u32 = 24;
 
-/// What rounding makes of the depth of one who moves along a wall.
+/// What rounding makes of the depth of a body that moves along a wall.
 const NO_DEEPER_M: f64 = 1e-7;
 
 impl Bumper {
-    /// A body in the world of `scene`.
-    pub fn new(body: Body, scene: Arc<Scene>) -> Self {
+    pub(crate) fn new(body: Body, scene: Arc<Scene>) -> Self {
         Self { body, scene }
     }
 
     /// Whether anything is in the body of a vehicle at `world_from_base`, `time_s` seconds since the beginning.
-    pub fn touches(&self, world_from_base: &Pose, time_s: f64) -> bool {
+    pub(crate) fn touches(&self, world_from_base: &Pose, time_s: f64) -> bool {
         self.touches_inside(0.0, world_from_base, time_s)
     }
 
@@ -50,7 +49,7 @@ impl Bumper {
     ///
     /// Where something is in its body already, because that moved or because the body came down on it, it can move
     /// to where it is no deeper.
-    pub fn allows_motion(&self, from: &Pose, to: &Pose, time_s: f64) -> bool {
+    pub(crate) fn allows_motion(&self, from: &Pose, to: &Pose, time_s: f64) -> bool {
         let is_no_deeper = || self.depth_m(to, time_s) <= self.depth_m(from, time_s) + NO_DEEPER_M;
         !self.touches(to, time_s) || (self.touches(from, time_s) && is_no_deeper())
     }
@@ -93,4 +92,113 @@ impl Bumper {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+    use measurement::pose;
+
+    use super::*;
+    use crate::fixtures::{HEADER, block};
+    use crate::motion::Motion;
+    use crate::world::World;
+
+    const BODY: Body = Body {
+        length_m: 1.0,
+        width_m: 0.6,
+        lowest_m: 0.1,
+        highest_m: 0.5,
+    };
+
+    /// A bumper beside a wall whose face is the plane x = 1.
+    fn at_a_wall(height_m: f64) -> Bumper {
+        let wall = block([1.5, 0.0], [1.0, 9.0, height_m]);
+        Bumper::new(BODY, Arc::new(Scene::new(&[wall])))
+    }
+
+    #[test]
+    fn it_touches_with_its_outline_at_any_yaw() {
+        let bumper = at_a_wall(2.0);
+        let touches = |x, yaw_rad| bumper.touches(&pose::planar(x, 0.3, yaw_rad), 0.0);
+        assert!(!touches(0.499, 0.0) && touches(0.501, 0.0));
+        assert!(!touches(0.699, FRAC_PI_2) && touches(0.701, FRAC_PI_2));
+        // A corner: (0.5 + 0.3) / √2.
+        assert!(!touches(0.434, FRAC_PI_4) && touches(0.435, FRAC_PI_4));
+    }
+
+    #[test]
+    fn objects_below_or_above_the_body_are_passed() {
+        let near = pose::planar(0.9, 0.0, 0.0);
+        assert!(!at_a_wall(0.09).touches(&near, 0.0));
+        assert!(at_a_wall(0.11).touches(&near, 0.0));
+        let below = near * Translation3::new(0.0, 0.0, -0.51);
+        assert!(!at_a_wall(2.0).touches(&below, 0.0));
+    }
+
+    #[test]
+    fn a_vehicle_inside_a_solid_can_only_leave() {
+        let bumper = at_a_wall(2.0);
+        let at = |x| pose::planar(x, 0.0, 0.0);
+        let passes = |from, to| bumper.allows_motion(&at(from), &at(to), 0.0);
+        assert!(passes(0.49, 0.499) && !passes(0.499, 0.501));
+        assert!(passes(0.55, 0.549_9) && !passes(0.55, 0.550_1));
+        assert!(passes(0.501, 0.499));
+        let along = |y| pose::planar(0.55, y, 0.0);
+        assert!(bumper.allows_motion(&along(0.0), &along(0.3), 0.0));
+    }
+
+    /// Stems on a strip of 0.2 m from x = 3 on.
+    fn strip(rigidity: &str) -> World {
+        let text = format!(
+            r#"{HEADER}
+    [[solids]]
+    shape = "plane"
+
+    [[plants]]
+    kind = "stems"
+    seed = 1
+    rigidity = "{rigidity}"
+    rectangle_m = [[3.0, -1.0], [3.2, 1.0]]
+    density_per_m2 = 200.0
+    height_m = [0.9, 1.0]
+    thickness_mm = [8.0, 12.0]
+    "#
+        );
+        World::parse("strip.toml", &text).unwrap()
+    }
+
+    #[test]
+    fn rigid_plants_stop_it_and_flexible_ones_do_not() {
+        for (rigidity, stops) in [("rigid", true), ("flexible", false)] {
+            let bumper = Bumper::new(BODY, Arc::clone(strip(rigidity).scene()));
+            let at = |x, y, yaw_rad| bumper.touches(&pose::planar(x, y, yaw_rad), 0.0);
+            let touches = |x, yaw_rad| at(x, 0.0, yaw_rad);
+            assert!(!touches(2.48, 0.0) && !touches(3.72, 0.0));
+            assert_eq!([touches(2.6, 0.0), touches(3.6, 0.0)], [stops; 2]);
+            assert!(!touches(2.68, FRAC_PI_2));
+            assert_eq!(touches(2.60, FRAC_PI_4), stops);
+            // Off a corner of the strip, where only the upright box about the turned body reaches.
+            assert!(!at(2.6, 1.45, FRAC_PI_4));
+        }
+    }
+
+    /// A vehicle that is taken off its path must not be in something there.
+    #[test]
+    fn no_path_of_a_built_in_world_leads_through_anything() {
+        for name in World::names() {
+            let world = World::load(name).unwrap();
+            let motion = Motion::new(&world);
+            let vehicle = world.simulated_vehicle();
+            let bumper = Bumper::new(vehicle.body, Arc::clone(world.scene()));
+            let fifths = (5.0 * world.path().duration_s().min(12.0)) as u32;
+            for fifth in 0..=fifths {
+                let time_s = 0.2 * f64::from(fifth);
+                let world_from_base = motion.world_from_base(time_s);
+                assert!(
+                    !bumper.touches(&world_from_base, time_s),
+                    "{name} after {time_s} s at {}",
+                    world_from_base.translation
+                );
+            }
+        }
+    }
+}

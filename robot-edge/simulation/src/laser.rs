@@ -1,14 +1,12 @@
-//! A planar laser or sonar: where its beams point and when, and how its readings err.
+//! A planar laser or sonar: geometry, timing and errors of its beams.
 
-mod beam_footprint;
-
-use nalgebra::{Point3, Vector3};
-
-use crate::laser::beam_footprint::BeamFootprint;
-use crate::noise::NoiseStream;
-use crate::scene::Scene;
 use measurement::pose::Pose;
 use measurement::scan::Scan;
+use nalgebra::{Point3, Vector3};
+
+use crate::noise::NoiseStream;
+use crate::scene::{Echo, Growth, Receiver, Scene};
+use crate::vegetation::Cone;
 
 /// A planar laser as its data sheet and its driver describe it, or a sonar, whose beams of sound are cast like
 /// light.
@@ -17,19 +15,13 @@ use measurement::scan::Scan;
 /// that a message describes its sweep without rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanarLaser {
-    /// Beams in a sweep.
     pub beams: u32,
-    /// Angle of beam 0, radians.
     pub angle_min_rad: f32,
-    /// Angle from a beam to the next, radians.
     pub angle_increment_rad: f32,
     /// Time from a beam to the next, seconds; 0 where all leave at once.
     pub time_increment_s: f32,
-    /// Sweeps a second.
     pub rate_hz: f64,
-    /// Smallest range that it measures, metres.
     pub range_min_m: f32,
-    /// Largest range that it measures, metres.
     pub range_max_m: f32,
     /// Full angle of a beam's cone, radians; 0 is a line. It matters where [`LaserErrors::mixed_pixels`]
     /// are on.
@@ -39,7 +31,6 @@ pub struct PlanarLaser {
 /// How readings err.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaserErrors {
-    /// Standard deviation of a range, metres.
     pub range_noise_m: f64,
     /// Probability that a beam gives no reading at all.
     pub dropout: f64,
@@ -48,9 +39,8 @@ pub struct LaserErrors {
     pub mixed_pixels: f64,
 }
 
-/// The random numbers of one laser.
 #[derive(Clone, Debug)]
-pub struct LaserNoise {
+pub(crate) struct LaserNoise {
     range: NoiseStream,
     dropout: NoiseStream,
     mirror: NoiseStream,
@@ -58,8 +48,7 @@ pub struct LaserNoise {
 }
 
 impl LaserNoise {
-    /// The streams of the sensor called `sensor`.
-    pub fn new(seed: u64, sensor: &str) -> Self {
+    pub(crate) fn new(seed: u64, sensor: &str) -> Self {
         let stream = |purpose: &str| NoiseStream::new(seed, &format!("{sensor}/{purpose}"));
         Self {
             range: stream("range"),
@@ -73,7 +62,7 @@ impl LaserNoise {
 impl PlanarLaser {
     /// Hokuyo URG-04LX-UG01. Data sheet: 1024 steps a turn, of which 683 over 240°, one turn in 100 ms,
     /// 20 … 5600 mm.
-    pub fn urg_04lx_ug01() -> Self {
+    pub(crate) fn urg_04lx_ug01() -> Self {
         let step_rad = std::f64::consts::TAU / 1024.0;
         Self {
             beams: 683,
@@ -91,7 +80,7 @@ impl PlanarLaser {
     /// SICK LMS111 as the elevation document sets it up [LOD §5]: 120° of its 270°, which the document
     /// counts from 30° to 150° with 90° straight ahead, in steps of 0.25° at 25 Hz. Data sheet: 0.5 … 20 m
     /// and 15 mrad; its mirror turns once a scan, so 1440 steps take 40 ms.
-    pub fn lms111() -> Self {
+    pub(crate) fn lms111() -> Self {
         let step_rad = 0.25_f64.to_radians();
         Self {
             beams: 481,
@@ -107,7 +96,7 @@ impl PlanarLaser {
 
     /// SICK LMS111 over its whole field of view of 270°, as on the land robot of the hybrid perception document
     /// [HYB §2.1], whose 1040 readings are a misprint: steps of 0.25° make 1081 beams.
-    pub fn lms111_270_deg() -> Self {
+    pub(crate) fn lms111_270_deg() -> Self {
         let step_rad = 0.25_f64.to_radians();
         Self {
             beams: 1081,
@@ -119,7 +108,7 @@ impl PlanarLaser {
     /// SICK LD-LRS2100 as the boat of that document sets it up [HYB §2.2]: 1440 beams over 360°, beginning
     /// astern, every 200 ms, to 250 m. Least range (0.5 m, as the preset has it) and divergence (3.5 mrad) are
     /// not the document's.
-    pub fn ld_lrs2100() -> Self {
+    pub(crate) fn ld_lrs2100() -> Self {
         let step_rad = 0.25_f64.to_radians();
         Self {
             beams: 1440,
@@ -138,7 +127,7 @@ impl PlanarLaser {
     /// least range (0.5 m) and a beam 3° wide are assumed. The time that sound takes, 0.4 s from 300 m and
     /// back, is not simulated: a reading is of the moment of its stamp, as its driver's would be after
     /// correction.
-    pub fn delta_t_837b() -> Self {
+    pub(crate) fn delta_t_837b() -> Self {
         let step_rad = 0.5_f64.to_radians();
         Self {
             beams: 240,
@@ -153,7 +142,7 @@ impl PlanarLaser {
     }
 
     /// Time from beam 0 to the last beam, seconds.
-    pub fn sweep_duration_s(&self) -> f64 {
+    pub(crate) fn sweep_duration_s(&self) -> f64 {
         f64::from(self.beams.saturating_sub(1)) * f64::from(self.time_increment_s)
     }
 
@@ -163,7 +152,7 @@ impl PlanarLaser {
     /// Readings follow REP-117: nothing within range is +∞, too near is −∞, and a dropout is
     /// not-a-number, as `urg_node` gives for the URG's error codes. Every beam draws the same number of
     /// random numbers whatever it meets, so that the noise of a beam does not depend on the world.
-    pub fn sweep(
+    pub(crate) fn sweep(
         &self,
         scene: &Scene,
         errors: LaserErrors,
@@ -206,13 +195,13 @@ impl PlanarLaser {
     }
 
     /// Unit vector of a beam in the laser's frame.
-    pub(super) fn direction(&self, beam: u32) -> Vector3<f64> {
+    pub(crate) fn direction(&self, beam: u32) -> Vector3<f64> {
         let angle_rad =
             f64::from(self.angle_min_rad) + f64::from(beam) * f64::from(self.angle_increment_rad);
         Vector3::new(libm::cos(angle_rad), libm::sin(angle_rad), 0.0)
     }
 
-    pub(super) fn reading(&self, range_m: f64) -> f32 {
+    pub(crate) fn reading(&self, range_m: f64) -> f32 {
         let range_m = range_m as f32;
         if range_m < self.range_min_m {
             f32::NEG_INFINITY
@@ -222,6 +211,251 @@ impl PlanarLaser {
             f32::INFINITY
         }
     }
+}
+
+/// A beam as a cone of light.
+///
+/// A time-of-flight laser whose spot lies partly on a near surface and partly on a far one reports a range between
+/// the two, on neither [Hebert and Krotkov 1992, "3D measurements from imaging laser radars"]. Ground that the beam
+/// meets at a flat angle and corners are no such edges: the spot is drawn out there, but the surface goes on.
+struct BeamFootprint<'a> {
+    scene: &'a Scene,
+    origin: Point3<f64>,
+    /// Unit vector.
+    axis: Vector3<f64>,
+    divergence_rad: f64,
+    max_m: f64,
+    time_s: f64,
+    /// In [0, 1), for mirrors and glass.
+    surface_chance: f64,
+}
+
+const RIM_RAYS: usize = 8;
+
+/// Echoes nearer to each other than this come as one pulse, metres: a pulse of some 5 ns to half its
+/// height is 1.5 m long there and back. Of echoes farther apart the laser takes one.
+const PULSE_LENGTH_M: f64 = 1.5;
+
+/// Jumps smaller than this are within a laser's noise, metres.
+const SMALLEST_JUMP_M: f64 = 0.03;
+
+/// One ray of the cone and what it meets.
+struct Sample {
+    direction: Vector3<f64>,
+    echo: Option<Echo>,
+}
+
+impl BeamFootprint<'_> {
+    /// Length of the path that the laser measures; `None` where nothing comes back.
+    ///
+    /// `chance` in [0, 1) decides with `mixed_pixels`, the probability of a mixed range at an edge, and
+    /// then chooses the mix.
+    fn path_m(&self, mixed_pixels: f64, chance: f64) -> Option<f64> {
+        if let Some(growth) = self.scene.growth() {
+            return self.received_m(growth);
+        }
+        let axis = self.sample(self.axis);
+        let alone_m = axis.echo.map(|echo| echo.path_m);
+        if chance >= mixed_pixels || self.divergence_rad <= 0.0 {
+            return alone_m;
+        }
+        let rim = self.ring(1.0);
+        let Some(jump) = self.greatest_jump(&axis, &rim) else {
+            return alone_m;
+        };
+        let mix = chance / mixed_pixels;
+        if jump.far_m - jump.near_m <= PULSE_LENGTH_M {
+            return Some(jump.near_m + (jump.far_m - jump.near_m) * mix);
+        }
+        let is_near = |sample: &&Sample| {
+            let between_m = jump.near_m + PULSE_LENGTH_M;
+            sample.echo.is_some_and(|echo| echo.path_m < between_m)
+        };
+        let near = rim.iter().chain([&axis]).filter(is_near).count();
+        if mix * ((RIM_RAYS + 1) as f64) < near as f64 {
+            Some(jump.near_m)
+        } else {
+            jump.far_m.is_finite().then_some(jump.far_m)
+        }
+    }
+
+    fn sample(&self, direction: Vector3<f64>) -> Sample {
+        let echo = self.scene.echo(
+            self.origin,
+            direction,
+            self.max_m,
+            self.time_s,
+            self.surface_chance,
+        );
+        Sample { direction, echo }
+    }
+
+    /// Rays around the axis at a share of the cone's radius.
+    fn ring(&self, share: f64) -> [Sample; RIM_RAYS] {
+        let least = self.axis.iamin();
+        let mut off_axis = Vector3::zeros();
+        off_axis[least] = 1.0;
+        let across = self.axis.cross(&off_axis).normalize();
+        let up = self.axis.cross(&across);
+        let radius = share * libm::tan(0.5 * self.divergence_rad);
+        std::array::from_fn(|ray| {
+            let angle_rad = std::f64::consts::TAU * ray as f64 / RIM_RAYS as f64;
+            let aside = across * libm::cos(angle_rad) + up * libm::sin(angle_rad);
+            self.sample((self.axis + aside * radius).normalize())
+        })
+    }
+
+    /// Between the axis and any ray of the rim.
+    fn greatest_jump(&self, axis: &Sample, rim: &[Sample]) -> Option<Jump> {
+        rim.iter()
+            .filter(|ray| self.is_edge_between(axis, ray))
+            .map(|ray| {
+                let ends_m = [axis, ray].map(|s| s.echo.map_or(f64::INFINITY, |e| e.path_m));
+                Jump {
+                    near_m: ends_m[0].min(ends_m[1]),
+                    far_m: ends_m[0].max(ends_m[1]),
+                }
+            })
+            .max_by(|a, b| (a.far_m - a.near_m).total_cmp(&(b.far_m - b.near_m)))
+    }
+
+    /// Whether the surface does not go on from one ray to the other: neither do both meet the same plane,
+    /// nor do the planes that they meet cross between them.
+    fn is_edge_between(&self, a: &Sample, b: &Sample) -> bool {
+        match (a.echo, b.echo) {
+            (None, None) => false,
+            (Some(echo), None) => plane_m(a, &echo, b.direction) <= self.max_m,
+            (None, Some(echo)) => plane_m(b, &echo, a.direction) <= self.max_m,
+            (Some(of_a), Some(of_b)) => {
+                let along_a_m = of_a.path_m - plane_m(b, &of_b, a.direction);
+                let along_b_m = plane_m(a, &of_a, b.direction) - of_b.path_m;
+                of_a.is_straight
+                    && of_b.is_straight
+                    && (along_a_m > 0.0) == (along_b_m > 0.0)
+                    && along_a_m.abs().min(along_b_m.abs()) > SMALLEST_JUMP_M
+            }
+        }
+    }
+}
+
+struct Jump {
+    near_m: f64,
+    /// Infinite where there is nothing behind.
+    far_m: f64,
+}
+
+/// How far it is along another ray to the plane that a sample met; infinite where that ray never meets it.
+fn plane_m(of: &Sample, echo: &Echo, direction: Vector3<f64>) -> f64 {
+    let distance_m = echo.path_m * of.direction.dot(&echo.normal) / direction.dot(&echo.normal);
+    if distance_m > 0.0 {
+        distance_m
+    } else {
+        f64::INFINITY
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Return {
+    path_m: f64,
+    /// Of the beam's light.
+    share: f64,
+}
+
+/// Where rays around the axis stand for the rest of the spot, by its radius, and the axis' own part: so
+/// chosen that the mean over an even disc is exact for everything up to the third power.
+const RING_RADIUS: f64 = 0.816_496_580_927_726;
+const AXIS_SHARE: f64 = 0.25;
+
+impl BeamFootprint<'_> {
+    /// The range where plants grow; `None` where no echo is strong enough.
+    ///
+    /// The receiver takes echoes within the length of a pulse for one, at their common centre, and gives the first
+    /// that is strong enough: one thin cane in a wide spot is missed, several are seen. Shares are of the spot's
+    /// area; echoes do not grow weaker with distance, and plants are seen straight only, not in mirrors.
+    fn received_m(&self, growth: &Growth) -> Option<f64> {
+        let solids = self.solids();
+        let is_closed = solids.iter().map(|r| r.share).sum::<f64>() > 1.0 - 1e-9;
+        let farthest_m = solids
+            .last()
+            .filter(|_| is_closed)
+            .map_or(self.max_m, |last| last.path_m);
+        let cone = Cone {
+            origin: self.origin,
+            axis: self.axis,
+            spread: libm::tan(0.5 * self.divergence_rad),
+        };
+        let reach_m = self.scene.reach_m(self.origin, self.axis, farthest_m);
+        let lit = growth.vegetation.lit(&cone, reach_m, self.time_s);
+        let mut solids = solids.into_iter().peekable();
+        let (mut returns, mut through, mut open) = (Vec::new(), 1.0, 1.0);
+        for spot in lit {
+            while let Some(solid) = solids.next_if(|solid| solid.path_m < spot.distance_m) {
+                open -= solid.share;
+                returns.push(solid.dimmed(through));
+            }
+            returns.push(Return {
+                path_m: spot.distance_m,
+                share: spot.share * open,
+            });
+            through -= spot.share;
+        }
+        returns.extend(solids.map(|solid| solid.dimmed(through)));
+        first_noticed_m(&returns, growth.receiver)
+    }
+
+    /// Shares of the spot that fall on solids, nearest first. A surface that goes on across the spot gives
+    /// its range along the axis.
+    fn solids(&self) -> Vec<Return> {
+        let axis = self.sample(self.axis);
+        let mut on_axis = AXIS_SHARE;
+        let ring_share = (1.0 - AXIS_SHARE) / RIM_RAYS as f64;
+        let of_ray = |ray: &Sample, share| {
+            ray.echo.map(|echo| Return {
+                path_m: echo.path_m,
+                share,
+            })
+        };
+        let mut returns = Vec::with_capacity(RIM_RAYS + 1);
+        if self.divergence_rad > 0.0 {
+            for ray in self.ring(RING_RADIUS) {
+                if self.is_edge_between(&axis, &ray) {
+                    returns.extend(of_ray(&ray, ring_share));
+                } else {
+                    on_axis += ring_share;
+                }
+            }
+        } else {
+            on_axis = 1.0;
+        }
+        returns.extend(of_ray(&axis, on_axis));
+        returns.sort_by(|a, b| a.path_m.total_cmp(&b.path_m));
+        returns
+    }
+}
+
+impl Return {
+    fn dimmed(self, through: f64) -> Self {
+        Self {
+            share: self.share * through,
+            ..self
+        }
+    }
+}
+
+/// The centre of the first echoes that come at once and are strong enough; `returns` are sorted.
+fn first_noticed_m(returns: &[Return], receiver: Receiver) -> Option<f64> {
+    let mut rest = returns;
+    while let Some(first) = rest.first() {
+        let end_m = first.path_m + receiver.separation_m;
+        let (at_once, later) = rest.split_at(rest.partition_point(|r| r.path_m <= end_m));
+        let share: f64 = at_once.iter().map(|r| r.share).sum();
+        if share >= receiver.min_share {
+            let moment: f64 = at_once.iter().map(|r| r.share * r.path_m).sum();
+            return Some(moment / share);
+        }
+        rest = later;
+    }
+    None
 }
 
 #[cfg(test)]

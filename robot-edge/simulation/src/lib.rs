@@ -1,9 +1,9 @@
 //! Simulated worlds: a source of measurements whose truth is known.
 //!
 //! A [`World`] is a data file: solids, a vehicle, the path it drives and how noisy its sensors are. A
-//! [`SimulatedSource`] drives that path, or as somebody tells it, and yields the
+//! [`SimulatedSource`] drives that path, or follows commands, and yields the
 //! [`Measurement`](measurement::Measurement)s that the vehicle's sensors would give, so that everything
-//! downstream runs as it does on a recording. [`truth`] says what a perfect map of the world looks like.
+//! downstream runs as it does on a recording. [`truth`] is the perfect map of the world.
 //!
 //! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels, AHRS, satellite
 //! receiver and the encoders of tilting sensors err. The same world, options, seed and commands give the same
@@ -14,37 +14,38 @@
 
 pub mod world;
 
-pub mod path;
+mod path;
 pub mod solid;
 pub mod vegetation;
 pub mod vehicle;
 
 pub mod attitude;
-pub mod chassis;
-pub mod hull;
-pub mod motion;
-pub mod waves;
+mod chassis;
+mod motion;
+mod waves;
 
-pub mod bumper;
+mod bumper;
 pub mod dynamics;
-pub mod velocity;
+mod velocity;
 
-pub mod attitude_sensor;
-pub mod gps;
-pub mod laser;
+mod attitude_sensor;
+mod gps;
+mod laser;
 pub mod noise;
-pub mod range_sensor;
+mod range_sensor;
 pub mod scene;
 pub mod source;
 pub mod tilt_servo;
-pub mod wheel_encoders;
+mod wheel_encoders;
 
 pub mod truth;
 
 #[cfg(test)]
+mod fixtures;
+#[cfg(test)]
 mod rooms_tests;
 
-pub use motion::{Collisions, Motion};
+pub use motion::Motion;
 pub use source::{DriveError, OptionError, SimulatedSource, SimulationOptions};
 pub use velocity::{CommandedVelocity, PlanarVelocity};
 pub use world::{World, WorldError};

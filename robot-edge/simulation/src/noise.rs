@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normal_numbers_have_the_moments_and_tails_of_a_normal_distribution() {
+    fn noise_has_normal_moments_and_tails() {
         let mut stream = NoiseStream::new(7, "test");
         let n = 200_000;
         let values: Vec<f64> = (0..n).map(|_| stream.normal()).collect();

@@ -1,25 +1,19 @@
 //! The path of a simulated vehicle: its exact pose at any time.
 
-mod corner;
-mod planar_pose;
-
+use measurement::pose::{self, Pose};
 use nalgebra::{Point2, Vector2};
 
-pub use planar_pose::PlanarPose;
-
-use crate::path::corner::{Corner, shortest_turn_rad};
 use crate::velocity::PlanarVelocity;
-use measurement::pose::Pose;
+use crate::world::values::ItemError;
 
 /// A point to drive to, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Waypoint {
-    /// Metres, in the world.
+pub(crate) struct Waypoint {
     pub position_m: Point2<f64>,
     /// Speed on the way there, m/s; above 0.
-    pub speed_mps: f64,
+    pub(crate) speed_mps: f64,
     /// Radius of the arc that rounds the corner here, metres; 0 turns on the spot.
-    pub corner_radius_m: f64,
+    pub(crate) corner_radius_m: f64,
 }
 
 /// Legs of constant speed and turn rate, one after the other.
@@ -41,79 +35,18 @@ struct Leg {
     turn_rate_radps: f64,
 }
 
-/// Why waypoints make no path. `waypoint` counts from 0.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum PathError {
-    /// No waypoints.
-    #[error("a path needs at least one waypoint")]
-    Empty,
-    /// A waypoint on top of the one before.
-    #[error("waypoint {waypoint} is where the one before it is: no direction leads there")]
-    NoDistance {
-        /// Which.
-        waypoint: usize,
-    },
-    /// The arc at a waypoint is longer than its legs.
-    #[error(
-        "waypoint {waypoint}: an arc of `corner_radius_m` = {radius_m} needs {needed_m:.3} m of the \
-         leg {which} it, which has {free_m:.3} m: make it smaller"
-    )]
-    ArcTooLong {
-        /// Which.
-        waypoint: usize,
-        /// `before` or `after`.
-        which: &'static str,
-        /// Of the arc.
-        radius_m: f64,
-        /// From the corner to where the arc begins.
-        needed_m: f64,
-        /// What other arcs leave of the leg.
-        free_m: f64,
-    },
-    /// The arc at a waypoint would turn the vehicle faster than its path allows.
-    #[error(
-        "waypoint {waypoint}: {speed_mps} m/s on an arc of `corner_radius_m` = {radius_m} turns at \
-         {needed_radps:.3} rad/s, more than the path's turn rate of {allowed_radps:.3}: drive slower \
-         or make it larger"
-    )]
-    ArcTooTight {
-        /// Which.
-        waypoint: usize,
-        /// Of the leg before.
-        speed_mps: f64,
-        /// Of the arc.
-        radius_m: f64,
-        /// What the arc needs.
-        needed_radps: f64,
-        /// What the path allows.
-        allowed_radps: f64,
-    },
-}
-
-impl PathError {
-    /// The waypoint at fault, where it is one.
-    pub fn waypoint(&self) -> Option<usize> {
-        match *self {
-            Self::Empty => None,
-            Self::NoDistance { waypoint }
-            | Self::ArcTooLong { waypoint, .. }
-            | Self::ArcTooTight { waypoint, .. } => Some(waypoint),
-        }
-    }
-}
-
 /// Shortest distance between waypoints that gives a direction, metres.
 const MIN_LEG_M: f64 = 1e-6;
 
 impl Path {
     /// The path from `start` through `waypoints`, turning at `turn_rate_radps` (above 0) on the spot.
-    pub fn new(
+    pub(crate) fn new(
         start: PlanarPose,
         turn_rate_radps: f64,
         waypoints: &[Waypoint],
-    ) -> Result<Self, PathError> {
+    ) -> Result<Self, ItemError> {
         if waypoints.is_empty() {
-            return Err(PathError::Empty);
+            return Err(ItemError::whole("a path needs at least one waypoint"));
         }
         let mut path = Self {
             legs: Vec::new(),
@@ -124,10 +57,16 @@ impl Path {
         let mut used_m = 0.0;
         let mut from_m = start.position_m;
         for (index, waypoint) in waypoints.iter().enumerate() {
+            let refused = |message: String| ItemError {
+                item: Some(index),
+                message: format!("waypoint {index}{message}"),
+            };
             let along = waypoint.position_m - from_m;
             let length_m = along.norm();
             if length_m < MIN_LEG_M {
-                return Err(PathError::NoDistance { waypoint: index });
+                return Err(refused(
+                    " is where the one before it is: no direction leads there".to_owned(),
+                ));
             }
             let heading_rad = libm::atan2(along.y, along.x);
             path.turn_on_the_spot(heading_rad, turn_rate_radps);
@@ -140,12 +79,12 @@ impl Path {
                 )
             });
             let cut_m = corner.map_or(0.0, |corner| corner.cut_m);
-            let arc_too_long = |which, free_m| PathError::ArcTooLong {
-                waypoint: index,
-                which,
-                radius_m: waypoint.corner_radius_m,
-                needed_m: cut_m,
-                free_m,
+            let radius_m = waypoint.corner_radius_m;
+            let arc_too_long = |which, free_m: f64| {
+                refused(format!(
+                    ": an arc of `corner_radius_m` = {radius_m} needs {cut_m:.3} m of the leg {which} it, \
+                     which has {free_m:.3} m: make it smaller"
+                ))
             };
             if cut_m > length_m - used_m {
                 return Err(arc_too_long("before", length_m - used_m));
@@ -154,21 +93,20 @@ impl Path {
             let arc_start_m = waypoint.position_m - along / length_m * cut_m;
             path.drive_straight(arc_start_m, straight_m, waypoint.speed_mps);
             if let Some(corner) = corner {
-                let rate_radps = waypoint.speed_mps / waypoint.corner_radius_m;
+                let speed_mps = waypoint.speed_mps;
+                let rate_radps = speed_mps / radius_m;
                 // A part in 10⁹ lets a radius be written as the quotient of its speed and rate.
                 if rate_radps > turn_rate_radps * (1.0 + 1e-9) {
-                    return Err(PathError::ArcTooTight {
-                        waypoint: index,
-                        speed_mps: waypoint.speed_mps,
-                        radius_m: waypoint.corner_radius_m,
-                        needed_radps: rate_radps,
-                        allowed_radps: turn_rate_radps,
-                    });
+                    return Err(refused(format!(
+                        ": {speed_mps} m/s on an arc of `corner_radius_m` = {radius_m} turns at \
+                         {rate_radps:.3} rad/s, more than the path's turn rate of {turn_rate_radps:.3}: \
+                         drive slower or make it larger"
+                    )));
                 }
                 if cut_m > corner.next_length_m {
                     return Err(arc_too_long("after", corner.next_length_m));
                 }
-                path.drive_arc(&corner, waypoint.speed_mps, rate_radps);
+                path.drive_arc(&corner, speed_mps, rate_radps);
             }
             used_m = cut_m;
             from_m = waypoint.position_m;
@@ -176,7 +114,6 @@ impl Path {
         Ok(path)
     }
 
-    /// How long it takes, seconds.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
     }
@@ -196,7 +133,7 @@ impl Path {
     }
 
     /// How fast it drives at `time_s`; not at all before the beginning and from the end on.
-    pub fn velocity(&self, time_s: f64) -> PlanarVelocity {
+    pub(crate) fn velocity(&self, time_s: f64) -> PlanarVelocity {
         match self.leg(time_s) {
             Some(leg) if time_s >= 0.0 => PlanarVelocity {
                 forward_mps: leg.speed_mps,
@@ -274,6 +211,72 @@ impl Leg {
                     * chord_m,
             yaw_rad,
         }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanarPose {
+    pub position_m: Point2<f64>,
+    /// Radians, counter-clockwise from x.
+    pub yaw_rad: f64,
+}
+
+impl PlanarPose {
+    /// The same pose in space, level at z = 0.
+    pub(crate) fn level(&self) -> Pose {
+        pose::planar(self.position_m.x, self.position_m.y, self.yaw_rad)
+    }
+
+    #[must_use]
+    pub(crate) fn towards(&self, next: &Self, share: f64) -> Self {
+        Self {
+            position_m: self.position_m + (next.position_m - self.position_m) * share,
+            yaw_rad: self.yaw_rad + (next.yaw_rad - self.yaw_rad) * share,
+        }
+    }
+}
+
+/// A corner rounded by an arc that is tangent to both legs.
+#[derive(Clone, Copy)]
+struct Corner {
+    turn_rad: f64,
+    /// From the waypoint to either end of the arc.
+    cut_m: f64,
+    next_length_m: f64,
+    next_heading_rad: f64,
+    arc_end_m: Point2<f64>,
+}
+
+impl Corner {
+    /// `None` where the vehicle turns on the spot, or has nothing to turn.
+    fn new(waypoint: &Waypoint, direction: Vector2<f64>, to_next: Vector2<f64>) -> Option<Self> {
+        let next_length_m = to_next.norm();
+        if waypoint.corner_radius_m <= 0.0 || next_length_m < MIN_LEG_M {
+            return None;
+        }
+        let next_heading_rad = libm::atan2(to_next.y, to_next.x);
+        let turn_rad = shortest_turn_rad(libm::atan2(direction.y, direction.x), next_heading_rad);
+        if turn_rad == 0.0 {
+            return None;
+        }
+        let cut_m = waypoint.corner_radius_m * libm::tan(0.5 * turn_rad.abs());
+        Some(Self {
+            turn_rad,
+            cut_m,
+            next_length_m,
+            next_heading_rad,
+            arc_end_m: waypoint.position_m + to_next / next_length_m * cut_m,
+        })
+    }
+}
+
+/// Radians in (−π, π] from one heading to another.
+fn shortest_turn_rad(from_rad: f64, to_rad: f64) -> f64 {
+    let turn_rad = libm::remainder(to_rad - from_rad, std::f64::consts::TAU);
+    if turn_rad <= -std::f64::consts::PI {
+        std::f64::consts::PI
+    } else {
+        turn_rad
     }
 }
 

@@ -1,4 +1,4 @@
-//! A planar range sensor on a vehicle: what it measures, where it sits, and how its mount moves.
+//! A planar range sensor on a vehicle, with its mount.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -12,32 +12,27 @@ use measurement::scan::Scan;
 pub struct RangeSensor {
     /// Its name among the vehicle's sensors, which is also its frame and that of its noise.
     pub name: &'static str,
-    /// The stream of its scans.
     pub stream: &'static str,
-    /// Its beams.
     pub planar: PlanarLaser,
     /// Where it is mounted; a tilting one at an angle of 0. The mount may have any attitude.
     pub base_from_mount: Pose,
     /// The servo that tilts it about its own origin; a fixed one has none.
     pub tilt: Option<TiltServo>,
-    /// Posts of the vehicle itself that stand in its view.
+    /// Posts of the vehicle within its view.
     pub own_posts: &'static [Post],
 }
 
 /// An upright post on the vehicle, in its base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Post {
-    /// Where it stands, metres.
     pub at_m: [f64; 2],
-    /// Metres.
     pub radius_m: f64,
     /// From its foot to its top, metres above the base frame.
     pub heights_m: [f64; 2],
 }
 
 impl RangeSensor {
-    /// Where it is at `time_s`, seconds since the beginning.
-    pub fn base_from_sensor(&self, time_s: f64) -> Pose {
+    pub(crate) fn base_from_sensor(&self, time_s: f64) -> Pose {
         match &self.tilt {
             None => self.base_from_mount,
             Some(servo) => self.base_from_mount * servo.mount_from_sensor(time_s),
@@ -45,7 +40,7 @@ impl RangeSensor {
     }
 
     /// Makes the beams of a sweep that began at `time_s` end at the vehicle's own posts.
-    pub fn add_own_posts(&self, scan: &mut Scan, time_s: f64) {
+    pub(crate) fn add_own_posts(&self, scan: &mut Scan, time_s: f64) {
         if self.own_posts.is_empty() {
             return;
         }
@@ -66,7 +61,6 @@ impl RangeSensor {
 }
 
 impl Post {
-    /// How far a ray goes until it meets the post, metres; nothing where it does not.
     fn distance_m(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<f64> {
         let level = direction.xy();
         let along = level.try_normalize(1e-9)?;

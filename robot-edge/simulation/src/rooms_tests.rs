@@ -16,7 +16,9 @@ fn rooms() -> World {
     World::load("rooms").unwrap()
 }
 
-/// The inside of the outer walls.
+/// Swing radius of the Pioneer.
+const RADIUS_M: f64 = 0.27;
+
 const FLOOR: Bounds = Bounds {
     min_m: [-2.37, -3.23],
     max_m: [17.68, 11.84],
@@ -28,9 +30,9 @@ fn outline(world: &World) -> Outline {
 }
 
 #[test]
-fn the_path_takes_about_two_minutes_and_keeps_clear_of_everything() {
+fn the_path_takes_two_minutes_and_is_free() {
     let world = rooms();
-    let (path, vehicle) = (world.path(), world.simulated_vehicle());
+    let path = world.path();
     assert!(
         (100.0..125.0).contains(&path.duration_s()),
         "{}",
@@ -55,18 +57,8 @@ fn the_path_takes_about_two_minutes_and_keeps_clear_of_everything() {
         })
         .fold(f64::INFINITY, f64::min);
     // Between two steps the vehicle comes nearer by at most half a step.
-    let clearance_m = nearest_m - 0.5 * 0.6 * step_s - vehicle.radius_m;
+    let clearance_m = nearest_m - 0.5 * 0.6 * step_s - RADIUS_M;
     assert!(clearance_m > 0.05, "{clearance_m}");
-}
-
-#[test]
-fn no_speed_exceeds_walking_pace() {
-    let path = rooms().path().clone();
-    let steps = (path.duration_s() / 0.1) as usize;
-    for step in 0..steps {
-        let [a, b] = [step, step + 1].map(|n| path.planar_pose(n as f64 * 0.1).position_m);
-        assert!((b - a).norm() <= 0.06);
-    }
 }
 
 /// Exact points that noise-free beams of a whole run hit, mirrored ones left out.
@@ -177,20 +169,11 @@ fn truth_has_rooms_walls_and_doors() {
     assert_eq!(kind(0.0, 3.19), CellKind::Occupied);
     assert_eq!(kind(0.0, 3.27), CellKind::Inside);
     assert_eq!(kind(8.46, 2.08), CellKind::Inside);
-    let free = grid
-        .iter()
-        .filter(|(_, cell)| cell.kind == CellKind::Free)
+    let cells = (-100..400).flat_map(|i| (-100..300).map(move |j| [i, j]));
+    let free = cells
+        .filter_map(|index| grid.get(index))
+        .filter(|cell| cell.kind == CellKind::Free)
         .count();
     let area_m2 = free as f64 * 0.05 * 0.05;
     assert!((260.0..290.0).contains(&area_m2), "{area_m2}");
-}
-
-#[test]
-fn outer_walls_lie_between_the_edges_of_cells() {
-    for m in FLOOR.min_m.into_iter().chain(FLOOR.max_m) {
-        for cell_m in [0.05, 0.1] {
-            let off_m = libm::remainder(m, cell_m).abs();
-            assert!(off_m > 0.01, "{m} {cell_m}");
-        }
-    }
 }

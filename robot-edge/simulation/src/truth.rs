@@ -1,35 +1,29 @@
-//! What a perfect map of a world looks like, by exact geometry.
+//! Ground truth: the perfect map of a world, by exact geometry.
 
-pub mod cells;
 pub mod heights;
 pub mod outline;
-pub mod shores;
-pub mod terrain_truth;
-pub mod verdict;
 
-mod crossing;
-mod plan;
-
-use nalgebra::Point2;
-
-pub use cells::{Bounds, CellGrid, TruthError};
 pub use heights::{CellHeights, HeightOptions, HeightTruth, heights};
-pub use shores::{Dock, Shore, ShoreClass};
-pub use terrain_truth::TerrainTruth;
-pub use verdict::{GroundPlane, Thresholds, Verdict};
 
-use crate::World;
-use crate::truth::crossing::{Crossed, passes};
-use crate::truth::outline::Outline;
+use std::ops::Range;
 
-/// What is truly in a cell of a 2D occupancy grid.
+use nalgebra::{Point2, Point3, Vector2, Vector3};
+use serde::Deserialize;
+
+use self::outline::Outline;
+use crate::scene::Scene;
+use crate::vegetation::{self, Rigidity};
+use crate::world::World;
+use crate::world::values::polygon;
+
+/// Ground truth of one cell of a 2D occupancy grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellKind {
     /// No surface passes through it and its centre is outside all solids.
     Free,
     /// A surface passes through it, or lies on its edge with the solid on its side.
     Occupied,
-    /// Within a solid, where no beam comes.
+    /// Within a solid, out of reach of beams.
     Inside,
 }
 
@@ -65,7 +59,7 @@ impl TruthGrid {
     fn of(outline: &Outline, cell_m: f64, bounds: Bounds) -> Result<Self, TruthError> {
         let grid = CellGrid::new(cell_m, bounds, MAX_CELLS)?;
         let half_m = 0.5 * cell_m;
-        let width = grid.size()[0];
+        let width = grid.size[0];
         let cells = cells_crossed(&grid, outline)
             .into_iter()
             .enumerate()
@@ -88,30 +82,12 @@ impl TruthGrid {
 
     /// Edge length of a cell, metres.
     pub fn cell_m(&self) -> f64 {
-        self.grid.cell_m()
+        self.grid.cell_m
     }
 
-    /// Index of the cell with the least x and y: cell (i, j) begins at (i, j) · `cell_m`.
-    pub fn first(&self) -> [i64; 2] {
-        self.grid.first()
-    }
-
-    /// Number of columns and rows.
-    pub fn size(&self) -> [usize; 2] {
-        self.grid.size()
-    }
-
-    /// The cell of index (i, j); `None` outside the grid.
+    /// The cell of index (i, j), which begins at (i, j) · `cell_m`; `None` outside the grid.
     pub fn get(&self, index: [i64; 2]) -> Option<TruthCell> {
         self.cells.get(self.grid.place(index)?).copied()
-    }
-
-    /// Every cell with its index, rows of growing y, in a row growing x.
-    pub fn iter(&self) -> impl Iterator<Item = ([i64; 2], TruthCell)> + '_ {
-        self.cells
-            .iter()
-            .enumerate()
-            .map(|(place, &cell)| (self.grid.index(place), cell))
     }
 }
 
@@ -124,13 +100,325 @@ fn cells_crossed(grid: &CellGrid, outline: &Outline) -> Vec<Crossed> {
             for column in columns.clone() {
                 let min = grid.corner_m(column, row);
                 let max = grid.corner_m(column + 1, row + 1);
-                if let Some(cell) = crossed.get_mut(row * grid.size()[0] + column) {
+                if let Some(cell) = crossed.get_mut(row * grid.size[0] + column) {
                     *cell = (*cell).max(passes(a, b, min, max));
                 }
             }
         }
     }
     crossed
+}
+
+/// A rectangle in the world, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least x and y.
+    pub min_m: [f64; 2],
+    /// Greatest x and y.
+    pub max_m: [f64; 2],
+}
+
+/// A rectangle of cells whose edges lie at multiples of the cell size, in rows of growing y, in a row
+/// growing x.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct CellGrid {
+    cell_m: f64,
+    first: [i64; 2],
+    size: [usize; 2],
+}
+
+/// Cells that make no grid.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum TruthError {
+    /// A size or bound that is not a number, or a rectangle without area.
+    #[error("no grid of cells of {cell_m} m from {min:?} to {max:?}", min = bounds.min_m, max = bounds.max_m)]
+    Senseless {
+        /// The requested value.
+        cell_m: f64,
+        /// The requested value.
+        bounds: Bounds,
+    },
+    /// More cells than memory is given to.
+    #[error("a grid of {cells} cells of {cell_m} m is more than {most}: make the cells larger")]
+    TooLarge {
+        /// The requested value.
+        cell_m: f64,
+        /// The resulting number of cells.
+        cells: f64,
+        /// The limit.
+        most: usize,
+    },
+}
+
+impl CellGrid {
+    /// All cells that `bounds` touches, where these are at most `most`.
+    fn new(cell_m: f64, bounds: Bounds, most: usize) -> Result<Self, TruthError> {
+        let first = bounds.min_m.map(|m| libm::floor(m / cell_m));
+        let end = bounds.max_m.map(|m| libm::ceil(m / cell_m));
+        let [width, height] = [end[0] - first[0], end[1] - first[1]];
+        let finite = first.into_iter().chain(end).all(|n| n.abs() < 1e15);
+        if !(finite && cell_m > 0.0 && width >= 1.0 && height >= 1.0) {
+            return Err(TruthError::Senseless { cell_m, bounds });
+        }
+        let cells = width * height;
+        if cells > most as f64 {
+            return Err(TruthError::TooLarge {
+                cell_m,
+                cells,
+                most,
+            });
+        }
+        Ok(Self {
+            cell_m,
+            first: first.map(|n| n as i64),
+            size: [width as usize, height as usize],
+        })
+    }
+
+    fn cells(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// Position of cell (i, j) in the order of cells; `None` outside the grid.
+    fn place(&self, index: [i64; 2]) -> Option<usize> {
+        let column = usize::try_from(index[0].checked_sub(self.first[0])?).ok()?;
+        let row = usize::try_from(index[1].checked_sub(self.first[1])?).ok()?;
+        (column < self.size[0] && row < self.size[1]).then_some(row * self.size[0] + column)
+    }
+
+    /// Index of the cell at a place in the order of cells.
+    fn index(&self, place: usize) -> [i64; 2] {
+        let (column, row) = (place % self.size[0], place / self.size[0]);
+        [self.along(0, column), self.along(1, row)]
+    }
+
+    /// Columns (axis 0) or rows (axis 1) that touch the interval.
+    fn reach(&self, axis: usize, least_m: f64, greatest_m: f64) -> Range<usize> {
+        // One more on either side: an interval that ends on an edge touches both cells.
+        let from = libm::floor(least_m / self.cell_m) as i64 - 1 - self.first[axis];
+        let to = libm::floor(greatest_m / self.cell_m) as i64 + 2 - self.first[axis];
+        let clamp = |n: i64| usize::try_from(n).unwrap_or(0).min(self.size[axis]);
+        clamp(from)..clamp(to)
+    }
+
+    /// The corner of least x and y of a column and row.
+    fn corner_m(&self, column: usize, row: usize) -> Point2<f64> {
+        Point2::new(
+            self.along(0, column) as f64 * self.cell_m,
+            self.along(1, row) as f64 * self.cell_m,
+        )
+    }
+
+    fn along(&self, axis: usize, cell: usize) -> i64 {
+        self.first[axis].saturating_add_unsigned(cell as u64)
+    }
+}
+
+/// How a surface passes a cell.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Crossed {
+    No,
+    Edge,
+    Interior,
+}
+
+/// How the segment from `a` to `b` passes the rectangle.
+fn passes(a: Point2<f64>, b: Point2<f64>, min: Point2<f64>, max: Point2<f64>) -> Crossed {
+    let Some([enter, leave]) = clipped([a, b], min, max) else {
+        return Crossed::No;
+    };
+    let in_interior =
+        |axis: usize| (b - a)[axis] != 0.0 || (min[axis] < a[axis] && a[axis] < max[axis]);
+    if enter < leave && (0..2).all(in_interior) {
+        Crossed::Interior
+    } else {
+        Crossed::Edge
+    }
+}
+
+/// The part of a segment within a rectangle, edges included, as parameters in [0, 1].
+fn clipped([a, b]: [Point2<f64>; 2], min: Point2<f64>, max: Point2<f64>) -> Option<[f64; 2]> {
+    let (least, most) = (min - a, max - a);
+    vegetation::clipped((b - a).into(), least.into(), most.into(), [0.0, 1.0])
+}
+
+/// The plane that a vehicle takes for the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundPlane {
+    /// A point on it, in the world, metres.
+    pub point_m: Point3<f64>,
+    /// Unit vector, up.
+    pub normal: Vector3<f64>,
+}
+
+/// Heights beyond which a surface is an obstacle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds {
+    /// `H_pos` of the document, metres above the ground plane.
+    pub above_m: f64,
+    /// `H_neg` of the document, metres above the ground plane: it is negative.
+    pub below_m: f64,
+}
+
+/// What a cell is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// Whether any of its surface lies beyond a threshold.
+    pub is_obstacle: bool,
+    /// How far the height that decides this is from the threshold, metres: of an obstacle the farthest
+    /// beyond one, of a free cell the nearest to one.
+    pub margin_m: f64,
+}
+
+impl GroundPlane {
+    /// The level plane at a height.
+    pub fn level(z_m: f64) -> Self {
+        Self {
+            point_m: Point3::new(0.0, 0.0, z_m),
+            normal: Vector3::z(),
+        }
+    }
+
+    /// How far a point is above it, metres.
+    pub fn height_m(&self, point_m: Point3<f64>) -> f64 {
+        self.normal.dot(&(point_m - self.point_m))
+    }
+}
+
+impl Verdict {
+    /// The verdict on heights above the ground plane; `None` of no heights.
+    fn of(heights_m: &[f64], thresholds: Thresholds) -> Option<Self> {
+        let lowest_m = heights_m.iter().copied().min_by(f64::total_cmp)?;
+        let highest_m = heights_m.iter().copied().max_by(f64::total_cmp)?;
+        let beyond_m = (highest_m - thresholds.above_m).max(thresholds.below_m - lowest_m);
+        Some(Self {
+            is_obstacle: beyond_m > 0.0,
+            margin_m: beyond_m.abs(),
+        })
+    }
+}
+
+/// How a shore receives a boat [HYB §7, table 8.1].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShoreClass {
+    /// Scattered flexible plants.
+    Sparse,
+    /// A closed field of flexible plants.
+    Dense,
+    /// Bushes, trunks, rocks.
+    Solid,
+}
+
+/// A stretch of shore.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Shore {
+    /// Name in the world file.
+    pub name: String,
+    /// What stands there.
+    pub class: ShoreClass,
+    /// Outline, metres.
+    #[serde(deserialize_with = "polygon")]
+    pub polygon_m: Vec<Point2<f64>>,
+}
+
+impl Shore {
+    /// Whether a point is in it.
+    pub fn contains(&self, at: Point2<f64>) -> bool {
+        vegetation::is_inside(&self.polygon_m, at)
+    }
+}
+
+/// A place where a boat can land.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Dock {
+    /// Name in the world file.
+    pub name: String,
+    /// Outline, metres.
+    #[serde(deserialize_with = "polygon")]
+    pub polygon_m: Vec<Point2<f64>>,
+}
+
+/// The ground of a world apart from what stands on it. Moving solids are left out; plants count as they
+/// stand without wind.
+pub struct TerrainTruth<'a> {
+    world: &'a World,
+    ground: Scene,
+    objects: Scene,
+}
+
+impl<'a> TerrainTruth<'a> {
+    /// Of `world`.
+    pub fn of(world: &'a World) -> Self {
+        let [ground, objects] = world.ground_and_objects().map(|mut solids| {
+            solids.retain(|solid| solid.motion.is_none());
+            Scene::new(&solids)
+        });
+        Self {
+            world,
+            ground,
+            objects,
+        }
+    }
+
+    /// Height of the ground, under water too, metres above z = 0 of the world; `None` if there is none.
+    pub fn ground_m(&self, at: Point2<f64>) -> Option<f64> {
+        self.ground.height_m(at, 0.0)
+    }
+
+    /// Height of the highest rigid surface over a point from the ground up to `vehicle_height_m` above it,
+    /// metres above z = 0 of the world: the ground's own where nothing rigid stands there, the upper bound
+    /// where something goes on above. `None` where there is no ground.
+    ///
+    /// Of rigid plants it is the highest within a millimetre of the point.
+    pub fn rigid_top_m(&self, at: Point2<f64>, vehicle_height_m: f64) -> Option<f64> {
+        let ground_m = self.ground_m(at)?;
+        let limit_m = ground_m + vehicle_height_m;
+        let down = -nalgebra::Vector3::z();
+        let above = Point3::new(at.x, at.y, limit_m);
+        let on_objects_m = self
+            .objects
+            .cast(above, down, vehicle_height_m, 0.0)
+            .map_or(ground_m, |hit| limit_m - hit.distance_m);
+        let [min_m, max_m] = column(at, THIN_M, ground_m..limit_m);
+        let on_plants_m = self
+            .world
+            .scene()
+            .growth()
+            .and_then(|growth| growth.vegetation.highest_m(min_m, max_m, Rigidity::Rigid));
+        Some(on_plants_m.map_or(on_objects_m, |m| on_objects_m.max(m)))
+    }
+
+    /// What stands in the square column about `centre` of half width `half_m`, between two heights above
+    /// z = 0 of the world, the ground left out: `None` where nothing does, and rigid where anything rigid
+    /// does.
+    pub fn class(
+        &self,
+        centre: Point2<f64>,
+        half_m: f64,
+        heights_m: Range<f64>,
+    ) -> Option<Rigidity> {
+        let [min_m, max_m] = column(centre, half_m, heights_m);
+        if self.objects.touches_box(min_m, max_m, 0.0) {
+            return Some(Rigidity::Rigid);
+        }
+        let growth = self.world.scene().growth()?;
+        growth.vegetation.standing_in(min_m, max_m)
+    }
+}
+
+/// Half the width of the column that stands for a point.
+const THIN_M: f64 = 1e-3;
+
+fn column(centre: Point2<f64>, half_m: f64, heights_m: Range<f64>) -> [Point3<f64>; 2] {
+    let half = Vector2::repeat(half_m);
+    let (min, max) = (centre - half, centre + half);
+    [
+        Point3::new(min.x, min.y, heights_m.start),
+        Point3::new(max.x, max.y, heights_m.end),
+    ]
 }
 
 #[cfg(test)]

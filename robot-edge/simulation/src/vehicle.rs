@@ -1,32 +1,33 @@
 //! The vehicles that can be simulated, by the names of their presets.
 
-mod boat;
-mod land;
+use measurement::pose;
+use measurement::pose::Pose;
+use nalgebra::{Point3, Translation3};
 
+use crate::attitude::Attitude;
 use crate::attitude_sensor::AttitudeSensor;
 use crate::bumper::Body;
 use crate::chassis::Chassis;
-use crate::dynamics::Drive;
+use crate::dynamics::{Axis, Drag, Drive, TwinThrusters, WheelDrive};
 use crate::gps::GpsReceiver;
-use crate::hull::Hull;
-use crate::range_sensor::RangeSensor;
+use crate::laser::PlanarLaser;
+use crate::range_sensor::{Post, RangeSensor};
+use crate::tilt_servo::TiltServo;
+use crate::waves::Hull;
+use crate::wheel_encoders::WheelEncoders;
 
-/// What the simulation needs to know of a vehicle.
+/// A vehicle's simulated properties.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedVehicle {
     /// Name of the preset in `vehicles/`.
     pub name: &'static str,
-    /// Radius of the circle about `base_link` that holds the vehicle at any yaw, metres.
-    pub radius_m: f64,
-    /// Height above the ground or the water, metres.
-    pub height_m: f64,
     /// How often it reports its pose, hertz.
     pub odometry_rate_hz: f64,
-    /// What it moves on.
+    /// Wheels or hull.
     pub carriage: Carriage,
-    /// What moves it where somebody drives it.
+    /// Its drive, used when commands drive it.
     pub drive: Drive,
-    /// What it cannot drive through walls with.
+    /// Body for collisions.
     pub body: Body,
     /// Its AHRS, at `base_link` and with its axes.
     pub attitude_sensor: Option<AttitudeSensor>,
@@ -38,7 +39,7 @@ pub struct SimulatedVehicle {
     pub further_range_sensors: Vec<RangeSensor>,
 }
 
-/// What a vehicle moves on.
+/// Wheels or hull of a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Carriage {
     /// Wheels that are not simulated: it stays level at z = 0 whatever it drives over.
@@ -51,7 +52,7 @@ pub enum Carriage {
 
 impl Carriage {
     /// The chassis, where it has one.
-    pub const fn chassis(&self) -> Option<Chassis> {
+    pub(crate) const fn chassis(&self) -> Option<Chassis> {
         match *self {
             Self::Wheels(chassis) => Some(chassis),
             Self::Level | Self::Hull(_) => None,
@@ -63,19 +64,19 @@ impl SimulatedVehicle {
     /// Names of all vehicles.
     pub const NAMES: &[&str] = &["pioneer", "holos", "introbot", "riverwatch"];
 
-    /// The vehicle called `name`; `None` where there is none.
+    /// The vehicle called `name`; `None` if there is none.
     pub fn preset(name: &str) -> Option<Self> {
         match name {
-            "pioneer" => Some(land::pioneer()),
-            "holos" => Some(land::holos()),
-            "introbot" => Some(land::introbot()),
-            "riverwatch" => Some(boat::riverwatch()),
+            "pioneer" => Some(pioneer()),
+            "holos" => Some(holos()),
+            "introbot" => Some(introbot()),
+            "riverwatch" => Some(riverwatch()),
             _ => None,
         }
     }
 
-    /// All its range sensors, the main laser first.
-    pub fn range_sensors(&self) -> impl Iterator<Item = &RangeSensor> {
+    /// The main laser first.
+    pub(crate) fn range_sensors(&self) -> impl Iterator<Item = &RangeSensor> {
         std::iter::once(&self.laser).chain(&self.further_range_sensors)
     }
 }
@@ -83,25 +84,270 @@ impl SimulatedVehicle {
 /// Name of the joint of every tilting laser.
 const LASER_TILT_JOINT: &str = "laser_tilt_joint";
 
+/// Adept `MobileRobots` Pioneer 3-DX with a Hokuyo URG-04LX-UG01, the robot of the laser range finder
+/// document. Data sheet: 455 × 381 × 237 mm, swing radius 26.7 cm, underside 6 cm above the floor, wheels of
+/// 19.5 cm, 1.2 m/s, 300°/s. Its firmware's acceleration is a setting; here, invented, by 2 m/s² and 6 rad/s²
+/// at most, with a lag of 0.1 s.
+fn pioneer() -> SimulatedVehicle {
+    // The document does not give the place of its laser: here on the front of the top plate.
+    let mut base_from_laser = pose::planar(0.16, 0.0, 0.0);
+    base_from_laser.translation.z = 0.28;
+    SimulatedVehicle {
+        name: "pioneer",
+        odometry_rate_hz: 50.0,
+        carriage: Carriage::Level,
+        drive: Drive::Wheels(WheelDrive {
+            linear: axis(1.2, 2.0, 0.1),
+            angular: axis(5.24, 6.0, 0.1),
+        }),
+        body: Body {
+            length_m: 0.455,
+            width_m: 0.381,
+            lowest_m: 0.06,
+            highest_m: 0.34,
+        },
+        attitude_sensor: None,
+        gps: None,
+        laser: main_laser(PlanarLaser::urg_04lx_ug01(), base_from_laser, None),
+        further_range_sensors: Vec::new(),
+    }
+}
+
+/// The robot of the elevation map document [LOD ch. 5]: SICK LMS111 at 1.08 m tilted down by 7.5°, Xsens
+/// `MTi`, two encoders of 500 pulses.
+///
+/// The document gives no dimension but the laser's height, nor where on the drive the encoders sit. Assumed:
+/// a body of 0.9 × 0.7 m, 1.15 m high; wheels, their places and the encoders on them; the laser 0.25 m ahead
+/// of the middle. Invented: a drive for 1 m/s and 1 rad/s, as in its preset, with 1.5 m/s², 3 rad/s² and a lag
+/// of 0.15 s.
+fn holos() -> SimulatedVehicle {
+    let tilt = Attitude {
+        pitch_rad: 7.5_f64.to_radians(),
+        ..Attitude::default()
+    };
+    let base_from_laser = Pose::from_parts(Translation3::new(0.25, 0.0, 1.08), tilt.rotation());
+    SimulatedVehicle {
+        name: "holos",
+        odometry_rate_hz: 100.0,
+        carriage: Carriage::Wheels(Chassis {
+            wheelbase_m: 0.55,
+            track_m: 0.60,
+            wheel_radius_m: 0.125,
+            encoders: Some(WheelEncoders {
+                pulses_per_turn: 500,
+                rate_hz: 50.0,
+            }),
+        }),
+        drive: Drive::Wheels(WheelDrive {
+            linear: axis(1.0, 1.5, 0.15),
+            angular: axis(1.0, 3.0, 0.15),
+        }),
+        body: Body {
+            length_m: 0.9,
+            width_m: 0.7,
+            lowest_m: 0.125,
+            highest_m: 1.15,
+        },
+        attitude_sensor: Some(AttitudeSensor::xsens_mti()),
+        gps: None,
+        laser: main_laser(PlanarLaser::lms111(), base_from_laser, None),
+        further_range_sensors: Vec::new(),
+    }
+}
+
+/// The land robot of the hybrid perception document [HYB §2.1]: 800 × 1500 × 700 mm, four wheels, up to
+/// 1.5 m/s; SICK LMS111 over 270° on a Schunk PRL 60; Xsens MTi-G, which gives position and attitude.
+///
+/// The document gives no more numbers. Assumed: wheels of 0.4 m 1.1 m apart along and 0.65 m across; the
+/// laser's optics on the tilt axis, on top of the front end, 0.65 m high; a tilt of 30° up
+/// and down in 4 s, which the encoder reads to 0.01° a hundred times a second. The MTi-G's attitude errs like
+/// the `MTi`'s of the other robot. Its position is `/odom`; the wheels have no encoders. Invented: 1 rad/s, as its
+/// preset has it; 1.5 m/s² with a lag of 0.2 s, and 2 rad/s² with one of 0.3 s, since its wheels skid in turns.
+fn introbot() -> SimulatedVehicle {
+    let servo = TiltServo {
+        joint: LASER_TILT_JOINT,
+        min_rad: -30.0_f64.to_radians(),
+        max_rad: 30.0_f64.to_radians(),
+        period_s: 4.0,
+        encoder_rate_hz: 100.0,
+        encoder_step_rad: 0.01_f64.to_radians(),
+    };
+    SimulatedVehicle {
+        name: "introbot",
+        odometry_rate_hz: 100.0,
+        carriage: Carriage::Wheels(Chassis {
+            wheelbase_m: 1.1,
+            track_m: 0.65,
+            wheel_radius_m: 0.2,
+            encoders: None,
+        }),
+        drive: Drive::Wheels(WheelDrive {
+            linear: axis(1.5, 1.5, 0.2),
+            angular: axis(1.0, 2.0, 0.3),
+        }),
+        body: Body {
+            length_m: 1.5,
+            width_m: 0.8,
+            lowest_m: 0.2,
+            highest_m: 0.7,
+        },
+        attitude_sensor: Some(AttitudeSensor::xsens_mti()),
+        gps: None,
+        laser: main_laser(
+            PlanarLaser::lms111_270_deg(),
+            Pose::translation(0.65, 0.0, 0.65),
+            Some(servo),
+        ),
+        further_range_sensors: Vec::new(),
+    }
+}
+
+const fn axis(max_speed: f64, max_acceleration: f64, lag_s: f64) -> Axis {
+    Axis {
+        max_speed,
+        max_acceleration,
+        lag_s,
+    }
+}
+
+fn main_laser(planar: PlanarLaser, base_from_mount: Pose, tilt: Option<TiltServo>) -> RangeSensor {
+    RangeSensor {
+        name: "laser",
+        stream: "/scan",
+        planar,
+        base_from_mount,
+        tilt,
+        own_posts: &[],
+    }
+}
+
+/// The boat of the hybrid perception document [HYB §2.2]: a Nacra 4.5 catamaran of 4.5 × 2.44 m, up to 3 m/s
+/// and 0.2 rad/s; SICK LD-LRS2100 that a Dynamixel MX-106 tilts between 0° and 19°; Imagenex 837B Delta T;
+/// `ProFlex` 800 receiver good to 2 cm; `PhidgetSpatial`.
+///
+/// `base_link` lies amidships on the waterline. The document calls the sonar "fixed at a 21° angle", which
+/// may be off the horizontal or off its upright frame. Its §8.2.1 compares that with a sonar that points ahead
+/// "just like the laser", so it is taken as 21° down from there: the fan reaches 60° to either side of a
+/// middle beam that looks ahead and down.
+///
+/// Assumed: all places of sensors, the mast's height among them; a draught of 0.3 m; the tilt's period of 10 s (the document has
+/// "similar angular velocities" of both robots) and its encoder's 50 readings a second; the MX-106's step is
+/// its data sheet's, 4096 a turn. 10 Hz for the receiver is that of our experiments.
+fn riverwatch() -> SimulatedVehicle {
+    let servo = TiltServo {
+        joint: LASER_TILT_JOINT,
+        min_rad: 0.0,
+        max_rad: 19.0_f64.to_radians(),
+        period_s: 10.0,
+        encoder_rate_hz: 50.0,
+        encoder_step_rad: std::f64::consts::TAU / 4096.0,
+    };
+    let sonar_attitude = Attitude {
+        pitch_rad: 21.0_f64.to_radians(),
+        ..Attitude::default()
+    };
+    SimulatedVehicle {
+        name: "riverwatch",
+        odometry_rate_hz: 50.0,
+        carriage: Carriage::Hull(Hull {
+            length_m: 4.5,
+            width_m: 2.44,
+        }),
+        drive: Drive::Thrusters(thrusters()),
+        body: Body {
+            length_m: 4.5,
+            width_m: 2.44,
+            lowest_m: -0.3,
+            highest_m: 2.0,
+        },
+        attitude_sensor: Some(AttitudeSensor::phidget_spatial()),
+        gps: Some(GpsReceiver {
+            rate_hz: 10.0,
+            antenna_m: Point3::new(-0.5, 0.0, 1.5),
+            noise_m: 0.02,
+        }),
+        laser: RangeSensor {
+            name: "laser",
+            stream: "/scan",
+            planar: PlanarLaser::ld_lrs2100(),
+            base_from_mount: Pose::translation(0.5, 0.0, 1.9),
+            tilt: Some(servo),
+            own_posts: &POSTS,
+        },
+        further_range_sensors: vec![RangeSensor {
+            name: "sonar",
+            stream: "/sonar",
+            planar: PlanarLaser::delta_t_837b(),
+            base_from_mount: Pose::from_parts(
+                Translation3::new(1.8, 0.0, -0.5),
+                sonar_attitude.rotation(),
+            ),
+            tilt: None,
+            own_posts: &[],
+        }],
+    }
+}
+
+/// Beside the laser, which sees them at every tilt: its axis points at them. Invented; the lights of a boat stand there. By
+/// their echoes the collision monitor knows on open water that the laser is not covered.
+const POSTS: [Post; 2] = [post(1.15), post(-1.15)];
+
+const fn post(y_m: f64) -> Post {
+    Post {
+        at_m: [0.5, y_m],
+        radius_m: 0.025,
+        heights_m: [0.3, 2.0],
+    }
+}
+
+/// Two thrusters that push it as fast as in the document, 3 m/s and 0.2 rad/s [HYB §2.2], which gives no more.
+///
+/// What resists is that of a catamaran of the same size, the 4.9 m × 2.4 m WAM-V as Virtual `RobotX` simulates it:
+/// 180 kg, 446 kg m², drag of 51.3 and 72.4 (surge, linear and squared) and 400 (yaw, linear) in SI units, hulls
+/// 1.03 m from the middle. Invented: three times the drag sideways, since its 40 is far less than that ahead; half
+/// of the thrust astern; a lag of 0.3 s.
+fn thrusters() -> TwinThrusters {
+    let (mass_kg, inertia_kgm2) = (180.0, 446.0);
+    let surge_drag = Drag {
+        linear_per_s: 51.3 / mass_kg,
+        quadratic: 72.4 / mass_kg,
+    };
+    TwinThrusters {
+        max_speed_mps: 3.0,
+        max_turn_rate_radps: 0.2,
+        surge_drag,
+        sway_drag: Drag {
+            linear_per_s: 3.0 * surge_drag.linear_per_s,
+            quadratic: 3.0 * surge_drag.quadratic,
+        },
+        yaw_drag: Drag {
+            linear_per_s: 400.0 / inertia_kgm2,
+            quadratic: 0.0,
+        },
+        lever_radpm: 1.03 * mass_kg / inertia_kgm2,
+        astern: 0.5,
+        lag_s: 0.3,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn every_name_is_a_vehicle_of_that_name() {
-        for name in SimulatedVehicle::NAMES {
-            assert_eq!(SimulatedVehicle::preset(name).unwrap().name, *name);
-        }
-        assert_eq!(SimulatedVehicle::preset("Pioneer"), None);
-    }
-
-    #[test]
-    fn sensors_of_a_vehicle_have_names_streams_and_joints_of_their_own() {
+    fn names_streams_and_joints_of_a_vehicle_are_unique() {
         for name in SimulatedVehicle::NAMES {
             let vehicle = SimulatedVehicle::preset(name).unwrap();
-            let mut names: Vec<_> = vehicle
-                .range_sensors()
-                .flat_map(|sensor| [Some(sensor.name), Some(sensor.stream), joint(sensor)])
+            assert_eq!(vehicle.name, *name);
+            let sensors = vehicle.range_sensors();
+            let mut names: Vec<_> = sensors
+                .flat_map(|s| {
+                    [
+                        Some(s.name),
+                        Some(s.stream),
+                        s.tilt.map(|servo| servo.joint),
+                    ]
+                })
                 .flatten()
                 .collect();
             let all = names.len();
@@ -109,9 +355,5 @@ mod tests {
             names.dedup();
             assert_eq!(names.len(), all, "{name}");
         }
-    }
-
-    fn joint(sensor: &RangeSensor) -> Option<&'static str> {
-        sensor.tilt.map(|servo| servo.joint)
     }
 }

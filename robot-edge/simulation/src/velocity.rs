@@ -1,10 +1,10 @@
-//! How fast a vehicle is told to go, and how fast it goes.
+//! Commanded and actual velocities.
 
 use nalgebra::Vector2;
 
 use crate::path::PlanarPose;
 
-/// What the vehicle is told, in the base frame (x forward, y left, z up).
+/// The commanded velocity, in the base frame (x forward, y left, z up).
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct CommandedVelocity {
     /// Along x, m/s; negative backwards.
@@ -25,20 +25,19 @@ pub struct PlanarVelocity {
 }
 
 impl CommandedVelocity {
-    /// Stand still; told to a boat, no thrust.
+    /// Stop; for a boat, no thrust.
     pub const ZERO: Self = Self {
         linear_mps: 0.0,
         angular_radps: 0.0,
     };
 
-    /// Whether it asks for nothing.
-    pub fn is_zero(self) -> bool {
+    pub(crate) fn is_zero(self) -> bool {
         self.linear_mps.abs() <= 0.0 && self.angular_radps.abs() <= 0.0
     }
 
     /// The same where both parts are finite; otherwise standing still, which is what a drive makes of nonsense.
     #[must_use]
-    pub fn or_zero(self) -> Self {
+    pub(crate) fn or_zero(self) -> Self {
         if self.linear_mps.is_finite() && self.angular_radps.is_finite() {
             self
         } else {
@@ -48,7 +47,7 @@ impl CommandedVelocity {
 
     /// No faster than these, m/s and rad/s, in either direction.
     #[must_use]
-    pub fn at_most(self, linear_mps: f64, angular_radps: f64) -> Self {
+    pub(crate) fn at_most(self, linear_mps: f64, angular_radps: f64) -> Self {
         Self {
             linear_mps: self.linear_mps.clamp(-linear_mps, linear_mps),
             angular_radps: self.angular_radps.clamp(-angular_radps, angular_radps),
@@ -57,9 +56,8 @@ impl CommandedVelocity {
 }
 
 impl PlanarVelocity {
-    /// The velocity a share of the way from here to `next`; 0 is here, 1 is there.
     #[must_use]
-    pub fn towards(self, next: Self, share: f64) -> Self {
+    pub(crate) fn towards(self, next: Self, share: f64) -> Self {
         let between = |from: f64, to: f64| from + share * (to - from);
         Self {
             forward_mps: between(self.forward_mps, next.forward_mps),
@@ -69,7 +67,7 @@ impl PlanarVelocity {
     }
 
     /// Where a vehicle is that has gone so from `at` for `duration_s`: along an arc.
-    pub fn moved(self, at: PlanarPose, duration_s: f64) -> PlanarPose {
+    pub(crate) fn moved(self, at: PlanarPose, duration_s: f64) -> PlanarPose {
         let turn_rad = self.turn_rate_radps * duration_s;
         let chord_heading_rad = at.yaw_rad + 0.5 * turn_rad;
         let (sin, cos) = (libm::sin(chord_heading_rad), libm::cos(chord_heading_rad));

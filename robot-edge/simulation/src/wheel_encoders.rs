@@ -12,25 +12,23 @@ use nalgebra::Point3;
 pub struct WheelEncoders {
     /// Pulses of each channel in a turn of the wheel.
     pub pulses_per_turn: u32,
-    /// Readings a second.
     pub rate_hz: f64,
 }
 
 /// Edges of the two channels in a pulse: quadrature counts them all.
 const COUNTS_PER_PULSE: u32 = 4;
 
-/// How wheels turn otherwise than their radius and their way say.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct WheelErrors {
+pub(crate) struct WheelErrors {
     /// Share by which all wheels turn too far: 0.048 where 4.2 m are read as 4.4 m [LOD §5.4]. Above −1.
-    pub scale_error: f64,
+    pub(crate) scale_error: f64,
     /// Random slip of each side: standard deviation after 1 m as a share of that metre. It grows with the
     /// square root of the way.
-    pub slip: f64,
+    pub(crate) slip: f64,
 }
 
 /// Turns the wheels along a motion and reads their encoders.
-pub struct WheelTurns {
+pub(crate) struct WheelTurns {
     chassis: Chassis,
     encoders: WheelEncoders,
     errors: WheelErrors,
@@ -38,7 +36,6 @@ pub struct WheelTurns {
     sides: [Side; 2],
 }
 
-/// The wheels of a side.
 struct Side {
     /// The ground point midway between them, in the base frame.
     middle_in_base: Point3<f64>,
@@ -50,7 +47,7 @@ struct Side {
 
 impl WheelTurns {
     /// The wheels at the beginning of `motion`, where the encoders read 0.
-    pub fn new(
+    pub(crate) fn new(
         chassis: Chassis,
         encoders: WheelEncoders,
         errors: WheelErrors,
@@ -81,7 +78,7 @@ impl WheelTurns {
     ///
     /// A side turns by the way of its ground point midway between the axles, in space: along a slope it is
     /// the slope's length. That is v ∓ ω·track/2 of a differential drive.
-    pub fn read(&mut self, motion: &Motion, time_s: f64) -> [f64; 2] {
+    pub(crate) fn read(&mut self, motion: &Motion, time_s: f64) -> [f64; 2] {
         let (from_s, duration_s) = (self.time_s, time_s - self.time_s);
         let steps = libm::ceil(duration_s / POSTURE_STEP_S - 1e-6).max(0.0) as u32;
         for step in 1..=steps {

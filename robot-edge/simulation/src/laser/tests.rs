@@ -1,8 +1,12 @@
 #![expect(clippy::float_cmp, reason = "these values are exact")]
 
-use super::*;
-use crate::solid::{Reflectivity, Shape, Solid};
 use measurement::pose;
+use nalgebra::Vector2;
+
+use super::*;
+use crate::fixtures::{a_box, solid};
+use crate::solid::{Shape, Solid};
+use crate::vegetation::{Patch, Rigidity, Stem, Vegetation, Wind};
 
 const EXACT: LaserErrors = LaserErrors {
     range_noise_m: 0.0,
@@ -16,24 +20,26 @@ fn laser() -> PlanarLaser {
 
 /// A wall whose face is the line x = `x_m`.
 fn wall_at(x_m: f64) -> Scene {
-    Scene::new(&[Solid {
-        name: String::new(),
-        shape: Shape::Box {
-            size_m: [1.0, 1000.0, 1.0],
-        },
-        world_from_solid: pose::planar(x_m + 0.5, 0.0, 0.0),
-        reflectivity: Reflectivity::Diffuse,
-        motion: None,
-    }])
+    Scene::new(&[a_box([x_m + 0.5, 0.0, 0.0], [1.0, 1000.0, 1.0])])
 }
 
 #[test]
-fn the_urg_covers_240_degrees_in_two_thirds_of_its_turn() {
-    let laser = laser();
-    let last = f64::from(laser.angle_min_rad) + 682.0 * f64::from(laser.angle_increment_rad);
-    assert!((last.to_degrees() - 119.88).abs() < 0.01, "{last}");
-    assert!((f64::from(laser.angle_min_rad) + last).abs() < 1e-6);
-    assert!((laser.sweep_duration_s() - 0.0666).abs() < 1e-4);
+fn each_laser_covers_its_angles_in_its_time() {
+    for (laser, angles_deg, sweep_s) in [
+        (
+            PlanarLaser::urg_04lx_ug01(),
+            [-119.8828, 119.8828],
+            0.066_602,
+        ),
+        (PlanarLaser::lms111(), [-60.0, 60.0], 0.04 / 3.0),
+    ] {
+        let (beams, first_rad) = (laser.beams, f64::from(laser.angle_min_rad));
+        let last_rad = first_rad + f64::from(beams - 1) * f64::from(laser.angle_increment_rad);
+        for (rad, deg) in [first_rad, last_rad].iter().zip(angles_deg) {
+            assert!((rad.to_degrees() - deg).abs() < 1e-4, "{beams}: {rad}");
+        }
+        assert!((laser.sweep_duration_s() - sweep_s).abs() < 1e-6);
+    }
 }
 
 #[test]
@@ -130,7 +136,7 @@ fn noise_and_dropouts_have_the_configured_size() {
 }
 
 #[test]
-fn switching_dropouts_off_leaves_the_range_noise_as_it_was() {
+fn range_noise_does_not_depend_on_dropouts() {
     let sweep = |dropout| {
         let errors = LaserErrors {
             range_noise_m: 0.01,
@@ -152,4 +158,332 @@ fn switching_dropouts_off_leaves_the_range_noise_as_it_was() {
     assert!((150..260).contains(&dropped), "{dropped}");
 }
 
-mod footprint;
+fn scene(solids: &[Solid], canes: &[(f64, f64)], radius_m: f64) -> Scene {
+    let stems: Vec<Stem> = canes
+        .iter()
+        .map(|&(x, y)| Stem {
+            foot_m: Point3::new(x, y, -1.0),
+            top_m: Point3::new(x, y, 1.0),
+            radius_m,
+            reach_m: [0.0, 0.0],
+            phases: [[0.0, 1.0]; 3],
+        })
+        .collect();
+    let patch = Patch {
+        name: String::new(),
+        rigidity: Rigidity::Flexible,
+        stems: 0..stems.len(),
+    };
+    Scene::new(solids).with_growth(Growth {
+        vegetation: Vegetation::new(stems, vec![patch], Wind::default()),
+        receiver: Receiver::default(),
+    })
+}
+
+fn range_along(scene: &Scene, axis: Vector3<f64>, divergence_rad: f64) -> Option<f64> {
+    let footprint = BeamFootprint {
+        scene,
+        origin: Point3::origin(),
+        axis: axis.normalize(),
+        divergence_rad,
+        max_m: 50.0,
+        time_s: 0.0,
+        surface_chance: 0.5,
+    };
+    footprint.path_m(0.0, 0.5)
+}
+
+/// Of a beam of an LMS111 along x.
+fn range_m(scene: &Scene) -> Option<f64> {
+    range_along(scene, Vector3::x(), 0.015)
+}
+
+#[test]
+fn one_thin_cane_in_a_wide_spot_is_missed_and_several_are_seen() {
+    // At 20 m the spot is 30 cm wide; a cane of 5 mm fills 2.1 % of it.
+    assert_eq!(range_m(&scene(&[], &[(20.0, 0.0)], 0.0025)), None);
+    let several = [(20.0, 0.0), (20.1, 0.05), (20.2, -0.05)];
+    let range = range_m(&scene(&[], &several, 0.0025)).unwrap();
+    assert!((range - 20.1).abs() < 0.01, "{range}");
+    // So does one alone at 2 m, where the spot is 3 cm, and one of 5 cm at 20 m.
+    assert!((range_m(&scene(&[], &[(2.0, 0.0)], 0.0025)).unwrap() - 2.0).abs() < 1e-9);
+    assert!((range_m(&scene(&[], &[(20.0, 0.0)], 0.025)).unwrap() - 20.0).abs() < 1e-9);
+    // Three that are farther apart than a pulse is long are three echoes too weak.
+    let far_apart = [(19.0, 0.0), (20.0, 0.05), (21.0, -0.05)];
+    assert_eq!(range_m(&scene(&[], &far_apart, 0.0025)), None);
+}
+
+#[test]
+fn what_is_behind_shows_through_gaps() {
+    let wall = a_box([15.5, 0.0, 0.0], [1.0, 40.0, 4.0]);
+    let behind_one = scene(std::slice::from_ref(&wall), &[(10.0, 0.0)], 0.002);
+    // 4 mm of 15 cm: 3.4 %.
+    assert!((range_m(&behind_one).unwrap() - 15.0).abs() < 1e-9);
+    // 12 mm are noticed, and hide the wall though 90 % of the light falls on it.
+    let behind_a_thick_one = scene(std::slice::from_ref(&wall), &[(10.0, 0.0)], 0.006);
+    assert!((range_m(&behind_a_thick_one).unwrap() - 10.0).abs() < 1e-9);
+    // Within a pulse of the wall both make one echo, which lies where most of the light does.
+    let before_it = scene(&[wall], &[(14.5, 0.0)], 0.006);
+    let range = range_m(&before_it).unwrap();
+    let share = 0.012 * 0.2175 / (std::f64::consts::PI * 0.10875 * 0.10875);
+    assert!((range - (15.0 - 0.5 * share)).abs() < 1e-3, "{range}");
+}
+
+#[test]
+fn only_edges_split_the_beam() {
+    let far = [(40.0, 20.0)];
+    // Half of the spot on a wall at 4 m, half at 6 m: the near one is strong enough.
+    let walls = [
+        a_box([4.5, 5.0, 0.0], [1.0, 10.0, 4.0]),
+        a_box([6.5, 0.0, 0.0], [1.0, 60.0, 4.0]),
+    ];
+    assert!((range_m(&scene(&walls, &far, 0.01)).unwrap() - 4.0).abs() < 0.01);
+    // Less than a pulse apart they mix by their shares: 3 of 8 rays around and the axis are off the near.
+    let walls = [
+        a_box([4.5, 5.001, 0.0], [1.0, 10.0, 4.0]),
+        a_box([5.0, 0.0, 0.0], [1.0, 60.0, 4.0]),
+    ];
+    let range = range_m(&scene(&walls, &far, 0.01)).unwrap();
+    assert!((4.1..4.4).contains(&range), "{range}");
+    // Ground at a flat angle: the spot is drawn out over more than a metre, its range is the axis'.
+    let ground = a_box([0.0, 0.0, -1.58], [100.0, 100.0, 1.0]);
+    let flat = Vector3::new(libm::cos(0.1), 0.0, -libm::sin(0.1));
+    let range = range_along(&scene(&[ground], &far, 0.01), flat, 0.015).unwrap();
+    assert!((range - 1.08 / libm::sin(0.1)).abs() < 1e-9);
+}
+
+#[test]
+fn nothing_returns_through_the_surface_of_water() {
+    let bed = a_box([0.0, 0.0, -5.0], [100.0, 100.0, 2.0]);
+    let down = Vector3::new(1.0, 0.0, -1.0);
+    for plants in [true, false] {
+        let dry = if plants {
+            scene(std::slice::from_ref(&bed), &[(30.0, 0.0)], 0.01)
+        } else {
+            Scene::new(std::slice::from_ref(&bed))
+        };
+        // A laser 1 m above the water, the bed 4 m below the laser.
+        let range = range_along(&dry, down, 0.0).unwrap();
+        assert!((range - 4.0 * std::f64::consts::SQRT_2).abs() < 1e-6);
+        let lake = dry.with_water(-1.0);
+        assert_eq!(range_along(&lake, down, 0.0), None);
+        assert_eq!(range_along(&lake, down, 0.015), None);
+        // A sonar 1 m below the surface sees the bed and nothing above.
+        let sonar = dry_again(&bed, plants).with_water(1.0);
+        let range = range_along(&sonar, down, 0.05).unwrap();
+        assert!((range - 4.0 * std::f64::consts::SQRT_2).abs() < 1e-6);
+        assert_eq!(range_along(&sonar, Vector3::new(1.0, 0.0, 1.0), 0.05), None);
+        assert_eq!(range_along(&sonar, Vector3::z(), 0.05), None);
+    }
+}
+
+fn dry_again(bed: &Solid, plants: bool) -> Scene {
+    // And a bridge above the water.
+    let solids = [bed.clone(), a_box([0.0, 0.0, 5.0], [100.0, 100.0, 1.0])];
+    if plants {
+        scene(&solids, &[(30.0, 0.0)], 0.01)
+    } else {
+        Scene::new(&solids)
+    }
+}
+
+/// Tall grass from a distance on, 3 m deep: 300 blades of 6 mm a square metre, which stop half of the light
+/// in 0.38 m.
+fn meadow(from_m: f64) -> Scene {
+    let mut noise = crate::noise::NoiseStream::new(4, "test");
+    let blades: Vec<(f64, f64)> = (0..3600)
+        .map(|_| (from_m + 3.0 * noise.uniform(), 4.0 * noise.uniform() - 2.0))
+        .collect();
+    scene(&[], &blades, 0.003)
+}
+
+#[test]
+fn ranges_scatter_more_in_near_grass_than_in_far_grass() {
+    let depths = |from_m: f64| -> Vec<f64> {
+        let scene = meadow(from_m);
+        (-20..=20)
+            .filter_map(|n| {
+                let heading = Vector2::new(1.0, 0.05 * f64::from(n) / from_m);
+                let axis = Vector3::new(heading.x, heading.y, 0.0);
+                Some(range_along(&scene, axis, 0.015)? - from_m)
+            })
+            .collect()
+    };
+    let spread = |depths: &[f64]| {
+        let n = depths.len() as f64;
+        let mean = depths.iter().sum::<f64>() / n;
+        let variance = depths.iter().map(|d| (d - mean) * (d - mean)).sum::<f64>() / n;
+        (mean, libm::sqrt(variance))
+    };
+    let (near, far) = (depths(2.0), depths(15.0));
+    assert_eq!((near.len(), far.len()), (41, 41));
+    let ((near_mean, near_spread), (far_mean, far_spread)) = (spread(&near), spread(&far));
+    assert!(
+        near_spread > 0.12 && far_spread < 0.1,
+        "{near_spread} {far_spread}"
+    );
+    assert!((0.2..0.6).contains(&near_mean) && (0.2..0.5).contains(&far_mean));
+}
+
+/// Everything below z = 0.
+fn ground() -> Solid {
+    solid(Shape::Plane, Pose::identity())
+}
+
+/// The robot of the document: 1.08 m above the ground, tilted down by 7.5°.
+fn tilted() -> Pose {
+    let pitch = Vector3::new(0.0, 7.5_f64.to_radians(), 0.0);
+    Pose::new(Vector3::new(0.0, 0.0, 1.08), pitch)
+}
+
+/// Sweeps with every edge mixed, beside the exact one.
+fn sweeps(solids: &[Solid], world_from_laser: Pose, n: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
+    let laser = PlanarLaser::lms111();
+    let scene = Scene::new(solids);
+    let mut noise = LaserNoise::new(7, "laser");
+    let mut sweep = |mixed_pixels| {
+        let errors = LaserErrors {
+            mixed_pixels,
+            ..EXACT
+        };
+        laser
+            .sweep(&scene, errors, &mut noise, 0.0, |_| world_from_laser)
+            .ranges_m
+    };
+    (sweep(0.0), (0..n).map(|_| sweep(1.0)).collect())
+}
+
+/// Beams that any of the sweeps reads otherwise than the exact one.
+fn mixed_beams(exact: &[f32], sweeps: &[Vec<f32>]) -> Vec<usize> {
+    let differs = |beam: &usize| {
+        sweeps
+            .iter()
+            .any(|sweep| sweep[*beam].to_bits() != exact[*beam].to_bits())
+    };
+    (0..exact.len()).filter(differs).collect()
+}
+
+#[test]
+fn nothing_mixes_on_ground_in_corners_or_on_round_things() {
+    // The ground is met at 7.5°, where the spot is 1 m long, and beyond 20 m nothing is.
+    let (exact, mixed) = sweeps(&[ground()], tilted(), 3);
+    assert!(exact.iter().all(|range_m| range_m.is_finite()));
+    assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
+    let flat = Pose::new(
+        Vector3::new(0.0, 0.0, 1.08),
+        Vector3::new(0.0, 3.2_f64.to_radians(), 0.0),
+    );
+    let (exact, mixed) = sweeps(&[ground()], flat, 3);
+    assert!(exact.iter().any(|range_m| range_m.is_infinite()));
+    assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
+    // A room: floor, walls and the corners between them.
+    let room = [
+        ground(),
+        a_box([6.0, 0.0, 1.0], [0.2, 8.0, 2.0]),
+        a_box([2.0, 4.0, 1.0], [8.0, 0.2, 2.0]),
+        a_box([2.0, -4.0, 1.0], [8.0, 0.2, 2.0]),
+        // A corner that points at the laser, flush with the wall behind.
+        a_box([5.7, -1.0, 1.0], [0.6, 0.6, 2.0]),
+    ];
+    let (exact, mixed) = sweeps(&room[..4], tilted(), 3);
+    assert_eq!(mixed_beams(&exact, &mixed), [0_usize; 0]);
+    // The side of the pillar that faces the middle is seen, the other one is not.
+    let (exact, mixed) = sweeps(&room, tilted(), 3);
+    let beams = mixed_beams(&exact, &mixed);
+    let side_deg = libm::atan2(-1.3, 5.4).to_degrees();
+    assert!(!beams.is_empty());
+    for beam in beams {
+        let angle_deg = -60.0 + 0.25 * beam as f64;
+        assert!((angle_deg - side_deg).abs() < 0.7, "{angle_deg} {side_deg}");
+    }
+    // A ball under a roof of its own size has no edge where it is looked at.
+    let ball = solid(
+        Shape::Sphere { radius_m: 3.0 },
+        Pose::translation(6.0, 0.0, 0.5),
+    );
+    let (exact, mixed) = sweeps(&[ball], tilted(), 3);
+    let beams = mixed_beams(&exact, &mixed);
+    for beam in beams {
+        let on_limb = exact[beam.saturating_sub(3)..exact.len().min(beam + 4)]
+            .iter()
+            .any(|range_m| range_m.is_infinite());
+        assert!(on_limb, "beam {beam}");
+    }
+}
+
+#[test]
+fn an_edge_gives_ranges_between_its_sides_and_a_deep_one_either() {
+    let level = Pose::identity();
+    let wall_behind = |behind_m: f64| {
+        [
+            a_box([4.5, 5.0, 0.0], [1.0, 10.0, 4.0]),
+            a_box([4.5 + behind_m, 0.0, 0.0], [1.0, 60.0, 4.0]),
+        ]
+    };
+    // The edge is in the middle of the view: half of the spot of beam 240 ± 1 lies on either side.
+    let (exact, mixed) = sweeps(&wall_behind(1.0), level, 200);
+    let beams = mixed_beams(&exact, &mixed);
+    // Half of 15 mrad is 1.7 steps to either side.
+    assert_eq!(beams, [239, 240, 241]);
+    let of_beam = |sweeps: &[Vec<f32>]| -> Vec<f64> {
+        sweeps.iter().map(|sweep| f64::from(sweep[239])).collect()
+    };
+    let ranges_m = of_beam(&mixed);
+    assert!(ranges_m.iter().all(|m| (3.99..5.01).contains(m)));
+    let mean_m = ranges_m.iter().sum::<f64>() / 200.0;
+    // Uniform in between: four standard errors of 0.29 / √200.
+    assert!((mean_m - 4.5).abs() < 0.085, "{mean_m}");
+
+    let (exact, mixed) = sweeps(&wall_behind(2.0), level, 200);
+    let either = of_beam(&mixed);
+    let near = either.iter().filter(|m| (**m - 4.0).abs() < 0.01).count();
+    let far = either.iter().filter(|m| (**m - 6.0).abs() < 0.01).count();
+    assert_eq!(near + far, 200);
+    // Beam 239 points away from the near wall by one step of 4.4 mrad, of 7.5: 3 of 9 rays meet it.
+    assert!((40..95).contains(&near), "{near}");
+    assert!((exact[239] - 6.0).abs() < 0.01);
+
+    // With nothing behind, the spot's share gives the near wall and the rest nothing.
+    let (exact, mixed) = sweeps(&wall_behind(2.0)[..1], level, 200);
+    assert_eq!(exact[239], f32::INFINITY);
+    let near = mixed.iter().filter(|sweep| sweep[239].is_finite()).count();
+    assert!((40..95).contains(&near), "{near}");
+}
+
+#[test]
+fn mixed_pixels_have_the_configured_share() {
+    let scene = Scene::new(&[
+        a_box([4.5, 5.0, 0.0], [1.0, 10.0, 4.0]),
+        a_box([5.5, 0.0, 0.0], [1.0, 60.0, 4.0]),
+    ]);
+    let run = |mixed_pixels, divergence_rad| {
+        let mut laser = PlanarLaser::lms111();
+        laser.beam_divergence_rad = divergence_rad;
+        let errors = LaserErrors {
+            range_noise_m: 0.01,
+            dropout: 0.1,
+            mixed_pixels,
+        };
+        let mut noise = LaserNoise::new(5, "laser");
+        let mut sweep = || {
+            laser
+                .sweep(&scene, errors, &mut noise, 0.0, |_| Pose::identity())
+                .ranges_m
+        };
+        (0..300).map(|_| sweep()).collect::<Vec<_>>()
+    };
+    let (without, with, thin) = (run(0.0, 0.015), run(0.3, 0.015), run(1.0, 0.0));
+    let mut mixed = [0_i32; 481];
+    for (without, with) in without.iter().zip(&with) {
+        for (beam, (without, with)) in without.iter().zip(with).enumerate() {
+            assert_eq!(without.is_nan(), with.is_nan());
+            mixed[beam] += i32::from(!without.is_nan() && without != with);
+        }
+    }
+    let edges: i32 = mixed[239..242].iter().sum();
+    assert_eq!(edges, mixed.iter().sum::<i32>());
+    // 3 beams · 300 sweeps · 0.9 · 0.3 = 243, four standard deviations of 13.
+    assert!((190..296).contains(&edges), "{edges}");
+    // A line has no edges to straddle.
+    assert_eq!(format!("{without:?}"), format!("{thin:?}"));
+}

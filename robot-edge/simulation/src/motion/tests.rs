@@ -1,49 +1,18 @@
+#![expect(clippy::float_cmp, reason = "these values are exact")]
+
+use measurement::pose;
 use nalgebra::{Point2, Translation3};
+use proptest::prelude::*;
 
 use super::*;
 use crate::attitude::Attitude;
-use crate::chassis::Posture;
-use crate::path::{PlanarPose, Waypoint};
-use crate::solid::{Reflectivity, Shape, Solid};
-use crate::vehicle::SimulatedVehicle;
-use measurement::pose;
-
-fn solid(size_m: [f64; 3], world_from_solid: Pose) -> Solid {
-    Solid {
-        name: String::new(),
-        shape: Shape::Box { size_m },
-        world_from_solid,
-        reflectivity: Reflectivity::Diffuse,
-        motion: None,
-    }
-}
-
-/// A box on the ground, as high as it says.
-fn block([x, y]: [f64; 2], [length_m, width_m, height_m]: [f64; 3]) -> Solid {
-    let mut centre = pose::planar(x, y, 0.0);
-    centre.translation.z = 0.5 * height_m;
-    solid([length_m, width_m, height_m], centre)
-}
+use crate::fixtures::{block, check, holos, motion, path, slope, vehicle};
+use crate::path::Waypoint;
+use crate::solid::{Shape, Solid};
 
 /// Holos along x from 0 to `length_m` at 0.5 m/s.
 fn drive(length_m: f64, solids: &[Solid]) -> Motion {
-    let start = PlanarPose {
-        position_m: Point2::origin(),
-        yaw_rad: 0.0,
-    };
-    let end = Waypoint {
-        position_m: Point2::new(length_m, 0.0),
-        speed_mps: 0.5,
-        corner_radius_m: 0.0,
-    };
-    Motion::along(
-        Arc::new(Path::new(start, 1.0, &[end]).unwrap()),
-        Arc::new(Scene::new(solids)),
-        SimulatedVehicle::preset("holos")
-            .unwrap()
-            .carriage
-            .chassis(),
-    )
+    motion("holos", path(&[[length_m, 0.0, 0.0]]), solids)
 }
 
 fn attitude_at(motion: &Motion, time_s: f64) -> Attitude {
@@ -101,9 +70,12 @@ fn down_a_ramp_of_4_degrees_the_pitch_is_4_degrees() {
     let edge = Pose::from_parts(Translation3::new(2.0, 0.0, 1.0), down.rotation());
     let mut centre = under_surface;
     centre.translation.x = 4.0;
+    let shape = Shape::Box {
+        size_m: [8.0, 2.0, 1.0],
+    };
     let solids = [
         block([0.0, 0.0], [4.0, 2.0, 1.0]),
-        solid([8.0, 2.0, 1.0], edge * centre),
+        crate::fixtures::solid(shape, edge * centre),
     ];
     let motion = drive(8.0, &solids);
     assert!((motion.world_from_base(0.0).translation.z - 1.0).abs() < 1e-9);
@@ -128,22 +100,13 @@ fn between_its_steps_a_posture_is_as_exact_as_it_says() {
         block([2.5, -0.3], [1.0, 0.3, 0.054]),
     ];
     let motion = drive(4.0, &solids);
-    let (chassis, scene) = (
-        SimulatedVehicle::preset("holos")
-            .unwrap()
-            .carriage
-            .chassis()
-            .unwrap(),
-        Scene::new(&solids),
-    );
+    let (chassis, scene) = (holos(), Scene::new(&solids));
     let mut last = Posture::default();
     let (mut worst_m, mut worst_rad) = (0.0_f64, 0.0_f64);
     for step in 0..=16_000_u32 {
         let time_s = f64::from(step) * 5e-4;
         let at = motion.path().planar_pose(time_s);
-        last = chassis.settle(at, last, &|point| {
-            posture_track::ground_below(&scene, point, time_s)
-        });
+        last = chassis.settle(at, last, &|point| ground_below(&scene, point, time_s));
         let error = last.world_from_base(at).inverse() * motion.world_from_base(time_s);
         worst_m = worst_m.max(error.translation.vector.norm());
         worst_rad = worst_rad.max(error.rotation.angle());
@@ -155,7 +118,7 @@ fn between_its_steps_a_posture_is_as_exact_as_it_says() {
 }
 
 #[test]
-fn poses_do_not_depend_on_the_order_in_which_they_are_asked_for() {
+fn poses_do_not_depend_on_query_order() {
     let obstacles: Vec<Solid> = (0..20)
         .map(|n| block([1.0 + 1.7 * f64::from(n), 0.2], [0.4, 0.8, 0.03]))
         .collect();
@@ -176,7 +139,7 @@ fn poses_do_not_depend_on_the_order_in_which_they_are_asked_for() {
 }
 
 #[test]
-fn a_vehicle_starts_on_top_of_what_is_below_it_and_drives_under_what_is_above() {
+fn start_height_is_the_ground_below_not_the_roof_above() {
     let mut roof = block([2.0, 0.0], [10.0, 4.0, 0.2]);
     roof.world_from_solid.translation.z = 2.6;
     let platform = block([0.0, 0.0], [20.0, 4.0, 0.8]);
@@ -188,11 +151,203 @@ fn a_vehicle_starts_on_top_of_what_is_below_it_and_drives_under_what_is_above() 
 
 #[test]
 fn a_vehicle_without_wheels_stays_level() {
-    let scene = Arc::new(Scene::new(&[block([0.0, 0.0], [9.0, 9.0, 0.1])]));
-    let holos = drive(1.0, &[]);
-    let level = Motion::along(Arc::new(holos.path().clone()), scene, None);
-    assert_eq!(
-        level.world_from_base(1.0),
-        holos.path().world_from_base(1.0)
+    let path = path(&[[1.0, 0.0, 0.0]]);
+    let level = motion(
+        "pioneer",
+        Arc::clone(&path),
+        &[block([0.0, 0.0], [9.0, 9.0, 0.1])],
     );
+    assert_eq!(level.world_from_base(1.0), path.world_from_base(1.0));
+}
+
+/// A vehicle at the origin that looks along x and is driven from the beginning on.
+struct Driver {
+    motion: Motion,
+    step: i64,
+}
+
+impl Driver {
+    fn new(name: &str, solids: &[Solid]) -> Self {
+        // It turns on the spot to get there, so that it does not move yet.
+        let behind = Waypoint {
+            position_m: Point2::new(-1.0, 0.0),
+            speed_mps: 0.5,
+            corner_radius_m: 0.0,
+        };
+        let path = Path::new(PlanarPose::default(), 1e-9, &[behind]).unwrap();
+        let mut motion = motion(name, Arc::new(path), solids);
+        motion.take_over(0, &vehicle(name), Arc::new(Scene::new(solids)));
+        Self { motion, step: 0 }
+    }
+
+    /// The planar pose and the velocity after going so for a time.
+    fn go(
+        &mut self,
+        linear_mps: f64,
+        angular_radps: f64,
+        duration_s: f64,
+    ) -> ([f64; 3], PlanarVelocity) {
+        self.motion.set_command(CommandedVelocity {
+            linear_mps,
+            angular_radps,
+        });
+        self.step += libm::round(duration_s / POSTURE_STEP_S) as i64;
+        self.motion.advance_to(self.step);
+        let base = self.motion.world_from_base(self.now_s());
+        let at = [base.translation.x, base.translation.y, pose::yaw_rad(&base)];
+        (at, self.motion.velocity(self.now_s()))
+    }
+
+    fn now_s(&self) -> f64 {
+        self.step as f64 * POSTURE_STEP_S
+    }
+}
+
+#[test]
+fn straight_on_it_lags_by_its_time_constant() {
+    // 0.1 s of a Pioneer, which gives 1 cm at 0.1 m/s.
+    let (at, velocity) = Driver::new("pioneer", &[]).go(0.1, 0.0, 5.0);
+    check(at, [0.49, 0.0, 0.0], 1e-5);
+    assert_eq!(velocity.forward_mps, 0.1);
+}
+
+#[test]
+fn it_turns_in_place_and_drives_circles() {
+    let mut driver = Driver::new("pioneer", &[]);
+    check(driver.go(0.0, 0.3, 5.0).0, [0.0, 0.0, 0.3 * 4.9], 1e-5);
+    let mut driver = Driver::new("introbot", &[]);
+    driver.go(0.5, 0.25, 5.0);
+    let from = driver.motion.world_from_base(driver.now_s());
+    // Half of a circle of 2 m.
+    driver.go(0.5, 0.25, std::f64::consts::PI / 0.25);
+    let to = from.inverse() * driver.motion.world_from_base(driver.now_s());
+    assert!((to.translation.y - 4.0).abs() < 0.01, "{to}");
+    assert!(to.translation.x.abs() < 0.01, "{to}");
+}
+
+#[test]
+fn it_stops_within_the_way_that_its_brakes_and_its_lag_take() {
+    let mut driver = Driver::new("pioneer", &[]);
+    let (from, velocity) = driver.go(1.0, 0.0, 5.0);
+    assert_eq!(velocity.forward_mps, 1.0);
+    let (to, velocity) = driver.go(0.0, 0.0, 3.0);
+    assert_eq!(velocity, PlanarVelocity::default());
+    // 2 m/s² down to the 0.2 m/s that the lag of 0.1 s takes from there.
+    let way_m = (1.0 - 0.2 * 0.2) / (2.0 * 2.0) + 0.2 * 0.1;
+    assert!(
+        (to[0] - from[0] - way_m).abs() < 0.003,
+        "{} m",
+        to[0] - from[0]
+    );
+    assert_eq!(driver.go(0.0, 0.0, 60.0).0, to);
+}
+
+#[test]
+fn what_is_no_number_stops_it() {
+    let mut driver = Driver::new("holos", &[]);
+    driver.go(0.5, 0.1, 2.0);
+    let (_, velocity) = driver.go(f64::NAN, 0.5, 2.0);
+    assert_eq!(velocity, PlanarVelocity::default());
+}
+
+#[test]
+fn a_boat_drifts_on() {
+    let mut driver = Driver::new("riverwatch", &[]);
+    let (from, velocity) = driver.go(3.0, 0.0, 60.0);
+    assert!((velocity.forward_mps - 3.0).abs() < 1e-3, "{velocity:?}");
+    let (after_1_s, velocity) = driver.go(0.0, 0.0, 1.0);
+    assert!((1.0..2.0).contains(&velocity.forward_mps), "{velocity:?}");
+    assert!(after_1_s[0] - from[0] > 1.9, "{after_1_s:?}");
+    let (to, velocity) = driver.go(0.0, 0.0, 60.0);
+    assert_eq!(velocity, PlanarVelocity::default());
+    // 4.1 m by drag alone, and near to 1 m while the propellers slow down.
+    assert!((5.0..5.2).contains(&(to[0] - from[0])), "{to:?}, {from:?}");
+    check([0.0, to[1], to[2]], [0.0; 3], 1e-6);
+}
+
+#[test]
+fn a_wall_stops_it() {
+    let mut driver = Driver::new("holos", &[block([3.0, 0.0], [1.0, 4.0, 1.0])]);
+    let (at, velocity) = driver.go(1.0, 0.0, 6.0);
+    // Its front is 0.45 m ahead, and a step's way of 5 mm may be left.
+    assert!((2.044..=2.05).contains(&at[0]), "{at:?}");
+    assert!(velocity.forward_mps < 0.1, "{velocity:?}");
+    // It cannot turn its corners into it, but it can go away, and come again.
+    let (turned, _) = driver.go(0.0, 1.0, 2.0);
+    assert!(turned[2] < 0.1, "{turned:?}");
+    let (back, _) = driver.go(-0.5, 0.0, 2.0);
+    assert!(back[0] < 1.3, "{back:?}");
+    let (again, _) = driver.go(1.0, 0.0, 3.0);
+    assert!((2.044..=2.05).contains(&again[0]), "{again:?}");
+}
+
+#[test]
+fn kerbs_are_felt_and_steps_as_high_as_an_axle_stop_it() {
+    let pitch_deg = |height_m| {
+        let mut driver = Driver::new("holos", &[block([2.0, 0.0], [0.2, 1.0, height_m])]);
+        let mut extremes = [0.0_f64; 2];
+        for _ in 0..800 {
+            driver.go(0.5, 0.0, 0.01);
+            let base = driver.motion.world_from_base(driver.now_s());
+            let deg = Attitude::of(&base.rotation).pitch_rad.to_degrees();
+            extremes = [extremes[0].min(deg), extremes[1].max(deg)];
+        }
+        extremes
+    };
+    // As on a path over the same kerb.
+    let [up, down] = pitch_deg(0.043);
+    assert!(
+        (up + 4.48).abs() < 0.05 && (down - 4.48).abs() < 0.05,
+        "{up}, {down}"
+    );
+    assert_eq!(pitch_deg(0.13), [0.0, 0.0]);
+}
+
+#[test]
+fn a_slope_shortens_the_way_on_the_map() {
+    let mut driver = Driver::new("holos", &[slope(-10.0)]);
+    driver.go(0.5, 0.0, 4.0);
+    let from = driver.motion.world_from_base(driver.now_s());
+    driver.go(0.5, 0.0, 4.0);
+    let to = driver.motion.world_from_base(driver.now_s());
+    let moved = to.translation.vector - from.translation.vector;
+    assert!((moved.norm() - 2.0).abs() < 1e-3, "{moved}");
+    assert!(
+        (moved.z - 2.0 * libm::sin(10.0_f64.to_radians())).abs() < 1e-3,
+        "{moved}"
+    );
+}
+
+#[test]
+fn poses_that_are_no_longer_kept_are_the_oldest_that_are() {
+    let mut driver = Driver::new("pioneer", &[]);
+    driver.go(0.5, 0.0, 30.0);
+    let pose_at = |time_s| driver.motion.world_from_base(time_s).translation.x;
+    let oldest_s = 30.0 - 10.0 + POSTURE_STEP_S;
+    assert_eq!(pose_at(1.0).to_bits(), pose_at(oldest_s).to_bits());
+    assert!(pose_at(oldest_s + 0.1) > pose_at(oldest_s) + 0.049);
+    assert_eq!(pose_at(99.0).to_bits(), pose_at(30.0).to_bits());
+}
+
+proptest! {
+    #[test]
+    fn whatever_it_is_told_it_stays_out_of_walls(
+        commands in prop::collection::vec((-1.5..1.5, -6.0..6.0, 0.05..1.0), 1..20)
+    ) {
+        // A pen of 1.6 m × 1.2 m with a post in it.
+        let solids = [
+            block([0.9, 0.0], [0.2, 2.0, 1.0]),
+            block([-0.9, 0.0], [0.2, 2.0, 1.0]),
+            block([0.0, 0.7], [2.0, 0.2, 1.0]),
+            block([0.0, -0.7], [2.0, 0.2, 1.0]),
+            block([0.4, 0.3], [0.1, 0.1, 1.0]),
+        ];
+        let mut driver = Driver::new("pioneer", &solids);
+        let bumper = Bumper::new(vehicle("pioneer").body, Arc::new(Scene::new(&solids)));
+        for (linear_mps, angular_radps, duration_s) in commands {
+            driver.go(linear_mps, angular_radps, duration_s);
+            let world_from_base = driver.motion.world_from_base(driver.now_s());
+            prop_assert!(!bumper.touches(&world_from_base, 0.0), "{world_from_base}");
+        }
+    }
 }

@@ -1,3 +1,5 @@
+#![expect(clippy::float_cmp, reason = "these values are exact")]
+
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use super::*;
@@ -10,12 +12,8 @@ fn to(x: f64, y: f64, corner_radius_m: f64) -> Waypoint {
     }
 }
 
-fn from_origin(waypoints: &[Waypoint]) -> Result<Path, PathError> {
-    let start = PlanarPose {
-        position_m: Point2::origin(),
-        yaw_rad: 0.0,
-    };
-    Path::new(start, 1.0, waypoints)
+fn from_origin(waypoints: &[Waypoint]) -> Result<Path, ItemError> {
+    Path::new(PlanarPose::default(), 1.0, waypoints)
 }
 
 #[track_caller]
@@ -85,12 +83,10 @@ fn poses_are_continuous_over_all_seams() {
 
 #[test]
 fn corners_that_do_not_fit_are_refused() {
-    let message = |waypoints: &[Waypoint]| from_origin(waypoints).unwrap_err().to_string();
-    assert_eq!(from_origin(&[]), Err(PathError::Empty));
-    assert_eq!(
-        from_origin(&[to(1.0, 0.0, 0.0), to(1.0, 0.0, 0.0)]),
-        Err(PathError::NoDistance { waypoint: 1 })
-    );
+    let message = |waypoints: &[Waypoint]| from_origin(waypoints).unwrap_err().message;
+    assert_eq!(message(&[]), "a path needs at least one waypoint");
+    let twice = from_origin(&[to(1.0, 0.0, 0.0), to(1.0, 0.0, 0.0)]).unwrap_err();
+    assert_eq!(twice.item, Some(1));
     let before = message(&[to(1.0, 0.0, 1.5), to(1.0, 5.0, 0.0)]);
     assert!(
         before.starts_with(
@@ -116,33 +112,20 @@ fn corners_that_do_not_fit_are_refused() {
 #[test]
 fn its_velocity_is_that_of_its_legs() {
     let path = from_origin(&[to(2.0, 0.0, 1.0), to(2.0, -2.0, 0.0)]).unwrap();
-    let velocity = |time_s| {
+    // 1 m, a quarter of a circle of 1 m to the right, 1 m.
+    for (time_s, expected) in [
+        (1.0, [0.5, 0.0, 0.0]),
+        (2.1, [0.5, 0.0, -0.5]),
+        (2.0 + PI + 0.1, [0.5, 0.0, 0.0]),
+        (-0.1, [0.0; 3]),
+        (path.duration_s(), [0.0; 3]),
+    ] {
         let velocity = path.velocity(time_s);
-        [
+        let found = [
             velocity.forward_mps,
             velocity.left_mps,
             velocity.turn_rate_radps,
-        ]
-    };
-    // 1 m, a quarter of a circle of 1 m to the right, 1 m.
-    assert_eq!(
-        velocity(1.0).map(f64::to_bits),
-        [0.5, 0.0, 0.0].map(f64::to_bits)
-    );
-    assert_eq!(
-        velocity(2.1).map(f64::to_bits),
-        [0.5, 0.0, -0.5].map(f64::to_bits)
-    );
-    assert_eq!(
-        velocity(2.0 + PI + 0.1).map(f64::to_bits),
-        [0.5, 0.0, 0.0].map(f64::to_bits)
-    );
-    assert_eq!(
-        velocity(-0.1).map(f64::to_bits),
-        [0.0_f64; 3].map(f64::to_bits)
-    );
-    assert_eq!(
-        velocity(path.duration_s()).map(f64::to_bits),
-        [0.0_f64; 3].map(f64::to_bits)
-    );
+        ];
+        assert_eq!(found, expected, "{time_s}");
+    }
 }

@@ -4,9 +4,9 @@ use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 use super::{BOX_EDGES, Shape, Solid};
 
-/// What a horizontal plane cuts out of a solid.
+/// Intersection of a solid with a horizontal plane.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Section {
+pub(crate) enum Section {
     /// The plane passes above or below it.
     Nothing,
     /// Corners of a convex polygon, counter-clockwise.
@@ -23,8 +23,8 @@ const CIRCLE_CORNERS: usize = 64;
 const WORLD_M: f64 = 4e6;
 
 impl Solid {
-    /// Its section at `height_m`, where it stands while still.
-    pub fn section(&self, height_m: f64) -> Section {
+    /// Its section at `height_m`, without its motion.
+    pub(crate) fn section(&self, height_m: f64) -> Section {
         let above_centre_m = height_m - self.world_from_solid.translation.z;
         match &self.shape {
             Shape::Plane => area(self.plane_section(height_m)),
@@ -32,10 +32,12 @@ impl Solid {
             Shape::Cylinder {
                 radius_m,
                 height_m: length_m,
-            } if above_centre_m.abs() <= 0.5 * length_m => Section::Area(self.circle(*radius_m)),
+            } if above_centre_m.abs() <= 0.5 * length_m => {
+                Section::Area(self.circle(*radius_m, CIRCLE_CORNERS))
+            }
             Shape::Sphere { radius_m } if above_centre_m.abs() < *radius_m => {
                 let squared = radius_m * radius_m - above_centre_m * above_centre_m;
-                Section::Area(self.circle(libm::sqrt(squared)))
+                Section::Area(self.circle(libm::sqrt(squared), CIRCLE_CORNERS))
             }
             Shape::Cylinder { .. } | Shape::Sphere { .. } => Section::Nothing,
             Shape::Mesh(mesh) => {
@@ -58,11 +60,12 @@ impl Solid {
         }
     }
 
-    fn circle(&self, radius_m: f64) -> Vec<Point2<f64>> {
+    /// A polygon whose corners lie on a level circle about the centre.
+    pub(crate) fn circle(&self, radius_m: f64, corners: usize) -> Vec<Point2<f64>> {
         let centre_m = Point3::from(self.world_from_solid.translation.vector).xy();
-        (0..CIRCLE_CORNERS)
+        (0..corners)
             .map(|corner| {
-                let angle_rad = std::f64::consts::TAU * corner as f64 / CIRCLE_CORNERS as f64;
+                let angle_rad = std::f64::consts::TAU * corner as f64 / corners as f64;
                 centre_m + Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad)) * radius_m
             })
             .collect()

@@ -1,9 +1,6 @@
-//! What a simulated vehicle reads at one instant, as measurements.
+//! Sensors of a simulated vehicle and their measurements.
 
-use super::START;
-use super::run::Run;
-use super::streams::{ODOM, Streams, TF};
-use super::ticks::Ticks;
+use super::{ALWAYS, ODOM, Run, START, TF, Ticks, stream_called};
 use crate::attitude_sensor::{AttitudeNoise, AttitudeSensor};
 use crate::gps::{FixNoise, GpsReceiver};
 use crate::laser::LaserNoise;
@@ -14,9 +11,9 @@ use measurement::time::RobotTime;
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
 
 /// Names of the wheels in `/joint_states`, left and right.
-pub const WHEEL_JOINTS: [&str; 2] = ["left_wheel_joint", "right_wheel_joint"];
+pub(super) const WHEEL_JOINTS: [&str; 2] = ["left_wheel_joint", "right_wheel_joint"];
 
-/// What reads at its own rate, with what it needs to do so.
+/// A sensor with its own rate.
 pub(super) enum Sensor {
     /// The true pose, as transform and as odometry.
     Pose,
@@ -48,20 +45,25 @@ pub(super) enum Sensor {
 }
 
 impl Sensor {
-    /// What the vehicle has, in the order in which equal stamps come, and the streams that it gives.
+    /// The vehicle's sensors, in the order of equal stamps, and their streams.
     pub(super) fn all(run: &Run, seed: u64) -> (Vec<Self>, Vec<Stream>) {
         let vehicle = &run.vehicle;
-        let mut streams = Streams::new();
+        let mut streams = Vec::new();
+        for (name, type_name) in ALWAYS {
+            stream_called(&mut streams, name, type_name);
+        }
         let range_sensors: Vec<Self> = vehicle
             .range_sensors()
             .map(|sensor| Self::Range {
                 noise: Box::new(LaserNoise::new(seed, sensor.name)),
                 frame: FrameId::from(sensor.name),
-                stream: streams.called(sensor.stream, "sensor_msgs/LaserScan"),
+                stream: stream_called(&mut streams, sensor.stream, "sensor_msgs/LaserScan"),
                 sensor: sensor.clone(),
             })
             .collect();
-        let mut joint_states = || streams.called("/joint_states", "sensor_msgs/JointState");
+        let joint_states = |streams: &mut Vec<Stream>| {
+            stream_called(streams, "/joint_states", "sensor_msgs/JointState")
+        };
         let mut sensors = vec![Self::Pose];
         if let Some(chassis) = vehicle.carriage.chassis()
             && let Some(encoders) = chassis.encoders
@@ -70,30 +72,30 @@ impl Sensor {
             sensors.push(Self::Wheels {
                 encoders,
                 turns: Box::new(turns),
-                stream: joint_states(),
+                stream: joint_states(&mut streams),
             });
         }
         let servos = vehicle.range_sensors().filter_map(|sensor| sensor.tilt);
         sensors.extend(servos.map(|servo| Self::Tilt {
             servo,
-            stream: joint_states(),
+            stream: joint_states(&mut streams),
         }));
         if let Some(sensor) = vehicle.attitude_sensor {
             sensors.push(Self::Attitude {
                 sensor,
                 noise: Box::new(AttitudeNoise::new(seed, "ahrs")),
-                stream: streams.called("/imu/data", "sensor_msgs/Imu"),
+                stream: stream_called(&mut streams, "/imu/data", "sensor_msgs/Imu"),
             });
         }
         if let Some(receiver) = vehicle.gps {
             sensors.push(Self::Position {
                 receiver,
                 noise: Box::new(FixNoise::new(seed, "gps")),
-                stream: streams.called("/fix", "sensor_msgs/NavSatFix"),
+                stream: stream_called(&mut streams, "/fix", "sensor_msgs/NavSatFix"),
             });
         }
         sensors.extend(range_sensors);
-        (sensors, streams.into_vec())
+        (sensors, streams)
     }
 
     /// The instants at which it reads such that the last pose of the run, and of a tilting sensor the last
@@ -124,7 +126,6 @@ impl Sensor {
         }
     }
 
-    /// One reading; stamps never go back.
     pub(super) fn read(&mut self, run: &Run, stamp: RobotTime) -> Vec<Measurement> {
         let time_s = stamp.since(START).as_secs_f64();
         let measured = |stream, frame: &FrameId, data| Measurement {

@@ -38,7 +38,7 @@ impl Outline {
     }
 
     /// The outline of convex polygons, each counter-clockwise.
-    pub fn of_sections(sections: Vec<Vec<Point2<f64>>>) -> Self {
+    pub(super) fn of_sections(sections: Vec<Vec<Point2<f64>>>) -> Self {
         let mut segments = Vec::new();
         for (index, section) in sections.iter().enumerate() {
             for edge in edges(section) {
@@ -81,8 +81,7 @@ impl Outline {
     }
 }
 
-/// Edges of a polygon in order.
-fn edges(polygon: &[Point2<f64>]) -> impl Iterator<Item = [Point2<f64>; 2]> + '_ {
+pub(super) fn edges(polygon: &[Point2<f64>]) -> impl Iterator<Item = [Point2<f64>; 2]> + '_ {
     let next = polygon.iter().cycle().skip(1);
     polygon.iter().zip(next).map(|(&a, &b)| [a, b])
 }
@@ -97,7 +96,7 @@ fn outward_normal([a, b]: [Point2<f64>; 2]) -> Vector2<f64> {
     Vector2::new(along.y, -along.x) / along.norm()
 }
 
-/// What of `edge` no polygon of `covers` hides.
+/// Parts of `edge` that no polygon of `covers` hides.
 fn visible_parts(
     edge: [Point2<f64>; 2],
     covers: &mut dyn Iterator<Item = &Vec<Point2<f64>>>,

@@ -10,7 +10,7 @@ fn grid(sections: Vec<Vec<Point2<f64>>>, cell_m: f64, max_m: f64) -> TruthGrid {
 
 /// One line of text a row, the greatest y first.
 fn drawn(grid: &TruthGrid) -> Vec<String> {
-    let [width, height] = grid.size();
+    let [width, height] = grid.grid.size;
     (0..height)
         .rev()
         .map(|row| {
@@ -78,9 +78,9 @@ fn cells_lie_at_multiples_of_their_size_and_cover_the_bounds() {
         max_m: [0.25, 0.2],
     };
     let grid = TruthGrid::of(&Outline::default(), 0.1, bounds).unwrap();
-    assert_eq!((grid.first(), grid.size()), ([-4, 1], [7, 1]));
-    assert!(grid.iter().all(|(_, cell)| cell.kind == CellKind::Free));
-    assert_eq!(grid.iter().last().unwrap().0, [2, 1]);
+    assert_eq!((grid.grid.first, grid.grid.size), ([-4, 1], [7, 1]));
+    assert!(grid.cells.iter().all(|cell| cell.kind == CellKind::Free));
+    assert_eq!(grid.grid.index(6), [2, 1]);
 }
 
 #[test]

@@ -6,9 +6,7 @@ use std::ops::{Range, RangeInclusive};
 
 use nalgebra::Point2;
 
-use super::Cone;
-use super::stem::Stem;
-use super::wind::Wind;
+use super::{Cone, Stem, Wind, clipped};
 
 /// Stems by square bins of the plan.
 #[derive(Debug)]
@@ -101,7 +99,7 @@ impl Bins {
     }
 
     /// Calls `visit` with the stems of every bin that the axis of `cone` passes within `max_m`, nearest
-    /// first, and with the part of the axis in it, until `visit` says that this is enough.
+    /// first, and with the part of the axis in it, until `visit` returns false.
     pub(super) fn walk(
         &self,
         cone: &Cone,
@@ -166,21 +164,10 @@ impl Bins {
 
     /// The part of the axis over the grid.
     fn within(&self, cone: &Cone, max_m: f64) -> Option<[f64; 2]> {
-        let mut part = [0.0, max_m];
-        for axis in 0..2 {
-            let least = self.min_m[axis] - cone.origin[axis];
-            let most = least + self.size[axis] as f64 * self.bin_m;
-            let along = cone.axis[axis];
-            if along == 0.0 {
-                if least > 0.0 || most < 0.0 {
-                    return None;
-                }
-            } else {
-                let ends = [least / along, most / along];
-                part[0] = part[0].max(ends[0].min(ends[1]));
-                part[1] = part[1].min(ends[0].max(ends[1]));
-            }
-        }
+        let least: [f64; 2] = (self.min_m - cone.origin.xy()).into();
+        let most = [0, 1].map(|axis: usize| least[axis] + self.size[axis] as f64 * self.bin_m);
+        let along = cone.axis.xy().into();
+        let part = clipped(along, least, most, [0.0, max_m])?;
         (part[0] < part[1] && !self.stems.is_empty()).then_some(part)
     }
 
@@ -198,7 +185,6 @@ impl Bins {
         self.cell(axis, min[axis])..=self.cell(axis, max[axis])
     }
 
-    /// The nearest column or row.
     fn cell(&self, axis: usize, at_m: f64) -> usize {
         (((at_m - self.min_m[axis]) / self.bin_m) as usize).min(self.size[axis] - 1)
     }

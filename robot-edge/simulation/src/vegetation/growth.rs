@@ -3,95 +3,89 @@
 use std::ops::Range;
 
 use nalgebra::{Point2, Point3, Unit, Vector2, Vector3};
+use serde::Deserialize;
 
-use super::area::Area;
-use super::stem::Stem;
-use super::wind::Phases;
+use super::{Area, Phases, Stem};
 use crate::noise::NoiseStream;
+use crate::world::values::{NotNegative, PlantMetres, Positive, millimetres, points};
 
 /// Least and greatest of numbers that are uniform in between.
-pub type Between = [f64; 2];
+pub(crate) type Between = [f64; 2];
 
-/// What grows in a patch.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Growth {
-    /// Stems side by side: grass, canes, twigs.
+pub(crate) enum Growth {
     Stems(Stand),
-    /// Closed crowns: bushes, and canopies over trunks.
     Crowns(Crowns),
 }
 
-/// Stems side by side.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Stand {
-    /// Where.
-    pub area: Area,
-    /// Stems a square metre.
-    pub density_per_m2: f64,
-    /// How they stand together; without, each stands where it happens to.
-    pub tufts: Option<Tufts>,
-    /// Of the top above what the stem stands on, metres.
-    pub height_m: Between,
-    /// Metres.
-    pub thickness_m: Between,
-    /// The most that a stem leans without wind, from upright, radians.
-    pub lean_rad: f64,
-    /// What grows on every stem.
-    pub shoots: Option<Shoots>,
+/// Stems side by side: grass, canes, twigs.
+#[derive(Clone)]
+pub(crate) struct Stand {
+    pub(crate) area: Area,
+    pub(crate) density_per_m2: f64,
+    /// Grouping; without it, places are uniformly random.
+    pub(crate) tufts: Option<Tufts>,
+    /// Of the top above what the stem stands on.
+    pub(crate) height_m: Between,
+    pub(crate) thickness_m: Between,
+    /// The most that a stem leans without wind, from upright.
+    pub(crate) lean_rad: f64,
+    pub(crate) shoots: Option<Shoots>,
 }
 
 /// Stems that grow from one root.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tufts {
-    /// In every tuft.
-    pub stems: u32,
-    /// Within which they stand, metres.
-    pub radius_m: f64,
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Tufts {
+    pub(crate) stems: u32,
+    #[serde(deserialize_with = "Positive::number")]
+    pub(crate) radius_m: f64,
 }
 
 /// Leaves and side twigs of a stem, anywhere on its upper four fifths.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shoots {
-    /// On every stem.
-    pub count: u32,
-    /// Metres.
-    pub length_m: Between,
-    /// Metres.
-    pub thickness_m: Between,
+#[derive(Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Shoots {
+    pub(crate) count: u32,
+    #[serde(deserialize_with = "PlantMetres::numbers")]
+    pub(crate) length_m: Between,
+    #[serde(rename = "thickness_mm", deserialize_with = "millimetres")]
+    pub(crate) thickness_m: Between,
 }
 
 /// Crowns that look closed: upright spheroids with branches inside and leaves all over.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Crowns {
-    /// Where they stand, one each.
-    pub at_m: Vec<Point2<f64>>,
-    /// Half the width of a crown, metres.
-    pub radius_m: Between,
-    /// Of a crown's lowest point above what it stands on, metres: 0 for a bush.
-    pub bottom_m: Between,
-    /// From its lowest to its highest point, metres.
-    pub height_m: Between,
-    /// In every crown.
-    pub branches: u32,
-    /// Metres.
-    pub branch_thickness_m: Between,
+#[derive(Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Crowns {
+    /// One crown each.
+    #[serde(deserialize_with = "points")]
+    pub(crate) at_m: Vec<Point2<f64>>,
+    #[serde(deserialize_with = "PlantMetres::numbers")]
+    pub(crate) radius_m: Between,
+    /// Of a crown's lowest point above what it stands on: 0 for a bush.
+    #[serde(default, deserialize_with = "PlantMetres::numbers")]
+    pub(crate) bottom_m: Between,
+    /// From its lowest to its highest point.
+    #[serde(deserialize_with = "PlantMetres::numbers")]
+    pub(crate) height_m: Between,
+    pub(crate) branches: u32,
+    #[serde(rename = "branch_thickness_mm", deserialize_with = "millimetres")]
+    pub(crate) branch_thickness_m: Between,
     /// For every square metre of the crown's surface.
-    pub leaves_per_m2: f64,
-    /// Metres.
-    pub leaf_length_m: Between,
-    /// Metres.
-    pub leaf_thickness_m: Between,
+    #[serde(deserialize_with = "NotNegative::number")]
+    pub(crate) leaves_per_m2: f64,
+    #[serde(deserialize_with = "PlantMetres::numbers")]
+    pub(crate) leaf_length_m: Between,
+    #[serde(rename = "leaf_thickness_mm", deserialize_with = "millimetres")]
+    pub(crate) leaf_thickness_m: Between,
 }
 
 /// More than memory and time are given to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum TooMany {
-    /// In all patches.
+pub(crate) enum TooMany {
     #[error(
         "more than {MAX_STEMS} stems, shoots, branches and leaves in all plants: make it thinner or smaller"
     )]
     Stems,
-    /// In all patches.
     #[error(
         "the rectangles around all plants hold more than {MAX_DRAWS} stems: make it thinner, or give a \
          crooked or slanting patch in parts"
@@ -100,10 +94,10 @@ pub enum TooMany {
 }
 
 /// At most 130 MB with their bins.
-pub const MAX_STEMS: usize = 500_000;
+const MAX_STEMS: usize = 500_000;
 
 /// Points that are drawn in the rectangles around patches to fill them.
-pub const MAX_DRAWS: u32 = 5_000_000;
+const MAX_DRAWS: u32 = 5_000_000;
 
 /// From where on a stem shoots grow.
 const LOWEST_SHOOT: f64 = 0.2;
@@ -111,11 +105,11 @@ const LOWEST_SHOOT: f64 = 0.2;
 /// How deep in a crown leaves hang, by its radius: deeper there is no light for them.
 const LEAF_DEPTH: f64 = 0.15;
 
-/// Of a surface over a point, metres; `None` where there is none.
-pub type Height<'a> = &'a dyn Fn(Point2<f64>) -> Option<f64>;
+/// Of a surface over a point, metres; `None` if there is none.
+pub(crate) type Height<'a> = &'a dyn Fn(Point2<f64>) -> Option<f64>;
 
 /// Grows one patch after the other.
-pub struct PlantGenerator<'a> {
+pub(crate) struct PlantGenerator<'a> {
     bed_m: Height<'a>,
     ground_m: Height<'a>,
     stems: Vec<Stem>,
@@ -125,7 +119,7 @@ pub struct PlantGenerator<'a> {
 impl<'a> PlantGenerator<'a> {
     /// Plants are rooted in `bed_m` and their heights count from `ground_m`, which is higher where they
     /// stand in water; where either has no surface nothing grows.
-    pub fn new(bed_m: Height<'a>, ground_m: Height<'a>) -> Self {
+    pub(crate) fn new(bed_m: Height<'a>, ground_m: Height<'a>) -> Self {
         Self {
             bed_m,
             ground_m,
@@ -136,7 +130,7 @@ impl<'a> PlantGenerator<'a> {
 
     /// Grows a patch and gives the places of its stems. `reach` is how far wind of strength 1 moves a top,
     /// by its height: 0 where the plant is rigid.
-    pub fn grow(
+    pub(crate) fn grow(
         &mut self,
         growth: &Growth,
         reach: f64,
@@ -158,8 +152,7 @@ impl<'a> PlantGenerator<'a> {
         Ok(first..self.stems.len())
     }
 
-    /// All that grew.
-    pub fn into_stems(self) -> Vec<Stem> {
+    pub(crate) fn into_stems(self) -> Vec<Stem> {
         self.stems
     }
 
@@ -172,7 +165,6 @@ impl<'a> PlantGenerator<'a> {
     }
 }
 
-/// One patch while it grows.
 struct StandGenerator<'b, 'a> {
     generator: &'b mut PlantGenerator<'a>,
     reach: f64,
@@ -342,7 +334,6 @@ impl StandGenerator<'_, '_> {
         self.between([0.0, std::f64::consts::TAU])
     }
 
-    /// Uniform over the sphere.
     fn direction(&mut self) -> Unit<Vector3<f64>> {
         let z = self.between([-1.0, 1.0]);
         let heading_rad = self.heading_rad();

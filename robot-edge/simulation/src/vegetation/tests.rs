@@ -3,11 +3,9 @@
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
 
-use super::area::Area;
-use super::growth::{Crowns, Growth, PlantGenerator, Shoots, Stand, TooMany, Tufts};
-use super::wind::Phases;
-use super::*;
+use super::{Area, Phases, *};
 use crate::noise::NoiseStream;
+use crate::vegetation::growth::{Crowns, Growth, PlantGenerator, Shoots, Stand, TooMany, Tufts};
 
 const STILL: Phases = [[0.0, 1.0]; 3];
 
@@ -50,7 +48,10 @@ fn level(spread: f64) -> Cone {
 fn a_cane_fills_as_much_of_the_spot_as_it_covers() {
     // 15 mrad at 20 m: a spot of 30 cm.
     let spot = |x, y, top, radius_m| {
-        let vegetation = of(vec![rod([x, y, 0.0], [x, y, top], radius_m)], Wind::CALM);
+        let vegetation = of(
+            vec![rod([x, y, 0.0], [x, y, top], radius_m)],
+            Wind::default(),
+        );
         let lit = vegetation.lit(&level(0.0075), 30.0, 0.0);
         lit.first().copied()
     };
@@ -77,7 +78,7 @@ proptest! {
         // In the plane x = 20: a strip that ends at `end_m` along itself.
         let (sin, cos) = (libm::sin(tilt_rad), libm::cos(tilt_rad));
         let at = |along: f64| [20.0, -aside_m * cos - along * sin, 1.0 - aside_m * sin + along * cos];
-        let vegetation = of(vec![rod(at(-3.0), at(end_m), radius_m)], Wind::CALM);
+        let vegetation = of(vec![rod(at(-3.0), at(end_m), radius_m)], Wind::default());
         let lit: f64 = vegetation.lit(&level(0.0075), 30.0, 0.0).iter().map(|spot| spot.share).sum();
         let n = 200;
         let (mut covered, mut all) = (0, 0);
@@ -195,7 +196,7 @@ fn reeds(area: Area) -> Stand {
 }
 
 #[test]
-fn stems_grow_as_densely_as_asked_within_their_area_on_the_ground() {
+fn stems_have_the_configured_density_and_area() {
     let triangle = Area::Polygon(vec![
         Point2::new(0.0, 0.0),
         Point2::new(4.0, 0.0),
@@ -303,7 +304,7 @@ fn too_much_to_grow_is_refused() {
 }
 
 #[test]
-fn a_bush_looks_closed_from_all_sides_and_stands_where_it_should() {
+fn a_bush_is_closed_from_all_sides() {
     let bush = Growth::Crowns(Crowns {
         at_m: vec![Point2::new(0.0, 0.0)],
         radius_m: [1.0, 1.0],

@@ -1,44 +1,13 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
-use std::sync::Arc;
-
-use nalgebra::{Point2, Translation3};
 
 use super::*;
-use crate::attitude::Attitude;
-use crate::path::{Path, PlanarPose, Waypoint};
-use crate::scene::Scene;
-use crate::solid::{Reflectivity, Shape, Solid};
-use crate::vehicle::SimulatedVehicle;
+use crate::fixtures::{holos, motion, path, slope};
+use crate::solid::Solid;
 
-/// Of the wheel at its circumference.
 const PULSE_M: f64 = TAU * 0.125 / 2000.0;
 
-fn holos() -> Chassis {
-    SimulatedVehicle::preset("holos")
-        .unwrap()
-        .carriage
-        .chassis()
-        .unwrap()
-}
-
 fn drive(waypoints: &[[f64; 3]], solids: &[Solid]) -> Motion {
-    let start = PlanarPose {
-        position_m: Point2::origin(),
-        yaw_rad: 0.0,
-    };
-    let waypoints: Vec<Waypoint> = waypoints
-        .iter()
-        .map(|&[x, y, corner_radius_m]| Waypoint {
-            position_m: Point2::new(x, y),
-            speed_mps: 0.5,
-            corner_radius_m,
-        })
-        .collect();
-    Motion::along(
-        Arc::new(Path::new(start, 1.0, &waypoints).unwrap()),
-        Arc::new(Scene::new(solids)),
-        Some(holos()),
-    )
+    motion("holos", path(waypoints), solids)
 }
 
 /// Way of both sides over the whole motion, as a program reads it from the encoders, metres.
@@ -110,20 +79,7 @@ fn sides_go_their_own_ways_in_turns() {
 
 #[test]
 fn on_a_slope_wheels_turn_by_its_length() {
-    let up = Attitude {
-        pitch_rad: (-10.0_f64).to_radians(),
-        ..Attitude::default()
-    };
-    let slab = Solid {
-        name: String::new(),
-        shape: Shape::Box {
-            size_m: [40.0, 4.0, 1.0],
-        },
-        world_from_solid: Pose::from_parts(Translation3::new(0.0, 0.0, -0.2), up.rotation()),
-        reflectivity: Reflectivity::Diffuse,
-        motion: None,
-    };
-    let motion = drive(&[[5.0, 0.0, 0.0]], &[slab]);
+    let motion = drive(&[[5.0, 0.0, 0.0]], &[slope(-10.0)]);
     let length_m = 5.0 / libm::cos(10.0_f64.to_radians());
     check_to_a_pulse(read_m(&motion, scaled(0.0), 0), [length_m; 2]);
 }

@@ -15,7 +15,7 @@
 //! beam_divergence_mrad = 15.0         # default: of the laser's data sheet; full angle, 0 is a line
 //! attitude_deg = 0.1                  # standard deviation; default: that of the vehicle's AHRS
 //! encoder_scale_error = 0.048         # default 0; this one reads 4.8 % too far
-//! joint_lag_s = 0.1                   # default 0: encoders of tilting sensors say where they were so long ago
+//! joint_lag_s = 0.1                   # default 0: the encoders of tilting sensors lag by so much
 //! laser_covered_s = [20.0, 40.0]      # default: never; from when until when no beam of the main laser has an echo
 //! fix_m = 0.05                        # standard deviation, heights twice; default: that of the vehicle's receiver
 //!
@@ -26,9 +26,9 @@
 //! second = { height_m = 0.03, period_s = 1.5, heading_deg = 10.0 }    # optional, on top of the first
 //!
 //! [path]
-//! speed_mps = 0.5                     # a waypoint may say its own
+//! speed_mps = 0.5                     # a waypoint may have its own
 //! turn_rate_degps = 60.0
-//! corner_radius_m = 0.0               # default; 0 turns on the spot; a waypoint may say its own
+//! corner_radius_m = 0.0               # default; 0 turns on the spot; a waypoint may have its own
 //! waypoints = [{ x_m = 0.0, y_m = 4.0 }, { x_m = 3.0, y_m = 4.0, speed_mps = 0.2 }]
 //!
 //! [[solids]]
@@ -98,7 +98,7 @@
 //! name = "reeds"                      # optional; for every kind
 //! seed = 1                            # for every kind
 //! rigidity = "flexible"               # or "rigid": wind does not move it; for every kind
-//! stiffness = 2.0                     # default 1; how much less than the wind says it moves; for every kind
+//! stiffness = 2.0                     # default 1; by so much less does the wind move it; for every kind
 //! rectangle_m = [[0.0, 0.0], [4.0, 2.0]]      # where: two corners, or polygon_m = [[x, y], …], or …
 //! # along_m = [[0.0, 0.0], [4.0, 1.0]]        # … what is not farther from a line …
 //! # width_m = 2.0                             # … than half of this
@@ -133,188 +133,267 @@
 //! polygon_m = [[10.0, 0.0], [16.0, 0.0], [16.0, 8.0], [10.0, 8.0]]
 //! ```
 
-mod plants;
-mod solids;
+use std::sync::Arc;
 
+use nalgebra::Point2;
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use super::fault::Fault;
-use super::number::{
-    Coordinate, HalfTurnDegrees, LagSeconds, NotNegative, Positive, Probability, ScaleError,
-    WavePeriod,
+use super::values::{
+    Coordinate, Fault, MILLION, NotNegative, Positive, Probability, Within, tables,
 };
-
-pub(super) use plants::{
-    AreaEntry, CrownsEntry, GrowthEntry, PlantsEntry, RigidityEntry, ShootsEntry, StemsEntry,
-};
-pub(super) use solids::{
-    AnySolid, BoxEntry, CylinderEntry, HeightFieldEntry, MeshEntry, PlaneEntry, ReflectivityEntry,
-    ShapeEntry, SolidEntry, SphereEntry, WallEntry,
-};
-
-/// A parsed file: the numbers are finite and within their bounds, nothing else is checked.
-#[derive(Debug)]
-pub(super) struct WorldFile {
-    pub(super) header: Header,
-    pub(super) solids: Vec<Spanned<SolidEntry>>,
-    pub(super) plants: Vec<Spanned<PlantsEntry>>,
-}
+use super::{World, plants, solids};
+use crate::laser::LaserErrors;
+use crate::path::{Path, PlanarPose, Waypoint};
+use crate::scene::{Growth, Receiver, Scene};
+use crate::source::SensorErrors;
+use crate::truth::{Dock, Shore};
+use crate::vegetation::Wind;
+use crate::vehicle::{Carriage, SimulatedVehicle};
+use crate::waves::{WaveTrain, Waves};
+use crate::wheel_encoders::WheelErrors;
 
 /// All but the solids and plants.
-#[derive(Debug, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Header {
-    pub(super) name: String,
-    pub(super) vehicle: Spanned<String>,
-    pub(super) noise: NoiseEntry,
-    pub(super) waves: Option<Spanned<WavesEntry>>,
-    pub(super) start: StartEntry,
-    pub(super) path: Spanned<PathEntry>,
-    pub(super) water: Option<WaterEntry>,
-    pub(super) wind: Option<WindEntry>,
+struct Header {
+    name: String,
+    vehicle: Spanned<String>,
+    noise: NoiseEntry,
+    waves: Option<Spanned<WavesEntry>>,
+    start: StartEntry,
+    path: Spanned<PathEntry>,
+    water: Option<WaterEntry>,
     #[serde(default)]
-    pub(super) receiver: ReceiverEntry,
+    wind: Wind,
     #[serde(default)]
-    pub(super) shores: Vec<ShoreEntry>,
+    receiver: Receiver,
     #[serde(default)]
-    pub(super) docks: Vec<DockEntry>,
+    shores: Vec<Shore>,
+    #[serde(default)]
+    docks: Vec<Dock>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WaterEntry {
-    pub(super) level_m: Coordinate,
+struct WaterEntry {
+    level_m: Coordinate,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WindEntry {
-    pub(super) towards_deg: Coordinate,
-    pub(super) lean: Probability,
-    pub(super) sway: Probability,
-    pub(super) period_s: Positive,
+struct NoiseEntry {
+    range_m: NotNegative,
+    dropout: Probability,
+    #[serde(default)]
+    mixed_pixels: Probability,
+    beam_divergence_mrad: Option<NotNegative>,
+    attitude_deg: Option<Within<0, { 180 * MILLION }>>,
+    /// Below −0.9 it would hardly read anything.
+    #[serde(default)]
+    encoder_scale_error: Within<-900_000, { 10 * MILLION }>,
+    /// More than 10 s is no lag.
+    #[serde(default)]
+    joint_lag_s: Within<0, { 10 * MILLION }>,
+    fix_m: Option<NotNegative>,
+    laser_covered_s: Option<[NotNegative; 2]>,
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub(super) struct ReceiverEntry {
-    pub(super) min_share: Probability,
-    pub(super) separation_m: NotNegative,
+/// Waves of shorter than 0.3 s are ripples that surface tension drives; no wind makes those of longer than 30 s.
+type WavePeriod = Within<300_000, { 30 * MILLION }>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WavesEntry {
+    height_m: Spanned<NotNegative>,
+    period_s: WavePeriod,
+    heading_deg: Coordinate,
+    second: Option<WaveTrainEntry>,
 }
 
-impl Default for ReceiverEntry {
-    fn default() -> Self {
-        Self {
-            // One cane of 5 mm across a spot of 30 cm fills 2 % of it, three fill 6 %.
-            min_share: Probability(0.05),
-            // A pulse of 5 ns is 1.5 m long; of echoes half as far apart the later begins as the first ends.
-            separation_m: NotNegative(0.75),
-        }
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WaveTrainEntry {
+    height_m: Spanned<NotNegative>,
+    period_s: WavePeriod,
+    heading_deg: Coordinate,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StartEntry {
+    x_m: Coordinate,
+    y_m: Coordinate,
+    yaw_deg: Coordinate,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PathEntry {
+    speed_mps: Positive,
+    turn_rate_degps: Positive,
+    #[serde(default)]
+    corner_radius_m: NotNegative,
+    waypoints: Vec<Spanned<WaypointEntry>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WaypointEntry {
+    x_m: Coordinate,
+    y_m: Coordinate,
+    speed_mps: Option<Positive>,
+    corner_radius_m: Option<NotNegative>,
+}
+
+const MAX_WAYPOINTS: usize = 10_000;
+/// Ten days; stamps are good for 292 years.
+const MAX_DURATION_S: f64 = 864_000.0;
+
+/// The world of the text of a world file.
+pub(super) fn parse(text: &str) -> Result<World, Fault> {
+    let mut document = DeTable::parse(text)?;
+    // Taken out first: serde's own tagged enums lose the place of their values.
+    let solids = tables(document.get_mut(), "solids")?;
+    let plants = tables(document.get_mut(), "plants")?;
+    let header = Header::deserialize(toml::de::Deserializer::from(document))?;
+    let mut vehicle = vehicle(&header.vehicle)?;
+    if let Some(divergence) = header.noise.beam_divergence_mrad {
+        vehicle.laser.planar.beam_divergence_rad = 1e-3 * divergence.0;
+    }
+    let path = path(&header)?;
+    let waves = waves(header.waves.as_ref(), &vehicle)?;
+    let solids = solids::parse(solids)?;
+    let water_m = header.water.map(|water| water.level_m.0);
+    let still_ground = solids.iter().filter(|s| s.is_ground && s.motion.is_none());
+    let ground = Scene::new(still_ground);
+    let mut scene = Scene::new(&solids);
+    if let Some(vegetation) = plants::parse(plants, &ground, water_m, header.wind)? {
+        scene = scene.with_growth(Growth {
+            vegetation,
+            receiver: header.receiver,
+        });
+    }
+    if let Some(level_m) = water_m {
+        scene = scene.with_water(level_m);
+    }
+    Ok(World {
+        name: header.name,
+        errors: errors(&header.noise, &vehicle),
+        vehicle,
+        scene: Arc::new(scene),
+        solids,
+        water_m,
+        shores: header.shores,
+        docks: header.docks,
+        path: Arc::new(path),
+        waves: Arc::new(waves),
+    })
+}
+
+fn errors(noise: &NoiseEntry, vehicle: &SimulatedVehicle) -> SensorErrors {
+    let own_attitude_noise_rad = vehicle.attitude_sensor.map_or(0.0, |ahrs| ahrs.noise_rad);
+    let own_fix_noise_m = vehicle.gps.map_or(0.0, |receiver| receiver.noise_m);
+    SensorErrors {
+        laser: LaserErrors {
+            range_noise_m: noise.range_m.0,
+            dropout: noise.dropout.0,
+            mixed_pixels: noise.mixed_pixels.0,
+        },
+        wheels: WheelErrors {
+            scale_error: noise.encoder_scale_error.0,
+            slip: 0.0,
+        },
+        attitude_noise_rad: noise
+            .attitude_deg
+            .map_or(own_attitude_noise_rad, |deg| deg.0.to_radians()),
+        joint_lag_s: noise.joint_lag_s.0,
+        fix_noise_m: noise.fix_m.map_or(own_fix_noise_m, |fix_m| fix_m.0),
+        laser_covered_s: noise
+            .laser_covered_s
+            .map(|span_s| span_s.map(|at_s| at_s.0)),
     }
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ShoreEntry {
-    pub(super) name: String,
-    pub(super) class: ShoreClassEntry,
-    pub(super) polygon_m: Spanned<Vec<[Coordinate; 2]>>,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum ShoreClassEntry {
-    Sparse,
-    Dense,
-    Solid,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct DockEntry {
-    pub(super) name: String,
-    pub(super) polygon_m: Spanned<Vec<[Coordinate; 2]>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct NoiseEntry {
-    pub(super) range_m: NotNegative,
-    pub(super) dropout: Probability,
-    #[serde(default)]
-    pub(super) mixed_pixels: Probability,
-    pub(super) beam_divergence_mrad: Option<NotNegative>,
-    pub(super) attitude_deg: Option<HalfTurnDegrees>,
-    #[serde(default)]
-    pub(super) encoder_scale_error: ScaleError,
-    #[serde(default)]
-    pub(super) joint_lag_s: LagSeconds,
-    pub(super) fix_m: Option<NotNegative>,
-    pub(super) laser_covered_s: Option<[NotNegative; 2]>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WavesEntry {
-    pub(super) height_m: Spanned<NotNegative>,
-    pub(super) period_s: WavePeriod,
-    pub(super) heading_deg: Coordinate,
-    pub(super) second: Option<WaveTrainEntry>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WaveTrainEntry {
-    pub(super) height_m: Spanned<NotNegative>,
-    pub(super) period_s: WavePeriod,
-    pub(super) heading_deg: Coordinate,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct StartEntry {
-    pub(super) x_m: Coordinate,
-    pub(super) y_m: Coordinate,
-    pub(super) yaw_deg: Coordinate,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct PathEntry {
-    pub(super) speed_mps: Positive,
-    pub(super) turn_rate_degps: Positive,
-    #[serde(default)]
-    pub(super) corner_radius_m: NotNegative,
-    pub(super) waypoints: Vec<Spanned<WaypointEntry>>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct WaypointEntry {
-    pub(super) x_m: Coordinate,
-    pub(super) y_m: Coordinate,
-    pub(super) speed_mps: Option<Positive>,
-    pub(super) corner_radius_m: Option<NotNegative>,
-}
-
-/// Parses the text of a world file.
-pub(super) fn parse(text: &str) -> Result<WorldFile, Fault> {
-    let mut document = DeTable::parse(text)?;
-    // Taken out first: serde's own tagged enums forget where in the text their values stood.
-    let solids = match document.get_mut().remove("solids") {
-        Some(solids) => solids::parse(solids)?,
-        None => Vec::new(),
-    };
-    let plants = match document.get_mut().remove("plants") {
-        Some(plants) => plants::parse(plants)?,
-        None => Vec::new(),
-    };
-    let header = Header::deserialize(toml::de::Deserializer::from(document))?;
-    Ok(WorldFile {
-        header,
-        solids,
-        plants,
+fn vehicle(name: &Spanned<String>) -> Result<SimulatedVehicle, Fault> {
+    SimulatedVehicle::preset(name.get_ref()).ok_or_else(|| {
+        let known = SimulatedVehicle::NAMES.join(", ");
+        let message = format!("`{}` cannot be simulated, only {known}", name.get_ref());
+        Fault::new(name.span(), message)
     })
+}
+
+fn waves(entry: Option<&Spanned<WavesEntry>>, vehicle: &SimulatedVehicle) -> Result<Waves, Fault> {
+    let Some(entry) = entry else {
+        return Ok(Waves::default());
+    };
+    if !matches!(vehicle.carriage, Carriage::Hull(_)) {
+        let message = format!("waves move boats only, and `{}` is none", vehicle.name);
+        return Err(Fault::new(entry.span(), message));
+    }
+    let first = entry.get_ref();
+    let mut trains = vec![wave_train(
+        &first.height_m,
+        first.period_s,
+        first.heading_deg,
+    )?];
+    if let Some(second) = &first.second {
+        trains.push(wave_train(
+            &second.height_m,
+            second.period_s,
+            second.heading_deg,
+        )?);
+    }
+    Ok(Waves::new(&trains))
+}
+
+fn wave_train(
+    height_m: &Spanned<NotNegative>,
+    period_s: WavePeriod,
+    heading_deg: Coordinate,
+) -> Result<WaveTrain, Fault> {
+    let train = WaveTrain {
+        height_m: height_m.get_ref().0,
+        period_s: period_s.0,
+        heading_rad: heading_deg.0.to_radians(),
+    };
+    let most_m = train.greatest_height_m();
+    if train.height_m > most_m {
+        let message = format!(
+            "waves of {} s break above {most_m:.2} m, a seventh of their length",
+            train.period_s
+        );
+        return Err(Fault::new(height_m.span(), message));
+    }
+    Ok(train)
+}
+
+fn path(header: &Header) -> Result<Path, Fault> {
+    let entry = header.path.get_ref();
+    if let Some(extra) = entry.waypoints.get(MAX_WAYPOINTS) {
+        let message = format!("more than {MAX_WAYPOINTS} waypoints");
+        return Err(Fault::new(extra.span(), message));
+    }
+    let start = PlanarPose {
+        position_m: Point2::new(header.start.x_m.0, header.start.y_m.0),
+        yaw_rad: header.start.yaw_deg.0.to_radians(),
+    };
+    let waypoints = entry.waypoints.iter().map(Spanned::get_ref);
+    let waypoints: Vec<Waypoint> = waypoints
+        .map(|waypoint| Waypoint {
+            position_m: Point2::new(waypoint.x_m.0, waypoint.y_m.0),
+            speed_mps: waypoint.speed_mps.unwrap_or(entry.speed_mps).0,
+            corner_radius_m: waypoint.corner_radius_m.unwrap_or(entry.corner_radius_m).0,
+        })
+        .collect();
+    let turn_rate_radps = entry.turn_rate_degps.0.to_radians();
+    let path = Path::new(start, turn_rate_radps, &waypoints)
+        .map_err(|error| error.fault(&entry.waypoints, header.path.span()))?;
+    let duration_s = path.duration_s();
+    if duration_s > MAX_DURATION_S {
+        let message = format!("the path takes {duration_s:.0} s, more than {MAX_DURATION_S} s");
+        return Err(Fault::new(header.path.span(), message));
+    }
+    Ok(path)
 }

@@ -2,9 +2,9 @@
 
 pub mod file;
 
-mod build;
-mod fault;
-mod number;
+mod plants;
+mod solids;
+pub(crate) mod values;
 
 use std::fs::File;
 use std::io::Read;
@@ -15,7 +15,8 @@ use crate::laser::LaserErrors;
 use crate::path::Path;
 use crate::scene::Scene;
 use crate::solid::Solid;
-use crate::truth::shores::{Dock, Shore};
+use crate::source::SensorErrors;
+use crate::truth::{Dock, Shore};
 use crate::vehicle::SimulatedVehicle;
 use crate::waves::Waves;
 
@@ -24,23 +25,17 @@ use crate::waves::Waves;
 pub struct World {
     name: String,
     vehicle: SimulatedVehicle,
-    errors: LaserErrors,
-    attitude_noise_rad: f64,
-    encoder_scale_error: f64,
-    joint_lag_s: f64,
-    fix_noise_m: f64,
-    laser_covered_s: Option<[f64; 2]>,
-    solids: Arc<[Solid]>,
-    is_ground: Arc<[bool]>,
+    errors: SensorErrors,
+    solids: Vec<Solid>,
     water_m: Option<f64>,
-    shores: Arc<[Shore]>,
-    docks: Arc<[Dock]>,
+    shores: Vec<Shore>,
+    docks: Vec<Dock>,
     scene: Arc<Scene>,
     path: Arc<Path>,
     waves: Arc<Waves>,
 }
 
-/// Why there is no such world.
+/// Why a world cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum WorldError {
     /// No world has this name, and it does not look like a file.
@@ -48,7 +43,7 @@ pub enum WorldError {
             hint = nearest.map(|n| format!(" (did you mean `{n}`?)")).unwrap_or_default(),
             known = World::names().join(", "))]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The name that it resembles.
         nearest: Option<&'static str>,
@@ -58,7 +53,7 @@ pub enum WorldError {
     Io {
         /// The file.
         file: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file is larger than any world.
@@ -69,14 +64,14 @@ pub enum WorldError {
         /// The limit.
         limit_bytes: u64,
     },
-    /// The file says something that makes no world.
+    /// The file is not a valid world.
     #[error("{file}:{line}: {key}{message}", key = key.as_ref().map(|k| format!("`{k}`: ")).unwrap_or_default())]
     Invalid {
         /// The file, or the built-in world's name.
         file: String,
         /// Counted from 1.
         line: usize,
-        /// The key on that line whose value is wrong, where it is one key's value.
+        /// The key of the wrong value, if there is one.
         key: Option<String>,
         /// What is wrong.
         message: String,
@@ -129,14 +124,12 @@ impl World {
 
     /// Makes a world of the text of a world file; `file` is its name in messages.
     pub fn parse(file: &str, text: &str) -> Result<Self, WorldError> {
-        file::parse(text)
-            .and_then(build::build)
-            .map_err(|fault| WorldError::Invalid {
-                file: file.to_owned(),
-                line: fault.line_in(text),
-                key: fault.key_in(text),
-                message: fault.message,
-            })
+        file::parse(text).map_err(|fault| WorldError::Invalid {
+            file: file.to_owned(),
+            line: fault.line_in(text),
+            key: fault.key_in(text),
+            message: fault.message,
+        })
     }
 
     /// Names of the built-in worlds.
@@ -144,7 +137,7 @@ impl World {
         BUILT_IN_NAMES
     }
 
-    /// What the file calls it.
+    /// Name in the file.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -154,86 +147,65 @@ impl World {
         self.vehicle.name
     }
 
-    /// What is simulated of that vehicle.
+    /// The simulated vehicle.
     pub fn simulated_vehicle(&self) -> &SimulatedVehicle {
         &self.vehicle
     }
 
-    /// How its laser errs unless the options say otherwise.
+    /// Errors of its laser, unless the options override them.
     pub fn laser_errors(&self) -> LaserErrors {
+        self.errors.laser
+    }
+
+    /// Standard deviation of its AHRS's roll, pitch and yaw unless the options override it, radians.
+    pub fn attitude_noise_rad(&self) -> f64 {
+        self.errors.attitude_noise_rad
+    }
+
+    /// Errors of its sensors, unless the options override them.
+    pub(crate) fn errors(&self) -> SensorErrors {
         self.errors
     }
 
-    /// Standard deviation of its AHRS's roll, pitch and yaw unless the options say otherwise, radians.
-    pub fn attitude_noise_rad(&self) -> f64 {
-        self.attitude_noise_rad
-    }
-
-    /// Share by which its wheel encoders read too far unless the options say otherwise.
-    pub fn encoder_scale_error(&self) -> f64 {
-        self.encoder_scale_error
-    }
-
-    /// How long ago the encoders of its tilting sensors say it is unless the options say otherwise, seconds.
-    pub fn joint_lag_s(&self) -> f64 {
-        self.joint_lag_s
-    }
-
-    /// Standard deviation of its satellite receiver to the east and to the north unless the options say
-    /// otherwise, metres.
-    pub fn fix_noise_m(&self) -> f64 {
-        self.fix_noise_m
-    }
-
-    /// From when until when the main laser's window is covered, seconds: none of its beams has an echo then.
-    pub fn laser_covered_s(&self) -> Option<[f64; 2]> {
-        self.laser_covered_s
-    }
-
-    /// What stands in it, in the file's order.
+    /// Its solids, in the file's order.
     pub fn solids(&self) -> &[Solid] {
         &self.solids
     }
 
     /// Those of the solids that are ground, with the others apart: first what is driven on, then what
     /// stands on it.
-    pub fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
-        let is_of = |ground: bool| {
-            let both = self.solids.iter().zip(self.is_ground.iter());
-            both.filter(move |(_, is_ground)| **is_ground == ground)
-                .map(|(solid, _)| solid.clone())
-                .collect()
-        };
-        [is_of(true), is_of(false)]
+    pub(crate) fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
+        let solids = self.solids.iter().cloned();
+        let (ground, objects) = solids.partition(|solid| solid.is_ground);
+        [ground, objects]
     }
 
-    /// Height of the water's surface above z = 0, metres; `None` where there is no water.
-    pub fn water_m(&self) -> Option<f64> {
+    /// Height of the water's surface above z = 0, metres; `None` if there is no water.
+    pub(crate) fn water_m(&self) -> Option<f64> {
         self.water_m
     }
 
-    /// What a boat truly finds along the water.
+    /// True shores.
     pub fn shores(&self) -> &[Shore] {
         &self.shores
     }
 
-    /// Where a boat can truly land.
+    /// True docking sites.
     pub fn docks(&self) -> &[Dock] {
         &self.docks
     }
 
-    /// Solids, plants and water, for beams.
+    /// Solids, plants and water.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// Where the vehicle drives.
+    /// The vehicle's path.
     pub fn path(&self) -> &Arc<Path> {
         &self.path
     }
 
-    /// How its water moves.
-    pub fn waves(&self) -> &Arc<Waves> {
+    pub(crate) fn waves(&self) -> &Arc<Waves> {
         &self.waves
     }
 }

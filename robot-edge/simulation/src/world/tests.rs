@@ -68,105 +68,66 @@ fn message(from: &str, to: &str) -> String {
     }
 }
 
+/// What is replaced by what, and how the message begins.
+const ERRORS: &str = r#"thickness_m = 0.2 => thicknes_m = 0.2
+    small.toml:17: unknown field `thicknes_m`, expected one of
+thickness_m = 0.2\n =>
+    small.toml:13: missing field `thickness_m`
+thickness_m = 0.2 => thickness_m = 0
+    small.toml:17: `thickness_m`: 0 is not between 0.000001 and
+height_m = 2.5 => height_m = "2.5"
+    small.toml:18: `height_m`: invalid type: string "2.5", expected f64
+[1.2, 0.8, 0.8] => [1.2, -0.8, 0.8]
+    small.toml:24: `size_m`: -0.8 is not between
+[1.2, 0.8, 0.8] => [1.2, 0.8]
+    small.toml:24: `size_m`: invalid length 2
+yaw_deg = 30.0 => yaw_deg = nan
+    small.toml:25: `yaw_deg`: NaN is not between
+probability = 0.3 => probability = 1.5
+    small.toml:26: `probability`: 1.5 is not between 0 and 1
+specular => shiny
+    small.toml:26: unknown variant `shiny`, expected one of `diffuse`, `specular`, `glass`
+"box" => "ball"
+    small.toml:21: `shape`: unknown `shape` "ball", expected "plane", "box", "wall",
+shape = "wall"\n =>
+    small.toml:13: a solid needs `shape`
+x_m = 0.5, y_m = 2.0 => x_m = 0.5, y_m = inf
+    small.toml:10: `y_m`: inf is not between
+x_m = 0.5, y_m = 2.0 => x_m = 0.5, y_m = 0
+    small.toml:10: `waypoints`: waypoint 0 is where the one before it is
+dropout = 0.005 => dropout = -1
+    small.toml:3: `dropout`: -1 is not between 0 and 1
+"pioneer" => "pionier"
+    small.toml:2: `vehicle`: `pionier` cannot be simulated, only pioneer
+to_m = [2.0, 3.0] => to_m = [-1, 3]
+    small.toml:13: a wall whose `from_m` and `to_m` are the same
+speed_mps = 0.5 => speed_mps = 0.000001
+    small.toml:6: the path takes 2000000 s
+name = "small" => name = "small
+    small.toml:1:
+[[solids]]\nshape = "wall" => [solids]\nshape = "wall"
+    small.toml:20:"#;
+
+/// The cases of such a table; `\n` in it is a line break.
+fn cases(table: &str) -> Vec<(String, String, &str)> {
+    let lines: Vec<&str> = table.lines().collect();
+    lines
+        .chunks(2)
+        .map(|pair| {
+            let (from, to) = pair[0].split_once(" =>").unwrap();
+            let text = |part: &str| part.trim_start().replace("\\n", "\n");
+            (text(from), text(to), pair[1].trim_start())
+        })
+        .collect()
+}
+
 #[test]
 fn errors_name_file_line_and_key() {
-    for (from, to, expected) in [
-        (
-            "thickness_m = 0.2",
-            "thicknes_m = 0.2",
-            "small.toml:17: unknown field `thicknes_m`, expected one of",
-        ),
-        (
-            "thickness_m = 0.2\n",
-            "",
-            "small.toml:13: missing field `thickness_m`",
-        ),
-        (
-            "thickness_m = 0.2",
-            "thickness_m = 0",
-            "small.toml:17: `thickness_m`: 0 is not between 0.000001 and",
-        ),
-        (
-            "height_m = 2.5",
-            "height_m = \"2.5\"",
-            "small.toml:18: `height_m`: invalid type: string \"2.5\", expected f64",
-        ),
-        (
-            "[1.2, 0.8, 0.8]",
-            "[1.2, -0.8, 0.8]",
-            "small.toml:24: `size_m`: -0.8 is not between",
-        ),
-        (
-            "[1.2, 0.8, 0.8]",
-            "[1.2, 0.8]",
-            "small.toml:24: `size_m`: invalid length 2",
-        ),
-        (
-            "yaw_deg = 30.0",
-            "yaw_deg = nan",
-            "small.toml:25: `yaw_deg`: NaN is not between",
-        ),
-        (
-            "probability = 0.3",
-            "probability = 1.5",
-            "small.toml:26: `probability`: 1.5 is not between 0 and 1",
-        ),
-        (
-            "specular",
-            "shiny",
-            "small.toml:26: unknown variant `shiny`, expected one of `diffuse`, `specular`, `glass`",
-        ),
-        (
-            "\"box\"",
-            "\"ball\"",
-            "small.toml:21: `shape`: unknown `shape` \"ball\", expected \"plane\", \"box\", \"wall\", ",
-        ),
-        (
-            "shape = \"wall\"\n",
-            "",
-            "small.toml:13: a solid needs `shape`",
-        ),
-        (
-            "x_m = 0.5, y_m = 2.0",
-            "x_m = 0.5, y_m = inf",
-            "small.toml:10: `y_m`: inf is not between",
-        ),
-        (
-            "x_m = 0.5, y_m = 2.0",
-            "x_m = 0.5, y_m = 0",
-            "small.toml:10: `waypoints`: waypoint 0 is where the one before it is",
-        ),
-        (
-            "dropout = 0.005",
-            "dropout = -1",
-            "small.toml:3: `dropout`: -1 is not between 0 and 1",
-        ),
-        (
-            "\"pioneer\"",
-            "\"pionier\"",
-            "small.toml:2: `vehicle`: `pionier` cannot be simulated, only pioneer",
-        ),
-        (
-            "to_m = [2.0, 3.0]",
-            "to_m = [-1, 3]",
-            "small.toml:13: a wall whose `from_m` and `to_m` are the same",
-        ),
-        (
-            "speed_mps = 0.5",
-            "speed_mps = 0.000001",
-            "small.toml:6: the path takes 2000000 s",
-        ),
-        ("name = \"small\"", "name = \"small", "small.toml:1: "),
-        (
-            "[[solids]]\nshape = \"wall\"",
-            "[solids]\nshape = \"wall\"",
-            "small.toml:20: ",
-        ),
-    ] {
-        let message = message(from, to);
+    for (from, to, expected) in cases(ERRORS) {
+        let message = message(&from, &to);
         assert!(
             message.starts_with(expected),
-            "{from:?} -> {to:?}:\n{message}\nexpected\n{expected}"
+            "{from} => {to}:\n{message}\nexpected\n{expected}"
         );
     }
 }

@@ -6,7 +6,7 @@ use crate::experiments::ExperimentError;
 use crate::experiments::land::columns::columns_of;
 use crate::experiments::land::ground::Ground;
 use crate::experiments::land::{Cell, LandWorld, around};
-use simulation::vegetation::stem::Stem;
+use simulation::vegetation::Stem;
 
 /// Where the objects are, metres.
 const REGION_M: [[f64; 2]; 2] = [[0.0, -10.0], [34.0, 10.0]];

@@ -1,17 +1,8 @@
-use super::*;
-use crate::solid::Reflectivity;
-use crate::solid::mesh::Mesh;
 use measurement::pose::{self, Pose};
 
-fn solid(shape: Shape, world_from_solid: Pose) -> Solid {
-    Solid {
-        name: String::new(),
-        shape,
-        world_from_solid,
-        reflectivity: Reflectivity::Diffuse,
-        motion: None,
-    }
-}
+use super::*;
+use crate::fixtures::solid;
+use crate::solid::Mesh;
 
 fn at(x: f64, y: f64, z: f64) -> Pose {
     let mut pose = pose::planar(x, y, 0.0);
@@ -19,7 +10,6 @@ fn at(x: f64, y: f64, z: f64) -> Pose {
     pose
 }
 
-/// About y, positive is nose down.
 fn pitched(mut pose: Pose, pitch_rad: f64) -> Pose {
     pose.rotation *=
         nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), pitch_rad);

@@ -137,91 +137,54 @@ leaves_s = 5"#,
     assert!(leaving.at(0.9).is_none() && leaving.at(1e9).is_some());
 }
 
+/// The keys of a solid, and how the message begins.
+const ERRORS: &str = r#"shape = "plane"\nheight_m = 1
+    9: unknown field `height_m`, expected one of `point_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `name`, `reflectivity`, `motion`
+shape = "plane"\npitch_deg = 95
+    7: a plane that is steep or upside down
+shape = "box"\ncentre_m = [0, 0, 0]\nsize_m = [1, 1, 1]\nroll_deg = inf
+    11: `roll_deg`: inf is not between
+shape = "cylinder"\nradius_m = 1\nheight_m = 1
+    7: a cylinder needs either `centre_m` or `base_m`
+shape = "cylinder"\nradius_m = 1\nheight_m = 1\nbase_m = [0, 0, 0]\ncentre_m = [0, 0, 0]
+    7: a cylinder needs either
+shape = "cylinder"\nbase_m = [0, 0, 0]\nradius_m = 0\nheight_m = 1
+    10: `radius_m`: 0 is not between
+shape = "sphere"\ncentre_m = [0, 0]\nradius_m = 1
+    9: `centre_m`: invalid length 2
+shape = "mesh"\nvertices_m = [\n  [0, 0, 0],\n  [nan, 0, 0],\n]\ntriangles = []
+    11: `vertices_m`: NaN is not between
+shape = "mesh"\nvertices_m = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\ntriangles = [\n  [0, 1, 2],\n  [0, 1, 3],\n]
+    12: `triangles`: triangle 1 has vertex 3, but there are 3
+shape = "mesh"\nvertices_m = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]\ntriangles = [[0, 1, 2]]
+    10: `triangles`: triangle 0 has no area
+shape = "mesh"\nvertices_m = []\ntriangles = []
+    7: a mesh needs at least one triangle
+shape = "mesh"\nvertices_m = []\ntriangles = [[0, -1, 2]]
+    10: `triangles`: invalid value: integer `-1`
+shape = "height_field"\norigin_m = [0, 0, 0]\nspacing_m = 1\nheights_m = [[0, 0], [0]]
+    11: `heights_m`: row 1 has 1 heights, the first row has 2
+shape = "height_field"\norigin_m = [0, 0, 0]\nspacing_m = 1\nheights_m = [[0, 0]]
+    11: `heights_m`: a height field needs at least 2 rows
+shape = "plane"\nreflectivity.glass = { transmission = 1.1 }
+    9: `transmission`: 1.1 is not between 0 and 1
+shape = "plane"\nreflectivity.glass = { probability = 1 }
+    9: unknown field `probability`, expected `transmission`
+shape = "plane"\nmotion = [{ t_s = 1, x_m = 0, y_m = 0 },\n  { t_s = 1, x_m = 0, y_m = 0 }]
+    10: keyframe 1 is not later
+shape = "plane"\nmotion = [{ t_s = 1, x_m = nan, y_m = 0 }]
+    9: `x_m`: NaN is not between
+shape = "plane"\nmotion = [{ t_s = 1, x_m = 0 }]
+    9: `motion`: missing field `y_m`
+shape = "plane"\nappears_s = 2\nleaves_s = 1
+    10: `leaves_s`: `leaves_s` is not later than `appears_s`"#;
+
 #[test]
 fn errors_name_file_line_and_key() {
-    for (text, expected) in [
-        (
-            "shape = \"plane\"\nheight_m = 1",
-            "9: unknown field `height_m`, expected one of `point_m`, `yaw_deg`, `pitch_deg`, `roll_deg`, `name`, `reflectivity`, `motion`",
-        ),
-        (
-            "shape = \"plane\"\npitch_deg = 95",
-            "7: a plane that is steep or upside down",
-        ),
-        (
-            "shape = \"box\"\ncentre_m = [0, 0, 0]\nsize_m = [1, 1, 1]\nroll_deg = inf",
-            "11: `roll_deg`: inf is not between",
-        ),
-        (
-            "shape = \"cylinder\"\nradius_m = 1\nheight_m = 1",
-            "7: a cylinder needs either `centre_m` or `base_m`",
-        ),
-        (
-            "shape = \"cylinder\"\nradius_m = 1\nheight_m = 1\nbase_m = [0, 0, 0]\ncentre_m = [0, 0, 0]",
-            "7: a cylinder needs either",
-        ),
-        (
-            "shape = \"cylinder\"\nbase_m = [0, 0, 0]\nradius_m = 0\nheight_m = 1",
-            "10: `radius_m`: 0 is not between",
-        ),
-        (
-            "shape = \"sphere\"\ncentre_m = [0, 0]\nradius_m = 1",
-            "9: `centre_m`: invalid length 2",
-        ),
-        (
-            "shape = \"mesh\"\nvertices_m = [\n  [0, 0, 0],\n  [nan, 0, 0],\n]\ntriangles = []",
-            "11: `vertices_m`: NaN is not between",
-        ),
-        (
-            "shape = \"mesh\"\nvertices_m = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]\ntriangles = [\n  [0, 1, 2],\n  [0, 1, 3],\n]",
-            "12: `triangles`: triangle 1 has vertex 3, but there are 3",
-        ),
-        (
-            "shape = \"mesh\"\nvertices_m = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]\ntriangles = [[0, 1, 2]]",
-            "10: `triangles`: triangle 0 has no area",
-        ),
-        (
-            "shape = \"mesh\"\nvertices_m = []\ntriangles = []",
-            "7: a mesh needs at least one triangle",
-        ),
-        (
-            "shape = \"mesh\"\nvertices_m = []\ntriangles = [[0, -1, 2]]",
-            "10: `triangles`: invalid value: integer `-1`",
-        ),
-        (
-            "shape = \"height_field\"\norigin_m = [0, 0, 0]\nspacing_m = 1\nheights_m = [[0, 0], [0]]",
-            "11: `heights_m`: row 1 has 1 heights, the first row has 2",
-        ),
-        (
-            "shape = \"height_field\"\norigin_m = [0, 0, 0]\nspacing_m = 1\nheights_m = [[0, 0]]",
-            "11: `heights_m`: a height field needs at least 2 rows",
-        ),
-        (
-            "shape = \"plane\"\nreflectivity.glass = { transmission = 1.1 }",
-            "9: `transmission`: 1.1 is not between 0 and 1",
-        ),
-        (
-            "shape = \"plane\"\nreflectivity.glass = { probability = 1 }",
-            "9: unknown field `probability`, expected `transmission`",
-        ),
-        (
-            "shape = \"plane\"\nmotion = [{ t_s = 1, x_m = 0, y_m = 0 },\n  { t_s = 1, x_m = 0, y_m = 0 }]",
-            "10: keyframe 1 is not later",
-        ),
-        (
-            "shape = \"plane\"\nmotion = [{ t_s = 1, x_m = nan, y_m = 0 }]",
-            "9: `x_m`: NaN is not between",
-        ),
-        (
-            "shape = \"plane\"\nmotion = [{ t_s = 1, x_m = 0 }]",
-            "9: `motion`: missing field `y_m`",
-        ),
-        (
-            "shape = \"plane\"\nappears_s = 2\nleaves_s = 1",
-            "10: `leaves_s`: `leaves_s` is not later than `appears_s`",
-        ),
-    ] {
-        let message = match parse(text) {
+    let lines: Vec<&str> = ERRORS.lines().collect();
+    for pair in lines.chunks(2) {
+        let (text, expected) = (pair[0].replace("\\n", "\n"), pair[1].trim_start());
+        let message = match parse(&text) {
             Ok(_) => panic!("{text} was accepted"),
             Err(error) => error.to_string(),
         };

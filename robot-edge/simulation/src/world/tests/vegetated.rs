@@ -4,48 +4,18 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use super::*;
 use crate::truth::{ShoreClass, TerrainTruth};
-use crate::vegetation::Rigidity;
-use crate::vegetation::stem::Stem;
+use crate::vegetation::{Rigidity, Stem, is_inside};
 
-const WORLDS: [(&str, &str, &str); 4] = [
-    (
-        "yard",
-        "introbot",
-        include_str!("../../../worlds/yard.toml"),
-    ),
-    (
-        "meadow",
-        "introbot",
-        include_str!("../../../worlds/meadow.toml"),
-    ),
-    (
-        "lake",
-        "riverwatch",
-        include_str!("../../../worlds/lake.toml"),
-    ),
-    (
-        "dock",
-        "riverwatch",
-        include_str!("../../../worlds/dock.toml"),
-    ),
+/// Half widths and heights of the vehicles: of the corners of 0.8 × 1.5 × 0.7 m and of 4.5 × 2.44 × 2 m.
+const WORLDS: [(&str, [f64; 2]); 4] = [
+    ("yard", [0.85, 0.7]),
+    ("meadow", [0.85, 0.7]),
+    ("lake", [2.56, 2.0]),
+    ("dock", [2.56, 2.0]),
 ];
 
-/// Half widths and heights of the vehicles that drive there: of the corners of 0.8 × 1.5 × 0.7 m and of
-/// 4.5 × 2.44 × 2 m.
-fn size_m(vehicle: &str) -> [f64; 2] {
-    if vehicle == "introbot" {
-        [0.85, 0.7]
-    } else {
-        [2.56, 2.0]
-    }
-}
-
-/// The world, driven by a vehicle that every build knows.
 fn load(name: &str) -> World {
-    let (_, vehicle, text) = WORLDS.iter().find(|world| world.0 == name).unwrap();
-    let named = format!("vehicle = \"{vehicle}\"");
-    assert!(text.contains(&named));
-    World::parse(name, &text.replace(&named, "vehicle = \"pioneer\"")).unwrap()
+    World::load(name).unwrap()
 }
 
 fn path_m(world: &World) -> Vec<Point2<f64>> {
@@ -62,10 +32,9 @@ fn stems_of<'a>(world: &'a World, name: &str) -> &'a [Stem] {
 
 #[test]
 fn paths_are_clear_and_as_long_as_they_should_be() {
-    for (name, vehicle, _) in WORLDS {
+    for (name, [half_m, height_m]) in WORLDS {
         let world = load(name);
         let standing = TerrainTruth::of(&world);
-        let [half_m, height_m] = size_m(vehicle);
         let mut length_m = 0.0;
         for pair in path_m(&world).windows(2) {
             length_m += (pair[1] - pair[0]).norm();
@@ -167,7 +136,7 @@ fn the_meadow_keeps_its_distances_and_its_grass_is_tall() {
 }
 
 #[test]
-fn the_lake_has_four_stretches_of_each_class_apart_from_each_other() {
+fn the_lake_has_four_separate_shores_of_each_class() {
     let world = load("lake");
     let (path, shores) = (path_m(&world), world.shores());
     for class in [ShoreClass::Sparse, ShoreClass::Dense, ShoreClass::Solid] {
@@ -180,7 +149,9 @@ fn the_lake_has_four_stretches_of_each_class_apart_from_each_other() {
     let mut of_shore: Vec<Vec<Point2<f64>>> = vec![Vec::new(); shores.len()];
     for stem in vegetation.stems() {
         for end in [stem.foot_m.xy(), stem.top_m.xy()] {
-            let shore = shores.iter().position(|shore| shore.contains(end));
+            let shore = shores
+                .iter()
+                .position(|shore| is_inside(&shore.polygon_m, end));
             of_shore[shore.unwrap_or_else(|| panic!("nobody's: {end}"))].push(end);
         }
     }
@@ -237,7 +208,7 @@ fn the_lake_has_four_stretches_of_each_class_apart_from_each_other() {
 }
 
 #[test]
-fn the_boats_sonar_sees_the_hills_of_the_bed_and_its_laser_sees_none() {
+fn sonar_measures_the_bed_and_the_laser_does_not() {
     let world = load("lake");
     let mut depths = Vec::new();
     for at in path_m(&world) {
@@ -249,7 +220,7 @@ fn the_boats_sonar_sees_the_hills_of_the_bed_and_its_laser_sees_none() {
         depths.push(echo.path_m + 0.5);
         let laser = Point3::new(at.x, at.y, 1.9);
         let ahead = Vector3::new(0.95, 0.0, -0.312).normalize();
-        assert_eq!(world.scene().echo(laser, ahead, 250.0, 0.0, 0.5), None);
+        assert!(world.scene().echo(laser, ahead, 250.0, 0.0, 0.5).is_none());
     }
     let least = depths.iter().copied().fold(f64::INFINITY, f64::min);
     let most = depths.iter().copied().fold(0.0, f64::max);
@@ -260,7 +231,7 @@ fn the_boats_sonar_sees_the_hills_of_the_bed_and_its_laser_sees_none() {
 }
 
 #[test]
-fn the_dock_is_a_clear_ramp_of_twelve_degrees_between_overgrown_shores() {
+fn the_dock_is_a_clear_twelve_degree_ramp() {
     let world = load("dock");
     let standing = TerrainTruth::of(&world);
     let [dock] = world.docks() else {
@@ -269,7 +240,7 @@ fn the_dock_is_a_clear_ramp_of_twelve_degrees_between_overgrown_shores() {
     let height_m = |x: f64, y: f64| standing.ground_m(Point2::new(x, y)).unwrap();
     for x in [-2.9, 0.0, 2.9] {
         for y in [-0.9, 0.5, 4.0, 7.9] {
-            assert!(dock.contains(Point2::new(x, y)));
+            assert!(is_inside(&dock.polygon_m, Point2::new(x, y)));
             assert!((height_m(x, y) - y * libm::tan(12.0_f64.to_radians())).abs() < 1e-3);
         }
     }
@@ -277,7 +248,7 @@ fn the_dock_is_a_clear_ramp_of_twelve_degrees_between_overgrown_shores() {
     let vegetation = &world.scene().growth().unwrap().vegetation;
     for stem in vegetation.stems() {
         let ends = [stem.foot_m.xy(), stem.top_m.xy()];
-        assert!(ends.iter().all(|end| !dock.contains(*end)));
+        assert!(ends.iter().all(|end| !is_inside(&dock.polygon_m, *end)));
     }
     assert_eq!(standing.class(Point2::new(0.0, 4.0), 2.9, -2.0..4.0), None);
     for x in [-8.0, 7.0] {
