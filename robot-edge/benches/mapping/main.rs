@@ -13,9 +13,7 @@
 
 mod classify;
 mod occupancy;
-mod prepared;
 mod rays;
-mod reading;
 mod recordings;
 mod replay;
 mod rounds;
@@ -53,7 +51,7 @@ fn main() -> anyhow::Result<()> {
         rounds::ROUNDS
     );
     let parts: [(&str, Print); 8] = [
-        ("reading", reading::print),
+        ("reading", recordings::print_reading),
         ("occupancy", occupancy::print),
         ("terrain", terrain::print),
         ("classify", classify::print),

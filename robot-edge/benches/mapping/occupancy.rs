@@ -5,8 +5,7 @@ use mapping::registered_scan::{BeamOutcome, RegisteredScan};
 use mapping::scan_marks::{FixedPoint, RayWalk};
 
 use crate::CELLS_M;
-use crate::prepared::{Prepared, generic2d, hits, register};
-use crate::recordings::{self, ACES, CLINIC, ROOMS};
+use crate::recordings::{self, ACES, CLINIC, Prepared, ROOMS, generic2d, hits, register};
 use crate::rounds::{ROUNDS, Rounds, timed};
 
 /// One table, a row a recording.

@@ -1,6 +1,27 @@
-//! Which recordings are measured, and where they are.
+//! Which recordings are measured, what reading them costs, and what the pipeline sees of them: measurements in stamp order, and
+//! posed scans.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use localization::beam_projection::ZeroRange;
+use localization::beam_projection::{BodyBox, SensorSettings};
+use localization::pose_buffer::InterpolationLimits;
+use localization::pose_buffer::JumpLimit;
+use localization::registration::{
+    MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationOutput,
+    RegistrationSettings, ScanRegistration,
+};
+use mapping::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
+use measurement::pose::Pose;
+use measurement::time::RobotDuration;
+use measurement::{Measurement, MeasurementData};
+use recording::time_sequencer::{Ordered, TimeSequencer};
+use recording::{self, Selection};
+use robot_edge::config::{self, Config};
+use robot_edge::survey::Survey;
+
+use crate::rounds::{ROUNDS, Rounds, timed};
 
 /// Small, and always there.
 pub(crate) const ROOMS: &str = "rooms.mcap";
@@ -27,4 +48,159 @@ pub(crate) fn find(name: &str) -> Option<PathBuf> {
         println!("skipped: {name} is not on this machine");
     }
     found
+}
+
+/// One table, a row a recording.
+pub(crate) fn print_reading() -> anyhow::Result<()> {
+    println!("reading: every message decoded, in file order");
+    println!("| recording | scans | MB/s | scans/s |");
+    println!("| --- | ---: | ---: | ---: |");
+    for name in [ROOMS, ACES, CLINIC, INTEL_MCAP, TWO_LASERS] {
+        let Some(path) = find(name) else {
+            continue;
+        };
+        let megabytes = path.metadata()?.len() as f64 / 1e6;
+        let (mut secs, mut scans) = (Rounds::default(), 0);
+        for _ in 0..ROUNDS {
+            let (read, time_s) = timed(|| {
+                let mut reader = recording::open(&path, Selection::All)?;
+                let mut scans = 0;
+                while let Some(measurement) = reader.next_measurement()? {
+                    scans += usize::from(matches!(measurement.data, MeasurementData::Scan { .. }));
+                }
+                anyhow::Ok(scans)
+            });
+            scans = read?;
+            secs.add(time_s);
+        }
+        println!(
+            "| {name} | {scans} | {:.0} | {:.0} |",
+            secs.map(|secs| megabytes / secs),
+            secs.map(|secs| scans as f64 / secs)
+        );
+    }
+    Ok(())
+}
+
+/// What `replay` would hand to its placer, in memory.
+pub(crate) struct Prepared {
+    measurements: Vec<Measurement>,
+    settings: RegistrationSettings,
+}
+
+/// The configuration that `replay` takes where a recording names no vehicle, with cells of `cell_m`.
+pub(crate) fn generic2d(cell_m: f64) -> anyhow::Result<Config> {
+    let mut config = config::load("generic2d", &[])?;
+    config.mapping.occupancy.cell_m = cell_m;
+    Ok(config)
+}
+
+impl Prepared {
+    /// Reads the only laser of the recording at `path` and the poses for it.
+    pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
+        let survey = Survey::of(path)?;
+        let scans = survey.scans.first().context("no scans")?;
+        let laser = &survey
+            .stream(scans.stream)
+            .context("no stream")?
+            .stream
+            .name;
+        let (origin, selection) = if scans.has_own_poses {
+            (PoseOrigin::Log, Selection::Named(vec![laser.clone()]))
+        } else {
+            let fixed_frame = "odom".into();
+            (PoseOrigin::Tf { fixed_frame }, Selection::All)
+        };
+        let mut reader = recording::open(path, selection)?;
+        let mut order = TimeSequencer::default();
+        let mut measurements = Vec::new();
+        while let Some(item) = order.next_from(|| reader.next_measurement())? {
+            match item {
+                Ordered::Measurement(measurement) => measurements.push(measurement),
+                Ordered::ClockReset { .. } => anyhow::bail!("its clock goes back"),
+            }
+        }
+        let config = generic2d(0.1)?;
+        let (seconds, from) = (RobotDuration::from_secs_f64, &config.localization);
+        let settings = RegistrationSettings {
+            origin,
+            base_frame: from.base_frame.as_str().into(),
+            limits: InterpolationLimits {
+                max_gap: seconds(from.max_gap_s),
+                max_extrapolation: seconds(from.max_extrapolation_s),
+                jump: JumpLimit {
+                    slack_m: from.jump_m,
+                    speed_mps: 3.0 * config.vehicle.max_speed_mps,
+                },
+            },
+            pose_history: seconds(from.buffer_s),
+            max_pose_wait: seconds(from.max_pose_wait_s),
+            max_queued: from.max_waiting_scans,
+            pose_streams: PoseStreams::default(),
+            sensors: vec![RangeSensorSettings {
+                stream: None,
+                beams: SensorSettings {
+                    id: SensorId(0),
+                    range_min_m: None,
+                    range_max_m: scans.inferred_miss_range_m(),
+                    zero_range: ZeroRange::Invalid,
+                    time_offset: RobotDuration::ZERO,
+                    base_from_sensor: Pose::identity(),
+                },
+                mount: MountOrigin::Tree,
+                tilt: None,
+            }],
+            body: BodyBox {
+                length_m: config.vehicle.length_m,
+                width_m: config.vehicle.width_m,
+                offset_m: config.vehicle.footprint_offset_m,
+                lowest_m: config.vehicle.bottom_z_m,
+                highest_m: config.vehicle.bottom_z_m + config.vehicle.height_m,
+            },
+        };
+        Ok(Self {
+            measurements,
+            settings,
+        })
+    }
+
+    /// The measurements, to be consumed by [`register`].
+    pub(crate) fn measurements(&self) -> Vec<Measurement> {
+        self.measurements.clone()
+    }
+
+    /// A placer that has seen nothing.
+    pub(crate) fn registration(&self) -> ScanRegistration {
+        ScanRegistration::new(self.settings.clone())
+    }
+
+    /// All scans, placed.
+    pub(crate) fn registered_scans(&self) -> Vec<RegisteredScan> {
+        register(self.registration(), self.measurements())
+    }
+}
+
+/// Places every scan.
+pub(crate) fn register(
+    mut registration: ScanRegistration,
+    measurements: Vec<Measurement>,
+) -> Vec<RegisteredScan> {
+    let mut registered = Vec::new();
+    for measurement in measurements {
+        registration.push(measurement, &mut registered);
+    }
+    registration.finish(&mut registered);
+    let scan = |registered| match registered {
+        RegistrationOutput::Scan(scan) => Some(scan),
+        RegistrationOutput::Jump(_) => None,
+    };
+    registered.into_iter().filter_map(scan).collect()
+}
+
+/// The beams of `scans` that mark cells: hits, as the preset lets a miss say nothing.
+pub(crate) fn hits(scans: &[RegisteredScan]) -> usize {
+    let beams = scans.iter().flat_map(|scan| &scan.beams);
+    beams
+        .filter(|beam| beam.outcome == BeamOutcome::Hit)
+        .count()
 }

@@ -10,8 +10,7 @@ use protocol::tile::codec::{Decoder, Encoder};
 use robot_edge::publishing::publisher::Publisher;
 
 use crate::CELLS_M;
-use crate::prepared::{Prepared, generic2d};
-use crate::recordings::{self, ACES, ROOMS};
+use crate::recordings::{self, ACES, Prepared, ROOMS, generic2d};
 use crate::rounds::{ROUNDS, Rounds, timed};
 
 /// Two tables, a row a recording and cell size: what tiles cost, and what memory the map takes.

@@ -1,12 +1,14 @@
-//! The project's own recording from end to end, and that it can be made again.
+//! The project's own recording from end to end, that it can be made again, and that it always gives the same map.
 
 use std::fs;
 use std::path::Path;
 
 use serde_json::json;
 
-use crate::exported_map::{OccupancyTiff, grey, read_pgm};
-use crate::process::{digest, events, read_json, robot_edge, rooms, run, summary_of};
+use crate::process::{
+    OccupancyTiff, digest, events, grey, names_in, read_json, read_pgm, robot_edge, rooms, run,
+    summary_of,
+};
 
 /// Every platform and every build makes this map. It changes only where placing, mapping or the world do,
 /// and then whoever changes it looks at the new map first.
@@ -19,15 +21,6 @@ const EXPORTS: [&str; 5] = [
     "occupancy.yaml",
     "trajectory.tum",
 ];
-
-fn names_in(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
-}
 
 #[test]
 fn the_clip_becomes_maps_and_figures() {
@@ -191,4 +184,59 @@ fn the_clip_can_be_made_again_byte_by_byte() {
         first == fs::read(rooms()).unwrap(),
         "recordings/rooms.mcap is of another program"
     );
+}
+
+fn digest_with(options: &str) -> String {
+    let summary = summary_of(
+        robot_edge("replay")
+            .arg(rooms())
+            .args(options.split_whitespace()),
+    );
+    assert_eq!(
+        summary["scans"]["dropped"],
+        serde_json::json!({}),
+        "{options}"
+    );
+    digest(&summary).to_owned()
+}
+
+/// All of `options` give one digest, which is returned.
+#[track_caller]
+fn one_digest(options: &[&str]) -> String {
+    let digests: Vec<_> = options.iter().map(|options| digest_with(options)).collect();
+    for (options, digest) in options.iter().zip(&digests) {
+        assert_eq!(*digest, digests[0], "{options}");
+    }
+    digests.into_iter().next().unwrap()
+}
+
+#[test]
+fn threads_repetition_and_speed_change_nothing() {
+    one_digest(&[
+        "",
+        "--rate max",
+        "--set mapping.threads=1",
+        "--set mapping.threads=2",
+        "--set mapping.threads=2",
+    ]);
+    let twenty = one_digest(&[
+        "--duration 20",
+        "--rate 10 --duration 20",
+        "--rate 10 --duration 20 --set mapping.threads=2",
+    ]);
+    let three = one_digest(&[
+        "--duration 3",
+        "--rate 1 --duration 3",
+        "--rate 1 --duration 3 --set mapping.threads=2",
+    ]);
+    assert_ne!(three, twenty);
+}
+
+#[test]
+fn settings_that_matter_change_the_map() {
+    let usual = digest_with("");
+    for setting in ["cell_m=0.05", "p_free=0.4", "miss=free"] {
+        let option = format!("--set mapping.occupancy.{setting}");
+        assert_ne!(usual, digest_with(&option), "{setting}");
+    }
 }

@@ -1,97 +1,89 @@
-//! Wrong usage ends with code 2 and says what to do; `check` and `vehicles` help to get it right.
+//! Wrong usage ends with code 2 and says what to do; `check` and `vehicles` help to get it right. `experiments` writes a page with
+//! pictures; the hidden command `motor-guard` owns the motors.
 
 use std::fs;
 
 use crate::process::{robot_edge, rooms, run, summary_of};
 
-#[track_caller]
-fn refused(options: &str, says: &[&str]) {
-    run(robot_edge("replay")
-        .arg(rooms())
-        .args(options.split_whitespace()))
-    .refuses(2, says);
+#[test]
+fn wrong_options_say_what_is_right() {
+    for (options, says) in [
+        (
+            "--set mapping.occupancy.cell=0.2",
+            &["`mapping.occupancy.cell`: unknown key: did you mean `mapping.occupancy.cell_m`?"][..],
+        ),
+        (
+            "--set mapping.ocupancy.cell_m=0.2",
+            &["did you mean `mapping.occupancy"],
+        ),
+        (
+            "--vehicle pionear",
+            &[
+                "did you mean `pioneer`?",
+                "Presets: generic2d, holos, introbot, pioneer, riverwatch",
+            ],
+        ),
+        ("--vehicle boat.toml", &["boat.toml", "No such file"]),
+        ("--topic lidar=/scan", &["no sensor of this name", "laser"]),
+        (
+            "--set mapping.occupancy.cell_m=wide",
+            &["expected a number", "\"wide\""],
+        ),
+        (
+            "--set mapping.occupancy.cell_m=0",
+            &["mapping.occupancy.cell_m", "not allowed", "allowed:"],
+        ),
+        ("--set mapping.threads=3", &["3 is not allowed", "1 to 2"]),
+        (
+            "--set localization.source=stars",
+            &["localization.source", "stars", "odometry"],
+        ),
+        ("--set cell", &["no `=`"]),
+        ("--rate 0", &["a number above 0", "`max`"]),
+        ("--rate fast", &["a number above 0", "`max`"]),
+        ("--topic /scan", &["laser=/scan"]),
+        ("--duration 0", &["a number above 0"]),
+        ("--start=-1", &["0 or more"]),
+        ("--frobnicate", &["--frobnicate", "--help"]),
+        // The recording lacks this source of poses, or this frame.
+        (
+            "--set localization.source=log",
+            &[
+                "\"log\"",
+                "its scans bring no poses of their own",
+                "transforms",
+                "localization.source=auto",
+            ],
+        ),
+        (
+            "--set localization.fixed_frame=map",
+            &["no frame \"map\"", "odom", "localization.fixed_frame"],
+        ),
+    ] {
+        run(robot_edge("replay").arg(rooms()).args(options.split(' '))).refuses(2, says);
+    }
 }
 
 #[test]
-fn settings_that_do_not_exist_name_the_nearest() {
-    refused(
-        "--set mapping.occupancy.cell=0.2",
-        &["`mapping.occupancy.cell`: unknown key: did you mean `mapping.occupancy.cell_m`?"],
-    );
-    refused(
-        "--set mapping.ocupancy.cell_m=0.2",
-        &["did you mean `mapping.occupancy"],
-    );
-    refused(
-        "--vehicle pionear",
-        &[
-            "did you mean `pioneer`?",
-            "Presets: generic2d, holos, introbot, pioneer, riverwatch",
-        ],
-    );
-    refused("--vehicle boat.toml", &["boat.toml", "No such file"]);
-    refused("--topic lidar=/scan", &["no sensor of this name", "laser"]);
-}
-
-#[test]
-fn settings_of_the_wrong_kind_say_what_is_right() {
-    refused(
-        "--set mapping.occupancy.cell_m=wide",
-        &["expected a number", "\"wide\""],
-    );
-    refused(
-        "--set mapping.occupancy.cell_m=0",
-        &["mapping.occupancy.cell_m", "not allowed", "allowed:"],
-    );
-    refused("--set mapping.threads=3", &["3 is not allowed", "1 to 2"]);
-    refused(
-        "--set localization.source=stars",
-        &["localization.source", "stars", "odometry"],
-    );
-    refused("--set cell", &["no `=`"]);
-    refused("--rate 0", &["a number above 0", "`max`"]);
-    refused("--rate fast", &["a number above 0", "`max`"]);
-    refused("--topic /scan", &["laser=/scan"]);
-    refused("--duration 0", &["a number above 0"]);
-    refused("--start=-1", &["0 or more"]);
-    refused("--frobnicate", &["--frobnicate", "--help"]);
-}
-
-#[test]
-fn pose_sources_that_the_recording_lacks_are_told_apart() {
-    refused(
-        "--set localization.source=log",
-        &[
-            "\"log\"",
-            "its scans bring no poses of their own",
-            "transforms",
-            "localization.source=auto",
-        ],
-    );
-    refused(
-        "--set localization.fixed_frame=map",
-        &["no frame \"map\"", "odom", "localization.fixed_frame"],
-    );
-}
-
-#[test]
-fn faults_of_the_command_line_do_not_wait_for_the_recording() {
-    let ended = run(&mut robot_edge(
-        "replay no_such_file.mcap --vehicle pionear",
-    ));
-    ended.refuses(2, &["did you mean `pioneer`?"]);
-}
-
-#[test]
-fn worlds_that_do_not_exist_are_refused() {
-    run(&mut robot_edge("simulate roams")).refuses(2, &["`roams`", "rooms"]);
-    run(&mut robot_edge("simulate rooms --vehicle pionear"))
-        .refuses(2, &["did you mean `pioneer`?"]);
-    run(&mut robot_edge("simulate rooms --seed x")).refuses(2, &["--seed"]);
-    run(&mut robot_edge(
-        "simulate rooms --set localization.source=log",
-    ))
-    .refuses(2, &["\"auto\""]);
+fn faults_of_the_command_line_and_unknown_worlds_are_refused_at_once() {
+    for (line, says) in [
+        (
+            "replay no_such_file.mcap --vehicle pionear",
+            &["did you mean `pioneer`?"][..],
+        ),
+        ("simulate roams", &["`roams`", "rooms"]),
+        (
+            "simulate rooms --vehicle pionear",
+            &["did you mean `pioneer`?"],
+        ),
+        ("simulate rooms --seed x", &["--seed"]),
+        (
+            "simulate rooms --set localization.source=log",
+            &["\"auto\""],
+        ),
+    ] {
+        run(&mut robot_edge(line)).refuses(2, says);
+    }
 }
 
 #[test]
@@ -119,6 +111,7 @@ fn no_command_and_unknown_commands_show_what_there_is() {
         help.stdout
             .contains("3 the recording could not be read; 130 interrupted")
     );
+    assert!(!help.stdout.contains("motor-guard"));
     let version = run(&mut robot_edge("--version")).succeeds();
     assert_eq!(
         version.stdout,
@@ -200,4 +193,70 @@ fn completions_are_for_the_program_by_its_name() {
         );
     }
     run(&mut robot_edge("completions csh")).refuses(2, &["bash"]);
+}
+
+#[test]
+fn a_page_is_written_with_its_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let ended = run(robot_edge("experiments l1 L1").arg("--out").arg(&out)).succeeds();
+    let page = out.join("experiments.md");
+    assert_eq!(ended.stdout, format!("{}\n", page.display()));
+    assert!(ended.stderr.starts_with("L1 pass ("), "{}", ended.stderr);
+    assert_eq!(ended.stderr.lines().count(), 1);
+    let text = fs::read_to_string(page).unwrap();
+    assert_eq!(
+        text.matches("\n## ").count(),
+        1,
+        "asked for twice, shown once"
+    );
+    for line in text.lines().filter(|line| line.contains("](experiments/")) {
+        for link in line.split("](").skip(1) {
+            let (file, _) = link.split_once(')').unwrap();
+            assert!(out.join(file).is_file(), "{file}");
+        }
+    }
+    assert!(text.contains("](experiments/l1-agreement.png)"));
+}
+
+#[test]
+fn what_is_no_experiment_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let ended = run(robot_edge("experiments E99").arg("--out").arg(&out));
+    ended.refuses(2, &["`E99`", "H6, L1, L2"]);
+    assert!(!out.exists());
+    let file = folder.path().join("file");
+    fs::write(&file, "").unwrap();
+    run(robot_edge("experiments L1").arg("--out").arg(&file)).refuses(1, &["file"]);
+}
+
+#[cfg(target_os = "linux")]
+const CONFIG: &str = r#"{"port":"/dev/nonexistent","left_channel":"one","drive":{"track_width_m":0.5,"full_speed_mps":1.0}}"#;
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_motor_guard_tells_what_it_knows_and_ends_when_its_pipe_closes() {
+    let mut guard = robot_edge("motor-guard");
+    let ended = guard
+        .arg(CONFIG)
+        .stdin(std::process::Stdio::null())
+        .output()
+        .unwrap();
+    assert!(ended.status.success());
+    // Frames of 88 bytes, the first of which begins like this.
+    assert_eq!(ended.stdout.get(..4), Some([0xF5, b'M', 1, 2].as_slice()));
+    assert_eq!(ended.stdout.len() % 88, 0);
+    assert!(
+        ended.stderr.is_empty(),
+        "a terminal that is stopped would stop it"
+    );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_motor_guard_without_a_configuration_is_refused_as_wrong_usage() {
+    let ended = run(&mut robot_edge("motor-guard {\"port\":1}"));
+    assert_eq!(ended.code, Some(2));
+    assert!(ended.stderr.contains("motor guard: "), "{}", ended.stderr);
 }

@@ -6,30 +6,57 @@
 //!
 //! Each link has a tokio runtime of its own: dropping it ends every task and closes every socket.
 
-mod bottleneck;
 mod channel;
-mod namespace;
-pub mod ports;
-
 pub mod relay;
 pub mod tun;
 pub mod udp;
 
 use std::io;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::net::{Ipv4Addr, TcpListener};
 
 use tokio::runtime::{Builder, Runtime};
 
-pub use bottleneck::Line;
-pub use channel::{Conditions, Count, Traffic};
+pub use channel::Conditions;
+
+/// Attempts to find two adjacent ports; each begins at another port that the kernel chooses.
+const ATTEMPTS: usize = 100;
+
+/// Which way bytes go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the side that connects to the relay.
+    ToTarget,
+    /// To the side that connects to the relay.
+    FromTarget,
+}
+
+impl Direction {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::ToTarget, Self::FromTarget];
+}
+
+/// The first of two adjacent free ports of loopback, for control and bulk.
+///
+/// Other programs may take them before the caller does: for programs under test, which bind their ports themselves.
+pub fn free_pair() -> io::Result<u16> {
+    let [control, _bulk] = listen_pair()?;
+    Ok(control.local_addr()?.port())
+}
+
+fn listen_pair() -> io::Result<[TcpListener; 2]> {
+    for _ in 0..ATTEMPTS {
+        let first = TcpListener::bind((Ipv4Addr::LOCALHOST, 0))?;
+        let next = first.local_addr()?.port().wrapping_add(1);
+        if let Ok(second) = TcpListener::bind((Ipv4Addr::LOCALHOST, next)) {
+            return Ok([first, second]);
+        }
+    }
+    Err(io::Error::other("no two adjacent ports are free"))
+}
 
 fn runtime() -> io::Result<Runtime> {
     Builder::new_multi_thread()
         .worker_threads(1)
         .enable_all()
         .build()
-}
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,5 +1,6 @@
 //! A folder with keys, made by `robot-edge keys`.
 
+use std::fs;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -7,8 +8,9 @@ use std::process::Output;
 use robot_edge::credentials::Credentials;
 use robot_edge::network::sessions::Endpoints;
 use tempfile::TempDir;
+use zenoh::{Config, Session, Wait as _};
 
-use crate::link::processes::program;
+use crate::processes::{command, wait_until};
 
 /// A fleet whose folder is removed at the end of the test.
 pub(crate) struct Fleet {
@@ -18,40 +20,27 @@ pub(crate) struct Fleet {
 impl Fleet {
     /// A vehicle `scout` with an operator, another, a supervisor and an observer.
     pub(crate) fn new() -> Self {
-        Self::with(&[])
+        Self::with("")
     }
 
     /// The same, with this address of the vehicle.
     pub(crate) fn reached_at(host: IpAddr) -> Self {
-        Self::with(&["--host", &host.to_string()])
+        Self::with(&format!("--host {host}"))
     }
 
-    fn with(options: &[&str]) -> Self {
-        let fleet = Self {
-            folder: tempfile::tempdir().unwrap(),
-        };
-        let people = [
-            "--robot",
-            "scout",
-            "--operator",
-            "anna",
-            "--operator",
-            "bert",
-            "--supervisor",
-            "sam",
-            "--observer",
-            "tv",
-        ];
-        let made = fleet.keys(&[&people[..], options].concat());
+    fn with(options: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let fleet = Self { folder };
+        let people = "--operator anna --operator bert --supervisor sam --observer tv";
+        let made = fleet.keys(&format!("--robot scout {people} {options}"));
         assert!(made.status.success(), "{made:?}");
         fleet
     }
 
     /// `robot-edge keys` in this folder.
-    pub(crate) fn keys(&self, arguments: &[&str]) -> Output {
-        let mut command = program("robot-edge");
-        command.arg("keys").arg(self.root()).args(arguments);
-        command.output().unwrap()
+    pub(crate) fn keys(&self, options: &str) -> Output {
+        let line = format!("robot-edge keys {} {options}", self.root().display());
+        command(&line).output().unwrap()
     }
 
     pub(crate) fn root(&self) -> PathBuf {
@@ -66,6 +55,17 @@ impl Fleet {
         self.root().join("people").join(name)
     }
 
+    /// The options of a console with a person's keys.
+    pub(crate) fn console(&self, name: &str, endpoint: &str) -> String {
+        let keys = self.person(name);
+        format!("--connect {endpoint} --keys {}", keys.display())
+    }
+
+    /// The options of an edge with the vehicle's keys; `how` is `--listen` or `--connect`.
+    pub(crate) fn edge(&self, how: &str, endpoint: &str) -> String {
+        format!("{how} {endpoint} --keys {}", self.vehicle().display())
+    }
+
     /// A console's endpoints: connects to `endpoint` with a person's keys.
     pub(crate) fn endpoints(&self, name: &str, endpoint: String) -> Endpoints {
         Endpoints {
@@ -78,8 +78,32 @@ impl Fleet {
     pub(crate) fn scratch(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
+
+    /// Starts a router, as `zenohd -c router.json5`, with the generated file; only the addresses are changed.
+    pub(crate) fn router(&self, port: u16) -> Session {
+        let made = self.keys("--router 127.0.0.1");
+        assert!(made.status.success(), "{made:?}");
+        let generated = text(self.root().join("router/router.json5"));
+        let here = generated
+            .replace("[::]:7447", &format!("127.0.0.1:{port}"))
+            .replace("[::]:7448", &format!("127.0.0.1:{}", port + 1));
+        let path = self.scratch("router.json5");
+        fs::write(&path, here).unwrap();
+        // The port of an earlier router may not be free yet.
+        let mut session = None;
+        wait_until("a router", || {
+            session = zenoh::open(Config::from_file(&path).unwrap()).wait().ok();
+            session.is_some()
+        });
+        session.unwrap()
+    }
+}
+
+/// The QUIC endpoint of a port of this machine.
+pub(crate) fn quic(port: u16) -> String {
+    format!("quic/127.0.0.1:{port}")
 }
 
 pub(crate) fn text(path: impl AsRef<Path>) -> String {
-    std::fs::read_to_string(path).unwrap()
+    fs::read_to_string(path).unwrap()
 }

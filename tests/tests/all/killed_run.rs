@@ -12,7 +12,7 @@ use recording::{Selection, open};
 use robot_edge::clock;
 use tempfile::tempdir;
 
-use crate::link::processes::{Running, free_port, program, wait_until};
+use crate::processes::{Running, free_port, program, start, tcp, wait_until};
 use crate::skip::skip;
 
 /// Duration of a run after its first write.
@@ -21,15 +21,12 @@ const RUN: Duration = Duration::from_secs(4);
 const LOSS: Duration = Duration::from_secs(1);
 
 /// The same command for each run, as systemd restarts it.
-fn start(folder: &Path, port: u16) -> Running {
-    let mut command = program("robot-edge");
-    command
-        .args(["simulate", "rooms", "--rate", "1", "--keep-serving"])
-        .args(["--listen", &format!("tcp/127.0.0.1:{port}"), "--record"])
-        .arg(folder.join("f.mcap"))
-        .arg("--drive-log")
-        .arg(folder.join("d.csv"));
-    Running::start(&mut command, "edge")
+fn start_edge(folder: &Path, port: u16) -> Running {
+    let folder = folder.display();
+    start(&format!(
+        "robot-edge simulate rooms --rate 1 --keep-serving --listen {} --record {folder}/f.mcap --drive-log {folder}/d.csv",
+        tcp(port)
+    ))
 }
 
 fn is_written(path: &Path) -> bool {
@@ -62,7 +59,7 @@ fn files_of_killed_runs_stay_whole_after_three_restarts() {
         ["f-3.mcap", "d-3.csv"],
     ];
     for [recording, log] in names {
-        let edge = start(folder.path(), port);
+        let edge = start_edge(folder.path(), port);
         wait_until(recording, || is_written(&at(recording)));
         let written = clock::now();
         sleep(RUN);
@@ -91,12 +88,11 @@ fn files_of_killed_runs_stay_whole_after_three_restarts() {
             kept.push((name, fs::read(at(name)).unwrap()));
         }
     }
-    let edge = start(folder.path(), port);
+    let edge = start_edge(folder.path(), port);
     wait_until("f-4.mcap", || is_written(&at("f-4.mcap")));
     // Time to make a map.
     sleep(LOSS);
-    edge.signal("INT");
-    let printed = edge.ends_well();
+    let printed = edge.interrupt();
     for [option, asked, name] in [
         ["--record", "f.mcap", "f-4.mcap"],
         ["--drive-log", "d.csv", "d-4.csv"],
@@ -127,7 +123,7 @@ fn recordings_and_their_folder_are_synced_each_second() {
         .args(["-f", "-y", "-e", "trace=fsync,fdatasync", "-o"])
         .arg(at("calls"))
         .args(["timeout", "--signal", "INT", "4"])
-        .arg(program("robot-edge").get_program())
+        .arg(program("robot-edge"))
         .args(["simulate", "rooms", "--rate", "1"])
         .args([OsStr::new("--record"), at("f.mcap").as_ref()])
         .args([OsStr::new("--drive-log"), at("d.csv").as_ref()])

@@ -1,5 +1,6 @@
-//! Rules of ARCHITECTURE.md that the source text shows.
+//! Rules of ARCHITECTURE.md that the source text shows, and that every recording has an origin and a licence.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -150,4 +151,37 @@ fn key_expressions_are_built_in_one_file() {
             [""; 0]
         );
     }
+}
+
+/// Every clip in `recordings/` is in `index.toml`.
+#[test]
+fn every_clip_matches_the_index() {
+    let folder = root().join("recordings");
+    let text = fs::read_to_string(folder.join("index.toml")).unwrap();
+    let index: toml::Table = text.parse().unwrap();
+    let mut listed = BTreeSet::from(["index.toml".to_owned()]);
+    for (name, clip) in &index {
+        let field = |key: &str| {
+            clip[key]
+                .as_str()
+                .unwrap_or_else(|| panic!("{name} has no {key}"))
+        };
+        let bytes = fs::read(folder.join(field("file"))).unwrap();
+        assert_eq!(
+            blake3::hash(&bytes).to_hex().as_str(),
+            field("blake3"),
+            "{name}"
+        );
+        assert!(bytes.len() < 5_000_000, "{name} is too large for a clip");
+        assert!(
+            !field("origin").is_empty() && !field("licence").is_empty(),
+            "{name}"
+        );
+        listed.insert(field("file").to_owned());
+    }
+    let names = fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name());
+    let found: BTreeSet<_> = names.map(|name| name.into_string().unwrap()).collect();
+    assert_eq!(found, listed);
 }

@@ -5,21 +5,20 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
+use foreshore_tests::operator::NEUTRAL;
 use operator_console::link::Discovery;
 use protocol::message::{Clamp, LeaseEnd, StopReason, TeleopState, TeleopStatus};
 use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
-use super::driver::{NEUTRAL, hold_until, pictures, take_lease};
-use super::processes::{Running, free_port, program, simulate};
-use super::screen::{Key, Screen};
-use super::telemetry::{TIMEOUT, Telemetry};
+use super::desktop::{Key, Screen, TIMEOUT, Telemetry, hold_until, take_lease};
+use crate::processes::{Running, command, free_endpoint, simulate};
 
 /// A robot, a window that shows it, and an observer.
 struct Scene {
     screen: Screen,
-    /// Arguments of the console.
-    arguments: Vec<String>,
+    /// Options of the console.
+    options: String,
     window: u32,
     console: Running,
     telemetry: Telemetry,
@@ -27,28 +26,25 @@ struct Scene {
     _edge: Option<Running>,
 }
 
-fn console(screen: &Screen, arguments: &[String], settings: &Path) -> Option<(Running, u32)> {
-    let mut command = program("operator-console");
-    command.args(["--operator", "anna", "--config"]);
-    command.arg(settings.join("console.json")).args(arguments);
-    screen.open_console(&mut command)
+fn console(screen: &Screen, options: &str, settings: &Path) -> Option<(Running, u32)> {
+    screen.open_console(&mut command(&format!(
+        "operator-console --operator anna --config {}/console.json {options}",
+        settings.display()
+    )))
 }
 
 impl Scene {
     /// `None`, and a skipped test, if no window can be opened.
     fn open() -> Option<Self> {
-        let port = free_port();
-        let endpoint = format!("tcp/127.0.0.1:{port}");
-        let mut command = simulate(&["--robot", "scout", "--listen", &endpoint]);
-        let edge = Running::start(&mut command, "edge");
-        let arguments = ["--robot", "scout", "--connect", &endpoint].map(str::to_owned);
-        Self::of(arguments.into(), Some(edge), || ("scout", endpoint.clone()))
+        let endpoint = free_endpoint();
+        let edge = simulate(&format!("--listen {endpoint}"));
+        let options = format!("--robot scout --connect {endpoint}");
+        Self::of(options, Some(edge), || ("scout", endpoint))
     }
 
     /// The simulated robot of `--demo`, found by discovery.
     fn demo() -> Option<Self> {
-        let arguments = ["--demo", "rooms"].map(str::to_owned);
-        Self::of(arguments.into(), None, || {
+        Self::of("--demo rooms".to_owned(), None, || {
             let discovery = Discovery::start(Vec::new(), true, None, None, || {});
             let started = clock::now();
             loop {
@@ -63,21 +59,21 @@ impl Scene {
         })
     }
 
-    /// A console with these arguments; `robot` returns name and endpoint of its robot.
+    /// A console with these options; `robot` returns name and endpoint of its robot.
     fn of(
-        arguments: Vec<String>,
+        options: String,
         edge: Option<Running>,
         robot: impl FnOnce() -> (&'static str, String),
     ) -> Option<Self> {
         let screen = Screen::open()?;
         let settings = tempdir().unwrap();
-        let (console, window) = console(&screen, &arguments, settings.path())?;
+        let (console, window) = console(&screen, &options, settings.path())?;
         let (robot, endpoint) = robot();
         let telemetry = Telemetry::of(robot, &endpoint);
         telemetry.wait_for_status("shown", |_| true);
         Some(Self {
             screen,
-            arguments,
+            options,
             window,
             console,
             telemetry,
@@ -141,8 +137,6 @@ fn keys_on_a_window_drive_and_release_focus_loss_and_space_stop() {
     let applied = stopped.applied.angular_radps;
     assert!(applied.abs() < 1e-6, "{applied} rad/s");
     screen.release(Key::A);
-    sleep(Duration::from_millis(500));
-    screen.picture(&pictures("estop.png"));
 }
 
 #[test]
@@ -152,7 +146,6 @@ fn a_space_in_a_text_stops_nothing_but_the_next_one_does() {
     scene.opens_recordings();
     screen.write("/home/anna/my recordings of may");
     sleep(Duration::from_secs(1));
-    screen.picture(&pictures("spaces.png"));
     assert!(!is_stopped(&telemetry.now().unwrap()), "it was a text");
     // The next key is for the vehicle.
     screen.tap(Key::Escape);
@@ -205,7 +198,6 @@ fn the_collision_monitor_stops_the_demo_before_a_wall() {
     let (there_m, _) = telemetry.pose();
     sleep(Duration::from_secs(1));
     let (still_m, _) = telemetry.pose();
-    screen.picture(&pictures("wall.png"));
     screen.release(Key::W);
     let distance_m = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| {
         nalgebra::distance(&[ax, ay].into(), &[bx, by].into())
@@ -268,7 +260,7 @@ fn a_killed_window_with_a_key_down_stops_the_vehicle() {
     let idle = |status: &TeleopStatus| status.state == TeleopState::Idle;
     scene.telemetry.wait_for_status("released", idle);
     // The console is restarted while the key is still down.
-    let (console, _) = console(&scene.screen, &scene.arguments, scene.settings.path()).unwrap();
+    let (console, _) = console(&scene.screen, &scene.options, scene.settings.path()).unwrap();
     scene.console = console;
     scene.take_lease();
     sleep(Duration::from_secs(1));

@@ -1,24 +1,25 @@
-//! A simulated robot is driven over real Zenoh sessions.
+//! A simulated robot is driven over real Zenoh sessions, by an operator and by scripts of the console.
 
-use std::thread::sleep;
+use std::fs;
+use std::thread::{self, sleep};
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, NEUTRAL, Operator};
+use foreshore_tests::rig::relay::Relay;
 use protocol::message::{
     Answer, EStop, LeaseRequest, Refusal, Reset, Setting, StopReason, TeleopState, TeleopStatus,
 };
 use protocol::signed::SecretKey;
+use tempfile::{TempDir, tempdir};
 
-use super::processes::{Running, free_port, simulate};
+use crate::processes::{Running, free_port, simulate, start, tcp};
 
 fn robot(port: u16) -> Running {
-    let listen = format!("tcp/127.0.0.1:{port}");
-    let mut command = simulate(&["--robot", "scout", "--listen", &listen]);
-    Running::start(&mut command, "edge")
+    simulate(&format!("--listen {}", tcp(port)))
 }
 
 fn operator(port: u16, name: &str) -> Operator {
-    Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", name)
+    Operator::ready(&tcp(port), "scout", name)
 }
 
 #[test]
@@ -138,4 +139,213 @@ fn a_signature_of_another_operator_moves_nothing() {
     });
     assert!(status.applied.angular_radps.abs() < 1e-6, "{status:?}");
     assert_eq!(status.counters.accepted, 0);
+}
+
+/// Starts a console that plays the script for the robot at `port`; the script must outlive it.
+fn plays(port: u16, operator: &str, script: &str) -> (Running, TempDir) {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("script.txt");
+    fs::write(&file, script).unwrap();
+    let console = start(&format!(
+        "operator-console --headless --robot scout --operator {operator} --connect {} drive --script {}",
+        tcp(port),
+        file.display()
+    ));
+    (console, folder)
+}
+
+/// Plays the script for the robot at `port`; returns exit code and output.
+fn drives(port: u16, operator: &str, script: &str) -> (Option<i32>, String) {
+    let (console, _script) = plays(port, operator, script);
+    console.end()
+}
+
+/// Number of lines that contain `words`.
+fn count(printed: &str, words: &str) -> usize {
+    printed.lines().filter(|line| line.contains(words)).count()
+}
+
+#[test]
+fn a_script_drives_stops_and_emergency_stops() {
+    let port = free_port();
+    let _edge = robot(port);
+    let script = "\
+0.0 lease request
+0.0 await held
+# Held before the grant: it moves nothing until it is pressed again.
+0.4 press left
+0.4 await driving
+1.2 focus off           # the window loses the keyboard
+1.2 await held
+1.4 focus on
+1.8 press right
+1.8 await driving
+2.4 freeze 1.5          # the program hangs with the key down
+2.5 await held
+3.2 release all
+3.6 press left
+3.6 await driving
+4.0 estop
+4.0 await estop
+4.2 release all
+4.2 reset
+4.2 await idle
+4.4 budget 100
+5.0 lease request
+5.0 await held
+5.2 lease release
+5.2 await idle
+";
+    let (code, printed) = drives(port, "anna", script);
+    assert_eq!(code, Some(0), "{printed}");
+    for (words, times) in [
+        ("lease held, grant", 2),
+        (" Driving, lease of anna", 3),
+        ("emergency stop 1 acknowledged", 1),
+        ("reset of emergency stop 1: done", 1),
+        ("budget 100: done", 1),
+        // Only the hang caused an involuntary stop.
+        ("1 involuntary stops", 1),
+    ] {
+        assert_eq!(count(&printed, words), times, "{words}: {printed}");
+    }
+}
+
+/// The edge hangs for a while and then gets old commands: none moves the vehicle, nor does
+/// the key that is still held.
+#[test]
+fn a_robot_that_hung_obeys_no_old_command() {
+    let port = free_port();
+    let edge = robot(port);
+    let script = "\
+0.0 lease request
+0.0 await lease
+0.4 press left
+0.4 await driving
+6.0 release left        # the robot hangs and comes back meanwhile
+6.5 lease request
+6.5 await lease
+7.0 press left
+7.0 await driving
+8.0 release left
+8.0 await held
+";
+    let (mut console, _script) = plays(port, "anna", script);
+    console.wait_for_output(" Driving, lease of anna");
+    edge.signal("STOP");
+    sleep(Duration::from_millis(1500));
+    edge.signal("CONT");
+    let (code, printed) = console.end();
+    assert_eq!(code, Some(0), "{printed}");
+    // `wait_for_output` has read the first.
+    assert_eq!(count(&printed, " Driving, lease of anna"), 1, "{printed}");
+    let stopped = printed.find("applied 0.00 m/s 0.00 rad/s").unwrap();
+    assert!(stopped < printed.find(" Driving").unwrap(), "{printed}");
+}
+
+#[test]
+fn operators_hand_over_and_a_refusal_fails_the_script() {
+    let port = free_port();
+    let _edge = robot(port);
+    let anna = thread::spawn(move || {
+        drives(
+            port,
+            "anna",
+            "0.0 lease request\n0.0 await lease\n3.0 lease consent bert\n6.0 focus on\n",
+        )
+    });
+    let bert = drives(
+        port,
+        "bert",
+        "1.0 lease request\n1.0 await lease 20\n2.0 lease release\n2.0 await idle\n",
+    );
+    let (anna_code, anna) = anna.join().unwrap();
+    assert_eq!(
+        (anna_code, bert.0),
+        (Some(0), Some(0)),
+        "{anna}\n{}",
+        bert.1
+    );
+    assert_eq!(count(&anna, "lease consent bert: done"), 1, "{anna}");
+    assert_eq!(count(&anna, "lease lost"), 1, "{anna}");
+    assert_eq!(count(&bert.1, "lease request: waiting"), 1, "{}", bert.1);
+    assert_eq!(count(&bert.1, "lease held"), 1, "{}", bert.1);
+
+    let (code, printed) = drives(
+        port,
+        "anna",
+        "0 reset\n0 lease consent bert\n1 estop\n1 await held 1",
+    );
+    assert_eq!(code, Some(1), "{printed}");
+    for words in [
+        "line 1: there is no emergency stop",
+        "lease consent bert refused",
+        "emergency stop 1 acknowledged",
+        "line 4: waited in vain for held",
+    ] {
+        assert_eq!(count(&printed, words), 1, "{printed}");
+    }
+    assert!(
+        !printed.contains("left out"),
+        "no line was left out: {printed}"
+    );
+}
+
+/// Later lines rely on the state that was not reached.
+#[test]
+fn a_timed_out_await_ends_the_script() {
+    let port = free_port();
+    let _edge = robot(port);
+    let script = "\
+0.0 lease request
+0.0 await lease
+0.4 press left
+0.4 await driving
+0.6 await fault 0.5
+0.6 estop
+0.6 await estop
+";
+    let (code, printed) = drives(port, "anna", script);
+    assert_eq!(code, Some(1), "{printed}");
+    let in_vain = "line 5: waited in vain for fault; the rest is left out";
+    assert_eq!(count(&printed, in_vain), 1, "{printed}");
+    assert_eq!(count(&printed, "emergency stop"), 0, "{printed}");
+}
+
+/// A script that ends while driving releases the lease, so the next need not wait until it expires.
+#[test]
+fn a_script_that_ends_releases_the_lease() {
+    let port = free_port();
+    let _edge = robot(port);
+    let (code, printed) = drives(
+        port,
+        "anna",
+        "0 lease request\n0 await lease\n0.4 press left\n0.4 await driving\n",
+    );
+    assert_eq!(code, Some(0), "{printed}");
+    // Time to receive a status, less than the lease lasts.
+    let (code, printed) = drives(port, "bert", "0.5 lease request\n0.5 await lease 20\n");
+    assert_eq!(code, Some(0), "{printed}");
+    let first = printed.lines().find(|line| line.contains(", lease of "));
+    assert!(first.unwrap().contains("lease of nobody"), "{printed}");
+}
+
+/// A firewall passes the control port and blocks the bulk port.
+#[test]
+fn a_robot_is_driven_when_its_bulk_port_is_unreachable() {
+    let port = free_port();
+    let _edge = robot(port);
+    let firewall = Relay::start(0, ([127, 0, 0, 1], port).into()).unwrap();
+    let script = "\
+0.0 lease request
+0.0 await held
+0.4 press left
+0.4 await driving
+1.4 release left
+1.4 lease release
+1.4 await idle
+";
+    let (code, printed) = drives(firewall.port(), "anna", script);
+    assert_eq!(code, Some(0), "{printed}");
+    assert_eq!(count(&printed, " Driving, lease of anna"), 1, "{printed}");
 }

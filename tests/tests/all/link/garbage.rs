@@ -11,34 +11,24 @@ use protocol::wire;
 use tempfile::tempdir;
 use zenoh::Wait as _;
 
-use super::processes::{
-    Running, assert_same_maps, console, free_port, program, rooms, zenoh_session,
-};
-use super::router::router;
+use super::console;
+use super::maps::routers;
+use crate::processes::{assert_same_maps, free_port, rooms, start, tcp, zenoh_session};
+use crate::rng::SeededRng;
 
 /// Allowed growth of either program.
 const GROWTH_BYTES: u64 = 20_000_000;
 
 /// One invalid message of each kind.
 fn garbage() -> Vec<Vec<u8>> {
-    let mut state = 7u32;
-    let mut random = |length: usize| {
-        let mut next = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 24) as u8
-        };
-        (0..length).map(|_| next()).collect::<Vec<u8>>()
-    };
-    let mut garbage: Vec<_> = [0, 1, 2, 33, 34, 35, 100, 1000, 60_000, 200_000]
-        .map(&mut random)
-        .into();
+    let mut rng = SeededRng::new(7);
+    let lengths = [0, 1, 2, 33, 34, 35, 100, 1000, 60_000, 200_000];
+    let mut garbage: Vec<_> = lengths.map(|length| rng.bytes(length)).into();
     // A valid header before garbage, and other versions.
     for version in [wire::PROTOCOL, wire::PROTOCOL + 1, 999] {
         for length in [0, 1, 20, 5000] {
-            let mut message = version.to_le_bytes().to_vec();
-            message.extend(random(32));
-            message.extend(random(length));
-            garbage.push(message);
+            let header = version.to_le_bytes();
+            garbage.push([&header[..], &rng.bytes(32 + length)].concat());
         }
     }
     // Sequences that claim 2⁶³ elements.
@@ -61,16 +51,9 @@ fn topics() -> Vec<Topic> {
     ];
     for layer in LayerId::ALL {
         topics.extend([Topic::Tiles(layer), Topic::Digests(layer)]);
-        topics.push(Topic::Tile(TileKey {
-            layer,
-            tx: 0,
-            ty: 0,
-        }));
-        topics.push(Topic::Tile(TileKey {
-            layer,
-            tx: i32::MIN,
-            ty: i32::MAX,
-        }));
+        for (tx, ty) in [(0, 0), (i32::MIN, i32::MAX)] {
+            topics.push(Topic::Tile(TileKey { layer, tx, ty }));
+        }
     }
     topics
 }
@@ -81,23 +64,19 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
     let at = |name: &str| folder.path().join(name);
     // Through routers, the garbage reaches consoles too.
     let port = free_port();
-    let routers = [router(port), router(port + 1)];
-    let mut command = program("robot-edge");
-    command
-        .arg("replay")
-        .arg(rooms())
-        .args(["--rate", "10", "--keep-serving", "--robot", "scout"]);
-    command
-        .args(["--connect", &format!("tcp/127.0.0.1:{port}"), "--export"])
-        .arg(at("edge"));
-    let mut robot = Running::start(&mut command, "edge");
+    let _routers = routers(port);
+    let mut robot = start(&format!(
+        "robot-edge replay {} --rate 10 --keep-serving --robot scout --connect {} --export {}",
+        rooms(),
+        tcp(port),
+        at("edge").display()
+    ));
     let mut watching = console(port, "scout", &at("console"));
     sleep(Duration::from_secs(3));
     let before = [robot.memory(), watching.memory()];
 
     let id: RobotId = "scout".parse().unwrap();
-    let sessions =
-        [port, port + 1].map(|port| zenoh_session("client", &format!("tcp/127.0.0.1:{port}")));
+    let sessions = [port, port + 1].map(|port| zenoh_session("client", &tcp(port)));
     let status = sessions[0]
         .declare_subscriber(Topic::Status.key(&id))
         .wait()
@@ -116,18 +95,10 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
                             .unwrap();
                     }
                 }
-                session
-                    .put(format!("foreshore/scout/view/x{round}"), message.clone())
-                    .wait()
-                    .unwrap();
-                session
-                    .put("foreshore/scout/view/y/z", message.clone())
-                    .wait()
-                    .unwrap();
-                session
-                    .put("foreshore/scout/map/snow/1/2", message)
-                    .wait()
-                    .unwrap();
+                for key in [&format!("view/x{round}"), "view/y/z", "map/snow/1/2"] {
+                    let put = session.put(format!("foreshore/scout/{key}"), message.clone());
+                    put.wait().unwrap();
+                }
             }
         }
     }
@@ -153,8 +124,6 @@ fn garbage_is_refused_and_counted_and_nothing_grows() {
         printed.contains("× malformed") && printed.contains("× other protocol version"),
         "{printed}"
     );
-    robot.signal("INT");
-    robot.ends_well();
+    robot.interrupt();
     assert_same_maps(&at("edge"), &at("console"));
-    drop(routers);
 }

@@ -7,13 +7,11 @@ use std::time::Duration;
 
 use foreshore_tests::operator::Operator;
 use measurement::MeasurementData;
-use protocol::keys::{RobotId, Topic, view_of};
+use protocol::keys::{RobotId, Topic};
 use protocol::message::{
     Answer, Event, Info, RecordingState, Scan, SensorFault, SensorKind, Setting, Severity, Status,
-    View,
 };
-use protocol::tile::BootId;
-use protocol::wire::{self, Header};
+use protocol::wire;
 use recording::writer::McapWriter;
 use recording::{Selection, open};
 use robot_edge::clock;
@@ -21,7 +19,8 @@ use serde::de::DeserializeOwned;
 use tempfile::tempdir;
 use zenoh::{Session, Wait as _};
 
-use super::processes::{Running, free_port, program, rooms, simulate, zenoh_session};
+use super::send_view;
+use crate::processes::{free_port, measurements_in, rooms, simulate, start, tcp, zenoh_session};
 
 const TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -60,8 +59,7 @@ fn subscribe<T: DeserializeOwned + Send + 'static>(session: &Session, key: Strin
 impl Watcher {
     fn of(port: u16) -> Self {
         let robot: RobotId = "scout".parse().unwrap();
-        let [control, bulk] =
-            [port, port + 1].map(|port| zenoh_session("client", &format!("tcp/127.0.0.1:{port}")));
+        let [control, bulk] = [port, port + 1].map(|port| zenoh_session("client", &tcp(port)));
         Self {
             status: subscribe(&control, Topic::Status.key(&robot)),
             events: subscribe(&control, Topic::Event.key(&robot)),
@@ -73,21 +71,7 @@ impl Watcher {
     }
 
     fn send_view(&self, wants_scan: bool) {
-        let header = Header {
-            boot: BootId([9; 16]),
-            seq: 0,
-            robot_time_ns: 0,
-        };
-        let view = View {
-            rectangle_m: [-10.0, -10.0, 10.0, 10.0],
-            layers: 1,
-            revision: u64::MAX,
-            is_synchronized: true,
-            wants_scan,
-        };
-        let key = view_of(&self.robot, &"watcher".parse().unwrap());
-        let view = wire::encode(&header, &view).unwrap();
-        self.control.put(key, view).wait().unwrap();
+        send_view(&self.control, "watcher", wants_scan);
     }
 
     /// Sends its view until `found` returns a value.
@@ -128,7 +112,7 @@ impl Watcher {
 fn with_a_faulty_laser(folder: &Path) -> PathBuf {
     let path = folder.join("faulty.mcap");
     let mut writer = McapWriter::create(&path, Some("pioneer")).unwrap();
-    let mut reader = open(&rooms(), Selection::All).unwrap();
+    let mut reader = open(rooms().as_ref(), Selection::All).unwrap();
     let mut first = None;
     while let Some(mut measurement) = reader.next_measurement().unwrap() {
         let since = measurement
@@ -161,20 +145,12 @@ fn with_a_faulty_laser(folder: &Path) -> PathBuf {
 fn an_invalid_or_silent_laser_is_reported_in_recording_time() {
     let folder = tempdir().unwrap();
     let port = free_port();
-    let mut command = program("robot-edge");
-    command
-        .arg("replay")
-        .arg(with_a_faulty_laser(folder.path()))
-        .args([
-            "--rate",
-            "2",
-            "--keep-serving",
-            "--robot",
-            "scout",
-            "--listen",
-        ])
-        .arg(format!("tcp/127.0.0.1:{port}"));
-    let _robot = Running::start(&mut command, "edge");
+    let recording = with_a_faulty_laser(folder.path());
+    let _robot = start(&format!(
+        "robot-edge replay {} --rate 2 --keep-serving --robot scout --listen {}",
+        recording.display(),
+        tcp(port)
+    ));
     let watcher = Watcher::of(port);
 
     let info = watcher.wait_for("info with what the first scan showed", |watcher| {
@@ -237,10 +213,8 @@ fn an_operators_recording_continues_after_a_kill() {
     let folder = tempdir().unwrap();
     let port = free_port();
     let start = || {
-        let mut command = simulate(&["--robot", "scout", "--recordings"]);
-        command.arg(folder.path());
-        command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
-        Running::start(&mut command, "edge")
+        let (listen, folder) = (tcp(port), folder.path().display());
+        simulate(&format!("--listen {listen} --recordings {folder}"))
     };
     let recording = |watcher: &Watcher, state| {
         let recording = watcher.last_status()?.recording?;
@@ -249,7 +223,7 @@ fn an_operators_recording_continues_after_a_kill() {
     let is_running = |watcher: &Watcher| recording(watcher, RecordingState::Recording);
     let edge = start();
     let watcher = Watcher::of(port);
-    let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
+    let mut anna = Operator::ready(&tcp(port), "scout", "anna");
     assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
     let before = watcher.wait_for("it records", is_running);
     edge.signal("KILL");
@@ -269,16 +243,11 @@ fn an_operators_recording_continues_after_a_kill() {
         "recording goes on: the run before was cut off while an operator recorded"
     );
     // A regular end of the program ends the recording.
-    edge.signal("INT");
-    edge.ends_well();
+    edge.interrupt();
     drop(watcher);
     assert!(std::fs::read(&file).unwrap() == written, "overwritten");
     for name in [&before.file, &after.file] {
-        let mut reader = open(&folder.path().join(name), Selection::All).unwrap();
-        let mut measurements = 0;
-        while reader.next_measurement().unwrap().is_some() {
-            measurements += 1;
-        }
+        let measurements = measurements_in(&folder.path().join(name));
         assert!(measurements > 50, "{name}: {measurements}");
     }
 
@@ -292,11 +261,11 @@ fn an_operators_recording_continues_after_a_kill() {
 fn a_simulated_robot_sends_scans_on_request_and_records() {
     let folder = tempdir().unwrap();
     let port = free_port();
-    let mut command = simulate(&["--robot", "scout"]);
-    command.args(["--set", "vehicle.footprint_offset_m=0.125", "--recordings"]);
-    command.arg(folder.path().join("here"));
-    command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
-    let robot = Running::start(&mut command, "edge");
+    let robot = simulate(&format!(
+        "--set vehicle.footprint_offset_m=0.125 --recordings {}/here --listen {}",
+        folder.path().display(),
+        tcp(port)
+    ));
     let watcher = Watcher::of(port);
 
     let scan = watcher.wait_for("a sweep", |watcher| {
@@ -344,7 +313,7 @@ fn a_simulated_robot_sends_scans_on_request_and_records() {
     let stopped = watcher.last_status().unwrap().recording.unwrap();
     assert_eq!((stopped.state, stopped.files), (RecordingState::Stopped, 0));
     assert!(stopped.free_bytes.is_some());
-    let mut anna = Operator::ready(&format!("tcp/127.0.0.1:{port}"), "scout", "anna");
+    let mut anna = Operator::ready(&tcp(port), "scout", "anna");
     assert_eq!(anna.ask(&Setting::Recording(true)), Answer::Done);
     let running = watcher.wait_for("it records", |watcher| {
         let recording = watcher.last_status()?.recording?;
@@ -361,8 +330,7 @@ fn a_simulated_robot_sends_scans_on_request_and_records() {
     let file = folder.path().join("here").join(&stopped.file);
     assert_eq!(stopped.bytes, std::fs::metadata(&file).unwrap().len());
     assert!(watcher.event("recording").is_some());
-    robot.signal("INT");
-    robot.ends_well();
+    robot.interrupt();
     let mut reader = open(&file, Selection::All).unwrap();
     let mut scans = 0;
     while let Some(measurement) = reader.next_measurement().unwrap() {

@@ -7,39 +7,55 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, sleep};
 use std::time::Duration;
 
+use foreshore_tests::rig::Conditions;
 use foreshore_tests::rig::tun::{Namespaces, Side};
-use foreshore_tests::rig::{Conditions, Line};
 use measurement::time::Monotonic;
 use robot_edge::clock;
 use tempfile::tempdir;
 
-use super::processes::{Running, program, rooms};
-use crate::rig::namespaces;
+use crate::processes::{Running, program, rooms};
 use crate::skip::skip;
 
 const PORT: u16 = 7447;
 
+/// An emulated link; `None`, and a skipped test, if this machine or user cannot have one.
+pub(crate) fn namespaces(seed: u64) -> Option<Namespaces> {
+    let created = Namespaces::create(seed);
+    created
+        .inspect_err(|lacks| {
+            let remedy = "root, the kernel's TUN driver and package iproute2";
+            skip(&lacks.to_string(), remedy);
+        })
+        .ok()
+}
+
 /// 2 Mbit/s, 150 ms round trip, `loss`; 32 kB of queue.
-fn shaped(loss: f64) -> Conditions {
+pub(crate) fn shaped(loss: f64) -> Conditions {
     Conditions {
-        line: Line {
-            delay: Duration::from_millis(75),
-            rate_bytes_per_s: Some(250_000),
-            queue_bytes: 32_000,
-        },
+        delay: Duration::from_millis(75),
+        rate_bytes_per_s: Some(250_000),
+        queue_bytes: 32_000,
         loss,
         ..Conditions::default()
     }
 }
 
-fn recording(name: &str) -> Option<std::path::PathBuf> {
+/// A command line of a program of this workspace, split at blanks, inside a namespace.
+pub(crate) fn inside(link: &Namespaces, side: Side, line: &str) -> Command {
+    let mut words = line.split_whitespace();
+    let mut command = link.command(side, program(words.next().unwrap()));
+    command.args(words);
+    command
+}
+
+fn recording(name: &str) -> Option<String> {
     let folder = std::env::var_os("FORESHORE_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
         Into::into,
     );
     let path = folder.join(name);
     if path.exists() {
-        return Some(path);
+        return Some(path.display().to_string());
     }
     skip(
         &format!("there is no {}", path.display()),
@@ -48,38 +64,20 @@ fn recording(name: &str) -> Option<std::path::PathBuf> {
     None
 }
 
-/// Program `name` of this workspace inside a namespace.
-fn inside(link: &Namespaces, side: Side, name: &str) -> Command {
-    link.command(side, program(name).get_program())
+fn edge(link: &Namespaces, recording: &str, options: &str) -> Running {
+    let address = Side::A.address();
+    let line = format!(
+        "robot-edge replay {recording} --keep-serving --insecure --robot scout --listen tcp/{address}:{PORT} {options}"
+    );
+    Running::start(&mut inside(link, Side::A, &line), "edge")
 }
 
-fn edge(link: &Namespaces, recording: &Path, rate: &str, options: &[&str]) -> Running {
-    let mut command = inside(link, Side::A, "robot-edge");
-    command.arg("replay").arg(recording).args([
-        "--rate",
-        rate,
-        "--keep-serving",
-        "--insecure",
-        "--robot",
-        "scout",
-    ]);
-    command.args(options);
-    command.args(["--listen", &format!("tcp/{}:{PORT}", Side::A.address())]);
-    Running::start(&mut command, "edge")
-}
-
-fn console(link: &Namespaces, export: &Path, options: &[&str]) -> Command {
-    let mut command = inside(link, Side::B, "operator-console");
-    command.args([
-        "--headless",
-        "-v",
-        "--robot",
-        "scout",
-        "--connect",
-        &format!("tcp/{}:{PORT}", Side::A.address()),
-    ]);
-    command.args(options).arg("--export").arg(export);
-    command
+fn console(link: &Namespaces, export: &Path, options: &str) -> Command {
+    let (address, export) = (Side::A.address(), export.display());
+    let line = format!(
+        "operator-console --headless -v --robot scout --connect tcp/{address}:{PORT} --export {export} {options}"
+    );
+    inside(link, Side::B, &line)
 }
 
 /// Times at which a console reports that it is synchronized or not.
@@ -139,14 +137,14 @@ fn late_joiner_on_the_shaped_link() {
         return;
     };
     let folder = tempdir().unwrap();
-    let edge = edge(&link, &log, "max", &[]);
+    let edge = edge(&link, &log, "--rate max");
     sleep(Duration::from_secs(20));
-    link.set_both(shaped(0.02)).unwrap();
+    link.set_both(shaped(0.02));
     for run in 1..=5 {
-        let before = link.traffic_from(Side::A).sent.bytes;
-        let mut command = console(&link, &folder.path().join("export"), &[]);
+        let before = link.sent_bytes()[0];
+        let mut command = console(&link, &folder.path().join("export"), "");
         let printed = Running::start(&mut command, "console").ends_well();
-        let bytes = link.traffic_from(Side::A).sent.bytes - before;
+        let bytes = link.sent_bytes()[0] - before;
         let figures: Vec<_> = printed
             .lines()
             .filter(|line| line.contains("after discovery") || line.contains("messages of"))
@@ -164,7 +162,7 @@ fn late_joiner_on_the_shaped_link() {
 #[ignore = "two minutes, needs root: measures"]
 fn steady_cost_while_mapping() {
     let Some(link) = namespaces(1) else { return };
-    link.set_both(shaped(0.02)).unwrap();
+    link.set_both(shaped(0.02));
     let folder = tempdir().unwrap();
     let logs = [(rooms(), "rooms.mcap")].into_iter().chain(
         [
@@ -175,11 +173,11 @@ fn steady_cost_while_mapping() {
         .filter_map(|name| Some((recording(name)?, name))),
     );
     for (log, name) in logs {
-        let edge = edge(&link, &log, "1", &[]);
-        let mut command = console(&link, &folder.path().join("export"), &["--for", "600"]);
+        let edge = edge(&link, &log, "--rate 1");
+        let mut command = console(&link, &folder.path().join("export"), "--for 600");
         let console = Running::start(&mut command, "console");
         sleep(Duration::from_secs(10));
-        let bytes = || Side::ALL.map(|side| link.traffic_from(side).sent.bytes);
+        let bytes = || link.sent_bytes();
         let (before, started) = (bytes(), clock::now());
         sleep(Duration::from_secs(40));
         let (after, elapsed_s) = (bytes(), clock::elapsed(started).as_secs_f64());
@@ -202,13 +200,13 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
         return Vec::new();
     };
     let folder = tempdir().unwrap();
-    link.set_both(shaped(0.05)).unwrap();
+    link.set_both(shaped(0.05));
     // In a loop: a console ends with its robot's data.
-    let edge = edge(&link, &rooms(), "1", &["--loop"]);
+    let edge = edge(&link, &rooms(), "--rate 1 --loop");
     let steps = Steps::watch(&mut console(
         &link,
         &folder.path().join("export"),
-        &["--for", "3600"],
+        "--for 3600",
     ));
     assert!(steps.next(true).is_some(), "never synchronized");
     let mut healed = Vec::new();
@@ -217,11 +215,10 @@ fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
         link.set_both(Conditions {
             blackhole: true,
             ..shaped(0.05)
-        })
-        .unwrap();
+        });
         sleep(cut);
         steps.forget();
-        link.set_both(shaped(0.05)).unwrap();
+        link.set_both(shaped(0.05));
         let passed = clock::now();
         healed.push(
             steps

@@ -2,21 +2,20 @@
 
 use tempfile::tempdir;
 
-use super::processes::{Running, program, rooms};
-use super::screen::{Screen, skip_without_window};
+use super::desktop::{Screen, skip_without_window};
+use crate::processes::{Running, command, rooms, start};
 
 /// Whether this machine lacks a library that windows need.
 fn lacks_a_library(printed: &str) -> bool {
-    [
+    let libraries = [
         "libX",
         "libxcb",
         "libxkb",
         "libGL",
         "libEGL",
         "NoGlutinConfigs",
-    ]
-    .iter()
-    .any(|word| printed.contains(word))
+    ];
+    libraries.iter().any(|word| printed.contains(word))
 }
 
 /// Number of pixels in the colours of free space, walls and the vehicle.
@@ -27,18 +26,17 @@ struct Colors {
     vehicle: usize,
 }
 
-/// The colours of a console's window `after` some seconds; `None`, and a skipped test, without a window.
-fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
+/// The colours of a console's window; `None`, and a skipped test, without a window.
+fn colors_of_window(options: &str) -> Option<Colors> {
     let screen = Screen::open()?;
     let folder = tempdir().unwrap();
     let picture = folder.path().join("window.png");
-    let mut command = program("operator-console");
-    screen.show(&mut command);
-    command
-        .args(arguments)
-        .args(["--after", after, "--screenshot"])
-        .arg(&picture);
-    let (code, printed) = Running::start(&mut command, "the window").end();
+    let mut console = command(&format!(
+        "operator-console {options} --screenshot {}",
+        picture.display()
+    ));
+    screen.show(&mut console);
+    let (code, printed) = Running::start(&mut console, options).end();
     if code != Some(0) && lacks_a_library(&printed) {
         skip_without_window(&printed);
         return None;
@@ -66,79 +64,61 @@ fn colors_of_window(arguments: &[&str], after: &str) -> Option<Colors> {
     Some(colors)
 }
 
+/// The demo's first room has walls and no obstacles: much white, some black.
 #[test]
-fn the_demo_shows_its_map_in_a_window() {
-    let Some(colors) = colors_of_window(&["--demo", "rooms"], "6") else {
-        return;
-    };
-    // The first room has walls and no obstacles: much white, some black.
-    assert!(colors.free > 20_000, "{colors:?}");
-    assert!(colors.walls > 500, "{colors:?}");
-    assert!(colors.vehicle > 50, "{colors:?}");
+fn a_window_shows_the_map_of_the_demo_and_of_a_recording() {
+    let recording = format!("--open {} --rate max --after 12", rooms());
+    for (options, free) in [("--demo rooms --after 6", 20_000), (&recording, 50_000)] {
+        let Some(colors) = colors_of_window(options) else {
+            return;
+        };
+        assert!(colors.free > free, "{options}: {colors:?}");
+        assert!(colors.walls > 500, "{options}: {colors:?}");
+        assert!(colors.vehicle > 50, "{options}: {colors:?}");
+    }
 }
 
 #[test]
-fn a_recording_shows_its_map_in_a_window() {
-    let rooms = rooms();
-    let arguments = ["--open", rooms.to_str().unwrap(), "--rate", "max"];
-    let Some(colors) = colors_of_window(&arguments, "12") else {
-        return;
-    };
-    assert!(colors.free > 50_000, "{colors:?}");
-    assert!(colors.walls > 500, "{colors:?}");
-    assert!(colors.vehicle > 50, "{colors:?}");
-}
-
-#[test]
-fn a_file_that_is_no_recording_is_refused_before_the_window() {
+fn errors_before_the_window_say_what_is_wrong() {
     let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
-    let command = &mut program("operator-console");
-    let (code, printed) = Running::start(command.args(["--open", manifest]), "the window").end();
-    assert_eq!(code, Some(3), "{printed}");
-    assert!(
-        printed.contains("Cargo.toml") && printed.contains("not a recording"),
-        "{printed}"
-    );
+    for (options, code, says) in [
+        (
+            format!("--open {manifest}"),
+            3,
+            ["Cargo.toml", "not a recording"],
+        ),
+        ("--demo nowhere".to_owned(), 2, ["nowhere", "rooms"]),
+    ] {
+        let printed = start(&format!("operator-console {options}")).ends_with(code);
+        for words in says {
+            assert!(printed.contains(words), "{options}: {printed}");
+        }
+    }
 }
 
 #[test]
 fn without_a_screen_the_console_suggests_headless() {
-    let mut command = program("operator-console");
-    command
-        .env_remove("DISPLAY")
-        .env_remove("WAYLAND_DISPLAY")
-        .env_remove("WAYLAND_SOCKET");
     let settings = tempdir().unwrap();
-    command.arg("--config").arg(settings.path().join("a.json"));
-    let (code, printed) =
-        Running::start(command.args(["--connect", "tcp/127.0.0.1:9"]), "the window").end();
-    assert_eq!(code, Some(1), "{printed}");
+    let mut console = command(&format!(
+        "operator-console --connect tcp/127.0.0.1:9 --config {}/a.json",
+        settings.path().display()
+    ));
+    for display in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+        console.env_remove(display);
+    }
+    let printed = Running::start(&mut console, "the window").ends_with(1);
     assert!(printed.contains("--headless"), "{printed}");
 }
 
 #[test]
-fn an_unknown_demo_world_is_an_error() {
-    let command = &mut program("operator-console");
-    let (code, printed) = Running::start(command.args(["--demo", "nowhere"]), "the window").end();
-    assert_eq!(code, Some(2), "{printed}");
-    assert!(
-        printed.contains("nowhere") && printed.contains("rooms"),
-        "{printed}"
-    );
-}
-
-#[test]
 fn completions_list_the_options() {
-    let command = &mut program("operator-console");
-    let output = command.args(["completions", "bash"]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success());
+    let printed = start("operator-console completions bash").ends_well();
     for word in [
         "-o default operator-console",
         "--reset-settings",
         "--demo",
         "completions",
     ] {
-        assert!(text.contains(word), "{word}");
+        assert!(printed.contains(word), "{word}");
     }
 }

@@ -11,12 +11,13 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, Operator};
 use protocol::message::TeleopState;
 use robot_edge::clock;
+use rustix::process::{Pid, Signal, kill_process};
 use tempfile::{TempDir, tempdir};
 
 use super::emulator::Emulator;
 use super::emulator::on_terminal::EmulatorOnTerminal;
 use super::ros_system::{RosMiddleware, RosSystem};
-use crate::link::processes::{Running, free_port, program};
+use crate::processes::{Running, command, free_port, tcp};
 
 const NAME: &str = "rover";
 
@@ -115,11 +116,10 @@ impl LiveRig {
     pub(super) fn start_edge(&self, set_up: impl FnOnce(&mut Command)) -> Running {
         let configuration = self.folder().join("rover.toml");
         fs::write(&configuration, &self.configuration).unwrap();
-        let mut command = program("robot-edge");
-        command.args(self.arguments(&configuration).split(' '));
-        command.env("STATE_DIRECTORY", self.state());
-        set_up(&mut command);
-        Running::start(&mut command, "edge")
+        let mut edge = command(&format!("robot-edge {}", self.arguments(&configuration)));
+        edge.env("STATE_DIRECTORY", self.state());
+        set_up(&mut edge);
+        Running::start(&mut edge, "edge")
     }
 
     pub(super) fn folder(&self) -> &Path {
@@ -138,7 +138,7 @@ impl LiveRig {
 
     /// An operator, once the motors are ready.
     pub(super) fn operator(&self) -> Operator {
-        let operator = Operator::ready(&format!("tcp/127.0.0.1:{}", self.port), NAME, "anna");
+        let operator = Operator::ready(&tcp(self.port), NAME, "anna");
         operator.wait_for_status("ready", |teleop| teleop.state == TeleopState::Idle);
         operator
     }
@@ -173,4 +173,39 @@ pub(super) fn roboteq(controller: &EmulatorOnTerminal) -> String {
          drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
         controller.path().display()
     )
+}
+
+/// Sends a signal to a process that must exist.
+pub(super) fn signal(pid: u32, signal: Signal) {
+    assert!(try_signal(pid, signal), "there is no process {pid}");
+}
+
+/// Sends a signal; returns whether the process exists.
+pub(super) fn try_signal(pid: u32, signal: Signal) -> bool {
+    let pid = Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
+    kill_process(pid, signal).is_ok()
+}
+
+/// Child processes of a process.
+pub(super) fn children(of: u32) -> Vec<u32> {
+    let Ok(tasks) = fs::read_dir(format!("/proc/{of}/task")) else {
+        return Vec::new();
+    };
+    let lists =
+        tasks.filter_map(|task| fs::read_to_string(task.ok()?.path().join("children")).ok());
+    let lists: Vec<_> = lists.collect();
+    let pids = lists.iter().flat_map(|list| list.split_whitespace());
+    pids.map(|pid| pid.parse().unwrap()).collect()
+}
+
+/// Whether this process is a motor guard.
+pub(super) fn is_motor_guard(pid: u32) -> bool {
+    let words = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    words.split('\0').any(|word| word == "motor-guard")
+}
+
+/// The motor guard of `edge`.
+pub(super) fn guard_of(edge: u32) -> u32 {
+    let guard = children(edge).into_iter().find(|pid| is_motor_guard(*pid));
+    guard.expect("a motor guard")
 }

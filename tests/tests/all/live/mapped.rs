@@ -1,4 +1,4 @@
-//! A live system gives the same map as its recording.
+//! A live system gives the same map as its recording; a missing sensor, topic or ROS 2 system is an error.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +15,7 @@ use tempfile::tempdir;
 use zenoh::Wait as _;
 
 use super::ros_system::{RosMiddleware, RosSystem};
-use crate::link::processes::{Running, free_port, program, rooms};
+use crate::processes::{Running, command, free_port, rooms, start, tcp};
 
 /// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(2);
@@ -31,7 +31,7 @@ struct Message {
     data: Vec<u8>,
 }
 
-fn messages(recording: &Path) -> Vec<Message> {
+fn messages(recording: &str) -> Vec<Message> {
     let bytes = std::fs::read(recording).unwrap();
     let messages = mcap::MessageStream::new(&bytes).unwrap();
     let message = |message: Result<mcap::Message<'_>, _>| {
@@ -50,22 +50,21 @@ fn summary(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// Summary of a replay of the recording.
-fn replayed() -> Value {
+/// Summary of a replay of this recording.
+fn replay(recording: &str) -> Value {
     let folder = tempdir().unwrap();
     let path = folder.path().join("replay.json");
-    let mut command = program("robot-edge");
-    command.arg("replay").arg(rooms());
-    command
-        .args(["--no-network", "--quiet", "--summary"])
-        .arg(&path);
-    Running::start(&mut command, "replay").ends_well();
+    start(&format!(
+        "robot-edge replay {recording} --no-network --quiet --summary {}",
+        path.display()
+    ))
+    .ends_well();
     summary(&path)
 }
 
 /// Waits until the edge has received this number of scans.
 fn await_scans(port: u16, scans: u64) {
-    let session = connected(&format!("tcp/127.0.0.1:{port}"), None);
+    let session = connected(&tcp(port), None);
     let key = Topic::Status.key(&"live".parse().unwrap());
     let statuses = session.declare_subscriber(key).wait().unwrap();
     let started = clock::now();
@@ -101,18 +100,17 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
             system.announce(topic, type_name);
         }
     }
-    let mut command = program("robot-edge");
-    command.args(["run", "--ros", &system.endpoint(), "--vehicle", "pioneer"]);
-    command.args(["--robot", "live", "--wait", "60", "--quiet"]);
-    command
-        .arg("--listen")
-        .arg(format!("tcp/127.0.0.1:{listen}"));
-    command.arg("--summary").arg(&path);
-    command.arg("--record").arg(&recording);
+    let mut edge = command(&format!(
+        "robot-edge run --ros {} --vehicle pioneer --robot live --wait 60 --quiet --listen {} --summary {} --record {}",
+        system.endpoint(),
+        tcp(listen),
+        path.display(),
+        recording.display()
+    ));
     if let RosMiddleware::Rmw { domain } = ros_middleware {
-        command.env("ROS_DOMAIN_ID", domain.to_string());
+        edge.env("ROS_DOMAIN_ID", domain.to_string());
     }
-    let edge = Running::start(&mut command, "edge");
+    let edge = Running::start(&mut edge, "edge");
     for topic in ["/scan", "/tf", "/odom"] {
         system.wait_for_subscriber(topic);
     }
@@ -139,42 +137,28 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
     // Scans wait for poses for up to 50 ms.
     sleep(Duration::from_millis(500));
     edge.signal("INT");
-    let (code, printed) = edge.end();
-    assert_eq!(code, Some(130), "{printed}");
-
-    let again = folder.path().join("again.json");
-    let mut command = program("robot-edge");
-    command
-        .arg("replay")
-        .arg(&recording)
-        .args(["--no-network", "--quiet"]);
-    command.arg("--summary").arg(&again);
-    Running::start(&mut command, "replay of what was recorded").ends_well();
-    (summary(&path), summary(&again))
+    edge.ends_with(130);
+    (summary(&path), replay(recording.to_str().unwrap()))
 }
 
 #[test]
-fn live_rmw_zenoh_gives_the_map_of_its_recording() {
-    let replayed = replayed();
-    let (live, again) = live(RosMiddleware::Rmw { domain: 7 }, true);
-    assert_eq!(live["scans"], replayed["scans"]);
-    assert_eq!(live["layers"], replayed["layers"]);
-    assert_eq!(again["layers"], replayed["layers"]);
-    assert_eq!(
-        live["recording"].as_str().unwrap().split('/').next(),
-        Some("tcp")
-    );
-    let undecodable = live["losses"]["undecodable"].as_u64().unwrap();
-    assert!(undecodable >= 100, "{}", live["losses"]);
-}
-
-#[test]
-fn a_live_bridge_gives_the_map_of_its_recording() {
-    let replayed = replayed();
-    let (live, again) = live(RosMiddleware::Bridge, false);
-    assert_eq!(live["scans"], replayed["scans"]);
-    assert_eq!(live["layers"], replayed["layers"]);
-    assert_eq!(again["layers"], replayed["layers"]);
+fn a_live_system_gives_the_map_of_its_recording() {
+    let replayed = replay(&rooms());
+    for (ros_middleware, spoil) in [
+        (RosMiddleware::Rmw { domain: 7 }, true),
+        (RosMiddleware::Bridge, false),
+    ] {
+        let (live, again) = live(ros_middleware, spoil);
+        assert_eq!(live["scans"], replayed["scans"], "{ros_middleware:?}");
+        assert_eq!(live["layers"], replayed["layers"], "{ros_middleware:?}");
+        assert_eq!(again["layers"], replayed["layers"], "{ros_middleware:?}");
+        let source = live["recording"].as_str().unwrap();
+        assert_eq!(source.split('/').next(), Some("tcp"));
+        if spoil {
+            let undecodable = live["losses"]["undecodable"].as_u64().unwrap();
+            assert!(undecodable >= 100, "{}", live["losses"]);
+        }
+    }
 }
 
 #[test]
@@ -186,27 +170,11 @@ fn the_edge_reconnects_to_a_restarted_router() {
         system
     };
     let mut first = system();
-    let mut command = program("robot-edge");
-    command.args([
-        "run",
-        "--ros",
-        &first.endpoint(),
-        "--ros-domain",
-        "0",
-        "--robot",
-        "live",
-    ]);
-    command.args([
-        "--set",
-        "localization.source=static",
-        "--wait",
-        "60",
-        "--quiet",
-    ]);
-    command
-        .arg("--listen")
-        .arg(format!("tcp/127.0.0.1:{listen}"));
-    let _edge = Running::start(&mut command, "edge");
+    let _edge = start(&format!(
+        "robot-edge run --ros {} --ros-domain 0 --robot live --set localization.source=static --wait 60 --quiet --listen {}",
+        first.endpoint(),
+        tcp(listen)
+    ));
     first.wait_for_subscriber("/scan");
     let scans_in = |scans: u64| std::thread::spawn(move || await_scans(listen, scans));
     let seen = scans_in(10);
@@ -218,4 +186,59 @@ fn the_edge_reconnects_to_a_restarted_router() {
     second.wait_for_subscriber("/scan");
     second.sweep_until(next, || seen.is_finished());
     seen.join().unwrap();
+}
+
+fn run(ros: &str, options: &str) -> Running {
+    start(&format!(
+        "robot-edge run --ros {ros} --no-network --quiet {options}"
+    ))
+}
+
+/// Encapsulation and a `geometry_msgs/Twist` of zeros.
+const TWIST: [u8; 52] = {
+    let mut message = [0; 52];
+    message[1] = 1;
+    message
+};
+
+#[test]
+fn a_missing_sensor_is_an_error_that_lists_the_topics() {
+    let mut system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
+    system.announce("/bot/cmd_vel", "geometry_msgs/msg/Twist");
+    system.announce("/bot/camera", "sensor_msgs/msg/Image");
+    let edge = run(&system.endpoint(), "--ros-domain 0 --wait 4");
+    system.wait_for_subscriber("/bot/cmd_vel");
+    for _ in 0..3 {
+        system.publish("/bot/cmd_vel", &TWIST);
+    }
+    let printed = edge.ends_with(2);
+    for words in [
+        "no scans (sensor_msgs/LaserScan) came",
+        "in 4 s, in domain 0 and from bridges, there were:",
+        "/bot/cmd_vel (geometry_msgs/Twist): 3 messages",
+        "/bot/camera (sensor_msgs/Image): announced, no messages received",
+    ] {
+        assert!(printed.contains(words), "{printed}");
+    }
+}
+
+#[test]
+fn a_domain_without_topics_is_an_error() {
+    let mut system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 3 });
+    system.announce("/scan", "sensor_msgs/msg/LaserScan");
+    let printed = run(&system.endpoint(), "--ros-domain 0 --wait 1").ends_with(2);
+    let words =
+        "no topic was received or announced in 1 s; does it run in domain 0 (--ros-domain)?";
+    assert!(printed.contains(words), "{printed}");
+}
+
+#[test]
+fn a_missing_ros_system_is_an_error_that_says_what_to_start() {
+    let endpoint = tcp(free_port());
+    let printed = run(&endpoint, "--wait 1").ends_with(1);
+    assert!(
+        printed.contains(&format!("{endpoint}: no ROS 2 system. Start")),
+        "{printed}"
+    );
+    run("localhost", "").ends_with(2);
 }

@@ -1,16 +1,12 @@
 //! `robot-edge run` with a ROS 2 system over Zenoh, played by these tests, and a motor controller at a terminal.
 
 mod driven;
-mod kills;
 mod live_rig;
 mod mapped;
-mod missing;
 mod notified;
 mod restarts;
-mod room;
 mod ros_system;
 mod service;
-mod service_manager;
 
 /// From the edge's own tests: an emulator is no part of the program.
 #[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]

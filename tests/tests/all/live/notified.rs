@@ -5,9 +5,8 @@ use std::os::unix::net::UnixDatagram;
 use std::thread::sleep;
 use std::time::Duration;
 
-use super::live_rig::LiveRig;
-use super::service_manager::guard_of;
-use crate::link::processes::{Running, program, rooms};
+use super::live_rig::{LiveRig, guard_of};
+use crate::processes::{Running, command, rooms};
 
 /// Notifications of the next second.
 fn notified(socket: &UnixDatagram) -> Vec<String> {
@@ -51,7 +50,7 @@ fn only_the_teleop_loop_feeds_the_service_watchdog() {
         "it continues"
     );
     edge.signal("INT");
-    assert_eq!(edge.end().0, Some(130));
+    edge.ends_with(130);
     assert_eq!(notified(&socket).last().unwrap(), "WATCHDOG_USEC=0");
 }
 
@@ -61,11 +60,10 @@ fn a_replay_is_ready_without_a_watchdog() {
     let path = folder.path().join("notify");
     let socket = UnixDatagram::bind(&path).unwrap();
     socket.set_nonblocking(true).unwrap();
-    let mut command = program("robot-edge");
-    command
-        .arg("replay")
-        .arg(rooms())
-        .args(["--no-network", "--quiet"]);
-    Running::start(command.env("NOTIFY_SOCKET", &path), "replay").ends_well();
+    let mut replay = command(&format!(
+        "robot-edge replay {} --no-network --quiet",
+        rooms()
+    ));
+    Running::start(replay.env("NOTIFY_SOCKET", &path), "replay").ends_well();
     assert_eq!(notified(&socket), ["READY=1\nWATCHDOG_USEC=0"]);
 }

@@ -10,7 +10,6 @@ use measurement::time::RobotTime;
 use measurement::{Measurement, MeasurementData, StreamId};
 use recording::ros;
 use recording::ros::middleware::Attachment;
-use robot_edge::clock;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::CongestionControl;
@@ -18,8 +17,7 @@ use zenoh::query::Queryable;
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait as _};
 
-/// Longer than any step takes.
-const TIMEOUT: Duration = Duration::from_mins(1);
+use crate::processes::{tcp, wait_until};
 
 /// Type hash of every published topic; the edge must ignore it.
 const HASH: &str = "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828";
@@ -38,7 +36,7 @@ pub(super) enum RosMiddleware {
 
 /// A router and every publisher behind it.
 pub(super) struct RosSystem {
-    pub(super) port: u16,
+    port: u16,
     session: Session,
     ros_middleware: RosMiddleware,
     topics: BTreeMap<String, Topic>,
@@ -111,7 +109,7 @@ impl RosSystem {
     }
 
     pub(super) fn endpoint(&self) -> String {
-        format!("tcp/127.0.0.1:{}", self.port)
+        tcp(self.port)
     }
 
     /// A node begins to publish on this topic; `type_name` as in `sensor_msgs/msg/LaserScan`.
@@ -154,14 +152,9 @@ impl RosSystem {
     /// Waits until this topic has a subscriber.
     pub(super) fn wait_for_subscriber(&self, topic: &str) {
         let publisher = &self.topics[topic].publisher;
-        let started = clock::now();
-        while !publisher.matching_status().wait().unwrap().matching() {
-            assert!(
-                clock::elapsed(started) < TIMEOUT,
-                "no subscriber of {topic}"
-            );
-            sleep(Duration::from_millis(20));
-        }
+        wait_until(&format!("a subscriber of {topic}"), || {
+            publisher.matching_status().wait().unwrap().matching()
+        });
     }
 
     /// Publishes a message: CDR behind its encapsulation header.

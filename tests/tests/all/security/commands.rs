@@ -3,78 +3,23 @@
 use std::fs;
 use std::time::Duration;
 
-use foreshore_tests::operator::{Input, NEUTRAL, Operator};
+use foreshore_tests::operator::{Input, NEUTRAL};
 use protocol::keys::{OperatorTopic, operator_key};
 use protocol::message::{
     Answer, Drive, EStop, LeaseEnd, LeaseRequest, Refusal, Reset, StopReason, TeleopState,
     TeleopStatus,
 };
 use protocol::signed::{ENVELOPE_BYTES, Route, sign};
-use robot_edge::credentials::Credentials;
 use zenoh::Wait as _;
 
-use super::{matrix, router};
+use super::{TURN, audit, operator, position, robot, take_off};
 use crate::fleet::{Fleet, text};
-use crate::link::processes::{Running, free_port, simulate};
-
-/// A simulated robot with the fleet's keys, and an audit log.
-pub(super) fn robot(fleet: &Fleet, how: &str, port: u16) -> Running {
-    let mut command = simulate(&[how, &format!("quic/127.0.0.1:{port}")]);
-    command.arg("--keys").arg(fleet.vehicle());
-    let audit = fleet.scratch("audit.jsonl");
-    command.args(["--set", &format!("link.audit_log=\"{}\"", audit.display())]);
-    Running::start(&mut command, "edge")
-}
-
-pub(super) fn operator(fleet: &Fleet, name: &str, port: u16) -> Operator {
-    let key = Credentials::open(&fleet.person(name))
-        .unwrap()
-        .signing_key();
-    let session = matrix::person(fleet, name, port);
-    Operator::on(session, "scout", name.parse().unwrap(), key.unwrap()).with_token()
-}
+use crate::processes::free_port;
 
 fn refused(teleop: &TeleopStatus, why: Refusal) -> u64 {
     let of = teleop.counters.refused.iter().find(|of| of.reason == why);
     of.map_or(0, |of| of.count)
 }
-
-/// Kind and message of each line of the audit log.
-pub(super) fn audit(fleet: &Fleet) -> Vec<(String, String)> {
-    let line = |line: &str| {
-        let line: serde_json::Value = serde_json::from_str(line).unwrap();
-        let field = |name: &str| line[name].as_str().unwrap().to_owned();
-        (field("kind"), field("message"))
-    };
-    text(fleet.scratch("audit.jsonl"))
-        .lines()
-        .map(line)
-        .collect()
-}
-
-/// The line of the first entry of this kind that contains `says`.
-pub(super) fn position(log: &[(String, String)], kind: &str, says: &str) -> usize {
-    let at = log
-        .iter()
-        .position(|(of, message)| of == kind && message.contains(says));
-    at.unwrap_or_else(|| panic!("no {kind}, {says}: {log:#?}"))
-}
-
-/// Writes the vehicle's list of operators without `name`.
-pub(super) fn take_off(fleet: &Fleet, name: &str) {
-    let path = fleet.vehicle().join("operators.toml");
-    let whole = text(&path);
-    let entry = whole
-        .find(&format!("\n[[person]]\nname = \"{name}\""))
-        .unwrap();
-    let rest = &whole[entry + 1..];
-    let next = rest.find("\n[[person]]").unwrap_or(rest.len());
-    let draft = fleet.scratch("operators.new");
-    fs::write(&draft, whole[..entry].to_owned() + &rest[next..]).unwrap();
-    fs::rename(&draft, &path).unwrap();
-}
-
-pub(super) const TURN: Input = Input::of(0.0, 0.5);
 
 const ON: Drive = Drive {
     linear_mps: 0.0,
@@ -185,7 +130,7 @@ fn commands_changed_on_the_way_move_nothing() {
 #[test]
 fn commands_changed_behind_a_router_move_nothing() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let _router = router::start(&fleet, port);
+    let _router = fleet.router(port);
     let _edge = robot(&fleet, "--connect", port);
     nothing_that_was_changed_moves_the_vehicle(&fleet, port);
 }
@@ -194,7 +139,7 @@ fn commands_changed_behind_a_router_move_nothing() {
 #[test]
 fn a_removed_operator_cannot_drive_and_the_audit_log_says_so() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let _router = router::start(&fleet, port);
+    let _router = fleet.router(port);
     let edge = robot(&fleet, "--connect", port);
     let (mut anna, mut bert) = (
         operator(&fleet, "anna", port),
@@ -245,9 +190,7 @@ fn a_removed_operator_cannot_drive_and_the_audit_log_says_so() {
     for operator in [&anna, &bert, &sam] {
         operator.session().close().wait().unwrap();
     }
-    edge.signal("INT");
-    let (code, printed) = edge.end();
-    assert_eq!(code, Some(0), "{printed}");
+    edge.interrupt();
 
     let log = audit(&fleet);
     let at = |kind: &str, says: &str| position(&log, kind, says);

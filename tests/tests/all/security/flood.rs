@@ -12,7 +12,7 @@ use robot_edge::network::endpoints::Channel;
 use robot_edge::network::sessions::{self, Side};
 
 use crate::fleet::Fleet;
-use crate::link::processes::{Running, program};
+use crate::processes::{Running, SERVED, program};
 
 const VEHICLE: &str = "10.77.0.1";
 const STRANGER: &str = "10.77.0.66";
@@ -23,10 +23,8 @@ const KNOCKS_PER_S: u32 = 100;
 const FLOOD: Duration = Duration::from_secs(20);
 
 fn ip(arguments: &str) {
-    let done = Command::new("ip")
-        .args(arguments.split(' '))
-        .status()
-        .unwrap();
+    let mut ip = Command::new("ip");
+    let done = ip.args(arguments.split(' ')).status().unwrap();
     assert!(done.success(), "ip {arguments}");
 }
 
@@ -36,24 +34,19 @@ struct Lan(String);
 impl Lan {
     fn new() -> Self {
         let lan = Self(format!("fs{}", std::process::id()));
-        let name = |part: &str| format!("{}{part}", lan.0);
-        ip(&format!("netns add {}", name("v")));
-        ip(&format!("-n {} link add name lan type bridge", name("v")));
-        ip(&format!("-n {} addr add {VEHICLE}/24 dev lan", name("v")));
-        ip(&format!("-n {} link set dev lan up", name("v")));
+        let vehicle = format!("{}v", lan.0);
+        ip(&format!("netns add {vehicle}"));
+        ip(&format!("-n {vehicle} link add name lan type bridge"));
+        ip(&format!("-n {vehicle} addr add {VEHICLE}/24 dev lan"));
+        ip(&format!("-n {vehicle} link set dev lan up"));
         for (part, address) in [("s", STRANGER), ("o", OPERATOR)] {
-            ip(&format!("netns add {}", name(part)));
-            ip(&format!(
-                "-n {} link add {part} type veth peer name eth0 netns {}",
-                name("v"),
-                name(part)
-            ));
-            ip(&format!(
-                "-n {} link set dev {part} master lan up",
-                name("v")
-            ));
-            ip(&format!("-n {} addr add {address}/24 dev eth0", name(part)));
-            ip(&format!("-n {} link set dev eth0 up", name(part)));
+            let name = format!("{}{part}", lan.0);
+            let peer = format!("type veth peer name eth0 netns {name}");
+            ip(&format!("netns add {name}"));
+            ip(&format!("-n {vehicle} link add {part} {peer}"));
+            ip(&format!("-n {vehicle} link set dev {part} master lan up"));
+            ip(&format!("-n {name} addr add {address}/24 dev eth0"));
+            ip(&format!("-n {name} link set dev eth0 up"));
         }
         lan
     }
@@ -101,7 +94,7 @@ fn a_flood_of_connections_keeps_no_operator_out() {
     // A certificate with the vehicle's address.
     let vehicle = root.join("vehicles/scout");
     fs::remove_file(vehicle.join("link.pem")).unwrap();
-    let made = fleet.keys(&["--robot", "scout", "--host", VEHICLE]);
+    let made = fleet.keys(&format!("--robot scout --host {VEHICLE}"));
     assert!(made.status.success(), "{made:?}");
     let packets = fleet.scratch("packets");
     fs::create_dir(&packets).unwrap();
@@ -117,22 +110,14 @@ fn a_flood_of_connections_keeps_no_operator_out() {
         let loaded = load.arg("-f").arg(rules).status().unwrap();
         assert!(loaded.success(), "package nftables");
     }
-    let mut edge = lan.within("v", program("robot-edge").get_program());
-    edge.args([
-        "simulate",
-        "rooms",
-        "--rate",
-        "1",
-        "--keep-serving",
-        "--quiet",
-    ]);
-    edge.args(["--listen", &format!("quic/{VEHICLE}:{PORT}"), "--keys"]);
-    edge.arg(&vehicle);
+    let mut edge = lan.within("v", program("robot-edge"));
+    let options = fleet.edge("--listen", &format!("quic/{VEHICLE}:{PORT}"));
+    edge.args(format!("simulate rooms {SERVED} {options}").split(' '));
     let mut edge = Running::start(&mut edge, "edge");
     clock::sleep_until(clock::now() + Duration::from_secs(3), || false);
     let (person, drive_by_wire) = (root.join("people/anna"), program("drive-by-wire"));
     let connect = || {
-        let mut connect = lan.within("o", drive_by_wire.get_program());
+        let mut connect = lan.within("o", &drive_by_wire);
         connect.args(["connect", &format!("quic/{VEHICLE}:{PORT}")]);
         let printed = Running::start(connect.arg(&person), "operator").ends_well();
         print!("connected after {printed}");
@@ -141,7 +126,7 @@ fn a_flood_of_connections_keeps_no_operator_out() {
     };
     let quiet_ms = connect();
     let before = edge.memory();
-    let mut knock = lan.within("s", drive_by_wire.get_program());
+    let mut knock = lan.within("s", &drive_by_wire);
     knock.args(["knock", STRANGER, VEHICLE, &PORT.to_string()]);
     knock.args([KNOCKS_PER_S, FLOOD.as_secs() as u32].map(|number| number.to_string()));
     let flood = Running::start(knock.arg(&packets), "stranger");

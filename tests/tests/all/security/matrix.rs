@@ -7,15 +7,11 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::{Session, Wait as _};
 
-use super::router;
-use crate::fleet::Fleet;
-use crate::link::processes::{free_port, wait_until};
+use super::{person, vehicle};
+use crate::fleet::{Fleet, quic};
+use crate::processes::{free_port, wait_until};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
 
@@ -50,15 +46,7 @@ struct Vehicle {
 
 impl Vehicle {
     fn new(fleet: &Fleet, listen: &[String], connect: &[String]) -> Self {
-        let (credentials, _, people) = Credentials::of_vehicle(&fleet.vehicle(), None).unwrap();
-        let endpoints = Endpoints {
-            listen: listen.to_vec(),
-            connect: connect.to_vec(),
-            credentials: Some(credentials),
-            operators: people,
-            ..Endpoints::default()
-        };
-        let session = sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap();
+        let session = vehicle(fleet, listen, connect);
         let arrived = Arc::new(Mutex::new(BTreeSet::new()));
         let note = Arc::clone(&arrived);
         session
@@ -86,17 +74,6 @@ impl Vehicle {
 
     fn has(&self, word: &str) -> bool {
         self.arrived.lock().unwrap().contains(word)
-    }
-}
-
-pub(super) fn person(fleet: &Fleet, name: &str, port: u16) -> Session {
-    let endpoints = fleet.endpoints(name, format!("quic/127.0.0.1:{port}"));
-    let started = clock::now();
-    loop {
-        match sessions::open(Side::Console, Channel::Control, &endpoints) {
-            Ok(session) => return session,
-            Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{name}: {why}"),
-        }
     }
 }
 
@@ -279,14 +256,14 @@ fn every_cell(vehicle: &Vehicle, fleet: &Fleet, port: u16) {
 #[test]
 fn every_role_has_exactly_its_rights() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let vehicle = Vehicle::new(&fleet, &[format!("quic/127.0.0.1:{port}")], &[]);
+    let vehicle = Vehicle::new(&fleet, &[quic(port)], &[]);
     every_cell(&vehicle, &fleet, port);
 }
 
 #[test]
 fn every_role_has_exactly_its_rights_through_a_router() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let _router = router::start(&fleet, port);
-    let vehicle = Vehicle::new(&fleet, &[], &[format!("quic/127.0.0.1:{port}")]);
+    let _router = fleet.router(port);
+    let vehicle = Vehicle::new(&fleet, &[], &[quic(port)]);
     every_cell(&vehicle, &fleet, port);
 }

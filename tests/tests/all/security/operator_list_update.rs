@@ -9,16 +9,17 @@ use std::time::Duration;
 
 use foreshore_tests::operator::NEUTRAL;
 use measurement::time::Monotonic;
+use operator_console::link::{AddressState, Discovery};
 use protocol::message::{Answer, LeaseRequest, Refusal, StopReason, TeleopState};
 use robot_edge::clock;
+use robot_edge::credentials::Credentials;
 use robot_edge::network::endpoints::Channel;
 use robot_edge::network::sessions::{self, Side};
 use zenoh::{Session, Wait as _};
 
-use super::commands::{TURN, audit, operator, position, robot, take_off};
-use super::{matrix, router};
-use crate::fleet::{Fleet, text};
-use crate::link::processes::{Running, free_port, program, wait_until};
+use super::{TURN, audit, operator, person, position, robot, take_off};
+use crate::fleet::{Fleet, quic, text};
+use crate::processes::{SERVED, free_port, start, wait_until};
 
 /// A connection in setup when the links are closed keeps the port for 30 s, and clients retry with growing pauses.
 const TIMEOUT: Duration = Duration::from_secs(90);
@@ -61,7 +62,7 @@ impl Poses {
 
 /// A bulk session.
 fn tiles(fleet: &Fleet, name: &str, port: u16) -> Session {
-    let endpoints = fleet.endpoints(name, format!("quic/127.0.0.1:{port}"));
+    let endpoints = fleet.endpoints(name, quic(port));
     sessions::open(Side::Console, Channel::Bulk, &endpoints).unwrap()
 }
 
@@ -89,17 +90,16 @@ fn a_removed_operator_is_cut_off_and_the_driver_reconnects() {
     let (fleet, port) = (Fleet::new(), free_port());
     let edge = robot(&fleet, "--listen", port);
     let mut anna = operator(&fleet, "anna", port);
-    let bert = matrix::person(&fleet, "bert", port);
+    let bert = person(&fleet, "bert", port);
     let (of_anna, of_bert) = (Poses::of(anna.session()), Poses::of(&bert));
     let (tiles_of_bert, tiles_of_anna) = (tiles(&fleet, "bert", port), tiles(&fleet, "anna", port));
     assert!(answers(&tiles_of_bert) && answers(&tiles_of_anna));
     // A stopped console must not delay the others.
-    let mut console = program("operator-console");
-    console.args(["--headless", "--for", "100", "--connect"]);
-    console.arg(format!("quic/127.0.0.1:{port}"));
-    console.arg("--keys").arg(fleet.person("tv"));
-    console.arg("--export").arg(fleet.scratch("console"));
-    let frozen = Running::start(&mut console, "console");
+    let frozen = start(&format!(
+        "operator-console --headless --for 100 {} --export {}",
+        fleet.console("tv", &quic(port)),
+        fleet.scratch("console").display()
+    ));
     sleep(Duration::from_secs(2));
     frozen.signal("STOP");
 
@@ -134,8 +134,7 @@ fn a_removed_operator_is_cut_off_and_the_driver_reconnects() {
     );
     drop(frozen);
     anna.session().close().wait().unwrap();
-    edge.signal("INT");
-    edge.ends_well();
+    edge.interrupt();
 
     let log = audit(&fleet);
     let at = |kind: &str, says: &str| position(&log, kind, says);
@@ -180,7 +179,7 @@ fn a_reordered_operator_list_interrupts_no_link() {
 #[test]
 fn behind_a_router_a_removed_operator_loses_driving_at_once() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let old_rules = router::start(&fleet, port);
+    let old_rules = fleet.router(port);
     let _edge = robot(&fleet, "--connect", port);
     let anna = operator(&fleet, "anna", port);
     let mut bert = operator(&fleet, "bert", port);
@@ -203,7 +202,7 @@ fn behind_a_router_a_removed_operator_loses_driving_at_once() {
 
     // The rules are generated from the lists.
     old_rules.close().wait().unwrap();
-    let _new_rules = router::start(&fleet, port);
+    let _new_rules = fleet.router(port);
     let restarted = clock::now();
     wait_until("a pose for Anna", || {
         of_anna.last_after(written) >= restarted.since(written)
@@ -259,8 +258,7 @@ fn the_edge_waits_for_a_port_that_is_taken_meanwhile() {
         clock::elapsed(freed)
     );
     anna.session().close().wait().unwrap();
-    edge.signal("INT");
-    edge.ends_well();
+    edge.interrupt();
     let log = audit(&fleet);
     let failed = log.iter().position(|(kind, _)| kind == "access_failed");
     let (_, why) = &log[failed.unwrap()];
@@ -303,8 +301,7 @@ fn a_deleted_operator_list_revokes_access_after_ten_seconds() {
     assert_ne!(anna.wait_for_new_status().state, TeleopState::Driving);
     anna.start_driving(TURN);
     anna.session().close().wait().unwrap();
-    edge.signal("INT");
-    edge.ends_well();
+    edge.interrupt();
     let log = audit(&fleet);
     let printed: Vec<_> = log
         .iter()
@@ -320,4 +317,58 @@ fn a_deleted_operator_list_revokes_access_after_ten_seconds() {
     );
     let why = "anna no longer drives: the leave to drive was taken away";
     assert!(log.iter().any(|(_, message)| message == why), "{log:#?}");
+}
+
+/// Waits until discovery at `endpoint` with Carl's keys gives the expected state.
+fn wait_for_answer(fleet: &Fleet, endpoint: &str, is_expected: impl Fn(&AddressState) -> bool) {
+    let keys = Credentials::open(&fleet.person("carl")).unwrap();
+    let asked = vec![endpoint.to_owned()];
+    let discovery = Discovery::start(asked, false, None, Some(keys), || {});
+    wait_until("an answer for Carl", || {
+        is_expected(&discovery.asked()[endpoint])
+    });
+}
+
+#[test]
+fn an_unlisted_operator_gets_access_once_listed() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let endpoint = quic(port);
+    let list = fleet.vehicle().join("operators.toml");
+    let without_carl = text(&list);
+    let added = fleet.keys("--robot scout --operator carl");
+    let printed = String::from_utf8(added.stdout).unwrap();
+    let what_to_do = "the vehicle lets them in once it has this, by `robot-edge install-keys`";
+    assert!(printed.contains(what_to_do), "{printed}");
+    let with_carl = text(&list);
+    fs::write(&list, &without_carl).unwrap();
+    let options = fleet.edge("--listen", &endpoint);
+    let edge = start(&format!("robot-edge simulate rooms {SERVED} {options}"));
+    person(&fleet, "anna", port).close().wait().unwrap();
+
+    wait_for_answer(
+        &fleet,
+        &endpoint,
+        |state| matches!(state, AddressState::AccessDenied { robot, .. } if robot.as_str() == "scout"),
+    );
+    let printed = start(&format!(
+        "operator-console --headless --timeout 8 --robot scout {} --export {}",
+        fleet.console("carl", &endpoint),
+        fleet.scratch("maps").display()
+    ))
+    .ends_with(1);
+    let first = format!("looking for robot scout at {endpoint}\n");
+    assert!(printed.starts_with(&first), "{printed}");
+    let why = format!("scout answers at {endpoint} but denies access: you are not on");
+    // During the wait and at the end.
+    assert_eq!(printed.matches(&why).count(), 2, "{printed}");
+    assert!(!printed.contains("no answer"), "{printed}");
+
+    let written = clock::now();
+    fs::write(&list, &with_carl).unwrap();
+    wait_for_answer(&fleet, &endpoint, |state| *state == AddressState::Found);
+    println!(
+        "found {:.1} s after the list was written",
+        clock::elapsed(written).as_secs_f64()
+    );
+    edge.interrupt();
 }

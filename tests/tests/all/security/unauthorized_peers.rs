@@ -13,25 +13,14 @@ use robot_edge::credentials::Credentials;
 use robot_edge::network::LinkError;
 use robot_edge::network::endpoints::Channel;
 use robot_edge::network::sessions::{self, Endpoints, Side};
-use zenoh::{Config, Session, Wait as _};
+use zenoh::{Config, Wait as _};
 
-use super::matrix;
-use crate::fleet::{Fleet, text};
-use crate::link::processes::{free_port, wait_until};
+use super::{person, vehicle};
+use crate::fleet::{Fleet, quic, text};
+use crate::processes::{free_port, wait_until};
 
 /// Seconds.
 const DAY: i64 = 86_400;
-
-fn vehicle(fleet: &Fleet, port: u16) -> Session {
-    let (credentials, _, people) = Credentials::of_vehicle(&fleet.vehicle(), None).unwrap();
-    let endpoints = Endpoints {
-        listen: vec![format!("quic/127.0.0.1:{port}")],
-        credentials: Some(credentials),
-        operators: people,
-        ..Endpoints::default()
-    };
-    sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap()
-}
 
 /// Whether a stranger's own program can connect with these files.
 fn try_to_connect(endpoint: &str, authority: &Path, own: Option<&Path>) -> bool {
@@ -96,7 +85,7 @@ fn certificate(fleet: &Fleet, name: &str, [from_s, until_s]: [i64; 2]) -> PathBu
 #[test]
 fn only_valid_certificates_of_the_fleet_connect() {
     let (fleet, others, port) = (Fleet::new(), Fleet::new(), free_port());
-    let vehicle = vehicle(&fleet, port);
+    let vehicle = vehicle(&fleet, &[quic(port)], &[]);
     let ca = fleet.vehicle().join("ca.pem");
     let expired = certificate(&fleet, "operator:anna", [-2 * DAY, -DAY]);
     let early = certificate(&fleet, "operator:anna", [DAY, 2 * DAY]);
@@ -127,14 +116,14 @@ fn only_valid_certificates_of_the_fleet_connect() {
     }
     let plain = format!("tcp/127.0.0.1:{port}");
     assert!(!try_to_connect(&plain, &ca, Some(&anna)));
-    matrix::person(&fleet, "anna", port).close().wait().unwrap();
+    person(&fleet, "anna", port).close().wait().unwrap();
     vehicle.close().wait().unwrap();
 }
 
 #[test]
 fn a_link_ends_when_its_certificate_does() {
     let (fleet, port) = (Fleet::new(), free_port());
-    let vehicle = vehicle(&fleet, port);
+    let vehicle = vehicle(&fleet, &[quic(port)], &[]);
     let folder = certificate(&fleet, "operator:anna", [-60, 4]);
     fs::copy(fleet.vehicle().join("ca.pem"), folder.join("ca.pem")).unwrap();
     fs::set_permissions(
@@ -143,7 +132,7 @@ fn a_link_ends_when_its_certificate_does() {
     )
     .unwrap();
     let endpoints = Endpoints {
-        connect: vec![format!("quic/127.0.0.1:{port}")],
+        connect: vec![quic(port)],
         credentials: Some(Credentials::open(&folder).unwrap()),
         ..Endpoints::default()
     };
@@ -160,12 +149,12 @@ fn a_persons_certificate_cannot_act_as_a_vehicle() {
     let (fleet, port) = (Fleet::new(), free_port());
     // Sam listens with her own certificate.
     let impostor = Endpoints {
-        listen: vec![format!("quic/127.0.0.1:{port}")],
+        listen: vec![quic(port)],
         credentials: Some(Credentials::open(&fleet.person("sam")).unwrap()),
         ..Endpoints::default()
     };
     let impostor = sessions::open(Side::Edge, Channel::Control, &impostor).unwrap();
-    let endpoints = fleet.endpoints("anna", format!("quic/127.0.0.1:{port}"));
+    let endpoints = fleet.endpoints("anna", quic(port));
     let refused = sessions::open(Side::Console, Channel::Control, &endpoints).unwrap_err();
     assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
     impostor.close().wait().unwrap();

@@ -1,19 +1,18 @@
 //! Processes die, hang and restart while a key is held.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{scope, sleep};
+use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::drive_log::{DriveLog, Round};
-use foreshore_tests::operator::{Input, Journal, NEUTRAL, Operator};
+use foreshore_tests::operator::{Journal, NEUTRAL, Operator};
 use measurement::time::Monotonic;
 use protocol::message::{StopReason, TeleopState};
 use robot_edge::clock;
 use tempfile::tempdir;
 
-use super::robot::{CIRCLE, LIMITS, NAME, Robot};
-use crate::link::processes::{Running, free_port, program};
+use super::robot::{CIRCLE, LIMITS, NAME, Robot, while_driving, while_holding};
+use crate::processes::{Running, free_endpoint, start};
 
 /// Duration of a hang: longer than the greatest command age, shorter than the lease.
 const HANG: Duration = Duration::from_millis(1200);
@@ -26,16 +25,11 @@ struct OperatorProcess {
 
 impl OperatorProcess {
     fn start(endpoint: &str, name: &str, journal: &Path) -> Self {
-        let Input {
-            linear_mps,
-            angular_radps,
-        } = CIRCLE;
-        let mut command = program("drive-by-wire");
-        command
-            .args(["operate", endpoint, NAME, name])
-            .arg(journal)
-            .args(["0,0,0.4", &format!("{linear_mps},{angular_radps},600")]);
-        let mut running = Running::start(&mut command, name);
+        let (linear_mps, angular_radps) = (CIRCLE.linear_mps, CIRCLE.angular_radps);
+        let mut running = start(&format!(
+            "drive-by-wire operate {endpoint} {NAME} {name} {} 0,0,0.4 {linear_mps},{angular_radps},600",
+            journal.display()
+        ));
         running.wait_for_output("holds the lease");
         Self {
             running,
@@ -70,8 +64,8 @@ fn drives(observer: &Operator) {
 #[test]
 fn a_killed_operator_process_stops_and_frees_the_vehicle() {
     let (robot, folder) = (Robot::start(), tempdir().unwrap());
-    let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
-    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    let anna = OperatorProcess::start(&robot.endpoint, "anna", &folder.path().join("a.csv"));
+    let mut bert = robot.operator("bert");
     drives(&bert);
     anna.running.signal("KILL");
     let killed = clock::now();
@@ -86,8 +80,8 @@ fn a_killed_operator_process_stops_and_frees_the_vehicle() {
 #[test]
 fn a_hanging_operator_process_stops_the_vehicle() {
     let (robot, folder) = (Robot::start(), tempdir().unwrap());
-    let anna = OperatorProcess::start(&robot.endpoint(), "anna", &folder.path().join("a.csv"));
-    let observer = Operator::ready(&robot.endpoint(), NAME, "observer");
+    let anna = OperatorProcess::start(&robot.endpoint, "anna", &folder.path().join("a.csv"));
+    let observer = robot.operator("observer");
     drives(&observer);
     anna.running.signal("STOP");
     let stopped = clock::now();
@@ -110,20 +104,17 @@ fn a_hanging_operator_process_stops_the_vehicle() {
 #[test]
 fn an_edge_that_hung_stays_stopped_when_it_continues() {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut anna = robot.operator("anna");
     anna.start_driving(CIRCLE);
-    let is_over = AtomicBool::new(false);
-    let (stopped, woken) = scope(|scope| {
-        scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
+    let (mut stopped, mut woken) = (clock::now(), clock::now());
+    while_holding(&mut anna, || {
         sleep(HANG);
         robot.edge.signal("STOP");
-        let stopped = clock::now();
+        stopped = clock::now();
         sleep(HANG);
-        let woken = clock::now();
+        woken = clock::now();
         robot.edge.signal("CONT");
         sleep(HANG);
-        is_over.store(true, Ordering::Relaxed);
-        (stopped, woken)
     });
     let log = robot.log();
     assert!(log.during(stopped + NEUTRAL, woken).is_empty(), "it hangs");
@@ -138,7 +129,7 @@ fn an_edge_that_hung_stays_stopped_when_it_continues() {
 #[test]
 fn a_restarted_edge_grants_no_old_lease() {
     let mut robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut anna = robot.operator("anna");
     anna.start_driving(CIRCLE);
     anna.hold(CIRCLE, NEUTRAL);
     robot.edge.signal("KILL");
@@ -162,39 +153,34 @@ fn a_restarted_edge_grants_no_old_lease() {
     robot.verdict(&[&anna.journal]);
 }
 
-fn router(port: u16) -> Running {
-    let mut command = program("drive-by-wire");
-    command.args(["route", &format!("tcp/127.0.0.1:{port}")]);
-    let mut router = Running::start(&mut command, "router");
+fn router(endpoint: &str) -> Running {
+    let mut router = start(&format!("drive-by-wire route {endpoint}"));
     router.wait_for_output("routes");
     router
 }
 
 #[test]
 fn a_router_that_hangs_or_dies_stops_the_vehicle() {
-    let port = free_port();
-    let mut between = router(port);
-    let robot = Robot::start_with(port, &["--connect", &format!("tcp/127.0.0.1:{port}")]);
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let endpoint = free_endpoint();
+    let mut between = router(&endpoint);
+    let options = format!("--connect {endpoint}");
+    let robot = Robot::start_with("rooms", &endpoint, &options, |_| ());
+    let mut anna = robot.operator("anna");
     for does_die in [false, true] {
-        anna.start_driving(CIRCLE);
-        let is_over = AtomicBool::new(false);
-        let broken = scope(|scope| {
-            scope.spawn(|| anna.hold_until(CIRCLE, || is_over.load(Ordering::Relaxed)));
+        let mut broken = clock::now();
+        while_driving(&mut anna, || {
             sleep(NEUTRAL);
-            let broken = clock::now();
+            broken = clock::now();
             if does_die {
                 between.signal("KILL");
                 sleep(HANG);
-                between = router(port);
+                between = router(&endpoint);
             } else {
                 between.signal("STOP");
                 sleep(HANG);
                 between.signal("CONT");
             }
             sleep(HANG);
-            is_over.store(true, Ordering::Relaxed);
-            broken
         });
         stood(&robot.log(), stands_by(broken), clock::now());
     }

@@ -1,20 +1,80 @@
-//! The vehicle's computer: its wall clock jumps, its disk is full.
+//! The vehicle's computer: an emergency stop survives the program, signals stop and release, the wall clock jumps, the disk is
+//! full or nearly full.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::Duration;
 
-use foreshore_tests::operator::Operator;
-use protocol::message::{Answer, EStop, TeleopState};
+use foreshore_tests::drive_log::DriveLog;
+use foreshore_tests::operator::{Input, Operator};
+use protocol::keys::Topic;
+use protocol::message::{Answer, EStop, Event, Refusal, Reset, Severity, TeleopState};
+use protocol::wire;
 use tempfile::{TempDir, tempdir};
+use zenoh::Wait as _;
 
-use super::drive::{drove, while_driving};
-use super::robot::{CIRCLE, NAME, Robot};
-use crate::link::processes::{free_port, program};
+use super::robot::{CIRCLE, NAME, Robot, drove, while_driving};
+use crate::link::send_view;
+use crate::processes::{free_endpoint, measurements_in, simulate, start, wait_until};
 use crate::skip::skip;
+
+#[test]
+fn an_emergency_stop_survives_a_kill() {
+    let state = tempdir().unwrap();
+    let (endpoint, folder) = (free_endpoint(), state.path().display());
+    let options = format!("--listen {endpoint} --state-dir {folder}");
+    let mut robot = Robot::start_with("rooms", &endpoint, &options, |_| ());
+    let mut anna = robot.operator("anna");
+    anna.start_driving(CIRCLE);
+    let answer = anna.ask(&EStop { press: 1 });
+    let Answer::EStopped(number) = answer else {
+        panic!("{answer:?}")
+    };
+    robot.edge.signal("KILL");
+    robot.restart();
+
+    let mut bert = robot.operator("bert");
+    let found = bert.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
+    assert_eq!(found.estop.map(|estop| estop.number), Some(number));
+    bert.take_lease();
+    bert.hold(Input::NEUTRAL, Duration::from_millis(400));
+    bert.hold(CIRCLE, Duration::from_millis(400));
+    let still = bert.wait_for_new_status();
+    assert_eq!(still.state, TeleopState::EStop);
+    assert!(still.applied.angular_radps.abs() < 1e-9, "{still:?}");
+    assert_eq!(bert.ask(&Reset { estop: number }), Answer::Done);
+    bert.start_driving(CIRCLE);
+
+    // A reset one is not restored.
+    robot.edge.signal("KILL");
+    robot.restart();
+    let mut carla = robot.operator("carla");
+    carla.start_driving(CIRCLE);
+}
+
+#[test]
+fn signals_at_the_vehicle_stop_and_release_it() {
+    let robot = Robot::start();
+    let mut anna = robot.operator("anna");
+    anna.start_driving(CIRCLE);
+    robot.edge.signal("USR2");
+    anna.hold(CIRCLE, Duration::from_millis(600));
+    let stopped = anna.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
+    assert!(stopped.applied.angular_radps.abs() < 1e-9, "{stopped:?}");
+    let number = stopped.estop.unwrap().number;
+    robot.edge.signal("USR1");
+    anna.wait_for_status("let go", |teleop| teleop.state == TeleopState::Idle);
+    assert_eq!(
+        anna.ask(&Reset { estop: number }),
+        Answer::Refused(Refusal::NoEStop)
+    );
+    anna.start_driving(CIRCLE);
+    robot.verdict(&[&anna.journal]);
+}
 
 const MEANWHILE: Duration = Duration::from_secs(2);
 
@@ -59,13 +119,12 @@ fn setting_the_wall_clock_changes_nothing() {
     let folder = tempdir().unwrap();
     let clock = folder.path().join("clock");
     set_wall_clock(&clock, "+0s");
-    let port = free_port();
-    let file = clock.clone();
-    let robot = Robot::launch(program("robot-edge"), port, "rooms", move |command| {
-        command.args(["--listen", &format!("tcp/127.0.0.1:{port}")]);
+    let (endpoint, file) = (free_endpoint(), clock.clone());
+    let options = format!("--listen {endpoint}");
+    let robot = Robot::start_with("rooms", &endpoint, &options, move |command| {
         with_wall_clock(command, &file);
     });
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut anna = robot.operator("anna");
     let drive = while_driving(&mut anna, || {
         for offset in ["+3600s", "-3600s", "+0s"] {
             set_wall_clock(&clock, offset);
@@ -79,13 +138,13 @@ fn setting_the_wall_clock_changes_nothing() {
 }
 
 /// A small disk.
-pub(super) struct Disk {
+struct Disk {
     folder: TempDir,
 }
 
 impl Disk {
     /// `None`, and a skipped test, without the right to mount.
-    pub(super) fn mounted() -> Option<Self> {
+    fn mounted() -> Option<Self> {
         let folder = tempdir().unwrap();
         let mounted = Command::new("mount")
             .args(["-t", "tmpfs", "-o", "size=2m", "tmpfs"])
@@ -99,7 +158,7 @@ impl Disk {
         Some(Self { folder })
     }
 
-    pub(super) fn resize(&self, size: &str) {
+    fn resize(&self, size: &str) {
         let resized = Command::new("mount")
             .args(["-o", &format!("remount,size={size}")])
             .arg(self.folder.path())
@@ -108,7 +167,7 @@ impl Disk {
         assert!(resized.success());
     }
 
-    pub(super) fn path(&self, name: &str) -> PathBuf {
+    fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
@@ -134,13 +193,12 @@ impl Drop for Disk {
 #[test]
 fn a_full_disk_stops_neither_driving_nor_an_emergency_stop() {
     let Some(disk) = Disk::mounted() else { return };
-    let port = free_port();
-    let listen = format!("tcp/127.0.0.1:{port}");
+    let endpoint = free_endpoint();
     let [state, recording] = ["state", "recording.mcap"].map(|name| disk.path(name));
-    let [state, recording] = [&state, &recording].map(|path| path.to_str().unwrap());
-    let options = ["--listen", &listen, "--state-dir", state];
-    let mut robot = Robot::start_with(port, &[&options[..], &["--record", recording]].concat());
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let options = format!("--listen {endpoint} --state-dir {}", state.display());
+    let recorded = format!("{options} --record {}", recording.display());
+    let mut robot = Robot::start_with("rooms", &endpoint, &recorded, |_| ());
+    let mut anna = robot.operator("anna");
     let drive = while_driving(&mut anna, || {
         disk.fill();
         sleep(3 * MEANWHILE);
@@ -160,8 +218,129 @@ fn a_full_disk_stops_neither_driving_nor_an_emergency_stop() {
     robot.edge.signal("KILL");
     drop(robot);
 
-    let robot = Robot::start_with(port, &options);
-    let bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    let robot = Robot::start_with("rooms", &endpoint, &options, |_| ());
+    let bert = robot.operator("bert");
     let found = bert.wait_for_status("stopped", |teleop| teleop.state == TeleopState::EStop);
     assert_eq!(found.estop.map(|estop| estop.number), Some(number));
+}
+
+/// A console that receives events as long as it sends its view.
+struct Console {
+    operator: Operator,
+    received: Arc<Mutex<Vec<Event>>>,
+}
+
+impl Console {
+    fn at(endpoint: &str) -> Self {
+        let operator = Operator::ready(endpoint, NAME, "observer");
+        let received: Arc<Mutex<Vec<Event>>> = Arc::default();
+        let takes = Arc::clone(&received);
+        operator
+            .session()
+            .declare_subscriber(Topic::Event.key(operator.robot()))
+            .callback(move |sample| {
+                let (_, event) = wire::decode(&sample.payload().to_bytes()).unwrap();
+                takes.lock().unwrap().push(event);
+            })
+            .background()
+            .wait()
+            .unwrap();
+        Self { operator, received }
+    }
+
+    fn events(&self, kind: &str) -> Vec<Event> {
+        let received = self.received.lock().unwrap();
+        let of_kind = received.iter().filter(|event| event.kind == kind);
+        of_kind.cloned().collect()
+    }
+
+    fn wait_for_event(&self, kind: &str) {
+        wait_until(kind, || {
+            send_view(self.operator.session(), "observer", false);
+            sleep(Duration::from_millis(100));
+            !self.events(kind).is_empty()
+        });
+    }
+}
+
+#[test]
+#[ignore = "needs root"]
+fn driving_continues_when_the_disk_is_nearly_full() {
+    let disk = Disk::mounted().unwrap();
+    disk.resize("3g");
+    let [recording, log] = ["r.mcap", "d.csv"].map(|name| disk.path(name));
+    let endpoint = free_endpoint();
+    let start_edge = || {
+        let (recording, log) = (recording.display(), log.display());
+        simulate(&format!(
+            "--listen {endpoint} --record {recording} --drive-log {log}"
+        ))
+    };
+    let edge = start_edge();
+    let mut anna = Operator::ready(&endpoint, NAME, "anna");
+    let console = Console::at(&endpoint);
+    while_driving(&mut anna, || {
+        sleep(Duration::from_secs(2));
+        disk.resize("32m");
+        console.wait_for_event("recording_stopped");
+        console.wait_for_event("drive_log_stopped");
+        let sizes = [&recording, &log].map(|path| fs::metadata(path).unwrap().len());
+        sleep(Duration::from_secs(3));
+        console
+            .operator
+            .wait_for_status("driving", |teleop| teleop.state == TeleopState::Driving);
+        let later = [&recording, &log].map(|path| fs::metadata(path).unwrap().len());
+        assert_eq!(sizes, later, "it has ended");
+    });
+    for (kind, severity, says) in [
+        (
+            "recording_stopped",
+            Severity::Alarm,
+            "r.mcap: recording ends: the disk is nearly full: 0.0 of 0.0 GB are free",
+        ),
+        (
+            "drive_log_stopped",
+            Severity::Warning,
+            "driving goes on: the disk is nearly full: 0.0 of 0.0 GB are free",
+        ),
+    ] {
+        let received = console.events(kind);
+        assert_eq!(received.len(), 1, "{received:?}");
+        assert!(received[0].message.ends_with(says), "{received:?}");
+        assert_eq!(received[0].severity, severity);
+    }
+    edge.signal("INT");
+    // The recording is incomplete.
+    let printed = edge.ends_with(1);
+    assert!(
+        printed.contains("recording ends: the disk is nearly full"),
+        "{printed}"
+    );
+    let measurements = measurements_in(&recording);
+    assert!(measurements > 100, "{measurements}");
+    let rounds = DriveLog::parse(&fs::read_to_string(&log).unwrap())
+        .unwrap()
+        .rounds;
+    assert!(rounds.len() > 100, "{}", rounds.len());
+    drop((anna, console));
+
+    // A run that starts with a full disk tells the first console.
+    let _edge = start_edge();
+    let mut anna = Operator::ready(&endpoint, NAME, "anna");
+    let console = Console::at(&endpoint);
+    console.wait_for_event("recording_stopped");
+    console.wait_for_event("drive_log_stopped");
+    while_driving(&mut anna, || sleep(Duration::from_secs(1)));
+    assert!(!disk.path("r-2.mcap").exists(), "it would be empty");
+
+    // Without driving, a recording that ends is an error.
+    let printed = start(&format!(
+        "robot-edge simulate rooms --rate 1 --duration 3 --no-network --quiet --record {}",
+        recording.display()
+    ))
+    .ends_with(1);
+    assert!(
+        printed.contains("r-2.mcap: recording ends: the disk is nearly full"),
+        "{printed}"
+    );
 }

@@ -10,8 +10,7 @@ use robot_edge::clock::{self, sleep_until};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
 
-use super::drive::{Lateness, drove, while_driving};
-use super::robot::{CIRCLE, NAME, Robot, refused};
+use super::robot::{CIRCLE, Lateness, NAME, Robot, drove, refused, while_driving};
 use crate::rng::SeededRng;
 
 /// Duration of each attack.
@@ -24,8 +23,8 @@ const AT_ONCE: u32 = 20;
 #[test]
 fn a_second_operator_moves_nothing_before_the_grant() {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    let mut anna = robot.operator("anna");
+    let mut bert = robot.operator("bert");
     let other_way = Input::of(-0.2, -1.0);
     let drive = while_driving(&mut anna, || {
         bert.epoch = 1;
@@ -54,7 +53,7 @@ fn a_second_operator_moves_nothing_before_the_grant() {
 
     // Taken over while it drives, likewise.
     bert.start_driving(other_way);
-    let mut carla = Operator::ready(&robot.endpoint(), NAME, "carla");
+    let mut carla = robot.operator("carla");
     carla.ask(&LeaseRequest::TakeOver);
     carla.start_driving(CIRCLE);
     let log = robot.log();
@@ -100,15 +99,15 @@ fn quiet(robot: &Robot, driver: &mut Operator) -> Lateness {
 /// Drives during two floods; returns the share of driving and the delays of rounds.
 fn drive_through_floods() -> [(f64, Lateness); 2] {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
+    let mut anna = robot.operator("anna");
+    let mut bert = robot.operator("bert");
     let key = |name: &str| format!("foreshore/{NAME}/op/{name}/drive");
     let full_speed = Drive {
         linear_mps: 1.0,
         angular_radps: 3.0,
         estop: None,
     };
-    let session = connected(&robot.endpoint(), None);
+    let session = connected(&robot.endpoint, None);
     let quiet = quiet(&robot, &mut anna);
     let judged = |what: &str, drive| {
         let log = robot.log();
@@ -156,9 +155,9 @@ fn floods_neither_stop_the_vehicle_nor_delay_a_round() {
 #[test]
 fn an_emergency_stop_gets_through_a_flood_in_the_drivers_name() {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    let mut bert = Operator::ready(&robot.endpoint(), NAME, "bert");
-    let session = connected(&robot.endpoint(), None);
+    let mut anna = robot.operator("anna");
+    let mut bert = robot.operator("bert");
+    let session = connected(&robot.endpoint, None);
     let key = format!("foreshore/{NAME}/op/anna/drive");
     let mut rng = SeededRng::new(6);
     let quiet = quiet(&robot, &mut anna);
@@ -203,8 +202,8 @@ fn keys() -> Vec<String> {
 #[test]
 fn garbage_of_every_kind_on_every_key_moves_nothing() {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
-    let session = connected(&robot.endpoint(), None);
+    let mut anna = robot.operator("anna");
+    let session = connected(&robot.endpoint, None);
     let mut rng = SeededRng::new(7);
     let before = robot.edge.memory();
     while_driving(&mut anna, || {
@@ -231,9 +230,9 @@ fn garbage_of_every_kind_on_every_key_moves_nothing() {
 #[test]
 fn tampered_commands_move_nothing() {
     let robot = Robot::start();
-    let mut anna = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut anna = robot.operator("anna");
     // The same name and key, so that only the signature protects the motors.
-    let mut model = Operator::ready(&robot.endpoint(), NAME, "anna");
+    let mut model = robot.operator("anna");
     let mut rng = SeededRng::new(8);
     let full_speed = Drive {
         linear_mps: 1.0,

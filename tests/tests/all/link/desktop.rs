@@ -1,25 +1,29 @@
-//! A virtual screen (Xvfb) with real keys, pressed by the XTEST extension.
+//! A console's window on a virtual screen (Xvfb), with real keys pressed by the XTEST extension, the accessibility tree that
+//! `--controls` writes to a file, and what the robot reports.
 
+use std::fs;
 use std::io::{BufRead as _, BufReader};
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
+use foreshore_tests::operator::{NEUTRAL, Operator};
+use protocol::message::{TeleopState, TeleopStatus};
 use robot_edge::clock;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{
-    AtomEnum, BUTTON_PRESS_EVENT, BUTTON_RELEASE_EVENT, ClientMessageEvent, ConnectionExt as _,
-    EventMask, ImageFormat, InputFocus, KEY_PRESS_EVENT, KEY_RELEASE_EVENT, MOTION_NOTIFY_EVENT,
-    MapState, Window,
+    AtomEnum, ClientMessageEvent, ConnectionExt as _, EventMask, InputFocus, KEY_PRESS_EVENT,
+    KEY_RELEASE_EVENT, MapState, Window,
 };
 use x11rb::protocol::xtest::ConnectionExt as _;
 use x11rb::rust_connection::RustConnection;
 
-use super::processes::Running;
+use crate::processes::Running;
 use crate::skip::skip;
 
-const TIMEOUT: Duration = Duration::from_mins(1);
+/// Longer than any step takes on a busy machine.
+pub(crate) const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// Time between two keys of a fast typist.
 const STROKE: Duration = Duration::from_millis(20);
@@ -28,22 +32,15 @@ const STROKE: Duration = Duration::from_millis(20);
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Key {
     Escape = 9,
-    Digit5 = 14,
-    Equals = 21,
-    Q = 24,
     W = 25,
-    E = 26,
     O = 32,
-    P = 33,
     Enter = 36,
     Control = 37,
     A = 38,
     G = 42,
     L = 46,
+    Semicolon = 47,
     Shift = 50,
-    V = 55,
-    M = 58,
-    Alt = 64,
     Space = 65,
     Left = 113,
 }
@@ -76,15 +73,7 @@ impl Screen {
     pub(crate) fn open() -> Option<Self> {
         // The server chooses a free display and prints its number when it is ready.
         let server = Command::new("Xvfb")
-            .args([
-                "-displayfd",
-                "1",
-                "-screen",
-                "0",
-                "1280x800x24",
-                "-nolisten",
-                "tcp",
-            ])
+            .args("-displayfd 1 -screen 0 1280x800x24 -nolisten tcp".split(' '))
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn();
@@ -105,13 +94,6 @@ impl Screen {
             x,
             root,
         })
-    }
-
-    /// Another connection, with its own events, and the root window.
-    pub(crate) fn connection(&self) -> (RustConnection, Window) {
-        let (x, screen) = x11rb::connect(Some(&self.display)).unwrap();
-        let root = x.setup().roots[screen].root;
-        (x, root)
     }
 
     /// Makes a program open its window here.
@@ -161,11 +143,11 @@ impl Screen {
     }
 
     pub(crate) fn press(&self, key: Key) {
-        self.fake(KEY_PRESS_EVENT, key as u8, [0, 0]);
+        self.fake(KEY_PRESS_EVENT, key as u8);
     }
 
     pub(crate) fn release(&self, key: Key) {
-        self.fake(KEY_RELEASE_EVENT, key as u8, [0, 0]);
+        self.fake(KEY_RELEASE_EVENT, key as u8);
     }
 
     pub(crate) fn tap(&self, key: Key) {
@@ -182,66 +164,26 @@ impl Screen {
         self.release(held);
     }
 
-    /// Types letters, digits and the marks of paths and addresses.
+    /// Types small letters, digits and the marks of paths and addresses.
     pub(crate) fn write(&self, text: &str) {
         for letter in text.chars() {
-            let (letter, is_shifted) = match letter {
-                ':' => (';', true),
-                '_' => ('-', true),
-                'A'..='Z' => (letter.to_ascii_lowercase(), true),
-                _ => (letter, false),
+            let of_row = |(first, row): &(u8, &str)| Some(first + row.find(letter)? as u8);
+            let code = match letter {
+                ' ' => Some(Key::Space as u8),
+                ':' => Some(Key::Semicolon as u8),
+                _ => ROWS.iter().find_map(of_row),
             };
-            let mut rows = ROWS.iter();
-            let code = rows.find_map(|(first, row)| Some(first + row.find(letter)? as u8));
-            let code = code.or((letter == ' ').then_some(Key::Space as u8));
             let code = code.unwrap_or_else(|| panic!("no key for {letter:?}"));
-            if is_shifted {
+            if letter == ':' {
                 self.press(Key::Shift);
             }
-            self.fake(KEY_PRESS_EVENT, code, [0, 0]);
-            self.fake(KEY_RELEASE_EVENT, code, [0, 0]);
-            if is_shifted {
+            self.fake(KEY_PRESS_EVENT, code);
+            self.fake(KEY_RELEASE_EVENT, code);
+            if letter == ':' {
                 self.release(Key::Shift);
             }
             sleep(STROKE);
         }
-    }
-
-    /// Moves the pointer, pixels from the upper left corner.
-    pub(crate) fn point(&self, at: [i16; 2]) {
-        self.fake(MOTION_NOTIFY_EVENT, 0, at);
-    }
-
-    /// Points and clicks, pixels from the upper left corner.
-    pub(crate) fn click(&self, at: [i16; 2]) {
-        self.point(at);
-        // The button needs a frame to notice the pointer.
-        sleep(Duration::from_millis(200));
-        self.fake(BUTTON_PRESS_EVENT, 1, at);
-        sleep(Duration::from_millis(50));
-        self.fake(BUTTON_RELEASE_EVENT, 1, at);
-    }
-
-    /// Width, height, and red, green and blue of each pixel, row by row.
-    pub(crate) fn pixels(&self) -> ([u16; 2], Vec<[u8; 3]>) {
-        let size = self.x.get_geometry(self.root).unwrap().reply().unwrap();
-        let image = self
-            .x
-            .get_image(
-                ImageFormat::Z_PIXMAP,
-                self.root,
-                0,
-                0,
-                size.width,
-                size.height,
-                u32::MAX,
-            )
-            .unwrap()
-            .reply()
-            .unwrap();
-        // Blue, green, red and an unused byte.
-        let pixels = image.data.chunks_exact(4).map(|p| [p[2], p[1], p[0]]);
-        ([size.width, size.height], pixels.collect())
     }
 
     /// Asks a window to close.
@@ -258,17 +200,6 @@ impl Screen {
             .unwrap();
     }
 
-    /// Saves a picture of the screen with `ImageMagick`.
-    pub(crate) fn picture(&self, file: &Path) {
-        let taken = Command::new("import")
-            .args(["-display", &self.display, "-window", "root"])
-            .arg(file)
-            .status();
-        if !taken.is_ok_and(|status| status.success()) {
-            println!("no picture: there is no `import` (Debian: apt-get install imagemagick)");
-        }
-    }
-
     fn is_shown(&self, window: Window, title: &str) -> bool {
         let name = self
             .x
@@ -279,9 +210,9 @@ impl Screen {
             && attributes.is_ok_and(|window| window.map_state == MapState::VIEWABLE)
     }
 
-    fn fake(&self, kind: u8, detail: u8, [x, y]: [i16; 2]) {
+    fn fake(&self, kind: u8, key: u8) {
         self.x
-            .xtest_fake_input(kind, detail, x11rb::CURRENT_TIME, self.root, x, y, 0)
+            .xtest_fake_input(kind, key, x11rb::CURRENT_TIME, self.root, 0, 0, 0)
             .unwrap()
             .check()
             .unwrap();
@@ -292,5 +223,111 @@ impl Drop for Screen {
     fn drop(&mut self) {
         drop(self.server.kill());
         drop(self.server.wait());
+    }
+}
+
+/// The file with all controls of a window.
+pub(crate) struct Controls(pub(crate) PathBuf);
+
+impl Controls {
+    /// Waits for a control whose text begins with `words`.
+    pub(crate) fn beginning(&self, words: &str) {
+        let started = clock::now();
+        loop {
+            let text = fs::read_to_string(&self.0).unwrap_or_default();
+            // Role, four edges, label and value.
+            let has_words = |line: &str| line.split('\t').skip(5).any(|of| of.starts_with(words));
+            if text.lines().any(has_words) {
+                return;
+            }
+            let is_over = clock::elapsed(started) > TIMEOUT;
+            assert!(!is_over, "timed out: {words}. Controls:\n{text}");
+            sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// Requests the lease for `anna` until it is granted: the window may not have connected yet.
+pub(crate) fn take_lease(screen: &Screen, telemetry: &Telemetry) {
+    for _attempt in 0..30 {
+        let started = clock::now();
+        while clock::elapsed(started) < Duration::from_millis(1500) {
+            let holder = telemetry.now().and_then(|status| status.lease.holder);
+            if holder.is_some_and(|holder| holder.as_str() == "anna") {
+                return;
+            }
+            sleep(Duration::from_millis(10));
+        }
+        // The same key releases a lease that is held.
+        screen.tap_with(Key::Control, Key::G);
+    }
+    panic!("the robot grants no lease");
+}
+
+/// Holds a key until the vehicle drives and `is_so`. A busy machine may hang during a press, which then does not
+/// count, so the press is repeated.
+pub(crate) fn hold_until(
+    screen: &Screen,
+    telemetry: &Telemetry,
+    key: Key,
+    is_so: impl Fn(&TeleopStatus) -> bool,
+) -> TeleopStatus {
+    for _attempt in 0..10 {
+        sleep(NEUTRAL);
+        screen.press(key);
+        let started = clock::now();
+        while clock::elapsed(started) < Duration::from_secs(2) {
+            let status = telemetry.now();
+            let driving =
+                status.filter(|status| status.state == TeleopState::Driving && is_so(status));
+            if let Some(driving) = driving {
+                return driving;
+            }
+            sleep(Duration::from_millis(5));
+        }
+        screen.release(key);
+    }
+    panic!("it does not drive: {:?}", telemetry.now());
+}
+
+/// An operator who only watches.
+pub(crate) struct Telemetry(Operator);
+
+impl Telemetry {
+    pub(crate) fn of(robot: &str, endpoint: &str) -> Self {
+        Self(Operator::connect(endpoint, robot, "watcher"))
+    }
+
+    /// The last state of driving.
+    pub(crate) fn now(&self) -> Option<TeleopStatus> {
+        self.0.teleop()
+    }
+
+    pub(crate) fn wait_for_status(
+        &self,
+        what: &str,
+        is_so: impl Fn(&TeleopStatus) -> bool,
+    ) -> TeleopStatus {
+        self.0.wait_for_status(what, is_so)
+    }
+
+    /// Position in `odom`, metres, and heading, radians.
+    pub(crate) fn pose(&self) -> ([f64; 2], f64) {
+        let pose = self.0.pose();
+        let [x, y, _] = pose.position_m;
+        let [qx, qy, qz, qw] = pose.quaternion_xyzw.map(f64::from);
+        let [sine, cosine] = [2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)];
+        let yaw = nalgebra::UnitComplex::from_cos_sin_unchecked(cosine, sine).angle();
+        ([x, y], yaw)
+    }
+
+    pub(crate) fn assert_stopped(&self, what: &str) {
+        let status = self.wait_for_status("a status", |_| true);
+        assert_ne!(status.state, TeleopState::Driving, "{what}: {status:?}");
+        let applied = status.applied;
+        assert!(
+            applied.linear_mps.abs() < 1e-6 && applied.angular_radps.abs() < 1e-6,
+            "{what}: {status:?}"
+        );
     }
 }

@@ -1,11 +1,68 @@
-//! Octree, slope cost, rigidity and shores: drives, their recordings, and the files they leave behind.
+//! Elevation, obstacles, octree, slope cost, rigidity and shores: drives, their recordings, and the files they leave behind.
 
 use std::fs;
-use std::path::Path;
 
 use serde_json::Value;
 
-use crate::process::{robot_edge, run, summary_of};
+use crate::process::{assert_every_beam_counted, names_in, robot_edge, run, summary_of};
+
+/// The obstacle layer of the world `ramp` with seed 1. If a change to the mapping core is meant to change
+/// maps, look at the map and put the new digest here.
+const OBSTACLE: &str = "ace72b5e3b8598f13546e488afbc2ac537ee268e377559106b54168402986ac8";
+
+#[test]
+fn a_recorded_drive_gives_the_maps_of_the_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("ramp.mcap");
+    let driven = summary_of(robot_edge("simulate ramp --rate max --record").arg(&recording));
+    let digest = |summary: &Value, layer: &str| {
+        summary["layers"][layer]["digest"]
+            .as_str()
+            .unwrap()
+            .to_owned()
+    };
+    assert_eq!(digest(&driven, "obstacle"), OBSTACLE);
+    for options in ["", "--set mapping.threads=2", "--rate 25"] {
+        let replayed = summary_of(
+            robot_edge("replay")
+                .arg(&recording)
+                .args(options.split_whitespace()),
+        );
+        for layer in ["elevation", "obstacle"] {
+            assert_eq!(
+                digest(&replayed, layer),
+                digest(&driven, layer),
+                "{layer} {options}"
+            );
+        }
+    }
+
+    assert_eq!(driven["vehicle"], "holos");
+    let changes: Vec<_> = driven["events"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|event| event["kind"] == "ground_plane")
+        .collect();
+    let [change] = changes[..] else {
+        panic!("{changes:?}");
+    };
+    let message = change["message"].as_str().unwrap();
+    assert!(
+        message.contains("pitch went from 0.0° to 4.0°"),
+        "{message}"
+    );
+    assert!(change["stamp_s"].as_f64().unwrap() > 946_684_830.0);
+
+    assert_every_beam_counted(&driven);
+    let classes = &driven["layers"]["obstacle"]["counts"];
+    let known = driven["layers"]["obstacle"]["cells_known"]
+        .as_u64()
+        .unwrap();
+    let [free, obstacle] = ["free", "obstacle"].map(|class| classes[class].as_u64().unwrap());
+    assert_eq!(free + obstacle, known);
+    assert!(free > 1500 && obstacle > 100, "{classes}");
+}
 
 /// The octree of the first 8 s in the world `yard` with seed 1. If a change to the mapping core is meant to change
 /// maps, look at the map and put the new digest here.
@@ -16,15 +73,6 @@ fn digests(summary: &Value) -> Vec<String> {
     let layers = summary["layers"].as_object().unwrap().values();
     let layers = layers.map(|layer| text(&layer["digest"]));
     layers.chain([text(&summary["voxels"]["digest"])]).collect()
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).unwrap();
-    let mut names: Vec<_> = entries
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
 }
 
 #[test]
@@ -48,7 +96,7 @@ fn a_recorded_drive_gives_the_voxels_of_the_drive_with_one_thread_or_two() {
         assert_eq!(digests(&replayed), digests(&driven), "{options}");
     }
     assert_eq!(
-        names(&maps),
+        names_in(&maps),
         [
             "cost.png",
             "cost.tif",
@@ -78,12 +126,8 @@ fn a_recorded_drive_gives_the_voxels_of_the_drive_with_one_thread_or_two() {
     let tree = fs::read(maps.join("voxels.bt")).unwrap();
     assert!(tree.starts_with(b"# Octomap OcTree binary file"));
 
-    // Every beam has one fate.
+    assert_every_beam_counted(&driven);
     let beams = &driven["beams"];
-    let count = |what: &str| beams[what].as_u64().unwrap();
-    let dropped = beams["dropped"].as_object().unwrap();
-    let dropped: u64 = dropped.values().map(|n| n.as_u64().unwrap()).sum();
-    assert_eq!(count("in"), count("hits") + count("misses") + dropped);
     assert!(
         beams["dropped"]["isolated"].as_u64().unwrap() > 0,
         "{beams}"
@@ -97,7 +141,7 @@ fn a_boat_leaves_its_shores_behind_where_they_are_on_earth() {
     let driven =
         summary_of(robot_edge("simulate lake --duration 6 --rate max --export").arg(&maps));
     assert_eq!(driven["vehicle"], "riverwatch");
-    let names = names(&maps);
+    let names = names_in(&maps);
     for name in ["cost.tif", "shore.tif", "shores.geojson", "voxels.bt"] {
         assert!(
             names.iter().any(|found| found == name),
@@ -151,19 +195,50 @@ fn a_small_memory_limit_evicts_counts_tells_and_goes_on() {
 }
 
 #[test]
-fn senseless_settings_of_voxels_are_refused() {
-    for (setting, says) in [
-        ("mapping.octree.p_min=0.6", "0.001 to 0.499"),
-        ("mapping.cost.enabled=false", "mapping.rigidity.enabled"),
-        ("mapping.cost.box_m=500", "1 to 200"),
-        ("mapping.shore.sparse_below=0.9", "0 to 0.68"),
+fn senseless_settings_are_refused() {
+    for (world, setting, says) in [
+        ("hall", "mapping.elevation.cells=3000", "5 to 2001"),
+        ("hall", "mapping.obstacle.cells=102", "1 to 101"),
+        ("hall", "mapping.obstacle.h_pos_m=0", "above 0, up to 10"),
         (
+            "hall",
+            "mapping.elevation.enabled=false",
+            "nothing would be mapped",
+        ),
+        ("hall", "vehicle.wheelbase_m=2", "up to length_m = 0.9"),
+        (
+            "hall",
+            "vehicle.footprint_offset_m=0.91",
+            "-0.9 to 0.9, length_m",
+        ),
+        (
+            "hall",
+            "vehicle.footprint_offset_m=nan",
+            "-0.9 to 0.9, length_m",
+        ),
+        (
+            "hall",
+            "mapping.obstacle.rule=median",
+            "one of \"mean\", \"points\"",
+        ),
+        ("yard", "mapping.octree.p_min=0.6", "0.001 to 0.499"),
+        (
+            "yard",
+            "mapping.cost.enabled=false",
+            "mapping.rigidity.enabled",
+        ),
+        ("yard", "mapping.cost.box_m=500", "1 to 200"),
+        ("yard", "mapping.shore.sparse_below=0.9", "0 to 0.68"),
+        (
+            "yard",
             "mapping.rigidity.traversable_vegetation_cost=1",
             "0 to 0.996",
         ),
-        ("sensors.laser.p_hit=0.4", "sensors.laser.p_hit"),
+        ("yard", "sensors.laser.p_hit=0.4", "sensors.laser.p_hit"),
     ] {
-        let ended = run(robot_edge("simulate yard --set").arg(setting));
-        ended.refuses(2, &[says]);
+        let simulate = format!("simulate {world} --set {setting}");
+        let key = setting.split('=').next().unwrap();
+        let named = if world == "hall" { key } else { says };
+        run(&mut robot_edge(&simulate)).refuses(2, &[named, says]);
     }
 }
