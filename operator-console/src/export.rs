@@ -121,20 +121,14 @@ impl Snapshot {
             }
             ExportPart::Trajectory => Content::Trajectory(match model.trajectory() {
                 TrajectoryProgress::Ready(poses) => poses,
-                TrajectoryProgress::Unwanted
-                | TrajectoryProgress::Waiting
-                | TrajectoryProgress::Fetching { .. } => model.vehicle().poses().into(),
+                _ => model.vehicle().poses().into(),
             }),
             ExportPart::Shores => model
                 .shores()
                 .map_or(Content::Nothing, |shores| Content::Shores(shores.clone())),
             ExportPart::Voxels => match model.voxels() {
                 VoxelsProgress::Ready(voxels) => Content::Voxels(voxels),
-                VoxelsProgress::Unwanted
-                | VoxelsProgress::Waiting
-                | VoxelsProgress::Fetching { .. }
-                | VoxelsProgress::None
-                | VoxelsProgress::TooLong => Content::Nothing,
+                _ => Content::Nothing,
             },
         };
         Self {

@@ -47,7 +47,6 @@ impl FleetAlerts {
         }
     }
 
-    /// Whether this robot is or was shown in this run.
     pub fn knows(&self, robot: &RobotId) -> bool {
         self.shows(robot) || self.others.contains_key(robot)
     }
@@ -100,10 +99,8 @@ impl FleetAlerts {
     ) -> Vec<String> {
         let mut begun = Vec::new();
         for (robot, left) in &mut self.others {
-            let mut of_it = discovered_robots
-                .iter()
-                .filter(|one| one.found.robot == *robot);
-            let of_it = of_it.next();
+            let mut discovered = discovered_robots.iter();
+            let of_it = discovered.find(|one| one.found.robot == *robot);
             // It may have reported so while it was shown.
             left.had_ended |= of_it.is_some_and(DiscoveredRobot::has_ended);
             let alert = match of_it.filter(|one| one.seen > left.since) {
@@ -139,8 +136,6 @@ impl FleetAlerts {
 
 #[cfg(test)]
 mod tests {
-    use std::slice;
-
     use protocol::keys::Topic;
     use protocol::message::{EStopStatus, Status};
 
@@ -194,19 +189,15 @@ mod tests {
         assert_eq!(stop(&mut alerts, &scout, true), 1);
         let listed: Vec<_> = alerts.iter().map(|(robot, _)| robot.as_str()).collect();
         assert_eq!(listed, ["scout", "boat"]);
+        let unacknowledged =
+            |alerts: &FleetAlerts| [&scout, &boat].map(|robot| alerts.unacknowledged_of(robot));
         assert_eq!(
-            (alerts.unacknowledged(), alerts.unacknowledged_of(&boat)),
-            (2, 1)
+            (alerts.unacknowledged(), unacknowledged(&alerts)),
+            (2, [1, 1])
         );
         assert!(alerts.shows(&scout) && !alerts.shows(&boat));
         alerts.acknowledge(&scout, &Alarm::EStop);
-        assert_eq!(
-            (
-                alerts.unacknowledged_of(&scout),
-                alerts.unacknowledged_of(&boat)
-            ),
-            (0, 1)
-        );
+        assert_eq!(unacknowledged(&alerts), [0, 1]);
 
         // By another link too; the state stays until the next report.
         for _ in 0..2 {
@@ -214,10 +205,7 @@ mod tests {
             let shown = alerts.shown_mut().unwrap();
             let silent = console("boat", &[]);
             assert_eq!(shown.update(&silent, AlertSource::Robot, &[], at(500)), []);
-            assert_eq!(
-                (counts(&alerts), alerts.unacknowledged_of(&boat)),
-                ((2, 1), 1)
-            );
+            assert_eq!((counts(&alerts), unacknowledged(&alerts)[1]), ((2, 1), 1));
             let is_active = |(_, alert): (&RobotId, &Alert)| alert.is_active;
             assert!(alerts.iter().all(is_active));
             assert_eq!(stop(&mut alerts, &boat, true), 0, "it is known");
@@ -234,84 +222,76 @@ mod tests {
         assert_eq!(counts(&alerts), (1, 0), "it ended with the recording");
     }
 
+    const ESTOP: FleetState = FleetState::EStop { has_ended: false };
+    const FAULT: FleetState = FleetState::Fault { has_ended: false };
+
+    /// These alerts begin with these robots' states at `ms`.
+    fn check(alerts: &mut FleetAlerts, heard: &[DiscoveredRobot], ms: u64, begun: &[&str]) {
+        assert_eq!(alerts.update_background(heard, at(ms)), begun, "{ms}");
+    }
+
     #[test]
     fn background_robot_raises_alerts() {
         let [boat, scout]: [RobotId; 2] = ["boat", "scout"].map(|name| name.parse().unwrap());
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
         alerts.change_to(&scout, at(5_000));
-        let none: [&str; 0] = [];
-        let before = discovered(&boat, 4_000, FleetState::EStop { has_ended: false });
-        assert_eq!(alerts.update_background(&[before], at(6_000)), none);
-        let stopped = discovered(&boat, 7_000, FleetState::EStop { has_ended: false });
-        let text = "boat: An emergency stop is active";
-        assert_eq!(
-            alerts.update_background(slice::from_ref(&stopped), at(7_000)),
-            [text]
+        let alerts = &mut alerts;
+        let boat_is = |seen_ms, state| [discovered(&boat, seen_ms, state)];
+        // Older than the last contact.
+        check(alerts, &boat_is(4_000, ESTOP), 6_000, &[]);
+        let stopped = boat_is(7_000, ESTOP);
+        check(
+            alerts,
+            &stopped,
+            7_000,
+            &["boat: An emergency stop is active"],
         );
-        assert_eq!(alerts.update_background(&[stopped], at(8_000)), none);
+        check(alerts, &stopped, 8_000, &[]);
         let others = [
-            discovered(&boat, 17_000, FleetState::EStop { has_ended: false }),
-            discovered(&scout, 17_000, FleetState::EStop { has_ended: false }),
-            discovered(
-                &"stranger".parse().unwrap(),
-                17_000,
-                FleetState::Fault { has_ended: false },
-            ),
+            discovered(&boat, 17_000, ESTOP),
+            discovered(&scout, 17_000, ESTOP),
+            discovered(&"stranger".parse().unwrap(), 17_000, FAULT),
         ];
-        assert_eq!(alerts.update_background(&others, at(17_000)), none);
-        assert_eq!(counts(&alerts), (1, 1));
-        let free = discovered(&boat, 27_000, FleetState::Free);
-        assert_eq!(
-            alerts.update_background(slice::from_ref(&free), at(27_000)),
-            none
-        );
-        let texts: Vec<_> = alerts
-            .iter()
-            .map(|(_, alert)| alert.text.as_str())
-            .collect();
-        assert_eq!(texts, ["An emergency stop was active"]);
+        check(alerts, &others, 17_000, &[]);
+        assert_eq!(counts(alerts), (1, 1));
+        let free = boat_is(27_000, FleetState::Free);
+        check(alerts, &free, 27_000, &[]);
+        let texts = alerts.iter().map(|(_, alert)| alert.text.as_str());
+        assert_eq!(texts.collect::<Vec<_>>(), ["An emergency stop was active"]);
         alerts.acknowledge(&boat, &Alarm::EStop);
-        assert_eq!(counts(&alerts), (0, 0));
+        assert_eq!(counts(alerts), (0, 0));
         // Listed or not.
-        let seen = slice::from_ref(&free);
-        assert_eq!(alerts.update_background(seen, at(42_000)), none);
-        let silent = "boat: No data from the robot";
-        assert_eq!(alerts.update_background(seen, at(42_001)), [silent]);
-        assert_eq!(alerts.update_background(&[], at(43_000)), none);
+        check(alerts, &free, 42_000, &[]);
+        check(alerts, &free, 42_001, &["boat: No data from the robot"]);
+        check(alerts, &[], 43_000, &[]);
         assert_eq!(
-            (counts(&alerts), alerts.unacknowledged_of(&boat)),
+            (counts(alerts), alerts.unacknowledged_of(&boat)),
             ((1, 1), 1)
         );
-        let mut heard = discovered(&boat, 44_000, FleetState::Free);
-        heard.state = None;
-        assert_eq!(alerts.update_background(&[heard], at(44_000)), none);
+        let mut heard = boat_is(44_000, FleetState::Free);
+        heard[0].state = None;
+        check(alerts, &heard, 44_000, &[]);
         assert!(alerts.iter().all(|(_, alert)| !alert.is_active));
         alerts.acknowledge_all();
-        let faulty = discovered(&boat, 45_000, FleetState::Fault { has_ended: false });
         let text = "boat: The vehicle is at fault";
-        assert_eq!(alerts.update_background(&[faulty], at(45_000)), [text]);
+        check(alerts, &boat_is(45_000, FAULT), 45_000, &[text]);
         assert!(alerts.knows(&boat) && alerts.knows(&scout));
         alerts.change_to(&boat, at(46_000));
-        assert_eq!(stop(&mut alerts, &boat, true), 1);
-        assert_eq!(counts(&alerts), (2, 2));
+        assert_eq!(stop(alerts, &boat, true), 1);
+        assert_eq!(counts(alerts), (2, 2));
         alerts.change_to(&scout, at(46_000));
-        let stopped = discovered(&boat, 47_000, FleetState::EStop { has_ended: false });
-        assert_eq!(alerts.update_background(&[stopped], at(47_000)), none);
+        check(alerts, &boat_is(47_000, ESTOP), 47_000, &[]);
         let first = alerts.iter().map(|(_, alert)| alert.text.as_str()).next();
         assert_eq!(first, Some("Emergency stop 3 is active"));
         // A fault does not end a stop.
-        let faulty = discovered(&boat, 57_000, FleetState::Fault { has_ended: false });
-        assert_eq!(alerts.update_background(&[faulty], at(57_000)).len(), 1);
+        check(alerts, &boat_is(57_000, FAULT), 57_000, &[text]);
         let active = alerts.iter().filter(|(_, alert)| alert.is_active);
         assert_eq!(active.count(), 2);
         alerts.forget(&boat);
-        assert_eq!((counts(&alerts), alerts.knows(&boat)), ((0, 0), false));
-        assert_eq!(
-            alerts.update_background(&[], at(99_000)),
-            none,
-            "it is not missed"
-        );
+        assert_eq!((counts(alerts), alerts.knows(&boat)), ((0, 0), false));
+        // It is not missed.
+        check(alerts, &[], 99_000, &[]);
     }
 
     #[test]
@@ -334,7 +314,7 @@ mod tests {
         );
         assert_eq!(update(free(7_000), 9_000), (0, at(7_000)));
         // Acknowledged before the update, and reported since.
-        let stopped = discovered(&boat, 8_000, FleetState::EStop { has_ended: false });
+        let stopped = discovered(&boat, 8_000, ESTOP);
         assert_eq!(update(stopped.clone(), 9_500), (1, at(8_000)));
         assert_eq!(update(stopped.clone(), 23_000), (0, at(8_000)));
         assert_eq!(update(stopped, 23_001), (1, at(8_000)), "it is missed");
@@ -346,25 +326,19 @@ mod tests {
         let mut alerts = FleetAlerts::default();
         alerts.change_to(&boat, at(0));
         alerts.leave(at(5_000));
-        let mut update = |discovered: DiscoveredRobot, now_ms: u64| {
-            alerts.update_background(&[discovered], at(now_ms)).len()
-        };
-        assert_eq!(
-            update(discovered(&boat, 6_000, FleetState::Ended), 7_000),
-            0
-        );
-        assert_eq!(
-            update(discovered(&boat, 6_000, FleetState::Ended), 60_000),
-            0
-        );
-        assert_eq!(
-            update(discovered(&boat, 61_000, FleetState::Free), 62_000),
-            0
-        );
-        assert_eq!(
-            update(discovered(&boat, 61_000, FleetState::Free), 90_000),
-            1
-        );
+        for (seen_ms, state, ms, begun) in [
+            (6_000, FleetState::Ended, 7_000, 0),
+            (6_000, FleetState::Ended, 60_000, 0),
+            (61_000, FleetState::Free, 62_000, 0),
+            (61_000, FleetState::Free, 90_000, 1),
+        ] {
+            let heard = [discovered(&boat, seen_ms, state)];
+            assert_eq!(
+                alerts.update_background(&heard, at(ms)).len(),
+                begun,
+                "{ms}"
+            );
+        }
     }
 
     #[test]

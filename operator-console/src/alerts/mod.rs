@@ -22,15 +22,10 @@ pub enum Alarm {
     EStop,
     Fault,
     LinkLost,
-    /// Name of a sensor with a fault.
     Sensor(String),
-    /// A recording on the robot has stopped unexpectedly.
     Recording,
-    /// The position jumped.
     PositionJump,
-    /// Mapping is slower than the sensors.
     Overload,
-    /// The vehicle is commanded to move and does not.
     Stuck,
 }
 
@@ -46,13 +41,9 @@ pub struct Alert {
     pub alarm: Alarm,
     /// Description: the present state, or the last one if the condition is over.
     pub text: String,
-    /// The description when the condition is over.
     past: String,
-    /// Last beginning of the condition.
     pub since: Monotonic,
-    /// How often the condition has begun.
     pub times: u32,
-    /// Whether the condition lasts.
     pub is_active: bool,
     pub is_acknowledged: bool,
 }
@@ -63,16 +54,13 @@ pub struct Alerts {
 }
 
 impl Alerts {
-    /// Listed alerts, newest first.
     pub fn iter(&self) -> impl Iterator<Item = &Alert> {
         self.alerts.iter().rev()
     }
 
     pub fn unacknowledged(&self) -> usize {
-        self.alerts
-            .iter()
-            .filter(|alert| !alert.is_acknowledged)
-            .count()
+        let alerts = self.alerts.iter();
+        alerts.filter(|alert| !alert.is_acknowledged).count()
     }
 
     pub fn acknowledge(&mut self, alarm: &Alarm) {
@@ -105,8 +93,9 @@ impl Alerts {
         self.end_others(&reasons, |alarm| {
             is_heard && (is_motion_current || *alarm != Alarm::Stuck)
         });
-        if !is_motion_current {
-            self.deactivate(&Alarm::Stuck);
+        let stuck = |alert: &&mut Alert| !is_motion_current && alert.alarm == Alarm::Stuck;
+        for alert in self.alerts.iter_mut().filter(stuck) {
+            alert.text.clone_from(&alert.past);
         }
         let mut begun = Vec::new();
         for reason in reasons {
@@ -119,8 +108,8 @@ impl Alerts {
                 _ => continue,
             };
             begun.push((alarm.clone(), event.message.clone()));
-            let (text, past) = (event.message.clone(), event.message.clone());
-            self.begin(Reason { alarm, text, past }, false, now);
+            let reason = Reason::new(alarm, &event.message, &event.message);
+            self.begin(reason, false, now);
         }
         self.drop_finished();
         begun
@@ -141,7 +130,7 @@ impl Alerts {
             Alarm::EStop => state.is_some_and(|state| !matches!(state, FleetState::Fault { .. })),
             // Without a driver there is no command to move.
             Alarm::Stuck => state.is_some_and(|state| !matches!(state, FleetState::DrivenBy(_))),
-            Alarm::Sensor(_) | Alarm::Recording | Alarm::PositionJump | Alarm::Overload => false,
+            _ => false,
         };
         self.end_others(reason.as_slice(), is_said);
         let begun = reason.and_then(|reason| self.begin_unless_active(reason, now));
@@ -172,16 +161,6 @@ impl Alerts {
         }
     }
 
-    /// Whether the condition lasts is unknown.
-    fn deactivate(&mut self, alarm: &Alarm) {
-        for alert in &mut self.alerts {
-            if alert.alarm == *alarm {
-                alert.text.clone_from(&alert.past);
-            }
-        }
-    }
-
-    /// Returns the alert if its condition has just begun.
     fn set_active(&mut self, reason: Reason, now: Monotonic) -> Option<(Alarm, String)> {
         let mut alerts = self.alerts.iter_mut();
         let known = alerts.find(|alert| alert.alarm == reason.alarm);
@@ -222,20 +201,31 @@ impl Alerts {
 
 struct Reason {
     alarm: Alarm,
-    /// While the condition lasts.
     text: String,
-    /// After it.
     past: String,
 }
 
-/// The present conditions.
+impl Reason {
+    fn new(alarm: Alarm, text: impl Into<String>, past: impl Into<String>) -> Self {
+        Self {
+            alarm,
+            text: text.into(),
+            past: past.into(),
+        }
+    }
+}
+
 fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Reason> {
     let mut reasons = Vec::new();
     let is_silent = model.connection().state(now) == LinkState::Silent;
     if source == AlertSource::Robot && is_silent {
         match (model.is_silence_expected(), model.is_vehicle()) {
             (false, _) => reasons.push(link_lost()),
-            (true, true) => reasons.push(left()),
+            (true, true) => reasons.push(Reason::new(
+                Alarm::LinkLost,
+                "The vehicle reported the end of its data and is silent",
+                "No data from the vehicle for a while: its data had ended",
+            )),
             // A robot that cannot be driven may fall silent after its end.
             (true, false) => {}
         }
@@ -245,11 +235,8 @@ fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Rea
     };
     if let Some(teleop) = &status.teleop {
         if let Some(estop) = teleop.estop {
-            reasons.push(Reason {
-                alarm: Alarm::EStop,
-                text: format!("Emergency stop {} is active", estop.number),
-                past: format!("Emergency stop {} was active", estop.number),
-            });
+            let said = |verb| format!("Emergency stop {} {verb} active", estop.number);
+            reasons.push(Reason::new(Alarm::EStop, said("is"), said("was")));
         }
         if let TeleopState::Fault(why) = teleop.state {
             let [is, was] = match why {
@@ -258,19 +245,15 @@ fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Rea
                     ["the motors do not respond", "the motors did not respond"]
                 }
             };
-            reasons.push(Reason {
-                alarm: Alarm::Fault,
-                text: format!("The vehicle is at fault: {is}"),
-                past: format!("The vehicle was at fault: {was}"),
-            });
+            let text = format!("The vehicle is at fault: {is}");
+            let past = format!("The vehicle was at fault: {was}");
+            reasons.push(Reason::new(Alarm::Fault, text, past));
         }
         if model.is_stuck() && is_motion_current(model, now) {
             let [is, was] = stuck(model.is_boat());
-            reasons.push(Reason {
-                alarm: Alarm::Stuck,
-                text: format!("Commanded but not moving: {is}"),
-                past: format!("Commanded but did not move: {was}"),
-            });
+            let text = format!("Commanded but not moving: {is}");
+            let past = format!("Commanded but did not move: {was}");
+            reasons.push(Reason::new(Alarm::Stuck, text, past));
         }
     }
     for sensor in model.sensor_statuses() {
@@ -279,11 +262,9 @@ fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Rea
             let described = described.find(|info| info.name == sensor.name);
             let kind = described.map(|info| info.kind);
             let (_, state, advice) = fault_text(fault, kind);
-            reasons.push(Reason {
-                alarm: Alarm::Sensor(sensor.name.clone()),
-                text: format!("{}: {state}. {advice}", sensor.name),
-                past: format!("{}: {}", sensor.name, past_fault(fault, kind)),
-            });
+            let text = format!("{}: {state}. {advice}", sensor.name);
+            let past = format!("{}: {}", sensor.name, past_fault(fault, kind));
+            reasons.push(Reason::new(Alarm::Sensor(sensor.name.clone()), text, past));
         }
     }
     let ended = model.recording().map(|recording| recording.state);
@@ -292,14 +273,12 @@ fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Rea
             Some(["the disk is nearly full", "the disk was nearly full"])
         }
         Some(RecordingState::Failed) => Some(["it cannot be written", "it could not be written"]),
-        Some(RecordingState::Stopped | RecordingState::Recording) | None => None,
+        _ => None,
     };
     if let Some([is, was]) = why {
-        reasons.push(Reason {
-            alarm: Alarm::Recording,
-            text: format!("The robot has stopped recording: {is}"),
-            past: format!("A recording of the robot had ended: {was}"),
-        });
+        let text = format!("The robot has stopped recording: {is}");
+        let past = format!("A recording of the robot had ended: {was}");
+        reasons.push(Reason::new(Alarm::Recording, text, past));
     }
     reasons
 }
@@ -323,48 +302,28 @@ fn past_fault(fault: SensorFault, kind: Option<SensorKind>) -> &'static str {
 }
 
 fn link_lost() -> Reason {
-    Reason {
-        alarm: Alarm::LinkLost,
-        text: "No data from the robot".to_owned(),
-        past: "No data from the robot for a while".to_owned(),
-    }
+    Reason::new(
+        Alarm::LinkLost,
+        "No data from the robot",
+        "No data from the robot for a while",
+    )
 }
 
-/// The same for a vehicle whose data had ended.
-fn left() -> Reason {
-    Reason {
-        alarm: Alarm::LinkLost,
-        text: "The vehicle reported the end of its data and is silent".to_owned(),
-        past: "No data from the vehicle for a while: its data had ended".to_owned(),
-    }
-}
-
-/// The same by the state from discovery.
+/// The condition of a robot by its state from discovery.
 fn reasons_from_discovery(state: &FleetState) -> Option<Reason> {
-    let (alarm, [text, past]) = match state {
-        FleetState::EStop { .. } => (
+    match state {
+        FleetState::EStop { .. } => Some(Reason::new(
             Alarm::EStop,
-            [
-                "An emergency stop is active",
-                "An emergency stop was active",
-            ],
-        ),
-        FleetState::Fault { .. } => (
+            "An emergency stop is active",
+            "An emergency stop was active",
+        )),
+        FleetState::Fault { .. } => Some(Reason::new(
             Alarm::Fault,
-            ["The vehicle is at fault", "The vehicle was at fault"],
-        ),
-        FleetState::NotDrivable
-        | FleetState::Ended
-        | FleetState::Free
-        | FleetState::DrivenBy(_) => {
-            return None;
-        }
-    };
-    Some(Reason {
-        alarm,
-        text: text.to_owned(),
-        past: past.to_owned(),
-    })
+            "The vehicle is at fault",
+            "The vehicle was at fault",
+        )),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

@@ -40,6 +40,14 @@ fn inject(
     test_support::inject(model, Topic::Status, &status, now);
 }
 
+fn update(alerts: &mut Alerts, model: &ConsoleModel, ms: u64) -> Vec<(Alarm, String)> {
+    alerts.update(model, AlertSource::Robot, &[], at(ms))
+}
+
+fn texts(alerts: &Alerts) -> Vec<&str> {
+    alerts.iter().map(|alert| alert.text.as_str()).collect()
+}
+
 fn listed(alerts: &Alerts) -> Vec<(Alarm, u32, bool)> {
     alerts
         .iter()
@@ -52,49 +60,42 @@ fn alert_lasts_until_over_and_acknowledged() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, None, Some(3), at(0));
-    let begun = alerts.update(&model, AlertSource::Robot, &[], at(0));
+    let begun = update(&mut alerts, &model, 0);
     let text = "Emergency stop 3 is active".to_owned();
     assert_eq!(begun, [(Alarm::EStop, text)]);
-    assert_eq!(alerts.update(&model, AlertSource::Robot, &[], at(10)), []);
+    assert_eq!(update(&mut alerts, &model, 10), []);
     assert_eq!(
         (alerts.unacknowledged(), listed(&alerts)),
         (1, vec![(Alarm::EStop, 1, true)])
     );
     alerts.acknowledge(&Alarm::EStop);
-    alerts.update(&model, AlertSource::Robot, &[], at(20));
+    update(&mut alerts, &model, 20);
     assert_eq!(
         (alerts.unacknowledged(), alerts.iter().count()),
         (0, 1),
         "it is in force"
     );
     inject(&mut model, None, None, at(30));
-    alerts.update(&model, AlertSource::Robot, &[], at(30));
+    update(&mut alerts, &model, 30);
     assert_eq!(alerts.iter().count(), 0);
 
     // An unacknowledged alert stays after its end and counts repetitions.
     for now in [40, 60] {
         inject(&mut model, None, Some(4), at(now));
-        assert_eq!(
-            alerts
-                .update(&model, AlertSource::Robot, &[], at(now))
-                .len(),
-            1
-        );
+        assert_eq!(update(&mut alerts, &model, now).len(), 1);
         inject(&mut model, None, None, at(now + 10));
-        alerts.update(&model, AlertSource::Robot, &[], at(now + 10));
+        update(&mut alerts, &model, now + 10);
     }
     assert_eq!(
         (alerts.unacknowledged(), listed(&alerts)),
         (1, vec![(Alarm::EStop, 2, false)])
     );
-    let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
-    assert_eq!(texts, ["Emergency stop 4 was active"]);
+    assert_eq!(texts(&alerts), ["Emergency stop 4 was active"]);
     inject(&mut model, None, Some(5), at(80));
-    alerts.update(&model, AlertSource::Robot, &[], at(80));
-    let texts: Vec<_> = alerts.iter().map(|alert| alert.text.as_str()).collect();
-    assert_eq!(texts, ["Emergency stop 5 is active"]);
+    update(&mut alerts, &model, 80);
+    assert_eq!(texts(&alerts), ["Emergency stop 5 is active"]);
     inject(&mut model, None, None, at(90));
-    alerts.update(&model, AlertSource::Robot, &[], at(90));
+    update(&mut alerts, &model, 90);
     alerts.acknowledge_all();
     assert_eq!(alerts.iter().count(), 0);
 }
@@ -104,15 +105,9 @@ fn seeking_recording_has_no_lost_link() {
     let mut model = scout();
     inject(&mut model, None, None, at(0));
     let mut alerts = Alerts::default();
-    let later = at(60_000);
-    assert_eq!(
-        alerts.update(&model, AlertSource::Recording, &[], later),
-        []
-    );
-    assert_eq!(
-        alerts.update(&model, AlertSource::Robot, &[], later).len(),
-        1
-    );
+    let of_recording = alerts.update(&model, AlertSource::Recording, &[], at(60_000));
+    assert_eq!(of_recording, []);
+    assert_eq!(update(&mut alerts, &model, 60_000).len(), 1);
 }
 
 #[test]
@@ -132,7 +127,7 @@ fn silence_after_end_alarms_for_vehicles_only() {
         };
         test_support::inject(&mut model, Topic::Status, &status, at(0));
         let mut alerts = Alerts::default();
-        let actual = alerts.update(&model, AlertSource::Robot, &[], at(60_000));
+        let actual = update(&mut alerts, &model, 60_000);
         let expected = expected.map(|words| (Alarm::LinkLost, words.to_owned()));
         assert_eq!(actual, Vec::from_iter(expected));
     }
@@ -143,7 +138,7 @@ fn discovery_state_does_not_change_sensor_alerts() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, Some(SensorFault::Silent), Some(3), at(0));
-    alerts.update(&model, AlertSource::Robot, &[], at(9_000));
+    update(&mut alerts, &model, 9_000);
     let active = |alerts: &Alerts| -> Vec<Alarm> {
         let active = alerts.iter().filter(|alert| alert.is_active);
         let mut active: Vec<_> = active.map(|alert| alert.alarm.clone()).collect();
@@ -168,7 +163,7 @@ fn silence_faults_and_jumps_raise_alerts() {
     let mut model = scout();
     let mut alerts = Alerts::default();
     inject(&mut model, Some(SensorFault::Silent), None, at(3_000));
-    let begun = alerts.update(&model, AlertSource::Robot, &[], at(3_000));
+    let begun = update(&mut alerts, &model, 3_000);
     let laser = Alarm::Sensor("laser".to_owned());
     assert_eq!(begun.len(), 1);
     assert_eq!(begun[0].0, laser);
@@ -180,7 +175,7 @@ fn silence_faults_and_jumps_raise_alerts() {
         message: "The pose jumped 3 m".to_owned(),
     };
     alerts.update(&model, AlertSource::Robot, &[jump.clone(), jump], at(4_000));
-    alerts.update(&model, AlertSource::Robot, &[], at(9_000));
+    update(&mut alerts, &model, 9_000);
     let mut alarms = listed(&alerts);
     alarms.sort();
     assert_eq!(
@@ -248,16 +243,15 @@ fn stuck_alert_lasts_until_motion_or_no_command() {
             (9_500, 1.0, 0.5, false, Some(false)),
         ] {
             drives(&mut model, told_mps, speed_mps, at(ms));
-            let begun = alerts.update(&model, AlertSource::Robot, &[], at(ms));
+            let begun = update(&mut alerts, &model, ms);
             let expected = has_begun.then(|| (Alarm::Stuck, text.clone()));
             assert_eq!(begun, Vec::from_iter(expected), "{ms}");
             let active = alerts.iter().map(|alert| alert.is_active).next();
             assert_eq!(active, is_active, "{ms}");
         }
         assert_eq!(listed(&alerts), [(Alarm::Stuck, 2, false)]);
-        let actual: Vec<_> = alerts.iter().map(|alert| alert.text.clone()).collect();
         let past = format!("Commanded but did not move: {was}");
-        assert_eq!(actual, [past]);
+        assert_eq!(texts(&alerts), [past]);
         alerts.acknowledge(&Alarm::Stuck);
         assert_eq!(alerts.iter().count(), 0);
     }
@@ -270,7 +264,7 @@ fn silent_vehicle_is_not_stuck_now() {
     let mut alerts = Alerts::default();
     for ms in [0, 3_000] {
         drives(&mut model, 1.0, 0.0, at(ms));
-        alerts.update(&model, AlertSource::Robot, &[], at(ms));
+        update(&mut alerts, &model, ms);
     }
     let said = |alerts: &Alerts| {
         let mut all = alerts.iter();
@@ -280,18 +274,18 @@ fn silent_vehicle_is_not_stuck_now() {
     };
     assert_eq!(said(&alerts), ("moving:".to_owned(), 1, false));
     alerts.acknowledge(&Alarm::Stuck);
-    alerts.update(&model, AlertSource::Robot, &[], at(5_000));
+    update(&mut alerts, &model, 5_000);
     assert!(model.is_stuck(), "by the last status");
     assert_eq!(said(&alerts), ("not".to_owned(), 1, true));
     assert!(alerts.iter().any(|alert| alert.alarm == Alarm::LinkLost));
     // The condition lasts: nothing begins.
     drives(&mut model, 1.0, 0.0, at(5_100));
-    let begun = alerts.update(&model, AlertSource::Robot, &[], at(5_100));
+    let begun = update(&mut alerts, &model, 5_100);
     assert_eq!(begun, []);
     assert_eq!(said(&alerts), ("moving:".to_owned(), 1, true));
     // Another run has not reported it yet.
     announce_boot(&mut model, BootId([9; 16]), at(5_200));
-    alerts.update(&model, AlertSource::Robot, &[], at(5_200));
+    update(&mut alerts, &model, 5_200);
     assert_eq!(said(&alerts), ("not".to_owned(), 1, true));
 }
 
@@ -301,7 +295,7 @@ fn undriven_robot_is_not_stuck() {
     let mut alerts = Alerts::default();
     for ms in [0, 3_000] {
         drives(&mut model, 1.0, 0.0, at(ms));
-        alerts.update(&model, AlertSource::Robot, &[], at(ms));
+        update(&mut alerts, &model, ms);
     }
     for (state, is_active) in [
         (FleetState::DrivenBy("bert".parse().unwrap()), true),

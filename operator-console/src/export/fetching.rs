@@ -26,16 +26,12 @@ const POSE_WAIT: Duration = Duration::from_millis(500);
 pub enum Fetching {
     /// Requested, or the robot still makes it.
     Requested,
-    /// Known missing tiles of a layer.
     Tiles(usize),
-    /// Poses that arrived, of how many.
     Poses([u64; 2]),
-    /// Bytes that arrived, of how many.
     Voxels(VoxelFile, [u64; 2]),
 }
 
 impl Fetching {
-    /// Fetched share, 0 … 1.
     pub fn share(self) -> f32 {
         let share = |[came, of]: [u64; 2]| came as f32 / of.max(1) as f32;
         match self {
@@ -46,7 +42,6 @@ impl Fetching {
         }
     }
 
-    /// Rises with fetched data.
     const fn progress(self) -> (u8, u64) {
         match self {
             Self::Requested => (0, 0),
@@ -158,12 +153,12 @@ impl Drop for Fetcher<'_> {
     }
 }
 
-/// Starts to fetch a part. The octree was requested at the start.
+/// Starts to fetch a part. The octree was requested at the start, and shores are pushed.
 fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
         ExportPart::Layer(layer) if part.is_in(model) => model.want_for_export([layer].into()),
         ExportPart::Trajectory => model.want_trajectory(),
-        ExportPart::Layer(_) | ExportPart::Shores | ExportPart::Voxels => {}
+        _ => {}
     }
 }
 
@@ -230,13 +225,15 @@ fn state(
 mod tests {
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
-    use protocol::message::{Info, LayerInfo, MapHead, Pose, Status, VoxelsReply};
+    use protocol::message::{Info, LayerInfo, MapHead, Status, VoxelsReply};
     use protocol::tile_store::{LayerGrid, TileStore};
     use robot_edge::clock;
 
     use super::*;
     use crate::model::{OpenSessions, Outgoing, RequestId};
-    use crate::test_support::{BOOT, announce_map, at, console, inject, inject_reply};
+    use crate::test_support::{
+        BOOT, announce_map, at, console, inject, inject_reply, pose_at_rest,
+    };
 
     /// Fetches the only part of an export.
     fn fetch(
@@ -246,6 +243,13 @@ mod tests {
         watch: impl FnMut(Fetching) -> ControlFlow<()>,
     ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
         Fetcher::begin(model, [part], patience).fetch(part, watch)
+    }
+
+    fn taken(fetched: ControlFlow<(), anyhow::Result<Snapshot>>) -> anyhow::Result<Snapshot> {
+        match fetched {
+            ControlFlow::Continue(taken) => taken,
+            ControlFlow::Break(()) => panic!("nobody cancelled it"),
+        }
     }
 
     #[test]
@@ -279,25 +283,15 @@ mod tests {
         let model = ModelHandle::of(crate::test_support::scout());
         let hour = Duration::from_hours(1);
         let fetch = |part| fetch(&model, part, hour, |_| unreachable!());
-        let ControlFlow::Continue(Ok(way)) = fetch(ExportPart::Trajectory) else {
-            panic!();
-        };
+        let way = taken(fetch(ExportPart::Trajectory)).unwrap();
         let why = "only what was received here: no data from the robot";
         assert_eq!(way.lacks.as_deref(), Some(why));
-        let ControlFlow::Continue(Err(why)) = fetch(ExportPart::Voxels) else {
-            panic!();
-        };
-        assert_eq!(
-            why.to_string(),
-            "no data from the robot. Export it again later"
-        );
-        let outlines = fetch(ExportPart::Shores);
+        let why = taken(fetch(ExportPart::Voxels)).unwrap_err().to_string();
+        assert_eq!(why, "no data from the robot. Export it again later");
+        // There are none.
+        taken(fetch(ExportPart::Shores)).unwrap();
         assert_eq!(model.lock().trajectory(), TrajectoryProgress::Unwanted);
         assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
-        assert!(
-            matches!(outlines, ControlFlow::Continue(Ok(_))),
-            "there are none"
-        );
     }
 
     /// Requests of the model for the octree.
@@ -324,12 +318,10 @@ mod tests {
         };
         let fetch = |part| fetcher.fetch(part, |_| unreachable!());
         // Other parts are fetched while the robot makes it.
-        let outlines = fetch(ExportPart::Shores);
-        assert!(matches!(outlines, ControlFlow::Continue(Ok(_))));
+        taken(fetch(ExportPart::Shores)).unwrap();
         let none = VoxelsReply::None;
         inject_reply(&mut model.lock(), request, Topic::Voxels, &none, now);
-        let octree = fetch(ExportPart::Voxels);
-        assert!(matches!(octree, ControlFlow::Continue(Ok(_))));
+        taken(fetch(ExportPart::Voxels)).unwrap();
         assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
         assert_eq!(asked(&model, now + hour), []);
     }
@@ -359,9 +351,7 @@ mod tests {
             model.leave();
             ControlFlow::Continue(())
         });
-        let ControlFlow::Continue(Ok(way)) = fetched else {
-            panic!();
-        };
+        let way = taken(fetched).unwrap();
         let why = "only what was received here: something else is shown by now";
         assert_eq!((looks, way.lacks.as_deref()), (1, Some(why)));
     }
@@ -380,17 +370,10 @@ mod tests {
             has_ended: true,
             ..Status::default()
         };
-        let pose = Pose {
-            position_m: [1.0, 2.0, 0.0],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-            token: None,
-        };
         // Long before.
         announce_map(&mut model, &store, at(1));
         inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1));
-        inject(&mut model, Topic::Pose, &pose, at(1));
+        inject(&mut model, Topic::Pose, &pose_at_rest(), at(1));
         inject(&mut model, Topic::Status, &ended, at(1));
         announce_map(&mut model, &store, at(1));
         model.outgoing(OpenSessions::BOTH, at(1));
@@ -398,10 +381,7 @@ mod tests {
         let model = ModelHandle::of(model);
         let part = ExportPart::Layer(layer);
         let fetched = fetch(&model, part, Duration::ZERO, |_| unreachable!());
-        let ControlFlow::Continue(Ok(map)) = fetched else {
-            panic!();
-        };
-        assert_eq!(map.lacks, None);
+        assert_eq!(taken(fetched).unwrap().lacks, None);
     }
 
     /// Time until fetching from a live robot that answers nothing fails.
@@ -414,9 +394,7 @@ mod tests {
         let fetched = fetch(&model, ExportPart::Trajectory, patience, |_| {
             ControlFlow::Continue(())
         });
-        let ControlFlow::Continue(Ok(way)) = fetched else {
-            panic!();
-        };
+        let way = taken(fetched).unwrap();
         let why = "only what was received here: the robot sends no more of it";
         assert_eq!(way.lacks.as_deref(), Some(why));
         clock::elapsed(started)

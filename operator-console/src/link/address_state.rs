@@ -42,16 +42,7 @@ impl AddressState {
     pub(super) fn of(why: &LinkError, address: &str) -> Self {
         match why {
             LinkError::Open { .. } => place(address).map_or(Self::Silent, probe_port),
-            LinkError::Endpoint(_)
-            | LinkError::Protocol { .. }
-            | LinkError::Credentials(_)
-            | LinkError::UnexpectedPeer { .. }
-            | LinkError::Config { .. }
-            | LinkError::Setting { .. }
-            | LinkError::Declare { .. }
-            | LinkError::NoRandomness(_)
-            | LinkError::Thread(_)
-            | LinkError::Encoder(_) => Self::Problem(why.to_string()),
+            _ => Self::Problem(why.to_string()),
         }
     }
 
@@ -71,7 +62,7 @@ impl AddressState {
                 robot,
                 by_quic: protocol == "quic",
             },
-            Some(Identity::Router | Identity::Person(..)) | None => Self::NoRobot,
+            _ => Self::NoRobot,
         }
     }
 
@@ -82,15 +73,7 @@ impl AddressState {
                 robot,
                 by_quic: true,
             } => Some(robot),
-            Self::AccessDenied { by_quic: false, .. }
-            | Self::Asking
-            | Self::Found
-            | Self::NoRobot
-            | Self::UnknownName
-            | Self::Refused
-            | Self::Silent
-            | Self::WrongProtocol
-            | Self::Problem(_) => None,
+            _ => None,
         }
     }
 
@@ -119,7 +102,6 @@ impl AddressState {
     }
 }
 
-/// Host and port of an endpoint.
 pub fn place(address: &str) -> Option<(&str, u16)> {
     let address = address.split(['?', '#']).next()?;
     let (_protocol, place) = address.split_once('/')?;

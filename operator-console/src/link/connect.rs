@@ -20,11 +20,10 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
-use super::{Transport, close, keep_open};
+use super::{Transport, close_in_background, keep_open};
 use crate::lock;
 use crate::model::{Incoming, OpenSessions, Outgoing, RequestId};
 
-/// Limit of queued requests and views.
 const MAX_OUTGOING: usize = 64;
 /// A later answer is requested again: slow links need time, and the model detects a lost link.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -34,13 +33,13 @@ pub(super) struct Connections {
     outgoing: SyncSender<Outgoing>,
 }
 
-/// Shared by the sessions' threads.
 pub(super) struct State {
     robot: RobotId,
     incoming: SyncSender<Incoming>,
-    control: Mutex<Option<Session>>,
-    bulk: Mutex<Option<Session>>,
-    problems: Mutex<Problems>,
+    /// By [`Channel`]; `None` while it is not open.
+    sessions: [Mutex<Option<Session>>; 2],
+    /// By [`Channel`]: why the session is not open.
+    problems: Mutex<[Option<String>; 2]>,
     /// Endpoints of the control session, and its present transport.
     asked: Vec<String>,
     transport: Mutex<Option<Transport>>,
@@ -48,12 +47,6 @@ pub(super) struct State {
     oversized: AtomicU64,
     is_closing: AtomicBool,
     tap: Arc<Tap>,
-}
-
-#[derive(Default)]
-struct Problems {
-    control: Option<String>,
-    bulk: Option<String>,
 }
 
 impl Connections {
@@ -66,8 +59,7 @@ impl Connections {
         let state = Arc::new(State {
             robot,
             incoming,
-            control: Mutex::default(),
-            bulk: Mutex::default(),
+            sessions: <[_; 2]>::default(),
             problems: Mutex::default(),
             asked: endpoints.connect.clone(),
             transport: Mutex::default(),
@@ -87,12 +79,11 @@ impl Connections {
         });
         let driving = DrivingLink::start(tap, heard, {
             let state = Arc::clone(&state);
-            move || lock(&state.control).clone()
+            move || lock(state.session(Channel::Control)).clone()
         });
         (Self { state, outgoing }, driving)
     }
 
-    /// Number of answers to the teleop client.
     pub(super) fn teleop_answers(&self) -> u64 {
         self.state.tap.answers()
     }
@@ -108,15 +99,13 @@ impl Connections {
 
     pub(super) fn open_sessions(&self) -> OpenSessions {
         OpenSessions {
-            control: lock(&self.state.control).is_some(),
-            bulk: lock(&self.state.bulk).is_some(),
+            control: lock(self.state.session(Channel::Control)).is_some(),
+            bulk: lock(self.state.session(Channel::Bulk)).is_some(),
         }
     }
 
-    /// Why a session is not open; the control session first.
     pub(super) fn problem(&self) -> Option<String> {
-        let problems = lock(&self.state.problems);
-        problems.control.clone().or_else(|| problems.bulk.clone())
+        lock(&self.state.problems).iter().flatten().next().cloned()
     }
 
     pub(super) fn transport(&self) -> Option<Transport> {
@@ -125,7 +114,7 @@ impl Connections {
 
     /// Determines the present transport: a session may reconnect by another.
     pub(super) fn update_transport(&self) {
-        let session = lock(&self.state.control).clone();
+        let session = lock(self.state.session(Channel::Control)).clone();
         let transport = session.and_then(|session| Transport::of(&session, &self.state.asked));
         // Without a link the last transport stays.
         if transport.is_some() {
@@ -133,7 +122,6 @@ impl Connections {
         }
     }
 
-    /// Messages lost since the last call.
     pub(super) fn take_lost(&self) -> Option<Incoming> {
         let overrun = self.state.overrun.swap(0, Ordering::Relaxed);
         let oversized = self.state.oversized.swap(0, Ordering::Relaxed);
@@ -142,23 +130,16 @@ impl Connections {
 
     pub(super) fn close(&self) {
         self.state.is_closing.store(true, Ordering::Relaxed);
-        let sessions = [
-            lock(&self.state.control).take(),
-            lock(&self.state.bulk).take(),
-        ];
-        thread::spawn(move || {
-            sessions.iter().flatten().for_each(close);
-        });
+        for session in &self.state.sessions {
+            let open = lock(session).take();
+            open.into_iter().for_each(close_in_background);
+        }
     }
 }
 
 impl State {
-    /// The session of `channel`; `None` while it is not open.
     pub(super) fn session(&self, channel: Channel) -> &Mutex<Option<Session>> {
-        match channel {
-            Channel::Control => &self.control,
-            Channel::Bulk => &self.bulk,
-        }
+        &self.sessions[channel as usize]
     }
 
     pub(super) fn is_closing(&self) -> bool {
@@ -166,23 +147,15 @@ impl State {
     }
 
     pub(super) fn set_problem(&self, channel: Channel, problem: Option<String>) {
-        let mut problems = lock(&self.problems);
-        match channel {
-            Channel::Control => problems.control = problem,
-            Channel::Bulk => problems.bulk = problem,
-        }
+        lock(&self.problems)[channel as usize] = problem;
     }
 
     fn hand_over(&self, incoming: Incoming) {
-        match self.incoming.try_send(incoming) {
-            Ok(()) => {}
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                self.overrun.fetch_add(1, Ordering::Relaxed);
-            }
+        if self.incoming.try_send(incoming).is_err() {
+            self.overrun.fetch_add(1, Ordering::Relaxed);
         }
     }
 
-    /// The bytes of a message unless it is too large.
     fn bytes(&self, payload: &ZBytes) -> Option<Vec<u8>> {
         if payload.len() > MAX_MESSAGE_BYTES {
             self.oversized.fetch_add(1, Ordering::Relaxed);
@@ -197,7 +170,7 @@ impl State {
             match topic {
                 Some(Topic::Pose) => self.tap.take_pose(&payload),
                 Some(Topic::Status) => self.tap.take_status(&payload),
-                Some(_) | None => {}
+                _ => {}
             }
             let key = sample.key_expr().as_str().to_owned();
             self.hand_over(Incoming::Sample { key, payload });
@@ -205,10 +178,9 @@ impl State {
     }
 
     fn not_asked(&self, outgoing: &Outgoing) {
-        match outgoing {
-            Outgoing::Get { request, .. } => self.hand_over(Incoming::Ended { request: *request }),
-            // The next view follows in half a second.
-            Outgoing::Put { .. } => {}
+        // A view needs no report: the next one follows in half a second.
+        if let Outgoing::Get { request, .. } = outgoing {
+            self.hand_over(Incoming::Ended { request: *request });
         }
     }
 }
@@ -271,7 +243,7 @@ fn send_all(state: &Arc<State>, outgoing: &Receiver<Outgoing>) {
 fn send(state: &Arc<State>, outgoing: &Outgoing) -> Result<(), zenoh::Error> {
     match outgoing {
         Outgoing::Put { key, payload } => {
-            let Some(session) = lock(&state.control).clone() else {
+            let Some(session) = lock(state.session(Channel::Control)).clone() else {
                 return Ok(());
             };
             session

@@ -35,13 +35,11 @@ const SCOUT_TIME: Duration = Duration::from_millis(500);
 const ASK_TIMEOUT: Duration = Duration::from_secs(1);
 /// A robot sends two statuses a second.
 const STATUS_TIME: Duration = Duration::from_millis(700);
-/// Pause between rounds until a robot is found.
 const PAUSE: Duration = Duration::from_secs(2);
 /// Pause afterwards: rounds use the link of the robot that is watched.
 const LONG_PAUSE: Duration = Duration::from_secs(10);
 /// A robot without an answer for longer has missed a round.
 pub const SEEN_RECENTLY: Duration = Duration::from_secs(15);
-/// Limit of processes in one round.
 const MAX_ADDRESSES: usize = 32;
 const ASKED_AT_ONCE: usize = 8;
 
@@ -50,12 +48,10 @@ pub struct Discovery {
 }
 
 struct State {
-    /// Addresses that are asked in every round, with the results.
     typed: Mutex<BTreeMap<String, AddressState>>,
     zenoh_config: Option<PathBuf>,
     credentials: Option<Credentials>,
     found: Mutex<KnownRobots>,
-    /// Why the local network cannot be scouted.
     problem: Mutex<Option<String>>,
     /// An address was typed: begin the next round at once.
     is_hurried: AtomicBool,
@@ -71,8 +67,10 @@ impl Discovery {
         credentials: Option<Credentials>,
         wake: impl Fn() + Send + 'static,
     ) -> Self {
+        let typed = addresses.into_iter();
+        let typed = typed.map(|address| (address, AddressState::Asking));
         let state = Arc::new(State {
-            typed: Mutex::new(addresses.into_iter().map(asking).collect()),
+            typed: Mutex::new(typed.collect()),
             zenoh_config,
             credentials,
             found: Mutex::default(),
@@ -107,34 +105,28 @@ impl Discovery {
         lock(&self.state.typed).contains_key(address)
     }
 
-    /// Addresses that are asked in every round, with the results.
     pub fn asked(&self) -> BTreeMap<String, AddressState> {
         lock(&self.state.typed).clone()
     }
 
-    /// Robots that answer but deny access.
     pub fn access_denied(&self) -> BTreeSet<RobotId> {
         let asked = lock(&self.state.typed);
         let access_denied = asked.values().filter_map(AddressState::access_denied);
         access_denied.cloned().collect()
     }
 
-    /// Updates a robot's state from its own link.
     pub fn update_state(&self, robot: &RobotId, state: FleetState, at: Monotonic) {
         lock(&self.state.found).update_state(robot, state, at);
     }
 
-    /// Updates a robot's last contact from its own link.
     pub fn mark_seen(&self, robot: &RobotId, at: Monotonic) {
         lock(&self.state.found).mark_seen(robot, at);
     }
 
-    /// Removes a robot until it answers again.
     pub fn forget_robot(&self, robot: &RobotId) {
         lock(&self.state.found).forget(robot);
     }
 
-    /// The present robots, by name.
     pub fn found(&self) -> Vec<FoundRobot> {
         let known = lock(&self.state.found);
         let mut found: Vec<_> = known.present().cloned().collect();
@@ -147,7 +139,6 @@ impl Discovery {
         lock(&self.state.found).discovered_robots().collect()
     }
 
-    /// Why the local network cannot be scouted.
     pub fn problem(&self) -> Option<String> {
         lock(&self.state.problem).clone()
     }
@@ -161,10 +152,6 @@ impl Discovery {
         let all: Vec<_> = self.problem().into_iter().chain(of_addresses).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
-}
-
-fn asking(address: String) -> (String, AddressState) {
-    (address, AddressState::Asking)
 }
 
 impl Drop for Discovery {
@@ -189,15 +176,11 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
             wake();
         }
         if !is_first || typed.is_empty() || found.is_empty() {
-            let scouted = if scouts {
-                scout(&mut problem)
-            } else {
-                BTreeSet::new()
-            };
-            let scouted: Vec<String> = scouted
-                .into_iter()
-                .filter(|address| !typed.contains(address))
-                .collect();
+            let mut scouted = Vec::new();
+            if scouts {
+                scouted.extend(scout(&mut problem));
+                scouted.retain(|address| !typed.contains(address));
+            }
             // Failures at scouted addresses are not the operator's problem.
             ask_all(state, &scouted, &mut found, |_, _| {});
         }
@@ -216,18 +199,14 @@ fn run(state: &State, scouts: bool, wake: &dyn Fn()) {
 }
 
 impl State {
-    /// Sets the result of a typed address; returns whether it changed.
     fn update_state(&self, address: &str, came_of_it: AddressState) -> bool {
         // It may have been removed while it was asked.
         let mut typed = lock(&self.typed);
-        typed.get_mut(address).is_some_and(|state| {
-            let before = std::mem::replace(state, came_of_it);
-            before != *state
-        })
+        let state = typed.get_mut(address).filter(|state| **state != came_of_it);
+        state.map(|state| *state = came_of_it).is_some()
     }
 }
 
-/// Asks at addresses and reports each result.
 fn ask_all(
     state: &State,
     addresses: &[String],
@@ -282,7 +261,6 @@ fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
     robots
 }
 
-/// Robots reported over `session` to `address`.
 fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
     let (sender, heard) = sync_channel(MAX_ROBOTS);
     // Subscribed before the list is requested, so that no status is missed. Access control may block all.
@@ -354,13 +332,10 @@ fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
     let (sender, hellos): (SyncSender<Vec<String>>, _) = sync_channel(MAX_ADDRESSES);
     let scouting = zenoh::scout(WhatAmI::Peer | WhatAmI::Router, zenoh::Config::default())
         .callback(move |hello| {
-            let locators = hello
-                .locators()
-                .iter()
-                .map(|locator| locator.as_str().to_owned())
-                .collect();
+            let locators = hello.locators().iter();
+            let locators = locators.map(|locator| locator.as_str().to_owned());
             // A process that does not fit is found again.
-            drop(sender.try_send(locators));
+            drop(sender.try_send(locators.collect()));
         })
         .wait();
     let scouting = match scouting {
@@ -373,12 +348,8 @@ fn scout(problem: &mut Option<String>) -> BTreeSet<String> {
     clock::sleep_until(clock::now() + SCOUT_TIME, || false);
     scouting.stop();
     let plain = |locator: String| {
-        let address = locator
-            .split(['?', '#'])
-            .next()
-            .unwrap_or_default()
-            .to_owned();
-        bulk_endpoint(&address).is_ok().then_some(address)
+        let address = locator.split(['?', '#']).next()?;
+        bulk_endpoint(address).is_ok().then(|| address.to_owned())
     };
     hellos.try_iter().flatten().filter_map(plain).collect()
 }

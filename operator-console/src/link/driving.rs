@@ -22,7 +22,6 @@ use crate::teleop_client::{LatestPose, RequestNumber, SignedMessage, TeleopMessa
 
 /// Limit of queued commands: a third of a second. If the link hangs for longer, the robot would reject older ones.
 const MAX_COMMANDS: usize = 16;
-/// Limit of queued states and answers.
 const MAX_MESSAGES: usize = 64;
 /// A later answer is dropped. The emergency stop is repeated meanwhile.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
@@ -143,7 +142,6 @@ impl DrivingLink {
         *lock(&self.tap.newest)
     }
 
-    /// Messages since the last call, oldest first.
     pub fn messages(&self) -> impl Iterator<Item = TeleopMessage> + '_ {
         self.messages.try_iter().take(MAX_MESSAGES)
     }
@@ -151,14 +149,13 @@ impl DrivingLink {
     /// Passes a message to Zenoh once and now, or drops it. Never blocks.
     pub fn send(&self, message: SignedMessage) {
         self.unsent.fetch_add(1, Ordering::Release);
-        match self.commands.try_send(message) {
-            Ok(()) => {}
-            Err(TrySendError::Full(message) | TrySendError::Disconnected(message)) => {
-                self.unsent.fetch_sub(1, Ordering::Release);
-                tracing::warn!(topic = ?message.topic, "the link hangs: a command was dropped");
-                if let Some(request) = message.request {
-                    self.tap.forward(TeleopMessage::NoAnswer { request });
-                }
+        if let Err(TrySendError::Full(message) | TrySendError::Disconnected(message)) =
+            self.commands.try_send(message)
+        {
+            self.unsent.fetch_sub(1, Ordering::Release);
+            tracing::warn!(topic = ?message.topic, "the link hangs: a command was dropped");
+            if let Some(request) = message.request {
+                self.tap.forward(TeleopMessage::NoAnswer { request });
             }
         }
     }
@@ -174,11 +171,8 @@ impl DrivingLink {
 
 fn hand_over(tap: &Arc<Tap>, session: Option<Session>, message: SignedMessage) {
     let request = message.request;
-    let sent = match session {
-        Some(session) => send(tap, &session, message),
-        None => Err("there is no session".into()),
-    };
-    if let Err(why) = sent {
+    let sent = session.ok_or_else(|| "there is no session".into());
+    if let Err(why) = sent.and_then(|session| send(tap, &session, message)) {
         tracing::debug!(%why, "a command was not sent");
         if let Some(request) = request {
             tap.forward(TeleopMessage::NoAnswer { request });

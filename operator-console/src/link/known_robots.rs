@@ -14,14 +14,12 @@ pub(super) const MAX_ROBOTS: usize = 256;
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FoundRobot {
     pub robot: RobotId,
-    /// Control endpoint.
     pub endpoint: String,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiscoveredRobot {
     pub found: FoundRobot,
-    /// Last answer.
     pub seen: Monotonic,
     pub state: Option<FleetState>,
 }
@@ -46,11 +44,8 @@ pub(super) struct KnownRobots(Vec<Known>);
 
 #[derive(Debug)]
 struct Known {
-    found: FoundRobot,
-    /// Rounds since its last answer.
+    robot: DiscoveredRobot,
     rounds: u32,
-    seen: Monotonic,
-    state: Option<FleetState>,
 }
 
 impl KnownRobots {
@@ -70,40 +65,35 @@ impl KnownRobots {
         changed || self.0.iter().any(|known| known.rounds == ROUNDS_KEPT)
     }
 
-    /// Updates a state from the robot's own link.
     pub(super) fn update_state(&mut self, robot: &RobotId, state: FleetState, at: Monotonic) {
-        if let Some(known) = self.known(robot).filter(|known| known.seen < at) {
-            (known.state, known.seen) = (Some(state), at);
+        if let Some(known) = self.known(robot).filter(|known| known.robot.seen < at) {
+            (known.robot.state, known.robot.seen) = (Some(state), at);
         }
     }
 
     pub(super) fn mark_seen(&mut self, robot: &RobotId, at: Monotonic) {
         if let Some(known) = self.known(robot) {
-            known.seen = known.seen.max(at);
+            known.robot.seen = known.robot.seen.max(at);
         }
     }
 
     pub(super) fn forget(&mut self, robot: &RobotId) {
-        self.0.retain(|known| known.found.robot != *robot);
+        self.0.retain(|known| known.robot.found.robot != *robot);
     }
 
-    /// In order of discovery.
     pub(super) fn discovered_robots(&self) -> impl Iterator<Item = DiscoveredRobot> {
-        self.0.iter().map(|known| DiscoveredRobot {
-            found: known.found.clone(),
-            seen: known.seen,
-            state: known.state.clone(),
-        })
+        self.0.iter().map(|known| known.robot.clone())
     }
 
     /// Robots that answered in one of the last rounds.
     pub(super) fn present(&self) -> impl Iterator<Item = &FoundRobot> {
         let present = self.0.iter().filter(|known| known.rounds < ROUNDS_KEPT);
-        present.map(|known| &known.found)
+        present.map(|known| &known.robot.found)
     }
 
     fn known(&mut self, robot: &RobotId) -> Option<&mut Known> {
-        self.0.iter_mut().find(|known| known.found.robot == *robot)
+        let mut all = self.0.iter_mut();
+        all.find(|known| known.robot.found.robot == *robot)
     }
 
     /// Makes room for one more robot by removing the one that is silent for longest.
@@ -118,9 +108,8 @@ impl KnownRobots {
         index.map(|index| self.0.remove(index)).is_some()
     }
 
-    /// Takes a robot's answers from one round; returns whether something changed.
     fn add_answers(&mut self, robot: RobotId, answers: Vec<(String, Answer)>) -> bool {
-        let mut all = self.0.iter();
+        let mut all = self.0.iter().map(|known| &known.robot);
         let known = all.find(|known| known.found.robot == robot);
         // A known endpoint stays as long as it answers.
         let is_known = |(endpoint, _): &(String, _)| {
@@ -140,13 +129,12 @@ impl KnownRobots {
         let changed = known
             .is_none_or(|known| known.found.endpoint != endpoint || known.state != answer.state);
         let Answer { at: seen, state } = answer;
+        let found = FoundRobot { robot, endpoint };
         let now_known = Known {
-            found: FoundRobot { robot, endpoint },
+            robot: DiscoveredRobot { found, seen, state },
             rounds: 0,
-            seen,
-            state,
         };
-        if let Some(known) = self.known(&now_known.found.robot) {
+        if let Some(known) = self.known(&now_known.robot.found.robot) {
             *known = now_known;
             return changed;
         }
@@ -158,12 +146,10 @@ impl KnownRobots {
     }
 }
 
-/// State of a robot by its status.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FleetState {
     /// A recording, or a robot without motors.
     NotDrivable,
-    /// Its data has ended.
     Ended,
     Free,
     DrivenBy(OperatorId),
@@ -205,8 +191,10 @@ impl FleetState {
 
 #[cfg(test)]
 mod tests {
+    use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
+
     use super::*;
-    use crate::test_support::at;
+    use crate::test_support::{at, idle_teleop_status};
 
     fn round(found: &[(&str, &str)], ms: u64) -> Round {
         let answer = Answer {
@@ -226,12 +214,9 @@ mod tests {
     }
 
     fn listed(robots: &KnownRobots) -> Vec<(String, String, Monotonic)> {
-        robots
-            .discovered_robots()
-            .map(|DiscoveredRobot { found, seen, .. }| {
-                (found.robot.to_string(), found.endpoint, seen)
-            })
-            .collect()
+        let line =
+            |DiscoveredRobot { found, seen, .. }| (found.robot.to_string(), found.endpoint, seen);
+        robots.discovered_robots().map(line).collect()
     }
 
     fn line(robot: &str, endpoint: &str, ms: u64) -> (String, String, Monotonic) {
@@ -247,10 +232,8 @@ mod tests {
         assert!(!robots.take(round(&both, 2)), "no change");
         assert_eq!(listed(&robots), [line("boat", "tcp/b:1", 2)]);
         // Its known endpoint is dead.
-        assert!(
-            robots.take(round(&[("boat", "tcp/c:1")], 3)),
-            "it has moved"
-        );
+        let moved = round(&[("boat", "tcp/c:1")], 3);
+        assert!(robots.take(moved));
         assert_eq!(listed(&robots), [line("boat", "tcp/c:1", 3)]);
         assert!(!robots.take(round(&[("boat", "tcp/c:1")], 4)));
         assert!(!robots.take(round(&[("boat", "tcp/c:1"), ("boat", "tcp/b:1")], 5)));
@@ -266,22 +249,17 @@ mod tests {
             seen.map(|discovered| (discovered.state.unwrap(), discovered.seen))
                 .collect()
         };
-        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(1));
+        let estop = FleetState::EStop { has_ended: false };
+        robots.update_state(&boat, estop.clone(), at(1));
         assert_eq!(states(&robots), [], "no endpoint");
         robots.take(round(&[("boat", "tcp/b:1")], 5));
-        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(4));
+        robots.update_state(&boat, estop.clone(), at(4));
         assert_eq!(states(&robots), [(FleetState::Free, at(5))]);
-        robots.update_state(&boat, FleetState::EStop { has_ended: false }, at(7));
-        assert_eq!(
-            states(&robots),
-            [(FleetState::EStop { has_ended: false }, at(7))]
-        );
+        robots.update_state(&boat, estop.clone(), at(7));
+        assert_eq!(states(&robots), [(estop.clone(), at(7))]);
         // A round that had begun before.
         assert!(!robots.take(round(&[("boat", "tcp/b:1")], 6)));
-        assert_eq!(
-            states(&robots),
-            [(FleetState::EStop { has_ended: false }, at(7))]
-        );
+        assert_eq!(states(&robots), [(estop, at(7))]);
         assert!(robots.take(round(&[("boat", "tcp/b:1")], 8)));
         assert_eq!(states(&robots), [(FleetState::Free, at(8))]);
     }
@@ -320,10 +298,8 @@ mod tests {
     fn only_so_many_robots_are_listed() {
         let mut robots = KnownRobots::default();
         let names: Vec<_> = (0..=MAX_ROBOTS).map(|n| format!("r{n:04}")).collect();
-        let all: Vec<_> = names
-            .iter()
-            .map(|name| (name.as_str(), "tcp/a:1"))
-            .collect();
+        let all = names.iter().map(|name| (name.as_str(), "tcp/a:1"));
+        let all: Vec<_> = all.collect();
         assert!(robots.take(round(&all, 1)));
         assert_eq!(listed(&robots).len(), MAX_ROBOTS);
         assert!(!robots.take(round(&all, 2)));
@@ -337,14 +313,6 @@ mod tests {
             );
         }
     }
-}
-
-#[cfg(test)]
-mod fleet_state_tests {
-    use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
-
-    use super::*;
-    use crate::test_support::idle_teleop_status;
 
     #[test]
     fn most_important_state_is_shown() {

@@ -4,12 +4,12 @@
 //! requests, and wakes the window if something visible changed. So a frozen window does not block the link, and a robot
 //! that stands still costs no frames.
 
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
-use std::{io, mem};
 
 use connect::{Connections, State, subscribe};
 use measurement::time::Monotonic;
@@ -41,11 +41,8 @@ pub const LOG_FILTER: &str = "zenoh=error,zenoh::api::session=off";
 const MAX_WAITING: usize = 4096;
 /// Messages applied before the model's lock is released.
 const BATCH: usize = 64;
-/// Period of requests.
 const TICK: Duration = Duration::from_millis(20);
-/// Period of checks of the transport.
 const LINK_PERIOD: Duration = Duration::from_secs(1);
-/// Shortest time between two calls of `wake`.
 const WAKE_PERIOD: Duration = Duration::from_millis(33);
 /// Without other changes for this long, pushed tiles and scans wait for the next periodic frame.
 const CALM_AFTER: Duration = Duration::from_secs(2);
@@ -59,7 +56,6 @@ pub struct RobotSession {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The model for other threads.
 #[derive(Clone)]
 pub struct ModelHandle {
     model: Arc<Mutex<ConsoleModel>>,
@@ -67,7 +63,6 @@ pub struct ModelHandle {
 }
 
 impl ModelHandle {
-    /// A model without a link.
     #[cfg(test)]
     pub(crate) fn of(model: ConsoleModel) -> Self {
         Self {
@@ -94,9 +89,6 @@ impl ModelHandle {
 
 impl RobotSession {
     /// Starts to connect until the robot answers, and returns at once. `wake` is called when something visible changed.
-    ///
-    /// # Errors
-    /// If zstd cannot be set up.
     pub fn open(
         settings: ModelSettings,
         endpoints: &Endpoints,
@@ -137,7 +129,6 @@ impl RobotSession {
         }
     }
 
-    /// The driving link, once.
     pub const fn take_driving(&mut self) -> Option<DrivingLink> {
         self.driving.take()
     }
@@ -148,12 +139,10 @@ impl RobotSession {
         self.connections.open_sessions().control
     }
 
-    /// Transport of the control session, if known.
     pub fn transport(&self) -> Option<Transport> {
         self.connections.transport()
     }
 
-    /// Why there is no connection.
     pub fn problem(&self) -> Option<String> {
         self.connections.problem()
     }
@@ -164,7 +153,7 @@ impl Drop for RobotSession {
         self.is_closing.store(true, Ordering::Relaxed);
         // Closing waits for the network in the background.
         self.connections.close();
-        if let Some(thread) = mem::take(&mut self.thread)
+        if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
             tracing::error!("the link's thread failed");
@@ -249,12 +238,11 @@ fn keep_open(state: &Arc<State>, channel: Channel, endpoints: &Endpoints) {
     }
 }
 
-/// Waits until the link is lost; false if the session closes.
 fn wait_until_lost(state: &State, session: &Session) -> bool {
-    let mut lost = LostLink::default();
+    let mut lost_since = None;
     while !state.is_closing() {
         let has_link = session.info().links().wait().next().is_some();
-        if lost.update(has_link, clock::now()) {
+        if is_lost(&mut lost_since, has_link, clock::now()) {
             return true;
         }
         clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
@@ -335,28 +323,14 @@ fn in_words(why: &LinkError, channel: Channel, asked: &Endpoints) -> String {
         (LinkError::Open { endpoints, .. }, Channel::Bulk) => {
             format!("no answer at {endpoints}, where maps come from; trying again")
         }
-        (
-            LinkError::Endpoint(_)
-            | LinkError::Protocol { .. }
-            | LinkError::Credentials(_)
-            | LinkError::UnexpectedPeer { .. }
-            | LinkError::Config { .. }
-            | LinkError::Setting { .. }
-            | LinkError::Declare { .. }
-            | LinkError::NoRandomness(_)
-            | LinkError::Thread(_)
-            | LinkError::Encoder(_),
-            Channel::Control | Channel::Bulk,
-        ) => why.to_string(),
+        _ => why.to_string(),
     }
 }
 
-/// Transport of the control session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     /// Secured; a loss delays nothing.
     Quic,
-    /// TLS as requested.
     Tls,
     /// TLS, as QUIC did not answer.
     TlsInstead,
@@ -390,25 +364,19 @@ impl Transport {
 /// the session is opened again with any transport.
 const LOST_FOR: Duration = Duration::from_secs(1);
 
-#[derive(Clone, Copy, Debug, Default)]
-struct LostLink {
-    since: Option<Monotonic>,
-}
-
-impl LostLink {
-    /// Returns whether the link has been lost for too long.
-    fn update(&mut self, has_link: bool, now: Monotonic) -> bool {
-        if has_link {
-            self.since = None;
-            return false;
-        }
-        now.since(*self.since.get_or_insert(now)) >= LOST_FOR
+/// Returns whether the link has been lost for too long. `since`: the beginning of the loss, for the next call.
+fn is_lost(since: &mut Option<Monotonic>, has_link: bool, now: Monotonic) -> bool {
+    if has_link {
+        *since = None;
+        return false;
     }
+    now.since(*since.get_or_insert(now)) >= LOST_FOR
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_support::at;
 
     #[test]
     fn unrequested_transport_is_reported() {
@@ -421,18 +389,10 @@ mod tests {
         assert_eq!(of("tcp/10.0.0.5:7447", &[]), Transport::Tcp);
         assert_eq!(of("unixsock-stream/a", &[]), Transport::Other);
     }
-}
-
-#[cfg(test)]
-mod lost_link_tests {
-    use super::*;
 
     #[test]
     fn short_interruption_keeps_the_session() {
-        const fn at(ms: u64) -> Monotonic {
-            Monotonic::from_nanos(ms * 1_000_000)
-        }
-        let mut lost = LostLink::default();
+        let mut since = None;
         for (ms, has_link, is_over) in [
             (10_000, true, false),
             (10_500, false, false),
@@ -444,7 +404,8 @@ mod lost_link_tests {
             (12_700, true, false),
             (12_800, false, false),
         ] {
-            assert_eq!(lost.update(has_link, at(ms)), is_over, "{ms} ms");
+            let is_lost = is_lost(&mut since, has_link, at(ms));
+            assert_eq!(is_lost, is_over, "{ms} ms");
         }
     }
 }

@@ -8,7 +8,6 @@ use eframe::egui::{Pos2, Rect, Vec2, pos2, vec2};
 const MAX_POINTS_PER_M: f64 = 2_000.0;
 /// 40 km on a screen of 2000 points.
 const MIN_POINTS_PER_M: f64 = 0.05;
-/// Share of the screen that a fitted map fills.
 const FIT_PART: f64 = 0.92;
 /// Share of the shorter side of the screen that an approached object fills, and the maximum scale, points/m.
 const APPROACHED_PART: f64 = 1.0 / 3.0;
@@ -20,8 +19,12 @@ const NORTH: [f64; 2] = [0.0, 1.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    center_m: [f64; 2],
-    points_per_m: f64,
+    /// Area of the map in the window, points.
+    pub(super) screen: Rect,
+    /// Centre of the screen in `odom`, m.
+    pub(super) center_m: [f64; 2],
+    /// Scale, logical pixels per metre.
+    pub(super) points_per_m: f64,
     /// Unit vector in `odom`.
     up: [f64; 2],
 }
@@ -29,6 +32,7 @@ pub struct Camera {
 impl Default for Camera {
     fn default() -> Self {
         Self {
+            screen: Rect::NOTHING,
             center_m: [0.0; 2],
             points_per_m: 40.0,
             up: NORTH,
@@ -37,14 +41,12 @@ impl Default for Camera {
 }
 
 impl Camera {
-    /// Centre of the screen in `odom`, m.
-    pub const fn center_m(&self) -> [f64; 2] {
-        self.center_m
-    }
-
-    /// Scale, logical pixels per metre.
-    pub const fn points_per_m(&self) -> f64 {
-        self.points_per_m
+    #[cfg(test)]
+    pub(super) fn on(screen: Rect) -> Self {
+        Self {
+            screen,
+            ..Self::default()
+        }
     }
 
     /// Direction that is up on the screen, radians, counter-clockwise from x.
@@ -62,22 +64,25 @@ impl Camera {
         }
     }
 
-    /// `odom` to screen.
-    pub fn to_screen(&self, screen: Rect, [x_m, y_m]: [f64; 2]) -> Pos2 {
+    pub fn to_screen(&self, [x_m, y_m]: [f64; 2]) -> Pos2 {
         let (dx, dy) = (x_m - self.center_m[0], y_m - self.center_m[1]);
         let [up_x, up_y] = self.up;
         let right = dx * up_y - dy * up_x;
         let ahead = dx * up_x + dy * up_y;
-        let middle = screen.center();
+        let middle = self.screen.center();
         pos2(
             middle.x + (right * self.points_per_m) as f32,
             middle.y - (ahead * self.points_per_m) as f32,
         )
     }
 
-    /// Screen to `odom`, m.
-    pub fn to_odom(&self, screen: Rect, at: Pos2) -> [f64; 2] {
-        let [dx, dy] = self.offset_m(at - screen.center());
+    pub fn line(&self, points_m: &[[f64; 2]]) -> Vec<Pos2> {
+        let points = points_m.iter().map(|point_m| self.to_screen(*point_m));
+        points.collect()
+    }
+
+    pub fn to_odom(&self, at: Pos2) -> [f64; 2] {
+        let [dx, dy] = self.offset_m(at - self.screen.center());
         [self.center_m[0] + dx, self.center_m[1] + dy]
     }
 
@@ -92,14 +97,14 @@ impl Camera {
     }
 
     /// Bounding box of the screen in `odom`: lowest and greatest x and y, m.
-    pub fn visible_m(&self, screen: Rect) -> [f64; 4] {
+    pub fn visible_m(&self) -> [f64; 4] {
         let corners = [
-            screen.left_bottom(),
-            screen.right_bottom(),
-            screen.right_top(),
-            screen.left_top(),
+            self.screen.left_bottom(),
+            self.screen.right_bottom(),
+            self.screen.right_top(),
+            self.screen.left_top(),
         ]
-        .map(|corner| self.to_odom(screen, corner));
+        .map(|corner| self.to_odom(corner));
         around(&corners)
     }
 
@@ -109,7 +114,6 @@ impl Camera {
         }
     }
 
-    /// Moves the map by a drag, points.
     pub fn pan(&mut self, drag: Vec2) {
         let [dx, dy] = self.offset_m(drag);
         self.center_m[0] -= dx;
@@ -117,19 +121,19 @@ impl Camera {
     }
 
     /// Zooms by `factor` with the point at `at` fixed.
-    pub fn zoom_about(&mut self, screen: Rect, at: Pos2, factor: f64) {
+    pub fn zoom_about(&mut self, at: Pos2, factor: f64) {
         if !(factor.is_finite() && factor > 0.0) {
             return;
         }
-        let held_m = self.to_odom(screen, at);
+        let held_m = self.to_odom(at);
         self.points_per_m = (self.points_per_m * factor).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
-        let moved_m = self.to_odom(screen, at);
+        let moved_m = self.to_odom(at);
         self.center_m[0] += held_m[0] - moved_m[0];
         self.center_m[1] += held_m[1] - moved_m[1];
     }
 
     /// Shows a rectangle (lowest and greatest x and y, m) in a part of the screen.
-    pub fn fit(&mut self, screen: Rect, part: Rect, bounds_m: [f64; 4]) {
+    pub fn fit(&mut self, part: Rect, bounds_m: [f64; 4]) {
         let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
         if !is_rectangle || part.width() < 1.0 || part.height() < 1.0 {
             return;
@@ -139,21 +143,21 @@ impl Camera {
         let ahead = f64::from(part.height()) / ahead_m;
         self.points_per_m =
             (across.min(ahead) * FIT_PART).clamp(MIN_POINTS_PER_M, MAX_POINTS_PER_M);
-        let [dx, dy] = self.offset_m(part.center() - screen.center());
+        let [dx, dy] = self.offset_m(part.center() - self.screen.center());
         let [x, y] = middle(bounds_m);
         self.center_m = [x - dx, y - dy];
     }
 
     /// Centres a rectangle (lowest and greatest x and y, m) and zooms in until it is easy to see. A larger scale that
     /// shows all of it stays.
-    pub fn approach(&mut self, screen: Rect, bounds_m: [f64; 4]) {
+    pub fn approach(&mut self, bounds_m: [f64; 4]) {
         let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
-        if !is_rectangle || screen.width() < 1.0 || screen.height() < 1.0 {
+        if !is_rectangle || self.screen.width() < 1.0 || self.screen.height() < 1.0 {
             return;
         }
         self.center_m = middle(bounds_m);
         let [across_m, ahead_m] = self.size_m(bounds_m);
-        let [width, height] = [screen.width(), screen.height()].map(f64::from);
+        let [width, height] = [self.screen.width(), self.screen.height()].map(f64::from);
         let part = APPROACHED_PART * width.min(height) / across_m.max(ahead_m);
         let wanted = part.clamp(MIN_POINTS_PER_M, NEAREST_APPROACH);
         let scale = self.points_per_m / FIT_PART;
@@ -164,23 +168,21 @@ impl Camera {
     }
 
     /// Bounding box on the screen of a rectangle in `odom`, m.
-    pub fn place_of(&self, screen: Rect, bounds_m: [f64; 4]) -> Rect {
+    pub fn place_of(&self, bounds_m: [f64; 4]) -> Rect {
         let [across_m, ahead_m] = self.size_m(bounds_m);
         let size = vec2(
             (across_m * self.points_per_m) as f32,
             (ahead_m * self.points_per_m) as f32,
         );
-        Rect::from_center_size(self.to_screen(screen, middle(bounds_m)), size)
+        Rect::from_center_size(self.to_screen(middle(bounds_m)), size)
     }
 
-    /// Extent across and up the screen, m.
     fn size_m(&self, [low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
         let (dx, dy) = (high_x - low_x, high_y - low_y);
         let [up_x, up_y] = self.up.map(f64::abs);
         [dx * up_y + dy * up_x, dx * up_x + dy * up_y]
     }
 
-    /// Screen offset in `odom`, m.
     fn offset_m(&self, offset: Vec2) -> [f64; 2] {
         let right = f64::from(offset.x) / self.points_per_m;
         let ahead = -f64::from(offset.y) / self.points_per_m;
@@ -193,7 +195,6 @@ fn middle([low_x, low_y, high_x, high_y]: [f64; 4]) -> [f64; 2] {
     [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]
 }
 
-/// Bounding box: lowest and greatest x and y.
 pub(super) fn around(points: &[[f64; 2]]) -> [f64; 4] {
     let start = [
         f64::INFINITY,
@@ -225,9 +226,9 @@ mod tests {
         let center_m = [-1e4..1e4, -1e4..1e4];
         (center_m, -3.0..3.0, prop_oneof![Just(FRAC_PI_2), -4.0..4.0]).prop_map(
             |(center_m, log_scale, up_rad)| {
-                let mut camera = Camera::default();
+                let mut camera = Camera::on(screen());
                 camera.center_on(center_m);
-                camera.zoom_about(screen(), screen().center(), libm::exp(log_scale));
+                camera.zoom_about(screen().center(), libm::exp(log_scale));
                 camera.turn_up(up_rad);
                 camera
             },
@@ -240,11 +241,11 @@ mod tests {
             camera in camera(),
             (x, y) in (0.0_f32..1300.0, 0.0_f32..800.0),
         ) {
-            let point_m = camera.to_odom(screen(), pos2(x, y));
-            let back = camera.to_screen(screen(), point_m);
+            let point_m = camera.to_odom(pos2(x, y));
+            let back = camera.to_screen(point_m);
             prop_assert!(back.distance(pos2(x, y)) < 1e-3, "{back:?}");
-            let again_m = camera.to_odom(screen(), back);
-            let limit_m = 1e-3 / camera.points_per_m();
+            let again_m = camera.to_odom(back);
+            let limit_m = 1e-3 / camera.points_per_m;
             prop_assert!((again_m[0] - point_m[0]).abs() < limit_m);
             prop_assert!((again_m[1] - point_m[1]).abs() < limit_m);
         }
@@ -257,13 +258,13 @@ mod tests {
             factor in 0.1..10.0,
         ) {
             let at = pos2(x, y);
-            let held_m = camera.to_odom(screen(), at);
+            let held_m = camera.to_odom(at);
             let mut zoomed = camera;
-            zoomed.zoom_about(screen(), at, factor);
-            prop_assert!(zoomed.to_screen(screen(), held_m).distance(at) < 1e-2);
+            zoomed.zoom_about(at, factor);
+            prop_assert!(zoomed.to_screen(held_m).distance(at) < 1e-2);
             let mut panned = camera;
             panned.pan(vec2(dx, dy));
-            let moved = panned.to_screen(screen(), held_m);
+            let moved = panned.to_screen(held_m);
             prop_assert!(moved.distance(at + vec2(dx, dy)) < 1e-2);
         }
 
@@ -275,85 +276,84 @@ mod tests {
         ) {
             let mut camera = camera;
             let part = Rect::from_min_size(pos2(300.0, 50.0), vec2(400.0, 500.0));
-            camera.fit(screen(), part, [x, y, x + width, y + height]);
-            let place = camera.place_of(screen(), [x, y, x + width, y + height]);
+            camera.fit(part, [x, y, x + width, y + height]);
+            let place = camera.place_of([x, y, x + width, y + height]);
             prop_assert!(part.contains_rect(place), "{place}");
             for corner_m in [[x, y], [x + width, y], [x + width, y + height], [x, y + height]] {
-                let corner = camera.to_screen(screen(), corner_m);
+                let corner = camera.to_screen(corner_m);
                 prop_assert!(place.expand(0.1).contains(corner), "{corner:?}");
             }
-            let [low_x, low_y, high_x, high_y] = camera.visible_m(screen());
+            let [low_x, low_y, high_x, high_y] = camera.visible_m();
             prop_assert!(low_x <= x && low_y <= y && high_x >= x + width && high_y >= y + height);
         }
 
         #[test]
         fn directions_match_points(camera in camera(), angle_rad in -4.0..4.0) {
-            let [x, y] = camera.center_m();
+            let [x, y] = camera.center_m;
             let (sin, cos) = libm::sincos(angle_rad);
-            let tip = camera.to_screen(screen(), [x + cos, y + sin]);
-            let expected = (tip - screen().center()) / camera.points_per_m() as f32;
+            let tip = camera.to_screen([x + cos, y + sin]);
+            let expected = (tip - screen().center()) / camera.points_per_m as f32;
             prop_assert!((camera.direction(angle_rad) - expected).length() < 1e-2);
         }
     }
 
     #[test]
     fn north_is_up_unless_rotated() {
-        let mut camera = Camera::default();
+        let mut camera = Camera::on(screen());
         let middle = screen().center();
-        assert_eq!(
-            camera.to_screen(screen(), [1.0, 2.0]),
-            middle + vec2(40.0, -80.0)
-        );
+        assert_eq!(camera.to_screen([1.0, 2.0]), middle + vec2(40.0, -80.0));
         // East is up, north is left.
         camera.turn_up(0.0);
-        let north = camera.to_screen(screen(), [0.0, 1.0]);
+        let north = camera.to_screen([0.0, 1.0]);
         assert!(north.distance(middle + vec2(-40.0, 0.0)) < 1e-3);
         assert!(camera.up_rad().abs() < 1e-12);
         camera.turn_up(FRAC_PI_2);
-        assert_eq!(camera, Camera::default(), "exactly");
+        assert_eq!(camera, Camera::on(screen()), "exactly");
     }
 
     #[test]
     fn zoom_has_limits_and_ignores_invalid_factors() {
-        let mut camera = Camera::default();
-        camera.zoom_about(screen(), screen().center(), 1e9);
-        assert!((camera.points_per_m() - MAX_POINTS_PER_M).abs() < 1e-9);
-        camera.zoom_about(screen(), screen().center(), 1e-9);
-        assert!((camera.points_per_m() - MIN_POINTS_PER_M).abs() < 1e-9);
+        let mut camera = Camera::on(screen());
+        camera.zoom_about(screen().center(), 1e9);
+        assert!((camera.points_per_m - MAX_POINTS_PER_M).abs() < 1e-9);
+        camera.zoom_about(screen().center(), 1e-9);
+        assert!((camera.points_per_m - MIN_POINTS_PER_M).abs() < 1e-9);
         let before = camera;
         for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            camera.zoom_about(screen(), screen().center(), factor);
+            camera.zoom_about(screen().center(), factor);
         }
         camera.center_on([f64::NAN, 0.0]);
         camera.turn_up(f64::NAN);
         for edge in [f64::INFINITY, f64::NAN] {
-            camera.fit(screen(), screen(), [0.0, 0.0, edge, 1.0]);
-            camera.approach(screen(), [0.0, 0.0, edge, 1.0]);
+            camera.fit(screen(), [0.0, 0.0, edge, 1.0]);
+            camera.approach([0.0, 0.0, edge, 1.0]);
         }
-        camera.fit(screen(), Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
-        camera.approach(Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
+        camera.fit(Rect::NOTHING, [0.0, 0.0, 1.0, 1.0]);
         assert_eq!(camera, before);
+        let mut unseen = Camera::on(Rect::NOTHING);
+        unseen.approach([0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(unseen, Camera::on(Rect::NOTHING));
     }
 
     #[test]
     fn fit_fills_the_screen_except_for_tiny_maps() {
-        let mut camera = Camera::default();
-        camera.fit(screen(), screen(), [0.0, 0.0, 50.0, 10.0]);
-        assert_near(camera.center_m(), [25.0, 5.0], 1e-9);
-        assert!((camera.points_per_m() - 20.0 * FIT_PART).abs() < 1e-9);
-        camera.fit(screen(), screen(), [1.0, 1.0, 1.1, 1.1]);
-        assert!((camera.points_per_m() - 700.0 / MIN_FIT_SIDE_M * FIT_PART).abs() < 1e-9);
+        let mut camera = Camera::on(screen());
+        camera.fit(screen(), [0.0, 0.0, 50.0, 10.0]);
+        assert_near(camera.center_m, [25.0, 5.0], 1e-9);
+        assert!((camera.points_per_m - 20.0 * FIT_PART).abs() < 1e-9);
+        camera.fit(screen(), [1.0, 1.0, 1.1, 1.1]);
+        assert!((camera.points_per_m - 700.0 / MIN_FIT_SIDE_M * FIT_PART).abs() < 1e-9);
     }
 
     #[test]
     fn approach_zooms_to_a_third_of_the_screen() {
         let at_scale = |points_per_m: f64, bounds_m| {
-            let mut camera = Camera::default();
+            let mut camera = Camera::on(screen());
             let middle = screen().center();
-            camera.zoom_about(screen(), middle, points_per_m / camera.points_per_m());
-            camera.approach(screen(), bounds_m);
-            assert_near(camera.center_m(), middle_of(bounds_m), 1e-9);
-            camera.points_per_m()
+            camera.zoom_about(middle, points_per_m / camera.points_per_m);
+            camera.approach(bounds_m);
+            assert_near(camera.center_m, middle_of(bounds_m), 1e-9);
+            camera.points_per_m
         };
         // The screen is 1000 × 700 points.
         for (before, bounds_m, after) in [

@@ -6,22 +6,20 @@
 //! code of its cells: a texture filter would make walls of one cell flicker. On levels below 0 a cell is 2 to 8
 //! texels wide, for layers with patterns.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
 use eframe::egui::{Color32, ColorImage};
 use measurement::time::Monotonic;
-use protocol::layer::LayerId;
+use protocol::layer::UNKNOWN;
 use protocol::tile::TILE_SIDE;
-use protocol::tile_store::TileStore;
 use robot_edge::clock;
 
 use super::coloring::Coloring;
-use super::layer_compositing::{IndexedLayer, TilePresence, known_below};
+use super::layer_compositing::{IndexedLayer, known_below};
 
-/// Texels per chunk side.
 pub(super) const CHUNK_TEXELS: usize = 512;
-/// Cells per tile side.
 pub(super) const TILE_CELLS: i64 = 64;
 const _: () = assert!(TILE_CELLS as usize == TILE_SIDE);
 /// A tile is one texel.
@@ -30,7 +28,6 @@ const MAX_LEVEL: i8 = 6;
 const MIN_LEVEL: i8 = -3;
 const _: () = assert!(TILE_SIDE << -MIN_LEVEL == CHUNK_TEXELS);
 
-/// Level of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Level(i8);
 
@@ -103,7 +100,6 @@ impl ChunkKey {
         }
     }
 
-    /// The tile with the lowest x and y.
     pub(super) const fn first_tile(self) -> (i64, i64) {
         let side = self.level.tiles_per_chunk();
         (self.x * side, self.y * side)
@@ -117,7 +113,6 @@ impl ChunkKey {
         [column, row].map(|tile| tile * self.level.tile_texels())
     }
 
-    /// Lowest and greatest x and y, m.
     pub(super) fn edges_m(self, cell_m: f64) -> [f64; 4] {
         let side_m = (self.level.tiles_per_chunk() * TILE_CELLS) as f64 * cell_m;
         let (x, y) = (self.x as f64, self.y as f64);
@@ -132,22 +127,20 @@ impl ChunkKey {
 }
 
 /// Codes of a tile's texels, or of its cells if these are larger. Row 0 has the greatest y.
-#[derive(Clone, Copy)]
-pub(super) struct Codes<'a> {
-    /// The highest code of each.
-    pub(super) highest: &'a [u16],
+struct Codes<'a> {
+    highest: Cow<'a, [u16]>,
     /// Whether each is over known cells of a lower layer; empty if irrelevant.
-    pub(super) is_over_known: &'a [bool],
+    is_over_known: Vec<bool>,
 }
 
 /// Paints a tile into `texels` of row length `width`. A texel shows the highest code of its cells, so that walls stay
 /// visible, as in exported pictures. `at` is the position in the chunk, so that patterns continue across tiles.
-pub(super) fn paint_tile(
+fn paint_tile(
     texels: &mut [Color32],
     width: usize,
     level: Level,
     at: [usize; 2],
-    codes: Codes<'_>,
+    codes: &Codes<'_>,
     coloring: &Coloring,
 ) {
     let per_cell = level.texels_per_cell();
@@ -178,13 +171,7 @@ pub(super) fn paint_tile(
     }
 }
 
-/// A tile as its own image.
-pub(super) fn tile_image(
-    codes: Codes<'_>,
-    level: Level,
-    at: [usize; 2],
-    coloring: &Coloring,
-) -> ColorImage {
+fn tile_image(codes: &Codes<'_>, level: Level, at: [usize; 2], coloring: &Coloring) -> ColorImage {
     let side = level.tile_texels();
     let mut image = ColorImage::filled([side; 2], Color32::TRANSPARENT);
     paint_tile(&mut image.pixels, side, level, at, codes, coloring);
@@ -194,18 +181,14 @@ pub(super) fn tile_image(
 /// A layer with what is necessary to draw it.
 #[derive(Clone, Copy)]
 pub(super) struct LayerStyle<'a> {
-    pub(super) layer: LayerId,
-    pub(super) cell_m: f64,
-    pub(super) store: &'a TileStore,
-    pub(super) known: &'a TilePresence,
+    pub(super) indexed: IndexedLayer<'a>,
     pub(super) coloring: &'a Coloring,
-    /// Visible layers below it.
     pub(super) below: &'a [IndexedLayer<'a>],
 }
 
 pub(super) struct ChunkBuilder {
     pub(super) key: ChunkKey,
-    image: ColorImage,
+    pub(super) image: ColorImage,
     /// Tiles to paint, the next is last.
     left: Vec<(i32, i32)>,
     /// Painted tiles that have changed since.
@@ -215,10 +198,11 @@ pub(super) struct ChunkBuilder {
 impl ChunkBuilder {
     pub(super) fn begin(key: ChunkKey, style: LayerStyle<'_>) -> Option<Self> {
         let side = key.level.tiles_per_chunk();
-        let left: Vec<_> = style.known.in_square(key.first_tile(), side).collect();
+        let known = style.indexed.known;
+        let left: Vec<_> = known.in_square(key.first_tile(), side).collect();
         (!left.is_empty()).then(|| Self {
             key,
-            image: ColorImage::filled([CHUNK_TEXELS; 2], style.coloring.unknown()),
+            image: ColorImage::filled([CHUNK_TEXELS; 2], style.coloring.plain(UNKNOWN)),
             left,
             changed: BTreeSet::new(),
         })
@@ -233,122 +217,79 @@ impl ChunkBuilder {
             self.left.pop();
             let at = self.key.texel_of(tile);
             let first = at[1] * CHUNK_TEXELS + at[0];
-            let texels = &mut self.image.pixels[first..];
-            style.with_codes(tile, self.key.level, |codes| {
-                paint_tile(
-                    texels,
-                    CHUNK_TEXELS,
-                    self.key.level,
-                    at,
-                    codes,
-                    style.coloring,
-                );
-            });
+            let (texels, level) = (&mut self.image.pixels[first..], self.key.level);
+            if let Some(codes) = style.codes(tile, level) {
+                paint_tile(texels, CHUNK_TEXELS, level, at, &codes, style.coloring);
+            }
         }
         true
     }
 
-    /// Records a changed tile that is painted already.
     pub(super) fn tile_changed(&mut self, tile: (i32, i32)) {
         let tile_at = (i64::from(tile.0), i64::from(tile.1));
         if ChunkKey::of_tile(self.key.level, tile_at) == self.key && !self.left.contains(&tile) {
             self.changed.insert(tile);
         }
     }
-
-    pub(super) fn into_image(self) -> ColorImage {
-        self.image
-    }
 }
 
 impl LayerStyle<'_> {
-    /// Image of one tile of a chunk.
     pub(super) fn image(&self, tile: (i32, i32), chunk: ChunkKey) -> ColorImage {
         let level = chunk.level;
-        let mut image = None;
-        self.with_codes(tile, level, |codes| {
-            let at = chunk.texel_of(tile);
-            image = Some(tile_image(codes, level, at, self.coloring));
-        });
-        image.unwrap_or_else(|| {
-            let unknown: Color32 = self.coloring.unknown();
-            ColorImage::filled([level.tile_texels(); 2], unknown)
-        })
+        match self.codes(tile, level) {
+            Some(codes) => tile_image(&codes, level, chunk.texel_of(tile), self.coloring),
+            None => ColorImage::filled([level.tile_texels(); 2], self.coloring.plain(UNKNOWN)),
+        }
     }
 
-    /// Calls `take` with the codes of a known tile.
-    fn with_codes(&self, tile: (i32, i32), level: Level, take: impl FnOnce(Codes<'_>)) {
+    fn codes(&self, tile: (i32, i32), level: Level) -> Option<Codes<'_>> {
         let step = level.cells_per_texel();
-        let drawn = IndexedLayer {
-            layer: self.layer,
-            cell_m: self.cell_m,
-            store: self.store,
-            known: self.known,
-        };
-        let is_over_known = if self.coloring.lets_through() {
-            known_below(self.below, (tile, self.cell_m), step)
-        } else {
-            Vec::new()
-        };
-        drawn.with_codes(tile, step, |highest| {
-            take(Codes {
-                highest,
-                is_over_known: &is_over_known,
-            });
-        });
+        let mut is_over_known = Vec::new();
+        if self.coloring.lets_through() {
+            is_over_known = known_below(self.below, (tile, self.indexed.cell_m), step);
+        }
+        Some(Codes {
+            highest: self.indexed.codes(tile, step)?,
+            is_over_known,
+        })
     }
 }
 
-/// Time for painting tiles in a frame.
 const TIME: Duration = Duration::from_millis(4);
 /// Whole textures uploaded in a frame: a mebibyte each, about a millisecond.
 const UPLOADS: usize = 3;
 
-/// Remaining budget of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameTime {
-    left: Left,
+    end: Monotonic,
+    tiles: usize,
     uploads: usize,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Left {
-    Until(Monotonic),
-    #[cfg(test)]
-    Tiles(usize),
 }
 
 impl FrameTime {
     pub(super) fn new() -> Self {
         Self {
-            left: Left::Until(clock::now() + TIME),
+            end: clock::now() + TIME,
+            tiles: usize::MAX,
             uploads: UPLOADS,
         }
     }
 
-    /// A fixed number of tiles.
     #[cfg(test)]
     pub(super) const fn of_tiles(tiles: usize) -> Self {
         Self {
-            left: Left::Tiles(tiles),
+            end: Monotonic::from_nanos(u64::MAX),
+            tiles,
             uploads: usize::MAX,
         }
     }
 
-    /// Takes the time of a tile from the budget, if there is any.
     pub(super) fn take_tile(&mut self) -> bool {
-        match &mut self.left {
-            Left::Until(end) => clock::now() < *end,
-            #[cfg(test)]
-            Left::Tiles(left) => {
-                let has_some = *left > 0;
-                *left = left.saturating_sub(1);
-                has_some
-            }
-        }
+        let has_some = self.tiles > 0 && clock::now() < self.end;
+        self.tiles = self.tiles.saturating_sub(1);
+        has_some
     }
 
-    /// Takes an upload from the budget, if there is any.
     pub(super) fn take_upload(&mut self) -> bool {
         let has_some = self.uploads > 0;
         self.uploads = self.uploads.saturating_sub(1);
@@ -453,10 +394,10 @@ mod tests {
         let mut highest = vec![0; side * side];
         max_codes(cells, level.cells_per_texel(), &mut highest);
         let codes = Codes {
-            highest: &highest,
-            is_over_known: &[],
+            highest: Cow::Owned(highest),
+            is_over_known: Vec::new(),
         };
-        tile_image(codes, level, at, coloring)
+        tile_image(&codes, level, at, coloring)
     }
 
     #[test]

@@ -14,8 +14,8 @@ const MAX_FITTED_CELLS: usize = 1 << 20;
 /// Colour table of a palette: one look-up per cell.
 #[derive(Clone, Debug)]
 pub(super) struct Coloring {
-    palette: Palette,
-    is_over: bool,
+    pub(super) palette: Palette,
+    pub(super) is_over: bool,
     table: Vec<Color32>,
     /// Colours over unknown cells; empty if they are the same.
     alone: Vec<Color32>,
@@ -61,26 +61,16 @@ impl Coloring {
         }
     }
 
-    pub(super) const fn palette(&self) -> &Palette {
-        &self.palette
-    }
-
-    pub(super) const fn is_over(&self) -> bool {
-        self.is_over
-    }
-
     /// Whether the colours depend on the layers below.
     pub(super) fn lets_through(&self) -> bool {
         !self.alone.is_empty()
     }
 
-    /// Colour over unknown cells.
     pub(super) fn alone(&self, code: u16) -> Color32 {
         let color = self.alone.get(usize::from(code));
         color.copied().unwrap_or_else(|| self.plain(code))
     }
 
-    /// Whether the layer has patterns.
     pub(super) fn has_patterns(&self) -> bool {
         !self.marks.is_empty()
     }
@@ -97,13 +87,8 @@ impl Coloring {
         let color = self.table.get(usize::from(code));
         color.copied().unwrap_or_default()
     }
-
-    pub(super) fn unknown(&self) -> Color32 {
-        self.table.first().copied().unwrap_or_default()
-    }
 }
 
-/// The palette of `layer` with `scheme`, or its default.
 pub(super) fn palette_of(layer: LayerId, scheme: Scheme) -> Palette {
     let mut palettes = layer.palettes();
     let palette = palettes.find(|palette| palette.scheme() == scheme);
@@ -162,9 +147,7 @@ pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
 
 #[cfg(test)]
 mod tests {
-    use protocol::tile::{BootId, TileCells, TileKey};
-    use protocol::tile_store::LayerGrid;
-
+    use super::super::tests::{publish, store_of};
     use super::*;
 
     #[test]
@@ -229,18 +212,12 @@ mod tests {
     #[test]
     fn large_maps_are_sampled_for_fitting() {
         let layer = LayerId::Elevation;
-        let mut store = TileStore::new(BootId([1; 16]), 10);
-        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        let mut store = store_of(&[layer]);
         // 900 tiles have 3.5 times the sampled number of cells. Heights rise from west to east.
         for index in 0..900_u16 {
             let code = layer.quantisation().encode(f32::from(index / 30) * 0.1);
-            let key = TileKey {
-                layer,
-                tx: i32::from(index / 30),
-                ty: i32::from(index % 30),
-            };
-            let cells = TileCells::from_fn(|_, _| code);
-            drop(store.publish(key, cells).unwrap());
+            let tile = (i32::from(index / 30), i32::from(index % 30));
+            publish(&mut store, layer, tile, |_, _| code);
         }
         let (low, high) = fitted_to(layer.default_palette(), &store).range();
         assert!(
@@ -252,21 +229,14 @@ mod tests {
     #[test]
     fn fitted_palette_omits_extreme_values() {
         let layer = LayerId::Elevation;
-        let mut store = TileStore::new(BootId([1; 16]), 10);
         let palette = layer.default_palette();
-        assert_eq!(fitted_to(palette, &store), palette);
-        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        assert_eq!(fitted_to(palette, &store_of(&[])), palette);
+        let mut store = store_of(&[layer]);
         let code = |height_m| layer.quantisation().encode(height_m);
-        let cells = TileCells::from_fn(|x, y| match (x, y) {
+        publish(&mut store, layer, (0, 0), |x, y| match (x, y) {
             (0, 0..30) => code(90.0),
             _ => code(2.0 + y as f32 / 63.0),
         });
-        let key = TileKey {
-            layer,
-            tx: 0,
-            ty: 0,
-        };
-        drop(store.publish(key, cells).unwrap());
         let (low, high) = fitted_to(palette, &store).range();
         assert!(
             (low - 2.0).abs() < 1e-3 && (high - 3.0).abs() < 1e-3,

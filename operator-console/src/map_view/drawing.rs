@@ -11,13 +11,13 @@ use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 
 use super::chunks::FrameTime;
+use super::grid::{self, COMPASS_SIZE, CompassData, ScaleBar};
 use super::legend_card::LegendPlace;
 use super::map_layers::MapLayers;
-use super::overlays::grid::{self, COMPASS_SIZE, CompassData, ScaleBar};
-use super::overlays::shores::ShoreMarks;
-use super::overlays::vehicle::{self, Motion, VehicleMark};
 use super::probe::{self, ProbeData};
+use super::shores::ShoreMarks;
 use super::toolbar::{self, ToolbarData};
+use super::vehicle::{self, Motion, VehicleMark};
 use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, legend_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
@@ -25,7 +25,6 @@ use crate::panels::notice::NoticeRoom;
 use crate::panels::stale::{StaleData, is_position_old, stale_ui};
 use crate::theme;
 
-/// Padding of the banner, points.
 const PADDING: f32 = 8.0;
 /// Distance of cards above the scale bar from the lower edge, points.
 const OVER_SCALE_BAR: f32 = 60.0;
@@ -43,7 +42,7 @@ impl MapView {
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
-        self.screen = screen;
+        self.camera.screen = screen;
         let previous_occluders = std::mem::take(&mut self.occluders);
         self.handle_pointer(ui, &response);
         self.update_camera(model);
@@ -59,10 +58,10 @@ impl MapView {
             painter.rect_filled(screen, 0.0, theme::STALE_OVERLAY);
         }
         let bar_at = screen.left_bottom() + vec2(CARD_MARGIN, -CARD_MARGIN);
-        let bar = ScaleBar::new(self.camera.points_per_m(), self.width_beside_legend());
-        let bar_place = grid::scale_bar_place(&painter, bar_at, &bar);
+        let bar = ScaleBar::new(self.camera.points_per_m, self.width_beside_legend());
+        let (bar_place, bar_text) = grid::scale_bar_card(&painter, bar_at, &bar, ink);
         if self.settings.has(Overlay::Grid) {
-            let lines = grid::grid_lines(&self.camera, screen);
+            let lines = grid::grid_lines(&self.camera);
             let covered = previous_occluders
                 .iter()
                 .copied()
@@ -92,11 +91,11 @@ impl MapView {
         // On a tiny map opened legends may cover the scale bar. A partly covered bar would show a wrong length.
         let legends = self.legends_place();
         if legends.is_none_or(|legends| !legends.intersects(bar_place)) {
-            grid::paint_scale_bar(&painter, bar_at, &bar, ink, paper);
+            grid::paint_scale_bar(&painter, &bar, (bar_place, bar_text), ink, paper);
         }
         let has_cards = self.has_room_for_cards();
         if has_cards && let Some(pinned_m) = self.pinned_m {
-            probe::paint_pin(&painter, self.camera.to_screen(screen, pinned_m));
+            probe::paint_pin(&painter, self.camera.to_screen(pinned_m));
         }
         // Above the map, below the buttons.
         self.banner_ui(ui, stale.as_ref());
@@ -115,14 +114,13 @@ impl MapView {
         from_compass.or(from_buttons)
     }
 
-    /// Width of the map beside the legends, points.
     fn width_beside_legend(&self) -> f32 {
         let legend = if self.settings.has(Overlay::Legend) {
-            self.legend_width() + CARD_MARGIN
+            legend_card::width(self.camera.screen) + CARD_MARGIN
         } else {
             0.0
         };
-        self.screen.width() - legend - 2.0 * CARD_MARGIN
+        self.camera.screen.width() - legend - 2.0 * CARD_MARGIN
     }
 
     /// Background: the colour of unknown cells of the lowest layer, if it is opaque.
@@ -137,7 +135,7 @@ impl MapView {
 
     fn paint_layers(&mut self, ctx: &Context, painter: &Painter, model: &ConsoleModel) {
         let store = model.map().store();
-        let view = (&self.camera, self.screen);
+        let view = &self.camera;
         let mut time = FrameTime::new();
         let is_made = self
             .layers
@@ -168,13 +166,13 @@ impl MapView {
                 .last()
                 .is_none_or(|last_m| !self.rests_on(*last_m, at))
         {
-            points_m.push(self.camera.to_odom(self.screen, at));
+            points_m.push(self.camera.to_odom(at));
         }
         let height = |point_m| probe::value_at(model.map(), LayerId::Elevation, point_m);
         let legs = Ruler::legs(&points_m, height);
         let is_on_earth = knows_north(model);
         let pieces: Vec<_> = legs.iter().map(|leg| leg.label(is_on_earth)).collect();
-        let (total, view) = (ruler::total(&legs), (&self.camera, self.screen));
+        let (total, view) = (ruler::total(&legs), &self.camera);
         let words = (&*pieces, total.as_deref());
         ruler::paint_ruler(painter, &points_m, words, view, labels, ink, paper);
         (!legs.is_empty()).then(|| {
@@ -185,18 +183,21 @@ impl MapView {
 
     /// Whether a place on the screen is within the mark of a point.
     fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
-        let drawn = self.camera.to_screen(self.screen, point_m);
+        let drawn = self.camera.to_screen(point_m);
         drawn.distance(place) <= ruler::POINT_RADIUS
     }
 
     fn shore_marks(&self, model: &ConsoleModel) -> ShoreMarks {
-        let marks = model.shores().map(|shores| {
-            let outlines = model.shore_outlines().outlines();
-            let inputs = (shores, model.site_names(), outlines);
-            let (marked, vehicle_m) = (self.shore_selection.shown(), vehicle_m(model));
-            ShoreMarks::new(inputs, &self.camera, self.screen, &marked, vehicle_m)
-        });
-        marks.unwrap_or_default()
+        let Some(shores) = model.shores() else {
+            return ShoreMarks::default();
+        };
+        let inputs = (
+            shores,
+            model.site_names(),
+            model.shore_outlines().outlines(),
+        );
+        let marked = self.shore_selection.shown();
+        ShoreMarks::new(inputs, &self.camera, &marked, vehicle_m(model))
     }
 
     fn vehicle_color(&self, is_old: bool) -> Color32 {
@@ -208,17 +209,14 @@ impl MapView {
     }
 
     fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel, color: Color32) {
-        let Some((pose, _)) = model.vehicle().pose() else {
+        let Some(position_m) = vehicle_m(model).filter(|_| self.settings.has(Overlay::Sensors))
+        else {
             return;
         };
-        if !self.settings.has(Overlay::Sensors) {
-            return;
-        }
-        let view = (&self.camera, self.screen);
-        let [x_m, y_m, _] = pose.position_m;
+        let view = &self.camera;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
         for field in &self.robot_overlay.sensors {
-            let field_m = vehicle::field_m(field, [x_m, y_m], heading_rad);
+            let field_m = vehicle::field_m(field, position_m, heading_rad);
             vehicle::paint_field(painter, &field_m, view, color);
         }
         if let Some(scan) = &self.robot_overlay.scan {
@@ -227,17 +225,17 @@ impl MapView {
     }
 
     fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, color: Color32, is_old: bool) {
-        let lines = vehicle::trail_lines(model.vehicle().trail(), &self.camera, self.screen);
+        let lines = vehicle::trail_lines(model.vehicle().trail(), &self.camera);
         let trail = if is_old {
             theme::VEHICLE_STALE
         } else {
             theme::TRAIL
         };
-        vehicle::paint_trail(painter, lines, trail, self.camera.points_per_m());
+        vehicle::paint_trail(painter, lines, trail, self.camera.points_per_m);
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
-        let view = (&self.camera, self.screen);
+        let view = &self.camera;
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
         let footprint_m = model.info().map(|info| info.footprint_m);
@@ -257,10 +255,10 @@ impl MapView {
             vehicle::paint_stopping(painter, &swept_m, view, theme::STOPPING);
         }
         VehicleMark::new(
-            self.camera.to_screen(self.screen, [x_m, y_m]),
+            self.camera.to_screen([x_m, y_m]),
             self.camera.direction(heading_rad),
             (footprint_m, offset_m),
-            self.camera.points_per_m(),
+            self.camera.points_per_m,
         )
         .paint(painter, color);
         if let Some(barrier) = model.barrier().filter(|_| !is_old) {
@@ -269,7 +267,6 @@ impl MapView {
         }
     }
 
-    /// The probe card of the pinned point, or else of the point under the pointer.
     fn probe_ui(
         &mut self,
         ui: &Ui,
@@ -277,22 +274,22 @@ impl MapView {
         model: &ConsoleModel,
         now: Monotonic,
     ) {
-        let probed_m = probed_place.map(|at| self.camera.to_odom(self.screen, at));
+        let probed_m = probed_place.map(|at| self.camera.to_odom(at));
         let Some(point_m) = self.pinned_m.or(probed_m) else {
             return;
         };
         let data = ProbeData::new(model, self.stack(), point_m, now);
         let is_pinned = self.pinned_m.is_some();
-        let point = self.camera.to_screen(self.screen, point_m);
+        let point = self.camera.to_screen(point_m);
         let (corner, align, width) = self.probe_card_anchor(point);
         let card = Area::new(Id::unique("map probe"))
             .fixed_pos(corner)
             .pivot(align)
-            .constrain_to(self.screen)
+            .constrain_to(self.camera.screen)
             .order(Order::Background)
             .interactable(is_pinned)
             .show(ui.ctx(), |ui| {
-                let is_narrow = self.screen.width() < NARROW;
+                let is_narrow = self.camera.screen.width() < NARROW;
                 probe::probe_card_ui(ui, &data, is_pinned, (width, is_narrow))
             });
         self.occluders.push(card.response.rect);
@@ -304,7 +301,7 @@ impl MapView {
     /// Corner, alignment and greatest width of the probe card: lower left, or upper left if the point is in the lower
     /// half of the map. The legends and the compass are to its right if there is enough width.
     fn probe_card_anchor(&self, point: Pos2) -> (Pos2, Align2, f32) {
-        let screen = self.screen;
+        let screen = self.camera.screen;
         let left = screen.left() + CARD_MARGIN;
         if point.y > screen.center().y {
             let top = self.buttons.bottom().max(self.map_top) + CARD_MARGIN;
@@ -327,21 +324,16 @@ impl MapView {
 
     pub(super) fn has_room_for_cards(&self) -> bool {
         let [width, height] = MIN_MAP_FOR_CARDS;
-        self.screen.width() >= width && self.screen.height() >= height
+        self.camera.screen.width() >= width && self.camera.screen.height() >= height
     }
 
-    /// Area of the legends and their button, if drawn.
     pub(super) fn legends_place(&self) -> Option<Rect> {
-        let place = self.legends.place();
+        let place = self.legends.place;
         place.filter(|_| self.settings.has(Overlay::Legend))
     }
 
-    fn compass_place(&self) -> Option<Rect> {
-        self.compass_below(self.buttons.bottom())
-    }
-
     fn compass_below(&self, buttons: f32) -> Option<Rect> {
-        let right = self.screen.right() - CARD_MARGIN;
+        let right = self.camera.screen.right() - CARD_MARGIN;
         let at = pos2(right - COMPASS_SIZE, buttons + CARD_MARGIN);
         let place = Rect::from_min_size(at, vec2(COMPASS_SIZE, COMPASS_SIZE));
         self.settings.has(Overlay::Compass).then_some(place)
@@ -351,24 +343,23 @@ impl MapView {
     pub(super) fn is_occluded(&self, place: Pos2) -> bool {
         let occluders = [
             Some(self.buttons),
-            self.compass_place(),
+            self.compass_below(self.buttons.bottom()),
             self.legends_place(),
         ];
         let mut occluders = occluders.into_iter().flatten();
         occluders.any(|occluders| occluders.contains(place))
     }
 
-    /// Area for a notice; `None` if the map is too small.
     pub fn notice_room(&self) -> Option<NoticeRoom> {
         if !self.has_room_for_cards() {
             return None;
         }
         let legends = self.legends_place();
         let [width, height] = SCALE_BAR;
-        let corner = self.screen.left_bottom();
+        let corner = self.camera.screen.left_bottom();
         let scale_bar = Rect::from_two_pos(corner, corner + vec2(width, -height));
         let occluders = self.occluders.iter().copied().chain(legends);
-        let whole = self.screen.shrink(CARD_MARGIN);
+        let whole = self.camera.screen.shrink(CARD_MARGIN);
         // Beside the legends: above them the notice would be near the vehicle.
         let beside = legends.map(|legends| whole.with_max_x(legends.left() - CARD_MARGIN));
         let beside = beside.filter(|beside| beside.width() >= MIN_CARD_WIDTH);
@@ -380,10 +371,10 @@ impl MapView {
 
     /// Banner of a silent robot. The map does not move below the pointer, but the buttons do.
     pub(super) fn banner_ui(&mut self, ui: &mut Ui, stale: Option<&StaleData>) {
-        let before = std::mem::replace(&mut self.map_top, self.screen.top());
+        let before = std::mem::replace(&mut self.map_top, self.camera.screen.top());
         if let Some(stale) = stale {
             let whole = UiBuilder::new()
-                .max_rect(self.screen)
+                .max_rect(self.camera.screen)
                 .layout(Layout::top_down(Align::Min));
             let [ground, _] = stale.colors(ui.visuals());
             let banner = ui.scope_builder(whole, |ui| {
@@ -399,7 +390,8 @@ impl MapView {
             ui.interact(banner, id, Sense::CLICK | Sense::DRAG);
             self.occluders.push(banner);
             // On a very low map the buttons are over the banner.
-            let lowest = (self.screen.bottom() - 2.0 * CARD_MARGIN).max(self.screen.top());
+            let lowest =
+                (self.camera.screen.bottom() - 2.0 * CARD_MARGIN).max(self.camera.screen.top());
             self.map_top = banner.bottom().min(lowest);
         }
         if (self.map_top - before).abs() > 0.5 {
@@ -410,7 +402,12 @@ impl MapView {
 
     pub(super) fn buttons_ui(&mut self, ui: &mut Ui) -> Option<Look> {
         let top_right = UiBuilder::new()
-            .max_rect(self.screen.with_min_y(self.map_top).shrink(CARD_MARGIN))
+            .max_rect(
+                self.camera
+                    .screen
+                    .with_min_y(self.map_top)
+                    .shrink(CARD_MARGIN),
+            )
             .layout(Layout::top_down(Align::Max));
         let data = ToolbarData {
             camera_mode: self.settings.camera_mode,
@@ -425,7 +422,7 @@ impl MapView {
     }
 
     pub(super) fn compass_ui(&mut self, ui: &Ui, model: &ConsoleModel) -> Option<Look> {
-        let rect = self.compass_place()?;
+        let rect = self.compass_below(self.buttons.bottom())?;
         let data = CompassData {
             north: self.camera.direction(FRAC_PI_2),
             is_on_earth: knows_north(model),
@@ -433,10 +430,6 @@ impl MapView {
         };
         self.occluders.push(rect);
         grid::compass_ui(ui, rect, data).then(|| Look::Up(self.settings.orientation.other()))
-    }
-
-    pub(super) fn legend_width(&self) -> f32 {
-        legend_card::width(self.screen)
     }
 
     pub(super) fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel) {
@@ -448,13 +441,13 @@ impl MapView {
         // The buttons are drawn later, and are not lower than this.
         let buttons = self.map_top + CARD_MARGIN + toolbar::HEIGHT;
         let map = LegendPlace {
-            screen: self.screen,
+            screen: self.camera.screen,
             buttons,
             compass: self.compass_below(buttons),
         };
-        let before = self.legends.place();
+        let before = self.legends.place;
         self.legends.show(ui, &map, &palettes);
-        let is_other = match (before, self.legends.place()) {
+        let is_other = match (before, self.legends.place) {
             (Some(before), Some(now)) => (now.size() - before.size()).length() > 0.5,
             (before, now) => before.is_some() != now.is_some(),
         };
@@ -469,7 +462,7 @@ pub(super) fn knows_north(model: &ConsoleModel) -> bool {
     model.shores().is_some_and(|shores| shores.datum.is_some())
 }
 
-fn vehicle_m(model: &ConsoleModel) -> Option<[f64; 2]> {
+pub(super) fn vehicle_m(model: &ConsoleModel) -> Option<[f64; 2]> {
     let (pose, _) = model.vehicle().pose()?;
     let [x_m, y_m, _] = pose.position_m;
     Some([x_m, y_m])

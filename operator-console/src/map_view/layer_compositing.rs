@@ -2,10 +2,12 @@
 //! cells of a lower layer. There, free cells are transparent; elsewhere they have their own colour, so that free and
 //! unknown cells look different.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use protocol::layer::{LayerId, UNKNOWN};
-use protocol::tile::{TILE_CELLS as CELLS, TILE_SIDE, TileCells, TileKey};
+use protocol::tile::{TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::TileStore;
 
 use super::chunks::TILE_CELLS;
@@ -16,10 +18,8 @@ const FINE: f64 = 8.0;
 const MAX_BELOW: i64 = 17;
 /// Maximum number of tiles per axis above one tile.
 const MAX_ABOVE: i64 = 64;
-/// Tolerance for ratios of cell sizes, such as 0.3 m / 0.1 m.
 const ROUNDING: f64 = 1e-6;
 
-/// A layer with its known cells.
 #[derive(Clone, Copy)]
 pub(super) struct IndexedLayer<'a> {
     pub(super) layer: LayerId,
@@ -29,20 +29,17 @@ pub(super) struct IndexedLayer<'a> {
 }
 
 impl IndexedLayer<'_> {
-    /// Calls `take` with the highest codes of the squares of `step` cells of a known tile.
-    pub(super) fn with_codes(&self, tile: (i32, i32), step: usize, take: impl FnOnce(&[u16])) {
+    /// The highest codes of the squares of `step` cells of a known tile.
+    pub(super) fn codes(&self, tile: (i32, i32), step: usize) -> Option<Cow<'_, [u16]>> {
         if let Some(codes) = self.known.coarse_codes(tile, step) {
-            return take(codes);
+            return Some(Cow::Borrowed(codes));
         }
         let (layer, (tx, ty)) = (self.layer, tile);
-        let stored = self.store.get(TileKey { layer, tx, ty });
-        if let Some(cells) = stored.and_then(|stored| stored.cells()) {
-            let mut codes = [0; CELLS];
-            let side = TILE_SIDE / step;
-            let codes = &mut codes[..side * side];
-            max_codes(cells, step, codes);
-            take(codes);
-        }
+        let cells = self.store.get(TileKey { layer, tx, ty })?.cells()?;
+        let side = TILE_SIDE / step;
+        let mut codes = vec![0; side * side];
+        max_codes(cells, step, &mut codes);
+        Some(Cow::Owned(codes))
     }
 }
 
@@ -62,19 +59,19 @@ pub(super) fn known_below(
         let rows = texels_below(tile.1, step, ratio, lower_step);
         let lower_side = (TILE_SIDE / lower_step).cast_signed() as i64;
         for (tx, ty) in tiles_of(&columns, &rows, lower_side) {
-            lower.with_codes((tx, ty), lower_step, |codes| {
-                let row_of = |y: i64| lower_side - 1 - (y - i64::from(ty) * lower_side);
-                for (row, [low_y, high_y]) in (0..side).rev().zip(within(&rows, ty, lower_side)) {
-                    for (column, [low_x, high_x]) in within(&columns, tx, lower_side).enumerate() {
-                        let first_x = i64::from(tx) * lower_side;
-                        let is_any = (low_y..high_y).any(|y| {
-                            let first = row_of(y) * lower_side - first_x;
-                            (low_x..high_x).any(|x| codes[(first + x) as usize] != UNKNOWN)
-                        });
-                        is_known[row * side + column] |= is_any;
-                    }
+            let Some(codes) = lower.codes((tx, ty), lower_step) else {
+                continue;
+            };
+            let row_of = |y: i64| lower_side - 1 - (y - i64::from(ty) * lower_side);
+            let first_x = i64::from(tx) * lower_side;
+            for (row, [low_y, high_y]) in (0..side).rev().zip(within(&rows, ty, lower_side)) {
+                for (column, [low_x, high_x]) in within(&columns, tx, lower_side).enumerate() {
+                    is_known[row * side + column] |= (low_y..high_y).any(|y| {
+                        let first = row_of(y) * lower_side - first_x;
+                        (low_x..high_x).any(|x| codes[(first + x) as usize] != UNKNOWN)
+                    });
                 }
-            });
+            }
         }
     }
     is_known
@@ -126,13 +123,11 @@ fn texels_below(tile: i32, step: usize, ratio: f64, lower_step: usize) -> Vec<[i
     (0..side).map(texel).collect()
 }
 
-/// The tiles that contain these squares.
 fn tiles_of(columns: &[[i64; 2]], rows: &[[i64; 2]], side: i64) -> Vec<(i32, i32)> {
     let along = |texels: &[[i64; 2]]| {
-        let tiles = texels.iter().flat_map(|[first, behind]| {
-            (*first..*behind).map(|texel| i32::try_from(texel.div_euclid(side)))
-        });
-        tiles.filter_map(Result::ok).collect::<BTreeSet<_>>()
+        let texels = texels.iter().flat_map(|[first, behind]| *first..*behind);
+        let tiles = texels.map(|texel| i32::try_from(texel.div_euclid(side)));
+        tiles.flatten().collect::<BTreeSet<_>>()
     };
     let ys = along(rows);
     let pairs = along(columns)
@@ -141,7 +136,6 @@ fn tiles_of(columns: &[[i64; 2]], rows: &[[i64; 2]], side: i64) -> Vec<(i32, i32
     pairs.collect()
 }
 
-/// The part of these squares in a tile.
 fn within(texels: &[[i64; 2]], tile: i32, side: i64) -> impl Iterator<Item = [i64; 2]> {
     let low = i64::from(tile) * side;
     texels
@@ -159,12 +153,10 @@ struct KnownBounds {
 #[derive(Clone, Debug)]
 struct IndexedTile {
     known: KnownBounds,
-    /// Hash of which cells are known.
     shape: u64,
     coarse: CodePyramid,
 }
 
-/// The known tiles of one layer.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TilePresence {
     tiles: BTreeMap<(i32, i32), IndexedTile>,
@@ -173,7 +165,6 @@ pub(super) struct TilePresence {
 }
 
 impl TilePresence {
-    /// Updates one tile. Returns whether other cells are known than before.
     pub(super) fn update(&mut self, store: &TileStore, key: TileKey) -> bool {
         let cells = store.get(key).and_then(|stored| stored.cells());
         let tile = cells.and_then(|cells| {
@@ -278,10 +269,8 @@ impl KnownBounds {
         for row in 0..TILE_SIDE {
             let codes = cells.row(row);
             let is_known = |code: &u16| *code != UNKNOWN;
-            let (Some(left), Some(right)) = (
-                codes.iter().position(is_known),
-                codes.iter().rposition(is_known),
-            ) else {
+            let ends = codes.iter().position(is_known);
+            let Some((left, right)) = ends.zip(codes.iter().rposition(is_known)) else {
                 continue;
             };
             let (left, right, row) = (left as u8, right as u8, row as u8);
@@ -309,33 +298,21 @@ pub(super) struct CodePyramid([u16; LEN]);
 impl CodePyramid {
     pub(super) fn of(cells: &TileCells) -> Self {
         let mut codes = [0; LEN];
-        max_codes(cells, COARSE[0], &mut codes[..64]);
-        let mut from = 0;
-        for step in &COARSE[1..] {
-            let side = TILE_SIDE / step;
-            let (finer, coarser) = codes[from..].split_at_mut(4 * side * side);
-            for (index, code) in coarser.iter_mut().take(side * side).enumerate() {
-                let (x, y) = (2 * (index % side), 2 * (index / side));
-                let first = y * 2 * side + x;
-                let four = [first, first + 1, first + 2 * side, first + 2 * side + 1];
-                *code = four.map(|at| finer[at]).into_iter().max().unwrap_or(0);
-            }
-            from += 4 * side * side;
+        for step in COARSE {
+            max_codes(cells, step, &mut codes[Self::range(step)]);
         }
         Self(codes)
     }
 
-    /// Codes of squares of `step` cells, if stored.
     pub(super) fn of_step(&self, step: usize) -> Option<&[u16]> {
-        let mut from = 0;
-        for coarse in COARSE {
-            let len = (TILE_SIDE / coarse) * (TILE_SIDE / coarse);
-            if coarse == step {
-                return Some(&self.0[from..from + len]);
-            }
-            from += len;
-        }
-        None
+        COARSE.contains(&step).then(|| &self.0[Self::range(step)])
+    }
+
+    fn range(step: usize) -> Range<usize> {
+        let len = |step| (TILE_SIDE / step) * (TILE_SIDE / step);
+        let finer = COARSE.into_iter().take_while(|finer| *finer < step);
+        let first = finer.map(len).sum();
+        first..first + len(step)
     }
 }
 
@@ -365,10 +342,8 @@ pub(super) fn max_codes(cells: &TileCells, step: usize, highest: &mut [u16]) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::store_of;
     use super::*;
-    use protocol::layer::LayerId;
-    use protocol::tile::{BootId, TileCells};
-    use protocol::tile_store::LayerGrid;
 
     const LOWER: LayerId = LayerId::Shore;
 
@@ -379,19 +354,9 @@ mod tests {
         (tile, cell_m): ((i32, i32), f64),
         step: usize,
     ) -> Vec<(usize, usize)> {
-        let mut store = TileStore::new(BootId([1; 16]), 10);
-        let grid = LayerGrid {
-            layer: LOWER,
-            cell_m: 0.1,
-        };
-        store.set_grid(grid).unwrap();
-        let key = TileKey {
-            layer: LOWER,
-            tx: 0,
-            ty: 0,
-        };
-        let cells = TileCells::from_fn(|x, y| u16::from(known.contains(&(x, y))));
-        drop(store.publish(key, cells).unwrap());
+        let mut store = store_of(&[LOWER]);
+        let is_known = |x, y| u16::from(known.contains(&(x, y)));
+        let key = super::super::tests::publish(&mut store, LOWER, (0, 0), is_known);
         let mut tiles = TilePresence::default();
         tiles.update(&store, key);
         let lower = IndexedLayer {
@@ -454,17 +419,9 @@ mod tests {
 
     const LAYER: LayerId = LayerId::Occupancy;
 
-    fn key(tx: i32, ty: i32) -> TileKey {
-        TileKey {
-            layer: LAYER,
-            tx,
-            ty,
-        }
-    }
-
-    fn publish(store: &mut TileStore, key: TileKey, known: &[(usize, usize)]) {
-        let cells = TileCells::from_fn(|x, y| u16::from(known.contains(&(x, y))));
-        drop(store.publish(key, cells).unwrap());
+    fn publish(store: &mut TileStore, tile: (i32, i32), known: &[(usize, usize)]) -> TileKey {
+        let is_known = |x, y| u16::from(known.contains(&(x, y)));
+        super::super::tests::publish(store, LAYER, tile, is_known)
     }
 
     fn of_layer(store: &TileStore) -> TilePresence {
@@ -477,48 +434,29 @@ mod tests {
 
     #[test]
     fn bounds_follow_known_cells() {
-        let mut store = TileStore::new(BootId([1; 16]), 10);
-        store
-            .set_grid(LayerGrid {
-                layer: LAYER,
-                cell_m: 0.1,
-            })
-            .unwrap();
-        publish(&mut store, key(-1, 0), &[(60, 5), (62, 3)]);
-        publish(&mut store, key(2, 1), &[(0, 0)]);
+        let mut store = store_of(&[LAYER]);
+        let left = publish(&mut store, (-1, 0), &[(60, 5), (62, 3)]);
+        let right = publish(&mut store, (2, 1), &[(0, 0)]);
         let mut known = of_layer(&store);
         assert_eq!(known.bounds_cells(), Some([-4, 3, 129, 65]));
-        publish(&mut store, key(2, 1), &[]);
-        assert!(known.update(&store, key(2, 1)));
+        publish(&mut store, (2, 1), &[]);
+        assert!(known.update(&store, right));
         assert_eq!(known.bounds_cells(), Some([-4, 3, -1, 6]));
-        publish(&mut store, key(-1, 0), &[(60, 5), (61, 4), (62, 3)]);
-        assert!(known.update(&store, key(-1, 0)), "within the same bounds");
-        assert!(!known.update(&store, key(-1, 0)));
-        publish(&mut store, key(-1, 0), &[]);
-        known.update(&store, key(-1, 0));
+        publish(&mut store, (-1, 0), &[(60, 5), (61, 4), (62, 3)]);
+        assert!(known.update(&store, left), "within the same bounds");
+        assert!(!known.update(&store, left));
+        publish(&mut store, (-1, 0), &[]);
+        known.update(&store, left);
         assert_eq!(known.len(), 0);
         assert_eq!(known.bounds_cells(), None);
     }
 
     #[test]
     fn tiles_in_a_square_around_the_origin() {
-        let mut store = TileStore::new(BootId([1; 16]), 10);
-        store
-            .set_grid(LayerGrid {
-                layer: LAYER,
-                cell_m: 0.1,
-            })
-            .unwrap();
-        for (tx, ty) in [
-            (-9, 0),
-            (-8, -8),
-            (-1, -1),
-            (-1, 0),
-            (0, -1),
-            (7, 7),
-            (8, 0),
-        ] {
-            publish(&mut store, key(tx, ty), &[(1, 1)]);
+        let mut store = store_of(&[LAYER]);
+        let [a, b, c, d] = [(-9, 0), (-8, -8), (-1, -1), (-1, 0)];
+        for tile in [a, b, c, d, (0, -1), (7, 7), (8, 0)] {
+            publish(&mut store, tile, &[(1, 1)]);
         }
         let known = of_layer(&store);
         let square = |at| known.in_square(at, 8).collect::<Vec<_>>();

@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 pub struct StackLayer {
     pub layer: LayerId,
     pub is_shown: bool,
-    /// 0 … 1.
     pub opacity: f32,
     pub scheme: Scheme,
 }
@@ -19,23 +18,19 @@ pub struct StackLayer {
 #[serde(from = "Vec<StackLayer>", into = "Vec<StackLayer>")]
 pub struct LayerStack(Vec<StackLayer>);
 
-/// A change of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LayerCommand {
     Show(LayerId, bool),
     /// Show it and hide all others that the robot maps.
     Only(LayerId),
     Opacity(LayerId, f32),
-    /// Move the first directly above the second.
     Above(LayerId, LayerId),
-    /// Move the first directly below the second.
     Below(LayerId, LayerId),
     Scheme(LayerId, Scheme),
     /// Fit its colours to the values of the map.
     Fit(LayerId),
 }
 
-/// Default order.
 const ORDER: [LayerId; LayerId::ALL.len()] = [
     LayerId::Occupancy,
     LayerId::Elevation,
@@ -106,7 +101,6 @@ impl From<LayerStack> for Vec<StackLayer> {
 }
 
 impl LayerStack {
-    /// Lowest first.
     pub fn layers(&self) -> &[StackLayer] {
         &self.0
     }

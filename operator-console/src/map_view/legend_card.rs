@@ -4,21 +4,19 @@
 use eframe::egui::accesskit::Role;
 use eframe::egui::style::ScrollAnimation;
 use eframe::egui::{
-    Align2, Area, Button, Frame, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText,
-    ScrollArea, Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2,
-    vec2,
+    Align2, Area, Button, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText, ScrollArea,
+    Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
 };
 use protocol::layer::Palette;
 
-use super::CARD_MARGIN;
 use super::drawing::MIN_MAP_FOR_CARDS;
+use super::{CARD_MARGIN, card_frame};
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{
     LINES_APART, LegendsData, legends_height, legends_ui, title_height, title_ui,
 };
 use crate::theme;
 
-/// Within the card and its button, points.
 const PADDING: f32 = 8.0;
 /// On maps that are not narrow, points.
 const WIDTH: f32 = 220.0;
@@ -34,7 +32,6 @@ const BUTTON_GAP: f32 = 4.0;
 /// Minimum height of opened legends that have no title row, points.
 const LEAST_OPENED: f32 = 60.0;
 
-/// Ids of the areas.
 const CARD_NAME: &str = "map legend";
 const BUTTON_NAME: &str = "more legends";
 
@@ -43,21 +40,13 @@ type Drawn = (Palette, bool);
 
 #[derive(Default)]
 pub(super) struct LegendCard {
-    /// Whether all legends are opened.
     has_all: bool,
-    /// Area with the button in the last frame.
-    place: Option<Rect>,
+    pub(super) place: Option<Rect>,
     /// Whether the button had the focus in the last frame: then keys scroll the legends.
     is_on_button: bool,
 }
 
 impl LegendCard {
-    /// Area with the button in the last frame.
-    pub(super) const fn place(&self) -> Option<Rect> {
-        self.place
-    }
-
-    /// Draws the legends; `layers`: topmost first.
     pub(super) fn show(&mut self, ui: &Ui, map: &LegendPlace, layers: &[Drawn]) {
         self.place = None;
         let is_on_button = std::mem::take(&mut self.is_on_button);
@@ -86,10 +75,7 @@ impl LegendCard {
                 // The map gets clicks through the card, unless the card scrolls.
                 .interactable(opened.is_some())
                 .show(ui.ctx(), |ui| {
-                    let card = Frame::new()
-                        .fill(theme::card(ui.visuals()))
-                        .corner_radius(4.0)
-                        .inner_margin(PADDING);
+                    let card = card_frame(ui, PADDING);
                     card.show(ui, |ui| content.show(ui, opened, is_on_button));
                 });
             self.place = Some(card.response.rect);
@@ -98,14 +84,14 @@ impl LegendCard {
             return;
         };
         // The button has its own area, because the card ignores clicks.
-        let place = if let Some(card) = self.place {
-            let corner = card.right_top() + vec2(-PADDING, PADDING);
-            Some((corner, Align2::RIGHT_TOP))
+        let (at, pivot) = if let Some(card) = self.place {
+            (
+                card.right_top() + vec2(-PADDING, PADDING),
+                Align2::RIGHT_TOP,
+            )
+        } else if let Some(corner) = map.button(vec2(width, BUTTON)) {
+            (corner, Align2::RIGHT_BOTTOM)
         } else {
-            let corner = map.button(vec2(width, BUTTON));
-            corner.map(|corner| (corner, Align2::RIGHT_BOTTOM))
-        };
-        let Some((at, pivot)) = place else {
             return;
         };
         let is_alone = self.place.is_none();
@@ -186,18 +172,11 @@ impl Content {
         let Some(most) = opened else {
             return legends_ui(ui, &self.legends);
         };
-        // A scroll area must get its height explicitly: it would keep that of the last frame.
-        let legends = legends_height(ui, &self.legends, self.width);
-        let height = legends.min(most);
-        let scroll = ScrollArea::vertical()
-            .max_height(height)
-            .min_scrolled_height(height);
-        let keys = ScrollKeys {
-            label: "Legends; Page Up and Page Down scroll them",
-            is_needed: legends > height + 1.0,
-            is_on_button,
-        };
-        keys.show(ui, (height, scroll), |ui| legends_ui(ui, &self.legends));
+        let whole = legends_height(ui, &self.legends, self.width);
+        let height = whole.min(most);
+        let is_needed = whole > height + 1.0;
+        let legends = |ui: &mut Ui| legends_ui(ui, &self.legends);
+        scroll_ui(ui, height, (is_needed, is_on_button), legends);
     }
 
     fn head_ui(&self, ui: &mut Ui) {
@@ -227,7 +206,6 @@ fn is_narrow(screen: Rect) -> bool {
     inner_width(screen) < WIDTH
 }
 
-/// Width of the card, points.
 pub(super) fn width(screen: Rect) -> f32 {
     inner_width(screen) + 2.0 * PADDING
 }
@@ -262,12 +240,11 @@ fn words(count: usize, are_all: bool) -> [String; 2] {
 fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
     let font = TextStyle::Small.resolve(ui.style());
     let ink = ui.visuals().text_color();
-    let words = words(layers.len() - fitting, fitting == 0);
-    let widths = words.map(|words| {
+    let widths = words(layers.len() - fitting, fitting == 0).map(|words| {
         let text = ui.painter().layout_no_wrap(words, font.clone(), ink);
         text.size().x + 2.0 * PADDING
     });
-    widths.into_iter().fold(0.0, f32::max)
+    widths[0].max(widths[1])
 }
 
 /// The button that opens and closes the legends. Returns whether it was pressed and whether it has the focus.
@@ -280,14 +257,11 @@ fn more_ui(
     let left_out = &layers[fitting..];
     let (count, are_all) = (left_out.len(), fitting == 0);
     let [more, fewer] = words(count, are_all);
-    let names: Vec<_> = left_out
+    let names = left_out
         .iter()
-        .map(|(palette, _)| layer_name(palette.layer()))
-        .collect();
-    let (legends, names) = (
-        if count == 1 { "legend" } else { "legends" },
-        names.join(", "),
-    );
+        .map(|(palette, _)| layer_name(palette.layer()));
+    let names = names.collect::<Vec<_>>().join(", ");
+    let legends = if count == 1 { "legend" } else { "legends" };
     let hint = match (are_opened, are_all) {
         (true, _) => "Fewer legends".to_owned(),
         (false, true) => format!("{more}: {names}"),
@@ -295,14 +269,10 @@ fn more_ui(
     };
     if is_alone {
         let paper = theme::card(ui.visuals());
-        let visuals = &mut ui.visuals_mut().widgets;
-        for widget in [
-            &mut visuals.inactive,
-            &mut visuals.hovered,
-            &mut visuals.active,
-        ] {
-            widget.weak_bg_fill = paper;
-        }
+        let widgets = &mut ui.visuals_mut().widgets;
+        widgets.inactive.weak_bg_fill = paper;
+        widgets.hovered.weak_bg_fill = paper;
+        widgets.active.weak_bg_fill = paper;
     }
     ui.spacing_mut().button_padding = vec2(PADDING, 2.0);
     ui.spacing_mut().interact_size.y = BUTTON;
@@ -315,33 +285,30 @@ fn more_ui(
     (button.on_hover_text(hint).clicked(), has_keyboard)
 }
 
-/// Minimum distance from other widgets, points.
 const LEAST_GAP: f32 = 4.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LegendPlace {
     pub(super) screen: Rect,
-    /// Lower edge of the buttons.
     pub(super) buttons: f32,
     /// Below the buttons, if drawn.
     pub(super) compass: Option<Rect>,
 }
 
 impl LegendPlace {
-    /// Lower edge of buttons and compass.
     fn top_widgets_bottom(&self) -> f32 {
-        let compass = self.compass.map(|compass| compass.bottom());
-        compass.map_or(self.buttons, |compass| compass.max(self.buttons))
+        let compass = self
+            .compass
+            .map_or(self.buttons, |compass| compass.bottom());
+        compass.max(self.buttons)
     }
 
-    /// Area below the compass.
     pub(super) fn below(&self) -> Rect {
         let whole = self.screen.shrink(CARD_MARGIN);
         let top = self.top_widgets_bottom() + CARD_MARGIN;
         whole.with_min_y(top.min(whole.bottom()))
     }
 
-    /// Area beside the compass.
     fn beside(&self) -> Rect {
         let whole = self.screen.shrink(CARD_MARGIN);
         let right = self.compass.map_or(whole.right(), |compass| {
@@ -373,60 +340,52 @@ impl LegendPlace {
     }
 }
 
-/// Share of the visible height for Page Up and Page Down.
 const PAGE: f32 = 0.8;
-/// Distance of the focus frame, points.
 const FRAME: f32 = 3.0;
 
-/// Scrolling by Page Up and Page Down, because arrow keys drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct ScrollKeys {
-    /// Accessible name.
-    pub(super) label: &'static str,
-    /// Whether the content is higher than the visible area.
-    pub(super) is_needed: bool,
-    /// Whether the legend button has the focus: then keys scroll, too.
-    pub(super) is_on_button: bool,
-}
-
-impl ScrollKeys {
-    /// Draws the scroll area with its visible height.
-    pub(super) fn show(
-        self,
-        ui: &mut Ui,
-        (height, scroll): (f32, ScrollArea),
-        add: impl FnOnce(&mut Ui),
-    ) {
-        if !self.is_needed {
-            scroll.show(ui, add);
-            return;
+/// Draws an area of this height that scrolls by Page Up and Page Down, because arrow keys drive. `is_needed`: the
+/// content is higher than the area. `is_on_button`: the legend button has the focus, and keys scroll, too.
+fn scroll_ui(
+    ui: &mut Ui,
+    height: f32,
+    (is_needed, is_on_button): (bool, bool),
+    add: impl FnOnce(&mut Ui),
+) {
+    // A scroll area must get its height explicitly: it would keep that of the last frame.
+    let scroll = ScrollArea::vertical()
+        .max_height(height)
+        .min_scrolled_height(height);
+    if !is_needed {
+        scroll.show(ui, add);
+        return;
+    }
+    // Before its content, so that it gets the focus first.
+    let size = vec2(ui.available_width(), height);
+    let place = Rect::from_min_size(ui.next_widget_position(), size);
+    let id = ui.scope_id().with("scrolled by keys");
+    let response = ui.interact(place, id, Sense::focusable_noninteractive());
+    let label = "Legends; Page Up and Page Down scroll them";
+    response.widget_info(|| WidgetInfo::labeled(Role::ScrollView, true, label));
+    let pages = if response.has_focus() || is_on_button {
+        ui.input_mut(|input| {
+            let mut pressed = |key| input.count_and_consume_key(Modifiers::NONE, key) as f32;
+            pressed(Key::PageUp) - pressed(Key::PageDown)
+        })
+    } else {
+        0.0
+    };
+    scroll.show(ui, |ui| {
+        if pages.abs() > 0.5 {
+            let by = vec2(0.0, pages * PAGE * height);
+            ui.scroll_with_delta_animation(by, ScrollAnimation::none());
         }
-        // Before its content, so that it gets the focus first.
-        let size = vec2(ui.available_width(), height);
-        let place = Rect::from_min_size(ui.next_widget_position(), size);
-        let id = ui.scope_id().with("scrolled by keys");
-        let response = ui.interact(place, id, Sense::focusable_noninteractive());
-        response.widget_info(|| WidgetInfo::labeled(Role::ScrollView, true, self.label));
-        let pages = if response.has_focus() || self.is_on_button {
-            ui.input_mut(|input| {
-                let mut pressed = |key| input.count_and_consume_key(Modifiers::NONE, key) as f32;
-                pressed(Key::PageUp) - pressed(Key::PageDown)
-            })
-        } else {
-            0.0
-        };
-        scroll.show(ui, |ui| {
-            if pages.abs() > 0.5 {
-                let by = vec2(0.0, pages * PAGE * height);
-                ui.scroll_with_delta_animation(by, ScrollAnimation::none());
-            }
-            add(ui);
-        });
-        if response.has_focus() {
-            let line = ui.visuals().selection.stroke;
-            ui.painter()
-                .rect_stroke(place.expand(FRAME), 2.0, line, StrokeKind::Inside);
-        }
+        add(ui);
+    });
+    if response.has_focus() {
+        let line = ui.visuals().selection.stroke;
+        let frame = place.expand(FRAME);
+        ui.painter()
+            .rect_stroke(frame, 2.0, line, StrokeKind::Inside);
     }
 }
 

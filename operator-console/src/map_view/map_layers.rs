@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use eframe::egui::{Context, Painter, Rect};
+use eframe::egui::{Context, Painter};
 use protocol::layer::{LayerId, Palette, Scheme};
 use protocol::tile::TileKey;
 use protocol::tile_store::{StoredTile, TileStore};
 
-use super::camera::Camera;
+use super::camera::{Camera, around};
 use super::chunks::{FrameTime, LayerStyle};
 use super::coloring::{Coloring, fitted_to, palette_of};
 use super::layer_compositing::{IndexedLayer, TilePresence, tiles_above};
@@ -26,14 +26,12 @@ struct MapLayer {
     textures: TileTextures,
     /// Number of known tiles when the colours were fitted.
     fitted_at: usize,
-    /// The tile with the newest measurement.
     newest: Option<(TileKey, AgeOrder)>,
 }
 
 #[derive(Default)]
 pub(super) struct MapLayers {
     layers: BTreeMap<LayerId, MapLayer>,
-    /// Changed tiles that are not processed yet.
     waiting: BTreeSet<TileKey>,
     /// Whether all tiles must be processed, after a change of robots.
     is_other: bool,
@@ -64,7 +62,6 @@ impl MapLayer {
         }
     }
 
-    /// Searches all tiles.
     fn find_newest(&mut self, map: &MapSync, layer: LayerId) {
         let held = map.store().tiles(layer);
         let held = held.filter(|(_, stored)| stored.cells().is_some());
@@ -96,16 +93,15 @@ impl MapLayer {
     }
 
     fn fit(&mut self, store: &TileStore) {
-        let fitted = fitted_to(*self.coloring.palette(), store);
+        let fitted = fitted_to(self.coloring.palette, store);
         self.fitted_at = self.known.len();
-        if fitted != *self.coloring.palette() {
-            self.recolor(Coloring::new(fitted, self.coloring.is_over()));
+        if fitted != self.coloring.palette {
+            self.recolor(Coloring::new(fitted, self.coloring.is_over));
         }
     }
 }
 
 impl MapLayers {
-    /// Clears everything for another robot.
     pub(super) fn forget(&mut self) {
         *self = Self {
             is_other: true,
@@ -125,14 +121,13 @@ impl MapLayers {
 
     pub(super) fn palette(&self, layer: LayerId) -> Palette {
         let held = self.layers.get(&layer);
-        held.map_or_else(|| layer.default_palette(), |held| *held.coloring.palette())
+        held.map_or_else(|| layer.default_palette(), |held| held.coloring.palette)
     }
 
     pub(super) fn tiles(&self, layer: LayerId) -> usize {
         self.layers.get(&layer).map_or(0, |held| held.known.len())
     }
 
-    /// The tile with the newest measurement.
     pub(super) fn newest(&self, layer: LayerId) -> Option<TileKey> {
         let newest = self.layers.get(&layer)?.newest;
         newest.map(|(key, _)| key)
@@ -151,11 +146,7 @@ impl MapLayers {
         time: &mut FrameTime,
     ) -> bool {
         let store = map.store();
-        if self.waiting.is_empty() {
-            self.waiting = changed;
-        } else {
-            self.waiting.extend(changed);
-        }
+        self.waiting.extend(changed);
         if std::mem::take(&mut self.is_other) {
             let all = LayerId::ALL
                 .into_iter()
@@ -166,11 +157,8 @@ impl MapLayers {
             let Some(key) = self.waiting.pop_first() else {
                 break;
             };
-            let layer = key.layer;
-            let held = self
-                .layers
-                .entry(layer)
-                .or_insert_with(|| MapLayer::new(layer));
+            let held = self.layers.entry(key.layer);
+            let held = held.or_insert_with(|| MapLayer::new(key.layer));
             let is_known_elsewhere = held.known.update(store, key);
             held.textures.changed((key.tx, key.ty));
             held.update_newest(map, key);
@@ -185,7 +173,6 @@ impl MapLayers {
         self.waiting.is_empty()
     }
 
-    /// Other cells of a lower layer are known: repaints the tiles above it.
     fn change_above(&mut self, key: TileKey, store: &TileStore) {
         for (layer, held) in &mut self.layers {
             let mut below = held.below.iter();
@@ -207,14 +194,12 @@ impl MapLayers {
         }
     }
 
-    /// Fits the colours of a layer to its values.
     pub(super) fn fit_colors(&mut self, layer: LayerId, store: &TileStore) {
         if let Some(held) = self.layers.get_mut(&layer) {
             held.fit(store);
         }
     }
 
-    /// Updates colours after changes of the layer order.
     fn color(&mut self, stack: &LayerStack, store: &TileStore) {
         let shown = Self::shown(stack, store);
         for (layer, held) in &mut self.layers {
@@ -222,11 +207,11 @@ impl MapLayers {
                 held.textures.clear();
                 continue;
             };
-            let palette = *held.coloring.palette();
+            let palette = held.coloring.palette;
             if palette.scheme() != wanted.scheme {
                 held.fitted_at = 0;
                 held.recolor(Coloring::new(palette_of(*layer, wanted.scheme), *is_over));
-            } else if held.coloring.is_over() != *is_over {
+            } else if held.coloring.is_over != *is_over {
                 held.recolor(Coloring::new(palette, *is_over));
             }
             held.set_below(seen_below(*layer, &shown, store));
@@ -239,7 +224,6 @@ impl MapLayers {
         }
     }
 
-    /// Bounding box of the known cells of drawn layers, m.
     pub(super) fn bounds_m(&mut self, stack: &LayerStack, store: &TileStore) -> Option<[f64; 4]> {
         let shown = Self::shown(stack, store);
         let edges = shown.iter().filter_map(|(held, _)| {
@@ -247,14 +231,7 @@ impl MapLayers {
             let bounds_cells = self.layers.get_mut(&held.layer)?.known.bounds_cells()?;
             Some(bounds_cells.map(|cell| cell as f64 * cell_m))
         });
-        edges.reduce(|a, b| {
-            [
-                a[0].min(b[0]),
-                a[1].min(b[1]),
-                a[2].max(b[2]),
-                a[3].max(b[3]),
-            ]
-        })
+        edges.reduce(|a, b| around(&[[a[0], a[1]], [a[2], a[3]], [b[0], b[1]], [b[2], b[3]]]))
     }
 
     /// Updates textures within `time`. Returns whether all are up to date.
@@ -263,7 +240,7 @@ impl MapLayers {
         ctx: &Context,
         stack: &LayerStack,
         store: &TileStore,
-        (camera, screen): (&Camera, Rect),
+        camera: &Camera,
         time: &mut FrameTime,
     ) -> bool {
         let shown = Self::shown(stack, store);
@@ -271,25 +248,23 @@ impl MapLayers {
         let mut is_complete = true;
         for (stacked, _) in shown {
             let layer = stacked.layer;
-            let (Some(held), Some(cell_m)) = (self.layers.get_mut(&layer), store.cell_m(layer))
-            else {
+            let Some(held) = self.layers.get_mut(&layer) else {
                 continue;
             };
             let bounds_cells = held.known.bounds_cells();
             // Taken out, because the other layers are borrowed meanwhile.
             let mut textures = std::mem::take(&mut held.textures);
-            if let Some(held) = self.layers.get(&layer) {
-                let below = self.known_layers(&held.below, store);
+            if let Some(held) = self.layers.get(&layer)
+                && let Some(indexed) = self.indexed(layer, store)
+            {
+                let below = held.below.iter();
+                let below = below.filter_map(|(layer, _)| self.indexed(*layer, store));
                 let style = LayerStyle {
-                    layer,
-                    cell_m,
-                    store,
-                    known: &held.known,
+                    indexed,
                     coloring: &held.coloring,
-                    below: &below,
+                    below: &below.collect::<Vec<_>>(),
                 };
-                let view = (camera, screen);
-                is_complete &= textures.prepare(ctx, style, view, bounds_cells, allowance, time);
+                is_complete &= textures.prepare(ctx, style, camera, bounds_cells, allowance, time);
             }
             if let Some(held) = self.layers.get_mut(&layer) {
                 held.textures = textures;
@@ -298,20 +273,13 @@ impl MapLayers {
         is_complete
     }
 
-    fn known_layers<'a>(
-        &'a self,
-        layers: &[(LayerId, f64)],
-        store: &'a TileStore,
-    ) -> Vec<IndexedLayer<'a>> {
-        let known = layers.iter().filter_map(|(layer, cell_m)| {
-            Some(IndexedLayer {
-                layer: *layer,
-                cell_m: *cell_m,
-                store,
-                known: &self.layers.get(layer)?.known,
-            })
-        });
-        known.collect()
+    fn indexed<'a>(&'a self, layer: LayerId, store: &'a TileStore) -> Option<IndexedLayer<'a>> {
+        Some(IndexedLayer {
+            layer,
+            cell_m: store.cell_m(layer)?,
+            store,
+            known: &self.layers.get(&layer)?.known,
+        })
     }
 
     pub(super) fn paint(
@@ -319,19 +287,17 @@ impl MapLayers {
         painter: &Painter,
         stack: &LayerStack,
         store: &TileStore,
-        view: (&Camera, Rect),
+        camera: &Camera,
     ) {
         for (held, _) in Self::shown(stack, store) {
-            if let (Some(layer), Some(cell_m)) =
-                (self.layers.get(&held.layer), store.cell_m(held.layer))
-            {
-                layer.textures.paint(painter, view, cell_m, held.opacity);
+            let layer = self.layers.get(&held.layer);
+            if let Some((layer, cell_m)) = layer.zip(store.cell_m(held.layer)) {
+                layer.textures.paint(painter, camera, cell_m, held.opacity);
             }
         }
     }
 }
 
-/// Visible layers below `layer`, with their cell sizes, m.
 fn seen_below(
     layer: LayerId,
     shown: &[(StackLayer, bool)],
@@ -339,9 +305,8 @@ fn seen_below(
 ) -> Vec<(LayerId, f64)> {
     let below = shown.iter().take_while(|(one, _)| one.layer != layer);
     let seen = below.filter(|(one, _)| one.opacity > 0.0);
-    let mut seen: Vec<_> = seen
-        .filter_map(|(one, _)| Some((one.layer, store.cell_m(one.layer)?)))
-        .collect();
+    let seen = seen.filter_map(|(one, _)| Some((one.layer, store.cell_m(one.layer)?)));
+    let mut seen: Vec<_> = seen.collect();
     seen.sort_by_key(|(one, _)| *one);
     seen
 }

@@ -4,23 +4,25 @@ mod camera;
 mod chunks;
 mod coloring;
 mod drawing;
+mod grid;
 mod layer_compositing;
 mod layer_stack;
 mod legend_card;
 mod map_layers;
 mod navigation;
-mod overlays;
 mod probe;
 mod ruler;
+mod shores;
 mod tile_textures;
 mod toolbar;
+mod vehicle;
 mod view_settings;
 
 use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
-use eframe::egui::{Color32, Pos2, Rect, vec2};
+use eframe::egui::{Color32, Frame, Pos2, Rect, Ui, vec2};
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
@@ -33,14 +35,14 @@ pub use view_settings::{CameraMode, Orientation, Overlay, ViewSettings};
 
 use crate::command::Look;
 use crate::model::{ConsoleModel, SiteName};
+use crate::theme;
 
 use chunks::FrameTime;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
 use navigation::GestureTracker;
-use overlays::shores::is_listed;
+use shores::is_listed;
 
-/// Zoom factor of a key press or button.
 const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
 
@@ -48,7 +50,6 @@ const CARD_MARGIN: f32 = 12.0;
 pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
-    screen: Rect,
     layers: MapLayers,
     /// Whether changes of the map are not drawn yet.
     is_behind: bool,
@@ -59,12 +60,10 @@ pub struct MapView {
     gestures: GestureTracker,
     /// Probed point, independent of the pointer.
     pinned_m: Option<[f64; 2]>,
-    /// Set while measuring.
     ruler: Option<Ruler>,
     /// Whether the middle of the map is probed instead of the pointer.
     is_center_probed: bool,
     legends: LegendCard,
-    /// Position of the buttons in the last frame.
     buttons: Rect,
     /// Lower edge of the banner, or upper edge of the map.
     map_top: f32,
@@ -77,7 +76,6 @@ impl Default for MapView {
         Self {
             camera: Camera::default(),
             settings: ViewSettings::default(),
-            screen: Rect::NOTHING,
             layers: MapLayers::default(),
             is_behind: false,
             has_chosen_layers: false,
@@ -125,7 +123,6 @@ impl MapView {
         self.layers.tiles(layer)
     }
 
-    /// The tile with the newest measurement.
     pub fn newest(&self, layer: LayerId) -> Option<TileKey> {
         self.layers.newest(layer)
     }
@@ -138,22 +135,18 @@ impl MapView {
         self.ruler.as_ref()
     }
 
-    /// Probed point, m in `odom`.
     pub const fn pinned_m(&self) -> Option<[f64; 2]> {
         self.pinned_m
     }
 
-    /// The shore or docking site selected in a list.
     pub const fn marked(&self) -> Option<ShoreMark> {
-        self.shore_selection.selected()
+        self.shore_selection.selected
     }
 
-    /// The shore or docking site hovered in a list.
     pub const fn hovered(&self) -> Option<ShoreMark> {
-        self.shore_selection.hovered()
+        self.shore_selection.hovered
     }
 
-    /// Number of textures, a mebibyte each.
     pub fn textures(&self) -> usize {
         self.layers.textures()
     }
@@ -163,24 +156,22 @@ impl MapView {
     }
 
     pub const fn place(&self) -> Rect {
-        self.screen
+        self.camera.screen
     }
 
     /// `odom` (m) to screen.
     pub fn place_of(&self, point_m: [f64; 2]) -> Pos2 {
-        self.camera.to_screen(self.screen, point_m)
+        self.camera.to_screen(point_m)
     }
 
-    /// Lowest and greatest x and y on the screen, m in `odom`.
     pub fn visible_m(&self) -> [f64; 4] {
-        self.camera.visible_m(self.screen)
+        self.camera.visible_m()
     }
 
     pub fn set_robot_overlay(&mut self, robot_overlay: RobotOverlay) {
         self.robot_overlay = robot_overlay;
     }
 
-    /// Clears the contents for another robot.
     pub fn forget(&mut self) {
         self.layers.forget();
         self.robot_overlay = RobotOverlay::default();
@@ -201,11 +192,7 @@ impl MapView {
                 self.settings.stack.show_only(layer, &offered);
             }
             LayerCommand::Fit(layer) => self.layers.fit_colors(layer, model.map().store()),
-            LayerCommand::Show(..)
-            | LayerCommand::Opacity(..)
-            | LayerCommand::Scheme(..)
-            | LayerCommand::Above(..)
-            | LayerCommand::Below(..) => self.settings.stack.apply(command),
+            _ => self.settings.stack.apply(command),
         }
     }
 
@@ -218,11 +205,12 @@ impl MapView {
                 self.settings.camera_mode = CameraMode::Free;
                 self.camera.center_on(point_m);
             }
-            Look::In => self.zoom(self.screen.center(), ZOOM_STEP),
-            Look::Out => self.zoom(self.screen.center(), 1.0 / ZOOM_STEP),
+            Look::In => self.zoom(self.camera.screen.center(), ZOOM_STEP),
+            Look::Out => self.zoom(self.camera.screen.center(), 1.0 / ZOOM_STEP),
             Look::Beside([right, down]) => {
                 self.settings.camera_mode = CameraMode::Free;
-                self.camera.pan(-vec2(right, down) * self.screen.size());
+                self.camera
+                    .pan(-vec2(right, down) * self.camera.screen.size());
             }
             Look::Up(orientation) => {
                 self.settings.orientation = orientation;
@@ -234,14 +222,15 @@ impl MapView {
             Look::Measure(is_on) => self.ruler = is_on.then(Ruler::default),
             Look::Point => {
                 self.is_center_probed = true;
-                self.point(self.camera.to_odom(self.screen, self.screen.center()));
+                self.point(self.camera.to_odom(self.camera.screen.center()));
             }
             Look::UndoPoint => self.undo_point(),
             Look::Mark(mark, point_m) => {
-                self.shore_selection.select(mark);
+                self.shore_selection.selected = Some(mark);
+                self.shore_selection.approach_target = Some(mark);
                 self.look(Look::At(point_m));
             }
-            Look::Hover(mark) => self.shore_selection.hover(mark),
+            Look::Hover(mark) => self.shore_selection.hovered = mark,
         }
     }
 
@@ -253,19 +242,17 @@ impl MapView {
         }
     }
 
-    /// Takes changes from the model.
     pub fn update(&mut self, model: &mut ConsoleModel) {
         self.show_first_layer(model);
-        self.shore_selection.retain(|mark| {
+        let is_listed = |mark: &ShoreMark| {
             let shores = model.shores();
-            shores.is_some_and(|shores| is_listed(shores, model.site_names(), mark))
-        });
+            shores.is_some_and(|shores| is_listed(shores, model.site_names(), *mark))
+        };
+        let selection = &mut self.shore_selection;
+        selection.selected = selection.selected.filter(is_listed);
         let changed = model.take_changed_tiles();
-        let mut time = FrameTime::new();
-        let is_done = self
-            .layers
-            .update(model.map(), changed, &self.settings.stack, &mut time);
-        self.is_behind = !is_done;
+        let (stack, mut time) = (&self.settings.stack, FrameTime::new());
+        self.is_behind = !self.layers.update(model.map(), changed, stack, &mut time);
     }
 
     /// Shows the robot's first layer if the settings show none of its layers.
@@ -284,10 +271,15 @@ impl MapView {
     }
 }
 
+/// Frame of a card on the map.
+fn card_frame(ui: &Ui, margin: f32) -> Frame {
+    let frame = Frame::new().fill(theme::card(ui.visuals()));
+    frame.corner_radius(4.0).inner_margin(margin)
+}
+
 /// What is drawn around the vehicle and is not part of the map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotOverlay {
-    /// For the stopping distance.
     pub stopping: Option<Stopping>,
     pub sensors: Vec<SensorField>,
     pub scan: Option<LastScan>,
@@ -295,12 +287,9 @@ pub struct RobotOverlay {
     pub color: Option<Color32>,
 }
 
-/// Parameters of the stopping distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopping {
-    /// Deceleration, m/s².
     pub decel_mps2: f64,
-    /// Command age, s.
     pub command_age_s: f64,
 }
 
@@ -310,27 +299,21 @@ pub struct SensorField {
     pub mount_m: [f64; 2],
     /// Direction of its middle, radians, counter-clockwise from x of `base`.
     pub mount_rad: f64,
-    /// Field of view, radians.
     pub field_rad: f64,
     /// Minimum and maximum range, m.
     pub range_m: [f64; 2],
 }
 
-/// Hits of the newest scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LastScan {
     /// m in `odom`.
     pub points_m: Vec<[f64; 2]>,
-    /// Age of the scan.
     pub age: Duration,
 }
 
-/// A shore or docking site.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShoreMark {
-    /// By number.
     Shore(u32),
-    /// By its permanent name.
     Site(SiteName),
 }
 
@@ -343,37 +326,9 @@ struct ShoreSelection {
 }
 
 impl ShoreSelection {
-    /// Selected and hovered marks.
     fn shown(&self) -> Vec<ShoreMark> {
         let hovered = self.hovered.filter(|mark| self.selected != Some(*mark));
         self.selected.into_iter().chain(hovered).collect()
-    }
-
-    const fn selected(&self) -> Option<ShoreMark> {
-        self.selected
-    }
-
-    const fn hovered(&self) -> Option<ShoreMark> {
-        self.hovered
-    }
-
-    const fn hover(&mut self, mark: Option<ShoreMark>) {
-        self.hovered = mark;
-    }
-
-    const fn select(&mut self, mark: ShoreMark) {
-        self.selected = Some(mark);
-        self.approach_target = Some(mark);
-    }
-
-    /// Removes a selection that no longer exists.
-    fn retain(&mut self, is_there: impl Fn(ShoreMark) -> bool) {
-        self.selected = self.selected.filter(|mark| is_there(*mark));
-    }
-
-    /// A new selection since the last call.
-    const fn take_approach_target(&mut self) -> Option<ShoreMark> {
-        self.approach_target.take()
     }
 }
 

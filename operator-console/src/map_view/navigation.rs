@@ -6,7 +6,8 @@ use eframe::egui::{
 };
 
 use super::camera::around;
-use super::overlays::shores::extent_m;
+use super::drawing::vehicle_m;
+use super::shores::extent_m;
 use super::{CARD_MARGIN, CameraMode, MapView, Orientation, toolbar};
 use crate::model::ConsoleModel;
 
@@ -16,13 +17,12 @@ const LEAST_PART: f64 = 0.5;
 impl MapView {
     pub(super) fn handle_pointer(&mut self, ui: &Ui, response: &Response) {
         let drag = response.drag_delta();
-        let is_pulled = [
+        let buttons = [
             PointerButton::Primary,
             PointerButton::Middle,
             PointerButton::Secondary,
-        ]
-        .into_iter()
-        .any(|button| response.dragged_by(button));
+        ];
+        let is_pulled = buttons.iter().any(|button| response.dragged_by(*button));
         if is_pulled && drag != vec2(0.0, 0.0) {
             self.camera.pan(drag);
             self.settings.camera_mode = CameraMode::Free;
@@ -51,7 +51,7 @@ impl MapView {
     }
 
     fn click(&mut self, response: &Response, at: Pos2) {
-        let point_m = self.camera.to_odom(self.screen, at);
+        let point_m = self.camera.to_odom(at);
         if self.ruler.is_none() && response.double_clicked() {
             self.pinned_m = None;
             self.camera.center_on(point_m);
@@ -66,14 +66,11 @@ impl MapView {
     /// Adds a measured point or pins the probe; m in `odom`.
     pub(super) fn point(&mut self, point_m: [f64; 2]) {
         match &mut self.ruler {
-            Some(ruler) => {
-                ruler.add(point_m);
-            }
+            Some(ruler) => ruler.add(point_m),
             None => self.pinned_m = Some(point_m),
         }
     }
 
-    /// Removes the last measured point, or the pin.
     pub(super) fn undo_point(&mut self) {
         match &mut self.ruler {
             Some(ruler) => ruler.undo_point(),
@@ -81,10 +78,9 @@ impl MapView {
         }
     }
 
-    /// The place to probe: the pointer or the middle.
     pub(super) fn probed_place(&self, pointer: Option<Pos2>) -> Option<Pos2> {
         if self.is_center_probed {
-            Some(self.screen.center())
+            Some(self.camera.screen.center())
         } else {
             pointer
         }
@@ -94,21 +90,17 @@ impl MapView {
     pub(super) fn zoom(&mut self, at: Pos2, factor: f64) {
         match self.settings.camera_mode {
             CameraMode::FollowVehicle => {
-                self.camera
-                    .zoom_about(self.screen, self.screen.center(), factor);
+                self.camera.zoom_about(self.camera.screen.center(), factor);
             }
             CameraMode::FitMap | CameraMode::Free => {
                 self.settings.camera_mode = CameraMode::Free;
-                self.camera.zoom_about(self.screen, at, factor);
+                self.camera.zoom_about(at, factor);
             }
         }
     }
 
     pub(super) fn update_camera(&mut self, model: &ConsoleModel) {
-        let vehicle_m = model.vehicle().pose().map(|(pose, _)| {
-            let [x, y, _] = pose.position_m;
-            [x, y]
-        });
+        let vehicle_m = vehicle_m(model);
         if self.settings.orientation == Orientation::RobotUp
             && let Some(heading_rad) = model.vehicle().heading_rad()
         {
@@ -133,29 +125,30 @@ impl MapView {
         }
     }
 
-    /// Zooms to a selected shore or docking site.
     fn approach(&mut self, model: &ConsoleModel) {
-        if let Some(mark) = self.shore_selection.take_approach_target()
+        if let Some(mark) = self.shore_selection.approach_target.take()
             && let Some(shores) = model.shores()
         {
             let extent_m = extent_m(shores, model.site_names(), mark);
             // A removed shore has no extent.
             if !extent_m.is_empty() {
-                self.camera.approach(self.screen, around(&extent_m));
+                self.camera.approach(around(&extent_m));
             }
         }
     }
 
     /// Fits the whole map. If legends would cover it, beside or above them, whichever is larger.
     fn fit(&mut self, bounds_m: [f64; 4]) {
-        let (screen, whole) = (self.screen, self.fit_screen());
+        // Without scale bar, buttons and edges.
+        let edges = vec2(0.0, toolbar::HEIGHT + CARD_MARGIN);
+        let whole = self.camera.screen.shrink2(edges);
         let fitted = |part: Rect| {
             let mut camera = self.camera;
-            camera.fit(screen, part, bounds_m);
+            camera.fit(part, bounds_m);
             camera
         };
         let under = fitted(whole);
-        let covers = |legends: &Rect| under.place_of(screen, bounds_m).intersects(*legends);
+        let covers = |legends: &Rect| under.place_of(bounds_m).intersects(*legends);
         let Some(legends) = self.legends_place().filter(covers) else {
             self.camera = under;
             return;
@@ -163,18 +156,12 @@ impl MapView {
         let [right, bottom] = [legends.left(), legends.top()].map(|edge| edge - CARD_MARGIN);
         let parts = [whole.with_max_x(right), whole.with_max_y(bottom)];
         let parts = parts.into_iter().filter(Rect::is_positive);
-        let least = LEAST_PART * under.points_per_m();
+        let least = LEAST_PART * under.points_per_m;
         let beside = parts
             .map(fitted)
-            .filter(|camera| camera.points_per_m() >= least)
-            .max_by(|a, b| a.points_per_m().total_cmp(&b.points_per_m()));
+            .filter(|camera| camera.points_per_m >= least)
+            .max_by(|a, b| a.points_per_m.total_cmp(&b.points_per_m));
         self.camera = beside.unwrap_or(under);
-    }
-
-    /// The area for `fit`, without scale bar, buttons and edges.
-    fn fit_screen(&self) -> Rect {
-        self.screen
-            .shrink2(vec2(0.0, toolbar::HEIGHT + CARD_MARGIN))
     }
 }
 
@@ -195,17 +182,14 @@ pub(super) struct GestureTracker {
     is_of_fingers: bool,
 }
 
-/// Gestures since the last frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gesture {
     /// Zoom factor about the pointer.
     pub(super) factor: f64,
-    /// Pan, points.
     pub(super) push: Vec2,
 }
 
 impl GestureTracker {
-    /// Reads wheel, touch pad and touch screen.
     pub(super) fn take(&mut self, input: &InputState) -> Gesture {
         if let Some(last) = input.events.iter().rev().find_map(is_of_fingers) {
             self.is_of_fingers = last;

@@ -4,12 +4,13 @@
 
 use std::time::Duration;
 
-use eframe::egui::{Color32, Frame, Grid, Label, Painter, Pos2, RichText, Stroke, Ui};
+use eframe::egui::{Color32, Grid, Label, Painter, Pos2, RichText, Stroke, Ui, vec2};
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Quantisation};
 use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
 use protocol::tile::TileKey;
 
+use super::card_frame;
 use super::chunks::TILE_CELLS;
 use super::layer_stack::LayerStack;
 use crate::model::{ConsoleModel, MapSync};
@@ -17,7 +18,6 @@ use crate::panels::data_age::DataAge;
 use crate::panels::formatting::{age, count, signed};
 use crate::panels::layers::layer_name;
 use crate::panels::stale::StaleData;
-use crate::theme;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeData {
@@ -36,7 +36,6 @@ pub struct ProbedCell {
     pub value: Option<f32>,
     /// Age of the newest change of the tile: the cell may be older.
     pub age: Option<DataAge>,
-    /// Revision of the tile.
     pub revision: Option<u64>,
     /// Sensors of the layer and their faults; `None` if the robot names none.
     pub source: Option<String>,
@@ -52,12 +51,20 @@ impl ProbeData {
         let map = model.map();
         let held = stack.layers().iter().rev();
         let cells = held.filter_map(|held| {
-            let cell_m = map.store().cell_m(held.layer)?;
-            let cell = ProbedCell::new(model, held.layer, cell_m, point_m, now);
+            let layer = held.layer;
+            let cell_m = map.store().cell_m(layer)?;
+            let tile = cell_at(layer, point_m, cell_m).and_then(|(key, _, _)| {
+                let stored = map.store().get(key);
+                let stored = stored.filter(|stored| stored.cells().is_some());
+                stored.map(|stored| (key, stored.revision()))
+            });
             let cell = ProbedCell {
+                layer,
                 is_shown: held.is_shown,
-                source: source(model, held.layer, now),
-                ..cell
+                value: value_at(map, layer, point_m),
+                age: tile.map(|(key, _)| DataAge::new(model, key, now)),
+                revision: tile.map(|(_, revision)| revision),
+                source: source(model, layer, now),
             };
             (cell.is_shown || cell.value.is_some()).then_some(cell)
         });
@@ -75,43 +82,15 @@ impl ProbeData {
 }
 
 impl ProbedCell {
-    fn new(
-        model: &ConsoleModel,
-        layer: LayerId,
-        cell_m: f64,
-        point_m: [f64; 2],
-        now: Monotonic,
-    ) -> Self {
-        let map = model.map();
-        let tile = cell_at(layer, point_m, cell_m).and_then(|(key, _, _)| {
-            let stored = map.store().get(key);
-            let stored = stored.filter(|stored| stored.cells().is_some());
-            stored.map(|stored| (key, stored.revision()))
-        });
-        Self {
-            layer,
-            is_shown: true,
-            value: value_at(map, layer, point_m),
-            age: tile.map(|(key, _)| DataAge::new(model, key, now)),
-            revision: tile.map(|(_, revision)| revision),
-            source: None,
-        }
-    }
-
-    /// Value with unit, or name of the class.
     pub fn text(&self) -> String {
         let Some(value) = self.value else {
             return "unknown".to_owned();
         };
         match self.layer.quantisation() {
-            Quantisation::Linear { .. } => {
-                let decimals = if self.layer.unit().is_some() { 3 } else { 2 };
-                let number = signed(f64::from(value), decimals);
-                match self.layer.unit() {
-                    Some(unit) => format!("{number} {unit}"),
-                    None => number,
-                }
-            }
+            Quantisation::Linear { .. } => match self.layer.unit() {
+                Some(unit) => format!("{} {unit}", signed(f64::from(value), 3)),
+                None => signed(f64::from(value), 2),
+            },
             Quantisation::Classes(classes) => {
                 let class = classes
                     .iter()
@@ -124,7 +103,6 @@ impl ProbedCell {
         }
     }
 
-    /// Name of the quantity and value.
     pub fn reading(&self) -> String {
         let name = match self.layer {
             LayerId::Occupancy => "P(occupied)",
@@ -198,15 +176,10 @@ fn source_text(
     statuses: &[SensorStatus],
     since_update: Duration,
 ) -> Option<String> {
-    let feeding: Vec<_> = sensors
-        .iter()
-        .filter(|sensor| feeds(sensor.kind, layer))
-        .collect();
-    let mut names: Vec<_> = feeding
-        .iter()
-        .take(MAX_NAMED)
-        .map(|sensor| sensor.name.clone())
-        .collect();
+    let feeding = sensors.iter().filter(|sensor| feeds(sensor.kind, layer));
+    let feeding: Vec<_> = feeding.collect();
+    let names = feeding.iter().map(|sensor| sensor.name.clone());
+    let mut names: Vec<_> = names.take(MAX_NAMED).collect();
     if feeding.len() > MAX_NAMED {
         names.push(format!("{} more", feeding.len() - MAX_NAMED));
     }
@@ -250,18 +223,11 @@ const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
         SensorKind::PlanarLaser | SensorKind::TiltingLaser => true,
         SensorKind::Sonar => !matches!(layer, LayerId::Rigidity),
-        SensorKind::WheelEncoders
-        | SensorKind::Attitude
-        | SensorKind::SatelliteReceiver
-        | SensorKind::Odometry
-        | SensorKind::Transforms
-        | SensorKind::TiltEncoder => false,
+        _ => false,
     }
 }
 
 const INNER: f32 = 8.0;
-/// Title of the age column.
-const TILE_CHANGED: &str = "Tile changed";
 
 /// Draws the card. Returns whether "Unpin" was pressed. A narrow card lists shown layers only, and has no sources.
 pub(super) fn probe_card_ui(
@@ -271,64 +237,59 @@ pub(super) fn probe_card_ui(
     (width, is_narrow): (f32, bool),
 ) -> bool {
     let mut is_over = false;
-    Frame::new()
-        .fill(theme::card(ui.visuals()))
-        .corner_radius(4.0)
-        .inner_margin(INNER)
-        .show(ui, |ui| {
-            ui.set_max_width(width - 2.0 * INNER);
-            ui.spacing_mut().item_spacing.y = 3.0;
-            ui.horizontal(|ui| {
-                let place = RichText::new(data.place()).strong();
-                ui.label(if is_narrow { place.small() } else { place });
-                if is_pinned {
-                    let unpin = ui.small_button("Unpin");
-                    is_over = unpin
-                        .on_hover_text("Read under the pointer (Esc)")
-                        .clicked();
+    card_frame(ui, INNER).show(ui, |ui| {
+        ui.set_max_width(width - 2.0 * INNER);
+        ui.spacing_mut().item_spacing.y = 3.0;
+        ui.horizontal(|ui| {
+            let place = RichText::new(data.place()).strong();
+            ui.label(if is_narrow { place.small() } else { place });
+            if is_pinned {
+                let unpin = ui.small_button("Unpin");
+                is_over = unpin
+                    .on_hover_text("Read under the pointer (Esc)")
+                    .clicked();
+            }
+        });
+        // The grid remembers its column widths by this id.
+        let cells = data.cells.iter();
+        let cells: Vec<_> = cells.filter(|cell| cell.is_shown || !is_narrow).collect();
+        let layers: Vec<_> = cells.iter().map(|cell| cell.layer).collect();
+        Grid::new(("probe", layers))
+            .num_columns(3)
+            .min_row_height(16.0)
+            .spacing([10.0, 2.0])
+            .show(ui, |ui| {
+                let weak = ui.visuals().weak_text_color();
+                // Always drawn, so that the height stays constant.
+                if !cells.is_empty() {
+                    head_ui(ui, weak);
+                }
+                for cell in cells {
+                    let name = RichText::new(layer_name(cell.layer)).small();
+                    let mut value = RichText::new(cell.text()).small().strong();
+                    if cell.value.is_none() || !cell.is_shown {
+                        value = value.color(weak);
+                    }
+                    ui.label(name);
+                    ui.label(value);
+                    let origin = if is_narrow {
+                        cell.changed().unwrap_or_default()
+                    } else {
+                        cell.origin()
+                    };
+                    let origin = RichText::new(origin).small().color(weak);
+                    ui.add(Label::new(origin).wrap());
+                    ui.end_row();
                 }
             });
-            // The grid remembers its column widths by this id.
-            let cells = data.cells.iter();
-            let cells: Vec<_> = cells.filter(|cell| cell.is_shown || !is_narrow).collect();
-            let layers: Vec<_> = cells.iter().map(|cell| cell.layer).collect();
-            Grid::new(("probe", layers))
-                .num_columns(3)
-                .min_row_height(16.0)
-                .spacing([10.0, 2.0])
-                .show(ui, |ui| {
-                    let weak = ui.visuals().weak_text_color();
-                    // Always drawn, so that the height stays constant.
-                    if !cells.is_empty() {
-                        head_ui(ui, weak);
-                    }
-                    for cell in cells {
-                        let name = RichText::new(layer_name(cell.layer)).small();
-                        let mut value = RichText::new(cell.text()).small().strong();
-                        if cell.value.is_none() || !cell.is_shown {
-                            value = value.color(weak);
-                        }
-                        ui.label(name);
-                        ui.label(value);
-                        let origin = if is_narrow {
-                            cell.changed().unwrap_or_default()
-                        } else {
-                            cell.origin()
-                        };
-                        let origin = RichText::new(origin).small().color(weak);
-                        ui.add(Label::new(origin).wrap());
-                        ui.end_row();
-                    }
-                });
-        });
+    });
     is_over
 }
 
-/// Title row.
 fn head_ui(ui: &mut Ui, ink: Color32) {
     ui.small("");
     ui.small("");
-    let head = RichText::new(TILE_CHANGED).small().color(ink);
+    let head = RichText::new("Tile changed").small().color(ink);
     let hint = format!(
         "The newest change of the {TILE_CELLS} × {TILE_CELLS} cells around this one, which may be older itself"
     );
@@ -340,7 +301,7 @@ fn head_ui(ui: &mut Ui, ink: Color32) {
 pub(super) fn paint_pin(painter: &Painter, at: Pos2) {
     for (width, color) in [(4.0, Color32::WHITE), (2.0, Color32::BLACK)] {
         for [x, y] in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
-            let towards = eframe::egui::vec2(x, y);
+            let towards = vec2(x, y);
             let ends = [at + 4.0 * towards, at + 12.0 * towards];
             painter.line_segment(ends, Stroke::new(width, color));
         }

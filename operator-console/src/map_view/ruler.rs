@@ -17,7 +17,6 @@ pub struct Ruler {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leg {
-    /// Length, m.
     pub length_m: f64,
     /// Clockwise from north (y of `odom`), 0 … 360°; `None` for length 0.
     pub bearing_deg: Option<f64>,
@@ -30,13 +29,10 @@ impl Ruler {
         &self.points_m
     }
 
-    /// Adds a point. Returns false if there are too many.
-    pub(super) fn add(&mut self, point_m: [f64; 2]) -> bool {
-        let has_room = self.points_m.len() < MAX_POINTS;
-        if has_room && point_m.iter().all(|m| m.is_finite()) {
+    pub(super) fn add(&mut self, point_m: [f64; 2]) {
+        if self.points_m.len() < MAX_POINTS && point_m.iter().all(|m| m.is_finite()) {
             self.points_m.push(point_m);
         }
-        has_room
     }
 
     pub(super) fn undo_point(&mut self) {
@@ -83,7 +79,6 @@ impl Leg {
     }
 }
 
-/// Total length; `None` for fewer than two segments.
 pub(super) fn total(legs: &[Leg]) -> Option<String> {
     let total_m: f64 = legs.iter().map(|leg| leg.length_m).sum();
     (legs.len() > 1).then(|| format!("total {}", length(total_m)))
@@ -100,7 +95,6 @@ fn length(length_m: f64) -> String {
 const LINE: Color32 = Color32::from_rgb(0xcc, 0x00, 0x7a);
 /// Points of the screen.
 pub(super) const POINT_RADIUS: f32 = 4.0;
-/// Padding of a label, points.
 const CARD: Vec2 = vec2(5.0, 2.0);
 /// Distance of a label from the line, points.
 const GAP: f32 = 14.0;
@@ -110,15 +104,12 @@ pub(super) fn paint_ruler(
     painter: &Painter,
     points_m: &[[f64; 2]],
     (labels, total): (&[String], Option<&str>),
-    (camera, screen): (&Camera, Rect),
+    camera: &Camera,
     others: &[Rect],
     ink: Color32,
     paper: Color32,
 ) {
-    let points: Vec<Pos2> = points_m
-        .iter()
-        .map(|point_m| camera.to_screen(screen, *point_m))
-        .collect();
+    let points = camera.line(points_m);
     for pair in points.windows(2) {
         painter.line_segment([pair[0], pair[1]], Stroke::new(4.0, Color32::WHITE));
         painter.line_segment([pair[0], pair[1]], Stroke::new(2.0, LINE));
@@ -128,17 +119,14 @@ pub(super) fn paint_ruler(
     }
     let galley =
         |text: &str| painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), ink);
-    let card = |place: Rect, words: Arc<Galley>| {
-        painter.rect_filled(place, 4.0, paper);
-        painter.galley(place.shrink2(CARD).min, words, ink);
-    };
     let words: Vec<_> = labels.iter().map(|label| galley(label)).collect();
     let total = total.map(galley);
     let size = |words: &Arc<Galley>| words.size() + 2.0 * CARD;
     let sizes: Vec<_> = words.iter().map(size).collect();
     let places = places(&points, &sizes, total.as_ref().map(size), others);
     for (place, words) in places.into_iter().zip(words.into_iter().chain(total)) {
-        card(place, words);
+        painter.rect_filled(place, 4.0, paper);
+        painter.galley(place.shrink2(CARD).min, words, ink);
     }
 }
 
@@ -180,7 +168,6 @@ fn along([from, to]: [Pos2; 2], size: Vec2) -> Vec<Rect> {
     [1.0, -1.0, 2.0, -2.0, 3.0, -3.0].map(at).to_vec()
 }
 
-/// Candidate positions beside a point.
 fn beside(point: Pos2, size: Vec2) -> Vec<Rect> {
     let [right, below] = [vec2(GAP + 0.5 * size.x, 0.0), vec2(0.0, GAP + 0.5 * size.y)];
     let places = [below, -below, right, -right, 3.0 * below, -3.0 * below];
@@ -188,7 +175,6 @@ fn beside(point: Pos2, size: Vec2) -> Vec<Rect> {
     places.to_vec()
 }
 
-/// Whether a label covers a segment.
 fn lies_on(card: Rect, [from, to]: [Pos2; 2]) -> bool {
     if !card.intersects(Rect::from_two_pos(from, to)) {
         return false;
@@ -250,10 +236,10 @@ mod tests {
         let mut ruler = Ruler::default();
         ruler.add([f64::NAN, 0.0]);
         assert_eq!(ruler.points_m().len(), 0);
-        for index in 0..MAX_POINTS {
-            assert!(ruler.add([index as f64, 0.0]));
+        for index in 0..=MAX_POINTS {
+            ruler.add([index as f64, 0.0]);
         }
-        assert!(!ruler.add([0.0, 0.0]));
+        assert_eq!(ruler.points_m().len(), MAX_POINTS);
         ruler.undo_point();
         assert_eq!(ruler.points_m().len(), MAX_POINTS - 1);
     }

@@ -12,7 +12,28 @@ use super::*;
 use crate::test_support::{BOOT, announce_map, at, inject_at, pose_at_rest, push_tile};
 use protocol::keys::Topic;
 use protocol::tile::TileCells;
-use protocol::tile_store::TileStore;
+use protocol::tile_store::{LayerGrid, TileStore};
+
+/// A store with cells of 10 cm of these layers.
+pub(super) fn store_of(layers: &[LayerId]) -> TileStore {
+    let mut store = TileStore::new(BOOT, 100);
+    for layer in layers {
+        let (layer, cell_m) = (*layer, 0.1);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+    }
+    store
+}
+
+pub(super) fn publish(
+    store: &mut TileStore,
+    layer: LayerId,
+    (tx, ty): (i32, i32),
+    code: impl Fn(usize, usize) -> u16,
+) -> TileKey {
+    let key = TileKey { layer, tx, ty };
+    drop(store.publish(key, TileCells::from_fn(code)).unwrap());
+    key
+}
 
 struct Rig {
     view: MapView,
@@ -59,10 +80,8 @@ fn look(window: &mut Harness<'_, Rig>, look: Look) {
 
 /// The robot sends a tile measured at this stamp.
 fn maps(window: &mut Harness<'_, Rig>, robot: &mut TileStore, tx: i32, code: u16, stamp_ns: i64) {
-    let layer = LayerId::Obstacle;
-    let key = TileKey { layer, tx, ty: 9 };
     robot.set_stamp(stamp_ns);
-    drop(robot.publish(key, TileCells::from_fn(|_, _| code)).unwrap());
+    let key = publish(robot, LayerId::Obstacle, (tx, 9), |_, _| code);
     let model = &mut window.state_mut().model;
     push_tile(model, robot, key, at(2_400));
     window.run_steps(4);
@@ -128,10 +147,8 @@ fn newest_tile_after_the_data_starts_again() {
     maps(&mut window, &mut robot, 2, 1, 2 * second_ns);
     assert_eq!(newest(&mut window, 4, 4_500), Some((2, Some(3))));
     // It is not known immediately that the tile was measured before.
-    let (layer, tx, ty) = (LayerId::Obstacle, 3, 9);
     robot.set_stamp(70 * second_ns);
-    let key = TileKey { layer, tx, ty };
-    drop(robot.publish(key, TileCells::from_fn(|_, _| 1)).unwrap());
+    let key = publish(&mut robot, LayerId::Obstacle, (3, 9), |_, _| 1);
     push_tile(&mut window.state_mut().model, &robot, key, at(4_500));
     assert_eq!(newest(&mut window, 4, 4_600), Some((3, Some(0))));
     assert_eq!(newest(&mut window, 4, 5_501), Some((2, Some(4))));
@@ -237,10 +254,7 @@ fn wheel_zooms_about_the_pointer_and_drag_pans() {
     window.hover_at(place);
     window.run_steps(1);
     let view = &window.state().view;
-    let (held_m, before) = (
-        view.camera.to_odom(view.screen, place),
-        view.camera.points_per_m(),
-    );
+    let (held_m, before) = (view.camera.to_odom(place), view.camera.points_per_m);
     window.event(Event::MouseWheel {
         unit: eframe::egui::MouseWheelUnit::Line,
         delta: vec2(0.0, 3.0),
@@ -250,7 +264,7 @@ fn wheel_zooms_about_the_pointer_and_drag_pans() {
     });
     window.run_steps(20);
     let view = &window.state().view;
-    assert!(view.camera.points_per_m() > 1.1 * before);
+    assert!(view.camera.points_per_m > 1.1 * before);
     assert!(view.place_of(held_m).distance(place) < 0.5);
     assert_eq!(view.camera_mode(), CameraMode::Free);
 }
@@ -273,14 +287,7 @@ fn settings_are_restored_and_show_a_layer_of_any_robot() {
     assert_eq!(next.shown_layers(), [LayerId::Shore].into());
 
     // A robot that maps only costs.
-    let mut costs = protocol::tile_store::TileStore::new(BOOT, 10);
-    costs
-        .set_grid(protocol::tile_store::LayerGrid {
-            layer: LayerId::Cost,
-            cell_m: 0.1,
-        })
-        .unwrap();
-    let mut model = model_of(&costs);
+    let mut model = model_of(&store_of(&[LayerId::Cost]));
     next.forget();
     next.update(&mut model);
     assert!(next.shown_layers().contains(&LayerId::Cost));
@@ -327,7 +334,7 @@ fn the_probe_card_has_one_title_for_ages() {
             let heads: Vec<_> = heads.map(|head| head.rect()).collect();
             let ages = window.query_all_by_label_contains(" s ago");
             let ages: Vec<_> = ages.map(|age| age.rect()).collect();
-            (heads, ages, window.state().view.screen)
+            (heads, ages, window.state().view.camera.screen)
         };
         // Known cells and unknown cells of the same tiles.
         for point_m in [[3.17, 4.55], [3.17, 0.15]] {
@@ -360,7 +367,7 @@ fn the_probe_card_of_a_small_map_does_not_cover_the_point() {
         let mut cards = view.occluders.iter();
         *cards.find(|card| card.contains_rect(text)).unwrap()
     };
-    let screen = window.state().view.screen;
+    let screen = window.state().view.camera.screen;
     let mut tops = Vec::new();
     for step in 1..12_u8 {
         let place = pos2(

@@ -39,7 +39,6 @@ struct Chunk {
 pub(super) struct TileTextures {
     chunks: BTreeMap<ChunkKey, Chunk>,
     build: Option<ChunkBuilder>,
-    /// Visible chunks of the current level.
     visible: BTreeSet<ChunkKey>,
     base: BTreeSet<ChunkKey>,
 }
@@ -49,7 +48,6 @@ impl TileTextures {
         *self = Self::default();
     }
 
-    /// Marks a changed tile.
     pub(super) fn changed(&mut self, tile: (i32, i32)) {
         for level in Level::all() {
             let key = ChunkKey::of_tile(level, (i64::from(tile.0), i64::from(tile.1)));
@@ -73,7 +71,6 @@ impl TileTextures {
         }
     }
 
-    /// Number of textures, a mebibyte each.
     pub(super) fn len(&self) -> usize {
         self.chunks.len()
     }
@@ -84,7 +81,7 @@ impl TileTextures {
         &mut self,
         ctx: &Context,
         style: LayerStyle<'_>,
-        (camera, screen): (&Camera, Rect),
+        camera: &Camera,
         bounds_cells: Option<[i64; 4]>,
         allowance: usize,
         time: &mut FrameTime,
@@ -95,11 +92,11 @@ impl TileTextures {
         };
         self.base = base_chunks(bounds_cells);
         let pixels_per_cell =
-            style.cell_m * camera.points_per_m() * f64::from(ctx.pixels_per_point());
+            style.indexed.cell_m * camera.points_per_m * f64::from(ctx.pixels_per_point());
         let level = Level::for_scale(pixels_per_cell, style.coloring.has_patterns());
         let room = allowance.saturating_sub(self.base.len()).max(1);
-        self.visible = visible_chunks(level, style.cell_m, camera, screen, bounds_cells, room);
-        self.evict(style.cell_m, camera, allowance);
+        self.visible = visible_chunks(level, style.indexed.cell_m, camera, bounds_cells, room);
+        self.evict(style.indexed.cell_m, camera, allowance);
         self.upload_changes(style, time);
         self.make(ctx, style, camera, time) && self.is_current()
     }
@@ -112,24 +109,16 @@ impl TileTextures {
         })
     }
 
-    /// `opacity`: 0 … 1.
-    pub(super) fn paint(
-        &self,
-        painter: &Painter,
-        (camera, screen): (&Camera, Rect),
-        cell_m: f64,
-        opacity: f32,
-    ) {
+    pub(super) fn paint(&self, painter: &Painter, camera: &Camera, cell_m: f64, opacity: f32) {
         let tint = Color32::WHITE.gamma_multiply(opacity);
         for key in &self.visible {
-            if let Some(chunk) = self.chunks.get(key) {
-                let corners = corners(key.edges_m(cell_m), camera, screen);
-                paint_quad(painter, &chunk.texture, corners, WHOLE, tint);
-            } else {
-                for (chunk, edges_m, part) in self.fallbacks(*key, cell_m) {
-                    let corners = corners(edges_m, camera, screen);
-                    paint_quad(painter, &chunk.texture, corners, part, tint);
-                }
+            let pieces = match self.chunks.get(key) {
+                Some(chunk) => vec![(chunk, key.edges_m(cell_m), WHOLE)],
+                None => self.fallbacks(*key, cell_m),
+            };
+            for (chunk, edges_m, part) in pieces {
+                let corners = corners(edges_m, camera);
+                paint_quad(painter, &chunk.texture, corners, part, tint);
             }
         }
     }
@@ -149,12 +138,9 @@ impl TileTextures {
             let is_part = |part: &ChunkKey| {
                 part.level == level && ChunkKey::of_tile(key.level, part.first_tile()) == key
             };
-            let parts: Vec<_> = self
-                .chunks
-                .iter()
-                .filter(|(part, _)| is_part(part))
-                .map(|(part, chunk)| (chunk, part.edges_m(cell_m), WHOLE))
-                .collect();
+            let parts = self.chunks.iter().filter(|(part, _)| is_part(part));
+            let parts = parts.map(|(part, chunk)| (chunk, part.edges_m(cell_m), WHOLE));
+            let parts: Vec<_> = parts.collect();
             if !parts.is_empty() {
                 return parts;
             }
@@ -201,7 +187,7 @@ impl TileTextures {
         let lacks = |key: &&ChunkKey| self.chunks.get(key).is_none_or(|chunk| chunk.is_outdated);
         let mut lacking: Vec<_> = self.visible.iter().filter(lacks).copied().collect();
         lacking.sort_by(|a, b| {
-            let distance = |key: &ChunkKey| distance_squared(key, style.cell_m, camera);
+            let distance = |key: &ChunkKey| distance_squared(key, style.indexed.cell_m, camera);
             distance(a).total_cmp(&distance(b))
         });
         let base = self.base.iter().filter(lacks).copied();
@@ -227,9 +213,13 @@ impl TileTextures {
         true
     }
 
-    fn finish(&mut self, ctx: &Context, mut build: ChunkBuilder) {
-        let (key, changed) = (build.key, std::mem::take(&mut build.changed));
-        let image = build.into_image();
+    fn finish(&mut self, ctx: &Context, build: ChunkBuilder) {
+        let ChunkBuilder {
+            key,
+            image,
+            changed,
+            ..
+        } = build;
         let mut chunk = match self.chunks.remove(&key) {
             Some(mut chunk) => {
                 chunk.texture.set(image, OPTIONS);
@@ -287,13 +277,12 @@ impl Chunk {
 }
 
 fn distance_squared(key: &ChunkKey, cell_m: f64, camera: &Camera) -> f64 {
-    let [x_m, y_m] = camera.center_m();
+    let [x_m, y_m] = camera.center_m;
     let [low_x, low_y, high_x, high_y] = key.edges_m(cell_m);
     let (dx, dy) = (0.5 * (low_x + high_x) - x_m, 0.5 * (low_y + high_y) - y_m);
     dx * dx + dy * dy
 }
 
-/// Range of known tiles in both directions.
 fn tile_bounds([low_x, low_y, high_x, high_y]: [i64; 4]) -> [i64; 4] {
     [low_x, low_y, high_x - 1, high_y - 1].map(|cell| cell.div_euclid(TILE_CELLS))
 }
@@ -313,7 +302,6 @@ fn base_chunks(bounds_cells: [i64; 4]) -> BTreeSet<ChunkKey> {
         .collect()
 }
 
-/// Limit for invalid poses.
 const REACH: f64 = 2.0 * i32::MAX as f64;
 
 /// Visible chunks of `level`, or of the next coarser level with at most `room` chunks.
@@ -321,13 +309,12 @@ fn visible_chunks(
     level: Level,
     cell_m: f64,
     camera: &Camera,
-    screen: Rect,
     bounds_cells: [i64; 4],
     room: usize,
 ) -> BTreeSet<ChunkKey> {
     let tile_m = TILE_SIDE as f64 * cell_m;
     let seen = camera
-        .visible_m(screen)
+        .visible_m()
         .map(|edge_m| (edge_m / tile_m).floor().clamp(-REACH, REACH) as i64);
     let known = tile_bounds(bounds_cells);
     let low_tile = (seen[0].max(known[0]), seen[1].max(known[1]));
@@ -336,10 +323,10 @@ fn visible_chunks(
         return BTreeSet::new();
     }
     let is_seen = |key: &ChunkKey| {
-        let corners = corners(key.edges_m(cell_m), camera, screen);
+        let corners = corners(key.edges_m(cell_m), camera);
         let points = corners.map(|corner| [f64::from(corner.x), f64::from(corner.y)]);
         let [left, top, right, bottom] = around(&points).map(|edge| edge as f32);
-        Rect::from_min_max(pos2(left, top), pos2(right, bottom)).intersects(screen)
+        Rect::from_min_max(pos2(left, top), pos2(right, bottom)).intersects(camera.screen)
     };
     let mut level = level;
     loop {
@@ -361,10 +348,10 @@ fn visible_chunks(
     }
 }
 
-pub(super) const WHOLE: Rect = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+const WHOLE: Rect = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
 
 /// The part of the texture of `whole` that shows `part`.
-pub(super) fn part_of(whole: ChunkKey, part: ChunkKey) -> Rect {
+fn part_of(whole: ChunkKey, part: ChunkKey) -> Rect {
     let ((left, bottom), (x, y)) = (whole.first_tile(), part.first_tile());
     let side = whole.level.tiles_per_chunk() as f32;
     let part_side = part.level.tiles_per_chunk() as f32;
@@ -375,21 +362,17 @@ pub(super) fn part_of(whole: ChunkKey, part: ChunkKey) -> Rect {
     )
 }
 
-pub(super) fn corners(
-    [low_x, low_y, high_x, high_y]: [f64; 4],
-    camera: &Camera,
-    screen: Rect,
-) -> [Pos2; 4] {
+fn corners([low_x, low_y, high_x, high_y]: [f64; 4], camera: &Camera) -> [Pos2; 4] {
     [
         [low_x, high_y],
         [high_x, high_y],
         [high_x, low_y],
         [low_x, low_y],
     ]
-    .map(|corner_m| camera.to_screen(screen, corner_m))
+    .map(|corner_m| camera.to_screen(corner_m))
 }
 
-pub(super) fn paint_quad(
+fn paint_quad(
     painter: &Painter,
     texture: &TextureHandle,
     corners: [Pos2; 4],

@@ -1,12 +1,11 @@
 //! The buttons on the map.
 
-use eframe::egui::{Button, Frame, Ui};
+use eframe::egui::{Button, Ui};
 
+use super::card_frame;
 use super::view_settings::{CameraMode, Orientation, Overlay};
 use crate::command::Look;
-use crate::theme;
 
-/// Points.
 pub(super) const HEIGHT: f32 = 36.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,11 +21,7 @@ const NARROW: f32 = 460.0;
 
 pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
     let is_narrow = ui.available_width() < NARROW;
-    let bar = Frame::new()
-        .fill(theme::card(ui.visuals()))
-        .corner_radius(4.0)
-        .inner_margin(4.0);
-    let shown = bar.show(ui, |ui| {
+    let shown = card_frame(ui, 4.0).show(ui, |ui| {
         // Laid out from the right, so the last button comes first.
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
@@ -45,7 +40,6 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
     shown.inner
 }
 
-/// Label, hover text, state and request.
 type Entry = (&'static str, &'static str, bool, Look);
 
 fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {

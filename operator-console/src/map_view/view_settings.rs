@@ -6,30 +6,24 @@ use serde::{Deserialize, Serialize};
 
 use super::layer_stack::LayerStack;
 
-/// What the camera follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraMode {
-    /// Whole map.
     #[default]
     FitMap,
-    /// Vehicle in the middle.
     FollowVehicle,
     Free,
 }
 
-/// Which direction is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Orientation {
     /// y of `odom`, which is north if the robot knows it.
     #[default]
     NorthUp,
-    /// Heading of the robot.
     RobotUp,
 }
 
-/// Optional overlays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Overlay {

@@ -27,7 +27,6 @@ pub struct AgeOrder {
     stamp_ns: i64,
 }
 
-/// Ages of the tiles of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub struct Ages {
     /// The newest stamp, nanoseconds, and when it first arrived.
@@ -45,7 +44,6 @@ pub struct Ages {
 struct TileArrival {
     stamp_ns: i64,
     at: Monotonic,
-    /// Age on arrival.
     before: Option<Duration>,
     /// Time that the data's clock stood still since.
     stalled: Duration,
@@ -60,7 +58,6 @@ impl TileArrival {
 }
 
 impl Ages {
-    /// A message with the stamp of the robot's newest data arrived.
     pub(super) fn update_clock(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
         if self
             .last_update
@@ -424,12 +421,6 @@ mod tests {
         let oldest = ages.age(key(0), at(0)).unwrap();
         assert!(oldest > Duration::from_nanos(u64::MAX), "{oldest:?}");
     }
-}
-
-#[cfg(test)]
-mod clock_stall_tests {
-    use super::*;
-    use crate::test_support::at;
 
     /// The result for these arrival times and stamps, both in milliseconds.
     fn found(samples: impl IntoIterator<Item = (u64, i64)>) -> Option<ClockStall> {

@@ -11,7 +11,6 @@ use measurement::time::Monotonic;
 
 use super::incoming::RequestId;
 
-const RATE_WINDOW: Duration = Duration::from_secs(2);
 const PING_PERIOD: Duration = Duration::from_secs(1);
 const PING_TIMEOUT: Duration = Duration::from_secs(5);
 /// A robot that sends poses is silent after this time without a message. It sends 20 poses a second and more, so this
@@ -31,7 +30,6 @@ pub enum LinkState {
     Silent,
 }
 
-/// Contact with the robot before this link began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LastContact {
     pub last: Monotonic,
@@ -43,10 +41,11 @@ pub struct LastContact {
 
 #[derive(Clone, Debug, Default)]
 pub struct Connection {
-    before: Option<LastContact>,
-    last_message: Option<Monotonic>,
+    pub(super) before: Option<LastContact>,
+    /// The last valid message.
+    pub(super) last_message: Option<Monotonic>,
     /// Whether poses arrive often enough to detect silence early.
-    is_steady: bool,
+    pub(super) is_steady: bool,
     round_trip: Option<Duration>,
     pings: VecDeque<(RequestId, Monotonic)>,
     /// When the ping was sent that gave the round trip.
@@ -56,7 +55,7 @@ pub struct Connection {
     arrivals: VecDeque<(Monotonic, usize)>,
     bytes: u64,
     messages: u64,
-    is_present: Option<bool>,
+    pub(super) is_present: Option<bool>,
 }
 
 impl Connection {
@@ -79,17 +78,11 @@ impl Connection {
         }
     }
 
-    /// Time since the last message, on this link or before it.
     pub fn age(&self, now: Monotonic) -> Option<Duration> {
         let before = self.before.map(|before| before.last);
         self.last_message.or(before).map(|at| now.since(at))
     }
 
-    pub fn had_ended_before(&self) -> bool {
-        self.before.is_some_and(|before| before.had_ended)
-    }
-
-    /// When the newest message arrived on this link.
     pub const fn last_message_at(&self) -> Option<Monotonic> {
         self.last_message
     }
@@ -101,15 +94,12 @@ impl Connection {
 
     /// Payload rate over the last 2 s, kbit/s.
     pub fn kbps(&self, now: Monotonic) -> f64 {
-        let recent = self
-            .arrivals
-            .iter()
-            .filter(|(at, _)| now.since(*at) < RATE_WINDOW);
+        let recent = self.arrivals.iter();
+        let recent = recent.filter(|(at, _)| now.since(*at) < WINDOW);
         let bytes: usize = recent.map(|(_, bytes)| bytes).sum();
-        bytes as f64 * 8e-3 / RATE_WINDOW.as_secs_f64()
+        bytes as f64 * 8e-3 / WINDOW.as_secs_f64()
     }
 
-    /// Payload bytes and messages in all.
     pub const fn totals(&self) -> (u64, u64) {
         (self.bytes, self.messages)
     }
@@ -122,35 +112,12 @@ impl Connection {
     pub(super) fn add_bytes(&mut self, bytes: usize, now: Monotonic) {
         self.bytes += bytes as u64;
         self.messages += 1;
-        let slice = RATE_WINDOW / 10;
+        let slice = WINDOW / 10;
         match self.arrivals.back_mut() {
             Some((at, sum)) if now.since(*at) < slice => *sum += bytes,
             Some(_) | None => self.arrivals.push_back((now, bytes)),
         }
-        while self
-            .arrivals
-            .front()
-            .is_some_and(|(at, _)| now.since(*at) >= RATE_WINDOW)
-        {
-            self.arrivals.pop_front();
-        }
-    }
-
-    pub(super) const fn set_last_contact(&mut self, before: LastContact) {
-        self.before = Some(before);
-    }
-
-    /// A valid message arrived.
-    pub(super) fn on_message(&mut self, now: Monotonic) {
-        self.last_message = Some(now);
-    }
-
-    pub(super) const fn set_steady(&mut self, is_steady: bool) {
-        self.is_steady = is_steady;
-    }
-
-    pub(super) fn set_present(&mut self, is_present: bool) {
-        self.is_present = Some(is_present);
+        self.arrivals.retain(|(at, _)| now.since(*at) < WINDOW);
     }
 
     pub(super) fn expire_pings(&mut self, now: Monotonic) {
@@ -175,28 +142,24 @@ impl Connection {
         self.pings.push_back((request, now));
     }
 
-    /// Returns whether `request` was a ping.
     pub(super) fn on_pong(&mut self, request: RequestId, now: Monotonic) -> bool {
-        let Some(index) = self.pings.iter().position(|(asked, _)| *asked == request) else {
-            return false;
-        };
-        if let Some((_, at)) = self.pings.remove(index) {
+        let index = self.pings.iter().position(|(asked, _)| *asked == request);
+        let ping = index.and_then(|index| self.pings.remove(index));
+        if let Some((_, at)) = ping {
             self.round_trip = Some(now.since(at));
             self.answered = Some(at);
         }
-        true
+        ping.is_some()
     }
 }
 
 const WINDOW: Duration = Duration::from_secs(2);
-/// Twice the fastest rate.
 const MAX_POSES: usize = 200;
 /// Poses a second without and with a lease holder.
 const POSE_HZ: [f32; 2] = [20.0, 50.0];
 /// 10 a second. A link that loses half of the poses still carries them.
 const STEADY_POSES: usize = 20;
 const SAMPLE_PERIOD: Duration = Duration::from_millis(500);
-/// Five minutes.
 const MAX_SAMPLES: usize = 600;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -237,14 +200,13 @@ pub struct LinkQuality {
 }
 
 impl LinkQuality {
-    /// Time since the newest message of a stream.
     pub fn age(&self, stream: Stream, now: Monotonic) -> Option<Duration> {
         self.last[stream as usize].map(|at| now.since(at))
     }
 
-    /// Poses a second, over the last 2 s.
     pub fn pose_hz(&self, now: Monotonic) -> f32 {
-        self.recent(now).count() as f32 / WINDOW.as_secs_f32()
+        let recent = self.poses.iter().filter(|at| now.since(**at) < WINDOW);
+        recent.count() as f32 / WINDOW.as_secs_f32()
     }
 
     /// Whether poses arrived steadily: only then does their absence mean anything.
@@ -265,7 +227,6 @@ impl LinkQuality {
         Some(if share < 0.02 { 0.0 } else { share.min(1.0) })
     }
 
-    /// Two samples a second, oldest first.
     pub const fn samples(&self) -> &VecDeque<LinkSample> {
         &self.samples
     }
@@ -284,18 +245,13 @@ impl LinkQuality {
 
     pub(super) fn pose(&mut self, now: Monotonic) {
         self.on_message(Stream::Pose, now);
-        while self.poses.len() >= MAX_POSES
-            || self
-                .poses
-                .front()
-                .is_some_and(|at| now.since(*at) >= WINDOW)
-        {
+        self.poses.retain(|at| now.since(*at) < WINDOW);
+        if self.poses.len() >= MAX_POSES {
             self.poses.pop_front();
         }
         self.poses.push_back(now);
     }
 
-    /// Adds a sample if one is due.
     pub(super) fn sample(
         &mut self,
         round_trip: Option<Duration>,
@@ -303,11 +259,8 @@ impl LinkQuality {
         kbps: f64,
         now: Monotonic,
     ) {
-        let is_due = self
-            .samples
-            .back()
-            .is_none_or(|last| now.since(last.at) >= SAMPLE_PERIOD);
-        if !is_due {
+        let last = self.samples.back();
+        if last.is_some_and(|last| now.since(last.at) < SAMPLE_PERIOD) {
             return;
         }
         if self.samples.len() == MAX_SAMPLES {
@@ -322,14 +275,12 @@ impl LinkQuality {
             ages: Stream::ALL.map(|stream| self.age(stream, now)),
         });
     }
-
-    fn recent(&self, now: Monotonic) -> impl Iterator<Item = &Monotonic> {
-        self.poses.iter().filter(move |at| now.since(**at) < WINDOW)
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    #![expect(clippy::float_cmp, reason = "whole numbers of poses in two seconds")]
+
     use super::*;
     use crate::test_support::at;
 
@@ -353,10 +304,10 @@ mod tests {
     fn silence_and_round_trips_are_seen() {
         let mut link = Connection::default();
         assert_eq!(link.state(at(0)), LinkState::Waiting);
-        link.on_message(at(100));
+        link.last_message = Some(at(100));
         assert_eq!(link.state(at(1_600)), LinkState::Live);
         assert_eq!(link.state(at(1_601)), LinkState::Silent);
-        link.set_steady(true);
+        link.is_steady = true;
         assert_eq!(link.state(at(500)), LinkState::Live);
         assert_eq!(link.state(at(501)), LinkState::Silent);
         assert!(link.is_ping_due(at(0)));
@@ -373,17 +324,20 @@ mod tests {
 
     #[test]
     fn contact_before_the_link_counts_for_silence_and_age() {
-        let mut link = Connection::default();
-        link.set_last_contact(LastContact {
+        let before = LastContact {
             last: at(1_000),
             expected_from: at(5_000),
             had_ended: false,
-        });
+        };
+        let mut link = Connection {
+            before: Some(before),
+            ..Connection::default()
+        };
         let state_and_age = |link: &Connection, ms| (link.state(at(ms)), link.age(at(ms)).unwrap());
         let s = Duration::from_secs;
         assert_eq!(state_and_age(&link, 4_000), (LinkState::Waiting, s(3)));
         assert_eq!(state_and_age(&link, 5_000), (LinkState::Silent, s(4)));
-        link.on_message(at(9_000));
+        link.last_message = Some(at(9_000));
         assert_eq!(state_and_age(&link, 10_000), (LinkState::Live, s(1)));
         assert_eq!(state_and_age(&link, 11_000), (LinkState::Silent, s(2)));
     }
@@ -400,14 +354,6 @@ mod tests {
         assert_eq!(link.round_trip(), Some(Duration::from_millis(50)));
         assert_eq!(link.pings, []);
     }
-}
-
-#[cfg(test)]
-mod link_quality_tests {
-    #![expect(clippy::float_cmp, reason = "whole numbers of poses in two seconds")]
-
-    use super::*;
-    use crate::test_support::at;
 
     fn after(comes: impl Fn(u64) -> bool) -> LinkQuality {
         let mut quality = LinkQuality::default();

@@ -7,6 +7,7 @@ use protocol::message::{
     Digests, Event, Info, LayerHead, MAX_SENSORS, MapHead, Pong, Pose, Scan, SensorInfo,
     ShoresReply, Status, TileBand, TilesReply, TrajectoryPart, VoxelsReply,
 };
+use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};
 use serde::de::DeserializeOwned;
 
@@ -18,49 +19,41 @@ use super::{
 };
 
 impl ConsoleModel {
-    /// Handles a message or another notification of the link.
     pub fn apply(&mut self, incoming: Incoming, now: Monotonic) {
-        let result = match incoming {
-            Incoming::Sample { key, payload } => {
-                self.connection.add_bytes(payload.len(), now);
-                self.take(&key, &payload, None, now)
-            }
+        match incoming {
+            Incoming::Sample { key, payload } => self.take(&key, &payload, None, now),
             Incoming::Reply {
                 request,
                 key,
                 payload,
-            } => {
-                self.connection.add_bytes(payload.len(), now);
-                self.take(&key, &payload, Some(request), now)
-            }
+            } => self.take(&key, &payload, Some(request), now),
             Incoming::Ended { request } => {
-                let is_taken = self.shores.ended(request, now)
-                    || self.voxels.ended(request, now)
-                    || self.trajectory.ended(request, now)
-                    || self.trail.ended(request, now);
-                if !is_taken {
-                    self.map.ended(request, now);
-                }
-                Ok(())
+                self.shores.query.ended(request, now);
+                self.voxels.ended(request, now);
+                self.trajectory.query.ended(request, now);
+                self.trail.query.ended(request, now);
+                self.map.ended(request, now);
             }
             Incoming::Lost { overrun, oversized } => {
                 self.reject_counts.add(RejectReason::Overrun, overrun);
                 self.reject_counts.add(RejectReason::Oversized, oversized);
-                Ok(())
             }
             Incoming::Presence(is_present) => {
-                self.connection.set_present(is_present);
+                self.connection.is_present = Some(is_present);
                 self.changes += 1;
-                Ok(())
             }
-        };
-        if let Err(why) = result {
+        }
+    }
+
+    fn take(&mut self, key: &str, payload: &[u8], request: Option<RequestId>, now: Monotonic) {
+        self.connection.add_bytes(payload.len(), now);
+        if let Err(why) = self.try_take(key, payload, request, now) {
             tracing::debug!(why = why.name(), "rejected a message");
             self.reject_counts.add(why, 1);
         }
     }
 
-    fn take(
+    fn try_take(
         &mut self,
         key: &str,
         payload: &[u8],
@@ -76,7 +69,7 @@ impl ConsoleModel {
             Some(request) => self.take_reply(topic, payload, request, now)?,
         }
         if is_by_control(topic) {
-            self.connection.on_message(now);
+            self.connection.last_message = Some(now);
         }
         Ok(())
     }
@@ -114,7 +107,7 @@ impl ConsoleModel {
                     self.voxels.forget();
                     self.trajectory.forget();
                     self.trail = TrailSync::default();
-                    self.scans.forget();
+                    self.scans.by_sensor.clear();
                     self.robot.begin_run(header.boot);
                 }
                 if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
@@ -136,20 +129,12 @@ impl ConsoleModel {
                 let (header, scan): (_, Scan) = decode(payload)?;
                 self.of_this_boot(header)?;
                 // A late scan would stay on the map for ever.
-                if self.scans.is_wanted() {
+                if self.scans.is_wanted {
                     self.scans.take(scan, header.robot_time_ns, now)?;
                     self.sensor_updates += 1;
                 }
             }
-            Topic::Alive
-            | Topic::View
-            | Topic::Info
-            | Topic::Ping
-            | Topic::Tiles(_)
-            | Topic::Digests(_)
-            | Topic::Voxels
-            | Topic::Trajectory
-            | Topic::Operator(_) => return Err(RejectReason::Key),
+            _ => return Err(RejectReason::Key),
         }
         Ok(())
     }
@@ -170,7 +155,8 @@ impl ConsoleModel {
             robot.ended_seq = None;
         } else if robot.ended_seq.is_none() {
             robot.ended_seq = Some(header.seq);
-            self.shores.hurry();
+            // Requests the shores as soon as possible.
+            self.shores.query.backoff.not_before = Monotonic::default();
         }
         // During an emergency stop no other stop happens: the last one was before it.
         if let Some(teleop) = teleop.filter(|teleop| teleop.estop.is_some()) {
@@ -191,11 +177,9 @@ impl ConsoleModel {
 
     fn take_pose(&mut self, payload: &[u8], now: Monotonic) -> Result<(), RejectReason> {
         let (header, pose): (_, Pose) = decode(payload)?;
-        let numbers = pose
-            .position_m
-            .into_iter()
-            .chain(pose.quaternion_xyzw.map(f64::from));
-        if !numbers.into_iter().all(f64::is_finite) {
+        let quaternion = pose.quaternion_xyzw.map(f64::from);
+        let mut numbers = pose.position_m.into_iter().chain(quaternion);
+        if !numbers.all(f64::is_finite) {
             return Err(RejectReason::Malformed);
         }
         self.of_this_boot(header)?;
@@ -205,7 +189,7 @@ impl ConsoleModel {
         if before.is_none_or(|(_, at)| now.since(at) > GAP) {
             self.trail.gap();
         }
-        self.connection.set_steady(self.quality.is_steady());
+        self.connection.is_steady = self.quality.is_steady();
         self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
         Ok(())
     }
@@ -219,8 +203,9 @@ impl ConsoleModel {
     ) -> Result<(), RejectReason> {
         match topic {
             Topic::Tiles(layer) => {
-                let (header, reply): (_, TilesReply) = decode(payload)?;
-                self.map.take_reply(layer, header, &reply, request, now)?;
+                let (header, TilesReply { tx, ty, band, .. }) = decode(payload)?;
+                let key = TileKey { layer, tx, ty };
+                self.map.take_band(key, header, &band, Some(request), now)?;
                 self.changes += 1;
             }
             Topic::Digests(layer) => {
@@ -262,15 +247,7 @@ impl ConsoleModel {
                 }
                 self.changes += 1;
             }
-            Topic::Alive
-            | Topic::View
-            | Topic::Pose
-            | Topic::Status
-            | Topic::Event
-            | Topic::MapHead
-            | Topic::Tile(_)
-            | Topic::Scan
-            | Topic::Operator(_) => return Err(RejectReason::Key),
+            _ => return Err(RejectReason::Key),
         }
         Ok(())
     }
@@ -292,7 +269,7 @@ impl ConsoleModel {
     fn of_this_boot(&self, header: Header) -> Result<(), RejectReason> {
         match self.map.boot() {
             Some(boot) if boot != header.boot => Err(RejectReason::OtherBoot),
-            Some(_) | None => Ok(()),
+            _ => Ok(()),
         }
     }
 }
@@ -300,24 +277,16 @@ impl ConsoleModel {
 /// Whether messages of this topic come by the control session. Tiles may still arrive while it is lost: if one session uses
 /// QUIC and the other TLS, a network that drops UDP cuts only the first.
 const fn is_by_control(topic: Topic) -> bool {
-    match topic {
-        Topic::Info
-        | Topic::Alive
-        | Topic::Pose
-        | Topic::Status
-        | Topic::Event
-        | Topic::MapHead
-        | Topic::Ping
-        | Topic::View
-        | Topic::Operator(_) => true,
+    !matches!(
+        topic,
         Topic::Tile(_)
-        | Topic::Tiles(_)
-        | Topic::Digests(_)
-        | Topic::Shores
-        | Topic::Voxels
-        | Topic::Trajectory
-        | Topic::Scan => false,
-    }
+            | Topic::Tiles(_)
+            | Topic::Digests(_)
+            | Topic::Shores
+            | Topic::Voxels
+            | Topic::Trajectory
+            | Topic::Scan
+    )
 }
 
 fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<(Header, T), RejectReason> {

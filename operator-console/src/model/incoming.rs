@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
-/// Number of a request, by which its replies are assigned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestId(pub u64);
 
-/// From the link to the model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Incoming {
-    /// A message on a subscribed key.
-    Sample { key: String, payload: Vec<u8> },
+    Sample {
+        key: String,
+        payload: Vec<u8>,
+    },
     /// One of any number of replies to a request.
     Reply {
         request: RequestId,
@@ -18,8 +18,9 @@ pub enum Incoming {
         payload: Vec<u8>,
     },
     /// No more replies will come: the last one arrived or the request timed out.
-    Ended { request: RequestId },
-    /// Messages that the link dropped.
+    Ended {
+        request: RequestId,
+    },
     Lost {
         /// Because the console was too slow.
         overrun: u64,
@@ -49,10 +50,8 @@ impl OpenSessions {
     };
 }
 
-/// From the model to the link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outgoing {
-    /// Sends a request.
     Get {
         request: RequestId,
         key: String,
@@ -63,7 +62,6 @@ pub enum Outgoing {
     Put { key: String, payload: Vec<u8> },
 }
 
-/// Why a message was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum RejectReason {
     /// Its key is not of this protocol, or of another robot.

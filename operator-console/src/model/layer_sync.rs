@@ -23,10 +23,8 @@ const LONGEST_BACK_OFF: Duration = Duration::from_secs(2);
 const LISTS_BEFORE_DOUBT: u32 = 3;
 /// Requests for tiles in a row without a reply, before a new list is requested.
 const FAILURES_BEFORE_LIST: u32 = 3;
-/// Time between two lists of all tiles.
 const DOUBT_PAUSE: Duration = Duration::from_secs(30);
 
-/// A request about a layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Query {
     /// A list of the tiles newer than this revision.
@@ -59,15 +57,14 @@ impl Listing {
 pub(super) struct LayerSync {
     /// Every tile up to this revision is known to be held.
     confirmed: u64,
-    /// Whether the roots have been equal in this boot and epoch.
-    was_synchronized: bool,
     differs_since: Option<Monotonic>,
     last_push: Option<Monotonic>,
-    last_equal: Option<Monotonic>,
+    /// When the roots were last equal in this boot and epoch.
+    pub(super) last_equal: Option<Monotonic>,
     /// Request without waiting for pushes.
     is_urgent: bool,
     /// Missing tiles with the revision that they should have.
-    missing: BTreeMap<(i32, i32), u64>,
+    pub(super) missing: BTreeMap<(i32, i32), u64>,
     listing: Option<Listing>,
     /// Open requests for tiles, and whether any tile has arrived.
     pulls: BTreeMap<RequestId, bool>,
@@ -78,11 +75,10 @@ pub(super) struct LayerSync {
     idle_lists: u32,
 }
 
-impl LayerSync {
-    pub(super) fn new() -> Self {
+impl Default for LayerSync {
+    fn default() -> Self {
         Self {
             confirmed: 0,
-            was_synchronized: false,
             differs_since: None,
             last_push: None,
             last_equal: None,
@@ -95,11 +91,11 @@ impl LayerSync {
             idle_lists: 0,
         }
     }
+}
 
-    /// The roots are equal at this revision.
+impl LayerSync {
     pub(super) fn equal(&mut self, head_revision: u64, now: Monotonic) {
         self.confirmed = head_revision;
-        self.was_synchronized = true;
         self.differs_since = None;
         self.last_equal = Some(now);
         self.is_urgent = false;
@@ -127,11 +123,8 @@ impl LayerSync {
     }
 
     pub(super) fn held(&mut self, tile: (i32, i32), revision: u64) {
-        if self
-            .missing
-            .get(&tile)
-            .is_some_and(|wanted| revision >= *wanted)
-        {
+        let wanted = self.missing.get(&tile);
+        if wanted.is_some_and(|wanted| revision >= *wanted) {
             self.missing.remove(&tile);
             if self.missing.is_empty()
                 && self.listing.is_none()
@@ -142,7 +135,6 @@ impl LayerSync {
         }
     }
 
-    /// A tile arrived in reply to a request.
     pub(super) fn pulled(&mut self, request: RequestId) {
         if let Some(any) = self.pulls.get_mut(&request) {
             *any = true;
@@ -174,7 +166,6 @@ impl LayerSync {
         }
     }
 
-    /// No more replies to `request` will come.
     pub(super) fn ended(&mut self, request: RequestId, tiles: &[(i32, i32)], now: Monotonic) {
         if let Some(mut listing) = self.listing
             && let Some((_, asked)) = listing.page.take_if(|(page, _)| *page == request)
@@ -192,11 +183,11 @@ impl LayerSync {
         match self.pulls.remove(&request) {
             Some(true) => {
                 self.backoff.succeed();
-                self.backoff.wait_until(now);
+                self.backoff.not_before = now;
             }
             Some(false) => {
                 self.backoff.fail(now);
-                if self.backoff.failures() >= FAILURES_BEFORE_LIST {
+                if self.backoff.failures >= FAILURES_BEFORE_LIST {
                     // The robot may have removed them since the list. Only a new list can tell.
                     for tile in tiles {
                         self.missing.remove(tile);
@@ -212,14 +203,13 @@ impl LayerSync {
     fn list_is_complete(&mut self, newer_than: u64, head_revision: u64, now: Monotonic) {
         self.backoff.succeed();
         self.is_urgent = false;
+        self.differs_since = self.differs_since.map(|_| now);
         if !self.missing.is_empty() {
             self.idle_lists = 0;
             self.listed_to = Some(head_revision);
-            self.differs_since = self.differs_since.map(|_| now);
             return;
         }
         // All listed tiles are held: most likely the roots differed only because the map changes.
-        self.differs_since = self.differs_since.map(|_| now);
         self.idle_lists += 1;
         if self.idle_lists < LISTS_BEFORE_DOUBT {
             self.confirmed = head_revision;
@@ -229,7 +219,7 @@ impl LayerSync {
             self.is_urgent = true;
         } else {
             // Not even the list of all tiles explains the difference.
-            self.backoff.wait_until(now + DOUBT_PAUSE);
+            self.backoff.not_before = now + DOUBT_PAUSE;
         }
     }
 
@@ -246,11 +236,9 @@ impl LayerSync {
         if !self.backoff.is_due(now) {
             return None;
         }
-        if let Some(Listing {
-            from, page: None, ..
-        }) = self.listing
-        {
-            return Some(Query::Digests { newer_than: from });
+        if let Some(listing) = self.listing.filter(|listing| listing.page.is_none()) {
+            let newer_than = listing.from;
+            return Some(Query::Digests { newer_than });
         }
         if !self.missing.is_empty() && room > 0 {
             let tiles = self.missing.keys().copied();
@@ -267,14 +255,15 @@ impl LayerSync {
     }
 
     fn is_overdue(&self, now: Monotonic) -> bool {
-        let Some(since) = self.differs_since else {
-            return false;
+        let pushes_pause = |at| now.since(at) >= PUSH_GRACE / 2;
+        let pushes_pause = self.last_push.is_none_or(pushes_pause);
+        let grace = if pushes_pause {
+            PUSH_GRACE
+        } else {
+            PUSHES_GRACE
         };
-        let differs_for = now.since(since);
-        let pushes_pause = self
-            .last_push
-            .is_none_or(|at| now.since(at) >= PUSH_GRACE / 2);
-        differs_for >= PUSHES_GRACE || (differs_for >= PUSH_GRACE && pushes_pause)
+        let differs_long = |since| now.since(since) >= grace;
+        self.differs_since.is_some_and(differs_long)
     }
 
     pub(super) fn asked(&mut self, request: RequestId, query: &Query) {
@@ -294,17 +283,7 @@ impl LayerSync {
         }
     }
 
-    pub(super) fn missing(&self) -> usize {
-        self.missing.len()
-    }
-
-    /// When the roots were last equal in this boot and epoch.
-    pub(super) fn last_equal(&self) -> Option<Monotonic> {
-        self.last_equal.filter(|_| self.was_synchronized)
-    }
-
-    /// Whether the roots differ or are unknown.
     pub(super) const fn is_different(&self) -> bool {
-        self.differs_since.is_some() || !self.was_synchronized
+        self.differs_since.is_some() || self.last_equal.is_none()
     }
 }

@@ -5,9 +5,7 @@ use std::io;
 
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
-use protocol::message::{
-    Digests, DigestsRequest, Info, LayerHead, MapHead, TileBand, TilesReply, TilesRequest,
-};
+use protocol::message::{Digests, Info, LayerHead, MapHead, TileBand};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
@@ -22,51 +20,45 @@ use super::tile_intake::TileIntake;
 /// Above this number, ages of removed tiles are dropped.
 const MAX_AGES: usize = 200_000;
 
-/// A request about a layer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum MapQuery {
-    Digests(LayerId, DigestsRequest),
-    Tiles(LayerId, TilesRequest),
-}
+/// Open requests for tiles; with the size of a reply, at most 32 KiB are outstanding.
+const MAX_PULLS: usize = 2;
+/// Tiles in one request. Tiles that do not fit the reply are requested again.
+const TILES_PER_PULL: usize = 24;
 
-/// Synchronization state of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSyncState {
     pub layer: LayerId,
     /// Whether this layer equals the robot's last map head, cell for cell.
     pub is_equal: bool,
-    /// When it was equal last.
     pub last_equal: Option<Monotonic>,
     /// Tiles known to be missing. Without a list of tiles there may be more.
     pub missing: usize,
 }
 
-pub(super) struct PendingQuery {
-    pub(super) layer: LayerId,
+struct PendingQuery {
+    layer: LayerId,
     /// Requested tiles; empty for a request of a list.
-    pub(super) tiles: Vec<(i32, i32)>,
-    pub(super) at: Monotonic,
+    tiles: Vec<(i32, i32)>,
+    at: Monotonic,
 }
 
 pub struct MapSync {
-    pub(super) store: TileStore,
+    store: TileStore,
     intake: TileIntake,
-    /// The newest map head and when it arrived.
-    pub(super) head: Option<(MapHead, Monotonic)>,
+    head: Option<(MapHead, Monotonic)>,
     /// Whether a map head has arrived, so that the store's boot is the robot's.
     has_boot: bool,
-    pub(super) layers: BTreeMap<LayerId, LayerSync>,
-    /// Own root digests, while they are valid.
-    pub(super) roots: BTreeMap<LayerId, RootDigest>,
+    layers: BTreeMap<LayerId, LayerSync>,
+    roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
-    pub(super) ages: Ages,
+    ages: Ages,
     /// Tiles in the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
-    pub(super) asked: BTreeMap<RequestId, PendingQuery>,
+    asked: BTreeMap<RequestId, PendingQuery>,
     /// Digest of a tile with unknown cells only.
     unknown: TileDigest,
-    pub(super) wanted: BTreeSet<LayerId>,
-    pub(super) focus_m: [f64; 2],
+    wanted: BTreeSet<LayerId>,
+    focus_m: [f64; 2],
 }
 
 impl MapSync {
@@ -96,7 +88,6 @@ impl MapSync {
         &self.ages
     }
 
-    /// A message with the stamp of the robot's newest data arrived.
     pub(super) fn update_clock(&mut self, header: Header, now: Monotonic) {
         if self.has_boot && header.boot == self.store.boot() {
             self.ages
@@ -112,8 +103,8 @@ impl MapSync {
             .map(|(layer, sync)| LayerSyncState {
                 layer: *layer,
                 is_equal: !sync.is_different(),
-                last_equal: sync.last_equal(),
-                missing: sync.missing(),
+                last_equal: sync.last_equal,
+                missing: sync.missing.len(),
             })
     }
 
@@ -122,7 +113,6 @@ impl MapSync {
         self.has_boot.then(|| self.store.boot())
     }
 
-    /// Whether every wanted layer equals the robot's last map head.
     pub fn is_synchronized(&self) -> bool {
         self.head.is_some() && self.layer_states().all(|step| step.is_equal)
     }
@@ -144,13 +134,11 @@ impl MapSync {
 
     /// Whether the robot announced a layer that it has not described.
     pub(super) fn lacks_info(&self) -> bool {
-        let described = |layer| self.store.cell_m(layer).is_some();
-        self.head
-            .as_ref()
-            .is_some_and(|(head, _)| !head.layers.iter().all(|head| described(head.layer)))
+        let layers = self.head.iter().flat_map(|(head, _)| &head.layers);
+        let mut cells = layers.map(|head| self.store.cell_m(head.layer));
+        cells.any(|cell_m| cell_m.is_none())
     }
 
-    /// Whether changes of a layer are requested.
     pub fn is_wanted(&self, layer: LayerId) -> bool {
         self.wanted.contains(&layer)
     }
@@ -164,7 +152,9 @@ impl MapSync {
         for layer in &info.layers {
             let held_m = self.store.cell_m(layer.layer);
             if held_m.is_some_and(|held_m| held_m.to_bits() != layer.cell_m.to_bits()) {
-                self.empty_layer(layer.layer);
+                for key in self.forget_layer(layer.layer) {
+                    self.store.forget(key);
+                }
             }
             self.store.set_grid(LayerGrid {
                 layer: layer.layer,
@@ -184,11 +174,9 @@ impl MapSync {
     ) -> Result<bool, RejectReason> {
         let is_new = !self.has_boot || boot != self.store.boot();
         if is_new {
-            let before: Vec<_> = LayerId::ALL
-                .into_iter()
-                .flat_map(|layer| self.store.tiles(layer))
-                .map(|(key, _)| key)
-                .collect();
+            let before = LayerId::ALL.into_iter();
+            let before = before.flat_map(|layer| self.store.tiles(layer));
+            let before: Vec<_> = before.map(|(key, _)| key).collect();
             if !self.store.adopt_boot(boot) {
                 return Err(RejectReason::OtherBoot);
             }
@@ -204,10 +192,7 @@ impl MapSync {
             if layer.epoch > self.store.epoch(layer.layer) {
                 self.erase_layer(layer.layer, layer.epoch);
             }
-            let sync = self
-                .layers
-                .entry(layer.layer)
-                .or_insert_with(LayerSync::new);
+            let sync = self.layers.entry(layer.layer).or_default();
             if was_silent {
                 sync.link_was_down();
             }
@@ -247,20 +232,17 @@ impl MapSync {
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
             sync.pulled(request);
         }
-        let tile = self
-            .intake
-            .take(key, header, band)
-            .map_err(|why| reject_reason(&why))?;
-        let Some(tile) = tile else { return Ok(()) };
+        let tile = self.intake.take(key, header, band);
+        let Some(tile) = tile.map_err(|why| reject_reason(&why))? else {
+            return Ok(());
+        };
         if tile.epoch > self.store.epoch(key.layer) {
             self.erase_layer(key.layer, tile.epoch);
         }
         let stamp_ns = tile.stamp_ns;
-        let applied = self
-            .store
-            .apply(tile)
-            .map_err(|_why| RejectReason::BadTile)?;
-        let sync = self.layers.entry(key.layer).or_insert_with(LayerSync::new);
+        let applied = self.store.apply(tile);
+        let applied = applied.map_err(|_why| RejectReason::BadTile)?;
+        let sync = self.layers.entry(key.layer).or_default();
         match request {
             Some(_) => sync.held(at, revision),
             None => sync.pushed(at, revision, now),
@@ -282,93 +264,45 @@ impl MapSync {
         }
     }
 
-    pub(super) fn take_reply(
-        &mut self,
-        layer: LayerId,
-        header: Header,
-        reply: &TilesReply,
-        request: RequestId,
-        now: Monotonic,
-    ) -> Result<(), RejectReason> {
-        let key = TileKey {
-            layer,
-            tx: reply.tx,
-            ty: reply.ty,
-        };
-        self.take_band(key, header, &reply.band, Some(request), now)
-    }
-
-    /// No more replies to a request will come.
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
-        let Some(PendingQuery { layer, tiles, .. }) = self.asked.remove(&request) else {
-            return;
-        };
-        if let Some(sync) = self.layers.get_mut(&layer) {
+        if let Some(PendingQuery { layer, tiles, .. }) = self.asked.remove(&request)
+            && let Some(sync) = self.layers.get_mut(&layer)
+        {
             sync.ended(request, &tiles, now);
         }
     }
 
-    /// Begins a new epoch of a layer.
     fn erase_layer(&mut self, layer: LayerId, epoch: u32) {
-        let gone = self.store.tiles(layer).map(|(key, _)| key);
-        self.changed.extend(gone);
-        self.roots.remove(&layer);
+        self.forget_layer(layer);
         self.store.adopt_epoch(layer, epoch);
-        self.ages.forget(layer);
         self.ages.restart();
-        self.layers.insert(layer, LayerSync::new());
     }
 
-    /// Empties a layer whose cell size has changed.
-    fn empty_layer(&mut self, layer: LayerId) {
+    /// Restarts the synchronization of a layer; returns its tiles, which are void.
+    fn forget_layer(&mut self, layer: LayerId) -> Vec<TileKey> {
         let gone: Vec<_> = self.store.tiles(layer).map(|(key, _)| key).collect();
-        for key in &gone {
-            self.store.forget(*key);
-        }
-        self.changed.extend(gone);
+        self.changed.extend(&gone);
+        self.roots.remove(&layer);
         self.ages.forget(layer);
-        self.layers.insert(layer, LayerSync::new());
+        self.layers.insert(layer, LayerSync::default());
+        gone
     }
 
-    /// Forgets the requests of a link that is gone.
     fn forget_queries(&mut self) {
         self.asked.clear();
         self.listed.clear();
     }
 
-    /// Halves of tiles that were dropped.
     pub fn abandoned_halves(&self) -> u64 {
-        self.intake.abandoned()
+        self.intake.abandoned
     }
-}
 
-fn reject_reason(why: &DecodeError) -> RejectReason {
-    match why {
-        DecodeError::Version(_) => RejectReason::OtherProtocol,
-        DecodeError::Truncated(_)
-        | DecodeError::TooLong(_)
-        | DecodeError::Coding(_)
-        | DecodeError::Rows { .. }
-        | DecodeError::Zstd(_)
-        | DecodeError::Length { .. }
-        | DecodeError::Code(_)
-        | DecodeError::DuplicateRow(_)
-        | DecodeError::Incomplete(_) => RejectReason::BadTile,
-    }
-}
-
-/// Open requests for tiles; with the size of a reply, at most 32 KiB are outstanding.
-const MAX_PULLS: usize = 2;
-/// Tiles in one request. Tiles that do not fit the reply are requested again.
-const TILES_PER_PULL: usize = 24;
-
-impl MapSync {
     /// Compares root digests and returns the requests that are due.
     pub(super) fn queries(
         &mut self,
         now: Monotonic,
         mut number: impl FnMut() -> RequestId,
-    ) -> Vec<(RequestId, MapQuery)> {
+    ) -> Vec<(RequestId, LayerId, Query)> {
         let Some((head, _)) = self.head.clone() else {
             return Vec::new();
         };
@@ -379,31 +313,28 @@ impl MapSync {
             self.ended(request, now);
         }
         let mut queries = Vec::new();
-        let heads = head.layers;
-        for head in &heads {
-            if !self.wanted.contains(&head.layer) {
+        for head in &head.layers {
+            let layer = head.layer;
+            if !self.wanted.contains(&layer) {
                 continue;
             }
             self.compare(head, now);
-            while let Some(query) = self.next_query(head.layer, now) {
+            while let Some(query) = self.next_query(layer, now) {
                 let request = number();
-                if let Some(sync) = self.layers.get_mut(&head.layer) {
+                if let Some(sync) = self.layers.get_mut(&layer) {
                     sync.asked(request, &query);
                 }
-                let (tiles, query) = match query {
-                    Query::Digests { newer_than } => (
-                        Vec::new(),
-                        MapQuery::Digests(head.layer, DigestsRequest { newer_than }),
-                    ),
-                    Query::Tiles(tiles) => (
-                        tiles.clone(),
-                        MapQuery::Tiles(head.layer, TilesRequest::ByKey(tiles)),
-                    ),
+                let tiles = match &query {
+                    Query::Digests { .. } => Vec::new(),
+                    Query::Tiles(tiles) => tiles.clone(),
                 };
-                let (layer, at) = (head.layer, now);
-                self.asked
-                    .insert(request, PendingQuery { layer, tiles, at });
-                queries.push((request, query));
+                let pending = PendingQuery {
+                    layer,
+                    tiles,
+                    at: now,
+                };
+                self.asked.insert(request, pending);
+                queries.push((request, layer, query));
             }
         }
         queries
@@ -444,10 +375,7 @@ impl MapSync {
             sync.differs(now);
         }
     }
-}
 
-impl MapSync {
-    /// Takes a part of a list of tiles.
     pub(super) fn take_digests(
         &mut self,
         layer: LayerId,
@@ -467,17 +395,14 @@ impl MapSync {
         };
         let (store, unknown) = (&self.store, self.unknown);
         let lacking = digests.tiles.iter().filter_map(|tile| {
-            let key = TileKey {
-                layer,
-                tx: tile.tx,
-                ty: tile.ty,
-            };
+            let (tx, ty) = (tile.tx, tile.ty);
+            let key = TileKey { layer, tx, ty };
             let is_lacking = match store.get(key) {
                 None => tile.digest != unknown,
                 Some(held) if held.is_evicted() => tile.revision > held.revision(),
                 Some(held) => tile.revision >= held.revision() && tile.digest != held.digest(),
             };
-            is_lacking.then_some(((tile.tx, tile.ty), tile.revision))
+            is_lacking.then_some(((tx, ty), tile.revision))
         });
         let last = digests.tiles.last().map(|tile| tile.revision);
         let next = last.filter(|_| digests.more > 0);
@@ -494,25 +419,27 @@ impl MapSync {
     }
 
     /// Removes tiles that a complete list does not name: the robot does not have them.
-    pub(super) fn forget_unlisted(
+    fn forget_unlisted(
         &mut self,
         layer: LayerId,
         listed: &BTreeSet<(i32, i32)>,
         head_revision: u64,
     ) {
-        let gone: Vec<_> = self
-            .store
-            .tiles(layer)
-            .filter(|(key, held)| {
-                held.revision() <= head_revision && !listed.contains(&(key.tx, key.ty))
-            })
-            .map(|(key, _)| key)
-            .collect();
-        for key in gone {
+        let gone = self.store.tiles(layer).filter(|(key, held)| {
+            held.revision() <= head_revision && !listed.contains(&(key.tx, key.ty))
+        });
+        for key in gone.map(|(key, _)| key).collect::<Vec<_>>() {
             self.store.forget(key);
             self.roots.remove(&layer);
             self.ages.remove(key);
             self.changed.insert(key);
         }
+    }
+}
+
+fn reject_reason(why: &DecodeError) -> RejectReason {
+    match why {
+        DecodeError::Version(_) => RejectReason::OtherProtocol,
+        _ => RejectReason::BadTile,
     }
 }

@@ -71,9 +71,7 @@ pub struct ModelSettings {
     pub robot: RobotId,
     /// Random number of this run of the console.
     pub session: BootId,
-    /// Memory limit for tiles, megabytes (10⁶ bytes).
     pub tile_store_mb: u32,
-    /// Layers that the map view shows.
     pub layers: BTreeSet<LayerId>,
 }
 
@@ -108,7 +106,6 @@ pub struct ConsoleModel {
     sensor_updates: u64,
 }
 
-/// What the robot reports about itself.
 #[derive(Default)]
 struct RobotState {
     info: Option<(Info, BootId)>,
@@ -121,7 +118,6 @@ struct RobotState {
     stop_before_estop: Option<StopBeforeEStop>,
     /// Sequence number of the first message that reported the end of the data.
     ended_seq: Option<u64>,
-    /// Sequence number of the newest map head.
     head_seq: u64,
 }
 
@@ -130,7 +126,6 @@ impl RobotState {
         self.status.as_ref()?.0.teleop.as_ref()
     }
 
-    /// Another run of the robot began.
     fn begin_run(&mut self, boot: BootId) {
         self.stop_before_estop = None;
         self.monitor_history.forget();
@@ -141,7 +136,6 @@ impl RobotState {
     }
 }
 
-/// What the console asks the robot to send.
 #[derive(Default)]
 struct ViewState {
     /// Lowest and greatest x and y in `odom`, metres.
@@ -154,8 +148,6 @@ struct ViewState {
 }
 
 impl ConsoleModel {
-    /// # Errors
-    /// If zstd cannot be set up.
     pub fn new(settings: ModelSettings) -> io::Result<Self> {
         let mut map = MapSync::new(settings.tile_store_mb)?;
         map.set_wanted(settings.layers.clone(), [0.0; 2]);
@@ -211,7 +203,6 @@ impl ConsoleModel {
         self.view.is_unfinished = is_unfinished;
     }
 
-    /// The tiles that changed since the last call.
     pub fn take_changed_tiles(&mut self) -> BTreeSet<TileKey> {
         self.map.take_changed()
     }
@@ -224,9 +215,8 @@ impl ConsoleModel {
         &self.connection
     }
 
-    /// Records contact with the robot before this link began.
     pub const fn set_last_contact(&mut self, before: LastContact) {
-        self.connection.set_last_contact(before);
+        self.connection.before = Some(before);
     }
 
     pub const fn link_quality(&self) -> &LinkQuality {
@@ -249,7 +239,6 @@ impl ConsoleModel {
         self.robot.info.as_ref().map(|(info, _)| info)
     }
 
-    /// The newest status and when it arrived.
     pub const fn status(&self) -> Option<&(Status, Monotonic)> {
         self.robot.status.as_ref()
     }
@@ -286,7 +275,6 @@ impl ConsoleModel {
             .unwrap_or_default()
     }
 
-    /// Whether the robot reports that its data has ended.
     pub fn reports_ended(&self) -> bool {
         self.status().is_some_and(|(status, _)| status.has_ended)
     }
@@ -300,12 +288,15 @@ impl ConsoleModel {
     /// Whether silence is expected because the robot's data has ended. Then the link is not lost.
     pub fn is_silence_expected(&self) -> bool {
         self.status().map_or_else(
-            || self.connection.had_ended_before(),
+            || {
+                self.connection
+                    .before
+                    .is_some_and(|before| before.had_ended)
+            },
             |(status, _)| status.has_ended,
         )
     }
 
-    /// Whether the robot can be driven.
     pub fn is_vehicle(&self) -> bool {
         self.robot.teleop().is_some()
     }
@@ -328,7 +319,7 @@ impl ConsoleModel {
 
     /// Whether the vehicle still moves because its stop command is recent. A boat does not brake.
     pub fn brakes(&self, now: Monotonic) -> bool {
-        self.moves().is_some() && !self.floats() && self.robot.motion.may_brake(now)
+        self.moves().is_some() && !self.floats() && self.robot.motion.braking.may_move(now)
     }
 
     /// Why the vehicle moves although nobody drives it. `None` if it does not, or if its data is not recent.
@@ -350,12 +341,12 @@ impl ConsoleModel {
 
     /// Whether the vehicle neither moves nor turns nor drifts, within the accuracy of its poses.
     pub const fn is_still(&self) -> bool {
-        self.robot.motion.is_still()
+        self.robot.motion.standstill.is_still
     }
 
     /// Whether the vehicle is commanded to move and has not moved for seconds.
     pub fn is_stuck(&self) -> bool {
-        self.robot.motion.is_stuck()
+        self.robot.motion.stuck_detector.is_stuck()
     }
 
     /// States of the collision monitor in the 1.5 s before the newest status, oldest first. For display only.
@@ -372,7 +363,6 @@ impl ConsoleModel {
             .find_map(|report| report.barrier)
     }
 
-    /// Events of the robot and when they arrived, oldest first.
     pub const fn events(&self) -> &VecDeque<(Event, Monotonic)> {
         &self.events
     }
@@ -382,9 +372,11 @@ impl ConsoleModel {
         self.robot.stop_before_estop
     }
 
-    /// The last scan of each sensor, by the sensor's name.
     pub fn scans(&self) -> impl Iterator<Item = (&str, &LastScan)> {
-        self.scans.iter()
+        self.scans
+            .by_sensor
+            .iter()
+            .map(|(sensor, scan)| (sensor.as_str(), scan))
     }
 
     /// Requests scans or stops requesting them. They use up to a sixteenth of the tiles' share of the link.
@@ -396,17 +388,17 @@ impl ConsoleModel {
 
     /// Shores and docking sites, if the robot has sent any.
     pub const fn shores(&self) -> Option<&Shores> {
-        self.shores.shores()
+        self.shores.shores.as_ref()
     }
 
     /// Names of the docking sites, in the order of [`Self::shores`]: the best first.
     pub fn site_names(&self) -> &[SiteName] {
-        self.shores.site_names()
+        &self.shores.named
     }
 
     /// Outlines of [`Self::shores`] and what is near their docking sites. Computed once for each report.
     pub const fn shore_outlines(&self) -> &ShoreOutlines {
-        self.shores.outlines()
+        &self.shores.outlines
     }
 
     /// Removes the names of the docking sites, for [`Self::restore_site_names`] when this robot is shown again.
@@ -416,11 +408,10 @@ impl ConsoleModel {
 
     /// Uses saved names if the robot's run and its maps turn out to be the same.
     pub fn restore_site_names(&mut self, saved: SavedSiteNames) {
-        self.shores.set_saved_names(saved);
+        self.shores.saved = Some(saved);
         self.shores.restore_names(self.map.boot());
     }
 
-    /// Requests these layers for an export, shown or not.
     pub fn want_for_export(&mut self, layers: BTreeSet<LayerId>) {
         self.view.exported = layers;
         self.update_wanted_layers();
@@ -431,27 +422,24 @@ impl ConsoleModel {
         self.voxels.want();
     }
 
-    /// Frees the octree's files.
     pub fn drop_voxels(&mut self) {
         self.voxels = VoxelsSync::default();
     }
 
     pub fn voxels(&self) -> VoxelsProgress {
-        self.voxels.progress()
+        self.voxels.progress.clone()
     }
 
-    /// Fetches the complete trajectory for an export.
     pub fn want_trajectory(&mut self) {
         self.trajectory.want();
     }
 
-    /// Frees the fetched trajectory.
     pub fn drop_trajectory(&mut self) {
         self.trajectory = TrajectorySync::default();
     }
 
     pub fn trajectory(&self) -> TrajectoryProgress {
-        self.trajectory.progress()
+        self.trajectory.progress.clone()
     }
 
     /// Rises with each change that must be drawn at once.

@@ -14,7 +14,6 @@ const WINDOW: Duration = Duration::from_millis(1500);
 pub const MIN_SHOWN_MPS: f32 = 0.005;
 /// Smallest turn rate that is shown in whole degrees, rad/s.
 pub const MIN_SHOWN_RADPS: f32 = 0.0087;
-/// State of the collision monitor in one status.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MonitorReport {
     pub guard: CollisionMonitorState,
@@ -26,7 +25,7 @@ pub struct MonitorReport {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct MonitorHistory {
-    window: TimeWindow<(MonitorReport, Monotonic)>,
+    window: TimeWindow<MonitorReport>,
 }
 
 impl MonitorHistory {
@@ -39,7 +38,7 @@ impl MonitorHistory {
             requested: teleop.requested,
             barrier: teleop.barrier,
         };
-        self.window.add((report, now), WINDOW, now);
+        self.window.add(report, WINDOW, now);
     }
 
     pub(super) fn forget(&mut self) {
@@ -48,12 +47,11 @@ impl MonitorHistory {
 
     /// Reports within [`WINDOW`] of the newest, oldest first.
     pub(super) fn recent(&self) -> impl DoubleEndedIterator<Item = &MonitorReport> + Clone {
-        let newest = self.window.iter().last().map(|(_, at)| *at);
+        let entries = self.window.entries.iter();
+        let newest = entries.clone().last().map(|(_, at)| *at);
         let is_late = move |at: Monotonic| newest.is_some_and(|newest| newest.since(at) < WINDOW);
-        self.window
-            .iter()
-            .filter(move |(_, at)| is_late(*at))
-            .map(|(report, _)| report)
+        let late = entries.filter(move |(_, at)| is_late(*at));
+        late.map(|(report, _)| report)
     }
 }
 
@@ -69,7 +67,6 @@ pub fn direction_signs(asked: Velocity) -> [i8; 2] {
 /// A robot that reports more than twenty times a second gets a shorter window.
 const MAX_ENTRIES: usize = 64;
 
-/// Values of a recent period, oldest first.
 #[derive(Clone, Debug)]
 pub(super) struct TimeWindow<T> {
     entries: VecDeque<(T, Monotonic)>,
@@ -100,7 +97,6 @@ impl<T> TimeWindow<T> {
         self.entries.clear();
     }
 
-    /// Whether the values cover this time.
     pub(super) fn spans(&self, span: Duration) -> bool {
         let ends = self.entries.front().zip(self.entries.back());
         ends.is_some_and(|((_, first), (_, last))| last.since(*first) >= span)
@@ -113,12 +109,12 @@ impl<T> TimeWindow<T> {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::ConsoleModel;
     use protocol::keys::Topic;
     use protocol::message::{BarrierKind, Status};
     use protocol::tile::BootId;
 
     use super::*;
+    use crate::model::ConsoleModel;
     use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
 
     fn tells(model: &mut ConsoleModel, guard: CollisionMonitorState, ms: u64) {
@@ -194,12 +190,6 @@ mod tests {
         announce_boot(&mut model, BootId([8; 16]), at(9_200));
         assert_eq!(reports(&model), []);
     }
-}
-
-#[cfg(test)]
-mod time_window_tests {
-    use super::*;
-    use crate::test_support::at;
 
     const SPAN: Duration = Duration::from_secs(3);
 

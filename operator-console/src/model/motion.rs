@@ -27,13 +27,12 @@ pub enum UncommandedMotion {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Motion {
-    stuck_detector: StuckDetector,
-    standstill: StandstillDetector,
-    braking: Braking,
+    pub(super) stuck_detector: StuckDetector,
+    pub(super) standstill: StandstillDetector,
+    pub(super) braking: Braking,
 }
 
 impl Motion {
-    /// Takes a status; `pose` is the newest.
     pub(super) fn update(
         &mut self,
         status: &Status,
@@ -45,23 +44,11 @@ impl Motion {
         self.standstill.update(pose, now);
         self.braking.update(status, pose, info, now);
     }
-
-    pub(super) const fn is_still(&self) -> bool {
-        self.standstill.is_still
-    }
-
-    pub(super) fn is_stuck(&self) -> bool {
-        self.stuck_detector.is_stuck()
-    }
-
-    pub(super) fn may_brake(&self, now: Monotonic) -> bool {
-        self.braking.may_move(now)
-    }
 }
 
 /// Until when a vehicle may move after a stop command of its operator, the collision monitor or a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Braking {
+pub(super) struct Braking {
     is_commanded: bool,
     stops_by: Option<Monotonic>,
 }
@@ -87,7 +74,7 @@ impl Braking {
         }
     }
 
-    fn may_move(self, now: Monotonic) -> bool {
+    pub(super) fn may_move(self, now: Monotonic) -> bool {
         self.stops_by.is_some_and(|stops_by| now < stops_by)
     }
 }
@@ -114,9 +101,9 @@ const MAX_DRIFT_M: f64 = 0.15;
 /// Detects standstill by positions: the speed is along the x axis only, so it misses sideways drift, and it is noisy
 /// with GNSS.
 #[derive(Clone, Debug, Default)]
-struct StandstillDetector {
+pub(super) struct StandstillDetector {
     places_m: TimeWindow<[f64; 2]>,
-    is_still: bool,
+    pub(super) is_still: bool,
 }
 
 impl StandstillDetector {
@@ -152,7 +139,7 @@ const ACCELERATING_MPS: f32 = 0.125;
 const PATIENCE: Duration = Duration::from_secs(3);
 
 #[derive(Clone, Debug, Default)]
-struct StuckDetector {
+pub(super) struct StuckDetector {
     /// Measured speed minus the least speed of a vehicle that follows, m/s, at each status since the command.
     speed_excess: TimeWindow<f32>,
 }
@@ -176,7 +163,7 @@ impl StuckDetector {
     }
 
     /// By the last status: a lost link does not make a vehicle stuck.
-    fn is_stuck(&self) -> bool {
+    pub(super) fn is_stuck(&self) -> bool {
         self.speed_excess.spans(PATIENCE)
             && self.speed_excess.iter().sum::<f32>() < 0.0
             && !self.is_accelerating()
@@ -192,13 +179,12 @@ impl StuckDetector {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::ConsoleModel;
     use protocol::keys::Topic;
     use protocol::message::Velocity;
     use protocol::tile::BootId;
 
     use super::*;
-    use crate::model::RequestId;
+    use crate::model::{ConsoleModel, RequestId};
     use crate::test_support::{
         announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout,
     };
@@ -221,21 +207,8 @@ mod tests {
         state: TeleopState,
         [speed_mps, linear_mps]: [f32; 2],
     ) {
-        let pose = Pose {
-            speed_mps,
-            ..pose_at_rest()
-        };
-        let mut teleop = idle_teleop_status();
-        teleop.state = state;
-        teleop.applied = Velocity {
-            linear_mps,
-            angular_radps: 0.0,
-        };
-        let status = Status {
-            teleop: Some(teleop),
-            ..Status::default()
-        };
-        inject(model, Topic::Pose, &pose, at(ms));
+        inject(model, Topic::Pose, &pose(speed_mps), at(ms));
+        let status = commanded(state, linear_mps);
         inject(model, Topic::Status, &status, at(ms));
     }
 
@@ -303,12 +276,6 @@ mod tests {
         assert!(restarted.awaits_status());
         assert_eq!(restarted.uncommanded_motion(at(1_200)), None);
     }
-}
-
-#[cfg(test)]
-mod standstill_detector_tests {
-    use super::*;
-    use crate::test_support::{at, pose_at_rest};
 
     /// Whether a vehicle stands still that was at these positions, metres forward and left, at 2 Hz, with this measured
     /// speed, m/s.
@@ -356,14 +323,6 @@ mod standstill_detector_tests {
         detector.update(Some(&swings), at(1_000));
         assert!(!detector.is_still);
     }
-}
-
-#[cfg(test)]
-mod stuck_detector_tests {
-    use protocol::message::Velocity;
-
-    use super::*;
-    use crate::test_support::{at, idle_teleop_status, pose_at_rest};
 
     fn commanded(state: TeleopState, linear_mps: f32) -> Status {
         let mut teleop = idle_teleop_status();
@@ -396,24 +355,21 @@ mod stuck_detector_tests {
             })
         };
         let driving = TeleopState::Driving;
-        assert_eq!(
-            stuck_after(&commanded(driving, 1.68), -0.05),
-            Some(6),
-            "aground"
-        );
-        assert_eq!(
-            stuck_after(&commanded(driving, -1.68), 0.1),
-            Some(6),
-            "astern"
-        );
-        assert_eq!(stuck_after(&commanded(driving, 1.68), 0.2), None, "it goes");
-        assert_eq!(stuck_after(&commanded(driving, -1.68), -0.2), None);
-        assert_eq!(
-            stuck_after(&commanded(driving, 0.2), 0.0),
-            None,
-            "it creeps"
-        );
-        assert_eq!(stuck_after(&commanded(TeleopState::Held, 1.68), 0.0), None);
+        for (state, commanded_mps, speed_mps, expected) in [
+            // Aground, ahead and astern.
+            (driving, 1.68, -0.05, Some(6)),
+            (driving, -1.68, 0.1, Some(6)),
+            // It goes.
+            (driving, 1.68, 0.2, None),
+            (driving, -1.68, -0.2, None),
+            // It creeps.
+            (driving, 0.2, 0.0, None),
+            (TeleopState::Held, 1.68, 0.0, None),
+        ] {
+            let status = commanded(state, commanded_mps);
+            let after = stuck_after(&status, speed_mps);
+            assert_eq!(after, expected, "{commanded_mps} {speed_mps}");
+        }
     }
 
     #[test]
@@ -480,12 +436,9 @@ mod stuck_detector_tests {
     #[test]
     fn lost_link_is_not_stuck() {
         let mut detector = StuckDetector::default();
+        let driving = commanded(TeleopState::Driving, 1.0);
         for ms in [0, 500] {
-            detector.update(
-                &commanded(TeleopState::Driving, 1.0),
-                Some(&pose(0.0)),
-                at(ms),
-            );
+            detector.update(&driving, Some(&pose(0.0)), at(ms));
         }
         assert!(!detector.is_stuck(), "whatever the time is now");
     }

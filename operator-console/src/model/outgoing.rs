@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::keys::{self, RobotId, Topic};
-use protocol::message::View;
+use protocol::message::{DigestsRequest, TilesRequest, View};
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::ConsoleModel;
 use super::incoming::{OpenSessions, Outgoing, RequestId};
-use super::map_sync::MapQuery;
+use super::layer_sync::Query;
 
 const VIEW_PERIOD: Duration = Duration::from_millis(500);
 const INFO_PERIOD: Duration = Duration::from_millis(500);
@@ -36,37 +36,31 @@ impl ConsoleModel {
     fn control_outgoing(&mut self, now: Monotonic) -> Vec<Outgoing> {
         let mut outgoing = Vec::new();
         let robot = self.settings.robot.clone();
-        if self.is_info_wanted(now) {
-            let request = self.number();
-            self.robot.info_query.ask(request, now);
-            outgoing.push(Outgoing::Get {
-                request,
-                key: Topic::Info.key(&robot),
-                payload: Vec::new(),
-                is_bulk: false,
-            });
+        let get = |request, topic: Topic| Outgoing::Get {
+            request,
+            key: topic.key(&robot),
+            payload: Vec::new(),
+            is_bulk: false,
+        };
+        if self.is_info_wanted() {
+            let number = || next(&mut self.requests);
+            let request = self.robot.info_query.ask(INFO_PERIOD, now, number);
+            outgoing.extend(request.map(|request| get(request, Topic::Info)));
         }
-        if self
-            .view
-            .last_sent
-            .is_none_or(|at| now.since(at) >= VIEW_PERIOD)
-        {
+        let view_age = self.view.last_sent.map(|at| now.since(at));
+        if view_age.is_none_or(|age| age >= VIEW_PERIOD) {
             self.view.last_sent = Some(now);
             let payload = self.message(&self.view());
+            let session = RobotId::from_bytes(self.settings.session.0);
             outgoing.extend(payload.map(|payload| Outgoing::Put {
-                key: keys::view_of(&robot, &self.session_name()),
+                key: keys::view_of(&robot, &session),
                 payload,
             }));
         }
         if self.connection.is_ping_due(now) {
-            let request = self.number();
+            let request = next(&mut self.requests);
             self.connection.on_ping(request, now);
-            outgoing.push(Outgoing::Get {
-                request,
-                key: Topic::Ping.key(&robot),
-                payload: Vec::new(),
-                is_bulk: false,
-            });
+            outgoing.push(get(request, Topic::Ping));
         }
         outgoing
     }
@@ -74,25 +68,25 @@ impl ConsoleModel {
     fn bulk_queries(&mut self, now: Monotonic) -> Vec<Outgoing> {
         let mut outgoing = Vec::new();
         let queries = self.map.queries(now, || next(&mut self.requests));
-        for (request, query) in queries {
+        for (request, layer, query) in queries {
             outgoing.extend(match query {
-                MapQuery::Digests(layer, body) => {
+                Query::Digests { newer_than } => {
+                    let body = DigestsRequest { newer_than };
                     self.bulk_query(Topic::Digests(layer), request, &body)
                 }
-                MapQuery::Tiles(layer, body) => {
+                Query::Tiles(tiles) => {
+                    let body = TilesRequest::ByKey(tiles);
                     self.bulk_query(Topic::Tiles(layer), request, &body)
                 }
             });
         }
         // Before the first map head the run that they belong to is unknown.
         if self.map.boot().is_some() {
-            let shores = self
-                .has_shores()
-                .then(|| self.shores.query(now, || next(&mut self.requests)))
-                .flatten();
-            outgoing.extend(
-                shores.and_then(|(request, body)| self.bulk_query(Topic::Shores, request, &body)),
-            );
+            if self.has_shores()
+                && let Some((request, body)) = self.shores.query(now, || next(&mut self.requests))
+            {
+                outgoing.extend(self.bulk_query(Topic::Shores, request, &body));
+            }
             while let Some((request, body)) = self.voxels.query(now, || next(&mut self.requests)) {
                 outgoing.extend(self.bulk_query(Topic::Voxels, request, &body));
             }
@@ -105,44 +99,27 @@ impl ConsoleModel {
         outgoing
     }
 
-    fn is_info_wanted(&self, now: Monotonic) -> bool {
-        let is_lacking = self.robot.info.is_none() || self.map.lacks_info() || self.is_info_old();
-        is_lacking && self.robot.info_query.is_due_after(INFO_PERIOD, now)
-    }
-
-    fn is_info_old(&self) -> bool {
-        let known = self.info().map(|info| info.revision);
-        let newest = self.status().map(|(status, _)| status.info_revision);
-        known
-            .zip(newest)
-            .is_some_and(|(known, newest)| known < newest)
+    fn is_info_wanted(&self) -> bool {
+        let newest = self.status().map_or(0, |(status, _)| status.info_revision);
+        let is_current = self.info().is_some_and(|info| info.revision >= newest);
+        !is_current || self.map.lacks_info()
     }
 
     fn view(&self) -> View {
-        let wanted_layers = self.wanted_layers();
-        let layers = wanted_layers
-            .iter()
-            .map(|layer| 1u32 << *layer as u32)
-            .sum();
+        let wanted_layers = self.wanted_layers().into_iter();
         let store = self.map.store();
-        let revision = store
-            .grids()
-            .map(|grid| store.head_revision(grid.layer))
-            .max();
+        let revisions = store.grids().map(|grid| store.head_revision(grid.layer));
+        let revision = revisions.max();
         View {
             rectangle_m: self.view.rectangle_m,
-            layers,
+            layers: wanted_layers.map(|layer| 1u32 << layer as u32).sum(),
             revision: revision.unwrap_or(0),
             is_synchronized: self.matches_last_head()
                 && !self.view.is_unfinished
                 && !self.voxels.is_wanted()
                 && !self.trajectory.is_wanted(),
-            wants_scan: self.scans.is_wanted(),
+            wants_scan: self.scans.is_wanted,
         }
-    }
-
-    fn session_name(&self) -> RobotId {
-        RobotId::from_bytes(self.settings.session.0)
     }
 
     fn bulk_query<T: Serialize>(
@@ -157,10 +134,6 @@ impl ConsoleModel {
             payload: self.message(body)?,
             is_bulk: true,
         })
-    }
-
-    fn number(&mut self) -> RequestId {
-        next(&mut self.requests)
     }
 
     fn message<T: Serialize>(&mut self, body: &T) -> Option<Vec<u8>> {

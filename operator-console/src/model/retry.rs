@@ -14,8 +14,8 @@ pub(super) const ANSWER_TIMEOUT: Duration = Duration::from_secs(12);
 pub(super) struct Backoff {
     first: Duration,
     longest: Duration,
-    failures: u32,
-    not_before: Monotonic,
+    pub(super) failures: u32,
+    pub(super) not_before: Monotonic,
 }
 
 impl Default for Backoff {
@@ -38,10 +38,6 @@ impl Backoff {
         now >= self.not_before
     }
 
-    pub(super) const fn failures(&self) -> u32 {
-        self.failures
-    }
-
     pub(super) const fn succeed(&mut self) {
         self.failures = 0;
     }
@@ -50,10 +46,6 @@ impl Backoff {
         let delay = self.first * 2u32.pow(self.failures.min(8));
         self.failures = self.failures.saturating_add(1);
         self.not_before = now + delay.min(self.longest);
-    }
-
-    pub(super) const fn wait_until(&mut self, at: Monotonic) {
-        self.not_before = at;
     }
 }
 
@@ -64,23 +56,24 @@ pub(super) struct RetryTimer {
 }
 
 impl RetryTimer {
-    pub(super) fn is_due(&self, now: Monotonic) -> bool {
-        self.is_due_after(ANSWER_TIMEOUT, now)
-    }
-
-    /// The same with another timeout.
-    pub(super) fn is_due_after(&self, timeout: Duration, now: Monotonic) -> bool {
+    /// Sends a request if one is due; the answer to the last one is awaited for `timeout`.
+    pub(super) fn ask(
+        &mut self,
+        timeout: Duration,
+        now: Monotonic,
+        number: impl FnOnce() -> RequestId,
+    ) -> Option<RequestId> {
         let is_waiting = self
             .asked
             .is_some_and(|(_, asked_at)| now.since(asked_at) < timeout);
-        !is_waiting && self.backoff.is_due(now)
-    }
-
-    pub(super) const fn ask(&mut self, request: RequestId, now: Monotonic) {
+        if is_waiting || !self.backoff.is_due(now) {
+            return None;
+        }
+        let request = number();
         self.asked = Some((request, now));
+        Some(request)
     }
 
-    /// Takes an answer; returns whether it answers the last request.
     pub(super) fn is_answered(&mut self, request: RequestId) -> bool {
         self.asked.take_if(|(asked, _)| *asked == request).is_some()
     }

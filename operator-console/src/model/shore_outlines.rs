@@ -16,7 +16,6 @@ pub struct ShoreOutlines {
     neighbours: Vec<Option<Neighbour>>,
 }
 
-/// Outline of a shore.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
     /// Counter-clockwise; the centre alone if the report has no outline.
@@ -50,7 +49,6 @@ impl ShoreOutlines {
         }
     }
 
-    /// In the order of the shores.
     pub fn outlines(&self) -> &[Outline] {
         &self.outlines
     }
@@ -119,13 +117,11 @@ fn nearest(shores: &[ShoreCluster], outlines: &[Outline], place_m: Point) -> Opt
     nearest
 }
 
-/// Whether a point is on the left of the line through an edge.
 fn is_left_of([from_m, to_m]: [Point; 2], place_m: Point) -> bool {
     let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
     along_x * y - along_y * x >= 0.0
 }
 
-/// Distance to the nearest point of an edge, metres.
 fn to_edge_m([from_m, to_m]: [Point; 2], place_m: Point) -> f64 {
     let ([along_x, along_y], [x, y]) = (way(from_m, to_m), way(from_m, place_m));
     let length_squared = along_x * along_x + along_y * along_y;

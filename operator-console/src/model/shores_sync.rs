@@ -24,18 +24,19 @@ const PATIENCE: Duration = Duration::from_secs(4);
 #[derive(Clone, Debug, Default)]
 pub(super) struct ShoresSync {
     revision: u64,
-    shores: Option<Shores>,
+    pub(super) shores: Option<Shores>,
     /// Derived from `shores` when they arrive.
-    outlines: ShoreOutlines,
+    pub(super) outlines: ShoreOutlines,
     names: SiteNames,
     /// Names of the docking sites of `shores`, in their order.
-    named: Vec<SiteName>,
+    pub(super) named: Vec<SiteName>,
     /// Epoch of the maps that the shores belong to.
     epoch: Option<u32>,
     /// Sequence number of the newest message about shores.
     last_seq: Option<u64>,
-    saved: Option<SavedSiteNames>,
-    query: RetryTimer,
+    /// Used if they turn out to belong to the maps of this run.
+    pub(super) saved: Option<SavedSiteNames>,
+    pub(super) query: RetryTimer,
 }
 
 /// Names of the docking sites of one run and map epoch of a robot that is not shown.
@@ -47,25 +48,12 @@ pub struct SavedSiteNames {
 }
 
 impl ShoresSync {
-    pub(super) const fn shores(&self) -> Option<&Shores> {
-        self.shores.as_ref()
-    }
-
-    pub(super) const fn outlines(&self) -> &ShoreOutlines {
-        &self.outlines
-    }
-
-    pub(super) fn site_names(&self) -> &[SiteName] {
-        &self.named
-    }
-
     /// Whether the shores are known; if the robot's data ended with message `ended_seq`, from after it.
     pub(super) fn is_current(&self, ended_seq: Option<u64>) -> bool {
         self.last_seq
             .is_some_and(|seq| ended_seq.is_none_or(|ended_seq| seq > ended_seq))
     }
 
-    /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
         self.restart(0, None);
     }
@@ -103,10 +91,6 @@ impl ShoresSync {
         }
     }
 
-    pub(super) fn set_saved_names(&mut self, saved: SavedSiteNames) {
-        self.saved = Some(saved);
-    }
-
     /// Uses the saved names if they belong to the maps of this run and no site is named yet.
     pub(super) fn restore_names(&mut self, boot: Option<BootId>) {
         let epoch = self.epoch.filter(|_| self.shores.is_none());
@@ -118,21 +102,12 @@ impl ShoresSync {
         }
     }
 
-    /// Requests as soon as possible.
-    pub(super) fn hurry(&mut self) {
-        self.query.backoff.wait_until(Monotonic::default());
-    }
-
     pub(super) fn query(
         &mut self,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, ShoresRequest)> {
-        if !self.query.is_due_after(PATIENCE, now) {
-            return None;
-        }
-        let request = number();
-        self.query.ask(request, now);
+        let request = self.query.ask(PATIENCE, now, number)?;
         let newer_than = self.revision;
         Some((request, ShoresRequest { newer_than }))
     }
@@ -151,7 +126,7 @@ impl ShoresSync {
         }
         if request.is_some_and(|request| self.query.is_answered(request)) {
             self.query.backoff.succeed();
-            self.query.backoff.wait_until(now + PERIOD);
+            self.query.backoff.not_before = now + PERIOD;
         }
         if revision < self.revision {
             return Err(RejectReason::OldRevision);
@@ -170,10 +145,6 @@ impl ShoresSync {
             self.shores = shores;
         }
         Ok(is_newer)
-    }
-
-    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.query.ended(request, now)
     }
 }
 
@@ -222,7 +193,7 @@ mod tests {
             sync.take(news(4, 0.3), 9, Some(RequestId(1)), at(1_100)),
             Ok(true)
         );
-        assert!(!sync.ended(RequestId(1), at(1_100)));
+        assert!(!sync.query.ended(RequestId(1), at(1_100)));
         assert!(sync.is_current(None) && sync.is_current(Some(8)) && !sync.is_current(Some(9)));
         assert_eq!(next(&mut sync, 1_200, 2), (3_100, 4));
         assert_eq!(
@@ -230,7 +201,7 @@ mod tests {
             Ok(false)
         );
         assert!(sync.is_current(Some(11)));
-        assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.3));
+        assert_eq!(sync.shores.as_ref().map(|shores| shores.cell_m), Some(0.3));
         // A push changes the revision of the next request, not its time.
         assert_eq!(sync.take(news(5, 0.4), 13, None, at(3_300)), Ok(true));
         assert_eq!(next(&mut sync, 3_400, 3), (5_200, 5));
@@ -252,7 +223,7 @@ mod tests {
         // A reply to a request from before a push was lost: newer shores exist.
         assert_eq!(sync.take(nothing(6), 4, None, at(0)), Ok(false));
         assert!(!sync.is_current(Some(1)));
-        assert_eq!(sync.shores().map(|shores| shores.cell_m), Some(0.4));
+        assert_eq!(sync.shores.as_ref().map(|shores| shores.cell_m), Some(0.4));
     }
 
     /// Docking sites at these x coordinates, metres.
@@ -273,20 +244,20 @@ mod tests {
     #[test]
     fn site_names_follow_places_not_ranks() {
         let mut sync = ShoresSync::default();
-        assert_eq!(sync.site_names(), []);
+        assert_eq!(sync.named, []);
         assert_eq!(sync.take(sites(1, &[0.0, 9.0]), 1, None, at(0)), Ok(true));
-        let first = sync.site_names().to_vec();
+        let first = sync.named.clone();
         assert_eq!(sync.take(sites(2, &[9.3, 0.3]), 2, None, at(0)), Ok(true));
-        assert_eq!(sync.site_names(), [first[1], first[0]]);
+        assert_eq!(sync.named, [first[1], first[0]]);
         assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
         let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
         assert_eq!(old, Err(RejectReason::OldRevision));
-        assert_eq!(sync.site_names(), [first[1], first[0]]);
+        assert_eq!(sync.named, [first[1], first[0]]);
         sync.forget();
-        assert_eq!(sync.site_names(), []);
+        assert_eq!(sync.named, []);
         assert_eq!(sync.take(sites(1, &[9.0]), 5, None, at(0)), Ok(true));
-        assert_eq!(sync.site_names()[0].to_string(), "A");
-        assert!(!first.contains(&sync.site_names()[0]), "of another run");
+        assert_eq!(sync.named[0].to_string(), "A");
+        assert!(!first.contains(&sync.named[0]), "of another run");
     }
 
     #[test]
@@ -307,13 +278,13 @@ mod tests {
         }
         /// Address of the outlines, and the distance of the bush, metres.
         fn known(sync: &ShoresSync) -> (*const Outline, f64) {
-            let known = sync.outlines();
+            let known = &sync.outlines;
             assert_eq!(known.outlines().len(), 1);
             let neighbour = known.neighbours()[0].unwrap();
             (known.outlines().as_ptr(), neighbour.away_m)
         }
         let mut sync = ShoresSync::default();
-        assert_eq!(sync.outlines(), &ShoreOutlines::default());
+        assert_eq!(sync.outlines, ShoreOutlines::default());
         assert_eq!(sync.take(report(1, 4.0), 1, None, at(0)), Ok(true));
         let first = known(&sync);
         assert_eq!((first.1, known(&sync)), (4.0, first));
@@ -328,7 +299,7 @@ mod tests {
         assert_eq!(old, Err(RejectReason::OldRevision));
         assert_eq!(known(&sync), second);
         sync.forget();
-        assert_eq!(sync.outlines(), &ShoreOutlines::default());
+        assert_eq!(sync.outlines, ShoreOutlines::default());
     }
 
     #[test]
@@ -341,11 +312,11 @@ mod tests {
             sync.take(sites(7, &[0.0, 9.0]), 1, request, at(0)),
             Ok(true)
         );
-        let first = sync.site_names().to_vec();
+        let first = sync.named.clone();
         assert!(!sync.of_epoch(3) && !sync.of_epoch(2));
-        assert_eq!(sync.site_names(), first);
+        assert_eq!(sync.named, first);
         assert!(sync.of_epoch(4));
-        assert_eq!((sync.shores(), sync.site_names()), (None, &[][..]));
+        assert_eq!((sync.shores.as_ref(), sync.named.len()), (None, 0));
         assert!(!sync.is_current(None));
         // The present list may have come before the map head: it is taken once more, but no older one.
         assert_eq!(next(&mut sync, 100, 2), (100, 6));
@@ -357,9 +328,9 @@ mod tests {
             Ok(true)
         );
         assert!(sync.is_current(None) && !sync.of_epoch(4));
-        let anew: Vec<_> = sync.site_names().iter().map(SiteName::to_string).collect();
+        let anew: Vec<_> = sync.named.iter().map(SiteName::to_string).collect();
         assert_eq!(anew, ["A", "B"]);
-        assert!(first.iter().all(|name| !sync.site_names().contains(name)));
+        assert!(first.iter().all(|name| !sync.named.contains(name)));
     }
 
     #[test]
@@ -371,10 +342,10 @@ mod tests {
             let (asked, _) = next(&mut sync, ms, request);
             waits.push(asked - ms);
             ms = asked;
-            assert!(sync.ended(RequestId(request), at(ms)));
+            assert!(sync.query.ended(RequestId(request), at(ms)));
         }
         assert_eq!(waits, [0, 500, 1_000, 2_000, 4_000, 8_000, 8_000]);
-        sync.hurry();
+        sync.query.backoff.not_before = Monotonic::default();
         assert_eq!(next(&mut sync, ms, 9).0, ms);
         // A link failure loses request and end.
         assert_eq!(next(&mut sync, ms, 10).0, ms + 4_000);

@@ -1,22 +1,18 @@
 //! Letters for docking sites that stay with their places.
 //!
-//! The robot lists docking sites by rank, and ranks change while it maps. An operator means a place, so each site gets
-//! a letter (A, B … Z, AA, AB …, without I and O) when it first appears, and a site at a known place keeps the letter
-//! of that place.
+//! Ranks of docking sites change while the robot maps, and an operator means a place. So a site gets a letter when it
+//! first appears, and a site at a known place keeps the letter of that place.
 //!
-//! **The rule.** A site and a place can match if their centres are no farther apart than half of the greater width.
-//! Sites do not touch, so the centres of two adjacent sites are at least half of both widths apart: a neighbour never
-//! matches. A site that has grown or shrunk by any share still has its centre there. If more than one can match, the
-//! two that are nearest to *each other* match: with the nearest for each site, the better of two sites would take its
-//! neighbour's letter. Distance is how far the ends have moved: the distance of the centres plus half of the change in
-//! width. By centres alone, a bank that grows until its centre is where a small site was would take that site's letter.
-//! Headings are ignored: they change while a bank is mapped.
+//! **The rule.** A site and a place can match if their centres are no farther apart than half of the greater width:
+//! sites do not touch, so a neighbour never matches. If more than one can match, the two that are nearest to *each
+//! other* match. Distance is how far the ends have moved: by centres alone, a bank that grows until its centre is where
+//! a small site was would take that site's letter. Headings are ignored: they change while a bank is mapped.
 //!
-//! If two sites merge, one place is then inside another. It is a site of its own again if both are listed, but not if
-//! one is cut off by the edge of the robot's window: places of the last list take precedence.
+//! If two sites merge, one place is inside another. It is a site of its own again if both are listed, but not if one is
+//! cut off by the edge of the robot's window: places of the last list take precedence.
 //!
-//! A place is remembered with its last and its widest extent. The robot lists only what is in its window, and a bank
-//! enters it with one end first, perhaps not the one that was seen last.
+//! A place is remembered with its last and its widest extent: a bank may enter the robot's window with another end than
+//! the one that left it last.
 
 use std::cmp::Reverse;
 use std::fmt;
@@ -36,19 +32,6 @@ pub struct SiteName {
     beginning: u32,
     /// From 0, in order of appearance.
     index: u64,
-}
-
-impl SiteName {
-    /// Number of letters.
-    pub const fn letters(self) -> u32 {
-        let mut letters = 1;
-        let mut rest = self.index / LETTERS.len() as u64;
-        while rest > 0 {
-            letters += 1;
-            rest = (rest - 1) / LETTERS.len() as u64;
-        }
-        letters
-    }
 }
 
 impl fmt::Display for SiteName {
@@ -71,38 +54,34 @@ pub struct SiteNames {
     beginning: u32,
     /// Names given since the restart.
     named: u64,
-    /// Number of lists.
     lists: u64,
 }
 
 impl SiteNames {
-    /// Names of the sites of a new list, in its order.
     pub fn name(&mut self, sites: &[DockingSite]) -> Vec<SiteName> {
         self.lists += 1;
         let known = self.known(sites);
-        let names: Vec<_> = sites
-            .iter()
-            .zip(known)
-            .map(|(site, known)| {
-                let seen = Extent::of(site);
-                if let Some(place) = known.and_then(|at| self.places.get_mut(at)) {
-                    place.see(seen, self.lists);
-                    return place.name;
-                }
-                let name = SiteName {
-                    beginning: self.beginning,
-                    index: self.named,
-                };
-                self.named += 1;
-                self.places.push(Place {
-                    name,
-                    last: seen,
-                    widest: seen,
-                    seen_in: self.lists,
-                });
-                name
-            })
-            .collect();
+        let mut names = Vec::with_capacity(sites.len());
+        for (site, known) in sites.iter().zip(known) {
+            let seen = Extent::of(site);
+            if let Some(place) = known.and_then(|at| self.places.get_mut(at)) {
+                place.see(seen, self.lists);
+                names.push(place.name);
+                continue;
+            }
+            let name = SiteName {
+                beginning: self.beginning,
+                index: self.named,
+            };
+            self.named += 1;
+            self.places.push(Place {
+                name,
+                last: seen,
+                widest: seen,
+                seen_in: self.lists,
+            });
+            names.push(name);
+        }
         if self.places.len() > MAX_PLACES {
             self.places.sort_by_key(|place| Reverse(place.seen_in));
             self.places.truncate(MAX_PLACES);
@@ -118,7 +97,6 @@ impl SiteNames {
         };
     }
 
-    /// The place of each site.
     fn known(&self, sites: &[DockingSite]) -> Vec<Option<usize>> {
         let mut pairs = Vec::new();
         for (rank, site) in sites.iter().enumerate() {
@@ -159,7 +137,6 @@ struct Place {
     name: SiteName,
     last: Extent,
     widest: Extent,
-    /// Number of the last list with this place.
     seen_in: u64,
 }
 
@@ -179,7 +156,6 @@ impl Place {
     }
 }
 
-/// Extent of a site, metres in `odom`.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     center_m: [f64; 2],
@@ -225,19 +201,31 @@ mod tests {
         letters.join(" ")
     }
 
+    /// The letters of these lists of sites, one after the other.
+    fn check(lists: &[(&[DockingSite], &str)]) {
+        let mut names = SiteNames::default();
+        for (step, (sites, letters)) in lists.iter().enumerate() {
+            assert_eq!(next(&mut names, sites), *letters, "list {step}");
+        }
+    }
+
     #[test]
     fn letters_survive_changes_of_rank() {
         let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
-        let mut names = SiteNames::default();
-        let first = names.name(&[ramp, bank]);
-        let swapped = names.name(&[bank, ramp]);
-        assert_eq!(
-            first.iter().map(SiteName::to_string).collect::<String>(),
-            "AB"
-        );
-        assert_eq!(swapped, [first[1], first[0]]);
         let between = site(0.0, 5.0, 4.0);
-        assert_eq!(next(&mut names, &[between, bank, ramp]), "C B A");
+        check(&[
+            (&[ramp, bank], "A B"),
+            (&[bank, ramp], "B A"),
+            (&[between, bank, ramp], "C B A"),
+        ]);
+        // A site that returns has its old letter, and no letter is reused.
+        check(&[
+            (&[ramp, bank], "A B"),
+            (&[bank], "B"),
+            (&[], ""),
+            (&[site(0.0, 30.0, 4.0)], "C"),
+            (&[site(10.5, 1.0, 3.0), bank], "A B"),
+        ]);
     }
 
     #[test]
@@ -253,97 +241,79 @@ mod tests {
 
     #[test]
     fn letter_survives_fast_growth() {
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[site(0.0, 0.0, 2.0)]), "A");
-        // From 1 m before the old middle to 59 m behind it.
-        assert_eq!(next(&mut names, &[site(29.0, 0.0, 60.0)]), "A");
-        assert_eq!(next(&mut names, &[site(57.0, 0.0, 4.0)]), "A");
+        check(&[
+            (&[site(0.0, 0.0, 2.0)], "A"),
+            // From 1 m before the old middle to 59 m behind it.
+            (&[site(29.0, 0.0, 60.0)], "A"),
+            (&[site(57.0, 0.0, 4.0)], "A"),
+        ]);
         // Half of the greater width, and no more.
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[site(0.0, 0.0, 4.0)]), "A");
-        assert_eq!(next(&mut names, &[site(2.0, 0.0, 3.0)]), "A");
-        assert_eq!(next(&mut names, &[site(4.01, 0.0, 3.0)]), "B");
-    }
-
-    #[test]
-    fn letter_survives_growth_over_other_places() {
-        // As in the simulated lake, within four seconds.
-        let mut names = SiteNames::default();
+        check(&[
+            (&[site(0.0, 0.0, 4.0)], "A"),
+            (&[site(2.0, 0.0, 3.0)], "A"),
+            (&[site(4.01, 0.0, 3.0)], "B"),
+        ]);
+        // As in the simulated lake, within four seconds, over another place.
         let (bank, piece) = (site(41.4, -25.6, 26.7), site(62.7, -26.5, 3.4));
-        assert_eq!(next(&mut names, &[bank, piece]), "A B");
-        assert_eq!(next(&mut names, &[site(49.5, -25.8, 43.8)]), "A");
-        assert_eq!(next(&mut names, &[site(63.0, -26.3, 70.0)]), "A");
-        // After they part, each has its letter again.
-        assert_eq!(next(&mut names, &[piece, bank]), "B A");
+        check(&[
+            (&[bank, piece], "A B"),
+            (&[site(49.5, -25.8, 43.8)], "A"),
+            (&[site(63.0, -26.3, 70.0)], "A"),
+            // After they part, each has its letter again.
+            (&[piece, bank], "B A"),
+        ]);
     }
 
     #[test]
     fn near_sites_do_not_swap_letters() {
-        let mut names = SiteNames::default();
-        let two = [site(0.0, 0.0, 4.0), site(2.9, 0.0, 4.0)];
-        assert_eq!(next(&mut names, &two), "A B");
-        // Both move, so that the first is nearer to the second's old place than to its own.
-        let moved = [site(1.6, 0.0, 4.0), site(3.1, 0.0, 4.0)];
-        assert_eq!(next(&mut names, &moved), "A B");
-        let mut names = SiteNames::default();
-        let (left, middle, right) = (
-            site(-5.0, 0.0, 5.0),
-            site(0.0, 0.0, 5.0),
-            site(5.0, 0.0, 5.0),
-        );
-        assert_eq!(next(&mut names, &[left, middle]), "A B");
-        assert_eq!(next(&mut names, &[right, middle]), "C B");
-        assert_eq!(next(&mut names, &[middle, left, right]), "B A C");
-    }
-
-    #[test]
-    fn returning_site_has_its_old_letter() {
-        let (ramp, bank) = (site(10.0, 0.0, 4.0), site(-10.0, 0.0, 4.0));
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[ramp, bank]), "A B");
-        assert_eq!(next(&mut names, &[bank]), "B");
-        assert_eq!(next(&mut names, &[]), "");
-        // Its letter is not reused.
-        assert_eq!(next(&mut names, &[site(0.0, 30.0, 4.0)]), "C");
-        assert_eq!(next(&mut names, &[site(10.5, 1.0, 3.0), bank]), "A B");
+        check(&[
+            (&[site(0.0, 0.0, 4.0), site(2.9, 0.0, 4.0)], "A B"),
+            // Both move, so that the first is nearer to the second's old place than to its own.
+            (&[site(1.6, 0.0, 4.0), site(3.1, 0.0, 4.0)], "A B"),
+        ]);
+        let [left, middle, right] = [-5.0, 0.0, 5.0].map(|x_m| site(x_m, 0.0, 5.0));
+        check(&[
+            (&[left, middle], "A B"),
+            (&[right, middle], "C B"),
+            (&[middle, left, right], "B A C"),
+        ]);
     }
 
     #[test]
     fn a_long_bank_is_known_again_by_either_end() {
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[site(0.0, 0.0, 20.0)]), "A");
-        // The end that leaves the window last is not the one that enters it first.
-        assert_eq!(next(&mut names, &[site(9.0, 0.0, 2.0)]), "A");
-        assert_eq!(next(&mut names, &[]), "");
-        assert_eq!(next(&mut names, &[site(-9.0, 0.0, 2.0)]), "A");
+        check(&[
+            (&[site(0.0, 0.0, 20.0)], "A"),
+            // The end that leaves the window last is not the one that enters it first.
+            (&[site(9.0, 0.0, 2.0)], "A"),
+            (&[], ""),
+            (&[site(-9.0, 0.0, 2.0)], "A"),
+        ]);
     }
 
     #[test]
-    fn letters_survive_a_short_merge() {
+    fn letters_survive_a_merge() {
         let (left, right) = (site(-4.0, 0.0, 6.0), site(4.0, 0.0, 6.0));
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[left, right]), "A B");
-        let both = next(&mut names, &[site(0.5, 0.0, 15.0)]);
-        assert_eq!(both, "B");
-        assert_eq!(next(&mut names, &[left, right]), "A B");
-    }
-
-    #[test]
-    fn part_of_a_merged_bank_keeps_its_letter() {
-        let (left, right) = (site(-4.0, 0.0, 6.0), site(4.0, 0.0, 6.0));
-        let both = [site(0.5, 0.0, 15.0)];
-        let mut names = SiteNames::default();
-        assert_eq!(next(&mut names, &[left, right]), "A B");
-        // Its left half alone lies where A was.
-        for part in [&left, &right, &left] {
-            assert_eq!(next(&mut names, &both), "B");
-            assert_eq!(next(&mut names, std::slice::from_ref(part)), "B");
-        }
-        assert_eq!(next(&mut names, &both), "B");
-        assert_eq!(next(&mut names, &[left, right]), "A B");
-        for (site, letter) in [(right, "B"), (left, "A"), (right, "B")] {
-            assert_eq!(next(&mut names, &[site]), letter);
-        }
+        let both = site(0.5, 0.0, 15.0);
+        check(&[
+            (&[left, right], "A B"),
+            (&[both], "B"),
+            (&[left, right], "A B"),
+        ]);
+        // A part of the merged bank keeps its letter: its left half alone is where A was.
+        check(&[
+            (&[left, right], "A B"),
+            (&[both], "B"),
+            (&[left], "B"),
+            (&[both], "B"),
+            (&[right], "B"),
+            (&[both], "B"),
+            (&[left], "B"),
+            (&[both], "B"),
+            (&[left, right], "A B"),
+            (&[right], "B"),
+            (&[left], "A"),
+            (&[right], "B"),
+        ]);
     }
 
     #[test]
@@ -354,9 +324,6 @@ mod tests {
             .collect();
         let names = names.name(&sites);
         let letters: Vec<_> = names.iter().map(SiteName::to_string).collect();
-        for (name, letters) in names.iter().zip(&letters) {
-            assert_eq!(name.letters() as usize, letters.len(), "{letters}");
-        }
         assert_eq!(
             [0, 7, 8, 23, 24, 25, 47, 48, 599, 600].map(|at| &letters[at]),
             ["A", "H", "J", "Z", "AA", "AB", "AZ", "BA", "ZZ", "AAA"]

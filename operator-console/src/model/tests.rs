@@ -2,8 +2,7 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::message::{
-    EStopStatus, Event, MAX_SENSORS, MapHead, Pose, Scan, Severity, StopReason, TeleopStatus,
-    TileBand, View,
+    EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand, View,
 };
 use protocol::tile::{TileCells, TileKey};
 use protocol::wire::{self, Header};
@@ -56,13 +55,7 @@ fn scan() -> Scan {
 #[test]
 fn new_info_revision_is_requested() {
     let mut model = scout();
-    say(
-        &mut model,
-        Topic::MapHead,
-        BOOT,
-        &MapHead { layers: Vec::new() },
-        0,
-    );
+    announce_boot(&mut model, BOOT, at(0));
     assert!(asks_for_info(&mut model, 1));
     answer_info(&mut model, &Info::default(), 2);
     let mut status = Status::default();
@@ -99,10 +92,7 @@ fn scans_are_kept_while_wanted_and_within_one_run() {
     assert!(wants(&mut model, 1_000));
     say(&mut model, Topic::Scan, BOOT, &scan(), 1_001);
     let (name, held) = model.scans().next().unwrap();
-    assert_eq!(
-        (name, held.points_m.as_slice()),
-        ("laser", &[[3.0, 4.0]][..])
-    );
+    assert_eq!((name, &held.points_m[..]), ("laser", &[[3.0, 4.0]][..]));
     assert_eq!((held.stamp_ns, held.received_at), (99, at(1_001)));
 
     let mut far = scan();
@@ -111,13 +101,7 @@ fn scans_are_kept_while_wanted_and_within_one_run() {
     assert_eq!(model.reject_counts().count(RejectReason::Malformed), 1);
     assert_eq!(model.scans().count(), 1);
 
-    say(
-        &mut model,
-        Topic::MapHead,
-        BootId([8; 16]),
-        &MapHead { layers: Vec::new() },
-        1_003,
-    );
+    announce_boot(&mut model, BootId([8; 16]), at(1_003));
     assert_eq!(model.scans().count(), 0, "of the run before");
     say(&mut model, Topic::Scan, BOOT, &scan(), 1_004);
     assert_eq!(model.reject_counts().count(RejectReason::OtherBoot), 1);
@@ -137,35 +121,28 @@ fn only_control_messages_keep_the_link_live() {
     assert_eq!(connection.state(at(1_001)), LinkState::Waiting);
     say(&mut model, Topic::Status, BOOT, &Status::default(), 2_000);
     say(&mut model, Topic::Scan, BOOT, &scan(), 3_000);
-    assert_eq!(
-        model.connection().age(at(3_000)),
-        Some(Duration::from_secs(1))
-    );
+    let second = Duration::from_secs(1);
+    assert_eq!(model.connection().age(at(3_000)), Some(second));
     assert_eq!(model.connection().state(at(3_600)), LinkState::Silent);
 }
 
 #[test]
 fn invalid_numbers_are_rejected() {
     let mut model = scout();
-    let status = |sensors| Status {
-        sensors,
-        ..Status::default()
-    };
-    let many = vec![sensor("laser"); MAX_SENSORS + 1];
-    say(&mut model, Topic::Status, BOOT, &status(many), 1);
     let endless = SensorStatus {
         rate_hz: f32::INFINITY,
         ..sensor("laser")
     };
-    say(&mut model, Topic::Status, BOOT, &status(vec![endless]), 2);
-    assert!(model.status().is_none());
-    say(
-        &mut model,
-        Topic::Status,
-        BOOT,
-        &status(vec![sensor("laser")]),
-        3,
-    );
+    let many = vec![sensor("laser"); MAX_SENSORS + 1];
+    let one = vec![sensor("laser")];
+    for (ms, sensors, is_valid) in [(1, many, false), (2, vec![endless], false), (3, one, true)] {
+        let status = Status {
+            sensors,
+            ..Status::default()
+        };
+        say(&mut model, Topic::Status, BOOT, &status, ms);
+        assert_eq!(model.status().is_some(), is_valid, "{ms}");
+    }
     assert_eq!(model.sensor_statuses(), [sensor("laser")]);
     let info = Info {
         stop_decel_mps2: f32::NAN,
@@ -183,23 +160,16 @@ fn control_session_works_without_bulk_session() {
         bulk: false,
     };
     let mut model = scout();
-    let pose = Pose {
-        position_m: [1.0, -2.5, 0.0],
-        quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-        speed_mps: 0.5,
-        turn_rate_radps: 0.0,
-        token: None,
-    };
-    inject(&mut model, Topic::Pose, &pose, at(0));
+    inject(&mut model, Topic::Pose, &pose_at_rest(), at(0));
     let asked = model.outgoing(control, at(20));
-    let keys: Vec<_> = asked
-        .iter()
-        .map(|out| match out {
-            Outgoing::Get { key, .. } | Outgoing::Put { key, .. } => key.rsplit('/').next(),
-        })
-        .collect();
+    let last = |out: &Outgoing| match out {
+        Outgoing::Get { key, .. } | Outgoing::Put { key, .. } => {
+            key.rsplit('/').next().map(str::to_owned)
+        }
+    };
+    let keys: Vec<_> = asked.iter().filter_map(last).collect();
     let view = RobotId::from_bytes([1; 16]).to_string();
-    assert_eq!(keys, [Some("info"), Some(&*view), Some("ping")]);
+    assert_eq!(keys, ["info", &*view, "ping"]);
 
     // Without a session nothing is requested, but the link is still sampled.
     let before = model.link_quality().samples().len();
@@ -231,26 +201,18 @@ fn stop_before_estop_is_recorded() {
         severity: Severity::Alarm,
         message: "emergency stop 1, by anna".to_owned(),
     };
-    let before = |model: &ConsoleModel| {
-        model
-            .stop_before_estop()
-            .and_then(|before| before.last_stop)
-    };
+    let before = |model: &ConsoleModel| model.stop_before_estop()?.last_stop;
     // Keys are released, and the stop is pressed before the next status.
     inject(&mut model, Topic::Status, &status(None, None), at(0));
     inject(&mut model, Topic::Event, &estop, at(100));
     assert_eq!(before(&model), None);
     let released = Some(StopReason::Released);
-    inject(
-        &mut model,
-        Topic::Status,
-        &status(released, Some(1)),
-        at(200),
-    );
+    let stopped = status(released, Some(1));
+    inject(&mut model, Topic::Status, &stopped, at(200));
     assert_eq!(before(&model), released);
     // A status after the reset.
-    let old = Some(StopReason::Age);
-    inject(&mut model, Topic::Status, &status(old, None), at(300));
+    let old = status(Some(StopReason::Age), None);
+    inject(&mut model, Topic::Status, &old, at(300));
     assert_eq!(before(&model), released);
 }
 

@@ -15,7 +15,8 @@ pub(super) struct TileIntake {
     decoder: Decoder,
     /// By tile, boot and revision: halves of different publications do not match.
     halves: BTreeMap<(TileKey, BootId, u64), PartialTile>,
-    abandoned: u64,
+    /// Halves that were dropped.
+    pub(super) abandoned: u64,
 }
 
 impl TileIntake {
@@ -28,9 +29,6 @@ impl TileIntake {
     }
 
     /// Takes one band and returns the tile that it completes.
-    ///
-    /// # Errors
-    /// If the band is invalid, or the tile is invalid for its layer.
     pub(super) fn take(
         &mut self,
         key: TileKey,
@@ -59,17 +57,9 @@ impl TileIntake {
             return Ok(None);
         }
         // Halves of older revisions are void.
-        let (first, last) = (
-            (key, BootId([0; 16]), 0),
-            (key, BootId([u8::MAX; 16]), u64::MAX),
-        );
-        let of_this_tile = self.halves.range(first..=last).map(|(half, _)| *half);
-        let void: Vec<_> = of_this_tile
-            .filter(|(_, other, revision)| *other != boot || *revision <= band.revision)
-            .collect();
-        for old in void {
-            self.halves.remove(&old);
-        }
+        self.halves.retain(|(other_key, other, revision), _| {
+            *other_key != key || (*other == boot && *revision > band.revision)
+        });
         Ok(Some(Tile {
             key,
             boot,
@@ -79,10 +69,6 @@ impl TileIntake {
             digest: band.digest,
             cells: partial.finish()?,
         }))
-    }
-
-    pub(super) const fn abandoned(&self) -> u64 {
-        self.abandoned
     }
 
     fn keep_limit(&mut self) {
@@ -175,7 +161,7 @@ mod tests {
             intake.take(key(tx), HEADER, &bands[0]).unwrap();
         }
         assert_eq!(intake.halves.len(), MAX_HALVES);
-        assert_eq!(intake.abandoned(), 103 - MAX_HALVES as u64);
+        assert_eq!(intake.abandoned, 103 - MAX_HALVES as u64);
         let garbage = TileBand {
             rows: vec![9; 40],
             ..newer

@@ -10,7 +10,7 @@ use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
 use super::incoming::{RejectReason, RequestId};
-use super::retry::RetryTimer;
+use super::retry::{ANSWER_TIMEOUT, RetryTimer};
 
 /// A robot keeps no more poses.
 pub(super) const MAX_POSES: u64 = 1_000_000;
@@ -32,32 +32,21 @@ pub enum TrajectoryProgress {
 /// Fetches the complete trajectory of one run of a robot.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrajectorySync {
-    query: RetryTimer,
-    phase: Phase,
-}
-
-#[derive(Clone, Debug, Default)]
-enum Phase {
-    #[default]
-    Unwanted,
-    Fetching {
-        /// Number of the trajectory and its length at the first request.
-        of: Option<(u64, u64)>,
-        poses: Vec<StampedPose>,
-    },
-    Ready(Arc<[StampedPose]>),
+    pub(super) query: RetryTimer,
+    pub(super) progress: TrajectoryProgress,
+    /// Number of the fetched trajectory and its length at the first request.
+    of: Option<(u64, u64)>,
+    poses: Vec<StampedPose>,
 }
 
 impl TrajectorySync {
-    /// Fetches the present trajectory again.
     pub(super) fn want(&mut self) {
         *self = Self {
-            phase: Phase::begin(),
+            progress: TrajectoryProgress::Waiting,
             ..Self::default()
         };
     }
 
-    /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
         if self.is_wanted() {
             self.want();
@@ -67,22 +56,10 @@ impl TrajectorySync {
     }
 
     pub(super) const fn is_wanted(&self) -> bool {
-        matches!(self.phase, Phase::Fetching { .. })
-    }
-
-    pub(super) fn progress(&self) -> TrajectoryProgress {
-        match &self.phase {
-            Phase::Unwanted => TrajectoryProgress::Unwanted,
-            Phase::Fetching { of: None, .. } => TrajectoryProgress::Waiting,
-            Phase::Fetching {
-                of: Some((_, of)),
-                poses,
-            } => TrajectoryProgress::Fetching {
-                fetched: poses.len() as u64,
-                of: *of,
-            },
-            Phase::Ready(poses) => TrajectoryProgress::Ready(Arc::clone(poses)),
-        }
+        matches!(
+            self.progress,
+            TrajectoryProgress::Waiting | TrajectoryProgress::Fetching { .. }
+        )
     }
 
     pub(super) fn query(
@@ -90,26 +67,19 @@ impl TrajectorySync {
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, TrajectoryRequest)> {
-        let Phase::Fetching { of, poses } = &self.phase else {
-            return None;
-        };
-        if !self.query.is_due(now) {
+        if !self.is_wanted() {
             return None;
         }
-        let request = number();
-        self.query.ask(request, now);
+        let request = self.query.ask(ANSWER_TIMEOUT, now, number)?;
         let body = TrajectoryRequest {
-            trajectory: of.map(|(trajectory, _)| trajectory),
-            from: poses.len() as u64,
+            trajectory: self.of.map(|(trajectory, _)| trajectory),
+            from: self.poses.len() as u64,
             step: NonZeroU32::MIN,
         };
         Some((request, body))
     }
 
     /// Takes a reply; returns whether it was requested here.
-    ///
-    /// # Errors
-    /// If the reply is invalid.
     pub(super) fn take(
         &mut self,
         part: &TrajectoryPart,
@@ -119,40 +89,28 @@ impl TrajectorySync {
         if !self.query.is_answered(request) {
             return Ok(false);
         }
-        let Phase::Fetching { of, poses } = &mut self.phase else {
+        if !self.is_wanted() {
             return Err(RejectReason::OldRevision);
-        };
-        if of.is_some_and(|(trajectory, _)| trajectory != part.trajectory) {
-            self.phase = Phase::begin();
-            self.query.backoff.fail(now);
-            return Ok(true);
         }
-        let (_, wanted) = *of.get_or_insert((part.trajectory, part.poses));
-        let is_less = part.rows.is_empty() && (poses.len() as u64) < wanted;
-        if is_less || wanted > MAX_POSES {
-            self.phase = Phase::begin();
+        let (trajectory, wanted) = *self.of.get_or_insert((part.trajectory, part.poses));
+        let is_other = trajectory != part.trajectory;
+        let is_less = part.rows.is_empty() && (self.poses.len() as u64) < wanted;
+        if is_other || is_less || wanted > MAX_POSES {
+            (self.of, self.poses) = (None, Vec::new());
+            self.progress = TrajectoryProgress::Waiting;
             self.query.backoff.fail(now);
-            return Err(RejectReason::Malformed);
+            return is_other.then_some(true).ok_or(RejectReason::Malformed);
         }
         self.query.backoff.succeed();
-        poses.extend(part.part());
-        if poses.len() as u64 >= wanted {
-            self.phase = Phase::Ready(std::mem::take(poses).into());
-        }
+        self.poses.extend(part.part());
+        let fetched = self.poses.len() as u64;
+        self.progress = if fetched >= wanted {
+            TrajectoryProgress::Ready(std::mem::take(&mut self.poses).into())
+        } else {
+            let of = wanted;
+            TrajectoryProgress::Fetching { fetched, of }
+        };
         Ok(true)
-    }
-
-    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.query.ended(request, now)
-    }
-}
-
-impl Phase {
-    const fn begin() -> Self {
-        Self::Fetching {
-            of: None,
-            poses: Vec::new(),
-        }
     }
 }
 
@@ -163,10 +121,9 @@ const POINTS: u64 = 1000;
 /// Period of requests of the number of poses, so that a later gap is filled from there.
 const COUNT_PERIOD: Duration = Duration::from_secs(20);
 
-/// Fetches the missing part of the trail.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrailSync {
-    query: RetryTimer,
+    pub(super) query: RetryTimer,
     state: State,
     /// Another gap came while this one is filled.
     is_open_again: bool,
@@ -210,11 +167,7 @@ impl TrailSync {
             State::Whole { .. } | State::Open => (self.covered, NonZeroU32::MAX),
             State::Filling { next, step, .. } => (next, step),
         };
-        if !self.query.is_due(now) {
-            return None;
-        }
-        let request = number();
-        self.query.ask(request, now);
+        let request = self.query.ask(ANSWER_TIMEOUT, now, number)?;
         let body = TrajectoryRequest {
             trajectory: self.trajectory,
             from,
@@ -245,6 +198,7 @@ impl TrailSync {
             }
         }
         let whole = State::Whole { looked: now };
+        let mut points = Vec::new();
         match self.state {
             State::Unknown => {}
             State::Whole { .. } => {
@@ -268,34 +222,27 @@ impl TrailSync {
                 } else {
                     // Some may be newer than the request.
                     self.covered = until.max(next.min(part.poses));
-                    if std::mem::take(&mut self.is_open_again) {
-                        State::Open
-                    } else {
-                        whole
-                    }
+                    let is_open_again = std::mem::take(&mut self.is_open_again);
+                    if is_open_again { State::Open } else { whole }
                 };
-                let points = part.part().map(|pose| {
+                points.extend(part.part().map(|pose| {
                     let [x, y, _] = pose.position_m();
                     (pose.stamp_ns, [x, y])
-                });
-                return Some(points.collect());
+                }));
             }
         }
-        Some(Vec::new())
-    }
-
-    pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) -> bool {
-        self.query.ended(request, now)
+        Some(points)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use protocol::export::StampedPose;
+    use protocol::message::MAX_TRAJECTORY_POSES;
     use std::time::Duration;
 
-    use protocol::message::MAX_TRAJECTORY_POSES;
-
     use super::*;
+    use crate::test_support::at;
 
     fn pose(n: u64) -> StampedPose {
         StampedPose::new(n.cast_signed(), [n as f64, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0])
@@ -324,7 +271,7 @@ mod tests {
         let mut sync = TrajectorySync::default();
         assert_eq!(ask(&mut sync, 0), None);
         sync.want();
-        assert_eq!(sync.progress(), TrajectoryProgress::Waiting);
+        assert_eq!(sync.progress, TrajectoryProgress::Waiting);
         let first = ask(&mut sync, 1).unwrap();
         assert_eq!(
             (first.trajectory, first.from, first.step.get()),
@@ -335,20 +282,20 @@ mod tests {
         assert_eq!(take(&mut sync, &part(7, 700, 0), 1), Ok(true));
         let fetched = MAX_TRAJECTORY_POSES as u64;
         let progress = TrajectoryProgress::Fetching { fetched, of: 700 };
-        assert_eq!(sync.progress(), progress);
+        assert_eq!(sync.progress, progress);
         let second = ask(&mut sync, 3).unwrap();
         assert_eq!((second.trajectory, second.from), (Some(7), fetched));
         assert!(sync.is_wanted());
         // The vehicle moves meanwhile.
         assert_eq!(take(&mut sync, &part(7, 705, fetched), 3), Ok(true));
-        let TrajectoryProgress::Ready(poses) = sync.progress() else {
-            panic!("{:?}", sync.progress());
+        let TrajectoryProgress::Ready(poses) = sync.progress.clone() else {
+            panic!("{:?}", sync.progress);
         };
         assert_eq!(&poses[..], (0..705).map(pose).collect::<Vec<_>>());
         assert!(!sync.is_wanted());
         assert_eq!(ask(&mut sync, 4), None);
         sync.want();
-        assert_eq!(sync.progress(), TrajectoryProgress::Waiting);
+        assert_eq!(sync.progress, TrajectoryProgress::Waiting);
     }
 
     #[test]
@@ -366,7 +313,7 @@ mod tests {
         assert_eq!(request.from, 0);
         assert_eq!(take(&mut sync, &part(8, 3, 0), 3), Ok(true));
         let ready = TrajectoryProgress::Ready((0..3).map(pose).collect());
-        assert_eq!(sync.progress(), ready);
+        assert_eq!(sync.progress, ready);
     }
 
     #[test]
@@ -375,7 +322,7 @@ mod tests {
         sync.want();
         ask(&mut sync, 1);
         assert_eq!(take(&mut sync, &part(0, 0, 0), 1), Ok(true));
-        assert_eq!(sync.progress(), TrajectoryProgress::Ready([].into()));
+        assert_eq!(sync.progress, TrajectoryProgress::Ready([].into()));
         for nonsense in [
             TrajectoryPart::new(0, 5, std::iter::empty()),
             TrajectoryPart::new(0, MAX_POSES + 1, (0..5).map(pose)),
@@ -383,20 +330,9 @@ mod tests {
             sync.want();
             ask(&mut sync, 2);
             assert_eq!(take(&mut sync, &nonsense, 2), Err(RejectReason::Malformed));
-            assert_eq!(sync.progress(), TrajectoryProgress::Waiting);
+            assert_eq!(sync.progress, TrajectoryProgress::Waiting);
             assert_eq!(ask(&mut sync, 3), None, "not at once");
         }
-    }
-}
-
-#[cfg(test)]
-mod trail_sync_tests {
-    use protocol::export::StampedPose;
-
-    use super::*;
-
-    fn at(ms: u64) -> Monotonic {
-        Monotonic::from_nanos(ms * 1_000_000)
     }
 
     /// Reply of a robot with this many poses, one metre apart.
@@ -525,10 +461,10 @@ mod trail_sync_tests {
         sync.gap();
         let (first, _) = sync.query(at(0), || RequestId(1)).unwrap();
         assert_eq!(sync.query(at(11_999), || RequestId(2)), None);
-        assert!(sync.ended(first, at(10)) && !sync.ended(first, at(10)));
+        assert!(sync.query.ended(first, at(10)) && !sync.query.ended(first, at(10)));
         assert_eq!(sync.query(at(509), || RequestId(2)), None);
         let (second, _) = sync.query(at(510), || RequestId(2)).unwrap();
-        assert!(sync.ended(second, at(510)));
+        assert!(sync.query.ended(second, at(510)));
         assert_eq!(sync.query(at(1509), || RequestId(3)), None);
         assert!(sync.query(at(1510), || RequestId(3)).is_some());
         assert_eq!(

@@ -19,17 +19,14 @@ pub struct Vehicle {
     poses: Vec<StampedPose>,
     stride: u64,
     received: u64,
-    /// The pose of the last frame.
     drawn: Option<Pose>,
 }
 
 impl Vehicle {
-    /// The newest pose and when it arrived.
     pub fn pose(&self) -> Option<(Pose, Monotonic)> {
         self.pose.map(|(pose, _, at)| (pose, at))
     }
 
-    /// Stamp of the newest pose, nanoseconds on the robot's clock.
     pub fn stamp_ns(&self) -> Option<i64> {
         self.pose.map(|(_, stamp_ns, _)| stamp_ns)
     }
@@ -42,9 +39,8 @@ impl Vehicle {
         })
     }
 
-    /// Oldest first, metres in `odom`.
     pub const fn trail(&self) -> &VecDeque<[f64; 2]> {
-        self.trail.points_m()
+        &self.trail.points_m
     }
 
     /// One for each stamp, oldest first.
@@ -52,7 +48,6 @@ impl Vehicle {
         &self.poses
     }
 
-    /// Takes a pose; returns whether the drawn vehicle changes.
     pub(super) fn take(&mut self, pose: Pose, stamp_ns: i64, now: Monotonic) -> bool {
         let before = self.pose.replace((pose, stamp_ns, now));
         if before.is_none_or(|(_, before_ns, _)| before_ns != stamp_ns) {
@@ -78,7 +73,6 @@ impl Vehicle {
         self.trail.fill(known, newest_ns);
     }
 
-    /// Another run of the robot began.
     pub(super) fn forget(&mut self) {
         *self = Self::default();
     }
@@ -104,7 +98,6 @@ impl Vehicle {
     }
 }
 
-/// Least distance of two points.
 const STEP_M: f64 = 0.1;
 /// Beyond this limit the older half of the points is thinned by half.
 const MAX_POINTS: usize = 20_000;
@@ -116,16 +109,9 @@ pub(super) struct Trail {
 }
 
 impl Trail {
-    pub(super) const fn points_m(&self) -> &VecDeque<[f64; 2]> {
-        &self.points_m
-    }
-
     pub(super) fn add(&mut self, stamp_ns: i64, point_m: [f64; 2]) {
-        if self
-            .points_m
-            .back()
-            .is_none_or(|last| is_far(*last, point_m))
-        {
+        let last = self.points_m.back();
+        if last.is_none_or(|last| is_far(*last, point_m)) {
             self.points_m.push_back(point_m);
             self.stamps_ns.push_back(stamp_ns);
             if self.points_m.len() > MAX_POINTS {
@@ -151,13 +137,10 @@ impl Trail {
             while let Some(earlier) = here.next_if(|(here_ns, _)| *here_ns <= stamp_ns) {
                 filled.push(earlier);
             }
-            let before = filled[before_fall..]
-                .last()
-                .is_none_or(|(_, before_m)| is_far(*before_m, point_m));
-            let behind = here
-                .peek()
-                .is_none_or(|(_, behind_m)| is_far(*behind_m, point_m));
-            if before && behind {
+            let is_apart = |other: Option<&(i64, [f64; 2])>| {
+                other.is_none_or(|(_, other_m)| is_far(*other_m, point_m))
+            };
+            if is_apart(filled[before_fall..].last()) && is_apart(here.peek()) {
                 filled.push((stamp_ns, point_m));
             }
         }
@@ -196,7 +179,6 @@ fn is_far([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> bool {
     dx * dx + dy * dy >= STEP_M * STEP_M
 }
 
-/// The last scan of a sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LastScan {
     /// Position of the sensor, x and y in `odom`, metres.
@@ -208,29 +190,22 @@ pub struct LastScan {
     pub received_at: Monotonic,
 }
 
-/// The newest scan of each sensor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scans {
-    by_sensor: BTreeMap<String, LastScan>,
-    is_wanted: bool,
+    pub(super) by_sensor: BTreeMap<String, LastScan>,
+    pub(super) is_wanted: bool,
 }
 
 impl Scans {
-    pub(super) const fn is_wanted(&self) -> bool {
-        self.is_wanted
-    }
-
     /// Returns whether scans were wanted and are no longer.
     pub(super) fn want(&mut self, is_wanted: bool) -> bool {
         let is_ended = std::mem::replace(&mut self.is_wanted, is_wanted) && !is_wanted;
         if is_ended {
-            self.forget();
+            self.by_sensor.clear();
         }
         is_ended
     }
 
-    /// # Errors
-    /// If the scan is invalid or names more sensors than a robot has.
     pub(super) fn take(
         &mut self,
         scan: Scan,
@@ -250,16 +225,6 @@ impl Scans {
         self.by_sensor.insert(scan.sensor, last);
         Ok(())
     }
-
-    pub(super) fn iter(&self) -> impl Iterator<Item = (&str, &LastScan)> {
-        self.by_sensor
-            .iter()
-            .map(|(sensor, scan)| (sensor.as_str(), scan))
-    }
-
-    pub(super) fn forget(&mut self) {
-        self.by_sensor.clear();
-    }
 }
 
 #[cfg(test)]
@@ -270,9 +235,7 @@ mod tests {
         Pose {
             position_m: [x, 0.0, 0.0],
             quaternion_xyzw: [0.0, 0.0, z, w],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
-            token: None,
+            ..crate::test_support::pose_at_rest()
         }
     }
 
@@ -306,11 +269,6 @@ mod tests {
         let heading_rad = vehicle.heading_rad().unwrap();
         assert!((heading_rad - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
     }
-}
-
-#[cfg(test)]
-mod trail_tests {
-    use super::*;
 
     fn along_x(xs: impl IntoIterator<Item = i64>) -> impl Iterator<Item = (i64, [f64; 2])> {
         xs.into_iter().map(|x| (x, [x as f64, 0.0]))
@@ -380,11 +338,6 @@ mod trail_tests {
         trail.add(9, [8.0, 0.0]);
         assert_eq!(xs(&trail), [7, 8]);
     }
-}
-
-#[cfg(test)]
-mod scans_tests {
-    use super::*;
 
     fn scan(sensor: &str, points_m: &[[f64; 2]]) -> Scan {
         Scan::of_points(sensor.to_owned(), [1.0, 2.0], points_m.iter().copied())
@@ -396,14 +349,14 @@ mod scans_tests {
         let at = Monotonic::from_nanos;
         assert_eq!(scans.take(scan("laser", &[[3.0, 2.0]]), 1, at(10)), Ok(()));
         assert_eq!(scans.take(scan("laser", &[[1.0, 5.5]]), 2, at(20)), Ok(()));
-        let held: Vec<_> = scans.iter().collect();
+        let held = &scans.by_sensor;
         let expected = LastScan {
             origin_m: [1.0, 2.0],
             points_m: vec![[1.0, 5.5]],
             stamp_ns: 2,
             received_at: at(20),
         };
-        assert_eq!(held, [("laser", &expected)]);
+        assert_eq!(*held, [("laser".to_owned(), expected)].into());
         for n in 1..MAX_SENSORS {
             assert_eq!(scans.take(scan(&n.to_string(), &[]), 3, at(30)), Ok(()));
         }
@@ -413,7 +366,5 @@ mod scans_tests {
         let mut senseless = scan("laser", &[]);
         senseless.origin_m = [f64::NAN, 0.0];
         assert_eq!(scans.take(senseless, 5, at(50)), refused);
-        scans.forget();
-        assert_eq!(scans.iter().count(), 0);
     }
 }

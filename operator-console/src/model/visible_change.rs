@@ -15,16 +15,10 @@ const SPEED: f32 = 0.01;
 
 pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
     let differ = |a: f32, b: f32, step: f32| (a - b).abs() >= step;
-    let is_moved = before
-        .position_m
-        .into_iter()
-        .zip(now.position_m)
-        .any(|(a, b)| (a - b).abs() >= STEP_M);
-    let is_turned = before
-        .quaternion_xyzw
-        .into_iter()
-        .zip(now.quaternion_xyzw)
-        .any(|(a, b)| differ(a, b, TURN));
+    let mut positions = before.position_m.into_iter().zip(now.position_m);
+    let is_moved = positions.any(|(a, b)| (a - b).abs() >= STEP_M);
+    let mut turns = before.quaternion_xyzw.into_iter().zip(now.quaternion_xyzw);
+    let is_turned = turns.any(|(a, b)| differ(a, b, TURN));
     is_moved
         || is_turned
         || differ(before.speed_mps, now.speed_mps, SPEED)
@@ -37,37 +31,28 @@ pub(super) fn status_changed(before: &Status, now: &Status) -> bool {
 }
 
 fn without_counters(status: &Status) -> Status {
+    let sensor = |sensor: &SensorStatus| SensorStatus {
+        messages: 0,
+        rate_hz: 0.0,
+        age_ms: None,
+        dropped: 0,
+        ..sensor.clone()
+    };
+    let recording = status.recording.as_ref();
     Status {
         has_ended: status.has_ended,
         consoles: status.consoles,
         info_revision: status.info_revision,
         sensors: status.sensors.iter().map(sensor).collect(),
-        recording: status.recording.as_ref().map(recording),
+        recording: recording.map(|recording| RecordingStatus {
+            duration_s: 0,
+            bytes: 0,
+            free_bytes: None,
+            lost: 0,
+            ..recording.clone()
+        }),
         teleop: status.teleop.as_ref().map(teleop),
         ..Status::default()
-    }
-}
-
-fn sensor(sensor: &SensorStatus) -> SensorStatus {
-    SensorStatus {
-        name: sensor.name.clone(),
-        messages: 0,
-        rate_hz: 0.0,
-        age_ms: None,
-        dropped: 0,
-        fault: sensor.fault,
-    }
-}
-
-fn recording(recording: &RecordingStatus) -> RecordingStatus {
-    RecordingStatus {
-        state: recording.state,
-        file: recording.file.clone(),
-        files: recording.files,
-        duration_s: 0,
-        bytes: 0,
-        free_bytes: None,
-        lost: 0,
     }
 }
 
@@ -88,9 +73,7 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
             CollisionMonitorState::UnknownSpace(_) => {
                 CollisionMonitorState::UnknownSpace(no_limits)
             }
-            collision_monitor @ (CollisionMonitorState::Silent
-            | CollisionMonitorState::Off
-            | CollisionMonitorState::Stale) => collision_monitor,
+            other => other,
         },
         counters: CommandCounters {
             accepted: 0,
@@ -105,16 +88,23 @@ mod tests {
     use protocol::message::{AgeToken, RecordingState, SensorFault, TeleopState};
 
     use super::*;
-    use crate::test_support::idle_teleop_status;
+    use crate::test_support::{idle_teleop_status, pose_at_rest};
 
     fn pose() -> Pose {
         Pose {
             position_m: [1.0, 2.0, 0.0],
-            quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
-            speed_mps: 0.0,
-            turn_rate_radps: 0.0,
             token: Some(AgeToken { n: 1, nonce: 2 }),
+            ..pose_at_rest()
         }
+    }
+
+    fn monitor(limit: f32) -> CollisionMonitorState {
+        CollisionMonitorState::On(SpeedLimits {
+            forward_mps: limit,
+            reverse_mps: limit,
+            left_radps: limit,
+            right_radps: limit,
+        })
     }
 
     fn status() -> Status {
@@ -139,12 +129,7 @@ mod tests {
             teleop: Some(TeleopStatus {
                 age_ms: Some(30),
                 peak_age_ms: Some(50),
-                collision_monitor: CollisionMonitorState::On(SpeedLimits {
-                    forward_mps: 1.0,
-                    reverse_mps: 1.0,
-                    left_radps: 1.0,
-                    right_radps: 1.0,
-                }),
+                collision_monitor: monitor(1.0),
                 ..idle_teleop_status()
             }),
             ..Status::default()
@@ -189,40 +174,28 @@ mod tests {
             let teleop = now.teleop.as_mut().unwrap();
             teleop.age_ms = None;
             teleop.counters.accepted += 50;
-            teleop.collision_monitor = CollisionMonitorState::On(SpeedLimits {
-                forward_mps: 0.5,
-                reverse_mps: 0.5,
-                left_radps: 0.5,
-                right_radps: 0.5,
-            });
+            teleop.collision_monitor = monitor(0.5);
         }));
     }
 
     #[test]
     fn status_changes_need_a_frame() {
-        assert!(changed(|now| now.has_ended = true));
-        assert!(changed(|now| now.info_revision = 2));
-        assert!(changed(
-            |now| now.sensors[0].fault = Some(SensorFault::Silent)
-        ));
-        assert!(changed(|now| {
-            now.recording.as_mut().unwrap().state = RecordingState::Failed;
-        }));
-        assert!(changed(|now| now.recording = None));
-        assert!(changed(
-            |now| now.teleop.as_mut().unwrap().state = TeleopState::EStop
-        ));
-        assert!(changed(|now| now
-            .teleop
-            .as_mut()
-            .unwrap()
-            .collision_monitor =
-            CollisionMonitorState::Stale));
-        assert!(changed(|now| {
-            now.teleop.as_mut().unwrap().applied.linear_mps = 0.2;
-        }));
-        assert!(changed(|now| {
-            now.teleop.as_mut().unwrap().counters.involuntary_stops = 1;
-        }));
+        fn teleop(now: &mut Status) -> &mut TeleopStatus {
+            now.teleop.as_mut().unwrap()
+        }
+        let changes: [fn(&mut Status); 9] = [
+            |now| now.has_ended = true,
+            |now| now.info_revision = 2,
+            |now| now.sensors[0].fault = Some(SensorFault::Silent),
+            |now| now.recording.as_mut().unwrap().state = RecordingState::Failed,
+            |now| now.recording = None,
+            |now| teleop(now).state = TeleopState::EStop,
+            |now| teleop(now).collision_monitor = CollisionMonitorState::Stale,
+            |now| teleop(now).applied.linear_mps = 0.2,
+            |now| teleop(now).counters.involuntary_stops = 1,
+        ];
+        for (at, change) in changes.into_iter().enumerate() {
+            assert!(changed(change), "change {at}");
+        }
     }
 }

@@ -8,8 +8,7 @@ use measurement::time::Monotonic;
 use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 use protocol::packed_file::PackedFile;
 
-use super::incoming::RejectReason;
-use super::incoming::RequestId;
+use super::incoming::{RejectReason, RequestId};
 use super::retry::{ANSWER_TIMEOUT, Backoff};
 
 /// Delay before files that the robot still makes are requested again.
@@ -29,16 +28,15 @@ pub struct FetchedVoxels {
     pub files: [PackedFile; 2],
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum VoxelsProgress {
+    #[default]
     Unwanted,
     /// Requested, or the robot still makes the files.
     Waiting,
     Fetching {
         file: VoxelFile,
-        /// Packed bytes.
         fetched: u64,
-        /// Packed bytes.
         of: u64,
     },
     Ready(Arc<FetchedVoxels>),
@@ -50,10 +48,11 @@ pub enum VoxelsProgress {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct VoxelsSync {
-    phase: Phase,
+    pub(super) progress: VoxelsProgress,
+    /// While the files are wanted.
+    fetching: Option<Fetching>,
     /// Determines when the next request may be sent.
     query: Backoff,
-    /// Open requests in order.
     under_way: VecDeque<PendingQuery>,
     /// Allowed open requests beyond the first.
     ahead: usize,
@@ -69,59 +68,32 @@ struct PendingQuery {
 }
 
 #[derive(Clone, Debug, Default)]
-enum Phase {
-    #[default]
-    Unwanted,
-    Fetching(Fetching),
-    Ready(Arc<FetchedVoxels>),
-    None,
-    TooLong,
-}
-
-#[derive(Clone, Debug, Default)]
 struct Fetching {
-    moment: Option<Moment>,
+    /// Snapshot of the files, and the stamp of its newest measurement, nanoseconds.
+    snapshot: Option<(u64, i64)>,
     /// Complete files and the incomplete one.
     files: Vec<PackedFile>,
-    /// Length of the last file.
     packed_bytes: u64,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Moment {
-    snapshot: u64,
-    stamp_ns: i64,
-}
-
 impl VoxelsSync {
-    /// Fetches the present files again.
     pub(super) fn want(&mut self) {
         *self = Self {
-            phase: Phase::Fetching(Fetching::default()),
+            progress: VoxelsProgress::Waiting,
+            fetching: Some(Fetching::default()),
             ..Self::default()
         };
     }
 
     /// Another run of the robot began: earlier results are void.
     pub(super) fn forget(&mut self) {
-        if !matches!(self.phase, Phase::Unwanted) {
+        if self.progress != VoxelsProgress::Unwanted {
             self.want();
         }
     }
 
     pub(super) const fn is_wanted(&self) -> bool {
-        matches!(self.phase, Phase::Fetching(_))
-    }
-
-    pub(super) fn progress(&self) -> VoxelsProgress {
-        match &self.phase {
-            Phase::Unwanted => VoxelsProgress::Unwanted,
-            Phase::Fetching(fetching) if fetching.moment.is_none() => VoxelsProgress::Waiting,
-            Phase::Fetching(fetching) => fetching.progress(),
-            Phase::Ready(files) => VoxelsProgress::Ready(Arc::clone(files)),
-            Phase::None => VoxelsProgress::None,
-            Phase::TooLong => VoxelsProgress::TooLong,
-        }
+        self.fetching.is_some()
     }
 
     /// The next request; called until it returns `None`.
@@ -137,9 +109,7 @@ impl VoxelsSync {
         if oldest.is_some_and(|asked| now.since(asked.at) >= ANSWER_TIMEOUT) {
             self.query_again();
         }
-        let Phase::Fetching(fetching) = &self.phase else {
-            return None;
-        };
+        let fetching = self.fetching.as_ref()?;
         let what = match self.under_way.back() {
             None => fetching.next(),
             Some(_) if self.under_way.len() > self.ahead => return None,
@@ -168,12 +138,10 @@ impl VoxelsSync {
             return Err(RejectReason::OldRevision);
         };
         self.under_way.pop_front();
-        let Phase::Fetching(fetching) = &mut self.phase else {
-            return Err(RejectReason::OldRevision);
-        };
+        let fetching = self.fetching.as_mut().ok_or(RejectReason::OldRevision)?;
         match reply {
-            VoxelsReply::None => self.phase = Phase::None,
-            VoxelsReply::Preparing => self.query.wait_until(now + PREPARING),
+            VoxelsReply::None => self.end(VoxelsProgress::None),
+            VoxelsReply::Preparing => self.query.not_before = now + PREPARING,
             VoxelsReply::Gone => {
                 self.want();
                 self.query.fail(now);
@@ -181,7 +149,7 @@ impl VoxelsSync {
             }
             VoxelsReply::Part(part) => {
                 if part.packed_bytes > MAX_PACKED_BYTES {
-                    self.phase = Phase::TooLong;
+                    self.end(VoxelsProgress::TooLong);
                     return Ok(());
                 }
                 let taken = fetching.take(part, stamp_ns);
@@ -199,8 +167,9 @@ impl VoxelsSync {
                     };
                 }
                 let expected = fetching.next();
+                self.progress = fetching.progress();
                 if let Some(files) = fetching.take_all() {
-                    self.phase = Phase::Ready(Arc::new(files));
+                    self.end(VoxelsProgress::Ready(Arc::new(files)));
                 }
                 let next = self.under_way.front();
                 if next.is_some_and(|next| next.what != expected) {
@@ -211,6 +180,11 @@ impl VoxelsSync {
         }
         self.query.succeed();
         Ok(())
+    }
+
+    fn end(&mut self, progress: VoxelsProgress) {
+        self.progress = progress;
+        self.fetching = None;
     }
 
     /// No more replies to a request will come; true if it was sent here.
@@ -238,11 +212,7 @@ impl Fetching {
     fn progress(&self) -> VoxelsProgress {
         let last = self.files.last();
         VoxelsProgress::Fetching {
-            file: if self.files.len() < VoxelFile::ALL.len() {
-                VoxelFile::Tree
-            } else {
-                VoxelFile::Points
-            },
+            file: VoxelFile::ALL[usize::from(self.files.len() == VoxelFile::ALL.len())],
             fetched: last.map_or(0, |file| file.packed.len() as u64),
             of: self.packed_bytes,
         }
@@ -257,12 +227,8 @@ impl Fetching {
         let whole = self.files.len() - usize::from(!self.files.is_empty() && !self.is_last_whole());
         let begun = self.files.get(whole);
         VoxelsRequest {
-            snapshot: self.moment.map(|moment| moment.snapshot),
-            file: if whole == 0 {
-                VoxelFile::Tree
-            } else {
-                VoxelFile::Points
-            },
+            snapshot: self.snapshot.map(|(snapshot, _)| snapshot),
+            file: VoxelFile::ALL[usize::from(whole > 0)],
             offset: begun.map_or(0, |file| file.packed.len() as u64),
         }
     }
@@ -303,10 +269,7 @@ impl Fetching {
             }
             last.packed.extend(part.packed);
         }
-        self.moment = Some(Moment {
-            snapshot: part.snapshot,
-            stamp_ns,
-        });
+        self.snapshot = Some((part.snapshot, stamp_ns));
         Ok(())
     }
 
@@ -315,7 +278,7 @@ impl Fetching {
             return None;
         }
         let files = std::mem::take(&mut self.files).try_into().ok()?;
-        let stamp_ns = self.moment?.stamp_ns;
+        let (_, stamp_ns) = self.snapshot?;
         Some(FetchedVoxels { stamp_ns, files })
     }
 }
@@ -351,6 +314,29 @@ mod tests {
         }
     }
 
+    /// The vehicle answers a request.
+    fn answer(
+        sync: &mut VoxelsSync,
+        vehicle: &mut VoxelSnapshots,
+        (request, asked): (RequestId, VoxelsRequest),
+        ms: u64,
+    ) -> Result<(), RejectReason> {
+        let (stamp_ns, reply) = vehicle.reply(asked, at(ms));
+        sync.take(reply, stamp_ns, request, at(ms))
+    }
+
+    fn part() -> VoxelsPart {
+        VoxelsPart {
+            snapshot: 7,
+            file: VoxelFile::Tree,
+            bytes: 100,
+            digest: [0; 32],
+            packed_bytes: 50,
+            offset: 0,
+            packed: vec![0; 20],
+        }
+    }
+
     fn numbers() -> impl FnMut() -> RequestId {
         let mut number = 0;
         move || {
@@ -365,10 +351,10 @@ mod tests {
         vehicle.enable();
         let mut sync = VoxelsSync::default();
         let mut number = numbers();
-        assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
+        assert_eq!(sync.progress, VoxelsProgress::Unwanted);
         assert_eq!(sync.query(at(0), &mut number), None);
         sync.want();
-        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+        assert_eq!(sync.progress, VoxelsProgress::Waiting);
         let (mut now, mut greatest) = (0, (VoxelFile::Tree, 0));
         while sync.is_wanted() {
             now += 10;
@@ -376,12 +362,11 @@ mod tests {
             if vehicle.take_request(RobotTime::from_nanos(5), false) {
                 vehicle.put(Some(snapshot(5)), at(now));
             }
-            let Some((request, asked)) = sync.query(at(now), &mut number) else {
+            let Some(query) = sync.query(at(now), &mut number) else {
                 continue;
             };
-            let (stamp_ns, reply) = vehicle.reply(asked, at(now));
-            sync.take(reply, stamp_ns, request, at(now)).unwrap();
-            if let VoxelsProgress::Fetching { file, fetched, of } = sync.progress() {
+            answer(&mut sync, &mut vehicle, query, now).unwrap();
+            if let VoxelsProgress::Fetching { file, fetched, of } = sync.progress {
                 let index = usize::from(file == VoxelFile::Points);
                 let packed = snapshot(5).files[index].packed.len() as u64;
                 assert_eq!(of, packed, "{file:?}");
@@ -395,7 +380,7 @@ mod tests {
             stamp_ns: 5,
             files: snapshot(5).files,
         };
-        assert_eq!(sync.progress(), VoxelsProgress::Ready(Arc::new(expected)));
+        assert_eq!(sync.progress, VoxelsProgress::Ready(Arc::new(expected)));
         assert_eq!(sync.query(at(now), &mut number), None);
     }
 
@@ -415,18 +400,17 @@ mod tests {
         let (mut now, mut most) = (0, 0);
         let (mut under_way, mut answered) = (VecDeque::new(), 0);
         while sync.is_wanted() {
-            while let Some((request, asked)) = sync.query(at(now), &mut number) {
+            while let Some(query) = sync.query(at(now), &mut number) {
                 answered = answered.max(now + way_ms) + answer_ms;
-                under_way.push_back((answered, request, asked));
+                under_way.push_back((answered, query));
             }
             most = most.max(under_way.len());
-            let (then, request, asked) = under_way.pop_front().unwrap();
+            let (then, query) = under_way.pop_front().unwrap();
             now = then;
-            let (stamp_ns, reply) = vehicle.reply(asked, at(now));
-            sync.take(reply, stamp_ns, request, at(now)).unwrap();
+            answer(&mut sync, &mut vehicle, query, now).unwrap();
         }
-        let VoxelsProgress::Ready(fetched) = sync.progress() else {
-            panic!("{:?}", sync.progress());
+        let VoxelsProgress::Ready(fetched) = sync.progress.clone() else {
+            panic!("{:?}", sync.progress);
         };
         assert_eq!(fetched.files, made.files);
         (most, now)
@@ -457,9 +441,8 @@ mod tests {
         let mut under_way = VecDeque::new();
         for _ in 0..4 {
             under_way.extend(std::iter::from_fn(|| sync.query(at(0), &mut number)));
-            let (request, asked) = under_way.pop_front().unwrap();
-            let (stamp_ns, reply) = vehicle.reply(asked, at(0));
-            sync.take(reply, stamp_ns, request, at(0)).unwrap();
+            let query = under_way.pop_front().unwrap();
+            answer(&mut sync, vehicle, query, 0).unwrap();
         }
         (sync, under_way.into())
     }
@@ -482,8 +465,7 @@ mod tests {
         );
         assert_eq!(after_end.query(at(500), again), None);
         // The reply before it is lost without a notice.
-        let (stamp_ns, reply) = vehicle.reply(other, at(0));
-        let taken = sync.take(reply, stamp_ns, behind, at(0));
+        let taken = answer(&mut sync, &mut vehicle, (behind, other), 0);
         assert_eq!(taken, Err(RejectReason::OldRevision));
         assert_eq!(sync.query(at(0), again), Some((RequestId(100), asked)));
         assert_eq!(sync.query(at(0), again), None);
@@ -495,16 +477,7 @@ mod tests {
         let mut number = numbers();
         sync.want();
         let (request, _) = sync.query(at(0), &mut number).unwrap();
-        let part = VoxelsPart {
-            snapshot: 7,
-            file: VoxelFile::Tree,
-            bytes: 100,
-            digest: [0; 32],
-            packed_bytes: 50,
-            offset: 0,
-            packed: vec![0; 20],
-        };
-        let reply = VoxelsReply::Part(part);
+        let reply = VoxelsReply::Part(part());
         sync.take(reply, 1, request, at(0)).unwrap();
         let (request, asked) = sync.query(at(0), &mut number).unwrap();
         assert_eq!((asked.snapshot, asked.offset), (Some(7), 20));
@@ -516,38 +489,16 @@ mod tests {
 
     #[test]
     fn unrequested_replies_are_rejected() {
-        let part = VoxelsPart {
-            snapshot: 7,
-            file: VoxelFile::Tree,
-            bytes: 100,
-            digest: [0; 32],
-            packed_bytes: 50,
-            offset: 0,
-            packed: vec![0; 20],
-        };
-        let wrong = [
-            VoxelsPart {
-                file: VoxelFile::Points,
-                ..part.clone()
-            },
-            VoxelsPart {
-                offset: 1,
-                ..part.clone()
-            },
-            VoxelsPart {
-                packed: vec![],
-                ..part.clone()
-            },
-            VoxelsPart {
-                packed: vec![0; 51],
-                ..part.clone()
-            },
-            VoxelsPart {
-                offset: u64::MAX,
-                ..part.clone()
-            },
+        let changes: [fn(&mut VoxelsPart); 5] = [
+            |part| part.file = VoxelFile::Points,
+            |part| part.offset = 1,
+            |part| part.packed.clear(),
+            |part| part.packed = vec![0; 51],
+            |part| part.offset = u64::MAX,
         ];
-        for part in wrong {
+        for change in changes {
+            let mut part = part();
+            change(&mut part);
             let mut sync = VoxelsSync::default();
             let mut number = numbers();
             sync.want();
@@ -563,12 +514,12 @@ mod tests {
         let (request, _) = sync.query(at(0), numbers()).unwrap();
         let huge = VoxelsPart {
             packed_bytes: MAX_PACKED_BYTES + 1,
-            ..part.clone()
+            ..part()
         };
         sync.take(VoxelsReply::Part(huge), 1, request, at(0))
             .unwrap();
-        assert_eq!(sync.progress(), VoxelsProgress::TooLong);
-        let late = sync.take(VoxelsReply::Part(part), 1, request, at(0));
+        assert_eq!(sync.progress, VoxelsProgress::TooLong);
+        let late = sync.take(VoxelsReply::Part(part()), 1, request, at(0));
         assert_eq!(late, Err(RejectReason::OldRevision));
     }
 
@@ -590,7 +541,7 @@ mod tests {
         assert!(!sync.ended(request, at(now + 12_000)));
         sync.take(VoxelsReply::None, 0, again, at(now + 12_000))
             .unwrap();
-        assert_eq!(sync.progress(), VoxelsProgress::None);
+        assert_eq!(sync.progress, VoxelsProgress::None);
     }
 
     #[test]
@@ -601,20 +552,19 @@ mod tests {
         let mut sync = VoxelsSync::default();
         let mut number = numbers();
         sync.forget();
-        assert_eq!(sync.progress(), VoxelsProgress::Unwanted);
+        assert_eq!(sync.progress, VoxelsProgress::Unwanted);
         sync.want();
-        while let Some((request, asked)) = sync.query(at(0), &mut number) {
-            let (stamp_ns, reply) = vehicle.reply(asked, at(0));
-            sync.take(reply, stamp_ns, request, at(0)).unwrap();
+        while let Some(query) = sync.query(at(0), &mut number) {
+            answer(&mut sync, &mut vehicle, query, 0).unwrap();
         }
-        assert!(matches!(sync.progress(), VoxelsProgress::Ready(_)));
+        assert!(matches!(sync.progress, VoxelsProgress::Ready(_)));
         // No request was sent yet.
         sync.forget();
-        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+        assert_eq!(sync.progress, VoxelsProgress::Waiting);
         let (request, asked) = sync.query(at(0), &mut number).unwrap();
         assert_eq!((asked.snapshot, asked.offset), (None, 0));
         sync.take(VoxelsReply::None, 0, request, at(0)).unwrap();
         sync.forget();
-        assert_eq!(sync.progress(), VoxelsProgress::Waiting);
+        assert_eq!(sync.progress, VoxelsProgress::Waiting);
     }
 }

@@ -4,7 +4,6 @@ use measurement::time::RobotDuration;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
 
-/// Slowest first.
 pub const RATES: [Rate; 7] = [
     Rate::Times(0.25),
     Rate::Times(0.5),
@@ -17,7 +16,6 @@ pub const RATES: [Rate; 7] = [
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PlaybackCommand {
-    /// Continue; at the end, restart.
     Play,
     Pause,
     PlayOrPause,
@@ -26,15 +24,12 @@ pub enum PlaybackCommand {
     Faster,
     SetLooping(bool),
     ToggleLooping,
-    /// Show this time of the data, counted from the first scan.
     Seek(RobotDuration),
-    /// Seek relative to the present time.
     Step(RobotDuration),
     Close,
 }
 
 impl PlaybackCommand {
-    /// Executes the command; returns whether the recording stays open.
     pub(super) fn apply_to(self, control: &ReplayControl) -> bool {
         match self {
             Self::Play => control.play(),
@@ -63,7 +58,6 @@ pub fn is_playing(status: &ReplayStatus) -> bool {
     !status.is_paused && status.state != ReplayState::Ended
 }
 
-/// The next faster or slower rate.
 fn neighbour(rate: Rate, is_faster: bool) -> Rate {
     let speed = |rate: Rate| match rate {
         Rate::Times(times) => times,

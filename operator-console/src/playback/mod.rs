@@ -32,7 +32,6 @@ mod path_completion;
 pub use command::{PlaybackCommand, RATES, is_playing};
 pub use open_dialog::OpenDialog;
 
-/// Prefix of the robot names of recordings.
 const PREFIX: &str = "recording-";
 /// Bandwidth for tiles on this machine's loopback.
 const BUDGET: &str = "streaming.budget_kbps=200000";
@@ -55,15 +54,11 @@ pub struct Playback {
     failure: Option<String>,
     is_failure_reported: bool,
     damage: Damage,
-    /// Version and points of the trail.
     trail: (u64, Vec<[f64; 2]>),
 }
 
 impl Playback {
     /// Opens a recording and starts to map it. Errors behind its first bytes appear later in [`Self::failure`].
-    ///
-    /// # Errors
-    /// If the file cannot be read, is no recording, or no port is free.
     pub fn open(path: &Path, setup: &VehicleOptions, rate: Rate) -> anyhow::Result<Self> {
         Format::of(path)?;
         let endpoint = free_endpoint().context("no port is free for the recording")?;
@@ -131,12 +126,10 @@ impl Playback {
         model.show_trail(self.trail.1.iter().copied());
     }
 
-    /// Executes a command; returns whether the recording stays open.
     pub fn execute(&self, command: PlaybackCommand) -> bool {
         command.apply_to(&self.control)
     }
 
-    /// Why the playback ended.
     pub fn failure(&mut self) -> Option<&str> {
         if let Ok(why) = self.failed.try_recv() {
             self.failure = Some(with_advice(in_words(&why)));
@@ -274,6 +267,10 @@ fn words(files: &[HoveredFile]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use eframe::egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+    use measurement::time::RobotDuration;
     use robot_edge::config::Override;
 
     use super::*;
@@ -330,13 +327,6 @@ mod tests {
         );
         assert_eq!(with_advice("it is empty".to_owned()), "it is empty");
     }
-}
-
-#[cfg(test)]
-mod damage_tests {
-    use measurement::time::RobotDuration;
-
-    use super::*;
 
     #[test]
     fn each_damage_is_reported_once() {
@@ -360,15 +350,6 @@ mod damage_tests {
         assert_eq!(reported(&all), ["damaged at 5 s: byte 5"]);
         assert_eq!(reported(&all), [""; 0]);
     }
-}
-
-#[cfg(test)]
-mod drop_hint_tests {
-    use eframe::egui::vec2;
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
-
-    use super::*;
 
     fn held(path: &str) -> HoveredFile {
         HoveredFile {

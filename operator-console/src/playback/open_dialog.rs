@@ -5,7 +5,7 @@ use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{
-    Align2, Button, Context, EventFilter, Id, InputState, Key, Modifiers, RichText, ScrollArea,
+    Align2, Button, Context, EventFilter, InputState, Key, Modifiers, RichText, ScrollArea,
     TextEdit, Ui, Window,
 };
 
@@ -24,7 +24,7 @@ pub struct OpenDialog {
     wants_focus: Option<Focus>,
 }
 
-/// Effect of the next typed character.
+/// Effect of the next typed character: it is appended, or replaces the text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Focus {
     AtEnd,
@@ -108,23 +108,20 @@ impl OpenDialog {
                 ..EventFilter::default()
             });
         let field = ui.add(field).labelled_by(label.id);
-        if let Some(focus) = self.wants_focus.take() {
-            field.request_focus();
-            let end = CCursor::new(self.path.chars().count());
-            select(
-                ui,
-                field.id,
-                match focus {
-                    Focus::AtEnd => CCursorRange::one(end),
-                    Focus::OnAll => CCursorRange::two(CCursor::new(0), end),
-                },
-            );
-        }
         let is_tab = |input: &mut InputState| input.consume_key(Modifiers::NONE, Key::Tab);
         if field.has_focus() && ui.input_mut(is_tab) {
             self.complete();
+        }
+        if let Some(focus) = self.wants_focus.take() {
+            field.request_focus();
             let end = CCursor::new(self.path.chars().count());
-            select(ui, field.id, CCursorRange::one(end));
+            let range = match focus {
+                Focus::AtEnd => CCursorRange::one(end),
+                Focus::OnAll => CCursorRange::two(CCursor::new(0), end),
+            };
+            let mut state = TextEditState::load(ui.ctx(), field.id).unwrap_or_default();
+            state.cursor.set_char_range(Some(range));
+            state.store(ui.ctx(), field.id);
         }
         if field.changed() {
             self.problem = None;
@@ -137,8 +134,9 @@ impl OpenDialog {
         let chosen = self.offered_ui(ui);
         let mut is_wanted = is_entered;
         ui.horizontal(|ui| {
-            let names_one = !self.path.trim().is_empty() && !is_folder(self.path.trim());
-            let open = ui.add_enabled(names_one, Button::new("Open"));
+            let path = self.path.trim();
+            let open = Button::new("Open");
+            let open = ui.add_enabled(!path.is_empty() && !is_folder(path), open);
             is_wanted |= open.on_hover_text("Enter").clicked();
             if ui.button("Cancel").on_hover_text("Esc").clicked() {
                 self.close();
@@ -168,7 +166,7 @@ impl OpenDialog {
     fn only_offered(&self) -> Option<&str> {
         match (&self.completions.offered[..], &self.completions.more) {
             ([only], None) if !is_folder(only) => Some(only),
-            ([..], Some(_) | None) => None,
+            _ => None,
         }
     }
 
@@ -197,13 +195,6 @@ impl OpenDialog {
         }
         chosen
     }
-}
-
-/// Selects `range`: the next typed character replaces it.
-fn select(ui: &Ui, field: Id, range: CCursorRange) {
-    let mut state = TextEditState::load(ui.ctx(), field).unwrap_or_default();
-    state.cursor.set_char_range(Some(range));
-    state.store(ui.ctx(), field);
 }
 
 /// Whether a path is certainly a folder.
@@ -255,6 +246,16 @@ mod tests {
             )
     }
 
+    fn enter(harness: &mut Harness<'_, State>, text: &str) {
+        harness.event(eframe::egui::Event::Text(text.to_owned()));
+        harness.run_steps(3);
+    }
+
+    fn press(harness: &mut Harness<'_, State>, key: Key) {
+        harness.key_press(key);
+        harness.run_steps(3);
+    }
+
     #[test]
     fn a_recording_is_found_by_its_beginning() {
         let folder = tempfile::tempdir().unwrap();
@@ -267,28 +268,18 @@ mod tests {
         harness.state_mut().dialog.open(None);
         harness.run_steps(3);
         let typed = format!("{}/roo", folder.path().display());
-        harness.event(eframe::egui::Event::Text(typed.clone()));
-        harness.run_steps(3);
-        let offered = harness.state().dialog.completions.offered.clone();
-        assert_eq!(
-            offered,
-            [format!("{typed}f.mcap"), format!("{typed}ms.mcap")]
-        );
-        harness.event(eframe::egui::Event::Text("m".to_owned()));
-        harness.run_steps(3);
-        harness.key_press(Key::Tab);
-        harness.run_steps(3);
+        enter(&mut harness, &typed);
+        let names = ["f", "ms"].map(|end| format!("{typed}{end}.mcap"));
+        assert_eq!(harness.state().dialog.completions.offered, names);
+        enter(&mut harness, "m");
+        press(&mut harness, Key::Tab);
         assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcap"));
-        harness.event(eframe::egui::Event::Text("x".to_owned()));
-        harness.run_steps(3);
+        enter(&mut harness, "x");
         assert_eq!(harness.state().dialog.path, format!("{typed}ms.mcapx"));
         harness.key_press(Key::Backspace);
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
-        assert_eq!(
-            harness.state().opened,
-            [PathBuf::from(format!("{typed}ms.mcap"))]
-        );
+        press(&mut harness, Key::Enter);
+        let opened = PathBuf::from(format!("{typed}ms.mcap"));
+        assert_eq!(harness.state().opened, [opened]);
     }
 
     #[test]
@@ -329,21 +320,16 @@ mod tests {
         assert_eq!(harness.state().dialog.path, typed);
         let mut offered = harness.state().dialog.completions.offered.clone();
         offered.sort();
-        assert_eq!(
-            offered,
-            ["rooms", "sea"].map(|name| format!("{typed}{name}.mcap"))
-        );
+        let names = ["rooms", "sea"].map(|name| format!("{typed}{name}.mcap"));
+        assert_eq!(offered, names);
         // A folder is offered, but no recording yet.
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
+        press(&mut harness, Key::Enter);
         assert!(harness.state().opened.is_empty());
-        harness.event(eframe::egui::Event::Text("ro".to_owned()));
-        harness.run_steps(3);
+        enter(&mut harness, "ro");
         assert_eq!(harness.state().dialog.path, format!("{typed}ro"));
 
         open(&mut harness, folder.path().to_owned());
-        harness.event(eframe::egui::Event::Text("/x".to_owned()));
-        harness.run_steps(3);
+        enter(&mut harness, "/x");
         assert_eq!(harness.state().dialog.path, "/x");
         open(&mut harness, folder.path().join("gone"));
         assert_eq!(harness.state().dialog.path, "/x");
@@ -363,8 +349,7 @@ mod tests {
         let dialog = &mut harness.state_mut().dialog;
         dialog.open(Some(folder.path().to_owned()));
         harness.run_steps(3);
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
+        press(&mut harness, Key::Enter);
         assert_eq!(harness.state().opened, [recording]);
     }
 
@@ -389,8 +374,7 @@ mod tests {
         dialog.refuse("~/no such day.mcap".to_owned(), "gone".to_owned());
         let mut harness = harness(dialog);
         harness.run_steps(3);
-        harness.key_press(Key::Enter);
-        harness.run_steps(3);
+        press(&mut harness, Key::Enter);
         let home = crate::typed_path::home().unwrap();
         assert_eq!(harness.state().opened, [home.join("no such day.mcap")]);
     }

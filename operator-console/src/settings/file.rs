@@ -38,7 +38,6 @@ pub fn default_file() -> Option<PathBuf> {
     Some(folders.config_dir().join("foreshore").join("console.json"))
 }
 
-/// Reads settings. An unreadable file is renamed, and defaults are used.
 pub fn read(path: &Path) -> Read {
     let why = match parse(path) {
         Ok(None) => return Read::default(),
@@ -84,14 +83,11 @@ fn parse(path: &Path) -> Result<Option<(Settings, Vec<String>)>, String> {
     }
     let value: Value = serde_json::from_slice(&bytes).map_err(|error| error.to_string())?;
     let version = value.get("version").and_then(Value::as_u64);
-    match version {
-        Some(version) if version > u64::from(VERSION) => {
-            return Err(format!(
-                "it was written by a newer version of this program (format {version}, known is {VERSION})"
-            ));
-        }
-        Some(_) => {}
-        None => return Err("it does not say its version".to_owned()),
+    let version = version.ok_or("it does not say its version")?;
+    if version > u64::from(VERSION) {
+        return Err(format!(
+            "it was written by a newer version of this program (format {version}, known is {VERSION})"
+        ));
     }
     let mut settings: Settings =
         serde_json::from_value(value).map_err(|error| error.to_string())?;
@@ -133,7 +129,6 @@ fn aside(path: &Path) -> PathBuf {
     path.with_file_name(format!("{stem}.unusable-{label}.json"))
 }
 
-/// Shortest time between two writes.
 const PERIOD: Duration = Duration::from_secs(1);
 
 /// Writes settings in a thread. Dropping it writes what is pending.
@@ -200,9 +195,10 @@ impl Drop for SettingsWriter {
     }
 }
 
-fn run(shared: &Shared, path: &std::path::Path) {
+fn run(shared: &Shared, path: &Path) {
     let mut state = lock(&shared.state);
-    let mut repeat_filter = RepeatFilter::default();
+    // Only a new problem is reported.
+    let mut last_problem = None;
     loop {
         if let Some(settings) = state.waiting.take() {
             drop(state);
@@ -213,7 +209,9 @@ fn run(shared: &Shared, path: &std::path::Path) {
                 let path = path.display();
                 format!("Settings cannot be saved to {path}: {why}")
             });
-            if let Some(problem) = repeat_filter.only_new(problem) {
+            let is_new = problem != last_problem;
+            last_problem.clone_from(&problem);
+            if let Some(problem) = problem.filter(|_| is_new) {
                 tracing::warn!("{problem}");
                 state.problem = Some(problem);
             }
@@ -234,46 +232,6 @@ fn run(shared: &Shared, path: &std::path::Path) {
                 .changed
                 .wait(state)
                 .unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-}
-
-/// Suppresses repetitions of a problem.
-#[derive(Debug, Default)]
-struct RepeatFilter {
-    last: Option<String>,
-}
-
-impl RepeatFilter {
-    /// The result of one more attempt; returns a problem that differs from the last one.
-    fn only_new(&mut self, problem: Option<String>) -> Option<String> {
-        if problem == self.last {
-            return None;
-        }
-        self.last.clone_from(&problem);
-        problem
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn problem_is_repeated_only_after_a_change() {
-        let mut repeats = RepeatFilter::default();
-        let (full, readonly) = (Some("full".to_owned()), Some("read-only".to_owned()));
-        for (problem, is_said) in [
-            (&None, false),
-            (&full, true),
-            (&full, false),
-            (&readonly, true),
-            (&readonly, false),
-            (&None, false),
-            (&readonly, true),
-        ] {
-            let expected = problem.clone().filter(|_| is_said);
-            assert_eq!(repeats.only_new(problem.clone()), expected, "{problem:?}");
         }
     }
 }

@@ -27,7 +27,6 @@ pub struct Settings {
     pub version: u32,
     pub appearance: Appearance,
     pub window: Option<WindowPlace>,
-    /// `None` for the default layout.
     pub layout: Option<Layout>,
     /// Typed control endpoints, newest last.
     pub addresses: Vec<String>,
@@ -88,17 +87,11 @@ impl Settings {
             ));
             self.appearance.scale_percent = Appearance::default().scale_percent;
         }
-        if self.window.is_some_and(|place| !place.is_valid()) {
+        if self.window.take_if(|place| !place.is_valid()).is_some() {
             mended.push("the window's place is on no screen".to_owned());
-            self.window = None;
         }
-        if self
-            .layout
-            .as_ref()
-            .is_some_and(|layout| !layout.is_whole())
-        {
+        if self.layout.take_if(|layout| !layout.is_whole()).is_some() {
             mended.push("the layout lacks panels".to_owned());
-            self.layout = None;
         }
         let surplus = self.addresses.len().saturating_sub(MAX_ADDRESSES);
         self.addresses.drain(..surplus);
@@ -110,10 +103,8 @@ impl Settings {
 impl WindowPlace {
     /// Whether a screen could contain such a window.
     pub fn is_valid(&self) -> bool {
-        let is_size = self
-            .size
-            .iter()
-            .all(|side| (200.0..20_000.0).contains(side));
+        let mut sides = self.size.iter();
+        let is_size = sides.all(|side| (200.0..20_000.0).contains(side));
         let is_corner = |corner: [f32; 2]| corner.iter().all(|at| at.abs() < 20_000.0);
         is_size && self.corner.is_none_or(is_corner)
     }
@@ -132,7 +123,6 @@ pub enum ThemeChoice {
 #[serde(default)]
 pub struct Appearance {
     pub theme: ThemeChoice,
-    /// Scale, percent of the system's.
     pub scale_percent: u16,
 }
 
@@ -156,7 +146,6 @@ impl ThemeChoice {
         }
     }
 
-    /// The opposite of the theme that is visible.
     pub const fn other_than(seen: Theme) -> Self {
         match seen {
             Theme::Dark => Self::Light,
@@ -166,9 +155,7 @@ impl ThemeChoice {
 }
 
 impl Appearance {
-    /// Percent.
     pub const SCALES: RangeInclusive<u16> = 50..=300;
-    /// Percent.
     const STEP: u16 = 10;
 
     pub fn is_valid(&self) -> bool {
@@ -212,7 +199,6 @@ const SERIES: [(u8, u8, u8); 7] = [
 ];
 const MAX_ROBOTS: usize = 256;
 
-/// Index of each robot's colour.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct RobotColors(BTreeMap<String, u8>);
@@ -222,10 +208,8 @@ impl RobotColors {
     pub fn of(&mut self, robot: &RobotId) -> Color32 {
         let known = self.0.get(robot.as_str()).copied();
         let index = known.unwrap_or_else(|| {
-            let uses = |index: u8| self.0.values().filter(|used| **used == index).count();
-            let index = (0..SERIES.len() as u8)
-                .min_by_key(|index| uses(*index))
-                .unwrap_or(0);
+            let uses = |index: &u8| self.0.values().filter(|used| *used == index).count();
+            let index = (0..SERIES.len() as u8).min_by_key(uses).unwrap_or(0);
             self.0.insert(robot.as_str().to_owned(), index);
             self.limit();
             index

@@ -30,6 +30,11 @@ fn some() -> Settings {
     settings
 }
 
+fn read_both(path: &Path) -> (Settings, Option<String>) {
+    let read = read(path);
+    (read.settings, read.complaint)
+}
+
 fn files(folder: &Path) -> Vec<String> {
     let mut names: Vec<_> = fs::read_dir(folder)
         .unwrap()
@@ -60,10 +65,7 @@ fn missing_keys_have_defaults_unknown_are_ignored() {
         r#"{"version": 1, "sound": "loud", "appearance": {"theme": "light"}}"#,
     )
     .unwrap();
-    let Read {
-        settings,
-        complaint,
-    } = read(&path);
+    let (settings, complaint) = read_both(&path);
     assert_eq!(complaint, None);
     let expected = Appearance {
         theme: ThemeChoice::Light,
@@ -86,10 +88,7 @@ fn damaged_or_newer_file_is_renamed_with_reason() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("console.json");
         fs::write(&path, text).unwrap();
-        let Read {
-            settings,
-            complaint,
-        } = read(&path);
+        let (settings, complaint) = read_both(&path);
         assert_eq!(settings, Settings::default());
         let complaint = complaint.unwrap();
         assert!(complaint.contains(says), "{complaint}");
@@ -115,10 +114,7 @@ fn invalid_values_are_replaced_separately() {
         is_maximized: false,
     });
     file::write(&path, &settings).unwrap();
-    let Read {
-        settings,
-        complaint,
-    } = read(&path);
+    let (settings, complaint) = read_both(&path);
     assert_eq!(settings.appearance.scale_percent, 100);
     assert_eq!(settings.appearance.theme, ThemeChoice::Dark);
     assert_eq!(settings.window, None);
@@ -155,6 +151,17 @@ fn addresses_and_colours_are_bounded_and_kept() {
     assert!(text.len() < 8_000, "{} bytes", text.len());
 }
 
+fn within_5_s<T>(found: impl Fn() -> Option<T>) -> T {
+    let started = clock::now();
+    loop {
+        if let Some(found) = found() {
+            return found;
+        }
+        assert!(clock::elapsed(started) < Duration::from_secs(5));
+        sleep(Duration::from_millis(5));
+    }
+}
+
 /// As after `kill -9`: nothing is dropped.
 #[test]
 fn changes_are_written_within_a_second_and_at_exit() {
@@ -162,15 +169,8 @@ fn changes_are_written_within_a_second_and_at_exit() {
     let path = folder.path().join("console.json");
     let mut settings_writer = SettingsWriter::start(path.clone(), Settings::default());
     settings_writer.save(Settings::default());
-    let started = clock::now();
     settings_writer.save(some());
-    while !path.exists() {
-        assert!(
-            clock::elapsed(started) < Duration::from_secs(5),
-            "nothing is written"
-        );
-        sleep(Duration::from_millis(5));
-    }
+    within_5_s(|| path.exists().then_some(()));
     assert_eq!(read(&path).settings, some());
     // Only the last of many changes is written, at the end at the latest.
     for percent in 50..=300 {
@@ -191,17 +191,7 @@ fn unwritable_folder_is_reported_once() {
     let mut settings_writer =
         SettingsWriter::start(blocked.join("console.json"), Settings::default());
     settings_writer.save(some());
-    let started = clock::now();
-    let problem = loop {
-        if let Some(problem) = settings_writer.take_problem() {
-            break problem;
-        }
-        assert!(
-            clock::elapsed(started) < Duration::from_secs(5),
-            "no complaint"
-        );
-        sleep(Duration::from_millis(5));
-    };
+    let problem = within_5_s(|| settings_writer.take_problem());
     assert!(problem.contains("cannot be saved"), "{problem}");
     assert_eq!(settings_writer.take_problem(), None);
 }

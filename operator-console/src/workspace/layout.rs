@@ -16,10 +16,8 @@ const RIGHT: f32 = 300.0;
 const BELOW: f32 = 190.0;
 /// Size of the map in a window of 1280 × 800 points.
 const MAP: [f32; 2] = [700.0, 570.0];
-/// Greater shares are invalid.
 const MAX_SHARE: f32 = 1e5;
 
-/// Positions of the panels, and the closed ones.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
     root: Place,
@@ -195,10 +193,8 @@ fn insert(tiles: &mut Tiles<PanelId>, place: &Place) -> TileId {
 }
 
 fn linear(tiles: &mut Tiles<PanelId>, dir: LinearDir, parts: &[Part]) -> TileId {
-    let children: Vec<_> = parts
-        .iter()
-        .map(|part| insert(tiles, &part.place))
-        .collect();
+    let children = parts.iter().map(|part| insert(tiles, &part.place));
+    let children: Vec<_> = children.collect();
     let mut linear = Linear::new(dir, children.clone());
     for (child, part) in children.into_iter().zip(parts) {
         linear.shares.set_share(child, part.share);
@@ -231,12 +227,9 @@ pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) 
             LinearDir::Horizontal => 0,
             LinearDir::Vertical => 1,
         };
-        let others: Vec<TileId> = linear
-            .children
-            .iter()
-            .copied()
-            .filter(|other| *other != child && tree.tiles.is_visible_in_layout(*other))
-            .collect();
+        let others = linear.children.iter().copied();
+        let is_other = |other: &TileId| *other != child && tree.tiles.is_visible_in_layout(*other);
+        let others: Vec<_> = others.filter(is_other).collect();
         let Some(Tile::Container(Container::Linear(linear))) = tree.tiles.get_mut(parent) else {
             continue;
         };
@@ -288,14 +281,14 @@ struct Enclosing {
 /// `dropped` stay in the tabs.
 fn flattened(place: Place, dropped: &BTreeSet<PanelId>) -> Place {
     let each = |parts: Vec<Part>| {
-        let parts = parts.into_iter().map(|part| Part {
-            share: part.share,
-            place: flattened(part.place, dropped),
+        let parts = parts.into_iter().map(|Part { share, place }| Part {
+            share,
+            place: flattened(place, dropped),
         });
         parts.collect()
     };
     match place {
-        Place::Panel(panel) => Place::Panel(panel),
+        Place::Panel(_) => place,
         Place::Row(parts) => Place::Row(each(parts)),
         Place::Column(parts) => Place::Column(each(parts)),
         Place::Tabs { front, places } => flattened_tabs(front, places, dropped),

@@ -18,10 +18,8 @@ pub use layout::{Layout, is_tight};
 
 pub struct Workspace {
     tree: Tree<PanelId>,
-    /// Closed by the operator.
     hidden: BTreeSet<PanelId>,
     active_tabs: ActiveTabs,
-    /// Gets the keyboard focus in the next frame.
     wanted_focus: Option<PanelId>,
     focused: Option<PanelId>,
 }
@@ -51,7 +49,6 @@ impl Workspace {
         *self = Self::default();
     }
 
-    /// Whether the operator has not closed the panel.
     pub fn is_wanted(&self, panel: PanelId) -> bool {
         !self.hidden.contains(&panel)
     }
@@ -67,7 +64,6 @@ impl Workspace {
         }
     }
 
-    /// Moves the keyboard focus to the next or previous visible panel.
     pub fn cycle_focus(&mut self, is_forward: bool) {
         let shown = self.shown();
         let at = self
@@ -83,46 +79,33 @@ impl Workspace {
         self.wanted_focus = shown.get(next).copied();
     }
 
-    /// Visible panels from the upper left to the lower right.
     pub fn shown(&self) -> Vec<PanelId> {
-        let mut shown: Vec<_> = self
-            .tree
-            .active_tiles()
-            .into_iter()
-            .filter_map(|id| {
-                let panel = *self.tree.tiles.get_pane(&id)?;
-                let corner = self.tree.tiles.rect(id)?.min;
-                Some(([corner.x as i32, corner.y as i32], panel))
-            })
-            .collect();
+        let corner_and_panel = |id| {
+            let panel = *self.tree.tiles.get_pane(&id)?;
+            let corner = self.tree.tiles.rect(id)?.min;
+            Some(([corner.x as i32, corner.y as i32], panel))
+        };
+        let shown = self.tree.active_tiles().into_iter();
+        let mut shown: Vec<_> = shown.filter_map(corner_and_panel).collect();
         shown.sort_unstable();
         shown.into_iter().map(|(_, panel)| panel).collect()
     }
 
-    /// Draws the panels for which `has_content` is true.
     pub fn show(
         &mut self,
         ui: &mut Ui,
         has_content: impl Fn(PanelId) -> bool,
         draw: &mut dyn FnMut(&mut Ui, PanelId),
     ) {
-        let panes: Vec<(TileId, PanelId)> = self
-            .tree
-            .tiles
-            .iter()
-            .filter_map(|(id, tile)| match tile {
-                Tile::Pane(panel) => Some((*id, *panel)),
-                Tile::Container(_) => None,
-            })
-            .collect();
-        let mut map = None;
+        let tiles = &self.tree.tiles;
+        let panes = PanelId::ALL.map(|panel| (tiles.find_pane(&panel), panel));
         for (id, panel) in panes {
-            if panel == PanelId::Map {
-                map = Some(id);
-            }
             let is_shown = !panel.can_be_closed() || self.is_wanted(panel) && has_content(panel);
-            self.tree.set_visible(id, is_shown);
+            if let Some(id) = id {
+                self.tree.set_visible(id, is_shown);
+            }
         }
+        let map = self.tree.tiles.find_pane(&PanelId::Map);
         self.active_tabs.restore(&mut self.tree);
         if let Some(map) = map {
             layout::resize_for_map(&mut self.tree, map, ui.available_size());
@@ -138,7 +121,7 @@ impl Workspace {
         };
         let dragged = self.dragged(ui);
         self.tree.ui(&mut docking, ui);
-        self.active_tabs.record_choices(&self.tree);
+        self.active_tabs.record(&self.tree, true);
         let is_dropped = docking.is_dropped;
         let (focused, closed) = (docking.focused, docking.closed);
         self.focused = focused.map(|(_, panel)| panel);
@@ -151,7 +134,6 @@ impl Workspace {
         }
     }
 
-    /// Panels that are being dragged.
     fn dragged(&self, ui: &Ui) -> BTreeSet<PanelId> {
         let mut open: Vec<_> = self.tree.dragged_id(ui.ctx()).into_iter().collect();
         let mut panels = BTreeSet::new();
@@ -167,7 +149,6 @@ impl Workspace {
         panels
     }
 
-    /// Flattens tabs after a drop.
     fn flatten(&mut self, dropped: &BTreeSet<PanelId>) {
         let layout = self.layout();
         let flattened = layout.clone().flattened(dropped);
@@ -179,7 +160,6 @@ impl Workspace {
     }
 }
 
-/// Stored in settings by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PanelId {
@@ -239,11 +219,6 @@ impl PanelId {
         !matches!(self, Self::Map | Self::Robots | Self::Events | Self::Alerts)
     }
 
-    /// Whether it has no margin and no scroll area.
-    const fn fills_its_place(self) -> bool {
-        matches!(self, Self::Map)
-    }
-
     /// Whether it reserves the width of the scroll bar itself.
     const fn leaves_room_for_bars(self) -> bool {
         matches!(self, Self::Shores | Self::Events)
@@ -257,9 +232,7 @@ struct ActiveTabs(BTreeMap<u64, ActiveTab>);
 
 #[derive(Clone, Copy, Debug)]
 struct ActiveTab {
-    /// The operator's choice.
     chosen: TileId,
-    /// The front panel of the last frame.
     shown: TileId,
 }
 
@@ -267,37 +240,35 @@ impl ActiveTabs {
     /// Before a frame: records new choices, and shows chosen panels if they are visible.
     fn restore(&mut self, tree: &mut Tree<PanelId>) {
         self.record(tree, true);
-        for (tabs, front) in &self.0 {
-            let tabs = TileId::from_u64(*tabs);
-            if tree.tiles.is_visible_in_layout(front.chosen)
-                && let Some(Tile::Container(Container::Tabs(tabs))) = tree.tiles.get_mut(tabs)
-                && tabs.children.contains(&front.chosen)
-            {
-                tabs.set_active(front.chosen);
-            }
-        }
+        self.activate(tree, |tree, chosen| tree.tiles.is_visible_in_layout(chosen));
         self.record(tree, false);
     }
 
     /// The tree with all chosen panels in front, for the stored layout.
     fn of(&self, tree: &Tree<PanelId>) -> Tree<PanelId> {
         let mut tree = tree.clone();
+        self.activate(&mut tree, |_, _| true);
+        tree
+    }
+
+    /// Shows the chosen panels for which `is_shown` is true.
+    fn activate(
+        &self,
+        tree: &mut Tree<PanelId>,
+        is_shown: impl Fn(&Tree<PanelId>, TileId) -> bool,
+    ) {
         for (tabs, front) in &self.0 {
             let tabs = TileId::from_u64(*tabs);
-            if let Some(Tile::Container(Container::Tabs(tabs))) = tree.tiles.get_mut(tabs)
+            if is_shown(tree, front.chosen)
+                && let Some(Tile::Container(Container::Tabs(tabs))) = tree.tiles.get_mut(tabs)
                 && tabs.children.contains(&front.chosen)
             {
                 tabs.set_active(front.chosen);
             }
         }
-        tree
     }
 
-    /// After a frame: a changed front panel that was not hidden is a choice.
-    fn record_choices(&mut self, tree: &Tree<PanelId>) {
-        self.record(tree, true);
-    }
-
+    /// Records the front panels. `is_choice`: a changed front panel that was not hidden is a choice.
     fn record(&mut self, tree: &Tree<PanelId>, is_choice: bool) {
         let mut now = BTreeMap::new();
         for (id, tile) in tree.tiles.iter() {
@@ -318,7 +289,6 @@ impl ActiveTabs {
     }
 }
 
-/// Draws the panels of a frame and records the operator's changes.
 struct Docking<'a> {
     draw: &'a mut dyn FnMut(&mut Ui, PanelId),
     /// Tabs without a title while they have one panel.
@@ -326,7 +296,6 @@ struct Docking<'a> {
     wanted_focus: Option<PanelId>,
     focused: Option<(TileId, PanelId)>,
     closed: Option<PanelId>,
-    /// Whether a panel was moved.
     is_dropped: bool,
 }
 
@@ -335,7 +304,7 @@ impl Behavior<PanelId> for Docking<'_> {
         let panel = *panel;
         let place = ui.max_rect();
         self.anchor(ui, tile, panel, place);
-        if panel.fills_its_place() {
+        if panel == PanelId::Map {
             (self.draw)(ui, panel);
         } else {
             Frame::new()

@@ -1,12 +1,11 @@
-use eframe::egui::{Color32, ColorImage, ImageData, pos2, vec2};
-use protocol::tile::TileCells;
-use protocol::tile_store::LayerGrid;
+use eframe::egui::{Color32, ColorImage, ImageData, Rect, pos2, vec2};
 
 use super::super::layer_stack::LayerCommand;
 use super::super::probe::tests::model_of;
+use super::super::tests::{publish, store_of};
 use super::*;
 use crate::model::ConsoleModel;
-use crate::test_support::{BOOT, at, push_tile};
+use crate::test_support::{at, push_tile};
 
 struct Rig {
     ctx: Context,
@@ -16,25 +15,15 @@ struct Rig {
     stack: LayerStack,
 }
 
-const TILE: (i32, i32) = (0, 0);
-
-fn key(layer: LayerId) -> TileKey {
-    let (tx, ty) = TILE;
-    TileKey { layer, tx, ty }
-}
-
 impl Rig {
     /// Costs that are free everywhere above shores in the upper half.
     fn new() -> Self {
-        let mut robot = TileStore::new(BOOT, 10);
-        for layer in [LayerId::Cost, LayerId::Shore] {
-            robot.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
-        }
+        let mut robot = store_of(&[LayerId::Cost, LayerId::Shore]);
         let free = LayerId::Cost.quantisation().encode(0.0);
-        let free = TileCells::from_fn(|_, _| free);
-        let shore = TileCells::from_fn(|_, y| u16::from(y >= 32));
-        drop(robot.publish(key(LayerId::Cost), free).unwrap());
-        drop(robot.publish(key(LayerId::Shore), shore).unwrap());
+        publish(&mut robot, LayerId::Cost, (0, 0), |_, _| free);
+        publish(&mut robot, LayerId::Shore, (0, 0), |_, y| {
+            u16::from(y >= 32)
+        });
         let mut stack = LayerStack::default();
         stack.apply(LayerCommand::Below(LayerId::Shore, LayerId::Cost));
         Self {
@@ -48,9 +37,9 @@ impl Rig {
 
     /// The robot maps shores in these rows (by y).
     fn find_shores(&mut self, code: u16, rows: std::ops::Range<usize>) {
-        let shore = TileCells::from_fn(|_, y| code * u16::from(rows.contains(&y)));
-        drop(self.robot.publish(key(LayerId::Shore), shore).unwrap());
-        push_tile(&mut self.model, &self.robot, key(LayerId::Shore), at(2_100));
+        let shore = |_, y| code * u16::from(rows.contains(&y));
+        let key = publish(&mut self.robot, LayerId::Shore, (0, 0), shore);
+        push_tile(&mut self.model, &self.robot, key, at(2_100));
     }
 
     /// Images uploaded in a frame.
@@ -60,8 +49,8 @@ impl Rig {
         let map = self.model.map();
         let is_done = self.layers.update(map, changed, &self.stack, &mut time);
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(800.0, 600.0));
-        let (camera, store) = (Camera::default(), map.store());
-        let view = (&camera, screen);
+        let (camera, store) = (Camera::on(screen), map.store());
+        let view = &camera;
         let is_made = self
             .layers
             .prepare(&self.ctx, &self.stack, store, view, &mut time);

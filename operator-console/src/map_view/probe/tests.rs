@@ -4,15 +4,13 @@ use std::time::Duration;
 use protocol::keys::Topic;
 use protocol::message::{Info, LayerInfo, Status};
 use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
-use protocol::tile::TileCells;
-use protocol::tile_store::{LayerGrid, TileStore};
+use protocol::tile_store::TileStore;
 use tiff::decoder::{Decoder, DecodingResult};
 
+use super::super::tests::{publish, store_of};
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
-use crate::test_support::{
-    BOOT, announce_map, at, console, inject, inject_reply, push_tile, scout,
-};
+use crate::test_support::{announce_map, at, console, inject, inject_reply, push_tile, scout};
 
 const CELL_M: f64 = 0.1;
 
@@ -46,20 +44,13 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
 
 /// Every layer with all kinds of codes, and unknown cells on both sides of the origin.
 pub(in crate::map_view) fn store() -> TileStore {
-    let mut store = TileStore::new(BOOT, 10);
+    let mut store = store_of(&LayerId::ALL);
     for layer in LayerId::ALL {
-        store
-            .set_grid(LayerGrid {
-                layer,
-                cell_m: CELL_M,
-            })
-            .unwrap();
         let is_code = |code| layer.quantisation().is_code(code);
         let codes = (0..=u16::MAX).filter(|code| is_code(*code)).count();
-        for (tx, ty) in [(-1, 0), (0, 0), (1, -1)] {
-            let cells =
-                TileCells::from_fn(|x, y| ((x * 31 + y * 977) % codes) as u16 * u16::from(y > 3));
-            drop(store.publish(TileKey { layer, tx, ty }, cells).unwrap());
+        for tile in [(-1, 0), (0, 0), (1, -1)] {
+            let code = |x, y| ((x * 31 + y * 977) % codes) as u16 * u16::from(y > 3);
+            publish(&mut store, layer, tile, code);
         }
     }
     store

@@ -2,13 +2,13 @@
 
 use eframe::egui::Shape;
 
-use super::super::overlays::grid::ScaleBar;
+use super::super::grid::ScaleBar;
 use super::*;
 
 /// Share of the map under the legends.
 fn under_legends(window: &Harness<'_, Rig>) -> f32 {
     let view = &window.state().view;
-    let place = view.legends.place().unwrap();
+    let place = view.legends.place.unwrap();
     place.area() / view.place().area()
 }
 
@@ -31,7 +31,7 @@ fn a_button_opens_more_legends_on_small_maps() {
         window.get_by_label("Fewer legends");
         let opened = under_legends(&window);
         assert!(opened > share, "{width} × {height}: {opened}");
-        let place = window.state().view.legends.place().unwrap();
+        let place = window.state().view.legends.place.unwrap();
         assert!(window.state().view.place().contains_rect(place), "{place}");
         window.get_by_label("Fewer legends").click();
         window.run_steps(4);
@@ -77,7 +77,7 @@ fn a_narrow_map_has_the_button_beside_the_title() {
     let button = window.get_by_label_contains("4 more legends: Obstacles");
     let button = button.rect();
     let title = window.get_by_label("Shore").rect();
-    let card = window.state().view.legends.place().unwrap();
+    let card = window.state().view.legends.place.unwrap();
     assert!(card.contains_rect(button), "{card} {button}");
     assert!(button.y_range().contains(title.center().y), "{title}");
     assert!(title.right() <= button.left(), "{title} {button}");
@@ -85,7 +85,7 @@ fn a_narrow_map_has_the_button_beside_the_title() {
     for label in ["more legend", "Fewer legends", "more legend"] {
         window.get_by_label_contains(label).click();
         window.run_steps(4);
-        let card = window.state().view.legends.place().unwrap();
+        let card = window.state().view.legends.place.unwrap();
         click(&mut window, card.center_bottom() - vec2(0.0, 20.0));
         window.run_steps(2);
     }
@@ -98,8 +98,9 @@ const PADDING: f32 = 16.0;
 
 /// The scale bar beside the legends.
 fn scale_bar(view: &MapView) -> ScaleBar {
-    let room = view.place().width() - view.legend_width() - 3.0 * CARD_MARGIN;
-    ScaleBar::new(view.camera.points_per_m(), room)
+    let room =
+        view.place().width() - super::super::legend_card::width(view.place()) - 3.0 * CARD_MARGIN;
+    ScaleBar::new(view.camera.points_per_m, room)
 }
 
 #[test]
@@ -115,7 +116,7 @@ fn legends_do_not_cover_the_scale_bar() {
         for is_opened in [false, true] {
             window.get_by_label("Free: clear over the known");
             let view = &window.state().view;
-            let legends = view.legends.place().unwrap();
+            let legends = view.legends.place.unwrap();
             let bar = view.place().left() + CARD_MARGIN + PADDING + scale_bar(view).length;
             assert!(bar < legends.left() + 0.5, "{width}: {bar} {legends}");
             if !is_opened {
@@ -131,10 +132,10 @@ fn opened_legends_hide_the_scale_bar_completely() {
     let mut window = window_of(160.0 + AROUND, 134.0 + AROUND);
     crate::theme::set(&window.ctx);
     look(&mut window, Look::Follow(false));
-    let screen = window.state().view.screen;
+    let screen = window.state().view.camera.screen;
     let camera = &mut window.state_mut().view.camera;
     // The bar has 47 points.
-    camera.zoom_about(screen, screen.center(), 4.7 / camera.points_per_m());
+    camera.zoom_about(screen.center(), 4.7 / camera.points_per_m);
     let has_bar = |window: &Harness<'_, Rig>| {
         let label = scale_bar(&window.state().view).label;
         assert_eq!(label, "10 m");
@@ -201,7 +202,7 @@ fn opened_legends_scroll_by_keys() {
 /// Whether legends or their button overlap buttons or compass.
 fn lie_on_others(window: &Harness<'_, Rig>) -> bool {
     let view = &window.state().view;
-    let legends = view.legends.place().unwrap();
+    let legends = view.legends.place.unwrap();
     let compass = window.get_by_label("Compass: y up").rect();
     assert!(view.place().contains_rect(legends), "{legends}");
     legends.intersects(compass) || legends.intersects(view.buttons)

@@ -43,7 +43,7 @@ fn receive_shores(window: &mut Harness<'_, Rig>, shores: Shores) {
 }
 
 fn assert_looks_at(window: &Harness<'_, Rig>, point_m: [f64; 2]) {
-    let [x_m, y_m] = window.state().view.camera.center_m();
+    let [x_m, y_m] = window.state().view.camera.center_m;
     let away_m = libm::hypot(x_m - point_m[0], y_m - point_m[1]);
     assert!(away_m < 1e-3, "{x_m} {y_m} is not {point_m:?}");
 }
@@ -57,14 +57,14 @@ fn a_selected_shore_is_approached() {
     let site = Look::Mark(site, [-19.0, -2.5]);
     // The map has about 800 × 600 points.
     for (mark, side_m, middle_m) in [(shore, 20.0, [30.0, 13.0]), (site, 8.0, [-19.0, -2.5])] {
-        let screen = window.state().view.screen;
+        let screen = window.state().view.camera.screen;
         let camera = &mut window.state_mut().view.camera;
-        *camera = Camera::default();
-        camera.zoom_about(screen, screen.center(), 0.05);
+        *camera = Camera::on(screen);
+        camera.zoom_about(screen.center(), 0.05);
         look(&mut window, mark);
         assert_looks_at(&window, middle_m);
         let view = &window.state().view;
-        let part = side_m * view.camera.points_per_m() / f64::from(view.screen.height());
+        let part = side_m * view.camera.points_per_m / f64::from(view.camera.screen.height());
         assert!((part - 1.0 / 3.0).abs() < 1e-3, "{mark:?}: {part}");
         assert_eq!(view.camera_mode(), CameraMode::Free);
         // The camera approaches once.
@@ -73,10 +73,10 @@ fn a_selected_shore_is_approached() {
         assert_looks_at(&window, [1.0, 2.0]);
     }
     // A removed shore is only centred.
-    let before = window.state().view.camera.points_per_m();
+    let before = window.state().view.camera.points_per_m;
     look(&mut window, Look::Mark(ShoreMark::Shore(9), [4.0, 5.0]));
     assert_looks_at(&window, [4.0, 5.0]);
-    let after = window.state().view.camera.points_per_m();
+    let after = window.state().view.camera.points_per_m;
     assert_eq!(after.to_bits(), before.to_bits());
 }
 
@@ -85,7 +85,7 @@ fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
     let stroke = PathStroke::from(Stroke::new(3.0, theme::MARKED));
     let view = &window.state().view;
     let corner_m = |at: &Pos2| {
-        let corner_m = view.camera.to_odom(view.screen, *at);
+        let corner_m = view.camera.to_odom(*at);
         corner_m.map(|metres| metres.round() as i32)
     };
     let shapes = window.output().shapes.iter();
@@ -148,22 +148,22 @@ fn the_fitted_map_is_beside_or_above_the_legends() {
         let window = window_of(width, height);
         let view = &window.state().view;
         assert_eq!(view.camera_mode(), CameraMode::FitMap);
-        let legends = view.legends.place().unwrap();
+        let legends = view.legends.place.unwrap();
         // Tiles (−1, 0), (0, 0) and (1, −1) of 6.4 m.
         let map = [[-6.4, 6.4], [12.8, 6.4], [12.8, -6.0], [-6.4, -6.0]];
         let map = Rect::from_points(&map.map(|corner_m| view.place_of(corner_m)));
         let size = format!("{width} × {height}: {map} {legends}");
         assert!(!map.intersects(legends), "{size}");
-        assert!(view.screen.contains_rect(map), "{size}");
+        assert!(view.camera.screen.contains_rect(map), "{size}");
     }
     // Without legends the map is centred.
     let mut window = window();
-    let beside = window.state().view.camera.points_per_m();
+    let beside = window.state().view.camera.points_per_m;
     look(&mut window, Look::Draw(Overlay::Legend, false));
     window.run_steps(2);
     let camera = window.state().view.camera;
-    assert!(camera.points_per_m() > 1.2 * beside);
-    assert!((camera.center_m()[0] - 3.2).abs() < 1e-6, "{camera:?}");
+    assert!(camera.points_per_m > 1.2 * beside);
+    assert!((camera.center_m[0] - 3.2).abs() < 1e-6, "{camera:?}");
 }
 
 #[test]
@@ -289,7 +289,7 @@ fn the_limiting_obstacle_has_a_ring() {
             let Shape::Circle(ring) = &clipped.shape else {
                 return None;
             };
-            let place_m = view.camera.to_odom(view.screen, ring.center);
+            let place_m = view.camera.to_odom(ring.center);
             let is_it = ring.stroke.color == theme::STOPPING;
             is_it.then(|| place_m.map(|metres| metres.round() as i32))
         });
@@ -325,7 +325,7 @@ fn ruler_labels_do_not_cover_shore_numbers() {
     receive_shores(&mut window, shores(None));
     look(&mut window, Look::Measure(true));
     // The number is at (36, 13). The total would be placed below the end of the line, over the number.
-    let below_m = 24.0 / window.state().view.camera.points_per_m();
+    let below_m = 24.0 / window.state().view.camera.points_per_m;
     for point_m in [[30.0, 20.0], [36.0, 20.0], [36.0, 13.0 + below_m]] {
         look(&mut window, Look::At(point_m));
         look(&mut window, Look::Point);

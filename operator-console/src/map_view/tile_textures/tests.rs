@@ -1,10 +1,10 @@
 use eframe::egui::{self, RawInput, Shape, vec2};
 use protocol::layer::LayerId;
-use protocol::tile::{BootId, TileCells, TileKey};
-use protocol::tile_store::{LayerGrid, TileStore};
+use protocol::tile_store::TileStore;
 
 use super::super::coloring::Coloring;
-use super::super::layer_compositing::TilePresence;
+use super::super::layer_compositing::{IndexedLayer, TilePresence};
+use super::super::tests::{publish, store_of};
 use super::*;
 
 const LAYER: LayerId = LayerId::Occupancy;
@@ -29,48 +29,37 @@ fn screen() -> Rect {
 
 impl Rig {
     fn new() -> Self {
-        let mut store = TileStore::new(BootId([1; 16]), 100);
-        store
-            .set_grid(LayerGrid {
-                layer: LAYER,
-                cell_m: CELL_M,
-            })
-            .unwrap();
         Self {
             ctx: Context::default(),
-            store,
+            store: store_of(&[LAYER]),
             known: TilePresence::default(),
             coloring: Coloring::new(LAYER.default_palette(), false),
             textures: TileTextures::default(),
-            camera: Camera::default(),
+            camera: Camera::on(screen()),
         }
     }
 
-    fn put(&mut self, (tx, ty): (i32, i32), code: u16) {
-        let key = TileKey {
-            layer: LAYER,
-            tx,
-            ty,
-        };
-        let cells = TileCells::from_fn(|_, _| code);
-        drop(self.store.publish(key, cells).unwrap());
+    fn put(&mut self, tile: (i32, i32), code: u16) {
+        let key = publish(&mut self.store, LAYER, tile, |_, _| code);
         self.known.update(&self.store, key);
-        self.textures.changed((tx, ty));
+        self.textures.changed(tile);
     }
 
     /// Whether all is done after a frame with time for `tiles` tiles, and its uploads.
     fn frame_of(&mut self, tiles: usize) -> (bool, Vec<Upload>) {
         let bounds_cells = self.known.bounds_cells();
         let style = LayerStyle {
-            layer: LAYER,
-            cell_m: CELL_M,
-            store: &self.store,
-            known: &self.known,
+            indexed: IndexedLayer {
+                layer: LAYER,
+                cell_m: CELL_M,
+                store: &self.store,
+                known: &self.known,
+            },
             coloring: &self.coloring,
             below: &[],
         };
         let mut time = FrameTime::of_tiles(tiles);
-        let view = (&self.camera, screen());
+        let view = &self.camera;
         let is_complete =
             self.textures
                 .prepare(&self.ctx, style, view, bounds_cells, ALLOWANCE, &mut time);
@@ -92,8 +81,8 @@ impl Rig {
     }
 
     fn look_at(&mut self, center_m: [f64; 2], points_per_m: f64) {
-        let factor = points_per_m / self.camera.points_per_m();
-        self.camera.zoom_about(screen(), screen().center(), factor);
+        let factor = points_per_m / self.camera.points_per_m;
+        self.camera.zoom_about(screen().center(), factor);
         self.camera.center_on(center_m);
     }
 
@@ -105,7 +94,7 @@ impl Rig {
         };
         let mut output = self.ctx.run_ui(input, |ui| {
             let painter = ui.ctx().layer_painter(egui::LayerId::background());
-            let view = (&self.camera, screen());
+            let view = &self.camera;
             self.textures.paint(&painter, view, CELL_M, 0.5);
         });
         output.textures_delta.clear();
@@ -116,8 +105,8 @@ impl Rig {
             Some(mesh.calc_bounds())
         });
         let pieces = meshes.map(|bounds| {
-            let [low_x, low_y] = self.camera.to_odom(screen(), bounds.left_bottom());
-            let [high_x, high_y] = self.camera.to_odom(screen(), bounds.right_top());
+            let [low_x, low_y] = self.camera.to_odom(bounds.left_bottom());
+            let [high_x, high_y] = self.camera.to_odom(bounds.right_top());
             [low_x, low_y, high_x, high_y]
         });
         pieces.collect()
@@ -208,7 +197,7 @@ fn missing_chunks_are_replaced_without_holes() {
         rig.look_at([200.0, 210.0], points_per_m);
         let (is_complete, uploads) = rig.frame_of(0);
         assert_eq!(uploads, []);
-        let seen = rig.camera.visible_m(screen());
+        let seen = rig.camera.visible_m();
         let known = [0.0, 0.0, 448.0, 448.0];
         let expected_m2 = area_m2(overlap(seen, known));
         let drawn_m = rig.drawn_m();

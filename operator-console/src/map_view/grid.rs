@@ -9,8 +9,8 @@ use eframe::egui::{
 };
 use protocol::export::{length_label, round_length_m};
 
-use super::super::camera::Camera;
-use super::super::view_settings::Orientation;
+use super::camera::Camera;
+use super::view_settings::Orientation;
 use crate::panels::formatting::signed;
 use crate::theme;
 
@@ -18,17 +18,14 @@ use crate::theme;
 const SPACING: f64 = 160.0;
 /// Numbers may be covered by this margin, points.
 const EDGE: f32 = 4.0;
-/// Minimum distance of numbers, points.
 const GAP: f32 = 3.0;
-/// Per direction.
 const MAX_LINES: i64 = 200;
 
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::map_view) struct GridLine {
-    pub(in crate::map_view) ends: [Pos2; 2],
-    pub(in crate::map_view) label: String,
-    /// Line through the origin of `odom`.
-    pub(in crate::map_view) is_axis: bool,
+pub(super) struct GridLine {
+    pub(super) ends: [Pos2; 2],
+    pub(super) label: String,
+    pub(super) is_axis: bool,
 }
 
 impl GridLine {
@@ -46,14 +43,14 @@ impl GridLine {
 }
 
 /// Visible lines of constant x, then those of constant y.
-pub(in crate::map_view) fn grid_lines(camera: &Camera, screen: Rect) -> [Vec<GridLine>; 2] {
-    let step_m = round_length_m(SPACING / camera.points_per_m());
+pub(super) fn grid_lines(camera: &Camera) -> [Vec<GridLine>; 2] {
+    let step_m = round_length_m(SPACING / camera.points_per_m);
     let decimals = if step_m < 0.1 {
         2
     } else {
         usize::from(step_m < 1.0)
     };
-    let [low_x, low_y, high_x, high_y] = camera.visible_m(screen);
+    let [low_x, low_y, high_x, high_y] = camera.visible_m();
     let along = |low: f64, high: f64| {
         let first = (low / step_m).ceil() as i64;
         let last = (high / step_m).floor() as i64;
@@ -61,9 +58,9 @@ pub(in crate::map_view) fn grid_lines(camera: &Camera, screen: Rect) -> [Vec<Gri
     };
     let line = |index: i64, name: &str, from_m: [f64; 2], to_m: [f64; 2]| {
         let ends = clipped(
-            camera.to_screen(screen, from_m),
-            camera.to_screen(screen, to_m),
-            screen,
+            camera.to_screen(from_m),
+            camera.to_screen(to_m),
+            camera.screen,
         )?;
         Some(GridLine {
             ends,
@@ -107,7 +104,7 @@ fn clipped(from: Pos2, to: Pos2, rect: Rect) -> Option<[Pos2; 2]> {
 
 /// Draws the grid. Numbers are at the lower or left end of lines. A number that would be `covered` or overlap another
 /// is omitted, because a partly covered number reads as another number.
-pub(in crate::map_view) fn paint_grid(
+pub(super) fn paint_grid(
     painter: &Painter,
     [of_x, of_y]: &[Vec<GridLine>; 2],
     (screen, covered): (Rect, &[Rect]),
@@ -139,23 +136,20 @@ pub(in crate::map_view) fn paint_grid(
     }
 }
 
-/// Points.
 const MAX_BAR: f32 = 160.0;
-/// Points.
 const MIN_BAR: f32 = 48.0;
 const BAR_HEIGHT: f32 = 6.0;
 const BAR_PADDING: f32 = 8.0;
 
-/// Length and its size on the screen.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::map_view) struct ScaleBar {
-    pub(in crate::map_view) label: String,
-    pub(in crate::map_view) length: f32,
+pub(super) struct ScaleBar {
+    pub(super) label: String,
+    pub(super) length: f32,
 }
 
 impl ScaleBar {
     /// The longest bar of 1, 2 or 5 × 10ⁿ m whose card fits into `room` points.
-    pub(in crate::map_view) fn new(points_per_m: f64, room: f32) -> Self {
+    pub(super) fn new(points_per_m: f64, room: f32) -> Self {
         let longest = (room - 2.0 * BAR_PADDING).clamp(MIN_BAR, MAX_BAR);
         let length_m = round_length_m(f64::from(longest) / points_per_m);
         Self {
@@ -166,7 +160,7 @@ impl ScaleBar {
 }
 
 /// Card and text of a bar with its lower left corner at `at`.
-fn scale_bar_card(
+pub(super) fn scale_bar_card(
     painter: &Painter,
     at: Pos2,
     bar: &ScaleBar,
@@ -179,21 +173,13 @@ fn scale_bar_card(
     (card, text)
 }
 
-/// Area of the bar with its lower left corner at `at`.
-pub(in crate::map_view) fn scale_bar_place(painter: &Painter, at: Pos2, bar: &ScaleBar) -> Rect {
-    let (card, _) = scale_bar_card(painter, at, bar, Color32::BLACK);
-    card
-}
-
-/// `at`: lower left corner.
-pub(in crate::map_view) fn paint_scale_bar(
+pub(super) fn paint_scale_bar(
     painter: &Painter,
-    at: Pos2,
     bar: &ScaleBar,
+    (card, text): (Rect, Arc<Galley>),
     ink: Color32,
     paper: Color32,
 ) {
-    let (card, text) = scale_bar_card(painter, at, bar, ink);
     painter.rect_filled(card, 4.0, paper);
     let left = card.center().x - 0.5 * bar.length;
     let bottom = card.bottom() - BAR_PADDING;
@@ -210,16 +196,15 @@ pub(in crate::map_view) fn paint_scale_bar(
     painter.galley(text_rect.min, text, ink);
 }
 
-/// Diameter, points.
-pub(in crate::map_view) const COMPASS_SIZE: f32 = 44.0;
+pub(super) const COMPASS_SIZE: f32 = 44.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::map_view) struct CompassData {
+pub(super) struct CompassData {
     /// Direction of y of `odom` on the screen.
-    pub(in crate::map_view) north: Vec2,
+    pub(super) north: Vec2,
     /// Whether y of `odom` is north.
-    pub(in crate::map_view) is_on_earth: bool,
-    pub(in crate::map_view) orientation: Orientation,
+    pub(super) is_on_earth: bool,
+    pub(super) orientation: Orientation,
 }
 
 impl CompassData {
@@ -237,8 +222,7 @@ impl CompassData {
     }
 }
 
-/// Draws the compass. Returns whether it was clicked.
-pub(in crate::map_view) fn compass_ui(ui: &Ui, rect: Rect, data: CompassData) -> bool {
+pub(super) fn compass_ui(ui: &Ui, rect: Rect, data: CompassData) -> bool {
     let response = ui.interact(rect, ui.scope_id().with("compass"), Sense::click());
     let label = match (data.orientation, data.is_on_earth) {
         (Orientation::NorthUp, true) => "Compass: north up",
@@ -291,8 +275,8 @@ mod tests {
     fn grid_lines_are_at_round_metres() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 300.0));
         // 40 points per metre: 10 × 7.5 m, a line every 2 m.
-        let camera = Camera::default();
-        let [of_x, of_y] = grid_lines(&camera, screen);
+        let camera = Camera::on(screen);
+        let [of_x, of_y] = grid_lines(&camera);
         let labels = |lines: &[GridLine]| {
             lines
                 .iter()
@@ -310,9 +294,9 @@ mod tests {
     #[test]
     fn grid_lines_of_a_rotated_map_are_clipped() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 300.0));
-        let mut camera = Camera::default();
+        let mut camera = Camera::on(screen);
         camera.turn_up(0.5);
-        let [of_x, of_y] = grid_lines(&camera, screen);
+        let [of_x, of_y] = grid_lines(&camera);
         assert!(of_x.len() >= 4 && of_y.len() >= 4);
         for line in of_x.iter().chain(&of_y) {
             for end in line.ends {

@@ -8,9 +8,8 @@ use eframe::egui::{
 };
 use protocol::message::{DockingSite, Shores};
 
-use super::super::ShoreMark;
-use super::super::camera::Camera;
-use super::shore_labels::{self, Kind, Label};
+use super::ShoreMark;
+use super::camera::Camera;
 use crate::model::{Outline, SiteName};
 use crate::panels::shores::Distance;
 use crate::theme;
@@ -27,59 +26,50 @@ const HEAD: f32 = 9.0;
 /// Length of the end lines of a marked docking site, points.
 const END: f32 = 12.0;
 
-/// Shores, names of docking sites, outlines of shores.
 type ShoreInputs<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
 
-/// Marks in screen points.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(in crate::map_view) struct ShoreMarks {
+pub(super) struct ShoreMarks {
     /// Placed numbers of shores, largest shores first.
-    pub(in crate::map_view) numbers: Vec<(String, Pos2)>,
+    pub(super) numbers: Vec<(String, Pos2)>,
     /// Placed letters of docking sites with position and direction, best first.
-    pub(in crate::map_view) sites: Vec<(String, Pos2, Vec2)>,
-    /// Outlines of marked shores.
-    pub(in crate::map_view) outlines: Vec<Vec<Pos2>>,
+    pub(super) sites: Vec<(String, Pos2, Vec2)>,
+    pub(super) outlines: Vec<Vec<Pos2>>,
     /// Marked docking sites: a line along the bank with an end line at both sides.
-    pub(in crate::map_view) brackets: Vec<Vec<Pos2>>,
-    /// Areas of the labels in the order of placement.
-    pub(in crate::map_view) labels: Vec<Rect>,
+    pub(super) brackets: Vec<Vec<Pos2>>,
+    pub(super) labels: Vec<Rect>,
 }
 
 impl ShoreMarks {
     /// `marked`: selected and hovered; `vehicle_m`: position in `odom`, m.
-    pub(in crate::map_view) fn new(
+    pub(super) fn new(
         inputs: ShoreInputs<'_>,
         camera: &Camera,
-        screen: Rect,
         marked: &[ShoreMark],
         vehicle_m: Option<[f64; 2]>,
     ) -> Self {
         let (shores, names, _) = inputs;
-        let named = labelled(inputs, (camera, screen), marked, vehicle_m);
-        let labels: Vec<_> = named.iter().map(|named| named.label).collect();
-        let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
-        let placed = shore_labels::placed(&labels, screen, vehicle);
+        let labels = labels(inputs, camera, marked, vehicle_m);
+        let vehicle = vehicle_m.map(|at_m| camera.to_screen(at_m));
+        let placed = placed(&labels, camera.screen, vehicle);
         let covered = placed.iter().map(|(_, place)| *place).collect();
         let places: BTreeMap<_, _> = placed.into_iter().collect();
         let (mut numbers, mut sites) = (Vec::new(), Vec::new());
-        for (index, named) in named.iter().enumerate() {
+        for (index, label) in labels.iter().enumerate() {
             let Some(at) = places.get(&index).map(Rect::center) else {
                 continue;
             };
-            match named.heading_rad {
+            let text = text(label.mark);
+            match label.heading_rad {
                 Some(heading_rad) => {
-                    let towards = camera.direction(f64::from(heading_rad));
-                    sites.push((text(named.mark), at, towards));
+                    sites.push((text, at, camera.direction(f64::from(heading_rad))));
                 }
-                None => numbers.push((text(named.mark), at)),
+                None => numbers.push((text, at)),
             }
         }
         let (mut outlines, mut brackets) = (Vec::new(), Vec::new());
         for mark in marked {
-            let extent = extent_m(shores, names, *mark).into_iter();
-            let extent: Vec<_> = extent
-                .map(|point_m| camera.to_screen(screen, point_m))
-                .collect();
+            let extent = camera.line(&extent_m(shores, names, *mark));
             if extent.is_empty() {
                 continue;
             }
@@ -102,12 +92,7 @@ impl ShoreMarks {
     }
 
     /// Draws what is below the vehicle: outlines and arrows.
-    pub(in crate::map_view) fn paint_ground(
-        &self,
-        painter: &Painter,
-        ink: Color32,
-        paper: Color32,
-    ) {
+    pub(super) fn paint_ground(&self, painter: &Painter, ink: Color32, paper: Color32) {
         let halo = Stroke::new(6.0, Color32::WHITE);
         let line = Stroke::new(3.0, theme::MARKED);
         // Halos first, so that none covers a line.
@@ -125,12 +110,7 @@ impl ShoreMarks {
     }
 
     /// Draws the labels above the vehicle: numbers on cards, letters in inverse colours.
-    pub(in crate::map_view) fn paint_labels(
-        &self,
-        painter: &Painter,
-        ink: Color32,
-        paper: Color32,
-    ) {
+    pub(super) fn paint_labels(&self, painter: &Painter, ink: Color32, paper: Color32) {
         for (text, at) in &self.numbers {
             paint_label(painter, *at, text, ink, paper);
         }
@@ -140,66 +120,119 @@ impl ShoreMarks {
     }
 }
 
-struct LabelledShore {
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Label {
     mark: ShoreMark,
-    /// Direction of a docking site.
     heading_rad: Option<f32>,
-    label: Label,
+    at: Pos2,
+    size: Vec2,
+    /// Distance from the vehicle, m; infinite if unknown.
+    away_m: f64,
+    /// Selected or hovered: placed first.
+    is_marked: bool,
 }
 
 /// Visible labels: docking sites (best first), then shores (largest first). The distance is computed for visible ones
 /// only, because there may be hundreds.
-fn labelled(
+fn labels(
     (shores, names, outlines): ShoreInputs<'_>,
-    (camera, screen): (&Camera, Rect),
+    camera: &Camera,
     marked: &[ShoreMark],
     vehicle_m: Option<[f64; 2]>,
-) -> Vec<LabelledShore> {
-    let vehicle = vehicle_m.map(|at_m| camera.to_screen(screen, at_m));
-    let seen = |mark: ShoreMark, center_m: [f32; 2]| {
-        let at = camera.to_screen(screen, center_m.map(f64::from));
-        let place = (at, size(mark));
-        shore_labels::is_in_sight(place, screen, vehicle).then_some(place)
-    };
-    let sites = shores.sites.iter().zip(names);
-    let sites = sites.filter_map(|(site, name)| {
-        let mark = ShoreMark::Site(*name);
-        let (at, size) = seen(mark, site.center_m)?;
-        let label = Label {
-            kind: Kind::Site,
+) -> Vec<Label> {
+    let vehicle = vehicle_m.map(|at_m| camera.to_screen(at_m));
+    let label = |mark: ShoreMark, center_m: [f32; 2], heading_rad, distance: &dyn Fn() -> f64| {
+        let at = camera.to_screen(center_m.map(f64::from));
+        let size = size(mark);
+        is_in_sight((at, size), camera.screen, vehicle).then(|| Label {
+            mark,
+            heading_rad,
             at,
             size,
-            away_m: Distance::of_site(site, vehicle_m).key(),
+            away_m: distance(),
             is_marked: marked.contains(&mark),
-        };
-        Some(LabelledShore {
-            mark,
-            heading_rad: Some(site.heading_rad),
-            label,
         })
+    };
+    let sites = shores.sites.iter().zip(names).filter_map(|(site, name)| {
+        let distance = || Distance::of_site(site, vehicle_m).key();
+        let (mark, heading_rad) = (ShoreMark::Site(*name), Some(site.heading_rad));
+        label(mark, site.center_m, heading_rad, &distance)
     });
-    let clusters = shores.clusters.iter().zip(outlines);
-    let clusters = clusters.filter_map(|(cluster, outline)| {
+    let mut clusters: Vec<_> = shores.clusters.iter().zip(outlines).collect();
+    clusters.sort_by_key(|(cluster, _)| (Reverse(cluster.voxels), cluster.number));
+    let clusters = clusters.into_iter().filter_map(|(cluster, outline)| {
+        let distance = || Distance::of_shore(outline, vehicle_m).key();
         let mark = ShoreMark::Shore(cluster.number);
-        let (at, size) = seen(mark, cluster.center_m)?;
-        let label = Label {
-            kind: Kind::Shore,
-            at,
-            size,
-            away_m: Distance::of_shore(outline, vehicle_m).key(),
-            is_marked: marked.contains(&mark),
-        };
-        let named = LabelledShore {
-            mark,
-            heading_rad: None,
-            label,
-        };
-        Some(((Reverse(cluster.voxels), cluster.number), named))
+        label(mark, cluster.center_m, None, &distance)
     });
-    let mut clusters: Vec<_> = clusters.collect();
-    clusters.sort_by_key(|(size, _)| *size);
-    let clusters = clusters.into_iter().map(|(_, named)| named);
     sites.chain(clusters).collect()
+}
+
+/// Between a moved label and the one it avoids, points.
+const APART: f32 = 1.0;
+/// Candidate positions in label sizes: in place, above, below, left, right.
+const PLACES: [Vec2; 5] = [
+    Vec2::ZERO,
+    vec2(0.0, -1.0),
+    vec2(0.0, 1.0),
+    vec2(-1.0, 0.0),
+    vec2(1.0, 0.0),
+];
+
+/// Whether a label at its preferred position is visible. Others are not placed.
+fn is_in_sight((at, size): (Pos2, Vec2), screen: Rect, vehicle: Option<Pos2>) -> bool {
+    screen.intersects(preferred_rect(at, size, vehicle))
+}
+
+fn preferred_rect(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Rect {
+    Rect::from_center_size(at + vehicle_clearance(at, size, vehicle), size)
+}
+
+/// Indices and positions of the placed labels. Order: marked ones, the nearest shore and the nearest docking site,
+/// then by distance. A label that would overlap moves by at most its own size, or is omitted. No label covers the
+/// vehicle.
+fn placed(labels: &[Label], screen: Rect, vehicle: Option<Pos2>) -> Vec<(usize, Rect)> {
+    let seen = labels.iter().enumerate();
+    let mut seen: Vec<_> = seen
+        .filter(|(_, label)| is_in_sight((label.at, label.size), screen, vehicle))
+        .collect();
+    seen.sort_by(|(_, a), (_, b)| a.away_m.total_cmp(&b.away_m));
+    let nearest = [false, true].map(|is_site| {
+        let mut of_kind = seen
+            .iter()
+            .filter(|(_, label)| label.heading_rad.is_some() == is_site);
+        of_kind.next().map(|(index, _)| *index)
+    });
+    seen.sort_by_key(|(index, label)| (!label.is_marked, !nearest.contains(&Some(*index))));
+    let mut taken: Vec<(usize, Rect)> = Vec::new();
+    for (index, label) in seen {
+        let mut places = PLACES.iter().map(|place| {
+            let at = label.at + *place * (label.size + Vec2::splat(APART));
+            preferred_rect(at, label.size, vehicle)
+        });
+        let free = places.find(|place| {
+            let mut others = taken.iter().map(|(_, other)| other);
+            screen.intersects(*place) && others.all(|other| !other.intersects(*place))
+        });
+        taken.extend(free.map(|place| (index, place)));
+    }
+    taken
+}
+
+/// Shortest offset that moves a label off the vehicle.
+fn vehicle_clearance(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
+    let Some(vehicle_at) = vehicle else {
+        return Vec2::ZERO;
+    };
+    let way = at - vehicle_at;
+    let lacks = 0.5 * (size + Vec2::splat(super::vehicle::ARROW)) - way.abs();
+    if lacks.min_elem() <= 0.0 {
+        Vec2::ZERO
+    } else if lacks.x < lacks.y {
+        vec2(lacks.x.copysign(way.x), 0.0)
+    } else {
+        vec2(0.0, lacks.y.copysign(way.y))
+    }
 }
 
 fn text(mark: ShoreMark) -> String {
@@ -209,31 +242,22 @@ fn text(mark: ShoreMark) -> String {
     }
 }
 
-/// Size of a label, points. It does not need the text.
 fn size(mark: ShoreMark) -> Vec2 {
-    let width = match mark {
-        ShoreMark::Shore(number) => figures(number) as f32 * FIGURE,
-        ShoreMark::Site(name) => name.letters() as f32 * LETTER,
+    let character = match mark {
+        ShoreMark::Shore(_) => FIGURE,
+        ShoreMark::Site(_) => LETTER,
     };
-    vec2(width, LINE) + 2.0 * PADDING
+    vec2(text(mark).len() as f32 * character, LINE) + 2.0 * PADDING
 }
 
-fn figures(number: u32) -> u32 {
-    number.checked_ilog10().unwrap_or_default() + 1
-}
-
-pub(in crate::map_view) fn is_listed(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
+pub(super) fn is_listed(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
     match mark {
         ShoreMark::Shore(number) => shores.clusters.iter().any(|shore| shore.number == number),
         ShoreMark::Site(name) => site_of(shores, names, name).is_some(),
     }
 }
 
-pub(in crate::map_view) fn extent_m(
-    shores: &Shores,
-    names: &[SiteName],
-    marked: ShoreMark,
-) -> Vec<[f64; 2]> {
+pub(super) fn extent_m(shores: &Shores, names: &[SiteName], marked: ShoreMark) -> Vec<[f64; 2]> {
     match marked {
         ShoreMark::Shore(number) => {
             let shore = shores.clusters.iter().find(|shore| shore.number == number);
@@ -284,7 +308,6 @@ fn paint_label(painter: &Painter, at: Pos2, text: &str, ink: Color32, paper: Col
     painter.galley(place.min, text, ink);
 }
 
-/// Arrow with a halo.
 fn paint_arrow(painter: &Painter, at: Pos2, towards: Vec2, ink: Color32, paper: Color32) {
     let tip = at + towards * ARROW;
     let neck = tip - towards * HEAD;

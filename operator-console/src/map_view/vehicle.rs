@@ -6,25 +6,24 @@ use std::time::Duration;
 
 use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, Vec2, vec2};
 
-use super::super::camera::Camera;
-use super::super::{LastScan, SensorField, Stopping};
+use super::camera::Camera;
+use super::{LastScan, SensorField, Stopping};
 
 /// A shorter footprint is drawn as an arrow of [`ARROW`] points.
 const MIN_LENGTH: f32 = 16.0;
-pub(in crate::map_view) const ARROW: f32 = 20.0;
+pub(super) const ARROW: f32 = 20.0;
 
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::map_view) struct VehicleMark {
+pub(super) struct VehicleMark {
     /// Corners of the footprint, clockwise from the front left; empty if it is too small or unknown.
-    pub(in crate::map_view) footprint: Vec<Pos2>,
-    /// Tip, rear right, notch, rear left.
-    pub(in crate::map_view) arrow: [Pos2; 4],
+    pub(super) footprint: Vec<Pos2>,
+    pub(super) arrow: [Pos2; 4],
 }
 
 impl VehicleMark {
     /// `footprint_m`: length and width, with its middle `offset_m` ahead of `at`; `ahead`: heading on the screen,
     /// unit vector.
-    pub(in crate::map_view) fn new(
+    pub(super) fn new(
         at: Pos2,
         ahead: Vec2,
         (footprint_m, offset_m): (Option<[f32; 2]>, f32),
@@ -52,7 +51,7 @@ impl VehicleMark {
     }
 
     /// With an outline for contrast on any map.
-    pub(in crate::map_view) fn paint(&self, painter: &Painter, color: Color32) {
+    pub(super) fn paint(&self, painter: &Painter, color: Color32) {
         let halo = Stroke::new(3.5, Color32::WHITE);
         let line = Stroke::new(1.8, color);
         if !self.footprint.is_empty() {
@@ -71,28 +70,26 @@ impl VehicleMark {
 
 /// Reaction time of the vehicle, s: one round of its loop.
 const REACTION_S: f64 = 0.02;
-/// Slower counts as standing.
 const MIN_SPEED_MPS: f64 = 0.02;
 /// Longer distances come from invalid data.
 const MAX_WAY_M: f64 = 500.0;
 const STEPS: usize = 24;
 
-/// Pose and motion of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::map_view) struct Motion {
+pub(super) struct Motion {
     /// m in `odom`, and radians counter-clockwise from x.
-    pub(in crate::map_view) position_m: [f64; 2],
-    pub(in crate::map_view) heading_rad: f64,
+    pub(super) position_m: [f64; 2],
+    pub(super) heading_rad: f64,
     /// Along x and about z of `base`.
-    pub(in crate::map_view) speed_mps: f64,
-    pub(in crate::map_view) turn_rate_radps: f64,
+    pub(super) speed_mps: f64,
+    pub(super) turn_rate_radps: f64,
     /// Length and width, and offset of the middle ahead of the position, m.
-    pub(in crate::map_view) footprint_m: [f64; 2],
-    pub(in crate::map_view) footprint_offset_m: f64,
+    pub(super) footprint_m: [f64; 2],
+    pub(super) footprint_offset_m: f64,
 }
 
 /// Stopping distance, m: the commanded speed for the reaction time, then braking.
-pub(in crate::map_view) fn stopping_distance_m(speed_mps: f64, stopping: Stopping) -> Option<f64> {
+pub(super) fn stopping_distance_m(speed_mps: f64, stopping: Stopping) -> Option<f64> {
     let speed_mps = speed_mps.abs();
     let Stopping {
         decel_mps2,
@@ -106,7 +103,7 @@ pub(in crate::map_view) fn stopping_distance_m(speed_mps: f64, stopping: Stoppin
 
 /// Left and right edges of the area that the leading end sweeps until it stops, m in `odom`; empty if the vehicle
 /// stands.
-pub(in crate::map_view) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]> {
+pub(super) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]> {
     let Some(way_m) = stopping_distance_m(motion.speed_mps, stopping) else {
         return Vec::new();
     };
@@ -143,17 +140,17 @@ pub(in crate::map_view) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[
     swept
 }
 
-pub(in crate::map_view) fn paint_stopping(
+pub(super) fn paint_stopping(
     painter: &Painter,
     swept_m: &[[[f64; 2]; 2]],
-    (camera, screen): (&Camera, Rect),
+    camera: &Camera,
     color: Color32,
 ) {
     let mut mesh = Mesh::default();
     let fill = color.gamma_multiply(0.38);
     for edges_m in swept_m {
         for edge_m in edges_m {
-            mesh.colored_vertex(camera.to_screen(screen, *edge_m), fill);
+            mesh.colored_vertex(camera.to_screen(*edge_m), fill);
         }
     }
     for pair in 1..swept_m.len() as u32 {
@@ -163,21 +160,16 @@ pub(in crate::map_view) fn paint_stopping(
     }
     painter.add(mesh);
     if let Some([left_m, right_m]) = swept_m.last() {
-        let ends = [left_m, right_m].map(|edge_m| camera.to_screen(screen, *edge_m));
+        let ends = [left_m, right_m].map(|edge_m| camera.to_screen(*edge_m));
         painter.line_segment(ends, (3.0, color));
     }
 }
 
-/// Minimum distance of drawn points, logical pixels.
 const STEP: f32 = 2.0;
 
 /// Visible parts of the trajectory, at screen resolution.
-pub(in crate::map_view) fn trail_lines(
-    trail_m: &VecDeque<[f64; 2]>,
-    camera: &Camera,
-    screen: Rect,
-) -> Vec<Vec<Pos2>> {
-    let near = screen.expand(20.0);
+pub(super) fn trail_lines(trail_m: &VecDeque<[f64; 2]>, camera: &Camera) -> Vec<Vec<Pos2>> {
+    let near = camera.screen.expand(20.0);
     let mut lines: Vec<Vec<Pos2>> = Vec::new();
     let mut line: Vec<Pos2> = Vec::new();
     let mut before: Option<Pos2> = None;
@@ -190,7 +182,7 @@ pub(in crate::map_view) fn trail_lines(
     };
     let last = trail_m.len().saturating_sub(1);
     for (index, point_m) in trail_m.iter().enumerate() {
-        let point = camera.to_screen(screen, *point_m);
+        let point = camera.to_screen(*point_m);
         if let Some(from) = before {
             if from.distance(point) < STEP && index != last {
                 continue;
@@ -211,7 +203,7 @@ pub(in crate::map_view) fn trail_lines(
 }
 
 /// Draws them with a halo; thinner on small scales, so that narrow passages stay visible.
-pub(in crate::map_view) fn paint_trail(
+pub(super) fn paint_trail(
     painter: &Painter,
     lines: Vec<Vec<Pos2>>,
     color: Color32,
@@ -235,11 +227,7 @@ const SCAN_POINT: f32 = 2.5;
 const STEP_RAD: f64 = 0.06;
 
 /// Closed outline of a sensor's field of view, m in `odom`. `heading_rad` is the vehicle's.
-pub(in crate::map_view) fn field_m(
-    field: &SensorField,
-    [x, y]: [f64; 2],
-    heading_rad: f64,
-) -> Vec<[f64; 2]> {
+pub(super) fn field_m(field: &SensorField, [x, y]: [f64; 2], heading_rad: f64) -> Vec<[f64; 2]> {
     let [near_m, far_m] = field.range_m;
     let is_sound = far_m.is_finite() && far_m > 0.0 && field.field_rad > 0.0;
     if !is_sound {
@@ -272,18 +260,14 @@ pub(in crate::map_view) fn field_m(
     }
 }
 
-/// Draws the outline, thin, with a halo.
-pub(in crate::map_view) fn paint_field(
+pub(super) fn paint_field(
     painter: &Painter,
     field_m: &[[f64; 2]],
-    (camera, screen): (&Camera, Rect),
+    camera: &Camera,
     color: Color32,
 ) {
-    let points: Vec<Pos2> = field_m
-        .iter()
-        .map(|point_m| camera.to_screen(screen, *point_m))
-        .collect();
-    if Rect::from_points(&points).intersects(screen) {
+    let points = camera.line(field_m);
+    if Rect::from_points(&points).intersects(camera.screen) {
         let halo = Stroke::new(2.4, Color32::from_white_alpha(90));
         painter.add(Shape::closed_line(points.clone(), halo));
         painter.add(Shape::closed_line(points, Stroke::new(1.0, color)));
@@ -291,12 +275,7 @@ pub(in crate::map_view) fn paint_field(
 }
 
 /// Draws scan points; older ones are fainter.
-pub(in crate::map_view) fn paint_scan(
-    painter: &Painter,
-    scan: &LastScan,
-    (camera, screen): (&Camera, Rect),
-    color: Color32,
-) {
+pub(super) fn paint_scan(painter: &Painter, scan: &LastScan, camera: &Camera, color: Color32) {
     let age = scan.age.as_secs_f32() / LIFETIME.as_secs_f32();
     if age >= 1.0 {
         return;
@@ -305,8 +284,8 @@ pub(in crate::map_view) fn paint_scan(
     let stride = scan.points_m.len() / MAX_SCAN_POINTS + 1;
     let mut mesh = Mesh::default();
     for point_m in scan.points_m.iter().step_by(stride) {
-        let at = camera.to_screen(screen, *point_m);
-        if screen.contains(at) {
+        let at = camera.to_screen(*point_m);
+        if camera.screen.contains(at) {
             mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(SCAN_POINT)), color);
         }
     }
@@ -318,14 +297,14 @@ const RING_RADIUS: f32 = 10.0;
 const RING_LINE: f32 = 2.5;
 
 /// A ring around the obstacle that limits the vehicle, m in `odom`.
-pub(in crate::map_view) fn paint_barrier(
+pub(super) fn paint_barrier(
     painter: &Painter,
     position_m: [f64; 2],
-    (camera, screen): (&Camera, Rect),
+    camera: &Camera,
     color: Color32,
 ) {
-    let at = camera.to_screen(screen, position_m);
-    if !screen.expand(RING_RADIUS).contains(at) {
+    let at = camera.to_screen(position_m);
+    if !camera.screen.expand(RING_RADIUS).contains(at) {
         return;
     }
     // A dark outline for contrast on every palette.
@@ -450,12 +429,12 @@ mod tests {
     #[test]
     fn only_visible_parts_of_the_trail_are_drawn() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
-        let camera = Camera::default();
+        let camera = Camera::on(screen);
         // To the right beyond the screen and back 1 m higher, a point every centimetre.
         let out = (0..2000).map(|cm| [f64::from(cm) * 0.01, 0.0]);
         let back = (0..2000).rev().map(|cm| [f64::from(cm) * 0.01, 1.0]);
         let trail: VecDeque<_> = out.chain(back).collect();
-        let lines = trail_lines(&trail, &camera, screen);
+        let lines = trail_lines(&trail, &camera);
         assert_eq!(lines.len(), 2);
         let points: usize = lines.iter().map(Vec::len).sum();
         assert!((200..240).contains(&points), "{points}");
@@ -468,7 +447,7 @@ mod tests {
     fn a_standing_vehicle_has_no_trail() {
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(400.0, 400.0));
         let trail = VecDeque::from([[0.0, 0.0]]);
-        assert!(trail_lines(&trail, &Camera::default(), screen).is_empty());
+        assert!(trail_lines(&trail, &Camera::on(screen)).is_empty());
     }
 
     #[test]
