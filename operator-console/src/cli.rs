@@ -208,6 +208,12 @@ mod tests {
         let recording = parse("--open rooms.mcap --rate max").unwrap();
         assert_eq!(recording.open, Some(PathBuf::from("rooms.mcap")));
         assert_eq!(recording.rate, Rate::Max);
+        let settings = parse("--config a.json --reset-settings").unwrap();
+        assert_eq!(settings.config, Some(PathBuf::from("a.json")));
+        assert!(settings.reset_settings);
+        let shell = Shell::Zsh;
+        let completions = Some(Task::Completions(CompletionsArgs { shell }));
+        assert_eq!(parse("completions zsh").unwrap().task, completions);
         let picture = parse("--screenshot a.png --after 3").unwrap();
         assert_eq!(picture.after, Some(Duration::from_secs(3)));
     }
@@ -245,40 +251,6 @@ mod tests {
     }
 
     #[test]
-    fn settings_and_completions_have_names() {
-        let cli = parse("--config a.json --reset-settings").unwrap();
-        assert_eq!(cli.config, Some(PathBuf::from("a.json")));
-        assert!(cli.reset_settings);
-        let task = parse("completions zsh").unwrap().task;
-        let shell = Shell::Zsh;
-        assert_eq!(task, Some(Task::Completions(CompletionsArgs { shell })));
-    }
-
-    #[test]
-    fn help_explains_screenshot_options() {
-        let help = Cli::command().render_help().to_string();
-        let of = |option: &str| help.lines().find(|line| line.contains(option)).unwrap();
-        assert!(of("--screenshot <").contains("--after"), "{help}");
-        assert!(of("--after <").contains("with --screenshot"), "{help}");
-    }
-
-    #[test]
-    fn mapping_heading_has_mapping_options_only() {
-        let help = Cli::command().render_long_help().to_string();
-        let line_of = |begin: &str| {
-            let mut lines = help.lines().map(str::trim_start);
-            lines.position(|line| line.starts_with(begin)).unwrap()
-        };
-        let heading = line_of("How to map the recording of --open");
-        for option in ["--keys <", "--headless", "--rate <", "-q, --quiet"] {
-            assert!(line_of(option) < heading, "{option}: {help}");
-        }
-        for option in ["--vehicle <", "--set <", "--topic <"] {
-            assert!(line_of(option) > heading, "{option}: {help}");
-        }
-    }
-
-    #[test]
     fn help_of_scripts_ends_with_a_whole_command() {
         let shown = crate::script::LANGUAGE.lines().next_back().unwrap();
         let (_, line) = shown.split_once(": operator-console ").unwrap();
@@ -287,16 +259,6 @@ mod tests {
         assert_eq!(cli.check(), Ok(()));
         let script = PathBuf::from("FILE");
         assert_eq!(cli.task, Some(Task::Drive(DriveArgs { script })));
-    }
-
-    #[test]
-    fn help_says_that_a_demo_does_not_search() {
-        let help = Cli::command().render_help().to_string();
-        let (_, demo) = help.split_once("--demo [").unwrap();
-        let (demo, _) = demo.split_once("--").unwrap();
-        let demo: Vec<_> = demo.split_whitespace().collect();
-        let says = "Other robots are not looked for";
-        assert!(demo.join(" ").contains(says), "{help}");
     }
 
     #[test]

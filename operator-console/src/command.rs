@@ -15,7 +15,6 @@ use crate::teleop_client::Intent;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     Connect(FoundRobot),
-    /// Add a control endpoint to the search.
     AddAddress(String),
     Layer(LayerCommand),
     Look(Look),
@@ -30,7 +29,6 @@ pub enum Command {
     Screenshot,
     Export(ExportRequest),
     CancelExport,
-    /// Open a folder in the file manager.
     OpenFolder(PathBuf),
     AskForRecording,
     Quit,
@@ -45,10 +43,8 @@ pub struct ExportRequest {
     pub opens_folder: bool,
 }
 
-/// Change of the map view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Look {
-    /// Fit the whole map.
     Whole,
     /// Keep the vehicle centred, or stop.
     Follow(bool),
@@ -59,9 +55,7 @@ pub enum Look {
     /// Move by shares of the view's width and height: right and down.
     Beside([f32; 2]),
     Up(Orientation),
-    /// Show or hide an overlay.
     Draw(Overlay, bool),
-    /// Start or end measuring.
     Measure(bool),
     /// Measure to the centre of the view.
     Point,

@@ -15,12 +15,10 @@ use eframe::egui::{Context, FullOutput, Plugin};
 pub struct ControlsFile {
     path: PathBuf,
     written: String,
-    /// Whether a failure was logged.
     has_failed: bool,
 }
 
 impl ControlsFile {
-    /// The file is replaced atomically.
     pub const fn new(path: PathBuf) -> Self {
         Self {
             path,
@@ -69,7 +67,6 @@ fn lines(update: &TreeUpdate, pixels_per_point: f64) -> String {
             .map(|edge| (edge * pixels_per_point).round());
         let [label, value] = [label, value].map(|text| one_line(text.unwrap_or_default()));
         let role = node.role();
-        // Writing to a `String` does not fail.
         let _written = writeln!(
             text,
             "{role:?}\t{left}\t{top}\t{right}\t{bottom}\t{label}\t{value}"
@@ -87,45 +84,4 @@ fn replace(path: &Path, text: &str) -> io::Result<()> {
     let new = path.with_extension("new");
     fs::write(&new, text)?;
     fs::rename(new, path)
-}
-
-#[cfg(test)]
-mod tests {
-    use eframe::egui::{RawInput, Rect, Vec2, pos2};
-    use tempfile::tempdir;
-
-    use super::*;
-
-    #[test]
-    fn controls_have_the_positions_of_the_window() {
-        let folder = tempdir().unwrap();
-        let path = folder.path().join("controls");
-        let ctx = Context::default();
-        ctx.add_plugin(ControlsFile::new(path.clone()));
-        let mut drawn = Rect::NOTHING;
-        for _frame in 0..3 {
-            let input = RawInput {
-                screen_rect: Some(Rect::from_min_size(pos2(0.0, 0.0), Vec2::splat(300.0))),
-                ..RawInput::default()
-            };
-            let mut output = ctx.run_ui(input, |ui| {
-                ui.label("Depth\tof water");
-                drawn = ui.button("Drive").rect;
-            });
-            output.textures_delta.clear();
-        }
-        let text = fs::read_to_string(path).unwrap();
-        let find = |name: &str| {
-            let mut rows = text
-                .lines()
-                .map(|line| line.split('\t').collect::<Vec<_>>());
-            rows.find(|row| row[0] != "TextRun" && row[5..].contains(&name))
-                .unwrap()
-        };
-        let button = find("Drive");
-        assert_eq!(button[0], "Button");
-        let edges = [drawn.left(), drawn.top(), drawn.right(), drawn.bottom()];
-        assert_eq!(button[1..5], edges.map(|edge| edge.round().to_string()));
-        assert_eq!(find("Depth of water")[0], "Label");
-    }
 }

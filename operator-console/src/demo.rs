@@ -23,14 +23,12 @@ const NAME: &str = "demo";
 pub struct Demo {
     pub robot: RobotId,
     pub endpoint: String,
-    /// Folder of its recordings.
     pub recordings: Option<PathBuf>,
     pub failure: DemoFailure,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Why the simulation ended by itself.
 #[derive(Clone, Debug, Default)]
 pub struct DemoFailure(Arc<Mutex<Option<anyhow::Error>>>);
 
@@ -128,24 +126,4 @@ pub(crate) fn free_endpoint() -> anyhow::Result<String> {
         }
     }
     Err(anyhow!("no two neighbouring ports are free"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_failure_is_looked_at_and_then_taken() {
-        let failure = DemoFailure::default();
-        assert_eq!(failure.message(), None);
-        failure
-            .clone()
-            .set(anyhow!("nothing listens").context("no link"));
-        assert_eq!(
-            failure.message().as_deref(),
-            Some("no link: nothing listens")
-        );
-        assert!(failure.take().is_some());
-        assert!(failure.take().is_none());
-    }
 }

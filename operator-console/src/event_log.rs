@@ -21,7 +21,6 @@ pub enum Severity {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Name of the robot or recording.
     Robot(String),
     Console,
 }
@@ -42,7 +41,6 @@ pub struct EventLog {
     entries: VecDeque<Entry>,
     /// Arrival of the robot's newest event, and the number of events at that time.
     last_event: Option<(Monotonic, usize)>,
-    total: u64,
 }
 
 impl Severity {
@@ -69,11 +67,6 @@ impl EventLog {
     /// Oldest first.
     pub const fn entries(&self) -> &VecDeque<Entry> {
         &self.entries
-    }
-
-    /// Number of all entries, including removed ones.
-    pub const fn total(&self) -> u64 {
-        self.total
     }
 
     /// Adds an entry of this console. `unix_s`: wall clock, seconds since 1970.
@@ -142,11 +135,9 @@ impl EventLog {
             self.entries.pop_front();
         }
         self.entries.push_back(entry);
-        self.total += 1;
     }
 }
 
-/// Readable form of an event's kind.
 pub(crate) fn kind_label(kind: &str) -> String {
     match kind {
         "teleop_state" => "driving".to_owned(),
@@ -232,6 +223,5 @@ mod tests {
         }
         assert_eq!(log.entries().len(), MAX_ENTRIES);
         assert_eq!(log.entries().back().unwrap().text, "4999");
-        assert_eq!(log.total(), 5_000);
     }
 }

@@ -10,7 +10,6 @@ mod gilrs_pads {
     const DEADMAN: Button = Button::RightTrigger;
     /// The right one of the four buttons.
     const ESTOP: Button = Button::East;
-    /// Limit of events at once.
     const MAX_EVENTS: usize = 256;
 
     /// The gamepads of this computer. The last one whose dead-man button was pressed drives.
@@ -33,7 +32,6 @@ mod gilrs_pads {
             }
         }
 
-        /// Events since the last call.
         pub fn events(&mut self) -> impl Iterator<Item = InputEvent> {
             let mut events = Vec::new();
             let Some(gilrs) = &mut self.gilrs else {
@@ -94,7 +92,6 @@ pub use no_pads::Gamepads;
 mod no_pads {
     use crate::teleop_input::InputEvent;
 
-    /// Used without the feature `gamepad`.
     pub struct Gamepads;
 
     impl Gamepads {

@@ -9,15 +9,12 @@ use std::time::Duration;
 use anyhow::{Context as _, Error, anyhow};
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
-use protocol::tile::{BootId, TileKey};
+use protocol::tile::TileKey;
 use robot_edge::clock;
 use robot_edge::exit::{Exit, Interrupted};
-use robot_edge::network::sessions::Endpoints;
-use robot_edge::network::{random_id, zenoh_config_file};
 
 use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
-use crate::link::RobotSession;
-use crate::model::{ConsoleModel, LinkState, ModelSettings};
+use crate::model::{ConsoleModel, LinkState};
 use crate::target::Target;
 
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -60,19 +57,10 @@ pub fn run(
     let discovered = clock::now();
     let answers = format!("robot {} answers at {}", robot.robot, robot.endpoint);
     let mut wait_for_robot = target.wait_for_robot(&robot);
-    let model = ModelSettings {
-        robot: robot.robot,
-        session: BootId(random_id()?),
-        tile_store_mb: STORE_MB,
-        layers: LayerId::ALL.into_iter().collect(),
-    };
-    let endpoints = Endpoints {
-        connect: vec![robot.endpoint],
-        zenoh_config: zenoh_config_file(settings.target.zenoh_config.clone()),
-        credentials: settings.target.credentials.clone(),
-        ..Endpoints::default()
-    };
-    let session = RobotSession::open(model, &endpoints, || {}).context("cannot watch")?;
+    let layers = LayerId::ALL.into_iter().collect();
+    let session = target
+        .open(&robot, layers, STORE_MB)
+        .context("cannot watch")?;
 
     session.model().set_unfinished(true);
     let mut join_timing = JoinTiming::new(discovered);

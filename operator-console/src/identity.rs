@@ -1,4 +1,4 @@
-//! Operator of this console.
+//! Operator of this console, and the rights of its role as far as the console knows it.
 
 use protocol::keys::OperatorId;
 use protocol::signed::SecretKey;
@@ -6,7 +6,6 @@ use robot_edge::credentials::{self, Credentials};
 use robot_edge::exit::UsageError;
 use teleop::Role;
 
-/// Default without a name from the command line or the system.
 const NOBODY: &str = "console";
 
 #[derive(Clone)]
@@ -79,7 +78,6 @@ impl Identity {
     }
 }
 
-/// The first name that is not empty.
 fn first_of(users: impl IntoIterator<Item = Option<String>>) -> Option<OperatorId> {
     let mut users = users.into_iter().flatten();
     users.find_map(|user| as_operator(&user))
@@ -92,6 +90,26 @@ fn as_operator(user: &str) -> Option<OperatorId> {
         _ => '_',
     });
     chars.collect::<String>().parse().ok()
+}
+
+pub const OBSERVER_HINT: &str = "Observers neither drive nor stop the vehicle";
+pub const OPERATOR_HINT: &str = "Only supervisors take over: request a handover";
+
+/// Whether a role is proven that may neither drive nor stop: the robot would reject its commands. Without a proven role
+/// (`None`) this is false, so that the emergency stop stays available.
+pub const fn is_observer(role: Option<Role>) -> bool {
+    match role {
+        Some(role) => !role.may_drive(),
+        None => false,
+    }
+}
+
+/// Whether a role is proven that may not take over the lease. `None` is no proof here either.
+pub const fn cannot_take_over(role: Option<Role>) -> bool {
+    match role {
+        Some(Role::Observer | Role::Operator) => true,
+        Some(Role::Supervisor) | None => false,
+    }
 }
 
 #[cfg(test)]
@@ -116,5 +134,18 @@ mod tests {
         let named = Identity::of(Some("berta".parse().unwrap()), None).unwrap();
         assert_eq!(named.operator.as_str(), "berta");
         assert_eq!(named.role, None, "no certificate");
+    }
+
+    #[test]
+    fn only_proven_roles_lose_rights() {
+        for (role, observes, cannot_take) in [
+            (None, false, false),
+            (Some(Role::Operator), false, true),
+            (Some(Role::Supervisor), false, false),
+            (Some(Role::Observer), true, true),
+        ] {
+            assert_eq!(is_observer(role), observes, "{role:?}");
+            assert_eq!(cannot_take_over(role), cannot_take, "{role:?}");
+        }
     }
 }

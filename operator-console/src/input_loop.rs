@@ -22,7 +22,6 @@ use crate::gamepad::Gamepads;
 use crate::teleop_handle::TeleopHandle;
 use crate::teleop_input::{DriveKey, InputEvent, SpeedStep};
 
-/// A longer iteration is logged.
 const SLOW: Duration = Duration::from_millis(100);
 /// Polling period of gamepads, which send no window events.
 const GAMEPAD_PERIOD: Duration = Duration::from_millis(20);
@@ -223,7 +222,6 @@ fn wake_within(event_loop: &ActiveEventLoop, rest: Duration) {
     event_loop.set_control_flow(earlier);
 }
 
-/// Function of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TeleopKey {
     Drive(DriveKey),

@@ -20,7 +20,6 @@ pub mod map_view;
 pub mod model;
 pub mod panels;
 pub mod playback;
-pub mod role;
 pub mod run;
 pub mod script;
 pub mod settings;

@@ -16,7 +16,6 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
-        // Logs in files must stay readable.
         .with_ansi(io::stderr().is_terminal())
         .init();
 
@@ -25,7 +24,6 @@ fn main() -> ExitCode {
         Ok(exit) => exit,
         Err(err) => {
             if err.downcast_ref::<Interrupted>().is_none() {
-                // Standard error failed too.
                 drop(writeln!(
                     io::stderr(),
                     "operator-console: {}",

@@ -106,7 +106,6 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     result(window::run(settings).map(|()| Exit::Done))
 }
 
-/// An error and its causes, none of them twice.
 pub fn complaint(error: &anyhow::Error) -> String {
     in_words(error)
 }

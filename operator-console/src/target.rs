@@ -8,12 +8,16 @@ use std::time::Duration;
 use anyhow::anyhow;
 use measurement::time::Monotonic;
 use protocol::keys::RobotId;
+use protocol::layer::LayerId;
+use protocol::tile::BootId;
 use robot_edge::clock;
 use robot_edge::credentials::Credentials;
 use robot_edge::exit::{Interrupted, UsageError};
-use robot_edge::network::zenoh_config_file;
+use robot_edge::network::sessions::Endpoints;
+use robot_edge::network::{random_id, zenoh_config_file};
 
-use crate::link::{AddressState, Discovery, FoundRobot};
+use crate::link::{AddressState, Discovery, FoundRobot, RobotSession};
+use crate::model::ModelSettings;
 
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
@@ -21,7 +25,6 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 pub(crate) struct Target {
     /// Addresses to search; if empty, the network is scouted.
     pub(crate) connect: Vec<String>,
-    /// Default: the only robot.
     pub(crate) robot: Option<RobotId>,
     pub(crate) zenoh_config: Option<PathBuf>,
     pub(crate) credentials: Option<Credentials>,
@@ -37,6 +40,28 @@ impl Target {
             robot: Some(found.robot.clone()),
             ..self.clone()
         })
+    }
+
+    /// Opens a link to `found` that receives these layers.
+    pub(crate) fn open(
+        &self,
+        found: &FoundRobot,
+        layers: BTreeSet<LayerId>,
+        tile_store_mb: u32,
+    ) -> anyhow::Result<RobotSession> {
+        let model = ModelSettings {
+            robot: found.robot.clone(),
+            session: BootId(random_id()?),
+            tile_store_mb,
+            layers,
+        };
+        let endpoints = Endpoints {
+            connect: vec![found.endpoint.clone()],
+            zenoh_config: zenoh_config_file(self.zenoh_config.clone()),
+            credentials: self.credentials.clone(),
+            ..Endpoints::default()
+        };
+        Ok(RobotSession::open(model, &endpoints, || {})?)
     }
 
     fn start_discovery(&self) -> Discovery {
@@ -56,7 +81,6 @@ impl Target {
         }
     }
 
-    /// Description of the search.
     pub(crate) fn looking(&self) -> String {
         let place = self.place();
         match &self.robot {
@@ -192,12 +216,10 @@ impl WaitForRobot {
     }
 }
 
-/// Result of discovery so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct DiscoveryReport {
     found: Vec<FoundRobot>,
     asked: BTreeMap<String, AddressState>,
-    /// Why the local network cannot be scouted.
     problem: Option<String>,
 }
 
@@ -243,72 +265,56 @@ impl DiscoveryReport {
             AddressState::AccessDenied { robot, .. } => {
                 target.robot.as_ref().is_none_or(|meant| meant == robot)
             }
-            AddressState::Asking
-            | AddressState::Found
-            | AddressState::NoRobot
-            | AddressState::UnknownName
-            | AddressState::Refused
-            | AddressState::Silent
-            | AddressState::WrongProtocol
-            | AddressState::Problem(_) => false,
+            _ => false,
         };
         let mut asked = self.asked.iter();
         let (address, state) = asked.find(|&(_, state)| is_meant(state))?;
         state.complaint(address)
     }
 
-    /// Message while `target` has not answered.
-    fn waiting(&self, target: &Target) -> String {
-        let seconds = format!("{:.0}", target.timeout.as_secs_f64());
+    /// What was found instead of `target`, and what to do.
+    fn state(&self, target: &Target) -> (String, &'static str) {
         if let Some(why) = self.access_denied(target) {
-            return format!("{why}. Trying for {seconds} s");
+            return (why, "");
         }
+        let is_scouting = target.connect.is_empty();
         match (self.answering_robots(target), &target.robot) {
             (Some(others), Some(robot)) if !self.has(robot) => {
-                format!("{others}, and no robot called {robot} yet: trying for {seconds} s")
+                let advice = if is_scouting {
+                    "; check the name after --robot, or say where it is with --connect"
+                } else {
+                    "; check the name after --robot, or the address after --connect"
+                };
+                let state = format!("{others}: no robot there is called {robot}");
+                (state, advice)
             }
-            (Some(it), _) => format!("{it} and sends nothing yet: trying for {seconds} s"),
+            (Some(it), _) => (format!("{it}, and has sent nothing"), ""),
             (None, _) => {
-                let place = target.place();
-                format!("no answer {place} yet: trying for {seconds} s")
+                let advice = if is_scouting {
+                    "; start one with `robot-edge`, or name its address with --connect"
+                } else {
+                    "; start one with `robot-edge ... --listen`, or check the address"
+                };
+                let why = self.discovery_problems();
+                let why = why.map(|why| format!(" ({why})")).unwrap_or_default();
+                (format!("there is no robot {}{why}", target.place()), advice)
             }
         }
+    }
+
+    /// Message while `target` has not answered.
+    fn waiting(&self, target: &Target) -> String {
+        let (state, _) = self.state(target);
+        let seconds = target.timeout.as_secs_f64();
+        format!("{state}. Trying for {seconds:.0} s")
     }
 
     /// Why `target` did not answer in time, and what to do.
     fn conclusion(&self, target: &Target) -> String {
-        if let Some(why) = self.access_denied(target) {
-            return why;
-        }
-        match (self.answering_robots(target), &target.robot) {
-            (Some(others), Some(robot)) if !self.has(robot) => {
-                let elsewhere = if target.connect.is_empty() {
-                    "say where it is with --connect"
-                } else {
-                    "the address after --connect"
-                };
-                format!(
-                    "{others}: no robot there is called {robot}; check the name after --robot, or {elsewhere}"
-                )
-            }
-            (Some(it), _) => format!("{it}, and has sent nothing"),
-            (None, _) => {
-                let advice = if target.connect.is_empty() {
-                    "start one with `robot-edge`, or name its address with --connect"
-                } else {
-                    "start one with `robot-edge ... --listen`, or check the address"
-                };
-                let place = target.place();
-                let why = self
-                    .discovery_problems()
-                    .map(|why| format!(" ({why})"))
-                    .unwrap_or_default();
-                format!("there is no robot {place}{why}; {advice}")
-            }
-        }
+        let (state, advice) = self.state(target);
+        format!("{state}{advice}")
     }
 
-    /// Problems of discovery.
     fn discovery_problems(&self) -> Option<String> {
         let is_single = self.asked.len() == 1;
         let of_addresses = self
@@ -321,13 +327,7 @@ impl DiscoveryReport {
                 AddressState::Refused | AddressState::Silent => {
                     Some(format!("no answer at {address}"))
                 }
-                AddressState::Asking
-                | AddressState::Found
-                | AddressState::NoRobot
-                | AddressState::AccessDenied { .. }
-                | AddressState::UnknownName
-                | AddressState::WrongProtocol
-                | AddressState::Problem(_) => state.complaint(address),
+                _ => state.complaint(address),
             });
         let all: Vec<_> = self
             .problem
@@ -401,7 +401,7 @@ mod discovery_report_tests {
         let scout = report(&["scout"], &[("tcp/a:1", AddressState::Found)]);
         assert_eq!(
             scout.waiting(&nobody),
-            "scout answers at tcp/a:1, and no robot called nobody yet: trying for 5 s"
+            "scout answers at tcp/a:1: no robot there is called nobody. Trying for 5 s"
         );
         assert_eq!(
             scout.conclusion(&nobody),
@@ -426,7 +426,7 @@ mod discovery_report_tests {
         let one = report(&[], std::slice::from_ref(&refused));
         assert_eq!(
             one.waiting(&target(&["tcp/a:1"], None)),
-            "no answer at tcp/a:1 yet: trying for 5 s"
+            "there is no robot at tcp/a:1 (no answer there). Trying for 5 s"
         );
         assert_eq!(
             one.conclusion(&target(&["tcp/a:1"], None)),

@@ -3,6 +3,7 @@
 //! Input loop and app run on one thread in turns, so neither waits for the other.
 
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
@@ -123,11 +124,7 @@ impl TeleopHandle {
             InputEvent::Typing(is_typing) => state.is_typing = is_typing,
             InputEvent::Pad(reading) => state.pad = Some(reading),
             InputEvent::PadGone => state.pad = None,
-            InputEvent::Press(_)
-            | InputEvent::StillDown(_)
-            | InputEvent::Release(_)
-            | InputEvent::EStop
-            | InputEvent::Step(_) => {}
+            _ => {}
         }
         if let Some(session) = &mut state.session {
             session.client.apply(event);
@@ -156,20 +153,15 @@ impl TeleopHandle {
         self.with(|session| session.client.state(now))
     }
 
-    /// Notifications since the last call, oldest first.
-    pub fn take_notifications(&self) -> Vec<TeleopNotification> {
+    pub fn take_notifications(&self) -> VecDeque<TeleopNotification> {
         let notifications = self.with(|session| session.client.take_notifications());
-        let notifications = notifications.unwrap_or_default().into_iter();
-        notifications
-            .map(|(_, notification)| notification)
-            .collect()
+        notifications.unwrap_or_default()
     }
 
     pub fn has_session(&self) -> bool {
         self.0.borrow().session.is_some()
     }
 
-    /// Whether this console has the lease.
     pub fn is_driving(&self) -> bool {
         let state = self.0.borrow();
         let session = state.session.as_ref();
@@ -181,7 +173,6 @@ impl TeleopHandle {
         self.0.borrow().is_typing
     }
 
-    /// The window closes.
     pub fn shut_down(&self) {
         self.with(TeleopSession::shut_down);
     }

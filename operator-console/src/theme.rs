@@ -6,10 +6,8 @@ use eframe::egui::{
     Sense, Shape, Stroke, TextStyle, Theme, Ui, Visuals, pos2, vec2,
 };
 
-/// State of something shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
-    /// Filled circle.
     Good,
     /// Ring: not yet.
     Waiting,
@@ -68,7 +66,7 @@ fn visuals(theme: Theme) -> Visuals {
     visuals
 }
 
-const fn rgb(hex: u32) -> Color32 {
+pub(crate) const fn rgb(hex: u32) -> Color32 {
     let [_, red, green, blue] = hex.to_be_bytes();
     Color32::from_rgb(red, green, blue)
 }
@@ -83,27 +81,21 @@ pub const fn ground(visuals: &Visuals) -> Color32 {
     }
 }
 
-/// Background of cards on the map.
 pub fn card(visuals: &Visuals) -> Color32 {
     visuals.panel_fill.gamma_multiply(0.93)
 }
 
 pub const VEHICLE: Color32 = rgb(0xd5_5e_00);
-/// The vehicle at an old position.
 pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
 /// Trajectory. No layer has this colour.
 pub const TRAIL: Color32 = rgb(0x8e_24_aa);
-/// Hits of the newest scan.
 pub const SCAN: Color32 = rgb(0xe0_20_20);
 pub const STOPPING: Color32 = rgb(0xf0_a8_20);
-/// Selected objects on the map.
 pub const MARKED: Color32 = rgb(0xcc_00_7a);
 /// Drawn over an outdated map: halves its colours.
 pub const STALE_OVERLAY: Color32 = Color32::from_rgba_premultiplied(0x38, 0x38, 0x38, 0x80);
-/// Warning banners: background and text.
 pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
 
-/// Emergency stop: background and text.
 pub const DANGER: [Color32; 2] = [rgb(0xb3_1b_1b), rgb(0xff_ff_ff)];
 
 impl Tone {
@@ -137,17 +129,14 @@ impl Tone {
     }
 }
 
-/// Mark and text.
 pub fn state_ui(ui: &mut Ui, tone: Tone, word: &str, size: f32) {
     marked_ui(ui, tone, word, size, Label::new);
 }
 
-/// With text that wraps.
 pub fn long_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) {
     marked_ui(ui, tone, words, size, |words| Label::new(words).wrap());
 }
 
-/// With text that is truncated.
 pub fn short_state_ui(ui: &mut Ui, tone: Tone, words: &str, size: f32) -> Response {
     marked_ui(ui, tone, words, size, |words| Label::new(words).truncate())
 }

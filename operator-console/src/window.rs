@@ -11,7 +11,7 @@ use robot_edge::credentials::Credentials;
 use robot_edge::network::random_id;
 use winit::event_loop::EventLoop;
 
-use crate::app::{AppSettings, ConsoleApp, Screenshot, ScreenshotOutcome, result_of};
+use crate::app::{ConsoleApp, Screenshot, ScreenshotOutcome, result_of};
 use crate::controls::ControlsFile;
 use crate::demo::DemoFailure;
 use crate::identity::Identity;
@@ -23,25 +23,19 @@ use crate::theme;
 
 #[derive(Clone)]
 pub struct WindowSettings {
-    /// Addresses to search besides scouting.
     pub connect: Vec<String>,
-    /// Default: the only robot.
     pub robot: Option<RobotId>,
-    /// Why the simulated robot of this program has ended.
     pub demo: Option<DemoFailure>,
     /// Folder of the simulated robot's recordings.
     pub recordings: Option<PathBuf>,
     pub identity: Identity,
-    /// Base Zenoh configuration.
     pub zenoh_config: Option<PathBuf>,
     pub credentials: Option<Credentials>,
     /// Path of a screenshot and the time until it is taken; then the window closes.
     pub screenshot: Option<(PathBuf, Duration)>,
-    /// Where to write the accessibility tree.
     pub controls: Option<PathBuf>,
     pub open: Option<ToOpen>,
     pub config: ConfigPath,
-    /// Start with defaults.
     pub forgets_settings: bool,
 }
 
@@ -54,19 +48,16 @@ pub fn run(mut settings: WindowSettings) -> anyhow::Result<()> {
     let outcome = ScreenshotOutcome::default();
     let is_picture_wanted = settings.screenshot.is_some();
     let for_picture = ScreenshotOutcome::clone(&outcome);
-    let Read {
-        settings: kept,
-        complaint,
-    } = match &settings.config {
+    let kept = match &settings.config {
         ConfigPath::File(path) if !settings.forgets_settings => settings::read(path),
         ConfigPath::File(_) | ConfigPath::None => Read::default(),
     };
     let settings_writer = match &settings.config {
-        ConfigPath::File(path) => Some(SettingsWriter::start(path.clone(), kept.clone())),
+        ConfigPath::File(path) => Some(SettingsWriter::start(path.clone(), kept.settings.clone())),
         ConfigPath::None => None,
     };
     let options = eframe::NativeOptions {
-        viewport: viewport(kept.window),
+        viewport: viewport(kept.settings.window),
         // The input loop must not wait for a display, which may be off.
         glow_options: eframe::egui_glow::GlowConfiguration {
             vsync: false,
@@ -89,20 +80,17 @@ pub fn run(mut settings: WindowSettings) -> anyhow::Result<()> {
         creation
             .egui_ctx
             .options_mut(|options| options.zoom_with_keyboard = false);
-        kept.appearance.apply(&creation.egui_ctx);
+        kept.settings.appearance.apply(&creation.egui_ctx);
         let screenshot = settings.screenshot.take();
         let screenshot = screenshot.map(|(path, after)| Screenshot::new(path, after, for_picture));
         let app = ConsoleApp::new(
             &creation.egui_ctx,
-            AppSettings {
-                window: settings,
-                session,
-                screenshot,
-                teleop_handle: handle_of_app,
-                settings: kept,
-                settings_writer,
-                complaint,
-            },
+            settings,
+            session,
+            screenshot,
+            handle_of_app,
+            kept,
+            settings_writer,
         );
         Ok(Box::new(app) as Box<dyn eframe::App>)
     };
@@ -126,7 +114,6 @@ pub fn run(mut settings: WindowSettings) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Saved or default position of the window.
 fn viewport(place: Option<WindowPlace>) -> ViewportBuilder {
     let viewport = ViewportBuilder::default()
         .with_app_id("foreshore-operator-console")

@@ -34,9 +34,7 @@ pub(super) fn moved_to(
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct RobotChoice {
-    /// The robot of the command line.
     named: Option<RobotId>,
-    /// Why the simulated robot has ended.
     demo: Option<DemoFailure>,
     is_end_reported: bool,
     first_found: Option<Monotonic>,

@@ -38,7 +38,6 @@ pub(super) fn open_folder(folder: &Path) -> Result<(), String> {
         .stderr(Stdio::null())
         .spawn()
         .map_err(|why| words(folder, program, &why))?;
-    // Reap the child process.
     thread::spawn(move || drop(child.wait()));
     Ok(())
 }
@@ -89,7 +88,6 @@ fn free_path(path: &Path, is_taken: impl Fn(&Path) -> bool) -> PathBuf {
         .unwrap_or_else(|| path.to_owned())
 }
 
-/// Name of the robot, or of the recording without its extension.
 pub(super) fn name_for_files(robot: &RobotId, recording: Option<&str>) -> String {
     let Some(stem) = recording.and_then(|file| Path::new(file).file_stem()) else {
         return robot.to_string();
@@ -132,13 +130,6 @@ mod tests {
             actual(io::ErrorKind::PermissionDenied),
             "/maps cannot be opened: xdg-open: permission denied"
         );
-    }
-
-    #[test]
-    fn desktop_is_detected_by_its_name() {
-        assert!(names_one(Some(OsStr::new("ubuntu:GNOME"))));
-        assert!(!names_one(Some(OsStr::new(""))));
-        assert!(!names_one(None));
     }
 }
 

@@ -20,15 +20,10 @@ pub struct ExportProgress {
     pub folder: PathBuf,
     /// Finished parts, of how many.
     pub parts: [usize; 2],
-    /// The part that is fetched or written.
     pub current: Option<ExportPart>,
-    /// Progress of fetching it from the robot.
     pub fetching: Option<Fetching>,
-    /// Written files.
     pub files: usize,
-    /// Result in words.
     pub ended: Option<Result<String, String>>,
-    /// Why the folder could not be opened.
     pub unopened: Option<String>,
 }
 

@@ -2,7 +2,7 @@
 
 use eframe::egui::{Align, Button, Checkbox, Layout, RichText, TextStyle, Ui};
 
-use crate::panels::command_line::with_monospace_options;
+use crate::panels::formatting::with_monospace_options;
 use crate::panels::robots::RobotsData;
 use crate::settings::{Appearance, ThemeChoice};
 use crate::shortcuts::Action;
@@ -12,14 +12,12 @@ pub(super) struct MenuState<'a> {
     pub(super) workspace: &'a Workspace,
     pub(super) appearance: Appearance,
     pub(super) has_robot: bool,
-    /// Why a wanted panel is not shown.
     pub(super) unavailable_reason: &'a dyn Fn(PanelId) -> Option<&'static str>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Choice {
     Act(Action),
-    /// Show or hide a panel.
     Panel(PanelId, bool),
     Theme(ThemeChoice),
 }

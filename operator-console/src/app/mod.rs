@@ -10,7 +10,6 @@ mod robot_overlay;
 mod screen;
 mod screenshot;
 mod session_monitor;
-mod update;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -26,27 +25,30 @@ use robot_edge::credentials::Credentials;
 use robot_edge::network::endpoints::check_console;
 use robot_edge::replay_control::ReplayState;
 
-use crate::alerts::FleetAlerts;
+use crate::alerts::{AlertSource, FleetAlerts};
 use crate::command::Command;
 use crate::event_log::{EventLog, Severity};
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::model::SavedSiteNames;
+use crate::lock;
+use crate::model::{LinkState, SavedSiteNames};
+use crate::panels::address_list::{ListedAddress, listed};
 use crate::panels::connection::LinkStatus;
-use crate::panels::robots::RobotsData;
+use crate::panels::driving::labels;
+use crate::panels::robots::{RobotEntry, RobotsData};
 use crate::panels::timeline::{TimelineData, timeline_ui};
 use crate::playback::{OpenDialog, Playback, PlaybackCommand, ToOpen, drop_hint_ui, is_recording};
-use crate::settings::{Settings, SettingsWriter};
+use crate::settings::{Read, Settings, SettingsWriter, WindowPlace};
 use crate::shortcuts::has_space_after_text;
 use crate::teleop_handle::TeleopHandle;
 use crate::teleop_input::InputEvent;
 use crate::theme;
 use crate::window::WindowSettings;
 
-use choice::RobotChoice;
+use choice::{RobotChoice, moved_to};
 use commands::SourceKind;
 use export_job::ExportJob;
-use session_monitor::SessionMonitor;
+use session_monitor::{LogNote, SessionMonitor};
 
 pub use export_job::ExportProgress;
 pub use screen::{Screen, ScreenContext, ShownRobot};
@@ -54,24 +56,9 @@ pub use screenshot::{Screenshot, ScreenshotOutcome, result_of};
 
 /// Period at which settings are collected; they are written once a second at most.
 const KEEP_PERIOD: Duration = Duration::from_millis(500);
-/// Refresh period of the position.
 const PLAYBACK_PERIOD: Duration = Duration::from_millis(50);
 /// Memory for tiles, megabytes: 30,000 tiles, 30 km² at 0.5 m.
 const STORE_MB: u32 = 256;
-
-pub struct AppSettings {
-    pub window: WindowSettings,
-    /// Random number of this run.
-    pub session: BootId,
-    pub screenshot: Option<Screenshot>,
-    pub teleop_handle: Rc<TeleopHandle>,
-    /// Settings of the last run.
-    pub settings: Settings,
-    /// `None` if settings are not saved.
-    pub settings_writer: Option<SettingsWriter>,
-    /// Why settings of the last run could not be used.
-    pub complaint: Option<String>,
-}
 
 pub struct ConsoleApp {
     ctx: Context,
@@ -82,11 +69,9 @@ pub struct ConsoleApp {
     /// Addresses to search exclusively; empty if scouting.
     asked_alone: Vec<String>,
     choice: RobotChoice,
-    /// The simulated robot, and the folder of its recordings.
     recordings: Option<(FoundRobot, PathBuf)>,
     shown: Option<(FoundRobot, RobotSession)>,
     joined: Monotonic,
-    /// Why a robot cannot be shown.
     problem: Option<String>,
     screen: Screen,
     screenshot: Option<Screenshot>,
@@ -97,27 +82,35 @@ pub struct ConsoleApp {
     kept: Monotonic,
     log: EventLog,
     alerts: FleetAlerts,
-    /// Of robots that were shown before.
     site_names: BTreeMap<RobotId, SavedSiteNames>,
     session_monitor: SessionMonitor,
     export: Option<ExportJob>,
-    /// Screenshots that are being saved.
     pictures: Vec<(PathBuf, ScreenshotOutcome)>,
     playback: Option<Playback>,
-    /// The recording of the command line.
     to_open: Option<ToOpen>,
     open_dialog: OpenDialog,
 }
 
 impl ConsoleApp {
-    pub fn new(ctx: &Context, settings: AppSettings) -> Self {
-        let window = settings.window;
+    /// `settings_writer`: `None` if settings are not saved.
+    pub fn new(
+        ctx: &Context,
+        window: WindowSettings,
+        session_id: BootId,
+        screenshot: Option<Screenshot>,
+        teleop_handle: Rc<TeleopHandle>,
+        Read {
+            settings,
+            complaint,
+        }: Read,
+        settings_writer: Option<SettingsWriter>,
+    ) -> Self {
         let waking = ctx.clone();
         // With addresses on the command line only those are searched.
         let scouts = window.connect.is_empty();
         let has_keys = window.credentials.is_some();
         let addresses = if scouts {
-            let mut remembered = settings.settings.addresses.clone();
+            let mut remembered = settings.addresses.clone();
             remembered.retain(|address| check_console(address, has_keys).is_ok());
             remembered
         } else {
@@ -142,7 +135,7 @@ impl ConsoleApp {
             },
         );
         let mut log = EventLog::default();
-        if let Some(complaint) = settings.complaint {
+        if let Some(complaint) = complaint {
             let (now, unix_s) = (clock::now(), seconds_since_1970());
             log.note(Severity::Warning, "settings", complaint, now, unix_s);
         }
@@ -150,7 +143,7 @@ impl ConsoleApp {
             ctx: ctx.clone(),
             zenoh_config: window.zenoh_config,
             credentials: window.credentials,
-            session_id: settings.session,
+            session_id,
             discovery,
             asked_alone,
             recordings,
@@ -158,12 +151,12 @@ impl ConsoleApp {
             shown: None,
             joined: Monotonic::default(),
             problem: None,
-            screen: Screen::of(&settings.settings),
-            screenshot: settings.screenshot,
+            screen: Screen::of(&settings),
+            screenshot,
             identity: window.identity,
-            teleop_handle: settings.teleop_handle,
-            settings: settings.settings,
-            settings_writer: settings.settings_writer,
+            teleop_handle,
+            settings,
+            settings_writer,
             kept: Monotonic::default(),
             log,
             alerts: FleetAlerts::default(),
@@ -313,6 +306,186 @@ impl eframe::App for ConsoleApp {
         // Dropping it waits until the settings are written.
         self.settings_writer = None;
     }
+}
+
+/// Periodic work beside the frames: log, alerts, settings, list of robots.
+impl ConsoleApp {
+    fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
+        let (now, unix_s) = (clock::now(), seconds_since_1970());
+        self.log.note(severity, kind, text, now, unix_s);
+    }
+
+    fn poll_background_state(&mut self, now: Monotonic) {
+        let mut notes = Vec::new();
+        if let Some((_, session)) = &self.shown {
+            let model = session.model();
+            let recording = self.playback.as_ref().map(Playback::file_name);
+            let source = match &recording {
+                Some(_) => AlertSource::Recording,
+                None => AlertSource::Robot,
+            };
+            let name = recording.unwrap_or_else(|| model.robot().to_string());
+            let new_events = self
+                .log
+                .add_robot_events(&model, &name, now, seconds_since_1970());
+            let alerts = self.alerts.shown_mut();
+            let begun = alerts.map(|alerts| alerts.update(&model, source, &new_events, now));
+            for (_alarm, text) in begun.into_iter().flatten() {
+                notes.push((Severity::Alarm, "alert", format!("{name}: {text}")));
+            }
+            // The link to a recording is internal.
+            if self.playback.is_none() {
+                notes.extend(
+                    self.session_monitor
+                        .update(&model, session.transport(), now),
+                );
+            }
+        }
+        let discovered_robots = self.discovery.discovered_robots();
+        for text in self.alerts.update_background(&discovered_robots, now) {
+            notes.push((Severity::Alarm, "alert", text));
+        }
+        if let Some(why) = self.choice.take_end() {
+            let text = format!("The demo has ended: {why}");
+            notes.push((Severity::Alarm, "demo", text));
+        }
+        if let Some(playback) = &mut self.playback {
+            let name = playback.file_name();
+            for damage in playback.take_new_damage() {
+                notes.push((
+                    Severity::Warning,
+                    "recording",
+                    format!("{name} is {damage}"),
+                ));
+            }
+            if let Some(why) = playback.take_failure() {
+                let text = format!("{name} cannot be shown: {why}");
+                notes.push((Severity::Alarm, "recording", text));
+            }
+        }
+        notes.extend(self.teleop_notes());
+        if let Some(export) = &mut self.export
+            && let Some(end) = export.take_end()
+        {
+            notes.push(end.note);
+            if let Some(folder) = end.folder.filter(|_| desktop::has_desktop())
+                && let Err(why) = desktop::open_folder(&folder)
+            {
+                export.not_opened(&folder, &why);
+                notes.push((Severity::Info, "folder", why));
+            }
+        }
+        self.pictures.retain(|(path, outcome)| {
+            let Some(outcome) = lock(outcome).take() else {
+                return true;
+            };
+            notes.push(match outcome {
+                Ok(()) => (
+                    Severity::Info,
+                    "screenshot",
+                    format!("Saved as {}", path.display()),
+                ),
+                Err(why) => (Severity::Warning, "screenshot", format!("{why:#}")),
+            });
+            false
+        });
+        if let Some(problem) = self
+            .settings_writer
+            .as_ref()
+            .and_then(SettingsWriter::take_problem)
+        {
+            notes.push((Severity::Warning, "settings", problem));
+        }
+        for (severity, kind, text) in notes {
+            self.note(severity, kind, text);
+        }
+    }
+
+    /// Failures of the teleop client. The robot reports everything else as events.
+    fn teleop_notes(&self) -> impl Iterator<Item = LogNote> + use<> {
+        let notes = self.teleop_handle.take_notifications().into_iter();
+        notes.filter_map(|note| {
+            let (text, is_failure) = labels::note(&note);
+            is_failure.then_some((Severity::Warning, "driving", text))
+        })
+    }
+
+    fn keep(&mut self) {
+        let Some(settings_writer) = &mut self.settings_writer else {
+            return;
+        };
+        self.screen.keep(&mut self.settings);
+        if let Some(place) = window_place(&self.ctx) {
+            self.settings.window = Some(place);
+        }
+        settings_writer.save(self.settings.clone());
+    }
+
+    fn moved(&self, now: Monotonic) -> Option<FoundRobot> {
+        let (shown, session) = self.shown.as_ref().filter(|_| self.playback.is_none())?;
+        let model = session.model();
+        let link = model.connection();
+        if link.state(now) == LinkState::Live {
+            return None;
+        }
+        // A new link needs time even if the robot was silent long before.
+        let joined = now.since(self.joined);
+        let silent = link.age(now).map_or(joined, |age| age.min(joined));
+        moved_to(shown, silent, &self.discovery.discovered_robots(), now)
+    }
+
+    /// Saved addresses that can be searched in this run, and those of the command line.
+    fn listed_addresses(&self) -> Vec<ListedAddress> {
+        let has_keys = self.credentials.is_some();
+        let remembered = self.settings.addresses.iter();
+        let remembered = remembered.filter(|address| check_console(address, has_keys).is_ok());
+        listed(
+            &self.asked_alone,
+            remembered,
+            &self.discovery.asked(),
+            &self.discovery.found(),
+        )
+    }
+
+    fn seen(&mut self) -> Vec<RobotEntry> {
+        self.update_discovery();
+        let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
+        let moved = shown.and_then(|(found, session)| {
+            let uncommanded_motion = session.model().uncommanded_motion(clock::now())?;
+            Some((found.robot.clone(), uncommanded_motion))
+        });
+        let uncommanded_motion = |robot: &RobotId| {
+            let moved = moved.as_ref().filter(|(moved, _)| moved == robot);
+            moved.map(|(_, uncommanded_motion)| *uncommanded_motion)
+        };
+        let discovered_robots = self.discovery.discovered_robots();
+        discovered_robots
+            .into_iter()
+            .filter(|discovered| !is_recording(&discovered.found.robot))
+            .map(|discovered| RobotEntry {
+                color: self.settings.robots.of(&discovered.found.robot),
+                alerts: self.alerts.unacknowledged_of(&discovered.found.robot),
+                uncommanded_motion: uncommanded_motion(&discovered.found.robot),
+                discovered,
+            })
+            .collect()
+    }
+}
+
+/// Position of the window in the system's points; `None` if unknown.
+fn window_place(ctx: &Context) -> Option<WindowPlace> {
+    let scale = ctx.zoom_factor();
+    let place = ctx.input(|input| {
+        let window = input.viewport();
+        let size = window.inner_rect?.size() * scale;
+        let corner = window.outer_rect.map(|outer| outer.min * scale);
+        Some(WindowPlace {
+            size: size.round().into(),
+            corner: corner.map(|corner| corner.round().into()),
+            is_maximized: window.maximized.unwrap_or(false),
+        })
+    })?;
+    place.is_valid().then_some(place)
 }
 
 fn playback_ui(ui: &mut Ui, playback: &mut Playback) -> Option<PlaybackCommand> {

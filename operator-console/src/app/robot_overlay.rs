@@ -11,7 +11,6 @@ use crate::map_view::{LastScan, RobotOverlay, SensorField, Stopping};
 use crate::model::{self, ConsoleModel};
 use crate::playback::is_recording;
 
-/// Older scans are not shown.
 const FRESH: Duration = Duration::from_secs(2);
 /// Allowed gap of a sensor with a full turn: coarse ones have steps of some degrees.
 const FULL_TURN_GAP_RAD: f64 = 0.1;

@@ -39,10 +39,8 @@ use crate::workspace::{PanelId, Workspace, is_tight};
 
 /// Refresh period of command ages while an operator drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
-/// Refresh period of ages.
 const AGES_PERIOD: Duration = Duration::from_millis(1200);
 
-/// State between frames.
 #[derive(Default)]
 pub struct Screen {
     map_view: MapView,
@@ -67,17 +65,14 @@ pub struct ShownRobot<'a> {
     pub color: Color32,
 }
 
-/// What is shown with or without a robot.
 #[derive(Clone, Copy)]
 pub struct ScreenContext<'a> {
     pub robots: &'a RobotsData,
     pub log: &'a EventLog,
     pub alerts: &'a FleetAlerts,
-    /// The present or last export.
     pub export: Option<&'a ExportProgress>,
 }
 
-/// Input of the panels.
 #[derive(Clone, Copy)]
 struct Scene<'a> {
     context: ScreenContext<'a>,
@@ -105,7 +100,6 @@ impl Screen {
         }
     }
 
-    /// Writes layout and view into `settings`.
     pub fn keep(&self, settings: &mut Settings) {
         settings.layout = Some(self.workspace.layout());
         settings.appearance = self.appearance;
@@ -142,7 +136,6 @@ impl Screen {
         self.type_ahead.is_waiting() || ctx.text_edit_focused()
     }
 
-    /// Draws the window and returns the operator's commands.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -391,7 +384,7 @@ impl Screen {
                 self.appearance.scale_percent = Appearance::default().scale_percent;
                 self.appearance.apply(ctx);
             }
-            Action::ShortcutSheet => self.dialogs.sheet.toggle(),
+            Action::ShortcutSheet => self.dialogs.toggle_shortcuts(),
             Action::About => self.dialogs.show_about(),
             Action::CloseDialog => {
                 if !self.dialogs.close_one() {
@@ -403,7 +396,6 @@ impl Screen {
         None
     }
 
-    /// The command to toggle an overlay.
     fn toggled(&self, overlay: Overlay) -> Command {
         let is_drawn = self.map_view.settings().has(overlay);
         Command::Look(Look::Draw(overlay, !is_drawn))
@@ -473,15 +465,12 @@ impl Scene<'_> {
     }
 }
 
-/// State of the panels between frames.
 struct Panels<'a> {
     map_view: &'a mut MapView,
     address: &'a mut AddressEntry,
     driving: &'a mut DrivingEntry,
     filter: &'a mut EventFilter,
-    /// Free area for notices on the map.
     notice_room: Option<NoticeRoom>,
-    /// Whether the shore lists are visible.
     draws_shores: bool,
 }
 
@@ -501,62 +490,43 @@ impl Panels<'_> {
             teleop_client,
             now,
         } = scene;
-        match panel {
-            PanelId::Robots => {
+        match (panel, robot) {
+            (PanelId::Robots, _) => {
                 commands.extend(robots_ui(ui, context.robots, self.address));
-                return;
             }
-            PanelId::Events => {
+            (PanelId::Events, _) => {
                 events_ui(ui, &EventsData::new(context.log, self.filter), self.filter);
-                return;
             }
-            PanelId::Alerts => {
+            (PanelId::Alerts, _) => {
                 commands.extend(alerts_ui(ui, &AlertsData::new(context.alerts, now)));
-                return;
             }
-            PanelId::Map
-            | PanelId::Robot
-            | PanelId::Layers
-            | PanelId::Shores
-            | PanelId::Driving
-            | PanelId::Link
-            | PanelId::Sensors
-            | PanelId::Recording
-            | PanelId::Losses => {}
-        }
-        let Some((model, link)) = robot else {
-            if panel == PanelId::Map {
-                actions.extend(first_run_ui(ui, context.robots));
-            }
-            return;
-        };
-        match panel {
-            PanelId::Map => commands.extend(self.map_ui(ui, model, now)),
-            PanelId::Robot => robot_ui(ui, &RobotData::new(model, now)),
-            PanelId::Layers => {
+            (PanelId::Map, None) => actions.extend(first_run_ui(ui, context.robots)),
+            (_, None) => {}
+            (PanelId::Map, Some((model, _))) => commands.extend(self.map_ui(ui, model, now)),
+            (PanelId::Robot, Some((model, _))) => robot_ui(ui, &RobotData::new(model, now)),
+            (PanelId::Layers, Some((model, link))) => {
                 let layers = LayersData::new(model, link, self.map_view, now);
                 commands.extend(layers_ui(ui, &layers).map(Command::Layer));
             }
-            PanelId::Shores => {
+            (PanelId::Shores, Some((model, _))) => {
                 self.draws_shores = true;
                 if let Some(shores) = ShoresData::new(model, self.map_view) {
                     commands.extend(shores_ui(ui, &shores).map(Command::Look));
                 }
             }
-            PanelId::Driving => {
+            (PanelId::Driving, Some(_)) => {
                 if let Some(data) = driving {
                     commands.extend(driving_ui(ui, data, self.driving));
                 }
             }
-            PanelId::Link => link_ui(ui, &LinkData::new(model, link, now)),
-            PanelId::Sensors => sensors_ui(ui, &SensorsData::new(model, now)),
-            PanelId::Recording => {
-                let data =
-                    RecordingData::new(model, teleop_client, link.recordings.as_deref(), now);
+            (PanelId::Link, Some((model, link))) => link_ui(ui, &LinkData::new(model, link, now)),
+            (PanelId::Sensors, Some((model, _))) => sensors_ui(ui, &SensorsData::new(model, now)),
+            (PanelId::Recording, Some((model, link))) => {
+                let folder = link.recordings.as_deref();
+                let data = RecordingData::new(model, teleop_client, folder, now);
                 commands.extend(recording_ui(ui, &data));
             }
-            PanelId::Losses => losses_ui(ui, &LossesData::new(model)),
-            PanelId::Robots | PanelId::Events | PanelId::Alerts => {}
+            (PanelId::Losses, Some((model, _))) => losses_ui(ui, &LossesData::new(model)),
         }
     }
 

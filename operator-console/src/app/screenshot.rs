@@ -1,7 +1,7 @@
 //! Screenshots of the window.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -17,7 +17,6 @@ use crate::lock;
 /// A window that has not delivered an image by then never will.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// `None` until the screenshot is taken.
 pub type ScreenshotOutcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
 
 /// Takes one screenshot at a given time and closes the window.
@@ -57,16 +56,9 @@ impl Screenshot {
             return;
         }
         self.asked = Some(now);
-        let (path, outcome) = (self.path.clone(), Arc::clone(&self.outcome));
-        let callback = ScreenshotCallback::new(move |image| {
-            let saved = File::create(&path)
-                .map_err(anyhow::Error::from)
-                .and_then(|file| save(file, &image))
-                .with_context(|| format!("the picture was not saved to {}", path.display()));
-            *lock(&outcome) = Some(saved);
+        request(ctx, self.path.clone(), Arc::clone(&self.outcome), |path| {
+            File::create(path)
         });
-        ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));
-        ctx.request_repaint();
     }
 }
 
@@ -86,17 +78,27 @@ pub fn result_of(outcome: &ScreenshotOutcome) -> anyhow::Result<()> {
     })
 }
 
-/// Takes a screenshot for the operator and saves it in another thread: encoding would delay the teleop client. Existing
-/// files are not replaced.
+/// Takes a screenshot for the operator. Existing files are not replaced.
 pub(super) fn take(ctx: &Context, path: PathBuf, outcome: ScreenshotOutcome) {
+    request(ctx, path, outcome, |path| {
+        std::fs::create_dir_all(path.parent().unwrap_or(Path::new("")))?;
+        File::create_new(path)
+    });
+}
+
+/// Saves the next frame in another thread: encoding would delay the teleop client.
+fn request(
+    ctx: &Context,
+    path: PathBuf,
+    outcome: ScreenshotOutcome,
+    create: impl FnOnce(&Path) -> io::Result<File> + Send + Sync + 'static,
+) {
     let callback = ScreenshotCallback::new(move |image| {
         thread::spawn(move || {
-            let folder = path.parent().unwrap_or(Path::new(""));
-            let saved = std::fs::create_dir_all(folder)
-                .and_then(|()| File::create_new(&path))
+            let saved = create(&path)
                 .map_err(anyhow::Error::from)
                 .and_then(|file| save(file, &image))
-                .with_context(|| format!("the screenshot was not saved to {}", path.display()));
+                .with_context(|| format!("the picture was not saved to {}", path.display()));
             *lock(&outcome) = Some(saved);
         });
     });

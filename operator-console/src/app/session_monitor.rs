@@ -13,7 +13,6 @@ use crate::model::{ConsoleModel, LinkState};
 use crate::panels::driving::is_stopped_by_monitor;
 use crate::panels::formatting::age;
 
-/// State at the last update.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SessionMonitor {
     link: Option<LinkState>,
@@ -31,7 +30,6 @@ const HELD_FOR: Duration = Duration::from_secs(1);
 
 const MAP_RESTARTS: &str = "its map is received again";
 
-/// Severity, kind and text.
 pub(super) type LogNote = (Severity, &'static str, String);
 
 impl SessionMonitor {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use eframe::egui::{Align, Button, CollapsingHeader, Label, Layout, RichText, TextStyle, Ui};
 
-use super::command_line::with_monospace_options;
+use super::formatting::with_monospace_options;
 use crate::command::Command;
 use crate::link::{AddressState, FoundRobot, place};
 use crate::theme::Tone;
@@ -16,13 +16,6 @@ pub struct ListedAddress {
     pub state: Option<AddressState>,
     /// Whether it is stored in the settings and searched at every start without `--connect`.
     pub is_remembered: bool,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct AddressText {
-    tone: Tone,
-    state: String,
-    hint: Option<String>,
 }
 
 /// Addresses of the command line and `remembered` ones, newest first. An address at which a robot is known counts as
@@ -61,85 +54,63 @@ pub fn listed<'a>(
 }
 
 impl ListedAddress {
-    /// Whether it is searched and has no robot.
     fn is_unanswered(&self) -> bool {
         self.state
             .as_ref()
             .is_some_and(|state| *state != AddressState::Found)
     }
 
-    /// `has_keys`: this console connects with keys.
-    fn text(&self, has_keys: bool) -> AddressText {
+    /// State, and what it means or what to do. `has_keys`: this console connects with keys.
+    fn text(&self, has_keys: bool) -> (Tone, &'static str, String) {
         let (host, port) = place(&self.address).unwrap_or((&self.address, 0));
-        let warning = |state: String, hint: String| AddressText {
-            tone: Tone::Warning,
-            state,
-            hint: Some(hint),
-        };
-        let is_started = || format!("Is the robot started, and is {port} the right port?");
-        match &self.state {
-            None => AddressText {
-                tone: Tone::Waiting,
-                state: "not asked".to_owned(),
-                hint: None,
-            },
-            Some(AddressState::Asking) => AddressText {
-                tone: Tone::Waiting,
-                state: "asking…".to_owned(),
-                hint: None,
-            },
-            Some(AddressState::Found) => AddressText {
-                tone: Tone::Good,
-                state: "answers".to_owned(),
-                hint: None,
-            },
-            Some(AddressState::NoRobot) if has_keys => warning(
-                "no robot there".to_owned(),
+        let is_started = format!("Is the robot started, and is {port} the right port?");
+        let (state, hint) = match &self.state {
+            None => return (Tone::Waiting, "not asked", String::new()),
+            Some(AddressState::Asking) => return (Tone::Waiting, "asking…", String::new()),
+            Some(AddressState::Found) => return (Tone::Good, "answers", String::new()),
+            Some(AddressState::NoRobot) if has_keys => (
+                "no robot there",
                 "A router answers, but no robot behind it, or none that lists you as an operator."
                     .to_owned(),
             ),
-            Some(AddressState::NoRobot) => {
-                warning("no robot there".to_owned(), no_robot(host, port))
-            }
+            Some(AddressState::NoRobot) => ("no robot there", no_robot(host, port)),
             Some(AddressState::AccessDenied { robot, by_quic }) => {
                 let tiles = port_before(host, port).filter(|_| !by_quic);
                 let tiles =
                     tiles.map(|asked| format!(" Or this is its port for tiles: try {asked}"));
-                warning(
-                    "denies access".to_owned(),
-                    format!(
-                        "{robot} answers, but you are not on its list of operators. Access is granted \
-                         within two seconds of being added.{}",
-                        tiles.unwrap_or_default()
-                    ),
-                )
+                let hint = format!(
+                    "{robot} answers, but you are not on its list of operators. Access is granted \
+                     within two seconds of being added.{}",
+                    tiles.unwrap_or_default()
+                );
+                ("denies access", hint)
             }
-            Some(AddressState::UnknownName) => warning(
-                "unknown host".to_owned(),
+            Some(AddressState::UnknownName) => (
+                "unknown host",
                 format!("No computer is called {host}. Type its IP address instead."),
             ),
-            Some(AddressState::Refused) => warning("connection refused".to_owned(), is_started()),
-            Some(AddressState::Silent) => warning(
-                "no answer".to_owned(),
-                format!("{} Is its network reached from here?", is_started()),
+            Some(AddressState::Refused) => ("connection refused", is_started),
+            Some(AddressState::Silent) => (
+                "no answer",
+                format!("{is_started} Is its network reached from here?"),
             ),
-            Some(AddressState::WrongProtocol) if has_keys => warning(
-                "answers without TLS of this fleet".to_owned(),
+            Some(AddressState::WrongProtocol) if has_keys => (
+                "answers without TLS of this fleet",
                 "Was the robot started with --keys, and is its certificate of this fleet?"
                     .to_owned(),
             ),
-            Some(AddressState::WrongProtocol) => warning(
-                "does not answer as a robot".to_owned(),
+            Some(AddressState::WrongProtocol) => (
+                "does not answer as a robot",
                 format!(
                     "A robot with keys is asked at quic/{host}:{port}, by a console that was started with --keys."
                 ),
             ),
-            Some(AddressState::Problem(why)) => warning("cannot be asked".to_owned(), why.clone()),
-        }
+            Some(AddressState::Problem(why)) => ("cannot be asked", why.clone()),
+        };
+        (Tone::Warning, state, hint)
     }
 }
 
-/// What may answer at a port without a robot.
 fn no_robot(host: &str, port: u16) -> String {
     let who = "This is a router, or a robot that is still starting";
     match port_before(host, port) {
@@ -158,7 +129,6 @@ fn port_before(host: &str, port: u16) -> Option<String> {
     })
 }
 
-/// Lists the addresses without a robot, with the reason.
 pub(super) fn unanswered_ui(
     ui: &mut Ui,
     addresses: &[ListedAddress],
@@ -166,14 +136,14 @@ pub(super) fn unanswered_ui(
 ) -> Option<Command> {
     let mut command = None;
     for listed in addresses.iter().filter(|listed| listed.is_unanswered()) {
-        let AddressText { tone, state, hint } = listed.text(has_keys);
+        let (tone, state, hint) = listed.text(has_keys);
         ui.horizontal_wrapped(|ui| {
             ui.label(RichText::new(&listed.address).small());
             let color = tone.color(ui.visuals());
             ui.label(RichText::new(state).small().color(color));
             command = command.take().or(buttons_ui(ui, listed));
         });
-        if let Some(hint) = hint {
+        if !hint.is_empty() {
             let weak = ui.visuals().weak_text_color();
             ui.add(Label::new(with_monospace_options(ui, &hint, &TextStyle::Small, weak)).wrap());
         }
@@ -185,11 +155,13 @@ pub(super) fn unanswered_ui(
 pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<Command> {
     let mut command = None;
     let remembered = addresses.iter().filter(|listed| listed.is_remembered);
-    let (above, quiet): (Vec<_>, Vec<_>) = remembered.partition(|listed| listed.is_unanswered());
+    let quiet: Vec<_> = remembered
+        .filter(|listed| !listed.is_unanswered())
+        .collect();
     if quiet.is_empty() {
         return None;
     }
-    let heading = remembered_heading(ui, quiet.len(), !above.is_empty());
+    let heading = RichText::new(format!("Remembered addresses ({})", quiet.len())).small();
     let heading = CollapsingHeader::new(heading);
     heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {
@@ -202,26 +174,6 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
         }
     });
     command
-}
-
-/// The longest heading that fits into one line. `are_others`: other addresses are listed above.
-fn remembered_heading(ui: &Ui, number: usize, are_others: bool) -> String {
-    let text = if are_others {
-        ["Other remembered addresses", "Others remembered", "Others"]
-    } else {
-        ["Remembered addresses", "Remembered", "Remembered"]
-    };
-    let spacing = ui.spacing();
-    let room = ui.available_width() - spacing.indent - spacing.button_padding.x;
-    let font = TextStyle::Button.resolve(ui.style());
-    let ink = ui.visuals().text_color();
-    let fits = |text: &String| {
-        let galley = ui.painter().layout_no_wrap(text.clone(), font.clone(), ink);
-        galley.size().x <= room
-    };
-    let [long, short, shortest] = text.map(|text| format!("{text} ({number})"));
-    let mut longer = [long, short].into_iter();
-    longer.find(fits).unwrap_or(shortest)
 }
 
 fn buttons_ui(ui: &mut Ui, listed: &ListedAddress) -> Option<Command> {

@@ -7,8 +7,7 @@ use eframe::egui::{TextStyle, Ui};
 use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 
-use super::command_line::with_monospace_options;
-use super::formatting::{age, count};
+use super::formatting::{age, count, with_monospace_options};
 use super::rows::{Row, row, rows_ui};
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkState, MapSync};
@@ -34,15 +33,11 @@ pub(super) const SHORT_RECORDING_MAP_STATES: [&str; 3] = [SYNCHRONIZED, DRAWING,
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LinkStatus {
-    /// Whether the control session is open.
     pub is_connected: bool,
-    /// Error of a session.
     pub problem: Option<String>,
     /// File name if a recording is replayed in this program.
     pub recording: Option<String>,
-    /// Why the replay has ended.
     pub failure: Option<String>,
-    /// Transport of the control session; `None` if unknown.
     pub transport: Option<Transport>,
     /// Folder of the robot's recordings, if it is on this machine.
     pub recordings: Option<PathBuf>,
@@ -57,7 +52,6 @@ impl LinkStatus {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConnectionData {
-    /// Tone of the link state.
     pub tone: Tone,
     pub state: String,
     pub advice: Option<String>,
@@ -149,25 +143,28 @@ impl ConnectionData {
 
 fn rows(model: &ConsoleModel, state: LinkState, now: Monotonic) -> Vec<Row> {
     let connection = model.connection();
-    let none = || "–".to_owned();
-    let round_trip = connection
-        .round_trip()
-        .filter(|_| state == LinkState::Live)
-        .map_or_else(none, |time| match time.as_millis() {
-            0 => "< 1 ms".to_owned(),
-            ms => format!("{ms} ms"),
-        });
     let last_contact = connection
         .age(now)
-        .map_or_else(none, |time| format!("{} ago", age(time)));
+        .map_or_else(|| "–".to_owned(), |time| format!("{} ago", age(time)));
     let mut rows = vec![row("Last message", last_contact)];
     // Measurements of a silent link are not shown.
     if state != LinkState::Silent {
-        rows.push(row("Round trip", round_trip));
+        rows.push(row("Round trip", round_trip(model, now)));
         let receiving = format!("{:.0} kbit/s", connection.kbps(now));
         rows.push(row("Receiving", receiving));
     }
     rows
+}
+
+/// Round trip of a live link.
+pub(super) fn round_trip(model: &ConsoleModel, now: Monotonic) -> String {
+    let connection = model.connection();
+    let is_live = connection.state(now) == LinkState::Live;
+    match connection.round_trip().filter(|_| is_live) {
+        None => "–".to_owned(),
+        Some(time) if time.as_millis() == 0 => "< 1 ms".to_owned(),
+        Some(time) => format!("{} ms", time.as_millis()),
+    }
 }
 
 /// Whether the map is shown as synchronized: of a live robot or of a recording.
@@ -176,7 +173,6 @@ pub(super) fn is_synchronized(map: &MapSync, now: Monotonic) -> bool {
     map_state(map, last_contact, now).2 == SYNCHRONIZED
 }
 
-/// Long and short text of the map state.
 fn map_state(
     map: &MapSync,
     (state, last_contact): (LinkState, Duration),
@@ -225,7 +221,6 @@ fn map_state(
     }
 }
 
-/// Number of missing tiles.
 fn missing(map: &MapSync) -> usize {
     map.layer_states().map(|step| step.missing).sum()
 }
@@ -235,7 +230,6 @@ fn tiles(number: usize) -> String {
     format!("{} {tiles}", count(number as u64))
 }
 
-/// Map state of a recording with missing tiles.
 fn drawing(tone: Tone, missing: usize) -> (Tone, String, &'static str) {
     let text = match missing {
         0 => "Being drawn".to_owned(),

@@ -12,7 +12,6 @@ use crate::playback::is_recording;
 /// Ages below this are shown as the end itself.
 const NEGLIGIBLE: Duration = Duration::from_millis(50);
 
-/// Age of measured data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DataAge {
     /// Age in the robot's time, or at the shown time of a recording.
@@ -24,7 +23,6 @@ pub enum DataAge {
 }
 
 impl DataAge {
-    /// Age of a tile of `model`.
     pub fn new(model: &ConsoleModel, key: TileKey, now: Monotonic) -> Self {
         let ages = model.map().ages();
         let before_newest = || ages.before_newest(key);

@@ -5,8 +5,7 @@ use eframe::egui::{
     ComboBox, Grid, Label, RichText, ScrollArea, TextEdit, TextStyle, Ui, WidgetInfo,
 };
 
-use super::command_line::with_monospace_options;
-use super::elide::elided;
+use super::formatting::{elided, with_monospace_options};
 use crate::event_log::{Entry, EventLog, Severity, Source};
 use crate::theme::Tone;
 
@@ -20,7 +19,6 @@ const MAX_NAME: usize = 16;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct EventFilter {
-    /// Minimum severity.
     pub least: Severity,
     /// Text that an event or its source must contain; the case is ignored.
     pub text: String,
@@ -29,13 +27,11 @@ pub struct EventFilter {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventsData {
     pub lines: Vec<EventLine>,
-    /// How many events are hidden.
     pub left_out: Option<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EventLine {
-    /// Local time.
     pub time: String,
     pub severity: Severity,
     pub heading: String,
@@ -115,14 +111,9 @@ pub fn events_ui(ui: &mut Ui, data: &EventsData, filter: &mut EventFilter) {
 /// Always one line, because the panel may be low.
 fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_narrow: bool) {
     ui.horizontal(|ui| {
-        let (words, width): (fn(Severity) -> &'static str, f32) = if is_narrow {
-            (short_filter_label, 84.0)
-        } else {
-            (filter_label, 150.0)
-        };
         let severity = ComboBox::from_id_salt("least severity")
-            .selected_text(words(filter.least))
-            .width(width)
+            .selected_text(short_filter_label(filter.least))
+            .width(84.0)
             .show_ui(ui, |ui| {
                 for severity in Severity::ALL {
                     let words = filter_label(severity);
@@ -134,30 +125,19 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
             WidgetInfo::labeled(Role::ComboBox, true, format!("Least severity: {chosen}"))
         });
         severity.response.on_hover_text("Minimum severity");
-        if is_narrow {
-            let width = ui.available_width();
-            let text = ui.add(text_ui(filter, "Filter: words", width));
-            ui.ctx()
-                .accesskit_node_builder(text.id, |node| node.set_label("Filter"));
-            return;
-        }
-        let label = ui.label("Filter");
-        ui.add(text_ui(filter, "words in it", 180.0))
-            .labelled_by(label.id);
-        if let Some(left_out) = left_out {
+        let text = TextEdit::singleline(&mut filter.text)
+            .hint_text("Filter: words")
+            .char_limit(100)
+            .desired_width(ui.available_width().min(180.0));
+        let text = ui.add(text);
+        ui.ctx()
+            .accesskit_node_builder(text.id, |node| node.set_label("Filter"));
+        if let Some(left_out) = left_out.filter(|_| !is_narrow) {
             ui.weak(left_out);
         }
     });
 }
 
-fn text_ui<'a>(filter: &'a mut EventFilter, hint: &'a str, width: f32) -> TextEdit<'a> {
-    TextEdit::singleline(&mut filter.text)
-        .hint_text(hint)
-        .char_limit(100)
-        .desired_width(width)
-}
-
-/// One row for each event; long texts wrap.
 fn lines_ui(ui: &mut Ui, lines: &[EventLine]) {
     Grid::new("events")
         .num_columns(3)
@@ -173,7 +153,6 @@ fn lines_ui(ui: &mut Ui, lines: &[EventLine]) {
         });
 }
 
-/// Text below time and source.
 fn narrow_line_ui(ui: &mut Ui, line: &EventLine) {
     ui.scope(|ui| {
         ui.spacing_mut().item_spacing.y = 0.0;

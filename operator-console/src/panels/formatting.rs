@@ -1,6 +1,9 @@
-//! Text for numbers and times.
+//! Text for numbers, times, names and options of the command line.
 
 use std::time::Duration;
+
+use eframe::egui::text::LayoutJob;
+use eframe::egui::{Color32, FontFamily, FontId, TextFormat, TextStyle, Ui};
 
 /// Duration with a resolution that decreases with its length.
 pub fn age(time: Duration) -> String {
@@ -50,7 +53,6 @@ pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
     if knows_north {
         return bearing(90.0 - angle_deg);
     }
-    // From −180° to 180°.
     let left_deg = 180.0 - (180.0 - angle_deg).rem_euclid(360.0);
     match left_deg.round() as i64 {
         0 => format!("along {x}"),
@@ -63,7 +65,6 @@ pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
 /// The one space at which egui does not break lines (it breaks at U+202F).
 const GROUPS_APART: char = '\u{a0}';
 
-/// Count in groups of three digits.
 pub fn count(number: u64) -> String {
     let digits = number.to_string();
     let mut grouped = String::with_capacity(digits.len() * 4 / 3);
@@ -76,7 +77,6 @@ pub fn count(number: u64) -> String {
     grouped
 }
 
-/// Size in the decimal unit that suits it.
 pub fn bytes(bytes: u64) -> String {
     let size = bytes as f64;
     match bytes {
@@ -87,7 +87,6 @@ pub fn bytes(bytes: u64) -> String {
     }
 }
 
-/// First letter as capital.
 pub fn capitalised(text: &str) -> String {
     let mut chars = text.chars();
     match chars.next() {
@@ -96,12 +95,83 @@ pub fn capitalised(text: &str) -> String {
     }
 }
 
+/// `words` with options such as `--keys` in monospace: in the proportional font, two dashes look like one.
+pub fn with_monospace_options(
+    ui: &Ui,
+    words: &str,
+    style: &TextStyle,
+    color: Color32,
+) -> LayoutJob {
+    let font = style.resolve(ui.style());
+    let code = FontId::new(font.size, FontFamily::Monospace);
+    let mut job = LayoutJob::default();
+    for word in words.split_inclusive(' ') {
+        let font = if word.contains("--") { &code } else { &font };
+        job.append(word, 0.0, TextFormat::simple(font.clone(), color));
+    }
+    job
+}
+
+/// Share of the kept characters that belongs to the end: recordings of one robot begin alike and differ in the time at
+/// the end.
+const END: f64 = 0.6;
+
+/// `name`, or the longest form that `fits`, shortened in the middle.
+pub fn elided(name: &str, fits: impl Fn(&str) -> bool) -> String {
+    if fits(name) {
+        return name.to_owned();
+    }
+    let signs: Vec<char> = name.chars().collect();
+    let shortened = |kept: usize| -> String {
+        let end = (END * kept as f64).ceil() as usize;
+        let ending = &signs[signs.len() - end..];
+        signs[..kept - end]
+            .iter()
+            .chain(&['…'])
+            .chain(ending)
+            .collect()
+    };
+    let longest = (1..signs.len())
+        .rev()
+        .map(shortened)
+        .find(|name| fits(name));
+    longest.unwrap_or_else(|| "…".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
-    use eframe::egui::{Color32, FontId};
     use egui_kittest::Harness;
 
     use super::*;
+
+    #[test]
+    fn long_names_are_shortened_in_the_middle() {
+        let name = "lake-2026-11-22T150130Z.mcap";
+        for (name, most, shown) in [
+            (name, 28, name),
+            (name, 21, "lake-202…150130Z.mcap"),
+            (name, 2, "…p"),
+            (name, 0, "…"),
+            ("", 0, ""),
+            ("Grün-über-Übergröße", 8, "Gr…größe"),
+        ] {
+            let fits = |name: &str| name.chars().count() <= most;
+            assert_eq!(elided(name, fits), shown);
+        }
+    }
+
+    #[test]
+    fn options_are_monospace() {
+        let window = Harness::builder().build_ui(|ui| {
+            let words = "Start it with --keys first.";
+            let job = with_monospace_options(ui, words, &TextStyle::Small, Color32::BLACK);
+            for (word, section) in words.split_inclusive(' ').zip(&job.sections) {
+                let is_code = section.format.font_id.family == FontFamily::Monospace;
+                assert_eq!(is_code, word == "--keys ", "{word}");
+            }
+        });
+        drop(window);
+    }
 
     #[test]
     fn resolution_of_ages() {
@@ -148,25 +218,5 @@ mod tests {
         assert_eq!(bytes(52_000_000_000), "52.0 GB");
         assert_eq!(count(999), "999");
         assert_eq!(count(1_234_567), "1\u{a0}234\u{a0}567");
-    }
-
-    #[test]
-    fn no_line_break_within_a_number() {
-        let words = format!("revision {}", count(12_308));
-        let window = Harness::builder().build_ui_state(
-            move |ui, lines: &mut Vec<String>| {
-                let layout = |words: &str, width| {
-                    let font = FontId::proportional(12.0);
-                    let painter = ui.painter();
-                    painter.layout(words.to_owned(), font, Color32::BLACK, width)
-                };
-                let width = layout("revision 12 3", f32::INFINITY).size().x;
-                let text = layout(&words, width);
-                let rows = text.rows.iter();
-                *lines = rows.map(|row| row.text().trim_end().to_owned()).collect();
-            },
-            Vec::new(),
-        );
-        assert_eq!(*window.state(), ["revision", "12\u{a0}308"]);
     }
 }

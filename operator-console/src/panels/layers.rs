@@ -2,8 +2,8 @@
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Button, Color32, ComboBox, DragAndDrop, Rect, RichText, Sense, Shape, Slider, Stroke,
-    TextStyle, Ui, WidgetInfo, pos2, vec2,
+    Button, ComboBox, DragAndDrop, Rect, RichText, Sense, Slider, Stroke, TextStyle, Ui,
+    WidgetInfo, pos2, vec2,
 };
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Scheme};
@@ -19,18 +19,10 @@ use crate::theme::Tone;
 /// Below this width a layer has its buttons in a second line, points.
 const NARROW: f32 = 210.0;
 
-/// Space is reserved for these texts, so that nothing below moves.
-const USUAL: [&str; 3] = [
-    "8\u{a0}888 tiles, synchronized 8.8 s ago, newest 888 min old",
-    "8\u{a0}888 tiles, not synchronized for 8.8 s, newest 888 min old",
-    "8\u{a0}888 tiles, 888 missing for 8.8 s, newest 888 min old",
-];
-
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayersData {
     /// Layers of the robot, topmost first.
     pub rows: Vec<LayerRow>,
-    /// Shown if there is no layer.
     pub note: Option<String>,
 }
 
@@ -38,15 +30,10 @@ pub struct LayersData {
 pub struct LayerRow {
     pub layer: LayerId,
     pub is_shown: bool,
-    /// 0 … 1.
     pub opacity: f32,
     pub scheme: Scheme,
-    /// Number of tiles, age and missing tiles.
     pub state: String,
     pub tone: Tone,
-    /// Cell size, m.
-    pub cell_m: f64,
-    /// Next layer above.
     pub over: Option<LayerId>,
     pub under: Option<LayerId>,
 }
@@ -93,7 +80,6 @@ impl LayersData {
                 scheme: held.scheme,
                 state,
                 tone,
-                cell_m: model.map().store().cell_m(layer).unwrap_or_default(),
                 over: neighbour(index.checked_sub(1)),
                 under: neighbour(Some(index + 1)),
             }
@@ -199,7 +185,6 @@ pub fn layers_ui(ui: &mut Ui, data: &LayersData) -> Option<LayerCommand> {
     command
 }
 
-/// Name, visibility and order buttons.
 fn head_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     if ui.available_width() < NARROW {
         let shown = ui.horizontal(|ui| shown_ui(ui, row)).inner;
@@ -229,6 +214,7 @@ fn place_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     let right = eframe::egui::Layout::right_to_left(eframe::egui::Align::Center);
     ui.with_layout(right, |ui| {
         ui.spacing_mut().item_spacing.x = 2.0;
+        ui.spacing_mut().button_padding.x = 4.0;
         if let Some(under) = step_ui(ui, row.under, false, name) {
             command = Some(LayerCommand::Below(layer, under));
         }
@@ -246,31 +232,15 @@ fn place_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
 
 /// A button that exchanges a layer with its neighbour. Returns the neighbour if it is clicked.
 fn step_ui(ui: &mut Ui, neighbour: Option<LayerId>, is_up: bool, name: &str) -> Option<LayerId> {
-    let sense = if neighbour.is_some() {
-        Sense::click()
+    let (arrow, word) = if is_up {
+        ("⏶", "Raise")
     } else {
-        Sense::hover()
+        ("⏷", "Lower")
     };
-    let (rect, response) = ui.allocate_exact_size(vec2(22.0, 22.0), sense);
-    let word = if is_up { "Raise" } else { "Lower" };
     let label = format!("{word} {name}");
+    let button = Button::new(arrow).min_size(vec2(22.0, 22.0));
+    let response = ui.add_enabled(neighbour.is_some(), button);
     response.widget_info(|| WidgetInfo::labeled(Role::Button, neighbour.is_some(), &label));
-    let visuals = ui.style().interact(&response);
-    let (fill, ink) = if neighbour.is_some() {
-        (visuals.weak_bg_fill, visuals.text_color())
-    } else {
-        (
-            Color32::TRANSPARENT,
-            ui.visuals().gray_out(visuals.text_color()),
-        )
-    };
-    ui.painter().rect_filled(rect.shrink(1.0), 3.0, fill);
-    let towards = if is_up { -4.0 } else { 4.0 };
-    let corners = [(0.0, towards), (5.0, -towards), (-5.0, -towards)]
-        .map(|(x, y)| rect.center() + vec2(x, y));
-    let corners = corners.to_vec();
-    ui.painter()
-        .add(Shape::convex_polygon(corners, ink, Stroke::NONE));
     neighbour.filter(|_| response.on_hover_text(&label).clicked())
 }
 
@@ -325,7 +295,6 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     command
 }
 
-/// State in small text, with at least the height of the usual texts.
 fn state_ui(ui: &mut Ui, row: &LayerRow) {
     let color = match (row.is_shown, row.tone) {
         (true, Tone::Warning) => row.tone.color(ui.visuals()),
@@ -333,16 +302,9 @@ fn state_ui(ui: &mut Ui, row: &LayerRow) {
             ui.visuals().weak_text_color()
         }
     };
-    let font = TextStyle::Small.resolve(ui.style());
-    let width = ui.available_width();
-    let heights = USUAL.map(|usual| {
-        let text = ui
-            .painter()
-            .layout(usual.to_owned(), font.clone(), color, width);
-        text.size().y
-    });
     ui.scope(|ui| {
-        ui.set_min_height(heights.into_iter().fold(0.0, f32::max));
+        // Usual texts have up to two lines: nothing below moves.
+        ui.set_min_height(2.0 * ui.text_style_height(&TextStyle::Small));
         ui.label(RichText::new(&row.state).small().color(color));
     });
 }
@@ -350,13 +312,10 @@ fn state_ui(ui: &mut Ui, row: &LayerRow) {
 const GRIP: [f32; 2] = [12.0, 22.0];
 /// Distance from the edge of the visible list within which it scrolls, points.
 const EDGE: f32 = 24.0;
-/// Points per second.
 const SCROLLING: f32 = 300.0;
 
-/// Distance of the drop marker from a row, points.
 const BESIDE: f32 = 3.0;
 
-/// Drag payload.
 struct Dragged(LayerId);
 
 /// Drag handle; the buttons do the same for the keyboard.
@@ -407,7 +366,6 @@ fn drop_ui(ui: &Ui, places: &[(LayerId, Rect)]) -> Option<LayerCommand> {
     is_let_go.then_some(command)
 }
 
-/// Scrolls the list near its edges.
 fn scroll(ui: &Ui, seen: Rect, y: f32) {
     let towards = if y < seen.top() + EDGE {
         1.0

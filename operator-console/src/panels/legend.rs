@@ -24,7 +24,6 @@ const STEPS: u8 = 64;
 /// Between lines; also added between legends, points.
 pub const LINES_APART: f32 = 2.0;
 const LEGENDS_APART: f32 = 4.0;
-/// Minimum height of a row, points.
 const ROW: f32 = 16.0;
 
 /// Free cells of an upper layer are transparent over known cells.
@@ -64,7 +63,6 @@ impl LegendsData {
         Self { legends }
     }
 
-    /// Same, with one-line titles.
     pub fn with_short_titles(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
         let palettes: Vec<_> = palettes.into_iter().collect();
         let mut data = Self::new(palettes.iter().copied());
@@ -89,12 +87,10 @@ impl LegendsData {
     }
 }
 
-/// Draws a title, which may wrap.
 pub fn title_ui(ui: &mut Ui, title: &str) {
     ui.add(Label::new(RichText::new(capitalised(title)).small()).wrap());
 }
 
-/// Height of a title at this width, points.
 pub fn title_height(ui: &Ui, title: &str, width: f32) -> f32 {
     text(ui, title, width).size().y
 }
@@ -109,7 +105,6 @@ pub fn legends_ui(ui: &mut Ui, data: &LegendsData) {
     }
 }
 
-/// Height of the legends at this width, points.
 pub fn legends_height(ui: &Ui, data: &LegendsData, width: f32) -> f32 {
     let heights = data.legends.iter().map(|legend| {
         let title = Some(&legend.title).filter(|title| !title.is_empty());
@@ -189,7 +184,6 @@ fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
     rows
 }
 
-/// Whether it is transparent over known cells.
 fn is_see_through(swatch: &Swatch) -> bool {
     swatch.label == SEE_THROUGH
 }
@@ -199,7 +193,6 @@ pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
         Color32::from_rgba_unmultiplied(red, green, blue, alpha)
     };
     if is_see_through(swatch) {
-        // One half is transparent.
         let half = vec![rect.left_bottom(), rect.right_top(), rect.right_bottom()];
         let color = of(swatch.color);
         ui.painter()
@@ -270,7 +263,6 @@ fn ramp_ui(ui: &mut Ui, ramp: &Ramp) {
     let digits = ui.painter().layout_no_wrap("00".to_owned(), font, ink);
     let spans = numbers.iter().map(|(_, place, _)| place.x_range());
     let is_kept = kept(&spans.collect::<Vec<_>>(), digits.size().x);
-    // Ticks without a number are omitted.
     let tick = Rangef::new(bar.bottom(), bar.bottom() + TICK);
     for ((x, place, text), _) in numbers.into_iter().zip(is_kept).filter(|(_, kept)| *kept) {
         ui.painter().vline(x, tick, Stroke::new(1.0, ink));

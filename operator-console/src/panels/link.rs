@@ -1,10 +1,12 @@
 //! The link: state, streams, and plots of the last minutes.
 
-mod key;
+use std::f32::consts::GOLDEN_RATIO;
 
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Align, Layout, RichText, Sense, Ui, Vec2, WidgetInfo, vec2};
-use egui_plot::{GridMark, Line, Plot, PlotPoints};
+use eframe::egui::{
+    Align, Color32, Layout, RichText, Sense, Shape, Stroke, TextStyle, Ui, Vec2, WidgetInfo, vec2,
+};
+use egui_plot::{GridMark, Line, LineStyle, Plot, PlotPoints};
 use measurement::time::Monotonic;
 
 use super::connection::{ConnectionData, LinkStatus, connection_ui};
@@ -12,9 +14,7 @@ use super::formatting::age;
 use super::rows::{Row, row, rows_ui};
 use crate::link::Transport;
 use crate::model::{ConsoleModel, LinkSample, Stream};
-use crate::theme::Tone;
-
-use key::{Key, looks};
+use crate::theme::{Tone, rgb};
 
 /// Samples farther apart than this are not joined, s.
 const GAP_S: f64 = 1.3;
@@ -22,23 +22,18 @@ const GAP_S: f64 = 1.3;
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkData {
     pub connection: ConnectionData,
-    /// Transport of the control session.
     pub transport: Option<(Tone, String)>,
     /// Shown instead of the rest if there is no link.
     pub note: Option<String>,
-    /// Age of each stream, loss.
     pub streams: Vec<Row>,
-    /// Round trip, loss, rate and ages.
     pub plots: Vec<LinkPlot>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkPlot {
-    /// Title with unit.
     pub title: &'static str,
     /// Minimum upper end of the axis.
     pub least: f64,
-    /// Lines with their names.
     pub lines: Vec<(&'static str, Segments)>,
 }
 
@@ -135,7 +130,6 @@ const fn stream_name(stream: Stream) -> &'static str {
     }
 }
 
-/// Splits samples where values are missing.
 fn segments<'a>(
     samples: impl Iterator<Item = &'a LinkSample>,
     value: &dyn Fn(&LinkSample) -> Option<f64>,
@@ -162,7 +156,6 @@ fn segments<'a>(
     segments
 }
 
-/// Width of the rows beside the plots, points.
 const FIGURES: f32 = 210.0;
 
 pub fn link_ui(ui: &mut Ui, data: &LinkData) {
@@ -200,7 +193,6 @@ const ENDS: [f64; 8] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
 /// The plotting library fades labels that are closer than this, points.
 const APART: f64 = 32.0;
 
-/// Axis from 0 to a round number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Axis {
     end: f64,
@@ -236,20 +228,16 @@ fn label(mark: GridMark) -> String {
     rounded.to_string()
 }
 
-/// Time span of the plots, s.
 const SPAN_S: f64 = 300.0;
-/// Minimum height of a plot without its key, points.
 const LEAST: f32 = 46.0;
-/// Between rows of plots, points.
 const ROWS_APART: f32 = 3.0;
-/// Half the height of a digit, points.
 const AXIS_TEXT: f64 = 6.0;
-/// Minimum width for all plots in one row, points.
 const WIDE: f32 = 200.0;
-/// Minimum width for two plots in a row, points.
 const NARROW: f32 = 160.0;
 
-/// Draws the plots in as many columns as fit. `height`: of all rows with their keys, if no plot gets too low.
+const SAMPLE: f32 = 16.0;
+
+/// Draws the plots in as many columns as fit. `height`: of all rows, if no plot gets too low.
 fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
     ui.spacing_mut().item_spacing.y = ROWS_APART;
     let gap = ui.spacing().item_spacing;
@@ -261,30 +249,66 @@ fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
         (false, true) => 2,
         (false, false) => 1,
     };
-    let width = of_width(columns);
-    let keys: Vec<_> = plots.iter().map(|plot| Key::new(ui, plot, width)).collect();
-    // Plots of one row have the same height.
-    let key_heights: Vec<_> = keys
-        .chunks(columns)
-        .map(|row| row.iter().map(Key::height).fold(0.0, f32::max))
-        .collect();
-    let for_plots = height - key_heights.iter().sum::<f32>();
-    let size = vec2(width, share(for_plots, gap.y, key_heights.len()).max(LEAST));
-    let rows = plots.chunks(columns).zip(keys.chunks(columns));
-    for ((plots, keys), key_height) in rows.zip(key_heights) {
+    let cell = vec2(
+        of_width(columns),
+        share(height, gap.y, plots.len().div_ceil(columns)),
+    );
+    for row in plots.chunks(columns) {
         ui.horizontal_top(|ui| {
-            for (plot, key) in plots.iter().zip(keys) {
-                let cell = size + vec2(0.0, key_height);
+            for plot in row {
                 ui.allocate_ui_with_layout(cell, Layout::top_down(Align::Min), |ui| {
+                    ui.set_width(cell.x);
                     ui.spacing_mut().item_spacing.y = 0.0;
-                    let above = vec2(width, key_height);
-                    let (above, _) = ui.allocate_exact_size(above, Sense::hover());
-                    key.paint(ui, above.left_top());
-                    plot_ui(ui, plot, size);
+                    key_ui(ui, plot);
+                    let height = ui.available_height().max(LEAST);
+                    plot_ui(ui, plot, vec2(cell.x, height));
                 });
             }
         });
     }
+}
+
+/// Title and line names above a plot. Inside the plot they would cover its lines.
+fn key_ui(ui: &mut Ui, plot: &LinkPlot) {
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().interact_size.y = 0.0;
+        ui.label(RichText::new(plot.title).small());
+        // A single line needs no name.
+        let lines = plot.lines.iter().filter(|_| plot.lines.len() > 1);
+        for ((name, _), (color, style)) in lines.zip(looks(ui.visuals().dark_mode)) {
+            let name = RichText::new(*name).small().color(color);
+            let height = ui.text_style_height(&TextStyle::Small);
+            let (sample, _) = ui.allocate_exact_size(vec2(SAMPLE, height), Sense::hover());
+            let ends = [sample.left_center(), sample.right_center()];
+            let stroke = Stroke::new(1.5, color);
+            ui.painter().extend(match style {
+                LineStyle::Solid => vec![Shape::line_segment(ends, stroke)],
+                LineStyle::Dotted { spacing } => {
+                    Shape::dotted_line(&ends, color, spacing, stroke.width)
+                }
+                LineStyle::Dashed { length } => {
+                    Shape::dashed_line(&ends, stroke, length, length * (GOLDEN_RATIO - 1.0))
+                }
+            });
+            ui.label(name);
+        }
+    });
+}
+
+/// Styles of the lines of a plot. They differ by more than their colour.
+fn looks(dark: bool) -> impl Iterator<Item = (Color32, LineStyle)> {
+    const STYLES: [LineStyle; 4] = [
+        LineStyle::Solid,
+        LineStyle::Dashed { length: 8.0 },
+        LineStyle::Dotted { spacing: 4.0 },
+        LineStyle::Dashed { length: 3.0 },
+    ];
+    let colors = if dark {
+        [0x56b4e9, 0xe69f00, 0x2fc497, 0xcc79a7]
+    } else {
+        [0x005d92, 0xa84800, 0x007455, 0x8e246a]
+    };
+    colors.map(rgb).into_iter().zip(STYLES)
 }
 
 fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
@@ -347,7 +371,6 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
         .on_hover_text("The last 5 minutes: a line a minute, now on the right");
 }
 
-/// Accessible text: title and newest values.
 fn accessible_text(data: &LinkPlot) -> String {
     let newest = data.lines.iter().filter_map(|(name, segments)| {
         let [_, value] = segments.last()?.last()?;

@@ -112,30 +112,9 @@ fn hint(name: &str) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eframe::egui::vec2;
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
     use measurement::drops::DropReason;
 
     use crate::model::RejectReason;
-
-    #[test]
-    fn headings_fit_a_narrow_panel() {
-        let data = LossesData {
-            robot: rows([("own_body", 1_234)].into_iter()),
-            console: Vec::new(),
-        };
-        let mut window = Harness::builder()
-            .with_size(vec2(200.0, 200.0))
-            .build_ui(move |ui| losses_ui(ui, &data));
-        crate::theme::set(&window.ctx);
-        window.run_steps(3);
-        let heading = window.get_by_label("Dropped by the robot (scans, beams, messages)");
-        let below = window.get_by_label("own body").rect();
-        assert!(heading.rect().right() <= 200.0, "{}", heading.rect());
-        assert!(heading.rect().bottom() <= below.top(), "{below}");
-        window.get_by_label("1\u{a0}234");
-    }
 
     #[test]
     fn drop_reasons_are_explained() {

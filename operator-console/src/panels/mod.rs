@@ -4,11 +4,9 @@
 pub mod address_list;
 pub mod addresses;
 pub mod alerts;
-pub mod command_line;
 pub mod connection;
 pub mod data_age;
 pub mod driving;
-pub mod elide;
 pub mod events;
 pub mod formatting;
 pub mod layers;

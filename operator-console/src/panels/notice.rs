@@ -18,16 +18,13 @@ const KINDS: [&str; 4] = ["screenshot", "folder", "settings", "driving"];
 /// Distance from the lower edge and, as a share of the width, from both sides of a window without a map.
 const ABOVE: f32 = 24.0;
 const BESIDE_SHARE: f32 = 0.1;
-/// Distance from other cards, points.
 const GAP: f32 = 6.0;
-/// Minimum text width, points.
 const NARROWEST: f32 = 60.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoticeData {
     pub text: String,
     pub tone: Tone,
-    /// Remaining time.
     pub rest: Duration,
 }
 
@@ -49,17 +46,14 @@ impl NoticeData {
     }
 }
 
-/// Area for a notice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoticeRoom {
     /// The notice is at its lower edge.
     pub place: Rect,
-    /// Areas to avoid.
     pub taken: Vec<Rect>,
 }
 
 impl NoticeRoom {
-    /// Area if there is no map.
     pub fn of_window(ui: &Ui) -> Self {
         let window = ui.ctx().content_rect();
         Self {

@@ -3,20 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{Button, Label, RichText, TextStyle, Ui, vec2};
-use measurement::time::Monotonic;
+use measurement::time::{Monotonic, RobotDuration};
 use protocol::message::{Answer, RecordingState, RecordingStatus, Setting};
 
-use super::command_line::with_monospace_options;
 use super::driving::labels;
-use super::formatting::{age, bytes, count};
+use super::formatting::{age, bytes, capitalised, count, with_monospace_options};
 use super::rows::{Row, row, rows_ui};
+use super::timeline::clock;
 use crate::command::Command;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 use crate::teleop_client::{Intent, RequestKind, TeleopClientState, TeleopNotification};
 use crate::theme::{Tone, state_ui};
 
-/// Minimum width for two columns, and width of the column with the buttons, points.
 const WIDE: f32 = 520.0;
 const BUTTONS: f32 = 290.0;
 
@@ -24,24 +23,19 @@ const BUTTONS: f32 = 290.0;
 pub struct RecordingData {
     pub tone: Tone,
     pub state: String,
-    /// What to do or to know.
     pub advice: Option<String>,
     pub rows: Vec<(String, String)>,
-    /// `None` if the robot cannot record.
     pub button: Option<RecordingButton>,
     /// Folder of the recordings, if it is on this machine.
     pub folder: Option<PathBuf>,
     /// The last complete file, if it is on this machine, with the text of its button.
     pub finished: Option<(PathBuf, &'static str)>,
-    /// Why the last request was refused.
     pub refusal: Option<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordingButton {
-    /// Whether it starts or stops a recording.
     pub starts: bool,
-    /// Why it is disabled.
     pub blocked: Option<&'static str>,
 }
 
@@ -179,7 +173,6 @@ fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathB
 }
 
 fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -> Vec<Row> {
-    // The changing values come first.
     let mut rows = Vec::new();
     if recording.files > 0 {
         let files = if recording.files == 1 {
@@ -188,7 +181,9 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -
             "files"
         };
         let least = if may_be_more { "at least " } else { "" };
-        let (length, size) = (clock(recording.duration_s), bytes(recording.bytes));
+        let length = clock(RobotDuration::from_secs_f64(recording.duration_s.into()));
+        let length = length.trim_end_matches(".0");
+        let size = bytes(recording.bytes);
         rows.push(row("Length", format!("{least}{length}")));
         rows.push(row(
             "Size",
@@ -214,17 +209,6 @@ fn rows(recording: &RecordingStatus, folder: Option<&Path>, may_be_more: bool) -
     rows
 }
 
-/// h:mm:ss.
-fn clock(secs: u32) -> String {
-    let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
-    if hours > 0 {
-        format!("{hours}:{minutes:02}:{secs:02}")
-    } else {
-        format!("{minutes}:{secs:02}")
-    }
-}
-
-/// Text of a refused recording request.
 fn refusal(note: &TeleopNotification) -> Option<String> {
     match note {
         TeleopNotification::Answered(
@@ -233,26 +217,9 @@ fn refusal(note: &TeleopNotification) -> Option<String> {
         )
         | TeleopNotification::RequestTimedOut(RequestKind::Set(Setting::Recording(_)))
         | TeleopNotification::NotSent(RequestKind::Set(Setting::Recording(_)), _) => {
-            let (mut words, _) = labels::note(note);
-            if let Some(first) = words.get_mut(..1) {
-                first.make_ascii_uppercase();
-            }
-            Some(words)
+            Some(capitalised(&labels::note(note).0))
         }
-        TeleopNotification::Answered(..)
-        | TeleopNotification::RequestTimedOut(_)
-        | TeleopNotification::NotSent(..)
-        | TeleopNotification::LeaseGained(_)
-        | TeleopNotification::LeaseLost
-        | TeleopNotification::LeaseReleased
-        | TeleopNotification::LeaseEndedByReset
-        | TeleopNotification::EStopPressed
-        | TeleopNotification::EStopAcknowledged(_)
-        | TeleopNotification::EStopRefused(_)
-        | TeleopNotification::EStopNotInForce
-        | TeleopNotification::NotDrivable
-        | TeleopNotification::ObserverOnly
-        | TeleopNotification::InputLocked(_) => None,
+        _ => None,
     }
 }
 
@@ -295,7 +262,6 @@ fn state_and_buttons_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     asked.inner
 }
 
-/// Buttons for files on this machine.
 fn files_ui(ui: &mut Ui, data: &RecordingData) -> Option<Command> {
     let folder = data.folder.as_ref()?;
     let mut command = None;

@@ -11,13 +11,11 @@ use super::stale::is_position_old;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
-/// In seconds since 1970.
 const YEAR_2000_S: u64 = 946_684_800;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RobotData {
     pub rows: Vec<(String, String)>,
-    /// Shown if the values need an explanation.
     pub note: Option<String>,
 }
 
@@ -60,7 +58,6 @@ impl RobotData {
     }
 }
 
-/// `newest_ns`: stamp of the newest pose.
 fn ended(newest_ns: Option<i64>) -> String {
     let newest_s = newest_ns.and_then(|ns| u64::try_from(ns / 1_000_000_000).ok());
     // Clocks that start at zero have no calendar time.

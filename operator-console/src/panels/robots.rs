@@ -13,49 +13,34 @@ use protocol::keys::RobotId;
 
 use super::address_list::{ListedAddress, remembered_ui, unanswered_ui};
 use super::addresses::{AddressEntry, address_ui};
-use super::command_line::with_monospace_options;
-use super::formatting::age;
+use super::formatting::{age, with_monospace_options};
 use crate::command::Command;
 use crate::link::{DiscoveredRobot, FleetState, FoundRobot, SEEN_RECENTLY};
 use crate::model::{LinkState, UncommandedMotion};
 use crate::shortcuts::Action;
 use crate::theme::Tone;
 
-/// Points.
 const SWATCH: Vec2 = vec2(12.0, 16.0);
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotsData {
     /// Robots that have answered, in the order of their first answer.
     pub found: Vec<RobotLine>,
-    /// The shown robot.
     pub current: Option<RobotId>,
     /// Shown instead of the map if no robot is shown.
     pub advice: Option<String>,
-    /// Heading of the advice.
     pub heading: &'static str,
-    /// Whether the operator can do anything.
     pub is_up_to_operator: bool,
-    /// Error of discovery.
     pub problem: Option<String>,
-    /// Remembered and searched addresses.
     pub addresses: Vec<ListedAddress>,
-    /// Whether this console has keys.
     pub has_keys: bool,
 }
 
-/// Which robot is awaited while none is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SearchTarget<'a> {
-    /// Any robot.
     Any,
-    /// The robot of the command line.
     Named(&'a RobotId),
-    /// The robot simulated by this program.
-    Demo {
-        /// Why the simulation has ended.
-        failure: Option<String>,
-    },
+    Demo { failure: Option<String> },
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +54,6 @@ pub struct RobotLine {
 }
 
 impl RobotLine {
-    /// The state laid out in one line.
     fn state_text(&self, ui: &Ui) -> Arc<Galley> {
         let font = TextStyle::Small.resolve(ui.style());
         let color = self.tone.color(ui.visuals());
@@ -79,7 +63,6 @@ impl RobotLine {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotEntry {
-    /// Address, time and last known state.
     pub discovered: DiscoveredRobot,
     pub color: Color32,
     pub alerts: usize,
@@ -182,7 +165,6 @@ impl RobotsData {
     }
 }
 
-/// Text for a number of alerts.
 pub fn alerts(count: usize) -> String {
     match count {
         1 => "1 alert".to_owned(),
@@ -190,7 +172,6 @@ pub fn alerts(count: usize) -> String {
     }
 }
 
-/// Whether it has not answered for too long.
 fn is_overdue(discovered: &DiscoveredRobot, now: Monotonic) -> bool {
     now.since(discovered.seen) > SEEN_RECENTLY
 }
@@ -261,7 +242,6 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
                 }
             });
         });
-        // The state moves to the next line.
         if !state_fits {
             ui.horizontal(|ui| {
                 ui.add_space(SWATCH.x + ui.spacing().item_spacing.x);
@@ -294,7 +274,6 @@ pub fn robots_ui(ui: &mut Ui, data: &RobotsData, entry: &mut AddressEntry) -> Op
         .or(remembered_ui(ui, &data.addresses))
 }
 
-/// Small button that removes a robot from the list.
 fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
     let button = ui.add(Button::new(RichText::new("×").small()).small());
     button.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Forget {robot}")));
@@ -302,7 +281,6 @@ fn forget_ui(ui: &mut Ui, robot: &RobotId) -> bool {
     button.on_hover_text(hint).clicked()
 }
 
-/// Colour swatch of a robot.
 pub fn swatch_ui(ui: &mut Ui, color: Color32) {
     let (place, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
     ui.painter().rect_filled(place, 3.0, color);

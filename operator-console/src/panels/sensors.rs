@@ -17,25 +17,19 @@ const NARROW: f32 = 640.0;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SensorsData {
-    /// Shown if there is no data or if it is old.
     pub note: Option<String>,
-    /// In the order of the robot.
     pub sensors: Vec<SensorLine>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SensorLine {
     pub tone: Tone,
-    /// State in one or two words.
     pub state: String,
-    /// Meaning of the state, and what to do.
     pub advice: &'static str,
     pub name: String,
     pub kind: &'static str,
     pub rate: String,
-    /// Time since the last message.
     pub last_seen: String,
-    /// Dropped messages.
     pub dropped: String,
 }
 
@@ -71,7 +65,6 @@ impl SensorsData {
     }
 }
 
-/// Validity of the sensor states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum DataState {
     Live,
@@ -132,7 +125,6 @@ fn rate(rate_hz: f32, nominal_hz: Option<f32>) -> String {
     }
 }
 
-/// Short text and explanation of a fault.
 pub fn fault_text(
     fault: SensorFault,
     kind: Option<SensorKind>,
@@ -170,7 +162,6 @@ pub fn fault_text(
     (Tone::Warning, state, advice)
 }
 
-/// Name of a kind of sensor.
 pub const fn kind_label(kind: SensorKind) -> &'static str {
     match kind {
         SensorKind::PlanarLaser => "Laser",
@@ -265,7 +256,6 @@ fn narrow_sensor_ui(ui: &mut Ui, sensor: &SensorLine) {
 }
 
 impl SensorLine {
-    /// Rate, time since the last message and drops, with hover text.
     fn figures(&self) -> Vec<(String, &'static str)> {
         let [_, _, _, (_, rate), (_, seen), (_, dropped)] = HEADINGS;
         let mut figures = vec![

@@ -17,9 +17,7 @@ pub use list::shores_ui;
 pub struct ShoresData {
     pub shores: Vec<ShoreRow>,
     pub sites: Vec<ShoreRow>,
-    /// Additional notes.
     pub notes: Vec<String>,
-    /// Selected by a click.
     pub marked: Option<ShoreMark>,
     /// Under the pointer in a list.
     pub hovered: Option<ShoreMark>,
@@ -30,7 +28,6 @@ pub struct ShoreRow {
     pub mark: ShoreMark,
     /// Number of a shore, letter of a site.
     pub name: String,
-    /// Colour, pattern and name of the class.
     pub class: Swatch,
     /// Share of rigid voxels, or mean slope cost.
     pub share: String,
@@ -42,20 +39,16 @@ pub struct ShoreRow {
     pub reason: Option<String>,
     /// The row as a sentence, for screen readers.
     pub sentence: String,
-    /// Position in `odom`, m.
     pub center_m: [f64; 2],
     /// Sort keys: number or rank, share, size, distance.
     keys: [f64; 4],
 }
 
-/// Sort key of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SortBy {
     Number,
     Share,
-    /// Descending.
     Size,
-    /// Ascending.
     Distance,
 }
 
@@ -183,7 +176,6 @@ fn shore_row(
     }
 }
 
-/// `rank` counts from 1.
 fn site_row(
     site: &DockingSite,
     (name, rank): (SiteName, u32),
@@ -228,17 +220,13 @@ fn class_swatch(code: u16) -> Swatch {
 /// x and y in `odom`, m.
 type Point = [f64; 2];
 
-/// Explanation of the distances.
 const TO_SHORES: &str = "from the middle of the vehicle to the nearest edge of the shore's outline; \
                                     around: the vehicle is within it";
 const TO_SITES: &str = "from the middle of the vehicle to the middle of the docking site";
 
-/// Distance from the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Distance {
-    /// The vehicle's position is unknown.
     Unknown,
-    /// The vehicle is inside the outline.
     Around,
     Metres(f64),
 }
@@ -268,7 +256,6 @@ impl Distance {
         }
     }
 
-    /// Text of the column.
     fn column(self) -> String {
         match self {
             Self::Unknown => "–".to_owned(),
@@ -280,7 +267,6 @@ impl Distance {
         }
     }
 
-    /// Text at the end of a sentence.
     fn words(self) -> String {
         match self {
             Self::Unknown => "distance unknown".to_owned(),
@@ -296,9 +282,7 @@ struct DrawnList {
     /// The order is outdated if the list was hidden since.
     pass: u64,
     by: SortBy,
-    /// Area of the rows, points.
     place: Rect,
-    /// From the top.
     order: Vec<ShoreMark>,
 }
 
@@ -316,7 +300,6 @@ fn arrange(ui: &Ui, id: Id, rows: &mut [ShoreRow], by: SortBy) {
     }
 }
 
-/// Stores the drawn order.
 fn remember(ui: &Ui, id: Id, rows: &[ShoreRow], by: SortBy, place: Rect) {
     let drawn = DrawnList {
         pass: ui.ctx().cumulative_pass_nr(),
@@ -327,7 +310,6 @@ fn remember(ui: &Ui, id: Id, rows: &[ShoreRow], by: SortBy, place: Rect) {
     ui.data_mut(|data| data.insert_temp(id, drawn));
 }
 
-/// Sorts rows by `order`; others are last, in their current order.
 fn keep_order(rows: &mut [ShoreRow], order: &[ShoreMark]) {
     rows.sort_by_cached_key(|row| {
         let at = order.iter().position(|mark| *mark == row.mark);

@@ -13,13 +13,10 @@ use crate::theme;
 /// The robot was connected and is silent now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StaleData {
-    /// Time since the newest message.
     pub silent_for: Duration,
     /// Its data had ended: the silence is expected.
     pub had_ended: bool,
-    /// It can be driven.
     pub is_vehicle: bool,
-    /// Some of its data is shown.
     pub is_shown: bool,
 }
 
@@ -50,7 +47,6 @@ pub fn is_position_old(model: &ConsoleModel, now: Monotonic) -> bool {
 }
 
 impl StaleData {
-    /// State and its consequence.
     pub fn words(&self) -> [String; 2] {
         let silent = age(self.silent_for);
         let unknown = "Robot state unknown (no data).";

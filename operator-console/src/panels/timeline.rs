@@ -8,7 +8,7 @@ use measurement::time::RobotDuration;
 use robot_edge::pacer::Rate;
 use robot_edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
 
-use super::command_line::with_monospace_options;
+use super::formatting::with_monospace_options;
 use crate::event_log::kind_label;
 use crate::playback::{PlaybackCommand, RATES, is_playing};
 use crate::shortcuts::Action;
@@ -16,10 +16,8 @@ use crate::theme::{Tone, state_ui};
 
 /// Fixed widths, so that nothing moves when a text changes.
 const PLAY_WIDTH: f32 = 64.0;
-/// Narrower windows have two rows.
 const NARROW: f32 = 900.0;
 
-/// Draws the timeline over the full width.
 pub fn timeline_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> {
     if let Some(failure) = &data.failure {
         return failure_ui(ui, data, failure);
@@ -113,7 +111,6 @@ fn play_ui(ui: &mut Ui, is_playing: bool) -> Option<PlaybackCommand> {
     play.clicked().then_some(request)
 }
 
-/// Text and keys of an action.
 fn tip(action: Action) -> String {
     format!("{} ({})", action.words(), action.keys())
 }
@@ -166,16 +163,12 @@ const TRACK: f32 = 8.0;
 const HANDLE: f32 = 8.0;
 /// Marks within this distance of the pointer are explained.
 const NEAR: f32 = 6.0;
-/// Minimum distance of time labels.
 const TICKS_APART: f32 = 90.0;
-/// Steps of time labels, s.
 const TICKS_S: [f64; 13] = [
     0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0,
 ];
-/// Maximum number of marks in the hover text.
 const MAX_EXPLAINED: usize = 6;
 
-/// Position of the bar and its length in seconds.
 struct Scale {
     track: Rect,
     length_s: f64,
@@ -193,7 +186,6 @@ impl Scale {
     }
 }
 
-/// Draws the bar. Returns the time to seek to.
 fn bar_ui(ui: &mut Ui, data: &TimelineData) -> Option<RobotDuration> {
     let width = ui.available_width();
     let (rect, response) = ui.allocate_exact_size(vec2(width, HEIGHT), Sense::click_and_drag());
@@ -331,35 +323,25 @@ const NEARLY_REACHED: f64 = 0.9;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimelineData {
     pub name: String,
-    /// Why the replay has ended.
     pub failure: Option<String>,
     pub tone: Tone,
     pub state: String,
-    /// The file is still being scanned.
     pub is_opening: bool,
-    /// Whether it plays or will play: sets the text of the button.
     pub is_playing: bool,
-    /// Seconds from the first scan.
     pub position_s: f64,
     pub position: String,
-    /// Seek target, s.
     pub target_s: Option<f64>,
     pub length_s: Option<f64>,
     pub length: Option<String>,
     pub rate: Rate,
-    /// Whether it restarts at its end.
     pub is_looping: bool,
-    /// Events of the recording.
     pub marks: Vec<DrawnMark>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrawnMark {
-    /// Seconds.
     pub at_s: f64,
-    /// Whether data is missing or wrong.
     pub is_fault: bool,
-    /// Time and text.
     pub words: String,
 }
 
@@ -368,10 +350,7 @@ impl TimelineData {
         let (tone, state) = state(name, status);
         let target = match status.state {
             ReplayState::Seeking { to } => Some(to),
-            ReplayState::Opening
-            | ReplayState::Playing
-            | ReplayState::Paused
-            | ReplayState::Ended => None,
+            _ => None,
         };
         Self {
             name: name.to_owned(),
@@ -445,7 +424,6 @@ fn rate_text(rate: Rate) -> String {
     }
 }
 
-/// Measured rate, rounded.
 fn rounded(rate: f64) -> String {
     let decimals = usize::from(rate < 9.95);
     format!("{rate:.decimals$}×")

@@ -11,8 +11,7 @@ use super::connection::{
     ConnectionData, FAILED, LinkStatus, SHORT_MAP_STATES, SHORT_RECORDING_MAP_STATES,
 };
 use super::driving::{DrivingData, EStopButton, disabled_ui};
-use super::elide::elided;
-use super::formatting::age;
+use super::formatting::{age, elided};
 use super::robots::{alerts, swatch_ui};
 use crate::command::Command;
 use crate::model::{ConsoleModel, LinkState};
@@ -21,9 +20,7 @@ use crate::theme::{self, Tone, short_state_ui, state_ui};
 
 const NO_ALERTS: &str = "No alerts";
 const FEW_ALERTS: &str = "9 alerts";
-/// Font size, points.
 const SIZE: f32 = 15.0;
-/// Width of a separator, points.
 const LINE: f32 = 6.0;
 /// Possible texts of the link, for its width.
 const LINKS: [&str; 4] = ["Live", "Silent", "Waiting", "Ended"];
@@ -89,7 +86,6 @@ impl TopBarData {
     }
 }
 
-/// Draws the part of the robot, from the left.
 pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
     if let Some(color) = data.color {
         swatch_ui(ui, color);
@@ -115,7 +111,6 @@ pub fn robot_bar_ui(ui: &mut Ui, data: &TopBarData) {
             .map_or(0.0, |driver| line + gap + width(ui, driver)),
         map: mark + widest(ui, maps),
         mark,
-        // Including the gap before it.
         before_map: gap + line,
         gaps: gap,
     };
@@ -189,7 +184,6 @@ fn line_ui(ui: &mut Ui) {
     ui.add(Separator::default().spacing(LINE));
 }
 
-/// A part with a fixed width.
 fn slot_ui(ui: &mut Ui, width: f32, add: impl FnOnce(&mut Ui)) {
     let size = vec2(width, ui.available_height());
     let layout = Layout::left_to_right(Align::Center);
@@ -257,7 +251,6 @@ pub fn right_bar_ui(
             ui.add_space(room + ui.spacing().item_spacing.x);
         }
         ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-            // Clips what does not fit.
             ui.set_clip_rect(ui.max_rect().intersect(ui.clip_rect()));
             middle(ui);
         });
@@ -271,7 +264,6 @@ pub struct RightBar {
     pub shows_alerts: bool,
 }
 
-/// Constant size and position.
 fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
     let size = vec2(96.0, 28.0);
     let [danger, on_danger] = theme::DANGER;
@@ -327,7 +319,6 @@ const NAME_SHARE: f32 = 0.4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wanted {
     name: f32,
-    /// The longest text.
     link: f32,
     /// Long and short text with the gap before it; `None` if there is no age.
     ages: Option<[f32; 2]>,
@@ -335,11 +326,8 @@ struct Wanted {
     driver: f32,
     /// Of a synchronized map.
     map: f32,
-    /// Mark without text.
     mark: f32,
-    /// Gap before the map.
     before_map: f32,
-    /// All other gaps.
     gaps: f32,
 }
 

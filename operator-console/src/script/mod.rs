@@ -9,18 +9,14 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow};
 use measurement::time::Monotonic;
 use protocol::message::{Clamp, Info, TeleopStatus};
-use protocol::tile::BootId;
 use robot_edge::clock;
 use robot_edge::exit::{Exit, Interrupted, UsageError};
-use robot_edge::network::sessions::Endpoints;
-use robot_edge::network::{random_id, zenoh_config_file};
 
-use crate::identity::Identity;
+use crate::identity::{Identity, OBSERVER_HINT, is_observer};
 use crate::link::RobotSession;
-use crate::model::{LinkState, ModelSettings};
+use crate::model::LinkState;
 use crate::panels::driving::is_stopped_by_monitor;
 use crate::panels::driving::labels::{clamp, note as note_in_words, state};
-use crate::role::{OBSERVER_HINT, is_observer};
 use crate::target::{Target, WaitForRobot};
 use crate::teleop_client::{EStopState, Intent};
 use crate::teleop_handle::TeleopSession;
@@ -34,7 +30,6 @@ pub use parse::{Action, LANGUAGE, ScriptError, State, Step, parse};
 const LAST_ANSWER: Duration = Duration::from_secs(5);
 /// Longest time between two iterations: the period of drive commands.
 const PERIOD: Duration = Duration::from_millis(20);
-/// No tiles are requested.
 const STORE_MB: u32 = 1;
 
 #[derive(Clone)]
@@ -61,19 +56,9 @@ pub fn run(
     let target = &settings.target;
     let found = target.find(&is_interrupted)?;
     let wait_for_robot = target.wait_for_robot(&found);
-    let model = ModelSettings {
-        robot: found.robot.clone(),
-        session: BootId(random_id()?),
-        tile_store_mb: STORE_MB,
-        layers: BTreeSet::new(),
-    };
-    let endpoints = Endpoints {
-        connect: vec![found.endpoint],
-        zenoh_config: zenoh_config_file(target.zenoh_config.clone()),
-        credentials: target.credentials.clone(),
-        ..Endpoints::default()
-    };
-    let mut session = RobotSession::open(model, &endpoints, || {}).context("cannot drive")?;
+    let mut session = target
+        .open(&found, BTreeSet::new(), STORE_MB)
+        .context("cannot drive")?;
     let link = session
         .take_driving()
         .ok_or_else(|| anyhow!("the robot is driven already"))?;
@@ -97,7 +82,6 @@ pub fn run(
         out,
     };
     let is_whole = runner.run(&is_interrupted)?;
-    // While the session is open.
     runner.teleop_session.shut_down();
     runner.print_summary()?;
     if !is_whole {
@@ -163,7 +147,6 @@ struct ScriptRunner<'a> {
     /// Time spent in `await`, during which the script's clock stops.
     waited: Duration,
     awaiting: Option<(State, Monotonic, Duration, usize)>,
-    /// When the last step was done.
     ended: Option<Monotonic>,
     status_line: StatusLine,
     peak_age_ms: u32,
@@ -215,7 +198,6 @@ impl ScriptRunner<'_> {
         }
     }
 
-    /// Executes the steps that are due.
     fn act(&mut self, now: Monotonic) -> io::Result<Option<Duration>> {
         if !self.is_awaited(now)? {
             return Ok(None);
@@ -294,7 +276,7 @@ impl ScriptRunner<'_> {
 
     fn print_changes(&mut self) -> io::Result<()> {
         let notes = self.teleop_session.client.take_notifications();
-        for (_, note) in notes {
+        for note in notes {
             match note_in_words(&note) {
                 (words, true) => self.fail(&words)?,
                 (words, false) => self.say(&words)?,
@@ -336,7 +318,6 @@ impl ScriptRunner<'_> {
     }
 }
 
-/// Suppresses repetitions of a status.
 #[derive(Debug, Default)]
 struct StatusLine(String);
 
@@ -353,7 +334,6 @@ impl StatusLine {
     }
 }
 
-/// State, limit by the collision monitor, and lease.
 fn state_text(status: &TeleopStatus) -> String {
     let held_back = if is_stopped_by_monitor(status) {
         format!(", limited by {}", clamp(Clamp::CollisionMonitor))

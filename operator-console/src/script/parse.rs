@@ -8,7 +8,6 @@ use protocol::message::{LeaseRequest, Setting, TeleopState};
 use crate::teleop_client::Intent;
 use crate::teleop_input::{DriveKey, InputEvent, PadReading, SpeedStep};
 
-/// For `--help`.
 pub const LANGUAGE: &str = "\
 A script has one action a line, behind the second at which it happens; `#` begins a comment.
   0.0 lease request             also: release, take-over, consent NAME, refuse NAME
@@ -43,7 +42,6 @@ const AWAIT: Duration = Duration::from_secs(10);
 pub struct Step {
     /// Since the start, without the time spent in `await`.
     pub at: Duration,
-    /// From 1.
     pub line: usize,
     pub action: Action,
 }
@@ -52,15 +50,11 @@ pub struct Step {
 pub enum Action {
     Input(Vec<InputEvent>),
     Intent(Intent),
-    /// Resets the active emergency stop.
     Reset,
-    /// Suspends the program.
     Freeze(Duration),
-    /// Waits for a state; a timeout ends the script.
     Await(State, Duration),
 }
 
-/// A teleop state without its reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     Idle,
@@ -112,11 +106,7 @@ impl State {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScriptError {
     #[error("line {line}: {why}")]
-    Line {
-        /// From 1.
-        line: usize,
-        why: String,
-    },
+    Line { line: usize, why: String },
     #[error("it is longer than {MAX_BYTES} bytes")]
     TooLong,
 }

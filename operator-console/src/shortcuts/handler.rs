@@ -4,12 +4,9 @@ use eframe::egui::{Context, Event, ImeEvent, Key, KeyboardShortcut, Modifiers};
 
 use super::{Action, Binding, Group, bindings, fits};
 
-/// State that decides which keys are active.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct KeyContext {
-    /// This console drives: the arrow keys drive.
     pub is_driving: bool,
-    /// A recording is open.
     pub has_recording: bool,
     /// A text field had the focus at the end of the last frame: one frame may contain letters and the key that ends
     /// typing.
@@ -83,7 +80,7 @@ pub fn pressed(ctx: &Context, scene: KeyContext) -> Pressed {
 fn find_binding(key: Key, place: Option<Key>, held: Modifiers) -> Option<&'static Binding> {
     let find = |is_it: &dyn Fn(KeyboardShortcut) -> bool| {
         let mut bindings = bindings().iter();
-        bindings.find(|binding| binding.keys.iter().any(|keys| is_it(*keys)))
+        bindings.find(|binding| binding.keys.iter().any(|(_, keys)| is_it(*keys)))
     };
     let printed = find(&|keys| fits(keys, key, held));
     printed.or_else(|| {
@@ -97,7 +94,6 @@ const fn matches_physical_key(keys: KeyboardShortcut) -> bool {
     matches!(keys.logical_key, Key::Comma | Key::Period)
 }
 
-/// Whether the key types a character.
 fn is_text(key: Key, held: Modifiers) -> bool {
     let is_function = matches!(key, Key::F1 | Key::F6 | Key::Escape);
     !is_function && !held.command && !held.ctrl && !held.alt
@@ -132,7 +128,6 @@ impl TypeAhead {
         ctx.request_repaint();
     }
 
-    /// Whether keys are buffered as text.
     pub const fn is_waiting(&self) -> bool {
         self.waiting.is_some()
     }
@@ -162,7 +157,6 @@ impl TypeAhead {
     }
 }
 
-/// Whether a text field uses the event.
 const fn is_typed(event: &Event) -> bool {
     matches!(
         event,

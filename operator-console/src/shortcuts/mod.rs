@@ -10,42 +10,8 @@ mod table;
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
 pub use handler::{KeyContext, Pressed, TypeAhead, has_space_after_text, pressed};
-pub use sheet::Sheet;
+pub use sheet::sheet_ui;
 pub use table::{Action, Binding, Edge, Group, bindings};
-
-/// Text of a key combination.
-pub fn words(keys: KeyboardShortcut) -> String {
-    let KeyboardShortcut {
-        modifiers,
-        logical_key,
-    } = keys;
-    let mut words = String::new();
-    for (is_down, name) in [
-        (modifiers.command || modifiers.ctrl, "Ctrl+"),
-        (modifiers.alt, "Alt+"),
-        (modifiers.shift, "Shift+"),
-    ] {
-        if is_down {
-            words.push_str(name);
-        }
-    }
-    let named = [
-        (Key::ArrowUp, "Up"),
-        (Key::ArrowDown, "Down"),
-        (Key::ArrowLeft, "Left"),
-        (Key::ArrowRight, "Right"),
-        (Key::Plus, "+"),
-        (Key::Equals, "="),
-        (Key::Minus, "−"),
-        (Key::Escape, "Esc"),
-        (Key::Questionmark, "?"),
-        (Key::OpenBracket, "["),
-        (Key::CloseBracket, "]"),
-    ];
-    let named = named.into_iter().find(|(key, _)| *key == logical_key);
-    words.push_str(named.map_or(logical_key.name(), |(_, name)| name));
-    words
-}
 
 /// Whether a pressed key matches `keys`. Some signs need Shift on some keyboards, so Shift is ignored for signs.
 fn fits(keys: KeyboardShortcut, key: Key, held: Modifiers) -> bool {

@@ -5,10 +5,8 @@ use std::sync::LazyLock;
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 use protocol::layer::LayerId;
 
-use super::words;
 use crate::panels::layers::layer_name;
 
-/// An action with a shortcut or menu entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Action {
     Layer(LayerId),
@@ -17,17 +15,13 @@ pub enum Action {
     Turn,
     Grid,
     Legend,
-    /// Start or end measuring.
     Measure,
     /// Measure or read the middle of the map.
     Point,
-    /// Remove the last point.
     UndoPoint,
     ZoomIn,
     ZoomOut,
-    /// Pan towards an edge.
     Pan(Edge),
-    /// Show the robot with this number, from 1.
     Robot(u8),
     TypeAddress,
     Lease,
@@ -66,25 +60,19 @@ pub enum Edge {
 }
 
 impl Action {
-    /// Text for menus and the sheet.
     pub fn words(self) -> &'static str {
         binding_of(self).map_or("", |binding| binding.words)
     }
 
-    /// Text of the first key; empty without one.
-    pub fn keys(self) -> String {
-        binding_of(self)
-            .and_then(|binding| binding.keys.first())
-            .map(|keys| words(*keys))
-            .unwrap_or_default()
+    pub fn keys(self) -> &'static str {
+        let binding = binding_of(self).and_then(|binding| binding.keys.first());
+        binding.map_or("", |(text, _)| text)
     }
 
-    /// Whether it opens a text field.
     pub(super) const fn opens_text(self) -> bool {
         matches!(self, Self::TypeAddress | Self::OpenRecording)
     }
 
-    /// Whether it repeats while the key is held.
     pub(super) const fn repeats(self) -> bool {
         matches!(
             self,
@@ -103,24 +91,6 @@ impl Action {
     }
 }
 
-const PLAIN: Modifiers = Modifiers::NONE;
-const CTRL: Modifiers = Modifiers::COMMAND;
-const ALT: Modifiers = Modifiers::ALT;
-const SHIFT: Modifiers = Modifiers::SHIFT;
-const CTRL_SHIFT: Modifiers = CTRL.plus(SHIFT);
-const DIGITS: [Key; 9] = [
-    Key::Num1,
-    Key::Num2,
-    Key::Num3,
-    Key::Num4,
-    Key::Num5,
-    Key::Num6,
-    Key::Num7,
-    Key::Num8,
-    Key::Num9,
-];
-
-/// Group on the sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
     Map,
@@ -133,8 +103,7 @@ pub enum Group {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Binding {
     pub action: Action,
-    pub keys: Vec<KeyboardShortcut>,
-    /// Text for menus and the sheet.
+    pub keys: Vec<(&'static str, KeyboardShortcut)>,
     pub words: &'static str,
     pub group: Group,
 }
@@ -159,10 +128,25 @@ impl Group {
     }
 }
 
-/// All bindings.
 pub fn bindings() -> &'static [Binding] {
-    static TABLE: LazyLock<Vec<Binding>> =
-        LazyLock::new(|| [layers(), map(), robots(), recording(), files(), window()].concat());
+    static TABLE: LazyLock<Vec<Binding>> = LazyLock::new(|| {
+        // Digits alone select the speed step.
+        let layers = LayerId::ALL
+            .into_iter()
+            .zip(["Alt+1", "Alt+2", "Alt+3", "Alt+4", "Alt+5", "Alt+6"]);
+        let layers = layers.map(|(layer, keys)| (Action::Layer(layer), keys, layer_name(layer)));
+        let mut bindings = of_group(Group::Map, layers);
+        for (group, rows) in [
+            (Group::Map, MAP),
+            (Group::Robots, ROBOTS),
+            (Group::Recording, RECORDING),
+            (Group::Files, FILES),
+            (Group::Window, WINDOW),
+        ] {
+            bindings.extend(of_group(group, rows.iter().copied()));
+        }
+        bindings
+    });
     &TABLE
 }
 
@@ -170,171 +154,108 @@ fn binding_of(action: Action) -> Option<&'static Binding> {
     bindings().iter().find(|binding| binding.action == action)
 }
 
-type Row<'a> = (Action, &'static str, &'a [(Modifiers, Key)]);
+/// Action, keys (several are separated by a space), and text.
+type Row = (Action, &'static str, &'static str);
 
-fn rows(group: Group, rows: &[Row<'_>]) -> Vec<Binding> {
-    let binding = |(action, words, keys): &Row<'_>| Binding {
-        action: *action,
+fn of_group(group: Group, rows: impl Iterator<Item = Row>) -> Vec<Binding> {
+    let binding = |(action, keys, words): Row| Binding {
+        action,
         keys: keys
-            .iter()
-            .map(|(modifiers, key)| KeyboardShortcut::new(*modifiers, *key))
+            .split_whitespace()
+            .filter_map(|text| Some((text, shortcut(text)?)))
             .collect(),
         words,
         group,
     };
-    rows.iter().map(binding).collect()
+    rows.map(binding).collect()
 }
 
-/// Digits alone select the speed step.
-fn layers() -> Vec<Binding> {
-    let of = |(layer, key)| {
-        let row = (Action::Layer(layer), layer_name(layer), &[(ALT, key)][..]);
-        rows(Group::Map, &[row])
-    };
-    LayerId::ALL.into_iter().zip(DIGITS).flat_map(of).collect()
+/// The key combination of a text such as `Ctrl+Shift+K`.
+fn shortcut(text: &str) -> Option<KeyboardShortcut> {
+    let (mut modifiers, mut key) = (Modifiers::NONE, text);
+    for (name, modifier) in [
+        ("Ctrl+", Modifiers::COMMAND),
+        ("Alt+", Modifiers::ALT),
+        ("Shift+", Modifiers::SHIFT),
+    ] {
+        if let Some(rest) = key.strip_prefix(name) {
+            (modifiers, key) = (modifiers | modifier, rest);
+        }
+    }
+    Some(KeyboardShortcut::new(modifiers, Key::from_name(key)?))
 }
 
-fn map() -> Vec<Binding> {
-    let pan = |edge, words, key| (Action::Pan(edge), words, [(PLAIN, key)]);
-    let pans = [
-        pan(Edge::Top, "Pan up, unless you drive", Key::ArrowUp),
-        pan(Edge::Left, "Pan left, unless you drive", Key::ArrowLeft),
-        pan(Edge::Bottom, "Pan down, unless you drive", Key::ArrowDown),
-        pan(Edge::Right, "Pan right, unless you drive", Key::ArrowRight),
-    ];
-    let mut bindings = rows(
-        Group::Map,
-        &[
-            (Action::WholeMap, "Whole map", &[(PLAIN, Key::F)]),
-            (Action::Follow, "Follow the vehicle", &[(PLAIN, Key::V)]),
-            (Action::Turn, "North up or robot up", &[(PLAIN, Key::N)]),
-            (Action::Grid, "Grid", &[(PLAIN, Key::G)]),
-            (Action::Legend, "Legends on the map", &[(PLAIN, Key::L)]),
-            (Action::Measure, "Measure", &[(PLAIN, Key::M)]),
-            (
-                Action::Point,
-                "Read or measure the center",
-                &[(PLAIN, Key::C)],
-            ),
-            (
-                Action::UndoPoint,
-                "Undo the last point",
-                &[(PLAIN, Key::Backspace)],
-            ),
-            (
-                Action::ZoomIn,
-                "Zoom in",
-                &[(PLAIN, Key::Plus), (PLAIN, Key::Equals)],
-            ),
-            (Action::ZoomOut, "Zoom out", &[(PLAIN, Key::Minus)]),
-        ],
-    );
-    bindings.extend(rows(
-        Group::Map,
-        &pans
-            .each_ref()
-            .map(|(action, words, keys)| (*action, *words, &keys[..])),
-    ));
-    bindings
-}
-
-fn robots() -> Vec<Binding> {
-    const NAMES: [&str; DIGITS.len()] = [
-        "Robot 1", "Robot 2", "Robot 3", "Robot 4", "Robot 5", "Robot 6", "Robot 7", "Robot 8",
-        "Robot 9",
-    ];
-    let numbered = NAMES.into_iter().zip(DIGITS).zip(1..);
-    let mut bindings: Vec<_> = numbered
-        .flat_map(|((name, key), number)| {
-            let row = (Action::Robot(number), name, &[(CTRL, key)][..]);
-            rows(Group::Robots, &[row])
-        })
-        .collect();
-    bindings.extend(rows(
-        Group::Robots,
-        &[
-            (Action::TypeAddress, "Type an address", &[(CTRL, Key::L)]),
-            (
-                Action::Lease,
-                "Request or release control",
-                &[(CTRL, Key::G)],
-            ),
-            (
-                Action::AcknowledgeAll,
-                "Acknowledge all alerts",
-                &[(CTRL_SHIFT, Key::K)],
-            ),
-        ],
-    ));
-    bindings
-}
-
-fn recording() -> Vec<Binding> {
-    rows(
-        Group::Recording,
-        &[
-            (Action::PlayOrPause, "Play or pause", &[(PLAIN, Key::P)]),
-            (Action::StepBack, "1 second back", &[(PLAIN, Key::Comma)]),
-            (
-                Action::StepForward,
-                "1 second forward",
-                &[(PLAIN, Key::Period)],
-            ),
-            (Action::JumpBack, "10 seconds back", &[(SHIFT, Key::Comma)]),
-            (
-                Action::JumpForward,
-                "10 seconds forward",
-                &[(SHIFT, Key::Period)],
-            ),
-            (Action::Slower, "Slower", &[(PLAIN, Key::OpenBracket)]),
-            (Action::Faster, "Faster", &[(PLAIN, Key::CloseBracket)]),
-            (Action::Loop, "Toggle looping", &[(PLAIN, Key::R)]),
-        ],
-    )
-}
-
-fn files() -> Vec<Binding> {
-    rows(
-        Group::Files,
-        &[
-            (Action::OpenRecording, "Open recording…", &[(CTRL, Key::O)]),
-            (Action::Export, "Export maps…", &[(CTRL, Key::E)]),
-            (Action::Screenshot, "Save a screenshot", &[(CTRL, Key::S)]),
-            (Action::Quit, "Quit", &[(CTRL, Key::Q)]),
-        ],
-    )
-}
-
-fn window() -> Vec<Binding> {
-    rows(
-        Group::Window,
-        &[
-            (Action::NextPanel, "Next panel", &[(PLAIN, Key::F6)]),
-            (Action::PreviousPanel, "Previous panel", &[(SHIFT, Key::F6)]),
-            (Action::ResetLayout, "Reset layout", &[]),
-            (
-                Action::ToggleTheme,
-                "Switch dark and light",
-                &[(CTRL_SHIFT, Key::D)],
-            ),
-            (
-                Action::ScaleUp,
-                "Larger",
-                &[(CTRL, Key::Plus), (CTRL, Key::Equals)],
-            ),
-            (Action::ScaleDown, "Smaller", &[(CTRL, Key::Minus)]),
-            (Action::ScaleReset, "Reset zoom", &[(CTRL, Key::Num0)]),
-            (
-                Action::ShortcutSheet,
-                "Keyboard shortcuts",
-                &[(PLAIN, Key::F1), (PLAIN, Key::Questionmark)],
-            ),
-            (Action::About, "About Foreshore", &[]),
-            (
-                Action::CloseDialog,
-                "Close, unpin a reading",
-                &[(PLAIN, Key::Escape)],
-            ),
-        ],
-    )
-}
+const MAP: &[Row] = &[
+    (Action::WholeMap, "F", "Whole map"),
+    (Action::Follow, "V", "Follow the vehicle"),
+    (Action::Turn, "N", "North up or robot up"),
+    (Action::Grid, "G", "Grid"),
+    (Action::Legend, "L", "Legends on the map"),
+    (Action::Measure, "M", "Measure"),
+    (Action::Point, "C", "Read or measure the center"),
+    (Action::UndoPoint, "Backspace", "Undo the last point"),
+    (Action::ZoomIn, "+ =", "Zoom in"),
+    (Action::ZoomOut, "−", "Zoom out"),
+    (Action::Pan(Edge::Top), "Up", "Pan up, unless you drive"),
+    (
+        Action::Pan(Edge::Left),
+        "Left",
+        "Pan left, unless you drive",
+    ),
+    (
+        Action::Pan(Edge::Bottom),
+        "Down",
+        "Pan down, unless you drive",
+    ),
+    (
+        Action::Pan(Edge::Right),
+        "Right",
+        "Pan right, unless you drive",
+    ),
+];
+const ROBOTS: &[Row] = &[
+    (Action::Robot(1), "Ctrl+1", "Robot 1"),
+    (Action::Robot(2), "Ctrl+2", "Robot 2"),
+    (Action::Robot(3), "Ctrl+3", "Robot 3"),
+    (Action::Robot(4), "Ctrl+4", "Robot 4"),
+    (Action::Robot(5), "Ctrl+5", "Robot 5"),
+    (Action::Robot(6), "Ctrl+6", "Robot 6"),
+    (Action::Robot(7), "Ctrl+7", "Robot 7"),
+    (Action::Robot(8), "Ctrl+8", "Robot 8"),
+    (Action::Robot(9), "Ctrl+9", "Robot 9"),
+    (Action::TypeAddress, "Ctrl+L", "Type an address"),
+    (Action::Lease, "Ctrl+G", "Request or release control"),
+    (
+        Action::AcknowledgeAll,
+        "Ctrl+Shift+K",
+        "Acknowledge all alerts",
+    ),
+];
+const RECORDING: &[Row] = &[
+    (Action::PlayOrPause, "P", "Play or pause"),
+    (Action::StepBack, "Comma", "1 second back"),
+    (Action::StepForward, "Period", "1 second forward"),
+    (Action::JumpBack, "Shift+Comma", "10 seconds back"),
+    (Action::JumpForward, "Shift+Period", "10 seconds forward"),
+    (Action::Slower, "[", "Slower"),
+    (Action::Faster, "]", "Faster"),
+    (Action::Loop, "R", "Toggle looping"),
+];
+const FILES: &[Row] = &[
+    (Action::OpenRecording, "Ctrl+O", "Open recording…"),
+    (Action::Export, "Ctrl+E", "Export maps…"),
+    (Action::Screenshot, "Ctrl+S", "Save a screenshot"),
+    (Action::Quit, "Ctrl+Q", "Quit"),
+];
+const WINDOW: &[Row] = &[
+    (Action::NextPanel, "F6", "Next panel"),
+    (Action::PreviousPanel, "Shift+F6", "Previous panel"),
+    (Action::ResetLayout, "", "Reset layout"),
+    (Action::ToggleTheme, "Ctrl+Shift+D", "Switch dark and light"),
+    (Action::ScaleUp, "Ctrl++ Ctrl+=", "Larger"),
+    (Action::ScaleDown, "Ctrl+−", "Smaller"),
+    (Action::ScaleReset, "Ctrl+0", "Reset zoom"),
+    (Action::ShortcutSheet, "F1 ?", "Keyboard shortcuts"),
+    (Action::About, "", "About Foreshore"),
+    (Action::CloseDialog, "Esc", "Close, unpin a reading"),
+];

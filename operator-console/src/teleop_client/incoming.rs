@@ -4,12 +4,11 @@ use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseRequest, StopReason, TeleopState, TeleopStatus};
 use protocol::tile::BootId;
 
+use super::TeleopClient;
 use super::estop::{EStopOutcome, PendingEStop};
 use super::lease::{Lease, LeaseChange};
 use super::messages::{RequestKind, RequestNumber, TeleopMessage, TeleopNotification};
-use super::neutral_gate::moving_until;
-use super::send_rate::SendRateLimiter;
-use super::{DriveInput, TeleopClient};
+use super::neutral_gate::{DriveCommands, moving_until};
 use crate::teleop_input::InputLockReason;
 
 impl TeleopClient {
@@ -50,7 +49,7 @@ impl TeleopClient {
         self.last_grant = None;
         self.newest = None;
         self.status = None;
-        self.moving_until = None;
+        self.drive_commands.moving_until = None;
         self.estop_refused = None;
         if let Some(estop) = &self.estop {
             self.estop = Some(PendingEStop::new(estop.body().press, None, estop.since));
@@ -60,19 +59,19 @@ impl TeleopClient {
             for asked in unanswered {
                 self.warn(now, TeleopNotification::RequestTimedOut(asked));
             }
-            self.lock_input(InputLockReason::Robot, now);
+            self.lock_input(InputLockReason::Robot);
         }
         if self.lease.held().is_some() {
             self.lease = Lease::None;
             self.warn(now, TeleopNotification::LeaseLost);
         }
-        self.lose_lease(now);
+        self.lose_lease();
     }
 
     /// The robot cannot be driven, so it cannot be stopped either.
     fn on_not_drivable(&mut self, now: Monotonic) {
         self.status = None;
-        self.moving_until = None;
+        self.drive_commands.moving_until = None;
         if self.estop.take().is_some() {
             self.warn(now, TeleopNotification::NotDrivable);
         }
@@ -98,7 +97,7 @@ impl TeleopClient {
             .as_ref()
             .and_then(|pending| pending.is_acknowledged_by(status.estop))
         {
-            self.acknowledge_estop(number, now);
+            self.acknowledge_estop(number);
         }
         if status.estop.is_some() {
             self.clear_not_in_force_notice();
@@ -106,7 +105,7 @@ impl TeleopClient {
         let before = self.status.as_ref().map(|status| status.state);
         match status.state {
             TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => {
-                self.lock_input(InputLockReason::Stopped, now);
+                self.lock_input(InputLockReason::Stopped);
             }
             TeleopState::Idle | TeleopState::Held => {
                 let moved = matches!(
@@ -115,13 +114,14 @@ impl TeleopClient {
                 );
                 // An operator who released and pressed again meanwhile was not stopped involuntarily.
                 if moved && status.last_stop != Some(StopReason::Released) {
-                    self.lock_input(InputLockReason::Stopped, now);
+                    self.lock_input(InputLockReason::Stopped);
                 }
             }
             TeleopState::Driving | TeleopState::Stopping(_) => {}
         }
         let is_mine = self.lease.held() == Some(status.lease.epoch);
-        self.moving_until = moving_until(&status, self.stop_decel, now).filter(|_| is_mine);
+        self.drive_commands.moving_until =
+            moving_until(&status, self.stop_decel, now).filter(|_| is_mine);
         self.status = Some(status);
     }
 
@@ -149,7 +149,7 @@ impl TeleopClient {
             .is_some_and(|pending| pending.is_mine(request))
         {
             match PendingEStop::answered(answer) {
-                Some(EStopOutcome::Stopped(number)) => self.acknowledge_estop(number, now),
+                Some(EStopOutcome::Stopped(number)) => self.acknowledge_estop(number),
                 Some(EStopOutcome::NotInForce) => {
                     self.estop = None;
                     self.warn(now, TeleopNotification::EStopNotInForce);
@@ -157,7 +157,7 @@ impl TeleopClient {
                 Some(EStopOutcome::Refused(refusal)) => {
                     self.estop = None;
                     self.estop_refused = Some(refusal);
-                    self.notify(now, TeleopNotification::EStopRefused(refusal));
+                    self.notify(TeleopNotification::EStopRefused(refusal));
                 }
                 None => {}
             }
@@ -171,7 +171,7 @@ impl TeleopClient {
                 RequestKind::Lease(LeaseRequest::Request | LeaseRequest::TakeOver),
                 Answer::Granted(epoch),
             ) => {
-                self.notify(now, TeleopNotification::Answered(asked, answer));
+                self.notify(TeleopNotification::Answered(asked, answer));
                 // A holder who renews the lease already drove with the pressed keys.
                 let loss = if self.lease.held().is_some() {
                     InputLockReason::LeaseRenewed
@@ -185,14 +185,14 @@ impl TeleopClient {
                 RequestKind::Lease(LeaseRequest::Request | LeaseRequest::TakeOver),
                 Answer::Waiting,
             ) => {
-                self.lose_lease(now);
+                self.lose_lease();
                 self.lease = Lease::Waiting {
                     after: self.epoch,
                     since: now,
                 };
             }
             (RequestKind::Lease(LeaseRequest::HandOver(_)), Answer::Done | Answer::Waiting) => {
-                self.lose_lease(now);
+                self.lose_lease();
             }
             (RequestKind::Lease(_) | RequestKind::Reset(_) | RequestKind::Set(_), _) => {}
         }
@@ -210,7 +210,7 @@ impl TeleopClient {
             {
                 self.notice = None;
             }
-            self.notify(now, note);
+            self.notify(note);
         }
     }
 
@@ -221,39 +221,36 @@ impl TeleopClient {
         self.epoch = self.epoch.max(epoch);
         self.lease = Lease::Held(epoch);
         self.last_grant = Some(epoch);
-        self.neutral_since = None;
-        self.moving_until = None;
-        self.sent = DriveInput::NEUTRAL;
-        self.send_rate = SendRateLimiter::new(now);
+        self.drive_commands = DriveCommands::new(now);
         // The loop was not due before.
         self.last_end = None;
-        self.lock_input(loss, now);
-        self.notify(now, TeleopNotification::LeaseGained(epoch));
+        self.lock_input(loss);
+        self.notify(TeleopNotification::LeaseGained(epoch));
     }
 
-    pub(super) fn lose_lease(&mut self, now: Monotonic) {
-        self.end_lease(TeleopNotification::LeaseLost, now);
+    pub(super) fn lose_lease(&mut self) {
+        self.end_lease(TeleopNotification::LeaseLost);
     }
 
-    pub(super) fn end_lease(&mut self, why: TeleopNotification, now: Monotonic) {
+    pub(super) fn end_lease(&mut self, why: TeleopNotification) {
         let was_held = self.lease.held().is_some();
         self.lease = Lease::None;
         self.lock_input_with_lease();
         if was_held {
-            self.notify(now, why);
+            self.notify(why);
         }
     }
 
     /// Locks the input without a notice: the end of the lease has its own.
     fn lock_input_with_lease(&mut self) {
         self.input.lock_input(InputLockReason::Lease);
-        self.neutral_since = None;
+        self.drive_commands.interrupt();
     }
 
-    fn acknowledge_estop(&mut self, number: u64, now: Monotonic) {
+    fn acknowledge_estop(&mut self, number: u64) {
         self.estop = None;
         self.estop_refused = None;
         self.clear_not_in_force_notice();
-        self.notify(now, TeleopNotification::EStopAcknowledged(number));
+        self.notify(TeleopNotification::EStopAcknowledged(number));
     }
 }

@@ -30,7 +30,6 @@ pub enum Lease {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeaseChange {
     Gained(u64),
-    /// The lease ended, or the request was dropped.
     Lost,
 }
 
@@ -43,7 +42,6 @@ impl Lease {
         }
     }
 
-    /// Compares with the robot's status.
     pub(super) fn receive(
         &mut self,
         status: &LeaseStatus,

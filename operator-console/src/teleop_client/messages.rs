@@ -25,7 +25,6 @@ pub struct LatestPose {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestNumber(pub u64);
 
-/// From the link, in order of arrival.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TeleopMessage {
     Status {
@@ -38,8 +37,9 @@ pub enum TeleopMessage {
         boot: BootId,
         answer: Answer,
     },
-    /// No answer will come.
-    NoAnswer { request: RequestNumber },
+    NoAnswer {
+        request: RequestNumber,
+    },
 }
 
 /// What the operator requests besides motion.
@@ -50,7 +50,6 @@ pub enum Intent {
     Reset(u64),
     Lease(LeaseRequest),
     Set(Setting),
-    /// Speed step of the keys.
     Step(crate::teleop_input::SpeedStep),
 }
 
@@ -64,16 +63,13 @@ pub struct SignedMessage {
     pub request: Option<RequestNumber>,
 }
 
-/// For logs, scripts and the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TeleopNotification {
     Answered(RequestKind, Answer),
     RequestTimedOut(RequestKind),
     NotSent(RequestKind, NotSentReason),
-    /// This console drives with this grant.
     LeaseGained(u64),
     LeaseLost,
-    /// The operator released the lease.
     LeaseReleased,
     /// A reset of the emergency stop ended the lease; it must be requested again.
     LeaseEndedByReset,
@@ -104,11 +100,9 @@ pub enum RequestKind {
 pub enum NotSentReason {
     /// No recent data from the robot, or data without tokens.
     NoToken,
-    /// Too many requests are queued.
     TooMany,
 }
 
-/// Limit of queued requests.
 const MAX_WAITING: usize = 8;
 /// Longer than the link waits for an answer.
 pub(super) const LONGEST: Duration = Duration::from_secs(4);
@@ -122,7 +116,6 @@ pub(super) struct Requests {
 }
 
 impl Requests {
-    /// Queues a request, or returns it if the queue is full.
     pub(super) fn push(&mut self, asked: RequestKind) -> Result<(), RequestKind> {
         if self.waiting.len() >= MAX_WAITING {
             return Err(asked);
@@ -165,19 +158,14 @@ impl Requests {
         self.asked.is_some() || !self.waiting.is_empty()
     }
 
-    /// Whether a request for the lease is open.
     pub(super) fn asks_for_lease(&self) -> bool {
-        self.asked
-            .as_ref()
-            .is_some_and(|(_, asked, _)| match asked {
-                RequestKind::Lease(request) => match request {
-                    LeaseRequest::Request | LeaseRequest::TakeOver => true,
-                    LeaseRequest::Release | LeaseRequest::HandOver(_) | LeaseRequest::Refuse(_) => {
-                        false
-                    }
-                },
-                RequestKind::Reset(_) | RequestKind::Set(_) => false,
-            })
+        let asked = self.asked.as_ref().map(|(_, asked, _)| asked);
+        matches!(
+            asked,
+            Some(RequestKind::Lease(
+                LeaseRequest::Request | LeaseRequest::TakeOver
+            ))
+        )
     }
 
     /// Ends all requests because the robot was restarted.

@@ -22,8 +22,7 @@ use protocol::signed::{Command, CommandHeader, Route, sign};
 use protocol::tile::BootId;
 use teleop::Role;
 
-use crate::identity::Identity;
-use crate::role;
+use crate::identity::{self, Identity};
 use crate::teleop_input::{
     DriveInput, DriveKey, InputEvent, InputLockReason, SpeedStep, TeleopInput,
 };
@@ -36,20 +35,17 @@ pub use messages::{
 
 use estop::PendingEStop;
 use messages::Requests;
-use send_rate::SendRateLimiter;
+use neutral_gate::DriveCommands;
 
 /// The link counts as lost after this time without a token: longer than the gaps of a jittery link, shorter than a
 /// pause that an operator would accept. The robot has stopped long before.
 const LINK_LOST: Duration = Duration::from_millis(600);
 /// A longer iteration means that the program was suspended.
 const FROZEN: Duration = Duration::from_millis(300);
-/// A smaller movement of a stick is not sent three times.
-const CHANGE: f32 = 0.1;
 /// Faster turns cannot be steered by delayed images, rad/s.
 const MAX_TURN_RADPS: f32 = 1.5;
 const MAX_NOTES: usize = 64;
 
-/// Teleop client of one operator and one robot.
 pub struct TeleopClient {
     robot: RobotId,
     identity: Identity,
@@ -76,17 +72,12 @@ pub struct TeleopClient {
     /// The robot refused to stop for this operator; cleared by evidence of the opposite.
     estop_refused: Option<protocol::message::Refusal>,
     next_press: u64,
-    send_rate: SendRateLimiter,
-    sent: DriveInput,
-    /// Since when only neutral commands were sent under this grant.
-    neutral_since: Option<Monotonic>,
-    /// Until when a command finds the motors still moving, by the last status under this grant.
-    moving_until: Option<Monotonic>,
+    drive_commands: DriveCommands,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
     /// Whether an observer has tried to drive since the last iteration.
     has_attempted_to_drive: bool,
-    notifications: VecDeque<(Monotonic, TeleopNotification)>,
+    notifications: VecDeque<TeleopNotification>,
     /// The last notification that needs the operator's attention.
     notice: Option<(Monotonic, TeleopNotification)>,
 }
@@ -94,7 +85,6 @@ pub struct TeleopClient {
 /// No robot accepts an older token: the greatest configurable age is 1 s.
 const TOKEN_USELESS: Duration = Duration::from_secs(1);
 
-/// Time for which a notice is shown.
 const NOTICE: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Debug, PartialEq)]
@@ -105,19 +95,15 @@ pub struct TeleopClientState {
     /// The newest grant to this console in this run of the robot. A status with this grant may be older than its end
     /// here.
     pub last_grant: Option<u64>,
-    /// Speed step of the keys.
     pub step: SpeedStep,
-    /// Greatest requested speed, m/s, and turn rate, rad/s.
     pub limits: [f32; 2],
     pub drive_input: DriveInput,
-    /// Pressed keys that count.
     pub keys: Vec<DriveKey>,
     /// Why pressed keys and sticks do not count.
     pub ignored: Option<InputLockReason>,
     /// Whether a press would count.
     pub is_ready: bool,
     pub token_age: Option<Duration>,
-    /// Whether a request is open.
     pub is_asking: bool,
     pub notice: Option<TeleopNotification>,
     pub estop: EStopState,
@@ -136,11 +122,11 @@ pub enum EStopState {
 
 impl TeleopClientState {
     pub const fn is_observer(&self) -> bool {
-        role::is_observer(self.role)
+        identity::is_observer(self.role)
     }
 
     pub const fn cannot_take_over(&self) -> bool {
-        role::cannot_take_over(self.role)
+        identity::cannot_take_over(self.role)
     }
 }
 
@@ -166,10 +152,7 @@ impl TeleopClient {
             estop: None,
             estop_refused: None,
             next_press: random,
-            send_rate: SendRateLimiter::new(Monotonic::default()),
-            sent: DriveInput::NEUTRAL,
-            neutral_since: None,
-            moving_until: None,
+            drive_commands: DriveCommands::new(Monotonic::default()),
             last_end: None,
             is_link_lost: false,
             has_attempted_to_drive: false,
@@ -255,7 +238,7 @@ impl TeleopClient {
 
     /// When the next iteration is due without an event.
     pub fn due(&self, now: Monotonic) -> Option<Monotonic> {
-        let drive = self.lease.held().map(|_| self.send_rate.due());
+        let drive = self.lease.held().map(|_| self.drive_commands.due());
         let estop = self.estop.as_ref().map(|pending| pending.due(now));
         let estop = estop.filter(|_| self.boot.is_some());
         let request = self.requests.due(now);
@@ -273,7 +256,7 @@ impl TeleopClient {
             Intent::Set(setting) => RequestKind::Set(setting),
             Intent::Lease(request) => {
                 if request == LeaseRequest::Release {
-                    self.end_lease(TeleopNotification::LeaseReleased, now);
+                    self.end_lease(TeleopNotification::LeaseReleased);
                 }
                 RequestKind::Lease(request)
             }
@@ -286,17 +269,11 @@ impl TeleopClient {
         }
     }
 
-    /// Whether this console has the lease.
     pub const fn is_driving(&self) -> bool {
         self.lease.held().is_some()
     }
 
-    pub const fn operator(&self) -> &OperatorId {
-        &self.identity.operator
-    }
-
-    /// Notifications since the last call, oldest first.
-    pub fn take_notifications(&mut self) -> VecDeque<(Monotonic, TeleopNotification)> {
+    pub fn take_notifications(&mut self) -> VecDeque<TeleopNotification> {
         std::mem::take(&mut self.notifications)
     }
 
@@ -307,7 +284,7 @@ impl TeleopClient {
             .last_end
             .is_some_and(|last| now.since(last) > FROZEN.max(send_rate::PERIOD));
         if is_held && is_frozen {
-            self.lock_input(InputLockReason::LoopStalled, now);
+            self.lock_input(InputLockReason::LoopStalled);
         }
         let was_lost = self.is_link_lost;
         self.is_link_lost = self
@@ -315,10 +292,10 @@ impl TeleopClient {
             .is_none_or(|newest| now.since(newest.at) > LINK_LOST);
         if is_held && self.is_link_lost {
             if was_lost {
-                self.neutral_since = None;
+                self.drive_commands.interrupt();
                 self.input.lock_input(InputLockReason::Link);
             } else {
-                self.lock_input(InputLockReason::Link, now);
+                self.lock_input(InputLockReason::Link);
             }
         }
         if !is_held {
@@ -339,7 +316,7 @@ impl TeleopClient {
         self.clear_not_in_force_notice();
         // An odd step visits every number before it repeats.
         self.next_press = self.next_press.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        self.notify(now, TeleopNotification::EStopPressed);
+        self.notify(TeleopNotification::EStopPressed);
     }
 
     /// Sends by query and with drive commands, in case one fails; the token may have any age.
@@ -394,78 +371,51 @@ impl TeleopClient {
         let Some(token) = self.fresh_token(now) else {
             return;
         };
-        let drive_input = self.drive_input(now);
-        let is_changed = drive_input.is_neutral() != self.sent.is_neutral()
-            || (drive_input.forward - self.sent.forward).abs() >= CHANGE
-            || (drive_input.left - self.sent.left).abs() >= CHANGE;
-        if !self.send_rate.is_due(now, is_changed) {
-            return;
+        let input = self.input.drive_input();
+        if let Some(input) = self.drive_commands.next(input, self.newest, now) {
+            let drive = self.command(input);
+            messages.extend(self.signed(token, &drive, None));
         }
-        self.sent = drive_input;
-        if drive_input.is_neutral() {
-            self.neutral_since.get_or_insert(now);
-        } else {
-            self.neutral_since = None;
-        }
-        let drive = self.command(drive_input);
-        messages.extend(self.signed(token, &drive, None));
     }
 
-    fn lock_input(&mut self, loss: InputLockReason, now: Monotonic) {
+    fn lock_input(&mut self, loss: InputLockReason) {
         let was_asking = !self.input.drive_input().is_neutral();
         self.input.lock_input(loss);
-        self.neutral_since = None;
+        self.drive_commands.interrupt();
         if was_asking {
-            self.notify(now, TeleopNotification::InputLocked(loss));
+            self.notify(TeleopNotification::InputLocked(loss));
         }
     }
 
     fn warn(&mut self, now: Monotonic, note: TeleopNotification) {
         self.notice = Some((now, note.clone()));
-        self.notify(now, note);
+        self.notify(note);
     }
 
-    fn notify(&mut self, now: Monotonic, note: TeleopNotification) {
+    fn notify(&mut self, note: TeleopNotification) {
         tracing::debug!(?note, "teleop");
         if self.notifications.len() == MAX_NOTES {
             self.notifications.pop_front();
         }
-        self.notifications.push_back((now, note));
+        self.notifications.push_back(note);
     }
 
     const fn is_observer(&self) -> bool {
-        role::is_observer(self.identity.role)
+        identity::is_observer(self.identity.role)
     }
 
     /// Detects an attempt of an observer to drive. Arrow keys move the map then and do not count.
     fn detect_drive_attempt(&mut self, event: InputEvent) {
-        let drives = match event {
-            InputEvent::Press(key) => match key {
-                DriveKey::W | DriveKey::A | DriveKey::S | DriveKey::D => true,
-                DriveKey::Up | DriveKey::Left | DriveKey::Down | DriveKey::Right => false,
-            },
-            InputEvent::Pad(_) => true,
-            InputEvent::StillDown(_)
-            | InputEvent::Release(_)
-            | InputEvent::EStop
-            | InputEvent::Step(_)
-            | InputEvent::PadGone
-            | InputEvent::Focus(_)
-            | InputEvent::Visible(_)
-            | InputEvent::Typing(_) => false,
-        };
+        use DriveKey::{A, D, S, W};
+        let drives = matches!(event, InputEvent::Press(W | A | S | D) | InputEvent::Pad(_));
         self.has_attempted_to_drive |=
             drives && self.is_observer() && !self.input.drive_input().is_neutral();
     }
 
     /// Whether an observer may not submit this; then a notice is shown.
     fn rejects(&mut self, intent: &Intent, now: Monotonic) -> bool {
-        let is_denied = self.is_observer()
-            && match intent {
-                // Handled in the iteration that takes the press.
-                Intent::EStop | Intent::Step(_) => false,
-                Intent::Reset(_) | Intent::Lease(_) | Intent::Set(_) => true,
-            };
+        // A stop is handled in the iteration that takes the press.
+        let is_denied = self.is_observer() && !matches!(intent, Intent::EStop | Intent::Step(_));
         if is_denied {
             self.warn(now, TeleopNotification::ObserverOnly);
         }

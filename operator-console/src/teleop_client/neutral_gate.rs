@@ -12,37 +12,87 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
 
-use super::{DriveInput, TeleopClient};
+use super::messages::LatestPose;
+use super::send_rate::SendRateLimiter;
+use crate::teleop_input::DriveInput;
 
 /// 200 ms of the robot's rule plus the jitter of the link.
 const NEUTRAL: Duration = Duration::from_millis(250);
 /// A slower vehicle stands still, m/s and rad/s.
 const STANDING: f32 = 0.02;
+/// A smaller movement of a stick is not sent three times.
+const CHANGE: f32 = 0.1;
 
-impl TeleopClient {
-    /// The present input, or neutral if the robot would not accept it yet.
-    pub(super) fn drive_input(&self, now: Monotonic) -> DriveInput {
-        let drive_input = self.input.drive_input();
-        if drive_input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(now) {
-            drive_input
-        } else {
-            DriveInput::NEUTRAL
+/// Drive commands under one grant: which input is sent, and when.
+pub(super) struct DriveCommands {
+    send_rate: SendRateLimiter,
+    sent: DriveInput,
+    /// Since when only neutral commands were sent.
+    neutral_since: Option<Monotonic>,
+    /// Until when a command finds the motors still moving, by the last status.
+    pub(super) moving_until: Option<Monotonic>,
+}
+
+impl DriveCommands {
+    pub(super) const fn new(now: Monotonic) -> Self {
+        Self {
+            send_rate: SendRateLimiter::new(now),
+            sent: DriveInput::NEUTRAL,
+            neutral_since: None,
+            moving_until: None,
         }
     }
 
+    pub(super) const fn due(&self) -> Monotonic {
+        self.send_rate.due()
+    }
+
+    /// The input was locked: the robot needs neutral commands again.
+    pub(super) const fn interrupt(&mut self) {
+        self.neutral_since = None;
+    }
+
+    /// The input to send now, if a command is due: `input`, or neutral if the robot would not accept it yet.
+    pub(super) fn next(
+        &mut self,
+        input: DriveInput,
+        newest: Option<LatestPose>,
+        now: Monotonic,
+    ) -> Option<DriveInput> {
+        let is_accepted =
+            input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(newest, now);
+        let input = if is_accepted {
+            input
+        } else {
+            DriveInput::NEUTRAL
+        };
+        let is_changed = input.is_neutral() != self.sent.is_neutral()
+            || (input.forward - self.sent.forward).abs() >= CHANGE
+            || (input.left - self.sent.left).abs() >= CHANGE;
+        if !self.send_rate.is_due(now, is_changed) {
+            return None;
+        }
+        self.sent = input;
+        if input.is_neutral() {
+            self.neutral_since.get_or_insert(now);
+        } else {
+            self.neutral_since = None;
+        }
+        Some(input)
+    }
+
     /// Whether the robot would accept a press now.
-    fn is_press_taken(&self, now: Monotonic) -> bool {
+    fn is_press_taken(&self, newest: Option<LatestPose>, now: Monotonic) -> bool {
         let Some(since) = self.neutral_since else {
             return false;
         };
         let goes_on = self.moving_until.is_some_and(|until| now < until);
-        now.since(since) >= NEUTRAL || goes_on && self.moves()
+        now.since(since) >= NEUTRAL || goes_on && newest.is_some_and(moves)
     }
+}
 
-    fn moves(&self) -> bool {
-        self.newest
-            .is_some_and(|newest| newest.velocity.iter().any(|speed| speed.abs() >= STANDING))
-    }
+fn moves(newest: LatestPose) -> bool {
+    newest.velocity.iter().any(|speed| speed.abs() >= STANDING)
 }
 
 /// Until when a command certainly finds the motors of a driven or released vehicle moving, by a status that arrived at
@@ -53,20 +103,10 @@ pub(super) fn moving_until(
     stop_decel: Velocity,
     now: Monotonic,
 ) -> Option<Monotonic> {
-    let is_driven = match status.state {
-        TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
-        TeleopState::SafeBoot
-        | TeleopState::Idle
-        | TeleopState::Held
-        | TeleopState::Stopping(
-            StopReason::Age
-            | StopReason::NotFinite
-            | StopReason::CollisionMonitorStale
-            | StopReason::LeaseEnded(_),
-        )
-        | TeleopState::EStop
-        | TeleopState::Fault(_) => false,
-    };
+    let is_driven = matches!(
+        status.state,
+        TeleopState::Driving | TeleopState::Stopping(StopReason::Released)
+    );
     let Velocity {
         linear_mps,
         angular_radps,

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-/// 50 Hz.
 pub(super) const PERIOD: Duration = Duration::from_millis(20);
 /// Each change of the input is sent three times within 20 ms.
 const SENDINGS: u32 = 3;

@@ -133,6 +133,22 @@ impl Rig {
         }
     }
 
+    fn state(&self) -> TeleopClientState {
+        self.teleop_client.state(at(self.ms))
+    }
+
+    /// Notifications since the last call.
+    fn notes(&mut self) -> Vec<TeleopNotification> {
+        self.teleop_client.take_notifications().into()
+    }
+
+    fn drives_after_release(&mut self) {
+        self.turn(&[NO_W]);
+        self.run(300);
+        self.turn(&[W]);
+        assert!(self.moves());
+    }
+
     fn ask(&mut self, request: LeaseRequest) {
         self.teleop_client
             .submit(Intent::Lease(request), at(self.ms));
@@ -259,7 +275,7 @@ fn key_pressed_before_the_grant_moves_nothing() {
     rig.answer(Answer::Granted(4));
     rig.run(500);
     assert!(!rig.moves());
-    let state = rig.teleop_client.state(at(rig.ms));
+    let state = rig.state();
     assert_eq!(
         (state.ignored, state.keys),
         (Some(InputLockReason::Lease), Vec::new())
@@ -267,7 +283,7 @@ fn key_pressed_before_the_grant_moves_nothing() {
     rig.turn(&[NO_W]);
     rig.turn(&[W]);
     assert!(rig.moves());
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).keys, [DriveKey::W]);
+    assert_eq!(rig.state().keys, [DriveKey::W]);
 }
 
 #[test]
@@ -281,10 +297,7 @@ fn new_grant_locks_pressed_keys_of_the_holder() {
     rig.answer(Answer::Granted(5));
     rig.run(500);
     assert!(!rig.moves());
-    rig.turn(&[NO_W]);
-    rig.run(300);
-    rig.turn(&[W]);
-    assert!(rig.moves());
+    rig.drives_after_release();
 }
 
 #[test]
@@ -335,10 +348,7 @@ fn without_tokens_nothing_is_sent_and_keys_lock() {
     rig.speaks = true;
     rig.run(1000);
     assert!(!rig.moves(), "W is still down");
-    rig.turn(&[NO_W]);
-    rig.run(300);
-    rig.turn(&[W]);
-    assert!(rig.moves());
+    rig.drives_after_release();
 }
 
 #[test]
@@ -352,10 +362,7 @@ fn suspended_loop_sends_nothing_of_queued_input() {
     rig.turn(&[NO_W, W]);
     rig.run(500);
     assert!(!rig.moves());
-    rig.turn(&[NO_W]);
-    rig.run(300);
-    rig.turn(&[W]);
-    assert!(rig.moves());
+    rig.drives_after_release();
 }
 
 /// The token is taken before the queue is drained: if painting hangs in between, the command has its true age.
@@ -387,13 +394,8 @@ fn lost_lease_or_robot_ends_commands() {
         rig.since();
         rig.run(1000);
         assert_eq!(rig.since(), []);
-        assert_eq!(rig.teleop_client.state(at(rig.ms)).lease, Lease::None);
-        let notifications: Vec<_> = rig
-            .teleop_client
-            .take_notifications()
-            .into_iter()
-            .map(|(_, note)| note)
-            .collect();
+        assert_eq!(rig.state().lease, Lease::None);
+        let notifications = rig.notes();
         assert!(
             notifications.contains(&TeleopNotification::LeaseLost),
             "{notifications:?}"
@@ -413,10 +415,7 @@ fn involuntary_stop_needs_a_new_press() {
     rig.since();
     rig.run(500);
     assert!(!rig.moves());
-    assert_eq!(
-        rig.teleop_client.state(at(rig.ms)).ignored,
-        Some(InputLockReason::Stopped)
-    );
+    assert_eq!(rig.state().ignored, Some(InputLockReason::Stopped));
 }
 
 #[test]
@@ -467,12 +466,9 @@ fn estop_is_sent_by_both_paths_until_acknowledged() {
                 is_stored: false,
             });
         });
-        assert!(matches!(
-            rig.teleop_client.state(at(rig.ms)).estop,
-            EStopState::Sending(_)
-        ));
+        assert!(matches!(rig.state().estop, EStopState::Sending(_)));
         rig.answer(Answer::EStopped(1));
-        assert_eq!(rig.teleop_client.state(at(rig.ms)).estop, EStopState::Quiet);
+        assert_eq!(rig.state().estop, EStopState::Quiet);
         rig.since();
         rig.run(500);
         let sent = rig.since();
@@ -488,10 +484,7 @@ fn estop_survives_restart_and_missing_robot() {
     rig.turn(&[InputEvent::EStop]);
     rig.run(1000);
     assert_eq!(rig.since(), []);
-    assert!(matches!(
-        rig.teleop_client.state(at(rig.ms)).estop,
-        EStopState::Unsendable(_)
-    ));
+    assert!(matches!(rig.state().estop, EStopState::Unsendable(_)));
     rig.speaks = true;
     for boot in [7, 8] {
         rig.boot = BootId([boot; 16]);
@@ -505,7 +498,7 @@ fn estop_survives_restart_and_missing_robot() {
     }
     rig.answer(Answer::Refused(Refusal::Role));
     let refused = EStopState::Refused(Refusal::Role);
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).estop, refused);
+    assert_eq!(rig.state().estop, refused);
 }
 
 #[test]
@@ -519,12 +512,7 @@ fn requests_are_sequential_and_time_out() {
     rig.run(100);
     assert_eq!(rig.since()[0].2, Read::Other(OperatorTopic::Reset));
     rig.run(5000);
-    let notifications: Vec<_> = rig
-        .teleop_client
-        .take_notifications()
-        .into_iter()
-        .map(|(_, note)| note)
-        .collect();
+    let notifications = rig.notes();
     let busy = Answer::Refused(Refusal::Busy);
     let expected = [
         TeleopNotification::Answered(RequestKind::Lease(LeaseRequest::Request), busy),
@@ -535,12 +523,12 @@ fn requests_are_sequential_and_time_out() {
     rig.run(2000);
     rig.ask(LeaseRequest::Request);
     rig.run(100);
-    let notifications = rig.teleop_client.take_notifications();
+    let notifications = rig.notes();
     let not_sent = TeleopNotification::NotSent(
         RequestKind::Lease(LeaseRequest::Request),
         NotSentReason::NoToken,
     );
-    assert_eq!(notifications[0].1, not_sent);
+    assert_eq!(notifications[0], not_sent);
     assert_eq!(rig.since(), []);
 }
 
@@ -607,24 +595,21 @@ fn closing_console_withdraws_its_request() {
 #[test]
 fn notice_is_shown_for_a_while() {
     let mut rig = Rig::held();
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    assert_eq!(rig.state().notice, None);
     rig.teleop_client.submit(Intent::Reset(3), at(rig.ms));
     rig.run(20);
     let refused = Answer::Refused(Refusal::NoEStop);
     rig.answer(refused);
     let notice = TeleopNotification::Answered(RequestKind::Reset(3), refused);
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, Some(notice));
+    assert_eq!(rig.state().notice, Some(notice));
     rig.run(10_000);
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    assert_eq!(rig.state().notice, None);
     // A release needs no notice.
     rig.ask(LeaseRequest::Release);
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+    assert_eq!(rig.state().notice, None);
     let mut rig = Rig::held();
     rig.status(|status| status.lease.holder = None);
-    assert_eq!(
-        rig.teleop_client.state(at(rig.ms)).notice,
-        Some(TeleopNotification::LeaseLost)
-    );
+    assert_eq!(rig.state().notice, Some(TeleopNotification::LeaseLost));
 }
 
 #[test]
@@ -652,13 +637,13 @@ fn reset_explains_the_end_of_the_lease() {
             rig.status(idle);
             rig.answer(Answer::Done);
         }
-        let state = rig.teleop_client.state(at(rig.ms));
+        let state = rig.state();
         assert_eq!(state.lease, Lease::None);
         assert_eq!(state.notice, Some(TeleopNotification::LeaseEndedByReset));
         rig.ask(LeaseRequest::Request);
         rig.run(20);
         rig.answer(Answer::Granted(5));
-        assert_eq!(rig.teleop_client.state(at(rig.ms)).notice, None);
+        assert_eq!(rig.state().notice, None);
     }
     // Another operator took over: a loss with a notice.
     let mut rig = Rig::held();
@@ -667,21 +652,18 @@ fn reset_explains_the_end_of_the_lease() {
         status.lease.epoch = 5;
         status.lease.holder = Some("bert".parse().unwrap());
     });
-    assert_eq!(
-        rig.teleop_client.state(at(rig.ms)).notice,
-        Some(TeleopNotification::LeaseLost)
-    );
+    assert_eq!(rig.state().notice, Some(TeleopNotification::LeaseLost));
 }
 
 #[test]
 fn last_grant_is_kept_within_one_run() {
-    let last = |rig: &Rig| rig.teleop_client.state(at(rig.ms)).last_grant;
+    let last = |rig: &Rig| rig.state().last_grant;
     assert_eq!(last(&Rig::new()), None);
     let mut rig = Rig::held();
     rig.ask(LeaseRequest::Release);
     // An older status.
     rig.status(|_| {});
-    assert_eq!(rig.teleop_client.state(at(rig.ms)).lease, Lease::None);
+    assert_eq!(rig.state().lease, Lease::None);
     assert_eq!(last(&rig), Some(4));
     rig.boot = BootId([9; 16]);
     rig.status(|_| {});
@@ -738,7 +720,7 @@ fn estop_for_undrivable_robot_is_not_repeated() {
     rig.since();
     rig.run(1_000);
     assert_eq!(rig.since(), []);
-    let state = rig.teleop_client.state(at(rig.ms));
+    let state = rig.state();
     assert_eq!(state.estop, EStopState::Quiet);
     assert_eq!(state.notice, Some(TeleopNotification::NotDrivable));
 }

@@ -25,12 +25,10 @@ impl DriveInput {
 /// Why pressed keys and sticks do not count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputLockReason {
-    /// The window lost the keyboard.
     Focus,
     WindowHidden,
     /// A text field had the keyboard.
     Typing,
-    /// The gamepad was disconnected.
     Gamepad,
     Link,
     /// The robot was restarted, or another one is driven.
@@ -42,7 +40,6 @@ pub enum InputLockReason {
     EStop,
     /// The robot stopped by itself and reported why.
     Stopped,
-    /// The program was suspended.
     LoopStalled,
 }
 
@@ -69,7 +66,6 @@ impl InputFocus {
     }
 }
 
-/// State of all keys and of the gamepad.
 #[derive(Clone, Debug)]
 pub struct TeleopInput {
     keys: [KeyState; DriveKey::ALL.len()],
@@ -183,7 +179,6 @@ impl TeleopInput {
         DriveInput { forward, left }
     }
 
-    /// Pressed keys that count.
     pub fn keys(&self) -> impl Iterator<Item = DriveKey> {
         let is_live = |key: &DriveKey| self.keys[*key as usize] == KeyState::Active;
         DriveKey::ALL.into_iter().filter(is_live)
@@ -220,7 +215,6 @@ impl TeleopInput {
         };
     }
 
-    /// State of a key that is pressed now.
     const fn new_key_state(&self) -> KeyState {
         if self.locked_by.is_none() && self.input_focus.is_whole() {
             KeyState::Active
@@ -274,7 +268,6 @@ impl DriveKey {
         matches!(self, Self::Up | Self::Left | Self::Down | Self::Right)
     }
 
-    /// Forward and left, each −1, 0 or 1.
     const fn direction(self) -> [f32; 2] {
         match self {
             Self::W | Self::Up => [1.0, 0.0],
@@ -300,7 +293,6 @@ pub enum InputEvent {
     PadGone,
     /// Whether this window has the keyboard.
     Focus(bool),
-    /// Whether the window is visible.
     Visible(bool),
     /// Whether a text field has the keyboard.
     Typing(bool),
@@ -311,7 +303,6 @@ pub struct PadReading {
     pub is_deadman_held: bool,
     /// Raw deflection of the stick, −1 … 1.
     pub forward: f32,
-    /// The same to the left.
     pub left: f32,
 }
 
@@ -342,7 +333,6 @@ impl SpeedStep {
         }
     }
 
-    /// Slowest first.
     pub fn all() -> impl Iterator<Item = Self> {
         (1..=Self::COUNT).map(Self)
     }
@@ -354,22 +344,6 @@ impl SpeedStep {
     /// Share of the greatest speed, 0 … 1.
     pub fn share(self) -> f32 {
         f32::from(self.0) / f32::from(Self::COUNT)
-    }
-
-    #[must_use]
-    pub const fn faster(self) -> Self {
-        match Self::new(self.0 + 1) {
-            Some(step) => step,
-            None => self,
-        }
-    }
-
-    #[must_use]
-    pub const fn slower(self) -> Self {
-        match Self::new(self.0 - 1) {
-            Some(step) => step,
-            None => self,
-        }
     }
 }
 
@@ -430,9 +404,5 @@ mod speed_step_tests {
         assert_eq!(shares, [0.2, 0.4, 0.6, 0.8, 1.0]);
         assert_eq!(SpeedStep::new(0), None);
         assert_eq!(SpeedStep::new(6), None);
-        let (slowest, fastest) = (SpeedStep::new(1).unwrap(), SpeedStep::new(5).unwrap());
-        assert_eq!((slowest.slower(), fastest.faster()), (slowest, fastest));
-        assert_eq!(SpeedStep::default().faster().number(), 3);
-        assert_eq!(SpeedStep::default().slower().number(), 1);
     }
 }

@@ -16,10 +16,8 @@ use crate::panels::layers::layer_name;
 use crate::theme::{Tone, long_state_ui, state_ui};
 use crate::typed_path::{absolute, typed_path};
 
-/// Width of the dialog, points.
 const WIDTH: f32 = 460.0;
 const MARGIN: f32 = 40.0;
-/// Height of title and frame.
 const TITLE: f32 = 80.0;
 
 pub(super) struct ExportDialog {
@@ -180,7 +178,6 @@ pub(super) fn part_words(part: ExportPart) -> &'static str {
 const GOES_ON: &str =
     "The export continues when this is closed. Ctrl+E shows it again, and Events reports its end.";
 
-/// Draws progress or result.
 fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
     match &progress.ended {
         None => {
@@ -208,7 +205,6 @@ fn progress_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
     }
 }
 
-/// Text of the progress bar.
 fn doing(progress: &ExportProgress) -> String {
     let [done, all] = progress.parts;
     let what = progress.current.map(part_words).unwrap_or_default();

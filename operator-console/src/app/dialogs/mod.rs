@@ -7,12 +7,12 @@ use super::export_job::ExportProgress;
 use crate::command::Command;
 use crate::model::ConsoleModel;
 use crate::settings::Settings;
-use crate::shortcuts::Sheet;
+use crate::shortcuts::sheet_ui;
 
 mod export;
 
 pub(super) struct Dialogs {
-    pub(super) sheet: Sheet,
+    is_sheet_open: bool,
     is_about_open: bool,
     export: Option<ExportDialog>,
     opens_exports: bool,
@@ -27,7 +27,7 @@ impl Default for Dialogs {
 impl Dialogs {
     pub(super) const fn of(settings: &Settings) -> Self {
         Self {
-            sheet: Sheet::CLOSED,
+            is_sheet_open: false,
             is_about_open: false,
             export: None,
             opens_exports: settings.opens_exports,
@@ -42,7 +42,10 @@ impl Dialogs {
         self.is_about_open = true;
     }
 
-    /// `recording`: file name, if a recording is shown.
+    pub(super) const fn toggle_shortcuts(&mut self) {
+        self.is_sheet_open = !self.is_sheet_open;
+    }
+
     pub(super) fn show_export(
         &mut self,
         model: &ConsoleModel,
@@ -63,7 +66,7 @@ impl Dialogs {
         if self.export.take().is_some() {
             return true;
         }
-        std::mem::take(&mut self.is_about_open) || self.sheet.close()
+        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.is_sheet_open)
     }
 
     pub(super) fn show(
@@ -72,7 +75,9 @@ impl Dialogs {
         model: Option<&ConsoleModel>,
         progress: Option<&ExportProgress>,
     ) -> Option<Command> {
-        self.sheet.show(ctx);
+        if self.is_sheet_open {
+            sheet_ui(ctx, &mut self.is_sheet_open);
+        }
         if self.is_about_open {
             about_ui(ctx, &mut self.is_about_open);
         }

@@ -245,6 +245,11 @@ impl Rig {
     }
 }
 
+/// Commands since the last call.
+fn asked(window: &mut Harness<'_, Rig>) -> Vec<Command> {
+    std::mem::take(&mut window.state_mut().commands)
+}
+
 fn check(harness: &Harness<'_, Rig>, labels: &[&str], absent: &[&str]) {
     for label in labels {
         let found = harness.query_all_by_label_contains(label).next();

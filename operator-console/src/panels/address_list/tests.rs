@@ -42,10 +42,6 @@ fn each_address_has_its_own_state() {
 
 #[test]
 fn address_states_have_advice() {
-    let text = |state, has_keys| {
-        let text = listed_as("tcp/boat:7450", Some(state)).text(has_keys);
-        (text.tone, text.state, text.hint.unwrap_or_default())
-    };
     let access_denied = |by_quic| AddressState::AccessDenied {
         robot: "scout".parse().unwrap(),
         by_quic,
@@ -128,8 +124,8 @@ fn address_states_have_advice() {
             "eve is there",
         ),
     ] {
-        let expected = (tone, label.to_owned(), hint.to_owned());
-        assert_eq!(text(state, has_keys), expected);
+        let text = listed_as("tcp/boat:7450", Some(state)).text(has_keys);
+        assert_eq!(text, (tone, label, hint.to_owned()));
     }
 }
 
@@ -158,11 +154,7 @@ fn silent_addresses_can_be_forgotten() {
             None,
         );
     window.run_steps(2);
-    for text in [
-        "unknown host",
-        "no answer",
-        "Other remembered addresses (1)",
-    ] {
+    for text in ["unknown host", "no answer", "Remembered addresses (1)"] {
         let place = window.get_by_label(text).rect();
         assert!(place.right() <= 300.0, "{text}: {place}");
     }
@@ -172,28 +164,4 @@ fn silent_addresses_can_be_forgotten() {
     window.run_steps(2);
     let expected = Command::ForgetAddress("tcp/10.0.0.5:7447".to_owned());
     assert_eq!(window.state().clone(), Some(expected));
-}
-
-#[test]
-fn heading_of_addresses_fits_a_narrow_panel() {
-    for (width, is_above, label) in [
-        (170.0, false, "Remembered (1)"),
-        (190.0, false, "Remembered (1)"),
-        (260.0, false, "Remembered addresses (1)"),
-        (150.0, true, "Others (1)"),
-        (240.0, true, "Others remembered (1)"),
-        (320.0, true, "Other remembered addresses (1)"),
-    ] {
-        let mut addresses = vec![listed_as("tcp/here:7447", Some(AddressState::Found))];
-        if is_above {
-            addresses.push(listed_as("tcp/gone:7447", Some(AddressState::Silent)));
-        }
-        let mut window = Harness::builder()
-            .with_size(vec2(width, 200.0))
-            .build_ui(move |ui| _ = remembered_ui(ui, &addresses));
-        crate::theme::set(&window.ctx);
-        window.run_steps(3);
-        let place = window.get_by_label(label).rect();
-        assert!(place.right() <= width - 7.5, "{width}: {place}");
-    }
 }

@@ -9,11 +9,12 @@ use protocol::message::{
     TeleopState, TeleopStatus,
 };
 
-use super::labels::{self, VehicleState, opposing_keys};
+use super::labels::{self, opposing_keys};
 use super::limits::{
     Gauge, gauges, is_stopped_by_monitor, limit_reason, monitor_text, strictest_limit,
 };
 use crate::model::{ConsoleModel, LinkState, StopBeforeEStop, Stream};
+use crate::panels::connection::round_trip;
 use crate::panels::formatting::{age, capitalised, count};
 use crate::panels::rows::{Row, row};
 use crate::teleop_client::{EStopState, Lease, TeleopClientState, TeleopNotification};
@@ -31,7 +32,6 @@ const MONITOR: &str = "Monitor";
 const OBSTACLE: &str = "Obstacle";
 const LAST_OBSERVED: &str = "Last observed";
 
-/// Contents of the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrivingData {
     pub tone: Tone,
@@ -39,35 +39,27 @@ pub struct DrivingData {
     pub headline: String,
     /// Consequence of the state, or what to do.
     pub advice: Option<String>,
-    /// Explanation of the headline, as hover text.
     pub hint: Option<&'static str>,
     pub estop: EStopButton,
-    /// Who has the control lease.
     pub driver: String,
     pub lease: LeaseButtons,
     pub is_observer: bool,
     /// Whether the operator's role is known and below supervisor.
     pub cannot_take_over: bool,
-    /// An unexpected event, such as a lost lease.
     pub notice: Option<String>,
     /// The operator who requests a handover from this one.
     pub handover_request: Option<OperatorId>,
     pub step: SpeedStep,
     /// m/s; 0 if unknown.
     pub top_speed_mps: f32,
-    /// Linear and angular speed.
     pub gauges: Option<[Gauge; 2]>,
-    /// Why the applied speed differs from the requested one.
     pub clamp: Option<String>,
-    /// Command age, collision monitor, last stop.
     pub rows: Vec<(Tone, Row)>,
     pub link: Vec<Row>,
     pub settings: Option<Settings>,
-    /// Refused commands: count and reason.
     pub refused: Vec<Row>,
 }
 
-/// State of the emergency stop button.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EStopButton {
     Ready,
@@ -78,13 +70,11 @@ pub enum EStopButton {
         /// Whether the stop survives a restart of the robot. Only then it can be reset.
         is_stored: bool,
     },
-    /// The operator is an observer.
     ReadOnly,
     /// The robot refused this operator's emergency stop.
     Refused(String),
 }
 
-/// Buttons for the control lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeaseButtons {
     /// None, while a request is under way or the link is lost.
@@ -93,7 +83,6 @@ pub enum LeaseButtons {
     HeldByOther,
     Waiting,
     Held,
-    /// The operator is an observer.
     ReadOnly,
 }
 
@@ -108,19 +97,12 @@ impl DrivingData {
         let teleop = status.teleop.as_ref()?;
         // After a restart the link is live, but the status is of the previous run.
         let is_live = model.connection().state(now) == LinkState::Live;
-        let is_status_pending = is_live && model.awaits_status();
-        let silence = if is_status_pending {
+        let silence = if is_live && model.awaits_status() {
             Some(now.since(*status_at))
         } else {
             silence(model, now)
         };
-        let headline = match silence {
-            Some(_) if is_status_pending => labels::status_pending(),
-            Some(silence) if model.is_silence_expected() => labels::data_ended_silent(silence),
-            Some(silence) => labels::link_lost(silence, teleop_client),
-            None if status.has_ended && teleop.state == TeleopState::Idle => labels::data_ended(),
-            None => labels::live(teleop, teleop_client, VehicleState::of(model, now)),
-        };
+        let headline = labels::headline(model, teleop, teleop_client, silence, now);
         let is_driven = teleop.state != TeleopState::Idle;
         let gauges = model
             .info()
@@ -342,7 +324,6 @@ fn coverage_row(teleop: &TeleopStatus) -> Row {
     row(LAST_OBSERVED, words.join(", "))
 }
 
-/// Hover text of a row.
 pub(super) fn hint(name: &str) -> Option<&'static str> {
     match name {
         AGE_LIMIT => Some(
@@ -484,12 +465,6 @@ fn why_ended<'a>(
 fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
     let quality = model.link_quality();
     let none = || "–".to_owned();
-    let is_live = model.connection().state(now) == LinkState::Live;
-    let round_trip = model.connection().round_trip().filter(|_| is_live);
-    let round_trip = round_trip.map_or_else(none, |time| match time.as_millis() {
-        0 => "< 1 ms".to_owned(),
-        ms => format!("{ms} ms"),
-    });
     let age_of = |stream| {
         let age_of = quality.age(stream, now);
         age_of.map_or_else(none, |time| format!("{} ago", age(time)))
@@ -504,7 +479,7 @@ fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
     let missing = quality.missing(now);
     let missing = missing.map_or_else(none, |share| format!("{:.0} % of poses", 100.0 * share));
     vec![
-        row("Round trip", round_trip),
+        row("Round trip", round_trip(model, now)),
         row("Poses", poses),
         row("Missing", missing),
         row("Status", age_of(Stream::Status)),

@@ -9,43 +9,16 @@ use protocol::message::{
 };
 
 use super::limits::is_stopped_by_monitor;
-use crate::model::{ConsoleModel, DRIFTING_MPS, MIN_SHOWN_MPS, MIN_SHOWN_RADPS};
+use crate::identity::OBSERVER_HINT;
+use crate::model::{ConsoleModel, DRIFTING_MPS, LinkState, MIN_SHOWN_MPS, MIN_SHOWN_RADPS};
 use crate::panels::formatting::{age, capitalised, signed};
-use crate::role::OBSERVER_HINT;
-use crate::teleop_client::{
-    Lease, NotSentReason, RequestKind, TeleopClientState, TeleopNotification,
-};
+use crate::teleop_client::{NotSentReason, RequestKind, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{DriveKey, InputLockReason};
 use crate::theme::Tone;
 
-const DRIVES: &str = "W A S D or arrows drive while held";
-const COASTS: &str = "No thrust: it coasts, and wind and current move it";
-const NOT_HELD: &str = "No thrust: wind and current may move it";
-const SLOWS: &str = "Slows down first, then follows the keys";
-const STANDS: &str = "Stopped by the collision monitor";
-const NO_THRUST: &str = "No thrust: stopped by the collision monitor";
-const TURN_OR_GO: &str = "Stopped by the collision monitor: try driving or turning alone";
-const OPPOSING_KEYS: &str = "Opposing keys cancel each other out";
-const STOPPED: &str = "Motors are stopped until the reset.";
-const STOPPED_AFLOAT: &str = "Motors are stopped until the reset. Wind and current may move it";
-const STUCK: &str = "Commanded but not moving: stuck, or its motors do not respond";
 const AGROUND: &str = "Commanded but not moving: aground, held, or its motors do not respond";
-/// Advice that a key press can change: the panel reserves the height of the longest.
-pub(super) const KEY_ADVICE: [&str; 13] = [
-    TURN_OR_GO,
-    OPPOSING_KEYS,
-    DRIVES,
-    COASTS,
-    NOT_HELD,
-    SLOWS,
-    STANDS,
-    NO_THRUST,
-    STOPPED,
-    STOPPED_AFLOAT,
-    stop(StopReason::Released),
-    STUCK,
-    AGROUND,
-];
+/// The longest advice that a key press can cause: the panel reserves its height.
+pub(super) const LONGEST_KEY_ADVICE: &str = AGROUND;
 const WITHOUT_OPERATOR: &str =
     "Something other than an operator moves it, such as its own program or a simulated tour.";
 const ADRIFT: &str = "Something other than an operator moves it: its own program, or a current that is faster than usual. \
@@ -114,7 +87,6 @@ pub(crate) const fn clamp(clamp: Clamp) -> &'static str {
     }
 }
 
-/// Why held keys are ignored.
 fn ignored(why: InputLockReason, last_stop: Option<StopReason>) -> String {
     match last_stop {
         Some(reason) if why == InputLockReason::Stopped && reason != StopReason::Released => {
@@ -244,43 +216,6 @@ const fn on_or_off(is_on: bool) -> &'static str {
     if is_on { "on" } else { "off" }
 }
 
-/// Motion of the vehicle.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct VehicleState {
-    /// Forward speed, m/s, if it moves.
-    moves: Option<f32>,
-    is_boat: bool,
-    motion: Motion,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Motion {
-    /// Commanded to move for seconds, but does not.
-    Stuck,
-    /// Commanded to stop a moment ago, within its braking time.
-    Brakes,
-    Still,
-    Moves,
-}
-
-impl VehicleState {
-    pub(super) fn of(model: &ConsoleModel, now: Monotonic) -> Self {
-        Self {
-            moves: model.moves(),
-            is_boat: model.is_boat(),
-            motion: if model.is_stuck() {
-                Motion::Stuck
-            } else if model.brakes(now) {
-                Motion::Brakes
-            } else if model.is_still() {
-                Motion::Still
-            } else {
-                Motion::Moves
-            },
-        }
-    }
-}
-
 /// State of the vehicle in one or two words, with advice.
 pub(super) struct Headline {
     pub(super) tone: Tone,
@@ -290,131 +225,131 @@ pub(super) struct Headline {
 }
 
 impl Headline {
-    const fn new(tone: Tone, words: String, advice: Option<String>) -> Self {
+    fn new(tone: Tone, words: &str, advice: impl Into<String>) -> Self {
         Self {
             tone,
-            words,
-            advice,
+            words: words.to_owned(),
+            advice: Some(advice.into()),
             hint: None,
         }
     }
 }
 
-pub(super) fn link_lost(silence: Duration, teleop_client: &TeleopClientState) -> Headline {
-    let advice = match teleop_client.lease {
-        Lease::Held(_) => {
-            "It stops by itself without commands, and its lease soon expires. When it is connected again, release \
-             all keys, and press Request control."
-        }
-        Lease::None | Lease::Waiting { .. } => "State unknown (no data).",
-    };
-    let words = format!("Link lost for {}", age(silence));
-    Headline::new(Tone::Warning, words, Some(advice.to_owned()))
-}
-
-/// The robot has restarted and has not sent its status yet.
-pub(super) fn status_pending() -> Headline {
-    let advice = "It has restarted. State unknown (no data yet).";
-    let words = "Waiting for status".to_owned();
-    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
-}
-
-pub(super) fn data_ended() -> Headline {
-    let advice = "Robot session ended";
-    let words = "Its data has ended".to_owned();
-    Headline::new(Tone::Waiting, words, Some(advice.to_owned()))
-}
-
-/// The robot announced the end of its data and is silent now.
-pub(super) fn data_ended_silent(silence: Duration) -> Headline {
-    let advice = format!(
-        "No data for {}: robot-edge has closed, or the link is lost. State unknown (no data)",
-        age(silence)
-    );
-    Headline {
-        advice: Some(advice),
-        ..data_ended()
-    }
-}
-
-/// Headline of a connected vehicle.
-pub(super) fn live(
+/// `silence`: time since the last pose, status or message, if it is too long.
+pub(super) fn headline(
+    model: &ConsoleModel,
     teleop: &TeleopStatus,
     teleop_client: &TeleopClientState,
-    vehicle: VehicleState,
+    silence: Option<Duration>,
+    now: Monotonic,
 ) -> Headline {
-    let unexpected_motion = unexpected_motion(teleop, vehicle.moves, vehicle.is_boat);
-    if let Some(unexpected_motion) = unexpected_motion.filter(|_| vehicle.motion != Motion::Brakes)
-    {
-        return unexpected_motion;
+    const ENDED: &str = "Its data has ended";
+    let is_live = model.connection().state(now) == LinkState::Live;
+    match silence {
+        Some(_) if is_live && model.awaits_status() => Headline::new(
+            Tone::Waiting,
+            "Waiting for status",
+            "It has restarted. State unknown (no data yet).",
+        ),
+        Some(silence) if model.is_silence_expected() => {
+            let advice = format!(
+                "No data for {}: robot-edge has closed, or the link is lost. State unknown (no data)",
+                age(silence)
+            );
+            Headline::new(Tone::Waiting, ENDED, advice)
+        }
+        Some(silence) => {
+            let advice = if teleop_client.lease.held().is_some() {
+                "It stops by itself without commands, and its lease soon expires. When it is connected again, \
+                 release all keys, and press Request control."
+            } else {
+                "State unknown (no data)."
+            };
+            let words = format!("Link lost for {}", age(silence));
+            Headline::new(Tone::Warning, &words, advice)
+        }
+        None if model.reports_ended() && teleop.state == TeleopState::Idle => {
+            Headline::new(Tone::Waiting, ENDED, "Robot session ended")
+        }
+        None => live(model, teleop, teleop_client, now),
     }
-    if teleop.state == TeleopState::Driving && vehicle.motion == Motion::Stuck {
-        let why = if vehicle.is_boat { AGROUND } else { STUCK };
-        return Headline::new(Tone::Warning, "Not moving".to_owned(), Some(why.to_owned()));
+}
+
+fn live(
+    model: &ConsoleModel,
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    now: Monotonic,
+) -> Headline {
+    let (is_boat, is_stuck) = (model.is_boat(), model.is_stuck());
+    // Commanded to stop a moment ago, within its braking time.
+    let brakes = !is_stuck && model.brakes(now);
+    let is_still = !is_stuck && !brakes && model.is_still();
+    if !brakes && let Some(headline) = unexpected_motion(teleop, model.moves(), is_boat) {
+        return headline;
     }
-    let headline = match teleop.state {
-        TeleopState::Stopping(_) => "Stopping".to_owned(),
-        TeleopState::Idle | TeleopState::Held if vehicle.motion == Motion::Brakes => {
-            "Stopping".to_owned()
+    let (tone, words) = match teleop.state {
+        TeleopState::Driving if is_stuck => {
+            let why = if is_boat {
+                AGROUND
+            } else {
+                "Commanded but not moving: stuck, or its motors do not respond"
+            };
+            return Headline::new(Tone::Warning, "Not moving", why);
         }
-        TeleopState::Fault(_) => "Fault".to_owned(),
-        // A boat has no brakes: it may start to drift at any time.
-        TeleopState::Idle | TeleopState::Held
-            if teleop.is_drifting && vehicle.motion == Motion::Still =>
-        {
-            "Standing, not held".to_owned()
-        }
-        TeleopState::Idle | TeleopState::Held if teleop.is_drifting => "Drifting".to_owned(),
-        TeleopState::Idle => "Standing".to_owned(),
-        TeleopState::Driving if is_stopped_by_monitor(teleop) => "Motion blocked".to_owned(),
-        TeleopState::SafeBoot | TeleopState::Held | TeleopState::Driving | TeleopState::EStop => {
-            state(teleop.state)
-        }
+        TeleopState::Driving if is_stopped_by_monitor(teleop) => (Tone::Warning, "Motion blocked"),
+        TeleopState::Driving => (Tone::Good, "Driving"),
+        TeleopState::Stopping(StopReason::Released) => (Tone::Waiting, "Stopping"),
+        TeleopState::Stopping(_) => (Tone::Warning, "Stopping"),
+        TeleopState::Idle | TeleopState::Held => match (teleop.is_drifting, brakes) {
+            (false, true) => (Tone::Waiting, "Stopping"),
+            (false, false) => (Tone::Waiting, "Standing"),
+            (true, true) => (Tone::Warning, "Stopping"),
+            // A boat has no brakes: it may start to drift at any time.
+            (true, false) if is_still => (Tone::Warning, "Standing, not held"),
+            (true, false) => (Tone::Warning, "Drifting"),
+        },
+        TeleopState::SafeBoot => (Tone::Waiting, "Self-test"),
+        TeleopState::EStop => (Tone::Warning, "Emergency stop"),
+        TeleopState::Fault(_) => (Tone::Warning, "Fault"),
     };
-    let tone = match teleop.state {
-        TeleopState::Driving if !is_stopped_by_monitor(teleop) => Tone::Good,
-        TeleopState::Idle | TeleopState::Held if !teleop.is_drifting => Tone::Waiting,
-        TeleopState::Stopping(StopReason::Released) | TeleopState::SafeBoot => Tone::Waiting,
-        TeleopState::Idle
-        | TeleopState::Held
-        | TeleopState::Driving
-        | TeleopState::Stopping(_)
-        | TeleopState::EStop
-        | TeleopState::Fault(_) => Tone::Warning,
-    };
-    Headline::new(tone, headline, advice(teleop, teleop_client, vehicle))
+    Headline {
+        tone,
+        words: words.to_owned(),
+        advice: advice(teleop, teleop_client, is_boat, is_still),
+        hint: None,
+    }
 }
 
 fn advice(
     teleop: &TeleopStatus,
     teleop_client: &TeleopClientState,
-    vehicle: VehicleState,
+    is_boat: bool,
+    is_still: bool,
 ) -> Option<String> {
     let is_mine = teleop_client.lease.held().is_some();
     if is_mine && follows_keys(teleop) && opposing_keys(teleop_client) {
-        return Some(OPPOSING_KEYS.to_owned());
+        return Some("Opposing keys cancel each other out".to_owned());
     }
     let words = match (teleop.state, teleop_client.ignored) {
         // The stop ends first, then the vehicle follows the held keys.
-        (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => SLOWS,
+        (TeleopState::Stopping(_), _) if teleop.arming == Arming::Pressed => {
+            "Slows down first, then follows the keys"
+        }
         (TeleopState::Stopping(why), _) => return Some(capitalised(stop(why))),
         (TeleopState::Fault(_), _) => {
             let fault = state(teleop.state);
             return Some(format!("{fault}. Reset it at the vehicle."));
         }
-        (TeleopState::EStop, _) if vehicle.is_boat => STOPPED_AFLOAT,
-        (TeleopState::EStop, _) => STOPPED,
+        (TeleopState::EStop, _) if is_boat => {
+            "Motors are stopped until the reset. Wind and current may move it"
+        }
+        (TeleopState::EStop, _) => "Motors are stopped until the reset.",
         (_, Some(why)) if is_mine => {
             let why = ignored(why, teleop.last_stop);
             return Some(format!("Release all keys: {why}"));
         }
-        (TeleopState::Held, None)
-            if is_mine
-                && matches!(
-                    teleop.collision_monitor,
-                    CollisionMonitorState::Stale | CollisionMonitorState::Silent
-                ) =>
-        {
+        (TeleopState::Held, None) if is_mine && is_monitor_late(teleop) => {
             "The monitor's data is late, so nothing moves: the robot's sensors or its computer are slow. When it comes, \
              press again"
         }
@@ -432,32 +367,38 @@ fn advice(
             // The monitor scales both alike: one of them alone may be free.
             let requests_both = teleop.requested.linear_mps.abs() >= MIN_SHOWN_MPS
                 && teleop.requested.angular_radps.abs() >= MIN_SHOWN_RADPS;
-            match (is_mine && requests_both, vehicle.is_boat) {
-                (true, _) => TURN_OR_GO,
-                (false, true) => NO_THRUST,
-                (false, false) => STANDS,
+            match (is_mine && requests_both, is_boat) {
+                (true, _) => "Stopped by the collision monitor: try driving or turning alone",
+                (false, true) => "No thrust: stopped by the collision monitor",
+                (false, false) => "Stopped by the collision monitor",
             }
         }
-        (TeleopState::Idle | TeleopState::Held, _)
-            if teleop.is_drifting && vehicle.motion == Motion::Still =>
-        {
-            NOT_HELD
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting && is_still => {
+            "No thrust: wind and current may move it"
         }
-        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => COASTS,
-        (TeleopState::Held | TeleopState::Driving, _) if is_mine => DRIVES,
+        (TeleopState::Idle | TeleopState::Held, _) if teleop.is_drifting => {
+            "No thrust: it coasts, and wind and current move it"
+        }
+        (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
+            "W A S D or arrows drive while held"
+        }
         _ => return None,
     };
     Some(words.to_owned())
 }
 
-/// Whether a driven vehicle follows the keys now.
+/// Whether the collision monitor stops the vehicle because its data is late or missing.
+const fn is_monitor_late(teleop: &TeleopStatus) -> bool {
+    matches!(
+        teleop.collision_monitor,
+        CollisionMonitorState::Stale | CollisionMonitorState::Silent
+    )
+}
+
 const fn follows_keys(teleop: &TeleopStatus) -> bool {
     match teleop.state {
         TeleopState::Driving | TeleopState::Stopping(StopReason::Released) => true,
-        TeleopState::Held => !matches!(
-            teleop.collision_monitor,
-            CollisionMonitorState::Stale | CollisionMonitorState::Silent
-        ),
+        TeleopState::Held => !is_monitor_late(teleop),
         _ => false,
     }
 }

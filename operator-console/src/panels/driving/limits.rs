@@ -19,7 +19,6 @@ const SPEEDING_UP: &str = "Speeding up";
 const SLOWING_DOWN: &str = "Slowing down";
 const CHANGING_DIRECTION: &str = "Changing direction";
 
-/// A requested speed and the applied one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gauge {
     pub name: &'static str,
@@ -29,10 +28,8 @@ pub struct Gauge {
     pub requested: f32,
     /// Speed sent to the motors, in the same unit.
     pub applied: f32,
-    /// Greatest speed in both directions.
     pub limit: f32,
     pub decimals: usize,
-    /// Names of the negative and the positive end.
     pub ends: [&'static str; 2],
 }
 
@@ -209,7 +206,6 @@ fn limits_text(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StrictestLimit {
     pub(super) monitor: CollisionMonitorState,
-    /// Whether the linear and the angular limit alternate.
     pub(super) is_intermittent: [bool; 2],
 }
 
@@ -265,7 +261,6 @@ const fn limits(monitor: CollisionMonitorState) -> Option<(bool, SpeedLimits)> {
     }
 }
 
-/// Whether a value changes at least twice.
 fn alternates(recent: impl Iterator<Item = bool> + Clone) -> bool {
     let changes = recent.clone().zip(recent.skip(1));
     changes.filter(|(one, next)| one != next).count() > 1

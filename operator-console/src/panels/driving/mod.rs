@@ -21,10 +21,8 @@ use crate::theme::{Tone, state_ui};
 
 /// Font size of the headline as a share of the panel's width.
 const HEADLINE_SHARE: f32 = 0.09;
-/// The bandwidth budgets that the robot accepts, kbit/s.
 const BUDGET_KBPS: std::ops::RangeInclusive<u32> = 1..=1_000_000;
 
-/// The number that is being typed into the panel.
 #[derive(Clone, Debug, Default)]
 pub struct DrivingEntry {
     budget_kbps: Option<u32>,
@@ -103,18 +101,12 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
 /// Reserves the lines of the longest advice that a key press can cause, so that the buttons below do not move.
 fn advice_ui(ui: &mut Ui, advice: Option<&str>) {
     let font = TextStyle::Small.resolve(ui.style());
+    let longest = labels::LONGEST_KEY_ADVICE.to_owned();
     let width = ui.available_width();
-    let height = |words: &str| {
-        let galley = ui
-            .painter()
-            .layout(words.to_owned(), font.clone(), Color32::BLACK, width);
-        galley.size().y
-    };
-    let reserved = labels::KEY_ADVICE.into_iter().map(height);
-    let reserved = reserved.fold(0.0, f32::max);
+    let longest = ui.painter().layout(longest, font, Color32::BLACK, width);
     let words = RichText::new(advice.unwrap_or(" ")).small();
     let shown = ui.add(Label::new(words).wrap()).rect.height();
-    ui.add_space((reserved - shown).max(0.0));
+    ui.add_space((longest.size().y - shown).max(0.0));
 }
 
 fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Option<Intent> {

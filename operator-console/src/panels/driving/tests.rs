@@ -1,7 +1,6 @@
 mod keys;
 mod limits;
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use eframe::egui::vec2;
@@ -18,8 +17,8 @@ use protocol::tile::BootId;
 use teleop::Role;
 
 use super::*;
+use crate::identity::{OBSERVER_HINT, OPERATOR_HINT};
 use crate::model::{ConsoleModel, RequestId};
-use crate::role::{OBSERVER_HINT, OPERATOR_HINT};
 use crate::teleop_client::{EStopState, Lease, RequestKind, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{DriveInput, InputLockReason, SpeedStep};
 use crate::test_support::{
@@ -687,84 +686,21 @@ fn only_supervisors_can_take_over() {
 }
 
 #[test]
-fn each_headline_has_one_tone() {
-    let mut tones = BTreeMap::new();
-    for (state, is_drifting, speed_mps) in [
-        (TeleopState::Idle, false, 0.55),
-        (TeleopState::Idle, false, 1.5),
-        (TeleopState::Idle, true, 1.5),
-        (TeleopState::SafeBoot, false, 0.55),
-        (TeleopState::Held, false, 0.55),
-        (TeleopState::EStop, false, 0.55),
-    ] {
-        let mut rig = Rig::new();
-        rig.teleop.state = state;
-        rig.teleop.is_drifting = is_drifting;
-        rig.velocity = [speed_mps, 0.0];
-        let data = rig.data();
-        assert!(data.hint.is_some(), "{state:?}");
-        let tone = tones.entry(data.headline.clone()).or_insert(data.tone);
-        assert_eq!(*tone, data.tone, "{}", data.headline);
-    }
-    let headlines: Vec<_> = tones.keys().map(String::as_str).collect();
-    let expected = [
-        "Emergency stop",
-        "Moving by itself",
-        "Moving or adrift",
-        "Moving without command",
-    ];
-    assert_eq!(headlines, expected);
-}
-
-/// The panel with the pointer on this label.
-fn pointed_at(rig: &Rig, label: &str) -> Harness<'static, Option<Command>> {
-    let mut window = rig.window([560.0, 800.0]);
-    let place = window.get_by_label(label).rect();
-    window.hover_at(place.center());
-    window.run_steps(60);
-    window
-}
-
-#[test]
-fn rows_have_hover_text() {
+fn speed_steps_explain_their_speed() {
     let mut rig = Rig::new();
-    rig.velocity = [0.55, 0.0];
-    for (label, hint) in [
-        ("Age limit", "The older the commands, the lower"),
-        ("0.38 m/s", "the oldest accepted age"),
-        ("Monitor", "before unknown ground"),
-        (
-            "Moving by itself",
-            "Something other than an operator moves it",
-        ),
+    for (limits, step, text) in [
+        ([1.2, 1.5], "1", "1: 20 % of its top speed, 0.24 m/s"),
+        ([1.2, 1.5], "3", "3: 60 % of its top speed, 0.72 m/s"),
+        ([1.2, 1.5], "5", "5: 100 % of its top speed, 1.20 m/s"),
+        ([0.0; 2], "3", "3: 60 % of its top speed"),
     ] {
-        let count = |pointed: &str| {
-            let window = pointed_at(&rig, pointed);
-            window.query_all_by_label_contains(hint).count()
-        };
-        // The accessible description is always there.
-        assert!(count(label) > count("Linear speed"), "{label}");
+        rig.teleop_client.limits = limits;
+        let mut window = rig.window([560.0, 800.0]);
+        let place = window.get_by_label(step).rect();
+        window.hover_at(place.center());
+        window.run_steps(60);
+        window.get_by_label(text);
     }
-}
-
-#[test]
-fn step_hint_is_above_the_speeds() {
-    let mut rig = Rig::new();
-    rig.teleop_client.limits = [1.2, 1.5];
-    for (step, text) in [
-        ("1", "1: 20 % of its top speed, 0.24 m/s"),
-        ("3", "3: 60 % of its top speed, 0.72 m/s"),
-        ("5", "5: 100 % of its top speed, 1.20 m/s"),
-    ] {
-        let window = pointed_at(&rig, step);
-        let hint = window.get_by_label(text).rect();
-        let button = window.get_by_label(step).rect();
-        let speeds = window.get_by_label("Linear speed").rect();
-        assert!(hint.bottom() <= button.top(), "{step}: {hint} {button}");
-        assert!(hint.bottom() <= speeds.top(), "{step}: {hint} {speeds}");
-    }
-    rig.teleop_client.limits = [0.0; 2];
-    pointed_at(&rig, "3").get_by_label("3: 60 % of its top speed");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use protocol::message::LeaseRequest;
 
 use super::data::{EStopButton, LeaseButtons};
 use super::limits::Gauge;
-use crate::role::{OBSERVER_HINT, OPERATOR_HINT};
+use crate::identity::{OBSERVER_HINT, OPERATOR_HINT};
 use crate::shortcuts::Action;
 use crate::teleop_client::Intent;
 use crate::teleop_input::SpeedStep;
@@ -289,7 +289,6 @@ fn paint_gauge_ends(ui: &Ui, rect: Rect, gauge: &Gauge, font: &FontId) {
     }
 }
 
-/// A button that observers cannot press.
 pub(crate) fn disabled_ui(ui: &mut Ui, label: &str, size: Vec2) -> Response {
     disabled_reason_ui(ui, label, size, OBSERVER_HINT)
 }
@@ -308,34 +307,4 @@ fn observer_estop_ui(ui: &mut Ui, size: Vec2) {
     ui.allocate_ui_with_layout(size, middle, |ui| {
         disabled_ui(ui, "EMERGENCY STOP", size);
     });
-}
-
-#[cfg(test)]
-mod tests {
-    use eframe::egui::Shape;
-    use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
-
-    use super::*;
-
-    #[test]
-    fn disabled_estop_text_is_centred() {
-        let size = vec2(260.0, 64.0);
-        let mut window = Harness::builder()
-            .with_size(vec2(300.0, 120.0))
-            .build_ui(move |ui| observer_estop_ui(ui, size));
-        window.run_steps(2);
-        let name = format!("EMERGENCY STOP. {OBSERVER_HINT}");
-        let button = window.get_by_label(&name).rect();
-        assert!((button.size() - size).length() < 1.0, "{button}");
-        let words = window.output().shapes.iter().find_map(|clipped| {
-            if let Shape::Text(text) = &clipped.shape {
-                Some(text.visual_bounding_rect().center())
-            } else {
-                None
-            }
-        });
-        let away = words.unwrap() - button.center();
-        assert!(away.abs().max_elem() < 4.0, "{away}");
-    }
 }

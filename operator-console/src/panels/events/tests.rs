@@ -1,4 +1,3 @@
-use eframe::egui::accesskit::Role;
 use eframe::egui::vec2;
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
@@ -9,9 +8,6 @@ use protocol::message::{self, Event};
 use super::*;
 use crate::test_support::{at, console, inject};
 
-const LONG: &str = "12 files are in /home/anna/maps/a folder with a name that is much longer than one line of a \
-    panel, and behind which there are many words more that nobody would want to miss";
-
 fn window(width: f32, log: &EventLog, filter: &EventFilter) -> Harness<'static> {
     let data = EventsData::new(log, filter);
     let mut filter = filter.clone();
@@ -20,58 +16,6 @@ fn window(width: f32, log: &EventLog, filter: &EventFilter) -> Harness<'static> 
         .build_ui(move |ui| events_ui(ui, &data, &mut filter));
     window.run_steps(4);
     window
-}
-
-#[test]
-fn long_events_wrap() {
-    for width in [240.0, 400.0, 700.0] {
-        let mut log = EventLog::default();
-        for (n, text) in ["short", LONG, "newest"].into_iter().enumerate() {
-            log.note(
-                Severity::Info,
-                "export",
-                text,
-                Monotonic::default(),
-                n as u64,
-            );
-        }
-        let window = window(width, &log, &EventFilter::default());
-        let [newest, long, short] =
-            ["newest", LONG, "short"].map(|text| window.get_by_label(text).rect());
-        assert!(long.right() <= width, "{width}: {long}");
-        assert!(long.height() > 1.8 * short.height(), "{width}: {long}");
-        assert!(long.top() >= newest.bottom(), "{width}: {long}");
-        assert!(short.top() >= long.bottom(), "{width}: {short}");
-    }
-}
-
-#[test]
-fn a_small_panel_shows_several_events() {
-    let [width, height] = [200.0, 150.0];
-    let data = EventsData::new(&log(), &EventFilter::default());
-    let mut window = Harness::builder()
-        .with_size(vec2(width, height))
-        .build_ui_state(
-            move |ui, filter: &mut EventFilter| events_ui(ui, &data, filter),
-            EventFilter::default(),
-        );
-    window.run_steps(4);
-    let severity = window.get_by_role(Role::ComboBox).rect();
-    let filter = window.get_by_role_and_label(Role::TextInput, "Filter");
-    let words = filter.rect();
-    assert!(words.top() < severity.bottom() && words.left() >= severity.right());
-    assert!(words.width() > 60.0 && words.right() <= width, "{words}");
-    for text in ["Emergency stop 1 is active", "Control goes by TLS"] {
-        let line = window.get_by_label(text).rect();
-        assert!(line.bottom() <= height, "{text}: {line}");
-    }
-    filter.focus();
-    window.run_steps(1);
-    window
-        .get_by_role_and_label(Role::TextInput, "Filter")
-        .type_text("tls");
-    window.run_steps(2);
-    assert_eq!(window.state().text, "tls");
 }
 
 #[test]

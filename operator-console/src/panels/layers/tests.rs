@@ -19,7 +19,6 @@ fn row(layer: LayerId, over: Option<LayerId>, under: Option<LayerId>) -> LayerRo
         scheme: layer.schemes()[0],
         state: "12 tiles, synchronized".to_owned(),
         tone: Tone::Good,
-        cell_m: 0.1,
         over,
         under,
     }
@@ -89,25 +88,6 @@ fn controls_have_names_and_requests() {
 }
 
 #[test]
-fn a_single_colour_scheme_is_a_label() {
-    for (layer, colours, boxes) in [
-        (LayerId::Cost, "Light to dark", 0),
-        (LayerId::Rigidity, "Colour-blind safe", 0),
-        (LayerId::Shore, "Colour-blind safe", 0),
-        (
-            LayerId::Obstacle,
-            "Colours of Obstacles: Colour-blind safe",
-            1,
-        ),
-    ] {
-        let window = window_of(vec![row(layer, None, None)]);
-        let found = window.query_all_by_role(Role::ComboBox).count();
-        assert_eq!(found, boxes, "{layer:?}");
-        assert!(window.query_by_label(colours).is_some(), "{layer:?}");
-    }
-}
-
-#[test]
 fn a_layer_is_dragged_under_another() {
     let mut window = window();
     window.run_steps(2);
@@ -135,45 +115,6 @@ fn a_layer_is_dragged_under_another() {
     assert_eq!(drag(&mut window, low, below), [], "it is there already");
     let elsewhere = pos2(low.x, -20.0);
     assert_eq!(drag(&mut window, low, elsewhere), [], "not in the list");
-}
-
-#[test]
-fn nothing_is_cut_off() {
-    let window = window();
-    for label in [
-        "Fit",
-        "Lower Elevation",
-        "Only Obstacles",
-        "12 tiles, synchronized",
-    ] {
-        for found in window.query_all_by_label(label) {
-            assert!(found.rect().right() <= 290.0, "{label}");
-        }
-    }
-}
-
-#[test]
-fn changed_layer_states_move_nothing() {
-    let (top, low) = (LayerId::Obstacle, LayerId::Elevation);
-    for width in [130.0, 160.0, 180.0, 200.0, 220.0, 290.0] {
-        let mut tops = Vec::new();
-        for state in [
-            "129 tiles, synchronized, newest 0.4 s old",
-            "129 tiles, synchronized 2.2 s ago, newest 0.3 s old",
-            "129 tiles, not synchronized for 8.0 s, newest 0.3 s old",
-            "129 tiles, 12 missing for 15 s, newest 119 s old",
-            "hidden",
-        ] {
-            let mut rows = vec![row(top, None, Some(low)), row(low, Some(top), None)];
-            state.clone_into(&mut rows[0].state);
-            let mut window = window_of(rows);
-            window.set_size(vec2(width, 300.0));
-            window.run_steps(2);
-            tops.push(window.get_by_label("Only Elevation").rect().top());
-        }
-        let moves = tops.iter().map(|at| (at - tops[0]).abs());
-        assert!(moves.fold(0.0, f32::max) < 0.1, "{width}: {tops:?}");
-    }
 }
 
 #[test]

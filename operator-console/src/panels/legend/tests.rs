@@ -109,23 +109,3 @@ fn unknown_is_listed_once() {
     let see_through = swatches.map(is_see_through).collect::<Vec<_>>();
     assert_eq!(see_through, [true, false, false]);
 }
-
-#[test]
-fn ticks_have_numbers() {
-    // 0.4 m would be too close to the number at the end, 0.5 m.
-    let palette = LayerId::Elevation.default_palette().fitted(-0.5, 0.5);
-    let data = LegendsData::new([(palette, false)]);
-    let reported = data.legends[0].ramp.as_ref().unwrap().ticks.len();
-    let mut window = Harness::builder()
-        .with_size(vec2(236.0, 200.0))
-        .build_ui(move |ui| legends_ui(ui, &data));
-    window.run_steps(2);
-    let (mut ticks, mut texts) = (0, 0);
-    for clipped in &window.output().shapes {
-        ticks += usize::from(matches!(clipped.shape, Shape::LineSegment { .. }));
-        texts += usize::from(matches!(clipped.shape, Shape::Text(_)));
-    }
-    // Title and "unknown" are texts, too.
-    assert_eq!(ticks, texts - 2);
-    assert!((3..reported).contains(&ticks), "{ticks} of {reported}");
-}

@@ -27,9 +27,14 @@ fn recording(state: RecordingState) -> RecordingStatus {
 
 /// A robot that reports this recording at 1 s.
 fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
+    ended_model(recording, false)
+}
+
+fn ended_model(recording: Option<RecordingStatus>, has_ended: bool) -> ConsoleModel {
     let mut model = scout();
     let status = Status {
         recording,
+        has_ended,
         ..Status::default()
     };
     inject(&mut model, Topic::Status, &status, at(1_000));
@@ -131,54 +136,53 @@ fn a_replay_gets_no_hint_to_record() {
 
 #[test]
 fn refusals_are_shown() {
-    let mut teleop_client = idle_teleop_client();
     let asked = RequestKind::Set(Setting::Recording(true));
-    teleop_client.notice = Some(TeleopNotification::Answered(
-        asked.clone(),
-        Answer::Refused(Refusal::Role),
-    ));
-    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
-    let words = "Recording on refused: the sender's role does not allow it";
-    assert_eq!(refused.as_deref(), Some(words));
-    teleop_client.notice = Some(TeleopNotification::RequestTimedOut(asked));
-    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
-    assert_eq!(refused.as_deref(), Some("Recording on: no answer"));
-    teleop_client.notice = Some(TeleopNotification::LeaseLost);
-    let refused = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
-    assert_eq!(refused, None);
+    let refused = Answer::Refused(Refusal::Role);
+    for (notice, expected) in [
+        (
+            TeleopNotification::Answered(asked.clone(), refused),
+            Some("Recording on refused: the sender's role does not allow it"),
+        ),
+        (
+            TeleopNotification::RequestTimedOut(asked),
+            Some("Recording on: no answer"),
+        ),
+        (TeleopNotification::LeaseLost, None),
+    ] {
+        let mut teleop_client = idle_teleop_client();
+        teleop_client.notice = Some(notice);
+        let refusal = data(Some(recording(RecordingState::Stopped)), &teleop_client).refusal;
+        assert_eq!(refusal.as_deref(), expected);
+    }
 }
 
 #[test]
 fn a_disabled_button_shows_the_reason() {
-    let blocked = |teleop_client: Option<&TeleopClientState>, ms| {
-        let model = model(Some(recording(RecordingState::Stopped)));
-        RecordingData::new(&model, teleop_client, None, at(ms))
-            .button
-            .unwrap()
-            .blocked
+    let model = model(Some(recording(RecordingState::Stopped)));
+    let client = |change: fn(&mut TeleopClientState)| {
+        let mut client = idle_teleop_client();
+        change(&mut client);
+        Some(client)
     };
-    assert_eq!(blocked(Some(&idle_teleop_client()), 1_100), None);
-    assert_eq!(blocked(None, 1_100), Some("No operator name is set"));
-    assert_eq!(
-        blocked(Some(&idle_teleop_client()), 9_000),
-        Some("No data from the robot")
-    );
-    let asking = TeleopClientState {
-        is_asking: true,
-        ..idle_teleop_client()
-    };
-    let watching = TeleopClientState {
-        role: Some(Role::Observer),
-        ..idle_teleop_client()
-    };
-    assert_eq!(
-        blocked(Some(&watching), 1_100),
-        Some("Observers start and stop no recording")
-    );
-    assert_eq!(
-        blocked(Some(&asking), 1_100),
-        Some("The robot is being asked")
-    );
+    let ready = || client(|_| {});
+    let asking = client(|client| client.is_asking = true);
+    let observer = client(|client| client.role = Some(Role::Observer));
+    let no_tokens = client(|client| client.token_age = None);
+    for (teleop_client, ms, reason) in [
+        (ready(), 1_100, None),
+        (None, 1_100, Some("No operator name is set")),
+        (ready(), 9_000, Some("No data from the robot")),
+        (asking, 1_100, Some("The robot is being asked")),
+        (
+            observer,
+            1_100,
+            Some("Observers start and stop no recording"),
+        ),
+        (no_tokens, 1_100, Some("The robot takes no requests")),
+    ] {
+        let data = RecordingData::new(&model, teleop_client.as_ref(), None, at(ms));
+        assert_eq!(data.button.unwrap().blocked, reason);
+    }
 }
 
 #[test]
@@ -252,25 +256,66 @@ fn files_on_this_machine_are_shown_and_opened() {
 }
 
 #[test]
-fn a_low_panel_shows_rows_beside_buttons() {
-    // The panel in a window of 1280 × 800 points.
-    let (width, height) = (680.0, 150.0);
-    let data = data(
-        Some(recording(RecordingState::Recording)),
-        &idle_teleop_client(),
-    );
-    let mut window = Harness::builder()
-        .with_size([width, height])
-        .build_ui(move |ui| {
-            _ = recording_ui(ui, &data);
-        });
-    crate::theme::set(&window.ctx);
-    window.run_steps(3);
-    for words in ["Stop recording", "1:15", "4.1 MB in 2 files", "52.0 GB"] {
-        let place = window.get_by_label(words).rect();
-        assert!(
-            place.bottom() <= height && place.right() <= width,
-            "{words}: {place}"
-        );
+fn file_outside_the_folder_is_not_opened() {
+    let folder = Path::new("/home/anna/recordings");
+    let finished = |file: &str| {
+        let recording = RecordingStatus {
+            file: file.to_owned(),
+            ..recording(RecordingState::Stopped)
+        };
+        let data = RecordingData::new(&model(Some(recording)), None, Some(folder), at(1_100));
+        data.finished.map(|(path, _)| path)
+    };
+    assert_eq!(finished("scout.mcap"), Some(folder.join("scout.mcap")));
+    for elsewhere in ["../scout.mcap", "/etc/passwd", "old/scout.mcap", "..", ""] {
+        assert_eq!(finished(elsewhere), None, "{elsewhere}");
     }
+}
+
+#[test]
+fn states_of_live_silent_and_ended_robots() {
+    use RecordingState::{Failed, Recording, Stopped};
+    const ENDED: &str = "The data has ended: nothing more is written.";
+    const FAILED: &str = "The event shows why. Data written before is kept.";
+    const SILENT: &str = "No data from the robot";
+    let check = |state, has_ended, ms, least: &str, expected: String| {
+        let model = ended_model(Some(recording(state)), has_ended);
+        let data = RecordingData::new(&model, Some(&idle_teleop_client()), None, at(ms));
+        let extent = format!("\nLength: {least}1:15\nSize: {least}4.1 MB in 2 files\n");
+        let text = text(&data);
+        assert!(text.starts_with(&(expected + &extent)), "{text}");
+    };
+    let least = "at least ";
+    check(
+        Recording,
+        false,
+        1_100,
+        "",
+        "Good Recording\n[stop] ".to_owned(),
+    );
+    let silent = format!("Waiting Was recording\nAs of 8.0 s ago\n[stop] {SILENT}");
+    check(Recording, false, 9_000, least, silent);
+    let ended = format!("Waiting Recording ended\n{ENDED}\n[start] Its data has ended");
+    check(Recording, true, 1_100, least, ended);
+    let gone = format!("Waiting Recording ended\n{ENDED} As of 8.0 s ago\n[start] {SILENT}");
+    check(Recording, true, 9_000, least, gone);
+    let failed = format!("Stopped: it cannot be written\n{FAILED}");
+    check(
+        Failed,
+        false,
+        1_100,
+        "",
+        format!("Warning {failed}\n[start] "),
+    );
+    let failed = format!("Waiting {failed} As of 8.0 s ago\n[start] {SILENT}");
+    check(Failed, false, 9_000, "", failed);
+    check(
+        Stopped,
+        false,
+        1_100,
+        "",
+        "Waiting Not recording\n[start] ".to_owned(),
+    );
+    let no_status = RecordingData::new(&scout(), Some(&idle_teleop_client()), None, at(1_100));
+    assert_eq!(text(&no_status), "Waiting No data yet");
 }

@@ -217,12 +217,7 @@ fn only_silent_robots_can_be_forgotten() {
             "{forget}: it answers"
         );
     }
-    let state = window.get_by_label("silent, last seen 16 s ago").rect();
-    assert!(!state.intersects(window.get_by_label("b").rect()));
-    let forget = window.get_by_label("Forget b");
-    assert!(!state.intersects(forget.rect()));
-    assert!(forget.rect().right() <= 180.0);
-    forget.click();
+    window.get_by_label("Forget b").click();
     window.run_steps(2);
     let expected = Command::ForgetRobot("b".parse().unwrap());
     assert_eq!(window.state().clone(), Some(expected));

@@ -113,26 +113,6 @@ fn a_robot_without_sensor_data_has_a_note() {
 }
 
 #[test]
-fn lines_differ_without_colour() {
-    let data = SensorsData::new(&boat(), at(1_100));
-    let panel = Harness::builder()
-        .with_size(vec2(700.0, 260.0))
-        .build_ui(move |ui| sensors_ui(ui, &data));
-    for label in [
-        "State",
-        "Last seen",
-        "Messages dropped",
-        "Good",
-        "Silent",
-        "No fix",
-        "sonar",
-        "12\u{a0}345",
-    ] {
-        panel.get_by_label(label);
-    }
-}
-
-#[test]
 fn sensor_states_of_ended_data_are_not_good() {
     let mut model = boat();
     let ended = Status {

@@ -16,22 +16,18 @@ use crate::map_view::ShoreMark;
 
 /// Minimum width for name, colour and distance, points.
 const LEAST_WIDTH: f32 = 110.0;
-/// Longer lists may have a scroll bar.
 const FEW: usize = 4;
 const ROW_HEIGHT: f32 = 24.0;
 const BELOW_SIZE: f32 = 12.0;
-/// Overlap with the first line, points.
 const BELOW_RISE: f32 = 4.0;
 /// Below the last line of a row with several lines, points.
 const BELOW_GAP: f32 = 6.0;
-/// Maximum height of a list: eight rows.
 const LIST_HEIGHT: f32 = 192.0;
 /// Width of the scroll bar to the right of the numbers, points.
 const BAR: f32 = 12.0;
 /// Distance of the hover text from the panel, and its maximum width, points.
 const HINT_GAP: f32 = 14.0;
 const HINT_WIDTH: f32 = 260.0;
-/// Sort key of each column.
 const SORTS: [Option<SortBy>; 5] = [
     Some(SortBy::Number),
     None,
@@ -42,16 +38,13 @@ const SORTS: [Option<SortBy>; 5] = [
 
 struct List<'a> {
     name: &'static str,
-    /// How its rows are named.
     heading_text: &'static str,
     why: &'static str,
     titles: [&'static str; 5],
-    /// Explanation of the distance column.
-    away: &'static str,
-    /// Sort key of the first column.
+    /// Explanations of the columns; empty for plain ones.
+    hints: [&'static str; 5],
     first: &'static str,
     usual: SortBy,
-    /// Explanation of the default order.
     usually: &'static str,
     rows: &'a [ShoreRow],
 }
@@ -62,7 +55,6 @@ struct ListResponse {
     hovered: Option<ShoreMark>,
 }
 
-/// Draws the panel. Returns a selected or hovered shore.
 pub fn shores_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let has_bar = data.shores.len().max(data.sites.len()) > FEW;
     let least = if has_bar {
@@ -95,8 +87,8 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         why: "The robot numbers its shores, and the map shows the numbers. Numbers change while the robot learns: a \
               merged cluster keeps the number of its larger part, a separated part gets a new number, and no number is \
               used twice.",
-        titles: ["No.", "Class", RIGID, VOXELS, "Away"],
-        away: TO_SHORES,
+        titles: ["No.", "Class", "Rigid", "Voxels", "Away"],
+        hints: ["", "", TO_RIGID, TO_VOXELS, TO_SHORES],
         first: "no.",
         usual: SortBy::Distance,
         usually: "the nearest first",
@@ -109,7 +101,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
               place, also on the map, when the order changes. The robot searches for sites in the window around it: sites \
               outside keep their class on the map, without a letter.",
         titles: ["Site", "", "Cost", "Width", "Away"],
-        away: TO_SITES,
+        hints: ["", "", "", "", TO_SITES],
         first: "rank",
         usual: SortBy::Number,
         usually: "the gentlest first by steps of 0.05, then the widest",
@@ -152,7 +144,6 @@ fn room(ui: &Ui, lists: &[List<'_>; 2]) -> (Columns, f32, [f32; 2]) {
     (columns, width, heights)
 }
 
-/// The same columns for all non-empty lists.
 fn columns(ui: &Ui, lists: &[List<'_>], width: f32) -> Columns {
     let lists = lists.iter().filter(|list| !list.rows.is_empty());
     let rows: Vec<_> = lists
@@ -216,7 +207,7 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
     let List {
         name,
         titles,
-        away,
+        hints,
         first,
         ..
     } = list;
@@ -231,9 +222,7 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
         let place = Rect::from_x_y_ranges(left..=right, rect.y_range());
         let label = match sort {
             SortBy::Number => format!("Sort {name} by {first}"),
-            SortBy::Share | SortBy::Size | SortBy::Distance => {
-                format!("Sort {name} by {}", titles[column].to_lowercase())
-            }
+            _ => format!("Sort {name} by {}", titles[column].to_lowercase()),
         };
         let response = ui.interact(place, ui.scope_id().with((name, column)), Sense::click());
         response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &label));
@@ -242,16 +231,9 @@ fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by
             ui.painter()
                 .hline(place.right() - 24.0..=place.right(), place.bottom(), line);
         }
-        match sort {
-            SortBy::Distance => hint_ui(&response, &format!("{label}: {away}")),
-            // Docking sites have other values in these columns.
-            SortBy::Share if titles[column] == RIGID => {
-                hint_ui(&response, &format!("{label}: {TO_RIGID}"));
-            }
-            SortBy::Size if titles[column] == VOXELS => {
-                hint_ui(&response, &format!("{label}: {TO_VOXELS}"));
-            }
-            SortBy::Number | SortBy::Share | SortBy::Size => hint_ui(&response, &label),
+        match hints[column] {
+            "" => hint_ui(&response, &label),
+            hint => hint_ui(&response, &format!("{label}: {hint}")),
         }
         if response.clicked() {
             *by = sort;
@@ -266,7 +248,6 @@ fn below(columns: &Columns, row: &ShoreRow) -> Option<String> {
     (!words.is_empty()).then(|| words.join("; "))
 }
 
-/// The same text, wrapped.
 fn below_lines(ui: &Ui, columns: &Columns, row: &ShoreRow, width: f32) -> Option<Arc<Galley>> {
     let words = below(columns, row)?;
     let mut font = FontSelection::Default.resolve(ui.style());
@@ -337,16 +318,12 @@ fn hint_ui(response: &Response, hint: &str) {
     });
 }
 
-pub(super) const RIGID: &str = "Rigid";
-pub(super) const VOXELS: &str = "Voxels";
-/// Explanations of the columns.
-pub(super) const TO_RIGID: &str = "share of its rigid voxels, such as trunks and stones, not twigs. Below 25 % \
+const TO_RIGID: &str = "share of its rigid voxels, such as trunks and stones, not twigs. Below 25 % \
                                    the shore is Sparse, above 68 % Solid, between them Dense; the first two are for docking in \
                                    an emergency";
-pub(super) const TO_VOXELS: &str = "how many cubes of the voxel map it is made of";
+const TO_VOXELS: &str = "how many cubes of the voxel map it is made of";
 
-/// Column indices.
-pub(super) const CLASS: usize = 1;
+const CLASS: usize = 1;
 const SHARE: usize = 2;
 const SIZE: usize = 3;
 /// Columns that move below the row if the width is too small, in this order. Name and distance stay.
@@ -358,21 +335,17 @@ const GAP: f32 = 8.0;
 /// Minimum texts of the columns, so that a number with one more digit does not move them.
 const USUAL: [&str; 5] = ["88", "Sparse", "100 %", "88\u{a0}888", "888 m"];
 
-/// Texts of a row or of the titles.
-pub(super) type Texts<'a> = [&'a str; 5];
+type Texts<'a> = [&'a str; 5];
 
-/// Positions of the columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Columns {
+struct Columns {
     /// From the left edge, points: the left edge of the class, the right edge of the others.
     at: [f32; 5],
-    /// Which columns are drawn.
     has: [bool; 5],
 }
 
 impl Columns {
-    /// As many columns as fit into `width`, points.
-    pub(super) fn new<'a>(ui: &Ui, width: f32, texts: impl IntoIterator<Item = Texts<'a>>) -> Self {
+    fn new<'a>(ui: &Ui, width: f32, texts: impl IntoIterator<Item = Texts<'a>>) -> Self {
         let mut widths = [0.0_f32; 5];
         for texts in texts {
             for (widest, text) in widths.iter_mut().zip(texts) {
@@ -383,7 +356,6 @@ impl Columns {
         Self::of(width, widths, usual)
     }
 
-    /// From the widths of the texts and of the usual texts.
     fn of(width: f32, widths: [f32; 5], usual: [f32; 5]) -> Self {
         let mut roomy = widths;
         for (width, usual) in roomy.iter_mut().zip(usual) {
@@ -430,13 +402,11 @@ impl Columns {
         (Self { at, has }, gap)
     }
 
-    /// Whether a column is drawn.
-    pub(super) const fn has(&self, column: usize) -> bool {
+    const fn has(&self, column: usize) -> bool {
         self.has[column]
     }
 
-    /// Text of the omitted columns.
-    pub(super) fn left_out(&self, row: &ShoreRow) -> String {
+    fn left_out(&self, row: &ShoreRow) -> String {
         let class = class(row);
         let (share, size) = if row.is_site() {
             (format!("cost {}", row.share), format!("{} wide", row.size))
@@ -452,17 +422,15 @@ impl Columns {
         capitalised(&words.join(", "))
     }
 
-    /// Position of a column on the screen, points.
-    pub(super) fn x(&self, rect: Rect, column: usize) -> f32 {
+    fn x(&self, rect: Rect, column: usize) -> f32 {
         rect.left() + self.at[column]
     }
 
-    /// Remaining width from the left edge of the class, points.
-    pub(super) fn width_from_class(&self, width: f32) -> f32 {
+    fn width_from_class(&self, width: f32) -> f32 {
         width - self.at[CLASS]
     }
 
-    pub(super) fn paint(&self, ui: &Ui, rect: Rect, texts: Texts<'_>, color: Color32) {
+    fn paint(&self, ui: &Ui, rect: Rect, texts: Texts<'_>, color: Color32) {
         for (column, text) in texts.into_iter().enumerate() {
             let x = self.x(rect, column);
             let (x, align) = if column == CLASS {
@@ -478,12 +446,11 @@ impl Columns {
     }
 }
 
-pub(super) fn texts<'a>(row: &'a ShoreRow, class: &'a str) -> Texts<'a> {
+fn texts<'a>(row: &'a ShoreRow, class: &'a str) -> Texts<'a> {
     [&row.name, class, &row.share, &row.size, &row.distance]
 }
 
-/// Name of the class; empty for docking sites.
-pub(super) fn class(row: &ShoreRow) -> String {
+fn class(row: &ShoreRow) -> String {
     if row.is_site() {
         String::new()
     } else {
@@ -510,34 +477,6 @@ mod tests {
 
     const WIDTHS: [f32; 5] = [20.0, 40.0, 30.0, 40.0, 30.0];
     const USUAL: [f32; 5] = [16.0, 0.0, 36.0, 42.0, 38.0];
-    const WHOLE: f32 = 20.0 + 6.0 + 18.0 + 6.0 + 40.0 + 36.0 + 42.0 + 38.0 + 3.0 * 8.0;
-
-    #[test]
-    fn class_names_need_space_for_usual_texts() {
-        let fits = Columns::of(WHOLE, WIDTHS, USUAL);
-        let narrow = Columns::of(WHOLE - 1.0, WIDTHS, USUAL);
-        assert_eq!(fits.has, [true; 5]);
-        assert_eq!(narrow.has, [true, false, true, true, true]);
-        let bits = |at: &[f32]| at.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        assert_eq!(bits(&fits.at), bits(&[20.0, 26.0, 134.0, 184.0, 230.0]));
-        assert_eq!(bits(&narrow.at[..2]), bits(&[20.0, 26.0]));
-        assert!((narrow.at[4] - 229.0).abs() < 1e-3, "{narrow:?}");
-        let gap = (229.0 - 44.0 - 100.0) / 3.0;
-        assert!(
-            (narrow.at[2] - 44.0 - gap - 30.0).abs() < 1e-3,
-            "{narrow:?}"
-        );
-    }
-
-    #[test]
-    fn wide_texts_widen_their_column() {
-        let mut long = WIDTHS;
-        long[3] = 60.0;
-        assert!(!Columns::of(WHOLE, long, USUAL).has(CLASS));
-        let wide = Columns::of(WHOLE + 18.0, long, USUAL);
-        assert!(wide.has(CLASS));
-        assert!(wide.at[3] - 60.0 - wide.at[2] > 7.9, "{wide:?}");
-    }
 
     #[test]
     fn narrow_columns_are_omitted_except_distance() {

@@ -1,4 +1,4 @@
-use eframe::egui::{FontFamily, Modifiers, PointerButton, Pos2, Shape, pos2, vec2};
+use eframe::egui::{Modifiers, PointerButton, Pos2, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use robot_edge::pacer::Rate;
@@ -257,25 +257,4 @@ fn a_failure_replaces_the_timeline() {
     harness.get_by_label("Close recording").click();
     harness.run();
     assert_eq!(harness.state().commands, [PlaybackCommand::Close]);
-}
-
-#[test]
-fn options_in_errors_have_two_dashes() {
-    let why = "Several topics carry scans: choose one, for example --topic laser=/scan";
-    let harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
-    let job = harness.output().shapes.iter().find_map(|clipped| {
-        if let Shape::Text(text) = &clipped.shape {
-            let job = &text.galley.job;
-            (job.text == why).then_some(job)
-        } else {
-            None
-        }
-    });
-    let families = job.unwrap().sections.iter();
-    let families = families.map(|one| &one.format.font_id.family);
-    assert!(families.eq([
-        &FontFamily::Proportional,
-        &FontFamily::Monospace,
-        &FontFamily::Proportional
-    ]));
 }

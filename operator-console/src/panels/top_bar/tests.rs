@@ -34,30 +34,6 @@ fn bar(width: f32, data: TopBarData, unseen: usize) -> Harness<'static> {
 }
 
 #[test]
-fn the_driver_is_whole_and_does_not_move() {
-    for width in [480.0, 540.0, 1120.0] {
-        let place = |data: TopBarData, unseen| {
-            let window = bar(width, data, unseen);
-            let driver = window.get_by_label("Nobody drives").rect();
-            let stop = window.get_by_label("Stop").rect();
-            assert!(driver.width() > 80.0 && driver.right() < stop.left());
-            assert!(window.get_by_label("Live").rect().right() < driver.left());
-            driver
-        };
-        let usual = place(data(), 0);
-        let moment_ago = (Tone::Good, "Synchronized 0.5 s ago".to_owned());
-        let missing = (Tone::Waiting, "1 200 tiles missing".to_owned());
-        let behind = (Tone::Waiting, "Behind, asking what is missing".to_owned());
-        for map in [moment_ago, missing, behind] {
-            assert_eq!(place(TopBarData { map, ..data() }, 0), usual, "{width}");
-        }
-        let age = Some("0.3 s ago".to_owned());
-        assert_eq!(place(TopBarData { age, ..data() }, 0), usual, "{width}");
-        assert_eq!(place(data(), 1), usual, "{width}: an alert");
-    }
-}
-
-#[test]
 fn a_stop_is_shown_before_the_robot_answers() {
     let model = console("scout", &[]);
     assert!(model.status().is_none());
@@ -108,74 +84,6 @@ fn a_recently_synchronized_map_is_synchronized() {
     window.hover_at(place.center());
     window.run_steps(60);
     window.get_by_label("Synchronized 0.5 s ago");
-}
-
-#[test]
-fn a_long_name_has_hover_text() {
-    let name = "riverwatch-by-the-lake-2026-11-22T150130Z.mcap";
-    let recording = TopBarData {
-        name: name.to_owned(),
-        link: (Tone::Waiting, "Recording".to_owned()),
-        age: None,
-        driver: None,
-        estop: None,
-        ..data()
-    };
-    let mut window = bar(500.0, recording, 0);
-    let label = window.get_by_label(name).rect();
-    assert!(label.width() <= 221.0, "{label}");
-    window.hover_at(label.center());
-    window.run_steps(60);
-    let found = window.get_all_by_label(name).map(|node| node.rect());
-    let widest = found.map(|rect| rect.width()).fold(0.0, f32::max);
-    assert!(widest > 260.0, "{widest}");
-}
-
-#[test]
-fn map_state_fits_the_width() {
-    for (width, is_short) in [(540.0, true), (560.0, true), (1120.0, false)] {
-        for (map, map_short) in [
-            ("Was not synchronized at last contact", "Old"),
-            ("Behind, asking what is missing", "Behind"),
-            ("12\u{a0}345 tiles missing", "Behind"),
-        ] {
-            let data = TopBarData {
-                map: (Tone::Warning, map.to_owned()),
-                map_short,
-                age: Some("12 s ago".to_owned()),
-                ..data()
-            };
-            let mut window = bar(width, data, 0);
-            // The accessible name is complete.
-            let label = window.get_by_label(map).rect();
-            let stop = window.get_by_label("Stop").rect();
-            assert!(label.right() < stop.left(), "{width} {map}: {label} {stop}");
-            // The mark and its gap are 20 points.
-            let wide = match (is_short, map_short) {
-                (false, _) => 120.0..320.0,
-                (true, "Old") => 40.0..52.0,
-                (true, _) => 60.0..76.0,
-            };
-            assert!(wide.contains(&label.width()), "{width} {map}: {label}");
-            window.hover_at(label.center());
-            window.run_steps(60);
-            let found = window.get_all_by_label(map).map(|node| node.rect());
-            let widest = found.map(|rect| rect.width()).fold(0.0, f32::max);
-            assert!(widest > 100.0, "{width} {map}: {widest}");
-        }
-    }
-}
-
-#[test]
-fn no_map_state_is_cut() {
-    for width in [480.0, 490.0, 500.0, 520.0, 540.0] {
-        let window = bar(width, data(), 1);
-        let label = window.get_by_label("Synchronized").rect();
-        let is_whole = label.width() > 64.0;
-        let is_mark_alone = label.width() < 20.5;
-        assert!(is_whole || is_mark_alone, "{width}: {label}");
-        assert!(label.right() < window.get_by_label("1 alert").rect().left());
-    }
 }
 
 #[test]

@@ -2,19 +2,13 @@
 
 use super::*;
 
-/// Notifications since the last call.
-fn notifications(rig: &mut Rig) -> Vec<TeleopNotification> {
-    let notifications = rig.teleop_client.take_notifications().into_iter();
-    notifications.map(|(_, note)| note).collect()
-}
-
 /// A key that was pressed after the grant drives.
 fn driving() -> Rig {
     let mut rig = Rig::held();
     rig.turn(&[W]);
     rig.run(100);
     assert!(rig.moves());
-    notifications(&mut rig);
+    rig.notes();
     rig
 }
 
@@ -39,7 +33,7 @@ fn lease_end_with_pressed_key_has_one_notice() {
         let mut rig = driving();
         end(&mut rig);
         rig.run(100);
-        assert_eq!(notifications(&mut rig), [note]);
+        assert_eq!(rig.notes(), [note]);
         assert!(!rig.moves());
     }
 }
@@ -54,7 +48,7 @@ fn key_pressed_at_first_grant_is_locked_by_lease() {
             rig.answer(Answer::Waiting);
             rig.run(20);
         }
-        notifications(&mut rig);
+        rig.notes();
         // It comes before the queue with this event is drained.
         rig.teleop_client.apply(W);
         if waits {
@@ -63,7 +57,7 @@ fn key_pressed_at_first_grant_is_locked_by_lease() {
             rig.answer(Answer::Granted(5));
         }
         let lost = TeleopNotification::InputLocked(InputLockReason::Lease);
-        assert!(notifications(&mut rig).contains(&lost), "{waits}");
+        assert!(rig.notes().contains(&lost), "{waits}");
     }
 }
 
@@ -79,12 +73,9 @@ fn key_of_renewed_lease_is_locked_by_renewal() {
     );
     let lost = TeleopNotification::InputLocked(InputLockReason::LeaseRenewed);
     assert_eq!(
-        notifications(&mut rig),
+        rig.notes(),
         [granted, lost, TeleopNotification::LeaseGained(5)]
     );
     rig.run(500);
-    assert_eq!(
-        rig.teleop_client.state(at(rig.ms)).ignored,
-        Some(InputLockReason::LeaseRenewed)
-    );
+    assert_eq!(rig.state().ignored, Some(InputLockReason::LeaseRenewed));
 }

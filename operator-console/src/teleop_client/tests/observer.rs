@@ -26,8 +26,7 @@ fn teleop_client(role: Option<Role>) -> TeleopClient {
 /// Number of sent messages, and the notifications.
 fn end(teleop_client: &mut TeleopClient) -> (usize, Vec<TeleopNotification>) {
     let sent = teleop_client.end(at(1_010)).len();
-    let notifications = teleop_client.take_notifications().into_iter();
-    (sent, notifications.map(|(_, note)| note).collect())
+    (sent, teleop_client.take_notifications().into())
 }
 
 #[test]

@@ -4,15 +4,11 @@ use super::*;
 
 const REFUSED: EStopState = EStopState::Refused(Refusal::Role);
 
-fn estop(rig: &Rig) -> EStopState {
-    rig.teleop_client.state(at(rig.ms)).estop
-}
-
 /// Presses once with this answer; returns the sent presses and the notifications.
 fn press(rig: &mut Rig, answer: Answer) -> (Vec<u64>, Vec<TeleopNotification>) {
     rig.since();
     rig.turn(&[InputEvent::EStop]);
-    assert!(matches!(estop(rig), EStopState::Sending(_)));
+    assert!(matches!(rig.state().estop, EStopState::Sending(_)));
     rig.answer(answer);
     rig.run(300);
     let sent = rig.since().into_iter().filter_map(|(_, _, read)| {
@@ -22,12 +18,7 @@ fn press(rig: &mut Rig, answer: Answer) -> (Vec<u64>, Vec<TeleopNotification>) {
             None
         }
     });
-    let notifications = rig
-        .teleop_client
-        .take_notifications()
-        .into_iter()
-        .map(|(_, note)| note);
-    (sent.collect(), notifications.collect())
+    (sent.collect(), rig.notes())
 }
 
 #[test]
@@ -50,9 +41,9 @@ fn each_press_is_sent_and_refusal_stays() {
         assert_eq!(notifications, [TeleopNotification::EStopPressed, says]);
         assert_eq!(sent.len(), 1, "{answer:?}");
         presses.extend(sent);
-        assert_eq!(estop(&rig), REFUSED, "{answer:?}");
+        assert_eq!(rig.state().estop, REFUSED, "{answer:?}");
         rig.run(60_000);
-        assert_eq!(estop(&rig), REFUSED, "a minute later");
+        assert_eq!(rig.state().estop, REFUSED, "a minute later");
     }
     presses.dedup();
     assert_eq!(presses.len(), 3, "each is another: {presses:?}");
@@ -62,7 +53,7 @@ fn each_press_is_sent_and_refusal_stays() {
 fn inactive_stop_shows_a_notice() {
     let mut rig = Rig::new();
     press(&mut rig, Answer::Refused(Refusal::NoEStop));
-    let state = rig.teleop_client.state(at(rig.ms));
+    let state = rig.state();
     assert_eq!(state.estop, EStopState::Quiet);
     assert_eq!(state.notice, Some(TeleopNotification::EStopNotInForce));
 }
@@ -70,7 +61,7 @@ fn inactive_stop_shows_a_notice() {
 #[test]
 fn notice_of_inactive_stop_clears_with_a_new_stop() {
     let says_none = |rig: &Rig| {
-        let state = rig.teleop_client.state(at(rig.ms));
+        let state = rig.state();
         state.notice == Some(TeleopNotification::EStopNotInForce)
     };
     let mut rig = Rig::new();
@@ -111,8 +102,8 @@ fn refusal_ends_when_the_robot_accepts_stops() {
     ] {
         let mut rig = Rig::new();
         press(&mut rig, Answer::Refused(Refusal::Role));
-        assert_eq!(estop(&rig), REFUSED);
+        assert_eq!(rig.state().estop, REFUSED);
         change(&mut rig);
-        assert_eq!(estop(&rig), EStopState::Quiet);
+        assert_eq!(rig.state().estop, EStopState::Quiet);
     }
 }

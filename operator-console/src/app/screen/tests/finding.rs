@@ -56,7 +56,7 @@ fn fast_typed_address_is_complete() {
             window.event(event);
         }
         window.run_steps(6);
-        let commands = std::mem::take(&mut window.state_mut().commands);
+        let commands = asked(&mut window);
         assert_eq!(commands, [Command::AddAddress(address.to_owned())]);
     }
     // A rejected address stays for correction and is replaced by typing.
@@ -66,48 +66,48 @@ fn fast_typed_address_is_complete() {
         window.event(egui::Event::Text(typed.to_owned()));
         window.key_press(Key::Enter);
         window.run_steps(4);
-        let commands = std::mem::take(&mut window.state_mut().commands);
+        let commands = asked(&mut window);
         assert_eq!(commands.is_empty(), refused, "{commands:?}");
+    }
+}
+
+fn found(robot: &str) -> FoundRobot {
+    FoundRobot {
+        robot: robot.parse().unwrap(),
+        endpoint: format!("tcp/{robot}:7447"),
+    }
+}
+
+/// `scout-1`, which is shown, and `boat-7`.
+fn two_robots() -> Rig {
+    let seen = ["scout-1", "boat-7"].map(|robot| RobotEntry {
+        discovered: DiscoveredRobot {
+            found: found(robot),
+            seen: at(1_000),
+            state: None,
+        },
+        color: Color32::RED,
+        alerts: 0,
+        uncommanded_motion: None,
+    });
+    let current = Some((&name(), LinkState::Live));
+    Rig {
+        robots: RobotsData::new(&seen, current, SearchTarget::Any, None, at(1_000)),
+        ..Rig::live()
     }
 }
 
 #[test]
 fn the_operator_chooses_robots_addresses_and_layers() {
-    let found = |robot: &str| FoundRobot {
-        robot: robot.parse().unwrap(),
-        endpoint: format!("tcp/{robot}:7447"),
-    };
-    let mut rig = Rig::live();
-    let seen = |robot: &str| {
-        let discovered = DiscoveredRobot {
-            found: found(robot),
-            seen: at(1_000),
-            state: None,
-        };
-        RobotEntry {
-            discovered,
-            color: Color32::RED,
-            alerts: 0,
-            uncommanded_motion: None,
-        }
-    };
-    rig.robots = RobotsData::new(
-        &[seen("scout-1"), seen("boat-7")],
-        Some((&name(), LinkState::Live)),
-        SearchTarget::Any,
-        None,
-        at(1_000),
-    );
-    let mut window = rig.window();
+    let mut window = two_robots().window();
     window.get_by_label("Robots").click();
     window.run_steps(4);
     window.get_by_label("boat-7").click();
     window.run_steps(2);
     window.get_by_label("Elevation").click();
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
     assert_eq!(
-        asked,
+        asked(&mut window),
         [
             Command::Connect(found("boat-7")),
             Command::Layer(LayerCommand::Show(LayerId::Elevation, false))
@@ -118,8 +118,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         window.run_steps(1);
     }
-    let asked = std::mem::take(&mut window.state_mut().commands);
-    assert_eq!(asked, [Command::Connect(found("boat-7"))]);
+    assert_eq!(asked(&mut window), [Command::Connect(found("boat-7"))]);
     window.key_press_modifiers(Modifiers::COMMAND, Key::L);
     window.run_steps(3);
     let entry = window.get_by_role_and_label(Role::TextInput, "Address");
@@ -128,41 +127,23 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     window.run_steps(2);
     window.get_by_label("Add").click();
     window.run_steps(2);
-    check(
-        &window,
-        &["The port is missing: for example 10.0.0.5:7447"],
-        &[],
-    );
+    check(&window, &["type host:port"], &[]);
     let entry = window.get_by_role_and_label(Role::TextInput, "Address");
     assert!(entry.is_focused(), "it can be mended");
     entry.type_text(":7447");
     window.run_steps(2);
     window.get_by_label("Add").click();
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
-    assert_eq!(asked, [Command::AddAddress("tcp/10.0.0.5:7447".to_owned())]);
+    assert_eq!(
+        asked(&mut window),
+        [Command::AddAddress("tcp/10.0.0.5:7447".to_owned())]
+    );
 }
 
 #[test]
 fn invalid_address_clears_when_a_robot_is_chosen() {
-    const WHY: &str = "The port is missing: for example 10.0.0.5:7447";
-    let mut rig = Rig::live();
-    let seen = ["scout-1", "boat-7"].map(|robot| RobotEntry {
-        discovered: DiscoveredRobot {
-            found: FoundRobot {
-                robot: robot.parse().unwrap(),
-                endpoint: format!("tcp/{robot}:7447"),
-            },
-            seen: at(1_000),
-            state: None,
-        },
-        color: Color32::RED,
-        alerts: 0,
-        uncommanded_motion: None,
-    });
-    let current = Some((&name(), LinkState::Live));
-    rig.robots = RobotsData::new(&seen, current, SearchTarget::Any, None, at(1_000));
-    let mut window = rig.window();
+    const WHY: &str = "type host:port";
+    let mut window = two_robots().window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::L);
     window.run_steps(4);
     window.event(egui::Event::Text("10.0.0.5".to_owned()));

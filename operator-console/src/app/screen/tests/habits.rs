@@ -80,17 +80,15 @@ fn keys_open_and_close_dialogs() {
         window.run_steps(2);
         assert_eq!(scale(&window), percent);
     }
-    let asked = std::mem::take(&mut window.state_mut().commands);
-    assert_eq!(asked, []);
+    assert_eq!(asked(&mut window), []);
     window.key_press_modifiers(Modifiers::COMMAND, Key::S);
     window.key_press_modifiers(Modifiers::ALT, Key::Num2);
     window.key_press(Key::ArrowLeft);
     // Text typed after it would go to its dialog.
     window.key_press_modifiers(Modifiers::COMMAND, Key::O);
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
     assert_eq!(
-        asked,
+        asked(&mut window),
         [
             Command::Screenshot,
             Command::Layer(LayerCommand::Show(LayerId::Elevation, false)),
@@ -210,24 +208,6 @@ fn view_menu_ticks_open_panels() {
 }
 
 #[test]
-fn escape_closes_a_menu_with_and_without_link() {
-    for (ms, says) in [(1_000, "Live"), (13_000, "Link lost")] {
-        let mut rig = Rig::live();
-        rig.now = at(ms);
-        let mut window = rig.window();
-        check(&window, &[says], &[]);
-        for (menu, entry) in [("File", "Quit"), ("View", "Scale: "), ("Help", "About")] {
-            window.get_by_label(menu).click();
-            window.run_steps(4);
-            check(&window, &[entry], &[]);
-            window.key_press(Key::Escape);
-            window.run_steps(4);
-            check(&window, &[], &[entry]);
-        }
-    }
-}
-
-#[test]
 fn an_export_is_chosen_part_by_part() {
     let mut window = Rig::live().window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
@@ -240,7 +220,7 @@ fn an_export_is_chosen_part_by_part() {
     window.run_steps(2);
     window.get_by_role_and_label(Role::Button, "Export").click();
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
+    let asked = asked(&mut window);
     let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };
@@ -272,7 +252,7 @@ fn export_to_home_folder_keeps_unticked_parts() {
     window.run_steps(2);
     window.key_press(Key::Enter);
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
+    let asked = asked(&mut window);
     let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };
@@ -302,7 +282,7 @@ fn export_dialog_shows_progress_and_result() {
     window.run_steps(2);
     window.key_press(Key::Enter);
     window.run_steps(2);
-    let asked = std::mem::take(&mut window.state_mut().commands);
+    let asked = asked(&mut window);
     let [Command::Export(request)] = &asked[..] else {
         panic!("{asked:?}");
     };

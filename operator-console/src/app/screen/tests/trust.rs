@@ -1,7 +1,6 @@
 //! Display of live and of old data.
 
 use super::*;
-use crate::link::Transport;
 use crate::model::LastContact;
 
 #[test]
@@ -176,65 +175,6 @@ fn synchronized_map_shows_loss_of_link() {
 }
 
 #[test]
-fn link_lost_banner_moves_no_map_and_hides_no_button() {
-    for size in [[1280.0, 800.0], [900.0, 560.0]] {
-        let mut rig = Rig::live();
-        let key = rig.put(0, 0, 251);
-        rig.push(key);
-        rig.announce();
-        let mut window = rig.window_of(size);
-        let ground = |window: &Harness<'_, Rig>| {
-            let map_view = window.state().screen.map_view();
-            let points = [[0.0, 0.0], [3.0, -2.0]].map(|point_m| map_view.place_of(point_m));
-            (map_view.place(), map_view.visible_m(), points)
-        };
-        let before = ground(&window);
-        let (map, ..) = before;
-        window.hover_at(map.center());
-        window.run_steps(2);
-        window.state_mut().now = at(13_000);
-        window.run_steps(4);
-        assert_eq!(ground(&window), before, "{size:?}");
-
-        let words = window.query_all_by_label_contains("What is shown is old.");
-        let words = words.map(|words| words.rect());
-        let words: Vec<_> = words.filter(|words| map.contains_rect(*words)).collect();
-        let [banner] = words[..] else {
-            panic!("{size:?}: {words:?}");
-        };
-        assert!(banner.top() < map.top() + 80.0, "{banner}");
-        let has_menu = window.query_by_label("Tools").is_some();
-        let entries: &[&str] = if has_menu {
-            &["Tools"]
-        } else {
-            &["Whole map", "Follow", "Robot up", "Grid", "Measure"]
-        };
-        for label in [&["+", "−", "Compass: y up"], entries].concat() {
-            let button = window.get_by_label(label).rect();
-            assert!(button.top() > banner.bottom(), "{label}: {button} {banner}");
-            assert!(map.contains_rect(button), "{label}: {button}");
-        }
-        let closer = window.get_by_label("+").rect().center();
-        window.drag_at(closer);
-        window.run_steps(1);
-        window.drop_at(closer);
-        window.run_steps(2);
-        let asked = std::mem::take(&mut window.state_mut().commands);
-        assert_eq!(asked, [Command::Look(Look::In)]);
-        // The banner blocks the map below: no probe, no pin by a click.
-        window.drag_at(banner.center());
-        window.run_steps(1);
-        window.drop_at(banner.center());
-        window.run_steps(2);
-        assert_eq!(window.state().screen.map_view().pinned_m(), None);
-        window.state_mut().now = at(13_100);
-        window.state_mut().announce();
-        window.run_steps(4);
-        assert_eq!(ground(&window), before, "{size:?}, after");
-    }
-}
-
-#[test]
 fn old_position_is_marked_although_link_is_live() {
     let mut rig = Rig::live();
     rig.now = at(6_000);
@@ -257,7 +197,7 @@ fn a_recording_has_keys_a_name_and_no_link() {
         &["scout-1", "Round trip", "Last message"],
     );
     let step = |s: i64| PlaybackCommand::Step(RobotDuration::from_millis(1000 * s));
-    for (modifiers, key, asked) in [
+    for (modifiers, key, expected) in [
         (Modifiers::NONE, Key::P, PlaybackCommand::PlayOrPause),
         (Modifiers::NONE, Key::Comma, step(-1)),
         (Modifiers::NONE, Key::Period, step(1)),
@@ -269,8 +209,8 @@ fn a_recording_has_keys_a_name_and_no_link() {
     ] {
         window.key_press_modifiers(modifiers, key);
         window.run_steps(1);
-        let commands = std::mem::take(&mut window.state_mut().commands);
-        assert_eq!(commands, [Command::Playback(asked)], "{key:?}");
+        let commands = asked(&mut window);
+        assert_eq!(commands, [Command::Playback(expected)], "{key:?}");
     }
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     window.run_steps(4);
@@ -288,52 +228,6 @@ fn a_recording_has_keys_a_name_and_no_link() {
     window.input_mut().events.extend(pressed);
     window.run_steps(4);
     assert_eq!(window.state().commands, []);
-}
-
-#[test]
-fn all_link_plots_are_visible() {
-    /// Margin of the panel: content is clipped there.
-    const MARGIN: f32 = 8.0;
-    // Beside the driving panel they have the least space, and their names the most lines.
-    let mut rig = Rig::drivable();
-    rig.link.transport = Some(Transport::TlsInstead);
-    let window = rig.window();
-    check(
-        &window,
-        &["EMERGENCY STOP", "because QUIC does not answer"],
-        &[],
-    );
-    let mut seen: Vec<egui::Rect> = Vec::new();
-    for title in [
-        "Round trip, ms",
-        "Poses lost, %",
-        "Received, kbit/s",
-        "Age, s",
-    ] {
-        let rect = window.get_by_label_contains(title).rect();
-        assert!(
-            rect.right() <= 1280.0 && rect.bottom() <= 801.0 - MARGIN,
-            "{title} {rect}"
-        );
-        assert!(
-            rect.width() > 150.0 && rect.height() > 45.0,
-            "{title} {rect}"
-        );
-        assert!(seen.iter().all(|other| !other.intersects(rect)), "{title}");
-        seen.push(rect);
-    }
-}
-
-#[test]
-fn link_plots_are_wide_enough_with_large_type() {
-    // 1280 × 800 at 120 %.
-    let window = Rig::drivable().window_of([1067.0, 667.0]);
-    let stop = window.get_by_label("EMERGENCY STOP").rect();
-    for title in ["Round trip, ms", "Received, kbit/s", "Age, s"] {
-        let plot = window.get_by_label_contains(title).rect();
-        assert!(plot.width() > 150.0, "{title}: {plot}");
-        assert!(plot.right() < stop.left(), "{title}: {plot}");
-    }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Monitor row and limit reason.
 
+use CollisionMonitorState::{Off, On, Silent, Stale, UnknownSpace};
+
 use super::*;
 
 const UP_TO_LIMIT: &str = "Speeding up as the collision monitor allows";
@@ -19,53 +21,58 @@ const BOAT: SpeedLimits = SpeedLimits {
 
 #[test]
 fn monitor_row_names_the_requested_direction() {
-    let guard = Some(Clamp::CollisionMonitor);
+    let (none, ramp, by_monitor) = (None, Some(Clamp::Ramp), Some(Clamp::CollisionMonitor));
     for (asked, [forward_mps, reverse_mps, left_radps, right_radps], clamp, text) in [
-        ([0.0, 0.0], [0.25, 0.0, 0.0, 0.0], None, "ahead ≤ 0.25 m/s"),
-        ([0.7, 0.5], [0.25, 0.0, 0.0, 0.0], guard, "ahead ≤ 0.25 m/s"),
+        ([0.0, 0.0], [0.25, 0.0, 0.0, 0.0], none, "ahead ≤ 0.25 m/s"),
         (
-            [-0.72, 0.0],
+            [0.7, 0.5],
+            [0.25, 0.0, 0.0, 0.0],
+            by_monitor,
+            "ahead ≤ 0.25 m/s",
+        ),
+        (
+            BACK,
             [FREE, 0.0, FREE, FREE],
-            guard,
+            by_monitor,
             "behind is blocked",
         ),
         (
-            [-0.72, 0.0],
+            BACK,
             [0.0, 0.2, FREE, FREE],
-            guard,
+            by_monitor,
             "behind ≤ 0.20 m/s",
         ),
-        ([-0.72, 0.0], [0.0, FREE, 0.0, 0.0], None, "behind is free"),
+        (BACK, [0.0, FREE, 0.0, 0.0], none, "behind is free"),
         (
             [-0.72, 0.5],
             [0.0, FREE, 0.0, FREE],
-            guard,
+            by_monitor,
             "turning left is blocked",
         ),
         (
             [0.7, -0.5],
             [FREE, 0.0, 0.0, 0.25],
-            Some(Clamp::Ramp),
+            ramp,
             "turning right ≤ 14 °/s",
         ),
         // A boat above its limit gets no thrust.
-        ([0.7, 0.5], [FREE, 0.0, FREE, FREE], guard, "limits it"),
+        ([0.7, 0.5], [FREE, 0.0, FREE, FREE], by_monitor, "limits it"),
         (
             [0.0, 0.5],
             [0.0, 0.0, 0.25, FREE],
-            guard,
+            by_monitor,
             "turning left ≤ 14 °/s",
         ),
         (
             [0.0, -0.5],
             [0.0, 0.0, FREE, 0.0],
-            guard,
+            by_monitor,
             "turning right is blocked",
         ),
         (
             [0.0, -0.5],
             [0.0, 0.0, 0.0, FREE],
-            Some(Clamp::Ramp),
+            ramp,
             "turning right is free",
         ),
     ] {
@@ -75,7 +82,7 @@ fn monitor_row_names_the_requested_direction() {
             rig.teleop.requested.angular_radps,
         ] = asked;
         rig.teleop.clamp = clamp;
-        rig.teleop.collision_monitor = CollisionMonitorState::On(SpeedLimits {
+        rig.teleop.collision_monitor = On(SpeedLimits {
             forward_mps,
             reverse_mps,
             left_radps,
@@ -105,133 +112,69 @@ fn row(reports: &[([f32; 2], CollisionMonitorState)]) -> (Tone, String) {
 
 #[test]
 fn monitor_row_shows_the_strictest_limit_of_the_last_1_5_s() {
-    use CollisionMonitorState::{Off, On, Stale, UnknownSpace};
-    let left = SpeedLimits {
-        left_radps: 0.1,
-        ..ahead(0.9)
+    let on = |mps| On(ahead(mps));
+    let unknown = |mps| UnknownSpace(ahead(mps));
+    let free = || On(UNLIMITED);
+    let left = || {
+        On(SpeedLimits {
+            left_radps: 0.1,
+            ..ahead(0.9)
+        })
     };
-    for (reports, tone, text) in [
+    for (reports, text) in [
         (
-            vec![
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(UNLIMITED)),
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(UNLIMITED)),
-            ],
-            Tone::Warning,
+            vec![unknown(0.3), free(), unknown(0.3), free()],
             "Unknown ground, ahead ≤ 0.30 m/s at times",
         ),
         // Unknown space alternates, the limit does not.
         (
-            vec![
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(ahead(0.3))),
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(ahead(0.3))),
-            ],
-            Tone::Warning,
+            vec![unknown(0.3), on(0.3), unknown(0.3), on(0.3)],
             "Unknown ground, ahead ≤ 0.30 m/s",
         ),
         (
-            vec![
-                (GO, On(ahead(0.3))),
-                (GO, On(ahead(0.7))),
-                (GO, On(ahead(0.3))),
-            ],
-            Tone::Good,
+            vec![on(0.3), on(0.7), on(0.3)],
             "On, ahead ≤ 0.30 m/s at times",
         ),
         // Late data is not a looser limit.
+        (vec![on(0.3), Stale, on(0.3)], "On, ahead ≤ 0.30 m/s"),
         (
-            vec![(GO, On(ahead(0.3))), (GO, Stale), (GO, On(ahead(0.3)))],
-            Tone::Good,
-            "On, ahead ≤ 0.30 m/s",
-        ),
-        (
-            vec![
-                (GO, On(ahead(0.0))),
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(ahead(0.0))),
-                (GO, UnknownSpace(ahead(0.3))),
-            ],
-            Tone::Warning,
+            vec![on(0.0), unknown(0.3), on(0.0), unknown(0.3)],
             "Unknown ground, ahead is blocked at times",
         ),
         (
-            vec![
-                (GO, On(ahead(0.4))),
-                (GO, On(ahead(0.0))),
-                (GO, On(ahead(0.4))),
-            ],
-            Tone::Good,
+            vec![on(0.4), on(0.0), on(0.4)],
             "On, ahead is blocked at times",
         ),
-        (
-            vec![(GO, On(ahead(0.4))), (GO, On(ahead(0.0)))],
-            Tone::Good,
-            "On, ahead is blocked",
-        ),
-        // Each axis has its own limit.
-        (
-            vec![
-                (ARC, On(left)),
-                (ARC, On(ahead(0.85))),
-                (ARC, On(left)),
-                (ARC, On(ahead(0.85))),
-            ],
-            Tone::Good,
-            "On, turning left ≤ 6 °/s at times",
-        ),
-        (
-            vec![(GO, UnknownSpace(ahead(0.0))), (BACK, On(UNLIMITED))],
-            Tone::Good,
-            "On, behind is free",
-        ),
-        (
-            vec![(ARC, On(ahead(0.0))), (GO, On(UNLIMITED))],
-            Tone::Good,
-            "On, ahead is free",
-        ),
+        (vec![on(0.4), on(0.0)], "On, ahead is blocked"),
         // States without limits are shown as they are.
+        (vec![on(0.0), Stale], "Its data is late: nothing moves"),
+        (vec![on(0.0), Off], "Off"),
+        (vec![Stale, free()], "On, ahead is free"),
         (
-            vec![(GO, On(ahead(0.0))), (GO, Stale)],
-            Tone::Warning,
-            "Its data is late: nothing moves",
-        ),
-        (vec![(GO, On(ahead(0.0))), (GO, Off)], Tone::Warning, "Off"),
-        (
-            vec![(GO, Stale), (GO, On(UNLIMITED))],
-            Tone::Good,
+            vec![unknown(0.3), unknown(0.3), free(), free()],
             "On, ahead is free",
         ),
-        (
-            vec![
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, UnknownSpace(ahead(0.3))),
-                (GO, On(UNLIMITED)),
-                (GO, On(UNLIMITED)),
-            ],
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            vec![(GO, On(ahead(0.0))), (GO, On(ahead(0.4)))],
-            Tone::Good,
-            "On, ahead ≤ 0.40 m/s",
-        ),
+        (vec![on(0.0), on(0.4)], "On, ahead ≤ 0.40 m/s"),
         // A limit that decreases does not alternate.
-        (
-            vec![
-                (GO, On(ahead(0.7))),
-                (GO, On(ahead(0.5))),
-                (GO, On(ahead(0.49))),
-            ],
-            Tone::Good,
-            "On, ahead ≤ 0.49 m/s",
-        ),
+        (vec![on(0.7), on(0.5), on(0.49)], "On, ahead ≤ 0.49 m/s"),
     ] {
+        let tone = if text.starts_with("On") {
+            Tone::Good
+        } else {
+            Tone::Warning
+        };
+        let reports: Vec<_> = reports.into_iter().map(|state| (GO, state)).collect();
         assert_eq!(row(&reports), (tone, text.to_owned()), "{reports:?}");
     }
+    // Each axis has its own limit.
+    let arc = row(&[left(), on(0.85), left(), on(0.85)].map(|state| (ARC, state)));
+    let text = "On, turning left ≤ 6 °/s at times".to_owned();
+    assert_eq!(arc, (Tone::Good, text));
+    // Reports of another direction do not count.
+    let behind = row(&[(GO, unknown(0.0)), (BACK, free())]);
+    assert_eq!(behind, (Tone::Good, "On, behind is free".to_owned()));
+    let straight = row(&[(ARC, on(0.0)), (GO, free())]);
+    assert_eq!(straight, (Tone::Good, "On, ahead is free".to_owned()));
 }
 
 /// A boat of 3 m/s and 0.2 rad/s with requested and applied speeds, m/s and rad/s.
@@ -268,42 +211,18 @@ fn slowing_down_to_the_monitors_limit() {
     };
     let guard = Some(Clamp::CollisionMonitor);
     for (requested_mps, applied_mps, clamp, limits, reason) in [
-        (
-            1.8,
-            1.08,
-            guard,
-            CollisionMonitorState::On(ahead(0.4)),
-            Some(DOWN_TO_LIMIT),
-        ),
+        (1.8, 1.08, guard, On(ahead(0.4)), Some(DOWN_TO_LIMIT)),
         (
             1.8,
             1.78,
             None,
-            CollisionMonitorState::UnknownSpace(ahead(0.3)),
+            UnknownSpace(ahead(0.3)),
             Some(DOWN_TO_LIMIT),
         ),
-        (
-            -1.8,
-            -1.08,
-            guard,
-            CollisionMonitorState::On(behind),
-            Some(DOWN_TO_LIMIT),
-        ),
-        (
-            1.8,
-            0.404,
-            guard,
-            CollisionMonitorState::On(ahead(0.4)),
-            Some(LIMITED),
-        ),
-        (
-            1.8,
-            1.08,
-            guard,
-            CollisionMonitorState::On(behind),
-            Some(LIMITED),
-        ),
-        (1.8, 1.78, None, CollisionMonitorState::Off, None),
+        (-1.8, -1.08, guard, On(behind), Some(DOWN_TO_LIMIT)),
+        (1.8, 0.404, guard, On(ahead(0.4)), Some(LIMITED)),
+        (1.8, 1.08, guard, On(behind), Some(LIMITED)),
+        (1.8, 1.78, None, Off, None),
     ] {
         let mut rig = boat([requested_mps, 0.0], [applied_mps, 0.0], clamp, limits);
         assert_eq!(
@@ -319,12 +238,7 @@ fn slowing_down_to_the_monitors_limit() {
         left_radps: 0.1,
         ..BOAT
     };
-    let turning = boat(
-        [0.0, 0.2],
-        [0.0, 0.19],
-        guard,
-        CollisionMonitorState::On(left),
-    );
+    let turning = boat([0.0, 0.2], [0.0, 0.19], guard, On(left));
     assert_eq!(turning.data().clamp.as_deref(), Some(DOWN_TO_LIMIT));
 }
 
@@ -347,12 +261,7 @@ fn speeding_up_to_a_limit_names_the_limit() {
         ),
         ([-0.5, 0.0], left, 3.0, "Changing direction"),
     ] {
-        let mut rig = boat(
-            [3.0, 0.2],
-            applied,
-            Some(Clamp::Ramp),
-            CollisionMonitorState::On(limits),
-        );
+        let mut rig = boat([3.0, 0.2], applied, Some(Clamp::Ramp), On(limits));
         rig.teleop.speed_allowed_mps = allowed_mps;
         assert_eq!(rig.data().clamp.as_deref(), Some(reason), "{applied:?}");
     }
@@ -365,12 +274,7 @@ fn a_stuck_vehicle_is_limited_by_the_monitor_only() {
         (Clamp::Age, None),
         (Clamp::CollisionMonitor, Some(LIMITED)),
     ] {
-        let mut rig = boat(
-            [3.0, 0.0],
-            [1.44, 0.0],
-            Some(clamp),
-            CollisionMonitorState::On(BOAT),
-        );
+        let mut rig = boat([3.0, 0.0], [1.44, 0.0], Some(clamp), On(BOAT));
         rig.velocity = [0.0; 2];
         let mut model = rig.model();
         let (status, _) = model.status().unwrap().clone();
@@ -386,7 +290,7 @@ fn a_stuck_vehicle_is_limited_by_the_monitor_only() {
 #[test]
 fn an_alternating_limit_is_shown_as_the_limit() {
     let ahead = |forward_mps| {
-        CollisionMonitorState::UnknownSpace(SpeedLimits {
+        UnknownSpace(SpeedLimits {
             forward_mps,
             ..BOAT
         })
@@ -419,18 +323,13 @@ fn an_alternating_limit_is_shown_as_the_limit() {
 #[test]
 fn an_alternating_limit_of_another_axis_is_no_reason() {
     let limits = |forward_mps, right_radps| {
-        CollisionMonitorState::On(SpeedLimits {
+        On(SpeedLimits {
             forward_mps,
             right_radps,
             ..BOAT
         })
     };
-    let rig = boat(
-        [1.0, 0.0],
-        [0.6, 0.0],
-        Some(Clamp::CollisionMonitor),
-        CollisionMonitorState::Off,
-    );
+    let rig = boat([1.0, 0.0], [0.6, 0.0], Some(Clamp::CollisionMonitor), Off);
     let mut model = rig.model();
     for (forward_mps, right_radps) in [(0.8, 0.05), (0.7, 0.2), (0.6, 0.05), (0.4, 0.2)] {
         let mut teleop = rig.teleop.clone();
@@ -444,47 +343,19 @@ fn an_alternating_limit_of_another_axis_is_no_reason() {
 #[test]
 fn monitor_and_last_stop_rows() {
     for (guard, tone, words) in [
-        (CollisionMonitorState::Off, Tone::Warning, "Off"),
+        (Off, Tone::Warning, "Off"),
+        (Silent, Tone::Warning, "Silent: nothing moves"),
+        (On(ahead(0.25)), Tone::Good, "On, ahead ≤ 0.25 m/s"),
+        (On(ahead(1.0)), Tone::Good, "On, ahead is free"),
+        (On(UNLIMITED), Tone::Good, "On, ahead is free"),
+        (On(ahead(0.0)), Tone::Good, "On, ahead is blocked"),
         (
-            CollisionMonitorState::Silent,
-            Tone::Warning,
-            "Silent: nothing moves",
-        ),
-        (
-            CollisionMonitorState::On(ahead(0.25)),
-            Tone::Good,
-            "On, ahead ≤ 0.25 m/s",
-        ),
-        (
-            CollisionMonitorState::On(ahead(1.0)),
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            CollisionMonitorState::On(ahead(f32::INFINITY)),
-            Tone::Good,
-            "On, ahead is free",
-        ),
-        (
-            CollisionMonitorState::On(ahead(0.0)),
-            Tone::Good,
-            "On, ahead is blocked",
-        ),
-        (
-            CollisionMonitorState::UnknownSpace(ahead(0.25)),
+            UnknownSpace(ahead(0.25)),
             Tone::Warning,
             "Unknown ground, ahead ≤ 0.25 m/s",
         ),
-        (
-            CollisionMonitorState::UnknownSpace(ahead(1.0)),
-            Tone::Warning,
-            "Unknown ground",
-        ),
-        (
-            CollisionMonitorState::Stale,
-            Tone::Warning,
-            "Its data is late: nothing moves",
-        ),
+        (UnknownSpace(ahead(1.0)), Tone::Warning, "Unknown ground"),
+        (Stale, Tone::Warning, "Its data is late: nothing moves"),
     ] {
         let mut rig = Rig::new();
         rig.teleop.state = TeleopState::Held;
@@ -524,11 +395,8 @@ fn last_observed_row() {
     rig.teleop.ground_age_ms = [Some(40), Some(2_900), Some(61_000), None];
     let words = "ahead now, left 2 s, behind 61 s, right never".to_owned();
     for (guard, row) in [
-        (CollisionMonitorState::Off, None),
-        (
-            CollisionMonitorState::UnknownSpace(ahead(1.0)),
-            Some((Tone::Good, words)),
-        ),
+        (Off, None),
+        (UnknownSpace(ahead(1.0)), Some((Tone::Good, words))),
     ] {
         rig.teleop.collision_monitor = guard;
         assert_eq!(rig.row("Last observed"), row, "{guard:?}");
