@@ -68,7 +68,7 @@ impl LocalTangentPlane {
 }
 
 /// Metres from Earth's centre: x towards 0° N 0° E, z towards the north pole.
-pub fn ecef_from_geodetic(place: &GeodeticPoint) -> [f64; 3] {
+fn ecef_from_geodetic(place: &GeodeticPoint) -> [f64; 3] {
     let (latitude_rad, longitude_rad) = (
         place.latitude_deg.to_radians(),
         place.longitude_deg.to_radians(),
@@ -87,7 +87,7 @@ pub fn ecef_from_geodetic(place: &GeodeticPoint) -> [f64; 3] {
 /// Inverse of [`ecef_from_geodetic`], for places farther than 50 km from Earth's centre; longitude in (−180, 180].
 ///
 /// The names are those of Vermeille (2002).
-pub fn geodetic_from_ecef([x, y, z]: [f64; 3]) -> GeodeticPoint {
+fn geodetic_from_ecef([x, y, z]: [f64; 3]) -> GeodeticPoint {
     let from_axis_m = libm::hypot(x, y);
     let p = from_axis_m * from_axis_m / (SEMI_MAJOR_M * SEMI_MAJOR_M);
     let q = (1.0 - E2) * z * z / (SEMI_MAJOR_M * SEMI_MAJOR_M);

@@ -48,8 +48,6 @@ pub struct KnownTiles {
 
 impl KnownTiles {
     /// Known tiles of `layer` in `store`.
-    ///
-    /// # Errors If the store has no grid for the layer.
     pub fn of_layer(store: &TileStore, layer: LayerId) -> Result<Self, MosaicError> {
         let cell_m = store.cell_m(layer).ok_or(MosaicError::NoGrid(layer))?;
         let tiles = store
@@ -63,10 +61,42 @@ impl KnownTiles {
     }
 
     /// Raster of the known cells; `None` without known cells.
-    ///
-    /// # Errors If it exceeds `max_cells` cells or [`MAX_RASTER_SIDE`].
     pub fn into_raster(self, max_cells: u64) -> Result<Option<Raster>, MosaicError> {
-        Raster::new(self, max_cells)
+        let Self {
+            layer,
+            cell_m,
+            mut tiles,
+        } = self;
+        let Some(extent) = tiles
+            .iter()
+            .filter_map(|(key, cells)| known_extent(*key, cells))
+            .reduce(Extent::join)
+        else {
+            return Ok(None);
+        };
+        let width = extent.end.0.abs_diff(extent.first.0);
+        let height = extent.end.1.abs_diff(extent.first.1);
+        let is_within = width.max(height) <= MAX_RASTER_SIDE
+            && width
+                .checked_mul(height)
+                .is_some_and(|all| all <= max_cells);
+        if !is_within {
+            return Err(MosaicError::TooLarge {
+                layer,
+                width,
+                height,
+                max_cells,
+            });
+        }
+        tiles.sort_unstable_by_key(|(key, _)| place_of_tile(*key));
+        Ok(Some(Raster {
+            layer,
+            cell_m,
+            extent,
+            width: width as usize,
+            height: height as usize,
+            tiles,
+        }))
     }
 }
 
@@ -93,53 +123,12 @@ struct Extent {
 
 impl Raster {
     /// Raster of the known cells of `layer`; `None` without known cells.
-    ///
-    /// # Errors If the store has no grid for the layer, or the raster exceeds `max_cells` cells or
-    /// [`MAX_RASTER_SIDE`].
     pub fn of_layer(
         store: &TileStore,
         layer: LayerId,
         max_cells: u64,
     ) -> Result<Option<Self>, MosaicError> {
         KnownTiles::of_layer(store, layer)?.into_raster(max_cells)
-    }
-
-    fn new(known: KnownTiles, max_cells: u64) -> Result<Option<Self>, MosaicError> {
-        let KnownTiles {
-            layer,
-            cell_m,
-            mut tiles,
-        } = known;
-        let Some(extent) = tiles
-            .iter()
-            .filter_map(|(key, cells)| known_extent(*key, cells))
-            .reduce(Extent::join)
-        else {
-            return Ok(None);
-        };
-        let width = extent.end.0.abs_diff(extent.first.0);
-        let height = extent.end.1.abs_diff(extent.first.1);
-        let is_within = width.max(height) <= MAX_RASTER_SIDE
-            && width
-                .checked_mul(height)
-                .is_some_and(|all| all <= max_cells);
-        if !is_within {
-            return Err(MosaicError::TooLarge {
-                layer,
-                width,
-                height,
-                max_cells,
-            });
-        }
-        tiles.sort_unstable_by_key(|(key, _)| place_of_tile(*key));
-        Ok(Some(Self {
-            layer,
-            cell_m,
-            extent,
-            width: width as usize,
-            height: height as usize,
-            tiles,
-        }))
     }
 
     /// The layer.

@@ -30,8 +30,6 @@ pub enum UnpackError {
 
 impl PackedFile {
     /// Packs the output of `write`.
-    ///
-    /// # Errors Those of `write`, and of zstd.
     pub fn pack<E: From<io::Error>>(
         write: impl FnOnce(&mut dyn Write) -> Result<(), E>,
     ) -> Result<Self, E> {
@@ -49,8 +47,6 @@ impl PackedFile {
     }
 
     /// Unpacks to `out`, never more than the declared length.
-    ///
-    /// # Errors On a wrong length or digest or a write error; a part may have been written.
     pub fn unpack(&self, out: &mut impl Write) -> Result<(), UnpackError> {
         let mut frame = zstd::Decoder::new(&*self.packed)?.take(self.bytes.saturating_add(1));
         let mut hasher = blake3::Hasher::new();

@@ -78,9 +78,6 @@ impl ShoreCluster {
 }
 
 impl ShoreClass {
-    /// By ascending share of rigid voxels.
-    pub const ALL: [Self; 3] = [Self::Sparse, Self::Dense, Self::Solid];
-
     /// Code of its cells in the layer [`Shore`](LayerId::Shore).
     pub const fn code(self) -> u16 {
         match self {

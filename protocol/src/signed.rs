@@ -111,8 +111,6 @@ impl From<SignedError> for Refusal {
 }
 
 /// Signs a command for [`operator_key`] of its route and topic.
-///
-/// # Errors If the command is too long.
 pub fn sign<T: Command>(
     key: &SecretKey,
     route: Route<'_>,
@@ -139,8 +137,6 @@ pub fn sign<T: Command>(
 
 impl<'a> Envelope<'a> {
     /// Parses the envelope; cheap for any input.
-    ///
-    /// # Errors If it is too long, too short, or of another protocol version.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, SignedError> {
         if bytes.len() > MAX_SIGNED_BYTES {
             return Err(SignedError::TooLong(bytes.len()));
@@ -173,16 +169,12 @@ impl<'a> Envelope<'a> {
     }
 
     /// Claimed command; only for refusing it cheaply.
-    ///
-    /// # Errors If the body is no such command.
     pub fn unverified_command<T: Command>(&self) -> Result<T, SignedError> {
         Ok(wire::decode_body(self.body)?)
     }
 
     /// Verifies the signature of `key` for `route` and returns the command.
     /// [`Envelope::unverified_header`] is then authentic too.
-    ///
-    /// # Errors If the signature does not match, or the body is no such command.
     pub fn open<T: Command>(&self, route: Route<'_>, key: &PublicKey) -> Result<T, SignedError> {
         let input = signature_input(T::TOPIC, route, &self.header, self.body);
         if key.verify(&input, &self.signature) {
@@ -283,8 +275,6 @@ impl SecretKey {
     }
 
     /// Reads PEM: PKCS#8, with or without the public key.
-    ///
-    /// # Errors If it is no such key.
     pub fn from_pem(pem: &str) -> Result<Self, InvalidKey> {
         SigningKey::from_pkcs8_pem(pem)
             .map(Self)
@@ -294,8 +284,6 @@ impl SecretKey {
     /// Writes PEM, to be readable by its owner only.
     ///
     /// PKCS#8 version 1, without the public key: `openssl` does not read version 2.
-    ///
-    /// # Errors None known.
     pub fn to_pem(&self) -> Result<Zeroizing<String>, InvalidKey> {
         let pair = KeypairBytes {
             secret_key: self.0.to_bytes(),
@@ -323,8 +311,6 @@ impl fmt::Debug for SecretKey {
 
 impl PublicKey {
     /// Reads PEM.
-    ///
-    /// # Errors If it is no key, or a weak one.
     pub fn from_pem(pem: &str) -> Result<Self, InvalidKey> {
         let key = VerifyingKey::from_public_key_pem(pem).map_err(|_why| InvalidKey::Public)?;
         if key.is_weak() {
@@ -335,8 +321,6 @@ impl PublicKey {
     }
 
     /// Writes PEM.
-    ///
-    /// # Errors None known.
     pub fn to_pem(&self) -> Result<String, InvalidKey> {
         self.0
             .to_public_key_pem(LineEnding::LF)

@@ -9,13 +9,13 @@ use std::path::Path;
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
+use tiff::TiffResult;
 use tiff::encoder::{DirectoryEncoder, TiffEncoder, TiffKindStandard};
 use tiff::tags::{CompressionMethod, PhotometricInterpretation, SampleFormat, Tag};
-use tiff::{TiffError, TiffResult};
 
 use super::ExportError;
 use crate::export::write_atomically;
-use crate::layer::{LayerId, SampleType};
+use crate::layer::LayerId;
 use crate::mosaic::Raster;
 
 type Directory<'a> = DirectoryEncoder<'a, &'a mut BufWriter<File>, TiffKindStandard>;
@@ -27,22 +27,12 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
 /// Writes `raster` as a `GeoTIFF` with the layer's values.
 pub fn write_geotiff(path: &Path, raster: &Raster) -> Result<(), ExportError> {
-    write_atomically(path, |writer| {
-        encode(writer, raster).map_err(|error| {
-            let path = path.to_owned();
-            if let TiffError::IoError(source) = error {
-                ExportError::Io { path, source }
-            } else {
-                let source = error;
-                ExportError::Tiff { path, source }
-            }
-        })
-    })
+    write_atomically(path, |writer| Ok(encode(writer, raster)?))
 }
 
 fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
-    let sample = raster.layer().sample_type();
-    let row_bytes = raster.width() * sample.bytes();
+    let sample_bytes = if is_float(raster.layer()) { 4 } else { 1 };
+    let row_bytes = raster.width() * sample_bytes;
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, raster.height());
     let mut tiff = TiffEncoder::new(writer)?;
     let mut directory = tiff.image_directory()?;
@@ -51,7 +41,7 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
     let mut byte_counts = Vec::new();
     for first_row in (0..raster.height()).step_by(rows_per_strip) {
         let end_row = (first_row + rows_per_strip).min(raster.height());
-        let mut strip = deflate_rows(raster, sample, first_row..end_row)?;
+        let mut strip = deflate_rows(raster, first_row..end_row)?;
         byte_counts.push(u32::try_from(strip.len())?);
         // The next item must start at an even offset.
         if strip.len() % 2 == 1 {
@@ -62,8 +52,8 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
 
     directory.write_tag(Tag::ImageWidth, u32::try_from(raster.width())?)?;
     directory.write_tag(Tag::ImageLength, u32::try_from(raster.height())?)?;
-    directory.write_tag(Tag::BitsPerSample, 8 * sample.bytes() as u16)?;
-    directory.write_tag(Tag::SampleFormat, sample.format().to_u16())?;
+    directory.write_tag(Tag::BitsPerSample, 8 * sample_bytes as u16)?;
+    directory.write_tag(Tag::SampleFormat, sample_format(raster.layer()).to_u16())?;
     directory.write_tag(Tag::SamplesPerPixel, 1_u16)?;
     directory.write_tag(Tag::Compression, CompressionMethod::Deflate.to_u16())?;
     directory.write_tag(
@@ -78,26 +68,37 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
     directory.finish()
 }
 
+/// Continuous layers are 32-bit floats, NaN for unknown; classes are bytes, 0 for unknown.
+fn is_float(layer: LayerId) -> bool {
+    layer.classes().is_empty()
+}
+
+fn sample_format(layer: LayerId) -> SampleFormat {
+    if is_float(layer) {
+        SampleFormat::IEEEFP
+    } else if layer.classes().iter().any(|class| class.value < 0) {
+        SampleFormat::Int
+    } else {
+        SampleFormat::Uint
+    }
+}
+
 /// Rows of the file, 0 the greatest y, as one zlib stream of samples in this machine's byte order,
 /// which the `tiff` crate writes.
-fn deflate_rows(
-    raster: &Raster,
-    sample: SampleType,
-    file_rows: std::ops::Range<usize>,
-) -> io::Result<Vec<u8>> {
+fn deflate_rows(raster: &Raster, file_rows: std::ops::Range<usize>) -> io::Result<Vec<u8>> {
     let quantisation = raster.layer().quantisation();
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
     let mut codes = Vec::with_capacity(raster.width());
-    let mut bytes = Vec::with_capacity(raster.width() * sample.bytes());
+    let mut bytes = Vec::new();
     for file_row in file_rows {
         raster.read_row(raster.height() - 1 - file_row, &mut codes);
         bytes.clear();
         for &code in &codes {
             let value = quantisation.decode(code);
-            match sample {
-                SampleType::F32 => bytes.extend(value.unwrap_or(f32::NAN).to_ne_bytes()),
-                SampleType::I8 => bytes.extend((value.unwrap_or(0.0) as i8).to_ne_bytes()),
-                SampleType::U8 => bytes.push(value.unwrap_or(0.0) as u8),
+            if is_float(raster.layer()) {
+                bytes.extend(value.unwrap_or(f32::NAN).to_ne_bytes());
+            } else {
+                bytes.extend((value.unwrap_or(0.0) as i8).to_ne_bytes());
             }
         }
         encoder.write_all(&bytes)?;
@@ -133,10 +134,7 @@ fn write_position(directory: &mut Directory<'_>, raster: &Raster) -> TiffResult<
 }
 
 fn write_meaning(directory: &mut Directory<'_>, layer: LayerId) -> TiffResult<()> {
-    let no_data = match layer.sample_type() {
-        SampleType::F32 => "nan",
-        SampleType::I8 | SampleType::U8 => "0",
-    };
+    let no_data = if is_float(layer) { "nan" } else { "0" };
     directory.write_tag(Tag::GdalNodata, no_data)?;
 
     let classes: Vec<String> = layer
@@ -161,21 +159,4 @@ fn write_meaning(directory: &mut Directory<'_>, layer: LayerId) -> TiffResult<()
         xml.push('\n');
     }
     directory.write_tag(GDAL_METADATA, xml.as_str())
-}
-
-impl SampleType {
-    const fn bytes(self) -> usize {
-        match self {
-            Self::F32 => 4,
-            Self::I8 | Self::U8 => 1,
-        }
-    }
-
-    const fn format(self) -> SampleFormat {
-        match self {
-            Self::F32 => SampleFormat::IEEEFP,
-            Self::I8 => SampleFormat::Int,
-            Self::U8 => SampleFormat::Uint,
-        }
-    }
 }

@@ -22,41 +22,38 @@ pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
 pub use shores::write_shores;
 pub use trajectory::{StampedPose, write_trajectory};
 
+/// A failed export.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {source}", path.display())]
+pub struct ExportError {
+    /// File or directory.
+    pub path: PathBuf,
+    /// Reason.
+    pub source: ExportFault,
+}
+
 /// Reason of a failed export.
 #[derive(Debug, thiserror::Error)]
-pub enum ExportError {
+#[error(transparent)]
+pub enum ExportFault {
     /// File system error.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// File or directory.
-        path: PathBuf,
-        /// System error.
-        source: io::Error,
-    },
+    Io(#[from] io::Error),
     /// The `GeoTIFF` could not be encoded.
-    #[error("{}: {source}", path.display())]
-    Tiff {
-        /// The file.
-        path: PathBuf,
-        /// Encoder error.
-        source: tiff::TiffError,
-    },
+    Tiff(#[from] tiff::TiffError),
     /// The PNG could not be encoded.
-    #[error("{}: {source}", path.display())]
-    Png {
-        /// The file.
-        path: PathBuf,
-        /// Encoder error.
-        source: png::EncodingError,
-    },
+    Png(#[from] png::EncodingError),
     /// The layer gives no raster.
-    #[error("{}: {source}", path.display())]
-    Mosaic {
-        /// Export directory.
-        path: PathBuf,
-        /// Reason.
-        source: MosaicError,
-    },
+    Mosaic(#[from] MosaicError),
+}
+
+impl ExportError {
+    /// Adds `path` to a reason.
+    pub fn at<E: Into<ExportFault>>(path: &Path) -> impl FnOnce(E) -> Self {
+        move |fault| Self {
+            path: path.to_owned(),
+            source: fault.into(),
+        }
+    }
 }
 
 /// Result of an export.
@@ -98,18 +95,12 @@ pub fn export_layer(
     layer: LayerId,
     caption: &Caption<'_>,
 ) -> Result<Vec<PathBuf>, ExportError> {
-    std::fs::create_dir_all(dir).map_err(|source| ExportError::Io {
-        path: dir.to_owned(),
-        source,
-    })?;
-    let raster =
-        Raster::of_layer(store, layer, MAX_RASTER_CELLS).map_err(|source| ExportError::Mosaic {
-            path: dir.to_owned(),
-            source,
-        })?;
-    raster.map_or(Ok(Vec::new()), |raster| {
-        export_raster(dir, &raster, caption)
-    })
+    fs::create_dir_all(dir).map_err(ExportError::at(dir))?;
+    let raster = Raster::of_layer(store, layer, MAX_RASTER_CELLS);
+    match raster.map_err(ExportError::at(dir))? {
+        Some(raster) => export_raster(dir, &raster, caption),
+        None => Ok(Vec::new()),
+    }
 }
 
 /// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
@@ -168,7 +159,7 @@ pub fn palette_for(raster: &Raster) -> Palette {
 /// Writes `path` through a temporary file beside it, which is always removed.
 fn write_atomically(
     path: &Path,
-    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportError>,
+    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportFault>,
 ) -> Result<(), ExportError> {
     let mut name = std::ffi::OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
@@ -179,23 +170,19 @@ fn write_atomically(
         // Report the first error; there may be no temporary file.
         drop(fs::remove_file(&part));
     }
-    written
+    written.map_err(ExportError::at(path))
 }
 
 fn write_part(
     path: &Path,
     part: &Path,
-    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportError>,
-) -> Result<(), ExportError> {
-    let io_error = |source| ExportError::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let mut writer = BufWriter::new(File::create(part).map_err(io_error)?);
+    content: impl FnOnce(&mut BufWriter<File>) -> Result<(), ExportFault>,
+) -> Result<(), ExportFault> {
+    let mut writer = BufWriter::new(File::create(part)?);
     content(&mut writer)?;
-    writer.flush().map_err(io_error)?;
-    writer.get_ref().sync_all().map_err(io_error)?;
-    fs::rename(part, path).map_err(io_error)
+    writer.flush()?;
+    writer.get_ref().sync_all()?;
+    Ok(fs::rename(part, path)?)
 }
 
 /// Least probability of occupied cells, the default of `map_saver`.
@@ -256,16 +243,10 @@ pub fn write_map_server(
 ) -> Result<[PathBuf; 2], ExportError> {
     let pgm = dir.join(format!("{name}.pgm"));
     let yaml = dir.join(format!("{name}.yaml"));
-    let io_error = |path: &Path| {
-        let path = path.to_owned();
-        move |source| ExportError::Io { path, source }
-    };
-    write_atomically(&pgm, |writer| {
-        write_pgm(writer, raster).map_err(io_error(&pgm))
-    })?;
+    write_atomically(&pgm, |writer| Ok(write_pgm(writer, raster)?))?;
     let ([x_m, y_m], _) = raster.corners_m();
     write_atomically(&yaml, |writer| {
-        write!(
+        Ok(write!(
             writer,
             "image: {name}.pgm\n\
              mode: trinary\n\
@@ -275,13 +256,12 @@ pub fn write_map_server(
              occupied_thresh: {OCCUPIED_MIN}\n\
              free_thresh: {FREE_MAX}\n",
             raster.cell_m(),
-        )
-        .map_err(io_error(&yaml))
+        )?)
     })?;
     Ok([pgm, yaml])
 }
 
-fn write_pgm(writer: &mut impl Write, raster: &Raster) -> std::io::Result<()> {
+fn write_pgm(writer: &mut impl Write, raster: &Raster) -> io::Result<()> {
     write!(writer, "P5\n{} {}\n255\n", raster.width(), raster.height())?;
     let mut codes = Vec::with_capacity(raster.width());
     let mut pixels = Vec::with_capacity(raster.width());
@@ -311,10 +291,7 @@ mod atomic_file_tests {
         fs::write(&path, "before").unwrap();
         let failed = write_atomically(&path, |writer| {
             writer.write_all(b"half").unwrap();
-            Err(ExportError::Io {
-                path: path.clone(),
-                source: std::io::Error::other("disk full"),
-            })
+            Err(io::Error::other("disk full").into())
         });
         assert!(failed.is_err());
         assert_eq!(fs::read(&path).unwrap(), b"before");

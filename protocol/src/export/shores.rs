@@ -122,18 +122,10 @@ impl Projection {
 /// Writes `shores.geojson` to `dir`, which is created if necessary; returns its path.
 ///
 /// Equal shores give equal bytes.
-///
-/// # Errors On a file system error.
 pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError> {
     let path = dir.join("shores.geojson");
-    let io_error = |source| ExportError::Io {
-        path: path.clone(),
-        source,
-    };
-    std::fs::create_dir_all(dir).map_err(io_error)?;
-    write_atomically(&path, |writer| {
-        write_collection(writer, shores).map_err(io_error)
-    })?;
+    std::fs::create_dir_all(dir).map_err(ExportError::at(&path))?;
+    write_atomically(&path, |writer| Ok(write_collection(writer, shores)?))?;
     Ok(path)
 }
 

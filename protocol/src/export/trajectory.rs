@@ -62,13 +62,10 @@ pub fn write_trajectory(
     poses: impl IntoIterator<Item = StampedPose>,
 ) -> Result<(), ExportError> {
     write_atomically(path, |writer| {
-        let mut lines = poses.into_iter();
-        lines
-            .try_for_each(|pose| write_line(writer, pose))
-            .map_err(|source| ExportError::Io {
-                path: path.to_owned(),
-                source,
-            })
+        for pose in poses {
+            write_line(writer, pose)?;
+        }
+        Ok(())
     })
 }
 

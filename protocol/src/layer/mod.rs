@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::layer::palette::{GROUND_M, round_step};
+use crate::layer::palette::{GROUND_M, Rgb, okabe_ito, round_step};
 pub use palette::{Palette, Pattern, Scheme};
 
 /// A map layer. Closed and append-only: the position of a variant is its number on the wire.
@@ -32,26 +32,6 @@ pub enum LayerId {
     Shore,
 }
 
-/// Meaning of neighbouring codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LayerKind {
-    /// Codes are equidistant steps of a physical quantity.
-    Continuous,
-    /// Codes name classes.
-    Classes,
-}
-
-/// Sample type of a cell in an exported raster, with its value for unknown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampleType {
-    /// 32-bit float, unknown is NaN.
-    F32,
-    /// Signed byte, unknown is 0.
-    I8,
-    /// Unsigned byte, unknown is 0.
-    U8,
-}
-
 /// One class of a class layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Class {
@@ -59,19 +39,38 @@ pub struct Class {
     pub name: &'static str,
     /// Value in exported rasters; its code is its index in [`LayerId::classes`] plus one.
     pub value: i8,
+    color: Rgb,
+    pattern: Pattern,
 }
 
-const OBSTACLE: [Class; 2] = [class("free", -1), class("obstacle", 1)];
-const RIGIDITY: [Class; 2] = [class("traversable", 1), class("rigid", 2)];
+/// Without patterns: obstacles are as thin as walls.
+const OBSTACLE: [Class; 2] = [
+    class("free", -1, okabe_ito::BLUE, Pattern::Plain),
+    class("obstacle", 1, okabe_ito::VERMILLION, Pattern::Plain),
+];
+const RIGIDITY: [Class; 2] = [
+    class("traversable", 1, okabe_ito::BLUISH_GREEN, Pattern::Dots),
+    class("rigid", 2, okabe_ito::VERMILLION, Pattern::Lattice),
+];
 const SHORE: [Class; 4] = [
-    class("sparse", 1),
-    class("dense", 2),
-    class("solid", 3),
-    class("docking site", 4),
+    class("sparse", 1, okabe_ito::YELLOW, Pattern::Dots),
+    class("dense", 2, okabe_ito::BLUISH_GREEN, Pattern::Hatching),
+    class("solid", 3, okabe_ito::BLUE, Pattern::Lattice),
+    class(
+        "docking site",
+        4,
+        okabe_ito::REDDISH_PURPLE,
+        Pattern::Chevrons,
+    ),
 ];
 
-const fn class(name: &'static str, value: i8) -> Class {
-    Class { name, value }
+const fn class(name: &'static str, value: i8, color: Rgb, pattern: Pattern) -> Class {
+    Class {
+        name,
+        value,
+        color,
+        pattern,
+    }
 }
 
 impl LayerId {
@@ -117,14 +116,6 @@ impl LayerId {
         }
     }
 
-    /// Quantity or class.
-    pub const fn kind(self) -> LayerKind {
-        match self.quantisation() {
-            Quantisation::Linear { .. } => LayerKind::Continuous,
-            Quantisation::Classes(_) => LayerKind::Classes,
-        }
-    }
-
     /// Conversion between values and codes.
     pub const fn quantisation(self) -> Quantisation {
         match self {
@@ -141,15 +132,6 @@ impl LayerId {
         match self.quantisation() {
             Quantisation::Linear { .. } => &[],
             Quantisation::Classes(classes) => classes,
-        }
-    }
-
-    /// Sample type of `<layer>.tif`.
-    pub const fn sample_type(self) -> SampleType {
-        match self {
-            Self::Occupancy | Self::Elevation | Self::Cost => SampleType::F32,
-            Self::Obstacle => SampleType::I8,
-            Self::Rigidity | Self::Shore => SampleType::U8,
         }
     }
 }
@@ -297,11 +279,7 @@ impl Ramp {
         let (at_least, at_most) = match palette.scheme() {
             Scheme::Cividis => ("≥ ", "≤ "),
             Scheme::GroundPlane => ("≥ ", ""),
-            Scheme::Grey
-            | Scheme::MapServer
-            | Scheme::Magma
-            | Scheme::OkabeIto
-            | Scheme::GreenRed => ("", ""),
+            _ => ("", ""),
         };
         let tick = |value: f32, prefix: &str| Tick {
             value,
@@ -313,18 +291,10 @@ impl Ramp {
             .skip_while(|value| value - low < 0.4 * step)
             .take_while(|value| high - value > 0.4 * step)
             .map(|value| tick(value, ""));
-        let bottom = match palette.scheme() {
-            Scheme::GroundPlane => Tick {
-                value: low,
-                label: number(low, 2),
-            },
-            Scheme::Cividis
-            | Scheme::Grey
-            | Scheme::MapServer
-            | Scheme::Magma
-            | Scheme::OkabeIto
-            | Scheme::GreenRed => tick(low, at_most),
-        };
+        let mut bottom = tick(low, at_most);
+        if palette.scheme() == Scheme::GroundPlane {
+            bottom.label = number(low, 2);
+        }
         let ticks = [bottom]
             .into_iter()
             .chain(inner)
@@ -439,32 +409,6 @@ impl Quantisation {
             Self::Classes(classes) => usize::from(code) <= classes.len(),
         }
     }
-
-    /// Distance of neighbouring values in the layer's unit; 0 if codes are exact.
-    ///
-    /// Within range `|decode(encode(v)) − v| ≤ step/2`, plus the rounding to `f32`.
-    pub fn step(&self) -> f64 {
-        match *self {
-            Self::Linear { steps_per_unit, .. } => 1.0 / f64::from(steps_per_unit),
-            Self::Classes(_) => 0.0,
-        }
-    }
-
-    /// Least and greatest value that do not saturate.
-    pub fn range(&self) -> (f32, f32) {
-        match *self {
-            Self::Linear { max_code, .. } => (
-                self.decode(1).unwrap_or(f32::NAN),
-                self.decode(max_code).unwrap_or(f32::NAN),
-            ),
-            Self::Classes(classes) => classes
-                .iter()
-                .map(|class| f32::from(class.value))
-                .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| {
-                    (low.min(value), high.max(value))
-                }),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -488,33 +432,10 @@ mod layer_tests {
             assert!(message.contains(layer.name()), "{message}");
         }
     }
-
-    #[test]
-    fn wire_numbers_never_move() {
-        let numbers = LayerId::ALL.map(|layer| layer as u8);
-        assert_eq!(numbers, [0, 1, 2, 3, 4, 5]);
-        assert_eq!(LayerId::Shore.name(), "shore");
-        assert_eq!(LayerId::Cost as u8, 3);
-    }
-
-    #[test]
-    fn a_class_layer_exports_bytes_and_a_continuous_one_floats() {
-        for layer in LayerId::ALL {
-            let continuous = layer.kind() == LayerKind::Continuous;
-            assert_eq!(
-                continuous,
-                layer.sample_type() == SampleType::F32,
-                "{layer}"
-            );
-            assert_eq!(continuous, layer.classes().is_empty(), "{layer}");
-        }
-    }
 }
 
 #[cfg(test)]
 mod legend_tests {
-    use crate::layer::{LayerId, LayerKind};
-
     use super::*;
 
     fn labels(ramp: &Ramp) -> Vec<&str> {
@@ -526,8 +447,8 @@ mod legend_tests {
         for layer in LayerId::ALL {
             for palette in layer.palettes() {
                 let legend = palette.legend();
-                match layer.kind() {
-                    LayerKind::Continuous => {
+                match layer.quantisation() {
+                    Quantisation::Linear { .. } => {
                         let ramp = legend.ramp.unwrap();
                         assert!(ramp.ticks.len() >= 3, "{palette:?}");
                         assert!(
@@ -536,7 +457,7 @@ mod legend_tests {
                         );
                         assert_eq!(ramp.ticks[0].value.to_bits(), ramp.low.to_bits());
                     }
-                    LayerKind::Classes => {
+                    Quantisation::Classes(_) => {
                         assert_eq!(legend.swatches.len(), layer.classes().len() + 1);
                         assert_eq!(legend.swatches[0].label, layer.classes()[0].name);
                     }
@@ -568,7 +489,6 @@ mod quantisation_tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::layer::{LayerId, LayerKind};
 
     #[test]
     fn codes_are_the_documented_ones() {
@@ -631,15 +551,16 @@ mod quantisation_tests {
         fn error_is_at_most_half_a_step(part in 0.0_f64..=1.0) {
             for layer in LayerId::ALL {
                 let quantisation = layer.quantisation();
-                if layer.kind() == LayerKind::Classes {
+                let Quantisation::Linear { steps_per_unit, max_code, .. } = quantisation else {
                     continue;
-                }
-                let (low, high) = quantisation.range();
+                };
+                let [low, high] = [1, max_code].map(|code| quantisation.decode(code).unwrap());
                 let value = (f64::from(low) + part * f64::from(high - low)) as f32;
+                let half_step = 0.5 / f64::from(steps_per_unit);
                 let decoded = quantisation.decode(quantisation.encode(value)).unwrap();
                 let rounding = f64::from(f32::EPSILON) * f64::from(value.abs());
                 prop_assert!(
-                    (f64::from(decoded) - f64::from(value)).abs() <= quantisation.step() / 2.0 + rounding,
+                    (f64::from(decoded) - f64::from(value)).abs() <= half_step + rounding,
                     "{layer}: {value} became {decoded}"
                 );
             }

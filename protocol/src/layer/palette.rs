@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::layer::{LayerId, Legend};
+use crate::layer::{Class, LayerId, Legend};
 
 /// A colour scheme. Its name is stored in settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,29 +76,9 @@ impl LayerId {
         self.palettes().find(Palette::is_document_palette)
     }
 
-    /// Patterns of the classes. Obstacles have none: they are as thin as walls.
-    const fn class_patterns(self) -> &'static [Pattern] {
-        match self {
-            Self::Rigidity => &[Pattern::Dots, Pattern::Lattice],
-            Self::Shore => &[
-                Pattern::Dots,
-                Pattern::Hatching,
-                Pattern::Lattice,
-                Pattern::Chevrons,
-            ],
-            Self::Occupancy | Self::Elevation | Self::Obstacle | Self::Cost => &[],
-        }
-    }
-
-    fn class_color(self, index: usize) -> Rgb {
-        use okabe_ito::{BLUE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, YELLOW};
-        let colors: &[Rgb] = match self {
-            Self::Obstacle => &[BLUE, VERMILLION],
-            Self::Rigidity => &[BLUISH_GREEN, VERMILLION],
-            Self::Shore => &[YELLOW, BLUISH_GREEN, BLUE, REDDISH_PURPLE],
-            Self::Occupancy | Self::Elevation | Self::Cost => &[],
-        };
-        colors.get(index).copied().unwrap_or_default()
+    /// Class of a code; `None` for unknown and in a continuous layer.
+    fn class_of(self, code: u16) -> Option<&'static Class> {
+        self.classes().get(usize::from(code).checked_sub(1)?)
     }
 }
 
@@ -107,11 +87,7 @@ impl Palette {
         let (low, high) = match scheme {
             Scheme::Cividis => (-0.5, 1.5),
             Scheme::GroundPlane => (GROUND_M, 2.0),
-            Scheme::Grey
-            | Scheme::MapServer
-            | Scheme::Magma
-            | Scheme::OkabeIto
-            | Scheme::GreenRed => (0.0, 1.0),
+            _ => (0.0, 1.0),
         };
         Self {
             layer,
@@ -167,24 +143,21 @@ impl Palette {
             return self.unknown_color();
         };
         let [red, green, blue] = match self.scheme {
-            Scheme::OkabeIto => self.layer.class_color(usize::from(code) - 1),
+            Scheme::OkabeIto => self
+                .layer
+                .class_of(code)
+                .map_or([0; 3], |class| class.color),
             Scheme::GreenRed if code == 1 => [0, 170, 0],
             Scheme::GreenRed => [220, 0, 0],
-            Scheme::Grey
-            | Scheme::MapServer
-            | Scheme::Cividis
-            | Scheme::GroundPlane
-            | Scheme::Magma => self.ramp_color(value),
+            _ => self.ramp_color(value),
         };
         [red, green, blue, 255]
     }
 
     /// Pattern of a cell's class.
     pub fn pattern(&self, code: u16) -> Pattern {
-        let patterns = self.layer.class_patterns();
-        let class = usize::from(code).checked_sub(1);
-        let pattern = class.and_then(|class| patterns.get(class));
-        pattern.copied().unwrap_or(Pattern::Plain)
+        let class = self.layer.class_of(code);
+        class.map_or(Pattern::Plain, |class| class.pattern)
     }
 
     /// Colour of the marks of a cell's [`pattern`](Self::pattern), contrasting with the cell.
@@ -207,12 +180,7 @@ impl Palette {
     pub const fn unknown_color(&self) -> [u8; 4] {
         match self.scheme {
             Scheme::MapServer => MAP_SERVER_UNKNOWN,
-            Scheme::Grey
-            | Scheme::Cividis
-            | Scheme::GroundPlane
-            | Scheme::Magma
-            | Scheme::OkabeIto
-            | Scheme::GreenRed => TRANSPARENT,
+            _ => TRANSPARENT,
         }
     }
 

@@ -234,32 +234,6 @@ pub enum SensorFault {
     Blocked,
 }
 
-impl SensorKind {
-    /// In wire order.
-    pub const ALL: [Self; 9] = [
-        Self::PlanarLaser,
-        Self::TiltingLaser,
-        Self::Sonar,
-        Self::WheelEncoders,
-        Self::Attitude,
-        Self::SatelliteReceiver,
-        Self::Odometry,
-        Self::Transforms,
-        Self::TiltEncoder,
-    ];
-}
-
-impl SensorFault {
-    /// In wire order.
-    pub const ALL: [Self; 5] = [
-        Self::Silent,
-        Self::Clock,
-        Self::AllInvalid,
-        Self::Slow,
-        Self::Blocked,
-    ];
-}
-
 /// State of the recording, in [`Status`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordingStatus {

@@ -64,16 +64,6 @@ fn open<T: Command>(
 }
 
 #[test]
-fn what_was_signed_is_read_and_opened() {
-    let bytes = drive_of_anna();
-    assert_eq!(bytes.len(), ENVELOPE_BYTES + 9);
-    let envelope = Envelope::parse(&bytes).unwrap();
-    assert_eq!(envelope.unverified_header(), HEADER);
-    assert_eq!(envelope.unverified_command(), Ok(DRIVE));
-    assert_eq!(open(&bytes, &scout(), &anna()), Ok(DRIVE));
-}
-
-#[test]
 fn every_kind_of_command_fits_and_survives() {
     fn check<T: Command + PartialEq + std::fmt::Debug>(command: T) -> usize {
         let longest = "a".repeat(64);

@@ -243,17 +243,6 @@ mod cells_tests {
     }
 
     #[test]
-    fn digest_is_blake3_of_little_endian_rows() {
-        let cells = TileCells::from_fn(|x, y| (y * 64 + x) as u16);
-        let bytes: Vec<u8> = (0..4096_u16).flat_map(u16::to_le_bytes).collect();
-        assert_eq!(cells.digest().0, *blake3::hash(&bytes).as_bytes());
-        assert_eq!(
-            blake3::Hash::from(TileCells::unknown().digest().0).to_string(),
-            blake3::hash(&[0; 8192]).to_string()
-        );
-    }
-
-    #[test]
     fn a_code_the_layer_lacks_is_pointed_out() {
         let mut cells = TileCells::unknown();
         cells.codes_mut()[64 * 5 + 7] = 3;

@@ -226,9 +226,9 @@ impl TileStore {
     /// Memory of `layer`, bytes.
     pub fn bytes(&self, layer: LayerId) -> u64 {
         self.tiles(layer)
-            .map(|(_, stored)| match stored.content {
-                Content::Cells(_) => eviction::TILE_BYTES as u64,
-                Content::Blank | Content::Evicted => eviction::TOMBSTONE_BYTES as u64,
+            .map(|(_, stored)| match stored.cells() {
+                Some(_) => eviction::TILE_BYTES as u64,
+                None => eviction::TOMBSTONE_BYTES as u64,
             })
             .sum()
     }
@@ -250,17 +250,20 @@ impl TileStore {
         };
         held.head_revision = held.head_revision.max(stored.revision);
         self.last_revision = self.last_revision.max(stored.revision);
-        match stored.content {
-            Content::Cells(_) => self.tiles_held += 1,
-            Content::Blank | Content::Evicted => self.tombstones += 1,
+        let has_cells = stored.cells().is_some();
+        let replaced = held.tiles.insert((key.tx, key.ty), stored);
+        *self.total(has_cells) += 1;
+        if let Some(replaced) = replaced {
+            *self.total(replaced.cells().is_some()) -= 1;
         }
-        match held.tiles.insert((key.tx, key.ty), stored) {
-            Some(StoredTile {
-                content: Content::Cells(_),
-                ..
-            }) => self.tiles_held -= 1,
-            Some(_) => self.tombstones -= 1,
-            None => {}
+    }
+
+    /// Number of entries with cells, or of tombstones.
+    fn total(&mut self, has_cells: bool) -> &mut usize {
+        if has_cells {
+            &mut self.tiles_held
+        } else {
+            &mut self.tombstones
         }
     }
 
@@ -271,10 +274,7 @@ impl TileStore {
         };
         held.epoch = epoch;
         for stored in std::mem::take(&mut held.tiles).into_values() {
-            match stored.content {
-                Content::Cells(_) => self.tiles_held -= 1,
-                Content::Blank | Content::Evicted => self.tombstones -= 1,
-            }
+            *self.total(stored.cells().is_some()) -= 1;
         }
     }
 
@@ -553,17 +553,9 @@ impl TileStore {
 
     /// Removes a tile that the publisher no longer holds.
     pub fn forget(&mut self, key: TileKey) {
-        let Some(held) = self.layers.get_mut(&key.layer) else {
-            return;
-        };
-        match held
-            .tiles
-            .remove(&(key.tx, key.ty))
-            .map(|gone| gone.content)
-        {
-            Some(Content::Cells(_)) => self.tiles_held -= 1,
-            Some(Content::Blank | Content::Evicted) => self.tombstones -= 1,
-            None => {}
+        let held = self.layers.get_mut(&key.layer);
+        if let Some(gone) = held.and_then(|held| held.tiles.remove(&(key.tx, key.ty))) {
+            *self.total(gone.cells().is_some()) -= 1;
         }
     }
 

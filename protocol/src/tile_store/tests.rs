@@ -31,6 +31,15 @@ fn publish(store: &mut TileStore, key: TileKey, cells: TileCells) -> u64 {
     }
 }
 
+/// Applies a published tile.
+fn send(edge: &TileStore, console: &mut TileStore, key: TileKey) -> Result<Applied, StoreError> {
+    console.apply(edge.tile(key).unwrap())
+}
+
+fn assert_same_cells(a: &TileStore, b: &TileStore, layer: LayerId) {
+    assert_eq!(a.root_digest(layer), b.root_digest(layer));
+}
+
 #[test]
 fn a_store_too_small_for_a_tile_keeps_none() {
     for limit_bytes in [0, 127, 128, 8319] {
@@ -150,12 +159,9 @@ fn erasing_a_layer_voids_what_was_published() {
     assert_eq!(edge.bytes_held(), 0);
     publish(&mut edge, tile, filled(32769));
     assert_eq!(console.apply(old.clone()), Ok(Applied::Stored));
-    assert_eq!(console.apply(edge.tile(tile).unwrap()), Ok(Applied::Stored));
+    assert_eq!(send(&edge, &mut console, tile), Ok(Applied::Stored));
     assert_eq!(console.apply(old), Ok(Applied::OldEpoch));
-    assert_eq!(
-        console.root_digest(LayerId::Elevation),
-        edge.root_digest(LayerId::Elevation)
-    );
+    assert_same_cells(&console, &edge, LayerId::Elevation);
     assert!(console.adopt_epoch(LayerId::Elevation, 2));
     assert_eq!(console.cells_known(LayerId::Elevation), 0);
 }
@@ -169,26 +175,11 @@ fn new_boot_empties_receiver_and_old_boot_is_refused() {
     publish(&mut before, tile, filled(6));
     publish(&mut after, other, filled(246));
     let mut console = store_of(BootId([0; 16]), 100);
-    assert_eq!(
-        console.apply(before.tile(tile).unwrap()),
-        Ok(Applied::Stored)
-    );
-    assert_eq!(
-        console.apply(after.tile(other).unwrap()),
-        Ok(Applied::Stored)
-    );
-    assert_eq!(
-        console.apply(before.tile(tile).unwrap()),
-        Ok(Applied::OldBoot)
-    );
-    assert_eq!(
-        console.root_digest(LayerId::Occupancy),
-        after.root_digest(LayerId::Occupancy)
-    );
-    assert_eq!(
-        console.apply(after.tile(other).unwrap()),
-        Ok(Applied::OldRevision)
-    );
+    assert_eq!(send(&before, &mut console, tile), Ok(Applied::Stored));
+    assert_eq!(send(&after, &mut console, other), Ok(Applied::Stored));
+    assert_eq!(send(&before, &mut console, tile), Ok(Applied::OldBoot));
+    assert_same_cells(&console, &after, LayerId::Occupancy);
+    assert_eq!(send(&after, &mut console, other), Ok(Applied::OldRevision));
 }
 
 #[test]
@@ -267,10 +258,10 @@ fn farthest_tiles_are_evicted_and_tombstones_propagate() {
             panic!("unchanged");
         };
         assert!(edge.bytes_held() <= 1_000_000, "{}", edge.bytes_held());
-        assert_eq!(console.apply(edge.tile(tile).unwrap()), Ok(Applied::Stored));
+        assert_eq!(send(&edge, &mut console, tile), Ok(Applied::Stored));
         for key in evicted {
             assert!(edge.get(key).unwrap().is_evicted());
-            assert_eq!(console.apply(edge.tile(key).unwrap()), Ok(Applied::Stored));
+            assert_eq!(send(&edge, &mut console, key), Ok(Applied::Stored));
             evicted_in_order.push(key.tx);
         }
     }
@@ -282,10 +273,7 @@ fn farthest_tiles_are_evicted_and_tombstones_propagate() {
             .cells()
             .is_some()
     );
-    assert_eq!(
-        console.root_digest(LayerId::Occupancy),
-        edge.root_digest(LayerId::Occupancy)
-    );
+    assert_same_cells(&console, &edge, LayerId::Occupancy);
 }
 
 #[test]
@@ -313,7 +301,7 @@ fn a_receiver_that_had_to_evict_takes_the_same_tile_again() {
     for tx in 0..200 {
         let tile = key(LayerId::Occupancy, tx, 0);
         publish(&mut edge, tile, filled(6));
-        console.apply(edge.tile(tile).unwrap()).unwrap();
+        send(&edge, &mut console, tile).unwrap();
     }
     let far = key(LayerId::Occupancy, 150, 0);
     assert!(console.get(far).unwrap().is_evicted());
@@ -323,7 +311,7 @@ fn a_receiver_that_had_to_evict_takes_the_same_tile_again() {
         edge.root_digest(LayerId::Occupancy)
     );
     console.set_focus([150.0 * 6.4, 0.0]);
-    assert_eq!(console.apply(edge.tile(far).unwrap()), Ok(Applied::Stored));
+    assert_eq!(send(&edge, &mut console, far), Ok(Applied::Stored));
     assert!(console.get(far).unwrap().cells().is_some());
 }
 
@@ -345,10 +333,7 @@ proptest! {
         for key in finals {
             publish(&mut in_other_order, key, edge.tile(key).unwrap().cells);
         }
-        prop_assert_eq!(
-            edge.root_digest(LayerId::Occupancy),
-            in_other_order.root_digest(LayerId::Occupancy)
-        );
+        assert_same_cells(&edge, &in_other_order, LayerId::Occupancy);
         let counted: usize = edge.tiles(LayerId::Occupancy).filter(|(_, t)| t.cells().is_some()).count();
         prop_assert_eq!(edge.cells_known(LayerId::Occupancy), 4096 * counted as u64);
     }
@@ -373,10 +358,7 @@ proptest! {
         for tile in sent {
             console.apply(tile).unwrap();
         }
-        prop_assert_eq!(
-            console.root_digest(LayerId::Obstacle),
-            edge.root_digest(LayerId::Obstacle)
-        );
+        assert_same_cells(&console, &edge, LayerId::Obstacle);
         prop_assert_eq!(console.head_revision(LayerId::Obstacle), edge.head_revision(LayerId::Obstacle));
     }
 }

@@ -132,9 +132,9 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
         "{name} encodes to other bytes"
     );
     assert_eq!(decode::<T>(&golden), Ok((header, body)), "{name}");
-    let mut longer = golden.clone();
-    longer.push(0);
-    for malformed in [&golden[..golden.len() - 1], &longer] {
+    let longer = [&golden[..], &[0]].concat();
+    let cut = (0..golden.len()).map(|length| &golden[..length]);
+    for malformed in cut.chain([&longer[..]]) {
         assert_eq!(
             decode::<T>(malformed),
             Err(WireError::Malformed),

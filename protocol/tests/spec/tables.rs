@@ -1,9 +1,10 @@
 //! Keys, layers, the header and the limits.
 
 use protocol::keys::{
-    OperatorTopic, RobotId, Topic, all_tiles, every_robot_alive, operator_key, view_of,
+    OperatorId, OperatorTopic, RobotId, Topic, all_tiles, every_robot_alive, operator_key,
+    parse_operator_key, view_of,
 };
-use protocol::layer::{LayerId, LayerKind};
+use protocol::layer::{LayerId, Quantisation};
 use protocol::message::{
     Drive, MAX_PART_BYTES, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS, MAX_TRAJECTORY_POSES,
     Refusal,
@@ -25,7 +26,7 @@ fn keys() {
         tx: -3,
         ty: 12,
     };
-    let mut expected: Vec<String> = [
+    let topics = [
         Topic::Alive,
         Topic::Info,
         Topic::Ping,
@@ -41,15 +42,28 @@ fn keys() {
         Topic::Voxels,
         Topic::Trajectory,
         Topic::Scan,
-    ]
-    .map(|topic| topic.key(&robot))
-    .to_vec();
+    ];
+    let mut expected = topics.map(|topic| topic.key(&robot)).to_vec();
+    assert_eq!(expected[7], "foreshore/scout-1/view/*");
     expected[7] = view_of(&robot, &"SESSION".parse().unwrap());
-    let anna = "anna".parse().unwrap();
+    let anna: OperatorId = "anna".parse().unwrap();
     expected.extend(OperatorTopic::ALL.map(|topic| operator_key(&robot, &anna, topic)));
     let rows = table("## 2. Keys");
     let documented: Vec<&str> = rows.iter().map(|row| row[0].trim_matches('`')).collect();
     assert_eq!(documented, expected);
+    for (key, topic) in documented.iter().zip(topics) {
+        let parsed = (robot.clone(), topic);
+        assert_eq!(Topic::parse(key), Some(parsed), "{key}");
+    }
+    for (key, topic) in documented[topics.len()..].iter().zip(OperatorTopic::ALL) {
+        let parsed = (robot.clone(), anna.clone(), topic);
+        assert_eq!(parse_operator_key(key), Some(parsed), "{key}");
+        let parsed = (robot.clone(), Topic::Operator(topic));
+        assert_eq!(Topic::parse(key), Some(parsed), "{key}");
+        let of_all = key.replace("anna", "*");
+        assert_eq!(Topic::Operator(topic).key(&robot), of_all);
+        assert_eq!(Topic::parse(&of_all), None, "a wildcard is no operator");
+    }
 
     for key in [all_tiles(&"ROBOT".parse().unwrap()), every_robot_alive()] {
         assert!(SPEC.contains(&format!("`{key}`")), "{key}");
@@ -70,15 +84,14 @@ fn layers_their_numbers_and_codes() {
             beyond.is_none_or(|code| !layer.quantisation().is_code(code)),
             "{layer}"
         );
-        let meaning = match layer.kind() {
-            LayerKind::Classes => layer
-                .classes()
+        let meaning = match layer.quantisation() {
+            Quantisation::Classes(classes) => classes
                 .iter()
                 .zip(1..)
                 .map(|(class, code)| format!("{code} {}", class.name))
                 .collect::<Vec<_>>()
                 .join(", "),
-            LayerKind::Continuous => {
+            Quantisation::Linear { .. } => {
                 let value = |code| f64::from(layer.quantisation().decode(code).unwrap());
                 let per_unit = (1.0 / (value(2) - value(1))).round();
                 let zero = 1.0 - (value(1) * per_unit).round();

@@ -114,7 +114,11 @@ impl Prepared {
         let mut reader = recording::open(path, selection)?;
         let mut order = TimeSequencer::default();
         let mut measurements = Vec::new();
-        while let Some(item) = order.next_from(|| reader.next_measurement())? {
+        while let Some(measurement) = reader.next_measurement()? {
+            order.push(measurement);
+        }
+        order.finish();
+        while let Some(item) = order.pop() {
             match item {
                 Ordered::Measurement(measurement) => measurements.push(measurement),
                 Ordered::ClockReset { .. } => anyhow::bail!("its clock goes back"),

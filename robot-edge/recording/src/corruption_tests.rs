@@ -1,6 +1,6 @@
 //! Real recordings, damaged in thousands of ways: too slow for every run.
 //!
-//! `cargo test --release -p robot-edge --lib -- --ignored --nocapture corruption_tests`
+//! `cargo test --release -p recording -- --ignored --nocapture corruption_tests`
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -171,7 +171,7 @@ fn damaged_mcaps_are_survived_in_release() {
 #[ignore = "minutes: thousands of damaged files"]
 fn the_damaged_clip_is_survived_in_release() {
     damage(
-        concat!(env!("CARGO_MANIFEST_DIR"), "/../recordings/rooms.mcap"),
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../recordings/rooms.mcap"),
         1000,
     );
 }
@@ -182,16 +182,23 @@ fn stamp_order_keeps_the_scans_of_whole_recordings() {
     let check = |name: &str, expected_scans: u64, expected_late: u64| {
         let mut reader = super::open(&data.join(name), Selection::All).unwrap();
         let mut order = TimeSequencer::default();
-        let mut scans = 0;
-        let mut resets = 0;
-        while let Some(item) = order.next_from(|| reader.next_measurement()).unwrap() {
-            match item {
-                Ordered::Measurement(m) => {
-                    scans += u64::from(matches!(m.data, MeasurementData::Scan { .. }));
+        let (mut scans, mut resets) = (0, 0);
+        let mut count = |order: &mut TimeSequencer| {
+            while let Some(item) = order.pop() {
+                match item {
+                    Ordered::Measurement(m) => {
+                        scans += u64::from(matches!(m.data, MeasurementData::Scan { .. }));
+                    }
+                    Ordered::ClockReset { .. } => resets += 1,
                 }
-                Ordered::ClockReset { .. } => resets += 1,
             }
+        };
+        while let Some(measurement) = reader.next_measurement().unwrap() {
+            order.push(measurement);
+            count(&mut order);
         }
+        order.finish();
+        count(&mut order);
         let late = order.drops().get(DropReason::Late);
         assert_eq!(
             (scans, late, resets),

@@ -31,10 +31,7 @@ pub enum Format {
 impl Format {
     /// The format of the file at `path`.
     pub fn of(path: &Path) -> Result<Self, RecordingError> {
-        let io_error = |source| RecordingError::Io {
-            path: path.to_owned(),
-            source,
-        };
+        let io_error = RecordingError::io(path);
         if path.is_dir() {
             return Err(io_error(io::Error::new(
                 io::ErrorKind::IsADirectory,

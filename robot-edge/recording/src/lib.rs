@@ -6,7 +6,8 @@
 
 #![warn(missing_docs)]
 
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use measurement::drops::DropCounts;
 use measurement::time::RobotTime;
@@ -40,7 +41,7 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
         /// The system's error.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// Neither name nor content is that of a known format.
     #[error("{path}: not a recording this program reads: it begins with {begins_with}. \
@@ -82,6 +83,16 @@ pub enum RecordingError {
         /// Advice to the user.
         remedy: &'static str,
     },
+}
+
+impl RecordingError {
+    /// Adds `path` to an error of the system.
+    pub(crate) fn io(path: &Path) -> impl Fn(io::Error) -> Self + Copy {
+        move |source| Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
 }
 
 /// Summary of one stream so far, including streams of unsupported types.

@@ -6,7 +6,7 @@ use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{Measurement, Stream, StreamId};
 
-use super::{StreamSummary, ros};
+use super::{Selection, StreamSummary, ros};
 use crate::ros::{DecodeError, Encoding, MessageType};
 
 /// Limit on streams, so that damaged or hostile files cannot exhaust memory.
@@ -21,6 +21,13 @@ pub struct Reading {
     pub encoding: Encoding,
     /// Whether its transforms hold for all time.
     pub is_static: bool,
+}
+
+/// A stream of a file and how its messages are read; `None` if they are only counted.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SelectedStream {
+    pub(crate) stream: StreamId,
+    pub(crate) reading: Option<Reading>,
 }
 
 /// Reads the messages of several streams and counts what cannot be read.
@@ -54,6 +61,19 @@ impl Messages {
             });
         }
         Some(id)
+    }
+
+    /// [`Messages::stream`], whose messages are read as `reading` says if `selection` contains it.
+    pub(crate) fn select(
+        &mut self,
+        stream: &Stream,
+        reading: Option<Reading>,
+        selection: &Selection,
+    ) -> Option<SelectedStream> {
+        Some(SelectedStream {
+            stream: self.stream(stream, reading.is_some())?,
+            reading: reading.filter(|_| selection.contains(&stream.name)),
+        })
     }
 
     /// Takes a message that was logged at `log_time`, if it is known; without `reading` it is only counted.

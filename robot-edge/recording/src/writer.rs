@@ -47,6 +47,15 @@ pub enum WriteError {
     },
 }
 
+impl WriteError {
+    fn mcap<E: Into<mcap::McapError>>(path: &Path) -> impl Fn(E) -> Self + Copy {
+        move |error| Self::Mcap {
+            path: path.to_owned(),
+            source: error.into(),
+        }
+    }
+}
+
 /// A recording's file; another thread can sync it.
 #[derive(Clone, Debug)]
 pub struct RecordingFile(Arc<NewFile>);
@@ -65,13 +74,8 @@ impl McapWriter {
     /// Creates the file, under a numbered name where there is such a file ([`new_file::create`]). `vehicle` goes into its
     /// metadata, so that a replay needs no `--vehicle`.
     pub fn create(path: &Path, vehicle: Option<&str>) -> Result<Self, WriteError> {
-        let error = |source| WriteError::Mcap {
-            path: path.to_owned(),
-            source,
-        };
-        let same = new_file::create(path).map_err(|source| error(source.into()))?;
-        let file = same.file.try_clone();
-        let file = file.map_err(|source| error(source.into()))?;
+        let same = new_file::create(path).map_err(WriteError::mcap(path))?;
+        let file = same.file.try_clone().map_err(WriteError::mcap(path))?;
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("foreshore ", env!("CARGO_PKG_VERSION")))
@@ -79,13 +83,15 @@ impl McapWriter {
             // One thread: frames of several threads differ from machine to machine.
             .compression_threads(0)
             .chunk_size(Some(CHUNK_BYTES));
-        let mut writer = options.create(BufWriter::new(file)).map_err(error)?;
+        let writer = options.create(BufWriter::new(file));
+        let mut writer = writer.map_err(WriteError::mcap(path))?;
         if let Some(vehicle) = vehicle {
             let metadata = mcap::records::Metadata {
                 name: METADATA_NAME.to_owned(),
                 metadata: BTreeMap::from([(VEHICLE_KEY.to_owned(), vehicle.to_owned())]),
             };
-            writer.write_metadata(&metadata).map_err(error)?;
+            let written = writer.write_metadata(&metadata);
+            written.map_err(WriteError::mcap(path))?;
         }
         Ok(Self {
             writer,
@@ -106,11 +112,7 @@ impl McapWriter {
             path: self.path().to_owned(),
             stamp,
         })?;
-        let path = &self.on_disk.0.path;
-        let error = |source| WriteError::Mcap {
-            path: path.clone(),
-            source,
-        };
+        let error = WriteError::mcap(&self.on_disk.0.path);
         let (channel_id, sequence) =
             channel(&mut self.writer, &mut self.channels, &stream.name, kind).map_err(error)?;
         let header = MessageHeader {
@@ -133,10 +135,8 @@ impl McapWriter {
     /// Closes the chunk and hands all of it to the system, which puts it on the disk in its own time, or as [`RecordingFile::sync`]
     /// demands.
     pub fn flush_to_os(&mut self) -> Result<(), WriteError> {
-        self.writer.flush().map_err(|source| WriteError::Mcap {
-            path: self.path().to_owned(),
-            source,
-        })
+        let flushed = self.writer.flush();
+        flushed.map_err(WriteError::mcap(self.path()))
     }
 
     /// The file, for another thread to sync.
@@ -161,13 +161,10 @@ impl McapWriter {
 
     /// Writes index and end mark.
     pub fn finish(mut self) -> Result<(), WriteError> {
-        let error = |source| WriteError::Mcap {
-            path: self.on_disk.0.path.clone(),
-            source,
-        };
-        self.writer.finish().map_err(error)?;
+        let finished = self.writer.finish();
+        finished.map_err(WriteError::mcap(self.path()))?;
         let written = self.writer.into_inner().into_inner();
-        written.map_err(|err| error(err.into_error().into()))?;
+        written.map_err(|error| self.on_disk.failed(error.into_error()))?;
         self.on_disk.sync()
     }
 }
@@ -189,10 +186,7 @@ impl RecordingFile {
     }
 
     fn failed(&self, why: io::Error) -> WriteError {
-        WriteError::Mcap {
-            path: self.0.path.clone(),
-            source: why.into(),
-        }
+        WriteError::mcap(&self.0.path)(why)
     }
 }
 

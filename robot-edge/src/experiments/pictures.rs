@@ -112,19 +112,9 @@ impl Picture {
 
 impl Drawing {
     fn write(&self, path: &Path) -> Result<(), ExportError> {
-        let file = File::create(path).map_err(|source| ExportError::Io {
-            path: path.to_owned(),
-            source,
-        })?;
-        self.encode(BufWriter::new(file)).map_err(|error| {
-            let path = path.to_owned();
-            match error {
-                EncodingError::IoError(source) => ExportError::Io { path, source },
-                source @ (EncodingError::Format(_)
-                | EncodingError::Parameter(_)
-                | EncodingError::LimitsExceeded) => ExportError::Png { path, source },
-            }
-        })
+        let file = File::create(path).map_err(ExportError::at(path))?;
+        self.encode(BufWriter::new(file))
+            .map_err(ExportError::at(path))
     }
 
     fn encode(&self, file: BufWriter<File>) -> Result<(), EncodingError> {

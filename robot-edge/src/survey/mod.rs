@@ -123,6 +123,11 @@ impl Survey {
         self.streams.get(usize::from(id.0))
     }
 
+    /// Name of a stream; empty if it is not known.
+    fn topic_name(&self, id: StreamId) -> &str {
+        self.stream(id).map_or("", |summary| &summary.stream.name)
+    }
+
     /// The odometry to map with: `nav_msgs/Odometry` is what REP-105 means by it; else the most frequent.
     pub fn best_odometry(&self) -> Option<&OdometrySurvey> {
         self.odometry.iter().max_by_key(|odometry| {

@@ -150,8 +150,7 @@ impl Survey {
 
     /// Topic or message name of a scan stream.
     pub fn name_of(&self, scan: &ScanSurvey) -> &str {
-        self.stream(scan.stream)
-            .map_or("", |summary| &summary.stream.name)
+        self.topic_name(scan.stream)
     }
 }
 

@@ -93,9 +93,7 @@ impl Survey {
     }
 
     fn write_scan(&self, f: &mut fmt::Formatter<'_>, scan: &ScanSurvey) -> fmt::Result {
-        let name = self
-            .stream(scan.stream)
-            .map_or("", |summary| &summary.stream.name);
+        let name = self.topic_name(scan.stream);
         let beams = match scan.beams {
             (fewest, most) if fewest == most => format!("{most} beams"),
             (fewest, most) => format!("{fewest} to {most} beams"),
@@ -133,10 +131,7 @@ impl Survey {
     }
 
     fn write_sensors_of_poses(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = |stream| {
-            self.stream(stream)
-                .map_or("", |summary| &*summary.stream.name)
-        };
+        let name = |stream| self.topic_name(stream);
         if !self.joints.is_empty() {
             writeln!(f, "\njoints")?;
         }
@@ -200,9 +195,7 @@ impl Survey {
         }
         writeln!(f, "\nframes")?;
         for odometry in &self.odometry {
-            let name = self
-                .stream(odometry.stream)
-                .map_or("", |summary| &summary.stream.name);
+            let name = self.topic_name(odometry.stream);
             writeln!(
                 f,
                 "  {name}: {} in {}, {} poses",
@@ -275,9 +268,7 @@ impl Survey {
                 backward,
                 ..
             } = scan.stamps;
-            let name = self
-                .stream(scan.stream)
-                .map_or("", |summary| &summary.stream.name);
+            let name = self.topic_name(scan.stream);
             if repeated + backward > 0 {
                 none = false;
                 writeln!(
@@ -304,22 +295,7 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         DropReason::BadStamp => "stamps that are not finite or out of range",
         DropReason::BadPose => "poses that are not finite or no rotation",
         DropReason::BadScan => "scans without beams, or with angles that are not finite",
-        DropReason::Late
-        | DropReason::WheelJump
-        | DropReason::NoFix
-        | DropReason::BadFix
-        | DropReason::GnssOutlier
-        | DropReason::PoseJump
-        | DropReason::NoPose
-        | DropReason::BeforeFirstPose
-        | DropReason::PoseGap
-        | DropReason::AfterLastPose
-        | DropReason::QueueFull
-        | DropReason::InvalidRange
-        | DropReason::OwnBody
-        | DropReason::Isolated
-        | DropReason::OutOfBounds
-        | DropReason::OutsideWindow => reason.as_str(),
+        _ => reason.as_str(),
     }
 }
 
@@ -438,10 +414,9 @@ impl Survey {
             return Ok(());
         };
         if sensors.len() > 1 {
-            let named = sensors.iter().map(|(name, stream)| {
-                let topic = self.stream(*stream).map_or("", |s| &*s.stream.name);
-                format!("{name} ({topic})")
-            });
+            let named = sensors
+                .iter()
+                .map(|(name, stream)| format!("{name} ({})", self.topic_name(*stream)));
             let named: Vec<_> = named.collect();
             writeln!(f, "  as {vehicle}, with {}", named.join(" and "))?;
         }
@@ -457,9 +432,8 @@ impl Survey {
     ) -> fmt::Result {
         let file = shell_quoted(&self.path.display().to_string());
         let topic = |stream| {
-            let named = self.stream(stream);
-            let name = named.map_or("", |summary| &summary.stream.name);
-            format!("--topic laser={}", shell_quoted(name))
+            let name = shell_quoted(self.topic_name(stream));
+            format!("--topic laser={name}")
         };
         let named = laser.map(|laser| format!(" {}", topic(laser)));
         let named = named.unwrap_or_default();

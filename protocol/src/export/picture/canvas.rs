@@ -19,6 +19,15 @@ pub(super) struct Rect {
 }
 
 impl Rect {
+    pub(super) const fn new(x: u32, y: u32, width: u32, height: u32) -> Self {
+        Self {
+            x,
+            y,
+            width,
+            height,
+        }
+    }
+
     pub(super) fn right(self) -> u32 {
         self.x + self.width
     }
@@ -29,12 +38,8 @@ impl Rect {
 
     /// The rectangle without a frame of one pixel.
     pub(super) fn inside(self) -> Self {
-        Self {
-            x: self.x + 1,
-            y: self.y + 1,
-            width: self.width.saturating_sub(2),
-            height: self.height.saturating_sub(2),
-        }
+        let (width, height) = (self.width.saturating_sub(2), self.height.saturating_sub(2));
+        Self::new(self.x + 1, self.y + 1, width, height)
     }
 }
 
@@ -70,15 +75,11 @@ impl Canvas {
         let right = rect.right().min(self.width);
         for y in rect.y..rect.bottom().min(self.height) {
             for x in rect.x..right {
-                self.put(x, y, color(x, y));
+                if let Some(pixel) = self.pixel(x, y) {
+                    pixel.copy_from_slice(&color(x, y));
+                }
             }
         }
-    }
-
-    /// Fills `rect` and draws a one-pixel line around its inside.
-    pub(super) fn fill_framed(&mut self, rect: Rect, color: [u8; 3], frame: [u8; 3]) {
-        self.fill(rect, frame);
-        self.fill(rect.inside(), color);
     }
 
     /// Blends `color` over a pixel with the given coverage, 0 … 1.
@@ -89,12 +90,6 @@ impl Canvas {
         for (channel, over) in pixel.iter_mut().zip(color) {
             let under = f32::from(*channel);
             *channel = (under + (f32::from(over) - under) * coverage.clamp(0.0, 1.0)).round() as u8;
-        }
-    }
-
-    fn put(&mut self, x: u32, y: u32, color: [u8; 3]) {
-        if let Some(pixel) = self.pixel(x, y) {
-            pixel.copy_from_slice(&color);
         }
     }
 

@@ -61,17 +61,7 @@ pub fn write_picture(
     caption: &Caption<'_>,
 ) -> Result<(), ExportError> {
     let canvas = draw(raster, palette, caption);
-    write_atomically(path, |writer| {
-        encode(writer, &canvas).map_err(|error| {
-            let path = path.to_owned();
-            if let png::EncodingError::IoError(source) = error {
-                ExportError::Io { path, source }
-            } else {
-                let source = error;
-                ExportError::Png { path, source }
-            }
-        })
-    })
+    write_atomically(path, |writer| Ok(encode(writer, &canvas)?))
 }
 
 fn encode(writer: &mut BufWriter<File>, canvas: &Canvas) -> Result<(), png::EncodingError> {
@@ -107,12 +97,12 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
         format!("{title} — {}", raster.layer().name())
     };
     let heading_height = 2 * LINE_HEIGHT + 18;
-    let ground = Rect {
-        x: MARGIN,
-        y: MARGIN + heading_height,
-        width: (map_width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN),
-        height: (map_height + 2 * MAP_PADDING).max(legend_size.1),
-    };
+    let ground = Rect::new(
+        MARGIN,
+        MARGIN + heading_height,
+        (map_width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN),
+        (map_height + 2 * MAP_PADDING).max(legend_size.1),
+    );
     let legend_x = ground.right() + MARGIN;
     let heading_width = text_renderer.width(&heading, TITLE_PX);
     let page_width = (legend_x + legend_size.0).max(MARGIN + heading_width) + MARGIN;
@@ -141,18 +131,21 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     let map_y = ground.y + (ground.height - map_height) / 2;
     magnification.draw(&mut canvas, (map_x, map_y), raster, palette);
     if let Some(cell) = vehicle {
-        magnification.mark(&mut canvas, (map_x, map_y), raster, cell, VEHICLE_COLOR);
+        let (x, y) = magnification.pixel_of(raster, cell);
+        let side_px = magnification.pixels_per_cell as u32;
+        let square = Rect::new(map_x + x, map_y + y, side_px, side_px);
+        canvas.fill(square, VEHICLE_COLOR);
     }
     for label in caption.labels {
         if let Some(cell) = raster.cell_of(label.at_m[0], label.at_m[1]) {
             let (x, y) = magnification.pixel_of(raster, cell);
             let (width, height) = (text_renderer.width(&label.text, TEXT_PX), TEXT_PX as u32);
-            let plate = Rect {
-                x: (map_x + x).saturating_sub(width / 2 + 2),
-                y: (map_y + y).saturating_sub(height / 2),
-                width: width + 4,
-                height: height + 2,
-            };
+            let plate = Rect::new(
+                (map_x + x).saturating_sub(width / 2 + 2),
+                (map_y + y).saturating_sub(height / 2),
+                width + 4,
+                height + 2,
+            );
             canvas.fill(plate, PAGE_COLOR);
             text_renderer.draw(
                 &mut canvas,
@@ -181,9 +174,9 @@ fn subtitle(raster: &Raster, magnification: &Magnification) -> String {
     let (width_m, height_m) = (x_max - x_min, y_max - y_min);
     let decimals = if width_m.min(height_m) < 10.0 { 2 } else { 1 };
     let size = format!("{width_m:.decimals$} × {height_m:.decimals$} m, cells of {cell_m} m");
-    match magnification.cells_per_pixel() {
-        None => size,
-        Some(cells) => format!("{size}, a pixel is {cells} × {cells} cells"),
+    match magnification.cells_per_pixel {
+        1 => size,
+        cells => format!("{size}, a pixel is {cells} × {cells} cells"),
     }
 }
 
@@ -193,65 +186,50 @@ const MAGNIFIED_SIDE_MAX: usize = 1000;
 const SIDE_MAX: usize = 4096;
 const FACTOR_MAX: usize = 24;
 
-/// Integer scale of a map.
+/// Integer scale of a map; one of the two is 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Magnification {
+struct Magnification {
     /// Edge of a cell, pixels.
-    PixelsPerCell(usize),
-    /// Edge of a pixel, cells, at least 2.
-    CellsPerPixel(usize),
+    pixels_per_cell: usize,
+    /// Edge of a pixel, cells.
+    cells_per_pixel: usize,
 }
 
 impl Magnification {
     fn of(raster: &Raster) -> Self {
         let side = raster.width().max(raster.height());
-        if side > SIDE_MAX {
-            Self::CellsPerPixel(side.div_ceil(SIDE_MAX))
-        } else {
-            Self::PixelsPerCell((MAGNIFIED_SIDE_MAX / side).clamp(1, FACTOR_MAX))
+        Self {
+            pixels_per_cell: (MAGNIFIED_SIDE_MAX / side).clamp(1, FACTOR_MAX),
+            cells_per_pixel: side.div_ceil(SIDE_MAX),
         }
     }
 
     /// Width and height of the map.
     fn pixels(self, raster: &Raster) -> (u32, u32) {
-        let pixels = |cells: usize| match self {
-            Self::PixelsPerCell(factor) => (cells * factor) as u32,
-            Self::CellsPerPixel(factor) => cells.div_ceil(factor) as u32,
-        };
-        (pixels(raster.width()), pixels(raster.height()))
+        let pixels = |cells: usize| cells.div_ceil(self.cells_per_pixel) * self.pixels_per_cell;
+        (
+            pixels(raster.width()) as u32,
+            pixels(raster.height()) as u32,
+        )
     }
 
     fn pixels_per_m(self, cell_m: f64) -> f64 {
-        match self {
-            Self::PixelsPerCell(factor) => factor as f64 / cell_m,
-            Self::CellsPerPixel(factor) => 1.0 / (factor as f64 * cell_m),
-        }
-    }
-
-    /// Edge of a pixel, cells, if more than one.
-    fn cells_per_pixel(self) -> Option<usize> {
-        match self {
-            Self::PixelsPerCell(_) => None,
-            Self::CellsPerPixel(factor) => Some(factor),
-        }
+        self.pixels_per_cell as f64 / (self.cells_per_pixel as f64 * cell_m)
     }
 
     /// Draws the map with its upper left corner at `at`, where its patterns start; up is greater y.
     fn draw(self, canvas: &mut Canvas, at: (u32, u32), raster: &Raster, palette: &Palette) {
-        let (cells, side_px) = match self {
-            Self::PixelsPerCell(factor) => (1, factor as u32),
-            Self::CellsPerPixel(factor) => (factor, 1),
-        };
+        let (cells, side_px) = (self.cells_per_pixel, self.pixels_per_cell as u32);
         let (mut row, mut highest) = (Vec::new(), Vec::new());
         for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
             highest_codes(raster, block_y, cells, &mut row, &mut highest);
             for (&code, column) in highest.iter().zip(0_u32..) {
-                let square = Rect {
-                    x: at.0 + column * side_px,
-                    y: at.1 + file_row * side_px,
-                    width: side_px,
-                    height: side_px,
-                };
+                let square = Rect::new(
+                    at.0 + column * side_px,
+                    at.1 + file_row * side_px,
+                    side_px,
+                    side_px,
+                );
                 if palette.pattern(code) == Pattern::Plain {
                     canvas.fill(square, over_background(palette.color(code)));
                 } else {
@@ -264,38 +242,11 @@ impl Magnification {
         }
     }
 
-    /// Draws one cell in `color`, (column, row from the bottom) of `raster`; `at` is the corner of
-    /// the map.
-    fn mark(
-        self,
-        canvas: &mut Canvas,
-        at: (u32, u32),
-        raster: &Raster,
-        cell: (usize, usize),
-        color: [u8; 3],
-    ) {
-        let (x, y) = self.pixel_of(raster, cell);
-        let side_px = match self {
-            Self::PixelsPerCell(factor) => factor as u32,
-            Self::CellsPerPixel(_) => 1,
-        };
-        let square = Rect {
-            x: at.0 + x,
-            y: at.1 + y,
-            width: side_px,
-            height: side_px,
-        };
-        canvas.fill(square, color);
-    }
-
     /// Upper left pixel of a cell, (column, row from the bottom) of `raster`, relative to the map.
     fn pixel_of(self, raster: &Raster, cell: (usize, usize)) -> (u32, u32) {
         let row = raster.height() - 1 - cell.1;
-        let (x, y) = match self {
-            Self::PixelsPerCell(factor) => (cell.0 * factor, row * factor),
-            Self::CellsPerPixel(factor) => (cell.0 / factor, row / factor),
-        };
-        (x as u32, y as u32)
+        let pixel = |cell| cell * self.pixels_per_cell / self.cells_per_pixel;
+        (pixel(cell.0) as u32, pixel(row) as u32)
     }
 }
 
@@ -339,19 +290,13 @@ const GAP: u32 = 12;
 /// Size that [`draw_legend`] needs.
 fn legend_size(text_renderer: &TextRenderer, legend: &Legend) -> (u32, u32) {
     let title = text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX);
-    let widths =
-        title
-            .iter()
-            .map(|line| text_renderer.width(line, TEXT_PX))
-            .chain(
-                legend
-                    .swatches
-                    .iter()
-                    .map(|swatch| SWATCH_SIDE + GAP + text_renderer.width(&swatch.label, TEXT_PX)),
-            )
-            .chain(legend.ramp.iter().flat_map(|ramp| &ramp.ticks).map(|tick| {
-                RAMP_WIDTH + TICK_LENGTH + 6 + text_renderer.width(&tick.label, TEXT_PX)
-            }));
+    let width_of = |text: &str| text_renderer.width(text, TEXT_PX);
+    let titles = title.iter().map(|line| width_of(line));
+    let swatches = legend.swatches.iter();
+    let swatches = swatches.map(|swatch| SWATCH_SIDE + GAP + width_of(&swatch.label));
+    let ticks = legend.ramp.iter().flat_map(|ramp| &ramp.ticks);
+    let ticks = ticks.map(|tick| RAMP_WIDTH + TICK_LENGTH + 6 + width_of(&tick.label));
+    let width = titles.chain(swatches).chain(ticks).max().unwrap_or(0);
     let ramp_height = if legend.ramp.is_some() {
         RAMP_HEIGHT + LINE_HEIGHT + GAP
     } else {
@@ -361,7 +306,7 @@ fn legend_size(text_renderer: &TextRenderer, legend: &Legend) -> (u32, u32) {
         + GAP
         + ramp_height
         + legend.swatches.len() as u32 * SWATCH_PITCH;
-    (widths.max().unwrap_or(0), height)
+    (width, height)
 }
 
 /// Draws the legend with its upper left corner at `at`.
@@ -379,12 +324,7 @@ fn draw_legend(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32)
         y += RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP;
     }
     for swatch in &legend.swatches {
-        let square = Rect {
-            x,
-            y,
-            width: SWATCH_SIDE,
-            height: SWATCH_SIDE,
-        };
+        let square = Rect::new(x, y, SWATCH_SIDE, SWATCH_SIDE);
         canvas.fill(square, FAINT_TEXT_COLOR);
         canvas.fill_with(square.inside(), |x, y| {
             let [x, y] = [x - square.x, y - square.y].map(|pixel| pixel as usize);
@@ -398,34 +338,19 @@ fn draw_legend(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32)
 
 fn draw_ramp(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), ramp: &Ramp) {
     let (x, y) = at;
-    let bar = Rect {
-        x,
-        y,
-        width: RAMP_WIDTH,
-        height: RAMP_HEIGHT,
-    };
-    canvas.fill_framed(bar, FAINT_TEXT_COLOR, FAINT_TEXT_COLOR);
+    let bar = Rect::new(x, y, RAMP_WIDTH, RAMP_HEIGHT);
+    canvas.fill(bar, FAINT_TEXT_COLOR);
     let span = ramp.high - ramp.low;
     for row in 1..RAMP_HEIGHT - 1 {
         let part = 1.0 - (row as f32 - 0.5) / (RAMP_HEIGHT - 2) as f32;
         let [red, green, blue, _] = ramp.color(ramp.low + span * part);
-        let line = Rect {
-            x: x + 1,
-            y: y + row,
-            width: RAMP_WIDTH - 2,
-            height: 1,
-        };
+        let line = Rect::new(x + 1, y + row, RAMP_WIDTH - 2, 1);
         canvas.fill(line, [red, green, blue]);
     }
     for tick in &ramp.ticks {
         let part = (tick.value - ramp.low) / span;
         let tick_y = y + ((1.0 - part) * (RAMP_HEIGHT - 1) as f32).round() as u32;
-        let mark = Rect {
-            x: bar.right(),
-            y: tick_y,
-            width: TICK_LENGTH,
-            height: 1,
-        };
+        let mark = Rect::new(bar.right(), tick_y, TICK_LENGTH, 1);
         canvas.fill(mark, FAINT_TEXT_COLOR);
         let label = (mark.right() + 6, tick_y.saturating_sub(LINE_HEIGHT / 2 - 2));
         text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &tick.label);
@@ -457,20 +382,15 @@ fn draw_scale_bar(
         .unwrap_or_else(|| round_length_m(fits_m));
     let (x, y) = (at.0, at.1 + BAR_TOP);
     let width = (length_m * pixels_per_m).round().max(1.0) as u32;
-    let bar = Rect {
-        x,
-        y,
-        width,
-        height: BAR_HEIGHT,
-    };
-    canvas.fill_framed(bar, TEXT_COLOR, TEXT_COLOR);
+    let bar = Rect::new(x, y, width, BAR_HEIGHT);
+    canvas.fill(bar, TEXT_COLOR);
     // The second half is white, so that the bar also shows half its length.
-    let half = Rect {
-        x: x + width / 2,
-        y: y + 1,
-        width: (width - width / 2).saturating_sub(1),
-        height: BAR_HEIGHT - 2,
-    };
+    let half = Rect::new(
+        x + width / 2,
+        y + 1,
+        (width - width / 2).saturating_sub(1),
+        BAR_HEIGHT - 2,
+    );
     canvas.fill(half, [255; 3]);
     let label = (bar.right() + 10, y.saturating_sub(6));
     text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &length_label(length_m));

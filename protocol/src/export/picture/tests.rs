@@ -1,5 +1,4 @@
 use super::*;
-use crate::export::picture::Magnification;
 use crate::export::tests::raster_of;
 use crate::layer::LayerId;
 
@@ -18,7 +17,7 @@ fn map_is_upright_and_coloured() {
     let palette = LayerId::Obstacle.default_palette();
     let canvas = draw(&raster, &palette, &Caption::default());
     let magnification = Magnification::of(&raster);
-    assert_eq!(magnification, Magnification::PixelsPerCell(24));
+    assert_eq!(magnification.pixels_per_cell, 24);
     let [red, green, blue, _] = palette.color(2);
     let obstacle: Vec<(u32, u32)> = (0..canvas.height())
         .flat_map(|y| (0..MARGIN + BACKGROUND_SIDE_MIN).map(move |x| (x, y)))
@@ -44,7 +43,7 @@ fn huge_maps_are_reduced_and_keep_their_walls() {
     let raster = raster_of(LayerId::Occupancy, 0.1, 9000, 20, |x, _| {
         if x == 4501 { 246 } else { 6 }
     });
-    assert_eq!(Magnification::of(&raster), Magnification::CellsPerPixel(3));
+    assert_eq!(Magnification::of(&raster).cells_per_pixel, 3);
     let palette = LayerId::Occupancy.default_palette();
     let canvas = draw(&raster, &palette, &Caption::default());
     assert!(canvas.width() < 3000 + 400, "{}", canvas.width());

@@ -51,10 +51,7 @@ struct LogStream {
 impl CarmenReader {
     /// Opens the log at `path`.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
-        let io_error = |source| RecordingError::Io {
-            path: path.to_owned(),
-            source,
-        };
+        let io_error = RecordingError::io(path);
         let file = File::open(path).map_err(io_error)?;
         let bytes_total = file.metadata().map_err(io_error)?.len();
         Ok(Self {
@@ -153,14 +150,10 @@ impl CarmenReader {
 impl RecordingReader for CarmenReader {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
         loop {
-            let end = self
-                .lines
-                .next_line()
-                .map_err(|source| RecordingError::Io {
-                    path: self.path.clone(),
-                    source,
-                })?;
-            let Some(end) = end else { return Ok(None) };
+            let end = self.lines.next_line();
+            let Some(end) = end.map_err(RecordingError::io(&self.path))? else {
+                return Ok(None);
+            };
             if let Some(measurement) = self.read_line(end) {
                 return Ok(Some(measurement));
             }

@@ -9,18 +9,18 @@ mod record;
 pub mod recover;
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io;
 use std::path::{Path, PathBuf};
 
-use framing::{Frame, Framing, MAGIC, open_checked};
+use framing::{MAGIC, McapRecords, Piece, malformed};
+use mcap::records::Channel;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream, StreamId};
+use measurement::{Measurement, Stream};
 use record::{Malformed, op};
 
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary, ros};
-use crate::messages::{MAX_STREAMS, Messages, Reading};
+use crate::messages::{MAX_STREAMS, Messages, Reading, SelectedStream};
 use crate::ros::{Encoding, MessageType};
 
 /// Name of the metadata record that Foreshore writes, and the key in it that names the vehicle.
@@ -31,121 +31,97 @@ pub(super) const VEHICLE_KEY: &str = "vehicle";
 #[derive(Debug)]
 pub struct McapReader {
     path: PathBuf,
-    framing: Framing,
-    selection: Selection,
-    schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, Channel>,
-    messages: Messages,
-    vehicle: Option<String>,
-    chunk: Vec<u8>,
-    data_has_ended: bool,
+    records: McapRecords,
+    contents: Contents,
     is_finished: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Channel {
-    stream: StreamId,
-    /// How its messages are read; `None` if they are only counted.
-    reading: Option<Reading>,
+/// Schemas, channels and messages so far.
+#[derive(Debug, Default)]
+struct Contents {
+    selection: Selection,
+    schemas: BTreeMap<u16, String>,
+    channels: BTreeMap<u16, SelectedStream>,
+    messages: Messages,
+    vehicle: Option<String>,
+    data_has_ended: bool,
 }
 
 impl McapReader {
     /// Opens the file at `path`.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
-        let io_error = |source| RecordingError::Io {
-            path: path.to_owned(),
-            source,
-        };
-        let mut file = open_checked(path)?;
-        let summary = read_summary(&mut file).map_err(io_error)?;
-        let framing = Framing::new(file).map_err(io_error)?;
-        let mut reader = Self {
-            path: path.to_owned(),
-            framing,
+        let mut records = McapRecords::open(path)?;
+        let summary = read_summary(&mut records).map_err(RecordingError::io(path))?;
+        let mut contents = Contents {
             selection,
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            messages: Messages::default(),
-            vehicle: None,
-            chunk: Vec::new(),
-            data_has_ended: false,
-            is_finished: false,
+            ..Contents::default()
         };
-        for (opcode, body) in summary_definitions(&summary) {
-            // A malformed definition is read again in the data section.
-            reader.take_record(opcode, body).unwrap_or_default();
+        for (opcode, body) in record::any_records(&summary) {
+            if matches!(opcode, op::SCHEMA | op::CHANNEL) {
+                // A malformed definition is read again in the data section.
+                contents.take_record(opcode, body).unwrap_or_default();
+            }
         }
-        Ok(reader)
+        Ok(Self {
+            path: path.to_owned(),
+            records,
+            contents,
+            is_finished: false,
+        })
     }
 
-    /// Reads on by one outer record; `false` at the end.
-    fn step(&mut self) -> Result<bool, RecordingError> {
-        let frame = self
-            .framing
-            .next_frame()
-            .map_err(|source| self.io_error(source))?;
-        match frame {
-            Some(Frame::Record {
+    /// Reads on by one record or what is lost in its place; `false` at the end.
+    fn step(&mut self) -> io::Result<bool> {
+        let contents = &mut self.contents;
+        match self.records.next()? {
+            Some(Piece::Record {
                 opcode: op::FOOTER, ..
             }) => {
-                let is_whole = self
-                    .framing
-                    .ends_with_magic()
-                    .map_err(|source| self.io_error(source))?;
-                if !is_whole {
-                    self.count_lost_end();
+                if !self.records.ends_with_magic()? {
+                    contents.count_lost_end();
                 }
                 return Ok(false);
             }
-            Some(Frame::Record {
+            Some(Piece::Record {
                 opcode: op::DATA_END,
+                body,
                 ..
-            }) => self.check_data_section(),
-            Some(Frame::Record {
-                opcode: op::STATISTICS,
-                ..
-            }) => self.check_statistics(),
-            Some(Frame::Record { opcode, offset }) => {
-                if self.data_has_ended && matches!(opcode, op::CHUNK | op::MESSAGE) {
-                    self.messages.losses_mut().add(DropReason::Damaged, || {
+            }) => {
+                let expected = record::data_section_crc(body).unwrap_or(0);
+                contents.check_data_section(expected, self.records.data_crc());
+            }
+            Some(Piece::Record {
+                opcode,
+                offset,
+                is_in_chunk,
+                body,
+            }) => {
+                let is_data = matches!(opcode, op::CHUNK | op::MESSAGE) && !is_in_chunk;
+                if is_data && contents.data_has_ended {
+                    contents.count_damage(|| {
                         format!("byte {offset}: there is data behind the end of the data")
                     });
                 }
-                if opcode == op::CHUNK {
-                    self.take_chunk(offset);
-                } else {
-                    self.take_outer_record(opcode, offset);
+                if let Err(Malformed) = contents.take_record(opcode, body) {
+                    contents.count_damage(|| malformed(offset));
                 }
             }
-            Some(Frame::Damaged { offset, bytes }) => {
-                self.messages.losses_mut().add(DropReason::Damaged, || {
-                    format!(
-                        "byte {offset}: {bytes} bytes are no records; reading went on behind them"
-                    )
-                });
-            }
-            Some(Frame::CutOff { offset }) => {
-                self.messages.losses_mut().add(DropReason::CutOff, || {
-                    format!("byte {offset}: the file ends in the middle of a record")
-                });
-                return Ok(false);
+            Some(Piece::Loss { reason, note }) => {
+                contents.messages.losses_mut().add(reason, || note);
+                return Ok(reason != DropReason::CutOff);
             }
             None => {
-                self.count_lost_end();
+                contents.count_lost_end();
                 return Ok(false);
             }
         }
         Ok(true)
     }
+}
 
-    fn take_outer_record(&mut self, opcode: u8, offset: u64) {
-        let body = std::mem::take(self.framing.body_mut());
-        if self.take_record(opcode, &body).is_err() {
-            self.messages
-                .losses_mut()
-                .add(DropReason::Damaged, || malformed(offset));
-        }
-        *self.framing.body_mut() = body;
+impl Contents {
+    fn count_damage(&mut self, note: impl FnOnce() -> String) {
+        self.messages.losses_mut().add(DropReason::Damaged, note);
     }
 
     fn count_lost_end(&mut self) {
@@ -159,124 +135,68 @@ impl McapReader {
         });
     }
 
-    fn io_error(&self, source: std::io::Error) -> RecordingError {
-        RecordingError::Io {
-            path: self.path.clone(),
-            source,
-        }
-    }
-
-    fn take_chunk(&mut self, offset: u64) {
-        let body = std::mem::take(self.framing.body_mut());
-        let mut records = std::mem::take(&mut self.chunk);
-        let unpacked = record::Chunk::parse(&body)
-            .map_err(|Malformed| malformed(offset))
-            .and_then(|chunk| {
-                record::unpack(&chunk, &mut records)
-                    .map_err(|err| format!("byte {offset}: a chunk is lost: {err}"))
-            });
-        match unpacked {
-            Ok(()) => {
-                for record in record::records(&records) {
-                    let taken = record.and_then(|(opcode, body)| self.take_record(opcode, body));
-                    if taken.is_err() {
-                        self.messages
-                            .losses_mut()
-                            .add(DropReason::Damaged, || malformed(offset));
-                    }
-                }
-            }
-            Err(note) => self.messages.losses_mut().add(DropReason::Damaged, || note),
-        }
-        *self.framing.body_mut() = body;
-        self.chunk = records;
-    }
-
     fn take_record(&mut self, opcode: u8, body: &[u8]) -> Result<(), Malformed> {
         match opcode {
             op::SCHEMA => {
-                let schema = record::Schema::parse(body)?;
+                let (schema, _) = record::schema(body)?;
                 if self.schemas.len() < MAX_STREAMS {
-                    self.schemas.insert(schema.id, schema.name.to_owned());
+                    self.schemas.insert(schema.id, schema.name);
                 }
-                Ok(())
             }
-            op::CHANNEL => self.take_channel(&record::Channel::parse(body)?),
-            op::MESSAGE => self.take_message(&record::Message::parse(body)?),
+            op::CHANNEL => return self.take_channel(record::channel(body)?),
+            op::MESSAGE => {
+                let (header, data) = record::message(body)?;
+                let channel = self.channels.get(&header.channel_id).ok_or(Malformed)?;
+                let log_time = i64::try_from(header.log_time).unwrap_or(i64::MAX);
+                let log_time = Some(RobotTime::from_nanos(log_time));
+                self.messages
+                    .take(channel.stream, channel.reading, log_time, data);
+            }
             op::METADATA => {
-                let metadata = record::Metadata::parse(body)?;
+                let mut metadata = record::metadata(body)?;
                 if metadata.name == METADATA_NAME {
-                    self.vehicle = metadata
-                        .entries
-                        .get(VEHICLE_KEY)
-                        .map(|&name| name.to_owned());
+                    self.vehicle = metadata.metadata.remove(VEHICLE_KEY);
                 }
-                Ok(())
             }
-            _ => Ok(()),
+            op::STATISTICS => self.check_statistics(body),
+            _ => {}
         }
+        Ok(())
     }
 
-    fn take_channel(&mut self, channel: &record::Channel<'_>) -> Result<(), Malformed> {
+    fn take_channel(&mut self, channel: Channel) -> Result<(), Malformed> {
         if self.channels.contains_key(&channel.id) || self.channels.len() >= MAX_STREAMS {
             return Ok(());
         }
-        let type_name = self
-            .schemas
-            .get(&channel.schema_id)
-            .map_or("", String::as_str);
-        let encoding = match channel.message_encoding {
+        let schema = self.schemas.get(&channel.schema_id);
+        let type_name = schema.map_or("", String::as_str);
+        let encoding = match channel.message_encoding.as_str() {
             "cdr" => Some(Encoding::Cdr),
             "ros1" => Some(Encoding::Ros1),
             _ => None,
         };
-        let reading =
-            MessageType::from_type_name(type_name)
-                .zip(encoding)
-                .map(|(kind, encoding)| Reading {
-                    kind,
-                    encoding,
-                    is_static: channel.topic.ends_with("tf_static"),
-                });
+        let kind = MessageType::from_type_name(type_name);
+        let reading = kind.zip(encoding).map(|(kind, encoding)| Reading {
+            kind,
+            encoding,
+            is_static: channel.topic.ends_with("tf_static"),
+        });
         let stream = Stream {
-            name: channel.topic.to_owned(),
+            name: channel.topic,
             type_name: ros::ros1_type_name(type_name),
         };
         // Merged files and restarted drivers have several channels of one topic.
-        let id = self
-            .messages
-            .stream(&stream, reading.is_some())
-            .ok_or(Malformed)?;
-        let reading = reading.filter(|_| self.selection.contains(channel.topic));
-        self.channels.insert(
-            channel.id,
-            Channel {
-                stream: id,
-                reading,
-            },
-        );
-        Ok(())
-    }
-
-    fn take_message(&mut self, message: &record::Message<'_>) -> Result<(), Malformed> {
-        let &Channel { stream, reading } =
-            self.channels.get(&message.channel_id).ok_or(Malformed)?;
-        let log_time = RobotTime::from_nanos(i64::try_from(message.log_time).unwrap_or(i64::MAX));
-        self.messages
-            .take(stream, reading, Some(log_time), message.data);
+        let selected = self.messages.select(&stream, reading, &self.selection);
+        self.channels.insert(channel.id, selected.ok_or(Malformed)?);
         Ok(())
     }
 
     /// At the end of the data: was something changed that nothing else showed?
-    fn check_data_section(&mut self) {
+    fn check_data_section(&mut self, expected: u32, found: Option<u32>) {
         self.data_has_ended = true;
-        let expected = record::data_section_crc(self.framing.body()).unwrap_or(0);
-        if let Some(found) = self.framing.crc_before_last_record()
-            && expected != 0
-            && found != expected
-            && self.messages.loss_counts().total() == 0
-        {
-            self.messages.losses_mut().add(DropReason::Damaged, || {
+        let is_changed = expected != 0 && found.is_some_and(|found| found != expected);
+        if is_changed && self.messages.loss_counts().total() == 0 {
+            self.count_damage(|| {
                 "the checksum of the data section does not fit: something outside of its chunks was changed"
                     .to_owned()
             });
@@ -284,55 +204,48 @@ impl McapReader {
     }
 
     /// The writer's own count shows what was lost without a trace.
-    fn check_statistics(&mut self) {
-        let read: u64 = self
-            .messages
-            .streams()
-            .iter()
-            .map(|summary| summary.messages)
-            .sum();
-        match record::message_count(self.framing.body()) {
-            Ok(written) if read < written && self.messages.loss_counts().total() == 0 => {
-                self.messages.losses_mut().add(DropReason::Damaged, || {
-                    format!("{read} messages were read of the {written} that were written")
-                });
-            }
-            Ok(_) | Err(Malformed) => {}
+    fn check_statistics(&mut self, body: &[u8]) {
+        let streams = self.messages.streams().iter();
+        let read: u64 = streams.map(|summary| summary.messages).sum();
+        if let Ok(written) = record::message_count(body)
+            && read < written
+            && self.messages.loss_counts().total() == 0
+        {
+            self.count_damage(|| {
+                format!("{read} messages were read of the {written} that were written")
+            });
         }
     }
-}
-
-fn malformed(offset: u64) -> String {
-    format!("byte {offset}: a record does not hold its fields")
 }
 
 impl RecordingReader for McapReader {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
         loop {
-            if let Some(measurement) = self.messages.pop() {
+            if let Some(measurement) = self.contents.messages.pop() {
                 return Ok(Some(measurement));
             }
             if self.is_finished {
                 return Ok(None);
             }
-            self.is_finished = !self.step()?;
+            let step = self.step();
+            self.is_finished = !step.map_err(RecordingError::io(&self.path))?;
         }
     }
 
     fn streams(&self) -> &[StreamSummary] {
-        self.messages.streams()
+        self.contents.messages.streams()
     }
 
     fn losses(&self) -> &DropCounts {
-        self.messages.loss_counts()
+        self.contents.messages.loss_counts()
     }
 
     fn loss_notes(&self) -> &[String] {
-        self.messages.losses().notes()
+        self.contents.messages.losses().notes()
     }
 
     fn position(&self) -> Position {
-        let (bytes_read, bytes_total) = self.framing.position();
+        let (bytes_read, bytes_total) = self.records.position();
         Position {
             bytes_read,
             bytes_total,
@@ -340,7 +253,7 @@ impl RecordingReader for McapReader {
     }
 
     fn vehicle(&self) -> Option<&str> {
-        self.vehicle.as_deref()
+        self.contents.vehicle.as_deref()
     }
 }
 
@@ -350,15 +263,14 @@ const MAX_SUMMARY_BYTES: u64 = 16 << 20;
 /// Opcode, length and body of the footer, and the end mark.
 const END_BYTES: u64 = 9 + 20 + MAGIC.len() as u64;
 
-/// The summary section of `file`; empty where it has none, or not a whole one.
-fn read_summary(file: &mut File) -> io::Result<Vec<u8>> {
-    let length = file.metadata()?.len();
+/// The summary section; empty where the file has none, or not a whole one.
+fn read_summary(records: &mut McapRecords) -> io::Result<Vec<u8>> {
+    let (_, length) = records.position();
     let Some(footer_at) = length.checked_sub(END_BYTES) else {
         return Ok(Vec::new());
     };
-    file.seek(SeekFrom::Start(footer_at))?;
     let mut end = [0; END_BYTES as usize];
-    file.read_exact(&mut end)?;
+    records.read_at(footer_at, &mut end)?;
     let [opcode, footer @ ..] = end;
     let start = footer
         .get(8..16)
@@ -368,15 +280,9 @@ fn read_summary(file: &mut File) -> io::Result<Vec<u8>> {
     if !is_whole || start == 0 || start > footer_at || footer_at - start > MAX_SUMMARY_BYTES {
         return Ok(Vec::new());
     }
-    file.seek(SeekFrom::Start(start))?;
     let mut summary = vec![0; (footer_at - start) as usize];
-    file.read_exact(&mut summary)?;
+    records.read_at(start, &mut summary)?;
     Ok(summary)
-}
-
-/// The schemas and channels in a summary, opcode and body, in file order.
-fn summary_definitions(summary: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
-    record::any_records(summary).filter(|(opcode, _)| matches!(*opcode, op::SCHEMA | op::CHANNEL))
 }
 
 #[cfg(test)]

@@ -1,42 +1,35 @@
 //! The records of an MCAP file that carry data (MCAP specification, "Records"): bytes to meaning.
 //!
-//! Every length is checked against the bytes that are there before anything is allocated.
+//! Every length is checked against the bytes that are there before anything is allocated; the crate's
+//! `parse_record` reserves up to 4 GiB on the claim of one string.
 
 use std::collections::BTreeMap;
 use std::io::Read;
 
-pub(super) mod op {
-    pub(crate) const HEADER: u8 = 0x01;
-    pub(crate) const FOOTER: u8 = 0x02;
-    pub(crate) const SCHEMA: u8 = 0x03;
-    pub(crate) const CHANNEL: u8 = 0x04;
-    pub(crate) const MESSAGE: u8 = 0x05;
-    pub(crate) const CHUNK: u8 = 0x06;
-    pub(crate) const STATISTICS: u8 = 0x0B;
-    pub(crate) const METADATA: u8 = 0x0C;
-    pub(crate) const DATA_END: u8 = 0x0F;
-    /// Opcodes from here on are private to the writer.
-    pub(crate) const PRIVATE: u8 = 0x80;
-}
+use mcap::records::{Channel, ChunkHeader, MessageHeader, Metadata, SchemaHeader};
+
+pub(super) use mcap::records::op;
+
+/// Opcodes from here on are private to the writer.
+pub(super) const PRIVATE_OPCODES: u8 = 0x80;
 
 /// Fewest bytes that a record of this opcode has; `None` for opcodes that the specification leaves free.
 pub(super) const fn least_length(opcode: u8) -> Option<u64> {
     Some(match opcode {
+        op::DATA_END => 4,
+        op::MESSAGE_INDEX => 6,
         op::HEADER | op::METADATA => 8,
-        op::FOOTER => 20,
         op::SCHEMA => 14,
         op::CHANNEL => 16,
+        op::SUMMARY_OFFSET => 17,
+        op::FOOTER | op::METADATA_INDEX => 20,
         op::MESSAGE => 22,
-        0x07 => 6,              // message index
-        0x08 => 64,             // chunk index
-        op::CHUNK | 0x09 => 40, // chunk, attachment
-        0x0A => 48,             // attachment index
-        0x0B => 46,             // statistics
-        0x0D => 20,             // metadata index
-        0x0E => 17,             // summary offset
-        op::DATA_END => 4,
-        op::PRIVATE.. => 0,
-        0 | 0x10..op::PRIVATE => return None,
+        op::CHUNK | op::ATTACHMENT => 40,
+        op::STATISTICS => 46,
+        op::ATTACHMENT_INDEX => 48,
+        op::CHUNK_INDEX => 64,
+        PRIVATE_OPCODES.. => 0,
+        0 | 0x10..PRIVATE_OPCODES => return None,
     })
 }
 
@@ -44,116 +37,63 @@ pub(super) const fn least_length(opcode: u8) -> Option<u64> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Malformed;
 
-/// `Schema`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Schema<'a> {
-    pub(super) id: u16,
-    pub(super) name: &'a str,
-    pub(super) encoding: &'a str,
-    pub(super) definition: &'a [u8],
+/// A schema and its definition.
+pub(super) fn schema(body: &[u8]) -> Result<(SchemaHeader, &[u8]), Malformed> {
+    let mut fields = Fields(body);
+    let header = SchemaHeader {
+        id: fields.u16()?,
+        name: fields.string()?,
+        encoding: fields.string()?,
+    };
+    let length = fields.u32()? as usize;
+    Ok((header, fields.take(length)?))
 }
 
-/// `Channel`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Channel<'a> {
-    pub(super) id: u16,
-    pub(super) schema_id: u16,
-    pub(super) topic: &'a str,
-    pub(super) message_encoding: &'a str,
-    pub(super) metadata: BTreeMap<&'a str, &'a str>,
+pub(super) fn channel(body: &[u8]) -> Result<Channel, Malformed> {
+    let mut fields = Fields(body);
+    Ok(Channel {
+        id: fields.u16()?,
+        schema_id: fields.u16()?,
+        topic: fields.string()?,
+        message_encoding: fields.string()?,
+        metadata: fields.map()?,
+    })
 }
 
-/// `Metadata`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Metadata<'a> {
-    pub(super) name: &'a str,
-    pub(super) entries: BTreeMap<&'a str, &'a str>,
+pub(super) fn metadata(body: &[u8]) -> Result<Metadata, Malformed> {
+    let mut fields = Fields(body);
+    Ok(Metadata {
+        name: fields.string()?,
+        metadata: fields.map()?,
+    })
 }
 
-/// `Message`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Message<'a> {
-    pub(super) channel_id: u16,
-    pub(super) sequence: u32,
-    pub(super) log_time: u64,
-    pub(super) publish_time: u64,
-    pub(super) data: &'a [u8],
+/// A message and its data.
+pub(super) fn message(body: &[u8]) -> Result<(MessageHeader, &[u8]), Malformed> {
+    let mut fields = Fields(body);
+    let header = MessageHeader {
+        channel_id: fields.u16()?,
+        sequence: fields.u32()?,
+        log_time: fields.u64()?,
+        publish_time: fields.u64()?,
+    };
+    Ok((header, fields.0))
 }
 
-/// `Chunk`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Chunk<'a> {
-    pub(super) uncompressed_size: u64,
-    pub(super) uncompressed_crc: u32,
-    pub(super) compression: &'a str,
-    pub(super) records: &'a [u8],
-}
-
-impl<'a> Schema<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
-        let mut fields = Fields(body);
-        Ok(Self {
-            id: fields.u16()?,
-            name: fields.string()?,
-            encoding: fields.string()?,
-            definition: {
-                let length = fields.u32()? as usize;
-                fields.take(length)?
-            },
-        })
-    }
-}
-
-impl<'a> Channel<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
-        let mut fields = Fields(body);
-        Ok(Self {
-            id: fields.u16()?,
-            schema_id: fields.u16()?,
-            topic: fields.string()?,
-            message_encoding: fields.string()?,
-            metadata: fields.map()?,
-        })
-    }
-}
-
-impl<'a> Metadata<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
-        let mut fields = Fields(body);
-        Ok(Self {
-            name: fields.string()?,
-            entries: fields.map()?,
-        })
-    }
-}
-
-impl<'a> Message<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
-        let mut fields = Fields(body);
-        Ok(Self {
-            channel_id: fields.u16()?,
-            sequence: fields.u32()?,
-            log_time: fields.u64()?,
-            publish_time: fields.u64()?,
-            data: fields.0,
-        })
-    }
-}
-
-impl<'a> Chunk<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, Malformed> {
-        let mut fields = Fields(body);
-        let (_start, _end) = (fields.u64()?, fields.u64()?);
-        Ok(Self {
-            uncompressed_size: fields.u64()?,
-            uncompressed_crc: fields.u32()?,
-            compression: fields.string()?,
-            records: {
-                let length = fields.u64()?;
-                fields.take(usize::try_from(length).ok().ok_or(Malformed)?)?
-            },
-        })
-    }
+/// A chunk and its compressed records.
+pub(super) fn chunk(body: &[u8]) -> Result<(ChunkHeader, &[u8]), Malformed> {
+    let mut fields = Fields(body);
+    let header = ChunkHeader {
+        message_start_time: fields.u64()?,
+        message_end_time: fields.u64()?,
+        uncompressed_size: fields.u64()?,
+        uncompressed_crc: fields.u32()?,
+        compression: fields.string()?,
+        compressed_size: fields.u64()?,
+    };
+    let length = usize::try_from(header.compressed_size).ok();
+    let records = fields.take(length.ok_or(Malformed)?)?;
+    Ok((header, records))
 }
 
 /// The first field of `Statistics`: messages in the file.
@@ -166,23 +106,6 @@ pub(super) fn data_section_crc(body: &[u8]) -> Result<u32, Malformed> {
     Fields(body).u32()
 }
 
-/// The records in a chunk: opcode and body; an error for each stretch of bytes that is none of them.
-pub(super) fn records(chunk: &[u8]) -> impl Iterator<Item = Result<(u8, &[u8]), Malformed>> {
-    let mut fields = Fields(chunk);
-    std::iter::from_fn(move || {
-        if fields.0.is_empty() {
-            return None;
-        }
-        let before = fields.0;
-        let record = fields.record();
-        if record.is_err() {
-            let next = (1..before.len()).find(|&at| is_run_of_records(&before[at..]));
-            fields.0 = next.map_or(&[], |at| &before[at..]);
-        }
-        Some(record)
-    })
-}
-
 /// Records of every kind, up to the first that is malformed.
 pub(super) fn any_records(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut fields = Fields(bytes);
@@ -191,13 +114,6 @@ pub(super) fn any_records(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
         let length = usize::try_from(fields.u64().ok()?).ok()?;
         Some((opcode, fields.take(length).ok()?))
     })
-}
-
-/// Whether records begin here: several in a row, or up to the end of the chunk.
-fn is_run_of_records(bytes: &[u8]) -> bool {
-    const RUN: usize = 3;
-    let mut fields = Fields(bytes);
-    (0..RUN).all(|_| fields.0.is_empty() || fields.record().is_ok())
 }
 
 struct Fields<'a>(&'a [u8]);
@@ -211,18 +127,6 @@ impl<'a> Fields<'a> {
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
         self.take(N)?.try_into().ok().ok_or(Malformed)
-    }
-
-    fn record(&mut self) -> Result<(u8, &'a [u8]), Malformed> {
-        let opcode = self.u8()?;
-        let length = self.u64()?;
-        // Nothing else is in a chunk (MCAP specification, "Chunk").
-        let is_allowed = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE);
-        if !is_allowed || least_length(opcode).is_none_or(|least| length < least) {
-            return Err(Malformed);
-        }
-        let length = usize::try_from(length).ok().ok_or(Malformed)?;
-        Ok((opcode, self.take(length)?))
     }
 
     fn u8(&mut self) -> Result<u8, Malformed> {
@@ -241,7 +145,7 @@ impl<'a> Fields<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    fn map(&mut self) -> Result<BTreeMap<&'a str, &'a str>, Malformed> {
+    fn map(&mut self) -> Result<BTreeMap<String, String>, Malformed> {
         let length = self.u32()? as usize;
         let mut entries = Fields(self.take(length)?);
         let mut map = BTreeMap::new();
@@ -251,14 +155,15 @@ impl<'a> Fields<'a> {
         Ok(map)
     }
 
-    fn string(&mut self) -> Result<&'a str, Malformed> {
+    fn string(&mut self) -> Result<String, Malformed> {
         let length = self.u32()? as usize;
-        str::from_utf8(self.take(length)?).ok().ok_or(Malformed)
+        let text = str::from_utf8(self.take(length)?);
+        text.map(str::to_owned).ok().ok_or(Malformed)
     }
 }
 
 /// Largest chunk, uncompressed. Writers make 768 KiB to some MiB; a claim beyond this is damage.
-pub(super) const MAX_CHUNK_BYTES: usize = 128 << 20;
+const MAX_CHUNK_BYTES: usize = 128 << 20;
 
 /// Why a chunk's records cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -275,43 +180,45 @@ pub(super) enum ChunkError {
     Checksum { found: u32, expected: u32 },
 }
 
-/// Puts the records of `chunk` into `records`, whose former content is lost.
-pub(super) fn unpack(chunk: &Chunk<'_>, records: &mut Vec<u8>) -> Result<(), ChunkError> {
-    if chunk.uncompressed_size > MAX_CHUNK_BYTES as u64 {
-        return Err(ChunkError::TooLarge(chunk.uncompressed_size));
+/// Puts the records of a chunk into `records`, whose former content is lost.
+pub(super) fn unpack(
+    header: &ChunkHeader,
+    compressed: &[u8],
+    records: &mut Vec<u8>,
+) -> Result<(), ChunkError> {
+    let expected = header.uncompressed_size;
+    if expected > MAX_CHUNK_BYTES as u64 {
+        return Err(ChunkError::TooLarge(expected));
     }
     records.clear();
     // One byte more than claimed, so that a claim too small is noticed; nothing is allocated on a claim.
-    let limit = chunk.uncompressed_size + 1;
-    match chunk.compression {
-        "" => {
-            records.extend(chunk.records);
-            records.len()
+    let limit = expected + 1;
+    match header.compression.as_str() {
+        // The size of uncompressed records is their length.
+        "" => records.extend(compressed),
+        "zstd" => {
+            zstd::Decoder::new(compressed)?
+                .take(limit)
+                .read_to_end(records)?;
         }
-        "zstd" => zstd::Decoder::new(chunk.records)?
-            .take(limit)
-            .read_to_end(records)?,
-        "lz4" => lz4_flex::frame::FrameDecoder::new(chunk.records)
-            .take(limit)
-            .read_to_end(records)?,
+        "lz4" => {
+            lz4_flex::frame::FrameDecoder::new(compressed)
+                .take(limit)
+                .read_to_end(records)?;
+        }
         other => {
-            return Err(ChunkError::UnknownCompression(
-                other.chars().take(40).collect(),
-            ));
+            let shortened = other.chars().take(40).collect();
+            return Err(ChunkError::UnknownCompression(shortened));
         }
-    };
-    // The size of uncompressed records is their length.
-    if !chunk.compression.is_empty() && records.len() as u64 != chunk.uncompressed_size {
-        let (found, expected) = (records.len(), chunk.uncompressed_size);
+    }
+    let found = records.len();
+    if !header.compression.is_empty() && found as u64 != expected {
         return Err(ChunkError::Length { found, expected });
     }
-    let found = crc32fast::hash(records);
+    let (found, expected) = (crc32fast::hash(records), header.uncompressed_crc);
     // 0 means that the writer did not compute it.
-    if chunk.uncompressed_crc != 0 && found != chunk.uncompressed_crc {
-        return Err(ChunkError::Checksum {
-            found,
-            expected: chunk.uncompressed_crc,
-        });
+    if expected != 0 && found != expected {
+        return Err(ChunkError::Checksum { found, expected });
     }
     Ok(())
 }
@@ -320,14 +227,21 @@ pub(super) fn unpack(chunk: &Chunk<'_>, records: &mut Vec<u8>) -> Result<(), Chu
 mod tests {
     use super::*;
 
-    fn chunk<'a>(compression: &'a str, size: u64, records: &'a [u8]) -> Chunk<'a> {
-        let uncompressed_crc = crc32fast::hash(b"hello hello hello");
-        Chunk {
-            uncompressed_size: size,
-            uncompressed_crc,
-            compression,
-            records,
-        }
+    fn unpacked(
+        compression: &str,
+        uncompressed_size: u64,
+        compressed: &[u8],
+        records: &mut Vec<u8>,
+    ) -> Result<(), ChunkError> {
+        let header = ChunkHeader {
+            message_start_time: 0,
+            message_end_time: 0,
+            uncompressed_size,
+            uncompressed_crc: crc32fast::hash(b"hello hello hello"),
+            compression: compression.to_owned(),
+            compressed_size: compressed.len() as u64,
+        };
+        unpack(&header, compressed, records)
     }
 
     #[test]
@@ -339,20 +253,20 @@ mod tests {
         let lz4 = lz4.finish().unwrap();
         let mut records = b"old".to_vec();
         for (name, bytes) in [("", &plain[..]), ("zstd", &zstd), ("lz4", &lz4)] {
-            unpack(&chunk(name, 17, bytes), &mut records).unwrap();
+            unpacked(name, 17, bytes, &mut records).unwrap();
             assert_eq!(records, plain, "{name}");
-            let short = unpack(&chunk(name, 16, bytes), &mut records);
+            let short = unpacked(name, 16, bytes, &mut records);
             let is_refused = matches!(short, Err(ChunkError::Length { found: 17, .. }));
             assert_eq!(is_refused, !name.is_empty(), "{name}: {short:?}");
         }
-        let flipped = unpack(&chunk("", 17, b"hello hallo hello"), &mut records);
+        let flipped = unpacked("", 17, b"hello hallo hello", &mut records);
         assert!(matches!(flipped, Err(ChunkError::Checksum { .. })));
         assert!(matches!(
-            unpack(&chunk("xz", 17, plain), &mut records),
+            unpacked("xz", 17, plain, &mut records),
             Err(ChunkError::UnknownCompression(_))
         ));
         assert!(matches!(
-            unpack(&chunk("", 1 << 40, plain), &mut records),
+            unpacked("", 1 << 40, plain, &mut records),
             Err(ChunkError::TooLarge(_))
         ));
     }
@@ -361,7 +275,7 @@ mod tests {
     fn a_bomb_stops_at_what_the_chunk_claims() {
         let bomb = zstd::encode_all(&vec![0; 50 << 20][..], 1).unwrap();
         let mut records = Vec::new();
-        assert!(unpack(&chunk("zstd", 1000, &bomb), &mut records).is_err());
+        assert!(unpacked("zstd", 1000, &bomb, &mut records).is_err());
         assert!(records.capacity() < 1 << 20, "{}", records.capacity());
     }
 }

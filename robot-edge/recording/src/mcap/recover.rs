@@ -6,9 +6,8 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use mcap::WriteOptions;
-use mcap::records::MessageHeader;
 
-use super::framing::{Frame, Framing, open_checked};
+use super::framing::{McapRecords, Piece, malformed};
 use super::record::{self, Malformed, op};
 use crate::RecordingError;
 use crate::messages::LossLog;
@@ -44,15 +43,12 @@ pub enum RecoverError {
 /// Copies what can be read of `damaged` to `saved`, which must not exist yet. Messages are copied byte by
 /// byte, whatever their types; `damaged` is not changed.
 pub fn recover(damaged: &Path, saved: &Path) -> Result<RecoverReport, RecoverError> {
-    let read_error = |source| RecordingError::Io {
-        path: damaged.to_owned(),
-        source,
-    };
+    let read_error = RecordingError::io(damaged);
     let write_error = |source| RecoverError::Write {
         path: saved.to_owned(),
         source,
     };
-    let mut framing = Framing::new(open_checked(damaged)?).map_err(read_error)?;
+    let mut records = McapRecords::open(damaged)?;
     let file = File::create_new(saved).map_err(|err| write_error(err.into()))?;
     let options = WriteOptions::new().profile("ros2").compression_threads(0);
     let writer = options.create(BufWriter::new(file)).map_err(write_error)?;
@@ -63,57 +59,32 @@ pub fn recover(damaged: &Path, saved: &Path) -> Result<RecoverReport, RecoverErr
         messages: 0,
     };
     let mut losses = LossLog::default();
-    let mut unpacked = Vec::new();
-
-    while let Some(frame) = framing.next_frame().map_err(read_error)? {
-        match frame {
-            Frame::Record {
+    while let Some(piece) = records.next().map_err(read_error)? {
+        match piece {
+            Piece::Record {
                 opcode: op::FOOTER, ..
             } => break,
-            Frame::Record {
-                opcode: op::CHUNK,
+            Piece::Record {
+                opcode,
                 offset,
-            } => {
-                let records = record::Chunk::parse(framing.body())
-                    .map_err(|Malformed| "its fields are damaged".to_owned())
-                    .and_then(|chunk| {
-                        record::unpack(&chunk, &mut unpacked).map_err(|err| err.to_string())
-                    });
-                if let Err(why) = records {
-                    losses.add(DropReason::Damaged, || {
-                        format!("byte {offset}: a chunk is lost: {why}")
-                    });
-                    continue;
-                }
-                for record in record::records(&unpacked) {
-                    copy.take(record, offset, &mut losses)
-                        .map_err(write_error)?;
-                }
-            }
-            Frame::Record { opcode, offset } => {
-                copy.take(Ok((opcode, framing.body())), offset, &mut losses)
-                    .map_err(write_error)?;
-            }
-            Frame::Damaged { offset, bytes } => losses.add(DropReason::Damaged, || {
-                format!("byte {offset}: {bytes} bytes are no records")
-            }),
-            Frame::CutOff { offset } => losses.add(DropReason::CutOff, || {
-                format!("byte {offset}: the file ends in the middle of a record")
-            }),
+                body,
+                ..
+            } => match copy.take(opcode, body) {
+                Ok(()) => {}
+                Err(CopyError::Malformed) => losses.add(DropReason::Damaged, || malformed(offset)),
+                Err(CopyError::Write(source)) => return Err(write_error(source)),
+            },
+            Piece::Loss { reason, note } => losses.add(reason, || note),
         }
     }
     copy.writer.finish().map_err(write_error)?;
-    let file = copy
-        .writer
-        .into_inner()
-        .into_inner()
-        .map_err(|err| write_error(err.into_error().into()))?;
+    let written = copy.writer.into_inner().into_inner();
+    let file = written.map_err(|err| write_error(err.into_error().into()))?;
     file.sync_data().map_err(|err| write_error(err.into()))?;
-    let (losses, notes) = (losses.counts().clone(), losses.notes().to_vec());
     Ok(RecoverReport {
         messages: copy.messages,
-        losses,
-        notes,
+        losses: losses.counts().clone(),
+        notes: losses.notes().to_vec(),
     })
 }
 
@@ -124,82 +95,57 @@ struct Copy {
     messages: u64,
 }
 
-impl Copy {
-    /// Writes one record; one that is malformed or lost its channel is counted.
-    fn take(
-        &mut self,
-        record: Result<(u8, &[u8]), Malformed>,
-        offset: u64,
-        losses: &mut LossLog,
-    ) -> Result<(), mcap::McapError> {
-        let written = match record {
-            Ok((op::SCHEMA, body)) => {
-                record::Schema::parse(body).map(|schema| self.schema(&schema))
-            }
-            Ok((op::CHANNEL, body)) => {
-                record::Channel::parse(body).map(|channel| self.channel(&channel))
-            }
-            Ok((op::MESSAGE, body)) => record::Message::parse(body).and_then(|message| {
-                let id = *self.channels.get(&message.channel_id).ok_or(Malformed)?;
-                Ok(self.message(id, &message))
-            }),
-            Ok((op::METADATA, body)) => {
-                record::Metadata::parse(body).map(|metadata| self.metadata(&metadata))
-            }
-            Ok(_) => Ok(Ok(())),
-            Err(Malformed) => Err(Malformed),
-        };
-        written.unwrap_or_else(|Malformed| {
-            losses.add(DropReason::Damaged, || super::malformed(offset));
-            Ok(())
-        })
-    }
+/// Why a record is not copied.
+enum CopyError {
+    /// It is malformed, or has lost its channel.
+    Malformed,
+    Write(mcap::McapError),
+}
 
-    fn schema(&mut self, schema: &record::Schema<'_>) -> Result<(), mcap::McapError> {
-        let id = self
-            .writer
-            .add_schema(schema.name, schema.encoding, schema.definition)?;
-        self.schemas.insert(schema.id, id);
-        Ok(())
-    }
-
-    fn channel(&mut self, channel: &record::Channel<'_>) -> Result<(), mcap::McapError> {
-        // Schema 0 means none; a channel whose schema is lost gets none.
-        let schema = self.schemas.get(&channel.schema_id).copied().unwrap_or(0);
-        let metadata = owned(&channel.metadata);
-        let id =
-            self.writer
-                .add_channel(schema, channel.topic, channel.message_encoding, &metadata)?;
-        self.channels.insert(channel.id, id);
-        Ok(())
-    }
-
-    fn message(
-        &mut self,
-        channel_id: u16,
-        message: &record::Message<'_>,
-    ) -> Result<(), mcap::McapError> {
-        let header = MessageHeader {
-            channel_id,
-            sequence: message.sequence,
-            log_time: message.log_time,
-            publish_time: message.publish_time,
-        };
-        self.messages += 1;
-        self.writer.write_to_known_channel(&header, message.data)
-    }
-
-    fn metadata(&mut self, metadata: &record::Metadata<'_>) -> Result<(), mcap::McapError> {
-        self.writer.write_metadata(&mcap::records::Metadata {
-            name: metadata.name.to_owned(),
-            metadata: owned(&metadata.entries),
-        })
+impl From<Malformed> for CopyError {
+    fn from(Malformed: Malformed) -> Self {
+        Self::Malformed
     }
 }
 
-fn owned(entries: &BTreeMap<&str, &str>) -> BTreeMap<String, String> {
-    entries
-        .iter()
-        .map(|(key, value)| ((*key).to_owned(), (*value).to_owned()))
-        .collect()
+impl From<mcap::McapError> for CopyError {
+    fn from(error: mcap::McapError) -> Self {
+        Self::Write(error)
+    }
+}
+
+impl Copy {
+    /// Writes one record.
+    fn take(&mut self, opcode: u8, body: &[u8]) -> Result<(), CopyError> {
+        match opcode {
+            op::SCHEMA => {
+                let (schema, definition) = record::schema(body)?;
+                let id = self
+                    .writer
+                    .add_schema(&schema.name, &schema.encoding, definition)?;
+                self.schemas.insert(schema.id, id);
+            }
+            op::CHANNEL => {
+                let channel = record::channel(body)?;
+                // Schema 0 means none; a channel whose schema is lost gets none.
+                let schema = self.schemas.get(&channel.schema_id).copied().unwrap_or(0);
+                let id = self.writer.add_channel(
+                    schema,
+                    &channel.topic,
+                    &channel.message_encoding,
+                    &channel.metadata,
+                )?;
+                self.channels.insert(channel.id, id);
+            }
+            op::MESSAGE => {
+                let (mut header, data) = record::message(body)?;
+                header.channel_id = *self.channels.get(&header.channel_id).ok_or(Malformed)?;
+                self.messages += 1;
+                self.writer.write_to_known_channel(&header, data)?;
+            }
+            op::METADATA => self.writer.write_metadata(&record::metadata(body)?)?,
+            _ => {}
+        }
+        Ok(())
+    }
 }

@@ -1,43 +1,32 @@
 use std::fs;
-use std::fs::File;
 
-use measurement::MeasurementData;
+use measurement::{MeasurementData, StreamId};
 use serde_json::Value;
 
 use super::*;
-use crate::mcap::framing::MAGIC;
 use crate::shared_data::shared_data;
 
 /// Every message of the file: channel, sequence, log time, publish time, data.
 fn messages(path: &Path) -> Vec<(u16, u32, u64, u64, Vec<u8>)> {
-    fn take(opcode: u8, body: &[u8], found: &mut Vec<(u16, u32, u64, u64, Vec<u8>)>) {
-        if opcode == op::MESSAGE {
-            let m = record::Message::parse(body).unwrap();
-            found.push((
-                m.channel_id,
-                m.sequence,
-                m.log_time,
-                m.publish_time,
-                m.data.to_vec(),
-            ));
-        }
-    }
-    let mut framing = Framing::new(File::open(path).unwrap()).unwrap();
-    let (mut found, mut chunk) = (Vec::new(), Vec::new());
-    while let Some(frame) = framing.next_frame().unwrap() {
-        let Frame::Record { opcode, .. } = frame else {
-            panic!("{}: {frame:?}", path.display())
+    let mut records = McapRecords::open(path).unwrap();
+    let mut found = Vec::new();
+    while let Some(piece) = records.next().unwrap() {
+        let Piece::Record { opcode, body, .. } = piece else {
+            panic!("{}: {piece:?}", path.display())
         };
         match opcode {
             op::DATA_END => break,
-            op::CHUNK => {
-                record::unpack(&record::Chunk::parse(framing.body()).unwrap(), &mut chunk).unwrap();
-                for record in record::records(&chunk) {
-                    let (opcode, body) = record.unwrap();
-                    take(opcode, body, &mut found);
-                }
+            op::MESSAGE => {
+                let (header, data) = record::message(body).unwrap();
+                found.push((
+                    header.channel_id,
+                    header.sequence,
+                    header.log_time,
+                    header.publish_time,
+                    data.to_vec(),
+                ));
             }
-            opcode => take(opcode, framing.body(), &mut found),
+            _ => {}
         }
     }
     found

@@ -58,38 +58,18 @@ pub fn twist_keys(domain: u32, topic: &str) -> [String; 3] {
     ]
 }
 
-/// Queries for static transforms, which are published once. There is one for each way in which
-/// publishers have kept it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HistoryKeys(Vec<String>);
-
-impl HistoryKeys {
-    /// The static transforms of a domain, and of what bridges carry.
-    pub fn of_static_transforms(domain: u32) -> Self {
-        const TF: &str = "tf2_msgs::msg::dds_::TFMessage_";
-        Self(vec![
-            // `AdvancedPublisher` of zenoh-ext, in rmw_zenoh since 0.2 and in newer bridges.
-            format!("{domain}/**/tf_static/{TF}/*/@adv/**"),
-            "**/tf_static/@adv/**".to_owned(),
-            // `PublicationCache` before it: the session's id goes before the key.
-            format!("*/{domain}/**/tf_static/{TF}/*"),
-            "@ros2_pub_cache/*/**/tf_static".to_owned(),
-        ])
-    }
-
-    /// The key expressions.
-    pub fn iter(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().map(String::as_str)
-    }
-}
-
-/// Who carries a topic's messages into Zenoh.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TopicTransport {
-    /// The publisher itself, by `rmw_zenoh`.
-    Rmw,
-    /// `zenoh-bridge-ros2dds`.
-    Bridge,
+/// Keys of queries for the static transforms of a domain and of bridges: they are published once, and publishers keep them in
+/// one of these ways.
+pub fn static_transform_history(domain: u32) -> [String; 4] {
+    const TF: &str = "tf2_msgs::msg::dds_::TFMessage_";
+    [
+        // `AdvancedPublisher` of zenoh-ext, in rmw_zenoh since 0.2 and in newer bridges.
+        format!("{domain}/**/tf_static/{TF}/*/@adv/**"),
+        "**/tf_static/@adv/**".to_owned(),
+        // `PublicationCache` before it: the session's id goes before the key.
+        format!("*/{domain}/**/tf_static/{TF}/*"),
+        "@ros2_pub_cache/*/**/tf_static".to_owned(),
+    ]
 }
 
 /// An announced topic.
@@ -97,9 +77,7 @@ pub enum TopicTransport {
 pub struct DiscoveredTopic {
     /// Topic and type.
     pub stream: Stream,
-    /// By whom.
-    pub transport: TopicTransport,
-    /// The key of its messages, if it is announced.
+    /// The key of its messages, which only `zenoh-bridge-ros2dds` announces.
     pub key: Option<String>,
 }
 
@@ -134,7 +112,6 @@ pub fn parse_token(token: &str) -> Option<DiscoveredTopic> {
                 name: absolute_name(&topic.replace('%', "/"))?,
                 type_name: ros_name(type_name)?,
             },
-            transport: TopicTransport::Rmw,
             key: None,
         }),
         ["@", _session, "@ros2_lv", "MP", key, type_name, ..] => {
@@ -145,7 +122,6 @@ pub fn parse_token(token: &str) -> Option<DiscoveredTopic> {
                     name: absolute_name(&key)?,
                     type_name: crate::ros::ros1_type_name(&type_name),
                 },
-                transport: TopicTransport::Bridge,
                 key: Some(key),
             })
         }
@@ -163,8 +139,7 @@ fn absolute_name(topic: &str) -> Option<String> {
     is_name.then(|| format!("/{bare}"))
 }
 
-/// Length of an attachment.
-pub const ATTACHMENT_BYTES: usize = 33;
+const ATTACHMENT_BYTES: usize = 33;
 
 const GID_BYTES: u8 = 16;
 
@@ -256,7 +231,6 @@ mod tests {
                     name: "/bot/scan".to_owned(),
                     type_name: "sensor_msgs/LaserScan".to_owned(),
                 },
-                transport: TopicTransport::Rmw,
                 key: None,
             })
         );
@@ -268,7 +242,6 @@ mod tests {
                     name: "/bot/tf_static".to_owned(),
                     type_name: "tf2_msgs/TFMessage".to_owned(),
                 },
-                transport: TopicTransport::Bridge,
                 key: Some("bot/tf_static".to_owned()),
             })
         );

@@ -65,11 +65,7 @@ impl DecodeError {
     pub const fn reason(self) -> DropReason {
         match self {
             Self::BadPose => DropReason::BadPose,
-            Self::TooShort
-            | Self::Encapsulation(_)
-            | Self::NotText
-            | Self::NotOrganised
-            | Self::BadCloud => DropReason::Undecodable,
+            _ => DropReason::Undecodable,
         }
     }
 }

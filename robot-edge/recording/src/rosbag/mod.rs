@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream, StreamId};
+use measurement::{Measurement, Stream};
 
 use self::record::{
     Chunk, Compression, Found, Record, RecordHeader, RecordSource, connection_type, decompress,
 };
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use crate::messages::{Messages, Reading};
+use crate::messages::{Messages, Reading, SelectedStream};
 use crate::ros::{Encoding, MessageType};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
@@ -46,7 +46,7 @@ pub struct RosbagReader {
 impl RosbagReader {
     /// Opens the bag at `path`.
     pub fn open(path: &Path, selection: Selection) -> Result<Self, RecordingError> {
-        let io_error = |source| io_error(path, source);
+        let io_error = RecordingError::io(path);
         let mut file = File::open(path).map_err(io_error)?;
         let bytes_total = file.metadata().map_err(io_error)?.len();
         let mut beginning = Vec::new();
@@ -56,7 +56,10 @@ impl RosbagReader {
             .map_err(io_error)?;
         check_first_line(path, &beginning)?;
 
-        let mut contents = Contents::new(selection);
+        let mut contents = Contents {
+            selection,
+            ..Contents::default()
+        };
         let at = MAGIC.len() as u64;
         let mut index_pos = 0;
         let mut first =
@@ -155,7 +158,7 @@ impl RecordingReader for RosbagReader {
             if let Some(measurement) = self.contents.messages.pop() {
                 return Ok(Some(measurement));
             }
-            if !self.walk().map_err(|source| io_error(&self.path, source))? {
+            if !self.walk().map_err(RecordingError::io(&self.path))? {
                 return Ok(None);
             }
         }
@@ -212,31 +215,16 @@ pub(super) fn is_rosbag(beginning: &[u8]) -> bool {
     beginning.starts_with(b"#ROSBAG") || beginning.starts_with(b"#ROSRECORD")
 }
 
-fn io_error(path: &Path, source: io::Error) -> RecordingError {
-    RecordingError::Io {
-        path: path.to_owned(),
-        source,
-    }
-}
-
 /// Connections and streams that a bag may have; large robots have some hundreds.
 const MAX_CONNECTIONS: usize = 10_000;
 
 /// Connections and messages of a bag.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Contents {
     selection: Selection,
-    connections: HashMap<u32, Connection>,
+    connections: HashMap<u32, SelectedStream>,
     messages: Messages,
     data: Vec<u8>,
-}
-
-/// A publisher's topic.
-#[derive(Clone, Copy, Debug)]
-struct Connection {
-    stream: StreamId,
-    /// `None` if messages are only counted.
-    reading: Option<Reading>,
 }
 
 /// Kind of one record.
@@ -257,15 +245,6 @@ enum WalkStep {
 }
 
 impl Contents {
-    fn new(selection: Selection) -> Self {
-        Self {
-            selection,
-            connections: HashMap::new(),
-            messages: Messages::default(),
-            data: Vec::new(),
-        }
-    }
-
     /// Reads the next record of `source`; `place` describes an offset.
     fn walk<R: Read + Seek>(
         &mut self,
@@ -304,11 +283,7 @@ impl Contents {
             RecordHeader::Message { conn, time } => {
                 self.take_message(source, &record, *conn, *time, place)?;
             }
-            RecordHeader::Bag { .. }
-            | RecordHeader::Index { .. }
-            | RecordHeader::ChunkInfo { .. } => {
-                source.skip(record.data_bytes)?;
-            }
+            _ => source.skip(record.data_bytes)?,
         }
         Ok(WalkStep::Continue)
     }
@@ -348,22 +323,21 @@ impl Contents {
             return Ok(Err("a number beyond any a bag has"));
         }
         let kind = MessageType::from_type_name(&type_name);
+        let reading = kind.map(|kind| Reading {
+            kind,
+            encoding: Encoding::Ros1,
+            is_static: topic.rsplit('/').next() == Some("tf_static"),
+        });
         let stream = Stream {
             name: topic.clone(),
             type_name,
         };
         // Several publishers of a topic share one stream.
-        let Some(stream) = self.messages.stream(&stream, kind.is_some()) else {
+        let selected = self.messages.select(&stream, reading, &self.selection);
+        let Some(selected) = selected else {
             return Ok(Err("a topic beyond the number any bag has"));
         };
-        let reading = kind.filter(|_| self.selection.contains(topic));
-        let reading = reading.map(|kind| Reading {
-            kind,
-            encoding: Encoding::Ros1,
-            is_static: topic.rsplit('/').next() == Some("tf_static"),
-        });
-        self.connections
-            .insert(*conn, Connection { stream, reading });
+        self.connections.insert(*conn, selected);
         Ok(Ok(()))
     }
 
@@ -375,7 +349,7 @@ impl Contents {
         time: RobotTime,
         place: impl Fn(u64) -> String,
     ) -> io::Result<()> {
-        let Some(&connection) = self.connections.get(&conn) else {
+        let Some(&SelectedStream { stream, reading }) = self.connections.get(&conn) else {
             self.count_loss(DropReason::Damaged, || {
                 format!(
                     "{}: a message of connection {conn}, which is not described",
@@ -384,7 +358,6 @@ impl Contents {
             });
             return source.skip(record.data_bytes);
         };
-        let Connection { stream, reading } = connection;
         if reading.is_none() {
             self.messages.take(stream, None, Some(time), &[]);
             return source.skip(record.data_bytes);

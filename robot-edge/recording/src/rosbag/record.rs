@@ -182,10 +182,8 @@ impl<R: Read + Seek> RecordSource<R> {
             header,
             data_bytes: u64::from(data_bytes),
         };
-        if record
-            .header
-            .expected_data_bytes()
-            .is_some_and(|expected| expected != record.data_bytes)
+        if let RecordHeader::Index { data_bytes } = record.header
+            && data_bytes != record.data_bytes
         {
             return Ok(Err(
                 "an index whose length contradicts its number of entries",
@@ -305,10 +303,8 @@ pub(super) enum RecordHeader {
     Connection { conn: u32, topic: String },
     /// One message.
     Message { conn: u32, time: RobotTime },
-    /// Offsets of one connection's messages in the previous chunk.
-    Index { count: u32 },
-    /// Times and counts of one chunk.
-    ChunkInfo { count: u32 },
+    /// Offsets of messages in the previous chunk, or times and counts of a chunk: not needed.
+    Index { data_bytes: u64 },
 }
 
 /// How a chunk is packed.
@@ -335,7 +331,7 @@ impl RecordHeader {
             0x04 => {
                 fields.conn()?;
                 Ok(Self::Index {
-                    count: fields.count()?,
+                    data_bytes: fields.count()? * 12,
                 })
             }
             0x05 => {
@@ -348,8 +344,8 @@ impl RecordHeader {
                 };
                 Ok(Self::Chunk { compression, size })
             }
-            0x06 => Ok(Self::ChunkInfo {
-                count: fields.count()?,
+            0x06 => Ok(Self::Index {
+                data_bytes: fields.count()? * 8,
             }),
             0x07 => Ok(Self::Connection {
                 conn: fields.conn()?,
@@ -368,18 +364,6 @@ impl RecordHeader {
                 ..
             }
         )
-    }
-
-    /// Expected bytes of data, if the header gives them.
-    pub(super) fn expected_data_bytes(&self) -> Option<u64> {
-        match self {
-            Self::Index { count } => Some(u64::from(*count) * 12),
-            Self::ChunkInfo { count } => Some(u64::from(*count) * 8),
-            Self::Bag { .. }
-            | Self::Chunk { .. }
-            | Self::Connection { .. }
-            | Self::Message { .. } => None,
-        }
     }
 }
 
@@ -471,8 +455,9 @@ impl<'a> Fields<'a> {
             .map(u32::from_le_bytes)
     }
 
-    fn count(&self) -> Result<u32, &'static str> {
-        self.number("count", "no count").map(u32::from_le_bytes)
+    fn count(&self) -> Result<u64, &'static str> {
+        let count = self.number("count", "no count")?;
+        Ok(u64::from(u32::from_le_bytes(count)))
     }
 
     fn time(&self, name: &str) -> Result<RobotTime, &'static str> {
@@ -569,10 +554,7 @@ mod tests {
                         walked += &conn.to_string();
                     }
                     RecordHeader::Chunk { .. } => walked.push('c'),
-                    RecordHeader::Connection { .. }
-                    | RecordHeader::Bag { .. }
-                    | RecordHeader::Index { .. }
-                    | RecordHeader::ChunkInfo { .. } => source.skip(record.data_bytes).unwrap(),
+                    _ => source.skip(record.data_bytes).unwrap(),
                 },
             }
         }

@@ -148,24 +148,6 @@ impl TimeSequencer {
         }
     }
 
-    /// The next item in order out of the measurements that `source` yields in file order; `None` at the end.
-    pub fn next_from<E>(
-        &mut self,
-        mut source: impl FnMut() -> Result<Option<Measurement>, E>,
-    ) -> Result<Option<Ordered>, E> {
-        loop {
-            if let Some(item) = self.pop() {
-                return Ok(Some(item));
-            }
-            if let Some(measurement) = source()? {
-                self.push(measurement);
-            } else {
-                self.finish();
-                return Ok(self.pop());
-            }
-        }
-    }
-
     /// Takes the next measurement in file order.
     pub fn push(&mut self, measurement: Measurement) {
         if needs_no_order(&measurement) {
@@ -230,13 +212,7 @@ impl TimeSequencer {
     fn source_of(&self, measurement: &Measurement) -> Source {
         let child = match &measurement.data {
             MeasurementData::Transform { child, .. } => Some(child.clone()),
-            MeasurementData::Scan { .. }
-            | MeasurementData::Odometry { .. }
-            | MeasurementData::Imu(_)
-            | MeasurementData::Joints(_)
-            | MeasurementData::Fix(_)
-            | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_) => None,
+            _ => None,
         };
         let stream = measurement.stream;
         let source = Source { stream, child };
@@ -461,11 +437,7 @@ fn payload_bytes(data: &MeasurementData) -> usize {
             .iter()
             .map(|(name, _)| name.len() + size_of::<(String, f64)>())
             .sum(),
-        MeasurementData::Transform { .. }
-        | MeasurementData::Odometry { .. }
-        | MeasurementData::Imu(_)
-        | MeasurementData::Fix(_)
-        | MeasurementData::Twist(_) => 0,
+        _ => 0,
     }
 }
 

@@ -44,12 +44,11 @@ fn number(measurement: &Measurement) -> usize {
 /// Everything that comes out, and how many were late.
 fn order(items: Vec<Measurement>) -> (Vec<Ordered>, u64) {
     let mut order = TimeSequencer::default();
-    let mut items = items.into_iter();
-    let out = std::iter::from_fn(|| {
-        let Ok(next) = order.next_from(|| Ok::<_, std::convert::Infallible>(items.next()));
-        next
-    })
-    .collect();
+    for item in items {
+        order.push(item);
+    }
+    order.finish();
+    let out = std::iter::from_fn(|| order.pop()).collect();
     assert_eq!(order.drops.total(), order.drops.get(DropReason::Late));
     (out, order.drops.total())
 }

@@ -16,7 +16,7 @@ use measurement::Stream;
 use recording::ros::MessageType;
 use recording::ros::middleware::Attachment;
 use recording::ros::middleware::{
-    DiscoveredTopic, HistoryKeys, TopicTransport, parse_token, rmw_pattern, rmw_stream,
+    DiscoveredTopic, parse_token, rmw_pattern, rmw_stream, static_transform_history,
     token_patterns, twist_keys,
 };
 
@@ -107,7 +107,10 @@ impl RosLink {
 
     /// Requests static transforms from their publishers. The replies arrive as messages.
     pub fn request_history(&self) -> Result<(), RosLinkError> {
-        for key in HistoryKeys::of_static_transforms(self.domain).iter() {
+        for key in static_transform_history(self.domain)
+            .iter()
+            .map(String::as_str)
+        {
             let (sender, domain) = (self.sender.clone(), self.domain);
             self.session
                 .get(key)
@@ -222,8 +225,8 @@ impl Announcements {
         }
         let is_mapped =
             MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_supported);
-        if let (TopicTransport::Bridge, Some(key), true) =
-            (announced.transport, &announced.key, is_mapped)
+        if let Some(key) = &announced.key
+            && is_mapped
             && !self.known_keys.contains(key)
         {
             self.known_keys.push(key.clone());
