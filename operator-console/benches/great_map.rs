@@ -16,6 +16,7 @@ use eframe::egui::{
     PointerButton, Pos2, RawInput, ScrollArea, TouchPhase, Ui, ViewportCommand, pos2, vec2,
 };
 use measurement::time::Monotonic;
+use network::clock;
 use operator_console::command::Look;
 use operator_console::map_view::{MapView, Orientation};
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, RequestId};
@@ -29,7 +30,6 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::clock;
 use serde::Serialize;
 
 struct Bench {

@@ -6,11 +6,11 @@ use std::time::Duration;
 use clap::builder::NonEmptyStringValueParser;
 use clap::{ArgAction, Args, Parser, Subcommand};
 use clap_complete::Shell;
+use edge::cli::VehicleOptions;
+use edge::exit::UsageError;
+use edge::pacer::Rate;
+use edge::replay_control::RATES;
 use protocol::keys::{OperatorId, RobotId};
-use robot_edge::cli::VehicleOptions;
-use robot_edge::exit::UsageError;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::RATES;
 
 use crate::link::LOG_FILTER;
 

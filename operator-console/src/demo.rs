@@ -9,9 +9,9 @@ use std::thread::{self, JoinHandle};
 
 use anyhow::{Context as _, anyhow};
 use clap::Parser as _;
+use edge::cli::Cli;
 use etcetera::{BaseStrategy as _, choose_base_strategy};
 use protocol::keys::RobotId;
-use robot_edge::cli::Cli;
 use simulation::World;
 
 use crate::lock;
@@ -76,7 +76,7 @@ impl Demo {
         let thread = thread::spawn({
             let (is_over, failure) = (Arc::clone(&is_over), failure.clone());
             move || {
-                let ended = robot_edge::runtime::run_until(&cli, &is_over, &mut io::sink());
+                let ended = edge::runtime::run_until(&cli, &is_over, &mut io::sink());
                 if let Err(why) = ended
                     && !is_over.load(Ordering::Relaxed)
                 {

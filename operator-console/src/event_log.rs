@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use measurement::time::Monotonic;
+use network::clock::utc_label;
 use protocol::message::{self, Event};
-use robot_edge::clock::utc_label;
 
 use crate::model::ConsoleModel;
 

@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Context as _, Error, anyhow};
+use edge::exit::{Exit, Interrupted};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::layer::LayerId;
 use protocol::tile::TileKey;
-use robot_edge::clock;
-use robot_edge::exit::{Exit, Interrupted};
 
 use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
 use crate::model::{ConsoleModel, LinkState};

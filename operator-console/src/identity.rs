@@ -1,9 +1,9 @@
 //! Operator of this console, and the rights of its role as far as the console knows it.
 
+use edge::exit::UsageError;
+use network::credentials::{self, Credentials};
 use protocol::keys::OperatorId;
 use protocol::signed::SecretKey;
-use robot_edge::credentials::{self, Credentials};
-use robot_edge::exit::UsageError;
 use teleop::Role;
 
 const NOBODY: &str = "console";

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use eframe::{EframeWinitApplication, UserEvent};
 use measurement::time::Monotonic;
-use robot_edge::clock;
+use network::clock;
 use winit::application::ApplicationHandler;
 use winit::event::{DeviceEvent, DeviceId, ElementState, KeyEvent, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow};

@@ -4,9 +4,9 @@ use std::io::{self, IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use edge::exit::{Exit, Interrupted};
 use operator_console::cli::Cli;
 use operator_console::run::{complaint, run};
-use robot_edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {

@@ -4,12 +4,12 @@ use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 
 use clap::CommandFactory as _;
+use edge::exit::{Exit, UsageError};
+use edge::runtime::interrupt_flag;
+use network::credentials::Credentials;
+use network::endpoints;
+use network::zenoh_config_file;
 use recording::Format;
-use robot_edge::credentials::Credentials;
-use robot_edge::exit::{Exit, UsageError};
-use robot_edge::network::endpoints;
-use robot_edge::network::zenoh_config_file;
-use robot_edge::runtime::interrupt_flag;
 
 use crate::cli::{Cli, Task};
 use crate::demo::Demo;

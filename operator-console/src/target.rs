@@ -6,15 +6,15 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::anyhow;
+use edge::exit::{Interrupted, UsageError};
 use measurement::time::Monotonic;
+use network::clock;
+use network::credentials::Credentials;
+use network::sessions::Endpoints;
+use network::{random_id, zenoh_config_file};
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::exit::{Interrupted, UsageError};
-use robot_edge::network::sessions::Endpoints;
-use robot_edge::network::{random_id, zenoh_config_file};
 
 use crate::link::{AddressState, Discovery, FoundRobot, RobotSession};
 use crate::model::ModelSettings;

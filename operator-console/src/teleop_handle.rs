@@ -7,9 +7,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use network::random_id;
 use protocol::keys::RobotId;
 use protocol::message::Info;
-use robot_edge::network::random_id;
 
 use crate::identity::Identity;
 use crate::link::DrivingLink;

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use eframe::egui::ViewportBuilder;
+use network::credentials::Credentials;
+use network::random_id;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
-use robot_edge::credentials::Credentials;
-use robot_edge::network::random_id;
 use winit::event_loop::EventLoop;
 
 use crate::app::{ConsoleApp, Screenshot, ScreenshotOutcome, result_of};

@@ -12,7 +12,12 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use clap::Parser as _;
+use edge::cli::VehicleOptions;
+use edge::pacer::Rate;
+use edge::replay_control::{ReplayState, ReplayStatus};
 use measurement::time::RobotDuration;
+use network::clock;
+use network::sessions::Endpoints;
 use operator_console::export::{ExportPart, Fetcher, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::map_view::{LayerStack, ProbeData};
@@ -20,11 +25,6 @@ use operator_console::model::{ConsoleModel, ModelSettings};
 use operator_console::playback::{Playback, PlaybackCommand};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use robot_edge::cli::VehicleOptions;
-use robot_edge::clock;
-use robot_edge::network::sessions::Endpoints;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayState, ReplayStatus};
 
 /// Limit of each wait in these tests.
 const TIMEOUT: Duration = Duration::from_mins(2);
@@ -120,8 +120,8 @@ impl Rig {
 }
 
 fn run<'a>(line: impl Iterator<Item = &'a str>) {
-    let cli = robot_edge::cli::Cli::try_parse_from(line).unwrap();
-    robot_edge::runtime::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
+    let cli = edge::cli::Cli::try_parse_from(line).unwrap();
+    edge::runtime::run_until(&cli, &AtomicBool::new(false), &mut std::io::sink()).unwrap();
 }
 
 /// Maps of `robot-edge replay` after this part of a recording, and the digest of the occupancy layer.

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::time::Duration;
 
+use edge::publishing::replies;
 use measurement::time::Monotonic;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing};
 use protocol::keys::{RobotId, Topic};
@@ -16,7 +17,6 @@ use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::publishing::replies;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

@@ -10,7 +10,12 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use edge::driving::operators::PendingOperatorList;
+use edge::server::edge::{EdgeLink, EdgeSettings};
+use edge::server::publish_state::PublishState;
 use measurement::time::{Monotonic, RobotTime};
+use network::clock;
+use network::sessions::Endpoints;
 use operator_console::export::{ExportPart, Snapshot, export_parts};
 use operator_console::link::RobotSession;
 use operator_console::model::{
@@ -27,11 +32,6 @@ use protocol::shores::convex_outline;
 use protocol::tile::BootId;
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
-use robot_edge::clock;
-use robot_edge::driving::operators::PendingOperatorList;
-use robot_edge::network::edge::{EdgeLink, EdgeSettings};
-use robot_edge::network::publish_state::PublishState;
-use robot_edge::network::sessions::Endpoints;
 use serde::Serialize;
 
 const CELL_M: f64 = 0.3;

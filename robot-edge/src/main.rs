@@ -4,16 +4,16 @@ use std::io::{self, IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::Parser as _;
-use robot_edge::cli::Cli;
-use robot_edge::exit::{Exit, Interrupted};
+use edge::cli::Cli;
+use edge::exit::{Exit, Interrupted};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
     #[cfg(target_os = "linux")]
     if std::env::args_os()
         .nth(1)
-        .is_some_and(|command| command == robot_edge::actuators::MOTOR_GUARD_COMMAND)
-        && robot_edge::actuators::motor_guard::ignore_signals().is_err()
+        .is_some_and(|command| command == edge::actuators::MOTOR_GUARD_COMMAND)
+        && edge::actuators::motor_guard::ignore_signals().is_err()
     {
         return ExitCode::FAILURE;
     }
@@ -28,7 +28,7 @@ fn main() -> ExitCode {
         .init();
 
     let mut out = io::stdout().lock();
-    let exit = match robot_edge::runtime::run(&cli, &mut out) {
+    let exit = match run(&cli, &mut out) {
         Ok(exit) => exit,
         Err(err) => {
             let exit = Exit::of(err.as_ref());
@@ -42,6 +42,15 @@ fn main() -> ExitCode {
     };
     drop(out.flush());
     exit.into()
+}
+
+fn run(cli: &Cli, out: &mut dyn io::Write) -> anyhow::Result<Exit> {
+    #[cfg(feature = "experiments")]
+    if let edge::cli::Command::Experiments(command) = &cli.command {
+        let interrupt = edge::runtime::interrupt_flag()?;
+        return experiments::command::run(command, cli.verbosity.quiet, &interrupt, out);
+    }
+    edge::runtime::run(cli, out)
 }
 
 fn is_broken_pipe(err: &anyhow::Error) -> bool {

@@ -17,6 +17,10 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use network::clock::{self, sleep_until};
+use network::credentials::{Credentials, Identity};
+use network::endpoints::Channel;
+use network::sessions::{self, Endpoints, Side};
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
 use protocol::message::{
     AgeToken, Answer, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Status, TeleopState,
@@ -25,10 +29,6 @@ use protocol::message::{
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
 use protocol::tile::BootId;
 use protocol::wire;
-use robot_edge::clock::{self, sleep_until};
-use robot_edge::credentials::{Credentials, Identity};
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};

@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::time::Duration;
 
+use edge::pacer::Rate;
 use eframe::egui::ViewportCommand;
 use measurement::time::Monotonic;
+use network::clock;
+use network::sessions::Endpoints;
 use protocol::keys::RobotId;
-use robot_edge::clock;
-use robot_edge::network::sessions::Endpoints;
-use robot_edge::pacer::Rate;
 
 use super::export_job::ExportJob;
 use super::screenshot::{self, ScreenshotOutcome};

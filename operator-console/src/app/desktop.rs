@@ -6,8 +6,8 @@ use std::process::{Command, Stdio};
 use std::{env, io, thread};
 
 use etcetera::BaseStrategy as _;
+use network::clock::wall_clock_label;
 use protocol::keys::RobotId;
-use robot_edge::clock::wall_clock_label;
 
 /// Whether to open folders automatically. Without a desktop `xdg-open` would start a browser.
 pub(super) fn has_desktop() -> bool {

@@ -16,14 +16,14 @@ use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
 
+use edge::replay_control::ReplayState;
 use eframe::egui::{Context, Frame, Margin, Panel, Ui, Visuals};
 use measurement::time::Monotonic;
+use network::clock::{self, seconds_since_1970};
+use network::credentials::Credentials;
+use network::endpoints::check_console;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
-use robot_edge::clock::{self, seconds_since_1970};
-use robot_edge::credentials::Credentials;
-use robot_edge::network::endpoints::check_console;
-use robot_edge::replay_control::ReplayState;
 
 use crate::alerts::{AlertSource, FleetAlerts};
 use crate::command::Command;

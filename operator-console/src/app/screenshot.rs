@@ -10,7 +10,7 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow};
 use eframe::egui::{ColorImage, Context, ScreenshotCallback, ViewportCommand};
 use measurement::time::Monotonic;
-use robot_edge::clock;
+use network::clock;
 
 use crate::lock;
 

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use anyhow::Error;
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::message::VoxelFile;
-use robot_edge::clock;
 
 use super::{ExportPart, Snapshot};
 use crate::link::ModelHandle;
@@ -223,11 +223,11 @@ fn state(
 
 #[cfg(test)]
 mod tests {
+    use network::clock;
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
     use protocol::message::{Info, LayerInfo, MapHead, Status, VoxelsReply};
     use protocol::tile_store::{LayerGrid, TileStore};
-    use robot_edge::clock;
 
     use super::*;
     use crate::model::{OpenSessions, Outgoing, RequestId};

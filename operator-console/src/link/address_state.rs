@@ -6,9 +6,9 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
+use network::LinkError;
+use network::credentials::Identity;
 use protocol::keys::RobotId;
-use robot_edge::credentials::Identity;
-use robot_edge::network::LinkError;
 use zenoh::{Session, Wait as _};
 
 /// A name that is not resolved within this time counts as unknown.
@@ -143,7 +143,7 @@ fn look_up(host: &str, port: u16) -> Option<SocketAddr> {
 mod tests {
     use std::net::TcpListener;
 
-    use robot_edge::network::endpoints::Channel;
+    use network::endpoints::Channel;
 
     use super::*;
 

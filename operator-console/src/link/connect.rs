@@ -6,11 +6,11 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
+use network::LinkError;
+use network::endpoints::Channel;
+use network::sessions::Endpoints;
 use protocol::keys::{self, RobotId, Topic};
 use protocol::wire::MAX_MESSAGE_BYTES;
-use robot_edge::network::LinkError;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::Endpoints;
 use zenoh::bytes::ZBytes;
 use zenoh::handlers::CallbackDrop;
 use zenoh::key_expr::KeyExpr;

@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
+use network::clock;
 use protocol::keys::OperatorTopic;
 use protocol::message::{Answer, Pose, Status};
 use protocol::wire;
-use robot_edge::clock;
 use zenoh::handlers::CallbackDrop;
 use zenoh::key_expr::KeyExpr;
 use zenoh::qos::{CongestionControl, Priority, Reliability};

@@ -13,10 +13,10 @@ use std::time::Duration;
 
 use connect::{Connections, State, subscribe};
 use measurement::time::Monotonic;
-use robot_edge::clock;
-use robot_edge::network::LinkError;
-use robot_edge::network::endpoints::{Channel, attempts};
-use robot_edge::network::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use network::LinkError;
+use network::clock;
+use network::endpoints::{Channel, attempts};
+use network::sessions::{self, Endpoints, RETRY_PERIOD, Side};
 use zenoh::{Session, Wait as _};
 
 use crate::lock;

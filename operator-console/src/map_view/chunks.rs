@@ -12,9 +12,9 @@ use std::time::Duration;
 
 use eframe::egui::{Color32, ColorImage};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::layer::UNKNOWN;
 use protocol::tile::TILE_SIDE;
-use robot_edge::clock;
 
 use super::coloring::Coloring;
 use super::layer_compositing::{IndexedLayer, known_below};

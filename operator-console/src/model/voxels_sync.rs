@@ -285,8 +285,8 @@ impl Fetching {
 
 #[cfg(test)]
 mod tests {
+    use edge::publishing::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
     use measurement::time::RobotTime;
-    use robot_edge::publishing::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
 
     use super::*;
     use crate::test_support::at;

@@ -3,7 +3,7 @@
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{Id, Key, Label, TextEdit, TextStyle, Ui};
-use robot_edge::network::endpoints::{DEFAULT_PORT, check_console};
+use network::endpoints::{DEFAULT_PORT, check_console};
 
 use super::formatting::with_monospace_options;
 use crate::command::Command;

@@ -2,7 +2,7 @@
 
 use eframe::egui::Ui;
 use measurement::time::Monotonic;
-use robot_edge::clock::utc_label;
+use network::clock::utc_label;
 
 use super::connection::is_synchronized;
 use super::formatting::{age, capitalised, count, direction, signed, turn};

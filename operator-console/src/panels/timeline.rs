@@ -1,12 +1,12 @@
 //! Timeline of a recording: position, events, seeking and speed.
 
+use edge::pacer::Rate;
+use edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
 use eframe::egui::{
     Align, Align2, Button, ComboBox, FontId, Layout, Pos2, Rect, Response, RichText, Sense, Shape,
     Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
 };
 use measurement::time::RobotDuration;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
 
 use super::formatting::with_monospace_options;
 use crate::event_log::kind_label;

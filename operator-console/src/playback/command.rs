@@ -1,8 +1,8 @@
 //! Commands of the operator for a recording.
 
+use edge::pacer::Rate;
+use edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
 use measurement::time::RobotDuration;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayControl, ReplayState, ReplayStatus};
 
 pub const RATES: [Rate; 7] = [
     Rate::Times(0.25),

@@ -10,15 +10,15 @@ use std::thread;
 
 use anyhow::Context as _;
 use clap::Parser as _;
+use edge::cli::{Cli, Command, Replay, VehicleOptions};
+use edge::pacer::Rate;
+use edge::replay_control::{ReplayControl, ReplayStatus, TimelineMark};
 use eframe::egui::{
     Align2, Area, Context, Frame, HoveredFile, Id, Label, Order, RichText, TextWrapMode,
 };
+use network::random_id;
 use protocol::keys::RobotId;
 use recording::Format;
-use robot_edge::cli::{Cli, Command, Replay, VehicleOptions};
-use robot_edge::network::random_id;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{ReplayControl, ReplayStatus, TimelineMark};
 
 use crate::demo::free_endpoint;
 use crate::link::FoundRobot;
@@ -72,7 +72,7 @@ impl Playback {
         playing.spawn({
             let (control, is_over) = (control.clone(), Arc::clone(&is_over));
             move || {
-                if let Err(why) = robot_edge::runtime::play(&replay, &control, &is_over) {
+                if let Err(why) = edge::runtime::play(&replay, &control, &is_over) {
                     // The channel has room for the only failure.
                     drop(sender.try_send(why));
                 }
@@ -267,11 +267,11 @@ fn words(files: &[HoveredFile]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use edge::config::Override;
     use eframe::egui::vec2;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
     use measurement::time::RobotDuration;
-    use robot_edge::config::Override;
 
     use super::*;
 

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
+use edge::exit::{Exit, Interrupted, UsageError};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::message::{Clamp, Info, TeleopStatus};
-use robot_edge::clock;
-use robot_edge::exit::{Exit, Interrupted, UsageError};
 
 use crate::identity::{Identity, OBSERVER_HINT, is_observer};
 use crate::link::RobotSession;

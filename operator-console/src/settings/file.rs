@@ -8,7 +8,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use etcetera::BaseStrategy as _;
-use robot_edge::clock;
+use network::clock;
 use serde_json::Value;
 
 use super::{Settings, VERSION};

@@ -3,7 +3,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 
-use robot_edge::clock;
+use network::clock;
 
 use super::*;
 use crate::workspace::{PanelId, Workspace};

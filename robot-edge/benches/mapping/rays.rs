@@ -10,11 +10,11 @@ use std::process::Command;
 use std::{env, fs};
 
 use anyhow::{Context as _, bail, ensure};
+use edge::summary::peak_rss_bytes;
 use mapping::octree::{Octree, Ray};
 use mapping::octree::{OctreeConfig, RangeSensorModel};
 use mapping::registered_scan::SensorId;
 use nalgebra::Point3;
-use robot_edge::summary::peak_rss_bytes;
 use serde_json::Value;
 
 use super::rounds::{timed, timed_by_the_wall};

@@ -4,6 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use edge::config::{self, Config};
+use edge::survey::Survey;
 use localization::beam_projection::ZeroRange;
 use localization::beam_projection::{BodyBox, SensorSettings};
 use localization::pose_buffer::InterpolationLimits;
@@ -18,8 +20,6 @@ use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData};
 use recording::time_sequencer::{Ordered, TimeSequencer};
 use recording::{self, Selection};
-use robot_edge::config::{self, Config};
-use robot_edge::survey::Survey;
 
 use crate::rounds::{ROUNDS, Rounds, timed};
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::fs;
 use std::hint::black_box;
 
-use robot_edge::clock;
+use network::clock;
 
 /// How often everything is measured.
 pub(crate) const ROUNDS: usize = 5;

@@ -1,17 +1,17 @@
 //! A scan of 481 beams through placing, elevation and obstacle map: time by size of the window, and memory
 //! beside that of the document.
 
+use edge::config::{self, Config, WheelsAndAttitude};
+use edge::runtime::localization_plan::{
+    LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
+};
 use localization::registration::{MountOrigin, PoseStreams, RegistrationOutput, ScanRegistration};
 use mapping::Mapper;
 use mapping::registered_scan::SensorId;
 use mapping::terrain::Terrain;
 use measurement::Measurement;
 use measurement::time::Monotonic;
-use robot_edge::clock;
-use robot_edge::config::{self, Config, WheelsAndAttitude};
-use robot_edge::runtime::localization_plan::{
-    LocalizationPlan, PlannedSensor, poses_from_wheels, registration_settings,
-};
+use network::clock;
 use simulation::{SimulatedSource, SimulationOptions, World};
 
 use crate::rounds::{ROUNDS, Rounds};

@@ -1,13 +1,13 @@
 //! Publishing, the tile codec on the tiles that a recording publishes, and memory.
 
 use anyhow::Context as _;
+use edge::publishing::publisher::Publisher;
 use mapping::Mapper;
 use mapping::registered_scan::RegisteredScan;
 use measurement::time::{RobotDuration, RobotTime};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
 use protocol::tile::codec::{Decoder, Encoder};
-use robot_edge::publishing::publisher::Publisher;
 
 use crate::CELLS_M;
 use crate::recordings::{self, ACES, Prepared, ROOMS, generic2d};

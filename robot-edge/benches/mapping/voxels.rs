@@ -3,6 +3,8 @@
 use std::time::Duration;
 
 use anyhow::anyhow;
+use edge::export::voxels::{PublishedClasses, pack_voxels};
+use experiments::run::{pipeline, vehicle_config};
 use mapping::cost_map::Surface;
 use mapping::height_columns::{ColumnKind, ColumnRules, read_columns};
 use mapping::octree::{BrickColumn, Octree};
@@ -10,9 +12,7 @@ use mapping::voxel_layers::VoxelLayers;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{Measurement, Stream};
 use nalgebra::Point3;
-use robot_edge::clock;
-use robot_edge::experiments::run::{pipeline, vehicle_config};
-use robot_edge::export::voxels::{PublishedClasses, pack_voxels};
+use network::clock;
 use simulation::{SimulatedSource, SimulationOptions, World};
 
 use super::rays::pool;

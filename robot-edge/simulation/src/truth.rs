@@ -341,6 +341,13 @@ pub struct Dock {
     pub polygon_m: Vec<Point2<f64>>,
 }
 
+impl Dock {
+    /// Whether a point is in it.
+    pub fn contains(&self, at: Point2<f64>) -> bool {
+        vegetation::is_inside(&self.polygon_m, at)
+    }
+}
+
 /// The ground of a world apart from what stands on it. Moving solids are left out; plants count as they
 /// stand without wind.
 pub struct TerrainTruth<'a> {

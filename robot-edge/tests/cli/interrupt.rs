@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use robot_edge::clock;
+use network::clock;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 

@@ -26,10 +26,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator};
-use robot_edge::clock::{self, sleep_until};
-use robot_edge::credentials::Credentials;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Endpoints, Side};
+use network::clock::{self, sleep_until};
+use network::credentials::Credentials;
+use network::endpoints::Channel;
+use network::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Wait as _};
 
 fn main() {

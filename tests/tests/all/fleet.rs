@@ -5,8 +5,8 @@ use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use robot_edge::credentials::Credentials;
-use robot_edge::network::sessions::Endpoints;
+use network::credentials::Credentials;
+use network::sessions::Endpoints;
 use tempfile::TempDir;
 use zenoh::{Config, Session, Wait as _};
 

@@ -8,8 +8,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::drive_log::DriveLog;
+use network::clock;
 use recording::{Selection, open};
-use robot_edge::clock;
 use tempfile::tempdir;
 
 use crate::processes::{Running, free_port, program, start, tcp, wait_until};

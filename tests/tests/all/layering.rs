@@ -101,7 +101,7 @@ fn one_file_reads_the_clock() {
 #[test]
 fn one_file_turns_cells_into_tiles() {
     let found = lines_with(
-        "robot-edge/src",
+        "robot-edge/edge/src",
         &["codes_mut", "TileCells::from_fn"],
         &["cells_to_tiles.rs"],
     );
@@ -122,8 +122,8 @@ fn the_console_model_and_streaming_rules_are_pure() {
     ];
     for folder in [
         "operator-console/src/model",
-        "robot-edge/src/sensor_monitor",
-        "robot-edge/src/publishing",
+        "robot-edge/edge/src/sensor_monitor",
+        "robot-edge/edge/src/publishing",
     ] {
         assert_eq!(lines_with(folder, &impure, &[]), [""; 0]);
     }
@@ -132,9 +132,15 @@ fn the_console_model_and_streaming_rules_are_pure() {
 #[test]
 fn only_link_modules_use_zenoh() {
     let words = ["zenoh::", "use zenoh"];
-    let others =
-        |file: &String| !file.contains("/src/link/") && !file.contains("/robot-edge/src/network/");
-    for folder in ["robot-edge/src", "operator-console/src", "protocol/src"] {
+    let others = |line: &String| {
+        let folders = ["/src/link/", "/edge/src/server/", "/edge/src/ros2/"];
+        !folders.iter().any(|folder| line.contains(folder))
+    };
+    for folder in [
+        "robot-edge/edge/src",
+        "operator-console/src",
+        "protocol/src",
+    ] {
         let found: Vec<_> = lines_with(folder, &words, &[])
             .into_iter()
             .filter(others)
@@ -145,7 +151,7 @@ fn only_link_modules_use_zenoh() {
 
 #[test]
 fn key_expressions_are_built_in_one_file() {
-    for folder in ["robot-edge/src", "operator-console/src"] {
+    for folder in ["robot-edge/edge/src", "operator-console/src"] {
         assert_eq!(
             lines_with(folder, &["\"foreshore/", "\"map/"], &[]),
             [""; 0]

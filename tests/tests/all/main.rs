@@ -21,6 +21,3 @@ mod live;
 mod processes;
 mod security;
 mod teleop;
-
-/// The edge's emulator, which [`live`] includes, imports it from the crate root.
-use robot_edge::clock;

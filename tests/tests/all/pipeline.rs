@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
+use edge::config::Config;
+use edge::publishing::cells_to_tiles;
+use edge::runtime::{MapEvent, Pipeline};
+use experiments::run;
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData};
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::RootDigest;
-use robot_edge::config::Config;
-use robot_edge::experiments::run;
-use robot_edge::publishing::cells_to_tiles;
-use robot_edge::runtime::{MapEvent, Pipeline};
 use simulation::source::START;
 use simulation::{SimulatedSource, SimulationOptions, World};
 

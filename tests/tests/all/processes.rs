@@ -8,8 +8,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::rig::free_pair;
+use network::clock;
 use recording::{Selection, open};
-use robot_edge::clock;
 use zenoh::{Config, Session, Wait as _};
 
 /// Longer than any step takes.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use eframe::egui::{
     Align2, Button, Context, Key, ProgressBar, RichText, ScrollArea, TextEdit, Ui, Window, vec2,
 };
-use robot_edge::clock::wall_clock_label;
+use network::clock::wall_clock_label;
 
 use crate::app::desktop;
 use crate::app::export_job::ExportProgress;

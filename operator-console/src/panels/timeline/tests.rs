@@ -1,8 +1,8 @@
+use edge::pacer::Rate;
+use edge::replay_control::{Length, ReplayState, ReplayStatus, TimelineMark};
 use eframe::egui::{Modifiers, PointerButton, Pos2, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
-use robot_edge::pacer::Rate;
-use robot_edge::replay_control::{Length, ReplayState, ReplayStatus, TimelineMark};
 
 use super::*;
 

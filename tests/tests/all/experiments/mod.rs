@@ -1,11 +1,11 @@
 //! Every experiment passes: with one seed in the normal run (those that take minutes are ignored), with twenty seeds in
-//! the ignored tests. The checks are in `robot-edge/src/experiments/`, the results in
+//! the ignored tests. The checks are in `tests/experiments/src/`, the results in
 //! `docs/experiments.md`.
 
 use std::sync::atomic::AtomicBool;
 
-use robot_edge::experiments::outcome::Verdict;
-use robot_edge::experiments::{Experiment, Outcome, Session};
+use experiments::outcome::Verdict;
+use experiments::{Experiment, Outcome, Session};
 
 fn outcome(experiment: Experiment, seeds: u64) -> Outcome {
     let go = AtomicBool::new(false);

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use foreshore_tests::rig::relay::Relay;
 use measurement::time::Monotonic;
+use network::clock::{self, sleep_until};
 use operator_console::link::{Discovery, FoundRobot};
 use operator_console::model::LinkState;
 use operator_console::panels::stale::StaleData;
 use protocol::layer::LayerId;
-use robot_edge::clock::{self, sleep_until};
 use tempfile::tempdir;
 
 use super::desktop::{Controls, Key, Screen, Telemetry};

@@ -9,8 +9,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::{NEUTRAL, Operator};
+use network::clock;
 use protocol::message::{TeleopState, TeleopStatus};
-use robot_edge::clock;
 use x11rb::connection::Connection as _;
 use x11rb::protocol::xproto::{
     AtomEnum, ClientMessageEvent, ConnectionExt as _, EventMask, InputFocus, KEY_PRESS_EVENT,

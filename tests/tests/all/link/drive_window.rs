@@ -6,9 +6,9 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::NEUTRAL;
+use network::clock;
 use operator_console::link::Discovery;
 use protocol::message::{Clamp, LeaseEnd, StopReason, TeleopState, TeleopStatus};
-use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use super::desktop::{Key, Screen, TIMEOUT, Telemetry, hold_until, take_lease};

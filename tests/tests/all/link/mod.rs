@@ -14,6 +14,8 @@ mod window;
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};
 
+use network::clock;
+use network::sessions::Endpoints;
 use operator_console::link::RobotSession;
 use operator_console::model::{ConsoleModel, LinkState, ModelSettings};
 use protocol::keys::{RobotId, view_of};
@@ -21,8 +23,6 @@ use protocol::layer::LayerId;
 use protocol::message::View;
 use protocol::tile::BootId;
 use protocol::wire::{self, Header};
-use robot_edge::clock;
-use robot_edge::network::sessions::Endpoints;
 use zenoh::{Session, Wait as _};
 
 use crate::processes::{Running, rooms, start, tcp};

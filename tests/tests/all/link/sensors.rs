@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::Operator;
 use measurement::MeasurementData;
+use network::clock;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{
     Answer, Event, Info, RecordingState, Scan, SensorFault, SensorKind, Setting, Severity, Status,
@@ -14,7 +15,6 @@ use protocol::message::{
 use protocol::wire;
 use recording::writer::McapWriter;
 use recording::{Selection, open};
-use robot_edge::clock;
 use serde::de::DeserializeOwned;
 use tempfile::tempdir;
 use zenoh::{Session, Wait as _};

@@ -10,7 +10,7 @@ use std::time::Duration;
 use foreshore_tests::rig::Conditions;
 use foreshore_tests::rig::tun::{Namespaces, Side};
 use measurement::time::Monotonic;
-use robot_edge::clock;
+use network::clock;
 use tempfile::tempdir;
 
 use crate::processes::{Running, program, rooms};

@@ -11,9 +11,9 @@ use measurement::scan::Scan;
 use measurement::time::{Monotonic, RobotTime};
 use measurement::{Measurement, MeasurementData, StreamId};
 use nalgebra::{Isometry2, UnitComplex, Vector2};
+use network::clock::{self, sleep_until};
 use protocol::message::{Answer, CollisionMonitorState, EStop, TeleopState};
 use recording::ros;
-use robot_edge::clock::{self, sleep_until};
 use rustix::process::Signal;
 
 use super::emulator::on_terminal::EmulatorOnTerminal;

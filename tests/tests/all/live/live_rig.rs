@@ -9,8 +9,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, Operator};
+use network::clock;
 use protocol::message::TeleopState;
-use robot_edge::clock;
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::{TempDir, tempdir};
 

@@ -6,10 +6,10 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::connected;
+use network::clock::{self, sleep_until};
 use protocol::keys::Topic;
 use protocol::message::Status;
 use protocol::wire;
-use robot_edge::clock::{self, sleep_until};
 use serde_json::Value;
 use tempfile::tempdir;
 use zenoh::Wait as _;

@@ -9,6 +9,6 @@ mod ros_system;
 mod service;
 
 /// From the edge's own tests: an emulator is no part of the program.
-#[path = "../../../../robot-edge/src/actuators/roboteq/emulator.rs"]
+#[path = "../../../../robot-edge/edge/src/actuators/roboteq/emulator.rs"]
 #[allow(dead_code, reason = "the edge's own tests use all of it")]
 mod emulator;

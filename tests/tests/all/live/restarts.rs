@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::Operator;
 use measurement::time::Monotonic;
-use robot_edge::clock::{self, sleep_until};
+use network::clock::{self, sleep_until};
 use rustix::process::Signal;
 use tempfile::tempdir;
 

@@ -11,8 +11,8 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use foreshore_tests::operator::PERIOD;
+use network::clock;
 use protocol::message::TeleopState;
-use robot_edge::clock;
 use rustix::process::Signal;
 use tempfile::{TempDir, tempdir};
 

@@ -7,9 +7,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use robot_edge::clock;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Side};
+use network::clock;
+use network::endpoints::Channel;
+use network::sessions::{self, Side};
 
 use crate::fleet::Fleet;
 use crate::processes::{Running, SERVED, program};

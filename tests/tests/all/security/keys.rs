@@ -8,8 +8,8 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{scope, sleep};
 
-use robot_edge::clock;
-use robot_edge::credentials::Credentials;
+use network::clock;
+use network::credentials::Credentials;
 
 use crate::fleet::{Fleet, text};
 use crate::processes::{command, program, start};

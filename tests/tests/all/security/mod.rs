@@ -11,9 +11,9 @@ mod unauthorized_peers;
 use std::fs;
 
 use foreshore_tests::operator::{Input, Operator};
-use robot_edge::credentials::Credentials;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Endpoints, Side};
+use network::credentials::Credentials;
+use network::endpoints::Channel;
+use network::sessions::{self, Endpoints, Side};
 use zenoh::Session;
 
 use crate::fleet::{Fleet, quic, text};

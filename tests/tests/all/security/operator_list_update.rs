@@ -9,12 +9,12 @@ use std::time::Duration;
 
 use foreshore_tests::operator::NEUTRAL;
 use measurement::time::Monotonic;
+use network::clock;
+use network::credentials::Credentials;
+use network::endpoints::Channel;
+use network::sessions::{self, Side};
 use operator_console::link::{AddressState, Discovery};
 use protocol::message::{Answer, LeaseRequest, Refusal, StopReason, TeleopState};
-use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Side};
 use zenoh::{Session, Wait as _};
 
 use super::{TURN, audit, operator, person, position, robot, take_off};

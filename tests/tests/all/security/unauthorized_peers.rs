@@ -4,15 +4,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use network::LinkError;
+use network::clock;
+use network::credentials::Credentials;
+use network::endpoints::Channel;
+use network::sessions::{self, Endpoints, Side};
 use rcgen::{
     CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
     date_time_ymd,
 };
-use robot_edge::clock;
-use robot_edge::credentials::Credentials;
-use robot_edge::network::LinkError;
-use robot_edge::network::endpoints::Channel;
-use robot_edge::network::sessions::{self, Endpoints, Side};
 use zenoh::{Config, Wait as _};
 
 use super::{person, vehicle};

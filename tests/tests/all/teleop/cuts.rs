@@ -9,8 +9,8 @@ use foreshore_tests::operator::{NEUTRAL, Operator};
 use foreshore_tests::rig::relay::Relay;
 use foreshore_tests::rig::udp::UdpRelay;
 use foreshore_tests::rig::{Conditions, Direction};
+use network::clock;
 use protocol::message::Refusal;
-use robot_edge::clock;
 
 use super::robot::{
     CIRCLE, LIMITS, NAME, ROUND, Robot, drove, refused, while_driving, while_holding,

@@ -9,7 +9,7 @@ use foreshore_tests::drive_log::{DriveLog, press_latencies};
 use foreshore_tests::operator::{Input, Journal, Operator};
 use foreshore_tests::rig::Conditions;
 use foreshore_tests::rig::tun::{Namespaces, Side};
-use robot_edge::clock;
+use network::clock;
 use tempfile::tempdir;
 
 use super::robot::{Lateness, NAME, Robot, at};

@@ -7,8 +7,8 @@ use std::time::Duration;
 use foreshore_tests::drive_log::{DriveLog, Round};
 use foreshore_tests::operator::{Journal, NEUTRAL, Operator};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::message::{StopReason, TeleopState};
-use robot_edge::clock;
 use tempfile::tempdir;
 
 use super::robot::{CIRCLE, LIMITS, NAME, Robot, while_driving, while_holding};

@@ -4,9 +4,9 @@ use std::thread::{scope, sleep};
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, NEUTRAL, Operator, PERIOD, connected};
+use network::clock::{self, sleep_until};
 use protocol::keys::{OperatorTopic, Topic, operator_key};
 use protocol::message::{Answer, Drive, EStop, LeaseRequest, Refusal, TeleopState};
-use robot_edge::clock::{self, sleep_until};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
 

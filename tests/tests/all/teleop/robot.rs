@@ -10,8 +10,8 @@ use std::time::Duration;
 use foreshore_tests::drive_log::{DriveLog, Evaluation, Limits, evaluate};
 use foreshore_tests::operator::{Input, Journal, Operator};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::message::{Refusal, TeleopStatus};
-use robot_edge::clock;
 use tempfile::{TempDir, tempdir};
 
 use crate::processes::{Running, SERVED, command, free_endpoint};

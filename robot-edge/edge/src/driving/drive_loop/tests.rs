@@ -1,0 +1,252 @@
+use network::clock;
+use std::sync::mpsc::sync_channel;
+
+use nalgebra::Point3;
+use protocol::keys::OperatorTopic::{Drive as ByDrive, EStop as ByEStop};
+use protocol::message::{
+    AgeToken, BarrierKind, CollisionMonitorState, EStop, Refusal as No, TeleopStatus,
+};
+use protocol::signed::{CommandHeader, SecretKey, sign};
+
+use super::*;
+use crate::driving::monitor_input::monitor_input;
+use crate::driving::motors::SimulatedMotors;
+use mapping::obstacle::ObstacleConfig;
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::vehicle::VehicleConfig;
+use measurement::pose::planar;
+use measurement::time::RobotTime;
+use network::credentials::OperatorList;
+use teleop::TeleopConfig;
+use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
+use teleop::{Caller, LeaseVerb};
+
+fn guard_rules() -> CollisionMonitorRules {
+    let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
+    let obstacle = ObstacleConfig::default();
+    CollisionMonitorRules::new(
+        &CollisionMonitorConfig::default(),
+        &teleop,
+        &vehicle,
+        &obstacle,
+    )
+    .unwrap()
+}
+
+/// A vehicle whose guard was told nothing yet.
+fn guarded(now: Monotonic) -> DriveLoop {
+    let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
+    let mut drive_loop = DriveLoop::new(
+        ("scout".parse().unwrap(), BootId([1; 16])),
+        Rules::new(&teleop, &vehicle).unwrap(),
+        Operators::open(),
+        Motors::Simulated(SimulatedMotors::default()),
+        Arc::new(SharedDriveState::default()),
+        now,
+    );
+    drive_loop.monitor_runner = Some(monitor_input(guard_rules(), 1, None).2);
+    drive_loop.runtime_settings.collision_monitor = true;
+    drive_loop
+}
+
+fn stops(
+    drive_loop: &mut DriveLoop,
+    reason: StopReason,
+    now: Monotonic,
+) -> Vec<(&'static str, String)> {
+    let to = Mode::Stopping { reason, since: now };
+    let from = Mode::Driving;
+    drive_loop.on_arbiter_event(ArbiterEvent::ModeChanged { from, to }, now);
+    drive_loop
+        .drive_state
+        .publish_events(&mut drive_loop.drive_events);
+    drive_loop.drive_state.take_events()
+}
+
+#[test]
+fn a_stop_by_the_monitor_reports_the_cause() {
+    let now = clock::now();
+    let mut drive_loop = guarded(now);
+    drive_loop.tick(now);
+    drop(drive_loop.drive_state.take_events());
+    let says = "stopping: the collision monitor could not judge, it had no pose yet";
+    let events = stops(&mut drive_loop, StopReason::CollisionMonitorStale, now);
+    assert_eq!(events, [("involuntary_stop", says.to_owned())]);
+    assert_eq!(
+        drive_loop.runtime_settings.last_stop,
+        Some(StopReason::CollisionMonitorStale)
+    );
+    // Other stops do not speak of the guard.
+    let events = stops(&mut drive_loop, StopReason::Age, now);
+    assert_eq!(events.len(), 1);
+    assert!(!events[0].1.contains("monitor"), "{events:?}");
+    // Nor is anything made up where there is none.
+    drive_loop.monitor_runner = None;
+    let events = stops(&mut drive_loop, StopReason::CollisionMonitorStale, now);
+    assert!(events[0].1.ends_with("it did not respond"), "{events:?}");
+}
+
+/// What a laser sees all around a vehicle at (2, 1): a wall 0.6 m ahead, and nothing else within 5 m.
+fn scan_of_a_wall() -> RegisteredScan {
+    let origin_in_odom = Point3::new(2.0, 1.0, 0.2);
+    let beams = (0_u32..720).map(|index| {
+        let angle = f64::from(index) * std::f64::consts::TAU / 720.0;
+        let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+        let to_wall_m = if cos > 0.0 { 0.6 / cos } else { f64::INFINITY };
+        let range_m = to_wall_m.min(5.0);
+        RegisteredBeam {
+            origin_in_odom,
+            end_in_odom: origin_in_odom + nalgebra::Vector3::new(cos, sin, 0.0) * range_m,
+            outcome: if to_wall_m < 5.0 {
+                BeamOutcome::Hit
+            } else {
+                BeamOutcome::Miss
+            },
+            index,
+            range_m: range_m as f32,
+        }
+    });
+    RegisteredScan {
+        stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: std::f64::consts::TAU / 720.0,
+        own_body_hits: 0,
+        odom_from_base: planar(2.0, 1.0, 0.0),
+        beams: beams.collect(),
+    }
+}
+
+/// The holder asks for this; the status after the round.
+fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -> TeleopStatus {
+    let command = DriveCommand {
+        operator: OperatorId(0),
+        epoch: 1,
+        seq,
+        token: drive_loop.state.tokens().newest().unwrap(),
+        requested: Velocity {
+            linear_mps,
+            angular_radps: 0.0,
+        },
+        estop: false,
+    };
+    let role = Role::Operator;
+    drive_loop.step(now, ArbiterInput::Command { role, command });
+    drive_loop.tick(now);
+    drive_loop.drive_state.status().unwrap()
+}
+
+#[test]
+fn the_barrier_is_in_the_status_while_the_monitor_is_on() {
+    let now = clock::now();
+    let mut drive_loop = guarded(now);
+    let (mut sensor_input, _map, monitor_runner) = monitor_input(guard_rules(), 1, None);
+    let scan = scan_of_a_wall();
+    sensor_input.update_odometry(scan.stamp, &scan.odom_from_base, Velocity::ZERO, now);
+    sensor_input.add_scan(&scan, now);
+    drive_loop.monitor_runner = Some(monitor_runner);
+    let (has_passed, stored) = (true, StoredEStop::None);
+    drive_loop.step(now, ArbiterInput::SelfTest { has_passed, stored });
+    drive_loop.tick(now);
+    let lease = ArbiterInput::Lease {
+        caller: Caller {
+            operator: OperatorId(0),
+            role: Role::Operator,
+            request: RequestId(1),
+        },
+        token: drive_loop.state.tokens().newest().unwrap(),
+        verb: LeaseVerb::Request,
+    };
+    drive_loop.step(now, lease);
+
+    assert_eq!(asks(&mut drive_loop, 0.5, 1, now).barrier, None);
+    let status = asks(&mut drive_loop, 1.0, 2, now);
+    assert!(
+        matches!(status.collision_monitor, CollisionMonitorState::On(_)),
+        "{status:?}"
+    );
+    let barrier = status.barrier.unwrap();
+    let [x, y] = barrier.position_m;
+    assert_eq!(barrier.kind, BarrierKind::Detected);
+    assert!(
+        (x - 2.6).abs() < 1e-3 && (y - 1.0).abs() < 1e-3,
+        "{barrier:?}"
+    );
+    // Switched off, it bounds nothing.
+    drive_loop.runtime_settings.collision_monitor = false;
+    let status = asks(&mut drive_loop, 1.0, 3, now);
+    assert_eq!(
+        (status.collision_monitor, status.barrier),
+        (CollisionMonitorState::Off, None)
+    );
+}
+
+/// An emergency stop of an observer comes within the drive command and as a request, in either order: whichever is
+/// heard first, the other is refused for the role too, not answered as what is over already.
+#[test]
+fn an_emergency_stop_of_an_observer_is_refused_each_time() {
+    let now = clock::now();
+    let eve = SecretKey::from_seed(&[5; 32]);
+    let key = eve.public().to_pem().unwrap();
+    let list = format!(
+        "version = 1\n[[person]]\nname = \"eve\"\nrole = \"observer\"\nkey = \"\"\"\n{key}\"\"\"\n"
+    );
+    let mut drive_loop = guarded(now);
+    drive_loop.operators = Operators::listed(&OperatorList::parse(&list).unwrap());
+    drive_loop.tick(now);
+    let name: OperatorName = "eve".parse().unwrap();
+    let mut seq = 0;
+    let mut hears = |topic, press| {
+        seq += 1;
+        let stamp = CommandHeader {
+            boot: BootId([1; 16]),
+            token: AgeToken { n: 0, nonce: 0 },
+            epoch: 0,
+            seq,
+        };
+        let estop = EStop { press };
+        let drive = Drive {
+            linear_mps: 0.0,
+            angular_radps: 0.0,
+            estop: Some(estop),
+        };
+        let robot = "scout".parse().unwrap();
+        let route = Route {
+            robot: &robot,
+            operator: &name,
+        };
+        let bytes = if topic == ByDrive {
+            sign(&eve, route, &stamp, &drive)
+        } else {
+            sign(&eve, route, &stamp, &estop)
+        };
+        let (sender, answers) = sync_channel(1);
+        let reply: Option<Reply> = (topic == ByEStop).then(|| {
+            let reply: Reply = Box::new(move |answer| sender.send(answer).unwrap());
+            reply
+        });
+        let (bytes, operator) = (bytes.unwrap(), name.clone());
+        drive_loop.receive(
+            Incoming {
+                topic,
+                operator,
+                bytes,
+                reply,
+            },
+            now,
+        );
+        assert_eq!(
+            drive_loop.state.mode(),
+            Mode::SafeBoot,
+            "nothing was stopped"
+        );
+        answers.try_recv().ok()
+    };
+    for press in [1, 2] {
+        assert_eq!(hears(ByDrive, press), None);
+        for _ in 0..2 {
+            assert_eq!(hears(ByEStop, press), Some(Answer::Refused(No::Role)));
+        }
+    }
+}
+
+mod monitor_reenabled;

@@ -1,0 +1,187 @@
+//! The motors that the loop commands.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crate::actuators::Fault;
+#[cfg(target_os = "linux")]
+use crate::actuators::motor_guard::GuardedMotors;
+use crate::actuators::published_velocity::PublishedVelocity;
+#[cfg(target_os = "linux")]
+use crate::actuators::report::Readiness;
+use measurement::time::Monotonic;
+use network::clock;
+use teleop::Velocity;
+
+/// Validity of a velocity for simulated motors, from its decision on; the same as for real ones.
+const WATCHDOG: Duration = Duration::from_millis(200);
+
+/// The motors of a vehicle.
+#[derive(Debug)]
+pub enum Motors {
+    /// None: the vehicle can be watched but not driven.
+    None,
+    /// Those of a simulated vehicle.
+    Simulated(SimulatedMotors),
+    /// Those of another system, commanded by messages.
+    Published(PublishedVelocity),
+    /// Real ones, behind a process of their own.
+    #[cfg(target_os = "linux")]
+    Guarded(GuardedMotors),
+}
+
+/// The state of the motors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorState {
+    /// Whether they obey.
+    pub readiness: MotorReadiness,
+    /// The measured velocity, if they know it.
+    pub measured: Option<Velocity>,
+}
+
+/// Whether the motors obey.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MotorReadiness {
+    /// They are being found and checked.
+    Starting,
+    /// They obey.
+    Ready,
+    /// They have failed.
+    Faulty(Fault),
+    /// There are none.
+    Absent,
+}
+
+/// The motors of a simulated vehicle, shared by the loop and the simulation.
+#[derive(Clone, Debug, Default)]
+pub struct SimulatedMotors(Arc<Mutex<SimulatedMotorState>>);
+
+/// The last values of both sides.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SimulatedMotorState {
+    /// The vehicle obeys the loop. Before, it follows its simulated route.
+    pub is_engaged: bool,
+    /// The commanded velocity.
+    pub velocity: Velocity,
+    /// When that was decided.
+    pub decided_at: Monotonic,
+    /// How fast the vehicle is.
+    pub measured: Option<Velocity>,
+}
+
+impl Motors {
+    /// Sends a velocity decided at `now`; returns the state of the motors. It never waits.
+    pub fn apply(&mut self, velocity: Velocity, now: Monotonic) -> MotorState {
+        match self {
+            Self::None => MotorState {
+                readiness: MotorReadiness::Absent,
+                measured: None,
+            },
+            Self::Simulated(motors) => MotorState {
+                readiness: MotorReadiness::Ready,
+                measured: motors.command(velocity, now),
+            },
+            Self::Published(motors) => MotorState {
+                readiness: if motors.apply(velocity, now) {
+                    MotorReadiness::Ready
+                } else {
+                    MotorReadiness::Starting
+                },
+                measured: None,
+            },
+            #[cfg(target_os = "linux")]
+            Self::Guarded(motors) => match motors.apply(velocity, now) {
+                Ok(report) => MotorState {
+                    readiness: match report.readiness {
+                        Readiness::Starting => MotorReadiness::Starting,
+                        // Held motors obey after a zero command, which the loop sends until an operator drives.
+                        Readiness::Holding(_) | Readiness::Active => MotorReadiness::Ready,
+                    },
+                    measured: report.measured,
+                },
+                Err(fault) => MotorState {
+                    readiness: MotorReadiness::Faulty(fault),
+                    measured: None,
+                },
+            },
+        }
+    }
+
+    /// From now on the vehicle obeys only the loop.
+    pub fn take_over(&mut self) {
+        if let Self::Simulated(motors) = self {
+            motors.state().is_engaged = true;
+        }
+    }
+
+    /// The simulated motors, if they are simulated.
+    pub(super) fn simulated(&self) -> Option<SimulatedMotors> {
+        match self {
+            Self::Simulated(motors) => Some(motors.clone()),
+            Self::None | Self::Published(_) => None,
+            #[cfg(target_os = "linux")]
+            Self::Guarded(_) => None,
+        }
+    }
+
+    /// Whether there are any.
+    pub const fn can_drive(&self) -> bool {
+        match self {
+            Self::None => false,
+            Self::Simulated(_) | Self::Published(_) => true,
+            #[cfg(target_os = "linux")]
+            Self::Guarded(_) => true,
+        }
+    }
+}
+
+impl SimulatedMotors {
+    /// Sets the velocity decided at `now`; returns the measured one, if known.
+    pub(super) fn command(&self, velocity: Velocity, now: Monotonic) -> Option<Velocity> {
+        let mut state = self.state();
+        state.velocity = velocity;
+        state.decided_at = now;
+        state.measured
+    }
+
+    /// Sets the measured velocity; returns the commanded one: zero if it is too old.
+    pub fn exchange(&self, measured: Velocity) -> SimulatedMotorState {
+        let mut state = self.state();
+        state.measured = Some(measured);
+        if clock::elapsed(state.decided_at) >= WATCHDOG {
+            state.velocity = Velocity::ZERO;
+        }
+        *state
+    }
+
+    fn state(&self) -> std::sync::MutexGuard<'_, SimulatedMotorState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_motors_go_to_zero_without_new_velocity() {
+        let simulated = SimulatedMotors::default();
+        let mut motors = Motors::Simulated(simulated.clone());
+        let ahead = Velocity {
+            linear_mps: 1.0,
+            angular_radps: 0.0,
+        };
+        let decided = clock::now();
+        motors.apply(ahead, decided);
+        let state = simulated.exchange(ahead).velocity;
+        assert!(state == ahead || clock::elapsed(decided) >= WATCHDOG);
+        network::clock::sleep_until(decided + WATCHDOG, || false);
+        assert_eq!(simulated.exchange(ahead).velocity, Velocity::ZERO);
+        motors.apply(ahead, decided);
+        assert_eq!(
+            simulated.exchange(ahead).velocity,
+            Velocity::ZERO,
+            "too old"
+        );
+    }
+}

@@ -1,0 +1,36 @@
+//! The vehicle's half of Foreshore.
+//!
+//! Data flows one way: a source ([`recording`], `simulation`, [`ros2`]) yields [`measurement::Measurement`]s;
+//! [`localization`] registers scans in `odom`; [`mapping`] integrates them into layers; [`publishing`] turns changed cells
+//! into tiles, which [`server`] sends. [`runtime`] owns the threads and channels. [`teleop`] decides which commands move
+//! the vehicle, [`driving`] executes them on [`actuators`].
+
+pub mod pacer;
+
+pub mod actuators;
+pub mod cli;
+pub mod config;
+pub mod driving;
+pub mod events;
+pub mod exit;
+pub mod export;
+pub mod overload;
+pub mod progress;
+pub mod publishing;
+pub mod replay_control;
+pub mod ros2;
+pub mod runtime;
+pub mod sensor_monitor;
+pub mod server;
+pub mod service_manager;
+pub mod summary;
+pub mod survey;
+pub mod vehicle_commands;
+
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
+
+#[cfg(test)]
+#[path = "../../recording/src/shared_data.rs"]
+mod shared_data;

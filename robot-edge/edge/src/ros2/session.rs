@@ -1,0 +1,301 @@
+//! Subscriptions and announcements of the ROS 2 session.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use zenoh::query::{QueryTarget, ReplyKeyExpr};
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Config, Session, Wait as _};
+
+use super::inbox::{Inbox, InboxSender, RosMessage};
+use super::twist::TwistPublisher;
+use measurement::Stream;
+use network::clock;
+use network::random_id;
+use recording::ros::MessageType;
+use recording::ros::middleware::Attachment;
+use recording::ros::middleware::{
+    DiscoveredTopic, parse_token, rmw_pattern, rmw_stream, static_transform_history,
+    token_patterns, twist_keys,
+};
+
+/// Limit of one attempt to connect.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval of attempts, also after a restart of the router.
+const RETRY_PERIOD: Duration = Duration::from_millis(500);
+/// Limit for replies with static transforms.
+const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
+/// Larger messages are ignored.
+const MAX_MESSAGE_BYTES: usize = 16 << 20;
+/// Maximum number of announcements, far more than the publishers of a robot.
+const MAX_ANNOUNCED: usize = 4096;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RosEndpoint {
+    /// Its Zenoh router or bridge.
+    pub endpoint: String,
+    /// Its domain; the keys of bridges contain none.
+    pub domain: u32,
+}
+
+/// Why a ROS 2 system cannot be reached.
+#[derive(Debug, thiserror::Error)]
+pub enum RosLinkError {
+    /// A setting of ours, or the endpoint.
+    #[error("Zenoh does not take {key} = {value}: {why}")]
+    Setting {
+        key: &'static str,
+        value: String,
+        why: zenoh::Error,
+    },
+    /// Nobody answers.
+    #[error("no answer at {endpoint}: {why}")]
+    Open { endpoint: String, why: zenoh::Error },
+    /// A key or a handler was refused.
+    #[error("Zenoh refused {what}: {why}")]
+    Declare { what: String, why: zenoh::Error },
+}
+
+/// A connection to a ROS 2 system. Clones share it; it ends with the last one.
+#[derive(Clone)]
+pub struct RosLink {
+    session: Session,
+    domain: u32,
+    sender: InboxSender,
+    announced: Arc<Mutex<Announcements>>,
+}
+
+impl std::fmt::Debug for RosLink {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("RosLink")
+            .field("domain", &self.domain)
+            .finish_non_exhaustive()
+    }
+}
+
+#[derive(Default)]
+struct Announcements {
+    by_token: BTreeMap<String, DiscoveredTopic>,
+    /// Announced keys of bridges without subscription.
+    new_keys: Vec<(String, Stream)>,
+    /// All announced keys of bridges.
+    known_keys: Vec<String>,
+}
+
+impl RosLink {
+    /// Connects, and subscribes to all mappable topics.
+    pub fn open(at: &RosEndpoint) -> Result<(Self, Inbox), RosLinkError> {
+        let session =
+            zenoh::open(config(&at.endpoint)?)
+                .wait()
+                .map_err(|why| RosLinkError::Open {
+                    endpoint: at.endpoint.clone(),
+                    why,
+                })?;
+        let (sender, inbox) = Inbox::new();
+        let link = Self {
+            session,
+            domain: at.domain,
+            sender,
+            announced: Arc::default(),
+        };
+        link.subscribe_to_rmw()?;
+        link.listen_to_announcements()?;
+        Ok((link, inbox))
+    }
+
+    /// Requests static transforms from their publishers. The replies arrive as messages.
+    pub fn request_history(&self) -> Result<(), RosLinkError> {
+        for key in static_transform_history(self.domain)
+            .iter()
+            .map(String::as_str)
+        {
+            let (sender, domain) = (self.sender.clone(), self.domain);
+            self.session
+                .get(key)
+                .target(QueryTarget::All)
+                .accept_replies(ReplyKeyExpr::Any)
+                .timeout(HISTORY_TIMEOUT)
+                .callback(move |reply| {
+                    if let Ok(sample) = reply.result() {
+                        let key = sample.key_expr().as_str();
+                        let stream = rmw_stream(domain, key).unwrap_or_else(|| Stream {
+                            name: format!("/{key}"),
+                            type_name: "tf2_msgs/TFMessage".to_owned(),
+                        });
+                        offer(&sender, sample, || Some(stream));
+                    }
+                })
+                .wait()
+                .map_err(|why| refused(key, why))?;
+        }
+        Ok(())
+    }
+
+    /// Subscribes to the topics that bridges announced since the last call. It must not run in the callback, for
+    /// which Zenoh waits.
+    pub fn subscribe_to_announced(&self) -> Result<(), RosLinkError> {
+        let new = std::mem::take(&mut self.announcements().new_keys);
+        for (key, stream) in new {
+            let sender = self.sender.clone();
+            self.session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| offer(&sender, &sample, || Some(stream.clone())))
+                .background()
+                .wait()
+                .map_err(|why| refused(&key, why))?;
+        }
+        Ok(())
+    }
+
+    pub fn twist_publisher(&self, topic: &str) -> Result<TwistPublisher, RosLinkError> {
+        let gid = random_id().map_err(|why| refused(topic, why.into()))?;
+        TwistPublisher::new(&self.session, twist_keys(self.domain, topic), gid)
+    }
+
+    /// The announced topics, sorted by name.
+    pub fn announced(&self) -> Vec<Stream> {
+        let announcements = self.announcements();
+        let streams = announcements.by_token.values();
+        let mut streams: Vec<_> = streams.map(|announced| announced.stream.clone()).collect();
+        streams.sort_by(|a, b| (&a.name, &a.type_name).cmp(&(&b.name, &b.type_name)));
+        streams.dedup();
+        streams
+    }
+
+    fn announcements(&self) -> std::sync::MutexGuard<'_, Announcements> {
+        self.announced
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The keys of `rmw_zenoh` contain the type, so that no announcement is needed.
+    fn subscribe_to_rmw(&self) -> Result<(), RosLinkError> {
+        for (_, type_name) in MessageType::all().filter(|(kind, _)| is_supported(*kind)) {
+            let Some(pattern) = rmw_pattern(self.domain, type_name) else {
+                continue;
+            };
+            let (sender, domain) = (self.sender.clone(), self.domain);
+            self.session
+                .declare_subscriber(pattern.clone())
+                .callback(move |sample| {
+                    offer(&sender, &sample, || {
+                        rmw_stream(domain, sample.key_expr().as_str())
+                    });
+                })
+                .background()
+                .wait()
+                .map_err(|why| refused(&pattern, why))?;
+        }
+        Ok(())
+    }
+
+    fn listen_to_announcements(&self) -> Result<(), RosLinkError> {
+        for pattern in token_patterns(self.domain) {
+            let announcements = Arc::clone(&self.announced);
+            self.session
+                .liveliness()
+                .declare_subscriber(pattern.clone())
+                .history(true)
+                .callback(move |sample| {
+                    let mut announcements =
+                        announcements.lock().unwrap_or_else(PoisonError::into_inner);
+                    announcements.take(sample.key_expr().as_str(), sample.kind());
+                })
+                .background()
+                .wait()
+                .map_err(|why| refused(&pattern, why))?;
+        }
+        Ok(())
+    }
+}
+
+impl Announcements {
+    fn take(&mut self, token: &str, kind: SampleKind) {
+        if kind == SampleKind::Delete {
+            self.by_token.remove(token);
+            return;
+        }
+        let Some(announced) = parse_token(token) else {
+            return;
+        };
+        if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
+            return;
+        }
+        let is_mapped =
+            MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_supported);
+        if let Some(key) = &announced.key
+            && is_mapped
+            && !self.known_keys.contains(key)
+        {
+            self.known_keys.push(key.clone());
+            self.new_keys.push((key.clone(), announced.stream.clone()));
+        }
+        self.by_token.insert(token.to_owned(), announced);
+    }
+}
+
+/// Clouds are neither mapped nor recorded.
+fn is_supported(kind: MessageType) -> bool {
+    kind != MessageType::PointCloud2
+}
+
+fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {
+    let received_at = clock::now();
+    if sample.kind() != SampleKind::Put {
+        return;
+    }
+    let payload = sample.payload();
+    sender.offer(payload.len(), || {
+        let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
+        let attachment = attachment.and_then(|bytes| Attachment::decode(&bytes));
+        Some(RosMessage {
+            stream: stream()?,
+            payload: payload.to_bytes().into_owned(),
+            published: attachment.map(|attachment| attachment.published),
+            received_at,
+        })
+    });
+}
+
+fn refused(what: &str, why: zenoh::Error) -> RosLinkError {
+    RosLinkError::Declare {
+        what: what.to_owned(),
+        why,
+    }
+}
+
+fn config(endpoint: &str) -> Result<Config, RosLinkError> {
+    let mut config = Config::default();
+    let text = |text: &str| serde_json::Value::from(text).to_string();
+    let retry_ms = RETRY_PERIOD.as_millis();
+    for (key, value) in [
+        ("mode", text("client")),
+        ("connect/endpoints", format!("[{}]", text(endpoint))),
+        (
+            "connect/timeout_ms",
+            CONNECT_TIMEOUT.as_millis().to_string(),
+        ),
+        (
+            "connect/retry",
+            format!(
+                "{{ period_init_ms: {retry_ms}, period_max_ms: {retry_ms}, period_increase_factor: 1 }}"
+            ),
+        ),
+        ("listen/endpoints", "[]".to_owned()),
+        ("scouting/multicast/enabled", false.to_string()),
+        ("scouting/gossip/enabled", false.to_string()),
+        (
+            "transport/link/rx/max_message_size",
+            MAX_MESSAGE_BYTES.to_string(),
+        ),
+        ("transport/shared_memory/enabled", false.to_string()),
+        ("adminspace/enabled", false.to_string()),
+    ] {
+        if let Err(why) = config.insert_json5(key, &value) {
+            return Err(RosLinkError::Setting { key, value, why });
+        }
+    }
+    Ok(config)
+}

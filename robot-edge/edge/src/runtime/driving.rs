@@ -1,0 +1,216 @@
+//! The motors of a run, and the rules of driving it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use protocol::keys::RobotId;
+use protocol::tile::BootId;
+
+use super::live_recording::LiveRecording;
+#[cfg(target_os = "linux")]
+use crate::actuators::motor_guard::{GuardCommand, GuardedMotors};
+use crate::actuators::published_velocity::PublishedVelocity;
+#[cfg(target_os = "linux")]
+use crate::actuators::roboteq::RoboteqConfig;
+use crate::cli::DrivingOptions;
+use crate::config::{Config, ConfigIssue};
+use crate::driving::motors::SimulatedMotors;
+use crate::driving::{
+    DriveLog, Driving, DrivingSettings, EStopFile, EStopStore, LocalCommands, MonitorMapInput,
+    MonitorSensorInput, Motors, Operators, monitor_input,
+};
+use crate::exit::UsageError;
+use crate::ros2::RosLink;
+use crate::service_manager::ServiceManager;
+use mapping::ground_plane::GroundTracker;
+use network::audit::Audit;
+use recording::new_file::{self, NewFile};
+use teleop::Rules;
+use teleop::SettingError;
+use teleop::collision_monitor::CollisionMonitorRules;
+
+/// The inputs of the collision monitor: from localization and from mapping.
+pub(super) type CollisionMonitorInputs = (MonitorSensorInput, MonitorMapInput);
+
+#[derive(Clone, Debug)]
+pub(super) enum MotorsPlan {
+    /// The vehicle can be observed, and not driven.
+    None,
+    Simulated(SimulatedMotors),
+    /// Velocities are published on this topic of a ROS 2 system.
+    Ros2Twist(RosLink, String),
+    /// Real motors, owned by the motor guard.
+    #[cfg(target_os = "linux")]
+    Roboteq(RoboteqConfig),
+}
+
+impl MotorsPlan {
+    fn start(&self) -> anyhow::Result<Motors> {
+        Ok(match self {
+            Self::None => Motors::None,
+            Self::Simulated(motors) => Motors::Simulated(motors.clone()),
+            Self::Ros2Twist(link, topic) => {
+                let publisher = link.twist_publisher(topic)?;
+                let motors = PublishedVelocity::start(Box::new(publisher));
+                Motors::Published(motors.context("no thread can be had to publish velocities")?)
+            }
+            #[cfg(target_os = "linux")]
+            Self::Roboteq(config) => {
+                let guarded = GuardCommand::this_program(config)
+                    .and_then(|command| GuardedMotors::start(command, config.clone()));
+                Motors::Guarded(guarded.context("the motors' guard cannot be started")?)
+            }
+        })
+    }
+}
+
+/// The motors of a run, and the files of driving.
+#[derive(Clone, Debug)]
+pub(super) struct DrivePlan {
+    motors: MotorsPlan,
+    log: Option<PathBuf>,
+    state: Option<PathBuf>,
+    recordings: Option<PathBuf>,
+}
+
+impl DrivePlan {
+    pub(super) const fn none() -> Self {
+        Self {
+            motors: MotorsPlan::None,
+            log: None,
+            state: None,
+            recordings: None,
+        }
+    }
+
+    pub(super) fn new(motors: MotorsPlan, options: &DrivingOptions) -> Self {
+        Self {
+            motors,
+            log: options.drive_log.clone(),
+            state: options.state_dir.clone(),
+            recordings: options.recordings.clone(),
+        }
+    }
+
+    pub(super) const fn can_drive(&self) -> bool {
+        match self.motors {
+            MotorsPlan::None => false,
+            MotorsPlan::Simulated(_) | MotorsPlan::Ros2Twist(..) => true,
+            #[cfg(target_os = "linux")]
+            MotorsPlan::Roboteq(_) => true,
+        }
+    }
+
+    pub(super) fn log(&self) -> Option<&Path> {
+        self.log.as_deref()
+    }
+
+    /// Creates the drive log if it was requested.
+    pub(super) fn create_log(&self) -> anyhow::Result<Option<NewFile>> {
+        let path = self.log.as_ref().filter(|_| self.can_drive());
+        let file = path.map(|path| {
+            new_file::create(path)
+                .with_context(|| format!("{}: cannot write the drive log", path.display()))
+        });
+        file.transpose()
+    }
+
+    pub(super) const fn can_record(&self) -> bool {
+        self.recordings.is_some() && self.can_drive()
+    }
+
+    pub(super) fn recording(
+        &self,
+        robot: &RobotId,
+        vehicle: &str,
+    ) -> anyhow::Result<Option<LiveRecording>> {
+        let folder = self.recordings.as_ref().filter(|_| self.can_drive());
+        let recording = folder.map(|folder| {
+            LiveRecording::new(folder, robot.as_str(), vehicle)
+                .with_context(|| format!("{}: cannot record here", folder.display()))
+        });
+        recording.transpose()
+    }
+
+    /// Starts the drive loop if there are motors. `publish_event` receives errors of the drive log.
+    pub(super) fn start(
+        &self,
+        (robot, boot): (&RobotId, BootId),
+        (operators, audit): (Operators, Option<Audit>),
+        config: &Config,
+        (log, publish_event): (
+            Option<NewFile>,
+            impl FnOnce(&'static str, String) + Send + 'static,
+        ),
+    ) -> anyhow::Result<Option<(Driving, Option<CollisionMonitorInputs>)>> {
+        if !self.can_drive() {
+            return Ok(None);
+        }
+        let rules = Rules::new(&config.teleop, &config.vehicle).map_err(usage_error)?;
+        let monitor_rules = CollisionMonitorRules::new(
+            &config.teleop.collision_monitor,
+            &config.teleop,
+            &config.vehicle,
+            &config.mapping.obstacle,
+        )
+        .map_err(usage_error)?;
+        let (monitor_inputs, monitor_runner) = config
+            .teleop
+            .collision_monitor
+            .enabled
+            .then(|| {
+                monitor_input(
+                    monitor_rules,
+                    config.range_models().len(),
+                    ground_tracker(config),
+                )
+            })
+            .map(|(monitor_input, monitor_map_input, monitor_runner)| {
+                ((monitor_input, monitor_map_input), monitor_runner)
+            })
+            .unzip();
+        let estop_store = self.state.as_ref().map(|dir| {
+            EStopFile::open(dir)
+                .and_then(EStopStore::start)
+                .with_context(|| format!("{}: cannot keep an emergency stop here", dir.display()))
+        });
+        let log = log.map(|file| {
+            DriveLog::start(file, move |why| publish_event("drive_log_stopped", why))
+                .context("no thread can be had to write the drive log")
+        });
+        let driving = Driving::start(DrivingSettings {
+            robot: robot.clone(),
+            boot,
+            rules,
+            operators,
+            audit,
+            motors: self.motors.start()?,
+            local_commands: LocalCommands::by_signals().context("signals cannot be taken")?,
+            budget_kbps: config.streaming.budget_kbps,
+            monitor_runner,
+            estop_store: estop_store.transpose()?,
+            can_record: self.recordings.is_some(),
+            log: log.transpose()?,
+            service_manager: ServiceManager::from_environment(),
+        });
+        let driving = driving.context("no thread can be had to drive with")?;
+        Ok(Some((driving, monitor_inputs)))
+    }
+}
+
+/// The ground tracker of the collision monitor, if the mapper maps heights.
+fn ground_tracker(config: &Config) -> Option<GroundTracker> {
+    let mapping = &config.mapping;
+    let new = || GroundTracker::new(&mapping.ground, config.vehicle.wheelbase_m());
+    mapping.elevation.enabled.then(new)
+}
+
+fn usage_error(errors: Vec<SettingError>) -> UsageError {
+    let issues = errors.into_iter().map(ConfigIssue::from);
+    UsageError(
+        issues
+            .map(|issue| issue.to_string())
+            .collect::<Vec<_>>()
+            .join("\n"),
+    )
+}

@@ -1,0 +1,320 @@
+//! The second stage of the pipeline: integrates registered scans into the maps and publishes the changes.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::batching_channel::{InputDelay, MappingInput};
+use super::data_clock::DataClock;
+use super::maps::{MapEvent, MapUpdate, Maps, MapsReport, PausedSnapshot};
+use super::network::Network;
+use crate::overload::{OverloadChange, OverloadMonitor};
+use crate::publishing::publisher::PublishError;
+use crate::publishing::trajectory::SharedTrajectory;
+use crate::replay_control::{ReplayControl, TimelineMark};
+use crate::summary::Event;
+use localization::registration::RegistrationOutput;
+use mapping::registered_scan::RegisteredScan;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::Monotonic;
+use network::clock;
+
+/// In a live run, a scan that waited longer for mapping is dropped.
+pub(super) const MAX_QUEUE_DELAY: Duration = Duration::from_secs(2);
+/// After a drop, scans are dropped until one has waited no longer than this. Otherwise every mapped scan would be nearly
+/// [`MAX_QUEUE_DELAY`] old, and the collision monitor would never have a current map.
+pub(super) const RECOVERED_QUEUE_DELAY: Duration = Duration::from_millis(250);
+/// Events that the summary lists.
+const MAX_EVENTS: usize = 1000;
+
+/// Owns the maps of a run.
+pub(super) struct MappingStage {
+    pub(super) maps: Maps,
+    pub(super) network: Option<Network>,
+    pub(super) trajectory: SharedTrajectory,
+    /// For the summary.
+    pub(super) events: EventLog,
+    pub(super) overload: OverloadMonitor,
+    /// Late scans are dropped instead of mapped late.
+    pub(super) is_live: bool,
+    /// Scans are dropped until one has hardly waited.
+    pub(super) is_dropping: bool,
+    /// Present if the replay can seek: an event that is mapped again is not published again.
+    pub(super) timeline: Option<TimelineRecorder>,
+    pub(super) stats: SharedMapStats,
+}
+
+/// Marks events on the timeline of a replay.
+pub(super) struct TimelineRecorder {
+    pub(super) control: ReplayControl,
+    /// Time of the data since the first scan.
+    pub(super) clock: DataClock,
+}
+
+impl TimelineRecorder {
+    /// Returns whether the event is new, and not a repetition after a seek.
+    fn mark(&self, map_event: &MapEvent) -> bool {
+        self.control.mark(TimelineMark {
+            at: self.clock.at(map_event.stamp),
+            kind: map_event.kind,
+            message: map_event.message.clone(),
+        })
+    }
+}
+
+impl MappingStage {
+    /// A stage without network.
+    pub(super) fn new(maps: Maps) -> Self {
+        Self {
+            maps,
+            network: None,
+            trajectory: SharedTrajectory::default(),
+            events: EventLog::default(),
+            overload: OverloadMonitor::default(),
+            is_live: false,
+            is_dropping: false,
+            timeline: None,
+            stats: SharedMapStats::default(),
+        }
+    }
+
+    /// Processes one input. Returns the scan if it was mapped.
+    pub(super) fn take(
+        &mut self,
+        input: MappingInput,
+    ) -> Result<Option<RegisteredScan>, PublishError> {
+        self.process_at(input, clock::now())
+    }
+
+    pub(super) fn process_at(
+        &mut self,
+        input: MappingInput,
+        now: Monotonic,
+    ) -> Result<Option<RegisteredScan>, PublishError> {
+        match input {
+            MappingInput::ClockReset => self.maps.reset_clock(),
+            MappingInput::Registered {
+                output: RegistrationOutput::Scan(scan),
+                measured_at,
+                queued_at,
+            } => {
+                if self.is_expired(now.since(queued_at)) {
+                    self.maps.count_dropped(DropReason::QueueFull);
+                } else {
+                    self.map(&scan, measured_at)?;
+                    return Ok(Some(scan));
+                }
+            }
+            MappingInput::Registered {
+                output: RegistrationOutput::Jump(jump),
+                ..
+            } => self.maps.on_pose_jump(&jump),
+            MappingInput::Tick { input_delay, datum } => {
+                self.maps.set_datum(datum);
+                self.check_overload(input_delay);
+                self.publish();
+            }
+        }
+        Ok(None)
+    }
+
+    fn is_expired(&mut self, waited: Duration) -> bool {
+        let longest = if self.is_dropping {
+            RECOVERED_QUEUE_DELAY
+        } else {
+            MAX_QUEUE_DELAY
+        };
+        self.is_dropping = self.is_live && waited > longest;
+        self.is_dropping
+    }
+
+    fn map(&mut self, scan: &RegisteredScan, measured_at: Monotonic) -> Result<(), PublishError> {
+        self.maps.integrate(scan);
+        self.trajectory.lock().add(scan);
+        if let Some(timeline) = &self.timeline {
+            let position_m = scan.odom_from_base.translation.vector;
+            timeline.control.add_point([position_m.x, position_m.y]);
+        }
+        // The collision monitor gets the map before publishing, which takes longer.
+        if let Some(network) = &mut self.network {
+            network.update_monitor(scan, self.maps.mapper(), measured_at);
+        }
+        self.maps.publish_if_due()
+    }
+
+    /// Publishes an event if mapping cannot keep up: an operator would see an old map.
+    fn check_overload(&mut self, input_delay: Option<InputDelay>) {
+        let Some((network, input_delay)) = self.network.as_ref().zip(input_delay) else {
+            return;
+        };
+        let now = clock::now();
+        match self.overload.update(input_delay.at(now), now) {
+            Some(OverloadChange::Started(delay)) => {
+                let delay_s = delay.as_secs_f64();
+                let message = format!("Overload: maps are {delay_s:.1} s behind");
+                tracing::warn!(message);
+                network.publish_event("overload", &message);
+            }
+            Some(OverloadChange::Cleared) => {
+                network.publish_event("overload_cleared", "Overload is over: maps are up to date");
+            }
+            None => {}
+        }
+    }
+
+    /// Stops the motors and ends driving.
+    pub(super) fn end_driving(&mut self) {
+        if let Some(network) = &mut self.network {
+            network.end_driving();
+        }
+    }
+
+    /// Publishes the maps as if the data ended here, including the `waiting` scans.
+    pub(super) fn publish_paused(
+        &mut self,
+        waiting: Vec<RegistrationOutput>,
+    ) -> Result<PausedSnapshot, PublishError> {
+        let mut paused_snapshot = self.maps.publish_paused(waiting)?;
+        let mut trajectory = self.trajectory.lock();
+        for scan in paused_snapshot.waiting_scans() {
+            trajectory.add_provisional(scan);
+        }
+        drop(trajectory);
+        if let Some(network) = &self.network
+            && let Some((stamp, shores)) = paused_snapshot.shores.take()
+        {
+            network.shores(stamp, Arc::new(shores));
+        }
+        self.publish();
+        Ok(paused_snapshot)
+    }
+
+    /// Restores what [`Self::publish_paused`] replaced.
+    pub(super) fn resume(&mut self, paused_snapshot: PausedSnapshot) -> Result<(), PublishError> {
+        let mut trajectory = self.trajectory.lock();
+        let scans = trajectory.scans();
+        trajectory.seek(scans);
+        drop(trajectory);
+        self.maps.resume(paused_snapshot)
+    }
+
+    /// The maps were restored to the state after `scans` scans.
+    pub(super) fn seek(&self, scans: u64) {
+        self.trajectory.lock().seek(scans);
+        if let Some(network) = &self.network {
+            network.clear_shores(&self.maps);
+            if let Some((stamp, shores)) = self.maps.current_shores() {
+                network.shores(stamp, Arc::new(shores));
+            }
+        }
+    }
+
+    /// Serves requested octree files while the replay is paused.
+    pub(super) fn serve_octree_files(&self, paused_snapshot: &PausedSnapshot) {
+        if let Some(network) = &self.network {
+            network.serve_paused_octree_files(&self.maps, paused_snapshot);
+        }
+    }
+
+    /// Sends events, shores and changed tiles to the consoles.
+    pub(super) fn publish(&mut self) {
+        let MapUpdate {
+            changed_tiles,
+            events,
+        } = self.maps.take_update();
+        self.stats.set(self.maps.report());
+        for event in events {
+            let is_new = self
+                .timeline
+                .as_ref()
+                .is_none_or(|timeline| timeline.mark(&event));
+            if !is_new {
+                continue;
+            }
+            if let Some(network) = &self.network {
+                network.publish_event(event.kind, &event.message);
+            }
+            self.events.add(event);
+        }
+        if let Some(network) = &self.network {
+            if let Some((stamp, shores)) = self.maps.take_shores() {
+                network.shores(stamp, Arc::new(shores));
+            }
+            network.publish_tiles(changed_tiles);
+            network.serve_octree_files(&self.maps, false);
+        }
+    }
+}
+
+/// The first [`MAX_EVENTS`] events of a run, and the number of the others.
+#[derive(Debug, Default)]
+pub(super) struct EventLog {
+    events: Vec<Event>,
+    omitted: u64,
+}
+
+impl EventLog {
+    pub(super) const fn with_events(events: Vec<Event>) -> Self {
+        Self { events, omitted: 0 }
+    }
+
+    fn add(&mut self, map_event: MapEvent) {
+        if self.events.len() < MAX_EVENTS {
+            self.events.push(Event {
+                stamp_s: Some(map_event.stamp.as_secs_f64()),
+                kind: map_event.kind.to_owned(),
+                message: map_event.message,
+            });
+        } else {
+            self.omitted += 1;
+        }
+    }
+
+    pub(super) fn into_events(self) -> Vec<Event> {
+        let mut events = self.events;
+        if self.omitted > 0 {
+            events.push(Event {
+                stamp_s: None,
+                kind: "events".to_owned(),
+                message: format!(
+                    "{} more happened, only the first {MAX_EVENTS} are listed",
+                    self.omitted
+                ),
+            });
+        }
+        events
+    }
+}
+
+/// Counts of the maps that the localization stage publishes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct MapStats {
+    /// Scans that are in the map.
+    pub(super) scans_mapped: u64,
+    /// Registered scans that were dropped, by reason.
+    pub(super) dropped_scans: DropCounts,
+    /// Beams that no layer used, by reason.
+    pub(super) dropped_beams: DropCounts,
+}
+
+/// [`MapStats`] shared by both stages. The lock is held only for a copy.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SharedMapStats(Arc<Mutex<MapStats>>);
+
+impl SharedMapStats {
+    fn set(&self, report: &MapsReport) {
+        let stats = MapStats {
+            scans_mapped: report.scans_mapped,
+            dropped_scans: report.dropped_scans.clone(),
+            dropped_beams: report.dropped_beams.clone(),
+        };
+        *self.lock() = stats;
+    }
+
+    pub(super) fn get(&self) -> MapStats {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, MapStats> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

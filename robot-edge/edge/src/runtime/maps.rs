@@ -1,0 +1,421 @@
+//! The maps of a vehicle: registered scans in, published tiles out.
+
+use protocol::message::Shores;
+use protocol::tile::{BootId, TileKey};
+
+use crate::config::Config;
+use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
+use crate::publishing::shores::shores;
+use crate::summary::StageTimer;
+use localization::OnJump;
+use localization::pose_buffer::PoseJump;
+use localization::registration::RegistrationOutput;
+use mapping::Mapper;
+use mapping::cost_map::CostMap;
+use mapping::occupancy_grid::OccupancyGrid;
+use mapping::octree::Octree;
+use mapping::registered_scan::RegisteredScan;
+use mapping::terrain::Terrain;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{RobotDuration, RobotTime};
+use network::clock;
+use protocol::geodesy::GeodeticPoint;
+
+/// Minimum time between two reports of evictions.
+const EVICTION_REPORT_INTERVAL: RobotDuration = RobotDuration::from_nanos(10_000_000_000);
+
+/// Maximum number of scans between two publications, whatever their stamps are.
+const MAX_SCANS_UNPUBLISHED: u32 = 250;
+
+/// The layers and their published tiles.
+pub struct Maps {
+    mapper: Mapper,
+    publisher: Publisher,
+    publish_period: RobotDuration,
+    on_jump: OnJump,
+    events: Vec<MapEvent>,
+    progress: MapsProgress,
+}
+
+/// The part of [`Maps`] that a checkpoint copies besides the layers and the tiles.
+#[derive(Clone, Debug, Default)]
+struct MapsProgress {
+    published_at: Option<RobotTime>,
+    scans_unpublished: u32,
+    report: MapsReport,
+    evictions_reported_at: Option<RobotTime>,
+    shore_updates_taken: u32,
+    last_scan: Option<RobotTime>,
+    /// Position of the origin of `odom` on Earth, if it is known.
+    datum: Option<GeodeticPoint>,
+}
+
+/// What changed in the maps since the last update.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapUpdate {
+    /// The tiles that were published.
+    pub changed_tiles: Vec<TileKey>,
+    /// In the order of the data.
+    pub events: Vec<MapEvent>,
+}
+
+/// A change of the maps that operators should know.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapEvent {
+    /// On the clock of the data.
+    pub stamp: RobotTime,
+    /// `ground_plane`, `pose_jump` or `voxels_evicted`.
+    pub kind: &'static str,
+    /// One sentence with the reason.
+    pub message: String,
+}
+
+/// Counts of registered scans and their beams.
+#[derive(Clone, Debug, Default)]
+pub struct MapsReport {
+    /// Scans that are in the map.
+    pub scans_mapped: u64,
+    /// Registered scans that were dropped, by reason.
+    pub dropped_scans: DropCounts,
+    /// Beams that marked a hit.
+    pub hits: u64,
+    /// Beams without a return.
+    pub misses: u64,
+    /// Beams that no layer used, by reason.
+    pub dropped_beams: DropCounts,
+    /// Bricks that were removed from the octree to keep its memory limit.
+    pub evicted_bricks: u64,
+    /// Processing time of updating all layers, per scan.
+    pub mapping_time: StageTimer,
+    /// Processing time of converting changed cells to stored tiles, per publication.
+    pub publish_time: StageTimer,
+}
+
+/// A saved state of [`Maps`].
+#[derive(Clone, Debug)]
+pub struct MapsCheckpoint {
+    mapper: Mapper,
+    publisher: PublisherState,
+    progress: MapsProgress,
+}
+
+impl MapsCheckpoint {
+    /// Memory of the layers and the tiles, bytes; the rest is negligible.
+    pub fn bytes(&self) -> usize {
+        let occupancy = self.mapper.occupancy().map_or(0, OccupancyGrid::bytes);
+        let terrain = self.mapper.terrain().map_or(0, Terrain::bytes);
+        let voxels = self.mapper.voxels().map_or(0, |voxels| {
+            let octree = voxels.octree();
+            octree.bytes() + octree.scratch_bytes() + voxels.cost().map_or(0, CostMap::bytes)
+        });
+        occupancy + terrain + voxels + self.publisher.bytes()
+    }
+}
+
+/// The maps as published while a replay is paused.
+///
+/// A scan waits for the next pose, and changed cells wait for the next publication. A paused replay shows both at once,
+/// and the data that follows must not depend on it. Therefore a copy of the maps is finished and published, and the
+/// replaced tiles are restored when the replay resumes.
+#[derive(Debug)]
+pub struct PausedSnapshot {
+    published: ReplacedTiles,
+    /// Scans that the maps themselves do not contain yet, and the pose jumps between them.
+    waiting: Vec<RegistrationOutput>,
+    last_scan: Option<RobotTime>,
+    /// Shores and docking sites if they changed, and the stamp of the last scan.
+    pub shores: Option<(RobotTime, Shores)>,
+}
+
+impl PausedSnapshot {
+    /// The scans that are only in the snapshot.
+    pub(super) fn waiting_scans(&self) -> impl Iterator<Item = &RegisteredScan> {
+        self.waiting
+            .iter()
+            .filter_map(|registered| match registered {
+                RegistrationOutput::Scan(scan) => Some(scan),
+                RegistrationOutput::Jump(_) => None,
+            })
+    }
+
+    /// Stamp of the newest scan in the snapshot.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.last_scan
+    }
+}
+
+fn mapper(config: &Config) -> Mapper {
+    Mapper::new(
+        &config.mapping,
+        config.vehicle.shape(),
+        &config.range_models(),
+    )
+}
+
+impl Maps {
+    /// Empty maps of a vehicle. `encode`: see [`Publisher::new`].
+    pub fn new(config: &Config, boot: BootId, encode: bool) -> Result<Self, PublishError> {
+        let mapper = mapper(config);
+        Ok(Self {
+            publisher: Publisher::new(boot, config.streaming.tile_store_mb, &mapper, encode)?,
+            mapper,
+            publish_period: RobotDuration::from_secs_f64(config.streaming.publish_period_s),
+            on_jump: config.localization.on_jump,
+            events: Vec::new(),
+            progress: MapsProgress::default(),
+        })
+    }
+
+    /// Updates all layers with a registered scan. [`Self::publish_if_due`] follows each call.
+    pub fn integrate(&mut self, scan: &RegisteredScan) {
+        let started = clock::now();
+        let map = self.mapper.integrate(scan);
+        let report = &mut self.progress.report;
+        report.mapping_time.record(clock::elapsed(started));
+        report.scans_mapped += 1;
+        report.hits += map.hits;
+        report.misses += map.misses;
+        report.dropped_beams.merge(&map.dropped_beams);
+        self.progress.last_scan = Some(scan.stamp);
+        self.progress.scans_unpublished += 1;
+        self.report_evictions(scan.stamp, map.evicted_bricks);
+        if let Some(change) = map.ground_plane_reset {
+            self.add_event(change.stamp, "ground_plane", change.to_string());
+        }
+    }
+
+    /// Publishes the changed tiles once per publication period.
+    ///
+    /// The period is time of the data, so that the published tiles do not depend on the speed of a replay. The number of
+    /// scans limits memory if stamps do not advance.
+    pub fn publish_if_due(&mut self) -> Result<(), PublishError> {
+        let progress = &mut self.progress;
+        let Some(stamp) = progress.last_scan else {
+            return Ok(());
+        };
+        let is_due = progress.scans_unpublished >= MAX_SCANS_UNPUBLISHED
+            || progress
+                .published_at
+                .is_none_or(|at| stamp.since(at) >= self.publish_period);
+        if !is_due {
+            return Ok(());
+        }
+        progress.published_at = Some(stamp);
+        progress.scans_unpublished = 0;
+        self.publish()
+    }
+
+    /// The changes since the last call.
+    pub fn take_update(&mut self) -> MapUpdate {
+        MapUpdate {
+            changed_tiles: self.publisher.take_changed(),
+            events: std::mem::take(&mut self.events),
+        }
+    }
+
+    /// Counts a registered scan that is not mapped.
+    pub fn count_dropped(&mut self, reason: DropReason) {
+        self.progress.report.dropped_scans.add(reason);
+    }
+
+    /// The clock of the data was reset; scans with stamps of the old clock may follow.
+    pub const fn reset_clock(&mut self) {
+        self.progress.published_at = None;
+    }
+
+    /// Publishes everything at the end of the data.
+    pub fn finish(&mut self) -> Result<(), PublishError> {
+        self.mapper.refresh();
+        self.publish()
+    }
+
+    /// Sets the position of the origin of `odom` on Earth, which is published with the shores.
+    pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
+        self.progress.datum = datum;
+    }
+
+    /// Keeps or erases the maps at a pose jump, as configured.
+    pub fn on_pose_jump(&mut self, jump: &PoseJump) {
+        let maps = match self.on_jump {
+            OnJump::Keep => "the maps were kept",
+            OnJump::Reset => {
+                self.mapper.reset();
+                "the maps were erased"
+            }
+        };
+        let message = format!("the poses jumped by {:.2} m: {maps}", jump.distance_m);
+        self.add_event(jump.stamp, "pose_jump", message);
+    }
+
+    fn report_evictions(&mut self, stamp: RobotTime, bricks: u32) {
+        if bricks == 0 {
+            return;
+        }
+        let progress = &mut self.progress;
+        progress.report.evicted_bricks += u64::from(bricks);
+        let reported_at = progress
+            .evictions_reported_at
+            .filter(|&reported_at| reported_at <= stamp);
+        if reported_at
+            .is_none_or(|reported_at| stamp.since(reported_at) >= EVICTION_REPORT_INTERVAL)
+        {
+            progress.evictions_reported_at = Some(stamp);
+            let bricks = progress.report.evicted_bricks;
+            let message = format!(
+                "the octree is at its memory limit (mapping.octree.memory_limit_mb): {bricks} bricks farthest from the \
+                 vehicle are gone so far"
+            );
+            self.add_event(stamp, "voxels_evicted", message);
+        }
+    }
+
+    fn add_event(&mut self, stamp: RobotTime, kind: &'static str, message: String) {
+        tracing::info!(%stamp, kind, message);
+        self.events.push(MapEvent {
+            stamp,
+            kind,
+            message,
+        });
+    }
+
+    fn publish(&mut self) -> Result<(), PublishError> {
+        let started = clock::now();
+        // Before the first scan there is nothing to publish.
+        let stamp = self.progress.last_scan.unwrap_or_default();
+        self.publisher.publish(&mut self.mapper, stamp)?;
+        let elapsed = clock::elapsed(started);
+        self.progress.report.publish_time.record(elapsed);
+        Ok(())
+    }
+
+    /// Stamp of the newest scan in the map.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.progress.last_scan
+    }
+
+    /// The layers.
+    pub const fn mapper(&self) -> &Mapper {
+        &self.mapper
+    }
+
+    /// The published tiles.
+    pub const fn publisher(&self) -> &Publisher {
+        &self.publisher
+    }
+
+    /// Counts and processing times.
+    pub const fn report(&self) -> &MapsReport {
+        &self.progress.report
+    }
+
+    /// Shores and docking sites, if they are mapped.
+    pub fn shores(&self) -> Option<Shores> {
+        let voxels = self.mapper.voxels()?;
+        let cell_m = voxels.octree().cell_m();
+        Some(shores(voxels.shore()?, cell_m, self.progress.datum))
+    }
+
+    /// Shores and docking sites if they were updated since the last call, and the stamp of the last scan.
+    pub fn take_shores(&mut self) -> Option<(RobotTime, Shores)> {
+        let updates = self.mapper.voxels()?.shore()?.updates();
+        let taken = &mut self.progress.shore_updates_taken;
+        if std::mem::replace(taken, updates) == updates {
+            return None;
+        }
+        self.last_scan().zip(self.shores())
+    }
+
+    /// Shores and docking sites if they were ever updated, and the stamp of the last scan.
+    pub fn current_shores(&self) -> Option<(RobotTime, Shores)> {
+        let is_known = self.mapper.voxels()?.shore()?.updates() > 0;
+        Some((self.last_scan().filter(|_| is_known)?, self.shores()?))
+    }
+
+    /// Copies the whole state.
+    pub fn checkpoint(&self) -> MapsCheckpoint {
+        MapsCheckpoint {
+            mapper: self.mapper.clone(),
+            publisher: self.publisher.state(),
+            progress: self.progress.clone(),
+        }
+    }
+
+    /// Restores a checkpoint. Each layer gets a new epoch, which invalidates the tiles published since.
+    pub fn restore(&mut self, checkpoint: &MapsCheckpoint) -> Result<(), PublishError> {
+        self.publisher.restore(&checkpoint.publisher)?;
+        self.mapper = checkpoint.mapper.clone();
+        self.progress = checkpoint.progress.clone();
+        self.events.clear();
+        Ok(())
+    }
+
+    /// Empties the maps. Each layer gets a new epoch.
+    pub fn restart(&mut self, config: &Config) -> Result<(), PublishError> {
+        self.mapper = mapper(config);
+        self.publisher.restart(&self.mapper)?;
+        self.progress = MapsProgress::default();
+        self.events.clear();
+        Ok(())
+    }
+
+    /// Publishes the maps as if the data ended here, with the same cells as [`Maps::finish`]. `waiting` is what the
+    /// registration would yield at the end of the data.
+    ///
+    /// The copy of the maps exists only during this call.
+    pub fn publish_paused(
+        &mut self,
+        waiting: Vec<RegistrationOutput>,
+    ) -> Result<PausedSnapshot, PublishError> {
+        let mut ended = Self {
+            mapper: self.mapper.clone(),
+            publisher: self.publisher.with_undo(),
+            publish_period: self.publish_period,
+            on_jump: self.on_jump,
+            events: Vec::new(),
+            progress: self.progress.clone(),
+        };
+        for registered in &waiting {
+            match registered {
+                RegistrationOutput::Scan(scan) => {
+                    ended.integrate(scan);
+                    ended.publish_if_due()?;
+                }
+                RegistrationOutput::Jump(jump) => ended.on_pose_jump(jump),
+            }
+        }
+        ended.finish()?;
+        let shores = ended.take_shores();
+        self.publisher.add_changed(ended.publisher.take_changed());
+        Ok(PausedSnapshot {
+            waiting,
+            last_scan: ended.last_scan(),
+            published: ended.publisher.into_replaced(),
+            shores,
+        })
+    }
+
+    /// The octree at the time of the snapshot, if there is one. It is a copy.
+    pub fn octree_of(&self, paused_snapshot: &PausedSnapshot) -> Option<Octree> {
+        let mut ended = self.mapper.voxels()?.clone();
+        for registered in &paused_snapshot.waiting {
+            match (registered, self.on_jump) {
+                (RegistrationOutput::Scan(scan), _) => {
+                    ended.integrate(scan);
+                }
+                (RegistrationOutput::Jump(_), OnJump::Reset) => ended.reset(),
+                (RegistrationOutput::Jump(_), OnJump::Keep) => {}
+            }
+        }
+        Some(ended.octree().clone())
+    }
+
+    /// Restores the tiles that the snapshot replaced, before the data goes on.
+    ///
+    /// The result is exact unless the tile store was full (`streaming.tile_store_mb`): evicted tiles stay evicted.
+    pub fn resume(&mut self, paused_snapshot: PausedSnapshot) -> Result<(), PublishError> {
+        self.publisher.restore_replaced(paused_snapshot.published)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,182 @@
+//! The commands of the program, and the threads and channels of a run.
+
+mod batching_channel;
+mod data_clock;
+mod driving;
+mod keys;
+mod live;
+mod live_recording;
+pub mod localization_plan;
+mod localization_stage;
+mod mapping_stage;
+mod maps;
+mod network;
+mod network_plan;
+mod outputs;
+mod pipeline;
+mod plan;
+mod player;
+mod recorder;
+mod replay;
+mod run;
+mod run_live;
+#[cfg(feature = "simulation")]
+mod simulate;
+mod source;
+mod source_reader;
+mod state_publisher;
+#[cfg(test)]
+mod test_recording;
+
+use std::io::Write;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+
+use crate::cli::{Cli, Command, MotorGuard, Recover};
+use crate::config::presets;
+use crate::exit::{Exit, UsageError};
+use crate::survey::Survey;
+use crate::vehicle_commands;
+use recording::Format;
+use recording::mcap::recover::{RecoverError, recover};
+
+pub use maps::{MapEvent, MapUpdate, Maps, MapsCheckpoint, MapsReport, PausedSnapshot};
+pub use pipeline::Pipeline;
+pub use replay::play;
+#[cfg(feature = "simulation")]
+pub use simulate::simulated_localization_plan;
+
+/// Runs one command. Results go to `out`, progress and warnings to standard error.
+pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    match &cli.command {
+        Command::Run(_) | Command::Replay(_) | Command::Simulate(_) | Command::Experiments(_) => {
+            run_until(cli, &*interrupt_flag()?, out)
+        }
+        Command::Info(_)
+        | Command::Recover(_)
+        | Command::Vehicles(_)
+        | Command::Check(_)
+        | Command::Keys(_)
+        | Command::InstallKeys(_)
+        | Command::Completions(_)
+        | Command::MotorGuard(_) => run_until(cli, &AtomicBool::new(false), out),
+    }
+}
+
+/// As [`run`], but ends cleanly when `interrupt` is set, and not at Ctrl-C: for programs that contain a robot.
+pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let quiet = cli.verbosity.quiet;
+    match &cli.command {
+        Command::Run(command) => run_live::run_live(command, quiet, interrupt, out),
+        Command::Replay(command) => replay::replay(command, quiet, interrupt, out),
+        #[cfg(feature = "simulation")]
+        Command::Simulate(command) => simulate::simulate(command, quiet, interrupt, out),
+        #[cfg(not(feature = "simulation"))]
+        Command::Simulate(_) => Err(not_built("simulation")),
+        Command::Info(command) => {
+            write!(out, "{}", Survey::of(&command.recording)?)?;
+            Ok(Exit::Done)
+        }
+        Command::Recover(command) => salvage(command, out),
+        Command::Vehicles(command) => {
+            match &command.name {
+                Some(name) => vehicle_commands::print(&presets::get(name)?, out)?,
+                None => vehicle_commands::list(out)?,
+            }
+            Ok(Exit::Done)
+        }
+        Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
+        Command::Keys(command) => keys::keys(command, out),
+        Command::InstallKeys(command) => keys::install_keys(command, out),
+        Command::Experiments(_) => Err(not_built("experiments")),
+        Command::Completions(command) => {
+            command.print(out)?;
+            Ok(Exit::Done)
+        }
+        Command::MotorGuard(command) => guard_motors(command),
+    }
+}
+
+fn not_built(feature: &str) -> anyhow::Error {
+    UsageError(format!(
+        "this program was built without `{feature}`: build it with `--features {feature}`"
+    ))
+    .into()
+}
+
+#[cfg(target_os = "linux")]
+fn guard_motors(command: &MotorGuard) -> anyhow::Result<Exit> {
+    let config = serde_json::from_str(&command.config)
+        .map_err(|err| UsageError(format!("motor guard: {err}")))?;
+    crate::actuators::motor_guard::run(std::io::stdin(), std::io::stdout(), &config)?;
+    Ok(Exit::Done)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn guard_motors(_command: &MotorGuard) -> anyhow::Result<Exit> {
+    Err(UsageError("motors are driven on Linux only".to_owned()).into())
+}
+
+fn salvage(command: &Recover, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let (damaged, saved) = (&command.recording, &command.out);
+    let format = Format::of(damaged)?;
+    if format != Format::Mcap {
+        return Err(UsageError(format!(
+            "{}: this is a {format}, and recover writes MCAP from MCAP. `robot-edge replay` reads what is \
+             left of it as it is, and with --record {} writes that as MCAP; add --set localization.source=static \
+             where `robot-edge info` finds nothing that says where the sensor was",
+            damaged.display(),
+            saved.with_extension("mcap").display()
+        ))
+        .into());
+    }
+    if saved.symlink_metadata().is_ok() {
+        return Err(UsageError(format!(
+            "{}: exists already and is not written over: give another name",
+            saved.display()
+        ))
+        .into());
+    }
+    let report = recover(damaged, saved).map_err(|err| match err {
+        RecoverError::Recording(err) => anyhow::Error::from(err),
+        err @ RecoverError::Write { .. } => err.into(),
+    })?;
+    for note in &report.notes {
+        writeln!(out, "{note}")?;
+    }
+    let lost: Vec<_> = report
+        .losses
+        .iter()
+        .map(|(why, n)| format!("{n} × {why}"))
+        .collect();
+    let lost = if lost.is_empty() {
+        "nothing".to_owned()
+    } else {
+        lost.join(", ")
+    };
+    writeln!(
+        out,
+        "{}: {} messages saved, lost: {lost}",
+        saved.display(),
+        report.messages
+    )?;
+    Ok(Exit::Done)
+}
+
+/// A flag that the first Ctrl-C or termination request sets; the second one ends the process at once.
+pub fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        let code = i32::from(Exit::Interrupted.code());
+        signal_hook::flag::register_conditional_shutdown(signal, code, Arc::clone(&flag))
+            .and_then(|_id| signal_hook::flag::register(signal, Arc::clone(&flag)))
+            .context("cannot listen for Ctrl-C")?;
+    }
+    Ok(flag)
+}
+
+fn is_set(flag: &AtomicBool) -> bool {
+    flag.load(Ordering::Relaxed)
+}

@@ -1,0 +1,290 @@
+//! The pipeline of a vehicle: measurements → registered scans → maps → tiles, in two stages.
+//!
+//! A replay, a simulation, a live run and the experiments all use it. The stages run one after the other, or on two threads
+//! ([`Pipeline::run_pipelined`]).
+
+use std::sync::mpsc::Receiver;
+use std::thread;
+
+use anyhow::anyhow;
+use protocol::tile::BootId;
+
+use super::batching_channel::{MappingInput, batching_channel};
+use super::data_clock::DataClock;
+use super::localization_stage::LocalizationStage;
+use super::mapping_stage::MappingStage;
+use super::maps::{MapEvent, Maps, MapsCheckpoint, MapsReport, PausedSnapshot};
+use super::source_reader::{Batch, SourceEnd};
+use crate::config::Config;
+use crate::publishing::publisher::{PublishError, Publisher};
+use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
+use mapping::Mapper;
+use mapping::registered_scan::RegisteredScan;
+use measurement::Measurement;
+use measurement::time::RobotTime;
+use recording::time_sequencer::Ordered;
+
+/// Both stages.
+pub struct Pipeline {
+    // Dropped first: the motors are stopped before a recording is synced to the disk.
+    pub(super) mapping: MappingStage,
+    pub(super) localization: LocalizationStage,
+}
+
+/// A saved state of both stages.
+pub(super) struct PipelineCheckpoint {
+    registration: ScanRegistration,
+    clock: DataClock,
+    scans: u64,
+    maps: MapsCheckpoint,
+}
+
+impl PipelineCheckpoint {
+    /// Memory of the maps, bytes; the rest is negligible.
+    pub(super) fn bytes(&self) -> usize {
+        self.maps.bytes()
+    }
+}
+
+impl Pipeline {
+    /// Empty maps of a vehicle, without network and recording. `encode`: see [`Publisher::new`].
+    pub fn new(
+        config: &Config,
+        registration: RegistrationSettings,
+        boot: BootId,
+        encode: bool,
+    ) -> Result<Self, PublishError> {
+        let mapping = MappingStage::new(Maps::new(config, boot, encode)?);
+        let localization = LocalizationStage::new(registration, mapping.stats.clone());
+        Ok(Self {
+            mapping,
+            localization,
+        })
+    }
+
+    /// Registers and maps one measurement. Returns the scans that were mapped.
+    pub fn push(&mut self, measurement: Measurement) -> anyhow::Result<Vec<RegisteredScan>> {
+        let mut scans = Vec::new();
+        let Self {
+            localization,
+            mapping,
+        } = self;
+        localization.take_ordered(
+            Ordered::Measurement(measurement),
+            network::clock::now(),
+            &mut |input| {
+                scans.extend(mapping.take(input)?);
+                Ok(())
+            },
+        )?;
+        Ok(scans)
+    }
+
+    /// Registers and maps a batch.
+    pub(super) fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
+        let Self {
+            localization,
+            mapping,
+        } = self;
+        localization.take(batch, &mut |input| Ok(mapping.take(input).map(drop)?))
+    }
+
+    /// Runs `read_source` and the localization stage on a thread of their own, and the mapping stage on this one.
+    ///
+    /// While a scan is mapped, consoles and the collision monitor receive newer scans and poses. The localization stage never
+    /// waits in a live run, because late scans are dropped; otherwise it waits for room in the channel. `lower_priority`:
+    /// mapping yields to localization, for a vehicle that can be driven.
+    ///
+    /// The outer error means that the thread could not start or panicked; the inner one that recording or publishing failed.
+    pub(super) fn run_pipelined(
+        &mut self,
+        read_source: impl FnOnce(&mut dyn FnMut(Batch) -> bool) -> SourceEnd + Send,
+        threads: usize,
+        lower_priority: bool,
+    ) -> anyhow::Result<(SourceEnd, anyhow::Result<()>)> {
+        let Self {
+            localization,
+            mapping,
+        } = self;
+        thread::scope(|scope| {
+            let (mut sender, receiver) = batching_channel(mapping.is_live);
+            let localize = move || {
+                let mut localized = Ok(());
+                let end = read_source(&mut |batch| {
+                    if localized.is_ok() {
+                        localized = localization.take(batch, &mut |input| sender.add(input));
+                    }
+                    localized.is_ok()
+                });
+                // Registered scans are mapped even if localization failed.
+                let sent = sender.finish();
+                (end, localized.and(sent))
+            };
+            let localization = thread::Builder::new()
+                .name("localization".to_owned())
+                .spawn_scoped(scope, localize)?;
+            if lower_priority {
+                lower_thread_priority();
+            }
+            let mapped = map_received(receiver, mapping, threads);
+            let (end, localized) = localization
+                .join()
+                .map_err(|_panic| anyhow!("reading or localization failed"))?;
+            Ok((end, mapped.map_err(Into::into).and(localized)))
+        })
+    }
+
+    /// Maps the scans that wait for a pose, and publishes everything, at the end of the data.
+    pub fn finish(&mut self) -> anyhow::Result<()> {
+        let Self {
+            localization,
+            mapping,
+        } = self;
+        localization.finish(&mut |input| Ok(mapping.take(input).map(drop)?))?;
+        mapping.maps.set_datum(localization.registration.datum());
+        Ok(mapping.maps.finish()?)
+    }
+
+    /// [`Self::finish`] of a run, whose source has lost `lost` messages.
+    pub(super) fn finish_run(&mut self, lost: u64) -> anyhow::Result<()> {
+        let finished = self.finish();
+        self.mapping.publish();
+        self.localization.publish_status(lost);
+        self.localization.progress.finish();
+        finished
+    }
+
+    /// Publishes the maps as if the data ended here. `lost`: as for [`Self::finish_run`].
+    pub(super) fn publish_paused(&mut self, lost: u64) -> Result<PausedSnapshot, PublishError> {
+        let mut ended = self.localization.registration.clone();
+        let mut waiting: Vec<RegistrationOutput> = Vec::new();
+        ended.finish(&mut waiting);
+        let paused_snapshot = self.mapping.publish_paused(waiting)?;
+        if let Some(state_publisher) = &mut self.localization.state_publisher
+            && let Some(pose) = ended.newest_pose()
+        {
+            state_publisher.publish_pose(pose);
+        }
+        self.localization.publish_status(lost);
+        Ok(paused_snapshot)
+    }
+
+    /// Copies the whole state.
+    pub(super) fn checkpoint(&self) -> PipelineCheckpoint {
+        PipelineCheckpoint {
+            registration: self.localization.registration.clone(),
+            clock: self.localization.clock,
+            scans: self.mapping.trajectory.lock().scans(),
+            maps: self.mapping.maps.checkpoint(),
+        }
+    }
+
+    /// Empties the maps for data that starts again.
+    pub(super) fn restart(
+        &mut self,
+        config: &Config,
+        registration: RegistrationSettings,
+    ) -> Result<(), PublishError> {
+        self.mapping.maps.restart(config)?;
+        self.reset_to(ScanRegistration::new(registration), DataClock::default(), 0);
+        Ok(())
+    }
+
+    /// Restores a checkpoint.
+    pub(super) fn restore(&mut self, to: &PipelineCheckpoint) -> Result<(), PublishError> {
+        self.mapping.maps.restore(&to.maps)?;
+        self.reset_to(to.registration.clone(), to.clock, to.scans);
+        Ok(())
+    }
+
+    fn reset_to(&mut self, registration: ScanRegistration, clock: DataClock, scans: u64) {
+        self.localization.registration = registration;
+        self.localization.clock = clock;
+        self.localization.streams.clear();
+        if let Some(state_publisher) = &mut self.localization.state_publisher {
+            state_publisher.seek(clock.elapsed());
+        }
+        self.mapping.seek(scans);
+    }
+
+    /// The map events since the last call, in order.
+    pub fn take_map_events(&mut self) -> Vec<MapEvent> {
+        self.mapping.maps.take_update().events
+    }
+
+    /// Counts of scans and beams before mapping.
+    pub const fn registration(&self) -> &ScanRegistration {
+        &self.localization.registration
+    }
+
+    /// Stamp of the newest scan in the map.
+    pub const fn last_scan(&self) -> Option<RobotTime> {
+        self.mapping.maps.last_scan()
+    }
+
+    /// The layers.
+    pub const fn mapper(&self) -> &Mapper {
+        self.mapping.maps.mapper()
+    }
+
+    /// The published tiles.
+    pub const fn publisher(&self) -> &Publisher {
+        self.mapping.maps.publisher()
+    }
+
+    /// Counts and processing times of mapping.
+    pub const fn report(&self) -> &MapsReport {
+        self.mapping.maps.report()
+    }
+}
+
+fn map_received(
+    receiver: Receiver<Vec<MappingInput>>,
+    mapping: &mut MappingStage,
+    threads: usize,
+) -> Result<(), PublishError> {
+    let _pool = join_mapping_pool(threads);
+    // The receiver is dropped when mapping fails: otherwise the localization stage would wait for room forever.
+    receiver
+        .into_iter()
+        .flatten()
+        .try_for_each(|input| mapping.take(input).map(drop))
+}
+
+/// Makes this thread a member of the pool that shares the work of a scan. A thread outside of the pool would wake two others
+/// for each scan and sleep, which costs as much as the second core gains.
+///
+/// If that fails, rayon's global pool is used, with the same maps.
+pub(super) fn join_mapping_pool(threads: usize) -> Option<rayon::ThreadPool> {
+    if threads < 2 {
+        return None;
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .use_current_thread()
+        .thread_name(|number| format!("mapping-{number}"))
+        .build();
+    pool.inspect_err(|error| tracing::warn!(%error, "mapping without threads of its own"))
+        .ok()
+}
+
+/// Increment of the nice value of mapping relative to driving and the network (sched(7)). The shipped unit starts the program
+/// with a nice value of −10, so that mapping is at 0 there.
+#[cfg(target_os = "linux")]
+const NICE_INCREMENT: i32 = 10;
+
+/// Lowers the priority of this thread and of those that it starts later. Raising the others would need a privilege.
+#[cfg(target_os = "linux")]
+pub(super) fn lower_thread_priority() {
+    // On Linux the nice value belongs to the thread, not to the process.
+    if let Err(error) = rustix::process::nice(NICE_INCREMENT) {
+        tracing::warn!(%error, "mapping cannot give way to driving");
+    }
+}
+
+/// Does nothing: other systems have no priority per thread.
+#[cfg(not(target_os = "linux"))]
+pub(super) const fn lower_thread_priority() {}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,289 @@
+//! `run`: the sensors of a ROS 2 robot as the source, and its motors.
+
+use std::env;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use protocol::keys::RobotId;
+
+use super::driving::{DrivePlan, MotorsPlan};
+use super::live::{LiveSource, StreamSelection, TopicDiscovery, find};
+use super::localization_plan::{range_sensors, registration_settings};
+use super::network_plan::NetworkPlan;
+use super::outputs::{self, SETUP};
+use super::run::Run;
+use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
+use crate::config::{self, Config};
+use crate::exit::{Exit, UsageError};
+use crate::pacer::Rate;
+use crate::ros2::RosEndpoint;
+use crate::summary::Event;
+use recording::ros::middleware::MAX_DOMAIN;
+
+/// The vehicle if none is specified.
+const DEFAULT_VEHICLE: &str = "generic2d";
+/// Default endpoint for consoles. It differs from that of the router of `rmw_zenoh`.
+const DEFAULT_LISTEN: &str = "tcp/127.0.0.1:7449";
+
+pub(super) fn run_live(
+    command: &RunLive,
+    quiet: bool,
+    interrupt: &AtomicBool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Exit> {
+    let options = &command.mapping;
+    let (vehicle, why) = match &options.setup.vehicle {
+        Some(vehicle) => (vehicle.as_str(), "as asked for"),
+        None => (
+            DEFAULT_VEHICLE,
+            "nobody says which vehicle it is; --vehicle does",
+        ),
+    };
+    let config = config::load(vehicle, &options.setup.overrides())?;
+    range_sensors(&config)?;
+    // Unwritable outputs are reported before the sensors are found.
+    outputs::prepare(options.export.as_deref(), options.summary.as_deref())?;
+    let network = NetworkPlan::new(
+        &with_default_listen(&options.network, &config),
+        options.robot.as_ref(),
+        &config,
+    )?;
+    let driving = match &network {
+        Some(network) => driving_options(command, &config, network.robot())?,
+        None => None,
+    };
+    let at = RosEndpoint {
+        endpoint: command.ros.clone(),
+        domain: match command.ros_domain {
+            Some(domain) => domain,
+            None => ros_domain_id(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
+        },
+    };
+    if !quiet {
+        writeln!(
+            io::stderr(),
+            "{SETUP}: looking for sensors at {}, domain {}",
+            at.endpoint,
+            at.domain
+        )?;
+    }
+    let discovery = TopicDiscovery {
+        at: &at,
+        wait: Duration::from_secs_f64(command.wait_s.min(1e6)),
+        config: &config,
+    };
+    let (mut live, plan) = find(discovery, interrupt)?;
+    let drive = match &driving {
+        Some(options) => DrivePlan::new(motors(&config, &live)?, options),
+        None => DrivePlan::none(),
+    };
+
+    let mut notes = vec![format!("{vehicle} ({why})")];
+    let sensors = plan.sensors.iter();
+    notes.extend(sensors.map(|(name, topic)| format!("{name}: {topic}")));
+    notes.extend(plan.notes);
+    if let Some(twist) = config
+        .motors
+        .ros2_twist
+        .as_ref()
+        .filter(|_| drive.can_drive())
+    {
+        notes.push(format!(
+            "motors: velocities on {}. Whether the vehicle stops when they cease is up to who listens there",
+            twist.topic
+        ));
+    }
+    if !drive.can_drive() {
+        notes.push("no motors: the vehicle can be watched, and not driven".to_owned());
+    }
+    let events = notes.into_iter().map(|message| Event {
+        stamp_s: None,
+        kind: SETUP.to_owned(),
+        message,
+    });
+    let run = Run {
+        source: at.endpoint.clone(),
+        title: config.vehicle.name.clone(),
+        config: &config,
+        registration: registration_settings(&config, &plan.localization_plan),
+        // Live data is not paced.
+        rate: Rate::Times(1.0),
+        is_live: true,
+        network,
+        drive,
+        record: options.record.clone(),
+        export: options.export.clone(),
+        summary: options.summary.clone(),
+        quiet,
+        earliest: None,
+        events: events.collect(),
+    };
+    live.begin(StreamSelection {
+        mapped: plan.streams,
+        others: options.record.is_some() || command.driving.recordings.is_some(),
+    });
+    run.execute(&mut live, interrupt, out)
+}
+
+/// Without options, the robot listens beside the router of ROS 2, which uses the default port.
+fn with_default_listen(options: &NetworkOptions, config: &Config) -> NetworkOptions {
+    let mut options = options.clone();
+    let named = !(options.listen.is_empty() && options.connect.is_empty());
+    let link = &config.link;
+    let configured = link.listen.is_some() || link.connect.is_some() || link.keys.is_some();
+    if !named && !configured && options.keys.is_none() {
+        options.listen.push(DEFAULT_LISTEN.to_owned());
+    }
+    options
+}
+
+/// Driving options; `None` if the vehicle has no motors.
+fn driving_options(
+    command: &RunLive,
+    config: &Config,
+    robot: &RobotId,
+) -> Result<Option<DrivingOptions>, UsageError> {
+    let options = &command.driving;
+    let has_motors = config.motors.roboteq.is_some() || config.motors.ros2_twist.is_some();
+    if !has_motors {
+        let wanted = [
+            ("--drive-log", &options.drive_log),
+            ("--recordings", &options.recordings),
+        ];
+        return match wanted.into_iter().find(|(_, path)| path.is_some()) {
+            Some((option, _)) => Err(UsageError(format!(
+                "{option}: nobody drives: the vehicle's configuration has neither [motors.roboteq] nor \
+                 [motors.ros2_twist]"
+            ))),
+            None => Ok(None),
+        };
+    }
+    let from_environment = || default_state_dir(|name| env::var_os(name).map(PathBuf::from), robot);
+    let state_dir = options.state_dir.clone().or_else(from_environment);
+    if state_dir.is_none() {
+        return Err(UsageError(
+            "nobody says where to keep an emergency stop: there is neither $STATE_DIRECTORY nor $XDG_STATE_HOME nor \
+             $HOME. --state-dir DIR says it"
+                .to_owned(),
+        ));
+    }
+    Ok(Some(DrivingOptions {
+        state_dir,
+        ..options.clone()
+    }))
+}
+
+#[cfg_attr(
+    target_os = "linux",
+    expect(clippy::unnecessary_wraps, reason = "elsewhere no hardware is driven")
+)]
+fn motors(config: &Config, live: &LiveSource) -> Result<MotorsPlan, UsageError> {
+    if let Some(twist) = &config.motors.ros2_twist {
+        return Ok(MotorsPlan::Ros2Twist(
+            live.link().clone(),
+            twist.topic.clone(),
+        ));
+    }
+    match &config.motors.roboteq {
+        None => Ok(MotorsPlan::None),
+        #[cfg(target_os = "linux")]
+        Some(roboteq) => Ok(MotorsPlan::Roboteq(roboteq.clone())),
+        #[cfg(not(target_os = "linux"))]
+        Some(_) => Err(UsageError(
+            "[motors.roboteq]: motors are driven on Linux only".to_owned(),
+        )),
+    }
+}
+
+/// The state folder of systemd or of the XDG base directory specification.
+fn default_state_dir(
+    variable: impl Fn(&str) -> Option<PathBuf>,
+    robot: &RobotId,
+) -> Option<PathBuf> {
+    let set = |name: &str| variable(name).filter(|path| path.is_absolute());
+    // systemd separates several folders by colons.
+    let of_unit = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
+    of_unit.filter(|path| path.is_absolute()).or_else(|| {
+        let state_dir =
+            set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?;
+        Some(state_dir.join("foreshore").join(robot.as_str()))
+    })
+}
+
+fn ros_domain_id(variable: Option<&str>) -> Result<u32, UsageError> {
+    let Some(text) = variable.filter(|text| !text.is_empty()) else {
+        return Ok(0);
+    };
+    text.parse()
+        .ok()
+        .filter(|domain| *domain <= MAX_DOMAIN)
+        .ok_or_else(|| {
+            UsageError(format!(
+                "ROS_DOMAIN_ID={text}: a domain is a number from 0 to {MAX_DOMAIN}; --ros-domain says another"
+            ))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(set: &[(&str, &str)]) -> Option<String> {
+        let variable = |name: &str| {
+            let found = set.iter().find(|(known, _)| *known == name);
+            found.map(|(_, value)| PathBuf::from(value))
+        };
+        let folder = default_state_dir(variable, &"scout-1".parse().unwrap())?;
+        Some(folder.display().to_string())
+    }
+
+    #[test]
+    fn the_state_folder_follows_systemd_and_xdg() {
+        let home = ("HOME", "/home/anna");
+        let of_home = "/home/anna/.local/state/foreshore/scout-1";
+        assert_eq!(folder(&[home]).unwrap(), of_home);
+        let xdg = ("XDG_STATE_HOME", "/state");
+        assert_eq!(folder(&[home, xdg]).unwrap(), "/state/foreshore/scout-1");
+        let unit = ("STATE_DIRECTORY", "/var/lib/edge:/var/lib/other");
+        assert_eq!(folder(&[home, xdg, unit]).unwrap(), "/var/lib/edge");
+        // By the specification, relative paths are ignored.
+        assert_eq!(
+            folder(&[home, ("XDG_STATE_HOME", "state")]).unwrap(),
+            of_home
+        );
+        assert_eq!(folder(&[]), None);
+    }
+
+    #[test]
+    fn the_domain_is_a_valid_number() {
+        assert_eq!(ros_domain_id(None).unwrap(), 0);
+        assert_eq!(ros_domain_id(Some("")).unwrap(), 0);
+        assert_eq!(ros_domain_id(Some("42")).unwrap(), 42);
+        for wrong in ["-1", "233", "lab"] {
+            let error = ros_domain_id(Some(wrong)).unwrap_err().to_string();
+            assert!(
+                error.contains(wrong) && error.contains("0 to 232"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_default_port_is_beside_the_router_of_ros() {
+        let listen = |options: &NetworkOptions, set: &[&str]| {
+            let set: Vec<_> = set.iter().map(|set| set.parse().unwrap()).collect();
+            let config = config::load(DEFAULT_VEHICLE, &set).unwrap();
+            with_default_listen(options, &config).listen
+        };
+        let none = NetworkOptions::default();
+        assert_eq!(listen(&none, &[]), [DEFAULT_LISTEN]);
+        assert_eq!(listen(&none, &["link.listen=tcp/127.0.0.1:9000"]), [""; 0]);
+        let keys = NetworkOptions {
+            keys: Some("keys".into()),
+            ..NetworkOptions::default()
+        };
+        assert_eq!(listen(&keys, &[]), [""; 0]);
+    }
+}

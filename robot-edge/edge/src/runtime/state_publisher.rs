@@ -1,0 +1,284 @@
+//! Sends poses, scans, sensor health and status to consoles and the collision monitor, independently of mapping.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use protocol::message::{self, DropCount, Info, LayerInfo, RecordingStatus, SensorFault, Status};
+
+use super::data_clock::DataClock;
+use super::mapping_stage::MapStats;
+use super::maps::Maps;
+use super::network::RobotDescription;
+use crate::config::Config;
+use crate::driving::velocity_estimator::VelocityEstimator;
+use crate::driving::{MonitorSensorInput, SharedDriveState};
+use crate::events::event;
+use crate::publishing::scan_downsampling::downsample_scan;
+use crate::sensor_monitor::{FaultChange, SensorMonitor};
+use crate::server::publish_state::PublishState;
+use localization::OnJump;
+use localization::registration::RegistrationCounts;
+use mapping::registered_scan::RegisteredScan;
+use measurement::Measurement;
+use measurement::drops::DropCounts;
+use measurement::pose::Pose;
+use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use network::clock;
+
+/// The network output of the localization stage. It never waits for a map.
+pub(super) struct StatePublisher {
+    pub(super) publish_state: Arc<PublishState>,
+    pub(super) drive_state: Option<Arc<SharedDriveState>>,
+    pub(super) monitor_input: Option<MonitorSensorInput>,
+    /// A jump that resets the maps also resets the ground plane of the collision monitor.
+    pub(super) on_jump: OnJump,
+    pub(super) velocity_estimator: VelocityEstimator,
+    pub(super) sensors: SensorMonitor,
+    /// Start of the program in a live run; otherwise sensors are monitored by the time of the data.
+    pub(super) since: Option<Monotonic>,
+    pub(super) published_sensors: Option<u32>,
+    /// Stamp of the newest published pose.
+    pub(super) last_pose_stamp: Option<RobotTime>,
+}
+
+impl StatePublisher {
+    /// The clock of the data was reset; `is_repeated`: the same data follows again.
+    pub(super) fn reset_clock(&mut self, is_repeated: bool) {
+        self.last_pose_stamp = None;
+        if is_repeated {
+            self.sensors.on_replay_restart();
+        }
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.reset_clock();
+        }
+    }
+
+    /// The replay went to another time, `elapsed` after the first data.
+    pub(super) fn seek(&mut self, elapsed: RobotDuration) {
+        self.reset_clock(false);
+        self.sensors.seek(since_data_start(elapsed));
+    }
+
+    /// Publishes a pose, unless a newer one was published.
+    pub(super) fn publish_pose(&mut self, (stamp, pose): (RobotTime, Pose)) {
+        if self.last_pose_stamp.is_some_and(|last| stamp <= last) {
+            return;
+        }
+        self.last_pose_stamp = Some(stamp);
+        let measured = self.velocity_estimator.update(stamp, &pose);
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.update_odometry(stamp, &pose, measured, clock::now());
+        }
+        let q = pose.rotation.quaternion();
+        self.publish_state.set_pose(
+            stamp,
+            message::Pose {
+                position_m: pose.translation.vector.into(),
+                quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|part| part as f32),
+                speed_mps: measured.linear_mps as f32,
+                turn_rate_radps: measured.angular_radps as f32,
+                token: None,
+            },
+        );
+    }
+
+    /// Handles a jump before the next scan. Returns the earliest time, because a jump has no time of measurement.
+    pub(super) fn on_pose_jump(&mut self) -> Monotonic {
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.on_pose_jump();
+            if self.on_jump == OnJump::Reset {
+                monitor_input.reset_ground();
+            }
+        }
+        Monotonic::default()
+    }
+
+    /// Publishes a scan. Returns its latest possible time of measurement, on the clock of this machine.
+    pub(super) fn publish_scan(&mut self, scan: &RegisteredScan) -> Monotonic {
+        // If scans carry their poses, there are no others.
+        self.publish_pose((scan.stamp, scan.odom_from_base));
+        let now = clock::now();
+        let measured_at = match &mut self.monitor_input {
+            Some(monitor_input) => monitor_input.add_scan(scan, now),
+            None => now,
+        };
+        let is_blocked = |monitor_input: &MonitorSensorInput| monitor_input.is_blocked(scan.sensor);
+        let is_blocked = self.monitor_input.as_ref().is_some_and(is_blocked);
+        self.sensors.on_registered_scan(scan, is_blocked);
+        if self.publish_state.wants_scan()
+            && let Some(name) = self.sensors.name(scan.sensor)
+            && let Some(shown) = downsample_scan(name, scan)
+        {
+            self.publish_state.set_scan(scan.sensor, scan.stamp, shown);
+        }
+        measured_at
+    }
+
+    pub(super) fn publish_status(
+        &mut self,
+        counts: RegistrationCounts,
+        maps: &MapStats,
+        (clock, lost): (&DataClock, u64),
+        recording: Option<RecordingStatus>,
+    ) {
+        let now = match self.since {
+            Some(since) => clock::elapsed(since),
+            None => since_data_start(clock.elapsed()),
+        };
+        self.check_sensors(now);
+        self.sensors.count(&counts);
+        self.publish_state.set_status(Status {
+            sensors: self.sensors.statuses(now),
+            recording,
+            ..build_status(maps, counts, clock, lost)
+        });
+    }
+
+    /// Whether an operator requested to start or stop recording since the last call.
+    pub(super) fn take_recording_request(&self) -> Option<bool> {
+        self.drive_state.as_ref()?.take_recording_request()
+    }
+
+    pub(super) fn set_recording(&self, is_running: bool) {
+        if let Some(drive_state) = &self.drive_state {
+            drive_state.set_recording(is_running);
+        }
+    }
+
+    pub(super) fn publish_event(&self, kind: &str, message: &str) {
+        self.publish_state
+            .publish_event(event(kind, message.to_owned()));
+    }
+
+    #[cfg(test)]
+    pub(super) fn published_pose(&self) -> Option<RobotTime> {
+        self.publish_state.pose().map(|(stamp, _)| stamp)
+    }
+
+    /// The time on the clock of the sensor monitor.
+    pub(super) fn monitor_time(&self, received_at: Monotonic, elapsed: RobotDuration) -> Duration {
+        match self.since {
+            Some(since) => received_at.since(since),
+            None => since_data_start(elapsed),
+        }
+    }
+}
+
+impl StatePublisher {
+    /// Processes a measurement that could have been received at `received_at` at the earliest, `elapsed` after the
+    /// first data.
+    pub(super) fn on_measurement(
+        &mut self,
+        measurement: &Measurement,
+        received_at: Monotonic,
+        elapsed: RobotDuration,
+    ) {
+        if let Some(monitor_input) = &mut self.monitor_input {
+            monitor_input.record_received(measurement.stamp, received_at);
+        }
+        let at = self.monitor_time(received_at, elapsed);
+        self.sensors.take(measurement, at);
+        self.check_sensors(at);
+    }
+
+    /// Publishes sensor faults that began or ended.
+    pub(super) fn check_sensors(&mut self, now: Duration) {
+        if !self.sensors.is_check_due(now) {
+            return;
+        }
+        for change in self.sensors.check(now) {
+            let (kind, message) = match change {
+                FaultChange::Raised { fault, message, .. } => (fault_kind(fault), message),
+                FaultChange::Cleared { message, .. } => ("sensor_recovered", message),
+            };
+            tracing::warn!(kind, message);
+            self.publish_event(kind, &message);
+        }
+        self.publish_sensors();
+    }
+
+    /// Publishes the sensor descriptions if they changed.
+    pub(super) fn publish_sensors(&mut self) {
+        let (revision, infos) = self.sensors.infos();
+        if self.published_sensors != Some(revision) {
+            self.published_sensors = Some(revision);
+            self.publish_state.set_sensors(revision, infos);
+        }
+    }
+}
+
+pub(super) fn since_data_start(elapsed: RobotDuration) -> Duration {
+    Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
+}
+
+const fn fault_kind(fault: SensorFault) -> &'static str {
+    match fault {
+        SensorFault::Silent => "sensor_silent",
+        SensorFault::Clock => "sensor_clock",
+        SensorFault::AllInvalid => "sensor_invalid",
+        SensorFault::Slow => "sensor_slow",
+        SensorFault::Blocked => "sensor_blocked",
+    }
+}
+
+/// Describes the robot and its maps.
+pub(super) fn build_info(config: &Config, description: &RobotDescription<'_>, maps: &Maps) -> Info {
+    let vehicle = &config.vehicle;
+    let teleop = &config.teleop;
+    Info {
+        vehicle: vehicle.name.clone(),
+        source: description.source.to_owned(),
+        footprint_m: [vehicle.length_m, vehicle.width_m].map(|metres| metres as f32),
+        limits: [vehicle.max_speed_mps, vehicle.max_turn_rate_radps].map(|limit| limit as f32),
+        layers: maps
+            .publisher()
+            .store()
+            .grids()
+            .map(|grid| LayerInfo {
+                layer: grid.layer,
+                cell_m: grid.cell_m,
+            })
+            .collect(),
+        revision: 0,
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        is_boat: teleop.is_boat,
+        stop_decel_mps2: teleop.stop_decel_mps2 as f32,
+        stop_decel_radps2: teleop.stop_decel_radps2 as f32,
+        max_command_age_ms: teleop.max_command_age_ms,
+        can_record: description.can_record,
+        // The network adds the sensors.
+        sensors: Vec::new(),
+        footprint_offset_m: vehicle.footprint_offset_m as f32,
+    }
+}
+
+/// The status of mapping.
+pub(super) fn build_status(
+    maps: &MapStats,
+    registration: RegistrationCounts,
+    clock: &DataClock,
+    lost: u64,
+) -> Status {
+    let mut dropped: DropCounts = registration.dropped_scans;
+    dropped.merge(&maps.dropped_scans);
+    dropped.merge(&registration.dropped_poses);
+    dropped.merge(&registration.dropped_beams);
+    dropped.merge(&maps.dropped_beams);
+    let reasons = dropped
+        .iter()
+        .map(|(reason, count)| (reason.to_string(), count));
+    let lost = (lost > 0).then(|| ("lost_by_source".to_owned(), lost));
+    Status {
+        data_time_ns: clock.elapsed().as_nanos(),
+        scans_in: registration.scans_in,
+        scans_mapped: maps.scans_mapped,
+        drops: reasons
+            .chain(lost)
+            .map(|(name, count)| DropCount { name, count })
+            .collect(),
+        ..Status::default()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,98 @@
+//! `experiments`: maps of simulated worlds against their truth, as a page.
+
+use std::io::{self, IsTerminal as _, Write};
+use std::sync::atomic::AtomicBool;
+
+use indicatif::{ProgressBar, ProgressDrawTarget};
+
+use crate::outcome::Verdict;
+use crate::{Experiment, ExperimentError, Outcome, Session, report};
+use edge::cli::Experiments;
+use edge::exit::{Exit, UsageError};
+use network::clock;
+
+/// Runs the command. Progress goes to standard error, the path of the page to `out`.
+pub fn run(
+    command: &Experiments,
+    quiet: bool,
+    interrupt: &AtomicBool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Exit> {
+    let mut chosen = Vec::new();
+    for id in &command.ids {
+        chosen.push(
+            id.parse::<Experiment>()
+                .map_err(|err| UsageError(err.to_string()))?,
+        );
+    }
+    if chosen.is_empty() {
+        chosen.extend(Experiment::ALL);
+    }
+    chosen.sort_unstable();
+    chosen.dedup();
+    report::prepare(&command.out)?;
+
+    let progress = Progress::new(quiet);
+    let watch = |what: &str| progress.bar.set_message(what.to_owned());
+    let session = Session::new(command.seeds, interrupt, &watch);
+    let mut outcomes = Vec::new();
+    for experiment in chosen {
+        let started = clock::now();
+        let outcome = experiment
+            .run(&session)
+            .map_err(to_usage_error(experiment))?;
+        progress.print_outcome(experiment, &outcome, clock::elapsed(started).as_secs_f64());
+        outcomes.push((experiment, outcome));
+    }
+    progress.bar.finish_and_clear();
+    let page = report::write(&command.out, &outcomes, &session)?;
+    writeln!(out, "{}", page.display())?;
+    let passed = outcomes.iter().all(|(_, outcome)| outcome.passed());
+    Ok(if passed { Exit::Done } else { Exit::Failed })
+}
+
+fn to_usage_error(experiment: Experiment) -> impl FnOnce(ExperimentError) -> anyhow::Error {
+    move |error| {
+        if let ExperimentError::Interrupted(interrupted) = error {
+            return interrupted.into();
+        }
+        anyhow::Error::from(error).context(format!("{experiment} could not be run"))
+    }
+}
+
+/// Prints one line per finished experiment; on a terminal, also the current one.
+struct Progress {
+    quiet: bool,
+    bar: ProgressBar,
+}
+
+impl Progress {
+    fn new(quiet: bool) -> Self {
+        let bar = if quiet || !io::stderr().is_terminal() {
+            ProgressBar::hidden()
+        } else {
+            ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5))
+        };
+        Self { quiet, bar }
+    }
+
+    fn print_outcome(&self, experiment: Experiment, outcome: &Outcome, took_s: f64) {
+        if self.quiet {
+            return;
+        }
+        let verdict = if outcome.passed() { "pass" } else { "FAIL" };
+        let failed = outcome
+            .checks
+            .iter()
+            .filter(|check| check.verdict == Verdict::Failed)
+            .map(|check| {
+                let (what, measured) = (&check.what, &check.measured);
+                format!("  {what}: {measured}, required {}\n", check.required)
+            });
+        let first = format!("{experiment} {verdict} ({took_s:.0} s)\n");
+        let text: String = std::iter::once(first).chain(failed).collect();
+        // A failed write is ignored: the page is the result.
+        self.bar
+            .suspend(|| drop(io::stderr().write_all(text.as_bytes())));
+    }
+}

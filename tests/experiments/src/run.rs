@@ -1,0 +1,232 @@
+//! A simulated world through the edge's own pipeline.
+
+use std::collections::VecDeque;
+use std::sync::MutexGuard;
+
+use protocol::tile::BootId;
+use protocol::tile_store::TileStore;
+
+use super::ExperimentError;
+use edge::config::{self, Config, Override};
+use edge::runtime::{self, MapEvent, Pipeline, localization_plan};
+use mapping::registered_scan::RegisteredScan;
+use measurement::time::RobotDuration;
+use measurement::{Measurement, MeasurementData, Stream};
+use simulation::attitude::Attitude;
+use simulation::noise::NoiseStream;
+use simulation::source::START;
+use simulation::{SimulatedSource, SimulationOptions, World};
+
+/// A vehicle that drives through a world and maps it.
+pub struct SimulatedRun {
+    source: SimulatedSource,
+    attitude_noise: Option<AttitudeNoise>,
+    /// The first measurement that is not in the pipeline yet.
+    next: Option<Measurement>,
+    pipeline: Pipeline,
+}
+
+/// Noise on roll, pitch and yaw of the poses themselves.
+struct AttitudeNoise {
+    deviation_rad: f64,
+    axes: [AveragedNoise; 3],
+}
+
+/// Noise of which as many of the last numbers are averaged.
+struct AveragedNoise {
+    stream: NoiseStream,
+    last: VecDeque<f64>,
+    averaged: usize,
+}
+
+impl SimulatedRun {
+    /// At the start of the world's path.
+    ///
+    /// # Errors
+    /// Where the options or the configuration make no sense for this world.
+    pub fn new(
+        world: &World,
+        options: SimulationOptions,
+        config: &Config,
+    ) -> Result<Self, ExperimentError> {
+        let mut source = SimulatedSource::new(world, options)?;
+        Ok(Self {
+            pipeline: pipeline(config, source.streams())?,
+            next: source.next_measurement(),
+            source,
+            attitude_noise: None,
+        })
+    }
+
+    /// The same with the world's attitude noise on the transforms that say where the vehicle is, of so many of
+    /// them averaged: of a vehicle whose attitude sensor gives its poses, which a simulated source takes from
+    /// the truth. To be called before anything is mapped.
+    #[must_use]
+    pub fn with_noisy_attitudes(mut self, world: &World, seed: u64, averaged: usize) -> Self {
+        let mut noise = AttitudeNoise {
+            deviation_rad: world.attitude_noise_rad(),
+            axes: ["roll", "pitch", "yaw"].map(|axis| AveragedNoise {
+                stream: NoiseStream::new(seed, &format!("experiments/poses/{axis}")),
+                last: VecDeque::new(),
+                averaged: averaged.max(1),
+            }),
+        };
+        if let Some(next) = &mut self.next {
+            noise.disturb(next);
+        }
+        self.attitude_noise = Some(noise);
+        self
+    }
+
+    /// As [`new`](Self::new), with the configuration of the world's own vehicle and `settings`
+    /// (`key=value`) over it.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), and where a setting is none.
+    pub fn with_settings(
+        world: &World,
+        options: SimulationOptions,
+        settings: &[&str],
+    ) -> Result<Self, ExperimentError> {
+        Self::new(world, options, &vehicle_config(world, settings)?)
+    }
+
+    /// Maps all that was measured up to `until_s` after the start.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn advance_to(&mut self, until_s: f64) -> Result<(), ExperimentError> {
+        self.advance_with(until_s, |_, _| ())
+    }
+
+    /// The same; hands every scan that got into the map to `mapped`, with the maps as they are then.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn advance_with(
+        &mut self,
+        until_s: f64,
+        mut mapped: impl FnMut(&Pipeline, &RegisteredScan),
+    ) -> Result<(), ExperimentError> {
+        let until = START + RobotDuration::from_secs_f64(until_s);
+        while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
+            for scan in self.pipeline.push(measurement)? {
+                mapped(&self.pipeline, &scan);
+            }
+            self.next = self.source.next_measurement();
+            if let (Some(noise), Some(next)) = (&mut self.attitude_noise, &mut self.next) {
+                noise.disturb(next);
+            }
+        }
+        Ok(())
+    }
+
+    /// Maps the rest and publishes all of it.
+    ///
+    /// # Errors
+    /// Where publishing stopped.
+    pub fn finish(mut self) -> Result<Pipeline, ExperimentError> {
+        self.advance_to(self.duration_s())?;
+        self.pipeline.finish()?;
+        Ok(self.pipeline)
+    }
+
+    /// How long the vehicle drives, seconds.
+    pub fn duration_s(&self) -> f64 {
+        self.source.duration_s()
+    }
+
+    /// Changes of the ground plane and jumps of poses since the last call, in order.
+    pub fn take_map_events(&mut self) -> Vec<MapEvent> {
+        self.pipeline.take_map_events()
+    }
+
+    /// The maps as they are now.
+    pub const fn pipeline(&self) -> &Pipeline {
+        &self.pipeline
+    }
+
+    /// What is published so far: at most `streaming.publish_period_s` behind the map.
+    pub fn store(&self) -> MutexGuard<'_, TileStore> {
+        self.pipeline.publisher().store()
+    }
+}
+
+impl AttitudeNoise {
+    fn disturb(&mut self, measurement: &mut Measurement) {
+        if let MeasurementData::Transform {
+            parent_from_child,
+            is_static: false,
+            ..
+        } = &mut measurement.data
+        {
+            let truth = Attitude::of(&parent_from_child.rotation);
+            let [roll, pitch, yaw] = &mut self.axes;
+            let read = |truth_rad: f64, noise: &mut AveragedNoise| {
+                truth_rad + self.deviation_rad * noise.next()
+            };
+            parent_from_child.rotation = Attitude {
+                roll_rad: read(truth.roll_rad, roll),
+                pitch_rad: read(truth.pitch_rad, pitch),
+                yaw_rad: read(truth.yaw_rad, yaw),
+            }
+            .rotation();
+        }
+    }
+}
+
+impl AveragedNoise {
+    fn next(&mut self) -> f64 {
+        while self.last.len() >= self.averaged {
+            self.last.pop_front();
+        }
+        while self.last.len() < self.averaged {
+            self.last.push_back(self.stream.normal());
+        }
+        self.last.iter().sum::<f64>() / self.averaged as f64
+    }
+}
+
+/// Empty maps of the vehicle whose sensors give these streams, set up as `robot-edge simulate` does it (a
+/// test compares the two).
+///
+/// # Errors
+/// Where the configuration does not fit.
+pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, ExperimentError> {
+    let registration = localization_plan::registration_settings(
+        config,
+        &runtime::simulated_localization_plan(config, streams)?,
+    );
+    Ok(Pipeline::new(config, registration, BootId([0; 16]), false)?)
+}
+
+/// The configuration of the world's vehicle, with `settings` (`key=value`) over it.
+///
+/// # Errors
+/// Where a setting is none.
+pub fn vehicle_config(world: &World, settings: &[&str]) -> Result<Config, ExperimentError> {
+    let overrides: Result<Vec<Override>, _> =
+        settings.iter().map(|setting| setting.parse()).collect();
+    Ok(config::load(world.vehicle(), &overrides?)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn averaged_noise_is_as_much_smaller_as_it_must_be() {
+        let deviation = |averaged| {
+            let mut noise = AveragedNoise {
+                stream: NoiseStream::new(1, "test"),
+                last: VecDeque::new(),
+                averaged,
+            };
+            let squares = (0..20_000).map(|_| noise.next().powi(2));
+            libm::sqrt(squares.sum::<f64>() / 20_000.0)
+        };
+        assert!((deviation(1) - 1.0).abs() < 0.02, "{}", deviation(1));
+        let expected = 1.0 / libm::sqrt(10.0);
+        assert!((deviation(10) - expected).abs() < 0.03, "{}", deviation(10));
+    }
+}
