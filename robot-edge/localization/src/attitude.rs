@@ -78,7 +78,10 @@ impl AttitudeFilter {
 }
 
 /// The attitude at `stamp`, by slerp.
-pub fn attitude_at(around: &Bracket<UnitQuaternion<f64>>, stamp: RobotTime) -> UnitQuaternion<f64> {
+pub(crate) fn attitude_at(
+    around: &Bracket<UnitQuaternion<f64>>,
+    stamp: RobotTime,
+) -> UnitQuaternion<f64> {
     let Bracket { before, after } = around;
     let pose = |attitude| Pose::from_parts(Vector3::zeros().into(), attitude);
     Segment::between(
@@ -216,14 +219,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-
-    fn about(axis: Vector3<f64>, angle_rad: f64) -> UnitQuaternion<f64> {
-        UnitQuaternion::from_scaled_axis(axis.normalize() * angle_rad)
-    }
-
-    fn at(secs: f64) -> RobotTime {
-        RobotTime::from_secs_f64(secs).unwrap()
-    }
+    use crate::test_data::{about, at};
 
     fn smoothed(window_s: f64, samples: &[StampedAttitude]) -> Vec<StampedAttitude> {
         let mut smoothing = AttitudeSmoothing::new(RobotDuration::from_secs_f64(window_s));
@@ -242,7 +238,7 @@ mod tests {
             axis in prop::array::uniform3(0.1..1.0f64), rate_radps in -2.0..2.0f64,
             start_rad in -3.0..3.0f64, period_ms in 2..50i32,
         ) {
-            let attitude = |secs: f64| about(axis.into(), start_rad + rate_radps * secs);
+            let attitude = |secs: f64| about(Vector3::from(axis).normalize(), start_rad + rate_radps * secs);
             let secs = (0..100).map(|n| f64::from(n * period_ms) * 1e-3);
             let samples: Vec<_> = secs.map(|secs| (at(secs), attitude(secs))).collect();
             let out = smoothed(0.1, &samples);
@@ -257,7 +253,7 @@ mod tests {
         fn samples_that_are_missing_delay_nothing(
             missing in prop::collection::vec(any::<bool>(), 200), rate_radps in -1.0..1.0f64,
         ) {
-            let axis = Vector3::new(0.2, -0.3, 0.9);
+            let axis = Vector3::new(0.2, -0.3, 0.9).normalize();
             let samples: Vec<_> = (0..200)
                 .zip(&missing)
                 .filter(|(_, missing)| !**missing)

@@ -270,6 +270,7 @@ mod tests;
 #[cfg(test)]
 mod wheel_odometer_tests {
     use super::*;
+    use crate::test_data::at;
 
     fn odometer() -> WheelOdometer {
         WheelOdometer::new(WheelSettings {
@@ -289,7 +290,7 @@ mod wheel_odometer_tests {
         let joints = [("arm", 7.0), ("right", right_rad), ("left", left_rad)];
         odometer
             .push(
-                RobotTime::from_secs_f64(secs).unwrap(),
+                at(secs),
                 &joints.map(|(name, angle_rad)| (name.to_owned(), angle_rad)),
             )
             .map(|distance_m| distance_m.map(|distance_m| (distance_m * 1e9).round() / 1e9))
@@ -301,7 +302,7 @@ mod wheel_odometer_tests {
         assert_eq!(push(&mut odometer, 1.0, 100.0, -50.0), Ok(Some(0.0)));
         assert_eq!(push(&mut odometer, 1.1, 100.5, -49.75), Ok(Some(0.1875)));
         assert_eq!(push(&mut odometer, 1.2, 100.25, -50.25), Ok(Some(0.0)));
-        let stamp = RobotTime::from_secs_f64(1.3).unwrap();
+        let stamp = at(1.3);
         let one_wheel = [("left".to_owned(), 3.0), ("arm".to_owned(), f64::NAN)];
         assert_eq!(odometer.push(stamp, &one_wheel), Ok(None));
         assert_eq!(odometer.push(stamp, &[]), Ok(None));

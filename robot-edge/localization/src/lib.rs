@@ -12,9 +12,11 @@ pub mod dead_reckoning;
 pub mod gnss_positioning;
 pub mod pose_buffer;
 pub mod registration;
-pub mod sample_synchronizer;
+mod sample_synchronizer;
+#[cfg(test)]
+mod test_data;
 pub mod tilt;
-pub mod transform_buffer;
+mod transform_buffer;
 
 use serde::Deserialize;
 

@@ -244,26 +244,14 @@ impl JumpLimit {
 }
 
 #[cfg(test)]
-mod pose_buffer_tests {
+mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     use proptest::prelude::*;
 
     use super::*;
+    use crate::test_data::{LIMITS, at};
     use measurement::pose::{planar, yaw_rad};
-
-    fn at(secs: f64) -> RobotTime {
-        RobotTime::from_secs_f64(secs).unwrap()
-    }
-
-    const LIMITS: InterpolationLimits = InterpolationLimits {
-        max_gap: RobotDuration::from_millis(500),
-        max_extrapolation: RobotDuration::from_millis(100),
-        jump: JumpLimit {
-            slack_m: 1.0,
-            speed_mps: 20.0,
-        },
-    };
 
     fn track(samples: &[(f64, Pose)]) -> PoseBuffer {
         let mut track = PoseBuffer::default();
@@ -356,12 +344,6 @@ mod pose_buffer_tests {
             prop_assert!(got.angle_to(&expected) < 1e-7, "{}", got.angle_to(&expected));
         }
     }
-}
-
-#[cfg(test)]
-mod pose_jump_tests {
-    use super::*;
-    use measurement::pose::planar;
 
     #[test]
     fn a_jump_is_farther_than_slack_and_driving_explain() {
@@ -369,21 +351,23 @@ mod pose_jump_tests {
             slack_m: 1.0,
             speed_mps: 3.0,
         };
-        let at = |secs, x_m, y_m| {
-            let stamp = RobotTime::from_secs_f64(secs).unwrap();
-            (stamp, planar(x_m, y_m, 0.0))
-        };
-        let jump = |after| limit.between(&at(10.0, 1.0, 1.0), &after);
-        assert_eq!(jump(at(10.0, 2.0, 1.0)), None);
-        assert_eq!(jump(at(10.5, 1.0, 3.5)), None);
-        let far = PoseJump {
-            stamp: RobotTime::from_secs_f64(10.5).unwrap(),
-            distance_m: 5.0,
-        };
-        assert_eq!(jump(at(10.5, 4.0, 5.0)), Some(far));
-        // A long gap allows a long step.
-        assert_eq!(jump(at(12.0, 4.0, 5.0)), None);
-        // Stamps that go back are no jump.
-        assert_eq!(jump(at(8.0, 4.0, 5.0)), None);
+        let pose = |secs, x_m, y_m| (at(secs), planar(x_m, y_m, 0.0));
+        let before = pose(10.0, 1.0, 1.0);
+        for (secs, x_m, y_m, is_jump) in [
+            (10.0, 2.0, 1.0, false),
+            (10.5, 1.0, 3.5, false),
+            (10.5, 4.0, 5.0, true),
+            // A long gap allows a long step.
+            (12.0, 4.0, 5.0, false),
+            // Stamps that go back are no jump.
+            (8.0, 4.0, 5.0, false),
+        ] {
+            let jump = limit.between(&before, &pose(secs, x_m, y_m));
+            let expected = PoseJump {
+                stamp: at(secs),
+                distance_m: 5.0,
+            };
+            assert_eq!(jump, is_jump.then_some(expected), "{secs} s");
+        }
     }
 }

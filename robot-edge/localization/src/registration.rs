@@ -47,7 +47,6 @@ pub struct ScanRegistration {
     sensors: Vec<ScanQueue>,
     pose_estimator: Option<PoseEstimator>,
     estimated_poses: Vec<StampedPose>,
-    /// Dropped tilt angles.
     dropped_tilts: DropCounts,
     jumps: PendingJumps,
     /// Pose of the newest scan that has its own.

@@ -5,12 +5,11 @@ use std::collections::VecDeque;
 use measurement::drops::DropReason;
 use measurement::time::{RobotDuration, RobotTime};
 
-/// Value with its stamp.
-pub type Stamped<T> = (RobotTime, T);
+pub(crate) type Stamped<T> = (RobotTime, T);
 
 /// Samples that wait for those of the other sensor.
 #[derive(Clone, Debug)]
-pub struct SampleSynchronizer<A, B> {
+pub(crate) struct SampleSynchronizer<A, B> {
     a: Samples<A>,
     b: Samples<B>,
     /// The newest emitted stamp.
@@ -19,22 +18,17 @@ pub struct SampleSynchronizer<A, B> {
 
 /// The samples of both sensors around a stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SynchronizedSample<A, B> {
-    /// A stamp of either sensor.
-    pub stamp: RobotTime,
-    /// Samples of the first sensor.
-    pub a: Bracket<A>,
-    /// Samples of the second sensor.
-    pub b: Bracket<B>,
+pub(crate) struct SynchronizedSample<A, B> {
+    pub(crate) stamp: RobotTime,
+    pub(crate) a: Bracket<A>,
+    pub(crate) b: Bracket<B>,
 }
 
 /// Samples at or before and at or after a stamp; equal if there is one at the stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bracket<T> {
-    /// At or before.
-    pub before: Stamped<T>,
-    /// At or after.
-    pub after: Stamped<T>,
+pub(crate) struct Bracket<T> {
+    pub(crate) before: Stamped<T>,
+    pub(crate) after: Stamped<T>,
 }
 
 /// Limit of the waiting samples of one sensor, 100 s at 100 Hz.
@@ -54,24 +48,21 @@ impl<A: Copy, B: Copy> SampleSynchronizer<A, B> {
     /// Takes a sample of the first sensor; stamps must increase.
     ///
     /// # Errors [`DropReason::QueueFull`] if too many samples wait for the other sensor.
-    pub fn push_a(&mut self, sample: Stamped<A>) -> Result<(), DropReason> {
+    pub(crate) fn push_a(&mut self, sample: Stamped<A>) -> Result<(), DropReason> {
         self.a.push(sample, self.at.is_some())
     }
 
-    /// Takes a sample of the second sensor.
-    ///
-    /// # Errors As [`push_a`](Self::push_a).
-    pub fn push_b(&mut self, sample: Stamped<B>) -> Result<(), DropReason> {
+    pub(crate) fn push_b(&mut self, sample: Stamped<B>) -> Result<(), DropReason> {
         self.b.push(sample, self.at.is_some())
     }
 
-    /// Number of kept samples of each sensor.
-    pub fn kept(&self) -> (usize, usize) {
+    #[cfg(test)]
+    pub(crate) fn kept(&self) -> (usize, usize) {
         (self.a.0.len(), self.b.0.len())
     }
 
     /// The next stamp of either sensor at which both are known.
-    pub fn take_next(&mut self) -> Option<SynchronizedSample<A, B>> {
+    pub(crate) fn take_next(&mut self) -> Option<SynchronizedSample<A, B>> {
         let stamp = match self.at {
             None => self.a.first()?.max(self.b.first()?),
             Some(at) => self.a.after(at)?.min(self.b.after(at)?),
@@ -86,12 +77,12 @@ impl<A: Copy, B: Copy> SampleSynchronizer<A, B> {
 
 impl<T> Bracket<T> {
     /// Whether interpolation at `stamp` is valid: a sample at it, or no gap around it.
-    pub fn is_known_at(&self, stamp: RobotTime, max_gap: RobotDuration) -> bool {
+    pub(crate) fn is_known_at(&self, stamp: RobotTime, max_gap: RobotDuration) -> bool {
         self.after.0 == stamp || self.after.0.since(self.before.0) <= max_gap
     }
 
     /// Interpolation fraction of `stamp`, 0 to 1; 1 if both samples are equal.
-    pub fn fraction(&self, stamp: RobotTime) -> f64 {
+    pub(crate) fn fraction(&self, stamp: RobotTime) -> f64 {
         let span = self.after.0.since(self.before.0).as_nanos();
         if span == 0 {
             return 1.0;

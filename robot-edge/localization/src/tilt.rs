@@ -60,6 +60,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
+    use crate::test_data::at;
     use measurement::pose::planar;
 
     fn tilt(scale: f64, offset_rad: f64) -> TiltSettings {
@@ -70,10 +71,6 @@ mod tests {
             offset_rad,
             time_offset: RobotDuration::from_millis(-40),
         }
-    }
-
-    fn at(secs: f64) -> RobotTime {
-        RobotTime::from_secs_f64(secs).unwrap()
     }
 
     #[test]

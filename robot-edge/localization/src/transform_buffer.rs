@@ -14,7 +14,7 @@ const MAX_FRAMES: usize = 1024;
 
 /// Each frame's parent, and its pose in it over time.
 #[derive(Clone, Debug)]
-pub struct TransformBuffer {
+pub(crate) struct TransformBuffer {
     limits: InterpolationLimits,
     edges: BTreeMap<FrameId, Edge>,
 }
@@ -32,8 +32,7 @@ enum EdgeTransform {
 }
 
 impl TransformBuffer {
-    /// An empty tree.
-    pub const fn new(limits: InterpolationLimits) -> Self {
+    pub(crate) const fn new(limits: InterpolationLimits) -> Self {
         Self {
             limits,
             edges: BTreeMap::new(),
@@ -44,7 +43,7 @@ impl TransformBuffer {
     /// a static transform replaces moving ones.
     ///
     /// Returns the jump from the frame's newest pose, if it is one.
-    pub fn insert(
+    pub(crate) fn insert(
         &mut self,
         parent: &FrameId,
         child: &FrameId,
@@ -82,7 +81,7 @@ impl TransformBuffer {
     }
 
     /// Removes moving poses before `stamp`, but never a frame's newest.
-    pub fn forget_before(&mut self, stamp: RobotTime) {
+    pub(crate) fn forget_before(&mut self, stamp: RobotTime) {
         for edge in self.edges.values_mut() {
             if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
                 poses.forget_before(stamp);
@@ -90,8 +89,7 @@ impl TransformBuffer {
         }
     }
 
-    /// Clock reset: removes all moving poses.
-    pub fn clear_dynamic(&mut self) {
+    pub(crate) fn clear_dynamic(&mut self) {
         for edge in self.edges.values_mut() {
             if let EdgeTransform::Dynamic(poses) = &mut edge.parent_from_child {
                 *poses = PoseBuffer::default();
@@ -100,7 +98,7 @@ impl TransformBuffer {
     }
 
     /// Frames from `source` up to its root, `source` first.
-    pub fn ancestry(&self, source: &FrameId) -> Vec<FrameId> {
+    pub(crate) fn ancestry(&self, source: &FrameId) -> Vec<FrameId> {
         let mut frames = vec![FrameId::clone(source)];
         // Bounded, because damaged data can close a loop.
         while let Some(edge) = frames.last().and_then(|frame| self.edges.get(frame)) {
@@ -114,14 +112,23 @@ impl TransformBuffer {
 
     /// Whether poses of `frame` move `source` in `target`: it is `source` or an ancestor below
     /// `target`. `None` if `target` is no ancestor of `source`.
-    pub fn is_between(&self, target: &str, source: &FrameId, frame: &FrameId) -> Option<bool> {
+    pub(crate) fn is_between(
+        &self,
+        target: &str,
+        source: &FrameId,
+        frame: &FrameId,
+    ) -> Option<bool> {
         let ancestors = self.ancestry(source);
         let at = ancestors.iter().position(|above| &**above == target)?;
         Some(ancestors[..at].contains(frame))
     }
 
     /// Links from `source` up to `target`, `source`'s first; `None` if `target` is no ancestor.
-    pub fn chain<'a>(&'a self, target: &str, source: &FrameId) -> Option<TransformChain<'a>> {
+    pub(crate) fn chain<'a>(
+        &'a self,
+        target: &str,
+        source: &FrameId,
+    ) -> Option<TransformChain<'a>> {
         let mut links = Vec::new();
         let mut frame = source;
         while &**frame != target {
@@ -148,9 +155,8 @@ impl Edge {
     }
 }
 
-/// Links between two frames.
 #[derive(Clone, Debug)]
-pub struct TransformChain<'a> {
+pub(crate) struct TransformChain<'a> {
     links: Vec<&'a EdgeTransform>,
     limits: &'a InterpolationLimits,
 }
@@ -159,7 +165,7 @@ impl TransformChain<'_> {
     /// Newest stamp up to which every moving link has poses; `None` if one has none.
     ///
     /// [`RobotTime::MAX`] if no link moves.
-    pub fn newest(&self) -> Option<RobotTime> {
+    pub(crate) fn newest(&self) -> Option<RobotTime> {
         self.links
             .iter()
             .try_fold(RobotTime::MAX, |newest, link| match link {
@@ -169,7 +175,7 @@ impl TransformChain<'_> {
     }
 
     /// A sampler of `target_from_source` for mostly increasing stamps, such as those of beams.
-    pub const fn sampler(&self) -> Sampler<'_> {
+    pub(crate) const fn sampler(&self) -> Sampler<'_> {
         Sampler {
             chain: self,
             segments: Vec::new(),
@@ -179,16 +185,13 @@ impl TransformChain<'_> {
 
 /// Samples a [`TransformChain`]; caches the last segment of each link.
 #[derive(Clone, Debug)]
-pub struct Sampler<'a> {
+pub(crate) struct Sampler<'a> {
     chain: &'a TransformChain<'a>,
     segments: Vec<Option<Segment>>,
 }
 
 impl Sampler<'_> {
-    /// `target_from_source` at `stamp`.
-    ///
-    /// # Errors The reason for a missing pose.
-    pub fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
+    pub(crate) fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
         self.segments.resize(self.chain.links.len(), None);
         let mut target_from_source: Option<Pose> = None;
         for (link, remembered) in self.chain.links.iter().zip(&mut self.segments) {
@@ -216,22 +219,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::pose_buffer::JumpLimit;
+    use crate::test_data::{LIMITS, at};
     use measurement::pose::planar;
-    use measurement::time::RobotDuration;
-
-    const LIMITS: InterpolationLimits = InterpolationLimits {
-        max_gap: RobotDuration::from_millis(500),
-        max_extrapolation: RobotDuration::from_millis(100),
-        jump: JumpLimit {
-            slack_m: 1.0,
-            speed_mps: 20.0,
-        },
-    };
-
-    fn at(secs: f64) -> RobotTime {
-        RobotTime::from_secs_f64(secs).unwrap()
-    }
 
     fn buffer(edges: &[(&str, &str, f64, Pose, bool)]) -> TransformBuffer {
         let mut buffer = TransformBuffer::new(LIMITS);

@@ -258,7 +258,6 @@ const REACH_M: f64 = 0.6;
 const RAISED_M: f32 = 0.05;
 
 impl Bounds {
-    /// The ground plane itself.
     pub(super) const PLANE: Self = Self {
         lowest_m: 0.0,
         highest_m: 0.0,

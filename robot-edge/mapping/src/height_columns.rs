@@ -10,7 +10,6 @@ use crate::slope::{PATCH_COLUMNS, PATCH_EDGE, Patch, REACH_COLUMNS};
 pub(super) const TILE_EDGE: usize = 4;
 /// [`TILE_EDGE`] for signed indices.
 pub(super) const TILE_EDGE_COLUMNS: i32 = 4;
-/// Columns of a tile.
 pub(super) const TILE_COLUMNS: usize = 16;
 
 /// Kind of a column.
@@ -134,7 +133,6 @@ pub fn read_columns(
     })
 }
 
-/// Offset of a column in its tile.
 pub(super) fn offset(column: usize) -> (i32, i32) {
     let column = (column % TILE_COLUMNS) as u8;
     let edge = TILE_EDGE as u8;
@@ -403,7 +401,6 @@ impl ColumnWindow {
         self.first = None;
     }
 
-    /// Marks the columns of a tile as stale.
     pub(super) fn mark_stale(&mut self, at: BrickColumn) {
         if self.is_inside(at, WindowPart::Read) {
             let slot = self.slot(at);
@@ -411,7 +408,6 @@ impl ColumnWindow {
         }
     }
 
-    /// Tiles with stale columns.
     pub(super) fn tiles_to_read(&self) -> Vec<BrickColumn> {
         self.tiles(WindowPart::Read)
             .filter(|&at| !self.tiles[self.slot(at)].is_read)

@@ -16,7 +16,7 @@ pub mod height_columns;
 pub mod obstacle;
 pub mod occupancy_grid;
 pub mod octree;
-pub mod radial_filter;
+mod radial_filter;
 mod ray_clearing;
 pub mod registered_scan;
 pub mod rigidity;

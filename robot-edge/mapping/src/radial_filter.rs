@@ -15,7 +15,7 @@ const MAX_BEAMS: usize = 8192;
 
 /// Decides which hits are confirmed by neighbouring beams of the same and the previous scan.
 #[derive(Clone, Debug, Default)]
-pub struct RadialFilter {
+pub(crate) struct RadialFilter {
     /// Hits of the previous scan by beam index, for each sensor.
     before: Vec<(SensorId, Hits)>,
     now: Hits,
@@ -26,7 +26,7 @@ type Hits = Vec<Option<Point3<f64>>>;
 
 impl RadialFilter {
     /// Sets for each beam whether it is a hit with fewer than `min_neighbours` neighbours.
-    pub fn isolated(
+    pub(crate) fn isolated(
         &mut self,
         scan: &RegisteredScan,
         min_neighbours: u8,
@@ -72,8 +72,7 @@ impl RadialFilter {
         std::mem::swap(&mut self.before[place].1, &mut self.now);
     }
 
-    /// Forgets the previous scans.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         self.before.clear();
     }
 

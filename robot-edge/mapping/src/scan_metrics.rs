@@ -143,7 +143,6 @@ pub struct InterScan {
     previous: Vec<PreviousScan>,
 }
 
-/// The last scan of a sensor.
 #[derive(Clone, Debug)]
 struct PreviousScan {
     sensor: SensorId,

@@ -11,9 +11,7 @@ use crate::octree::FINER;
 pub(super) const REACH: usize = 3;
 /// [`REACH`] for signed indices.
 pub(super) const REACH_COLUMNS: i32 = 3;
-/// Columns along the edge of a patch.
 pub(super) const PATCH_EDGE: usize = TILE_EDGE + 2 * REACH;
-/// Columns of a patch.
 pub(super) const PATCH_COLUMNS: usize = PATCH_EDGE * PATCH_EDGE;
 
 /// A tile and the columns around it, rows of growing y.
@@ -392,7 +390,6 @@ impl Planes {
         Self(products.map(|row| window_sums(&row)))
     }
 
-    /// Plane around a column.
     fn get(&self, column: usize) -> Option<Plane> {
         Plane::through(self.0.map(|sums| sums[column]))
     }

@@ -5,10 +5,9 @@
 
 use std::time::Duration;
 
-use crate::action::{Action, Actions, ArbiterEvent};
 use crate::command_stream::{ArmingState, CommandStream, DriveCommand};
 use crate::config::Rules;
-use crate::input::{ArbiterInput, CollisionMonitorOutput};
+use crate::interface::{Action, Actions, ArbiterEvent, ArbiterInput, CollisionMonitorOutput};
 use crate::lease::{EStop, EStopId, EStopSource, Lease, RequestId, Role};
 use crate::motion::{Caps, Motion, MotionTarget, Velocity};
 use crate::report::Counters;
@@ -181,13 +180,11 @@ pub fn step(
     (step.state, step.actions)
 }
 
-/// One step under way.
 struct Step<'a> {
     rules: &'a Rules,
     now: Monotonic,
     state: ArbiterState,
     actions: Actions,
-    /// The mode that was last reported.
     notified: Mode,
 }
 
@@ -208,7 +205,6 @@ impl Step<'_> {
         self.actions.push(Action::Answer { request, answer });
     }
 
-    /// Begins to follow the stopping ramp.
     fn begin_stop(&mut self, reason: StopReason) {
         if !reason.is_voluntary() {
             let stops = &mut self.state.counters.involuntary_stops;
@@ -250,7 +246,6 @@ impl Step<'_> {
 /// Smallest age used as a divisor.
 const MIN_AGE: Duration = Duration::from_millis(1);
 
-/// Storing an emergency stop is requested again after this.
 const STORE_RETRY: Duration = Duration::from_secs(1);
 
 /// Differences between requested and applied velocity below this have no clamp, metres or radians per second.
@@ -409,7 +404,7 @@ fn active_clamp(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Op
 
 /// The factor that brings `velocity` within `caps`, linear and angular. Both parts get the same factor, so that the arc
 /// keeps the shape that the collision monitor checked.
-fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
+pub(crate) fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
     let within = |speed: f64, caps: Caps| {
         let cap = caps.towards(speed);
         if speed.abs() > cap {

@@ -32,16 +32,12 @@ pub(crate) enum ArmingState {
     #[default]
     Locked,
     /// No key is pressed, and commands keep arriving.
-    Neutral {
-        /// When the first neutral command came.
-        since: Monotonic,
-    },
+    Neutral { since: Monotonic },
     /// A key was pressed after a sufficient neutral time, and is not released yet.
     Pressed,
 }
 
 impl ArmingState {
-    /// After a command with nothing pressed.
     #[must_use]
     pub(crate) const fn after_neutral(self, now: Monotonic) -> Self {
         match self {
@@ -66,7 +62,6 @@ const BUCKET: Duration = Duration::from_millis(100);
 /// Ten whole buckets and the one being filled: at least 1 s is remembered, at most 1.1 s.
 const BUCKETS: usize = 11;
 
-/// The greatest of the ages recorded in the last second.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub(crate) struct AgeWindow {
     peak: [Option<Duration>; BUCKETS],
@@ -75,7 +70,6 @@ pub(crate) struct AgeWindow {
 }
 
 impl AgeWindow {
-    /// Records an age at `now`, which never decreases.
     pub(crate) fn record(&mut self, now: Monotonic, age: Duration) {
         self.advance(now);
         let peak = &mut self.peak[slot_of(self.bucket)];

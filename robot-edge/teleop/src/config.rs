@@ -1,5 +1,6 @@
 //! Settings of `[teleop]`, and the rules that are made of them.
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use serde::Deserialize;
@@ -42,7 +43,6 @@ pub struct TeleopConfig {
 }
 
 impl Default for TeleopConfig {
-    /// Of an unknown land vehicle: what it can do is assumed.
     fn default() -> Self {
         Self {
             max_command_age_ms: 400,
@@ -64,72 +64,75 @@ impl Default for TeleopConfig {
 impl TeleopConfig {
     /// Everything that is wrong with the values; empty where nothing is.
     pub fn check(&self) -> Vec<SettingError> {
-        let mut faults = Vec::new();
-        let mut number = |name: &str, value: f64, least: f64, most: f64, why| {
-            if !(least..=most).contains(&value) {
-                faults.push(fault(name, value, format!("{least} to {most}"), why));
-            }
-        };
-        number(
-            "max_command_age_ms",
-            self.max_command_age_ms.into(),
-            100.0,
-            1000.0,
-            "it bounds how long the vehicle goes on after the link is lost, and cannot be switched off",
-        );
-        number(
-            "lease_s",
-            self.lease_s,
-            1.0,
-            30.0,
-            "it outlasts the oldest command, and frees the vehicle when a console dies",
-        );
-        number(
-            "max_latency_travel_m",
-            self.max_latency_travel_m,
-            0.01,
-            5.0,
-            "it is the way made before a command can be withdrawn",
-        );
-        number(
-            "neutral_ms",
-            self.neutral_ms.into(),
-            200.0,
-            2000.0,
-            "shorter, and the gaps of a link look like a released key",
-        );
-        let positive = "limits must be finite and leave room to move";
-        for (name, value) in [
-            ("accel_mps2", self.accel_mps2),
-            ("accel_radps2", self.accel_radps2),
-            ("jerk_mps3", self.jerk_mps3),
-            ("jerk_radps3", self.jerk_radps3),
-        ] {
-            number(name, value, 0.01, 1000.0, positive);
-        }
+        let age = "it bounds how long the vehicle goes on after the link is lost, and cannot be switched off";
+        let lease = "it outlasts the oldest command, and frees the vehicle when a console dies";
+        let travel = "it is the way made before a command can be withdrawn";
+        let neutral = "shorter, and the gaps of a link look like a released key";
         let brakes = "a vehicle must stop at least as hard as it may speed up";
-        for (name, value, least) in [
-            ("stop_decel_mps2", self.stop_decel_mps2, self.accel_mps2),
-            (
-                "stop_decel_radps2",
-                self.stop_decel_radps2,
-                self.accel_radps2,
-            ),
-        ] {
-            number(name, value, least, 1000.0, brakes);
-        }
+        let any = 0.01..=1000.0;
+        let mut faults = out_of_range(
+            "teleop",
+            [
+                (
+                    "max_command_age_ms",
+                    self.max_command_age_ms.into(),
+                    100.0..=1000.0,
+                    age,
+                ),
+                ("lease_s", self.lease_s, 1.0..=30.0, lease),
+                (
+                    "max_latency_travel_m",
+                    self.max_latency_travel_m,
+                    0.01..=5.0,
+                    travel,
+                ),
+                (
+                    "neutral_ms",
+                    self.neutral_ms.into(),
+                    200.0..=2000.0,
+                    neutral,
+                ),
+                ("accel_mps2", self.accel_mps2, any.clone(), ROOM_TO_MOVE),
+                ("accel_radps2", self.accel_radps2, any.clone(), ROOM_TO_MOVE),
+                ("jerk_mps3", self.jerk_mps3, any.clone(), ROOM_TO_MOVE),
+                ("jerk_radps3", self.jerk_radps3, any, ROOM_TO_MOVE),
+                (
+                    "stop_decel_mps2",
+                    self.stop_decel_mps2,
+                    self.accel_mps2..=1000.0,
+                    brakes,
+                ),
+                (
+                    "stop_decel_radps2",
+                    self.stop_decel_radps2,
+                    self.accel_radps2..=1000.0,
+                    brakes,
+                ),
+            ],
+        );
         faults.extend(self.collision_monitor.check());
         faults
     }
 }
 
-fn fault(name: &str, value: f64, allowed: String, why: &'static str) -> SettingError {
-    SettingError {
-        key: format!("teleop.{name}"),
-        value: value.to_string(),
-        why,
-        allowed,
-    }
+const ROOM_TO_MOVE: &str = "limits must be finite and leave room to move";
+
+/// The settings under `prefix` that are outside of their ranges: name, value, range and what the range is for.
+pub(crate) fn out_of_range<const N: usize>(
+    prefix: &str,
+    settings: [(&str, f64, RangeInclusive<f64>, &'static str); N],
+) -> Vec<SettingError> {
+    let is_outside =
+        |(_, value, range, _): &(_, f64, RangeInclusive<f64>, _)| !range.contains(value);
+    let outside = settings.into_iter().filter(is_outside);
+    outside
+        .map(|(name, value, range, why)| SettingError {
+            key: format!("{prefix}.{name}"),
+            value: value.to_string(),
+            why,
+            allowed: format!("{} to {}", range.start(), range.end()),
+        })
+        .collect()
 }
 
 /// A setting whose value is not allowed.
@@ -155,7 +158,6 @@ pub struct Rules {
     pub(super) linear: AxisLimits,
     pub(super) angular: AxisLimits,
     pub(super) is_boat: bool,
-    /// How long a request for the lease waits for the holder's consent.
     pub(super) request_timeout: Duration,
 }
 
@@ -173,10 +175,12 @@ impl Rules {
             ("max_turn_rate_radps", vehicle.max_turn_rate_radps),
         ] {
             if !(value > 0.0 && value.is_finite()) {
-                let why = "limits must be finite and leave room to move";
-                let fault = fault(name, value, "above 0".to_owned(), why);
-                let key = format!("vehicle.{name}");
-                faults.push(SettingError { key, ..fault });
+                faults.push(SettingError {
+                    key: format!("vehicle.{name}"),
+                    value: value.to_string(),
+                    why: ROOM_TO_MOVE,
+                    allowed: "above 0".to_owned(),
+                });
             }
         }
         if !faults.is_empty() {

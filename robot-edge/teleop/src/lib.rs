@@ -16,12 +16,11 @@
 #![warn(missing_docs)]
 #![warn(clippy::wildcard_enum_match_arm)]
 
-mod action;
 mod arbiter;
 pub mod collision_monitor;
 mod command_stream;
 mod config;
-mod input;
+mod interface;
 mod lease;
 mod motion;
 mod report;
@@ -30,11 +29,12 @@ mod token;
 #[cfg(test)]
 mod proofs;
 
-pub use action::{Action, Actions, ArbiterEvent};
 pub use arbiter::{ArbiterState, Mode, step};
 pub use command_stream::DriveCommand;
 pub use config::{Rules, SettingError, TeleopConfig};
-pub use input::{ArbiterInput, CollisionMonitorOutput, LeaseVerb, SpeedLimits};
+pub use interface::{
+    Action, Actions, ArbiterEvent, ArbiterInput, CollisionMonitorOutput, LeaseVerb, SpeedLimits,
+};
 pub use lease::{
     Caller, EStop, EStopId, EStopSource, GrantReason, Lease, LeaseHolder, OperatorId, RequestId,
     Role, StoredEStop, Waiting,

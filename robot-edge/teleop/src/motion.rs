@@ -24,7 +24,6 @@ pub(crate) struct AxisLimits {
     pub(crate) stop_decel: f64,
 }
 
-/// One axis of the commanded motion.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub(crate) struct Axis {
     /// Metres or radians per second.
@@ -33,7 +32,6 @@ pub(crate) struct Axis {
     pub(crate) accel: f64,
 }
 
-/// The commanded motion.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub(crate) struct Motion {
     /// Along x, metres.
@@ -158,15 +156,10 @@ impl Axis {
 }
 
 impl Motion {
-    /// The commanded velocity.
     pub(crate) const fn velocity(self) -> Velocity {
-        Velocity {
-            linear_mps: self.linear.speed,
-            angular_radps: self.angular.speed,
-        }
+        Velocity::new(self.linear.speed, self.angular.speed)
     }
 
-    /// Neither goes nor turns.
     pub(crate) fn is_zero(self) -> bool {
         self.linear.speed.abs() <= 0.0 && self.angular.speed.abs() <= 0.0
     }
@@ -218,6 +211,14 @@ impl Velocity {
         linear_mps: 0.0,
         angular_radps: 0.0,
     };
+
+    /// Metres per second along x, radians per second about z.
+    pub const fn new(linear_mps: f64, angular_radps: f64) -> Self {
+        Self {
+            linear_mps,
+            angular_radps,
+        }
+    }
 
     /// Neither infinite nor not-a-number.
     pub const fn is_finite(self) -> bool {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::arbiter::{ArbiterState, Mode};
 use crate::command_stream::ArmingState;
 use crate::config::Rules;
-use crate::input::CollisionMonitorOutput;
+use crate::interface::CollisionMonitorOutput;
 use crate::lease::{EStop, Lease};
 use crate::motion::Velocity;
 use measurement::time::Monotonic;

@@ -8,7 +8,6 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use protocol::message::Refusal;
 
-/// How long a token is known.
 const TOKEN_LIFETIME: Duration = Duration::from_secs(2);
 
 /// Tokens remembered: `TOKEN_LIFETIME` at 50 Hz, and as much again as rounds that come early may add. Where more are

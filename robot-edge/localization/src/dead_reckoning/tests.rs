@@ -8,12 +8,9 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 
 use crate::sample_synchronizer::MAX_SAMPLES;
+use crate::test_data::{ATTITUDE, about, at, imu, imu_at};
 
 const RADIUS_M: f64 = 0.125;
-
-fn at(secs: f64) -> RobotTime {
-    RobotTime::from_secs_f64(secs).unwrap()
-}
 
 fn settings() -> DeadReckoningSettings {
     DeadReckoningSettings {
@@ -24,11 +21,7 @@ fn settings() -> DeadReckoningSettings {
             max_speed_mps: 9.0,
         },
         wheels_time_offset: RobotDuration::ZERO,
-        attitude: AttitudeSettings {
-            time_offset: RobotDuration::ZERO,
-            base_from_imu: UnitQuaternion::identity(),
-            smoothing: RobotDuration::ZERO,
-        },
+        attitude: ATTITUDE,
         max_gap: RobotDuration::from_millis(500),
     }
 }
@@ -54,21 +47,10 @@ fn joints([left_rad, right_rad]: [f64; 2]) -> Vec<(String, f64)> {
     ]
 }
 
-fn imu(orientation_xyzw: Option<[f64; 4]>) -> ImuSample {
-    ImuSample {
-        orientation_xyzw,
-        angular_velocity_radps: [0.0; 3],
-        linear_acceleration_mps2: [0.0; 3],
-    }
-}
-
 fn push(reckoning: &mut DeadReckoning, message: &StampedMessage, out: &mut Vec<StampedPose>) {
     match &message.1 {
         Message::Joints(angles_rad) => reckoning.push_joints(message.0, &joints(*angles_rad), out),
-        Message::Imu(attitude) => {
-            let [x, y, z, w] = attitude.coords.into();
-            reckoning.push_attitude(message.0, &imu(Some([x, y, z, w])), out);
-        }
+        Message::Imu(attitude) => reckoning.push_attitude(message.0, &imu_at(*attitude), out),
     }
 }
 
@@ -85,7 +67,6 @@ fn reckoned(settings: DeadReckoningSettings, messages: &[StampedMessage]) -> Vec
 }
 
 fn turned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> UnitQuaternion<f64> {
-    let about = |axis: Vector3<f64>, angle_rad| UnitQuaternion::from_scaled_axis(axis * angle_rad);
     about(Vector3::z(), yaw_rad) * about(Vector3::y(), pitch_rad) * about(Vector3::x(), roll_rad)
 }
 

@@ -1,6 +1,7 @@
 use std::f64::consts::TAU;
 
 use super::*;
+use crate::test_data::{ATTITUDE, about, at, imu_at};
 
 const DATUM: GeodeticPoint = GeodeticPoint {
     latitude_deg: 38.51,
@@ -8,19 +9,11 @@ const DATUM: GeodeticPoint = GeodeticPoint {
     altitude_m: 53.0,
 };
 
-fn at(secs: f64) -> RobotTime {
-    RobotTime::from_secs_f64(secs).unwrap()
-}
-
 fn settings() -> GnssSettings {
     GnssSettings {
         fix_time_offset: RobotDuration::ZERO,
         antenna_in_base: Vector3::zeros(),
-        attitude: AttitudeSettings {
-            time_offset: RobotDuration::ZERO,
-            base_from_imu: UnitQuaternion::identity(),
-            smoothing: RobotDuration::ZERO,
-        },
+        attitude: ATTITUDE,
         outlier_limit: JumpLimit {
             slack_m: 1.0,
             speed_mps: 9.0,
@@ -39,19 +32,6 @@ fn fix_at(place: &Point3<f64>) -> GeodeticFix {
     }
 }
 
-fn imu(attitude: UnitQuaternion<f64>) -> ImuSample {
-    let [x, y, z, w] = attitude.coords.into();
-    ImuSample {
-        orientation_xyzw: Some([x, y, z, w]),
-        angular_velocity_radps: [0.0; 3],
-        linear_acceleration_mps2: [0.0; 3],
-    }
-}
-
-fn about(axis: Vector3<f64>, angle_rad: f64) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_scaled_axis(axis * angle_rad)
-}
-
 /// Poses for a base that moves as `base`, with an antenna as in `settings`: fixes at 5 Hz,
 /// attitudes at 100 Hz, for 10 s.
 fn positioned(
@@ -68,7 +48,7 @@ fn positioned(
             let fix = fix_at(&(place + attitude * lever));
             positioning.push_fix(at(secs), &fix, &mut out);
         }
-        positioning.push_attitude(at(secs), &imu(attitude), &mut out);
+        positioning.push_attitude(at(secs), &imu_at(attitude), &mut out);
     }
     positioning.finish(&mut out);
     assert_eq!(*positioning.drops(), DropCounts::default());
@@ -157,49 +137,24 @@ fn fixes_that_are_none_are_counted_by_reason() {
     let push = |positioning: &mut GnssPositioning, secs: f64, fix: GeodeticFix| {
         positioning.push_fix(at(secs), &fix, &mut Vec::new());
     };
-    push(&mut positioning, 0.0, GeodeticFix { status: -1, ..good });
-    assert_eq!(positioning.datum(), None);
-    push(
-        &mut positioning,
-        0.1,
-        GeodeticFix {
-            latitude_deg: f64::NAN,
-            ..good
-        },
-    );
-    push(
-        &mut positioning,
-        0.2,
-        GeodeticFix {
-            latitude_deg: 90.1,
-            ..good
-        },
-    );
-    push(
-        &mut positioning,
-        0.3,
-        GeodeticFix {
-            longitude_deg: f64::INFINITY,
-            ..good
-        },
-    );
-    push(
-        &mut positioning,
-        0.4,
-        GeodeticFix {
-            altitude_m: f64::NAN,
-            ..good
-        },
-    );
-    assert_eq!(positioning.datum(), None);
+    let mut bad = [good; 5];
+    bad[0].status = -1;
+    bad[1].latitude_deg = f64::NAN;
+    bad[2].latitude_deg = 90.1;
+    bad[3].longitude_deg = f64::INFINITY;
+    bad[4].altitude_m = f64::NAN;
+    for (tenths, fix) in (0..).zip(bad) {
+        push(&mut positioning, 0.1 * f64::from(tenths), fix);
+        assert_eq!(positioning.datum(), None);
+    }
     push(&mut positioning, 1.0, good);
     let datum = positioning.datum().unwrap();
     assert!((datum.latitude_deg - DATUM.latitude_deg).abs() < 1e-9);
     push(&mut positioning, 1.2, fix_at(&Point3::new(40.0, 0.0, 0.0)));
     push(&mut positioning, 1.2, good);
     push(&mut positioning, 1.4, fix_at(&Point3::new(0.1, 0.0, 0.0)));
-    positioning.push_attitude(at(1.0), &imu(UnitQuaternion::identity()), &mut out);
-    positioning.push_attitude(at(1.4), &imu(UnitQuaternion::identity()), &mut out);
+    positioning.push_attitude(at(1.0), &imu_at(UnitQuaternion::identity()), &mut out);
+    positioning.push_attitude(at(1.4), &imu_at(UnitQuaternion::identity()), &mut out);
     positioning.finish(&mut out);
     let xs: Vec<f64> = out.iter().map(|(_, pose)| pose.translation.x).collect();
     assert_eq!(xs.len(), 2);
@@ -246,7 +201,7 @@ fn poses_wait_for_the_fix_behind_them() {
 fn clock_reset_keeps_the_datum() {
     let mut positioning = GnssPositioning::new(settings());
     let mut out = Vec::new();
-    let level = imu(UnitQuaternion::identity());
+    let level = imu_at(UnitQuaternion::identity());
     positioning.push_fix(at(9.0), &fix_at(&Point3::origin()), &mut out);
     positioning.reset();
     positioning.push_fix(at(1.0), &fix_at(&Point3::new(50.0, 0.0, 0.0)), &mut out);

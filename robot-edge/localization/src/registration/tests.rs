@@ -2,31 +2,20 @@ mod many_sensors;
 
 use super::*;
 use mapping::registered_scan::{BeamOutcome, SensorId};
+use measurement::StreamId;
 use measurement::pose::{Pose, planar};
-use measurement::{ImuSample, StreamId};
-use nalgebra::{Point3, Quaternion, UnitQuaternion};
+use nalgebra::{Point3, UnitQuaternion};
 
 use crate::attitude::AttitudeSettings;
 use crate::beam_projection::{BodyBox, SensorSettings, ZeroRange};
 use crate::dead_reckoning::{DeadReckoningSettings, WheelSettings};
-use crate::pose_buffer::{InterpolationLimits, JumpLimit};
-
-fn at(secs: f64) -> RobotTime {
-    RobotTime::from_secs_f64(secs).unwrap()
-}
+use crate::test_data::{ATTITUDE, LIMITS, at, imu_at};
 
 fn settings(origin: PoseOrigin) -> RegistrationSettings {
     RegistrationSettings {
         origin,
         base_frame: "base_link".into(),
-        limits: InterpolationLimits {
-            max_gap: RobotDuration::from_millis(500),
-            max_extrapolation: RobotDuration::from_millis(100),
-            jump: JumpLimit {
-                slack_m: 1.0,
-                speed_mps: 20.0,
-            },
-        },
+        limits: LIMITS,
         pose_history: RobotDuration::from_millis(10_000),
         max_pose_wait: RobotDuration::from_millis(100),
         max_queued: 4,
@@ -97,23 +86,24 @@ fn measurement(secs: f64, frame: &str, data: MeasurementData) -> Measurement {
     }
 }
 
+fn registered(
+    settings: RegistrationSettings,
+    input: Vec<Measurement>,
+) -> (Vec<RegistrationOutput>, RegistrationCounts) {
+    let mut registration = ScanRegistration::new(settings);
+    let mut out = push_all(&mut registration, input);
+    registration.finish(&mut out);
+    (out, registration.counts())
+}
+
 /// x of the ends of every registered scan's beams.
 fn run(
     settings: RegistrationSettings,
     input: Vec<Measurement>,
 ) -> (Vec<Vec<f64>>, RegistrationCounts) {
-    let mut registration = ScanRegistration::new(settings);
-    let mut out = Vec::new();
-    for measurement in input {
-        registration.push(measurement, &mut out);
-    }
-    registration.finish(&mut out);
-    let is_scan =
-        |registered: &&RegistrationOutput| matches!(registered, RegistrationOutput::Scan(_));
-    (
-        out.iter().filter(is_scan).map(ends).collect(),
-        registration.counts(),
-    )
+    let (mut out, counts) = registered(settings, input);
+    out.retain(|registered| matches!(registered, RegistrationOutput::Scan(_)));
+    (out.iter().map(ends).collect(), counts)
 }
 
 fn registered_scan(registered: &RegistrationOutput) -> &RegisteredScan {
@@ -131,8 +121,8 @@ fn ends(registered: &RegistrationOutput) -> Vec<f64> {
         .collect()
 }
 
-fn dropped(counts: &RegistrationCounts) -> Vec<(DropReason, u64)> {
-    counts.dropped_scans.iter().collect()
+fn reasons(drops: &DropCounts) -> Vec<(DropReason, u64)> {
+    drops.iter().collect()
 }
 
 #[test]
@@ -199,7 +189,7 @@ fn after_the_wait_a_scan_is_extrapolated_or_dropped() {
     ];
     let (registered, counts) = run(settings(tf()), far);
     assert_eq!(
-        (registered.len(), dropped(&counts)),
+        (registered.len(), reasons(&counts.dropped_scans)),
         (0, vec![(DropReason::AfterLastPose, 1)])
     );
 }
@@ -222,7 +212,7 @@ fn every_lost_scan_has_its_reason() {
         ],
     );
     assert_eq!(
-        dropped(&counts),
+        reasons(&counts.dropped_scans),
         [
             (DropReason::BadScan, 1),
             (DropReason::BeforeFirstPose, 1),
@@ -237,7 +227,7 @@ fn every_lost_scan_has_its_reason() {
             .collect(),
     );
     assert_eq!(
-        dropped(&counts),
+        reasons(&counts.dropped_scans),
         [(DropReason::NoPose, 4), (DropReason::QueueFull, 2)]
     );
     assert_eq!(counts.scans_in, counts.dropped_scans.total());
@@ -251,9 +241,8 @@ fn invalid_beams_and_own_body_hits_are_counted() {
     let (registered, counts) = run(still, vec![scan(1.0, 0.0, &ranges)]);
     assert_eq!(registered, [[0.21, 4.85, 19.85]]);
     assert_eq!(counts.beams_in, 7);
-    let dropped: Vec<_> = counts.dropped_beams.iter().collect();
     assert_eq!(
-        dropped,
+        reasons(&counts.dropped_beams),
         [(DropReason::InvalidRange, 2), (DropReason::OwnBody, 2)]
     );
 }
@@ -281,13 +270,6 @@ fn a_log_places_its_beams_with_the_lasers_pose_not_the_robots() {
 fn a_time_offset_moves_the_scan_along_the_track() {
     let mut late = settings(PoseOrigin::Odometry);
     late.sensors[0].beams.time_offset = RobotDuration::from_millis(-100);
-    let odometry = |secs, x| {
-        let data = MeasurementData::Odometry {
-            child: "base_footprint".into(),
-            odom_from_base: planar(x, 0.0, 0.0),
-        };
-        measurement(secs, "world", data)
-    };
     let input = vec![
         odometry(1.0, 0.0),
         scan(1.2, 0.0, &[2.0]),
@@ -402,7 +384,10 @@ fn odometry_jump_is_between_the_scans_around_it() {
             panic!("{out:?}")
         };
         assert_eq!(jump.stamp, at(1.2));
-        assert_eq!(dropped(&registration.counts()), [(DropReason::PoseJump, 2)]);
+        assert_eq!(
+            reasons(&registration.counts().dropped_scans),
+            [(DropReason::PoseJump, 2)]
+        );
     }
 }
 
@@ -512,7 +497,7 @@ fn a_scan_that_is_older_than_the_one_before_is_late() {
     for origin in [PoseOrigin::Odometry, PoseOrigin::Static] {
         let (registered, counts) = run(settings(origin), input.clone());
         assert_eq!(registered.len(), 3);
-        assert_eq!(dropped(&counts), [(DropReason::Late, 1)]);
+        assert_eq!(reasons(&counts.dropped_scans), [(DropReason::Late, 1)]);
     }
 }
 
@@ -525,8 +510,10 @@ fn scans_without_valid_beams_are_registered_empty() {
     let (registered, counts) = run(settings(PoseOrigin::Static), input);
     assert_eq!(registered, [[0.0; 0]; 2]);
     assert_eq!((counts.scans_registered, counts.beams_in), (2, 7));
-    let dropped: Vec<_> = counts.dropped_beams.iter().collect();
-    assert_eq!(dropped, [(DropReason::InvalidRange, 7)]);
+    assert_eq!(
+        reasons(&counts.dropped_beams),
+        [(DropReason::InvalidRange, 7)]
+    );
 }
 
 #[test]
@@ -561,10 +548,9 @@ fn the_number_and_the_step_of_beams_may_change_in_mid_stream() {
     assert_eq!(counts.dropped_scans.total(), 0);
 }
 
-const ATTITUDE: AttitudeSettings = AttitudeSettings {
-    time_offset: RobotDuration::ZERO,
-    base_from_imu: UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+const SMOOTHED: AttitudeSettings = AttitudeSettings {
     smoothing: RobotDuration::from_millis(100),
+    ..ATTITUDE
 };
 
 fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
@@ -576,7 +562,7 @@ fn wheels(wheels_offset_ms: i64) -> PoseOrigin {
             max_speed_mps: 9.0,
         },
         wheels_time_offset: RobotDuration::from_millis(wheels_offset_ms),
-        attitude: ATTITUDE,
+        attitude: SMOOTHED,
         max_gap: RobotDuration::from_millis(500),
     })
 }
@@ -586,11 +572,7 @@ fn drive(wheels_late_s: f64) -> Vec<Measurement> {
     let mut input = Vec::new();
     for tick in 0..=300 {
         let secs = f64::from(tick) * 0.01;
-        let sample = ImuSample {
-            orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
-            angular_velocity_radps: [0.0; 3],
-            linear_acceleration_mps2: [0.0; 3],
-        };
+        let sample = imu_at(UnitQuaternion::identity());
         input.push(measurement(secs, "imu", MeasurementData::Imu(sample)));
         if tick % 5 == 0 {
             let angles = ["left", "right"].map(|name| (name.to_owned(), 4.0 * secs));
@@ -654,10 +636,7 @@ fn attitudes_that_are_not_numbers_cost_no_scan() {
     let bad = bad.count() as u64;
     assert!(bad > 90);
     let (registered, counts) = run(settings(wheels(0)), input);
-    assert_eq!(
-        counts.dropped_poses.iter().collect::<Vec<_>>(),
-        [(DropReason::BadPose, bad)]
-    );
+    assert_eq!(reasons(&counts.dropped_poses), [(DropReason::BadPose, bad)]);
     assert_eq!(registered.len(), 30);
 }
 
@@ -669,5 +648,5 @@ fn without_wheels_no_scan_has_a_pose() {
     settings.max_queued = 100;
     let (registered, counts) = run(settings, input);
     assert_eq!(registered.len(), 0);
-    assert_eq!(dropped(&counts), [(DropReason::NoPose, 30)]);
+    assert_eq!(reasons(&counts.dropped_scans), [(DropReason::NoPose, 30)]);
 }

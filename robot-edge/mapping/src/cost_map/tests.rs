@@ -39,6 +39,13 @@ fn map(surface: Surface) -> CostMap {
     CostMap::new(&config(surface), &rigidity, CAR, CELL_M, 1)
 }
 
+/// A map around a vehicle at this height, updated once.
+fn updated(surface: Surface, octree: &mut Octree, z_m: f64) -> CostMap {
+    let mut map = map(surface);
+    map.update(octree, Point3::new(0.0, 0.0, z_m));
+    map
+}
+
 fn hit(octree: &mut Octree, origin: [f64; 3], points: impl IntoIterator<Item = [f64; 3]>) {
     hit_by_spots(octree, origin, 0.0, points);
 }
@@ -121,8 +128,7 @@ fn cost_of_planes_matches_their_slope() {
             origin,
             surface(|x, y| slope * along(x, y) + noise(x, y)),
         );
-        let mut map = map(Surface::Land);
-        map.update(&mut octree, Point3::origin());
+        let map = updated(Surface::Land, &mut octree, 0.0);
         let costs = costs(&map);
         assert!(costs.len() > 5000, "{} cells", costs.len());
         let allowed = (0.1 * slope).max(0.05);
@@ -139,19 +145,24 @@ fn cost_of_planes_matches_their_slope() {
     }
 }
 
+/// Height of a step of two voxels at x = 1 m, and its face.
+fn step_m(x: f64, _: f64) -> f64 {
+    if x < 1.0 { 0.02 } else { 0.22 }
+}
+
+fn step_face() -> impl Iterator<Item = [f64; 3]> {
+    (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
+}
+
 #[test]
 fn two_voxel_step_is_lethal_but_not_the_ground_beside() {
     let mut octree = octree();
-    let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
-    let face = (0..160)
-        .flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]));
     hit(
         &mut octree,
         [-3.0, 0.0, 2.0],
-        surface(step).into_iter().chain(face),
+        surface(step_m).into_iter().chain(step_face()),
     );
-    let mut map = map(Surface::Land);
-    map.update(&mut octree, Point3::origin());
+    let map = updated(Surface::Land, &mut octree, 0.0);
     for y in -30..30 {
         let cost = |x: i32| map.cell(CellIndex { x, y }).unwrap().cost;
         assert!(cost(10) >= 1.0, "the edge at y {y} costs {}", cost(10));
@@ -171,20 +182,15 @@ fn spot_m(range_m: f32) -> f32 {
 
 #[test]
 fn a_step_of_two_voxels_is_lethal_from_afar_too() {
-    let step = |x: f64, _| if x < 1.0 { 0.02 } else { 0.22 };
-    let face = || {
-        (0..160).flat_map(|n| [0.07, 0.13, 0.19].map(move |z| [1.0, f64::from(n) * 0.05 - 3.98, z]))
-    };
     // From 15 m; and from there after it was observed from 5 m away up to its foot.
     for foot_m in [15.0, 5.0] {
         let mut octree = octree();
         let (foot, raised): (Vec<_>, Vec<_>) =
-            surface(step).into_iter().partition(|at| at[0] < 1.0);
+            surface(step_m).into_iter().partition(|at| at[0] < 1.0);
         hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(foot_m), foot);
-        let raised = raised.into_iter().chain(face());
+        let raised = raised.into_iter().chain(step_face());
         hit_by_spots(&mut octree, [-14.0, 0.0, 2.0], spot_m(15.0), raised);
-        let mut map = map(Surface::Land);
-        map.update(&mut octree, Point3::origin());
+        let map = updated(Surface::Land, &mut octree, 0.0);
         for y in -30..30 {
             let cost = map.cell(CellIndex { x: 10, y }).unwrap().cost;
             assert!(
@@ -210,8 +216,7 @@ fn what_was_hit_from_afar_gives_way_to_what_was_hit_from_nearby() {
         let lit: Vec<_> = lit.map(|[x, y, z]| [*x, *y, z + above_m]).collect();
         hit(&mut octree, [-3.0, 0.0, 2.0], bank.iter().copied());
         hit_by_spots(&mut octree, [-3.0, 0.0, 2.0], spot_m(far_m), lit);
-        let mut map = map(Surface::Land);
-        map.update(&mut octree, Point3::origin());
+        let map = updated(Surface::Land, &mut octree, 0.0);
         let costs = costs(&map);
         costs.iter().filter(|(_, cost)| *cost >= 1.0).count()
     };
@@ -238,8 +243,7 @@ fn a_beam_that_grazes_a_bank_makes_no_hole_in_it() {
         is_hit: false,
     };
     octree.integrate(SensorId(0), [grazing]);
-    let mut map = map(Surface::Land);
-    map.update(&mut octree, Point3::origin());
+    let map = updated(Surface::Land, &mut octree, 0.0);
     for y in 5..15 {
         for x in -30..30 {
             let cost = f64::from(map.cell(CellIndex { x, y }).unwrap().cost);
@@ -255,8 +259,7 @@ fn only_branches_below_vehicle_height_are_obstacles() {
         hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
         let branch = (-10..10).map(|n| [2.03, f64::from(n) * 0.1 + 0.03, height_m]);
         hit(&mut octree, [-3.0, 0.0, 1.0], branch);
-        let mut map = map(Surface::Land);
-        map.update(&mut octree, Point3::origin());
+        let map = updated(Surface::Land, &mut octree, 0.0);
         let cost = map.cell(CellIndex { x: 20, y: 3 }).unwrap().cost;
         assert_eq!(
             cost >= 1.0,
@@ -277,8 +280,7 @@ fn rim_of_an_observed_hole_is_lethal() {
         }
     };
     hit(&mut octree, [0.0, 0.0, 3.0], surface(pit));
-    let mut map = map(Surface::Land);
-    map.update(&mut octree, Point3::origin());
+    let map = updated(Surface::Land, &mut octree, 0.0);
     let rim = (-7..7).map(|y| map.cell(CellIndex { x: 6, y }).unwrap().cost);
     assert!(
         rim.clone().filter(|cost| *cost >= 1.0).count() >= 12,
@@ -306,8 +308,7 @@ fn water_is_level_and_costs_nothing_and_what_rises_from_it_does() {
         [-3.9, 0.05, 0.35],
         (0..6).map(|n| [1.55, 0.05, 0.05 + 0.1 * f64::from(n)]),
     );
-    let mut map = map(Surface::Water);
-    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    let mut map = updated(Surface::Water, &mut octree, 0.05);
     let pole = map.cell(CellIndex { x: 15, y: 0 }).unwrap();
     assert!(pole.cost >= 1.0 && !pole.is_clear_water, "{pole:?}");
     let water = map.cell(CellIndex { x: -10, y: 0 }).unwrap();
@@ -321,7 +322,7 @@ fn water_is_level_and_costs_nothing_and_what_rises_from_it_does() {
 }
 
 /// A slipway of 12° and the yard above it, from x = 0 on, in stripes: a tilting laser leaves gaps.
-fn slipway() -> impl Iterator<Item = [f64; 3]> {
+fn slipway() -> impl Iterator<Item = [f64; 3]> + Clone {
     let stripes = (0..68).filter(|n| n % 6 < 4);
     stripes.flat_map(|n| {
         let x = 0.025 + 0.05 * f64::from(n);
@@ -333,30 +334,18 @@ fn slipway() -> impl Iterator<Item = [f64; 3]> {
 #[test]
 fn land_rising_from_water_is_a_slope_and_objects_lethal() {
     let mut octree = octree();
-    for y in [-0.8, 0.0, 0.8] {
-        hit(&mut octree, [-1.5, y, 0.6], slipway());
-    }
-    see_water(&mut octree);
-    let mut map = map(Surface::Water);
-    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    see_shore(&mut octree, &slipway());
+    let map = updated(Surface::Water, &mut octree, 0.05);
     let cell = |x: i32, y: i32| map.cell(CellIndex { x, y }).unwrap();
     for y in -8..8 {
         for x in 4..20 {
             // Up to the water level, a gap is water.
-            let CostCell {
-                cost,
-                is_clear_water,
-                ..
-            } = cell(x, y);
+            let (cost, is_clear_water) = (cell(x, y).cost, cell(x, y).is_clear_water);
             let is_gap = x < 10 && is_clear_water && cost == 0.0;
             assert!(is_gap || (cost - 0.2126).abs() < 0.05, "{x} {y}: {cost}");
         }
         for x in 27..33 {
-            let CostCell {
-                cost,
-                is_clear_water,
-                ..
-            } = cell(x, y);
+            let (cost, is_clear_water) = (cell(x, y).cost, cell(x, y).is_clear_water);
             // Level land is no docking site.
             assert!(cost >= 1.0 || cost == 0.0, "{x} {y}: {cost}");
             assert!(!is_clear_water, "{x} {y}");
@@ -371,8 +360,11 @@ fn land_rising_from_water_is_a_slope_and_objects_lethal() {
     }
 }
 
-/// Misses from the boat end at the water before the shore.
-fn see_water(octree: &mut Octree) {
+/// From three places a boat hits the shore; misses end at the water before it.
+fn see_shore(octree: &mut Octree, points: &(impl Iterator<Item = [f64; 3]> + Clone)) {
+    for y in [-0.8, 0.0, 0.8] {
+        hit(octree, [-1.5, y, 0.6], points.clone());
+    }
     let ends = (-24..24).flat_map(|row| (0..14).map(move |n| (n, row)));
     let rays = ends.map(|(n, row)| Ray {
         origin: BOAT_LASER.into(),
@@ -403,14 +395,10 @@ fn a_gap_that_beams_graze_is_no_hole_in_a_ramp() {
     let points = points.flat_map(|x| {
         (-24..24).map(move |row| [x, f64::from(row) * 0.05 + 0.02, height_m(x) + 0.02])
     });
-    for y in [-0.8, 0.0, 0.8] {
-        hit(&mut octree, [-1.5, y, 0.6], points.clone());
-    }
-    see_water(&mut octree);
+    see_shore(&mut octree, &points);
     let grazing = (-24..24).map(|row| [0.905, f64::from(row) * 0.05 + 0.02, 0.198]);
     hit(&mut octree, BOAT_LASER, grazing);
-    let mut map = map(Surface::Water);
-    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    let map = updated(Surface::Water, &mut octree, 0.05);
     for y in -8..8 {
         let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
         assert!(cell(8).is_clear_water, "{y}: {:?}", cell(8));
@@ -435,13 +423,8 @@ fn a_quay_beside_water_is_lethal_at_its_edge() {
             [x, y, 0.28 + 0.05 * x]
         })
     });
-    let points: Vec<_> = wall.chain(top).collect();
-    for y in [-0.8, 0.0, 0.8] {
-        hit(&mut octree, [-1.5, y, 0.6], points.iter().copied());
-    }
-    see_water(&mut octree);
-    let mut map = map(Surface::Water);
-    map.update(&mut octree, Point3::new(0.0, 0.0, 0.05));
+    see_shore(&mut octree, &wall.chain(top));
+    let map = updated(Surface::Water, &mut octree, 0.05);
     for y in -8..8 {
         let cell = |x: i32| map.cell(CellIndex { x, y }).unwrap();
         for x in -10..-2 {

@@ -274,7 +274,6 @@ impl<T> BrickList<T> {
     }
 }
 
-/// Indices of the set bits.
 fn bits(mut set: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let bit = set.trailing_zeros() as usize;

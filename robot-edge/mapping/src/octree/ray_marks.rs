@@ -87,7 +87,6 @@ impl RayMarks {
         self.scratch_pages.mark_hit(place, brick, bit);
     }
 
-    /// Marks by shard.
     pub(super) fn shards(&mut self) -> [ShardMarks<'_>; SHARDS] {
         self.scratch_pages.shards(self.window)
     }
@@ -97,7 +96,6 @@ impl RayMarks {
         self.scratch_pages.close();
     }
 
-    /// Memory of the marks, bytes.
     pub(super) fn bytes(&self) -> usize {
         self.scratch_pages.bytes()
     }
@@ -231,7 +229,6 @@ pub(super) struct RayWalk {
 struct Axis {
     /// This axis' bits of the current voxel's code.
     code: u64,
-    /// Bits of this axis in a code.
     mask: u64,
     /// Added to the code per voxel; for a growing coordinate with ones between the bits of this
     /// axis, so that a carry passes.

@@ -25,7 +25,6 @@ pub(super) struct PageRef {
     at: usize,
 }
 
-/// Finds the page of a block.
 #[derive(Clone, Debug, Default)]
 struct PageIndex {
     /// Page by the lowest bits of the block's coordinates.
@@ -68,7 +67,6 @@ pub(super) struct BrickMarks {
     pub(super) hit: u64,
 }
 
-/// Marks of one shard.
 #[derive(Debug)]
 pub(super) struct ShardMarks<'a> {
     window: Window,
@@ -76,7 +74,6 @@ pub(super) struct ShardMarks<'a> {
     page_list: &'a mut PageList,
 }
 
-/// A marked block.
 #[derive(Debug)]
 pub(super) struct MarkedBlock<'a> {
     pub(super) block: BlockIndex,
@@ -129,7 +126,6 @@ impl ScratchPages {
         page_list.heads[place.at].has_hits = true;
     }
 
-    /// Marks by shard.
     pub(super) fn shards(&mut self, window: Window) -> [ShardMarks<'_>; SHARDS] {
         let index = &self.index;
         self.page_lists.each_mut().map(|page_list| ShardMarks {

@@ -3,11 +3,9 @@
 use crate::grid::VoxelIndex;
 use crate::octree::SHARDS;
 
-/// Voxels along the edge of a brick.
 pub(super) const BRICK_EDGE: i32 = 4;
 /// Voxels of a brick: one cache line of bytes.
 pub(super) const BRICK_VOXELS: usize = 64;
-/// Voxels along the edge of a block.
 pub(super) const BLOCK_EDGE: i32 = 16;
 pub(super) const BLOCK_BRICKS: usize = 64;
 /// Bits of a voxel's address in its block.
@@ -26,7 +24,6 @@ pub(super) const fn local(coordinate: u32, axis: u32) -> u32 {
     ((coordinate >> 2 & 3) << (6 + 2 * axis)) | ((coordinate & 3) << (2 * axis))
 }
 
-/// Block of a voxel, and its address there.
 pub(super) fn split(voxel: VoxelIndex) -> (BlockIndex, usize) {
     let part = |coordinate: i32| (coordinate & (BLOCK_EDGE - 1)) as u32;
     let address = local(part(voxel.x), 0) | local(part(voxel.y), 1) | local(part(voxel.z), 2);
@@ -97,7 +94,6 @@ impl Window {
         }
     }
 
-    /// Voxels along an edge.
     pub(super) const fn side(&self) -> u32 {
         (BLOCK_EDGE as u32) << self.block_bits
     }
@@ -112,7 +108,6 @@ impl Window {
         block << self.block_shift(axis) | local(coordinate & 15, axis as u32) as u64
     }
 
-    /// Bits of an axis in a code.
     pub(super) const fn mask(&self, axis: usize) -> u64 {
         self.code(axis, self.side() - 1)
     }

@@ -1,8 +1,7 @@
 //! Requests: the lease (granted only at standstill, each grant with a new epoch), emergency stops, faults and resets.
 
-use crate::action::{Action, ArbiterEvent};
 use crate::arbiter::{CommandStream, Mode, Step};
-use crate::input::LeaseVerb;
+use crate::interface::{Action, ArbiterEvent, LeaseVerb};
 use crate::lease::{
     Caller, EStop, EStopId, EStopSource, GrantReason, Lease, OperatorId, Role, StoredEStop,
 };

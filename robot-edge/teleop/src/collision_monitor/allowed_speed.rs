@@ -8,21 +8,17 @@ use protocol::message::BarrierKind;
 /// Share of the margin at the sides that is left where the vehicle creeps.
 const CREEPING_SIDE: f64 = 1.0 / 3.0;
 
-/// The surroundings and the rules.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpeedLimitContext<'a> {
     pub(super) rules: &'a CollisionMonitorRules,
     pub(super) environment: &'a LocalEnvironment,
-    /// The scans of all sensors are too old.
     pub(super) is_stale: bool,
 }
 
-/// The allowed speed in one direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AllowedSpeed {
     /// Metres of travel per second.
     pub(super) speed_mps: f64,
-    /// Unknown ground limits it.
     pub(super) in_unknown_space: bool,
 }
 
@@ -181,7 +177,6 @@ pub struct Barrier {
 /// as far.
 const SAME_TRAVEL_TOLERANCE_M: f64 = 0.01;
 
-/// A point that the vehicle would come to.
 struct Contact {
     travel_m: f64,
     point: [f64; 2],

@@ -20,7 +20,6 @@ const ECHO_TIMEOUT: Duration = Duration::from_millis(700);
 /// Fewer echoes in a sweep may be rain, dust or noise.
 const MIN_ECHOES: usize = 3;
 
-/// Echoes are compared with the misses of so long after them.
 const MEMORY: Duration = Duration::from_secs(5);
 /// Echoes are remembered so often …
 const MEMORY_PERIOD: Duration = Duration::from_millis(200);
@@ -61,7 +60,6 @@ pub(super) struct BlockageCounts {
     pub(super) without_echo: u32,
 }
 
-/// One part of the field of view.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sector {
     /// Remembered echoes that beams of this sweep pass, and those that they do not meet.

@@ -4,13 +4,11 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use crate::collision_monitor::footprint::Braking;
-use crate::collision_monitor::footprint::{Footprint, Margins};
-use crate::config::{SettingError, TeleopConfig};
+use crate::collision_monitor::footprint::{Braking, Footprint, Margins};
+use crate::config::{SettingError, TeleopConfig, out_of_range};
 use mapping::obstacle::ObstacleConfig;
 use mapping::vehicle::VehicleConfig;
 
-/// Time between two rounds, seconds.
 const ROUND_S: f64 = 0.02;
 
 /// How long the vehicle may go on with what it knew before its sensors fell silent, seconds.
@@ -81,57 +79,30 @@ impl CollisionMonitorConfig {
     /// Everything that is wrong with the values; empty where nothing is.
     pub fn check(&self) -> Vec<SettingError> {
         let space = "it is left free around the vehicle";
-        let settings = [
-            (
-                "creep_mps",
-                self.creep_mps,
-                0.01,
-                0.5,
-                "it is the speed at which nothing is known",
-            ),
-            ("margin_m", self.margin_m, 0.0, 10.0, space),
-            ("side_margin_m", self.side_margin_m, 0.0, 1.0, space),
-            (
-                "actuator_delay_s",
-                self.actuator_delay_s,
-                0.0,
-                5.0,
-                "the vehicle goes on for as long before it brakes",
-            ),
-            (
-                "ground_visible_below_m",
-                self.ground_visible_below_m,
-                0.0,
-                10.0,
-                "beams that are higher than this have not seen what lies on the ground",
-            ),
-            (
-                "max_ground_age_s",
-                self.max_ground_age_s.unwrap_or(MAX_GROUND_AGE_LAND_S),
-                0.2,
-                30.0,
-                "ground that was looked at longer ago may have changed",
-            ),
-            (
-                "no_return_speed_mps",
-                self.no_return_speed_mps,
-                0.0,
-                10.0,
-                "it is the speed where only beams without an echo say that the way is free",
-            ),
-        ];
-        let mut faults = Vec::new();
-        for (name, value, least, most, why) in settings {
-            if !(least..=most).contains(&value) {
-                faults.push(SettingError {
-                    key: format!("teleop.collision_monitor.{name}"),
-                    value: value.to_string(),
-                    why,
-                    allowed: format!("{least} to {most}"),
-                });
-            }
-        }
-        faults
+        let unknown = "it is the speed at which nothing is known";
+        let delay = "the vehicle goes on for as long before it brakes";
+        let visible = "beams that are higher than this have not seen what lies on the ground";
+        let age = "ground that was looked at longer ago may have changed";
+        let no_return = "it is the speed where only beams without an echo say that the way is free";
+        let age_s = self.max_ground_age_s.unwrap_or(MAX_GROUND_AGE_LAND_S);
+        let below_m = self.ground_visible_below_m;
+        out_of_range(
+            "teleop.collision_monitor",
+            [
+                ("creep_mps", self.creep_mps, 0.01..=0.5, unknown),
+                ("margin_m", self.margin_m, 0.0..=10.0, space),
+                ("side_margin_m", self.side_margin_m, 0.0..=1.0, space),
+                ("actuator_delay_s", self.actuator_delay_s, 0.0..=5.0, delay),
+                ("ground_visible_below_m", below_m, 0.0..=10.0, visible),
+                ("max_ground_age_s", age_s, 0.2..=30.0, age),
+                (
+                    "no_return_speed_mps",
+                    self.no_return_speed_mps,
+                    0.0..=10.0,
+                    no_return,
+                ),
+            ],
+        )
     }
 }
 
@@ -182,16 +153,14 @@ impl CollisionMonitorRules {
         obstacle: &ObstacleConfig,
     ) -> Result<Self, Vec<SettingError>> {
         let mut faults = guard.check();
-        for (name, value) in [("length_m", vehicle.length_m), ("width_m", vehicle.width_m)] {
-            if !(0.01..=1000.0).contains(&value) {
-                faults.push(SettingError {
-                    key: format!("vehicle.{name}"),
-                    value: value.to_string(),
-                    why: "the collision monitor keeps the footprint free",
-                    allowed: "0.01 to 1000".to_owned(),
-                });
-            }
-        }
+        let footprint = "the collision monitor keeps the footprint free";
+        faults.extend(out_of_range(
+            "vehicle",
+            [
+                ("length_m", vehicle.length_m, 0.01..=1000.0, footprint),
+                ("width_m", vehicle.width_m, 0.01..=1000.0, footprint),
+            ],
+        ));
         if !faults.is_empty() {
             return Err(faults);
         }

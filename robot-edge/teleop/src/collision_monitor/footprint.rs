@@ -34,7 +34,6 @@ const STRAIGHT_RADIUS_M: f64 = 1e7;
 const TOUCH_M: f64 = 1e-6;
 
 impl Footprint {
-    /// A rectangle centred on the base frame.
     pub(crate) const fn centred(length_m: f64, width_m: f64) -> Self {
         Self {
             front_m: 0.5 * length_m,
@@ -43,7 +42,6 @@ impl Footprint {
         }
     }
 
-    /// The same, so much farther ahead.
     #[must_use]
     pub(crate) const fn moved_ahead(self, by_m: f64) -> Self {
         Self {
@@ -113,7 +111,6 @@ impl Footprint {
     }
 }
 
-/// A footprint on its way.
 struct SweptFootprint {
     bare: Footprint,
     grown: Footprint,
@@ -194,7 +191,6 @@ impl SweptFootprint {
     }
 }
 
-/// The circles on which points move about the centre of an arc, and the rectangle that they may enter.
 struct Circles {
     edges: Footprint,
     centre_y_m: f64,
@@ -329,14 +325,6 @@ impl MotionDirection {
             };
             (direction, length)
         })
-    }
-
-    /// Travel until it stands, metres, from a speed of travel in metres per second.
-    ///
-    /// `v·t + v²/2a` ("Collision monitor"), of the slower to stop of going and turning.
-    #[cfg(test)]
-    pub(crate) fn stopping_travel_m(self, speed_mps: f64, braking: &Braking) -> f64 {
-        speed_mps * (braking.reaction_s + speed_mps * self.seconds_per_speed(braking))
     }
 
     /// The greatest speed of travel, metres per second, from which it stands within a travel: `v·t + v²/2a`

@@ -6,7 +6,7 @@
 use crate::collision_monitor::allowed_speed::{AllowedSpeed, SpeedLimitContext};
 use crate::collision_monitor::config::CollisionMonitorRules;
 use crate::collision_monitor::footprint::MotionDirection;
-use crate::input::SpeedLimits;
+use crate::interface::SpeedLimits;
 use crate::motion::Velocity;
 use protocol::message::BarrierKind;
 
@@ -21,10 +21,8 @@ const AIM: f64 = 0.999;
 /// brake, and needs the room that a half leaves.
 const AIMED_BESIDE: f64 = 0.05;
 
-/// How often that is tried.
 const AIMS: usize = 3;
 
-/// The computation of one round.
 pub(super) struct LimitSolver<'a> {
     context: SpeedLimitContext<'a>,
     directions: &'a DirectionTable,
@@ -32,7 +30,6 @@ pub(super) struct LimitSolver<'a> {
     allowed: [Option<AllowedSpeed>; ALL_DIRECTIONS],
     /// Greatest speeds along each axis so far, metres of travel per second.
     most_mps: [f64; 4],
-    /// Unknown ground limits the requested motion.
     in_unknown_space: bool,
     /// The direction that limits the requested motion most.
     limiting_direction: Option<MotionDirection>,
@@ -113,7 +110,6 @@ impl<'a> LimitSolver<'a> {
         }
     }
 
-    /// The limits so far.
     pub(super) fn limits(&self) -> SpeedLimits {
         let most = |axis: DriveAxis| {
             let most_mps = self.most_mps[axis as usize];
@@ -276,10 +272,8 @@ impl<'a> LimitSolver<'a> {
 /// From one axis to the next, the first of them included: 15 degrees apart.
 pub(super) const STEPS: usize = 6;
 
-/// Headings all around.
 pub(super) const ALL_DIRECTIONS: usize = 4 * STEPS;
 
-/// A way to move that is either going or turning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DriveAxis {
     Forward,
@@ -301,7 +295,6 @@ pub(super) struct AxisSpeeds {
     pub(super) turning: AxisSpeed,
 }
 
-/// One part of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AxisSpeed {
     pub(super) axis: DriveAxis,

@@ -22,7 +22,6 @@ const MAX_CELL_NUMBER: f64 = 1e12;
 /// Smallest such cell, metres.
 const MIN_CELL_M: f64 = 0.05;
 
-/// What is known of a cell of ground around the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum GroundState {
     /// Not observed within `max_ground_age_s`.
@@ -130,14 +129,14 @@ impl LocalEnvironment {
     pub(super) fn update(
         &mut self,
         rules: &CollisionMonitorRules,
-        (obstacle_scans, map): (&[ObstacleScan], Option<&LocalMap>),
+        (scans, map): (&[ObstacleScan], Option<&LocalMap>),
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
-        self.update_hits(obstacle_scans, vehicle);
-        self.update_mapped(rules, (obstacle_scans, map), vehicle, now);
+        self.update_hits(scans, vehicle);
+        self.update_mapped(rules, (scans, map), vehicle, now);
         let fresh_map = map.filter(|map| !map.is_stale(now));
-        self.record_observations(rules, obstacle_scans, vehicle, now);
+        self.record_observations(rules, scans, vehicle, now);
         self.find_unknown(rules, fresh_map, vehicle, now);
     }
 
@@ -145,11 +144,9 @@ impl LocalEnvironment {
         x * x + y * y <= self.reach_m * self.reach_m
     }
 
-    fn update_hits(&mut self, obstacle_scans: &[ObstacleScan], vehicle: PredictedPose) {
+    fn update_hits(&mut self, scans: &[ObstacleScan], vehicle: PredictedPose) {
         self.hits.clear();
-        let parts = obstacle_scans
-            .iter()
-            .map(ObstacleScan::obstacles_and_shallows);
+        let parts = scans.iter().map(ObstacleScan::obstacles_and_shallows);
         for (obstacles, _) in parts.clone() {
             self.add_near(obstacles, vehicle);
         }
@@ -173,7 +170,7 @@ impl LocalEnvironment {
     fn update_mapped(
         &mut self,
         rules: &CollisionMonitorRules,
-        (obstacle_scans, map): (&[ObstacleScan], Option<&LocalMap>),
+        (scans, map): (&[ObstacleScan], Option<&LocalMap>),
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
@@ -184,11 +181,8 @@ impl LocalEnvironment {
         self.mapped_cell_m = map.cell_m();
         self.is_hit.clear();
         self.is_hit.resize(map.len(), false);
-        for obstacle_scan in obstacle_scans
-            .iter()
-            .filter(|obstacle_scan| !obstacle_scan.is_stale(now))
-        {
-            for &[x, y] in obstacle_scan.points_in_odom() {
+        for scan in scans.iter().filter(|scan| !scan.is_stale(now)) {
+            for &[x, y] in scan.points_in_odom() {
                 if let Some(index) = map.index_of(Point2::new(x, y)) {
                     self.is_hit[index] = true;
                 }
@@ -207,17 +201,16 @@ impl LocalEnvironment {
     fn record_observations(
         &mut self,
         rules: &CollisionMonitorRules,
-        obstacle_scans: &[ObstacleScan],
+        scans: &[ObstacleScan],
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
-        self.recorded
-            .resize(obstacle_scans.len(), Default::default());
-        for (&(_, before), obstacle_scan) in self.recorded.iter().zip(obstacle_scans) {
+        self.recorded.resize(scans.len(), Default::default());
+        for (&(_, before), scan) in self.recorded.iter().zip(scans) {
             let BlockageCounts {
                 blocked,
                 without_echo,
-            } = obstacle_scan.blockage_counts();
+            } = scan.blockage_counts();
             for observations in &mut self.observations {
                 if blocked != before.blocked {
                     *observations = CellObservations::default();
@@ -230,11 +223,8 @@ impl LocalEnvironment {
         // A cell that contains a beam's end counts as observed, although its centre may lie behind the end.
         let slack_m = 0.75 * self.unknown_cell_m;
         let body = rules.footprint.grown(0.5 * self.unknown_cell_m);
-        let with_noted = obstacle_scans.iter().zip(&self.recorded);
-        let new: Vec<_> = with_noted
-            .filter(|(obstacle_scan, recorded)| obstacle_scan.measured_at() > recorded.0)
-            .map(|(obstacle_scan, _)| obstacle_scan)
-            .collect();
+        let mut new: Vec<_> = scans.iter().zip(&self.recorded).collect();
+        new.retain(|(scan, recorded)| scan.measured_at() > recorded.0);
         let window = self.window(vehicle);
         for cell in window.cells() {
             let point = window.centre(cell);
@@ -245,22 +235,22 @@ impl LocalEnvironment {
                     ..CellObservations::default()
                 };
             }
-            for obstacle_scan in &new {
-                if let Some(observation) = obstacle_scan.coverage().observation_at(point, slack_m) {
+            for (scan, _) in &new {
+                if let Some(observation) = scan.coverage().observation_at(point, slack_m) {
                     let times = if observation.is_low {
                         &mut observations.low
                     } else {
                         &mut observations.passing
                     };
-                    times.record(observation.is_miss, obstacle_scan.measured_at());
+                    times.record(observation.is_miss, scan.measured_at());
                 }
             }
             if body.contains(vehicle.to_base(point)) {
                 observations.low.record(false, now);
             }
         }
-        for (recorded, obstacle_scan) in self.recorded.iter_mut().zip(obstacle_scans) {
-            *recorded = (obstacle_scan.measured_at(), obstacle_scan.blockage_counts());
+        for (recorded, scan) in self.recorded.iter_mut().zip(scans) {
+            *recorded = (scan.measured_at(), scan.blockage_counts());
         }
     }
 
@@ -362,7 +352,6 @@ impl LocalEnvironment {
     }
 }
 
-/// The cells around the vehicle, by their numbers in `odom`.
 #[derive(Clone, Copy, Debug)]
 struct Window {
     cell_m: f64,

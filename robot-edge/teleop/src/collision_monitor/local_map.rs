@@ -12,7 +12,6 @@ use mapping::obstacle::ObstacleMap;
 use mapping::occupancy_grid::OccupancyGrid;
 use measurement::time::Monotonic;
 
-/// Most cells along an edge.
 const MAX_SIDE: i32 = 512;
 
 /// A square of cells, fixed in `odom`. Its buffer is reused from copy to copy.
@@ -111,7 +110,6 @@ impl LocalMap {
         self.cell_m
     }
 
-    /// Cells of the copy.
     pub(super) fn len(&self) -> usize {
         self.classes.len()
     }

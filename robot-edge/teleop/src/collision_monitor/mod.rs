@@ -26,17 +26,225 @@ mod footprint;
 mod limit_solver;
 mod local_environment;
 mod local_map;
-mod monitor;
 mod obstacle_scan;
 mod predicted_pose;
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::interface::{CollisionMonitorOutput, SpeedLimits};
+use crate::motion::Velocity;
+use allowed_speed::SpeedLimitContext;
+use limit_solver::{AxisSpeeds, DirectionTable, LimitSolver};
+use local_environment::LocalEnvironment;
+use measurement::time::Monotonic;
+use predicted_pose::{CommandHistory, MAX_POSE_AGE};
 
 pub use allowed_speed::Barrier;
 pub use blockage::BlockageDetector;
 pub use config::{CollisionMonitorConfig, CollisionMonitorRules, UnknownSpacePolicy};
 pub use local_map::{CopyRequest, LocalMap};
-pub use monitor::{CollisionMonitor, CollisionMonitorInput, UnavailableReason};
 pub use obstacle_scan::ObstacleScan;
 pub use predicted_pose::OdometrySample;
+
+/// The inputs of one round.
+#[derive(Clone, Copy, Debug)]
+pub struct CollisionMonitorInput<'a> {
+    /// The last sweep of each sensor.
+    pub obstacle_scans: &'a [ObstacleScan],
+    /// The last map, if there is one.
+    pub map: Option<&'a LocalMap>,
+    /// The newest pose and measured speed; absent before the first.
+    pub odometry: Option<OdometrySample>,
+    /// The velocity sent to the motors in the last round.
+    pub commanded: Velocity,
+    /// The velocity requested by the operator now.
+    pub requested: Velocity,
+}
+
+/// The collision monitor of one vehicle. Of earlier rounds it uses only the velocities sent to the motors.
+#[derive(Clone, Debug)]
+pub struct CollisionMonitor {
+    rules: CollisionMonitorRules,
+    directions: DirectionTable,
+    environment: LocalEnvironment,
+    commanded: CommandHistory,
+    last_round: Option<Monotonic>,
+    unavailable_reason: Option<UnavailableReason>,
+    barrier: Option<Barrier>,
+}
+
+impl CollisionMonitor {
+    /// A monitor with these rules.
+    pub fn new(rules: CollisionMonitorRules) -> Self {
+        Self {
+            rules,
+            directions: DirectionTable::new(rules.footprint.radius_m()),
+            environment: LocalEnvironment::new(&rules),
+            commanded: CommandHistory::new(MAX_POSE_AGE + rules.actuator_delay),
+            last_round: None,
+            unavailable_reason: None,
+            barrier: None,
+        }
+    }
+
+    /// The rules.
+    pub const fn rules(&self) -> &CollisionMonitorRules {
+        &self.rules
+    }
+
+    /// Why the last round gave no limits, if so.
+    pub const fn unavailable_reason(&self) -> Option<UnavailableReason> {
+        self.unavailable_reason
+    }
+
+    /// What limited the requested motion in the last round, if anything did.
+    pub const fn barrier(&self) -> Option<Barrier> {
+        self.barrier
+    }
+
+    /// Age of the last observation of the ground beside the vehicle: ahead, left, behind, right; absent without
+    /// observation.
+    pub const fn side_ground_ages(&self) -> [Option<Duration>; 4] {
+        self.environment.side_ground_ages
+    }
+
+    /// The output of this round. A request that is not finite counts as zero.
+    pub fn output(
+        &mut self,
+        input: &CollisionMonitorInput<'_>,
+        now: Monotonic,
+    ) -> CollisionMonitorOutput {
+        self.barrier = None;
+        if !self.rules.enabled {
+            return CollisionMonitorOutput::Off;
+        }
+        let limits = self.limits(input, now);
+        self.unavailable_reason = limits.err();
+        limits.map_or(
+            CollisionMonitorOutput::Stale,
+            CollisionMonitorOutput::Limits,
+        )
+    }
+
+    fn limits(
+        &mut self,
+        input: &CollisionMonitorInput<'_>,
+        now: Monotonic,
+    ) -> Result<SpeedLimits, UnavailableReason> {
+        let since = self.last_round.replace(now).unwrap_or(now);
+        if !input.commanded.is_finite() {
+            return Err(UnavailableReason::NotFinite);
+        }
+        self.commanded.record(since, input.commanded);
+        // Without a pose no scan can be used, and creeping would be a guess.
+        let obeys = (self.rules.actuator_delay, self.rules.is_boat);
+        let odometry = input.odometry.ok_or(UnavailableReason::PoseTooOld(None))?;
+        let vehicle = odometry.predicted_pose(&self.commanded, obeys, now)?;
+        let measured = odometry.measured;
+        let is_stale = input.obstacle_scans.iter().all(|scan| scan.is_stale(now));
+        if is_stale && self.rules.unknown_space_policy == UnknownSpacePolicy::Stop {
+            return Err(UnavailableReason::ScansTooOld);
+        }
+        let known = (input.obstacle_scans, input.map);
+        self.environment.update(&self.rules, known, vehicle, now);
+        let context = SpeedLimitContext {
+            rules: &self.rules,
+            environment: &self.environment,
+            is_stale,
+        };
+        let mut solver = LimitSolver::new(context, &self.directions);
+        let requested = if input.requested.is_finite() {
+            input.requested
+        } else {
+            Velocity::ZERO
+        };
+        let travel = |velocity| AxisSpeeds::of(velocity, &self.rules);
+        solver.limit_request(travel(requested));
+        self.barrier = solver.barrier().map(|(kind, point)| Barrier {
+            position_in_odom: vehicle.to_odom(point),
+            kind,
+        });
+        for motion in [measured, input.commanded] {
+            solver.limit_motion(travel(motion));
+            solver.limit_change(travel(motion), travel(requested));
+        }
+        let limits = solver.limits();
+        Ok(SpeedLimits {
+            overspeed: if self.rules.is_boat {
+                overspeed(&limits, measured, &self.rules)
+            } else {
+                Velocity::ZERO
+            },
+            ..limits
+        })
+    }
+}
+
+/// Why the output is [`CollisionMonitorOutput::Stale`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UnavailableReason {
+    /// The newest pose has this age, or there is none yet.
+    PoseTooOld(Option<Duration>),
+    /// A pose, speed or motor command is NaN or infinite.
+    NotFinite,
+    /// The last scan of every sensor is too old, and `teleop.collision_monitor.unknown_space_policy` is `stop`.
+    ScansTooOld,
+}
+
+impl fmt::Display for UnavailableReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PoseTooOld(Some(age)) => {
+                write!(f, "its newest pose was {:.2} s old", age.as_secs_f64())
+            }
+            Self::PoseTooOld(None) => f.write_str("it had no pose yet"),
+            Self::NotFinite => f.write_str("a pose or speed was no number"),
+            Self::ScansTooOld => f.write_str("no sensor had seen anything new in time"),
+        }
+    }
+}
+
+/// A limit that is less than the greatest speed by a smaller share is that speed: it is divided by a radius on its way.
+const ROUNDING: f64 = 1e-9;
+
+/// A boat at its greatest speed measures more and less in turn, by less than this share: positions that are good to 2
+/// cm, half a second apart, make 0.06 m/s of 3.0. What is so much faster needs 0.6 m more to come to rest, less than
+/// its margin of 1 m.
+const NOISE: f64 = 0.03;
+
+/// What is measured beyond the limits, with its sign; zero along an axis that keeps to them.
+///
+/// Where the guard allows the greatest speed, noise does not count: no command asks for more, and without thrust at
+/// every second measurement the boat would never get there.
+fn overspeed(limits: &SpeedLimits, measured: Velocity, rules: &CollisionMonitorRules) -> Velocity {
+    Velocity::new(
+        beyond(
+            (limits.forward_mps, limits.reverse_mps),
+            measured.linear_mps,
+            rules.max_speed_mps,
+        ),
+        beyond(
+            (limits.left_radps, limits.right_radps),
+            measured.angular_radps,
+            rules.max_turn_rate_radps,
+        ),
+    )
+}
+
+fn beyond((positive, negative): (f64, f64), measured: f64, greatest: f64) -> f64 {
+    let limit = if measured < 0.0 { negative } else { positive };
+    let tolerated = if limit < greatest * (1.0 - ROUNDING) {
+        limit
+    } else {
+        greatest * (1.0 + NOISE)
+    };
+    if measured.abs() > tolerated {
+        measured - limit.copysign(measured)
+    } else {
+        0.0
+    }
+}
 
 #[cfg(test)]
 mod tests;

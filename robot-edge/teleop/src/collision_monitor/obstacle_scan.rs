@@ -89,7 +89,6 @@ impl ObstacleScan {
         }
     }
 
-    /// When it was measured.
     pub(super) const fn measured_at(&self) -> Monotonic {
         self.measured_at
     }
@@ -119,7 +118,6 @@ impl ObstacleScan {
     }
 }
 
-/// The result of one beam.
 struct BeamResult {
     visible: VisibleRange,
     /// The obstacle, and whether it is the bottom of the water.
@@ -192,7 +190,6 @@ impl BeamEvaluator<'_> {
         }
     }
 
-    /// Whether a beam without an echo proves free space.
     fn is_miss_trusted(&self, beam: &RegisteredBeam) -> bool {
         let is_proven = self.rules.no_return_speed_mps > 0.0 && self.blockage.has_echoes();
         (self.rules.treat_no_return_as_free || is_proven) && !self.blockage.is_beam_blocked(beam)
@@ -219,7 +216,6 @@ fn low_part(from_height_m: f64, to_height_m: f64, below_m: f64) -> (f64, f64) {
     }
 }
 
-/// The meaning of a beam end at a height.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum HeightClass {
     Clear,
@@ -254,13 +250,11 @@ impl Heights {
     }
 }
 
-/// Number of sectors: 0.3 to 0.6 degrees each.
 const SECTORS: usize = 720;
 
 /// Widest beam that counts as observed, radians; coarser sensors leave gaps.
 const WIDEST_BEAM_RAD: f64 = 0.1;
 
-/// The observed range in each direction from one origin.
 #[derive(Clone, Debug)]
 pub(super) struct Coverage {
     origin_in_odom: Point2<f64>,
@@ -288,7 +282,6 @@ impl VisibleRange {
         is_miss: false,
     };
 
-    /// What both have looked at.
     fn and(self, other: Self) -> Self {
         Self {
             near_m: self.near_m.max(other.near_m),
@@ -299,7 +292,6 @@ impl VisibleRange {
     }
 }
 
-/// How a point was observed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Observation {
     /// By a beam that was low enough there; else by one that passed above it.
@@ -384,13 +376,6 @@ impl Coverage {
             is_low,
             is_miss: visible.is_miss,
         })
-    }
-
-    /// Whether a point was looked at by a beam that was low enough there.
-    #[cfg(test)]
-    pub(super) fn is_visible(&self, point_in_odom: Point2<f64>, slack_m: f64) -> bool {
-        self.observation_at(point_in_odom, slack_m)
-            .is_some_and(|observation| observation.is_low)
     }
 }
 

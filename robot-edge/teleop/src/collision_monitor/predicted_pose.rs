@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{Point2, Vector2};
 
-use crate::collision_monitor::monitor::UnavailableReason;
+use crate::collision_monitor::UnavailableReason;
 use crate::motion::Velocity;
 use measurement::pose::{self, Pose};
 use measurement::time::Monotonic;
@@ -28,7 +28,6 @@ pub(super) struct PredictedPose {
     ahead: Vector2<f64>,
 }
 
-/// Oldest pose that is extrapolated.
 pub(super) const MAX_POSE_AGE: Duration = Duration::from_millis(300);
 
 impl OdometrySample {
@@ -80,11 +79,10 @@ impl OdometrySample {
             advance(self.measured, (age + delay).as_secs_f64());
         } else {
             for (velocity, time_s) in commanded.between(obeyed, now).filter(|part| part.1 > 0.0) {
-                let since = Velocity {
-                    linear_mps: self.measured.linear_mps + velocity.linear_mps - then.linear_mps,
-                    angular_radps: self.measured.angular_radps + velocity.angular_radps
-                        - then.angular_radps,
-                };
+                let since = Velocity::new(
+                    self.measured.linear_mps + velocity.linear_mps - then.linear_mps,
+                    self.measured.angular_radps + velocity.angular_radps - then.angular_radps,
+                );
                 advance(since, time_s);
             }
         }
@@ -129,7 +127,6 @@ impl PredictedPose {
     }
 }
 
-/// Commands that are remembered.
 const CAPACITY: usize = 64;
 
 /// The last commands, oldest first: those that the vehicle has yet to obey.
@@ -142,7 +139,6 @@ pub(super) struct CommandHistory {
 }
 
 impl CommandHistory {
-    /// A history of at least `span`.
     pub(super) fn new(span: Duration) -> Self {
         Self {
             commands: [(Monotonic::default(), Velocity::ZERO); CAPACITY],
@@ -151,7 +147,6 @@ impl CommandHistory {
         }
     }
 
-    /// Records the velocity sent to the motors from this time on.
     pub(super) fn record(&mut self, from: Monotonic, velocity: Velocity) {
         if let Some((start, newest)) = self.commands[..self.len].last_mut()
             && from.since(*start) < self.spacing
@@ -185,7 +180,6 @@ impl CommandHistory {
             })
     }
 
-    /// The velocity at a time.
     pub(super) fn at(&self, moment: Monotonic) -> Option<Velocity> {
         let commands = &self.commands[..self.len];
         let newest = commands.iter().rev().find(|(start, _)| *start <= moment);
@@ -203,10 +197,7 @@ mod tests {
     fn odometry(linear_mps: f64, angular_radps: f64) -> OdometrySample {
         OdometrySample {
             odom_from_base: planar(1.0, 2.0, 0.5),
-            measured: Velocity {
-                linear_mps,
-                angular_radps,
-            },
+            measured: Velocity::new(linear_mps, angular_radps),
             measured_at: Monotonic::from_nanos(1_000_000_000),
         }
     }
@@ -220,10 +211,7 @@ mod tests {
     fn commanded(commands: &[(u64, f64, f64)]) -> CommandHistory {
         let mut commanded = CommandHistory::new(Duration::from_millis(400));
         for &(millis, linear_mps, angular_radps) in commands {
-            let velocity = Velocity {
-                linear_mps,
-                angular_radps,
-            };
+            let velocity = Velocity::new(linear_mps, angular_radps);
             commanded.record(at(millis), velocity);
         }
         commanded

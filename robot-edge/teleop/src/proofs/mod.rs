@@ -1,13 +1,11 @@
-//! The properties P1 to P12 of the design, held against the arbiter.
+//! The properties P1 to P12 of `docs/methods.md`, held against the arbiter.
 //!
-//! [`monitor`] says what must hold, in its own words and with its own memory. [`properties`] has it watch random
-//! sequences of events on an adversarial network ([`world`]), [`model`] every sequence on a small one;
-//! [`shaped_link`] shows that a live operator gets to drive.
+//! [`invariants`] is the one list of what must hold after every step. [`properties`] checks it over random sequences of
+//! inputs on an adversarial network ([`world`]), [`model`] over every sequence on a small one; [`shaped_link`] shows
+//! that a live operator can drive.
 
-mod licence;
+mod invariants;
 mod model;
-mod monitor;
-mod moves;
 mod properties;
 mod shaped_link;
 mod world;
@@ -15,9 +13,21 @@ mod world;
 use std::time::Duration;
 
 use super::config::{Rules, TeleopConfig};
+use crate::lease::{Caller, OperatorId, RequestId, Role};
 use mapping::vehicle::VehicleConfig;
 
-/// The rules of the design's defaults, for a vehicle of 1 m/s and 1 rad/s.
+/// Operator, supervisor and a stranger who may only watch.
+const ROLES: [Role; 3] = [Role::Operator, Role::Supervisor, Role::Observer];
+
+fn caller(who: u8) -> Caller {
+    Caller {
+        operator: OperatorId(who.into()),
+        role: ROLES[usize::from(who)],
+        request: RequestId(0),
+    }
+}
+
+/// The rules of the defaults, for a vehicle of 1 m/s and 1 rad/s.
 fn rules() -> Rules {
     Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap()
 }

@@ -1,18 +1,15 @@
 //! P1 to P9, P11 over random sequences of moves, each of one to hundreds of events.
 //!
-//! The long run is `PROPTEST_CASES=1000000 cargo test --release --lib teleop::proofs::properties::no_short`: seven
+//! The long run is `PROPTEST_CASES=1000000 cargo test --release -p teleop --lib proofs::properties::no_short`: seven
 //! minutes.
 
 use proptest::prelude::*;
 
-use super::moves::{Fate, Move};
-use super::rules;
-use super::world::World;
+use super::world::{Fate, Forged, Move, World};
+use super::{caller, rules};
 use crate::config::{Rules, TeleopConfig};
-use crate::input::LeaseVerb;
-use crate::input::{CollisionMonitorOutput, SpeedLimits};
-use crate::lease::OperatorId;
-use crate::lease::{EStopId, StoredEStop};
+use crate::interface::{ArbiterInput, CollisionMonitorOutput, LeaseVerb, SpeedLimits};
+use crate::lease::{EStopId, OperatorId, StoredEStop};
 use crate::motion::Velocity;
 use measurement::time::Monotonic;
 
@@ -32,20 +29,19 @@ fn config(cases: u32) -> ProptestConfig {
     }
 }
 
+fn velocity(part: impl Strategy<Value = f64> + Clone) -> impl Strategy<Value = Velocity> {
+    (part.clone(), part)
+        .prop_map(|(linear_mps, angular_radps)| Velocity::new(linear_mps, angular_radps))
+}
+
 fn sane_speed() -> impl Strategy<Value = Velocity> {
-    let part = || prop_oneof![2 => Just(0.0), 1 => Just(1.0), 1 => Just(-1.0), 2 => -2.0..2.0];
-    (part(), part()).prop_map(|(linear_mps, angular_radps)| Velocity {
-        linear_mps,
-        angular_radps,
-    })
+    velocity(prop_oneof![2 => Just(0.0), 1 => Just(1.0), 1 => Just(-1.0), 2 => -2.0..2.0])
 }
 
 fn any_speed() -> impl Strategy<Value = Velocity> {
-    let part = || prop_oneof![3 => -2.0..2.0, 1 => any::<f64>(), 1 => Just(f64::NAN), 1 => Just(f64::INFINITY)];
-    (part(), part()).prop_map(|(linear_mps, angular_radps)| Velocity {
-        linear_mps,
-        angular_radps,
-    })
+    velocity(
+        prop_oneof![3 => -2.0..2.0, 1 => any::<f64>(), 1 => Just(f64::NAN), 1 => Just(f64::INFINITY)],
+    )
 }
 
 fn fate() -> impl Strategy<Value = Fate> {
@@ -59,11 +55,7 @@ fn fate() -> impl Strategy<Value = Fate> {
 
 fn output() -> impl Strategy<Value = CollisionMonitorOutput> {
     let limit = || prop_oneof![3 => 0.0..1.5, 1 => Just(0.0), 1 => any::<f64>()];
-    let overspeed = (-1.0..1.0, -1.0..1.0).prop_map(|(linear_mps, angular_radps)| Velocity {
-        linear_mps,
-        angular_radps,
-    });
-    let overspeed = prop_oneof![3 => Just(Velocity::ZERO), 1 => overspeed];
+    let overspeed = prop_oneof![3 => Just(Velocity::ZERO), 1 => velocity(-1.0..1.0)];
     let limits = (limit(), limit(), limit(), limit(), any::<bool>(), overspeed);
     prop_oneof![
         1 => Just(CollisionMonitorOutput::Off),
@@ -103,7 +95,7 @@ fn forged() -> impl Strategy<Value = Move> {
     );
     (parts, prop::bool::weighted(0.05)).prop_map(|(parts, estop)| {
         let (who, epochs_ago, seq_offset, tokens_ago, nonce_is_right, requested) = parts;
-        Move::Forge {
+        Move::Forge(Forged {
             who,
             epochs_ago,
             seq_offset,
@@ -111,8 +103,20 @@ fn forged() -> impl Strategy<Value = Move> {
             nonce_is_right,
             requested,
             estop,
-        }
+        })
     })
+}
+
+fn input(who: impl Strategy<Value = u8> + Clone) -> impl Strategy<Value = ArbiterInput> {
+    prop_oneof![
+        who.clone().prop_map(|who| ArbiterInput::EStop(caller(who))),
+        Just(ArbiterInput::LocalEStop),
+        Just(ArbiterInput::LocalReset),
+        (prop::bool::weighted(0.9), stored())
+            .prop_map(|(has_passed, stored)| ArbiterInput::SelfTest { has_passed, stored }),
+        Just(ArbiterInput::ActuatorFault),
+        who.prop_map(|who| ArbiterInput::Revoked(caller(who).operator)),
+    ]
 }
 
 fn one_move() -> impl Strategy<Value = Move> {
@@ -127,18 +131,12 @@ fn one_move() -> impl Strategy<Value = Move> {
         2 => (0_u16..3000).prop_map(Move::Pause),
         3 => (who(), prop::bool::weighted(0.7)).prop_map(|(who, is_open)| Move::Open { who, is_open }),
         6 => (who(), verb(), tokens_ago()).prop_map(|(who, verb, tokens_ago)| Move::Lease { who, verb, tokens_ago }),
-        1 => who().prop_map(|who| Move::EStop { who }),
-        1 => Just(Move::LocalEStop),
         3 => prop::bool::weighted(0.8).prop_map(|is_right| Move::Stored { is_right }),
         3 => (who(), prop::bool::weighted(0.8), tokens_ago())
             .prop_map(|(who, is_right, tokens_ago)| Move::Reset { who, is_right, tokens_ago }),
-        1 => Just(Move::LocalReset),
-        1 => (prop::bool::weighted(0.9), stored())
-            .prop_map(|(has_passed, stored)| Move::SelfTest { has_passed, stored }),
-        5 => output().prop_map(Move::CollisionMonitor),
-        2 => any::<bool>().prop_map(Move::MonitorResponds),
-        1 => Just(Move::Fault),
-        1 => who().prop_map(|who| Move::Revoke { who }),
+        6 => output().prop_map(|output| Move::CollisionMonitor(Some(output))),
+        2 => Just(Move::CollisionMonitor(None)),
+        6 => input(who()).prop_map(Move::Input),
         6 => forged(),
         4 => any::<u8>().prop_map(Move::Replay),
         6 => Just(Move::StartDriving),

@@ -1,36 +1,101 @@
-//! An arbiter, three consoles and a network that loses, delays, duplicates and reorders, watched by the monitor.
+//! Three consoles and a network that loses, delays, duplicates and reorders; every step is checked.
 
 use std::time::Duration;
 
-use super::millis;
-use super::monitor::{Monitor, Violation};
-use super::moves::{Fate, Move};
-use crate::action::{Action, Actions, ArbiterEvent};
+use super::invariants::{Monitor, Transition, Violation};
+use super::{ROLES, caller, millis};
 use crate::arbiter::{ArbiterState, Mode, step};
 use crate::command_stream::DriveCommand;
 use crate::config::Rules;
-use crate::input::CollisionMonitorOutput;
-use crate::input::{ArbiterInput, LeaseVerb};
-use crate::lease::{Caller, OperatorId, RequestId, Role};
-use crate::lease::{EStopId, StoredEStop};
+use crate::interface::{Action, ArbiterEvent, ArbiterInput, CollisionMonitorOutput, LeaseVerb};
+use crate::lease::{EStopId, OperatorId, StoredEStop};
 use crate::motion::Velocity;
 use crate::token::AgeToken;
 use measurement::time::Monotonic;
 
+/// What happens to a command on its way.
 #[derive(Clone, Copy, Debug)]
-struct Console {
-    is_open: bool,
+pub(super) enum Fate {
+    Arrives,
+    Twice,
+    Lost,
+    /// Waits for so many rounds, so that later ones pass it.
+    Late(u8),
+}
+
+/// One move of operators, network and hardware.
+#[derive(Clone, Debug)]
+pub(super) enum Move {
+    /// Rounds of the loop in which open consoles send what is pressed.
+    Rounds {
+        count: u8,
+        millis: u8,
+        fate: Fate,
+    },
+    /// The link stalls for so many rounds of 20 ms, then delivers everything.
+    Stall(u8),
+    /// The loop itself is late, by milliseconds.
+    Pause(u16),
+    Stick {
+        who: u8,
+        requested: Velocity,
+    },
+    /// Opens a console, or freezes it.
+    Open {
+        who: u8,
+        is_open: bool,
+    },
+    Lease {
+        who: u8,
+        verb: LeaseVerb,
+        tokens_ago: u8,
+    },
+    Stored {
+        is_right: bool,
+    },
+    Reset {
+        who: u8,
+        is_right: bool,
+        tokens_ago: u8,
+    },
+    /// The output of the collision monitor from now on; absent if it gives none.
+    CollisionMonitor(Option<CollisionMonitorOutput>),
+    Forge(Forged),
+    /// A command that was sent before, once more.
+    Replay(u8),
+    /// To a vehicle that is driven by operator 0.
+    StartDriving,
+    Input(ArbiterInput),
+}
+
+/// A command that no honest console sends.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Forged {
+    pub(super) who: u8,
+    pub(super) epochs_ago: u8,
+    pub(super) seq_offset: i8,
+    pub(super) tokens_ago: u8,
+    pub(super) nonce_is_right: bool,
+    pub(super) requested: Velocity,
+    pub(super) estop: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Console {
+    pub(super) is_open: bool,
+    /// So many tokens are younger than the newest one that it has.
+    pub(super) tokens_ago: u8,
+    pub(super) requested: Velocity,
     epoch: u64,
     seq: u64,
-    requested: Velocity,
 }
 
 pub(super) struct World {
-    pub(super) rules: Rules,
+    rules: Rules,
     pub(super) state: ArbiterState,
-    pub(super) now: Monotonic,
+    now: Monotonic,
     monitor: Monitor,
-    consoles: [Console; 3],
+    pub(super) consoles: [Console; 3],
     tokens: Vec<AgeToken>,
     sent: Vec<DriveCommand>,
     in_flight: Vec<(u8, DriveCommand)>,
@@ -43,21 +108,21 @@ pub(super) struct World {
     pub(super) driven: usize,
 }
 
-/// Operator, supervisor and a stranger who looks on.
-const ROLES: [Role; 3] = [Role::Operator, Role::Supervisor, Role::Observer];
-
 impl World {
     /// A world in which `epoch` grants of the lease and `seq` commands have been before.
     pub(super) fn new(rules: Rules, start: Monotonic, epoch: u64, seq: u64) -> Self {
         let mut state = ArbiterState::new(0xb007);
         state.lease.epoch = epoch;
-        let mut monitor = Monitor::new();
-        monitor.epoch = epoch;
+        let monitor = Monitor {
+            epoch,
+            ..Monitor::default()
+        };
         let console = Console {
             is_open: true,
+            tokens_ago: 0,
+            requested: Velocity::ZERO,
             epoch,
             seq,
-            requested: Velocity::ZERO,
         };
         Self {
             rules,
@@ -82,76 +147,56 @@ impl World {
                 count,
                 millis,
                 fate,
-            } => self.rounds(count, millis, fate),
+            } => return self.rounds(count, millis, fate),
             Move::Stall(rounds) => {
                 self.is_stalled = true;
                 self.rounds(rounds, 20, Fate::Late(0))?;
                 self.is_stalled = false;
-                self.deliver()
+                return self.deliver();
             }
             Move::Pause(pause) => {
                 self.now = self.now + millis(pause.into());
-                self.happen(ArbiterInput::Tick)
+                return self.happen(ArbiterInput::Tick);
             }
-            Move::Stick { who, requested } => {
-                self.consoles[index(who)].requested = requested;
-                Ok(())
-            }
-            Move::Open { who, is_open } => {
-                self.consoles[index(who)].is_open = is_open;
-                Ok(())
-            }
+            Move::Stick { who, requested } => self.consoles[usize::from(who)].requested = requested,
+            Move::Open { who, is_open } => self.consoles[usize::from(who)].is_open = is_open,
             Move::Lease {
                 who,
                 verb,
                 tokens_ago,
             } => {
-                let (caller, token) = (caller(who), self.token(tokens_ago));
-                self.happen(ArbiterInput::Lease {
-                    caller,
-                    token,
+                return self.happen(ArbiterInput::Lease {
+                    caller: caller(who),
+                    token: self.token(tokens_ago),
                     verb,
-                })
+                });
             }
-            Move::EStop { who } => self.happen(ArbiterInput::EStop(caller(who))),
-            Move::LocalEStop => self.happen(ArbiterInput::LocalEStop),
             Move::Stored { is_right } => {
                 let id = self.estop_id(is_right);
-                self.happen(ArbiterInput::EStopStored(id))
+                return self.happen(ArbiterInput::EStopStored(id));
             }
             Move::Reset {
                 who,
                 is_right,
                 tokens_ago,
             } => {
-                let (caller, token) = (caller(who), self.token(tokens_ago));
-                let id = self.estop_id(is_right);
-                self.happen(ArbiterInput::Reset { caller, token, id })
+                return self.happen(ArbiterInput::Reset {
+                    caller: caller(who),
+                    token: self.token(tokens_ago),
+                    id: self.estop_id(is_right),
+                });
             }
-            Move::LocalReset => self.happen(ArbiterInput::LocalReset),
-            Move::SelfTest { has_passed, stored } => {
-                self.happen(ArbiterInput::SelfTest { has_passed, stored })
-            }
-            Move::CollisionMonitor(output) => {
-                self.collision_monitor = self.collision_monitor.map(|_| output);
-                Ok(())
-            }
-            Move::MonitorResponds(speaks) => {
-                self.collision_monitor = speaks.then_some(CollisionMonitorOutput::Off);
-                Ok(())
-            }
-            Move::Fault => self.happen(ArbiterInput::ActuatorFault),
-            Move::Revoke { who } => self.happen(ArbiterInput::Revoked(OperatorId(who.into()))),
-            Move::Forge { .. } => self.forge(one),
+            Move::CollisionMonitor(output) => self.collision_monitor = output,
+            Move::Forge(forged) => return self.forge(forged),
             Move::Replay(number) => {
-                let Some(len) = self.sent.len().checked_sub(1) else {
-                    return Ok(());
-                };
-                let command = self.sent[usize::from(number).min(len)];
-                self.receive(command)
+                if let Some(last) = self.sent.len().checked_sub(1) {
+                    return self.receive(self.sent[usize::from(number).min(last)]);
+                }
             }
-            Move::StartDriving => self.start_driving(),
+            Move::StartDriving => return self.start_driving(),
+            Move::Input(input) => return self.happen(input),
         }
+        Ok(())
     }
 
     fn start_driving(&mut self) -> Result<(), Violation> {
@@ -168,11 +213,10 @@ impl World {
         }
         self.collision_monitor = Some(CollisionMonitorOutput::Off);
         self.rounds(1, 20, Fate::Arrives)?;
-        let token = self.token(0);
-        self.happen(ArbiterInput::Lease {
-            caller: caller(0),
-            token,
+        self.make(&Move::Lease {
+            who: 0,
             verb: LeaseVerb::Request,
+            tokens_ago: 0,
         })?;
         self.consoles[0].is_open = true;
         self.consoles[0].requested = Velocity::ZERO;
@@ -204,8 +248,9 @@ impl World {
     }
 
     fn send(&mut self, fate: Fate) {
-        let token = self.token(0);
-        for (number, console) in self.consoles.iter_mut().enumerate() {
+        for number in 0..self.consoles.len() {
+            let token = self.token(self.consoles[number].tokens_ago);
+            let console = &mut self.consoles[number];
             if !console.is_open {
                 continue;
             }
@@ -248,46 +293,42 @@ impl World {
         self.happen(ArbiterInput::Command { role, command })
     }
 
-    fn forge(&mut self, forged: &Move) -> Result<(), Violation> {
-        let Move::Forge {
+    fn forge(&mut self, forged: Forged) -> Result<(), Violation> {
+        let Forged {
             who,
-            epochs_ago,
-            seq_offset,
-            tokens_ago,
-            nonce_is_right,
             requested,
             estop,
-        } = *forged
-        else {
-            return Ok(());
-        };
-        let mut token = self.token(tokens_ago);
-        token.nonce ^= u64::from(!nonce_is_right);
-        let console = self.consoles[index(who)];
+            ..
+        } = forged;
+        let mut token = self.token(forged.tokens_ago);
+        token.nonce ^= u64::from(!forged.nonce_is_right);
+        let console = self.consoles[usize::from(who)];
         self.receive(DriveCommand {
             operator: OperatorId(who.into()),
-            epoch: self.state.lease.epoch.wrapping_sub(epochs_ago.into()),
-            seq: console.seq.saturating_add_signed(seq_offset.into()),
+            epoch: self
+                .state
+                .lease
+                .epoch
+                .wrapping_sub(forged.epochs_ago.into()),
+            seq: console.seq.saturating_add_signed(forged.seq_offset.into()),
             token,
             requested,
             estop,
         })
     }
 
-    pub(super) fn happen(&mut self, input: ArbiterInput) -> Result<(), Violation> {
+    fn happen(&mut self, input: ArbiterInput) -> Result<(), Violation> {
         let before = self.state;
         let (after, actions) = step(&self.rules, before, self.now, input);
-        self.monitor
-            .observe(&self.rules, &before, self.now, input, &after, &actions)?;
+        self.monitor.observe(&Transition {
+            rules: &self.rules,
+            before: &before,
+            now: self.now,
+            input,
+            after: &after,
+            actions: &actions,
+        })?;
         self.state = after;
-        self.listen(&actions);
-        self.check_latency_travel(&before, input, actions.output)?;
-        self.outputs.push(actions.output);
-        self.driven += usize::from(after.mode() == Mode::Driving && input == ArbiterInput::Tick);
-        Ok(())
-    }
-
-    fn listen(&mut self, actions: &Actions) {
         for action in actions.iter() {
             if let Action::PublishToken(token) = action {
                 self.tokens.push(token);
@@ -296,6 +337,10 @@ impl World {
                 self.consoles[to.0 as usize].epoch = epoch;
             }
         }
+        self.check_latency_travel(&before, input, actions.output)?;
+        self.outputs.push(actions.output);
+        self.driven += usize::from(after.mode() == Mode::Driving && input == ArbiterInput::Tick);
+        Ok(())
     }
 
     /// The vehicle goes no farther than `max_latency_travel_m` within the greatest age of the last second.
@@ -313,12 +358,10 @@ impl World {
         if input != ArbiterInput::Tick {
             return Ok(());
         }
-        let second = Duration::from_secs(1);
-        let recent = self
-            .ages
-            .iter()
-            .filter(|(then, _)| self.now.since(*then) <= second);
-        let greatest = recent.map(|(_, age)| *age).max().unwrap_or_default();
+        self.ages
+            .retain(|(then, _)| self.now.since(*then) <= Duration::from_secs(1));
+        let ages = self.ages.iter().map(|(_, age)| *age);
+        let greatest = ages.max().unwrap_or_default();
         let allowed = self.rules.max_latency_travel_m / greatest.max(millis(1)).as_secs_f64();
         let dt = before
             .last_tick
@@ -345,16 +388,4 @@ impl World {
         let EStopId(id) = self.state.last_estop;
         EStopId(id.wrapping_sub(u64::from(!is_right)))
     }
-}
-
-pub(super) fn caller(who: u8) -> Caller {
-    Caller {
-        operator: OperatorId(who.into()),
-        role: ROLES[index(who)],
-        request: RequestId(0),
-    }
-}
-
-fn index(who: u8) -> usize {
-    usize::from(who) % ROLES.len()
 }

@@ -181,6 +181,14 @@ fn what_is_no_number_is_not_there() {
     }
 }
 
+impl MotionDirection {
+    /// Travel until it stands, metres, from a speed of travel: `v·t + v²/2a`, of the slower to stop of going and
+    /// turning.
+    fn stopping_travel_m(self, speed_mps: f64, braking: &Braking) -> f64 {
+        speed_mps * (braking.reaction_s + speed_mps * self.seconds_per_speed(braking))
+    }
+}
+
 const BRAKING: Braking = Braking {
     reaction_s: 0.12,
     decel_mps2: 1.0,

@@ -1,14 +1,10 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::collision_monitor::CollisionMonitorConfig;
-use crate::collision_monitor::config::CollisionMonitorRules;
 use crate::collision_monitor::local_environment::LocalEnvironment;
-use crate::config::TeleopConfig;
-use mapping::obstacle::ObstacleConfig;
-use mapping::vehicle::VehicleConfig;
+use crate::collision_monitor::tests::{Setup, vehicle};
 
-/// What is known, and whose.
+/// The surroundings of a vehicle.
 struct Scene {
     rules: CollisionMonitorRules,
     directions: DirectionTable,
@@ -16,9 +12,8 @@ struct Scene {
 }
 
 impl Scene {
-    fn new(guard: &CollisionMonitorConfig, teleop: &TeleopConfig, vehicle: &VehicleConfig) -> Self {
-        let rules =
-            CollisionMonitorRules::new(guard, teleop, vehicle, &ObstacleConfig::default()).unwrap();
+    fn new(setup: &Setup) -> Self {
+        let rules = setup.rules();
         Self {
             directions: DirectionTable::new(rules.footprint.radius_m()),
             environment: LocalEnvironment::new(&rules),
@@ -28,25 +23,22 @@ impl Scene {
 
     /// As the preset `riverwatch`.
     fn boat() -> Self {
-        let guard = CollisionMonitorConfig {
-            creep_mps: 0.3,
-            margin_m: 1.0,
-            side_margin_m: 0.3,
-            ..CollisionMonitorConfig::default()
+        let mut setup = Setup {
+            vehicle: vehicle(4.5, 2.44, 3.0),
+            ..Setup::default()
         };
-        let teleop = TeleopConfig {
-            stop_decel_mps2: 0.5,
-            stop_decel_radps2: 0.2,
-            is_boat: true,
-            ..TeleopConfig::default()
-        };
-        Self::new(&guard, &teleop, &vehicle([4.5, 2.44], [3.0, 0.2]))
+        setup.vehicle.max_turn_rate_radps = 0.2;
+        setup.guard.creep_mps = 0.3;
+        setup.guard.margin_m = 1.0;
+        setup.guard.side_margin_m = 0.3;
+        setup.teleop.stop_decel_mps2 = 0.5;
+        setup.teleop.stop_decel_radps2 = 0.2;
+        setup.teleop.is_boat = true;
+        Self::new(&setup)
     }
 
-    /// A robot of 0.8 × 0.6 m, at most 1 m/s and 1 rad/s.
     fn on_land() -> Self {
-        let (guard, teleop) = (CollisionMonitorConfig::default(), TeleopConfig::default());
-        Self::new(&guard, &teleop, &vehicle([0.8, 0.6], [1.0, 1.0]))
+        Self::new(&Setup::default())
     }
 
     /// With a wall across its way, metres ahead of its middle.
@@ -66,21 +58,8 @@ impl Scene {
 
     /// Metres per second ahead and of the outermost point to the left.
     fn travel(&self, [going_mps, turning_mps]: [f64; 2]) -> AxisSpeeds {
-        let velocity = Velocity {
-            linear_mps: going_mps,
-            angular_radps: turning_mps / self.rules.footprint.radius_m(),
-        };
+        let velocity = Velocity::new(going_mps, turning_mps / self.rules.footprint.radius_m());
         AxisSpeeds::of(velocity, &self.rules)
-    }
-}
-
-fn vehicle([length_m, width_m]: [f64; 2], [speed_mps, turn_radps]: [f64; 2]) -> VehicleConfig {
-    VehicleConfig {
-        length_m,
-        width_m,
-        max_speed_mps: speed_mps,
-        max_turn_rate_radps: turn_radps,
-        ..VehicleConfig::default()
     }
 }
 

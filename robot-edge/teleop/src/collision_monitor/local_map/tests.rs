@@ -16,24 +16,24 @@ fn request(x: f64, y: f64, reach_m: f64) -> CopyRequest {
 #[test]
 fn an_occupancy_grid_is_copied_around_the_vehicle() {
     let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
-    let origin = nalgebra::Point3::new(-10.0, 4.0, 0.0);
     let end = nalgebra::Point3::new(-8.05, 4.05, 0.0);
     let beam = RegisteredBeam {
-        origin_in_odom: origin,
+        origin_in_odom: nalgebra::Point3::new(-10.0, 4.0, 0.0),
         end_in_odom: end,
         outcome: BeamOutcome::Hit,
         index: 0,
         range_m: 2.0,
     };
+    let scan = RegisteredScan {
+        stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: 0.01,
+        own_body_hits: 0,
+        odom_from_base: planar(-10.0, 4.0, 0.0),
+        beams: vec![beam],
+    };
     for _ in 0..3 {
-        grid.integrate(&RegisteredScan {
-            stamp: RobotTime::from_nanos(0),
-            sensor: SensorId(0),
-            beam_step_rad: 0.01,
-            own_body_hits: 0,
-            odom_from_base: planar(-10.0, 4.0, 0.0),
-            beams: vec![beam],
-        });
+        grid.integrate(&scan);
     }
     let mut map = LocalMap::default();
     map.copy_occupancy(&grid, request(-9.0, 4.0, 1.5));

@@ -1,32 +1,25 @@
-use nalgebra::Vector3;
-
 use super::*;
-use crate::collision_monitor::CollisionMonitorConfig;
-use crate::config::TeleopConfig;
-use mapping::obstacle::ObstacleConfig;
+use crate::collision_monitor::tests::{Setup, vehicle};
 use mapping::registered_scan::SensorId;
-use mapping::vehicle::VehicleConfig;
 use measurement::pose::planar;
 use measurement::time::RobotTime;
 
-fn rules(
-    change: impl FnOnce(&mut CollisionMonitorConfig, &mut TeleopConfig, &mut VehicleConfig),
-) -> CollisionMonitorRules {
-    let mut guard = CollisionMonitorConfig {
-        treat_no_return_as_free: true,
-        ..CollisionMonitorConfig::default()
+/// Of a vehicle so fast that points at some metres are kept.
+fn setup() -> Setup {
+    let mut setup = Setup {
+        vehicle: vehicle(0.9, 0.7, 6.0),
+        ..Setup::default()
     };
-    let mut teleop = TeleopConfig::default();
-    let mut vehicle = VehicleConfig {
-        length_m: 0.9,
-        width_m: 0.7,
-        height_m: 1.15,
-        // Far enough that points at some metres are kept.
-        max_speed_mps: 6.0,
-        ..VehicleConfig::default()
-    };
-    change(&mut guard, &mut teleop, &mut vehicle);
-    CollisionMonitorRules::new(&guard, &teleop, &vehicle, &ObstacleConfig::default()).unwrap()
+    setup.vehicle.height_m = 1.15;
+    setup
+}
+
+impl Coverage {
+    /// Whether a point was observed by a beam that was low enough there.
+    fn is_visible(&self, point_in_odom: Point2<f64>, slack_m: f64) -> bool {
+        self.observation_at(point_in_odom, slack_m)
+            .is_some_and(|observation| observation.is_low)
+    }
 }
 
 /// One beam from a sensor above the origin of a vehicle that stands level at the origin of `odom`.
@@ -40,80 +33,60 @@ fn beam(height_m: f64, end: [f64; 3], outcome: BeamOutcome) -> RegisteredBeam {
     }
 }
 
-fn obstacle_scan(rules: &CollisionMonitorRules, beams: Vec<RegisteredBeam>) -> ObstacleScan {
-    let pose = planar(0.0, 0.0, 0.0);
+fn obstacle_scan(setup: &Setup, beams: Vec<RegisteredBeam>) -> ObstacleScan {
     let scan = RegisteredScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.01,
         own_body_hits: 0,
-        odom_from_base: pose,
+        odom_from_base: planar(0.0, 0.0, 0.0),
         beams,
     };
-    let mut obstacle_scan = ObstacleScan::default();
-    let times = (Monotonic::from_nanos(0), Duration::from_millis(40));
-    obstacle_scan.read(
-        &scan,
-        &GroundPlane::under(&pose),
-        rules,
-        &BlockageDetector::default(),
-        times,
-    );
-    obstacle_scan
+    setup.obstacle_scan(&scan, Monotonic::from_nanos(0))
 }
 
 /// What one hit at a height, 3 m ahead of a sensor at a height, adds to the points.
-fn point_of(rules: &CollisionMonitorRules, sensor_m: f64, hit_m: f64) -> Option<[f64; 2]> {
+fn point_of(setup: &Setup, sensor_m: f64, hit_m: f64) -> Option<[f64; 2]> {
     let hit = beam(sensor_m, [3.0, 0.0, hit_m], BeamOutcome::Hit);
-    obstacle_scan(rules, vec![hit])
+    obstacle_scan(setup, vec![hit])
         .points_in_odom()
         .first()
         .copied()
 }
 
 #[test]
-fn floor_is_not_in_the_way_and_what_rises_from_it_is() {
-    let rules = rules(|_, _, _| {});
-    for (hit_m, is_obstacle) in [
-        (0.0, false),
-        (0.09, false),
-        (-0.09, false),
-        (0.11, true),
-        (1.0, true),
-        (1.24, true),
-        (1.26, false),
+fn what_is_in_the_way_depends_on_the_height_of_sensor_and_hit() {
+    let setup = setup();
+    for (sensor_m, hit_m, is_obstacle) in [
+        (1.08, 0.0, false),
+        (1.08, 0.09, false),
+        (1.08, -0.09, false),
+        (1.08, 0.11, true),
+        (1.08, 1.0, true),
+        (1.08, 1.24, true),
+        (1.08, 1.26, false),
+        // A sensor near the height of the ground cannot tell floor from obstacles.
+        (0.0, 0.0, true),
+        (0.1, 0.0, true),
+        // One above the vehicle's top sees what is as high as itself.
+        (1.5, 1.5, true),
+        (1.5, 1.65, false),
     ] {
-        let point = point_of(&rules, 1.08, hit_m);
-        assert_eq!(point, is_obstacle.then_some([3.0, 0.0]), "{hit_m}");
+        let point = point_of(&setup, sensor_m, hit_m);
+        let expected = is_obstacle.then_some([3.0, 0.0]);
+        assert_eq!(point, expected, "{hit_m} m from {sensor_m} m");
     }
-}
-
-#[test]
-fn a_hole_begins_where_its_beam_passed_the_ground() {
-    let rules = rules(|_, _, _| {});
-    // From 1 m down to 0.5 m below the ground over 3 m: at the ground after 2 m.
-    let [x, y] = point_of(&rules, 1.0, -0.5).unwrap();
+    // A hole begins where its beam passed the ground: from 1 m down to -0.5 m over 3 m, after 2 m.
+    let [x, y] = point_of(&setup, 1.0, -0.5).unwrap();
     assert!((x - 2.0).abs() < 1e-12 && y == 0.0);
 }
 
 #[test]
-fn a_sensor_near_ground_height_reports_all_hits_as_obstacles() {
-    let rules = rules(|_, _, _| {});
-    for sensor_m in [0.0, 0.1] {
-        assert_eq!(point_of(&rules, sensor_m, 0.0), Some([3.0, 0.0]));
-    }
-    // And one above the vehicle's top sees what is as high as itself.
-    assert_eq!(point_of(&rules, 1.5, 1.5), Some([3.0, 0.0]));
-    assert_eq!(point_of(&rules, 1.5, 1.65), None);
-}
-
-#[test]
 fn under_a_boat_the_bottom_is_not_in_the_way_and_shoals_are() {
-    let rules = rules(|_, teleop, vehicle| {
-        teleop.is_boat = true;
-        vehicle.bottom_z_m = -0.6;
-        vehicle.height_m = 2.6;
-    });
+    let mut setup = setup();
+    setup.teleop.is_boat = true;
+    setup.vehicle.bottom_z_m = -0.6;
+    setup.vehicle.height_m = 2.6;
     for (hit_m, is_obstacle) in [
         (-5.0, false),
         (-0.75, false),
@@ -123,87 +96,68 @@ fn under_a_boat_the_bottom_is_not_in_the_way_and_shoals_are() {
         (0.5, true),
     ] {
         for sensor_m in [-0.5, 1.9] {
-            assert_eq!(
-                point_of(&rules, sensor_m, hit_m).is_some(),
-                is_obstacle,
-                "{hit_m}"
-            );
+            let point = point_of(&setup, sensor_m, hit_m);
+            assert_eq!(point.is_some(), is_obstacle, "{hit_m}");
         }
     }
 }
 
 #[test]
 fn its_own_body_is_not_in_the_way() {
-    let rules = rules(|_, _, _| {});
+    let setup = setup();
     let hit = |x, y| beam(1.0, [x, y, 0.5], BeamOutcome::Hit);
     let own = obstacle_scan(
-        &rules,
+        &setup,
         vec![hit(0.44, 0.0), hit(-0.44, 0.34), hit(0.0, -0.34)],
     );
     assert_eq!(own.points_in_odom(), [[0.0; 2]; 0]);
-    let other = obstacle_scan(&rules, vec![hit(0.46, 0.0), hit(-0.44, 0.36)]);
+    let other = obstacle_scan(&setup, vec![hit(0.46, 0.0), hit(-0.44, 0.36)]);
     assert_eq!(other.points_in_odom(), [[0.46, 0.0], [-0.44, 0.36]]);
     // The vehicle has gone half a metre since the first beam, and the body with it.
     let mut late = hit(0.94, 0.0);
-    late.origin_in_odom += Vector3::new(0.5, 0.0, 0.0);
-    let moved = obstacle_scan(&rules, vec![hit(3.0, 0.0), late]);
+    late.origin_in_odom += nalgebra::Vector3::new(0.5, 0.0, 0.0);
+    let moved = obstacle_scan(&setup, vec![hit(3.0, 0.0), late]);
     assert_eq!(moved.points_in_odom(), [[3.0, 0.0]]);
 }
 
 #[test]
 fn a_tilted_beam_has_seen_the_ground_only_near_its_end() {
-    let rules = rules(|_, _, _| {});
-    let seen = |beam: RegisteredBeam, x: f64| {
-        obstacle_scan(&rules, vec![beam])
-            .coverage()
-            .is_visible(Point2::new(x, 0.0), 1e-6)
+    let setup = setup();
+    let check = |from_m, end, outcome, seen: &[f64], unseen: &[f64]| {
+        let scan = obstacle_scan(&setup, vec![beam(from_m, end, outcome)]);
+        let is_seen = |x: &f64| scan.coverage().is_visible(Point2::new(*x, 0.0), 1e-6);
+        assert!(seen.iter().all(is_seen), "{from_m} {end:?}");
+        assert!(!unseen.iter().any(is_seen), "{from_m} {end:?}");
     };
+    let (hit, miss) = (BeamOutcome::Hit, BeamOutcome::Miss);
     // Below 0.3 m after 7/10 of the way.
-    let tilted = beam(1.0, [8.0, 0.0, 0.0], BeamOutcome::Hit);
-    assert_eq!(
-        [1.0, 5.5, 5.7, 7.9, 8.1].map(|x| seen(tilted, x)),
-        [false, false, true, true, false]
-    );
-    let level = beam(0.25, [8.0, 0.0, 0.25], BeamOutcome::Hit);
-    assert_eq!(
-        [0.1, 5.5, 7.9, 8.1].map(|x| seen(level, x)),
-        [true, true, true, false]
-    );
-    let high = beam(0.5, [8.0, 0.0, 0.5], BeamOutcome::Hit);
-    assert_eq!([0.1, 7.9].map(|x| seen(high, x)), [false, false]);
-    let rising = beam(0.1, [8.0, 0.0, 0.5], BeamOutcome::Miss);
-    assert_eq!(
-        [0.1, 3.9, 4.1].map(|x| seen(rising, x)),
-        [true, true, false]
-    );
+    check(1.0, [8.0, 0.0, 0.0], hit, &[5.7, 7.9], &[1.0, 5.5, 8.1]);
+    check(0.25, [8.0, 0.0, 0.25], hit, &[0.1, 5.5, 7.9], &[8.1]);
+    check(0.5, [8.0, 0.0, 0.5], hit, &[], &[0.1, 7.9]);
+    check(0.1, [8.0, 0.0, 0.5], miss, &[0.1, 3.9], &[4.1]);
     // Behind the edge of a hole nothing is known of the ground.
-    let hole = beam(1.0, [3.0, 0.0, -0.5], BeamOutcome::Hit);
-    assert_eq!(
-        [1.3, 1.5, 1.9, 2.1].map(|x| seen(hole, x)),
-        [false, true, true, false]
-    );
+    check(1.0, [3.0, 0.0, -0.5], hit, &[1.5, 1.9], &[1.3, 2.1]);
 }
 
 #[test]
 fn misses_are_trusted_or_not() {
     let miss = || vec![beam(0.2, [8.0, 0.0, 0.2], BeamOutcome::Miss)];
     let at = Point2::new(4.0, 0.0);
-    let trusting_no_returns = obstacle_scan(&rules(|_, _, _| {}), miss());
-    assert!(trusting_no_returns.coverage().is_visible(at, 0.0));
-    assert_eq!(trusting_no_returns.points_in_odom().len(), 0);
-    let doubting = obstacle_scan(
-        &rules(|guard, _, _| guard.treat_no_return_as_free = false),
-        miss(),
-    );
-    assert!(!doubting.coverage().is_visible(at, 0.0));
+    for treat_no_return_as_free in [true, false] {
+        let mut setup = setup();
+        setup.guard.treat_no_return_as_free = treat_no_return_as_free;
+        let scan = obstacle_scan(&setup, miss());
+        assert_eq!(scan.coverage().is_visible(at, 0.0), treat_no_return_as_free);
+        assert_eq!(scan.points_in_odom().len(), 0);
+    }
 }
 
 #[test]
 fn beams_that_are_no_numbers_say_nothing() {
-    let rules = rules(|_, _, _| {});
+    let setup = setup();
     for bad in [f64::NAN, f64::INFINITY] {
         for end in [[bad, 0.0, 0.2], [3.0, bad, 0.2], [3.0, 0.0, bad]] {
-            let obstacle_scan = obstacle_scan(&rules, vec![beam(0.2, end, BeamOutcome::Hit)]);
+            let obstacle_scan = obstacle_scan(&setup, vec![beam(0.2, end, BeamOutcome::Hit)]);
             assert_eq!(obstacle_scan.points_in_odom().len(), 0, "{end:?}");
             assert!(
                 !obstacle_scan
@@ -213,7 +167,7 @@ fn beams_that_are_no_numbers_say_nothing() {
             );
         }
     }
-    let empty = obstacle_scan(&rules, vec![]);
+    let empty = obstacle_scan(&setup, vec![]);
     assert!(!empty.coverage().is_visible(Point2::new(1.0, 0.0), 0.0));
 }
 

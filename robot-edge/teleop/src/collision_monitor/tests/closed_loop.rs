@@ -1,26 +1,15 @@
 use proptest::prelude::*;
 
-use super::world::*;
+use super::*;
 use crate::collision_monitor::CollisionMonitorConfig;
 use crate::config::TeleopConfig;
-use crate::input::CollisionMonitorOutput;
 use crate::motion::Velocity;
 use mapping::vehicle::VehicleConfig;
 
-const fn going(linear_mps: f64, angular_radps: f64) -> Velocity {
-    Velocity {
-        linear_mps,
-        angular_radps,
-    }
-}
-
-fn vehicle(length_m: f64, width_m: f64, max_speed_mps: f64) -> VehicleConfig {
+fn agile(length_m: f64, width_m: f64, max_speed_mps: f64) -> VehicleConfig {
     VehicleConfig {
-        length_m,
-        width_m,
-        max_speed_mps,
         max_turn_rate_radps: 1.5,
-        ..VehicleConfig::default()
+        ..vehicle(length_m, width_m, max_speed_mps)
     }
 }
 
@@ -33,7 +22,7 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
                     actuator_delay_s,
                     ..trusting_no_returns()
                 },
-                vehicle: vehicle(0.8, 0.6, max_speed_mps),
+                vehicle: agile(0.8, 0.6, max_speed_mps),
                 teleop: TeleopConfig {
                     accel_mps2: 1.0,
                     ..TeleopConfig::default()
@@ -44,7 +33,7 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
             drive.laser.beams = 241;
             let mut top_mps = 0.0_f64;
             for _ in 0..700 {
-                drive.round(Some(going(max_speed_mps, 0.0)));
+                drive.round(Some(Velocity::new(max_speed_mps, 0.0)));
                 top_mps = top_mps.max(drive.motion.linear.speed);
                 let gap_m = wall_m - 0.4 - drive.pose.translation.vector.x;
                 assert!(gap_m > 0.095, "{max_speed_mps} {actuator_delay_s}: {gap_m}");
@@ -63,7 +52,7 @@ fn an_offset_footprint_stops_equally_near_to_a_wall() {
             let setup = Setup {
                 vehicle: VehicleConfig {
                     footprint_offset_m,
-                    ..vehicle(0.8, 0.6, 1.0)
+                    ..agile(0.8, 0.6, 1.0)
                 },
                 ..Setup::default()
             };
@@ -72,7 +61,7 @@ fn an_offset_footprint_stops_equally_near_to_a_wall() {
             drive.laser.beams = 241;
             let case = format!("{footprint_offset_m} m at {speed_mps} m/s");
             for _ in 0..400 {
-                drive.round(Some(going(speed_mps, 0.0)));
+                drive.round(Some(Velocity::new(speed_mps, 0.0)));
                 assert!(drive.gap_m() > 0.095, "{case}: {}", drive.gap_m());
             }
             let gap_m = drive.gap_m();
@@ -86,7 +75,7 @@ fn an_offset_footprint_stops_equally_near_to_a_wall() {
 fn through_a_corridor_it_drives_at_full_speed() {
     for clear_m in [0.1, 0.2] {
         let setup = Setup {
-            vehicle: vehicle(0.8, 0.6, 1.0),
+            vehicle: agile(0.8, 0.6, 1.0),
             ..Setup::default()
         };
         let y = 0.3 + clear_m;
@@ -100,10 +89,8 @@ fn through_a_corridor_it_drives_at_full_speed() {
         };
         drive.noise = (0.01, 0.005);
         for round in 0..350 {
-            drive.round(Some(going(1.0, 0.0)));
-            let CollisionMonitorOutput::Limits(limits) = drive.output else {
-                panic!("{:?}", drive.output);
-            };
+            drive.round(Some(Velocity::new(1.0, 0.0)));
+            let limits = drive.limits();
             assert!(
                 limits.forward_mps >= 1.0 && !limits.in_unknown_space,
                 "{clear_m} {round}: {limits:?}"
@@ -150,9 +137,9 @@ fn scene() -> impl Strategy<Value = Walls> {
 /// What is asked, each for some rounds; nothing where the arbiter stops.
 fn requests() -> impl Strategy<Value = Vec<(Option<Velocity>, u32)>> {
     let velocity = prop_oneof![
-        3 => (-1.5..1.5, -1.5..1.5).prop_map(|(v, w)| Some(going(v, w))),
-        1 => (-1.5..1.5).prop_map(|v| Some(going(v, 0.0))),
-        1 => (-1.5..1.5).prop_map(|w| Some(going(0.0, w))),
+        3 => (-1.5..1.5, -1.5..1.5).prop_map(|(v, w)| Some(Velocity::new(v, w))),
+        1 => (-1.5..1.5).prop_map(|v| Some(Velocity::new(v, 0.0))),
+        1 => (-1.5..1.5).prop_map(|w| Some(Velocity::new(0.0, w))),
         1 => Just(None),
     ];
     prop::collection::vec((velocity, 5_u32..100), 1..12)
@@ -177,7 +164,7 @@ proptest! {
         length_m in 0.3..1.0, width_m in 0.3..0.8, lag in 0_usize..3,
     ) {
         let setup = Setup {
-            vehicle: vehicle(length_m, width_m, 1.5),
+            vehicle: agile(length_m, width_m, 1.5),
             ..Setup::default()
         };
         let mut drive = Drive::new(setup, scene, lag);

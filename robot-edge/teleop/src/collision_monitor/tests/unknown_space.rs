@@ -1,42 +1,25 @@
-//! Sensors that are covered, sides that nobody has looked at lately, and fields without an echo.
+//! Covered sensors, sides that no sensor has observed lately, and fields without an echo.
 
 use std::time::Duration;
 
-use nalgebra::Point2;
-
-use super::world::*;
+use super::*;
 use crate::collision_monitor::{
-    BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput, CopyRequest,
-    LocalMap, ObstacleScan, OdometrySample,
+    BlockageDetector, CollisionMonitor, CollisionMonitorConfig, CollisionMonitorInput,
+    ObstacleScan, OdometrySample,
 };
-use crate::input::{CollisionMonitorOutput, SpeedLimits};
 use crate::motion::Velocity;
 use mapping::ground_plane::GroundPlane;
-use mapping::occupancy_grid::OccupancyConfig;
-use mapping::occupancy_grid::OccupancyGrid;
-use mapping::vehicle::VehicleConfig;
-use measurement::pose::{Pose, planar};
-use measurement::time::Monotonic;
+use measurement::pose::planar;
 
-const FULL_SPEED: Velocity = Velocity {
-    linear_mps: 1.0,
-    angular_radps: 0.0,
-};
-
-const CREEP_MPS: f64 = 0.1;
+const FULL_SPEED: Velocity = Velocity::new(1.0, 0.0);
 
 /// A second, in rounds.
 const SECOND: u32 = 50;
 
-/// As they are delivered: misses prove nothing by themselves.
+/// With the defaults: misses prove nothing by themselves.
 fn setup() -> Setup {
     Setup {
         guard: CollisionMonitorConfig::default(),
-        vehicle: VehicleConfig {
-            length_m: 0.8,
-            width_m: 0.6,
-            ..VehicleConfig::default()
-        },
         ..Setup::default()
     }
 }
@@ -49,21 +32,6 @@ fn corridor() -> Walls {
     ]
 }
 
-fn drive_for(drive: &mut Drive, rounds: u32, requested: Velocity) {
-    for _ in 0..rounds {
-        drive.round(Some(requested));
-    }
-}
-
-fn limits(drive: &Drive) -> SpeedLimits {
-    match drive.output {
-        CollisionMonitorOutput::Limits(limits) => limits,
-        output @ (CollisionMonitorOutput::Off | CollisionMonitorOutput::Stale) => {
-            panic!("{output:?}")
-        }
-    }
-}
-
 #[test]
 fn a_cover_put_on_while_it_drives_is_found_within_a_second() {
     // Also where the sensors are said to tell a cover themselves.
@@ -71,25 +39,22 @@ fn a_cover_put_on_while_it_drives_is_found_within_a_second() {
         let mut setup = setup();
         setup.guard.treat_no_return_as_free = treat_no_return_as_free;
         let mut drive = Drive::new(setup, corridor(), 2);
-        drive_for(&mut drive, 4 * SECOND, FULL_SPEED);
-        let before = (drive.motion.linear.speed, limits(&drive).forward_mps);
+        drive.drive_for(4 * SECOND, FULL_SPEED);
+        let before = (drive.motion.linear.speed, drive.limits().forward_mps);
         assert!(before.0 > 0.3 && before.1 > 0.45, "{before:?}");
         assert!(!drive.blockage.is_blocked());
         drive.covered = 0..721;
-        drive_for(&mut drive, SECOND, FULL_SPEED);
-        let after = limits(&drive);
+        drive.drive_for(SECOND, FULL_SPEED);
+        let after = drive.limits();
         assert!(drive.blockage.is_blocked());
-        assert!(
-            after.in_unknown_space && after.forward_mps <= CREEP_MPS + 1e-9,
-            "{after:?}"
-        );
+        assert!(creeps_ahead(&after), "{after:?}");
         // However long it lasts.
-        drive_for(&mut drive, 20 * SECOND, FULL_SPEED);
-        assert!(limits(&drive).in_unknown_space && drive.blockage.is_blocked());
+        drive.drive_for(20 * SECOND, FULL_SPEED);
+        assert!(drive.limits().in_unknown_space && drive.blockage.is_blocked());
         assert!(drive.motion.linear.speed <= CREEP_MPS + 1e-9);
         drive.covered = 0..0;
-        drive_for(&mut drive, SECOND, FULL_SPEED);
-        assert!(!limits(&drive).in_unknown_space && !drive.blockage.is_blocked());
+        drive.drive_for(SECOND, FULL_SPEED);
+        assert!(!drive.limits().in_unknown_space && !drive.blockage.is_blocked());
     }
 }
 
@@ -100,16 +65,13 @@ fn a_cover_over_one_part_blinds_that_part_only() {
     walls.push(wall([9.0, -2.0], [9.0, 2.0]));
     walls.push(wall([-9.0, -2.0], [-9.0, 2.0]));
     let mut drive = Drive::new(setup(), walls, 0);
-    drive_for(&mut drive, 2 * SECOND, Velocity::ZERO);
+    drive.drive_for(2 * SECOND, Velocity::ZERO);
     drive.covered = 310..411;
-    drive_for(&mut drive, SECOND, Velocity::ZERO);
+    drive.drive_for(SECOND, Velocity::ZERO);
     drive.evaluate(FULL_SPEED);
-    let ahead = limits(&drive);
+    let ahead = drive.limits();
     assert!(drive.blockage.is_blocked());
-    assert!(
-        ahead.in_unknown_space && ahead.forward_mps <= CREEP_MPS + 1e-9,
-        "{ahead:?}"
-    );
+    assert!(creeps_ahead(&ahead), "{ahead:?}");
     assert!(ahead.reverse_mps > 0.9, "{ahead:?}");
 }
 
@@ -142,8 +104,8 @@ fn in_the_open_it_goes_as_fast_as_echoes_of_anything_allow() {
         setup.guard.no_return_speed_mps = no_return_speed_mps;
         let mut drive = Drive::new(setup, vec![], 2);
         drive.own_body_hits = own_body_hits;
-        drive_for(&mut drive, 4 * SECOND, FULL_SPEED);
-        let open = limits(&drive);
+        drive.drive_for(4 * SECOND, FULL_SPEED);
+        let open = drive.limits();
         assert!(
             (open.forward_mps - expected_mps).abs() < 1e-9,
             "{own_body_hits} {no_return_speed_mps}: {open:?}"
@@ -151,39 +113,11 @@ fn in_the_open_it_goes_as_fast_as_echoes_of_anything_allow() {
         assert_eq!(open.in_unknown_space, expected_mps <= CREEP_MPS);
         if !open.in_unknown_space {
             drive.covered = 0..721;
-            drive_for(&mut drive, SECOND, FULL_SPEED);
-            let forward_mps = limits(&drive).forward_mps;
+            drive.drive_for(SECOND, FULL_SPEED);
+            let forward_mps = drive.limits().forward_mps;
             assert!(forward_mps <= CREEP_MPS + 1e-9, "covered: {forward_mps}");
         }
     }
-}
-
-/// A laser at the front that sees the half ahead.
-const AHEAD: Laser = Laser {
-    mount_x_m: 0.35,
-    beams: 361,
-    field_of_view_rad: std::f64::consts::PI,
-    range_max_m: 20.0,
-};
-
-/// A map of a large hall, all of it free.
-fn hall_map(setup: &Setup, walls: &Walls, centre: &Pose, measured_at: Monotonic) -> LocalMap {
-    let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
-    for _ in 0..3 {
-        grid.integrate(&Laser::ALL_DIRECTIONS.scan(walls, centre));
-    }
-    let mut map = LocalMap::default();
-    let at = centre.translation.vector;
-    map.copy_occupancy(
-        &grid,
-        CopyRequest {
-            measured_at,
-            period: Duration::from_hours(1),
-            centre: Point2::new(at.x, at.y),
-            reach_m: setup.rules().window_m(),
-        },
-    );
-    map
 }
 
 #[test]
@@ -191,13 +125,14 @@ fn reversing_is_free_over_recent_ground_and_creep_over_older() {
     let walls = pillar([0.0, 0.0], 26.0);
     for (stands_s, least_mps, most_mps) in [(0, 0.4, 1.0), (4, 0.0, CREEP_MPS)] {
         let mut drive = Drive::new(setup(), walls.clone(), 0);
-        drive.laser = AHEAD;
-        drive_for(&mut drive, 3 * SECOND, FULL_SPEED);
+        drive.laser = Laser::AHEAD;
+        drive.drive_for(3 * SECOND, FULL_SPEED);
         while drive.motion.linear.speed > 0.0 {
             drive.round(None);
         }
-        drive.map = Some(hall_map(&drive.setup, &walls, &drive.pose, drive.now()));
-        drive_for(&mut drive, stands_s * SECOND, Velocity::ZERO);
+        let times = (drive.now(), Duration::from_hours(1));
+        drive.map = Some(drive.setup.map(&walls, &drive.pose, times));
+        drive.drive_for(stands_s * SECOND, Velocity::ZERO);
         let mut top_mps = 0.0_f64;
         for _ in 0..3 * SECOND {
             drive.round(Some(FULL_SPEED.scaled(-1.0)));
@@ -216,7 +151,6 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
     let walls = pillar([0.0, 0.0], 26.0);
     let pose = planar(0.0, 0.0, 0.0);
     let back = planar(0.0, 0.0, std::f64::consts::PI);
-    let at = |ms: u64| Monotonic::from_nanos(1_000_000_000 + ms * 1_000_000);
     for (is_boat, max_ground_age_s, limit_ms) in [
         (false, None, 3000),
         (true, None, 10_000),
@@ -226,39 +160,36 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
         setup.teleop.is_boat = is_boat;
         setup.guard.max_ground_age_s = max_ground_age_s;
         let rules = setup.rules();
-        let mut guard = CollisionMonitor::new(rules);
+        let mut monitor = CollisionMonitor::new(rules);
         let mut obstacle_scans = [ObstacleScan::default(), ObstacleScan::default()];
-        let mut limits_at = |guard: &mut CollisionMonitor, ms: u64| {
-            for (n, observations) in [&pose, &back].into_iter().enumerate() {
-                if n == 1 || ms == 0 {
-                    let scan = AHEAD.scan(&walls, observations);
-                    let mut blockage = BlockageDetector::default();
-                    blockage.update(&scan, at(ms));
-                    let times = (at(ms), Duration::from_millis(40));
-                    let plane = GroundPlane::under(observations);
-                    obstacle_scans[n].read(&scan, &plane, &rules, &blockage, times);
-                }
+        let map = setup.map(&walls, &pose, (START, Duration::from_hours(1)));
+        let mut limits = |ms: u64| {
+            let now = START + Duration::from_millis(ms);
+            let front_lives = ms == 0;
+            for (n, heading) in [pose, back]
+                .iter()
+                .enumerate()
+                .skip(usize::from(!front_lives))
+            {
+                let scan = Laser::AHEAD.scan(&walls, heading);
+                let mut blockage = BlockageDetector::default();
+                blockage.update(&scan, now);
+                let plane = GroundPlane::under(heading);
+                obstacle_scans[n].read(&scan, &plane, &rules, &blockage, (now, SCAN_PERIOD));
             }
-            let map = hall_map(&setup, &walls, &pose, at(ms));
             let input = CollisionMonitorInput {
                 obstacle_scans: &obstacle_scans,
                 map: Some(&map),
                 odometry: Some(OdometrySample {
                     odom_from_base: pose,
                     measured: Velocity::ZERO,
-                    measured_at: at(ms),
+                    measured_at: now,
                 }),
                 commanded: Velocity::ZERO,
                 requested: FULL_SPEED,
             };
-            match guard.output(&input, at(ms)) {
-                CollisionMonitorOutput::Limits(limits) => limits,
-                output @ (CollisionMonitorOutput::Off | CollisionMonitorOutput::Stale) => {
-                    panic!("{output:?}")
-                }
-            }
+            limits_of(monitor.output(&input, now))
         };
-        let mut limits = |ms| limits_at(&mut guard, ms);
         limits(0);
         for ms in (200..limit_ms).step_by(200) {
             let limits = limits(ms);
@@ -268,12 +199,8 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
             );
         }
         let old = limits(limit_ms + 100);
-        assert!(
-            old.in_unknown_space && old.forward_mps <= CREEP_MPS + 1e-9,
-            "{old:?}"
-        );
-        assert!(old.reverse_mps > 0.9, "{old:?}");
-        let [ahead, _, behind, _] = guard.side_ground_ages();
+        assert!(creeps_ahead(&old) && old.reverse_mps > 0.9, "{old:?}");
+        let [ahead, _, behind, _] = monitor.side_ground_ages();
         assert_eq!(ahead, Some(Duration::from_millis(limit_ms + 100)));
         assert_eq!(behind, Some(Duration::ZERO));
     }
