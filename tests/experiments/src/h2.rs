@@ -16,7 +16,7 @@ use protocol::layer::LayerId;
 use simulation::SimulationOptions;
 use truth::{Kind, YardTruth};
 
-/// Share of the swept cells of planes whose cost must be right [`algorithms.md` §4].
+/// Share of the swept cells of planes whose cost must be right [`docs/methods.md` §4].
 const RIGHT_MIN: f64 = 0.95;
 /// Share of the columns of things, where the laser met them, that must be lethal.
 const FOUND_MIN: f64 = 0.95;

@@ -1,4 +1,4 @@
-//! The experiments of the three documents, in simulated worlds whose truth is known (`algorithms.md` §8).
+//! The experiments of the three documents, in simulated worlds whose truth is known (`docs/methods.md` §8).
 //!
 //! Each runs through the same path as a recording ([`run`]) and is judged against the world's exact
 //! geometry; what came out is an [`Outcome`], plain data that [`report`] writes as a page with pictures.
@@ -52,7 +52,7 @@ use simulation::{OptionError, WorldError};
 pub use outcome::Outcome;
 pub use session::Session;
 
-/// One experiment of the table in `algorithms.md` §8.
+/// One experiment of the table in `docs/methods.md` §8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Experiment {
     /// Cells of four sizes.
