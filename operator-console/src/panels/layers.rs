@@ -2,8 +2,8 @@
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Button, ComboBox, DragAndDrop, Rect, RichText, Sense, Slider, Stroke, TextStyle, Ui,
-    WidgetInfo, pos2, vec2,
+    Button, Color32, ComboBox, DragAndDrop, Rect, RichText, Sense, Shape, Slider, Stroke,
+    TextStyle, Ui, WidgetInfo, pos2, vec2,
 };
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Scheme};
@@ -232,15 +232,31 @@ fn place_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
 
 /// A button that exchanges a layer with its neighbour. Returns the neighbour if it is clicked.
 fn step_ui(ui: &mut Ui, neighbour: Option<LayerId>, is_up: bool, name: &str) -> Option<LayerId> {
-    let (arrow, word) = if is_up {
-        ("⏶", "Raise")
+    let sense = if neighbour.is_some() {
+        Sense::click()
     } else {
-        ("⏷", "Lower")
+        Sense::hover()
     };
+    let (rect, response) = ui.allocate_exact_size(vec2(22.0, 22.0), sense);
+    let word = if is_up { "Raise" } else { "Lower" };
     let label = format!("{word} {name}");
-    let button = Button::new(arrow).min_size(vec2(22.0, 22.0));
-    let response = ui.add_enabled(neighbour.is_some(), button);
     response.widget_info(|| WidgetInfo::labeled(Role::Button, neighbour.is_some(), &label));
+    let visuals = ui.style().interact(&response);
+    let (fill, ink) = if neighbour.is_some() {
+        (visuals.weak_bg_fill, visuals.text_color())
+    } else {
+        (
+            Color32::TRANSPARENT,
+            ui.visuals().gray_out(visuals.text_color()),
+        )
+    };
+    ui.painter().rect_filled(rect.shrink(1.0), 3.0, fill);
+    let towards = if is_up { -4.0 } else { 4.0 };
+    let corners = [(0.0, towards), (5.0, -towards), (-5.0, -towards)]
+        .map(|(x, y)| rect.center() + vec2(x, y));
+    let corners = corners.to_vec();
+    ui.painter()
+        .add(Shape::convex_polygon(corners, ink, Stroke::NONE));
     neighbour.filter(|_| response.on_hover_text(&label).clicked())
 }
 

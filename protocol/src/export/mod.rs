@@ -34,15 +34,18 @@ pub struct ExportError {
 
 /// Reason of a failed export.
 #[derive(Debug, thiserror::Error)]
-#[error(transparent)]
 pub enum ExportFault {
     /// File system error.
+    #[error("{0}")]
     Io(#[from] io::Error),
     /// The `GeoTIFF` could not be encoded.
+    #[error("{0}")]
     Tiff(#[from] tiff::TiffError),
     /// The PNG could not be encoded.
+    #[error("{0}")]
     Png(#[from] png::EncodingError),
     /// The layer gives no raster.
+    #[error("{0}")]
     Mosaic(#[from] MosaicError),
 }
 

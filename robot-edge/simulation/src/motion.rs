@@ -21,13 +21,13 @@ use crate::world::World;
 /// True pose of a world's vehicle at any time.
 ///
 /// Position and yaw are the path's, exactly, until commands take it over; from then on they are what the drive
-/// makes of its commands, every [`POSTURE_STEP_S`], and are interpolated between. Height, pitch and roll of a
-/// vehicle on wheels follow from the ground every [`POSTURE_STEP_S`] and are interpolated between: exact on
+/// makes of its commands, every `POSTURE_STEP_S`, and are interpolated between. Height, pitch and roll of a
+/// vehicle on wheels follow from the ground every `POSTURE_STEP_S` and are interpolated between: exact on
 /// planes, and where a wheel meets a kerb of 4 cm at 0.5 m/s within 0.4 mm and 0.08° during that one step. Those
 /// of a boat follow from the waves at that very time. A vehicle without either stays level at z = 0.
 ///
 /// On the path, poses are computed as they are asked for, and those of the last seconds are kept. The first look
-/// at a late time takes as long as driving there. Off the path [`Motion::advance_to`] computes them.
+/// at a late time takes as long as driving there. Off the path `Motion::advance_to` computes them.
 #[derive(Clone)]
 pub struct Motion {
     path: Arc<Path>,
@@ -88,7 +88,7 @@ impl Motion {
     /// The vehicle's pose.
     ///
     /// On the path: before its beginning that at its start, after its end that at its end, where waves go on. Off
-    /// the path: of the last 10 s up to [`Motion::advance_to`], before and after the nearest of them.
+    /// the path: of the last 10 s up to `Motion::advance_to`, before and after the nearest of them.
     pub fn world_from_base(&self, time_s: f64) -> Pose {
         if let Some(Moment { at, posture, .. }) = self.driven_at(time_s) {
             return self.support.pose(at, posture, time_s);
@@ -201,7 +201,7 @@ impl Support {
 
 /// The motion of a vehicle that follows commands and stops at obstacles.
 ///
-/// Steps are numbered from the beginning of the run and lie [`POSTURE_STEP_S`] apart. A command holds for whole
+/// Steps are numbered from the beginning of the run and lie `POSTURE_STEP_S` apart. A command holds for whole
 /// steps, so that the motion depends on the steps at which commands came and on nothing else.
 #[derive(Clone)]
 struct Driven {
@@ -302,7 +302,7 @@ impl Driven {
     }
 }
 
-/// Postures at the multiples of [`POSTURE_STEP_S`].
+/// Postures at the multiples of `POSTURE_STEP_S`.
 ///
 /// Each settles from the one before: under a roof, the ground is what was below the wheels a moment ago.
 /// They are kept in blocks; of blocks that are gone the first posture stays, to compute them again.

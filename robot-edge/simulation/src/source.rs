@@ -78,7 +78,7 @@ impl SimulatedSource {
         })
     }
 
-    /// All streams of the run; a [`StreamId`](measurement::StreamId) is an index into it.
+    /// All streams of the run; a [`StreamId`] is an index into it.
     pub fn streams(&self) -> &[Stream] {
         &self.streams
     }
