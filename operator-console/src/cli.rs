@@ -63,7 +63,7 @@ pub struct Cli {
     /// Seconds from the start to the picture (with --screenshot, which needs it)
     #[arg(long, value_name = "S", requires = "screenshot", value_parser = seconds, allow_negative_numbers = true)]
     pub after: Option<Duration>,
-    /// Write what a screen reader is told of the window, at every change
+    /// Write what a screen reader gets of the window, at every change
     #[arg(long, value_name = "FILE", hide = true)]
     pub controls: Option<PathBuf>,
     /// Who you are: your folder of `robot-edge keys`. Then the link is mutual TLS, and --connect is quic/HOST:PORT

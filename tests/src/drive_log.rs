@@ -10,7 +10,7 @@ use crate::operator::{Input, Journal, Sent};
 
 /// The columns in their order.
 const COLUMNS: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
-                       age_ms,epoch,seq,clamp,guard";
+                       age_ms,epoch,seq,clamp,collision_monitor";
 
 /// Speeds of `base_link`: along x, m/s, and about z, rad/s.
 pub type Speeds = [f64; 2];
@@ -35,7 +35,7 @@ pub struct Round {
     /// Why the output differs from the request; empty if it does not.
     pub clamp: String,
     /// State of the collision monitor.
-    pub guard: String,
+    pub collision_monitor: String,
 }
 
 impl Round {
@@ -118,7 +118,7 @@ fn parse_round(line: &str) -> Option<Round> {
         epoch,
         seq,
         clamp,
-        guard,
+        collision_monitor,
     ] = fields;
     let speeds = |x: &str, z: &str| Some([x.parse().ok()?, z.parse().ok()?]);
     let age = match age {
@@ -141,7 +141,7 @@ fn parse_round(line: &str) -> Option<Round> {
         epoch: epoch.parse().ok()?,
         seq,
         clamp: clamp.to_owned(),
-        guard: guard.to_owned(),
+        collision_monitor: collision_monitor.to_owned(),
     })
 }
 
@@ -246,9 +246,9 @@ pub fn evaluate(log: &DriveLog, journals: &[&Journal], limits: &Limits) -> Evalu
         faults.extend(matches_request(round, sent.as_ref()));
         let is_standing = before.is_none_or(Round::is_stopped);
         // A key held before an obstacle needs no new press.
-        let was_guarded =
-            before.is_some_and(|before| before.mode == "driving" && before.clamp == "guard");
-        if is_standing && !was_guarded && !round.is_stopped() {
+        let was_limited = before
+            .is_some_and(|before| before.mode == "driving" && before.clamp == "collision_monitor");
+        if is_standing && !was_limited && !round.is_stopped() {
             let journal = journals.iter().find(|journal| is_of(journal, round));
             faults.extend(pressed_after_neutral(
                 round,
@@ -453,7 +453,7 @@ mod tests {
                 epoch: 5,
                 seq: Some(arrived),
                 clamp: String::new(),
-                guard: "on".to_owned(),
+                collision_monitor: "on".to_owned(),
             });
         }
         DriveLog { rounds, missing: 0 }

@@ -88,7 +88,7 @@ impl SessionMonitor {
         let is_heard = link == LinkState::Live && !model.awaits_status();
         if self.is_newly_held(model, is_heard) {
             let text = format!("{robot} is limited by the collision monitor");
-            notes.push((Severity::Info, "guard", text));
+            notes.push((Severity::Info, "collision_monitor", text));
         }
         if transport.is_some() && self.transport != transport {
             self.transport = transport;
@@ -225,9 +225,11 @@ mod tests {
         inject(model, Topic::Status, &status, at(ms));
     }
 
-    fn of_guard(notes: Vec<LogNote>) -> Vec<LogNote> {
-        let of_guard = notes.into_iter().filter(|(_, kind, _)| *kind == "guard");
-        of_guard.collect()
+    fn of_monitor(notes: Vec<LogNote>) -> Vec<LogNote> {
+        let of_monitor = notes
+            .into_iter()
+            .filter(|(_, kind, _)| *kind == "collision_monitor");
+        of_monitor.collect()
     }
 
     #[test]
@@ -249,10 +251,10 @@ mod tests {
         ] {
             is_let(&mut model, told_mps, ms);
             let notes = monitor.update(&model, None, at(ms));
-            held.extend(of_guard(notes).into_iter().map(|note| (ms, note)));
+            held.extend(of_monitor(notes).into_iter().map(|note| (ms, note)));
         }
         let text = "scout is limited by the collision monitor".to_owned();
-        let noted = |ms| (ms, (Severity::Info, "guard", text.clone()));
+        let noted = |ms| (ms, (Severity::Info, "collision_monitor", text.clone()));
         assert_eq!(held, [noted(2_000), noted(6_200)]);
     }
 
@@ -263,12 +265,12 @@ mod tests {
         let mut held = Vec::new();
         is_let(&mut model, 0.0, 0);
         for ms in [0, 300, 1_100, 5_000] {
-            held.extend(of_guard(monitor.update(&model, None, at(ms))));
+            held.extend(of_monitor(monitor.update(&model, None, at(ms))));
         }
         // State from before the silence does not count.
         is_let(&mut model, 0.0, 5_100);
         for ms in [5_100, 5_300] {
-            held.extend(of_guard(monitor.update(&model, None, at(ms))));
+            held.extend(of_monitor(monitor.update(&model, None, at(ms))));
         }
         assert_eq!(held, []);
     }

@@ -188,7 +188,7 @@ impl LayerSync {
             Some(false) => {
                 self.backoff.fail(now);
                 if self.backoff.failures >= FAILURES_BEFORE_LIST {
-                    // The robot may have removed them since the list. Only a new list can tell.
+                    // The robot may have removed them since the list. Only a new list shows that.
                     for tile in tiles {
                         self.missing.remove(tile);
                     }

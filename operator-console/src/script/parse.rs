@@ -21,7 +21,7 @@ A script has one action a line, behind the second at which it happens; `#` begin
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
   6.0 reset                     ends the active emergency stop
-  7.0 budget 128                kbit/s for tiles; guard on|off; recording on|off
+  7.0 budget 128                kbit/s for tiles; collision-monitor on|off; recording on|off
 States that `await` knows, and what the output says of them:
   idle                          \"Nobody drives\"
   held                          \"Standing\": somebody has the lease
@@ -186,7 +186,7 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
                 .map_err(|_why| format!("{kbps:?} is no number of kbit/s"))?;
             Action::Intent(Intent::Set(Setting::BudgetKbps(kbps)))
         }
-        ["guard", switch] => {
+        ["collision-monitor", switch] => {
             Action::Intent(Intent::Set(Setting::CollisionMonitor(switch_of(switch)?)))
         }
         ["recording", switch] => {

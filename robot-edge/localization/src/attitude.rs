@@ -126,7 +126,8 @@ impl AttitudeSmoothing {
 
     /// Takes an attitude; appends those that are complete now to `out`, in order.
     ///
-    /// # Errors If it is not newer than the last one; then it is ignored.
+    /// # Errors
+    /// If it is not newer than the last one; then it is ignored.
     pub fn push(
         &mut self,
         (stamp, attitude): StampedAttitude,

@@ -98,7 +98,8 @@ impl BeamProjector {
 
     /// Projects every valid beam with `odom_from_sensor_at` its own time.
     ///
-    /// # Errors If a pose is missing; then the whole scan is dropped.
+    /// # Errors
+    /// If a pose is missing; then the whole scan is dropped.
     pub fn project(
         &mut self,
         scan: &Scan,

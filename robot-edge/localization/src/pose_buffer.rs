@@ -67,7 +67,8 @@ impl PoseBuffer {
 
     /// The segment that gives poses at `stamp`.
     ///
-    /// # Errors The reason for a missing pose.
+    /// # Errors
+    /// The reason for a missing pose.
     pub fn segment(
         &self,
         stamp: RobotTime,

@@ -183,7 +183,7 @@ struct Writer {
 impl Writer {
     fn write_all(&mut self, waiting: &Receiver<AuditEntry>, is_over: &AtomicBool) {
         loop {
-            // Asked first: what was told before it closes is written.
+            // Asked first: what came before it closes is written.
             let is_last = is_over.load(Ordering::Relaxed);
             let mut lines = Vec::new();
             match waiting.recv_timeout(POLL_PERIOD) {
@@ -226,7 +226,7 @@ impl Writer {
         let is_full = self.bytes().is_some_and(|bytes| bytes >= self.file_bytes);
         let deleted = is_full.then(|| self.rotate()).flatten();
         let before = self.bytes();
-        // What is not written after all, with what its lines would have told of.
+        // What is not written after all, with what its lines would have contained.
         let (mut text, mut pending_lines) = (String::new(), 0);
         for line in deleted.into_iter().chain(lines) {
             let Line {

@@ -2,9 +2,9 @@
 
 use super::LinkError;
 
-/// The port of control, unless told otherwise; bulk is the next.
+/// The port of control, unless set otherwise; bulk is the next.
 pub const DEFAULT_PORT: u16 = 7447;
-/// Where control listens unless told otherwise: this machine only.
+/// Where control listens unless set otherwise: this machine only.
 pub const DEFAULT_CONTROL: &str = "tcp/127.0.0.1:7447";
 /// The same with keys.
 pub const DEFAULT_SECURED_CONTROL: &str = "quic/127.0.0.1:7447";

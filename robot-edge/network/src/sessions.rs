@@ -51,6 +51,7 @@ pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 /// QUIC listener, but not that of TLS.
 const FALLBACK_DELAY: Duration = Duration::from_millis(600);
 
+/// Opens a session of Zenoh.
 ///
 /// With credentials, the control session of a console uses QUIC, or TLS if QUIC does not answer.
 pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Session, LinkError> {

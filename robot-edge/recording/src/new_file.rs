@@ -111,7 +111,7 @@ pub struct DiskSpace {
 }
 
 impl DiskSpace {
-    /// Less is free than 1 GB or 5 % ("Recording durability").
+    /// Less is free than 1 GB or 5 %.
     pub const fn is_low(&self) -> bool {
         self.free_bytes < MIN_FREE_BYTES || self.free_bytes < self.total_bytes / MIN_FREE_DIVISOR
     }

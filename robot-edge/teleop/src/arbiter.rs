@@ -23,7 +23,7 @@ const MONITOR_TIMEOUT: Duration = Duration::from_millis(300);
 /// How long after the start of a stop young commands may take it back.
 const RESUME_WINDOW: Duration = Duration::from_millis(200);
 
-/// What the vehicle is doing ("States").
+/// What the vehicle is doing (docs/safety.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// The self-test runs. Output: zero.

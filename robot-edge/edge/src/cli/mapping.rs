@@ -81,7 +81,7 @@ pub struct Simulate {
 /// How the vehicle is driven.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct DrivingOptions {
-    /// Log every round of the loop that drives: what was asked, what the motors were told, and why; where there is such a file,
+    /// Log every round of the loop that drives: the request, the output to the motors, and why; where there is such a file,
     /// in `FILE-2.csv`, `FILE-3.csv` …
     #[arg(long, value_name = "FILE.csv", conflicts_with = "no_network")]
     pub drive_log: Option<PathBuf>,

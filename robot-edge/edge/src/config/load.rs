@@ -24,7 +24,7 @@ const PRESET_KEY: &str = "preset";
 ///
 /// # Errors
 /// Where there is no such vehicle, or the file cannot be read, or any setting is wrong; then all faults of
-/// a kind are told at once.
+/// a kind are reported at once.
 pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError> {
     let mut layers = match presets::find(vehicle) {
         Some(preset) => vec![preset.layer()?],

@@ -22,7 +22,7 @@ const FILE_BYTES: u64 = 64 << 20;
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 
 const HEADER: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
-                      age_ms,epoch,seq,clamp,guard";
+                      age_ms,epoch,seq,clamp,collision_monitor";
 
 /// Where the loop leaves its rounds. A thread of its own writes them as lines of comma-separated values; what it writes
 /// is complete up to the last round whatever becomes of the process.
@@ -44,7 +44,7 @@ struct Round {
 
 impl DriveLog {
     /// Begins a log in `file`, and goes on in others of its name, each of which begins with the header. Where it cannot
-    /// be written any more or the disk is nearly full, `ended` is told why, once.
+    /// be written any more or the disk is nearly full, `ended` gets the reason, once.
     ///
     /// # Errors
     /// Where the system gives no thread.
@@ -194,7 +194,7 @@ fn write_round(round: &Round, file: &mut impl Write) -> io::Result<()> {
         report.lease.epoch,
         OrEmpty(report.last_seq),
         OrEmpty(report.clamp.map(clamp)),
-        guard(report.collision_monitor),
+        collision_monitor(report.collision_monitor),
     )
 }
 
@@ -222,18 +222,18 @@ const fn clamp(clamp: Clamp) -> &'static str {
     match clamp {
         Clamp::Speed => "vehicle",
         Clamp::Age => "age",
-        Clamp::CollisionMonitor => "guard",
+        Clamp::CollisionMonitor => "collision_monitor",
         Clamp::Ramp => "ramp",
         Clamp::Stop => "stop",
     }
 }
 
-const fn guard(output: Option<CollisionMonitorOutput>) -> &'static str {
+const fn collision_monitor(output: Option<CollisionMonitorOutput>) -> &'static str {
     match output {
         None => "silent",
         Some(CollisionMonitorOutput::Off) => "off",
         Some(CollisionMonitorOutput::Stale) => "stale",
-        Some(CollisionMonitorOutput::Limits(limits)) if limits.in_unknown_space => "blind",
+        Some(CollisionMonitorOutput::Limits(limits)) if limits.in_unknown_space => "unknown_space",
         Some(CollisionMonitorOutput::Limits(_)) => "on",
     }
 }

@@ -71,7 +71,7 @@ pub struct MonitorRunner {
     odometry: Output<Option<OdometrySample>>,
 }
 
-/// A guard that keeps to `rules` and the ways to tell it what so many range sensors see, and the map. `ground` is one
+/// A collision monitor with `rules`, and its inputs from so many range sensors and from the map. `ground` is one
 /// like that of the mapper, where heights are mapped; else each scan's ground is the plane under the vehicle.
 pub fn monitor_input(
     rules: CollisionMonitorRules,

@@ -14,6 +14,7 @@ use crate::actuators::published_velocity::PublishedVelocity;
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::cli::DrivingOptions;
 use crate::config::{Config, ConfigIssue};
+#[cfg(feature = "simulation")]
 use crate::driving::motors::SimulatedMotors;
 use crate::driving::{
     DriveLog, Driving, DrivingSettings, EStopFile, EStopStore, LocalCommands, MonitorMapInput,
@@ -36,6 +37,7 @@ pub(super) type CollisionMonitorInputs = (MonitorSensorInput, MonitorMapInput);
 pub(super) enum MotorsPlan {
     /// The vehicle can be observed, and not driven.
     None,
+    #[cfg(feature = "simulation")]
     Simulated(SimulatedMotors),
     /// Velocities are published on this topic of a ROS 2 system.
     Ros2Twist(RosLink, String),
@@ -48,6 +50,7 @@ impl MotorsPlan {
     fn start(&self) -> anyhow::Result<Motors> {
         Ok(match self {
             Self::None => Motors::None,
+            #[cfg(feature = "simulation")]
             Self::Simulated(motors) => Motors::Simulated(motors.clone()),
             Self::Ros2Twist(link, topic) => {
                 let publisher = link.twist_publisher(topic)?;
@@ -95,7 +98,9 @@ impl DrivePlan {
     pub(super) const fn can_drive(&self) -> bool {
         match self.motors {
             MotorsPlan::None => false,
-            MotorsPlan::Simulated(_) | MotorsPlan::Ros2Twist(..) => true,
+            #[cfg(feature = "simulation")]
+            MotorsPlan::Simulated(_) => true,
+            MotorsPlan::Ros2Twist(..) => true,
             #[cfg(target_os = "linux")]
             MotorsPlan::Roboteq(_) => true,
         }

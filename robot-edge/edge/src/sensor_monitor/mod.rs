@@ -200,7 +200,7 @@ impl MonitoredSensor {
     fn check(&mut self, now: Duration) -> Option<FaultChange> {
         let sensor = self.info.name.clone();
         match (self.health.fault(now), self.reported) {
-            // A less severe fault is not reported anew: an intermittent sensor would report all the time.
+            // A less severe fault is not reported again: an intermittent sensor would report all the time.
             (Some(fault), Some((reported, _))) if fault >= reported => {
                 self.reported = Some((reported, now));
                 None

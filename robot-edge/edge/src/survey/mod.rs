@@ -19,7 +19,7 @@ pub use report::Mappable;
 /// Of longer files only the beginning is surveyed.
 pub const MAX_SURVEYED_BYTES: u64 = 256 << 20;
 
-/// Streams of one kind that are told apart.
+/// Streams of one kind that are distinguished.
 const MAX_SOURCES: usize = 64;
 
 /// What is in a recording.

@@ -378,7 +378,7 @@ mod max_range_tests {
         // Far ranges that thin out.
         let hall: Vec<_> = (0..600).map(|i| (30.0 - 0.01 * i as f32, 1 + i)).collect();
         assert_eq!(survey(&hall).miss_range_m(), None);
-        // Too few to tell.
+        // Too few to decide.
         assert_eq!(survey(&[(3.0, 100), (50.0, 9)]).miss_range_m(), None);
         assert_eq!(
             survey(&[(3.0, 1_000_000), (50.0, 400)]).miss_range_m(),

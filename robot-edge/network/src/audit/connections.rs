@@ -1,7 +1,7 @@
-//! Who comes and goes at a vehicle, in as few lines as tell it.
+//! Summarizes connections to a vehicle in few lines of the audit log.
 //!
 //! A console that looks for robots connects every few seconds and is gone a second later, all day long. Of each
-//! visitor the first link is told at once, and whatever lasts; of mere looks one line a minute says how many there
+//! visitor the first link is written at once, and so are links that last; of mere looks one line a minute says how many there
 //! were, and when the last one ended. So neither the first nor the last is lost, and the log is not full of them.
 
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use measurement::time::Monotonic;
 
 /// A link that has ended sooner than this was a look: consoles ask who is there within 2 s.
 const SHORT_CONNECTION: Duration = Duration::from_secs(3);
-/// Looks are told of together, this often.
+/// Short connections are summed up this often.
 const PERIOD: Duration = Duration::from_mins(1);
 
 /// A link that was set up, or has ended.
@@ -44,7 +44,7 @@ struct Peer {
 struct PeerConnections {
     /// Looks are counted since then.
     since: Monotonic,
-    /// Links that may last: nothing was told of them yet.
+    /// Links that may last: nothing was written of them yet.
     pending: Vec<PendingConnect>,
     short_connections: u64,
     /// How the last look ended: when, seconds since 1970, and where from.
@@ -128,7 +128,7 @@ impl ConnectionSummary {
         lines
     }
 
-    /// What is to be written before a line of something else: whoever does that has connected before.
+    /// What is to be written before a line of something else: its author has connected before.
     pub(super) fn flush_pending(&mut self) -> Vec<Line> {
         self.drain_settled(|_fresh| true)
     }
@@ -169,7 +169,7 @@ impl PeerConnections {
         }
     }
 
-    /// The line that tells of all looks since the last one, where there were any.
+    /// The line that sums up all short connections since the last one, if there were any.
     fn take_short_connections(&mut self, peer: &Peer) -> Option<Line> {
         let (at_s, from) = self.last.take()?;
         let Peer { who, channel, .. } = peer;
@@ -215,10 +215,10 @@ mod tests {
                 lines.extend(connections.record(link(is_up, port), s, at(s * 1_000)));
             }
         }
-        told(lines)
+        self::lines(lines)
     }
 
-    fn told(lines: impl IntoIterator<Item = Line>) -> Vec<(u64, String)> {
+    fn lines(lines: impl IntoIterator<Item = Line>) -> Vec<(u64, String)> {
         let lines = lines.into_iter();
         lines.map(|line| (line.at_s, line.message)).collect()
     }
@@ -244,14 +244,14 @@ mod tests {
             [word(159, &more("29 times", 1158))]
         );
         assert_eq!(
-            told(connections.end()),
+            lines(connections.end()),
             [word(219, &more("30 times", 1218))]
         );
-        assert_eq!(told(connections.end()), [], "told is told");
+        assert_eq!(lines(connections.end()), [], "each line is written once");
     }
 
     #[test]
-    fn a_link_that_lasts_is_told_soon_and_so_is_its_end() {
+    fn a_link_that_lasts_is_written_soon_and_so_is_its_end() {
         let mut connections = ConnectionSummary::default();
         assert!(
             connections
@@ -269,8 +269,12 @@ mod tests {
             102,
             "operator:anna connects, control, from quic/10.0.0.5:2".to_owned(),
         );
-        assert_eq!(told(connections.due(at(105_000))), [joined]);
-        assert_eq!(connections.due(at(110_000)), [], "told is told");
+        assert_eq!(lines(connections.due(at(105_000))), [joined]);
+        assert_eq!(
+            connections.due(at(110_000)),
+            [],
+            "each line is written once"
+        );
         let gone = connections
             .record(link(false, 2), 900, at(900_000))
             .unwrap();
@@ -286,13 +290,13 @@ mod tests {
                 .is_some()
         );
         assert_eq!(connections.record(link(true, 2), 101, at(101_000)), None);
-        assert_eq!(told(connections.flush_pending()).len(), 1);
+        assert_eq!(lines(connections.flush_pending()).len(), 1);
         let gone = connections.record(link(false, 2), 102, at(102_000));
-        assert!(gone.is_some(), "what was told to begin is told to end");
+        assert!(gone.is_some(), "a beginning that was written has an end");
     }
 
     #[test]
-    fn the_same_keys_at_another_computer_are_told_at_once() {
+    fn the_same_keys_at_another_computer_are_written_at_once() {
         let mut connections = ConnectionSummary::default();
         assert!(
             connections

@@ -113,7 +113,7 @@ pub(super) fn create(path: &Path, text: &str, readers: Readers) -> Result<(), Cr
     })
 }
 
-/// Writes a file anew. Whoever reads it meanwhile reads all of the old text, or all of the new.
+/// Replaces a file in one step: a reader gets all of the old text, or all of the new.
 pub(super) fn replace(path: &Path, text: &str, readers: Readers) -> Result<(), CredentialsError> {
     let draft = write_draft(path, text, readers)?;
     fs::rename(&draft, path).map_err(|why| CredentialsError::Write {

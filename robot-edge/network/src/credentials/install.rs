@@ -1,6 +1,6 @@
 //! `robot-edge install-keys`: puts a vehicle's keys where it reads them, whole, in the place of those that are there.
 //!
-//! The new folder is made beside the old one, and the two are exchanged in one step: whoever looks finds all of the old
+//! The new folder is made beside the old one, and the two are exchanged in one step: a reader finds all of the old
 //! keys or all of the new ones. A run that was cut off leaves at most a folder beside them, which the next run removes.
 
 use std::fs::{self, File};

@@ -38,7 +38,7 @@ pub struct IssueRequest {
 
 /// Makes what is missing of what `request` names; what it did, in words, line by line.
 ///
-/// No key, certificate or list entry is ever changed. A router's configuration follows from these and is written anew.
+/// No key, certificate or list entry is ever changed. A router's configuration follows from these and is rewritten.
 ///
 /// # Errors
 /// Where something is there that does not fit what is asked for, or a file cannot be read or written.

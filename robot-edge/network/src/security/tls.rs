@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::access::vehicle_access;
 use crate::credentials::{Credentials, Identity, OperatorList};
 
-/// Sessions that a vehicle or a router holds at once: as many as it tells people apart.
+/// Sessions that a vehicle or a router holds at once: as many as operators that it distinguishes.
 const MAX_SESSIONS: usize = 64;
 /// A link that is not set up in this time is given up, ms: strangers must not hold many.
 const SETUP_MS: u64 = 4000;
@@ -15,7 +15,7 @@ const SETUP_MS: u64 = 4000;
 /// Settings of Zenoh: key and value.
 pub(crate) type SettingsOfTls = Vec<(&'static str, Value)>;
 
-/// What both sides and routers share. Certificates and keys are told in other words by each.
+/// What both sides and routers share. Each has other settings for certificates and keys.
 pub(super) fn shared_settings() -> SettingsOfTls {
     vec![
         // Nothing else carries a common name.

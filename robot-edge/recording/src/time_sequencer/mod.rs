@@ -1,4 +1,4 @@
-//! Measurements in the order of their stamps, out of a file that holds them in the order they were logged.
+//! Puts measurements of a recording or of live sensors in the order of their stamps.
 //!
 //! Items wait until the data's clock has passed them by a window. Stamps that cannot be true must not cost
 //! more than themselves, so a step that is longer than the window, either way, is believed only when the
@@ -9,7 +9,7 @@
 //! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
 //!   begins a new epoch with its own order.
 //!
-//! Transforms do not move the data's clock: localisation dates them into the future (AMCL by 1 s, its
+//! Transforms do not move the data's clock: localization dates them into the future (AMCL by 1 s, its
 //! `transform_tolerance`), which would leave nothing of the window to the other streams.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};

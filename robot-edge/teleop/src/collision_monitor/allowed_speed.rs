@@ -169,7 +169,7 @@ impl SpeedLimitContext<'_> {
 pub struct Barrier {
     /// Metres.
     pub position_in_odom: [f64; 2],
-    /// How the guard knows of it.
+    /// How the collision monitor knows of it.
     pub kind: BarrierKind,
 }
 

@@ -48,7 +48,7 @@ pub struct CollisionMonitorConfig {
     pub no_return_speed_mps: f64,
 }
 
-/// What the guard does where nothing is known of what lies ahead.
+/// What the collision monitor does where nothing is known of what lies ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnknownSpacePolicy {
@@ -119,7 +119,7 @@ pub(super) struct Heights {
     pub(super) keel_m: Option<f64>,
 }
 
-/// Settings that were checked, in the form that the guard uses.
+/// Settings that were checked, in the form that the collision monitor uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CollisionMonitorRules {
     pub(super) enabled: bool,
@@ -147,12 +147,12 @@ impl CollisionMonitorRules {
 
     /// The rules of a vehicle, or what is wrong with its settings. Those of the arbiter are taken as valid.
     pub fn new(
-        guard: &CollisionMonitorConfig,
+        settings: &CollisionMonitorConfig,
         teleop: &TeleopConfig,
         vehicle: &VehicleConfig,
         obstacle: &ObstacleConfig,
     ) -> Result<Self, Vec<SettingError>> {
-        let mut faults = guard.check();
+        let mut faults = settings.check();
         let footprint = "the collision monitor keeps the footprint free";
         faults.extend(out_of_range(
             "vehicle",
@@ -165,12 +165,12 @@ impl CollisionMonitorRules {
             return Err(faults);
         }
         Ok(Self {
-            enabled: guard.enabled,
-            unknown_space_policy: guard.unknown_space_policy,
-            creep_mps: guard.creep_mps,
+            enabled: settings.enabled,
+            unknown_space_policy: settings.unknown_space_policy,
+            creep_mps: settings.creep_mps,
             margins: Margins {
-                ahead_m: guard.margin_m.max(guard.side_margin_m),
-                side_m: guard.side_margin_m,
+                ahead_m: settings.margin_m.max(settings.side_margin_m),
+                side_m: settings.side_margin_m,
             },
             footprint: Footprint::centred(vehicle.length_m, vehicle.width_m)
                 .moved_ahead(vehicle.footprint_offset_m),
@@ -179,7 +179,7 @@ impl CollisionMonitorRules {
                 decel_mps2: teleop.stop_decel_mps2,
                 decel_radps2: teleop.stop_decel_radps2,
             },
-            actuator_delay: Duration::from_secs_f64(guard.actuator_delay_s),
+            actuator_delay: Duration::from_secs_f64(settings.actuator_delay_s),
             max_speed_mps: vehicle.max_speed_mps,
             max_turn_rate_radps: vehicle.max_turn_rate_radps,
             heights: Heights {
@@ -188,16 +188,16 @@ impl CollisionMonitorRules {
                 h_neg_m: obstacle.h_neg_m,
                 keel_m: teleop.is_boat.then_some(vehicle.bottom_z_m),
             },
-            ground_visible_below_m: guard.ground_visible_below_m,
-            max_ground_age: Duration::from_secs_f64(guard.max_ground_age_s.unwrap_or(
+            ground_visible_below_m: settings.ground_visible_below_m,
+            max_ground_age: Duration::from_secs_f64(settings.max_ground_age_s.unwrap_or(
                 if teleop.is_boat {
                     MAX_GROUND_AGE_WATER_S
                 } else {
                     MAX_GROUND_AGE_LAND_S
                 },
             )),
-            treat_no_return_as_free: guard.treat_no_return_as_free,
-            no_return_speed_mps: guard.no_return_speed_mps,
+            treat_no_return_as_free: settings.treat_no_return_as_free,
+            no_return_speed_mps: settings.no_return_speed_mps,
             is_boat: teleop.is_boat,
         })
     }
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn every_fault_is_named() {
-        let guard = CollisionMonitorConfig {
+        let settings = CollisionMonitorConfig {
             creep_mps: 0.0,
             margin_m: -0.1,
             side_margin_m: f64::NAN,
@@ -242,7 +242,7 @@ mod tests {
             ..VehicleConfig::default()
         };
         let rules = CollisionMonitorRules::new(
-            &guard,
+            &settings,
             &TeleopConfig::default(),
             &vehicle,
             &ObstacleConfig::default(),

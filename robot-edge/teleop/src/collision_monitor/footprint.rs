@@ -328,7 +328,7 @@ impl MotionDirection {
     }
 
     /// The greatest speed of travel, metres per second, from which it stands within a travel: `v·t + v²/2a`
-    /// ("Collision monitor") solved for the speed `v`.
+    /// (docs/safety.md) solved for the speed `v`.
     pub(crate) fn speed_for_mps(self, travel_m: f64, braking: &Braking) -> f64 {
         if travel_m <= 0.0 {
             return 0.0;

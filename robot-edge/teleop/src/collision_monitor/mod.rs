@@ -215,7 +215,7 @@ const NOISE: f64 = 0.03;
 
 /// What is measured beyond the limits, with its sign; zero along an axis that keeps to them.
 ///
-/// Where the guard allows the greatest speed, noise does not count: no command asks for more, and without thrust at
+/// Where the collision monitor allows the greatest speed, noise does not count: no command asks for more, and without thrust at
 /// every second measurement the boat would never get there.
 fn overspeed(limits: &SpeedLimits, measured: Velocity, rules: &CollisionMonitorRules) -> Velocity {
     Velocity::new(

@@ -17,7 +17,7 @@ const MAX_POINTS: usize = 16_384;
 /// Width of a beam in steps between beams, so that a single missing beam leaves no gap.
 const BEAM_STEPS: f64 = 2.0;
 
-/// Sweeps and maps are never stale before this ("Collision monitor").
+/// Sweeps and maps are never stale before this.
 const MIN_STALE_AGE: Duration = Duration::from_millis(300);
 
 /// One scan of one sensor. Its buffers are reused from scan to scan.

@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn it_obeys_late() {
-        // Measured at 1000 ms, where it obeyed what it was told at 900 ms; slower by a tenth than it should be.
+        // Measured at 1000 ms, where it obeyed the command of 900 ms; slower by a tenth than it should be.
         let commanded = commanded(&[(800, 1.0, 0.0), (950, 0.5, 0.0), (1020, 0.0, 0.0)]);
         let placed = odometry(0.9, 0.0)
             .predicted_pose(&commanded, (DELAY, false), at(1040))

@@ -137,7 +137,7 @@ fn range_m(origin: Point2<f64>, direction: Vector2<f64>, wall: &[Point2<f64>; 2]
 /// The settings of a vehicle.
 #[derive(Clone, Debug)]
 pub(super) struct Setup {
-    pub(super) guard: CollisionMonitorConfig,
+    pub(super) monitor: CollisionMonitorConfig,
     pub(super) teleop: TeleopConfig,
     pub(super) vehicle: VehicleConfig,
 }
@@ -155,7 +155,7 @@ impl Default for Setup {
     /// the sides.
     fn default() -> Self {
         Self {
-            guard: trusting_no_returns(),
+            monitor: trusting_no_returns(),
             teleop: TeleopConfig::default(),
             vehicle: vehicle(0.8, 0.6, 1.0),
         }
@@ -165,7 +165,7 @@ impl Default for Setup {
 impl Setup {
     pub(super) fn rules(&self) -> CollisionMonitorRules {
         CollisionMonitorRules::new(
-            &self.guard,
+            &self.monitor,
             &self.teleop,
             &self.vehicle,
             &ObstacleConfig::default(),
@@ -290,12 +290,12 @@ impl Scene {
     }
 }
 
-/// A guarded vehicle in a world.
+/// A vehicle with a collision monitor in a world.
 struct Drive {
     setup: Setup,
     walls: Walls,
     laser: Laser,
-    guard: CollisionMonitor,
+    monitor: CollisionMonitor,
     map: Option<LocalMap>,
     pose: Pose,
     motion: Motion,
@@ -320,14 +320,14 @@ impl Drive {
     /// At the origin, standing; odometry lags behind by some rounds.
     fn new(setup: Setup, walls: Walls, odometry_lag: usize) -> Self {
         let rules = setup.rules();
-        let delay_rounds = (setup.guard.actuator_delay_s / TICK.as_secs_f64()) as usize;
+        let delay_rounds = (setup.monitor.actuator_delay_s / TICK.as_secs_f64()) as usize;
         let still = OdometrySample {
             odom_from_base: planar(0.0, 0.0, 0.0),
             measured: Velocity::ZERO,
             measured_at: START,
         };
         Self {
-            guard: CollisionMonitor::new(rules),
+            monitor: CollisionMonitor::new(rules),
             setup,
             walls,
             laser: Laser::ALL_DIRECTIONS,
@@ -357,7 +357,7 @@ impl Drive {
             .moved_ahead(vehicle.footprint_offset_m)
     }
 
-    /// One round: the guard speaks, the arbiter moves towards `requested` within that (or stops, where nothing is), and
+    /// One round: the collision monitor limits, the arbiter moves towards `requested` within that (or stops, where nothing is), and
     /// the vehicle does what it was told some time ago.
     fn round(&mut self, requested: Option<Velocity>) {
         self.evaluate(requested.unwrap_or_default());
@@ -388,14 +388,14 @@ impl Drive {
         });
     }
 
-    /// The guard's word on what is around now.
+    /// The output for what is around now.
     fn evaluate(&mut self, requested: Velocity) {
         let now = self.now();
         if self.round.is_multiple_of(SCAN_ROUNDS) {
             let mut scan = self.laser.scan(&self.walls, &self.pose);
             self.disturb(&mut scan);
             let plane = GroundPlane::under(&self.pose);
-            let rules = *self.guard.rules();
+            let rules = *self.monitor.rules();
             self.cover(&mut scan);
             self.blockage.update(&scan, now);
             let times = (now, SCAN_PERIOD);
@@ -409,7 +409,7 @@ impl Drive {
         if self.round > 0 {
             self.untold.pop_front();
         }
-        self.output = self.guard.output(
+        self.output = self.monitor.output(
             &CollisionMonitorInput {
                 obstacle_scans: &self.obstacle_scans,
                 map: self.map.as_ref(),

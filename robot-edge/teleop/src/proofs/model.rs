@@ -365,7 +365,7 @@ impl Model for Scope {
 /// A step of time.
 const UNIT: Duration = millis(100);
 
-/// Tokens that are told apart, by their age in steps: the last one is too old.
+/// Tokens that are distinguished by their age in steps: the last one is too old.
 const TOKENS: u8 = 4;
 
 /// What the present epoch, and the emergency stop in force or last in force, are called.

@@ -143,7 +143,7 @@ fn boat(world: &Path) -> (Robot, Operator, Operator) {
 fn assert_creeps(robot: &Robot) {
     let log = robot.log();
     let last = log.rounds.last().unwrap();
-    assert_eq!(last.guard, "blind");
+    assert_eq!(last.collision_monitor, "unknown_space");
     assert!(last.output[0] <= CREEP_MPS + 1e-6, "{last:?}");
 }
 

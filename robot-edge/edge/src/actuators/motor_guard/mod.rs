@@ -1,17 +1,17 @@
 //! The motor guard: a small process that owns the motors, so that they stop whatever becomes of the edge.
 //!
 //! The edge is large: it maps, streams, and talks to a network. Its teleop loop may hang, be killed, be stopped by a
-//! debugger or starve; the motors would then go on as they were told last. So it never holds their port. It says what
+//! debugger or starve; the motors would then keep their last command. So it never holds their port. It says what
 //! they are to do to a child process ([`run`]) through a pipe, in frames that carry the time of decision
-//! ([`frame`]), and the child tells the motors zero
+//! ([`frame`]), and the child sends zero to the motors
 //! - when nothing valid has come for [`WATCHDOG`], counted from the decision: also where the edge is stopped and what it
 //!   sent before lies in the pipe;
 //! - when the pipe closes: the edge is gone;
 //! - when garbage comes, and at SIGTERM, SIGINT and SIGQUIT. SIGUSR1, SIGUSR2 and SIGHUP it ignores.
 //!
 //! After each of these the motors stand until zero has been asked for. The other way round, where the child is gone or
-//! does not answer, [`GuardedMotors`] ends it, opens the port itself, tells the motors zero, and reports a fault for
-//! good. Before that, as soon as the child has missed two reports, it tells the motors zero once.
+//! does not answer, [`GuardedMotors`] ends it, opens the port itself, sends zero to the motors, and reports a fault for
+//! good. Before that, as soon as the child has missed two reports, it sends zero to the motors once.
 //!
 //! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child
 //! waits for it to let go of the port, and ends it where it does not.

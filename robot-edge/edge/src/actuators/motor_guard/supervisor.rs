@@ -29,8 +29,8 @@ use teleop::Velocity;
 /// At least this often it looks at everything.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
-/// A guard that has told nothing for this long, though it does so every 50 ms, may have been stopped: the motors are
-/// told zero once. If it was only slow, it goes on.
+/// A guard that has reported nothing for this long, though it does so every 50 ms, may have been stopped: zero is sent
+/// to the motors once. If it was only slow, it goes on.
 const REPORT_OVERDUE: Duration = Duration::from_millis(120);
 
 /// Timeout of the first report of a guard: its program must be loaded.
@@ -61,7 +61,7 @@ struct Guard {
     decoder: Decoder<REPORT_BYTES>,
     /// When it counts as lost without a report.
     lost: Monotonic,
-    /// When the motors are told zero past it, unless it tells something; absent before the first time, and after that.
+    /// When zero is sent past it, unless it reports something; absent before the first time, and after that.
     missed: Option<Monotonic>,
 }
 
@@ -259,8 +259,8 @@ impl Supervisor {
     }
 }
 
-/// Closes the pipe, which ends the guard after it has told the motors zero. Returns it if it had to be ended by force,
-/// so that nobody knows what it has told them.
+/// Closes the pipe, which ends the guard after it has sent zero to the motors. Returns it if it had to be ended by force,
+/// so that what it has sent is unknown.
 fn shut_down(guard: Guard) -> Option<Child> {
     let Guard {
         mut child,

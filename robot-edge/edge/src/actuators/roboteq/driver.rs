@@ -4,9 +4,9 @@
 //! command at a time is on its way: what the port's buffer holds could not be taken back, and would be an old command.
 //! Only a stop goes out at once, for both motors in one write ([`Command::StopBoth`]), behind whatever is on its way.
 //!
-//! The start takes some 3 s, during which the motors stand: both are told zero blindly; ten carriage returns end R/C
+//! The start takes some 3 s, during which the motors stand: both get zero without a reply; ten carriage returns end R/C
 //! mode; zero must be acknowledged; the parameters that decide what a command would do are read; then nothing is said
-//! until the controller's watchdog says that it has stopped the motors. All this is done anew whenever the controller
+//! until the controller's watchdog says that it has stopped the motors. All this is repeated whenever the controller
 //! has been silent, has garbled or refused several commands, or has been reset.
 
 use std::time::Duration;
@@ -94,7 +94,7 @@ pub struct Driver {
     scheduler: Scheduler,
     /// The controller has acknowledged [`Command::StopBoth`] when it was found.
     takes_pairs: bool,
-    /// It has not acknowledged one since: the motors are told zero one by one until both have acknowledged that.
+    /// It has not acknowledged one since: zero is sent to one motor after the other until both have acknowledged that.
     stops_singly: bool,
     input_mode: Option<u8>,
     encoders: Option<([Power; 2], Monotonic)>,

@@ -29,7 +29,7 @@ const LOCKED_RETRY: Duration = Duration::from_millis(50);
 /// A guard whose edge has gone ends by itself within 600 ms. After this it never does, and is ended: it was stopped.
 const TAKE_OVER_AFTER: Duration = Duration::from_secs(2);
 
-/// Well before that the motors that it has left behind are told zero.
+/// Well before that zero is sent to the motors of a port that was left behind.
 const STOP_AFTER: Duration = Duration::from_millis(150);
 
 /// Most reads in one step: more than a line of 960 characters a second can bring, and a bound for one that never ends.
@@ -50,7 +50,7 @@ pub struct SerialLink {
 #[derive(Clone, Copy, Debug)]
 struct Locked {
     since: Monotonic,
-    /// The motors that it has left behind were told zero.
+    /// Zero was sent to the motors of the port that was left behind.
     was_stopped: bool,
 }
 
@@ -314,7 +314,7 @@ impl Port {
     }
 
     /// Sends without waiting. What does not fit into the port's buffer is lost: the controller will not answer, and the
-    /// driver then begins anew.
+    /// driver then begins again.
     pub fn send(&self, transmission: &Transmission) -> io::Result<()> {
         if transmission.flush {
             termios::tcflush(&self.0, QueueSelector::IOFlush)?;

@@ -75,7 +75,7 @@ impl Power {
 pub enum Command {
     /// `!Ann`, `!ann`, `!Bnn`, `!bnn`: run a motor (p. 143). In mixed mode it would mean something else.
     Run(Channel, Power),
-    /// `!A00` and `!B00` in one write: whoever has written it need not live on until both motors stand. Whether the
+    /// `!A00` and `!B00` in one write: the sender need not live on until both motors stand. Whether the
     /// controller takes two commands back to back the manual does not say: it is tried at the start.
     StopBoth,
     /// `^mm`: read a parameter (p. 147).

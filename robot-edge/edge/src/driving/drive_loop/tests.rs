@@ -21,7 +21,7 @@ use teleop::TeleopConfig;
 use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
 use teleop::{Caller, LeaseVerb};
 
-fn guard_rules() -> CollisionMonitorRules {
+fn monitor_rules() -> CollisionMonitorRules {
     let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
     let obstacle = ObstacleConfig::default();
     CollisionMonitorRules::new(
@@ -33,8 +33,8 @@ fn guard_rules() -> CollisionMonitorRules {
     .unwrap()
 }
 
-/// A vehicle whose guard was told nothing yet.
-fn guarded(now: Monotonic) -> DriveLoop {
+/// A vehicle whose collision monitor has no input yet.
+fn monitored(now: Monotonic) -> DriveLoop {
     let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
     let mut drive_loop = DriveLoop::new(
         ("scout".parse().unwrap(), BootId([1; 16])),
@@ -44,7 +44,7 @@ fn guarded(now: Monotonic) -> DriveLoop {
         Arc::new(SharedDriveState::default()),
         now,
     );
-    drive_loop.monitor_runner = Some(monitor_input(guard_rules(), 1, None).2);
+    drive_loop.monitor_runner = Some(monitor_input(monitor_rules(), 1, None).2);
     drive_loop.runtime_settings.collision_monitor = true;
     drive_loop
 }
@@ -66,7 +66,7 @@ fn stops(
 #[test]
 fn a_stop_by_the_monitor_reports_the_cause() {
     let now = clock::now();
-    let mut drive_loop = guarded(now);
+    let mut drive_loop = monitored(now);
     drive_loop.tick(now);
     drop(drive_loop.drive_state.take_events());
     let says = "stopping: the collision monitor could not judge, it had no pose yet";
@@ -76,7 +76,7 @@ fn a_stop_by_the_monitor_reports_the_cause() {
         drive_loop.runtime_settings.last_stop,
         Some(StopReason::CollisionMonitorStale)
     );
-    // Other stops do not speak of the guard.
+    // Other stops do not speak of the collision monitor.
     let events = stops(&mut drive_loop, StopReason::Age, now);
     assert_eq!(events.len(), 1);
     assert!(!events[0].1.contains("monitor"), "{events:?}");
@@ -138,8 +138,8 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
 #[test]
 fn the_barrier_is_in_the_status_while_the_monitor_is_on() {
     let now = clock::now();
-    let mut drive_loop = guarded(now);
-    let (mut sensor_input, _map, monitor_runner) = monitor_input(guard_rules(), 1, None);
+    let mut drive_loop = monitored(now);
+    let (mut sensor_input, _map, monitor_runner) = monitor_input(monitor_rules(), 1, None);
     let scan = scan_of_a_wall();
     sensor_input.update_odometry(scan.stamp, &scan.odom_from_base, Velocity::ZERO, now);
     sensor_input.add_scan(&scan, now);
@@ -190,7 +190,7 @@ fn an_emergency_stop_of_an_observer_is_refused_each_time() {
     let list = format!(
         "version = 1\n[[person]]\nname = \"eve\"\nrole = \"observer\"\nkey = \"\"\"\n{key}\"\"\"\n"
     );
-    let mut drive_loop = guarded(now);
+    let mut drive_loop = monitored(now);
     drive_loop.operators = Operators::listed(&OperatorList::parse(&list).unwrap());
     drive_loop.tick(now);
     let name: OperatorName = "eve".parse().unwrap();

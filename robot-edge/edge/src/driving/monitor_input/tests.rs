@@ -19,8 +19,8 @@ fn rules(is_boat: bool) -> CollisionMonitorRules {
         is_boat,
         ..TeleopConfig::default()
     };
-    let (guard, vehicle) = (CollisionMonitorConfig::default(), VehicleConfig::default());
-    CollisionMonitorRules::new(&guard, &teleop, &vehicle, &ObstacleConfig::default()).unwrap()
+    let (monitor, vehicle) = (CollisionMonitorConfig::default(), VehicleConfig::default());
+    CollisionMonitorRules::new(&monitor, &teleop, &vehicle, &ObstacleConfig::default()).unwrap()
 }
 
 /// What follows the ground of a vehicle 0.5 m long.

@@ -28,9 +28,9 @@ impl Scene {
             ..Setup::default()
         };
         setup.vehicle.max_turn_rate_radps = 0.2;
-        setup.guard.creep_mps = 0.3;
-        setup.guard.margin_m = 1.0;
-        setup.guard.side_margin_m = 0.3;
+        setup.monitor.creep_mps = 0.3;
+        setup.monitor.margin_m = 1.0;
+        setup.monitor.side_margin_m = 0.3;
         setup.teleop.stop_decel_mps2 = 0.5;
         setup.teleop.stop_decel_radps2 = 0.2;
         setup.teleop.is_boat = true;

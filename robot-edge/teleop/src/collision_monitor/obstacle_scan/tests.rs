@@ -145,7 +145,7 @@ fn misses_are_trusted_or_not() {
     let at = Point2::new(4.0, 0.0);
     for treat_no_return_as_free in [true, false] {
         let mut setup = setup();
-        setup.guard.treat_no_return_as_free = treat_no_return_as_free;
+        setup.monitor.treat_no_return_as_free = treat_no_return_as_free;
         let scan = obstacle_scan(&setup, miss());
         assert_eq!(scan.coverage().is_visible(at, 0.0), treat_no_return_as_free);
         assert_eq!(scan.points_in_odom().len(), 0);

@@ -18,7 +18,7 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
     for (max_speed_mps, wall_m) in [(0.3, 1.5), (1.0, 3.0), (3.0, 13.0)] {
         for (actuator_delay_s, lag) in [(0.0, 0), (0.1, 2), (0.3, 5)] {
             let setup = Setup {
-                guard: CollisionMonitorConfig {
+                monitor: CollisionMonitorConfig {
                     actuator_delay_s,
                     ..trusting_no_returns()
                 },

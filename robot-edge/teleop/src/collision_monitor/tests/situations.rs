@@ -41,7 +41,7 @@ fn the_speed_is_that_of_the_formula() {
         (1.5, 0.3, 1.0, 0.9),
     ] {
         let mut setup = Setup::default();
-        setup.guard.actuator_delay_s = delay_s;
+        setup.monitor.actuator_delay_s = delay_s;
         setup.teleop.stop_decel_mps2 = decel;
         let mut at = Scene::new(setup, Laser::ALL_DIRECTIONS, &wall_ahead(0.4 + gap_m))
             .driving(Velocity::new(speed_mps, 0.0));
@@ -123,7 +123,7 @@ fn behind_a_vehicle_that_looks_ahead_it_is_blind() {
     let back = at.limits(Velocity::new(-1.0, 0.0));
     assert!((back.reverse_mps - 0.1).abs() < 1e-9 && back.in_unknown_space);
 
-    at.setup.guard.unknown_space_policy = UnknownSpacePolicy::Stop;
+    at.setup.monitor.unknown_space_policy = UnknownSpacePolicy::Stop;
     let back = at.limits(Velocity::new(-1.0, 0.0));
     assert!(back.reverse_mps == 0.0 && back.in_unknown_space && back.forward_mps == 1.0);
 }
@@ -134,7 +134,7 @@ fn what_beams_pass_over_the_map_may_know() {
     let pose = planar(0.0, 0.0, 0.0);
     // All beams are higher.
     let mut setup = Setup::default();
-    setup.guard.ground_visible_below_m = 0.1;
+    setup.monitor.ground_visible_below_m = 0.1;
     let mut at = Scene::new(setup, Laser::ALL_DIRECTIONS, &wall_ahead(5.0));
     let map = at.setup.map(&wall_ahead(-1.6), &pose, (START, MAP_PERIOD));
     assert!(at.limits(Velocity::new(-1.0, 0.0)).in_unknown_space);
@@ -181,7 +181,7 @@ fn stale_sweeps_mean_creeping_or_a_stop() {
         assert!(creeps_ahead(&limits), "{limits:?}");
         assert!(limits.forward_mps > 0.09 && limits.left_radps <= 0.2 + 1e-9);
     }
-    at.setup.guard.unknown_space_policy = UnknownSpacePolicy::Stop;
+    at.setup.monitor.unknown_space_policy = UnknownSpacePolicy::Stop;
     assert_eq!(
         at.output(Velocity::new(1.0, 0.0)),
         CollisionMonitorOutput::Stale
@@ -234,7 +234,7 @@ fn without_a_pose_it_stops() {
 #[test]
 fn switched_off_it_says_so() {
     let mut at = all_around(&wall_ahead(0.5));
-    at.setup.guard.enabled = false;
+    at.setup.monitor.enabled = false;
     assert_eq!(
         at.output(Velocity::new(1.0, 0.0)),
         CollisionMonitorOutput::Off
@@ -482,7 +482,7 @@ fn number() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// P9, and P8 as far as the guard goes: whatever it knows, its limits are finite, not negative and at most the
+    /// P9, and P8 as far as the collision monitor goes: whatever it knows, its limits are finite, not negative and at most the
     /// vehicle's own; so what is within them is no faster than what was asked.
     #[test]
     fn it_never_makes_anything_faster(
@@ -498,7 +498,7 @@ proptest! {
         let mut setup = Setup::default();
         setup.teleop.is_boat = is_boat;
         if stops {
-            setup.guard.unknown_space_policy = UnknownSpacePolicy::Stop;
+            setup.monitor.unknown_space_policy = UnknownSpacePolicy::Stop;
         }
         let mut scan = Laser::ALL_DIRECTIONS.scan(&vec![], &planar(0.0, 0.0, 0.0));
         for (beam, (x, y)) in scan.beams.iter_mut().step_by(60).zip(points) {

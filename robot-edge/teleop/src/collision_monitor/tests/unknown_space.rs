@@ -19,7 +19,7 @@ const SECOND: u32 = 50;
 /// With the defaults: misses prove nothing by themselves.
 fn setup() -> Setup {
     Setup {
-        guard: CollisionMonitorConfig::default(),
+        monitor: CollisionMonitorConfig::default(),
         ..Setup::default()
     }
 }
@@ -37,7 +37,7 @@ fn a_cover_put_on_while_it_drives_is_found_within_a_second() {
     // Also where the sensors are said to tell a cover themselves.
     for treat_no_return_as_free in [false, true] {
         let mut setup = setup();
-        setup.guard.treat_no_return_as_free = treat_no_return_as_free;
+        setup.monitor.treat_no_return_as_free = treat_no_return_as_free;
         let mut drive = Drive::new(setup, corridor(), 2);
         drive.drive_for(4 * SECOND, FULL_SPEED);
         let before = (drive.motion.linear.speed, drive.limits().forward_mps);
@@ -101,7 +101,7 @@ fn in_the_open_it_goes_as_fast_as_echoes_of_anything_allow() {
         (0, 0.5, CREEP_MPS),
     ] {
         let mut setup = setup();
-        setup.guard.no_return_speed_mps = no_return_speed_mps;
+        setup.monitor.no_return_speed_mps = no_return_speed_mps;
         let mut drive = Drive::new(setup, vec![], 2);
         drive.own_body_hits = own_body_hits;
         drive.drive_for(4 * SECOND, FULL_SPEED);
@@ -158,7 +158,7 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
     ] {
         let mut setup = setup();
         setup.teleop.is_boat = is_boat;
-        setup.guard.max_ground_age_s = max_ground_age_s;
+        setup.monitor.max_ground_age_s = max_ground_age_s;
         let rules = setup.rules();
         let mut monitor = CollisionMonitor::new(rules);
         let mut obstacle_scans = [ObstacleScan::default(), ObstacleScan::default()];
@@ -208,14 +208,14 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
 
 #[test]
 fn a_time_beyond_thirty_seconds_is_refused() {
-    let mut guard = CollisionMonitorConfig {
+    let mut monitor = CollisionMonitorConfig {
         max_ground_age_s: Some(30.0),
         ..CollisionMonitorConfig::default()
     };
-    assert_eq!(guard.check(), []);
+    assert_eq!(monitor.check(), []);
     for max_ground_age_s in [30.1, f64::INFINITY, f64::NAN, 0.0] {
-        guard.max_ground_age_s = Some(max_ground_age_s);
-        let faults = guard.check();
+        monitor.max_ground_age_s = Some(max_ground_age_s);
+        let faults = monitor.check();
         assert_eq!(faults.len(), 1, "{max_ground_age_s}");
         assert_eq!(faults[0].key, "teleop.collision_monitor.max_ground_age_s");
     }

@@ -7,7 +7,7 @@ use protocol::signed::Command;
 
 use super::*;
 
-/// A vehicle with a guard, its clock, and what people send it, signed as on a link that is open to all.
+/// A vehicle with a collision monitor, its clock, and what people send it, signed as on a link that is open to all.
 struct Vehicle {
     drive_loop: DriveLoop,
     now: Monotonic,
@@ -17,7 +17,7 @@ struct Vehicle {
 impl Vehicle {
     fn new() -> Self {
         let now = Monotonic::from_nanos(1_000_000_000);
-        let mut drive_loop = guarded(now);
+        let mut drive_loop = monitored(now);
         let (has_passed, stored) = (true, StoredEStop::None);
         drive_loop.step(now, ArbiterInput::SelfTest { has_passed, stored });
         let mut vehicle = Self {
@@ -71,8 +71,8 @@ impl Vehicle {
         answers.try_recv().ok()
     }
 
-    /// Somebody who may switches the guard off.
-    fn without_guard(&mut self, by: &str) {
+    /// Somebody who may switches the collision monitor off.
+    fn without_monitor(&mut self, by: &str) {
         let answer = self.sends(by, &Setting::CollisionMonitor(false));
         assert_eq!(answer, Some(Answer::Done), "{by}");
         self.passes(20);
@@ -105,8 +105,8 @@ impl Vehicle {
         self.drive_loop.drive_state.status().unwrap()
     }
 
-    /// The guard is on again: the status shows it, and one event says why.
-    fn is_guarded_again(&mut self, why: &str) {
+    /// The collision monitor is on again: the status shows it, and one event says why.
+    fn is_monitored_again(&mut self, why: &str) {
         self.passes(20);
         let status = self.status();
         assert!(
@@ -115,12 +115,12 @@ impl Vehicle {
             "{why}: {status:?}"
         );
         let events = self.drive_loop.drive_state.take_events();
-        let of_guard: Vec<_> = events
+        let of_monitor: Vec<_> = events
             .iter()
             .filter(|(kind, _)| kind.starts_with("collision_monitor"))
             .collect();
         let text = format!("the collision monitor is on again: {why}");
-        assert_eq!(of_guard, [&("collision_monitor", text)], "{events:?}");
+        assert_eq!(of_monitor, [&("collision_monitor", text)], "{events:?}");
     }
 }
 
@@ -131,15 +131,15 @@ fn the_monitor_is_on_after_each_grant_of_the_lease() {
     let granted = |epoch| Some(Answer::Granted(epoch));
     let mut vehicle = Vehicle::new();
     assert_eq!(vehicle.sends("anna", &REQUEST), granted(1));
-    vehicle.without_guard("anna");
+    vehicle.without_monitor("anna");
     vehicle.drives("anna");
     // She is cut off: the vehicle stops, and the lease ends.
     vehicle.passes(6000);
     assert_eq!(vehicle.status().lease.holder, None);
     assert_eq!(vehicle.sends("bert", &REQUEST), granted(2));
-    vehicle.is_guarded_again("bert has the lease from now on");
+    vehicle.is_monitored_again("bert has the lease from now on");
 
-    vehicle.without_guard("bert");
+    vehicle.without_monitor("bert");
     assert_eq!(vehicle.sends("cleo", &REQUEST), Some(Answer::Waiting));
     vehicle.passes(20);
     assert!(
@@ -148,55 +148,55 @@ fn the_monitor_is_on_after_each_grant_of_the_lease() {
     );
     let consent = LeaseRequest::HandOver("cleo".parse().unwrap());
     vehicle.sends("bert", &consent);
-    vehicle.is_guarded_again("cleo has the lease from now on");
+    vehicle.is_monitored_again("cleo has the lease from now on");
 
-    vehicle.without_guard("cleo");
+    vehicle.without_monitor("cleo");
     vehicle.sends("dora", &LeaseRequest::TakeOver);
-    vehicle.is_guarded_again("dora has the lease from now on");
+    vehicle.is_monitored_again("dora has the lease from now on");
     // A console that was restarted asks anew, and is granted anew.
-    vehicle.without_guard("dora");
+    vehicle.without_monitor("dora");
     assert_eq!(vehicle.sends("dora", &REQUEST), granted(5));
-    vehicle.is_guarded_again("dora has the lease from now on");
+    vehicle.is_monitored_again("dora has the lease from now on");
 }
 
 #[test]
 fn the_monitor_is_on_after_each_emergency_stop_and_reset() {
     let mut vehicle = Vehicle::new();
     vehicle.sends("anna", &REQUEST);
-    vehicle.without_guard("anna");
+    vehicle.without_monitor("anna");
     vehicle.sends("bert", &EStop { press: 1 });
-    vehicle.is_guarded_again("an emergency stop");
-    vehicle.without_guard("anna");
+    vehicle.is_monitored_again("an emergency stop");
+    vehicle.without_monitor("anna");
     let done = vehicle.sends("anna", &Reset { estop: 1 });
     assert_eq!(done, Some(Answer::Done));
-    vehicle.is_guarded_again("a reset");
+    vehicle.is_monitored_again("a reset");
 
-    vehicle.without_guard("anna");
+    vehicle.without_monitor("anna");
     vehicle
         .drive_loop
         .execute_local(LocalCommand::Stop, vehicle.now);
-    vehicle.is_guarded_again("an emergency stop");
-    vehicle.without_guard("anna");
+    vehicle.is_monitored_again("an emergency stop");
+    vehicle.without_monitor("anna");
     vehicle
         .drive_loop
         .execute_local(LocalCommand::Reset, vehicle.now);
-    vehicle.is_guarded_again("a reset");
+    vehicle.is_monitored_again("a reset");
 
-    vehicle.without_guard("anna");
+    vehicle.without_monitor("anna");
     vehicle
         .drive_loop
         .step(vehicle.now, ArbiterInput::ActuatorFault);
     vehicle
         .drive_loop
         .execute_local(LocalCommand::Reset, vehicle.now);
-    vehicle.is_guarded_again("a reset");
+    vehicle.is_monitored_again("a reset");
 }
 
 #[test]
-fn a_short_stop_by_age_is_no_grant_and_leaves_the_guard_as_it_was() {
+fn a_short_stop_by_age_is_no_grant_and_leaves_the_monitor_as_it_was() {
     let mut vehicle = Vehicle::new();
     vehicle.sends("anna", &REQUEST);
-    vehicle.without_guard("anna");
+    vehicle.without_monitor("anna");
     vehicle.drives("anna");
     vehicle.passes(1200);
     let status = vehicle.status();
@@ -209,7 +209,7 @@ fn a_short_stop_by_age_is_no_grant_and_leaves_the_guard_as_it_was() {
 }
 
 #[test]
-fn where_there_is_no_guard_none_is_said_to_be_on() {
+fn where_there_is_no_monitor_none_is_said_to_be_on() {
     let mut vehicle = Vehicle::new();
     (
         vehicle.drive_loop.monitor_runner,
