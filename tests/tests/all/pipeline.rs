@@ -6,14 +6,15 @@ use std::fs;
 use edge::config::Config;
 use edge::publishing::cells_to_tiles;
 use edge::runtime::{MapEvent, Pipeline};
-use experiments::run;
-use measurement::time::RobotDuration;
+use experiments::run::{self, SimulatedRun};
+use measurement::time::{Monotonic, RobotDuration};
 use measurement::{Measurement, MeasurementData};
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::RootDigest;
 use simulation::source::START;
 use simulation::{SimulatedSource, SimulationOptions, World};
+use teleop::collision_monitor::BlockageDetector;
 
 use crate::processes::start;
 
@@ -353,6 +354,53 @@ fn a_pose_jump_keeps_or_erases_the_maps_as_configured() {
         assert_eq!(
             counts.scans_in,
             counts.scans_registered + counts.dropped_scans.total()
+        );
+    }
+}
+
+/// Fixed and tilting lasers, before walls, canes and grass.
+#[test]
+fn a_cover_is_found_within_a_second_and_nothing_else_is_taken_for_one() {
+    const COVERED_S: f64 = 20.1;
+    for name in ["lake", "dock", "meadow", "yard"] {
+        let path = format!(
+            "{}/../robot-edge/simulation/worlds/{name}.toml",
+            env!("CARGO_MANIFEST_DIR")
+        );
+        let covered = format!("[noise]\nlaser_covered_s = [{COVERED_S}, 1e6]");
+        let text = fs::read_to_string(path)
+            .unwrap()
+            .replacen("[noise]", &covered, 1);
+        let world = World::parse(name, &text).unwrap();
+        let options = SimulationOptions {
+            duration_s: Some(COVERED_S + 2.0),
+            ..SimulationOptions::default()
+        };
+        let unused =
+            ["cost", "shore", "rigidity"].map(|layer| format!("mapping.{layer}.enabled=false"));
+        let unused = unused.each_ref().map(String::as_str);
+        let mut run = SimulatedRun::with_settings(&world, options, &unused).unwrap();
+        let mut detectors = BTreeMap::<_, BlockageDetector>::new();
+        // When which sensors were taken for blocked.
+        let mut blocked = Vec::new();
+        run.advance_with(run.duration_s(), |_, scan| {
+            let at_s = scan.stamp.since(START).as_secs_f64();
+            let detector = detectors.entry(scan.sensor).or_default();
+            detector.update(scan, Monotonic::from_nanos((at_s * 1e9) as u64));
+            if detector.is_blocked() {
+                blocked.push((scan.sensor.0, at_s));
+            }
+        })
+        .unwrap();
+        let found_s = blocked.first().unwrap().1 - COVERED_S;
+        assert!((0.0..1.0).contains(&found_s), "{name}: {blocked:?}");
+        assert!(
+            blocked.iter().all(|(sensor, _)| *sensor == 0),
+            "{name}: {blocked:?}"
+        );
+        assert!(
+            blocked.last().unwrap().1 > COVERED_S + 1.5,
+            "{name}: {blocked:?}"
         );
     }
 }

@@ -28,16 +28,20 @@ const MEMORY_BEAMS: usize = 128;
 
 /// The field of view is judged in parts of this width.
 const SECTOR_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
-/// A beam that passes a remembered echo by less should meet it again, radians.
+/// A beam should meet a remembered echo again if it passes so near to it within the plane of the sweep, and …
 const TOLERANCE_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
+/// … so near across it: a laser that tilts passes over the tops of things that it hit just before.
+const TOLERANCE_ACROSS_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Echoes beyond this share of the range come and go by themselves.
 const NEAR_SHARE: f64 = 0.8;
 /// A part is blocked where at least so many remembered echoes should be met, …
-const MIN_EXPECTED: u32 = 5;
-/// … this share of them is not, …
-const MISSING_SHARE: f64 = 0.8;
-/// … in so many sweeps with any to be met, in a row.
-const SWEEPS: u8 = 2;
+const MIN_EXPECTED: u32 = 10;
+/// … of so many sweeps, because a single one may have grazed water or a ridge, …
+const MIN_REMEMBERED_SWEEPS: u32 = 3;
+/// … and none of them is met, nor anything else, for so long, …
+const MISSING_TIME: Duration = Duration::from_millis(600);
+/// … and in so many sweeps in a row: a mirror or a pane of glass shows things from few places only.
+const MISSING_SWEEPS: u32 = 3;
 
 /// Judges the misses of one range sensor.
 #[derive(Clone, Debug, Default)]
@@ -62,13 +66,44 @@ pub(super) struct BlockageCounts {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Sector {
-    /// Remembered echoes that beams of this sweep pass, and those that they do not meet.
+    /// Remembered echoes that beams of this sweep pass, how many sweeps they are of, and the newest of these.
     expected: u32,
-    missing: u32,
+    expected_sweeps: u32,
+    expected_at: Option<Monotonic>,
+    is_any_met: bool,
     has_echo: bool,
-    /// Sweeps in a row in which too many were missing.
-    suspicious: u8,
+    /// Since when all that should be met was missing in every sweep, and in how many.
+    missing: Option<(Monotonic, u32)>,
     is_blocked: bool,
+}
+
+impl Sector {
+    /// Counts a remembered echo of the sweep at `at`.
+    fn expect(&mut self, at: Monotonic, is_met: bool) {
+        self.expected += 1;
+        self.expected_sweeps += u32::from(self.expected_at.replace(at) != Some(at));
+        self.is_any_met |= is_met;
+    }
+
+    /// Judges the sweep at `measured_at`, and forgets what was counted for it.
+    fn judge(&mut self, measured_at: Monotonic) {
+        let is_missing = !self.has_echo
+            && !self.is_any_met
+            && self.expected >= MIN_EXPECTED
+            && self.expected_sweeps >= MIN_REMEMBERED_SWEEPS;
+        self.missing = is_missing.then(|| {
+            let (since, sweeps) = self.missing.unwrap_or((measured_at, 0));
+            (since, sweeps + 1)
+        });
+        let is_found = self.missing.is_some_and(|(since, sweeps)| {
+            measured_at.since(since) >= MISSING_TIME && sweeps >= MISSING_SWEEPS
+        });
+        *self = Self {
+            missing: self.missing,
+            is_blocked: !self.has_echo && (self.is_blocked || is_found),
+            ..Self::default()
+        };
+    }
 }
 
 impl BlockageDetector {
@@ -123,9 +158,6 @@ impl BlockageDetector {
         if self.sectors.len() < count {
             self.sectors.resize(count, Sector::default());
         }
-        for sector in &mut self.sectors {
-            (sector.expected, sector.missing, sector.has_echo) = (0, 0, false);
-        }
         for beam in scan.beams.iter().filter(|beam| is_hit(beam)) {
             self.sectors[sector_of(beam.index, scan.beam_step_rad)].has_echo = true;
         }
@@ -135,27 +167,16 @@ impl BlockageDetector {
             self.stored_echoes.pop_front();
         }
         if let Some(scan_plane) = ScanPlane::of(scan) {
-            for &(_, point) in &self.stored_echoes {
+            for &(at, point) in &self.stored_echoes {
                 let Some((beams, is_met)) = scan_plane.beams_at(&point) else {
                     continue;
                 };
-                let sector = &mut self.sectors[sector_of(beams, scan.beam_step_rad)];
-                sector.expected += 1;
-                sector.missing += u32::from(!is_met);
+                self.sectors[sector_of(beams, scan.beam_step_rad)].expect(at, is_met);
             }
         }
         for sector in &mut self.sectors {
-            if sector.expected >= MIN_EXPECTED {
-                let is_suspicious =
-                    f64::from(sector.missing) >= MISSING_SHARE * f64::from(sector.expected);
-                sector.suspicious = if is_suspicious {
-                    sector.suspicious.saturating_add(1)
-                } else {
-                    0
-                };
-            }
             let was_blocked = sector.is_blocked;
-            sector.is_blocked = !sector.has_echo && (was_blocked || sector.suspicious >= SWEEPS);
+            sector.judge(measured_at);
             self.blockage_counts.blocked += u32::from(sector.is_blocked && !was_blocked);
         }
     }
@@ -228,7 +249,8 @@ impl<'a> ScanPlane<'a> {
         let to = point - self.origin;
         let distance_m = to.norm();
         let [x, y, z] = self.axes.map(|axis| axis.dot(&to));
-        if distance_m > NEAR_SHARE * self.range_max_m || z.abs() > TOLERANCE_RAD * distance_m {
+        if distance_m > NEAR_SHARE * self.range_max_m || z.abs() > TOLERANCE_ACROSS_RAD * distance_m
+        {
             return None;
         }
         let angle_rad = libm::atan2(y, x).rem_euclid(std::f64::consts::TAU);
