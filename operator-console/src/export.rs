@@ -89,7 +89,7 @@ impl fmt::Display for ExportPart {
 pub struct Snapshot {
     content: Content,
     /// Why it is incomplete.
-    lacks: Option<String>,
+    incomplete_because: Option<String>,
 }
 
 #[derive(Clone, Debug)]
@@ -133,13 +133,13 @@ impl Snapshot {
         };
         Self {
             content,
-            lacks: None,
+            incomplete_because: None,
         }
     }
 
     fn lacking(self, why: String) -> Self {
         Self {
-            lacks: Some(why),
+            incomplete_because: Some(why),
             ..self
         }
     }
@@ -205,7 +205,7 @@ pub struct Exported {
     /// Incomplete parts, and why.
     pub lacking: Vec<(ExportPart, String)>,
     /// Whether it was cancelled before the last part.
-    pub is_left: bool,
+    pub is_cancelled: bool,
 }
 
 impl Exported {
@@ -220,7 +220,7 @@ impl Exported {
         } else {
             ("files", "are")
         };
-        let mut lines = vec![if self.is_left {
+        let mut lines = vec![if self.is_cancelled {
             format!("Cancelled after {count} {files}; the written files are complete, in {folder}")
         } else {
             format!("{count} {files} {are} in {folder}")
@@ -229,7 +229,7 @@ impl Exported {
         lines.extend(failures.map(|(part, why)| format!("{part} is missing: {why}")));
         let lacking = self.lacking.iter();
         lines.extend(lacking.map(|(part, why)| format!("{part} is incomplete: {why}")));
-        let is_whole = self.failures.is_empty() && self.lacking.is_empty() && !self.is_left;
+        let is_whole = self.failures.is_empty() && self.lacking.is_empty() && !self.is_cancelled;
         let words = lines.join("\n");
         if is_whole { Ok(words) } else { Err(words) }
     }
@@ -249,17 +249,19 @@ pub fn export_parts(
     let mut exported = Exported::default();
     for part in parts {
         let ControlFlow::Continue(taken) = take(part, &exported) else {
-            exported.is_left = true;
+            exported.is_cancelled = true;
             break;
         };
         let written = taken.and_then(|snapshot| {
-            let lacks = snapshot.lacks.clone();
-            Ok((snapshot.write(folder)?, lacks))
+            let incomplete_because = snapshot.incomplete_because.clone();
+            Ok((snapshot.write(folder)?, incomplete_because))
         });
         match written {
-            Ok((files, lacks)) => {
+            Ok((files, incomplete_because)) => {
                 exported.files.extend(files);
-                exported.lacking.extend(lacks.map(|why| (part, why)));
+                exported
+                    .lacking
+                    .extend(incomplete_because.map(|why| (part, why)));
             }
             Err(error) => exported.failures.push((part, with_advice(&error))),
         }
@@ -316,7 +318,7 @@ mod tests {
     fn of(content: Content) -> Snapshot {
         Snapshot {
             content,
-            lacks: None,
+            incomplete_because: None,
         }
     }
 
@@ -401,7 +403,7 @@ mod tests {
             ExportPart::Shores | ExportPart::Voxels => ControlFlow::Break(()),
         });
         let exported = exported.unwrap();
-        assert!(exported.is_left);
+        assert!(exported.is_cancelled);
         let words = exported.outcome(dir.path()).unwrap_err();
         assert!(words.starts_with("Cancelled after 1 file; the"), "{words}");
     }

@@ -79,7 +79,7 @@ pub fn run(
         let is_synchronized = model.is_synchronized(now) && is_placed;
         join_timing.update(&model, is_synchronized);
         if is_synchronized != was_synchronized {
-            tracing::info!(is_synchronized, "step");
+            tracing::info!(is_synchronized, "synchronization");
             was_synchronized = is_synchronized;
         }
         let has_ended = model.has_ended();
@@ -122,7 +122,7 @@ pub fn run(
         join_timing.print(&model, out)?;
         print_summary(&model, &exported.files, out)?;
     }
-    if exported.is_left {
+    if exported.is_cancelled {
         return Err(Interrupted.into());
     }
     exported.outcome(&settings.export).map_err(Error::msg)?;

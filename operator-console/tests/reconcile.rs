@@ -187,7 +187,7 @@ impl Run {
 
     fn is_same(&mut self) -> bool {
         let store = self.edge.store.get_mut().unwrap();
-        self.model.map().is_synchronized()
+        self.model.map().matches_head()
             && LAYERS.iter().all(|layer| {
                 store.root_digest(*layer) == self.model.map().store().root_digest(*layer)
             })

@@ -432,11 +432,11 @@ impl Scene<'_> {
         is_tight: Option<[bool; 2]>,
     ) -> Option<&'static str> {
         let has_room = is_tight.is_none_or(|is_tight| fits(panel, is_tight));
-        self.lacks(panel).or((!has_room).then_some(NO_ROOM))
+        self.why_empty(panel).or((!has_room).then_some(NO_ROOM))
     }
 
     /// Why a panel has no content.
-    fn lacks(&self, panel: PanelId) -> Option<&'static str> {
+    fn why_empty(&self, panel: PanelId) -> Option<&'static str> {
         const NO_DATA: &str = "No data about it yet";
         let Some((model, link)) = self.robot else {
             return panel.needs_a_robot().then_some("No robot is shown");

@@ -285,7 +285,7 @@ mod tests {
         let fetch = |part| fetch(&model, part, hour, |_| unreachable!());
         let way = taken(fetch(ExportPart::Trajectory)).unwrap();
         let why = "only what was received here: no data from the robot";
-        assert_eq!(way.lacks.as_deref(), Some(why));
+        assert_eq!(way.incomplete_because.as_deref(), Some(why));
         let why = taken(fetch(ExportPart::Voxels)).unwrap_err().to_string();
         assert_eq!(why, "no data from the robot. Export it again later");
         // There are none.
@@ -353,7 +353,7 @@ mod tests {
         });
         let way = taken(fetched).unwrap();
         let why = "only what was received here: something else is shown by now";
-        assert_eq!((looks, way.lacks.as_deref()), (1, Some(why)));
+        assert_eq!((looks, way.incomplete_because.as_deref()), (1, Some(why)));
     }
 
     #[test]
@@ -381,7 +381,7 @@ mod tests {
         let model = ModelHandle::of(model);
         let part = ExportPart::Layer(layer);
         let fetched = fetch(&model, part, Duration::ZERO, |_| unreachable!());
-        assert_eq!(taken(fetched).unwrap().lacks, None);
+        assert_eq!(taken(fetched).unwrap().incomplete_because, None);
     }
 
     /// Time until fetching from a live robot that answers nothing fails.
@@ -396,7 +396,7 @@ mod tests {
         });
         let way = taken(fetched).unwrap();
         let why = "only what was received here: the robot sends no more of it";
-        assert_eq!(way.lacks.as_deref(), Some(why));
+        assert_eq!(way.incomplete_because.as_deref(), Some(why));
         clock::elapsed(started)
     }
 

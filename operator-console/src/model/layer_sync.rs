@@ -12,9 +12,9 @@ use super::incoming::RequestId;
 use super::retry::Backoff;
 
 /// Pushed tiles may be in flight for this long before a difference means a loss.
-const PUSH_GRACE: Duration = Duration::from_secs(2);
+const GRACE_WHEN_QUIET: Duration = Duration::from_secs(2);
 /// The same while pushes keep arriving.
-const PUSHES_GRACE: Duration = Duration::from_secs(5);
+const GRACE_WHILE_PUSHING: Duration = Duration::from_secs(5);
 /// Without a map head for this long the link was down and pushed tiles were lost.
 pub(super) const SILENCE: Duration = Duration::from_secs(2);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(200);
@@ -255,12 +255,12 @@ impl LayerSync {
     }
 
     fn is_overdue(&self, now: Monotonic) -> bool {
-        let pushes_pause = |at| now.since(at) >= PUSH_GRACE / 2;
+        let pushes_pause = |at| now.since(at) >= GRACE_WHEN_QUIET / 2;
         let pushes_pause = self.last_push.is_none_or(pushes_pause);
         let grace = if pushes_pause {
-            PUSH_GRACE
+            GRACE_WHEN_QUIET
         } else {
-            PUSHES_GRACE
+            GRACE_WHILE_PUSHING
         };
         let differs_long = |since| now.since(since) >= grace;
         self.differs_since.is_some_and(differs_long)

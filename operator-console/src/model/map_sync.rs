@@ -11,10 +11,10 @@ use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
 use protocol::wire::Header;
 
-use super::ages::Ages;
 use super::incoming::{RejectReason, RequestId};
 use super::layer_sync::{LayerSync, Query, SILENCE};
 use super::retry::ANSWER_TIMEOUT;
+use super::tile_ages::TileAges;
 use super::tile_intake::TileIntake;
 
 /// Above this number, ages of removed tiles are dropped.
@@ -51,7 +51,7 @@ pub struct MapSync {
     layers: BTreeMap<LayerId, LayerSync>,
     roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
-    ages: Ages,
+    ages: TileAges,
     /// Tiles in the lists that are arriving.
     listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
     asked: BTreeMap<RequestId, PendingQuery>,
@@ -71,7 +71,7 @@ impl MapSync {
             layers: BTreeMap::new(),
             roots: BTreeMap::new(),
             changed: BTreeSet::new(),
-            ages: Ages::default(),
+            ages: TileAges::default(),
             listed: BTreeMap::new(),
             asked: BTreeMap::new(),
             unknown: TileCells::unknown().digest(),
@@ -84,7 +84,7 @@ impl MapSync {
         &self.store
     }
 
-    pub const fn ages(&self) -> &Ages {
+    pub const fn ages(&self) -> &TileAges {
         &self.ages
     }
 
@@ -113,8 +113,9 @@ impl MapSync {
         self.has_boot.then(|| self.store.boot())
     }
 
-    pub fn is_synchronized(&self) -> bool {
-        self.head.is_some() && self.layer_states().all(|step| step.is_equal)
+    /// Whether all layers equal the newest map head, of any age.
+    pub fn matches_head(&self) -> bool {
+        self.head.is_some() && self.layer_states().all(|layer| layer.is_equal)
     }
 
     pub fn head_at(&self) -> Option<Monotonic> {
@@ -184,7 +185,7 @@ impl MapSync {
             self.has_boot = true;
             self.layers.clear();
             self.roots.clear();
-            self.ages = Ages::default();
+            self.ages = TileAges::default();
             self.forget_queries();
         }
         let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
@@ -214,7 +215,7 @@ impl MapSync {
         }
     }
 
-    /// Takes a tile or half of one, pushed or in reply to `request`.
+    /// Takes one band of a tile, pushed or in reply to `request`.
     pub(super) fn take_band(
         &mut self,
         key: TileKey,
@@ -293,7 +294,7 @@ impl MapSync {
         self.listed.clear();
     }
 
-    pub fn abandoned_halves(&self) -> u64 {
+    pub fn abandoned_bands(&self) -> u64 {
         self.intake.abandoned
     }
 

@@ -3,11 +3,10 @@
 //! The model owns no thread, socket or clock. Its owner passes in messages and the current time, sends what
 //! [`ConsoleModel::outgoing`] returns, and draws or exports the state.
 
-mod ages;
-mod connection;
 mod handle_message;
 mod incoming;
 mod layer_sync;
+mod link_state;
 mod map_sync;
 mod monitor_history;
 mod motion;
@@ -16,6 +15,7 @@ mod retry;
 mod shore_outlines;
 mod shores_sync;
 mod site_names;
+mod tile_ages;
 mod tile_intake;
 mod trajectory_sync;
 mod vehicle;
@@ -35,18 +35,18 @@ use protocol::message::{
 };
 use protocol::tile::{BootId, TileKey};
 
-pub use ages::{AgeOrder, Ages};
-pub use connection::{
+pub use incoming::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
+pub use link_state::{
     Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER,
     SILENT_AFTER_UNSTEADY, Stream,
 };
-pub use incoming::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
 pub use map_sync::{LayerSyncState, MapSync};
 pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
 pub use motion::{DRIFTING_MPS, UncommandedMotion};
 pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
 pub use shores_sync::SavedSiteNames;
 pub use site_names::{SiteName, SiteNames};
+pub use tile_ages::{AgeOrder, TileAges};
 pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::{LastScan, Vehicle};
 pub use voxels_sync::{FetchedVoxels, VoxelsProgress};
@@ -190,7 +190,7 @@ impl ConsoleModel {
     /// Whether the map equals the newest map head, of any age, and the shores are known if the robot has any.
     pub fn matches_last_head(&self) -> bool {
         let knows_shores = !self.has_shores() || self.shores.is_current(self.robot.ended_seq);
-        self.map.is_synchronized() && knows_shores
+        self.map.matches_head() && knows_shores
     }
 
     pub fn has_shores(&self) -> bool {

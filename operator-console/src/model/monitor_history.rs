@@ -16,7 +16,7 @@ pub const MIN_SHOWN_MPS: f32 = 0.005;
 pub const MIN_SHOWN_RADPS: f32 = 0.0087;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MonitorReport {
-    pub guard: CollisionMonitorState,
+    pub state: CollisionMonitorState,
     /// The requested velocity: the state may concern that direction only.
     pub requested: Velocity,
     /// What limits that velocity.
@@ -34,7 +34,7 @@ impl MonitorHistory {
             return self.forget();
         };
         let report = MonitorReport {
-            guard: teleop.collision_monitor,
+            state: teleop.collision_monitor,
             requested: teleop.requested,
             barrier: teleop.barrier,
         };
@@ -117,9 +117,9 @@ mod tests {
     use crate::model::ConsoleModel;
     use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
 
-    fn tells(model: &mut ConsoleModel, guard: CollisionMonitorState, ms: u64) {
+    fn tells(model: &mut ConsoleModel, state: CollisionMonitorState, ms: u64) {
         let teleop = Some(TeleopStatus {
-            collision_monitor: guard,
+            collision_monitor: state,
             ..idle_teleop_status()
         });
         let status = Status {
@@ -132,7 +132,7 @@ mod tests {
     fn reports(model: &ConsoleModel) -> Vec<CollisionMonitorState> {
         model
             .recent_monitor_states()
-            .map(|reports| reports.guard)
+            .map(|reports| reports.state)
             .collect()
     }
 

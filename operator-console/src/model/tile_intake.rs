@@ -1,4 +1,4 @@
-//! Decodes bands and holds the first half of a tile until its second arrives.
+//! Decodes bands and holds the first band of a tile until its second arrives.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -8,14 +8,14 @@ use protocol::tile::codec::{DecodeError, Decoder, PartialTile};
 use protocol::tile::{BootId, Tile, TileKey};
 use protocol::wire::Header;
 
-/// Halves that may wait; beyond this limit the oldest is dropped.
-const MAX_HALVES: usize = 64;
+/// Bands that may wait; beyond this limit the oldest is dropped.
+const MAX_PARTIAL_TILES: usize = 64;
 
 pub(super) struct TileIntake {
     decoder: Decoder,
-    /// By tile, boot and revision: halves of different publications do not match.
-    halves: BTreeMap<(TileKey, BootId, u64), PartialTile>,
-    /// Halves that were dropped.
+    /// By tile, boot and revision: bands of different publications do not match.
+    partial_tiles: BTreeMap<(TileKey, BootId, u64), PartialTile>,
+    /// Bands that were dropped.
     pub(super) abandoned: u64,
 }
 
@@ -23,7 +23,7 @@ impl TileIntake {
     pub(super) fn new() -> io::Result<Self> {
         Ok(Self {
             decoder: Decoder::new()?,
-            halves: BTreeMap::new(),
+            partial_tiles: BTreeMap::new(),
             abandoned: 0,
         })
     }
@@ -38,28 +38,29 @@ impl TileIntake {
         let boot = header.boot;
         let whole = (key, boot, band.revision);
         let mut partial = self
-            .halves
+            .partial_tiles
             .remove(&whole)
             .unwrap_or_else(|| PartialTile::new(key.layer));
         if let Err(why) = self.decoder.decode_band(&band.rows, &mut partial) {
-            // The same half twice: the later one replaces the first.
+            // The same band twice: the later one replaces the first.
             if !matches!(why, DecodeError::DuplicateRow(_)) {
-                // The valid half keeps waiting.
-                self.halves.insert(whole, partial);
+                // The valid band keeps waiting.
+                self.partial_tiles.insert(whole, partial);
                 return Err(why);
             }
             partial = PartialTile::new(key.layer);
             self.decoder.decode_band(&band.rows, &mut partial)?;
         }
         if !partial.is_complete() {
-            self.halves.insert(whole, partial);
+            self.partial_tiles.insert(whole, partial);
             self.keep_limit();
             return Ok(None);
         }
         // Halves of older revisions are void.
-        self.halves.retain(|(other_key, other, revision), _| {
-            *other_key != key || (*other == boot && *revision > band.revision)
-        });
+        self.partial_tiles
+            .retain(|(other_key, other, revision), _| {
+                *other_key != key || (*other == boot && *revision > band.revision)
+            });
         Ok(Some(Tile {
             key,
             boot,
@@ -72,12 +73,15 @@ impl TileIntake {
     }
 
     fn keep_limit(&mut self) {
-        if self.halves.len() <= MAX_HALVES {
+        if self.partial_tiles.len() <= MAX_PARTIAL_TILES {
             return;
         }
-        let oldest = self.halves.keys().min_by_key(|(_, _, revision)| *revision);
+        let oldest = self
+            .partial_tiles
+            .keys()
+            .min_by_key(|(_, _, revision)| *revision);
         if let Some(oldest) = oldest.copied() {
-            self.halves.remove(&oldest);
+            self.partial_tiles.remove(&oldest);
             self.abandoned += 1;
         }
     }
@@ -126,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_complete_a_tile_in_any_order() {
+    fn bands_complete_a_tile_in_any_order() {
         let (cells, bands) = noise();
         for order in [[0, 0, 1], [1, 1, 0]] {
             let mut intake = TileIntake::new().unwrap();
@@ -138,12 +142,12 @@ mod tests {
                 .unwrap();
             assert_eq!((tile.revision, tile.stamp_ns), (7, 42));
             assert_eq!(tile.cells, cells);
-            assert!(intake.halves.is_empty());
+            assert!(intake.partial_tiles.is_empty());
         }
     }
 
     #[test]
-    fn halves_of_other_revisions_do_not_match_and_are_bounded() {
+    fn bands_of_other_revisions_do_not_match_and_are_bounded() {
         let (_, bands) = noise();
         let mut intake = TileIntake::new().unwrap();
         let other = Header {
@@ -160,8 +164,8 @@ mod tests {
         for tx in 1..=100 {
             intake.take(key(tx), HEADER, &bands[0]).unwrap();
         }
-        assert_eq!(intake.halves.len(), MAX_HALVES);
-        assert_eq!(intake.abandoned, 103 - MAX_HALVES as u64);
+        assert_eq!(intake.partial_tiles.len(), MAX_PARTIAL_TILES);
+        assert_eq!(intake.abandoned, 103 - MAX_PARTIAL_TILES as u64);
         let garbage = TileBand {
             rows: vec![9; 40],
             ..newer

@@ -168,7 +168,7 @@ pub(super) fn round_trip(model: &ConsoleModel, now: Monotonic) -> String {
 }
 
 /// Whether the map is shown as synchronized: of a live robot or of a recording.
-pub(super) fn is_synchronized(map: &MapSync, now: Monotonic) -> bool {
+pub(super) fn is_shown_synchronized(map: &MapSync, now: Monotonic) -> bool {
     let last_contact = (LinkState::Live, Duration::ZERO);
     map_state(map, last_contact, now).2 == SYNCHRONIZED
 }
@@ -193,7 +193,7 @@ fn map_state(
         // A map that was equal at the last contact counts as equal at the time the link was lost.
         let before = equal_at.map(|at| now.since(at).saturating_sub(last_contact));
         let text = match before {
-            _ if map.is_synchronized() => "Was synchronized at last contact".to_owned(),
+            _ if map.matches_head() => "Was synchronized at last contact".to_owned(),
             Some(before) if before < SYNCHRONIZED_FOR => {
                 format!("Was synchronized {} before the link was lost", age(before))
             }
@@ -201,7 +201,7 @@ fn map_state(
         };
         return (Tone::Warning, text, OLD);
     }
-    if map.is_synchronized() {
+    if map.matches_head() {
         return (Tone::Good, SYNCHRONIZED.to_owned(), SYNCHRONIZED);
     }
     let missing = missing(map);

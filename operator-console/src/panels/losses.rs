@@ -23,12 +23,12 @@ impl LossesData {
             .iter()
             .map(|reason| (reason.name.as_str(), reason.count))
             .chain([("refused messages", refused), ("tiles waiting", waiting)]);
-        let halves = model.map().abandoned_halves();
+        let bands = model.map().abandoned_bands();
         let console = model
             .reject_counts()
             .iter()
             .map(|(why, times)| (why.name(), times))
-            .chain([("incomplete tiles", halves)]);
+            .chain([("incomplete tiles", bands)]);
         Self {
             robot: rows(robot),
             console: rows(console),

@@ -4,7 +4,7 @@ use eframe::egui::Ui;
 use measurement::time::Monotonic;
 use network::clock::utc_label;
 
-use super::connection::is_synchronized;
+use super::connection::is_shown_synchronized;
 use super::formatting::{age, capitalised, count, direction, signed, turn};
 use super::rows::{Row, row, rows_ui};
 use super::stale::is_position_old;
@@ -34,7 +34,7 @@ impl RobotData {
             if is_recording(model.robot()) {
                 // A paused recording also maps the scans that wait for a pose, which its status does not count as
                 // mapped. Until they are drawn, the count is that of the previous position.
-                let read = is_synchronized(model.map(), now).then(|| format!("{came} read"));
+                let read = is_shown_synchronized(model.map(), now).then(|| format!("{came} read"));
                 rows.push(row(
                     "Scans",
                     read.unwrap_or_else(|| "being read".to_owned()),

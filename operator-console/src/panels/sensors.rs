@@ -152,7 +152,7 @@ pub fn fault_text(
         ),
         SensorFault::Blocked => (
             "Blocked",
-            "It has no echo where it had one just now. Check its window for dirt or a cover.",
+            "It has no return where it had one just now. Check its window for dirt or a cover.",
         ),
         SensorFault::Slow => (
             "Slow",

@@ -1,11 +1,13 @@
 //! Delays a press until the robot accepts it, so that the robot does not take it for a held key.
 //!
-//! The robot moves only after 200 ms of neutral commands. A press before that takes back a stop by release while the
-//! motors still move, so that a key that slips does not stop the vehicle. A press that is too late for that and too
-//! early for the first rule would not count until everything is released. If the collision monitor holds the vehicle,
-//! there is nothing to take back: its motors are at zero, even if a boat coasts. An operator who then reverses changes
-//! keys within 200 ms, so the press is sent as soon as it counts. The input is read again in each iteration: a press
-//! that was released meanwhile is never sent.
+//! - After 200 ms of neutral commands a press counts.
+//! - Before that, while the motors still brake after a release, a press resumes driving, so that a key that slips does
+//!   not stop the vehicle.
+//! - In between, the robot would ignore the key until everything is released. The press is therefore delayed until it
+//!   counts. The same holds where the collision monitor holds the vehicle, whose motors are at zero even if a boat
+//!   coasts: an operator who then reverses changes keys within 200 ms.
+//!
+//! The input is read again in each iteration: a press that was released meanwhile is never sent.
 
 use std::time::Duration;
 

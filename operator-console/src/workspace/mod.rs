@@ -110,7 +110,7 @@ impl Workspace {
         if let Some(map) = map {
             layout::resize_for_map(&mut self.tree, map, ui.available_size());
         }
-        let mut docking = Docking {
+        let mut behavior = PanelTreeBehavior {
             draw,
             // The map needs no tab if it is alone.
             tabless: map.and_then(|map| self.tree.tiles.parent_of(map)),
@@ -120,10 +120,10 @@ impl Workspace {
             is_dropped: false,
         };
         let dragged = self.dragged(ui);
-        self.tree.ui(&mut docking, ui);
+        self.tree.ui(&mut behavior, ui);
         self.active_tabs.record(&self.tree, true);
-        let is_dropped = docking.is_dropped;
-        let (focused, closed) = (docking.focused, docking.closed);
+        let is_dropped = behavior.is_dropped;
+        let (focused, closed) = (behavior.focused, behavior.closed);
         self.focused = focused.map(|(_, panel)| panel);
         if let Some(panel) = closed {
             self.set_wanted(panel, false);
@@ -289,7 +289,7 @@ impl ActiveTabs {
     }
 }
 
-struct Docking<'a> {
+struct PanelTreeBehavior<'a> {
     draw: &'a mut dyn FnMut(&mut Ui, PanelId),
     /// Tabs without a title while they have one panel.
     tabless: Option<TileId>,
@@ -299,7 +299,7 @@ struct Docking<'a> {
     is_dropped: bool,
 }
 
-impl Behavior<PanelId> for Docking<'_> {
+impl Behavior<PanelId> for PanelTreeBehavior<'_> {
     fn pane_ui(&mut self, ui: &mut Ui, tile: TileId, panel: &mut PanelId) -> UiResponse {
         let panel = *panel;
         let place = ui.max_rect();
@@ -415,7 +415,7 @@ impl Behavior<PanelId> for Docking<'_> {
     }
 }
 
-impl Docking<'_> {
+impl PanelTreeBehavior<'_> {
     /// A focusable area, so that panels without focusable content can get the keyboard focus.
     fn anchor(&mut self, ui: &Ui, tile: TileId, panel: PanelId, place: Rect) {
         let id = Id::unique(("panel", panel));

@@ -20,7 +20,7 @@ mod requests;
 /// Validity of an output of the collision monitor. It gives one in each round, so it expires only after a failure.
 const MONITOR_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// How long after the start of a stop young commands may take it back.
+/// How long after the start of a stop commands with an allowed age may end it, so that driving resumes.
 const RESUME_WINDOW: Duration = Duration::from_millis(200);
 
 /// What the vehicle is doing (docs/safety.md).
@@ -62,7 +62,7 @@ impl Mode {
     }
 }
 
-/// Whether young commands may take back a stop for this reason: it waited for commands, or a key was released briefly.
+/// Whether driving may resume after a stop for this reason: commands were late, or a key was released briefly.
 const fn is_recoverable(reason: StopReason) -> bool {
     match reason {
         StopReason::Released | StopReason::Age => true,
@@ -477,7 +477,7 @@ impl Step<'_> {
         }
         stream.ages.record(self.now, age);
         stream.requested = command.requested;
-        // `issued` is never `now - age` of a saturated clock: the ring holds the moment itself.
+        // The issue time that the token ring stores; `now - age` could saturate.
         stream.issued = self.state.tokens.issued(command.token, self.now).ok();
 
         let is_neutral = command.requested.is_neutral();

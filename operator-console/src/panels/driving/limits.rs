@@ -224,7 +224,7 @@ pub(super) fn strictest_limit<'a>(
     let asked = direction_signs(teleop.requested);
     let recent = recent
         .filter(|report| direction_signs(report.requested) == asked)
-        .filter_map(|report| limits(report.guard));
+        .filter_map(|report| limits(report.state));
     let tight = recent.clone().fold(now, |strictest_limit, (_, recent)| {
         least(strictest_limit, recent)
     });

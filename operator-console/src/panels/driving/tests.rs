@@ -422,8 +422,8 @@ fn ignored_keys_are_shown_with_the_reason() {
         rig.data().advice.unwrap(),
         "Release all keys, then press again"
     );
-    for guard in [CollisionMonitorState::Stale, CollisionMonitorState::Silent] {
-        rig.teleop.collision_monitor = guard;
+    for state in [CollisionMonitorState::Stale, CollisionMonitorState::Silent] {
+        rig.teleop.collision_monitor = state;
         let advice = rig.data().advice.unwrap();
         assert!(advice.starts_with("The monitor's data is late, so nothing moves"));
     }

@@ -26,7 +26,7 @@ struct Shore {
     teleop_client: TeleopClient,
     rules: Rules,
     boat: ArbiterState,
-    guard: CollisionMonitorOutput,
+    monitor: CollisionMonitorOutput,
     /// One-way delay of the link, ms.
     way_ms: u64,
     ms: u64,
@@ -43,7 +43,7 @@ struct Shore {
 
 impl Shore {
     /// Anna has the lease, and has pressed nothing for long enough.
-    fn held(way_ms: u64, guard: CollisionMonitorOutput) -> Self {
+    fn held(way_ms: u64, monitor: CollisionMonitorOutput) -> Self {
         let identity = Identity::without_keys("anna".parse().unwrap());
         let mut teleop_client = TeleopClient::new("scout".parse().unwrap(), identity, 77);
         teleop_client.set_robot_info(&Info {
@@ -62,7 +62,7 @@ impl Shore {
             teleop_client,
             rules: Rules::new(&teleop, &VehicleConfig::default()).unwrap(),
             boat: ArbiterState::new(BOOT_ID),
-            guard,
+            monitor,
             way_ms,
             ms: 1000,
             newest: None,
@@ -85,8 +85,8 @@ impl Shore {
     }
 
     /// W has been held for three seconds.
-    fn driven(way_ms: u64, guard: CollisionMonitorOutput) -> Self {
-        let mut shore = Self::held(way_ms, guard);
+    fn driven(way_ms: u64, monitor: CollisionMonitorOutput) -> Self {
+        let mut shore = Self::held(way_ms, monitor);
         shore.turn(&[W]);
         shore.run(3000);
         assert_eq!(shore.boat.mode(), Mode::Driving);
@@ -156,7 +156,7 @@ impl Shore {
     /// A round of the vehicle's loop. It publishes a status on a change of state and twice a second.
     fn round(&mut self) {
         self.happen(ArbiterInput::Token { nonce: self.ms });
-        self.happen(ArbiterInput::CollisionMonitor(self.guard));
+        self.happen(ArbiterInput::CollisionMonitor(self.monitor));
         self.happen(ArbiterInput::Tick);
         let status = self.status();
         if self.published != Some(status.state) || self.ms.is_multiple_of(STATUS_MS) {
@@ -331,10 +331,10 @@ fn key_released_while_delayed_moves_nothing() {
 #[test]
 fn key_held_through_involuntary_stop_moves_nothing() {
     let mut shore = Shore::driven(2, CollisionMonitorOutput::Off);
-    shore.guard = CollisionMonitorOutput::Stale;
+    shore.monitor = CollisionMonitorOutput::Stale;
     shore.run(2500);
     assert_eq!(shore.last_stop, Some(StopReason::CollisionMonitorStale));
-    shore.guard = reeds(1.0);
+    shore.monitor = reeds(1.0);
     shore.forget();
     shore.run(2000);
     // A key pressed beside it does not drive either.

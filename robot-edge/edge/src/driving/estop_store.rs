@@ -14,7 +14,7 @@ use teleop::{EStopId, StoredEStop};
 /// Greatest number of waiting requests. The arbiter repeats those that found no room.
 const CAPACITY: usize = 8;
 
-/// The loop's end of the storing thread.
+/// The teleop loop's handle of the thread that stores the emergency stop.
 #[derive(Debug)]
 pub struct EStopStore {
     previous: StoredEStop,

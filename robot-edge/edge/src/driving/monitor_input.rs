@@ -23,28 +23,27 @@ use teleop::{CollisionMonitorOutput, Velocity};
 /// The map is copied after so much time of the data, with the next scan of any sensor: between the sweeps of a slow one
 /// with those of others.
 const MAP_COPY_PERIOD: RobotDuration = RobotDuration::from_millis(100);
-/// What the guard takes for the time from copy to copy: after two and a half of it, a copy is stale. It is more than
-/// [`MAP_COPY_PERIOD`], for a sweep of 200 ms waits for the poses behind it and then for mapping, and all that is age
-/// of the copy.
+/// Period between copies that the collision monitor assumes; a copy is stale after 2.5 of them. Longer than
+/// [`MAP_COPY_PERIOD`], because a scan of 200 ms waits for its poses and then for mapping, which adds to the copy's age.
 const MAP_ASSUMED_PERIOD: Duration = Duration::from_millis(200);
 /// Time from sweep to sweep until two have come.
 const UNKNOWN_PERIOD: Duration = Duration::from_millis(100);
 /// Of so many times from sweep to sweep the one in the middle counts.
 const PERIOD_SAMPLES: usize = 9;
 
-/// The end of the localization thread: poses and scans.
+/// The localization thread's handle: it passes poses and scans to the collision monitor.
 #[derive(Debug)]
 pub struct MonitorSensorInput {
     rules: CollisionMonitorRules,
     sensors: Vec<Sensor>,
     odometry: Input<Option<OdometrySample>>,
-    /// What mapping makes of the ground, where it maps heights, but of every scan that was placed: those in the map may
-    /// be seconds behind.
+    /// The ground plane as in mapping, but from each registered scan at once, because the map may lag by seconds. `None`
+    /// if heights are not mapped.
     ground: Option<GroundTracker>,
     receive_times: ReceiveTimes,
 }
 
-/// The end of the mapping thread.
+/// The mapping thread's handle: it passes copies of the map.
 #[derive(Debug)]
 pub struct MonitorMapInput {
     rules: CollisionMonitorRules,
@@ -148,8 +147,8 @@ impl MonitorSensorInput {
         }));
     }
 
-    /// A scan was placed; it is not in the map yet. When it was measured, on this machine's clock: what came then, at
-    /// the latest.
+    /// Passes a registered scan, before it is in the map. Returns the time of this machine's clock at which it was
+    /// measured, an upper bound.
     pub fn add_scan(&mut self, scan: &RegisteredScan, now: Monotonic) -> Monotonic {
         let measured_at = self.receive_times.received_at(scan.stamp, now);
         let plane = self.plane_below(scan);

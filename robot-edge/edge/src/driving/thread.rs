@@ -34,20 +34,20 @@ const MIN_ROUND: Duration = Duration::from_millis(2);
 const MESSAGES_AT_ONCE: usize = 32;
 
 /// Period of the service manager's watchdog messages, sent by rounds only: four times within the unit's `WatchdogSec`.
-const FEED_EVERY: Duration = Duration::from_millis(500);
+const WATCHDOG_PERIOD: Duration = Duration::from_millis(500);
 
 /// The parts of the loop.
 #[derive(Debug)]
 pub struct DrivingSettings {
-    /// Who the vehicle is.
+    /// Name of the vehicle.
     pub robot: RobotId,
-    /// This run.
+    /// Identifies this run of the program.
     pub boot: BootId,
-    /// How it obeys.
+    /// Rules of the arbiter.
     pub rules: Rules,
-    /// Whom.
+    /// Who may drive.
     pub operators: Operators,
-    /// With what.
+    /// The motors.
     pub motors: Motors,
     /// Initial bandwidth for tiles, kbit/s.
     pub budget_kbps: u32,
@@ -185,7 +185,7 @@ fn run(
             drive_loop.tick(now);
             last = now;
             heartbeat.round();
-            if now.since(fed) >= FEED_EVERY {
+            if now.since(fed) >= WATCHDOG_PERIOD {
                 fed = now;
                 service_manager.notify_watchdog();
             }
@@ -198,7 +198,7 @@ fn run(
 /// Checks are counted, not time: while the process is stopped or the machine suspended, there are none.
 const CHECK_PERIOD: Duration = Duration::from_millis(100);
 
-/// Checks in a row without a new round, of a loop with one every 20 ms.
+/// The loop has stalled after this many checks in a row without a new round; rounds are 20 ms apart.
 const MISSED_CHECKS: u32 = 10;
 
 /// Time for the delivery of the event to consoles.
@@ -217,7 +217,9 @@ impl fmt::Display for LoopFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Ended => "the teleop loop has failed: the robot program ends",
-            Self::Stalled => "the teleop loop stands still for a second: the robot program ends",
+            Self::Stalled => {
+                "the teleop loop has had no round for a second: the robot program ends"
+            }
         })
     }
 }

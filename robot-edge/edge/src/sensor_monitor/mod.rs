@@ -247,7 +247,7 @@ impl MonitoredSensor {
                 }
             },
             SensorFault::Blocked => {
-                "its window seems to be blocked: no echo where there was one".to_owned()
+                "its window seems to be blocked: no return where there was one".to_owned()
             }
             SensorFault::Slow => format!(
                 "{:.1} instead of {:.1} messages a second",

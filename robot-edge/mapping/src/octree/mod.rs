@@ -1,7 +1,7 @@
 //! Occupancy octree of all range sensors (docs/methods.md, section 3; \[HYB\] §4.3.1).
 //!
 //! It has the semantics of `OctoMap`: log-odds, clamping, one update per voxel and scan, a hit
-//! wins, uniform parts are pruned, queries at any coarser level, no bounds. The storage differs: a
+//! wins, uniform parts are pruned, queries at any coarser level, no bounds; hence its name. The storage differs: a
 //! hash map of *blocks* of 16³ voxels, each of *bricks* of 4³, one byte or less per voxel. A query
 //! takes two steps instead of sixteen; a brick is at most one cache line and is updated by a few
 //! vector instructions. Two *shards* are updated in parallel.

@@ -1,13 +1,13 @@
 //! Puts measurements of a recording or of live sensors in the order of their stamps.
 //!
-//! Items wait until the data's clock has passed them by a window. Stamps that cannot be true must not cost
-//! more than themselves, so a step that is longer than the window, either way, is believed only when the
-//! next item of the same source takes it too; until then the item waits aside:
+//! An item is released when the newest stamp exceeds its own by `window`. A wrong stamp must not make other items
+//! late, so a step of stamps that is longer than the window, forward or back, is accepted only when the next item of
+//! the same sequence confirms it; until then the item waits aside:
 //!
-//! - *ahead* of all others: one stamp far in the future does not push the clock ahead and make what follows
-//!   late; a pause in the recording is followed after two items.
-//! - *back* behind its own source: one old stamp is late; a bag played twice or a restarted simulation
-//!   begins a new epoch with its own order.
+//! - forward: one stamp far in the future does not make the items after it late; a pause in the recording is
+//!   accepted after two items.
+//! - back: one old stamp is late; a bag played twice or a restarted simulation begins a new clock period with its
+//!   own order.
 //!
 //! Transforms do not move the data's clock: localization dates them into the future (AMCL by 1 s, its
 //! `transform_tolerance`), which would leave nothing of the window to the other streams.
@@ -23,13 +23,14 @@ use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 pub const DEFAULT_WINDOW: RobotDuration = RobotDuration::from_millis(1000);
 
 /// Sources whose stamps are followed each on its own.
-const MAX_SOURCES: usize = 4096;
+const MAX_SEQUENCES: usize = 4096;
 
 /// Output of a [`TimeSequencer`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ordered {
-    /// The next measurement: its stamp is not before that of the one ahead of it, unless either passed at once
-    /// (in [`TimeSequencer::live`], also because it was late) or a [`Ordered::ClockReset`] came between.
+    /// The next measurement. Its stamp is not before that of the previous output, except for measurements that do not
+    /// wait (static transforms, scans with their own pose; in [`TimeSequencer::live`] also late ones) and after an
+    /// [`Ordered::ClockReset`].
     Measurement(Measurement),
     /// The data's clock went back: what is known by stamp (poses above all) no longer holds.
     ClockReset {
@@ -51,13 +52,12 @@ pub struct TimeSequencer {
     window: RobotDuration,
     /// How long items wait for older ones.
     max_wait: RobotDuration,
-    /// What is older than what left already, but not than what came before it from the same source, goes on at once
-    /// instead of being dropped.
+    /// A late item that is still in order within its own sequence is released immediately instead of being dropped.
     releases_late: bool,
     buffered: ReorderBuffer,
     suspects: Vec<Suspect>,
     out: VecDeque<Ordered>,
-    epoch: Epoch,
+    period: ClockPeriod,
     arrivals: u64,
     drops: DropCounts,
     late_scans: u64,
@@ -65,18 +65,18 @@ pub struct TimeSequencer {
 
 /// State since the last clock reset.
 #[derive(Debug, Default)]
-struct Epoch {
+struct ClockPeriod {
     /// The greatest stamp that is believed.
     newest: Option<RobotTime>,
     /// The stamp that left last.
     last_released: Option<RobotTime>,
-    newest_of: HashMap<Source, RobotTime>,
+    newest_of: HashMap<StampSequence, RobotTime>,
 }
 
-/// Whose stamps follow each other: a stream, or the transforms of one child in it, because many programs
+/// Stamps that follow each other: those of a stream, or the transforms of one child in it, because many programs
 /// publish to one tf topic.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct Source {
+struct StampSequence {
     stream: StreamId,
     /// Of transforms.
     child: Option<FrameId>,
@@ -85,7 +85,7 @@ struct Source {
 /// An item whose stamp took a step that nothing has confirmed.
 #[derive(Debug)]
 struct Suspect {
-    source: Source,
+    sequence: StampSequence,
     step: Step,
     arrival: u64,
     measurement: Measurement,
@@ -114,7 +114,7 @@ impl TimeSequencer {
             buffered: ReorderBuffer::default(),
             suspects: Vec::new(),
             out: VecDeque::new(),
-            epoch: Epoch::default(),
+            period: ClockPeriod::default(),
             arrivals: 0,
             drops: DropCounts::default(),
             late_scans: 0,
@@ -122,7 +122,7 @@ impl TimeSequencer {
     }
 
     /// One for data that is mapped as it comes: items wait for older ones no longer than `max_wait`, and what comes later
-    /// than that goes on out of order, for a vehicle must see; each source's own order holds.
+    /// than that goes on out of order, for a vehicle must see; the order within each sequence holds.
     pub fn live(max_wait: RobotDuration) -> Self {
         Self {
             max_wait,
@@ -133,7 +133,7 @@ impl TimeSequencer {
 
     /// The oldest stamp of what waits, unless it is one that was not believed, so far ahead that its time may never come.
     pub fn oldest_buffered_stamp(&self) -> Option<RobotTime> {
-        let reach = self.epoch.newest? + self.window;
+        let reach = self.period.newest? + self.window;
         self.buffered.oldest_stamp().filter(|first| *first <= reach)
     }
 
@@ -156,8 +156,8 @@ impl TimeSequencer {
         }
         let arrival = self.arrivals;
         self.arrivals += 1;
-        let source = self.source_of(&measurement);
-        self.check_stamp(source, arrival, measurement);
+        let sequence = self.sequence_of(&measurement);
+        self.check_stamp(sequence, arrival, measurement);
         self.accept_suspects_in_reach();
         self.release();
     }
@@ -181,8 +181,8 @@ impl TimeSequencer {
             self.insert(suspect.arrival, suspect.measurement);
         }
         if let [first, _, ..] = &back[..] {
-            // Two sources agree.
-            self.start_epoch(first.measurement.stamp);
+            // Two sequences agree.
+            self.start_period(first.measurement.stamp);
             for suspect in back {
                 self.insert(suspect.arrival, suspect.measurement);
             }
@@ -209,23 +209,25 @@ impl TimeSequencer {
         self.late_scans += u64::from(matches!(measurement.data, MeasurementData::Scan { .. }));
     }
 
-    fn source_of(&self, measurement: &Measurement) -> Source {
+    fn sequence_of(&self, measurement: &Measurement) -> StampSequence {
         let child = match &measurement.data {
             MeasurementData::Transform { child, .. } => Some(child.clone()),
             _ => None,
         };
         let stream = measurement.stream;
-        let source = Source { stream, child };
-        if self.epoch.newest_of.len() < MAX_SOURCES || self.epoch.newest_of.contains_key(&source) {
-            return source;
+        let sequence = StampSequence { stream, child };
+        if self.period.newest_of.len() < MAX_SEQUENCES
+            || self.period.newest_of.contains_key(&sequence)
+        {
+            return sequence;
         }
-        let child = source.child.map(|_| "".into());
-        Source { stream, child }
+        let child = sequence.child.map(|_| "".into());
+        StampSequence { stream, child }
     }
 
     fn insert(&mut self, arrival: u64, measurement: Measurement) {
         if self
-            .epoch
+            .period
             .last_released
             .is_some_and(|last_released| measurement.stamp < last_released)
         {
@@ -235,19 +237,19 @@ impl TimeSequencer {
         self.buffered.insert(arrival, measurement);
     }
 
-    fn start_epoch(&mut self, to: RobotTime) {
+    fn start_period(&mut self, to: RobotTime) {
         self.release_all();
         let from = self
-            .epoch
+            .period
             .newest
-            .max(self.epoch.last_released)
+            .max(self.period.last_released)
             .unwrap_or(to);
         self.out.push_back(Ordered::ClockReset { from, to });
-        self.epoch = Epoch::default();
+        self.period = ClockPeriod::default();
     }
 
     fn release(&mut self) {
-        let Some(newest) = self.epoch.newest else {
+        let Some(newest) = self.period.newest else {
             return;
         };
         let until = newest - self.max_wait;
@@ -266,14 +268,14 @@ impl TimeSequencer {
 
     fn release_first(&mut self) {
         if let Some(measurement) = self.buffered.pop_first() {
-            self.epoch.last_released = Some(measurement.stamp);
+            self.period.last_released = Some(measurement.stamp);
             self.out.push_back(Ordered::Measurement(measurement));
         }
     }
 }
 
-const fn moves_clock(source: &Source) -> bool {
-    matches!(source, Source { child: None, .. })
+const fn moves_clock(sequence: &StampSequence) -> bool {
+    matches!(sequence, StampSequence { child: None, .. })
 }
 
 /// Measurements that need no order relative to others.
@@ -290,38 +292,38 @@ const fn needs_no_order(measurement: &Measurement) -> bool {
 
 impl TimeSequencer {
     /// Believes a measurement, or puts it aside.
-    fn check_stamp(&mut self, source: Source, arrival: u64, measurement: Measurement) {
-        let step = self.step(&source, measurement.stamp);
+    fn check_stamp(&mut self, sequence: StampSequence, arrival: u64, measurement: Measurement) {
+        let step = self.step(&sequence, measurement.stamp);
         let suspect = self
             .suspects
             .iter()
-            .position(|suspect| suspect.source == source)
+            .position(|suspect| suspect.sequence == sequence)
             .map(|index| self.suspects.remove(index));
         let confirmed = suspect.as_ref().is_some_and(|suspect| suspect.step == step);
         if let Some(suspect) = suspect {
             match (suspect.step, confirmed) {
                 (Step::Ahead, true) if measurement.stamp < suspect.measurement.stamp => {
-                    self.accept(source.clone(), arrival, measurement);
+                    self.accept(sequence.clone(), arrival, measurement);
                     let Suspect {
                         arrival,
                         measurement,
                         ..
                     } = suspect;
-                    return self.check_stamp(source, arrival, measurement);
+                    return self.check_stamp(sequence, arrival, measurement);
                 }
                 (Step::Ahead, true) => {
-                    self.accept(source.clone(), suspect.arrival, suspect.measurement);
-                    return self.check_stamp(source, arrival, measurement);
+                    self.accept(sequence.clone(), suspect.arrival, suspect.measurement);
+                    return self.check_stamp(sequence, arrival, measurement);
                 }
                 (Step::Back, true) => {
-                    self.start_epoch(suspect.measurement.stamp);
+                    self.start_period(suspect.measurement.stamp);
                     let mut first = vec![suspect];
                     first.extend(self.suspects.extract_if(.., |s| s.step == Step::Back));
                     first.sort_unstable_by_key(|s| s.arrival);
                     for suspect in first {
-                        self.accept(suspect.source, suspect.arrival, suspect.measurement);
+                        self.accept(suspect.sequence, suspect.arrival, suspect.measurement);
                     }
-                    return self.check_stamp(source, arrival, measurement);
+                    return self.check_stamp(sequence, arrival, measurement);
                 }
                 (Step::Back, false) => self.drop_late(&suspect.measurement),
                 // It keeps its place in the order but does not move the clock.
@@ -329,10 +331,10 @@ impl TimeSequencer {
             }
         }
         if step == Step::Usual {
-            self.accept(source, arrival, measurement);
+            self.accept(sequence, arrival, measurement);
         } else {
             self.suspects.push(Suspect {
-                source,
+                sequence,
                 step,
                 arrival,
                 measurement,
@@ -340,30 +342,30 @@ impl TimeSequencer {
         }
     }
 
-    fn step(&self, source: &Source, stamp: RobotTime) -> Step {
-        let newest_of_source = self.epoch.newest_of.get(source);
-        if newest_of_source.is_some_and(|&newest| stamp < newest - self.window) {
+    fn step(&self, sequence: &StampSequence, stamp: RobotTime) -> Step {
+        let newest_of_sequence = self.period.newest_of.get(sequence);
+        if newest_of_sequence.is_some_and(|&newest| stamp < newest - self.window) {
             return Step::Back;
         }
         let is_ahead = |newest| stamp > newest + self.window;
-        if moves_clock(source) && self.epoch.newest.is_some_and(is_ahead) {
+        if moves_clock(sequence) && self.period.newest.is_some_and(is_ahead) {
             return Step::Ahead;
         }
         Step::Usual
     }
 
-    fn accept(&mut self, source: Source, arrival: u64, measurement: Measurement) {
+    fn accept(&mut self, sequence: StampSequence, arrival: u64, measurement: Measurement) {
         let stamp = measurement.stamp;
-        if moves_clock(&source) {
-            self.epoch.newest = self.epoch.newest.max(Some(stamp));
+        if moves_clock(&sequence) {
+            self.period.newest = self.period.newest.max(Some(stamp));
         }
-        let newest_of_source = self.epoch.newest_of.entry(source).or_insert(stamp);
-        let is_in_order = stamp >= *newest_of_source;
-        *newest_of_source = stamp.max(*newest_of_source);
+        let newest_of_sequence = self.period.newest_of.entry(sequence).or_insert(stamp);
+        let is_in_order = stamp >= *newest_of_sequence;
+        *newest_of_sequence = stamp.max(*newest_of_sequence);
         if self.releases_late
             && is_in_order
             && self
-                .epoch
+                .period
                 .last_released
                 .is_some_and(|last_released| stamp < last_released)
         {
@@ -375,7 +377,7 @@ impl TimeSequencer {
 
     /// Accepts suspects that are no longer ahead of the clock.
     fn accept_suspects_in_reach(&mut self) {
-        let Some(newest) = self.epoch.newest else {
+        let Some(newest) = self.period.newest else {
             return;
         };
         let reach = newest + self.window;
@@ -385,7 +387,7 @@ impl TimeSequencer {
             .position(|s| s.step == Step::Ahead && s.measurement.stamp <= reach)
         {
             let suspect = self.suspects.remove(index);
-            self.accept(suspect.source, suspect.arrival, suspect.measurement);
+            self.accept(suspect.sequence, suspect.arrival, suspect.measurement);
         }
     }
 }

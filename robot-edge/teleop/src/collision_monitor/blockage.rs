@@ -1,11 +1,11 @@
-//! Whether a range sensor's beams without an echo may be believed: its window may be blocked.
+//! Whether a range sensor's beams without a return may be believed: its window may be blocked.
 //!
-//! A planar lidar reports "no echo" (+∞, REP-117) in an open field, and the same behind a cover. Two observations tell
+//! A planar lidar reports "no return" (+∞, REP-117) in an open field, and the same behind a cover. Two observations tell
 //! the cases apart:
-//! - the sensor still has echoes: of the ground, of a shore, of the vehicle's own body. Without any for
-//!   [`ECHO_TIMEOUT`] its misses prove nothing;
-//! - misses point at what had echoes within the last [`MEMORY`], although the beams still pass there. A cover is fixed to the
-//!   sensor, so this is judged for each [`SECTOR_RAD`] of its field of view, and holds until that part has an echo again.
+//! - the sensor still has returns: of the ground, of a shore, of the vehicle's own body. Without any for
+//!   [`RETURN_TIMEOUT`] its misses prove nothing;
+//! - misses point at what had returns within the last [`MEMORY`], although the beams still pass there. A cover is fixed to the
+//!   sensor, so this is judged for each [`SECTOR_RAD`] of its field of view, and holds until that part has a return again.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,26 +15,26 @@ use nalgebra::{Point3, Vector3};
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use measurement::time::Monotonic;
 
-/// Misses count while the sensor's last echo is no older: with a sweep every 200 ms a cover is found within 1 s.
-const ECHO_TIMEOUT: Duration = Duration::from_millis(700);
-/// Fewer echoes in a sweep may be rain, dust or noise.
-const MIN_ECHOES: usize = 3;
+/// Misses count while the sensor's last return is no older: with a sweep every 200 ms a cover is found within 1 s.
+const RETURN_TIMEOUT: Duration = Duration::from_millis(700);
+/// Fewer returns in a sweep may be rain, dust or noise.
+const MIN_RETURNS: usize = 3;
 
 const MEMORY: Duration = Duration::from_secs(5);
-/// Echoes are remembered so often …
+/// Hits are remembered so often …
 const MEMORY_PERIOD: Duration = Duration::from_millis(200);
 /// … and so many of a sweep, evenly apart.
 const MEMORY_BEAMS: usize = 128;
 
 /// The field of view is judged in parts of this width.
 const SECTOR_RAD: f64 = 15.0 * std::f64::consts::PI / 180.0;
-/// A beam should meet a remembered echo again if it passes so near to it within the plane of the sweep, and …
+/// A beam should meet a remembered hit again if it passes so near to it within the plane of the sweep, and …
 const TOLERANCE_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// … so near across it: a laser that tilts passes over the tops of things that it hit just before.
 const TOLERANCE_ACROSS_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Echoes beyond this share of the range come and go by themselves.
+/// Hits beyond this share of the range come and go by themselves.
 const NEAR_SHARE: f64 = 0.8;
-/// A part is blocked where at least so many remembered echoes should be met, …
+/// A part is blocked where at least so many remembered hits should be met, …
 const MIN_EXPECTED: u32 = 10;
 /// … of so many sweeps, because a single one may have grazed water or a ridge, …
 const MIN_REMEMBERED_SWEEPS: u32 = 3;
@@ -46,12 +46,12 @@ const MISSING_SWEEPS: u32 = 3;
 /// Judges the misses of one range sensor.
 #[derive(Clone, Debug, Default)]
 pub struct BlockageDetector {
-    echoes_at: Option<Monotonic>,
-    stored_echoes: VecDeque<(Monotonic, Point3<f64>)>,
+    returned_at: Option<Monotonic>,
+    stored_hits: VecDeque<(Monotonic, Point3<f64>)>,
     sectors: Vec<Sector>,
     beam_step_rad: f64,
-    /// Whether the newest sweep is young enough after the last echo.
-    has_echoes: bool,
+    /// Whether the newest sweep is young enough after the last return.
+    has_returns: bool,
     blockage_counts: BlockageCounts,
 }
 
@@ -60,25 +60,25 @@ pub struct BlockageDetector {
 pub(super) struct BlockageCounts {
     /// A part of its window was found blocked.
     pub(super) blocked: u32,
-    /// It had no echoes any more, so that its misses prove nothing.
-    pub(super) without_echo: u32,
+    /// It had no returns any more, so that its misses prove nothing.
+    pub(super) without_returns: u32,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Sector {
-    /// Remembered echoes that beams of this sweep pass, how many sweeps they are of, and the newest of these.
+    /// Remembered hits that beams of this sweep pass, how many sweeps they are of, and the newest of these.
     expected: u32,
     expected_sweeps: u32,
     expected_at: Option<Monotonic>,
     is_any_met: bool,
-    has_echo: bool,
+    has_return: bool,
     /// Since when all that should be met was missing in every sweep, and in how many.
     missing: Option<(Monotonic, u32)>,
     is_blocked: bool,
 }
 
 impl Sector {
-    /// Counts a remembered echo of the sweep at `at`.
+    /// Counts a remembered hit of the sweep at `at`.
     fn expect(&mut self, at: Monotonic, is_met: bool) {
         self.expected += 1;
         self.expected_sweeps += u32::from(self.expected_at.replace(at) != Some(at));
@@ -87,7 +87,7 @@ impl Sector {
 
     /// Judges the sweep at `measured_at`, and forgets what was counted for it.
     fn judge(&mut self, measured_at: Monotonic) {
-        let is_missing = !self.has_echo
+        let is_missing = !self.has_return
             && !self.is_any_met
             && self.expected >= MIN_EXPECTED
             && self.expected_sweeps >= MIN_REMEMBERED_SWEEPS;
@@ -100,7 +100,7 @@ impl Sector {
         });
         *self = Self {
             missing: self.missing,
-            is_blocked: !self.has_echo && (self.is_blocked || is_found),
+            is_blocked: !self.has_return && (self.is_blocked || is_found),
             ..Self::default()
         };
     }
@@ -111,16 +111,16 @@ impl BlockageDetector {
     pub fn update(&mut self, scan: &RegisteredScan, measured_at: Monotonic) {
         self.beam_step_rad = scan.beam_step_rad;
         let hits = scan.beams.iter().filter(|beam| is_hit(beam));
-        if hits.clone().count() + scan.own_body_hits as usize >= MIN_ECHOES {
-            self.echoes_at = Some(measured_at);
+        if hits.clone().count() + scan.own_body_hits as usize >= MIN_RETURNS {
+            self.returned_at = Some(measured_at);
         }
-        let had_echoes = self.has_echoes;
-        self.has_echoes = self
-            .echoes_at
-            .is_some_and(|echoes_at| measured_at.since(echoes_at) <= ECHO_TIMEOUT);
-        self.blockage_counts.without_echo += u32::from(had_echoes && !self.has_echoes);
+        let had_returns = self.has_returns;
+        self.has_returns = self
+            .returned_at
+            .is_some_and(|returned_at| measured_at.since(returned_at) <= RETURN_TIMEOUT);
+        self.blockage_counts.without_returns += u32::from(had_returns && !self.has_returns);
         self.update_sectors(scan, measured_at);
-        self.store_echoes(hits, measured_at);
+        self.store_hits(hits, measured_at);
     }
 
     pub(super) const fn blockage_counts(&self) -> BlockageCounts {
@@ -135,7 +135,7 @@ impl BlockageDetector {
         };
     }
 
-    /// Whether echoes are missing in some part of the field of view.
+    /// Whether returns are missing in some part of the field of view.
     pub fn is_blocked(&self) -> bool {
         self.sectors.iter().any(|sector| sector.is_blocked)
     }
@@ -147,9 +147,9 @@ impl BlockageDetector {
             .is_some_and(|sector| sector.is_blocked)
     }
 
-    /// Whether the sensor has shown lately that it gets echoes.
-    pub(super) const fn has_echoes(&self) -> bool {
-        self.has_echoes
+    /// Whether the sensor has shown lately that it gets returns.
+    pub(super) const fn has_returns(&self) -> bool {
+        self.has_returns
     }
 
     fn update_sectors(&mut self, scan: &RegisteredScan, measured_at: Monotonic) {
@@ -159,15 +159,15 @@ impl BlockageDetector {
             self.sectors.resize(count, Sector::default());
         }
         for beam in scan.beams.iter().filter(|beam| is_hit(beam)) {
-            self.sectors[sector_of(beam.index, scan.beam_step_rad)].has_echo = true;
+            self.sectors[sector_of(beam.index, scan.beam_step_rad)].has_return = true;
         }
-        while let Some(&(at, _)) = self.stored_echoes.front()
+        while let Some(&(at, _)) = self.stored_hits.front()
             && measured_at.since(at) > MEMORY
         {
-            self.stored_echoes.pop_front();
+            self.stored_hits.pop_front();
         }
         if let Some(scan_plane) = ScanPlane::of(scan) {
-            for &(at, point) in &self.stored_echoes {
+            for &(at, point) in &self.stored_hits {
                 let Some((beams, is_met)) = scan_plane.beams_at(&point) else {
                     continue;
                 };
@@ -181,13 +181,13 @@ impl BlockageDetector {
         }
     }
 
-    fn store_echoes<'a>(
+    fn store_hits<'a>(
         &mut self,
         hits: impl Iterator<Item = &'a RegisteredBeam> + Clone,
         measured_at: Monotonic,
     ) {
         let is_due = self
-            .stored_echoes
+            .stored_hits
             .back()
             .is_none_or(|&(at, _)| measured_at.since(at) >= MEMORY_PERIOD);
         if is_due {
@@ -195,7 +195,7 @@ impl BlockageDetector {
             let points = hits
                 .step_by(every)
                 .map(|beam| (measured_at, beam.end_in_odom));
-            self.stored_echoes.extend(points);
+            self.stored_hits.extend(points);
         }
     }
 }
@@ -221,7 +221,7 @@ struct ScanPlane<'a> {
 }
 
 impl<'a> ScanPlane<'a> {
-    /// Absent where the beams span no plane, or all have echoes.
+    /// Absent where the beams span no plane, or all have returns.
     fn of(scan: &'a RegisteredScan) -> Option<Self> {
         let direction = |beam: &RegisteredBeam| beam.end_in_odom - beam.origin_in_odom;
         let first = scan.beams.first()?;
@@ -243,7 +243,7 @@ impl<'a> ScanPlane<'a> {
         })
     }
 
-    /// The number of the beam that points at a point, and whether one of those beside it has an echo; absent where no
+    /// The number of the beam that points at a point, and whether one of those beside it has a return; absent where no
     /// beam should meet it.
     fn beams_at(&self, point: &Point3<f64>) -> Option<(u32, bool)> {
         let to = point - self.origin;

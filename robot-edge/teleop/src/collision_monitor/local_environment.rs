@@ -209,12 +209,12 @@ impl LocalEnvironment {
         for (&(_, before), scan) in self.recorded.iter().zip(scans) {
             let BlockageCounts {
                 blocked,
-                without_echo,
+                without_returns,
             } = scan.blockage_counts();
             for observations in &mut self.observations {
                 if blocked != before.blocked {
                     *observations = CellObservations::default();
-                } else if without_echo != before.without_echo {
+                } else if without_returns != before.without_returns {
                     observations.low.by_miss = Monotonic::default();
                     observations.passing.by_miss = Monotonic::default();
                 }

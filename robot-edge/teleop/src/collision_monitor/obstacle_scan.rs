@@ -191,7 +191,7 @@ impl BeamEvaluator<'_> {
     }
 
     fn is_miss_trusted(&self, beam: &RegisteredBeam) -> bool {
-        let is_proven = self.rules.no_return_speed_mps > 0.0 && self.blockage.has_echoes();
+        let is_proven = self.rules.no_return_speed_mps > 0.0 && self.blockage.has_returns();
         (self.rules.treat_no_return_as_free || is_proven) && !self.blockage.is_beam_blocked(beam)
     }
 

@@ -189,7 +189,7 @@ fn the_collision_monitor_stops_the_demo_before_a_wall() {
     sleep(NEUTRAL);
     let (from_m, _) = telemetry.pose();
     screen.press(Key::W);
-    let stopped = telemetry.wait_for_status("stopped by its guard", |status| {
+    let stopped = telemetry.wait_for_status("stopped by its collision monitor", |status| {
         status.state == TeleopState::Driving
             && status.requested.linear_mps > 0.05
             && status.clamp == Some(Clamp::CollisionMonitor)

@@ -97,10 +97,10 @@ fn monitor_row_names_the_requested_direction() {
 fn row(reports: &[([f32; 2], CollisionMonitorState)]) -> (Tone, String) {
     let rig = Rig::driving();
     let mut model = rig.model();
-    for (asked, guard) in reports {
+    for (asked, monitor) in reports {
         let mut teleop = rig.teleop.clone();
         [teleop.requested.linear_mps, teleop.requested.angular_radps] = *asked;
-        teleop.collision_monitor = *guard;
+        teleop.collision_monitor = *monitor;
         teleop.clamp = None;
         inject(&mut model, Topic::Status, &status(&teleop), at(1_050));
     }
@@ -182,7 +182,7 @@ fn boat(
     requested: [f32; 2],
     applied: [f32; 2],
     clamp: Option<Clamp>,
-    guard: CollisionMonitorState,
+    monitor: CollisionMonitorState,
 ) -> Rig {
     let mut rig = Rig::driving();
     let velocity = |[linear_mps, angular_radps]: [f32; 2]| protocol::message::Velocity {
@@ -195,7 +195,7 @@ fn boat(
     rig.teleop.applied = velocity(applied);
     rig.teleop.speed_allowed_mps = 3.0;
     rig.teleop.clamp = clamp;
-    rig.teleop.collision_monitor = guard;
+    rig.teleop.collision_monitor = monitor;
     rig
 }
 
@@ -209,9 +209,9 @@ fn slowing_down_to_the_monitors_limit() {
         reverse_mps: 0.4,
         ..BOAT
     };
-    let guard = Some(Clamp::CollisionMonitor);
+    let monitor = Some(Clamp::CollisionMonitor);
     for (requested_mps, applied_mps, clamp, limits, reason) in [
-        (1.8, 1.08, guard, On(ahead(0.4)), Some(DOWN_TO_LIMIT)),
+        (1.8, 1.08, monitor, On(ahead(0.4)), Some(DOWN_TO_LIMIT)),
         (
             1.8,
             1.78,
@@ -219,9 +219,9 @@ fn slowing_down_to_the_monitors_limit() {
             UnknownSpace(ahead(0.3)),
             Some(DOWN_TO_LIMIT),
         ),
-        (-1.8, -1.08, guard, On(behind), Some(DOWN_TO_LIMIT)),
-        (1.8, 0.404, guard, On(ahead(0.4)), Some(LIMITED)),
-        (1.8, 1.08, guard, On(behind), Some(LIMITED)),
+        (-1.8, -1.08, monitor, On(behind), Some(DOWN_TO_LIMIT)),
+        (1.8, 0.404, monitor, On(ahead(0.4)), Some(LIMITED)),
+        (1.8, 1.08, monitor, On(behind), Some(LIMITED)),
         (1.8, 1.78, None, Off, None),
     ] {
         let mut rig = boat([requested_mps, 0.0], [applied_mps, 0.0], clamp, limits);
@@ -238,7 +238,7 @@ fn slowing_down_to_the_monitors_limit() {
         left_radps: 0.1,
         ..BOAT
     };
-    let turning = boat([0.0, 0.2], [0.0, 0.19], guard, On(left));
+    let turning = boat([0.0, 0.2], [0.0, 0.19], monitor, On(left));
     assert_eq!(turning.data().clamp.as_deref(), Some(DOWN_TO_LIMIT));
 }
 
@@ -342,7 +342,7 @@ fn an_alternating_limit_of_another_axis_is_no_reason() {
 
 #[test]
 fn monitor_and_last_stop_rows() {
-    for (guard, tone, words) in [
+    for (monitor, tone, words) in [
         (Off, Tone::Warning, "Off"),
         (Silent, Tone::Warning, "Silent: nothing moves"),
         (On(ahead(0.25)), Tone::Good, "On, ahead ≤ 0.25 m/s"),
@@ -359,7 +359,7 @@ fn monitor_and_last_stop_rows() {
     ] {
         let mut rig = Rig::new();
         rig.teleop.state = TeleopState::Held;
-        rig.teleop.collision_monitor = guard;
+        rig.teleop.collision_monitor = monitor;
         rig.teleop.last_stop = Some(StopReason::Age);
         assert_eq!(rig.row("Monitor"), Some((tone, words.to_owned())));
         let stop = Some(warning("commands too old"));
@@ -394,11 +394,11 @@ fn last_observed_row() {
     let mut rig = Rig::driving();
     rig.teleop.ground_age_ms = [Some(40), Some(2_900), Some(61_000), None];
     let words = "ahead now, left 2 s, behind 61 s, right never".to_owned();
-    for (guard, row) in [
+    for (monitor, row) in [
         (Off, None),
         (UnknownSpace(ahead(1.0)), Some((Tone::Good, words))),
     ] {
-        rig.teleop.collision_monitor = guard;
-        assert_eq!(rig.row("Last observed"), row, "{guard:?}");
+        rig.teleop.collision_monitor = monitor;
+        assert_eq!(rig.row("Last observed"), row, "{monitor:?}");
     }
 }

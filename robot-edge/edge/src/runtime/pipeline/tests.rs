@@ -237,7 +237,7 @@ fn live_scans_that_waited_too_long_are_dropped_and_counted() {
     }
 }
 
-/// The guard needs a map that is of the present now and then, not one that is always nearly too old.
+/// The collision monitor needs a recent map from time to time, not one that is always nearly too old.
 #[test]
 fn after_a_late_scan_all_are_dropped_until_mapping_recovers() {
     let command = replay_with(&["--no-network"]);

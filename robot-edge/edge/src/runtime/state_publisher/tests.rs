@@ -52,7 +52,7 @@ fn scan(millis: i64, odom_from_base: Pose) -> RegistrationOutput {
     })
 }
 
-/// The guard's ground is taken anew with the maps: else a step in the poses would be one in the floor.
+/// The collision monitor's ground plane restarts with the maps: otherwise a pose jump would look like a step in the floor.
 #[test]
 fn a_jump_that_erases_the_maps_resets_the_monitors_ground() {
     let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings/rooms.mcap");

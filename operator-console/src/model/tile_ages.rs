@@ -28,7 +28,7 @@ pub struct AgeOrder {
 }
 
 #[derive(Clone, Debug, Default)]
-pub struct Ages {
+pub struct TileAges {
     /// The newest stamp, nanoseconds, and when it first arrived.
     newest: Option<(i64, Monotonic)>,
     /// Sequence number of the newest message with a stamp, and when it arrived.
@@ -57,7 +57,7 @@ impl TileArrival {
     }
 }
 
-impl Ages {
+impl TileAges {
     pub(super) fn update_clock(&mut self, seq: u64, stamp_ns: i64, now: Monotonic) {
         if self
             .last_update
@@ -267,18 +267,18 @@ mod tests {
         TileKey { layer, tx, ty: 0 }
     }
 
-    fn update_clock(ages: &mut Ages, stamp_ns: i64, now: Monotonic) {
+    fn update_clock(ages: &mut TileAges, stamp_ns: i64, now: Monotonic) {
         let seq = ages.last_update.map_or(0, |(seq, _)| seq + 1);
         ages.update_clock(seq, stamp_ns, now);
     }
 
-    fn secs(ages: &Ages, tx: i32, ms: u64) -> Option<f64> {
+    fn secs(ages: &TileAges, tx: i32, ms: u64) -> Option<f64> {
         ages.age(key(tx), at(ms)).map(|age| age.as_secs_f64())
     }
 
     #[test]
     fn late_tile_has_the_age_of_its_data() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         update_clock(&mut ages, 100 * SECOND_NS, at(5_000));
         ages.on_tile(key(0), 60 * SECOND_NS, at(5_020));
         assert_eq!(secs(&ages, 0, 5_020), Some(40.02));
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn age_grows_while_data_stands_still() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         for ms in (0..=600_000).step_by(50) {
             update_clock(&mut ages, 9 * SECOND_NS, at(ms));
         }
@@ -311,7 +311,7 @@ mod tests {
     #[test]
     fn tiles_of_suspended_robot_have_age_of_stamps() {
         const MS_NS: i64 = 1_000_000;
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         for n in 0..=40 {
             update_clock(&mut ages, 50 * MS_NS * n, at(50 * n as u64));
         }
@@ -336,7 +336,7 @@ mod tests {
 
     #[test]
     fn tile_after_link_failure_gets_age_from_first_pose() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         update_clock(&mut ages, 100 * SECOND_NS, at(0));
         // The link was gone for 30 s, and a tile arrives first.
         ages.on_tile(key(0), 101 * SECOND_NS, at(30_000));
@@ -346,7 +346,7 @@ mod tests {
 
     #[test]
     fn age_is_unknown_after_clock_was_set_back() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         update_clock(&mut ages, 3_600 * SECOND_NS, at(0));
         ages.on_tile(key(0), 3_599 * SECOND_NS, at(0));
         update_clock(&mut ages, SECOND_NS, at(1_000));
@@ -355,7 +355,7 @@ mod tests {
         assert!(ages.order(key(1)) > ages.order(key(0)));
         assert_eq!(secs(&ages, 1, 1_500), Some(0.5));
         // A console that joins now.
-        let mut late = Ages::default();
+        let mut late = TileAges::default();
         update_clock(&mut late, 5 * SECOND_NS, at(5_000));
         late.on_tile(key(0), 3_599 * SECOND_NS, at(5_000));
         assert_eq!(secs(&late, 0, 9_000), Some(4.0), "nothing came since");
@@ -367,7 +367,7 @@ mod tests {
 
     #[test]
     fn tile_ahead_of_the_data_is_not_newest() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         update_clock(&mut ages, 5 * SECOND_NS, at(5_000));
         ages.on_tile(key(0), 50 * SECOND_NS, at(5_000));
         ages.on_tile(key(1), 4 * SECOND_NS, at(5_000));
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn overtaken_messages_set_no_clock_back() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         ages.update_clock(10, 100 * SECOND_NS, at(1_000));
         ages.update_clock(9, 99 * SECOND_NS, at(1_100));
         ages.on_tile(key(0), 100 * SECOND_NS, at(1_100));
@@ -409,7 +409,7 @@ mod tests {
 
     #[test]
     fn erased_tile_has_no_age() {
-        let mut ages = Ages::default();
+        let mut ages = TileAges::default();
         ages.on_tile(key(0), SECOND_NS, at(0));
         ages.on_tile(key(1), 2 * SECOND_NS, at(0));
         ages.remove(key(0));
