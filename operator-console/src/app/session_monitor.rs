@@ -88,7 +88,7 @@ impl SessionMonitor {
         let is_heard = link == LinkState::Live && !model.awaits_status();
         if self.is_newly_held(model, is_heard) {
             let text = format!("{robot} is limited by the collision monitor");
-            notes.push((Severity::Info, "collision_monitor", text));
+            notes.push((Severity::Info, "collision monitor", text));
         }
         if transport.is_some() && self.transport != transport {
             self.transport = transport;
@@ -228,7 +228,7 @@ mod tests {
     fn of_monitor(notes: Vec<LogNote>) -> Vec<LogNote> {
         let of_monitor = notes
             .into_iter()
-            .filter(|(_, kind, _)| *kind == "collision_monitor");
+            .filter(|(_, kind, _)| *kind == "collision monitor");
         of_monitor.collect()
     }
 
@@ -254,7 +254,7 @@ mod tests {
             held.extend(of_monitor(notes).into_iter().map(|note| (ms, note)));
         }
         let text = "scout is limited by the collision monitor".to_owned();
-        let noted = |ms| (ms, (Severity::Info, "collision_monitor", text.clone()));
+        let noted = |ms| (ms, (Severity::Info, "collision monitor", text.clone()));
         assert_eq!(held, [noted(2_000), noted(6_200)]);
     }
 

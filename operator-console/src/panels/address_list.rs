@@ -161,7 +161,15 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     if quiet.is_empty() {
         return None;
     }
-    let heading = RichText::new(format!("Remembered addresses ({})", quiet.len())).small();
+    let others = addresses
+        .iter()
+        .any(|one| one.is_remembered && one.is_unanswered());
+    let words = if others {
+        "Other remembered addresses"
+    } else {
+        "Remembered addresses"
+    };
+    let heading = RichText::new(format!("{words} ({})", quiet.len())).small();
     let heading = CollapsingHeader::new(heading);
     heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {

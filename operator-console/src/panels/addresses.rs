@@ -1,5 +1,7 @@
 //! Text field for the address of a robot or router.
 
+use std::net::Ipv6Addr;
+
 use eframe::egui::text::{CCursor, CCursorRange};
 use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{Id, Key, Label, TextEdit, TextStyle, Ui};
@@ -8,6 +10,9 @@ use network::endpoints::{DEFAULT_PORT, check_console};
 use super::formatting::with_monospace_options;
 use crate::command::Command;
 use crate::shortcuts::Action;
+
+/// The last port is invalid, because tiles use the next port.
+const LAST_PORT: u16 = u16::MAX - 1;
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AddressEntry {
@@ -44,7 +49,7 @@ impl AddressEntry {
             *self = Self::default();
             return Some(Command::AddAddress(address));
         }
-        self.error = Some(expected_address(has_keys));
+        self.error = Some(address_error(self.text.trim(), has_keys));
         None
     }
 }
@@ -53,17 +58,31 @@ const fn protocol(has_keys: bool) -> &'static str {
     if has_keys { "quic" } else { "tcp" }
 }
 
-fn expected_address(has_keys: bool) -> String {
-    if has_keys {
-        format!(
-            "With --keys, type a host name or an IPv4 address and a port, without tcp/, for example \
-             192.168.1.20:{DEFAULT_PORT}."
-        )
-    } else {
-        format!(
-            "Without --keys, type host:port, without quic/ or tls/, for example 192.168.1.20:{DEFAULT_PORT}, or \
-             [::1]:{DEFAULT_PORT} for IPv6."
-        )
+/// What is wrong with `typed`, which is not a valid address.
+fn address_error(typed: &str, has_keys: bool) -> String {
+    let (protocol, place) = typed.split_once('/').unwrap_or((protocol(has_keys), typed));
+    let is_ipv6 = place.starts_with('[') || place.parse::<Ipv6Addr>().is_ok();
+    let is_host = |letter: char| letter.is_alphanumeric() || "-_.".contains(letter);
+    match (protocol, has_keys) {
+        ("tcp", true) => {
+            "TCP is for robots without keys, and this console was started with --keys. \
+                          Type host:port without tcp/."
+                .to_owned()
+        }
+        ("quic" | "tls", false) => format!(
+            "{} needs keys, and this console was started without --keys. Type host:port without {protocol}/.",
+            protocol.to_uppercase()
+        ),
+        ("quic" | "tls", true) if is_ipv6 => {
+            "IPv6 addresses are not supported with keys. Type a name or an IPv4 address.".to_owned()
+        }
+        ("tcp" | "quic" | "tls", _) if !place.is_empty() && place.chars().all(is_host) => format!(
+            "The port is missing: for example {typed}:{DEFAULT_PORT}, which is usual for robots."
+        ),
+        _ => format!(
+            "This is not an address. Type host:port with a port from 1 to {LAST_PORT}, for example \
+             192.168.1.20:{DEFAULT_PORT}, or [::1]:{DEFAULT_PORT} for IPv6."
+        ),
     }
 }
 
@@ -142,34 +161,46 @@ mod tests {
             assert_eq!(command, Some(Command::AddAddress(address.to_owned())));
             assert_eq!(entry, AddressEntry::default());
         }
-        for (has_keys, refused) in [
+        for (typed, has_keys, error) in [
             (
+                "nosuchhost",
                 false,
-                &[
-                    "nosuchhost",
-                    "10.0.0.5",
-                    "tcp/boat",
-                    "[::1]",
-                    "my boat",
-                    "boat:",
-                    ":7447",
-                    "udp/boat",
-                    "tcp/boat:0",
-                    "tcp/boat:65535",
-                    "http://boat:80",
-                    "fe80::1:7447",
-                    "udp/boat:7447",
-                    "quic/boat:7447",
-                ][..],
+                "The port is missing: for example nosuchhost:7447",
             ),
-            (true, &["boat", "tcp/boat:7447", "[::1]:7447"]),
+            (
+                "10.0.0.5",
+                false,
+                "The port is missing: for example 10.0.0.5:7447",
+            ),
+            (
+                "tcp/boat",
+                false,
+                "The port is missing: for example tcp/boat:7447",
+            ),
+            ("boat", true, "The port is missing: for example boat:7447"),
+            ("[::1]", false, "This is not an address. Type host:port"),
+            ("my boat", false, "This is not an address."),
+            ("boat:", false, "This is not an address."),
+            (":7447", false, "This is not an address."),
+            ("udp/boat", false, "This is not an address."),
+            ("tcp/boat:0", false, "This is not an address."),
+            ("tcp/boat:65535", false, "This is not an address."),
+            ("http://boat:80", false, "This is not an address."),
+            ("fe80::1:7447", false, "This is not an address."),
+            ("udp/boat:7447", false, "This is not an address."),
+            ("quic/boat:7447", false, "QUIC needs keys"),
+            ("tcp/boat:7447", true, "TCP is for robots without keys"),
+            (
+                "[::1]:7447",
+                true,
+                "IPv6 addresses are not supported with keys.",
+            ),
         ] {
-            for typed in refused {
-                let (command, entry) = submit(typed, has_keys);
-                assert_eq!(command, None, "{typed}");
-                assert_eq!(entry.text, *typed, "it can be corrected");
-                assert_eq!(entry.error, Some(expected_address(has_keys)));
-            }
+            let (command, entry) = submit(typed, has_keys);
+            assert_eq!(command, None, "{typed}");
+            assert_eq!(entry.text, typed, "it can be corrected");
+            let shown = entry.error.unwrap();
+            assert!(shown.starts_with(error), "{typed}: {shown}");
         }
         assert_eq!(submit("  ", false).1.error, None);
     }

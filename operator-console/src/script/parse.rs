@@ -334,7 +334,7 @@ mod tests {
             ("1 pad 2 0", "−1 to 1"),
             ("1 lease steal", "take-over"),
             ("1 lease consent a/b", "no operator"),
-            ("1 guard maybe", "on or off"),
+            ("1 collision-monitor maybe", "on or off"),
             ("1 await bliss", "idle, held"),
             ("1 budget lots", "kbit/s"),
         ] {

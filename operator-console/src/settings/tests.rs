@@ -194,6 +194,20 @@ fn unwritable_folder_is_reported_once() {
     let problem = within_5_s(|| settings_writer.take_problem());
     assert!(problem.contains("cannot be saved"), "{problem}");
     assert_eq!(settings_writer.take_problem(), None);
+    settings_writer.save(Settings {
+        opens_exports: true,
+        ..some()
+    });
+    // Longer than the writer's period.
+    sleep(Duration::from_millis(1500));
+    assert_eq!(settings_writer.take_problem(), None, "the same again");
+    fs::remove_file(&blocked).unwrap();
+    settings_writer.save(some());
+    within_5_s(|| blocked.join("console.json").exists().then_some(()));
+    fs::remove_dir_all(&blocked).unwrap();
+    fs::write(&blocked, "").unwrap();
+    settings_writer.save(Settings::default());
+    within_5_s(|| settings_writer.take_problem());
 }
 
 #[test]

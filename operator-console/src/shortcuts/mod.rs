@@ -10,7 +10,7 @@ mod table;
 use eframe::egui::{Key, KeyboardShortcut, Modifiers};
 
 pub use handler::{KeyContext, Pressed, TypeAhead, has_space_after_text, pressed};
-pub use sheet::sheet_ui;
+pub use sheet::{Sheet, sheet_ui};
 pub use table::{Action, Binding, Edge, Group, bindings};
 
 /// Whether a pressed key matches `keys`. Some signs need Shift on some keyboards, so Shift is ignored for signs.

@@ -11,19 +11,30 @@ const COLUMN: f32 = 300.0;
 const BETWEEN: f32 = 24.0;
 const FRAME: [f32; 2] = [40.0, 70.0];
 
-/// Draws the list at the left, away from the emergency stop, until the operator moves it.
-pub fn sheet_ui(ctx: &Context, is_open: &mut bool) {
+/// Where the list is.
+#[derive(Debug, Default)]
+pub struct Sheet {
+    pub is_open: bool,
+    /// Until the operator moves it, it is at the left, away from the emergency stop.
+    pub is_moved: bool,
+}
+
+/// Draws the list.
+pub fn sheet_ui(ctx: &Context, sheet: &mut Sheet) {
     let content = ctx.content_rect();
     let room = content.size() - vec2(FRAME[0], FRAME[1]);
-    Window::new("Keyboard shortcuts")
-        .open(is_open)
+    let mut window = Window::new("Keyboard shortcuts")
+        .open(&mut sheet.is_open)
         .collapsible(false)
         .resizable(false)
         // With a drag by the title only, egui 0.37 does not move it.
         .drag_area(WindowDrag::Anywhere)
-        .pivot(Align2::LEFT_CENTER)
-        .default_pos(content.left_center())
-        .show(ctx, |ui| contents_ui(ui, room));
+        .pivot(Align2::LEFT_CENTER);
+    if !sheet.is_moved {
+        window = window.current_pos(content.left_center());
+    }
+    let shown = window.show(ctx, |ui| contents_ui(ui, room));
+    sheet.is_moved |= shown.is_some_and(|shown| shown.response.dragged());
 }
 
 fn contents_ui(ui: &mut Ui, room: Vec2) {
@@ -167,7 +178,11 @@ mod tests {
         for size in [vec2(1280.0, 800.0), vec2(700.0, 620.0)] {
             let mut window = Harness::builder().with_size(size).build_ui(|ui| {
                 crate::theme::set(ui.ctx());
-                sheet_ui(ui.ctx(), &mut true);
+                let mut sheet = Sheet {
+                    is_open: true,
+                    is_moved: false,
+                };
+                sheet_ui(ui.ctx(), &mut sheet);
             });
             window.run_steps(6);
             let place = window

@@ -43,10 +43,20 @@ pub enum ExportFault {
     Tiff(#[from] tiff::TiffError),
     /// The PNG could not be encoded.
     #[error("{0}")]
-    Png(#[from] png::EncodingError),
+    Png(#[source] png::EncodingError),
     /// The layer gives no raster.
     #[error("{0}")]
     Mosaic(#[from] MosaicError),
+}
+
+impl From<png::EncodingError> for ExportFault {
+    /// The error of the crate has no `source`, by which a full disk is recognized.
+    fn from(error: png::EncodingError) -> Self {
+        match error {
+            png::EncodingError::IoError(error) => Self::Io(error),
+            error => Self::Png(error),
+        }
+    }
 }
 
 impl ExportError {

@@ -281,9 +281,7 @@ impl Writer {
     fn rotate(&mut self) -> Option<Line> {
         let renamed = rename_old(&self.path).and_then(|was_deleted| {
             self.file = open_to_append(&self.path)?;
-            // Or a power cut leaves a file that no folder knows.
-            let folder = self.path.parent().filter(|folder| *folder != Path::new(""));
-            File::open(folder.unwrap_or(Path::new(".")))?.sync_all()?;
+            sync_folder_of(&self.path);
             Ok(was_deleted)
         });
         let was_deleted = renamed.unwrap_or_else(|why| {
@@ -297,6 +295,15 @@ impl Writer {
             what: None,
             message: format!("the oldest log was deleted: {OLD_FILES} old ones are kept"),
         })
+    }
+}
+
+/// Or a power cut leaves a file that no folder knows. Some folders cannot be synced: the log goes on.
+fn sync_folder_of(path: &Path) {
+    let folder = path.parent().filter(|folder| *folder != Path::new(""));
+    let folder = folder.unwrap_or(Path::new("."));
+    if let Err(error) = File::open(folder).and_then(|folder| folder.sync_all()) {
+        tracing::warn!(folder = %folder.display(), %error, "the folder cannot be synced");
     }
 }
 

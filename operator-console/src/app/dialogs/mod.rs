@@ -7,12 +7,12 @@ use super::export_job::ExportProgress;
 use crate::command::Command;
 use crate::model::ConsoleModel;
 use crate::settings::Settings;
-use crate::shortcuts::sheet_ui;
+use crate::shortcuts::{Sheet, sheet_ui};
 
 mod export;
 
 pub(super) struct Dialogs {
-    is_sheet_open: bool,
+    sheet: Sheet,
     is_about_open: bool,
     export: Option<ExportDialog>,
     opens_exports: bool,
@@ -25,9 +25,9 @@ impl Default for Dialogs {
 }
 
 impl Dialogs {
-    pub(super) const fn of(settings: &Settings) -> Self {
+    pub(super) fn of(settings: &Settings) -> Self {
         Self {
-            is_sheet_open: false,
+            sheet: Sheet::default(),
             is_about_open: false,
             export: None,
             opens_exports: settings.opens_exports,
@@ -43,7 +43,10 @@ impl Dialogs {
     }
 
     pub(super) const fn toggle_shortcuts(&mut self) {
-        self.is_sheet_open = !self.is_sheet_open;
+        self.sheet = Sheet {
+            is_open: !self.sheet.is_open,
+            is_moved: false,
+        };
     }
 
     pub(super) fn show_export(
@@ -66,7 +69,7 @@ impl Dialogs {
         if self.export.take().is_some() {
             return true;
         }
-        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.is_sheet_open)
+        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.sheet).is_open
     }
 
     pub(super) fn show(
@@ -75,8 +78,8 @@ impl Dialogs {
         model: Option<&ConsoleModel>,
         progress: Option<&ExportProgress>,
     ) -> Option<Command> {
-        if self.is_sheet_open {
-            sheet_ui(ctx, &mut self.is_sheet_open);
+        if self.sheet.is_open {
+            sheet_ui(ctx, &mut self.sheet);
         }
         if self.is_about_open {
             about_ui(ctx, &mut self.is_about_open);

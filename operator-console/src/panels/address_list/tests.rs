@@ -154,7 +154,11 @@ fn silent_addresses_can_be_forgotten() {
             None,
         );
     window.run_steps(2);
-    for text in ["unknown host", "no answer", "Remembered addresses (1)"] {
+    for text in [
+        "unknown host",
+        "no answer",
+        "Other remembered addresses (1)",
+    ] {
         let place = window.get_by_label(text).rect();
         assert!(place.right() <= 300.0, "{text}: {place}");
     }

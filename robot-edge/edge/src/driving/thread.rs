@@ -403,7 +403,7 @@ mod tests {
     fn a_failed_loop_ends_the_process_with_a_message() {
         for (how, says) in [
             ("panic", "the teleop loop has failed"),
-            ("stall", "stands still"),
+            ("stall", "has had no round"),
         ] {
             let (code, lived, said) = end_of(how);
             assert_ne!(code, Some(0), "{how}: {said}");

@@ -186,7 +186,9 @@ struct Framing<R> {
 impl Framing<Cursor<Vec<u8>>> {
     /// Goes to the first record of a chunk with this body, or says why it is lost.
     fn enter(&mut self, body: &[u8], offset: u64) -> Result<(), String> {
-        let (header, compressed) = record::chunk(body).map_err(|Malformed| malformed(offset))?;
+        let (header, compressed) = record::chunk(body).map_err(|Malformed| {
+            format!("byte {offset}: a chunk is lost: its fields are damaged")
+        })?;
         (self.at, self.length) = (0, 0);
         record::unpack(&header, compressed, self.bytes.get_mut())
             .map_err(|error| format!("byte {offset}: a chunk is lost: {error}"))?;

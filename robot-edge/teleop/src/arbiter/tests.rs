@@ -511,6 +511,7 @@ fn old_requests_and_onlookers_are_refused() {
             refusal: Refusal::Role
         }));
     }
+    Vehicle::driving().run([(Input(ArbiterInput::EStop(onlooker)), Driving, A)]);
 }
 
 #[test]

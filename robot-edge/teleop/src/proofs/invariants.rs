@@ -159,6 +159,8 @@ impl Monitor {
             is == after.motion.velocity(),
             "the state has another output",
         )?;
+        let reported = after.report(transition.rules, transition.now).applied;
+        ensure(is == reported, "the report has another output")?;
         self.observe_input(transition)?;
         self.observe_actions(transition)?;
 

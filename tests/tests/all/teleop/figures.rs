@@ -196,6 +196,8 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
         kbps(0),
         kbps(1)
     );
+    // The link was really that bad.
+    assert!(at(&latencies, 0.1) >= Duration::from_millis(75));
     // Over TCP a loss delays all later commands, so limits hold for QUIC only.
     if matches!(transport, Transport::Secured(_)) {
         assert!(during as f64 <= elapsed_s / 60.0, "{during} stops");

@@ -127,7 +127,11 @@ fn the_operator_chooses_robots_addresses_and_layers() {
     window.run_steps(2);
     window.get_by_label("Add").click();
     window.run_steps(2);
-    check(&window, &["type host:port"], &[]);
+    check(
+        &window,
+        &["The port is missing: for example 10.0.0.5:7447"],
+        &[],
+    );
     let entry = window.get_by_role_and_label(Role::TextInput, "Address");
     assert!(entry.is_focused(), "it can be mended");
     entry.type_text(":7447");
@@ -142,7 +146,7 @@ fn the_operator_chooses_robots_addresses_and_layers() {
 
 #[test]
 fn invalid_address_clears_when_a_robot_is_chosen() {
-    const WHY: &str = "type host:port";
+    const WHY: &str = "The port is missing: for example 10.0.0.5:7447";
     let mut window = two_robots().window();
     window.key_press_modifiers(Modifiers::COMMAND, Key::L);
     window.run_steps(4);

@@ -175,3 +175,18 @@ fn panels_stay_below_a_large_enough_map_while_driving() {
         assert!(map.x >= 0.4 * whole.x && map.y >= 0.4 * whole.y, "{map}");
     }
 }
+
+#[test]
+fn emergency_stop_is_whole_in_a_small_window() {
+    for width in [640.0, 700.0, 900.0] {
+        let mut rig = Rig::drivable();
+        rig.teleop_client.as_mut().unwrap().lease = crate::teleop_client::Lease::Held(4);
+        let window = rig.window_of([width, 620.0]);
+        let map = window.state().screen.map_view().place();
+        assert!(map.width() >= 0.45 * width, "{width}: {map}");
+        let stop = window.get_by_label("EMERGENCY STOP").rect();
+        assert!(stop.left() > map.right() && stop.right() <= width, "{stop}");
+        assert!(stop.top() >= 0.0 && stop.bottom() <= 620.0, "{stop}");
+        assert!(stop.width() > 250.0, "{stop}");
+    }
+}

@@ -254,3 +254,20 @@ fn earlier_contact_makes_silence_visible() {
     ];
     check(&missed, &says, &["Waiting", "No map yet", "No alerts"]);
 }
+
+#[test]
+fn an_old_map_is_veiled() {
+    for (ms, is_old) in [(1_000, false), (13_000, true)] {
+        let mut rig = Rig::live();
+        rig.now = at(ms);
+        let window = rig.window();
+        let map = window.state().screen.map_view().place();
+        let mut shapes = window.output().shapes.iter();
+        let is_veiled = shapes.any(|clipped| {
+            matches!(&clipped.shape, egui::Shape::Rect(veil)
+                if veil.fill == crate::theme::STALE_OVERLAY
+                    && veil.rect.contains_rect(map.shrink(1.0)))
+        });
+        assert_eq!(is_veiled, is_old, "{ms}");
+    }
+}
