@@ -177,9 +177,12 @@ impl Channel {
             for copy in std::iter::repeat_n(datagram, copies) {
                 if order < reordered {
                     let (due, send) = (last_due + wait, send.clone());
+                    let channel = Arc::clone(&self);
                     tokio::spawn(async move {
                         sleep_until(due).await;
-                        send(&copy);
+                        if !channel.conditions.borrow().blackhole {
+                            send(&copy);
+                        }
                     });
                 } else {
                     drop(line.try_send((last_due, copy)));

@@ -166,6 +166,14 @@ fn count(printed: &str, words: &str) -> usize {
 }
 
 #[test]
+fn a_script_error_ends_the_program_before_anything_is_sent() {
+    let (code, printed) = drives(9, "anna", "0.0 lease request\n1.0 honk\n");
+    assert_eq!(code, Some(2), "{printed}");
+    assert!(printed.contains("line 2"), "{printed}");
+    assert!(printed.contains("honk"), "{printed}");
+}
+
+#[test]
 fn a_script_drives_stops_and_emergency_stops() {
     let port = free_port();
     let _edge = robot(port);

@@ -337,6 +337,7 @@ fn attacked_datagrams_move_nothing() {
             sleep(Duration::from_millis(200));
             for direction in Direction::ALL {
                 let captured = secured.relay.captured(direction);
+                assert!(captured.len() >= 20, "{} captured", captured.len());
                 secured.relay.inject(direction, captured);
             }
         }

@@ -271,3 +271,29 @@ fn an_old_map_is_veiled() {
         assert_eq!(is_veiled, is_old, "{ms}");
     }
 }
+
+#[test]
+fn link_lost_banner_moves_no_map_and_hides_no_button() {
+    let mut rig = Rig::live();
+    let key = rig.put(0, 0, 251);
+    rig.push(key);
+    rig.announce();
+    let mut window = rig.window();
+    let ground = |window: &Harness<'_, Rig>| {
+        let map_view = window.state().screen.map_view();
+        (map_view.place(), map_view.visible_m())
+    };
+    let before = ground(&window);
+    let (map, _) = before;
+    window.state_mut().now = at(13_000);
+    window.run_steps(4);
+    assert_eq!(ground(&window), before);
+    let words = window.query_all_by_label_contains("What is shown is old.");
+    let mut words = words.map(|words| words.rect());
+    let banner = words.find(|words| map.contains_rect(*words)).unwrap();
+    for label in ["+", "−", "Whole map", "Follow", "Measure"] {
+        let button = window.get_by_label(label).rect();
+        assert!(button.top() > banner.bottom(), "{label}: {button} {banner}");
+        assert!(map.contains_rect(button), "{label}: {button}");
+    }
+}
