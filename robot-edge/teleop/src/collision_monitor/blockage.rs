@@ -34,11 +34,11 @@ const TOLERANCE_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
 const TOLERANCE_ACROSS_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Hits beyond this share of the range come and go by themselves.
 const NEAR_SHARE: f64 = 0.8;
-/// A part is blocked where at least so many remembered hits should be met, …
-const MIN_EXPECTED: u32 = 10;
+/// A part is blocked where at least so many remembered hits should be met and are not, …
+const MIN_MISSED: u32 = 10;
 /// … of so many sweeps, because a single one may have grazed water or a ridge, …
 const MIN_REMEMBERED_SWEEPS: u32 = 3;
-/// … and none of them is met, nor anything else, for so long, …
+/// … and it has no return at all, for so long, …
 const MISSING_TIME: Duration = Duration::from_millis(600);
 /// … and in so many sweeps in a row: a mirror or a pane of glass shows things from few places only.
 const MISSING_SWEEPS: u32 = 3;
@@ -66,11 +66,10 @@ pub(super) struct BlockageCounts {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Sector {
-    /// Remembered hits that beams of this sweep pass, how many sweeps they are of, and the newest of these.
-    expected: u32,
-    expected_sweeps: u32,
-    expected_at: Option<Monotonic>,
-    is_any_met: bool,
+    /// Remembered hits that this sweep should meet and does not, how many sweeps they are of, and the newest of these.
+    missed: u32,
+    missed_sweeps: u32,
+    missed_at: Option<Monotonic>,
     has_return: bool,
     /// Since when all that should be met was missing in every sweep, and in how many.
     missing: Option<(Monotonic, u32)>,
@@ -78,19 +77,17 @@ struct Sector {
 }
 
 impl Sector {
-    /// Counts a remembered hit of the sweep at `at`.
-    fn expect(&mut self, at: Monotonic, is_met: bool) {
-        self.expected += 1;
-        self.expected_sweeps += u32::from(self.expected_at.replace(at) != Some(at));
-        self.is_any_met |= is_met;
+    /// Counts a remembered hit of the sweep at `at` that is not met.
+    fn miss(&mut self, at: Monotonic) {
+        self.missed += 1;
+        self.missed_sweeps += u32::from(self.missed_at.replace(at) != Some(at));
     }
 
     /// Judges the sweep at `measured_at`, and forgets what was counted for it.
     fn judge(&mut self, measured_at: Monotonic) {
         let is_missing = !self.has_return
-            && !self.is_any_met
-            && self.expected >= MIN_EXPECTED
-            && self.expected_sweeps >= MIN_REMEMBERED_SWEEPS;
+            && self.missed >= MIN_MISSED
+            && self.missed_sweeps >= MIN_REMEMBERED_SWEEPS;
         self.missing = is_missing.then(|| {
             let (since, sweeps) = self.missing.unwrap_or((measured_at, 0));
             (since, sweeps + 1)
@@ -168,10 +165,10 @@ impl BlockageDetector {
         }
         if let Some(scan_plane) = ScanPlane::of(scan) {
             for &(at, point) in &self.stored_hits {
-                let Some((beams, is_met)) = scan_plane.beams_at(&point) else {
-                    continue;
-                };
-                self.sectors[sector_of(beams, scan.beam_step_rad)].expect(at, is_met);
+                // A hit that a beam of the next sector meets says nothing of this one.
+                if let Some((beam, false)) = scan_plane.beams_at(&point) {
+                    self.sectors[sector_of(beam, scan.beam_step_rad)].miss(at);
+                }
             }
         }
         for sector in &mut self.sectors {

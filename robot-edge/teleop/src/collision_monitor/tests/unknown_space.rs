@@ -64,6 +64,12 @@ fn a_cover_over_one_part_blinds_that_part_only() {
     let mut walls = corridor();
     walls.push(wall([9.0, -2.0], [9.0, 2.0]));
     walls.push(wall([-9.0, -2.0], [-9.0, 2.0]));
+    // One sector exactly, although its neighbours still meet what is at its edges; and a wider part.
+    let mut narrow = Drive::new(setup(), walls.clone(), 0);
+    narrow.drive_for(2 * SECOND, Velocity::ZERO);
+    narrow.covered = 361..391;
+    narrow.drive_for(SECOND, Velocity::ZERO);
+    assert!(narrow.blockage.is_blocked());
     let mut drive = Drive::new(setup(), walls, 0);
     drive.drive_for(2 * SECOND, Velocity::ZERO);
     drive.covered = 310..411;
