@@ -117,7 +117,7 @@ mod tests {
     use crate::model::ConsoleModel;
     use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
 
-    fn tells(model: &mut ConsoleModel, state: CollisionMonitorState, ms: u64) {
+    fn report_state(model: &mut ConsoleModel, state: CollisionMonitorState, ms: u64) {
         let teleop = Some(TeleopStatus {
             collision_monitor: state,
             ..idle_teleop_status()
@@ -143,7 +143,7 @@ mod tests {
             kind: BarrierKind::Mapped,
         };
         let mut model = scout();
-        let mut tells = |linear_mps, reports: Option<Barrier>, ms| {
+        let mut barrier_after = |linear_mps, reports: Option<Barrier>, ms| {
             let mut teleop = TeleopStatus {
                 barrier: reports,
                 ..idle_teleop_status()
@@ -156,22 +156,28 @@ mod tests {
             inject(&mut model, Topic::Status, &status, at(ms));
             model.barrier()
         };
-        assert_eq!(tells(0.5, None, 1_000), None);
-        assert_eq!(tells(0.5, Some(barrier(1.0)), 1_100), Some(barrier(1.0)));
-        assert_eq!(tells(0.7, Some(barrier(2.0)), 1_200), Some(barrier(2.0)));
-        let comes_and_goes = tells(0.5, None, 2_600);
+        assert_eq!(barrier_after(0.5, None, 1_000), None);
+        assert_eq!(
+            barrier_after(0.5, Some(barrier(1.0)), 1_100),
+            Some(barrier(1.0))
+        );
+        assert_eq!(
+            barrier_after(0.7, Some(barrier(2.0)), 1_200),
+            Some(barrier(2.0))
+        );
+        let comes_and_goes = barrier_after(0.5, None, 2_600);
         assert_eq!(comes_and_goes, Some(barrier(2.0)));
-        assert_eq!(tells(-0.5, None, 2_650), None, "other direction");
-        assert_eq!(tells(0.5, None, 2_700), None);
+        assert_eq!(barrier_after(-0.5, None, 2_650), None, "other direction");
+        assert_eq!(barrier_after(0.5, None, 2_700), None);
     }
 
     #[test]
     fn monitor_states_are_kept_for_1500_ms_within_one_run() {
         let mut model = scout();
         announce_boot(&mut model, BootId([7; 16]), at(0));
-        tells(&mut model, CollisionMonitorState::Off, 1_000);
-        tells(&mut model, CollisionMonitorState::Silent, 1_010);
-        tells(&mut model, CollisionMonitorState::Stale, 2_499);
+        report_state(&mut model, CollisionMonitorState::Off, 1_000);
+        report_state(&mut model, CollisionMonitorState::Silent, 1_010);
+        report_state(&mut model, CollisionMonitorState::Stale, 2_499);
         assert_eq!(
             reports(&model),
             [
@@ -180,10 +186,10 @@ mod tests {
                 CollisionMonitorState::Stale
             ]
         );
-        tells(&mut model, CollisionMonitorState::Stale, 2_510);
+        report_state(&mut model, CollisionMonitorState::Stale, 2_510);
         assert_eq!(reports(&model), [CollisionMonitorState::Stale; 2]);
         // After any time without a status.
-        tells(&mut model, CollisionMonitorState::Silent, 9_000);
+        report_state(&mut model, CollisionMonitorState::Silent, 9_000);
         assert_eq!(reports(&model), [CollisionMonitorState::Silent]);
         announce_boot(&mut model, BootId([7; 16]), at(9_100));
         assert_eq!(reports(&model), [CollisionMonitorState::Silent], "same run");
