@@ -26,46 +26,49 @@ pub(super) struct AllowedSpeed {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SpeedBounds {
     creep_mps: f64,
-    /// By known obstacles.
-    clear_mps: f64,
-    /// By ground that no beam with an echo has observed.
-    confirmed_mps: f64,
-    /// By unknown ground.
-    observed_mps: f64,
-    /// On ground that only beams without an echo observed.
-    no_return_speed_mps: f64,
-    /// On unknown ground.
-    unknown_mps: f64,
-    /// Share of the margins at the sides with which `clear_mps` is what it is.
+    /// The vehicle stops before the first obstacle.
+    before_obstacles_mps: f64,
+    /// It stops before the first ground that no beam with a return has crossed.
+    before_unconfirmed_ground_mps: f64,
+    /// It stops before the first ground that no beam has crossed.
+    before_unknown_ground_mps: f64,
+    /// Configured for ground that only beams without a return have crossed.
+    on_unconfirmed_ground_mps: f64,
+    /// Configured for ground that no beam has crossed.
+    on_unknown_ground_mps: f64,
+    /// Share of the margins at the sides used for `before_obstacles_mps`.
     pub(super) side_share: f64,
 }
 
 impl SpeedBounds {
     fn allowed(self) -> AllowedSpeed {
         AllowedSpeed {
-            speed_mps: self.clear_mps.min(self.on_ground_mps()),
-            in_unknown_space: self.on_observed_ground_mps() < self.creep_mps
-                && self.on_observed_ground_mps() < self.clear_mps,
+            speed_mps: self.before_obstacles_mps.min(self.for_the_ground_mps()),
+            in_unknown_space: self.for_known_ground_mps() < self.creep_mps
+                && self.for_known_ground_mps() < self.before_obstacles_mps,
         }
     }
 
-    /// Whether the limit is unknown ground, not ground without an echo.
+    /// Whether the limit is unknown ground, not ground without a return.
     pub(super) fn is_limited_by_unknown(self) -> bool {
-        self.observed_mps < self.no_return_speed_mps && self.observed_mps >= self.confirmed_mps
+        self.before_unknown_ground_mps < self.on_unconfirmed_ground_mps
+            && self.before_unknown_ground_mps >= self.before_unconfirmed_ground_mps
     }
 
     /// Whether the limit is an obstacle, not the ground.
     pub(super) fn is_limited_by_obstacle(self) -> bool {
-        self.clear_mps <= self.on_ground_mps()
+        self.before_obstacles_mps <= self.for_the_ground_mps()
     }
 
-    fn on_ground_mps(self) -> f64 {
-        self.on_observed_ground_mps().max(self.unknown_mps)
+    fn for_the_ground_mps(self) -> f64 {
+        self.for_known_ground_mps().max(self.on_unknown_ground_mps)
     }
 
-    fn on_observed_ground_mps(self) -> f64 {
-        self.confirmed_mps
-            .max(self.observed_mps.min(self.no_return_speed_mps))
+    fn for_known_ground_mps(self) -> f64 {
+        self.before_unconfirmed_ground_mps.max(
+            self.before_unknown_ground_mps
+                .min(self.on_unconfirmed_ground_mps),
+        )
     }
 }
 
@@ -80,28 +83,33 @@ impl SpeedLimitContext<'_> {
         let travel_mps = direction.along.abs() + direction.swing;
         let creep_mps = self.rules.creep_mps / travel_mps;
         let mut side_share = 1.0;
-        let mut clear_mps = self.speed_mps(direction, self.clear_m(direction, side_share));
-        if clear_mps < creep_mps {
+        let mut before_obstacles_mps =
+            self.speed_mps(direction, self.travel_to_obstacle_m(direction, side_share));
+        if before_obstacles_mps < creep_mps {
             // Too near to a wall for anything but creeping along it.
-            let beside_mps = self.speed_mps(direction, self.clear_m(direction, CREEPING_SIDE));
-            if beside_mps > clear_mps && beside_mps < creep_mps {
+            let beside_mps = self.speed_mps(
+                direction,
+                self.travel_to_obstacle_m(direction, CREEPING_SIDE),
+            );
+            if beside_mps > before_obstacles_mps && beside_mps < creep_mps {
                 side_share = CREEPING_SIDE;
             }
-            clear_mps = clear_mps.max(beside_mps.min(creep_mps));
+            before_obstacles_mps = before_obstacles_mps.max(beside_mps.min(creep_mps));
         }
-        let confirmed_mps = self.speed_on_mps(direction, &self.environment.unconfirmed);
-        let observed_mps = self.speed_on_mps(direction, &self.environment.unknown);
-        let unknown_mps = match self.rules.unknown_space_policy {
+        let before_unconfirmed_ground_mps =
+            self.speed_before_mps(direction, &self.environment.unconfirmed);
+        let before_unknown_ground_mps = self.speed_before_mps(direction, &self.environment.unknown);
+        let on_unknown_ground_mps = match self.rules.unknown_space_policy {
             UnknownSpacePolicy::Creep => creep_mps,
             UnknownSpacePolicy::Stop => 0.0,
         };
         SpeedBounds {
             creep_mps,
-            clear_mps,
-            confirmed_mps,
-            observed_mps,
-            no_return_speed_mps: self.rules.no_return_speed_mps / travel_mps,
-            unknown_mps,
+            before_obstacles_mps,
+            before_unconfirmed_ground_mps,
+            before_unknown_ground_mps,
+            on_unconfirmed_ground_mps: self.rules.no_return_speed_mps / travel_mps,
+            on_unknown_ground_mps,
             side_share,
         }
     }
@@ -111,14 +119,14 @@ impl SpeedLimitContext<'_> {
     }
 
     /// Travel until the vehicle touches what is known, with a share of the margin at its sides.
-    fn clear_m(&self, direction: MotionDirection, side_share: f64) -> f64 {
-        let [hits, mapped] = self.clear_margins(side_share);
+    fn travel_to_obstacle_m(&self, direction: MotionDirection, side_share: f64) -> f64 {
+        let [hits, mapped] = self.obstacle_margins(side_share);
         let to_hit_m = self.free_m(hits, direction, &self.environment.hits);
         to_hit_m.min(self.free_m(mapped, direction, &self.environment.mapped))
     }
 
     /// Margins of what beams hit, and of what is mapped.
-    pub(super) fn clear_margins(&self, side_share: f64) -> [Margins; 2] {
+    pub(super) fn obstacle_margins(&self, side_share: f64) -> [Margins; 2] {
         let Margins { ahead_m, side_m } = self.rules.margins;
         let half_cell_m = 0.5 * self.environment.mapped_cell_m;
         let hits = Margins {
@@ -134,7 +142,7 @@ impl SpeedLimitContext<'_> {
     }
 
     /// The speed from which the vehicle stops before ground that begins at these points.
-    fn speed_on_mps(&self, direction: MotionDirection, points: &[[f64; 2]]) -> f64 {
+    fn speed_before_mps(&self, direction: MotionDirection, points: &[[f64; 2]]) -> f64 {
         if self.is_stale {
             return 0.0;
         }
@@ -190,7 +198,7 @@ impl SpeedLimitContext<'_> {
     pub(super) fn barrier(&self, direction: MotionDirection) -> Option<(BarrierKind, [f64; 2])> {
         let bounds = self.bounds(direction);
         if bounds.is_limited_by_obstacle() {
-            let [hits, mapped] = self.clear_margins(bounds.side_share);
+            let [hits, mapped] = self.obstacle_margins(bounds.side_share);
             let hit = self.first_contact(hits, direction, &self.environment.hits);
             let mapped = self.first_contact(mapped, direction, &self.environment.mapped);
             let contact = match (hit, mapped) {

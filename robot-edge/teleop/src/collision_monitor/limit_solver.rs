@@ -13,15 +13,15 @@ use protocol::message::BarrierKind;
 /// Speeds below this count as standstill, metres per second of any point of the body.
 const STANDSTILL_MPS: f64 = 0.005;
 
-/// A part that is slowed down beside another that is kept aims at so much of what is allowed: what is left leans more
-/// to the other, and a heading that leans more is often allowed a hair less.
-const AIM: f64 = 0.999;
+/// If one axis is reduced and the other is kept, the direction of motion turns towards the kept one, where slightly less
+/// may be allowed. The reduced axis is therefore set to this share of its limit.
+const REDUCED_SHARE: f64 = 0.999;
 
-/// It is aimed only beside a part that is at most this share of it: a mixture of more leaves its heading when both
-/// brake, and needs the room that a half leaves.
-const AIMED_BESIDE: f64 = 0.05;
+/// This is done only if the kept axis is at most this share of the reduced one. Above it, braking on both axes changes
+/// the direction so much that only half of the limit is safe.
+const MAX_KEPT_SHARE: f64 = 0.05;
 
-const AIMS: usize = 3;
+const SOLVER_STEPS: usize = 3;
 
 pub(super) struct LimitSolver<'a> {
     context: SpeedLimitContext<'a>,
@@ -160,9 +160,7 @@ impl<'a> LimitSolver<'a> {
         allowed.speed_mps / mixed_mps
     }
 
-    /// Limits one part of the motion while the other one keeps its speed: to what its heading allows, where that can be
-    /// found at once, else to the greatest of some shares of what it would be from which the vehicle can stop, with all
-    /// that is less.
+    /// Limits one axis (`changing`) while the other (`kept`) keeps its speed.
     fn limit_beside(&mut self, kept: AxisSpeed, changing: AxisSpeed) {
         if kept.speed_mps < STANDSTILL_MPS || changing.speed_mps < STANDSTILL_MPS {
             return;
@@ -173,10 +171,11 @@ impl<'a> LimitSolver<'a> {
         }
     }
 
-    /// How fast the changing part may be; nothing is allowed that was not tried.
+    /// The greatest speed of the changing axis from which the vehicle can stop: the solved one, or a half or a quarter of
+    /// the requested one where that is more. Each result was checked.
     fn most_beside_mps(&mut self, kept: AxisSpeed, changing: AxisSpeed) -> f64 {
         let safe_mps = self.safe_beside_mps(kept, changing.axis);
-        let aimed_mps = self.aimed_beside_mps(kept, changing, safe_mps);
+        let solved_mps = self.solved_beside_mps(kept, changing, safe_mps);
         let can_stop_at = |speed_mps: f64| {
             let part = AxisSpeed {
                 speed_mps,
@@ -187,33 +186,33 @@ impl<'a> LimitSolver<'a> {
         let shares = [0.5, 0.25].map(|share| share * changing.speed_mps);
         shares
             .into_iter()
-            .find(|&share_mps| aimed_mps >= share_mps || can_stop_at(share_mps))
-            .map_or(aimed_mps, |share_mps| aimed_mps.max(share_mps))
+            .find(|&share_mps| solved_mps >= share_mps || can_stop_at(share_mps))
+            .map_or(solved_mps, |share_mps| solved_mps.max(share_mps))
     }
 
-    /// The speed of the changing part from which the vehicle can stop: all of it where it can; else, beside a part that
-    /// is small against it, what the heading of the mixture allows, found in a few steps; 0 where that finds none. So a
-    /// turn that is only noise takes nothing of going but what it is allowed less.
-    fn aimed_beside_mps(&self, kept: AxisSpeed, changing: AxisSpeed, safe_mps: f64) -> f64 {
+    /// The requested speed of the changing axis if the vehicle can stop from it. Otherwise, if the kept axis is much
+    /// slower, the speed that the direction of both allows, found in a few steps. 0 if none is found. A turn that is only
+    /// noise thus hardly slows the vehicle.
+    fn solved_beside_mps(&self, kept: AxisSpeed, changing: AxisSpeed, safe_mps: f64) -> f64 {
         let mut part = changing;
-        for aim in 0..=AIMS {
+        for step in 0..=SOLVER_STEPS {
             let Some((mixed_mps, allowed_mps)) = self.mixture(kept, part) else {
                 break;
             };
-            let is_beside_little = kept.speed_mps <= AIMED_BESIDE * part.speed_mps;
+            let is_beside_little = kept.speed_mps <= MAX_KEPT_SHARE * part.speed_mps;
             if mixed_mps <= allowed_mps {
-                let is_good = part.speed_mps <= safe_mps && (aim == 0 || is_beside_little);
+                let is_good = part.speed_mps <= safe_mps && (step == 0 || is_beside_little);
                 return if is_good { part.speed_mps } else { 0.0 };
             }
             if !is_beside_little {
                 break;
             }
-            part.speed_mps *= AIM * allowed_mps / mixed_mps;
+            part.speed_mps *= REDUCED_SHARE * allowed_mps / mixed_mps;
         }
         0.0
     }
 
-    /// How fast the other part may be according to the direction table.
+    /// The greatest speed of the other axis according to the direction table.
     fn safe_beside_mps(&mut self, kept: AxisSpeed, axis: DriveAxis) -> f64 {
         for step in 1..STEPS {
             let (direction, allowed) = self.allowed(kept.axis.towards(axis, step));
@@ -235,8 +234,8 @@ impl<'a> LimitSolver<'a> {
             .is_none_or(|(mixed_mps, allowed_mps)| mixed_mps <= allowed_mps)
     }
 
-    /// The speed of a motion of two parts, and what is allowed on its heading, metres of travel per second; nothing
-    /// where it does not move.
+    /// The speed of a motion along two axes, and the allowed speed in its direction, metres of travel per second. `None`
+    /// if it does not move.
     fn mixture(&self, one: AxisSpeed, other: AxisSpeed) -> Option<(f64, f64)> {
         let (going, turning) = match one.axis {
             DriveAxis::Forward | DriveAxis::Back => (one, other),

@@ -205,18 +205,18 @@ impl fmt::Display for UnavailableReason {
     }
 }
 
-/// A limit that is less than the greatest speed by a smaller share is that speed: it is divided by a radius on its way.
+/// A limit counts as the configured greatest speed if it is smaller by less than this share: rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// A boat at its greatest speed measures more and less in turn, by less than this share: positions that are good to 2
-/// cm, half a second apart, make 0.06 m/s of 3.0. What is so much faster needs 0.6 m more to come to rest, less than
-/// its margin of 1 m.
+/// The measured speed of a boat at its greatest speed is noisy by less than this share: positions with errors of 2 cm,
+/// half a second apart, give 0.06 m/s of 3.0 m/s. A boat that much faster needs 0.6 m more to stop, less than its margin
+/// of 1 m.
 const NOISE: f64 = 0.03;
 
-/// What is measured beyond the limits, with its sign; zero along an axis that keeps to them.
+/// By how much the measured velocity exceeds the limits, with its sign; zero along an axis within its limits.
 ///
-/// Where the collision monitor allows the greatest speed, noise does not count: no command asks for more, and without thrust at
-/// every second measurement the boat would never get there.
+/// Where the greatest speed is allowed, noise does not count: no command asks for more, and if thrust were cut at every
+/// second measurement, the boat would never reach that speed.
 fn overspeed(limits: &SpeedLimits, measured: Velocity, rules: &CollisionMonitorRules) -> Velocity {
     Velocity::new(
         beyond(
