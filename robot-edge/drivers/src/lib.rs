@@ -7,5 +7,14 @@
 #![warn(missing_docs)]
 
 pub mod frames;
+pub mod nmea;
+mod read_buffer;
+#[cfg(test)]
+#[path = "../../recording/src/shared_data.rs"]
+mod shared_data;
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
+pub mod xsens;
 
 pub use frames::{Decoder, DropReason, Dropped};
