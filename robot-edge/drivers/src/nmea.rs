@@ -275,13 +275,15 @@ fn message(line: &[u8]) -> Result<Message, DropReason> {
     if sum != Some(checksum(body)) {
         return Err(DropReason::Checksum);
     }
-    let body = str::from_utf8(body).map_err(|_| DropReason::Field)?;
+    let body = str::from_utf8(body).ok().ok_or(DropReason::Field)?;
     let mut fields = body.split(',');
     let address = fields.next().unwrap_or_default().as_bytes();
     let [talker @ .., _, _, _] = address else {
         return Err(DropReason::UnknownKind);
     };
-    let talker = <[u8; 2]>::try_from(talker).map_err(|_| DropReason::UnknownKind)?;
+    let talker = <[u8; 2]>::try_from(talker)
+        .ok()
+        .ok_or(DropReason::UnknownKind)?;
     let fields = Fields(fields.collect());
     let sentence = match &address[2..] {
         b"GGA" => Sentence::Gga(fields.gga()?),
@@ -352,7 +354,7 @@ impl<'a> Fields<'a> {
         match self.get(index) {
             "" => Ok(None),
             field if field.bytes().all(|byte| byte.is_ascii_digit()) => {
-                field.parse().map(Some).map_err(|_| DropReason::Field)
+                field.parse().ok().map(Some).ok_or(DropReason::Field)
             }
             _ => Err(DropReason::Field),
         }

@@ -101,11 +101,11 @@ mod tests {
     #[test]
     fn the_oldest_bytes_beyond_the_capacity_are_dropped() {
         let mut buffer = ReadBuffer::default();
-        buffer.push(&[1; CAPACITY]);
+        buffer.push(&vec![1; CAPACITY]);
         buffer.push(&[2; 10]);
         assert_eq!(buffer.len(), CAPACITY);
         assert_eq!(buffer.dropped.count(DropReason::Garbage), 10);
-        buffer.push(&[3; CAPACITY + 5]);
+        buffer.push(&vec![3; CAPACITY + 5]);
         assert_eq!(buffer.len(), CAPACITY);
         assert_eq!(
             buffer.dropped.count(DropReason::Garbage),

@@ -1,7 +1,7 @@
-//! Xsens MTi attitude sensors: the Xbus protocol with `MTData2` messages, on a serial line.
+//! Xsens `MTi` attitude sensors: the Xbus protocol with `MTData2` messages, on a serial line.
 //!
 //! Source: Xsens MT Low Level Communication Protocol (MT0101P). Checked against captures of
-//! einride/xsens-go (testdata) and packets of Scottapotamas/xsens-mti (docs/mtmanager_packets.md at
+//! einride/xsens-go (testdata) and packets of Scottapotamas/xsens-mti (`docs/mtmanager_packets.md` at
 //! 9c039b0). The limit of 2048 bytes is recalled from the manual.
 //!
 //! The sensor's frame is right-handed; the housing shows it with z up, as `base_link` has it. The
@@ -370,19 +370,17 @@ impl GnssPvt {
 fn enu_attitude(frame: EarthFrame, [w, x, y, z]: [f64; 4]) -> Option<[f64; 4]> {
     let norm = (w * w + x * x + y * y + z * z).sqrt();
     let [a, b, c, d] = frame.enu_from_frame().map(|part| part / norm);
-    ((norm - 1.0).abs() < 0.01).then(|| {
-        [
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-            a * w - b * x - c * y - d * z,
-        ]
-    })
+    ((norm - 1.0).abs() < 0.01).then_some([
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+        a * w - b * x - c * y - d * z,
+    ])
 }
 
 /// Quaternion (w, x, y, z) of roll, pitch, yaw.
 fn quaternion(angles: [f64; 3]) -> [f64; 4] {
-    let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(|angle| (angle / 2.0).sin_cos());
+    let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(|angle| libm::sincos(angle / 2.0));
     [
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -450,7 +448,7 @@ fn message(identifier: u8, payload: &[u8], dropped: &mut Dropped) -> Result<Mess
         (MEASURING, []) => Message::Measuring,
         (WAKE_UP, []) => Message::WakeUp,
         (ERROR, [code, ..]) => Message::Error(*code),
-        (CONFIGURED, _) if payload.len() % 4 == 0 && payload.len() / 4 <= MAX_SETTINGS => {
+        (CONFIGURED, _) if payload.len().is_multiple_of(4) && payload.len() / 4 <= MAX_SETTINGS => {
             let (entries, _) = payload.as_chunks();
             let setting = |&[a, b, c, d]: &[u8; 4]| OutputSetting {
                 data_id: u16::from_be_bytes([a, b]),
@@ -498,7 +496,7 @@ fn item(id: u16, content: &[u8]) -> Result<Item, DropReason> {
         }
         data_id::UTC_TIME => {
             let mut fields = Fields(whole(content, 12)?);
-            let nanosecond = fields.u32() as i32;
+            let nanosecond = fields.i32();
             Item::Utc(fields.utc(nanosecond)?)
         }
         data_id::PACKET_COUNTER => Item::PacketCounter(Fields(whole(content, 2)?).u16()),
@@ -545,7 +543,7 @@ fn reals<const N: usize>(format: u16, content: &[u8]) -> Result<[f64; N], DropRe
             // The fraction comes before the integer part.
             2 => {
                 let fraction = fields.u32();
-                f64::from(fields.u16() as i16) + f64::from(fraction) / 2_f64.powi(32)
+                f64::from(i16::from_be_bytes(fields.take())) + f64::from(fraction) / 2_f64.powi(32)
             }
             _ => f64::from_be_bytes(fields.take()),
         }

@@ -55,7 +55,7 @@ fn compare(report: &Value, sentences: &[Sentence]) -> usize {
             compared += 1;
         }
     };
-    let mut seconds = |time_of_day_s: Option<f64>| {
+    let seconds = |time_of_day_s: Option<f64>| {
         let time = report["time"].as_str().unwrap();
         let part = |from, to| time[from..to].parse::<f64>().unwrap();
         let expected = (part(11, 13) * 60.0 + part(14, 16)) * 60.0 + part(17, 23);
@@ -372,7 +372,6 @@ fn bad_fields_drop_the_sentence() {
 fn bad_input_is_counted_and_the_next_sentence_is_found() {
     let good = line("GPHDT,274.07,T");
     let long = format!("${}", "A".repeat(255));
-    type Case<'a> = (&'a str, &'a str, &'a [(DropReason, u64)]);
     let cases: [Case<'_>; 11] = [
         ("garbage", "\u{7f}abc", &[(DropReason::Garbage, 4)]),
         ("empty lines", "\r\n\n\r\n", &[]),
@@ -425,6 +424,9 @@ fn bad_input_is_counted_and_the_next_sentence_is_found() {
     let (_, dropped) = decode(line(&longest).as_bytes());
     assert_eq!(dropped.count(DropReason::UnknownKind), 1);
 }
+
+/// Name, what comes before a good sentence, drops.
+type Case<'a> = (&'a str, &'a str, &'a [(DropReason, u64)]);
 
 fn stream() -> impl Strategy<Value = Vec<u8>> {
     let kinds = prop::sample::select(vec![
