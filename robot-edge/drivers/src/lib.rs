@@ -7,5 +7,13 @@
 #![warn(missing_docs)]
 
 pub mod frames;
+pub mod imagenex;
+mod read_buffer;
+#[cfg(test)]
+#[path = "../../recording/src/shared_data.rs"]
+mod shared_data;
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
 
 pub use frames::{Decoder, DropReason, Dropped};
