@@ -9,8 +9,6 @@ pub(crate) const CAPACITY: usize = 64 * 1024;
 pub(crate) enum Front<M> {
     /// The beginning of a message.
     Incomplete,
-    /// This many bytes that the protocol allows between messages.
-    Blank(usize),
     /// Nothing that can be used: this many bytes are skipped.
     Skip(DropReason, usize),
     /// A message of this many bytes.
@@ -43,7 +41,6 @@ impl ReadBuffer {
         while let rest @ [_, ..] = self.bytes.get(self.start..)? {
             match front(rest) {
                 Front::Incomplete => break,
-                Front::Blank(length) => self.start += length.clamp(1, rest.len()),
                 Front::Skip(reason, length) => {
                     let length = length.clamp(1, rest.len());
                     let count = if reason == DropReason::Garbage {
