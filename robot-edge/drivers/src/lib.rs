@@ -6,9 +6,14 @@
 
 #![warn(missing_docs)]
 
+pub mod dynamixel;
 pub mod frames;
 pub mod nmea;
 mod read_buffer;
+pub mod imagenex;
+pub mod imagenex_deltat;
+mod read_buffer;
+pub mod roboteq_encoders;
 #[cfg(test)]
 #[path = "../../recording/src/shared_data.rs"]
 mod shared_data;
