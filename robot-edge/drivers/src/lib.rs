@@ -7,5 +7,8 @@
 #![warn(missing_docs)]
 
 pub mod frames;
+pub mod hokuyo;
+pub mod ping;
+mod read_buffer;
 
 pub use frames::{Decoder, DropReason, Dropped};
