@@ -10,5 +10,6 @@ pub mod frames;
 pub mod hokuyo;
 pub mod ping;
 mod read_buffer;
+pub mod rplidar;
 
 pub use frames::{Decoder, DropReason, Dropped};
