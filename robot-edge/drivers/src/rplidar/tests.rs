@@ -194,6 +194,37 @@ fn capsules_become_sweeps() {
     }
 }
 
+/// The SDK's arithmetic: sums that `tests/python/decode_rplidar.py` prints.
+#[test]
+fn capsules_are_decoded_as_by_the_vendor() {
+    let filling = |seed: u32, length: usize| {
+        let next = |seed: &u32| Some(seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+        let bytes = std::iter::successors(next(&seed), next).map(|seed| (seed >> 24) as u8);
+        let head = [0; 4].into_iter();
+        head.chain(bytes.take(length - 4)).collect::<Vec<u8>>()
+    };
+    for (answer, expected) in [
+        (Answer::Express, 0x0329_40F3),
+        (Answer::Ultra, 0x0DFC_99A8),
+        (Answer::Dense, 0x64EC_A449),
+    ] {
+        let length = answer.layout().1;
+        let mut content = Vec::new();
+        for seed in 0..100_u16 {
+            let start_q6 = (u32::from(seed) * 229 % u32::from(TURN_Q6)) as u16;
+            let (previous, next) = (
+                filling(seed.into(), length),
+                filling(u32::from(seed) + 1, length),
+            );
+            for node in nodes_of(answer, &previous, &next, start_q6, 1000 + seed) {
+                content.extend(node.angle_q6.to_le_bytes());
+                content.extend(node.distance_q2.to_le_bytes());
+            }
+        }
+        assert_eq!(crc_of(&content), expected, "{answer:?}");
+    }
+}
+
 proptest! {
     #[test]
     fn damage_neither_panics_nor_depends_on_the_reads(
