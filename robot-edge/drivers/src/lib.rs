@@ -21,5 +21,9 @@ mod shared_data;
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;
 pub mod xsens;
+pub mod hokuyo;
+pub mod ping;
+mod read_buffer;
+pub mod rplidar;
 
 pub use frames::{Decoder, DropReason, Dropped};
