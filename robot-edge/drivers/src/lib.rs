@@ -7,5 +7,7 @@
 #![warn(missing_docs)]
 
 pub mod frames;
+mod read_buffer;
+pub mod sick_cola;
 
 pub use frames::{Decoder, DropReason, Dropped};
