@@ -25,5 +25,7 @@ pub mod hokuyo;
 pub mod ping;
 mod read_buffer;
 pub mod rplidar;
+mod read_buffer;
+pub mod sick_cola;
 
 pub use frames::{Decoder, DropReason, Dropped};
