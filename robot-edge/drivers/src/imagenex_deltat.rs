@@ -338,7 +338,7 @@ mod tests {
         old[3] = 0;
         let ping = decode_one(&old);
         assert_eq!((ping.age_s, ping.is_roll_corrected), (None, false));
-        assert_eq!(ping.intensities, []);
+        assert!(ping.intensities.is_empty());
         assert_eq!(ping.scan.ranges_m.len(), 2);
     }
 

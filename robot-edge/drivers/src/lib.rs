@@ -8,24 +8,21 @@
 
 pub mod dynamixel;
 pub mod frames;
-pub mod nmea;
-mod read_buffer;
+pub mod hokuyo;
 pub mod imagenex;
 pub mod imagenex_deltat;
+pub mod nmea;
+pub mod ping;
 mod read_buffer;
 pub mod roboteq_encoders;
+pub mod rplidar;
 #[cfg(test)]
 #[path = "../../recording/src/shared_data.rs"]
 mod shared_data;
+pub mod sick_cola;
 #[cfg(test)]
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;
 pub mod xsens;
-pub mod hokuyo;
-pub mod ping;
-mod read_buffer;
-pub mod rplidar;
-mod read_buffer;
-pub mod sick_cola;
 
 pub use frames::{Decoder, DropReason, Dropped};

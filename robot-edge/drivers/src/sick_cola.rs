@@ -11,6 +11,11 @@
 //!
 //! [`SickColaDecoder`] recognises the coding of each telegram. Reads of up to 32 KiB lose nothing.
 
+#![expect(
+    clippy::doc_markdown,
+    reason = "names of devices and of a protocol are no code"
+)]
+
 use measurement::scan::Scan;
 
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
@@ -150,7 +155,7 @@ impl Request {
 pub struct ScanConfig {
     /// Turns, 1/100 Hz.
     pub frequency_centihertz: u32,
-    /// Beams. LMS1xx, LMS5xx and TiM ignore its limits when they are set.
+    /// Beams that are measured.
     pub sector: Sector,
 }
 
@@ -184,6 +189,7 @@ impl Sector {
 }
 
 /// What a scan contains.
+#[expect(clippy::struct_excessive_bools, reason = "the fields of the telegram")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScanDataConfig {
     /// Echoes, as the device numbers them: `[1, 0]` is the first.
@@ -272,7 +278,8 @@ pub enum Message {
     LocationName(String),
     /// Whether it measures.
     DeviceState(DeviceState),
-    /// Code of `STlms`: 1 starts, 2 configures, 3 idle, 4 rotates, 5 prepares, 6 ready, 7 measures.
+    /// Code of `STlms`: 1 starting, 2 being configured, 3 idle, 4 rotating, 5 preparing, 6 ready,
+    /// 7 ready to measure.
     Status(u16),
     /// How it turns.
     ScanConfig(ScanConfig),
@@ -488,7 +495,11 @@ fn step_deg(step_deg_e4: u16) -> f64 {
     let step = f64::from(step_deg_e4);
     let sixths = (step * 6.0 / DEG_E4).round();
     let exact = sixths * DEG_E4 / 6.0;
-    let step = if (exact - step).abs() < 0.5 { exact } else { step };
+    let step = if (exact - step).abs() < 0.5 {
+        exact
+    } else {
+        step
+    };
     step / DEG_E4
 }
 
@@ -523,11 +534,10 @@ impl Decoder for SickColaDecoder {
 
 fn front(bytes: &[u8]) -> Front<Message> {
     match bytes {
-        [STX] => Front::Incomplete,
+        [] | [STX] => Front::Incomplete,
         [STX, STX, ..] => binary(bytes),
         [STX, b's', ..] => text(bytes),
         [_, rest @ ..] => Front::Skip(DropReason::Garbage, 1 + before_mark(rest, &[STX])),
-        [] => Front::Incomplete,
     }
 }
 
@@ -559,7 +569,9 @@ fn text(bytes: &[u8]) -> Front<Message> {
     let within = bytes.get(1..).unwrap_or_default();
     let is_control = |byte: &u8| *byte < b' ';
     let end = within.iter().position(is_control);
-    let payload = within.get(..end.unwrap_or(within.len())).unwrap_or_default();
+    let payload = within
+        .get(..end.unwrap_or(within.len()))
+        .unwrap_or_default();
     if payload.len() > MAX_PAYLOAD {
         return Front::Skip(DropReason::Length, 1);
     }
@@ -688,15 +700,16 @@ impl<'a> Values<'a> {
             return Some(bytes.fold(0, |number, byte| number << 8 | u32::from(*byte)));
         }
         let token = std::str::from_utf8(self.name()).ok()?;
-        let bits = 8 * width as u32;
+        let limit = 1_i64 << (8 * width);
         let number = if token.starts_with(['+', '-']) {
             let number = token.parse::<i64>().ok()?;
-            let least = -(1_i64 << (bits - 1));
-            (number >= least).then_some(number & ((1 << bits) - 1).max(number))?
+            let is_negative = (-limit / 2..0).contains(&number);
+            if is_negative { number + limit } else { number }
         } else {
             i64::from_str_radix(token, 16).ok()?
         };
-        (number >> bits == 0).then_some(number as u32)
+        let fits = (0..limit).contains(&number);
+        fits.then_some(number as u32)
     }
 
     fn u8(&mut self) -> Option<u8> {
@@ -805,24 +818,29 @@ impl<'a> Values<'a> {
         })
     }
 
-    /// What follows the channels. Manuals give the lengths of texts one byte, as the code does for
-    /// `width` 1; other variables have two.
+    /// A number of two bytes that says whether a block follows.
+    fn flag(&mut self) -> Option<bool> {
+        Some(self.count(1)? == 1)
+    }
+
+    /// What follows the channels. In CoLa B, lengths of texts have `width` bytes: 1 in manuals, 2 in
+    /// all other telegrams.
     fn details(mut self, width: usize) -> Option<Details> {
         let mut details = Details::default();
-        if self.u16()? == 1 {
+        if self.flag()? {
             details.position = Some(Position {
                 translation: [self.finite()?, self.finite()?, self.finite()?],
                 rotation: [self.finite()?, self.finite()?, self.finite()?],
                 rotation_kind: self.u8()?,
             });
         }
-        if self.u16()? == 1 {
+        if self.flag()? {
             details.name = Some(self.string(width)?);
         }
-        if self.u16()? == 1 {
+        if self.flag()? {
             details.comment = Some(self.string(width)?);
         }
-        if self.u16()? == 1 {
+        if self.flag()? {
             let year = self.u16()?;
             let date = [self.u8()?, self.u8()?];
             let clock = [self.u8()?, self.u8()?, self.u8()?];
@@ -832,8 +850,8 @@ impl<'a> Values<'a> {
                 microsecond: self.u32()?,
             });
         }
-        let event = self.u16()?;
-        (event == 1 || self.rest.is_empty()).then_some(details)
+        let is_event = self.flag()?;
+        (is_event || self.rest.is_empty()).then_some(details)
     }
 }
 
