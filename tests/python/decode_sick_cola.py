@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 """Decodes the scans of SICK captures (CoLa B), independently of the Rust codec.
 
-Written from SICK's tables of LMDscandata (operating instructions of the LMS500, 8013796, pages 82 to 84). Arguments:
-captures as JSON of tshark. Prints the number of scans and the CRC-32 of all their values as text, one line a scan: the
-numbers in robot-edge/drivers/src/sick_cola/tests.rs. Any value that is not as the tables say ends it.
+    python decode_sick_cola.py CAPTURE
+
+Written from SICK's tables of LMDscandata (operating instructions of the LMS500, 8013796, pages 82 to 84). The capture is
+JSON of tshark. Prints a line for each scan: all its values, as numbers. A value that is not as the tables say ends it.
 """
 
 import json
 import struct
 import sys
-import zlib
 
 
 class Fields:
@@ -41,18 +41,15 @@ def scan(payload: bytes) -> list[int]:
     return words
 
 
-for path in sys.argv[1:]:
-    lines = []
-    with open(path, encoding="utf-8") as file:
-        packets = json.load(file)
-    for packet in packets:
-        data = bytes.fromhex(packet["_source"]["layers"]["tcp"]["tcp.payload"].replace(":", ""))
-        mark, length = data[:4], int.from_bytes(data[4:8], "big")
-        assert mark == b"\2\2\2\2" and len(data) == length + 9
-        checksum = 0
-        for byte in data[8:]:
-            checksum ^= byte
-        assert checksum == 0
-        if data[8:].startswith(b"sSN LMDscandata "):
-            lines.append(" ".join(map(str, scan(data[24:-1]))) + "\n")
-    print(path.rsplit("/", 1)[-1], len(lines), f"0x{zlib.crc32(''.join(lines).encode()):08X}")
+with open(sys.argv[1], encoding="utf-8") as file:
+    packets = json.load(file)
+for packet in packets:
+    data = bytes.fromhex(packet["_source"]["layers"]["tcp"]["tcp.payload"].replace(":", ""))
+    mark, length = data[:4], int.from_bytes(data[4:8], "big")
+    assert mark == b"\2\2\2\2" and len(data) == length + 9
+    checksum = 0
+    for byte in data[8:]:
+        checksum ^= byte
+    assert checksum == 0
+    if data[8:].startswith(b"sSN LMDscandata "):
+        print(*scan(data[24:-1]))

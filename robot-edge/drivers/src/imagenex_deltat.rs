@@ -224,30 +224,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::read_buffer::CAPACITY;
-
-    fn decode(bytes: &[u8], lengths: &[usize]) -> (Vec<Ping>, Dropped) {
-        let mut decoder = DeltatDecoder::default();
-        let mut pings = Vec::new();
-        let mut rest = bytes;
-        for length in lengths.iter().cycle() {
-            let (read, after) = rest.split_at((*length).min(rest.len()));
-            decoder.push(read);
-            pings.extend(std::iter::from_fn(|| decoder.next_message()));
-            assert!(decoder.0.len() <= CAPACITY);
-            rest = after;
-            if rest.is_empty() {
-                break;
-            }
-        }
-        (pings, decoder.dropped().clone())
-    }
-
-    fn decode_one(bytes: &[u8]) -> Ping {
-        let (mut pings, dropped) = decode(bytes, &[CAPACITY]);
-        assert_eq!((pings.len(), dropped), (1, Dropped::default()));
-        pings.remove(0)
-    }
+    use crate::test_decoding::*;
 
     /// By the manual: version 1.10, beams 0.25° apart from −60° on, range scale 30 m, steps of 60 mm,
     /// 260 kHz, 1480 m/s, pitch 1.5°, roll −2.0°, heading 271.3°, tilt −10°, ping 66051.
@@ -299,7 +276,10 @@ mod tests {
 
     #[test]
     fn all_fields() {
-        let ping = decode_one(&datagram(&[0, 1, 100, 500, 501], &[0, 7, 8, 9, 65535]));
+        let ping = decode_one(
+            DeltatDecoder::default(),
+            &datagram(&[0, 1, 100, 500, 501], &[0, 7, 8, 9, 65535]),
+        );
         assert_eq!(ping.number, 66051);
         assert_near(ping.scan.angle_min_rad, -60_f64.to_radians());
         assert_near(ping.scan.angle_increment_rad, 0.25_f64.to_radians());
@@ -326,17 +306,23 @@ mod tests {
 
     #[test]
     fn what_may_be_missing() {
-        let ping = decode_one(&changed(64, &[0; 6]));
+        let ping = decode_one(DeltatDecoder::default(), &changed(64, &[0; 6]));
         assert_eq!(ping.attitude, Attitude::default());
-        let ping = decode_one(&changed(83, &[0x39, 0xD0]));
+        let ping = decode_one(DeltatDecoder::default(), &changed(83, &[0x39, 0xD0]));
         assert_near(ping.sound_speed_mps, 1500.0);
-        assert_near(decode_one(&changed(89, &[0, 0])).tilt_rad, 0.0);
-        assert_eq!(decode_one(&changed(120, &[0, 0])).age_s, None);
-        assert!(decode_one(&changed(123, &[1])).is_roll_corrected);
+        assert_near(
+            decode_one(DeltatDecoder::default(), &changed(89, &[0, 0])).tilt_rad,
+            0.0,
+        );
+        assert_eq!(
+            decode_one(DeltatDecoder::default(), &changed(120, &[0, 0])).age_s,
+            None
+        );
+        assert!(decode_one(DeltatDecoder::default(), &changed(123, &[1])).is_roll_corrected);
         // Version 1.00 has nothing there.
         let mut old = changed(117, &[1, 0, 12, 1, 56, 0, 1]);
         old[3] = 0;
-        let ping = decode_one(&old);
+        let ping = decode_one(DeltatDecoder::default(), &old);
         assert_eq!((ping.age_s, ping.is_roll_corrected), (None, false));
         assert!(ping.intensities.is_empty());
         assert_eq!(ping.scan.ranges_m.len(), 2);
@@ -372,8 +358,8 @@ mod tests {
             (whole[..1000].to_vec(), DropReason::CutOff, 1),
         ] {
             let bytes = [&bad[..], &good].concat();
-            for length in [1, 5, CAPACITY] {
-                let (pings, dropped) = decode(&bytes, &[length]);
+            for length in [1, 5, usize::MAX] {
+                let (pings, dropped) = decode_in(DeltatDecoder::default(), &bytes, &[length]);
                 assert_eq!(pings.len(), 1, "{:?}", &bad[..bad.len().min(100)]);
                 assert_eq!(pings[0].scan.ranges_m.len(), 120);
                 assert_eq!(dropped.count(reason), count, "{dropped:?}");
@@ -394,9 +380,9 @@ mod tests {
         #[test]
         fn any_split_gives_the_same_pings(
             datagrams in prop::collection::vec(any_datagram(), 1..5),
-            lengths in prop::collection::vec(1..1500_usize, 1..10),
+            lengths in read_lengths(),
         ) {
-            let (pings, dropped) = decode(&datagrams.concat(), &lengths);
+            let (pings, dropped) = decode_in(DeltatDecoder::default(), &datagrams.concat(), &lengths);
             prop_assert_eq!(pings.len(), datagrams.len());
             prop_assert_eq!(dropped, Dropped::default());
         }
@@ -404,20 +390,9 @@ mod tests {
         #[test]
         fn damage_neither_panics_nor_gives_senseless_pings(
             datagrams in prop::collection::vec(any_datagram(), 1..5),
-            flips in prop::collection::vec((0..HEADER, any::<u8>()), 0..4),
-            cut in any::<prop::sample::Index>(),
-            noise in prop::collection::vec(prop::sample::select(b"83P\x00\x0a\xff".to_vec()), 0..100),
-            lengths in prop::collection::vec(1..1500_usize, 1..10),
+            damage in damage(b"83P\x00\x0a\xff"),
         ) {
-            let mut bytes = datagrams.concat();
-            for (at, byte) in flips {
-                bytes[at] = byte;
-            }
-            let cut = cut.index(bytes.len());
-            bytes.splice(cut..bytes.len().min(cut + 40), noise);
-            let whole = decode(&bytes, &[CAPACITY]);
-            prop_assert_eq!(format!("{whole:?}"), format!("{:?}", decode(&bytes, &lengths)));
-            for ping in whole.0 {
+            for ping in damage.decode(DeltatDecoder::default, datagrams.concat()) {
                 let scan = &ping.scan;
                 prop_assert!(scan.sweep_duration().is_some(), "{scan:?}");
                 prop_assert!((1..=MAX_BEAMS).contains(&scan.ranges_m.len()));

@@ -23,6 +23,8 @@ pub mod sick_cola;
 #[cfg(test)]
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;
+#[cfg(test)]
+mod test_decoding;
 pub mod xsens;
 
 pub use frames::{Decoder, DropReason, Dropped};

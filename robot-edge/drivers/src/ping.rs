@@ -254,31 +254,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::read_buffer::CAPACITY;
-
-    fn decode(bytes: &[u8], lengths: &[usize]) -> (Vec<Message>, Dropped) {
-        let mut decoder = PingDecoder::default();
-        let mut messages = Vec::new();
-        let mut rest = bytes;
-        for length in lengths.iter().cycle() {
-            let (read, after) = rest.split_at((*length).min(rest.len()));
-            decoder.push(read);
-            messages.extend(std::iter::from_fn(|| decoder.next_message()));
-            assert!(decoder.0.len() <= CAPACITY);
-            rest = after;
-            if rest.is_empty() {
-                break;
-            }
-        }
-        (messages, decoder.dropped().clone())
-    }
-
-    fn decode_one(bytes: &[u8]) -> Message {
-        let (mut messages, dropped) = decode(bytes, &[CAPACITY]);
-        assert_eq!(dropped, Dropped::default());
-        assert_eq!(messages.len(), 1, "{messages:?}");
-        messages.remove(0)
-    }
+    use crate::test_decoding::*;
 
     /// README, "Pack and unpack example": 7515 mm, 100 %.
     const EXAMPLE: [u8; 15] = [
@@ -299,7 +275,7 @@ mod tests {
 
     #[test]
     fn bytes_of_the_documentation() {
-        assert_eq!(decode_one(&EXAMPLE), MEASURED);
+        assert_eq!(decode_one(PingDecoder::default(), &EXAMPLE), MEASURED);
         assert_eq!(
             request_distance_simple(),
             [
@@ -361,14 +337,19 @@ mod tests {
             (DISTANCE, &PAYLOAD, measured.clone()),
             (PROFILE, &profile, measured),
         ] {
-            assert_eq!(decode_one(&frame(id, payload)), expected);
+            assert_eq!(
+                decode_one(PingDecoder::default(), &frame(id, payload)),
+                expected
+            );
         }
     }
 
     #[test]
     fn no_bottom_is_no_distance() {
         for payload in [[0xC4, 0x09, 0, 0, 0], [0, 0, 0, 0, 100]] {
-            let Message::Distance(found) = decode_one(&frame(DISTANCE_SIMPLE, &payload)) else {
+            let Message::Distance(found) =
+                decode_one(PingDecoder::default(), &frame(DISTANCE_SIMPLE, &payload))
+            else {
                 panic!()
             };
             assert!(found.distance_m.is_nan());
@@ -420,8 +401,8 @@ mod tests {
             ),
         ] {
             let bytes = [&bad[..], &EXAMPLE].concat();
-            for length in [1, 5, CAPACITY] {
-                let (messages, dropped) = decode(&bytes, &[length]);
+            for length in [1, 5, usize::MAX] {
+                let (messages, dropped) = decode_in(PingDecoder::default(), &bytes, &[length]);
                 assert_eq!(messages, [MEASURED], "{bad:?}");
                 assert_eq!(dropped.count(reason), count, "{bad:?} {dropped:?}");
             }
@@ -443,32 +424,23 @@ mod tests {
         #[test]
         fn any_split_gives_the_same_messages(
             frames in proptest::collection::vec(any_frame(), 1..10),
-            lengths in proptest::collection::vec(1..60_usize, 1..10),
+            lengths in read_lengths(),
         ) {
             let bytes = frames.concat();
-            let (messages, dropped) = decode(&bytes, &lengths);
+            let (messages, dropped) = decode_in(PingDecoder::default(), &bytes, &lengths);
             prop_assert_eq!(messages.len(), frames.len());
             prop_assert_eq!(&dropped, &Dropped::default());
             // Debug text: NaN is not equal to itself.
-            let whole = decode(&bytes, &[CAPACITY]).0;
+            let whole = decode(PingDecoder::default(), &bytes).0;
             prop_assert_eq!(format!("{messages:?}"), format!("{whole:?}"));
         }
 
         #[test]
         fn damage_neither_panics_nor_gives_senseless_messages(
             frames in proptest::collection::vec(any_frame(), 1..10),
-            flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-            noise in proptest::collection::vec(prop_oneof![Just(b'B'), Just(b'R'), any::<u8>()], 0..200),
-            lengths in proptest::collection::vec(1..60_usize, 1..10),
+            damage in damage(b"BR\x01\x05\x00"),
         ) {
-            let mut bytes = frames.concat();
-            for (at, byte) in flips {
-                *at.get_mut(&mut bytes) = byte;
-            }
-            bytes.extend(noise);
-            let whole = decode(&bytes, &[CAPACITY]);
-            prop_assert_eq!(format!("{whole:?}"), format!("{:?}", decode(&bytes, &lengths)));
-            for message in whole.0 {
+            for message in damage.decode(PingDecoder::default, frames.concat()) {
                 let Message::Distance(found) = message else { continue };
                 let is_range = |range_m: f64| (0.0..=1000.0).contains(&range_m);
                 prop_assert!(found.distance_m.is_nan() || is_range(found.distance_m));

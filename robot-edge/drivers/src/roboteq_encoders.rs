@@ -282,24 +282,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::read_buffer::CAPACITY;
-
-    fn decode(bytes: &[u8], lengths: &[usize]) -> (Vec<Message>, Dropped) {
-        let mut decoder = EncoderDecoder::default();
-        let mut messages = Vec::new();
-        let mut rest = bytes;
-        for length in lengths.iter().cycle() {
-            let (read, after) = rest.split_at((*length).min(rest.len()));
-            decoder.push(read);
-            messages.extend(std::iter::from_fn(|| decoder.next_message()));
-            assert!(decoder.buffer.len() <= CAPACITY);
-            rest = after;
-            if rest.is_empty() {
-                break;
-            }
-        }
-        (messages, decoder.dropped().clone())
-    }
+    use crate::test_decoding::*;
 
     fn count_of(encoder: Encoder, count: i32) -> Message {
         Message::Count { encoder, count }
@@ -323,7 +306,7 @@ mod tests {
             ("80000000", i32::MIN),
         ] {
             let bytes = format!("?Q1\r{text}\r");
-            let (messages, dropped) = decode(bytes.as_bytes(), &[CAPACITY]);
+            let (messages, dropped) = decode(EncoderDecoder::default(), bytes.as_bytes());
             assert_eq!(messages, [count_of(Encoder::Two, expected)], "{text}");
             assert_eq!(dropped, Dropped::default());
         }
@@ -337,7 +320,7 @@ mod tests {
             ("80\r01", [-127, 1]),
         ] {
             let bytes = format!("?Z\r{text}\r");
-            let (messages, dropped) = decode(bytes.as_bytes(), &[CAPACITY]);
+            let (messages, dropped) = decode(EncoderDecoder::default(), bytes.as_bytes());
             assert_eq!(messages, [Message::Speeds(expected)], "{text}");
             assert_eq!(dropped, Dropped::default());
         }
@@ -353,8 +336,8 @@ mod tests {
             Message::Speeds([1, -2]),
             count_of(Encoder::Two, -16),
         ];
-        for length in [1, 2, 7, CAPACITY] {
-            let (messages, dropped) = decode(line, &[length]);
+        for length in [1, 2, 7, usize::MAX] {
+            let (messages, dropped) = decode_in(EncoderDecoder::default(), line, &[length]);
             assert_eq!(messages, expected);
             assert_eq!(dropped, Dropped::default());
         }
@@ -385,13 +368,13 @@ mod tests {
             ),
         ] {
             let bytes = [bad.as_bytes(), good.as_bytes()].concat();
-            for length in [1, 5, CAPACITY] {
-                let (messages, dropped) = decode(&bytes, &[length]);
+            for length in [1, 5, usize::MAX] {
+                let (messages, dropped) = decode_in(EncoderDecoder::default(), &bytes, &[length]);
                 assert_eq!(messages, [count_of(Encoder::One, 42)], "{bad:?}");
                 assert_eq!(dropped.count(reason), count, "{bad:?} {dropped:?}");
             }
         }
-        let (messages, dropped) = decode(b"?Z\r12\rOK\r34\r", &[CAPACITY]);
+        let (messages, dropped) = decode(EncoderDecoder::default(), b"?Z\r12\rOK\r34\r");
         assert_eq!(messages, [Message::Restarted]);
         assert_eq!(dropped.count(DropReason::CutOff), 1);
     }
@@ -451,7 +434,7 @@ mod tests {
         #[test]
         fn every_count_is_read_back_in_any_split(
             counts in prop::collection::vec((any::<bool>(), any::<i32>(), 0..32_u32), 1..20),
-            lengths in prop::collection::vec(1..20_usize, 1..10),
+            lengths in read_lengths(),
         ) {
             let mut bytes = Vec::new();
             let mut expected = Vec::new();
@@ -465,21 +448,16 @@ mod tests {
             bytes.extend_from_slice(REQUEST_SPEEDS);
             bytes.extend_from_slice(b"01\r02\r");
             expected.push(Message::Speeds([1, 2]));
-            prop_assert_eq!(decode(&bytes, &lengths), (expected, Dropped::default()));
+            prop_assert_eq!(decode_in(EncoderDecoder::default(), &bytes, &lengths), (expected, Dropped::default()));
         }
 
         #[test]
-        fn damage_neither_panics_nor_depends_on_the_split(
-            bytes in prop::collection::vec(
-                prop_oneof![prop::sample::select(b"?QZqz01289AF!^E+-WOK:\r\n".to_vec()), Just(b'\r'), any::<u8>()],
-                0..300,
-            ),
-            lengths in prop::collection::vec(1..20_usize, 1..10),
+        fn damage_neither_panics_nor_depends_on_the_reads(
+            bytes in prop::collection::vec(prop::sample::select(&b"?QZqz01289AF!^E+-WOK:\r\n"[..]), 0..300),
+            damage in damage(b"?q0F!\r"),
         ) {
-            let whole = decode(&bytes, &[CAPACITY]);
-            prop_assert_eq!(&whole, &decode(&bytes, &lengths));
             let mut angle = WheelAngle::new(WheelEncoder::new(1.0, 0).unwrap());
-            for message in whole.0 {
+            for message in damage.decode(EncoderDecoder::default, bytes) {
                 match message {
                     Message::Count { count, .. } => prop_assert!(angle.update(count).is_finite()),
                     Message::Speeds(speeds) => prop_assert!(speeds.iter().all(|speed| *speed >= -127)),

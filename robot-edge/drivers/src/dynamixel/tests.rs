@@ -3,34 +3,10 @@ use std::f64::consts::PI;
 use proptest::prelude::*;
 
 use super::*;
-use crate::read_buffer::CAPACITY;
+use crate::test_decoding::*;
 
 const ONE: Protocol = Protocol::One;
 const TWO: Protocol = Protocol::Two;
-
-fn decode(protocol: Protocol, bytes: &[u8], lengths: &[usize]) -> (Vec<Status>, Dropped) {
-    let mut decoder = DynamixelDecoder::new(protocol);
-    let mut replies = Vec::new();
-    let mut rest = bytes;
-    for length in lengths.iter().cycle() {
-        let (read, after) = rest.split_at((*length).min(rest.len()));
-        decoder.push(read);
-        replies.extend(std::iter::from_fn(|| decoder.next_message()));
-        assert!(decoder.buffer.len() <= CAPACITY);
-        rest = after;
-        if rest.is_empty() {
-            break;
-        }
-    }
-    (replies, decoder.dropped().clone())
-}
-
-#[track_caller]
-fn decode_one(protocol: Protocol, bytes: &[u8]) -> Status {
-    let (mut replies, dropped) = decode(protocol, bytes, &[CAPACITY]);
-    assert_eq!((replies.len(), dropped), (1, Dropped::default()));
-    replies.remove(0)
-}
 
 fn status(id: u8, faults: &[Fault], parameters: &[u8]) -> Status {
     Status {
@@ -49,12 +25,6 @@ fn reply(protocol: Protocol, id: u8, error: u8, parameters: &[u8]) -> Vec<u8> {
             protocol.packet(id, STATUS, &parameters).unwrap()
         }
     }
-}
-
-/// Bytes of a line of hexadecimal digits.
-fn hex(text: &str) -> Vec<u8> {
-    let byte = |digits| u8::from_str_radix(digits, 16).unwrap();
-    text.split(' ').map(byte).collect()
 }
 
 /// `protocol1.md`, sections Instruction Checksum, Error, Ping, Read, Write, Bulk Read.
@@ -85,7 +55,10 @@ fn bytes_of_the_manual_for_protocol_1() {
         ("FF FF 01 04 00 00 80 7A", status(1, &[], &[0, 0x80])),
         ("FF FF 02 04 00 00 80 79", status(2, &[], &[0, 0x80])),
     ] {
-        assert_eq!(decode_one(ONE, &hex(bytes)), expected);
+        assert_eq!(
+            decode_one(DynamixelDecoder::new(ONE), &hex(bytes)),
+            expected
+        );
     }
 }
 
@@ -136,7 +109,10 @@ fn bytes_of_the_manual_for_protocol_2() {
         ("FF FF FD 00 01 06 00 55 00 77 00 C3 69", 1, &[0x77, 0]),
         ("FF FF FD 00 02 05 00 55 00 24 8B A9", 2, &[0x24]),
     ] {
-        assert_eq!(decode_one(TWO, &hex(bytes)), status(id, &[], parameters));
+        assert_eq!(
+            decode_one(DynamixelDecoder::new(TWO), &hex(bytes)),
+            status(id, &[], parameters)
+        );
     }
 }
 
@@ -282,7 +258,10 @@ fn faults() {
         (ONE, 0x10, &[Fault::Checksum]),
         (ONE, 0x40, &[Fault::Instruction]),
     ] {
-        let reply = decode_one(protocol, &reply(protocol, 5, error, &[9]));
+        let reply = decode_one(
+            DynamixelDecoder::new(protocol),
+            &reply(protocol, 5, error, &[9]),
+        );
         assert_eq!(reply, status(5, expected, &[9]));
     }
 }
@@ -299,7 +278,7 @@ fn stuffing() {
     ] {
         assert_eq!(stuff(&hex(body)), hex(stuffed));
         assert_eq!(unstuff(&hex(stuffed)), hex(body));
-        let reply = decode_one(TWO, &reply(TWO, 1, 0, &hex(body)));
+        let reply = decode_one(DynamixelDecoder::new(TWO), &reply(TWO, 1, 0, &hex(body)));
         assert_eq!(reply.parameters, hex(body));
     }
 }
@@ -373,10 +352,10 @@ fn bad_packets_are_dropped_and_the_next_is_found() {
         (TWO, hex("FF FF FD 00 01 05 00"), DropReason::Checksum, 1),
     ] {
         let good = &good[usize::from(protocol == TWO)];
-        let expected = decode_one(protocol, good);
+        let expected = decode_one(DynamixelDecoder::new(protocol), good);
         let bytes = [&bad[..], good].concat();
-        for length in [1, 5, CAPACITY] {
-            let (replies, dropped) = decode(protocol, &bytes, &[length]);
+        for length in [1, 5, usize::MAX] {
+            let (replies, dropped) = decode_in(DynamixelDecoder::new(protocol), &bytes, &[length]);
             assert_eq!(replies, std::slice::from_ref(&expected), "{bad:x?}");
             assert_eq!(dropped.count(reason), count, "{bad:x?} {dropped:?}");
         }
@@ -402,7 +381,7 @@ proptest! {
     fn any_split_gives_the_same_replies(
         protocol in any_protocol(),
         sent in prop::collection::vec(any_reply(), 1..10),
-        lengths in prop::collection::vec(1..40_usize, 1..10),
+        lengths in read_lengths(),
     ) {
         // A reply of protocol 1.0 that has another one in its data is not told from one cut off.
         let sent: Vec<_> = sent
@@ -411,7 +390,7 @@ proptest! {
             .collect();
         let packet = |(id, error, parameters): &(u8, u8, Vec<u8>)| reply(protocol, *id, *error, parameters);
         let bytes: Vec<u8> = sent.iter().flat_map(packet).collect();
-        let (replies, dropped) = decode(protocol, &bytes, &lengths);
+        let (replies, dropped) = decode_in(DynamixelDecoder::new(protocol), &bytes, &lengths);
         prop_assert_eq!(dropped, Dropped::default());
         prop_assert_eq!(replies.len(), sent.len());
         for (reply, (id, _, parameters)) in replies.iter().zip(&sent) {
@@ -423,21 +402,11 @@ proptest! {
     fn damage_neither_panics_nor_gives_senseless_values(
         protocol in any_protocol(),
         sent in prop::collection::vec(any_reply(), 1..10),
-        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-        noise in any_parameters(),
-        lengths in prop::collection::vec(1..40_usize, 1..10),
+        damage in damage(b"\xFF\xFD\x00\x55"),
     ) {
-        let mut bytes = noise.clone();
-        for (id, error, parameters) in sent {
-            bytes.extend(reply(protocol, id, error, &parameters));
-        }
-        for (at, byte) in flips {
-            *at.get_mut(&mut bytes) = byte;
-        }
-        bytes.extend(noise);
-        let whole = decode(protocol, &bytes, &[CAPACITY]);
-        prop_assert_eq!(&whole, &decode(protocol, &bytes, &lengths));
-        for reply in whole.0 {
+        let packet = |(id, error, parameters): (u8, u8, Vec<u8>)| reply(protocol, id, error, &parameters);
+        let bytes = sent.into_iter().flat_map(packet).collect();
+        for reply in damage.decode(|| DynamixelDecoder::new(protocol), bytes) {
             prop_assert!(reply.id < BROADCAST);
             for model in [AX_12A, MX_28, X_SERIES] {
                 prop_assert!(model.position_rad(&reply).is_none_or(f64::is_finite));

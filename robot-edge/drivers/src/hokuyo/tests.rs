@@ -1,33 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::read_buffer::CAPACITY;
-
-/// All messages of `bytes`, read in pieces of `lengths` in turn.
-fn decode(bytes: &[u8], lengths: &[usize]) -> (Vec<Message>, Dropped) {
-    let mut decoder = HokuyoDecoder::default();
-    let mut messages = Vec::new();
-    let mut rest = bytes;
-    for length in lengths.iter().cycle() {
-        let (read, after) = rest.split_at((*length).clamp(1, rest.len().max(1)).min(rest.len()));
-        decoder.push(read);
-        messages.extend(std::iter::from_fn(|| decoder.next_message()));
-        assert!(decoder.0.len() <= CAPACITY);
-        rest = after;
-        if rest.is_empty() {
-            break;
-        }
-    }
-    let dropped = decoder.dropped().clone();
-    (messages, dropped)
-}
-
-fn decode_one(bytes: &[u8]) -> Message {
-    let (mut messages, dropped) = decode(bytes, &[CAPACITY]);
-    assert_eq!(dropped, Dropped::default());
-    assert_eq!(messages.len(), 1, "{messages:?}");
-    messages.remove(0)
-}
+use crate::test_decoding::*;
 
 /// Manual, section 8.12, without the spaces of its typography.
 const URG_PARAMETERS: &[u8] =
@@ -40,7 +14,7 @@ const UTM_PARAMETERS: &[u8] =
     AMIN:0;?\nAMAX:1080;Z\nAFRT:540;0\nSCAN:2400;U\n\n";
 
 fn parameters_of(bytes: &[u8]) -> Parameters {
-    match decode_one(bytes) {
+    match decode_one(HokuyoDecoder::default(), bytes) {
         Message::Parameters(parameters) => parameters,
         other => panic!("{other:?}"),
     }
@@ -122,9 +96,10 @@ fn impossible_parameters_are_dropped() {
             _ => format!("{old}\n"),
         };
         let bytes = text.lines().map(changed).collect::<String>() + "\n";
-        let (messages, dropped) = decode(bytes.trim_end().as_bytes(), &[9]);
+        let (messages, dropped) =
+            decode_in(HokuyoDecoder::default(), bytes.trim_end().as_bytes(), &[9]);
         assert_eq!((messages, dropped), (vec![], Dropped::default()));
-        let (messages, dropped) = decode(bytes.as_bytes(), &[9]);
+        let (messages, dropped) = decode_in(HokuyoDecoder::default(), bytes.as_bytes(), &[9]);
         assert_eq!(messages, [], "{key} {value}");
         assert_eq!(dropped.count(DropReason::Field), 1, "{key} {value}");
     }
@@ -135,7 +110,7 @@ const THREE_STEPS: &[u8] = b"GD0383038500\n00P\nm2@0?\n1Dh0070004\n\n";
 
 #[test]
 fn a_scan_by_hand() {
-    let Message::Distances(distances) = decode_one(THREE_STEPS) else {
+    let Message::Distances(distances) = decode_one(HokuyoDecoder::default(), THREE_STEPS) else {
         panic!()
     };
     assert_eq!(
@@ -163,7 +138,7 @@ fn geometry_of_a_real_sensor() {
     let urg = parameters_of(URG_PARAMETERS);
     let data = characters(1000, 3).repeat(682);
     let bytes = reply_with("MD0044072500000", "99", 4_866_652, &data);
-    let Message::Distances(distances) = decode_one(&bytes) else {
+    let Message::Distances(distances) = decode_one(HokuyoDecoder::default(), &bytes) else {
         panic!()
     };
     let scan = urg.to_scan(&distances).unwrap();
@@ -189,8 +164,10 @@ fn ranges_without_an_echo_are_infinite() {
     let urg = parameters_of(URG_PARAMETERS);
     let sent = [0, 1, 2, 19, 22, 23, 5599, 5600, 59_999, 60_000, 65_533];
     let data: String = sent.iter().map(|mm| characters(*mm, 3)).collect();
-    let Message::Distances(distances) = decode_one(&reply_with("GD0100011000", "00", 0, &data))
-    else {
+    let Message::Distances(distances) = decode_one(
+        HokuyoDecoder::default(),
+        &reply_with("GD0100011000", "00", 0, &data),
+    ) else {
         panic!()
     };
     // E: error. N: no echo. M: measured.
@@ -214,8 +191,10 @@ fn ranges_without_an_echo_are_infinite() {
 fn two_characters_end_at_4095_mm() {
     let utm = parameters_of(UTM_PARAMETERS);
     let data = [4094, 4095].map(|mm| characters(mm, 2)).concat();
-    let Message::Distances(distances) = decode_one(&reply_with("GS0000000100", "00", 0, &data))
-    else {
+    let Message::Distances(distances) = decode_one(
+        HokuyoDecoder::default(),
+        &reply_with("GS0000000100", "00", 0, &data),
+    ) else {
         panic!()
     };
     let scan = utm.to_scan(&distances).unwrap();
@@ -228,8 +207,10 @@ fn a_cluster_points_at_its_middle() {
     let utm = parameters_of(UTM_PARAMETERS);
     let data = characters(1000, 3).repeat(4);
     // Steps 540…549 by three: the last cluster has one step.
-    let Message::Distances(distances) = decode_one(&reply_with("MD0540054903100", "99", 0, &data))
-    else {
+    let Message::Distances(distances) = decode_one(
+        HokuyoDecoder::default(),
+        &reply_with("MD0540054903100", "99", 0, &data),
+    ) else {
         panic!()
     };
     let scan = utm.to_scan(&distances).unwrap();
@@ -255,8 +236,10 @@ fn the_first_of_many_echoes_is_decoded() {
     let data = texts.collect::<String>();
     let firsts: Vec<u32> = (0..50).map(|step| 1000 + step).collect();
     for (request, status) in [("HD0000004900", "00"), ("ND0000004900000", "99")] {
-        let Message::Distances(distances) = decode_one(&reply_with(request, status, 5, &data))
-        else {
+        let Message::Distances(distances) = decode_one(
+            HokuyoDecoder::default(),
+            &reply_with(request, status, 5, &data),
+        ) else {
             panic!()
         };
         assert_eq!(distances.distances_mm, firsts);
@@ -264,7 +247,11 @@ fn the_first_of_many_echoes_is_decoded() {
     }
     // An echo mark that nothing precedes, one that nothing follows, a step too many.
     for data in [format!("&{data}"), format!("{data}&"), format!("{data}012")] {
-        let (messages, dropped) = decode(&reply_with("HD0000004900", "00", 5, &data), &[64]);
+        let (messages, dropped) = decode_in(
+            HokuyoDecoder::default(),
+            &reply_with("HD0000004900", "00", 5, &data),
+            &[64],
+        );
         assert_eq!(messages, []);
         let count = |reason| dropped.count(reason);
         assert_eq!(
@@ -326,7 +313,7 @@ fn replies_without_data() {
         let Message::Status {
             request: of,
             status: decoded,
-        } = decode_one(bytes)
+        } = decode_one(HokuyoDecoder::default(), bytes)
         else {
             panic!("{shown}")
         };
@@ -349,13 +336,16 @@ fn texts_and_time() {
         "PROT:SCIP 2.2",
     ];
     assert_eq!(
-        decode_one(version),
+        decode_one(HokuyoDecoder::default(), version),
         Message::Version(expected.map(String::from).to_vec())
     );
     let state = b"II\n00P\nLASR:OFF;7\n\n";
-    assert_eq!(decode_one(state), Message::State(vec!["LASR:OFF".into()]));
     assert_eq!(
-        decode_one(b"TM1\n00P\nm2@0?\n\n"),
+        decode_one(HokuyoDecoder::default(), state),
+        Message::State(vec!["LASR:OFF".into()])
+    );
+    assert_eq!(
+        decode_one(HokuyoDecoder::default(), b"TM1\n00P\nm2@0?\n\n"),
         Message::Time(16_000_000)
     );
 }
@@ -420,10 +410,14 @@ fn bad_replies_are_dropped_and_the_next_is_found() {
         (b"GD0383038500\n00P\nm2@0?\n1Dh0", DropReason::CutOff, 1),
     ] {
         let bytes = [bad, THREE_STEPS].concat();
-        for length in [1, 7, CAPACITY] {
-            let (messages, dropped) = decode(&bytes, &[length]);
+        for length in [1, 7, usize::MAX] {
+            let (messages, dropped) = decode_in(HokuyoDecoder::default(), &bytes, &[length]);
             let shown = String::from_utf8_lossy(bad);
-            assert_eq!(messages, [decode_one(THREE_STEPS)], "{shown}");
+            assert_eq!(
+                messages,
+                [decode_one(HokuyoDecoder::default(), THREE_STEPS)],
+                "{shown}"
+            );
             assert_eq!(dropped.count(reason), count, "{shown} {dropped:?}");
         }
     }
@@ -534,7 +528,7 @@ fn any_reply() -> impl Strategy<Value = (Vec<u8>, Message)> {
         b"BM\n00P\n\n",
         b"SCIP2.0\n0\n\n",
     ];
-    let others = others.map(|bytes| (bytes.to_vec(), decode_one(bytes)));
+    let others = others.map(|bytes| (bytes.to_vec(), decode_one(HokuyoDecoder::default(), bytes)));
     prop_oneof![scan, proptest::sample::select(others.to_vec())]
 }
 
@@ -542,29 +536,21 @@ proptest! {
     #[test]
     fn any_split_gives_the_same_messages(
         replies in proptest::collection::vec(any_reply(), 1..5),
-        lengths in proptest::collection::vec(1..500_usize, 1..10),
+        lengths in read_lengths(),
     ) {
         let bytes: Vec<u8> = replies.iter().flat_map(|(bytes, _)| bytes.clone()).collect();
         let expected: Vec<Message> = replies.into_iter().map(|(_, message)| message).collect();
-        prop_assert_eq!(decode(&bytes, &lengths), (expected, Dropped::default()));
+        prop_assert_eq!(decode_in(HokuyoDecoder::default(), &bytes, &lengths), (expected, Dropped::default()));
     }
 
     #[test]
     fn damage_neither_panics_nor_gives_senseless_messages(
         replies in proptest::collection::vec(any_reply(), 1..4),
-        flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-        noise in proptest::collection::vec(any::<u8>(), 0..200),
-        lengths in proptest::collection::vec(1..500_usize, 1..10),
+        damage in damage(b"MDGSPB019\n;&"),
     ) {
-        let mut bytes: Vec<u8> = replies.iter().flat_map(|(bytes, _)| bytes.clone()).collect();
-        for (at, byte) in flips {
-            *at.get_mut(&mut bytes) = byte;
-        }
-        bytes.extend(noise);
-        let whole = decode(&bytes, &[CAPACITY]);
-        prop_assert_eq!(&whole, &decode(&bytes, &lengths));
+        let bytes: Vec<u8> = replies.iter().flat_map(|(bytes, _)| bytes.clone()).collect();
         let urg = parameters_of(URG_PARAMETERS);
-        for message in whole.0 {
+        for message in damage.decode(HokuyoDecoder::default, bytes) {
             let Message::Distances(distances) = message else { continue };
             let count = usize::from((distances.end_step - distances.start_step) / distances.cluster) + 1;
             prop_assert_eq!(distances.distances_mm.len(), count);

@@ -1,39 +1,14 @@
 use std::fmt::Write as _;
 use std::fs;
-use std::path::Path;
-use std::process::Command;
 
 use proptest::prelude::*;
 
 use super::*;
-use crate::read_buffer::CAPACITY;
 use crate::shared_data::shared_data;
+use crate::test_decoding::*;
 
 const ECHO_SOUNDER: Model = Model::EchoSounder852;
 const SCANNING: Model = Model::Scanning881A;
-
-fn decode(model: Model, bytes: &[u8], lengths: &[usize]) -> (Vec<Shot>, Dropped) {
-    let mut decoder = ImagenexDecoder::new(model);
-    let mut shots = Vec::new();
-    let mut rest = bytes;
-    for length in lengths.iter().cycle() {
-        let (read, after) = rest.split_at((*length).min(rest.len()));
-        decoder.push(read);
-        shots.extend(std::iter::from_fn(|| decoder.next_message()));
-        assert!(decoder.buffer.len() <= CAPACITY);
-        rest = after;
-        if rest.is_empty() {
-            break;
-        }
-    }
-    (shots, decoder.dropped().clone())
-}
-
-fn decode_one(model: Model, bytes: &[u8]) -> Shot {
-    let (mut shots, dropped) = decode(model, bytes, &[CAPACITY]);
-    assert_eq!((shots.len(), dropped), (1, Dropped::default()));
-    shots.remove(0)
-}
 
 /// A reply of the 852 with head 0x11.
 fn reply(max_range_m: u8, range_cm: u16, echo: &[u8]) -> Vec<u8> {
@@ -58,7 +33,7 @@ const PROFILE: [u8; 13] = [
 
 #[test]
 fn fields_of_a_reply() {
-    let shot = decode_one(ECHO_SOUNDER, &PROFILE);
+    let shot = decode_one(ImagenexDecoder::new(ECHO_SOUNDER), &PROFILE);
     let expected = Shot {
         head_id: 0x11,
         switches_accepted: true,
@@ -71,7 +46,7 @@ fn fields_of_a_reply() {
     assert_eq!(shot, expected);
     let mut overrun = PROFILE;
     overrun[4] = 0x81;
-    let shot = decode_one(ECHO_SOUNDER, &overrun);
+    let shot = decode_one(ImagenexDecoder::new(ECHO_SOUNDER), &overrun);
     assert_eq!(
         (shot.switches_accepted, shot.character_overrun),
         (false, true)
@@ -86,13 +61,13 @@ fn all_shots_of_a_recording() {
         return;
     };
     let file = fs::read(folder.join("hydroball.852")).unwrap();
-    let (shots, dropped) = decode(ECHO_SOUNDER, &file, &[CAPACITY]);
+    let (shots, dropped) = decode(ImagenexDecoder::new(ECHO_SOUNDER), &file);
     assert_eq!(shots.len(), 177);
     assert_eq!(dropped.count(DropReason::Length), 177);
     assert_eq!(dropped.count(DropReason::Garbage), 177 * (640 - 513 - 1));
     assert_eq!(dropped.iter().count(), 2);
     for length in [1, 7, 640] {
-        let in_parts = decode(ECHO_SOUNDER, &file, &[length]);
+        let in_parts = decode_in(ImagenexDecoder::new(ECHO_SOUNDER), &file, &[length]);
         assert_eq!(in_parts, (shots.clone(), dropped.clone()));
     }
     let bottom = |shot: &&Shot| (7.0..10.0).contains(&shot.range_m);
@@ -112,17 +87,11 @@ fn a_second_decoder_agrees() {
         return;
     };
     let path = folder.join("hydroball.852");
-    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../tests/python/decode_imagenex.py")
-        .canonicalize()
-        .unwrap();
-    let Ok(output) = Command::new("python3").arg(script).arg(&path).output() else {
-        crate::skip::skip("there is no python3", "package python3");
+    let Some(expected) = second_decoder("decode_imagenex.py", &path) else {
         return;
     };
-    assert!(output.status.success(), "{output:?}");
     let mut text = String::new();
-    for shot in decode(ECHO_SOUNDER, &fs::read(path).unwrap(), &[CAPACITY]).0 {
+    for shot in decode(ImagenexDecoder::new(ECHO_SOUNDER), &fs::read(path).unwrap()).0 {
         assert!(shot.switches_accepted && !shot.character_overrun);
         let range_cm = shot.range_m * 100.0;
         // The status has two more bits that are not decoded: echo sounder, external trigger.
@@ -133,7 +102,7 @@ fn a_second_decoder_agrees() {
         }
         text.push('\n');
     }
-    assert_eq!(text, String::from_utf8(output.stdout).unwrap());
+    assert_eq!(text, expected);
 }
 
 #[test]
@@ -145,12 +114,15 @@ fn ranges_of_the_echo_sounder() {
         (1270, 12.7),
         (5000, 50.0),
     ] {
-        let shot = decode_one(ECHO_SOUNDER, &reply(50, range_cm, &[7; 252]));
+        let shot = decode_one(
+            ImagenexDecoder::new(ECHO_SOUNDER),
+            &reply(50, range_cm, &[7; 252]),
+        );
         // Text: NaN is not equal to itself.
         assert_eq!(format!("{:.3}", shot.range_m), format!("{expected_m:.3}"));
         assert_eq!(shot.echo, [7; 252]);
     }
-    let shot = decode_one(ECHO_SOUNDER, &reply(50, 3000, &[]));
+    let shot = decode_one(ImagenexDecoder::new(ECHO_SOUNDER), &reply(50, 3000, &[]));
     assert_eq!(shot.range_at_m(1450.0), Some(29.0));
     for no_water in [343.0, 5000.0, -1500.0, f64::NAN, f64::INFINITY] {
         assert_eq!(shot.range_at_m(no_water), None);
@@ -164,7 +136,7 @@ fn ranges_and_angles_of_the_scanning_sonar() {
         let mut bytes = reply(max_range_m, range, &[]);
         bytes[3] = 0x10;
         bytes[5..7].copy_from_slice(&[0x57, 0x44]);
-        let shot = decode_one(SCANNING, &bytes);
+        let shot = decode_one(ImagenexDecoder::new(SCANNING), &bytes);
         assert!((shot.range_m - expected_m).abs() < 1e-9, "{shot:?}");
         let angle_deg = shot.head_angle_rad.unwrap().to_degrees();
         assert!((angle_deg - -0.3).abs() < 1e-9, "{angle_deg}");
@@ -246,8 +218,8 @@ fn bad_replies_are_dropped_and_the_next_is_found() {
         ),
     ] {
         let bytes = [&bad[..], &PROFILE].concat();
-        for length in [1, 5, CAPACITY] {
-            let (shots, dropped) = decode(ECHO_SOUNDER, &bytes, &[length]);
+        for length in [1, 5, usize::MAX] {
+            let (shots, dropped) = decode_in(ImagenexDecoder::new(ECHO_SOUNDER), &bytes, &[length]);
             assert_eq!(shots.len(), 1, "{bad:?}");
             assert_eq!(dropped.count(reason), count, "{bad:?} {dropped:?}");
         }
@@ -257,7 +229,7 @@ fn bad_replies_are_dropped_and_the_next_is_found() {
     // 1201 steps, the highest bit, no range.
     for change in [[0x31, 0x09, 10], [0x80, 0, 10], [0, 0x80, 10], [0, 0, 0]] {
         [scanning[5], scanning[6], scanning[7]] = change;
-        let (shots, dropped) = decode(SCANNING, &scanning, &[CAPACITY]);
+        let (shots, dropped) = decode(ImagenexDecoder::new(SCANNING), &scanning);
         assert_eq!((shots.len(), dropped.count(DropReason::Field)), (0, 1));
     }
 }
@@ -274,9 +246,9 @@ proptest! {
     #[test]
     fn any_split_gives_the_same_shots(
         replies in prop::collection::vec(any_reply(), 1..6),
-        lengths in prop::collection::vec(1..300_usize, 1..10),
+        lengths in read_lengths(),
     ) {
-        let (shots, dropped) = decode(ECHO_SOUNDER, &replies.concat(), &lengths);
+        let (shots, dropped) = decode_in(ImagenexDecoder::new(ECHO_SOUNDER), &replies.concat(), &lengths);
         prop_assert_eq!(shots.len(), replies.len());
         prop_assert_eq!(dropped, Dropped::default());
         for (shot, reply) in shots.iter().zip(&replies) {
@@ -288,19 +260,9 @@ proptest! {
     fn damage_neither_panics_nor_gives_senseless_shots(
         model in prop::sample::select(vec![ECHO_SOUNDER, SCANNING]),
         replies in prop::collection::vec(any_reply(), 1..6),
-        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-        noise in prop::collection::vec(prop::sample::select(b"IMGPX\x10\x11\x0a\x00\xfc\xff".to_vec()), 0..100),
-        lengths in prop::collection::vec(1..300_usize, 1..10),
+        damage in damage(b"IMGPX\x10\x11\x0a\x00\xfc\xff"),
     ) {
-        let mut bytes = replies.concat();
-        for (at, byte) in flips {
-            *at.get_mut(&mut bytes) = byte;
-        }
-        bytes.extend(noise);
-        let whole = decode(model, &bytes, &[CAPACITY]);
-        // Debug text: NaN is not equal to itself.
-        prop_assert_eq!(format!("{whole:?}"), format!("{:?}", decode(model, &bytes, &lengths)));
-        for shot in whole.0 {
+        for shot in damage.decode(|| ImagenexDecoder::new(model), replies.concat()) {
             let is_range = shot.range_m.is_nan()
                 || shot.range_m == f64::INFINITY
                 || (MIN_RANGE_M..=shot.max_range_m).contains(&shot.range_m);

@@ -4,26 +4,8 @@ use proptest::prelude::*;
 use serde_json::Value;
 
 use super::*;
-use crate::read_buffer::CAPACITY;
 use crate::shared_data::shared_data;
-
-fn decode(bytes: &[u8]) -> (Vec<Message>, Dropped) {
-    decode_in(bytes, [])
-}
-
-fn decode_in(bytes: &[u8], cuts: impl IntoIterator<Item = usize>) -> (Vec<Message>, Dropped) {
-    let mut decoder = NmeaDecoder::default();
-    let mut messages = Vec::new();
-    let mut rest = bytes;
-    for cut in cuts.into_iter().chain([usize::MAX]) {
-        let (read, later) = rest.split_at(cut.min(rest.len()));
-        decoder.push(read);
-        messages.extend(std::iter::from_fn(|| decoder.next_message()));
-        rest = later;
-    }
-    assert!(decoder.0.len() <= CAPACITY);
-    (messages, decoder.dropped().clone())
-}
+use crate::test_decoding::*;
 
 /// A whole line of a body.
 fn line(body: &str) -> String {
@@ -31,7 +13,7 @@ fn line(body: &str) -> String {
 }
 
 fn sentence(body: &str) -> Result<Sentence, DropReason> {
-    let (messages, dropped) = decode(line(body).as_bytes());
+    let (messages, dropped) = decode(NmeaDecoder::default(), line(body).as_bytes());
     match messages.into_iter().next() {
         Some(message) => Ok(message.sentence),
         None => Err(dropped.iter().next().unwrap().0),
@@ -125,7 +107,7 @@ fn values_of_the_captures_are_those_of_gpsd() {
         ("sounder", 122, 122, 121),
     ] {
         let log = fs::read(folder.join(format!("{capture}.log"))).unwrap();
-        let (decoded, dropped) = decode(&log);
+        let (decoded, dropped) = decode(NmeaDecoder::default(), &log);
         assert_eq!(decoded.len(), messages, "{capture} {dropped:?}");
         assert_eq!(dropped.count(DropReason::UnknownKind), unknown, "{capture}");
         assert_eq!(dropped.count(DropReason::Field), 0, "{capture}");
@@ -138,7 +120,7 @@ fn values_of_the_captures_are_those_of_gpsd() {
                 count += compare(&serde_json::from_str(text).unwrap(), &sentences);
                 sentences.clear();
             } else {
-                let (messages, _) = decode(format!("{text}\n").as_bytes());
+                let (messages, _) = decode(NmeaDecoder::default(), format!("{text}\n").as_bytes());
                 sentences.extend(messages.iter().map(|message| message.sentence.clone()));
                 again.extend(messages);
             }
@@ -232,7 +214,7 @@ fn sentences_of_all_kinds_are_decoded() {
         panic!()
     };
     close(hdg.true_heading_rad(), deg(0.1), 1e-12);
-    let (messages, _) = decode(line("HEHDT,1.0,T").as_bytes());
+    let (messages, _) = decode(NmeaDecoder::default(), line("HEHDT,1.0,T").as_bytes());
     assert_eq!(&messages[0].talker, b"HE");
 }
 
@@ -240,6 +222,7 @@ fn sentences_of_all_kinds_are_decoded() {
 fn the_example_of_the_manuals_gives_position_and_date() {
     // With the checksums that the manuals print.
     let (messages, dropped) = decode(
+        NmeaDecoder::default(),
         b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n\
           $GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",
     );
@@ -414,21 +397,27 @@ fn bad_input_is_counted_and_the_next_sentence_is_found() {
         ),
     ];
     for (name, before, drops) in cases {
-        let (messages, dropped) = decode(format!("{before}{good}").as_bytes());
+        let (messages, dropped) =
+            decode(NmeaDecoder::default(), format!("{before}{good}").as_bytes());
         assert_eq!(messages.len(), 1, "{name}");
         assert_eq!(dropped.iter().collect::<Vec<_>>(), drops, "{name}");
     }
     // Small letters in the checksum, and a line end of one character.
-    assert_eq!(decode(b"$SDDBT,7.9,f,2.4,M,1.3,F*0c\n").0.len(), 1);
+    assert_eq!(
+        decode(NmeaDecoder::default(), b"$SDDBT,7.9,f,2.4,M,1.3,F*0c\n")
+            .0
+            .len(),
+        1
+    );
     let longest = "A".repeat(MAX_LENGTH - 6);
-    let (_, dropped) = decode(line(&longest).as_bytes());
+    let (_, dropped) = decode(NmeaDecoder::default(), line(&longest).as_bytes());
     assert_eq!(dropped.count(DropReason::UnknownKind), 1);
 }
 
 /// Name, what comes before a good sentence, drops.
 type Case<'a> = (&'a str, &'a str, &'a [(DropReason, u64)]);
 
-fn stream() -> impl Strategy<Value = Vec<u8>> {
+fn any_line() -> impl Strategy<Value = Vec<u8>> {
     let kinds = prop::sample::select(vec![
         "GGA", "RMC", "VTG", "HDT", "THS", "HDG", "GST", "ROT", "DPT", "DBT", "XXX",
     ]);
@@ -442,30 +431,16 @@ fn stream() -> impl Strategy<Value = Vec<u8>> {
     let any_line = (kinds, prop::collection::vec(field, 0..16))
         .prop_map(|(kind, fields)| line(&format!("GN{kind},{}", fields.join(","))).into_bytes());
     let good = Just(line("GNGGA,133900.00,4134.50180323,N,09345.03586581,W,4,19,0.7,280.827,M,-31.442,M,6.0,0002").into_bytes());
-    let whole = prop_oneof![any_line, good];
-    let cut = (whole.clone(), any::<prop::sample::Index>())
-        .prop_map(|(line, at)| line[..at.index(line.len())].to_vec());
-    let damaged = (whole.clone(), any::<prop::sample::Index>(), any::<u8>()).prop_map(
-        |(mut line, at, byte)| {
-            let at = at.index(line.len());
-            line[at] = byte;
-            line
-        },
-    );
-    let garbage = prop::collection::vec(prop_oneof![Just(b'$'), Just(b'\r'), any::<u8>()], 0..30);
-    let part = prop_oneof![4 => whole, 1 => cut, 1 => damaged, 1 => garbage];
-    prop::collection::vec(part, 0..12).prop_map(|parts| parts.concat())
+    prop_oneof![any_line, good]
 }
 
 proptest! {
     #[test]
-    fn any_split_gives_the_same_messages(
-        stream in stream(),
-        cuts in prop::collection::vec(0..40_usize, 0..60),
+    fn damage_neither_panics_nor_gives_senseless_values(
+        lines in prop::collection::vec(any_line(), 0..12),
+        damage in damage(b"$*,\r\n"),
     ) {
-        let whole = decode(&stream);
-        prop_assert_eq!(decode_in(&stream, cuts), whole.clone());
-        for message in whole.0 {
+        for message in damage.decode(NmeaDecoder::default, lines.concat()) {
             match message.sentence {
                 Sentence::Gga(gga) => if let Some(fix) = gga.fix() {
                     prop_assert!(fix.latitude_deg.abs() <= 90.0 && fix.longitude_deg.abs() <= 180.0);
@@ -479,8 +454,4 @@ proptest! {
         }
     }
 
-    #[test]
-    fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..600), body in "[ -~]{0,80}") {
-        let _ = decode(&[&bytes, line(&body).as_bytes(), &bytes].concat());
-    }
 }

@@ -1,24 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::read_buffer::CAPACITY;
-
-fn decode(bytes: &[u8], lengths: &[usize]) -> (Vec<Message>, Dropped) {
-    let mut decoder = RplidarDecoder::default();
-    let mut messages = Vec::new();
-    let mut rest = bytes;
-    for length in lengths.iter().cycle() {
-        let (read, after) = rest.split_at((*length).min(rest.len()));
-        decoder.push(read);
-        messages.extend(std::iter::from_fn(|| decoder.next_message()));
-        assert!(decoder.buffer.len() <= CAPACITY && decoder.nodes.len() <= MAX_NODES);
-        rest = after;
-        if rest.is_empty() {
-            break;
-        }
-    }
-    (messages, decoder.dropped().clone())
-}
+use crate::test_decoding::*;
 
 const SCAN: [u8; 7] = [0xA5, 0x5A, 5, 0, 0, 0x40, 0x81];
 
@@ -76,9 +59,9 @@ fn dialogue_of_a_real_device() {
         Message::Config(Config::Name("Sensitivity".into())),
         Message::ScanBegins,
     ];
-    for length in [1, 4, CAPACITY] {
+    for length in [1, 4, usize::MAX] {
         assert_eq!(
-            decode(&bytes, &[length]),
+            decode_in(RplidarDecoder::default(), &bytes, &[length]),
             (expected.clone(), Dropped::default())
         );
     }
@@ -106,7 +89,7 @@ fn nodes_become_sweeps() {
     ] {
         assert_eq!(node(&bad), None);
     }
-    let (messages, dropped) = decode(&turns(), &[7]);
+    let (messages, dropped) = decode_in(RplidarDecoder::default(), &turns(), &[7]);
     assert_eq!(dropped, Dropped::default());
     let [
         Message::ScanBegins,
@@ -132,11 +115,11 @@ fn nodes_become_sweeps() {
 fn a_lost_byte_costs_two_samples_and_a_descriptor_inside_is_found() {
     let mut bytes = turns();
     bytes.remove(1002);
-    let (messages, dropped) = decode(&bytes, &[64]);
+    let (messages, dropped) = decode_in(RplidarDecoder::default(), &bytes, &[64]);
     assert_eq!(messages.len(), 3);
     assert_eq!(dropped.count(DropReason::Field), 1);
     let cut = [&turns()[..100], &[0xA5, 0x5A, 3, 0, 0, 0, 6, 0, 0, 0]].concat();
-    let (messages, _) = decode(&cut, &[3]);
+    let (messages, _) = decode_in(RplidarDecoder::default(), &cut, &[3]);
     assert_eq!(
         messages[1..],
         [Message::Health {
@@ -176,7 +159,7 @@ fn capsules_become_sweeps() {
         for at in 0..50_u16 {
             bytes.extend(capsule(answer, at * 20 % 360 * 64, &[0]));
         }
-        let (messages, dropped) = decode(&bytes, &[100]);
+        let (messages, dropped) = decode_in(RplidarDecoder::default(), &bytes, &[100]);
         assert_eq!(dropped, Dropped::default());
         let sweeps = messages.iter().filter(|message| match message {
             Message::Sweep(sweep) => {
@@ -188,7 +171,7 @@ fn capsules_become_sweeps() {
         assert_eq!(sweeps.count(), 1, "{answer:?}");
         // A wrong sum: neither that capsule nor the angles round it are believed.
         bytes[7 + 10 * length + 50] ^= 1;
-        let (_, dropped) = decode(&bytes, &[100]);
+        let (_, dropped) = decode_in(RplidarDecoder::default(), &bytes, &[100]);
         assert_eq!(dropped.count(DropReason::Checksum), 1);
         assert_eq!(dropped.count(DropReason::CutOff), 1);
     }
@@ -230,11 +213,9 @@ proptest! {
     fn damage_neither_panics_nor_depends_on_the_reads(
         kind in 0..4_usize,
         fill in proptest::collection::vec(any::<u8>(), 1..50),
-        flips in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..8),
-        noise in proptest::collection::vec(prop_oneof![Just(0xA5), Just(0x5A), any::<u8>()], 0..100),
-        lengths in proptest::collection::vec(1..300_usize, 1..10),
+        damage in damage(b"\xA5\x5A"),
     ) {
-        let mut bytes = match [Answer::Express, Answer::Ultra, Answer::Dense].get(kind) {
+        let bytes = match [Answer::Express, Answer::Ultra, Answer::Dense].get(kind) {
             None => turns(),
             Some(answer) => {
                 let (data, length, _) = answer.layout();
@@ -243,13 +224,7 @@ proptest! {
                 begin.into_iter().chain(capsules).collect()
             }
         };
-        for (at, byte) in flips {
-            *at.get_mut(&mut bytes) = byte;
-        }
-        bytes.extend(noise);
-        let whole = decode(&bytes, &[CAPACITY]);
-        prop_assert_eq!(&whole.0, &decode(&bytes, &lengths).0);
-        for message in whole.0 {
+        for message in damage.decode(RplidarDecoder::default, bytes) {
             let Message::Sweep(sweep) = message else { continue };
             prop_assert!(sweep.nodes.iter().all(|node| node.angle_q6 < TURN_Q6));
             let scan = sweep.to_scan(250e-6, 0.15, 12.0).unwrap();
