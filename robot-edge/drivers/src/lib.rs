@@ -8,6 +8,7 @@
 
 pub mod dynamixel;
 pub mod frames;
+pub mod gnss;
 pub mod hokuyo;
 pub mod imagenex;
 pub mod imagenex_deltat;
@@ -25,6 +26,7 @@ pub mod sick_cola;
 mod skip;
 #[cfg(test)]
 mod test_decoding;
+pub mod ublox;
 pub mod xsens;
 
 pub use frames::{Decoder, DropReason, Dropped};

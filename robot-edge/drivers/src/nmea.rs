@@ -1,10 +1,11 @@
 //! NMEA 0183: positions, headings and depths of receivers, compasses and echo sounders.
 //!
 //! Source: NMEA 0183 version 4; field lists of gpsd ("NMEA Revealed"). Checked against gpsd's regression
-//! logs. Angles are radians; headings and courses are clockwise from north, see [`enu_yaw_rad`].
+//! logs. Angles are radians; headings and courses are clockwise from north, see
+//! [`enu_yaw_rad`](crate::gnss::enu_yaw_rad).
 //! Sentences of any talker are taken. A sentence without a checksum is dropped.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use measurement::GeodeticFix;
 
@@ -219,11 +220,6 @@ impl Hdg {
         let deviation = self.deviation_rad.unwrap_or(0.0);
         Some((self.compass_rad? + deviation + self.variation_rad?).rem_euclid(TAU))
     }
-}
-
-/// Yaw in ENU (counterclockwise from east, −π to π) of a heading clockwise from north.
-pub fn enu_yaw_rad(heading_rad: f64) -> f64 {
-    PI - (heading_rad + PI / 2.0).rem_euclid(TAU)
 }
 
 /// Exclusive or of all characters between `$` and `*`.

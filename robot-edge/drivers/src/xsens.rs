@@ -11,6 +11,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use measurement::{GeodeticFix, ImuSample};
 
+use crate::gnss::{GnssPosition, GnssVelocity, Utc, is_on_earth};
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
@@ -144,21 +145,6 @@ pub enum Item {
     Status(u32),
 }
 
-/// A time of the device. Bits of `valid`: 1 date, 2 time of day, 4 leap seconds known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
-pub struct Utc {
-    pub year: u16,
-    pub month: u8,
-    pub day: u8,
-    pub hour: u8,
-    pub minute: u8,
-    pub second: u8,
-    /// May be negative in [`GnssPvt`].
-    pub nanosecond: i32,
-    pub valid: u8,
-}
-
 /// Position, velocity and time of the satellite receiver.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GnssPvt {
@@ -180,31 +166,6 @@ pub struct GnssPvt {
     pub velocity: GnssVelocity,
     /// Dilution of precision: geometric, position, time, vertical, horizontal, northing, easting.
     pub dilution: [f64; 7],
-}
-
-/// Position on WGS-84 with its accuracy (1 σ).
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say it")]
-pub struct GnssPosition {
-    pub latitude_deg: f64,
-    pub longitude_deg: f64,
-    pub height_above_ellipsoid_m: f64,
-    pub height_above_sea_m: f64,
-    pub horizontal_accuracy_m: f64,
-    pub vertical_accuracy_m: f64,
-}
-
-/// Velocity; headings clockwise from north.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs, reason = "the names say it")]
-pub struct GnssVelocity {
-    /// North, east, down.
-    pub ned_mps: [f64; 3],
-    pub ground_speed_mps: f64,
-    pub heading_of_motion_rad: f64,
-    pub speed_accuracy_mps: f64,
-    pub heading_accuracy_rad: f64,
-    pub heading_of_vehicle_rad: Option<f64>,
 }
 
 /// Decoder of what a device sends.
@@ -553,8 +514,9 @@ fn reals<const N: usize>(format: u16, content: &[u8]) -> Result<[f64; N], DropRe
 }
 
 fn check_position([latitude_deg, longitude_deg]: [f64; 2]) -> Result<(), DropReason> {
-    let is_on_earth = latitude_deg.abs() <= 90.0 && longitude_deg.abs() <= 180.0;
-    is_on_earth.then_some(()).ok_or(DropReason::Field)
+    is_on_earth(latitude_deg, longitude_deg)
+        .then_some(())
+        .ok_or(DropReason::Field)
 }
 
 fn whole(content: &[u8], length: usize) -> Result<&[u8], DropReason> {
@@ -638,28 +600,10 @@ impl Fields<'_> {
         i32::from_be_bytes(self.take())
     }
 
-    /// Year to validity. A date or time that claims to be valid must be one.
+    /// Year to validity.
     fn utc(&mut self, nanosecond: i32) -> Result<Utc, DropReason> {
         let year = self.u16();
-        let [month, day, hour, minute, second, valid] = self.take();
-        let is_date = (1..=12).contains(&month) && (1..=31).contains(&day);
-        let is_time = hour < 24 && minute < 60 && second <= 60;
-        if (valid & 1 != 0 && !is_date)
-            || (valid & 2 != 0 && !is_time)
-            || nanosecond.unsigned_abs() > 1_000_000_000
-        {
-            return Err(DropReason::Field);
-        }
-        Ok(Utc {
-            year,
-            month,
-            day,
-            hour,
-            minute,
-            second,
-            nanosecond,
-            valid,
-        })
+        Utc::new(year, self.take(), nanosecond).ok_or(DropReason::Field)
     }
 }
 

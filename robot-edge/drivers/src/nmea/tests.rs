@@ -301,23 +301,6 @@ fn a_year_of_two_digits_is_of_1980_to_2079() {
 }
 
 #[test]
-fn headings_become_yaw_in_enu() {
-    for (heading_deg, yaw_deg) in [
-        (0.0, 90.0),
-        (90.0, 0.0),
-        (180.0, -90.0),
-        (270.0, 180.0),
-        (360.0, 90.0),
-    ] {
-        close(
-            Some(enu_yaw_rad(f64::to_radians(heading_deg))),
-            f64::to_radians(yaw_deg),
-            1e-12,
-        );
-    }
-}
-
-#[test]
 fn bad_fields_drop_the_sentence() {
     for body in [
         "GPGGA,250000,4807.0,N,01131.0,E,1",
