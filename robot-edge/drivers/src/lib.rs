@@ -13,6 +13,7 @@ pub mod hokuyo;
 pub mod imagenex;
 pub mod imagenex_deltat;
 pub mod nmea;
+pub mod ntrip;
 pub mod ping;
 mod read_buffer;
 pub mod roboteq_encoders;
