@@ -69,7 +69,7 @@ pub(crate) fn is_on_earth(latitude_deg: f64, longitude_deg: f64) -> bool {
     latitude_deg.abs() <= 90.0 && longitude_deg.abs() <= 180.0
 }
 
-/// Yaw in ENU (counterclockwise from east, −π to π) of a heading clockwise from north.
+/// Yaw in ENU (counter-clockwise from east, −π to π) of a heading clockwise from north.
 pub fn enu_yaw_rad(heading_rad: f64) -> f64 {
     PI - (heading_rad + FRAC_PI_2).rem_euclid(TAU)
 }

@@ -42,7 +42,7 @@ pub enum Sentence {
     Hdg(Hdg),
     /// Errors of the position.
     Gst(Gst),
-    /// Turn rate about the upward axis, counterclockwise positive, rad/s; `None` if not valid.
+    /// Turn rate about the upward axis, counter-clockwise positive, rad/s; `None` if not valid.
     Rot(Option<f64>),
     /// Depth with offset.
     Dpt(Dpt),

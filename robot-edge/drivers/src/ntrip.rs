@@ -156,7 +156,8 @@ enum Piece {
 impl State {
     fn front(self, bytes: &[u8]) -> Front<Piece> {
         let available = match self {
-            Self::Ended => return Front::Skip(DropReason::Garbage, bytes.len()),
+            // The end of the last chunk, or the text of a refusal.
+            Self::Ended => return Front::Blank(bytes.len()),
             Self::Corrections => MAX_PIECE,
             Self::Chunk(left) => MAX_PIECE.min(left),
             // Version 1: corrections follow the first line at once.
@@ -250,6 +251,7 @@ impl NtripDecoder {
                         (State::Header { is_chunked: true }, None)
                     }
                     Some(_) => (self.state, None),
+                    None if !line.is_empty() => (self.state, None),
                     None if is_chunked => (State::ChunkLength, Some(Message::Accepted)),
                     None => (State::Corrections, Some(Message::Accepted)),
                 }
@@ -281,10 +283,11 @@ fn front_of_rtcm(bytes: &[u8]) -> Front<Rtcm> {
     if garbage > 0 {
         return Front::Skip(DropReason::Garbage, garbage);
     }
-    let total = match total_length(bytes) {
-        None => return Front::Incomplete,
-        Some(None) => return Front::Skip(DropReason::Length, 1),
-        Some(Some(total)) => total,
+    let Some(header) = bytes.first_chunk() else {
+        return Front::Incomplete;
+    };
+    let Some(total) = total_length(*header) else {
+        return Front::Skip(DropReason::Length, 1);
     };
     let received = &bytes[..bytes.len().min(total)];
     if let Some(at) = (1..received.len()).find(|at| is_rtcm(&received[*at..])) {
@@ -309,16 +312,15 @@ fn front_of_rtcm(bytes: &[u8]) -> Front<Rtcm> {
     }
 }
 
-/// Length of the frame at the front, if its six reserved bits are 0; `None` if too little is there.
-fn total_length(bytes: &[u8]) -> Option<Option<usize>> {
-    let [_, high, low] = *bytes.first_chunk::<RTCM_HEADER>()?;
+/// Length of a whole frame; `None` if one of the six reserved bits is set.
+fn total_length([_, high, low]: [u8; RTCM_HEADER]) -> Option<usize> {
     let length = usize::from(u16::from_be_bytes([high, low]));
-    Some((high & 0xFC == 0).then_some(RTCM_HEADER + length + RTCM_CRC))
+    (high & 0xFC == 0).then_some(RTCM_HEADER + length + RTCM_CRC)
 }
 
 /// Whether a frame with a right CRC is at the front.
 fn is_rtcm(bytes: &[u8]) -> bool {
-    let frame = || bytes.get(..total_length(bytes)??);
+    let frame = || bytes.get(..total_length(*bytes.first_chunk()?)?);
     bytes.first() == Some(&RTCM_MARK) && frame().is_some_and(|frame| crc(frame) == 0)
 }
 

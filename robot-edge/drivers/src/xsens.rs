@@ -71,7 +71,7 @@ pub enum Message {
     OutputConfiguration(Vec<OutputSetting>),
     /// The device has power. A [`go_to_config`] within half a second keeps it from measuring.
     WakeUp,
-    /// A request was refused, or measuring failed: see [`error_text`].
+    /// A request was refused, or measuring failed: see [`error_meaning`].
     Error(u8),
 }
 
@@ -220,7 +220,7 @@ pub fn set_output_configuration(settings: &[OutputSetting]) -> Option<Vec<u8>> {
 }
 
 /// What an error of the device means (MT0101P, section "Error").
-pub fn error_text(code: u8) -> &'static str {
+pub fn error_meaning(code: u8) -> &'static str {
     match code {
         3 => "invalid period",
         4 => "invalid message",

@@ -131,6 +131,18 @@ fn a_lost_byte_costs_two_samples_and_a_descriptor_inside_is_found() {
 
 /// Values of a public Rust program's test of the SDK's scale.
 #[test]
+fn a_turn_without_end_is_dropped() {
+    let mut decoder = RplidarDecoder::default();
+    decoder.push(&SCAN);
+    for _ in 0..3 {
+        decoder.push(&node_bytes(false, 90 * 64, 4000).repeat(MAX_NODES));
+        while decoder.next_message().is_some() {}
+        assert!(decoder.nodes.len() <= MAX_NODES);
+    }
+    assert_eq!(decoder.dropped().count(DropReason::Length), 2);
+}
+
+#[test]
 fn ultra_distances_are_scaled() {
     for (bits, expected) in [(1000, 1488), (2000, 5760), (1500, 2928), (0, 0)] {
         assert_eq!(scaled(bits).0, expected);

@@ -248,7 +248,7 @@ fn bad_frames_are_dropped_and_the_next_is_found() {
         (frame(NAV_RELPOSNED, &[0; 48]), DropReason::Length, 1),
         (frame(ACK_ACK, &[0]), DropReason::Length, 1),
         (vec![0xB5, 0x62, 1, 2, 0xFF, 0xFF], DropReason::Length, 1),
-        (hex(PVT)[..40].to_vec(), DropReason::CutOff, 1),
+        (hex(PVT)[..40].to_vec(), DropReason::Checksum, 1),
         (
             frame([1, 2], &[0; 8000])[..20].to_vec(),
             DropReason::CutOff,

@@ -417,7 +417,7 @@ fn requests_and_replies_are_those_of_the_vendors_program() {
             "{reply}"
         );
     }
-    assert_eq!(error_text(4), "invalid message");
+    assert_eq!(error_meaning(4), "invalid message");
 }
 
 /// The vector, turned by the quaternion (x, y, z, w).
