@@ -62,12 +62,6 @@ impl ReadBuffer {
         }
         None
     }
-
-    /// The number of bytes that are kept.
-    #[cfg(test)]
-    pub(crate) fn len(&self) -> usize {
-        self.bytes.len()
-    }
 }
 
 /// Bytes before the first place where `mark`, or its beginning at the very end, stands.
@@ -103,10 +97,10 @@ mod tests {
         let mut buffer = ReadBuffer::default();
         buffer.push(&vec![1; CAPACITY]);
         buffer.push(&[2; 10]);
-        assert_eq!(buffer.len(), CAPACITY);
+        assert_eq!(buffer.bytes.len(), CAPACITY);
         assert_eq!(buffer.dropped.count(DropReason::Garbage), 10);
         buffer.push(&vec![3; CAPACITY + 5]);
-        assert_eq!(buffer.len(), CAPACITY);
+        assert_eq!(buffer.bytes.len(), CAPACITY);
         assert_eq!(
             buffer.dropped.count(DropReason::Garbage),
             (10 + CAPACITY + 5) as u64
