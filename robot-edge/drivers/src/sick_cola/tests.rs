@@ -185,6 +185,10 @@ fn an_lms5xx_in_both_codings() {
     assert!(ranges[3].is_nan(), "32 mm is nearer than 0.2 m");
     assert_eq!((ranges[4], ranges[7]), (1.0, 0.5));
     assert!(ranges[5].is_infinite() && ranges[6].is_infinite());
+    // Codes below 16 are no ranges, whatever the smallest range is.
+    let codes = a.to_scan(0.0, 80.0).unwrap().ranges_m;
+    assert!(codes[2].is_nan());
+    assert_eq!(codes[3..4], [0.032]);
     // -5° of the device; 1667 is a sixth of a degree.
     assert!((scan.angle_min_rad - (-95.0_f32).to_radians()).abs() < 1e-6);
     assert!((scan.angle_increment_rad - PI / 1080.0).abs() < 1e-9);
