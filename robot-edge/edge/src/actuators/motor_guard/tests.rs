@@ -606,14 +606,17 @@ impl BareGuard {
         });
         let mut frames = Vec::new();
         wait_until("the motors run", || {
-            let velocity = if sequence % 64 < 4 {
-                Velocity::ZERO
-            } else {
-                AHEAD
-            };
-            frames.extend(self.ask(sequence, velocity, clock::now()));
-            sequence += 1;
-            controller.with(|emulator| emulator.motors()) == AHEAD_POWERS
+            let is_running = controller.with(|emulator| emulator.motors()) == AHEAD_POWERS;
+            if !is_running {
+                let velocity = if sequence % 64 < 4 {
+                    Velocity::ZERO
+                } else {
+                    AHEAD
+                };
+                frames.extend(self.ask(sequence, velocity, clock::now()));
+                sequence += 1;
+            }
+            is_running
         });
         (sequence, frames)
     }
