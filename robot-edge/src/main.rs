@@ -23,7 +23,7 @@ fn main() -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
-        // A file of what was said is to be read too.
+        // A log in a file has no colours.
         .with_ansi(io::stderr().is_terminal())
         .init();
 
@@ -32,7 +32,7 @@ fn main() -> ExitCode {
         Ok(exit) => exit,
         Err(err) => {
             let exit = Exit::of(err.as_ref());
-            // Whoever closed standard output or pressed Ctrl-C knows.
+            // A closed standard output and Ctrl-C are no errors to report.
             if !is_broken_pipe(&err) && err.downcast_ref::<Interrupted>().is_none() {
                 // Nothing is left to be done where even standard error fails.
                 drop(writeln!(io::stderr(), "robot-edge: {}", in_words(&err)));

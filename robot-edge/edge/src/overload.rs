@@ -13,7 +13,6 @@ const CLEAR_AFTER: Duration = Duration::from_secs(5);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverloadChange {
-    /// The current delay.
     Started(Duration),
     Cleared,
 }
@@ -27,7 +26,6 @@ pub struct OverloadMonitor {
 }
 
 impl OverloadMonitor {
-    /// Data is mapped with this `delay` at `now`.
     pub fn update(&mut self, delay: Duration, now: Monotonic) -> Option<OverloadChange> {
         if (delay > MAX_DELAY) == self.is_overloaded {
             self.change_pending_since = None;

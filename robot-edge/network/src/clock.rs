@@ -10,7 +10,6 @@ use measurement::time::Monotonic;
 /// Longest time that [`sleep_until`] sleeps without asking whether it is still wanted.
 const MAX_SLEEP: Duration = Duration::from_millis(50);
 
-/// The present.
 #[cfg(target_os = "linux")]
 pub fn now() -> Monotonic {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
@@ -21,7 +20,6 @@ pub fn now() -> Monotonic {
     Monotonic::from_nanos(u64::try_from(nanos).unwrap_or(0))
 }
 
-/// The present.
 #[cfg(not(target_os = "linux"))]
 #[expect(clippy::disallowed_methods, reason = "this file is the clock")]
 pub fn now() -> Monotonic {
@@ -30,7 +28,6 @@ pub fn now() -> Monotonic {
     Monotonic::from_nanos(u64::try_from(elapsed(start).as_nanos()).unwrap_or(u64::MAX))
 }
 
-/// The time since `moment`.
 pub fn elapsed(moment: Monotonic) -> Duration {
     now().since(moment)
 }

@@ -13,18 +13,13 @@ use super::layer::{ConfigLayer, join, quoted};
 use super::overrides::Override;
 use super::presets::{self, GENERIC, Preset};
 use super::schema::{Expected, Schema, SensorKinds};
-use super::validate::MAX_SENSORS;
+use super::validate::{MAX_SENSORS, validate};
 
-/// Largest file that is read as a configuration, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Key of a file that names the preset it starts from.
 const PRESET_KEY: &str = "preset";
 
 /// The configuration of `vehicle`, a preset's name or a file, with `overrides` in order of precedence.
-///
-/// # Errors
-/// Where there is no such vehicle, or the file cannot be read, or any setting is wrong; then all faults of
-/// a kind are reported at once.
 pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError> {
     let mut layers = match presets::find(vehicle) {
         Some(preset) => vec![preset.layer()?],
@@ -123,9 +118,9 @@ fn build(layers: &[ConfigLayer]) -> Result<Config, ConfigError> {
     }
     issues.extend(missing_sensors(&merged));
     if issues.is_empty() {
-        let config = Config::deserialize(Value::Table(merged))
+        let config = Config::deserialize(Value::Table(merged.clone()))
             .map_err(|error| other("configuration", error.message().to_owned()))?;
-        issues = config.validate();
+        issues = validate(&config, &merged);
         if issues.is_empty() {
             return Ok(config);
         }

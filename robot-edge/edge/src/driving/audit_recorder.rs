@@ -37,7 +37,6 @@ impl AuditRecorder {
         }
     }
 
-    /// Records an event.
     pub(super) fn record(
         &mut self,
         drive_event: &DriveEvent,
@@ -66,7 +65,6 @@ impl AuditRecorder {
         }
     }
 
-    /// Records a refused message in the name of `operator`.
     pub(super) fn record_refusal(
         &mut self,
         operator: &OperatorName,
@@ -107,7 +105,6 @@ impl AuditRecorder {
     }
 }
 
-/// The refused topic, for programs and as text.
 const fn refusal_labels(request_kind: OperatorTopic) -> (&'static str, &'static str) {
     match request_kind {
         OperatorTopic::Drive => ("drive", "a driving command"),

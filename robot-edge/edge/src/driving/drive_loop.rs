@@ -29,10 +29,8 @@ use teleop::{
 
 /// Tokens are issued this often, with the rounds.
 const TOKEN_PERIOD: Duration = Duration::from_millis(20);
-/// Greatest number of pending answers.
 const MAX_REPLIES: usize = 64;
 
-/// The state of the loop.
 pub(super) struct DriveLoop {
     pub(super) robot: RobotId,
     pub(super) rules: Rules,
@@ -53,7 +51,6 @@ pub(super) struct DriveLoop {
     replies: Replies,
 }
 
-/// Whether the motors obey, and the self-test that waits for them.
 pub(super) struct MotorCheck {
     readiness: MotorReadiness,
     reported_fault: Option<Fault>,
@@ -154,7 +151,6 @@ impl DriveLoop {
         }
     }
 
-    /// Counts messages that the inbox dropped.
     pub(super) fn dropped(&mut self, count: u64) {
         if count > 0 {
             self.runtime_settings.dropped = self.runtime_settings.dropped.saturating_add(count);
@@ -227,7 +223,6 @@ impl DriveLoop {
         }
     }
 
-    /// Executes a command given at the vehicle.
     pub(super) fn execute_local(&mut self, command: LocalCommand, now: Monotonic) {
         match command {
             LocalCommand::Stop => self.step(now, ArbiterInput::LocalEStop),
@@ -259,7 +254,6 @@ impl DriveLoop {
         }
     }
 
-    /// Sends zero to the motors at the end.
     pub(super) fn stop(&mut self) {
         let _whatever_it_says = self.motors.apply(Velocity::ZERO, clock::now());
     }
@@ -335,7 +329,6 @@ impl DriveLoop {
         }
     }
 
-    /// Publishes an event and records it in the audit log.
     pub(super) fn drive_event(&mut self, drive_event: DriveEvent, now: Monotonic) {
         self.audit_recorder
             .record(&drive_event, &self.operators, now);
@@ -453,7 +446,6 @@ const fn monitor_reenabled(event: &ArbiterEvent) -> Option<MonitorReenabled> {
     }
 }
 
-/// A refusal before the arbiter, and its answer.
 type Refused = (Refusal, Option<Reply>);
 
 impl DriveLoop {

@@ -116,7 +116,6 @@ fn robot_id_from(vehicle: &str) -> RobotId {
     name.parse().unwrap_or_else(|_empty| RobotId::default())
 }
 
-/// The error for an open endpoint without keys and without `--insecure`.
 pub(super) fn open_without_keys(endpoint: &str) -> UsageError {
     UsageError(format!(
         "{endpoint}: whoever reaches this address could watch the robot and drive it, unencrypted and without saying who \
@@ -124,7 +123,6 @@ pub(super) fn open_without_keys(endpoint: &str) -> UsageError {
     ))
 }
 
-/// Prints warnings about keys and open endpoints.
 pub(super) fn print_security_notice(endpoints: &Endpoints, out: &mut dyn Write) -> io::Result<()> {
     let mut endpoint_list = endpoints.listen.iter().chain(&endpoints.connect);
     match &endpoints.credentials {
@@ -141,7 +139,6 @@ pub(super) fn print_security_notice(endpoints: &Endpoints, out: &mut dyn Write) 
     }
 }
 
-/// Opens the audit log and writes its first entry.
 pub(super) fn open_audit_log(
     path: &Path,
     robot: &RobotId,

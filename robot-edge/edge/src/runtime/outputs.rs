@@ -123,7 +123,6 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
 }
 
 impl Summary {
-    /// Adds the result of reading the source.
     pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
         let SourceLosses {
             counts,
@@ -207,7 +206,6 @@ impl Summary {
     }
 }
 
-/// Prints a few lines about the run.
 pub(super) fn print_summary(
     summary: &Summary,
     files: &[String],

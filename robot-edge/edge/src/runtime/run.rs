@@ -32,7 +32,6 @@ use network::random_id;
 use recording::new_file::{self, NewFile};
 use recording::writer::WriteError;
 
-/// The settings of a run.
 pub(super) struct Run<'a> {
     /// Name of the recording or world.
     pub(super) source: String,
@@ -55,7 +54,6 @@ pub(super) struct Run<'a> {
     pub(super) events: Vec<Event>,
 }
 
-/// The files that a run writes continuously.
 struct Files {
     recorder: Option<Recorder>,
     /// Why `--record` writes nothing.

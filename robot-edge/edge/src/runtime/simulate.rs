@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use super::driving::{DrivePlan, MotorsPlan};
 use super::localization_plan::{
     LocalizationPlan, PlannedSensor, poses_from_fixes, poses_from_wheels, range_sensors,
-    registration_settings, wanted_sensors,
+    registration_settings,
 };
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
@@ -127,7 +127,7 @@ pub fn simulated_localization_plan(
     let assigned = if takes_all {
         vec![None]
     } else {
-        assign(&wanted_sensors(&sensors), &scan_names)
+        assign(&sensors, &scan_names)
             .map_err(|error| UsageError(format!("the simulated vehicle: {error}")))?
     };
     // There is no transform of a tilting sensor: its joint gives the angle.

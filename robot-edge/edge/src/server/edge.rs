@@ -25,25 +25,20 @@ use network::clock;
 use network::credentials::OperatorList;
 use network::sessions::Endpoints;
 
-/// Interval of checks for a newer list.
 const LIST_CHECK_PERIOD: Duration = Duration::from_millis(100);
-/// Maximum wait for sessions to close.
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
 /// Interval of attempts to reopen the sessions: the system may not have freed their ports yet. After
 /// [`COMPLAINT_DELAY`], ten times as long.
 const RETRY_PERIOD: Duration = Duration::from_millis(50);
 /// Failing attempts are reported after this time.
 const COMPLAINT_DELAY: Duration = Duration::from_secs(1);
-/// Interval of further reports.
 const REPEAT_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Identity and endpoints of a robot.
 #[derive(Clone, Debug)]
 pub struct EdgeSettings {
     pub robot: RobotId,
     pub boot: BootId,
     pub endpoints: Endpoints,
-    /// Receives newer operator lists.
     pub newer_operators: PendingOperatorList,
     /// Budget of the tiles, kilobits (10³ bits) per second.
     pub budget_kbps: u32,
@@ -90,7 +85,6 @@ impl EdgeLink {
         })
     }
 
-    /// The state that is published.
     pub const fn publish_state(&self) -> &Arc<PublishState> {
         &self.publish_state
     }

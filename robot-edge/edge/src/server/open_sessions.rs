@@ -243,10 +243,8 @@ impl Outgoing {
     }
 }
 
-/// Maximum length of a view.
 const MAX_VIEW_BYTES: usize = 256;
 
-/// Stores every received view.
 fn watch_views(context: &Arc<Context>) -> Result<(), LinkError> {
     let key = Topic::View.key(&context.robot);
     let publish_state = Arc::clone(&context.publish_state);

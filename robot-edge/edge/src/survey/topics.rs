@@ -4,12 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
-use measurement::{FrameId, GeodeticFix, ImuSample, StreamId};
+use measurement::{FrameId, GeodeticFix, ImuSample};
 
 /// Maximum number of steps for the median.
 const MAX_STEPS: usize = 10_000;
 
-/// Statistics of the stamps of one stream.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StampSurvey {
     pub count: u64,
@@ -64,10 +63,8 @@ impl StampSurvey {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanSurvey {
-    pub stream: StreamId,
     /// Frame of the first scan.
     pub frame: FrameId,
-    /// Stamps of the scans.
     pub stamps: StampSurvey,
     /// Fewest and most beams.
     pub beams: (usize, usize),
@@ -87,9 +84,8 @@ pub struct ScanSurvey {
 }
 
 impl ScanSurvey {
-    pub(super) fn new(stream: StreamId, frame: FrameId, scan: &Scan) -> Self {
+    pub(super) fn new(frame: FrameId, scan: &Scan) -> Self {
         Self {
-            stream,
             frame,
             stamps: StampSurvey::default(),
             beams: (usize::MAX, 0),
@@ -137,7 +133,6 @@ const LONGEST_M: f32 = 1000.0;
 /// A varying greatest range is a miss only if it is longer than any room, metres.
 const LONGEST_ROOM_M: f32 = 20.0;
 
-/// Statistics of the longest ranges of a stream.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaxRangeSurvey {
     beams: u64,
@@ -217,34 +212,20 @@ fn millimetres(range_m: f32) -> i32 {
 const MAX_JOINTS: usize = 1000;
 const MAX_NAME_BYTES: usize = 255;
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JointSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
-    pub count: u64,
     pub names: BTreeSet<String>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AttitudeSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
     pub count: u64,
     /// Number of messages with an orientation; raw ones have only turn rates.
     pub oriented: u64,
 }
 
 impl JointSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            names: BTreeSet::new(),
-        }
-    }
-
     pub(super) fn add(&mut self, joints: &[(String, f64)]) {
-        self.count += 1;
         for (name, _) in joints {
             let is_new = self.names.len() < MAX_JOINTS
                 && name.len() <= MAX_NAME_BYTES
@@ -257,41 +238,21 @@ impl JointSurvey {
 }
 
 impl AttitudeSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            oriented: 0,
-        }
-    }
-
     pub(super) fn add(&mut self, sample: &ImuSample) {
         self.count += 1;
         self.oriented += u64::from(sample.orientation_xyzw.is_some());
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FixSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
     pub count: u64,
     /// Number of messages with a valid fix.
     pub fixed: u64,
-    /// The first valid fix.
     pub first: Option<GeodeticFix>,
 }
 
 impl FixSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            fixed: 0,
-            first: None,
-        }
-    }
-
     pub(super) fn add(&mut self, fix: &GeodeticFix) {
         self.count += 1;
         if fix.status >= 0 {

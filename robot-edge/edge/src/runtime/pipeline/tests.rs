@@ -38,7 +38,6 @@ fn on_the_network() -> Replay {
     replay_with(&["--insecure", "--listen", &listen])
 }
 
-/// A replay of the rooms.
 fn replay_with(options: &[&str]) -> Replay {
     let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings/rooms.mcap");
     let line = ["robot-edge", "replay", rooms.to_str().unwrap(), "--quiet"];

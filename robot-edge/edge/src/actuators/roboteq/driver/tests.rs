@@ -3,17 +3,14 @@ use proptest::prelude::*;
 use super::super::emulator::{EmulatedFault, Emulator, Output};
 use super::*;
 
-/// Time that bytes take to the other end.
 const ON_THE_WAY: Duration = Duration::from_millis(6);
 
-/// A driver and a controller on one line, in a time of their own.
 struct Bench {
     driver: Driver,
     emulator: Emulator,
     now: Monotonic,
     to_driver: Vec<(Monotonic, Vec<u8>)>,
     to_emulator: Vec<(Monotonic, Vec<u8>)>,
-    /// Lengths of everything that was sent.
     sent: Vec<(Monotonic, usize)>,
 }
 
