@@ -1,24 +1,27 @@
 //! Ground truth: the perfect map of a world, by exact geometry.
 
-pub mod heights;
-pub mod outline;
+pub(crate) mod outline;
 
-pub use heights::{CellHeights, HeightOptions, HeightTruth, heights};
+mod heights;
+#[cfg(test)]
+#[expect(clippy::float_cmp, reason = "these values are exact")]
+mod worlds;
+
+pub(crate) use heights::{HeightTruth, heights};
 
 use std::ops::Range;
 
+use anyhow::ensure;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
-use serde::Deserialize;
 
 use self::outline::Outline;
-use crate::scene::Scene;
-use crate::vegetation::{self, Rigidity};
-use crate::world::World;
-use crate::world::values::polygon;
+use simulation::World;
+use simulation::scene::Scene;
+use simulation::vegetation::{self, Rigidity};
 
 /// Ground truth of one cell of a 2D occupancy grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CellKind {
+pub(crate) enum CellKind {
     /// No surface passes through it and its centre is outside all solids.
     Free,
     /// A surface passes through it, or lies on its edge with the solid on its side.
@@ -29,17 +32,17 @@ pub enum CellKind {
 
 /// The truth of one cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TruthCell {
+pub(crate) struct TruthCell {
     /// What is there.
-    pub kind: CellKind,
+    pub(crate) kind: CellKind,
     /// From its centre to the nearest surface, metres; infinite in an empty world. It lets a comparison
     /// leave out cells that a surface only grazes.
-    pub surface_distance_m: f64,
+    pub(crate) surface_distance_m: f64,
 }
 
 /// The truth over a rectangle of cells whose edges lie at multiples of the cell size.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TruthGrid {
+pub(crate) struct TruthGrid {
     grid: CellGrid,
     cells: Vec<TruthCell>,
 }
@@ -49,14 +52,14 @@ const MAX_CELLS: usize = 1 << 23;
 
 /// The truth of `world` in the plane of its vehicle's laser, over all cells that `bounds` touches. Moving
 /// solids are left out, glass is a solid as any other.
-pub fn occupancy(world: &World, cell_m: f64, bounds: Bounds) -> Result<TruthGrid, TruthError> {
+pub(crate) fn occupancy(world: &World, cell_m: f64, bounds: Bounds) -> anyhow::Result<TruthGrid> {
     let laser = &world.simulated_vehicle().laser;
     let outline = Outline::at_height(world.solids(), laser.base_from_mount.translation.z);
     TruthGrid::of(&outline, cell_m, bounds)
 }
 
 impl TruthGrid {
-    fn of(outline: &Outline, cell_m: f64, bounds: Bounds) -> Result<Self, TruthError> {
+    fn of(outline: &Outline, cell_m: f64, bounds: Bounds) -> anyhow::Result<Self> {
         let grid = CellGrid::new(cell_m, bounds, MAX_CELLS)?;
         let half_m = 0.5 * cell_m;
         let width = grid.size[0];
@@ -81,12 +84,12 @@ impl TruthGrid {
     }
 
     /// Edge length of a cell, metres.
-    pub fn cell_m(&self) -> f64 {
+    pub(crate) fn cell_m(&self) -> f64 {
         self.grid.cell_m
     }
 
     /// The cell of index (i, j), which begins at (i, j) · `cell_m`; `None` outside the grid.
-    pub fn get(&self, index: [i64; 2]) -> Option<TruthCell> {
+    pub(crate) fn get(&self, index: [i64; 2]) -> Option<TruthCell> {
         self.cells.get(self.grid.place(index)?).copied()
     }
 }
@@ -111,11 +114,11 @@ fn cells_crossed(grid: &CellGrid, outline: &Outline) -> Vec<Crossed> {
 
 /// A rectangle in the world, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
+pub(crate) struct Bounds {
     /// Least x and y.
-    pub min_m: [f64; 2],
+    pub(crate) min_m: [f64; 2],
     /// Greatest x and y.
-    pub max_m: [f64; 2],
+    pub(crate) max_m: [f64; 2],
 }
 
 /// A rectangle of cells whose edges lie at multiples of the cell size, in rows of growing y, in a row
@@ -127,47 +130,21 @@ struct CellGrid {
     size: [usize; 2],
 }
 
-/// Cells that make no grid.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum TruthError {
-    /// A size or bound that is not a number, or a rectangle without area.
-    #[error("no grid of cells of {cell_m} m from {min:?} to {max:?}", min = bounds.min_m, max = bounds.max_m)]
-    Senseless {
-        /// The requested value.
-        cell_m: f64,
-        /// The requested value.
-        bounds: Bounds,
-    },
-    /// More cells than memory is given to.
-    #[error("a grid of {cells} cells of {cell_m} m is more than {most}: make the cells larger")]
-    TooLarge {
-        /// The requested value.
-        cell_m: f64,
-        /// The resulting number of cells.
-        cells: f64,
-        /// The limit.
-        most: usize,
-    },
-}
-
 impl CellGrid {
     /// All cells that `bounds` touches, where these are at most `most`.
-    fn new(cell_m: f64, bounds: Bounds, most: usize) -> Result<Self, TruthError> {
+    fn new(cell_m: f64, bounds: Bounds, most: usize) -> anyhow::Result<Self> {
         let first = bounds.min_m.map(|m| libm::floor(m / cell_m));
         let end = bounds.max_m.map(|m| libm::ceil(m / cell_m));
         let [width, height] = [end[0] - first[0], end[1] - first[1]];
         let finite = first.into_iter().chain(end).all(|n| n.abs() < 1e15);
-        if !(finite && cell_m > 0.0 && width >= 1.0 && height >= 1.0) {
-            return Err(TruthError::Senseless { cell_m, bounds });
-        }
-        let cells = width * height;
-        if cells > most as f64 {
-            return Err(TruthError::TooLarge {
-                cell_m,
-                cells,
-                most,
-            });
-        }
+        ensure!(
+            finite && cell_m > 0.0 && width >= 1.0 && height >= 1.0,
+            "no grid of cells of {cell_m} m in {bounds:?}"
+        );
+        ensure!(
+            width * height <= most as f64,
+            "a grid of {width} × {height} cells of {cell_m} m is more than {most}"
+        );
         Ok(Self {
             cell_m,
             first: first.map(|n| n as i64),
@@ -244,35 +221,36 @@ fn clipped([a, b]: [Point2<f64>; 2], min: Point2<f64>, max: Point2<f64>) -> Opti
 
 /// The plane that a vehicle takes for the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroundPlane {
+pub(crate) struct GroundPlane {
     /// A point on it, in the world, metres.
-    pub point_m: Point3<f64>,
+    pub(crate) point_m: Point3<f64>,
     /// Unit vector, up.
-    pub normal: Vector3<f64>,
+    pub(crate) normal: Vector3<f64>,
 }
 
 /// Heights beyond which a surface is an obstacle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Thresholds {
+pub(crate) struct Thresholds {
     /// `H_pos` of the document, metres above the ground plane.
-    pub above_m: f64,
+    pub(crate) above_m: f64,
     /// `H_neg` of the document, metres above the ground plane: it is negative.
-    pub below_m: f64,
+    pub(crate) below_m: f64,
 }
 
 /// What a cell is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Verdict {
+pub(crate) struct Verdict {
     /// Whether any of its surface lies beyond a threshold.
-    pub is_obstacle: bool,
+    pub(crate) is_obstacle: bool,
     /// How far the height that decides this is from the threshold, metres: of an obstacle the farthest
     /// beyond one, of a free cell the nearest to one.
-    pub margin_m: f64,
+    pub(crate) margin_m: f64,
 }
 
 impl GroundPlane {
     /// The level plane at a height.
-    pub fn level(z_m: f64) -> Self {
+    #[cfg(test)]
+    pub(crate) fn level(z_m: f64) -> Self {
         Self {
             point_m: Point3::new(0.0, 0.0, z_m),
             normal: Vector3::z(),
@@ -280,7 +258,7 @@ impl GroundPlane {
     }
 
     /// How far a point is above it, metres.
-    pub fn height_m(&self, point_m: Point3<f64>) -> f64 {
+    pub(crate) fn height_m(&self, point_m: Point3<f64>) -> f64 {
         self.normal.dot(&(point_m - self.point_m))
     }
 }
@@ -298,59 +276,9 @@ impl Verdict {
     }
 }
 
-/// How a shore receives a boat [HYB §7, table 8.1].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ShoreClass {
-    /// Scattered flexible plants.
-    Sparse,
-    /// A closed field of flexible plants.
-    Dense,
-    /// Bushes, trunks, rocks.
-    Solid,
-}
-
-/// A stretch of shore.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
-pub struct Shore {
-    /// Name in the world file.
-    pub name: String,
-    /// What stands there.
-    pub class: ShoreClass,
-    /// Outline, metres.
-    #[serde(deserialize_with = "polygon")]
-    pub polygon_m: Vec<Point2<f64>>,
-}
-
-impl Shore {
-    /// Whether a point is in it.
-    pub fn contains(&self, at: Point2<f64>) -> bool {
-        vegetation::is_inside(&self.polygon_m, at)
-    }
-}
-
-/// A place where a boat can land.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
-#[serde(deny_unknown_fields)]
-pub struct Dock {
-    /// Name in the world file.
-    pub name: String,
-    /// Outline, metres.
-    #[serde(deserialize_with = "polygon")]
-    pub polygon_m: Vec<Point2<f64>>,
-}
-
-impl Dock {
-    /// Whether a point is in it.
-    pub fn contains(&self, at: Point2<f64>) -> bool {
-        vegetation::is_inside(&self.polygon_m, at)
-    }
-}
-
 /// The ground of a world apart from what stands on it. Moving solids are left out; plants count as they
 /// stand without wind.
-pub struct TerrainTruth<'a> {
+pub(crate) struct TerrainTruth<'a> {
     world: &'a World,
     ground: Scene,
     objects: Scene,
@@ -358,7 +286,7 @@ pub struct TerrainTruth<'a> {
 
 impl<'a> TerrainTruth<'a> {
     /// Of `world`.
-    pub fn of(world: &'a World) -> Self {
+    pub(crate) fn of(world: &'a World) -> Self {
         let [ground, objects] = world.ground_and_objects().map(|mut solids| {
             solids.retain(|solid| solid.motion.is_none());
             Scene::new(&solids)
@@ -371,7 +299,7 @@ impl<'a> TerrainTruth<'a> {
     }
 
     /// Height of the ground, under water too, metres above z = 0 of the world; `None` if there is none.
-    pub fn ground_m(&self, at: Point2<f64>) -> Option<f64> {
+    pub(crate) fn ground_m(&self, at: Point2<f64>) -> Option<f64> {
         self.ground.height_m(at, 0.0)
     }
 
@@ -380,7 +308,7 @@ impl<'a> TerrainTruth<'a> {
     /// where something goes on above. `None` where there is no ground.
     ///
     /// Of rigid plants it is the highest within a millimetre of the point.
-    pub fn rigid_top_m(&self, at: Point2<f64>, vehicle_height_m: f64) -> Option<f64> {
+    pub(crate) fn rigid_top_m(&self, at: Point2<f64>, vehicle_height_m: f64) -> Option<f64> {
         let ground_m = self.ground_m(at)?;
         let limit_m = ground_m + vehicle_height_m;
         let down = -nalgebra::Vector3::z();
@@ -401,7 +329,7 @@ impl<'a> TerrainTruth<'a> {
     /// What stands in the square column about `centre` of half width `half_m`, between two heights above
     /// z = 0 of the world, the ground left out: `None` where nothing does, and rigid where anything rigid
     /// does.
-    pub fn class(
+    pub(crate) fn class(
         &self,
         centre: Point2<f64>,
         half_m: f64,
@@ -428,5 +356,164 @@ fn column(centre: Point2<f64>, half_m: f64, heights_m: Range<f64>) -> [Point3<f6
     ]
 }
 
+/// Beginning of a world file of 5 lines.
 #[cfg(test)]
-mod tests;
+pub(crate) const HEADER: &str = r#"name = "w"
+vehicle = "pioneer"
+noise = { range_m = 0.0, dropout = 0.0 }
+start = { x_m = 0.0, y_m = 0.0, yaw_deg = 0.0 }
+path = { speed_mps = 1.0, turn_rate_degps = 60.0, waypoints = [{ x_m = 1.0, y_m = 0.0 }] }
+"#;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(sections: Vec<Vec<Point2<f64>>>, cell_m: f64, max_m: f64) -> TruthGrid {
+        let bounds = Bounds {
+            min_m: [0.0, 0.0],
+            max_m: [max_m, max_m],
+        };
+        TruthGrid::of(&Outline::of_sections(sections), cell_m, bounds).unwrap()
+    }
+
+    /// One line of text a row, the greatest y first.
+    fn drawn(grid: &TruthGrid) -> Vec<String> {
+        let [width, height] = grid.grid.size;
+        (0..height)
+            .rev()
+            .map(|row| {
+                (0..width)
+                    .map(|column| {
+                        let index = grid.grid.index(row * width + column);
+                        match grid.get(index).unwrap().kind {
+                            CellKind::Free => '.',
+                            CellKind::Occupied => '#',
+                            CellKind::Inside => 'i',
+                        }
+                    })
+                    .collect()
+            })
+            .collect()
+    }
+
+    fn polygon<const N: usize>(corners: [[f64; 2]; N]) -> Vec<Point2<f64>> {
+        corners.map(Point2::from).to_vec()
+    }
+
+    #[test]
+    fn cells_of_a_box_off_the_edges() {
+        let block = polygon([[0.6, 0.9], [2.4, 0.9], [2.4, 2.9], [0.6, 2.9]]);
+        let grid = grid(vec![block], 0.5, 3.5);
+        assert_eq!(
+            drawn(&grid),
+            [
+                ".......", ".####..", ".#ii#..", ".#ii#..", ".#ii#..", ".####..", "......."
+            ]
+        );
+        let cell = grid.get([2, 3]).unwrap();
+        assert!((cell.surface_distance_m - 0.65).abs() < 1e-12, "{cell:?}");
+        assert_eq!(grid.get([-1, 0]), None);
+        assert_eq!(grid.get([7, 0]), None);
+    }
+
+    #[test]
+    fn a_surface_on_an_edge_belongs_to_the_solids_side() {
+        let block = polygon([[0.5, 0.5], [2.0, 0.5], [2.0, 2.0], [0.5, 2.0]]);
+        assert_eq!(
+            drawn(&grid(vec![block], 0.5, 2.5)),
+            [".....", ".###.", ".#i#.", ".###.", "....."]
+        );
+    }
+
+    #[test]
+    fn a_turned_box_marks_every_cell_that_its_surface_crosses() {
+        let diamond = polygon([[3.6, 2.0], [2.0, 3.6], [0.4, 2.0], [2.0, 0.4]]);
+        assert_eq!(
+            drawn(&grid(vec![diamond], 1.0, 4.0)),
+            [".##.", "####", "####", ".##."]
+        );
+        let small = polygon([[2.9, 1.5], [2.5, 1.9], [2.1, 1.5], [2.5, 1.1]]);
+        assert_eq!(
+            drawn(&grid(vec![small], 1.0, 4.0)),
+            ["....", "....", "..#.", "...."]
+        );
+    }
+
+    #[test]
+    fn cells_lie_at_multiples_of_their_size_and_cover_the_bounds() {
+        let bounds = Bounds {
+            min_m: [-0.31, 0.19],
+            max_m: [0.25, 0.2],
+        };
+        let grid = TruthGrid::of(&Outline::default(), 0.1, bounds).unwrap();
+        assert_eq!((grid.grid.first, grid.grid.size), ([-4, 1], [7, 1]));
+        assert!(grid.cells.iter().all(|cell| cell.kind == CellKind::Free));
+        assert_eq!(grid.grid.index(6), [2, 1]);
+    }
+
+    #[test]
+    fn senseless_grids_are_refused() {
+        let of = |cell_m, max_m| {
+            let bounds = Bounds {
+                min_m: [0.0, 0.0],
+                max_m: [max_m, max_m],
+            };
+            TruthGrid::of(&Outline::default(), cell_m, bounds).unwrap_err()
+        };
+        for (cell_m, max_m) in [
+            (0.0, 1.0),
+            (-0.1, 1.0),
+            (f64::NAN, 1.0),
+            (0.1, f64::INFINITY),
+            (0.1, 0.0),
+            (0.1, f64::NAN),
+        ] {
+            let error = of(cell_m, max_m).to_string();
+            assert!(error.contains("no grid"), "{cell_m} {max_m}: {error}");
+        }
+        let error = of(0.001, 1000.0).to_string();
+        assert!(error.contains("is more than"), "{error}");
+    }
+
+    #[test]
+    fn the_ground_is_told_from_what_stands_on_it() {
+        const SHORE: &str =
+            include_str!("../../../../robot-edge/simulation/src/world/tests/shore.toml");
+        let parse = |text: &str| World::parse("shore.toml", &format!("{HEADER}{text}")).unwrap();
+        let world = parse(SHORE);
+        let standing = TerrainTruth::of(&world);
+        assert_eq!(standing.ground_m(Point2::new(0.0, 8.0)), Some(-1.0));
+        let class =
+            |x: f64, y: f64, from_m, to_m| standing.class(Point2::new(x, y), 0.3, from_m..to_m);
+        assert_eq!(class(2.0, 1.0, 0.3, 1.5), Some(Rigidity::Flexible));
+        assert_eq!(class(2.0, 1.0, 3.0, 4.0), None);
+        assert_eq!(class(6.0, 1.0, 0.3, 1.5), Some(Rigidity::Rigid));
+        assert_eq!(class(0.0, 8.0, -0.9, 1.0), Some(Rigidity::Rigid));
+        assert_eq!(class(0.0, 8.0, 0.01, 1.0), None);
+        assert_eq!(
+            class(0.79, 8.0, -0.9, 1.0),
+            Some(Rigidity::Rigid),
+            "it reaches to 0.5"
+        );
+        assert_eq!(class(0.81, 8.0, -0.9, 1.0), None);
+        assert_eq!(class(-3.0, 8.0, -2.0, 1.0), None, "ground does not count");
+        // The stone's top is z = 0, 1 m above the bed.
+        let top_m = |vehicle_m| {
+            standing
+                .rigid_top_m(Point2::new(0.0, 8.0), vehicle_m)
+                .unwrap()
+        };
+        assert!((top_m(2.0) - 0.0).abs() < 1e-9 && (top_m(0.7) + 0.3).abs() < 1e-9);
+        assert_eq!(standing.rigid_top_m(Point2::new(2.0, 1.0), 2.0), Some(-1.0));
+        // A box that is ground is driven on.
+        let paved = SHORE.replace("name = \"stone\"", "name = \"stone\"\nground = true");
+        let world = parse(&paved);
+        let standing = TerrainTruth::of(&world);
+        assert_eq!(
+            standing.ground_m(Point2::new(0.0, 8.0)).map(f64::round),
+            Some(0.0)
+        );
+        assert_eq!(standing.class(Point2::new(0.0, 8.0), 0.3, -0.9..1.0), None);
+    }
+}
