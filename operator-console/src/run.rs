@@ -21,10 +21,6 @@ use crate::settings::{ConfigPath, default_file};
 use crate::target::Target;
 use crate::window::{self, WindowSettings};
 
-/// Runs the command line. Output goes to `out`.
-///
-/// # Errors
-/// A message for the user; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     cli.check()?;
     if let Some(Task::Completions(completions)) = &cli.task {

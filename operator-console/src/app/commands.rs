@@ -99,7 +99,6 @@ impl ConsoleApp {
         }
     }
 
-    /// Passes state and last contact of the shown robot to the list of discovered robots.
     pub(super) fn update_discovery(&self) {
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
         let Some((found, session)) = shown else {
@@ -240,7 +239,6 @@ impl ConsoleApp {
 }
 
 impl ConsoleApp {
-    /// Logs what ends when `next` is shown instead.
     pub(super) fn log_session_change(&mut self, next: &FoundRobot, source_kind: SourceKind) {
         let Some((shown, _)) = &self.shown else {
             return;
@@ -303,7 +301,6 @@ fn ended(
 const FIRST_LINK: Duration = Duration::from_secs(5);
 
 impl ConsoleApp {
-    /// Last contact with a robot that is about to be shown.
     pub(super) fn last_contact(&self, robot: &RobotId, now: Monotonic) -> Option<LastContact> {
         let discovered_robots = self.discovery.discovered_robots();
         let discovered = discovered_robots
@@ -316,7 +313,6 @@ impl ConsoleApp {
     }
 }
 
-/// `was_shown`: its link is known to work.
 fn before(last: Monotonic, was_shown: bool, now: Monotonic) -> LastContact {
     let patience = if now.since(last) > SEEN_RECENTLY {
         Duration::ZERO
@@ -338,7 +334,7 @@ mod tests {
 
     use super::*;
     use crate::teleop_client::Lease;
-    use crate::test_support::idle_teleop_client;
+    use crate::test_support::{at, idle_teleop_client};
 
     #[test]
     fn session_change_is_logged() {
@@ -392,12 +388,6 @@ mod tests {
             "{text}"
         );
     }
-}
-
-#[cfg(test)]
-mod last_contact_tests {
-    use super::*;
-    use crate::test_support::at;
 
     #[test]
     fn expected_contact_depends_on_last_contact() {

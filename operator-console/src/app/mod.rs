@@ -30,9 +30,8 @@ use crate::command::Command;
 use crate::event_log::{EventLog, Severity};
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::lock;
 use crate::model::{LinkState, SavedSiteNames};
-use crate::panels::address_list::{ListedAddress, listed};
+use crate::panels::addresses::{ListedAddress, listed};
 use crate::panels::connection::LinkStatus;
 use crate::panels::driving::labels;
 use crate::panels::robots::{RobotEntry, RobotsData};
@@ -92,7 +91,6 @@ pub struct ConsoleApp {
 }
 
 impl ConsoleApp {
-    /// `settings_writer`: `None` if settings are not saved.
     pub fn new(
         ctx: &Context,
         window: WindowSettings,
@@ -305,10 +303,12 @@ impl eframe::App for ConsoleApp {
         self.keep();
         // Dropping it waits until the settings are written.
         self.settings_writer = None;
+        for (_, outcome) in self.pictures.drain(..) {
+            drop(screenshot::result_of(&outcome));
+        }
     }
 }
 
-/// Periodic work beside the frames: log, alerts, settings, list of robots.
 impl ConsoleApp {
     fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
         let (now, unix_s) = (clock::now(), seconds_since_1970());
@@ -376,7 +376,7 @@ impl ConsoleApp {
             }
         }
         self.pictures.retain(|(path, outcome)| {
-            let Some(outcome) = lock(outcome).take() else {
+            let Some(outcome) = screenshot::take_result(outcome) else {
                 return true;
             };
             notes.push(match outcome {
@@ -401,7 +401,6 @@ impl ConsoleApp {
         }
     }
 
-    /// Failures of the teleop client. The robot reports everything else as events.
     fn teleop_notes(&self) -> impl Iterator<Item = LogNote> + use<> {
         let notes = self.teleop_handle.take_notifications().into_iter();
         notes.filter_map(|note| {
@@ -434,7 +433,6 @@ impl ConsoleApp {
         moved_to(shown, silent, &self.discovery.discovered_robots(), now)
     }
 
-    /// Saved addresses that can be searched in this run, and those of the command line.
     fn listed_addresses(&self) -> Vec<ListedAddress> {
         let has_keys = self.credentials.is_some();
         let remembered = self.settings.addresses.iter();

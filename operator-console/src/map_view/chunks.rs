@@ -105,7 +105,6 @@ impl ChunkKey {
         (self.x * side, self.y * side)
     }
 
-    /// Column and row of a tile in the image, from the upper left.
     pub(super) fn texel_of(self, (tx, ty): (i32, i32)) -> [usize; 2] {
         let side = self.level.tiles_per_chunk();
         let column = i64::from(tx).rem_euclid(side) as usize;
@@ -178,7 +177,6 @@ fn tile_image(codes: &Codes<'_>, level: Level, at: [usize; 2], coloring: &Colori
     image
 }
 
-/// A layer with what is necessary to draw it.
 #[derive(Clone, Copy)]
 pub(super) struct LayerStyle<'a> {
     pub(super) indexed: IndexedLayer<'a>,

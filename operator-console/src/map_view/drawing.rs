@@ -21,8 +21,8 @@ use super::vehicle::{self, Motion, VehicleMark};
 use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, legend_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
+use crate::panels::data_age::{StaleData, is_position_old, stale_ui};
 use crate::panels::notice::NoticeRoom;
-use crate::panels::stale::{StaleData, is_position_old, stale_ui};
 use crate::theme;
 
 const PADDING: f32 = 8.0;
@@ -38,7 +38,6 @@ const MIN_CARD_WIDTH: f32 = 330.0;
 const NARROW: f32 = 480.0;
 
 impl MapView {
-    /// Draws the map and handles the pointer. Returns what the buttons request.
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
@@ -181,7 +180,6 @@ impl MapView {
         })
     }
 
-    /// Whether a place on the screen is within the mark of a point.
     fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
         let drawn = self.camera.to_screen(point_m);
         drawn.distance(place) <= ruler::POINT_RADIUS
@@ -339,7 +337,6 @@ impl MapView {
         self.settings.has(Overlay::Compass).then_some(place)
     }
 
-    /// Whether buttons, compass or legends cover this place, so that the map below is not read.
     pub(super) fn is_occluded(&self, place: Pos2) -> bool {
         let occluders = [
             Some(self.buttons),

@@ -6,7 +6,6 @@ mod coloring;
 mod drawing;
 mod grid;
 mod layer_compositing;
-mod layer_stack;
 mod legend_card;
 mod map_layers;
 mod navigation;
@@ -27,11 +26,12 @@ use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
-pub use layer_stack::{LayerCommand, LayerStack, StackLayer};
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;
-pub use view_settings::{CameraMode, Orientation, Overlay, ViewSettings};
+pub use view_settings::{
+    CameraMode, LayerCommand, LayerStack, Orientation, Overlay, StackLayer, ViewSettings,
+};
 
 use crate::command::Look;
 use crate::model::{ConsoleModel, SiteName};
@@ -51,17 +51,14 @@ pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
     layers: MapLayers,
-    /// Whether changes of the map are not drawn yet.
     is_behind: bool,
     /// Whether the operator has changed the layers of the shown robot.
     has_chosen_layers: bool,
     robot_overlay: RobotOverlay,
     shore_selection: ShoreSelection,
     gestures: GestureTracker,
-    /// Probed point, independent of the pointer.
     pinned_m: Option<[f64; 2]>,
     ruler: Option<Ruler>,
-    /// Whether the middle of the map is probed instead of the pointer.
     is_center_probed: bool,
     legends: LegendCard,
     buttons: Rect,
@@ -271,13 +268,11 @@ impl MapView {
     }
 }
 
-/// Frame of a card on the map.
 fn card_frame(ui: &Ui, margin: f32) -> Frame {
     let frame = Frame::new().fill(theme::card(ui.visuals()));
     frame.corner_radius(4.0).inner_margin(margin)
 }
 
-/// What is drawn around the vehicle and is not part of the map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotOverlay {
     pub stopping: Option<Stopping>,

@@ -63,7 +63,6 @@ impl MapView {
         }
     }
 
-    /// Adds a measured point or pins the probe; m in `odom`.
     pub(super) fn point(&mut self, point_m: [f64; 2]) {
         match &mut self.ruler {
             Some(ruler) => ruler.add(point_m),
@@ -223,8 +222,7 @@ impl Gesture {
     }
 }
 
-/// Whether a touch pad scrolls. If the system does not say so, by the unit: touch pads scroll in points, wheels in
-/// lines.
+/// If the system does not report it: touch pads scroll in points, wheels in lines.
 fn is_of_fingers(event: &Event) -> Option<bool> {
     let Event::MouseWheel { unit, source, .. } = event else {
         return None;

@@ -11,7 +11,7 @@ use measurement::time::Monotonic;
 use protocol::message::{Shores, ShoresReply, ShoresRequest};
 use protocol::tile::BootId;
 
-use super::incoming::{RejectReason, RequestId};
+use super::messages::{RejectReason, RequestId};
 use super::retry::RetryTimer;
 use super::shore_outlines::ShoreOutlines;
 use super::site_names::{SiteName, SiteNames};
@@ -25,12 +25,9 @@ const PATIENCE: Duration = Duration::from_secs(4);
 pub(super) struct ShoresSync {
     revision: u64,
     pub(super) shores: Option<Shores>,
-    /// Derived from `shores` when they arrive.
     pub(super) outlines: ShoreOutlines,
     names: SiteNames,
-    /// Names of the docking sites of `shores`, in their order.
     pub(super) named: Vec<SiteName>,
-    /// Epoch of the maps that the shores belong to.
     epoch: Option<u32>,
     /// Sequence number of the newest message about shores.
     last_seq: Option<u64>,
@@ -107,7 +104,7 @@ impl ShoresSync {
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, ShoresRequest)> {
-        let request = self.query.ask(PATIENCE, now, number)?;
+        let request = self.query.request(PATIENCE, now, number)?;
         let newer_than = self.revision;
         Some((request, ShoresRequest { newer_than }))
     }
@@ -154,7 +151,7 @@ mod tests {
 
     use super::super::shore_outlines::Outline;
     use super::*;
-    use crate::test_support::at;
+    use crate::test_support::{at, docking_site, shore};
 
     fn news(revision: u64, cell_m: f64) -> ShoresReply {
         ShoresReply {
@@ -229,10 +226,8 @@ mod tests {
     /// Docking sites at these x coordinates, metres.
     fn sites(revision: u64, places_m: &[f32]) -> ShoresReply {
         let site = |x_m: &f32| DockingSite {
-            center_m: [*x_m, 0.0],
-            heading_rad: 0.0,
             width_m: 4.0,
-            mean_cost: 0.2,
+            ..docking_site([*x_m, 0.0])
         };
         let sites = places_m.iter().map(site).collect();
         ShoresReply {
@@ -265,12 +260,9 @@ mod tests {
         /// A bush at this distance from a docking site, metres.
         fn report(revision: u64, away_m: f32) -> ShoresReply {
             let bush = ShoreCluster {
-                number: 3,
                 class: ShoreClass::Solid,
-                voxels: 10,
                 rigid_voxels: 10,
-                center_m: [away_m, 0.0],
-                outline: Vec::new(),
+                ..shore(3, [away_m, 0.0])
             };
             let mut news = sites(revision, &[0.0]);
             news.shores.as_mut().unwrap().clusters = vec![bush];

@@ -5,9 +5,9 @@ use measurement::time::Monotonic;
 use network::clock::utc_label;
 
 use super::connection::is_shown_synchronized;
+use super::data_age::is_position_old;
 use super::formatting::{age, capitalised, count, direction, signed, turn};
 use super::rows::{Row, row, rows_ui};
-use super::stale::is_position_old;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
@@ -118,7 +118,7 @@ mod tests {
     use protocol::tile_store::TileStore;
 
     use super::*;
-    use crate::test_support::{BOOT, announce_map, at, console, inject, scout};
+    use crate::test_support::{BOOT, announce_map, at, console, ended_status, inject, scout};
 
     #[test]
     fn a_paused_recording_counts_all_drawn_scans() {
@@ -159,10 +159,7 @@ mod tests {
         let rows = RobotData::new(&model, at(1_100)).rows;
         let moves = [row("Speed", "−0.50 m/s"), row("Turning", "12 °/s right")];
         assert_eq!(rows[rows.len() - 2..], moves);
-        let ended = Status {
-            has_ended: true,
-            ..Status::default()
-        };
+        let ended = ended_status();
         inject(&mut model, Topic::Status, &ended, at(1_100));
         let rows = RobotData::new(&model, at(1_100)).rows;
         assert!(rows.contains(&row("Speed", "–")) && rows.contains(&row("Turning", "–")));

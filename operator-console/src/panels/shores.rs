@@ -19,7 +19,6 @@ pub struct ShoresData {
     pub sites: Vec<ShoreRow>,
     pub notes: Vec<String>,
     pub marked: Option<ShoreMark>,
-    /// Under the pointer in a list.
     pub hovered: Option<ShoreMark>,
 }
 
@@ -29,9 +28,7 @@ pub struct ShoreRow {
     /// Number of a shore, letter of a site.
     pub name: String,
     pub class: Swatch,
-    /// Share of rigid voxels, or mean slope cost.
     pub share: String,
-    /// Number of voxels, or width.
     pub size: String,
     /// From the vehicle to the nearest edge of a shore, or to the middle of a site.
     pub distance: String,

@@ -80,7 +80,6 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// The layout of a tree; the default if the tree is empty.
     pub(super) fn of(tree: &Tree<PanelId>, hidden: BTreeSet<PanelId>) -> Self {
         match tree.root.and_then(|root| place_of(&tree.tiles, root)) {
             Some(root) => Self { root, hidden },
@@ -112,7 +111,6 @@ impl Layout {
 }
 
 impl Place {
-    /// Collects its panels. Returns whether all shares are valid.
     fn collect(&self, panels: &mut Vec<PanelId>) -> bool {
         match self {
             Self::Panel(panel) => {
@@ -210,8 +208,7 @@ const NEW: f32 = 250.0;
 /// A smaller size was not set by the operator, points.
 const COLLAPSED: f32 = 20.0;
 
-/// Sets the shares of rows and columns that contain the map to points: other visible panels keep their size, the map
-/// gets the rest.
+/// Other visible panels keep their size, the map gets the rest.
 pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) {
     let mut way = vec![map];
     while let Some(parent) = tree.tiles.parent_of(way[way.len() - 1]) {
@@ -244,8 +241,7 @@ pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) 
         }
         let least = LEAST.min(LEAST_SHARE * size[axis]);
         let for_map = (size[axis] - taken).max(least);
-        // If the space is too small for all, other panels shrink in proportion. Their stored sizes stay, for a larger
-        // window.
+        // If the space is too small, other panels shrink; their stored sizes stay, for a larger window.
         let share = if taken + for_map > size[axis] {
             for_map * taken / (size[axis] - for_map).max(1.0)
         } else {

@@ -4,7 +4,6 @@ use egui_kittest::kittest::Queryable;
 
 use super::*;
 
-/// A workspace whose panels show their names; those in `absent` have no content.
 struct Rig {
     workspace: Workspace,
     absent: Vec<PanelId>,

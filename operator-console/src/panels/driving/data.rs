@@ -35,19 +35,15 @@ const LAST_OBSERVED: &str = "Last observed";
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrivingData {
     pub tone: Tone,
-    /// State of the vehicle in one or two words.
     pub headline: String,
-    /// Consequence of the state, or what to do.
     pub advice: Option<String>,
     pub hint: Option<&'static str>,
     pub estop: EStopButton,
     pub driver: String,
     pub lease: LeaseButtons,
     pub is_observer: bool,
-    /// Whether the operator's role is known and below supervisor.
     pub cannot_take_over: bool,
     pub notice: Option<String>,
-    /// The operator who requests a handover from this one.
     pub handover_request: Option<OperatorId>,
     pub step: SpeedStep,
     /// m/s; 0 if unknown.
@@ -71,7 +67,6 @@ pub enum EStopButton {
         is_stored: bool,
     },
     ReadOnly,
-    /// The robot refused this operator's emergency stop.
     Refused(String),
 }
 
@@ -152,7 +147,6 @@ impl DrivingData {
     }
 }
 
-/// Time since the last pose, status or message, if it is too long.
 fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
     let quality = model.link_quality();
     let late = |stream, longest| quality.age(stream, now).filter(|age| *age > longest);
@@ -297,7 +291,6 @@ fn rows(
     rows
 }
 
-/// The obstacle that limits the vehicle. The map shows a ring around it.
 fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
     let (tone, words) = match model.barrier().map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
@@ -353,7 +346,6 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
     }
 }
 
-/// Whether the vehicle follows the keys, or when it will.
 fn key_text(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> (Tone, &'static str) {
     match teleop.state {
         TeleopState::EStop => (Tone::Warning, "Ignored until the reset"),
@@ -445,8 +437,7 @@ fn notice<'a>(
     }
 }
 
-/// Why this operator's lease ended, as reported by the robot. `None` if the newest event of this operator is a grant:
-/// the event of its end was lost.
+/// `None` if the newest event of this operator is a grant: the event of its end was lost.
 fn why_ended<'a>(
     operator: &OperatorId,
     events: impl DoubleEndedIterator<Item = &'a Event>,
@@ -497,10 +488,10 @@ fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::{EStopStatus, Severity};
+    use protocol::message::Severity;
 
     use super::*;
-    use crate::test_support::idle_teleop_status;
+    use crate::test_support::{STORED_ESTOP, idle_teleop_status};
 
     fn event(kind: &str, message: &str) -> Event {
         Event {
@@ -549,10 +540,7 @@ mod tests {
         teleop.state = TeleopState::Stopping(StopReason::Released);
         assert_eq!(shown(&teleop, &[&released, &estop]), let_go);
         teleop.state = TeleopState::EStop;
-        teleop.estop = Some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
+        teleop.estop = Some(STORED_ESTOP);
         assert_eq!(shown(&teleop, &[]), emergency("emergency stop 3"));
         assert_eq!(last_stop(&idle_teleop_status(), None, rest.iter()), None);
     }

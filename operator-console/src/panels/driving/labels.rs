@@ -216,7 +216,6 @@ const fn on_or_off(is_on: bool) -> &'static str {
     if is_on { "on" } else { "off" }
 }
 
-/// State of the vehicle in one or two words, with advice.
 pub(super) struct Headline {
     pub(super) tone: Tone,
     pub(super) words: String,
@@ -387,7 +386,6 @@ fn advice(
     Some(words.to_owned())
 }
 
-/// Whether the collision monitor stops the vehicle because its data is late or missing.
 const fn is_monitor_late(teleop: &TeleopStatus) -> bool {
     matches!(
         teleop.collision_monitor,

@@ -1,4 +1,4 @@
-//! Dialog for an export: folder, parts, progress and result.
+//! Dialogs over the window.
 
 use std::collections::BTreeSet;
 
@@ -7,34 +7,128 @@ use eframe::egui::{
 };
 use network::clock::wall_clock_label;
 
-use crate::app::desktop;
-use crate::app::export_job::ExportProgress;
+use super::desktop;
+use super::export_job::ExportProgress;
 use crate::command::{Command, ExportRequest};
 use crate::export::ExportPart;
 use crate::model::ConsoleModel;
 use crate::panels::layers::layer_name;
+use crate::playback::{absolute, typed_path};
+use crate::settings::Settings;
+use crate::shortcuts::{Sheet, sheet_ui};
 use crate::theme::{Tone, long_state_ui, state_ui};
-use crate::typed_path::{absolute, typed_path};
+
+pub(super) struct Dialogs {
+    sheet: Sheet,
+    is_about_open: bool,
+    export: Option<ExportDialog>,
+    opens_exports: bool,
+}
+
+impl Default for Dialogs {
+    fn default() -> Self {
+        Self::of(&Settings::default())
+    }
+}
+
+impl Dialogs {
+    pub(super) fn of(settings: &Settings) -> Self {
+        Self {
+            sheet: Sheet::default(),
+            is_about_open: false,
+            export: None,
+            opens_exports: settings.opens_exports,
+        }
+    }
+
+    pub(super) const fn keep(&self, settings: &mut Settings) {
+        settings.opens_exports = self.opens_exports;
+    }
+
+    pub(super) const fn show_about(&mut self) {
+        self.is_about_open = true;
+    }
+
+    pub(super) const fn toggle_shortcuts(&mut self) {
+        self.sheet = Sheet {
+            is_open: !self.sheet.is_open,
+            is_moved: false,
+        };
+    }
+
+    pub(super) fn show_export(
+        &mut self,
+        model: &ConsoleModel,
+        recording: Option<&str>,
+        last: Option<&ExportProgress>,
+    ) {
+        self.export
+            .get_or_insert_with(|| ExportDialog::new(model, recording, last));
+    }
+
+    pub(super) fn close_export(&mut self) {
+        self.export = None;
+    }
+
+    pub(super) fn close_one(&mut self) -> bool {
+        if self.export.take().is_some() {
+            return true;
+        }
+        std::mem::take(&mut self.is_about_open) || std::mem::take(&mut self.sheet).is_open
+    }
+
+    pub(super) fn show(
+        &mut self,
+        ctx: &Context,
+        model: Option<&ConsoleModel>,
+        progress: Option<&ExportProgress>,
+    ) -> Option<Command> {
+        if self.sheet.is_open {
+            sheet_ui(ctx, &mut self.sheet);
+        }
+        if self.is_about_open {
+            about_ui(ctx, &mut self.is_about_open);
+        }
+        let mut command = None;
+        if let Some(dialog) = &mut self.export {
+            let mut is_open = true;
+            command = dialog.show(ctx, model, progress, &mut self.opens_exports, &mut is_open);
+            if !is_open {
+                self.export = None;
+            }
+        }
+        command
+    }
+}
+
+fn about_ui(ctx: &Context, is_open: &mut bool) {
+    Window::new("About Foreshore")
+        .open(is_open)
+        .collapsible(false)
+        .resizable(false)
+        .pivot(Align2::CENTER_CENTER)
+        .default_pos(ctx.content_rect().center())
+        .show(ctx, |ui| {
+            ui.strong(concat!("Foreshore ", env!("CARGO_PKG_VERSION")));
+            ui.label("Shows what a robot or a boat maps, and drives it, over a bad link.");
+            ui.label(concat!("Licence: ", "MIT OR Apache-2.0"));
+        });
+}
 
 const WIDTH: f32 = 460.0;
 const MARGIN: f32 = 40.0;
 const TITLE: f32 = 80.0;
 
-pub(super) struct ExportDialog {
+struct ExportDialog {
     folder: String,
     parts: BTreeSet<ExportPart>,
     has_keyboard: bool,
-    /// Result of the last export, which is not shown again.
     previous: Option<ExportProgress>,
 }
 
 impl ExportDialog {
     /// Selects all parts that exist, and a folder named after the robot or the recording.
-    pub(super) fn new(
-        model: &ConsoleModel,
-        recording: Option<&str>,
-        last: Option<&ExportProgress>,
-    ) -> Self {
+    fn new(model: &ConsoleModel, recording: Option<&str>, last: Option<&ExportProgress>) -> Self {
         let shown = desktop::name_for_files(model.robot(), recording);
         let name = desktop::stamped_name(Some(&shown), &wall_clock_label());
         let folder = desktop::documents().map_or_else(|| name.clone().into(), |at| at.join(&name));
@@ -47,7 +141,7 @@ impl ExportDialog {
     }
 
     /// `opens_folder`: whether to open the folder of a finished export. `is_open` is cleared when the dialog is closed.
-    pub(super) fn show(
+    fn show(
         &mut self,
         ctx: &Context,
         model: Option<&ConsoleModel>,
@@ -130,7 +224,6 @@ impl ExportDialog {
         command
     }
 
-    /// What is missing before an export can start.
     fn lacking(&self, model: Option<&ConsoleModel>) -> Option<&'static str> {
         if model.is_none() {
             Some("There is no robot to export from")
@@ -166,7 +259,7 @@ impl ExportDialog {
     }
 }
 
-pub(super) fn part_words(part: ExportPart) -> &'static str {
+fn part_words(part: ExportPart) -> &'static str {
     match part {
         ExportPart::Layer(layer) => layer_name(layer),
         ExportPart::Trajectory => "Trajectory",
@@ -234,7 +327,7 @@ mod tests {
     use protocol::message::VoxelFile;
 
     use super::*;
-    use crate::export::{ExportPart, Fetching};
+    use crate::export::{ExportPart, FetchProgress};
 
     #[test]
     fn progress_bar_names_part_and_fetched_share() {
@@ -246,7 +339,10 @@ mod tests {
         assert_eq!(doing(&progress), "2 of 5: Slope cost");
         let progress = ExportProgress {
             current: Some(ExportPart::Voxels),
-            fetching: Some(Fetching::Voxels(VoxelFile::Points, [1_300_000, 40_000_000])),
+            fetching: Some(FetchProgress::Voxels(
+                VoxelFile::Points,
+                [1_300_000, 40_000_000],
+            )),
             ..progress
         };
         let words = "2 of 5: Voxels: points.ply, 1.3 of 40.0 MB fetched";
