@@ -159,22 +159,6 @@ fn what_was_glimpsed_is_forgotten_and_ground_is_not() {
 }
 
 #[test]
-fn a_person_glimpsed_beside_a_new_wall_is_forgotten() {
-    let mut map = map(101);
-    let (wall, person) = (
-        [0.0, 0.1, 0.2, 0.3, 0.4].map(|z_m| [4.1, 0.1, z_m]),
-        [4.1, 0.3, 0.5],
-    );
-    map.integrate(&scan(0.0, 0.0, &[[1.1, 1.1, 0.0]]), &ground());
-    let both: Vec<_> = wall.into_iter().chain([person]).collect();
-    map.integrate(&scan(2.0, 0.0, &both), &ground());
-    assert_eq!(class_at(&map, 4.1, 0.3), CellClass::Obstacle);
-    map.integrate(&scan(13.0, 0.0, &[[1.1, 1.1, 0.0]]), &ground());
-    assert_eq!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
-    assert_eq!(class_at(&map, 4.1, 0.3), CellClass::Unknown);
-}
-
-#[test]
 fn initial_obstacles_are_not_forgotten() {
     let mut map = map(101);
     map.integrate(&scan(0.0, 0.0, &[[4.1, 0.1, 0.5]; 2]), &ground());
