@@ -289,6 +289,10 @@ impl Operator {
                 clock::elapsed(started) < TIMEOUT,
                 "it does not start: {teleop:?}"
             );
+            // On a bad link it may have ended meanwhile.
+            if teleop.is_some_and(|teleop| teleop.lease.holder.as_ref() != Some(&self.name)) {
+                self.take_lease();
+            }
         }
     }
 
