@@ -146,10 +146,10 @@ impl Alerts {
         (!is_known).then(|| self.set_active(reason, now)).flatten()
     }
 
-    fn end_others(&mut self, reasons: &[Reason], is_told: impl Fn(&Alarm) -> bool) {
+    fn end_others(&mut self, reasons: &[Reason], is_reported: impl Fn(&Alarm) -> bool) {
         for alert in &mut self.alerts {
             let lasts = reasons.iter().any(|reason| reason.alarm == alert.alarm);
-            if alert.is_active && !lasts && is_told(&alert.alarm) {
+            if alert.is_active && !lasts && is_reported(&alert.alarm) {
                 alert.is_active = false;
                 alert.text.clone_from(&alert.past);
             }
@@ -512,7 +512,7 @@ mod tests {
         );
     }
 
-    fn drives(model: &mut ConsoleModel, told_mps: f32, speed_mps: f32, now: Monotonic) {
+    fn drives(model: &mut ConsoleModel, commanded_mps: f32, speed_mps: f32, now: Monotonic) {
         let pose = Pose {
             speed_mps,
             ..pose_at_rest()
@@ -520,7 +520,7 @@ mod tests {
         let teleop = TeleopStatus {
             state: TeleopState::Driving,
             applied: Velocity {
-                linear_mps: told_mps,
+                linear_mps: commanded_mps,
                 angular_radps: 0.0,
             },
             ..idle_teleop_status()
@@ -552,7 +552,7 @@ mod tests {
             inject_reply(&mut model, RequestId(0), Topic::Info, &info, at(0));
             let mut alerts = Alerts::default();
             let text = format!("Commanded but not moving: {is}");
-            for (ms, told_mps, speed_mps, has_begun, is_active) in [
+            for (ms, commanded_mps, speed_mps, has_begun, is_active) in [
                 (0, 1.0, 0.0, false, None),
                 (2_000, 1.0, 0.0, false, None),
                 (3_000, 1.0, 0.0, true, Some(true)),
@@ -562,7 +562,7 @@ mod tests {
                 (9_000, 1.0, 0.0, true, Some(true)),
                 (9_500, 1.0, 0.5, false, Some(false)),
             ] {
-                drives(&mut model, told_mps, speed_mps, at(ms));
+                drives(&mut model, commanded_mps, speed_mps, at(ms));
                 let begun = update(&mut alerts, &model, ms);
                 let expected = has_begun.then(|| (Alarm::Stuck, text.clone()));
                 assert_eq!(begun, Vec::from_iter(expected), "{ms}");

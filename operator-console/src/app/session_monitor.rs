@@ -209,12 +209,12 @@ mod tests {
     }
 
     /// The collision monitor permits the requested motion, m/s.
-    fn is_let(model: &mut ConsoleModel, told_mps: f32, ms: u64) {
+    fn is_let(model: &mut ConsoleModel, commanded_mps: f32, ms: u64) {
         let mut teleop = idle_teleop_status();
         teleop.state = TeleopState::Driving;
         teleop.clamp = Some(Clamp::CollisionMonitor);
         teleop.requested.linear_mps = 0.8;
-        teleop.applied.linear_mps = told_mps;
+        teleop.applied.linear_mps = commanded_mps;
         let status = status_of(teleop);
         inject(model, Topic::Status, &status, at(ms));
     }
@@ -231,7 +231,7 @@ mod tests {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
         let mut held = Vec::new();
-        for (ms, told_mps) in [
+        for (ms, commanded_mps) in [
             (0, 0.0),
             (900, 0.0),
             (950, 0.3),
@@ -243,7 +243,7 @@ mod tests {
             (5_200, 0.0),
             (6_200, 0.0),
         ] {
-            is_let(&mut model, told_mps, ms);
+            is_let(&mut model, commanded_mps, ms);
             let notes = monitor.update(&model, None, at(ms));
             held.extend(of_monitor(notes).into_iter().map(|note| (ms, note)));
         }

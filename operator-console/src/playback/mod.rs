@@ -137,8 +137,8 @@ impl Playback {
 
     pub fn take_failure(&mut self) -> Option<String> {
         let failure = self.failure().map(str::to_owned);
-        let is_told = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
-        failure.filter(|_| !is_told)
+        let is_reported = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
+        failure.filter(|_| !is_reported)
     }
 }
 

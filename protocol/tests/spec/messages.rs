@@ -152,8 +152,11 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(name: &str) {
 pub(crate) fn body<T: Serialize + DeserializeOwned>(name: &str, stated: &Value) -> T {
     // Through text: a `Value` would keep `f32`s as `f64`s, with other digits.
     let body: T = serde_json::from_str(&stated["body"].to_string()).unwrap();
-    let told: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
-    assert_eq!(told, stated["body"], "{name} does not state every field");
+    let reported: Value = serde_json::from_str(&serde_json::to_string(&body).unwrap()).unwrap();
+    assert_eq!(
+        reported, stated["body"],
+        "{name} does not state every field"
+    );
     body
 }
 

@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_lasts_is_told_and_once() {
+    fn only_lasting_overload_is_reported_and_once() {
         assert_eq!(changes([0, 900, 0, 900, 900, 900, 900, 10, 900, 900]), []);
         let behind = OverloadChange::Started(Duration::from_millis(800));
         let delay = std::iter::repeat_n(800, 20);

@@ -44,13 +44,13 @@ fn what_is_no_recording_is_refused() {
     );
 }
 
-/// What is written at the end is told before the mapping: nothing else is there yet.
+/// What is written at the end is checked before the mapping: nothing else is there yet.
 #[test]
-fn outputs_that_cannot_be_written_are_told_at_once() {
+fn outputs_that_cannot_be_written_are_reported_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
     fs::write(place("file"), "").unwrap();
-    let told = |option: &str, value: &Path, says: &[&str]| {
+    let reported = |option: &str, value: &Path, says: &[&str]| {
         let mut command = robot_edge("replay");
         command.arg(rooms()).arg(option).arg(value);
         for (other, name) in [
@@ -75,38 +75,38 @@ fn outputs_that_cannot_be_written_are_told_at_once() {
         );
     };
     let no_folder = "No such file";
-    told(
+    reported(
         "--export",
         &place("file"),
         &["cannot make the folder to export to", "File exists"],
     );
-    told(
+    reported(
         "--export",
         &place("file/maps"),
         &["cannot make the folder to export to"],
     );
-    told(
+    reported(
         "--summary",
         &place("no/such/s.json"),
         &["cannot write the summary", no_folder],
     );
-    told(
+    reported(
         "--summary",
         folder.path(),
         &["cannot write the summary", "directory"],
     );
-    told(
+    reported(
         "--record",
         &place("no/such/r.mcap"),
         &["cannot write the recording", no_folder],
     );
-    told(
+    reported(
         "--record",
         folder.path(),
         &["cannot write the recording", "directory"],
     );
     if Path::new("/proc/self").is_dir() {
-        told("--export", Path::new("/proc"), &["cannot write the maps"]);
+        reported("--export", Path::new("/proc"), &["cannot write the maps"]);
     }
 }
 

@@ -127,7 +127,7 @@ impl Counters {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
     /// A velocity that is not a number; zero was passed on.
-    #[error("the velocity asked for is not a number: the motors were told to stand")]
+    #[error("the velocity asked for is not a number: the motors were commanded to stop")]
     NotANumber,
     #[error("motor controller: {0}")]
     Controller(ControllerFault),
@@ -152,8 +152,8 @@ pub enum FallbackStop {
 impl fmt::Display for FallbackStop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Trying => "the motors are being told to stand",
-            Self::Stopped => "the motors have been told to stand, and have acknowledged",
+            Self::Trying => "the motors are being commanded to stop",
+            Self::Stopped => "the motors have been commanded to stop, and have acknowledged",
             Self::Unreachable => {
                 "the motors' port cannot be opened, so it is up to the controller's own watchdog"
             }

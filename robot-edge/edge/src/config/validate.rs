@@ -207,7 +207,7 @@ const RULES: &[Rule] = &[
             "mapping.metrics.inter_full_m",
         ],
         PositiveUpTo(10.0),
-        "it is a length of the things that are told apart",
+        "it is a length of the things that are distinguished",
     ),
     (
         &["mapping.metrics.weight"],

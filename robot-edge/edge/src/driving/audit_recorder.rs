@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_arbiter_refused_is_told_with_what_it_was() {
+    fn refusals_of_the_arbiter_are_reported_with_the_request() {
         let mut operators = Operators::open();
         let (operator, _) = operators.find(&anna()).unwrap();
         let drive_event = DriveEvent::Arbiter(ArbiterEvent::Refused {

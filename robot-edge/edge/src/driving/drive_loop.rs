@@ -134,7 +134,8 @@ impl DriveLoop {
 
     /// Handles one message of an operator.
     ///
-    /// Checks in this order: size, rate, token, epoch, sequence, signature. A flood causes no signature checks.
+    /// A command is checked in this order: size, rate, token, epoch, sequence, signature; requests and emergency stops:
+    /// size, rate, signature, and then what they ask for. Beyond the rate nothing costs a signature check.
     pub(super) fn receive(&mut self, incoming: Incoming, now: Monotonic) {
         let (operator, request_kind) = (incoming.operator.clone(), incoming.request_kind());
         let refused = match self.sender(&incoming, now) {
@@ -386,16 +387,16 @@ impl DriveLoop {
     fn drive(&mut self, sender: &Sender, bytes: &[u8], now: Monotonic) -> Result<(), Refusal> {
         let envelope =
             Envelope::parse(bytes).map_err(|error| status_message::refusal_for(&error))?;
-        let stamp = envelope.unverified_header();
+        let header = envelope.unverified_header();
         let claimed: Drive = envelope
             .unverified_command()
             .map_err(|error| status_message::refusal_for(&error))?;
         let press = claimed.estop.map(|estop| estop.press);
         let mut command = DriveCommand {
             operator: sender.id,
-            epoch: stamp.epoch,
-            seq: stamp.seq,
-            token: status_message::token(&stamp),
+            epoch: header.epoch,
+            seq: header.seq,
+            token: status_message::token(&header),
             requested: status_message::velocity(&claimed),
             estop: press.is_some(),
         };
@@ -481,13 +482,13 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, Reset { estop }, reply) = self.open(sender, bytes, reply)?;
+        let (header, Reset { estop }, reply) = self.open(sender, bytes, reply)?;
         let caller = self.caller(sender, reply);
         self.step(
             now,
             ArbiterInput::Reset {
                 caller,
-                token: status_message::token(&stamp),
+                token: status_message::token(&header),
                 id: EStopId(estop),
             },
         );
@@ -501,7 +502,7 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, request, reply) = self.open::<LeaseRequest>(sender, bytes, reply)?;
+        let (header, request, reply) = self.open::<LeaseRequest>(sender, bytes, reply)?;
         let verb = match request {
             LeaseRequest::Request => LeaseVerb::Request,
             LeaseRequest::Release => LeaseVerb::Release,
@@ -520,7 +521,7 @@ impl DriveLoop {
             now,
             ArbiterInput::Lease {
                 caller,
-                token: status_message::token(&stamp),
+                token: status_message::token(&header),
                 verb,
             },
         );
@@ -534,8 +535,8 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, setting, reply) = self.open::<Setting>(sender, bytes, reply)?;
-        let answer = match self.change(sender, &stamp, setting, now) {
+        let (header, setting, reply) = self.open::<Setting>(sender, bytes, reply)?;
+        let answer = match self.change(sender, &header, setting, now) {
             Ok(()) => Answer::Done,
             Err(refusal) => Answer::Refused(refusal),
         };
@@ -548,14 +549,17 @@ impl DriveLoop {
     fn change(
         &mut self,
         sender: &Sender,
-        stamp: &CommandHeader,
+        header: &CommandHeader,
         setting: Setting,
         now: Monotonic,
     ) -> Result<(), Refusal> {
         if !sender.role.may_drive() {
             return Err(Refusal::Role);
         }
-        let age = self.state.tokens().age(status_message::token(stamp), now)?;
+        let age = self
+            .state
+            .tokens()
+            .age(status_message::token(header), now)?;
         if age > self.rules.max_age() {
             return Err(Refusal::TooOld);
         }
@@ -607,7 +611,7 @@ impl DriveLoop {
             Ok((envelope.unverified_header(), command))
         });
         match opened {
-            Ok((stamp, command)) => Ok((stamp, command, reply)),
+            Ok((header, command)) => Ok((header, command, reply)),
             Err(error) => Err((status_message::refusal_for(&error), reply)),
         }
     }

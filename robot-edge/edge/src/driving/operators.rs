@@ -105,7 +105,7 @@ impl Operators {
             } else {
                 tracing::error!(
                     name = %listed.name,
-                    "not more than {MAX_OPERATORS} operators are told apart in one run: start the vehicle again"
+                    "not more than {MAX_OPERATORS} operators are distinguished in one run: start the vehicle again"
                 );
             }
         }

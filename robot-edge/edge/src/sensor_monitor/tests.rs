@@ -97,7 +97,7 @@ fn fault(monitor: &SensorMonitor, ms: u64) -> Option<SensorFault> {
 }
 
 #[test]
-fn the_sensors_of_a_boat_are_told_with_where_they_sit_and_what_they_see() {
+fn sensors_of_a_boat_are_reported_with_mounting_and_view() {
     let config = config("riverwatch", &[]);
     let sensors = crate::config::FixesAndAttitude::of(&config.sensors).unwrap();
     let origin = crate::runtime::localization_plan::poses_from_fixes(&config, &sensors);
@@ -202,7 +202,7 @@ fn rates_and_ages_are_those_of_the_last_seconds() {
 }
 
 #[test]
-fn silence_begins_after_a_second_or_five_periods_and_is_told_once() {
+fn silence_begins_after_a_second_or_five_periods_and_is_reported_once() {
     let mut monitor = laser(Some(10.0));
     assert_eq!(fault(&monitor, 2_999), None);
     assert_eq!(
@@ -375,14 +375,14 @@ fn losses_are_those_of_the_sensor() {
 }
 
 proptest! {
-    /// Whatever comes in whatever order: nothing panics or grows, figures are finite, and a fault that began is told
+    /// Whatever comes in whatever order: nothing panics or grows, figures are finite, and a fault that began is reported
     /// before its end.
     #[test]
     fn whatever_comes_the_figures_are_sound(
         steps in prop::collection::vec((0u64..3_000, any::<i64>(), 0f32..10.0, any::<bool>()), 1..300),
     ) {
         let mut monitor = laser(Some(10.0));
-        let (mut now, mut is_told) = (0, false);
+        let (mut now, mut is_reported) = (0, false);
         for (gap_ms, stamp_ns, range_m, is_look) in steps {
             now += gap_ms;
             let mut measurement = sweep(0, range_m);
@@ -394,10 +394,10 @@ proptest! {
             if is_look {
                 for change in monitor.check(at(now)) {
                     match change {
-                        FaultChange::Raised { .. } => is_told = true,
+                        FaultChange::Raised { .. } => is_reported = true,
                         FaultChange::Cleared { .. } => {
-                            prop_assert!(is_told);
-                            is_told = false;
+                            prop_assert!(is_reported);
+                            is_reported = false;
                         }
                     }
                 }

@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mounting_that_moves_is_told_from_one_that_does_not() {
+    fn a_moving_mounting_is_recognised() {
         let tree = survey(&[
             ("odom", "base_link", false),
             ("base_link", "mast", true),

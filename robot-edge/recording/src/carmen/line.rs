@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn message_names_are_told_from_garbage() {
+    fn message_names_differ_from_garbage() {
         for name in ["SYNC", "SM_UPDATE", "LASER3", "NEFF"] {
             assert!(is_message_name(name), "{name}");
         }

@@ -477,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_is_told_from_what_stands_on_it() {
+    fn ground_and_objects_on_it_are_distinguished() {
         const SHORE: &str =
             include_str!("../../../../robot-edge/simulation/src/world/tests/shore.toml");
         let parse = |text: &str| World::parse("shore.toml", &format!("{HEADER}{text}")).unwrap();

@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_comes_back() {
+    fn frames_are_decoded_as_encoded() {
         let holds = [Hold::Start, Hold::Silence, Hold::Garbage, Hold::Controller];
         let readiness = holds
             .map(Readiness::Holding)

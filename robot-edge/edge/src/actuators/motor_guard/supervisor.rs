@@ -219,7 +219,7 @@ impl Supervisor {
             // Not before: writing to a stopped terminal blocks.
             if fallback_stop == FallbackStop::Stopped && !is_said {
                 is_said = true;
-                tracing::error!(%why, "the motor guard was lost: the motors were told to stand");
+                tracing::error!(%why, "the motor guard was lost: the motors were commanded to stop");
             }
             if self.is_over() {
                 let until = *until.get_or_insert(now + FINAL_STOP_TIMEOUT);

@@ -226,7 +226,7 @@ fn it_drives_reports_and_stops_when_nothing_is_asked_any_more() {
     controller.assert_stops_for_good();
     let before = controller.outputs().len();
     // It goes on, and the key was down all the time.
-    apply_until(&mut motors, AHEAD, "the gap is told", |known| {
+    apply_until(&mut motors, AHEAD, "the gap is reported", |known| {
         known.is_ok_and(|report| {
             report.counters.dropouts > 0 && report.readiness == Readiness::Holding(Hold::Silence)
         })
@@ -465,16 +465,16 @@ fn a_program_that_is_no_guard_is_a_fault() {
 fn guard_and_supervisor_report_a_missing_port() {
     let mut config = config(Path::new("/dev/nonexistent"));
     let mut motors = start(&config);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         known == Err(Fault::Controller(ControllerFault::Port(2)))
     });
     signal(motors.guard_pid().unwrap(), Signal::KILL);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         known == Err(Fault::GuardGone(FallbackStop::Unreachable))
     });
     config.port = "/dev/null".into();
     let mut motors = start(&config);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         matches!(known, Err(Fault::Controller(ControllerFault::Port(_))))
     });
 }

@@ -404,11 +404,11 @@ fn wrong_types_are_named_with_what_is_expected() {
 }
 
 #[test]
-fn faults_in_files_say_line_and_column_and_all_are_told() {
+fn all_faults_in_files_are_reported_with_line_and_column() {
     let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"stars\"\n\
                 max_pose_wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";
     let issues = issues(file(text));
-    let told: Vec<(usize, usize, &str)> = issues
+    let reported: Vec<(usize, usize, &str)> = issues
         .iter()
         .map(|issue| match &issue.origin {
             Some(Origin::File { line, column, .. }) => (*line, *column, issue.key.as_str()),
@@ -416,7 +416,7 @@ fn faults_in_files_say_line_and_column_and_all_are_told() {
         })
         .collect();
     assert_eq!(
-        told,
+        reported,
         [
             (3, 3, "vehicle.width"),
             (5, 1, "localization.source"),
@@ -539,9 +539,9 @@ fn the_box_is_not_judged_by_a_cell_that_is_not_allowed() {
 }
 
 #[test]
-fn faults_of_values_say_where_the_value_came_from_and_all_are_told() {
+fn all_faults_of_values_are_reported_with_the_source_of_the_value() {
     let text = "[vehicle]\nlength_m = -1\n[sensors.laser]\nrange_min_m = 6";
-    let told: Vec<String> = issues(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
+    let reported: Vec<String> = issues(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
         .iter()
         .map(|issue| match &issue.origin {
             Some(Origin::File { line, .. }) => format!("{} {line}", issue.key),
@@ -549,7 +549,7 @@ fn faults_of_values_say_where_the_value_came_from_and_all_are_told() {
         })
         .collect();
     assert_eq!(
-        told,
+        reported,
         ["vehicle.length_m 2", "sensors.laser.range_max_m Some(Set)"]
     );
 }

@@ -215,7 +215,7 @@ fn speeds_are_repeated_with_one_command_in_flight() {
 }
 
 #[test]
-fn encoders_and_faults_are_told() {
+fn encoders_and_faults_are_reported() {
     let mut bench = Bench::new(true, |emulator| emulator.encoders = Some([20, -3]));
     bench.run_ms(4500);
     assert_eq!(
@@ -308,7 +308,7 @@ fn a_cut_cable_is_a_fault_and_drops_earlier_commands() {
 }
 
 #[test]
-fn a_mute_controller_is_told_to_stand() {
+fn a_silent_controller_is_commanded_to_stop() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
@@ -407,7 +407,7 @@ fn a_line_that_garbles_is_not_driven_on() {
 }
 
 #[test]
-fn a_controller_that_refuses_is_told() {
+fn a_controller_that_refuses_is_reported() {
     let mut bench = Bench::ready();
     bench.emulator.fault = EmulatedFault::RejectsCommands;
     bench.command(20, 20);
@@ -420,7 +420,7 @@ fn a_controller_that_refuses_is_told() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
-    /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when told to stand.
+    /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when commanded to stop.
     #[test]
     fn a_bad_line_ends_in_a_stop_and_heals(
         faults in prop::collection::vec((0..12u8, any::<u8>()), 200..400),
@@ -525,7 +525,7 @@ fn no_question_delays_a_stop() {
 }
 
 #[test]
-fn a_standing_vehicle_is_told_so_again_and_again() {
+fn zero_is_repeated_to_a_standing_vehicle() {
     let mut scheduler = busy();
     let pairs =
         (12..1012).filter(|&ms| scheduler.next(STOP, STOP.map(Some), at(ms)) == Some(Task::RunOne));
