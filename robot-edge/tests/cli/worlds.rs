@@ -183,7 +183,7 @@ fn a_small_memory_limit_evicts_counts_tells_and_goes_on() {
         .iter()
         .filter(|event| event["kind"] == "voxels_evicted")
         .collect();
-    let [event] = told[..] else {
+    let [event] = reported[..] else {
         panic!("{events:?}")
     };
     let message = event["message"].as_str().unwrap();
