@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::{fmt, io};
 
 use anyhow::{Context as _, anyhow};
-use protocol::export::{Caption, StampedPose, export_raster, write_shores, write_trajectory};
+use protocol::export::{
+    Caption, Label, StampedPose, export_raster, shore_labels, write_shores, write_trajectory,
+};
 use protocol::layer::LayerId;
 use protocol::message::{Shores, VoxelFile};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS};
@@ -92,6 +94,7 @@ enum Content {
         tiles: KnownTiles,
         title: String,
         vehicle_m: Option<[f64; 2]>,
+        labels: Vec<Label>,
     },
     Trajectory(Arc<[StampedPose]>),
     Shores(Shores),
@@ -111,6 +114,7 @@ impl Snapshot {
                     tiles,
                     title: info.map(|info| info.source.clone()).unwrap_or_default(),
                     vehicle_m: position_m.map(|[x, y, _]| [x, y]),
+                    labels: model.shores().map(shore_labels).unwrap_or_default(),
                 })
             }
             ExportPart::Trajectory => Content::Trajectory(match model.trajectory() {
@@ -145,6 +149,7 @@ impl Snapshot {
                 tiles,
                 title,
                 vehicle_m,
+                labels,
             } => {
                 let Some(raster) = tiles.into_raster(MAX_RASTER_CELLS)? else {
                     return Ok(Vec::new());
@@ -152,7 +157,7 @@ impl Snapshot {
                 let caption = Caption {
                     title: &title,
                     vehicle_m,
-                    labels: &[],
+                    labels: &labels,
                 };
                 Ok(export_raster(folder, &raster, &caption)?)
             }

@@ -179,6 +179,7 @@ pub(crate) fn shore(number: u32, center_m: [f32; 2]) -> ShoreCluster {
 /// 2 m wide, faces east.
 pub(crate) fn docking_site(center_m: [f32; 2]) -> DockingSite {
     DockingSite {
+        number: 1,
         center_m,
         heading_rad: 0.0,
         width_m: 2.0,

@@ -2,7 +2,7 @@
 //! equal on every platform.
 
 use std::cmp::Reverse;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::layer::LayerId;
 use crate::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores};
@@ -48,11 +48,13 @@ impl Shores {
                 && cluster.outline.len() <= MAX_CORNERS
                 && cluster.center_m.iter().all(is_number)
         };
+        let numbers: BTreeSet<_> = self.sites.iter().map(|site| site.number).collect();
         let is_site = |site: &DockingSite| {
             let [x_m, y_m] = site.center_m;
-            [x_m, y_m, site.heading_rad, site.width_m, site.mean_cost]
-                .iter()
-                .all(is_number)
+            site.number > 0
+                && [x_m, y_m, site.heading_rad, site.width_m, site.mean_cost]
+                    .iter()
+                    .all(is_number)
         };
         self.cell_m.is_finite()
             && self.datum.is_none_or(is_on_earth)
@@ -61,6 +63,7 @@ impl Shores {
             && self.clusters.iter().all(is_shore)
             && self.sites.len() <= MAX_SITES
             && self.sites.iter().all(is_site)
+            && numbers.len() == self.sites.len()
     }
 }
 
@@ -95,6 +98,19 @@ impl ShoreClass {
 
 /// Code of docking sites in the layer [`Shore`](LayerId::Shore).
 pub const DOCKING_SITE_CODE: u16 = 4;
+
+/// Letters of the docking site with this number, its name for people: A to Z without I and O, which
+/// look like digits, then AA, AB … ZZ, then AAA, as spreadsheet columns. Shores are named by digits.
+pub fn site_letters(number: u32) -> String {
+    const LETTERS: &[u8] = b"ABCDEFGHJKLMNPQRSTUVWXYZ";
+    let mut letters = Vec::new();
+    let mut rest = number as usize;
+    while rest > 0 {
+        letters.push(char::from(LETTERS[(rest - 1) % LETTERS.len()]));
+        rest = (rest - 1) / LETTERS.len();
+    }
+    letters.iter().rev().collect()
+}
 
 fn is_on_earth(datum: Datum) -> bool {
     (-90.0..=90.0).contains(&datum.latitude_deg)
@@ -195,6 +211,7 @@ mod tests {
 
     fn site(width_m: f32) -> DockingSite {
         DockingSite {
+            number: 1 + width_m as u32,
             center_m: [3.0, 4.0],
             heading_rad: 0.5,
             width_m,
@@ -243,7 +260,11 @@ mod tests {
             altitude_m: 100_000.0,
         };
         let clusters = (0..1_000).map(|n| cluster(u32::MAX - n)).collect();
-        let mut shores = Shores::gather(0.3, Some(datum), clusters, vec![site(1.0); 1_000]);
+        let sites = (0..1_000).map(|n| DockingSite {
+            number: u32::MAX - n,
+            ..site(1.0)
+        });
+        let mut shores = Shores::gather(0.3, Some(datum), clusters, sites.collect());
         (shores.clusters_left_out, shores.sites_left_out) = (u32::MAX, u32::MAX);
         assert!(shores.is_valid());
         let header = Header {
@@ -256,7 +277,7 @@ mod tests {
             shores: Some(shores),
         };
         let bytes = encode(&header, &news).unwrap();
-        assert_eq!((bytes.len(), MAX_MESSAGE_BYTES), (60_091, 65_536));
+        assert_eq!((bytes.len(), MAX_MESSAGE_BYTES), (60_591, 65_536));
     }
 
     #[test]
@@ -359,6 +380,33 @@ mod tests {
                     prop_assert!((0..hull.len()).all(|at| side(at, corner) >= 0), "{hull:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn letters_of_sites_are_those_of_spreadsheet_columns() {
+        for (number, letters) in [
+            (1, "A"),
+            (8, "H"),
+            (9, "J"),
+            (24, "Z"),
+            (25, "AA"),
+            (48, "AZ"),
+            (49, "BA"),
+            (600, "ZZ"),
+            (601, "AAA"),
+        ] {
+            assert_eq!(site_letters(number), letters, "{number}");
+        }
+    }
+
+    #[test]
+    fn site_numbers_are_distinct_and_not_zero() {
+        let mut shores = Shores::gather(0.3, None, Vec::new(), vec![site(1.0), site(2.0)]);
+        assert!(shores.is_valid());
+        for wrong in [0, shores.sites[0].number] {
+            shores.sites[1].number = wrong;
+            assert!(!shores.is_valid(), "{wrong}");
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::command::Command;
 use crate::event_log::Severity;
 use crate::link::{FleetState, FoundRobot, RobotSession, SEEN_RECENTLY};
 use crate::model::{LastContact, ModelSettings, SILENT_AFTER_UNSTEADY};
-use crate::playback::{Playback, in_words, is_recording};
+use crate::playback::{Playback, in_words};
 use crate::teleop_client::{EStopState, TeleopClientState};
 use crate::teleop_handle::TeleopSession;
 use crate::teleop_input::InputEvent;
@@ -44,13 +44,6 @@ impl ConsoleApp {
             ..Endpoints::default()
         };
         let stop_is_underway = self.stop_is_underway(&found);
-        // The maps of a recording change each time it is opened.
-        if let Some((before, session)) = &self.shown
-            && !is_recording(&before.robot)
-            && let Some(names) = session.model().take_site_names()
-        {
-            self.site_names.insert(before.robot.clone(), names);
-        }
         self.screen.forget_robot();
         self.log_session_change(&found, source_kind);
         self.update_discovery();
@@ -80,9 +73,6 @@ impl ConsoleApp {
                 self.problem = None;
                 if let Some(before) = before {
                     session.model().set_last_contact(before);
-                }
-                if let Some(names) = self.site_names.remove(&found.robot) {
-                    session.model().restore_site_names(names);
                 }
                 self.shown = Some((found, session));
                 self.joined = clock::now();
@@ -159,7 +149,6 @@ impl ConsoleApp {
             Command::ForgetRobot(robot) => {
                 self.discovery.forget_robot(&robot);
                 self.alerts.forget(&robot);
-                self.site_names.remove(&robot);
             }
             Command::Look(look) => self.screen.map_view_mut().look(look),
             Command::Drive(intent) => self.teleop_handle.submit(intent, clock::now()),

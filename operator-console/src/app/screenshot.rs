@@ -23,7 +23,6 @@ pub type ScreenshotOutcome = Arc<Mutex<Option<JoinHandle<anyhow::Result<()>>>>>;
 pub struct Screenshot {
     path: PathBuf,
     due: Monotonic,
-    frames: u64,
     asked: Option<Monotonic>,
     outcome: ScreenshotOutcome,
 }
@@ -33,15 +32,13 @@ impl Screenshot {
         Self {
             path,
             due: clock::now() + after,
-            frames: 0,
             asked: None,
             outcome,
         }
     }
 
-    /// Must be called every frame.
-    pub(super) fn step(&mut self, ctx: &Context, now: Monotonic) {
-        self.frames += 1;
+    /// Must be called every frame, with the time of the last one that showed all of the map.
+    pub(super) fn step(&mut self, ctx: &Context, drawn: Monotonic, now: Monotonic) {
         if let Some(asked) = self.asked {
             let is_over = lock(&self.outcome)
                 .as_ref()
@@ -53,9 +50,20 @@ impl Screenshot {
             return;
         }
         let rest = self.due.since(now);
-        if !rest.is_zero() || self.frames < 2 {
-            ctx.request_repaint_after(rest.max(Duration::from_millis(1)));
+        if !rest.is_zero() {
+            ctx.request_repaint_after(rest);
             return;
+        }
+        // A covered window draws nothing, so what it would show first is old or incomplete.
+        if drawn <= self.due && now.since(self.due) < PATIENCE {
+            ctx.send_viewport_cmd(ViewportCommand::RequestPaintWhileHidden);
+            ctx.request_repaint();
+            return;
+        }
+        if drawn <= self.due {
+            tracing::warn!(
+                "The picture does not show all of the map: it was not drawn within 10 s"
+            );
         }
         self.asked = Some(now);
         request(ctx, self.path.clone(), Arc::clone(&self.outcome), |path| {

@@ -52,7 +52,7 @@ impl MapView {
         let (ink, paper) = (ui.visuals().text_color(), theme::card(ui.visuals()));
         let painter = ui.painter_at(screen);
         painter.rect_filled(screen, 0.0, self.ground(ui, model));
-        self.paint_layers(ui.ctx(), &painter, model);
+        self.paint_layers(ui.ctx(), &painter, model, now);
         if is_stale {
             painter.rect_filled(screen, 0.0, theme::STALE_OVERLAY);
         }
@@ -132,19 +132,36 @@ impl MapView {
         }
     }
 
-    fn paint_layers(&mut self, ctx: &Context, painter: &Painter, model: &ConsoleModel) {
+    fn paint_layers(
+        &mut self,
+        ctx: &Context,
+        painter: &Painter,
+        model: &ConsoleModel,
+        now: Monotonic,
+    ) {
         let store = model.map().store();
+        if let Some((layer, key, texture)) = self.texture_check.take_different()
+            && self.layers.drop_chunk(layer, key, texture)
+        {
+            // It is made again as a hole in this frame.
+            self.texture_check.repairs += 1;
+        }
         let view = &self.camera;
-        let mut time = FrameTime::new();
+        let (mut holes, mut time) = (FrameTime::for_holes(), FrameTime::new());
+        let stack = &self.settings.stack;
         let is_made = self
             .layers
-            .prepare(ctx, &self.settings.stack, store, view, &mut time);
+            .prepare(ctx, stack, store, view, &mut holes, &mut time);
         self.is_behind |= !is_made;
         if self.is_behind {
             ctx.request_repaint();
         }
-        self.layers
-            .paint(painter, &self.settings.stack, store, view);
+        if let Some(number) = self.texture_check.next(now)
+            && let Some(sample) = self.layers.sample(stack, store, number)
+        {
+            painter.add(self.texture_check.request(sample, view.screen));
+        }
+        self.layers.paint(painter, stack, store, view);
     }
 
     /// Draws the measured line. Returns its text. Its labels avoid `labels`.
@@ -189,11 +206,7 @@ impl MapView {
         let Some(shores) = model.shores() else {
             return ShoreMarks::default();
         };
-        let inputs = (
-            shores,
-            model.site_names(),
-            model.shore_outlines().outlines(),
-        );
+        let inputs = (shores, model.shore_outlines().outlines());
         let marked = self.shore_selection.shown();
         ShoreMarks::new(inputs, &self.camera, &marked, vehicle_m(model))
     }

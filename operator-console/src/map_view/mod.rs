@@ -12,6 +12,7 @@ mod navigation;
 mod probe;
 mod ruler;
 mod shores;
+mod texture_check;
 mod tile_textures;
 mod toolbar;
 mod vehicle;
@@ -22,6 +23,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 use eframe::egui::{Color32, Frame, Pos2, Rect, Ui, vec2};
+use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
@@ -34,7 +36,7 @@ pub use view_settings::{
 };
 
 use crate::command::Look;
-use crate::model::{ConsoleModel, SiteName};
+use crate::model::ConsoleModel;
 use crate::theme;
 
 use chunks::FrameTime;
@@ -42,6 +44,7 @@ use legend_card::LegendCard;
 use map_layers::MapLayers;
 use navigation::GestureTracker;
 use shores::is_listed;
+use texture_check::TextureCheck;
 
 const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
@@ -51,6 +54,7 @@ pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
     layers: MapLayers,
+    texture_check: TextureCheck,
     is_behind: bool,
     /// Whether the operator has changed the layers of the shown robot.
     has_chosen_layers: bool,
@@ -74,6 +78,7 @@ impl Default for MapView {
             camera: Camera::default(),
             settings: ViewSettings::default(),
             layers: MapLayers::default(),
+            texture_check: TextureCheck::default(),
             is_behind: false,
             has_chosen_layers: false,
             robot_overlay: RobotOverlay::default(),
@@ -146,6 +151,11 @@ impl MapView {
 
     pub fn textures(&self) -> usize {
         self.layers.textures()
+    }
+
+    /// How often a texture was not what was uploaded and was made again, if there is something new to report.
+    pub fn take_repairs(&mut self, now: Monotonic) -> Option<u64> {
+        self.texture_check.take_report(now)
     }
 
     pub const fn is_up_to_date(&self) -> bool {
@@ -243,7 +253,7 @@ impl MapView {
         self.show_first_layer(model);
         let is_listed = |mark: &ShoreMark| {
             let shores = model.shores();
-            shores.is_some_and(|shores| is_listed(shores, model.site_names(), *mark))
+            shores.is_some_and(|shores| is_listed(shores, *mark))
         };
         let selection = &mut self.shore_selection;
         selection.selected = selection.selected.filter(is_listed);
@@ -308,8 +318,10 @@ pub struct LastScan {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShoreMark {
+    /// Number of a shore.
     Shore(u32),
-    Site(SiteName),
+    /// Number of a docking site.
+    Site(u32),
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -128,7 +128,7 @@ impl MapView {
         if let Some(mark) = self.shore_selection.approach_target.take()
             && let Some(shores) = model.shores()
         {
-            let extent_m = extent_m(shores, model.site_names(), mark);
+            let extent_m = extent_m(shores, mark);
             // A removed shore has no extent.
             if !extent_m.is_empty() {
                 self.camera.approach(around(&extent_m));

@@ -7,10 +7,11 @@ use eframe::egui::{
     Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2, vec2,
 };
 use protocol::message::{DockingSite, Shores};
+use protocol::shores::site_letters;
 
 use super::ShoreMark;
 use super::camera::Camera;
-use crate::model::{Outline, SiteName};
+use crate::model::Outline;
 use crate::panels::shores::Distance;
 use crate::theme;
 
@@ -26,7 +27,7 @@ const HEAD: f32 = 9.0;
 /// Length of the end lines of a marked docking site, points.
 const END: f32 = 12.0;
 
-type ShoreInputs<'a> = (&'a Shores, &'a [SiteName], &'a [Outline]);
+type ShoreInputs<'a> = (&'a Shores, &'a [Outline]);
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct ShoreMarks {
@@ -48,7 +49,7 @@ impl ShoreMarks {
         marked: &[ShoreMark],
         vehicle_m: Option<[f64; 2]>,
     ) -> Self {
-        let (shores, names, _) = inputs;
+        let (shores, _) = inputs;
         let labels = labels(inputs, camera, marked, vehicle_m);
         let vehicle = vehicle_m.map(|at_m| camera.to_screen(at_m));
         let placed = placed(&labels, camera.screen, vehicle);
@@ -69,14 +70,14 @@ impl ShoreMarks {
         }
         let (mut outlines, mut brackets) = (Vec::new(), Vec::new());
         for mark in marked {
-            let extent = camera.line(&extent_m(shores, names, *mark));
+            let extent = camera.line(&extent_m(shores, *mark));
             if extent.is_empty() {
                 continue;
             }
             match mark {
                 ShoreMark::Shore(_) => outlines.push(extent),
-                ShoreMark::Site(name) => {
-                    let site = site_of(shores, names, *name);
+                ShoreMark::Site(number) => {
+                    let site = site_of(shores, *number);
                     let towards = site.map(|site| camera.direction(f64::from(site.heading_rad)));
                     brackets.push(bracket(&extent, towards.unwrap_or_default()));
                 }
@@ -133,7 +134,7 @@ struct Label {
 
 /// Visible labels: docking sites, the best first, then shores, the largest first.
 fn labels(
-    (shores, names, outlines): ShoreInputs<'_>,
+    (shores, outlines): ShoreInputs<'_>,
     camera: &Camera,
     marked: &[ShoreMark],
     vehicle_m: Option<[f64; 2]>,
@@ -151,9 +152,9 @@ fn labels(
             is_marked: marked.contains(&mark),
         })
     };
-    let sites = shores.sites.iter().zip(names).filter_map(|(site, name)| {
+    let sites = shores.sites.iter().filter_map(|site| {
         let distance = || Distance::of_site(site, vehicle_m).key();
-        let (mark, heading_rad) = (ShoreMark::Site(*name), Some(site.heading_rad));
+        let (mark, heading_rad) = (ShoreMark::Site(site.number), Some(site.heading_rad));
         label(mark, site.center_m, heading_rad, &distance)
     });
     let mut clusters: Vec<_> = shores.clusters.iter().zip(outlines).collect();
@@ -235,7 +236,7 @@ fn vehicle_clearance(at: Pos2, size: Vec2, vehicle: Option<Pos2>) -> Vec2 {
 fn text(mark: ShoreMark) -> String {
     match mark {
         ShoreMark::Shore(number) => number.to_string(),
-        ShoreMark::Site(name) => name.to_string(),
+        ShoreMark::Site(number) => site_letters(number),
     }
 }
 
@@ -247,36 +248,29 @@ fn size(mark: ShoreMark) -> Vec2 {
     vec2(text(mark).len() as f32 * character, LINE) + 2.0 * PADDING
 }
 
-pub(super) fn is_listed(shores: &Shores, names: &[SiteName], mark: ShoreMark) -> bool {
+pub(super) fn is_listed(shores: &Shores, mark: ShoreMark) -> bool {
     match mark {
         ShoreMark::Shore(number) => shores.clusters.iter().any(|shore| shore.number == number),
-        ShoreMark::Site(name) => site_of(shores, names, name).is_some(),
+        ShoreMark::Site(number) => site_of(shores, number).is_some(),
     }
 }
 
-pub(super) fn extent_m(shores: &Shores, names: &[SiteName], marked: ShoreMark) -> Vec<[f64; 2]> {
+pub(super) fn extent_m(shores: &Shores, marked: ShoreMark) -> Vec<[f64; 2]> {
     match marked {
         ShoreMark::Shore(number) => {
             let shore = shores.clusters.iter().find(|shore| shore.number == number);
             let corners_m = shore.map(|shore| shore.corners_m(shores.cell_m).collect());
             corners_m.unwrap_or_default()
         }
-        ShoreMark::Site(marked) => {
-            let site = site_of(shores, names, marked);
+        ShoreMark::Site(number) => {
+            let site = site_of(shores, number);
             site.map(ends_m).into_iter().flatten().collect()
         }
     }
 }
 
-fn site_of<'a>(
-    shores: &'a Shores,
-    names: &[SiteName],
-    marked: SiteName,
-) -> Option<&'a DockingSite> {
-    let mut named = shores.sites.iter().zip(names);
-    named
-        .find(|(_, name)| **name == marked)
-        .map(|(site, _)| site)
+fn site_of(shores: &Shores, number: u32) -> Option<&DockingSite> {
+    shores.sites.iter().find(|site| site.number == number)
 }
 
 /// Ends of a docking site along the bank, m in `odom`.
@@ -322,7 +316,7 @@ mod tests {
     use protocol::message::{ShoreClass, ShoreCluster};
 
     use super::*;
-    use crate::model::{ShoreOutlines, SiteNames};
+    use crate::model::ShoreOutlines;
     use crate::test_support::{docking_site, shore};
 
     fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
@@ -342,6 +336,13 @@ mod tests {
         docking_site([x_m, 0.0])
     }
 
+    fn numbered_site((number, x_m): (u32, f32)) -> DockingSite {
+        DockingSite {
+            number,
+            ..site(x_m)
+        }
+    }
+
     #[test]
     fn labels_are_at_shores_without_overlap() {
         // 40 points a metre: 1 and 2 would overlap, 4 is out of sight. Nobody knows where the vehicle is: the largest comes
@@ -356,25 +357,24 @@ mod tests {
             center_m: [-1.0, -2.0],
             heading_rad: std::f32::consts::FRAC_PI_2,
             width_m: 3.0,
+            number: 2,
             ..site(-1.0)
         };
-        // A, then B and C; A is gone.
-        let beside = |y_m| DockingSite {
-            center_m: [-1.0, y_m],
+        // B and C; A is gone.
+        let beside = DockingSite {
+            center_m: [-1.0, -60.0],
+            number: 3,
             ..site
         };
-        let mut names = SiteNames::default();
-        let gone = names.name(&[beside(30.0)])[0];
-        let shores = Shores::gather(0.3, None, clusters, vec![site, beside(-60.0)]);
-        let named = names.name(&shores.sites);
+        let shores = Shores::gather(0.3, None, clusters, vec![site, beside]);
         let known = ShoreOutlines::of(&shores);
-        let reported = (&shores, &*named, known.outlines());
+        let reported = (&shores, known.outlines());
         let camera = Camera::on(screen());
         let marks_of = |mark| {
             let mark = ShoreMark::Site(mark);
             ShoreMarks::new(reported, &camera, &[mark], None)
         };
-        let marks = marks_of(named[0]);
+        let marks = marks_of(2);
         let numbers: Vec<_> = marks
             .numbers
             .iter()
@@ -398,7 +398,7 @@ mod tests {
         let end = vec2(0.0, END);
         assert_eq!(bracket_line, [left + end, left, right, right + end]);
         assert!(marks.outlines.is_empty(), "it is no shore");
-        let of_gone = marks_of(gone).brackets;
+        let of_gone = marks_of(1).brackets;
         assert!(of_gone.is_empty(), "it is not where another is now");
         // What stands out stays where it is, and the larger one moves.
         let mark = ShoreMark::Shore(1);
@@ -419,12 +419,11 @@ mod tests {
         let mut reeds = cluster(21, 1, [1.4, 0.0]);
         reeds.outline = vec![(1, -1), (3, -1), (3, 1), (1, 1)];
         let clusters = clusters.chain([reeds]).collect();
-        let sites = [1.38, 1.36, 1.2].map(site).to_vec();
-        let names = SiteNames::default().name(&[0.0, 50.0, 99.0].map(site));
+        let sites = (1..).zip([1.38, 1.36, 1.2]).map(numbered_site).collect();
         let shores = Shores::gather(0.3, None, clusters, sites);
         let known = ShoreOutlines::of(&shores);
         let marks = ShoreMarks::new(
-            (&shores, &names, known.outlines()),
+            (&shores, known.outlines()),
             &Camera::on(screen()),
             &[],
             Some([0.0, 0.0]),
@@ -435,7 +434,7 @@ mod tests {
         let [(letter, _, _)] = &marks.sites[..] else {
             panic!("{marks:?}");
         };
-        assert_eq!(*letter, names[2].to_string());
+        assert_eq!(letter, "C");
         // Those beside them are labelled as far as there is room.
         assert_eq!(marks.labels.len(), 4, "{marks:?}");
     }
@@ -444,7 +443,7 @@ mod tests {
     fn labels_move_off_the_vehicle() {
         let shores = Shores::gather(0.3, None, vec![cluster(1, 10, [1.0, 1.0])], Vec::new());
         let known = ShoreOutlines::of(&shores);
-        let reported = (&shores, &[][..], known.outlines());
+        let reported = (&shores, known.outlines());
         let label_at = |vehicle_at: Pos2| {
             let camera = Camera::on(screen());
             let vehicle_m = Some(camera.to_odom(vehicle_at));
@@ -465,13 +464,11 @@ mod tests {
 
     #[test]
     fn marked_shores_are_always_drawn() {
-        let mut names = SiteNames::default();
-        let marked = ShoreMark::Site(names.name(&[-3.0, 3.0].map(site))[0]);
-        let sites = [3.0, -3.0].map(site).to_vec();
-        let named = names.name(&sites);
+        let marked = ShoreMark::Site(1);
+        let sites = [(2, 3.0), (1, -3.0)].map(numbered_site).to_vec();
         let shores = Shores::gather(0.3, None, Vec::new(), sites);
         let known = ShoreOutlines::of(&shores);
-        let reported = (&shores, &*named, known.outlines());
+        let reported = (&shores, known.outlines());
         let camera = Camera::on(screen());
         let marks = ShoreMarks::new(reported, &camera, &[marked], None);
         let labels: Vec<_> = marks
@@ -502,22 +499,20 @@ mod tests {
             at(10, 20, 412.0),
         ];
         // A label of one letter reaches 11 points to either side.
-        let sites = [-13.0, -9.0].map(|x| DockingSite {
+        let sites = [(1, -13.0), (2, -9.0)].map(|(number, x)| DockingSite {
             center_m: [x_m(x), 2.0],
-            ..site(0.0)
+            ..numbered_site((number, 0.0))
         });
         let sites = sites.to_vec();
-        let names = SiteNames::default().name(&sites);
         let shores = Shores::gather(0.3, None, clusters, sites);
         let known = ShoreOutlines::of(&shores);
-        let reported = (&shores, &*names, known.outlines());
+        let reported = (&shores, known.outlines());
         let camera = Camera::on(screen());
         let seen = |vehicle_m| {
             let named = labels(reported, &camera, &[], vehicle_m);
             named.iter().map(|named| named.mark).collect::<Vec<_>>()
         };
-        let (near, [three, ten, one]) =
-            (ShoreMark::Site(names[1]), [3, 10, 1].map(ShoreMark::Shore));
+        let (near, [three, ten, one]) = (ShoreMark::Site(2), [3, 10, 1].map(ShoreMark::Shore));
         assert_eq!(seen(None), [near, three, ten, one]);
         // The vehicle is at 418, on the label of 2 that would be out of sight: beside it is the screen.
         let vehicle_m = Some([f64::from(x_m(418.0)), 0.0]);
@@ -553,7 +548,7 @@ mod tests {
 
     #[test]
     fn marked_then_nearest_labels_are_placed_first() {
-        let site = ShoreMark::Site(SiteNames::default().name(&[site(0.0)])[0]);
+        let site = ShoreMark::Site(1);
         let mut labels = vec![
             label(site, 50.0, 90.0),
             label(site, 100.0, 40.0),

@@ -114,7 +114,6 @@ impl ConsoleModel {
                     self.changes += 1;
                 }
                 self.map.update_clock(header, now);
-                self.shores.restore_names(self.map.boot());
                 self.quality.on_message(Stream::MapHead, now);
                 self.robot.head_seq = seq;
             }

@@ -13,7 +13,6 @@ mod motion;
 mod retry;
 mod shore_outlines;
 mod shores_sync;
-mod site_names;
 mod tile_ages;
 mod tile_intake;
 mod trajectory_sync;
@@ -42,8 +41,6 @@ pub use messages::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason,
 pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
 pub use motion::{DRIFTING_MPS, UncommandedMotion};
 pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
-pub use shores_sync::SavedSiteNames;
-pub use site_names::{SiteName, SiteNames};
 pub use tile_ages::{AgeOrder, TileAges};
 pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::{LastScan, Vehicle};
@@ -376,24 +373,9 @@ impl ConsoleModel {
         self.shores.shores.as_ref()
     }
 
-    pub fn site_names(&self) -> &[SiteName] {
-        &self.shores.named
-    }
-
     /// Outlines of [`Self::shores`] and what is near their docking sites. Computed once for each report.
     pub const fn shore_outlines(&self) -> &ShoreOutlines {
         &self.shores.outlines
-    }
-
-    /// Removes the names of the docking sites, for [`Self::restore_site_names`] when this robot is shown again.
-    pub fn take_site_names(&mut self) -> Option<SavedSiteNames> {
-        Some(self.shores.take_names(self.map.boot()?))
-    }
-
-    /// Uses saved names if the robot's run and its maps turn out to be the same.
-    pub fn restore_site_names(&mut self, saved: SavedSiteNames) {
-        self.shores.saved = Some(saved);
-        self.shores.restore_names(self.map.boot());
     }
 
     pub fn want_for_export(&mut self, layers: BTreeSet<LayerId>) {

@@ -2,19 +2,15 @@
 //!
 //! Shores are pushed when they change. A push may be lost or sent before this console joined, so the console also polls
 //! with the revision that it holds. The reply is a few bytes if nothing is newer.
-//!
-//! If the robot's maps restart, the names of the docking sites restart too: the same coordinates may be other places.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::message::{Shores, ShoresReply, ShoresRequest};
-use protocol::tile::BootId;
 
 use super::messages::{RejectReason, RequestId};
 use super::retry::RetryTimer;
 use super::shore_outlines::ShoreOutlines;
-use super::site_names::{SiteName, SiteNames};
 
 /// Time from a reply to the next request.
 const PERIOD: Duration = Duration::from_secs(2);
@@ -26,22 +22,10 @@ pub(super) struct ShoresSync {
     revision: u64,
     pub(super) shores: Option<Shores>,
     pub(super) outlines: ShoreOutlines,
-    names: SiteNames,
-    pub(super) named: Vec<SiteName>,
     epoch: Option<u32>,
     /// Sequence number of the newest message about shores.
     last_seq: Option<u64>,
-    /// Used if they turn out to belong to the maps of this run.
-    pub(super) saved: Option<SavedSiteNames>,
     pub(super) query: RetryTimer,
-}
-
-/// Names of the docking sites of one run and map epoch of a robot that is not shown.
-#[derive(Clone, Debug)]
-pub struct SavedSiteNames {
-    boot: BootId,
-    epoch: Option<u32>,
-    names: SiteNames,
 }
 
 impl ShoresSync {
@@ -68,35 +52,11 @@ impl ShoresSync {
     }
 
     fn restart(&mut self, revision: u64, epoch: Option<u32>) {
-        let mut names = std::mem::take(&mut self.names);
-        names.restart();
         *self = Self {
             revision,
-            names,
             epoch,
-            saved: self.saved.take(),
             ..Self::default()
         };
-    }
-
-    /// Removes the names of the docking sites, to keep them while another robot is shown.
-    pub(super) fn take_names(&mut self, boot: BootId) -> SavedSiteNames {
-        SavedSiteNames {
-            boot,
-            epoch: self.epoch,
-            names: std::mem::take(&mut self.names),
-        }
-    }
-
-    /// Uses the saved names if they belong to the maps of this run and no site is named yet.
-    pub(super) fn restore_names(&mut self, boot: Option<BootId>) {
-        let epoch = self.epoch.filter(|_| self.shores.is_none());
-        let saved = self
-            .saved
-            .take_if(|saved| boot == Some(saved.boot) && epoch.is_some() && epoch == saved.epoch);
-        if let Some(saved) = saved {
-            self.names = saved.names;
-        }
     }
 
     pub(super) fn query(
@@ -136,8 +96,6 @@ impl ShoresSync {
         self.last_seq = self.last_seq.max(Some(seq));
         if is_newer {
             self.revision = revision;
-            let sites = shores.as_ref().map_or(&[][..], |shores| &shores.sites);
-            self.named = self.names.name(sites);
             self.outlines = shores.as_ref().map(ShoreOutlines::of).unwrap_or_default();
             self.shores = shores;
         }
@@ -225,34 +183,16 @@ mod tests {
 
     /// Docking sites at these x coordinates, metres.
     fn sites(revision: u64, places_m: &[f32]) -> ShoresReply {
-        let site = |x_m: &f32| DockingSite {
+        let site = |(number, x_m): (u32, &f32)| DockingSite {
+            number,
             width_m: 4.0,
             ..docking_site([*x_m, 0.0])
         };
-        let sites = places_m.iter().map(site).collect();
+        let sites = (1..).zip(places_m).map(site).collect();
         ShoresReply {
             revision,
             shores: Some(Shores::gather(0.3, None, Vec::new(), sites)),
         }
-    }
-
-    #[test]
-    fn site_names_follow_places_not_ranks() {
-        let mut sync = ShoresSync::default();
-        assert_eq!(sync.named, []);
-        assert_eq!(sync.take(sites(1, &[0.0, 9.0]), 1, None, at(0)), Ok(true));
-        let first = sync.named.clone();
-        assert_eq!(sync.take(sites(2, &[9.3, 0.3]), 2, None, at(0)), Ok(true));
-        assert_eq!(sync.named, [first[1], first[0]]);
-        assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
-        let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
-        assert_eq!(old, Err(RejectReason::OldRevision));
-        assert_eq!(sync.named, [first[1], first[0]]);
-        sync.forget();
-        assert_eq!(sync.named, []);
-        assert_eq!(sync.take(sites(1, &[9.0]), 5, None, at(0)), Ok(true));
-        assert_eq!(sync.named[0].to_string(), "A");
-        assert!(!first.contains(&sync.named[0]), "of another run");
     }
 
     #[test]
@@ -304,11 +244,9 @@ mod tests {
             sync.take(sites(7, &[0.0, 9.0]), 1, request, at(0)),
             Ok(true)
         );
-        let first = sync.named.clone();
         assert!(!sync.of_epoch(3) && !sync.of_epoch(2));
-        assert_eq!(sync.named, first);
         assert!(sync.of_epoch(4));
-        assert_eq!((sync.shores.as_ref(), sync.named.len()), (None, 0));
+        assert_eq!(sync.shores, None);
         assert!(!sync.is_current(None));
         // The present list may have come before the map head: it is taken once more, but no older one.
         assert_eq!(next(&mut sync, 100, 2), (100, 6));
@@ -320,9 +258,6 @@ mod tests {
             Ok(true)
         );
         assert!(sync.is_current(None) && !sync.of_epoch(4));
-        let anew: Vec<_> = sync.named.iter().map(SiteName::to_string).collect();
-        assert_eq!(anew, ["A", "B"]);
-        assert!(first.iter().all(|name| !sync.named.contains(name)));
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
 pub use geotiff::write_geotiff;
 pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
-pub use shores::write_shores;
+pub use shores::{shore_labels, write_shores};
 pub use trajectory::{StampedPose, write_trajectory};
 
 /// A failed export.
@@ -118,13 +118,21 @@ pub fn export_layer(
 
 /// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
 /// `occupancy.yaml`; for elevation and obstacle also `<layer>.document.png` in the colours of
-/// \[LOD\]. Returns the paths.
+/// \[LOD\]. The labels of the caption are drawn on the shores only. Returns the paths.
 pub fn export_raster(
     dir: &Path,
     raster: &Raster,
     caption: &Caption<'_>,
 ) -> Result<Vec<PathBuf>, ExportError> {
     let layer = raster.layer();
+    let caption = &Caption {
+        labels: if layer == LayerId::Shore {
+            caption.labels
+        } else {
+            &[]
+        },
+        ..*caption
+    };
     let mut files = vec![
         dir.join(format!("{layer}.tif")),
         dir.join(format!("{layer}.png")),

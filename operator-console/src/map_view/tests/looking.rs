@@ -50,7 +50,7 @@ fn a_selected_shore_is_approached() {
     let mut window = window();
     receive_shores(&mut window, shores(None));
     let shore = Look::Mark(ShoreMark::Shore(3), [36.0, 13.0]);
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     let site = Look::Mark(site, [-19.0, -2.5]);
     // The map has about 800 × 600 points.
     for (mark, side_m, middle_m) in [(shore, 20.0, [30.0, 13.0]), (site, 8.0, [-19.0, -2.5])] {
@@ -102,7 +102,7 @@ fn a_selected_shore_is_marked_until_it_is_gone() {
     let mut window = window();
     receive_shores(&mut window, shores(None));
     let three = ShoreMark::Shore(3);
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     let around_three = (true, vec![[20, 10], [40, 10], [40, 16], [20, 16]]);
     assert_eq!(standing_out(&window), []);
     look(&mut window, Look::Hover(Some(three)));
@@ -132,7 +132,7 @@ fn a_selected_shore_is_marked_until_it_is_gone() {
         assert_eq!(standing_out(&window), [], "{revision}");
         assert_eq!(window.state().view.marked(), None, "{revision}");
     }
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     look(&mut window, Look::Mark(site, [-19.0, -2.5]));
     let of_site = standing_out(&window);
     let is_shore: Vec<_> = of_site.iter().map(|(is_shore, _)| *is_shore).collect();

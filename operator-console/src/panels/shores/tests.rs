@@ -6,7 +6,7 @@ use protocol::message::{Info, LayerInfo, ShoreCluster, Shores, ShoresReply};
 
 use super::*;
 use crate::command::Look;
-use crate::model::{RequestId, ShoreOutlines, SiteNames};
+use crate::model::{RequestId, ShoreOutlines};
 use crate::test_support::{at, docking_site, inject, inject_reply, scout, shore};
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
@@ -17,19 +17,13 @@ fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     }
 }
 
+/// B.
 fn site() -> DockingSite {
     DockingSite {
+        number: 2,
         width_m: 4.0,
         ..docking_site([8.0, 0.0])
     }
-}
-
-fn names() -> Vec<SiteName> {
-    let far = |x_m| DockingSite {
-        center_m: [x_m, 0.0],
-        ..site()
-    };
-    SiteNames::default().name(&[far(0.0), far(100.0), far(200.0)])
 }
 
 /// The best docking site is B, the second A.
@@ -41,14 +35,15 @@ fn data() -> ShoresData {
     let rows = shores.clusters.iter().zip(known.outlines());
     let best = ShoreRow {
         reason: Some(reason(&site(), Some(1.6), known.neighbours()[0])),
-        ..site_row(&site(), (names()[1], 1), vehicle_m)
+        ..site_row(&site(), 1, vehicle_m)
     };
     let wider = DockingSite {
+        number: 1,
         center_m: [0.0, 20.0],
         width_m: 9.0,
         ..site()
     };
-    let wider = site_row(&wider, (names()[0], 2), vehicle_m);
+    let wider = site_row(&wider, 2, vehicle_m);
     ShoresData {
         shores: rows.map(|shore| shore_row(shore, vehicle_m)).collect(),
         sites: vec![best, wider],
@@ -148,7 +143,7 @@ fn rows_react_to_hover_and_click() {
     window.state_mut().0.hovered = None;
     window.get_by_label_contains("Docking site B").click();
     window.run_steps(2);
-    let shown = Look::Mark(ShoreMark::Site(names()[1]), [8.0, 0.0]);
+    let shown = Look::Mark(ShoreMark::Site(2), [8.0, 0.0]);
     assert!(window.state().1.contains(&shown));
     window.get_by_label("Sort shores by no.").click();
     window.run_steps(2);

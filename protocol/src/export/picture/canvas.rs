@@ -36,6 +36,20 @@ impl Rect {
         self.y + self.height
     }
 
+    pub(super) fn contains(self, other: Self) -> bool {
+        other.x >= self.x
+            && other.y >= self.y
+            && other.right() <= self.right()
+            && other.bottom() <= self.bottom()
+    }
+
+    pub(super) fn intersects(self, other: Self) -> bool {
+        self.x < other.right()
+            && other.x < self.right()
+            && self.y < other.bottom()
+            && other.y < self.bottom()
+    }
+
     /// The rectangle without a frame of one pixel.
     pub(super) fn inside(self) -> Self {
         let (width, height) = (self.width.saturating_sub(2), self.height.saturating_sub(2));
@@ -79,6 +93,20 @@ impl Canvas {
                     pixel.copy_from_slice(&color(x, y));
                 }
             }
+        }
+    }
+
+    pub(super) fn line(&mut self, from: (u32, u32), to: (u32, u32), color: [u8; 3]) {
+        let steps = from.0.abs_diff(to.0).max(from.1.abs_diff(to.1)).max(1);
+        for step in 0..=steps {
+            let along = |from: u32, to: u32| {
+                let (from, to) = (f64::from(from), f64::from(to));
+                (from + (to - from) * f64::from(step) / f64::from(steps)).round() as u32
+            };
+            self.fill(
+                Rect::new(along(from.0, to.0), along(from.1, to.1), 1, 1),
+                color,
+            );
         }
     }
 

@@ -37,7 +37,7 @@ pub struct Caption<'a> {
     pub title: &'a str,
     /// Position of the vehicle in `odom`, metres: its cell is orange (\[LOD\] §5).
     pub vehicle_m: Option<[f64; 2]>,
-    /// Labels on the map.
+    /// Labels on the map, the most important first: one without free space is omitted.
     pub labels: &'a [Label],
 }
 
@@ -46,7 +46,7 @@ pub struct Caption<'a> {
 pub struct Label {
     /// The text.
     pub text: String,
-    /// Position of its middle in `odom`, metres.
+    /// What it names, in `odom`, metres. The label is beside it, with a line to it.
     pub at_m: [f64; 2],
 }
 
@@ -136,26 +136,12 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
         let square = Rect::new(map_x + x, map_y + y, side_px, side_px);
         canvas.fill(square, VEHICLE_COLOR);
     }
-    for label in caption.labels {
-        if let Some(cell) = raster.cell_of(label.at_m[0], label.at_m[1]) {
-            let (x, y) = magnification.pixel_of(raster, cell);
-            let (width, height) = (text_renderer.width(&label.text, TEXT_PX), TEXT_PX as u32);
-            let plate = Rect::new(
-                (map_x + x).saturating_sub(width / 2 + 2),
-                (map_y + y).saturating_sub(height / 2),
-                width + 4,
-                height + 2,
-            );
-            canvas.fill(plate, PAGE_COLOR);
-            text_renderer.draw(
-                &mut canvas,
-                (plate.x + 2, plate.y),
-                TEXT_PX,
-                TEXT_COLOR,
-                &label.text,
-            );
-        }
-    }
+    let labels = caption.labels.iter().filter_map(|label| {
+        let cell = raster.cell_of(label.at_m[0], label.at_m[1])?;
+        let (x, y) = magnification.pixel_of(raster, cell);
+        Some((&*label.text, (map_x + x, map_y + y)))
+    });
+    draw_labels(&mut canvas, &text_renderer, ground, labels);
     draw_legend(&mut canvas, &text_renderer, (legend_x, ground.y), &legend);
     draw_scale_bar(
         &mut canvas,
@@ -166,6 +152,48 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
         ground.width,
     );
     canvas
+}
+
+/// Distance of a label from what it names, pixels.
+const LABEL_DISTANCE: u32 = 16;
+
+fn draw_labels<'a>(
+    canvas: &mut Canvas,
+    text_renderer: &TextRenderer,
+    ground: Rect,
+    labels: impl Iterator<Item = (&'a str, (u32, u32))>,
+) {
+    let mut plates: Vec<Rect> = Vec::new();
+    for (text, (x, y)) in labels {
+        let (width, height) = (text_renderer.width(text, TEXT_PX) + 4, TEXT_PX as u32 + 2);
+        // Columns and rows left and above; the others are right and below.
+        let [left, right] = [
+            x.checked_sub(LABEL_DISTANCE + width),
+            Some(x + LABEL_DISTANCE),
+        ];
+        let [above, below] = [
+            y.checked_sub(LABEL_DISTANCE + height),
+            Some(y + LABEL_DISTANCE),
+        ];
+        let places = [(right, above), (left, above), (right, below), (left, below)];
+        let plates_at = places
+            .into_iter()
+            .filter_map(|(x, y)| Some(Rect::new(x?, y?, width, height)));
+        let is_free = |plate: &Rect| {
+            ground.contains(*plate) && !plates.iter().any(|other| other.intersects(*plate))
+        };
+        let Some(plate) = plates_at.into_iter().find(is_free) else {
+            continue;
+        };
+        let corner = (
+            if plate.x > x { plate.x } else { plate.right() },
+            if plate.y > y { plate.y } else { plate.bottom() },
+        );
+        canvas.line((x, y), corner, TEXT_COLOR);
+        canvas.fill(plate, PAGE_COLOR);
+        text_renderer.draw(canvas, (plate.x + 2, plate.y), TEXT_PX, TEXT_COLOR, text);
+        plates.push(plate);
+    }
 }
 
 fn subtitle(raster: &Raster, magnification: &Magnification) -> String {
@@ -563,5 +591,44 @@ mod tests {
         check(0.57, "50 cm");
         check(0.024, "2 cm");
         check(4100.0, "2 km");
+    }
+
+    #[test]
+    fn labels_are_beside_what_they_name_and_do_not_overlap() {
+        let raster = raster_of(LayerId::Shore, 0.5, 200, 200, |_, _| 3);
+        let palette = LayerId::Shore.default_palette();
+        let (low_m, high_m) = raster.corners_m();
+        let at_m = [0, 1].map(|axis| 0.5 * (low_m[axis] + high_m[axis]));
+        // There are four places around it.
+        let labels = ["A", "B", "C", "D", "E"].map(|text| Label {
+            text: text.to_owned(),
+            at_m,
+        });
+        let caption = Caption {
+            labels: &labels,
+            ..Caption::default()
+        };
+        let canvas = draw(&raster, &palette, &caption);
+        let cell = raster.cell_of(at_m[0], at_m[1]).unwrap();
+        let (x, y) = Magnification::of(&raster).pixel_of(&raster, cell);
+        let (x, y) = (
+            MARGIN + MAP_PADDING + x,
+            MARGIN + 2 * LINE_HEIGHT + 18 + MAP_PADDING + y,
+        );
+        let plates = |reach: u32| {
+            let rows = y - reach..=y + reach;
+            let pixels =
+                rows.flat_map(|row| (x - reach..=x + reach).map(move |column| (column, row)));
+            pixels
+                .filter(|&(x, y)| pixel(&canvas, x, y) == PAGE_COLOR)
+                .count() as u32
+        };
+        assert_eq!(plates(LABEL_DISTANCE - 1), 0);
+        assert_eq!(pixel(&canvas, x, y), TEXT_COLOR, "the line begins here");
+        let widths = labels[..4].iter();
+        let widths = widths.map(|label| TextRenderer::new().width(&label.text, TEXT_PX) + 4);
+        let area = widths.sum::<u32>() * (TEXT_PX as u32 + 2);
+        let free = plates(60);
+        assert!(free < area && 2 * free > area, "{free} of {area}");
     }
 }

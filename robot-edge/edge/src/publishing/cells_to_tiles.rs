@@ -138,6 +138,7 @@ fn cluster(cluster: &ShoreCluster) -> message::ShoreCluster {
 
 fn site(site: &DockingSite) -> message::DockingSite {
     message::DockingSite {
+        number: site.number,
         center_m: site.centre_in_odom.map(|metres| metres as f32).into(),
         heading_rad: site.heading_rad as f32,
         width_m: site.width_m as f32,

@@ -6,7 +6,9 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use anyhow::Context as _;
-use protocol::export::{Caption, StampedPose, Trinary, export_all, write_shores, write_trajectory};
+use protocol::export::{
+    Caption, StampedPose, Trinary, export_all, shore_labels, write_shores, write_trajectory,
+};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
@@ -29,10 +31,12 @@ pub(super) fn export(
     title: &str,
 ) -> anyhow::Result<Vec<String>> {
     let maps = &pipeline.mapping.maps;
+    let shores = maps.shores();
+    let labels = shores.as_ref().map(shore_labels).unwrap_or_default();
     let caption = Caption {
         title,
         vehicle_m: Some(vehicle_position_m(pipeline)),
-        labels: &[],
+        labels: &labels,
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
@@ -44,7 +48,7 @@ pub(super) fn export(
         .transpose();
     let mut files = exported?.files;
     files.push(path);
-    if let Some(shores) = maps.shores() {
+    if let Some(shores) = shores {
         files.push(write_shores(dir, &shores)?);
     }
     let mut lines: Vec<_> = files
