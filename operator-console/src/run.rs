@@ -128,10 +128,10 @@ mod tests {
         let error = run(&cli, &mut io::sink()).unwrap_err();
         let words = complaint(&error);
         assert!(
-            words.starts_with("nowhere/nix.mcap: No such file"),
+            words.starts_with("nowhere/nix.mcap: there is no folder nowhere"),
             "{words}"
         );
-        assert_eq!(words.matches("No such file").count(), 1, "{words}");
+        assert_eq!(words.matches("there is no").count(), 1, "{words}");
         assert_eq!(Exit::of(error.as_ref()), Exit::Unreadable);
     }
 }

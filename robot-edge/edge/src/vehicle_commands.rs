@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use crate::cli::{InstallKeys, Keys};
+use crate::config::advice::{doubts, idle_settings};
 use crate::config::presets::{PRESETS, Preset};
 use crate::config::{self, Config, SensorConfig};
 use crate::exit::{Exit, UsageError};
@@ -34,6 +35,13 @@ pub fn check(vehicle: &str, out: &mut dyn Write) -> io::Result<Exit> {
         Ok(config) => {
             writeln!(out, "ok")?;
             write_essentials(&config, out)?;
+            for doubt in doubts(&config) {
+                writeln!(out, "warning: {doubt}")?;
+            }
+            // Whether it is driven depends on the run.
+            for note in idle_settings(vehicle, &[], &config, true).unwrap_or_default() {
+                writeln!(out, "{note}")?;
+            }
             Ok(Exit::Done)
         }
         Err(error) => {
@@ -195,6 +203,22 @@ mod tests {
              occupancy: cells of 0.1 m, at most 256 MB\n\
              streaming: 256 kbit/s\n"
         );
+    }
+
+    #[test]
+    fn what_is_probably_not_meant_is_reported() {
+        let (exit, text) = checked(
+            "preset = \"pioneer\"\n[sensors.laser]\nrange_max_m = 5600\n[mapping.cost]\nbox_m = 20\n",
+        );
+        assert_eq!(exit, Exit::Done);
+        let says = "warning: `sensors.laser.range_max_m`: no sensor of a vehicle measures 5600 m: are these millimetres?\n\
+                    without effect, as mapping.cost.enabled is false: mapping.cost.box_m\n";
+        assert!(text.ends_with(says), "{text}");
+        let (exit, text) = checked("[vehicle]\nname = \"mine\"\nwidth_m = 1\nheight_m = 1\n");
+        assert_eq!(exit, Exit::Usage);
+        let why =
+            "missing: measure the vehicle, in metres; or start from another by `preset = \"NAME\"`";
+        assert_eq!(text, format!("`vehicle.length_m`: {why}\n"));
     }
 
     #[test]

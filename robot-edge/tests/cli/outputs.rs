@@ -28,7 +28,9 @@ fn what_is_no_recording_is_refused() {
         }
     };
     refusal(folder.path(), &["this is a folder", ".mcap file"]);
-    refusal(&place("missing.mcap"), &["No such file"]);
+    refusal(&place("missing.mcap"), &["there is no such file"]);
+    let folder_says = format!("there is no folder {}", place("no").display());
+    refusal(&place("no/such/missing.mcap"), &[&folder_says]);
     fs::write(place("empty.mcap"), "").unwrap();
     refusal(
         &place("empty.mcap"),
@@ -42,6 +44,31 @@ fn what_is_no_recording_is_refused() {
         &place("packed.bag"),
         &["not a recording this program reads", "\\x1f\\x8b"],
     );
+}
+
+#[test]
+fn a_replay_without_an_export_says_how_to_get_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let says = "no picture was written: --export FOLDER";
+    let without = run(robot_edge("replay --duration 1").arg(rooms())).succeeds();
+    let last = without.stdout.lines().last().unwrap();
+    assert!(last.starts_with(says), "{}", without.stdout);
+    let mut exporting = robot_edge("replay --duration 1 --export");
+    let exported = run(exporting.arg(folder.path()).arg(rooms())).succeeds();
+    assert!(!exported.stdout.contains(says), "{}", exported.stdout);
+}
+
+#[test]
+fn a_recording_that_was_cut_off_names_the_command_that_saves_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("cut.mcap");
+    let whole = fs::read(rooms()).unwrap();
+    fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    let says = format!("robot-edge recover {} saved.mcap", cut.display());
+    for command in ["info", "replay"] {
+        let ended = run(robot_edge(command).arg(&cut)).succeeds();
+        assert!(ended.stdout.contains(&says), "{}", ended.stdout);
+    }
 }
 
 /// What is written at the end is checked before the mapping: nothing else is there yet.
@@ -74,7 +101,7 @@ fn outputs_that_cannot_be_written_are_reported_at_once() {
             "{option}"
         );
     };
-    let no_folder = "No such file";
+    let no_folder = &format!("there is no folder {}", place("no").display());
     reported(
         "--export",
         &place("file"),

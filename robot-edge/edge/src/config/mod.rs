@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
+pub mod advice;
 pub mod error;
 pub mod load;
 pub mod motors;

@@ -96,7 +96,7 @@ mod tests {
     fn check(text: &str, settings: &[&str]) -> Result<crate::config::Config, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rover.toml");
-        std::fs::write(&path, text).unwrap();
+        std::fs::write(&path, format!("preset = \"generic2d\"\n{text}")).unwrap();
         let settings: Vec<_> = settings.iter().map(|set| set.parse().unwrap()).collect();
         load(path.to_str().unwrap(), &settings).map_err(|error| error.to_string())
     }

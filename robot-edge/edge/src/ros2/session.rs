@@ -17,7 +17,7 @@ use crate::lock;
 use measurement::time::{Monotonic, RobotTime};
 use measurement::{Stream, Twist};
 use network::clock::{self, seconds_since_1970};
-use network::random_id;
+use network::{random_id, without_source_places};
 use recording::ros::middleware::Attachment;
 use recording::ros::middleware::{
     DiscoveredTopic, parse_token, rmw_pattern, rmw_stream, static_transform_history,
@@ -45,15 +45,15 @@ pub struct RosEndpoint {
 
 #[derive(Debug, thiserror::Error)]
 pub enum RosLinkError {
-    #[error("Zenoh does not take {key} = {value}: {why}")]
+    #[error("Zenoh does not take {key} = {value}: {why}", why = without_source_places(why))]
     Setting {
         key: &'static str,
         value: String,
         why: zenoh::Error,
     },
-    #[error("no answer at {endpoint}: {why}")]
+    #[error("no answer at {endpoint}: {why}", why = without_source_places(why))]
     Open { endpoint: String, why: zenoh::Error },
-    #[error("Zenoh refused {what}: {why}")]
+    #[error("Zenoh refused {what}: {why}", why = without_source_places(why))]
     Declare { what: String, why: zenoh::Error },
 }
 
@@ -344,6 +344,7 @@ impl VelocitySink for TwistPublisher {
                 .put(payload.clone())
                 .attachment(attachment.encode());
             if let Err(why) = put.wait() {
+                let why = without_source_places(&why);
                 tracing::warn!(%why, "a velocity was not published");
             }
         }

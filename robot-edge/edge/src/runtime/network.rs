@@ -179,7 +179,7 @@ impl Network {
                 if !quiet {
                     writeln!(
                         io::stderr(),
-                        "network: none, nobody can watch: {err}. --no-network does without"
+                        "warning: no network, so that nobody can watch: {err}. --no-network does without"
                     )?;
                 }
                 Ok(None)

@@ -127,13 +127,13 @@ pub(super) fn print_security_notice(endpoints: &Endpoints, out: &mut dyn Write) 
     let mut endpoint_list = endpoints.listen.iter().chain(&endpoints.connect);
     match &endpoints.credentials {
         Some(credentials) => match credentials.warning() {
-            Some(warning) => writeln!(out, "network: {warning}"),
+            Some(warning) => writeln!(out, "warning: {warning}"),
             None => Ok(()),
         },
         None if endpoint_list.all(|endpoint| is_loopback(endpoint)) => Ok(()),
         None => writeln!(
             out,
-            "network: INSECURE: whoever reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
+            "warning: INSECURE: whoever reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
              proves who they are"
         ),
     }

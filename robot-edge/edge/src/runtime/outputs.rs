@@ -17,11 +17,14 @@ use super::pipeline::Pipeline;
 use super::source::SourceLosses;
 use super::source_reader::SourceEnd;
 use crate::cli::MappingOptions;
+use crate::events::merge_alike;
 use crate::exit::UsageError;
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::publishing::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
+use crate::survey::recover_advice;
 use measurement::drops::{DropCounts, DropReason};
+use recording::{Format, name_missing};
 
 /// Writes the maps and the trajectory to `dir`, each even if another one fails. Returns the file names.
 pub(super) fn export(
@@ -134,6 +137,9 @@ impl Summary {
             stamp_repairs,
             notes,
         } = &end.lost;
+        let path = Path::new(&self.recording);
+        let format = Format::of(path).ok();
+        let advice = format.and_then(|format| recover_advice(format, counts, path));
         // Late scans were received, but could not be ordered.
         self.scans.came_in += late_scans;
         self.scans.dropped.add_many(DropReason::Late, *late_scans);
@@ -141,7 +147,7 @@ impl Summary {
         for (reason, n) in counts.iter() {
             self.add_event("loss", format!("the recording lost {n} × {reason}"));
         }
-        for note in notes {
+        for note in notes.iter().chain(&advice) {
             self.add_event("note", note.clone());
         }
         if *stamp_repairs > 0 {
@@ -216,8 +222,12 @@ pub(super) fn print_summary(
     out: &mut dyn Write,
 ) -> io::Result<()> {
     // Decisions were printed before the run.
-    for event in summary.events.iter().filter(|event| event.kind != SETUP) {
-        writeln!(out, "{}: {}", event.kind, event.message)?;
+    let events = summary.events.iter().filter(|event| event.kind != SETUP);
+    let events: Vec<_> = events
+        .map(|event| format!("{}: {}", event.kind, event.message))
+        .collect();
+    for line in merge_alike(events.iter().map(String::as_str)) {
+        writeln!(out, "{line}")?;
     }
     let scans = &summary.scans;
     write!(out, "{} of {} scans mapped", scans.mapped, scans.came_in)?;
@@ -245,6 +255,12 @@ pub(super) fn print_summary(
     }
     for file in files {
         writeln!(out, "{file}")?;
+    }
+    if files.is_empty() && summary.scans.mapped > 0 {
+        writeln!(
+            out,
+            "no picture was written: --export FOLDER writes the maps as pictures and for GIS and ROS"
+        )?;
     }
     Ok(())
 }
@@ -342,7 +358,9 @@ pub(super) fn prepare(export: Option<&Path>, summary: Option<&Path>) -> anyhow::
         try_folder(dir).with_context(|| format!("{}: cannot write the maps", dir.display()))?;
     }
     if let Some(path) = summary {
-        try_file(path).with_context(|| format!("{}: cannot write the summary", path.display()))?;
+        try_file(path)
+            .map_err(|error| name_missing(path, error))
+            .with_context(|| format!("{}: cannot write the summary", path.display()))?;
     }
     Ok(())
 }

@@ -13,6 +13,7 @@ use super::player;
 use super::run::Run;
 use super::source::{self, ReplaySource};
 use crate::cli::{MappingOptions, Replay};
+use crate::config::advice::advise;
 use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
@@ -81,14 +82,20 @@ pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Conf
             "the recording names no vehicle; --vehicle chooses another",
         ),
     };
-    let config = config::load(vehicle, &options.setup.overrides())?;
+    let overrides = options.setup.overrides();
+    let config = config::load(vehicle, &overrides)?;
     range_sensors(&config)?;
     check_start(&survey, command.start_s)?;
     let mut plan = plan(&survey, &config)?;
     let sensors = plan.sensors.iter();
     let sensors = sensors.map(|(name, topic)| format!("{name}: {topic}"));
+    let advice = advise(vehicle, &overrides, &config, false);
     let vehicle = std::iter::once(format!("{vehicle} ({why})"));
-    plan.notes = vehicle.chain(sensors).chain(plan.notes).collect();
+    plan.notes = vehicle
+        .chain(sensors)
+        .chain(plan.notes)
+        .chain(advice)
+        .collect();
     Ok((survey, config, plan))
 }
 

@@ -15,6 +15,7 @@ use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
 use super::run::Run;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
+use crate::config::advice::advise;
 use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
@@ -83,6 +84,8 @@ pub(super) fn run_live(
     let sensors = plan.sensors.iter();
     notes.extend(sensors.map(|(name, topic)| format!("{name}: {topic}")));
     notes.extend(plan.notes);
+    let overrides = options.setup.overrides();
+    notes.extend(advise(vehicle, &overrides, &config, drive.can_drive()));
     if let Some(twist) = config
         .motors
         .ros2_twist

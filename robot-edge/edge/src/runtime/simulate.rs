@@ -13,6 +13,7 @@ use super::outputs::SETUP;
 use super::run::Run;
 use super::source::{Source, SourceItem, SourceLosses};
 use crate::cli::Simulate;
+use crate::config::advice::advise;
 use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
@@ -69,6 +70,8 @@ pub(super) fn simulate(
         world.name(),
         command.seed
     )];
+    let overrides = options.setup.overrides();
+    notes.extend(advise(vehicle, &overrides, &config, true));
     if config.motors != MotorsConfig::default() {
         notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
     }

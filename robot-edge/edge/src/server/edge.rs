@@ -26,6 +26,8 @@ use network::credentials::OperatorList;
 use network::sessions::Endpoints;
 
 const LIST_CHECK_PERIOD: Duration = Duration::from_millis(100);
+/// A router that has not answered by then is reported, once; the attempts go on.
+const ROUTER_CHECK_DELAY: Duration = Duration::from_secs(3);
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
 /// Interval of attempts to reopen the sessions: the system may not have freed their ports yet. After
 /// [`COMPLAINT_DELAY`], ten times as long.
@@ -105,9 +107,24 @@ impl LinkServer {
     /// Keeps the sessions open, with the access control of the newest list.
     fn serve(mut self, sessions: OpenSessions) {
         let mut sessions = Some(sessions);
+        let mut router_check_due = (!self.settings.endpoints.connect.is_empty())
+            .then(|| clock::now() + ROUTER_CHECK_DELAY);
         while clock::sleep_until(clock::now() + LIST_CHECK_PERIOD, || {
             self.publish_state.is_closing()
         }) {
+            if router_check_due
+                .take_if(|due| clock::now() >= *due)
+                .is_some()
+                && let Some(sessions) = &sessions
+                && !sessions.is_router_connected()
+            {
+                let connect = self.settings.endpoints.connect.join(", ");
+                let message = format!(
+                    "nobody answers at {connect} yet: until a router does, no console reaches this robot there"
+                );
+                tracing::warn!("{message}");
+                self.publish_event("router_missing", message);
+            }
             let Some(newer) = self.settings.newer_operators.take() else {
                 continue;
             };

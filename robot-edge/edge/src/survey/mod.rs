@@ -14,7 +14,7 @@ pub mod range_sensors;
 mod report;
 pub(crate) mod topics;
 
-pub use report::Mappable;
+pub use report::{Mappable, recover_advice};
 
 /// Of longer files only the beginning is surveyed.
 pub const MAX_SURVEYED_BYTES: u64 = 256 << 20;

@@ -2,14 +2,18 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::path::Path;
 
 use super::Survey;
 use super::topics::{ScanSurvey, StampSurvey};
 use crate::config::{self, Config, FixesAndAttitude, ImuConfig, WheelsAndAttitude, presets};
+use crate::events::merge_alike;
 use localization::{LocalizationConfig, PoseSource};
-use measurement::drops::DropReason;
-use measurement::time::RobotDuration;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, GeodeticFix, StreamId};
+use network::clock::utc_label;
+use recording::Format;
 
 const MAX_JOINTS_LISTED: usize = 12;
 
@@ -40,15 +44,13 @@ impl Survey {
             writeln!(f, "  surveyed: its first {read}")?;
         }
         match self.time_span() {
-            Some((first, last)) => {
+            Some(_) if self.has_no_clock() => {
                 writeln!(
                     f,
-                    "  {}, from {:.3} to {:.3}",
-                    Duration(self.duration()),
-                    first.as_secs_f64(),
-                    last.as_secs_f64()
+                    "  times are not known: its clock cannot be used (see faults)"
                 )?;
             }
+            Some(span) => writeln!(f, "  {}, {}", Duration(self.duration()), Span(span))?,
             None => writeln!(f, "  nothing with a stamp")?,
         }
         if let Some(vehicle) = &self.vehicle {
@@ -81,7 +83,7 @@ impl Survey {
                 f,
                 "  {name:name_width$}  {type_name:type_width$}  {messages:8}  "
             )?;
-            match (summary.understood, stamps.rate_hz()) {
+            match (summary.understood, stamps.rate_hz(messages)) {
                 (false, _) => writeln!(f, "not read: no sensor data that is understood")?,
                 (true, Some(rate)) => writeln!(f, "{} Hz", significant(rate))?,
                 (true, None) => writeln!(f, "-")?,
@@ -279,15 +281,41 @@ impl Survey {
                     "  {name}: of {count} stamps {repeated} repeat the one before, {backward} go back"
                 )?;
             }
+            if scan.stamps.is_clock_unusable(count) {
+                writeln!(
+                    f,
+                    "  {name}: its clock cannot be used: scans are mapped in the order of the file"
+                )?;
+            }
         }
         if none {
             writeln!(f, "  none")?;
         }
-        for note in &self.loss_notes {
+        for note in merge_alike(self.loss_notes.iter().map(String::as_str)) {
             writeln!(f, "    {note}")?;
+        }
+        if let Some(advice) = recover_advice(self.format, &self.losses, &self.path) {
+            writeln!(f, "    {advice}")?;
         }
         Ok(())
     }
+
+    /// Whether the stamps of no stream of scans can be used.
+    fn has_no_clock(&self) -> bool {
+        let mut stamps = self.scans.iter().map(|(_, scan)| &scan.stamps);
+        !self.scans.is_empty() && stamps.all(|stamps| stamps.is_clock_unusable(stamps.count))
+    }
+}
+
+/// How to make a whole file of a cut-off or damaged one; `None` if nothing is missing.
+pub fn recover_advice(format: Format, losses: &DropCounts, path: &Path) -> Option<String> {
+    let has_gaps = losses
+        .iter()
+        .any(|(reason, _)| matches!(reason, DropReason::CutOff | DropReason::Damaged));
+    (has_gaps && format == Format::Mcap).then(|| {
+        let file = shell_quoted(&path.display().to_string());
+        format!("robot-edge recover {file} saved.mcap   writes what is left as a whole file")
+    })
 }
 
 const fn loss_in_words(reason: DropReason) -> &'static str {
@@ -315,6 +343,36 @@ fn significant(value: f64) -> String {
         _ => 3,
     };
     format!("{value:.decimals$}")
+}
+
+/// Earlier stamps are of a clock that was not set.
+const FIRST_CALENDAR_S: u64 = 315_532_800; // 1980-01-01
+
+/// First and last stamp: as calendar dates if the clock was set, and as numbers.
+struct Span((RobotTime, RobotTime));
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, last) = (self.0.0.as_secs_f64(), self.0.1.as_secs_f64());
+        // Negative stamps become 0.
+        if first as u64 >= FIRST_CALENDAR_S {
+            let [from, to] = [first, last].map(|stamp_s| utc_label(stamp_s as u64));
+            let [from, to] = [&from, &to].map(|label| label.trim_end_matches('Z'));
+            let is_same_day = from.split('T').next() == to.split('T').next();
+            let to = if is_same_day {
+                to.split('T').next_back().unwrap_or(to)
+            } else {
+                to
+            };
+            let (from, to) = (from.replace('T', " "), to.replace('T', " "));
+            write!(f, "{from} to {to} UTC ({first:.3} to {last:.3})")
+        } else {
+            write!(
+                f,
+                "stamps {first:.3} to {last:.3} s of a clock without a date"
+            )
+        }
+    }
 }
 
 struct Bytes(u64);
@@ -412,7 +470,8 @@ impl Survey {
         Ok(())
     }
 
-    /// Writes the command that maps the recording, with the range sensor if it must be named, and the alternatives.
+    /// Writes the command that makes pictures of the map, with the range sensor if it must be named, after the
+    /// alternatives.
     fn write_replay(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -426,12 +485,19 @@ impl Survey {
         };
         let named = laser.map(|laser| format!(" {}", topic(laser)));
         let named = named.unwrap_or_default();
-        writeln!(f, "  robot-edge replay {file}{named}{options}")?;
         let others = self.scans.iter().map(|&(stream, _)| stream);
         for other in others.filter(|other| laser.is_some_and(|laser| laser != *other)) {
-            writeln!(f, "  or with {}", topic(other))?;
+            writeln!(
+                f,
+                "  or with {} in the place of {}",
+                topic(other),
+                named.trim_start()
+            )?;
         }
-        Ok(())
+        writeln!(
+            f,
+            "  robot-edge replay {file}{named}{options} --export maps"
+        )
     }
 
     pub(super) fn write_mappable(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -442,7 +508,7 @@ impl Survey {
                 needs_auto,
                 must_be_named,
             } => {
-                writeln!(f, "  {pose_source}")?;
+                writeln!(f, "  yes: {pose_source}")?;
                 self.write_sensors_of_vehicle(f)?;
                 let options = if needs_auto {
                     " --set localization.source=auto"

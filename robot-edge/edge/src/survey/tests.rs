@@ -1,4 +1,5 @@
 use super::*;
+use measurement::drops::DropReason;
 
 fn survey_text(content: &str) -> Survey {
     let folder = tempfile::tempdir().unwrap();
@@ -26,13 +27,13 @@ fn a_log_is_summed_up_on_one_page() {
         "\
 a log.clf
   CARMEN log, 1.5 kB
-  19.0 s, from 100.500 to 119.500
+  19.0 s, stamps 100.500 to 119.500 s of a clock without a date
 
   topic   type           messages  rate
   PARAM   carmen/PARAM          1  not read: no sensor data that is understood
   NEFF    carmen/NEFF           1  not read: no sensor data that is understood
   ODOM    carmen/ODOM          20  1.00 Hz
-  FLASER  carmen/FLASER        22  1.00 Hz
+  FLASER  carmen/FLASER        22  1.11 Hz
 
 range sensors
   FLASER: 21 scans of 3 beams in frame laser
@@ -51,10 +52,35 @@ faults
     line 44: the stamp of FLASER goes back by 0.1 s and is held (later ones only counted)
 
 can it be mapped?
-  every scan brings its pose
-  robot-edge replay 'a log.clf'
+  yes: every scan brings its pose
+  robot-edge replay 'a log.clf' --export maps
 "
     );
+}
+
+#[test]
+fn a_clock_that_cannot_be_used_is_reported() {
+    let scans = ["5.5", "5.5", "5.5", "5.5", "1000000"];
+    let scans = scans.map(|stamp| format!("FLASER 2 1 2 50 0 0 0 0 0 {stamp} h 0\n"));
+    let page = survey_text(&scans.concat()).to_string();
+    for line in [
+        "\n  times are not known: its clock cannot be used (see faults)\n",
+        "\n  FLASER  carmen/FLASER         5  -\n",
+        "\n  FLASER: of 5 stamps 3 repeat the one before, 0 go back\n",
+        "\n  FLASER: its clock cannot be used: scans are mapped in the order of the file\n",
+    ] {
+        assert!(page.contains(line), "{page}");
+    }
+}
+
+#[test]
+fn a_cut_off_file_names_the_command_that_saves_what_is_left() {
+    let mut recorded = Recorded::new(&[("/scan", SCAN, scan())], "laser", 1);
+    recorded.losses.add(DropReason::CutOff);
+    let page = recorded.survey("cut off.mcap").to_string();
+    let advice =
+        "    robot-edge recover 'cut off.mcap' saved.mcap   writes what is left as a whole file\n";
+    assert!(page.contains(advice), "{page}");
 }
 
 #[test]
@@ -94,7 +120,8 @@ fn of_two_lasers_one_must_be_named() {
     let survey = survey_text(&format!("R{line}F{line}F{line}"));
     assert!(
         survey.to_string().ends_with(
-            "  robot-edge replay 'a log.clf' --topic laser=FLASER\n  or with --topic laser=RLASER\n"
+            "  or with --topic laser=RLASER in the place of --topic laser=FLASER\n  robot-edge replay 'a log.clf' --topic \
+             laser=FLASER --export maps\n"
         ),
         "{survey}"
     );
@@ -237,9 +264,9 @@ fn the_sensors_of_a_boat_are_mapped_together() {
     }
     assert!(
         page.ends_with(
-            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses, as configured for \
+            "can it be mapped?\n  yes: satellite fixes of /fix and attitude of /imu/data give poses, as configured for \
              riverwatch\n  as riverwatch, with laser (/scan) and sonar (/sonar)\n  \
-             robot-edge replay lake.mcap\n"
+             robot-edge replay lake.mcap --export maps\n"
         ),
         "{page}"
     );
@@ -262,7 +289,9 @@ fn poses_are_those_that_the_vehicle_wants() {
     ];
     let check = |vehicle: &'static str, messages: &[Topic], says: &str, options: &str| {
         let page = page(vehicle, messages);
-        let end = format!("can it be mapped?\n  {says}\n  robot-edge replay lake.mcap{options}\n");
+        let end = format!(
+            "can it be mapped?\n  yes: {says}\n  robot-edge replay lake.mcap{options} --export maps\n"
+        );
         assert!(page.ends_with(&end), "{page}");
     };
     check(

@@ -6,9 +6,6 @@ use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, GeodeticFix, ImuSample};
 
-/// Maximum number of steps for the median.
-const MAX_STEPS: usize = 10_000;
-
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StampSurvey {
     pub count: u64,
@@ -20,7 +17,6 @@ pub struct StampSurvey {
     pub repeated: u64,
     /// Stamps before the previous one.
     pub backward: u64,
-    steps: Vec<RobotDuration>,
 }
 
 impl StampSurvey {
@@ -33,24 +29,21 @@ impl StampSurvey {
                 self.backward += 1;
             } else if step == RobotDuration::ZERO {
                 self.repeated += 1;
-            } else if self.steps.len() < MAX_STEPS {
-                self.steps.push(step);
             }
         }
     }
 
-    /// Stamps per second: the inverse of the median step forward. `None` if most stamps are repeated or go back.
-    pub fn rate_hz(&self) -> Option<f64> {
-        if (self.steps.len() as u64) < self.repeated + self.backward {
-            return None;
-        }
-        let mut steps = self.steps.clone();
-        let middle = steps.len() / 2;
-        let (_, median, _) = steps
-            .get_mut(..)
-            .filter(|steps| !steps.is_empty())?
-            .select_nth_unstable(middle);
-        Some(1.0 / median.as_secs_f64())
+    /// Whether fewer than half of `messages` have a later stamp than the one before.
+    pub fn is_clock_unusable(&self, messages: u64) -> bool {
+        let forward = self.count.saturating_sub(1 + self.repeated + self.backward);
+        messages > 1 && 2 * (forward + 1) < messages
+    }
+
+    /// Messages per second over the whole span of their stamps. (A message of transforms has several stamps.)
+    pub fn rate_hz(&self, messages: u64) -> Option<f64> {
+        let span_s = self.duration().as_secs_f64();
+        let is_known = messages > 1 && span_s > 0.0 && !self.is_clock_unusable(messages);
+        is_known.then(|| (messages - 1) as f64 / span_s)
     }
 
     pub fn duration(&self) -> RobotDuration {
@@ -275,18 +268,31 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_usual_step() {
+    fn the_rate_is_that_of_the_whole_span() {
         let stamps = survey(&[0, 100, 200, 300, 300, 290, 390, 9000, 9100]);
-        assert_eq!(stamps.rate_hz(), Some(10.0));
+        assert_eq!(stamps.rate_hz(9), Some(8.0 / 9.1));
+        // Bursts: the usual step is 1 ms, and there are 2 messages a second.
+        assert_eq!(
+            survey(&[0, 1, 2, 1000, 1001, 1002, 2000, 2001, 2500]).rate_hz(9),
+            Some(3.2)
+        );
+        // Three transforms in each of three messages.
+        assert_eq!(
+            survey(&[0, 0, 0, 100, 100, 100, 200, 200, 200]).rate_hz(3),
+            Some(10.0)
+        );
         assert_eq!((stamps.count, stamps.repeated, stamps.backward), (9, 1, 1));
         assert_eq!(stamps.duration(), RobotDuration::from_millis(9100));
     }
 
     #[test]
     fn stamps_that_stand_still_have_no_rate() {
-        assert_eq!(survey(&[]).rate_hz(), None);
-        assert_eq!(survey(&[5]).rate_hz(), None);
-        assert_eq!(survey(&[5, 5, 5, 10_005]).rate_hz(), None);
+        for stamps_ms in [&[][..], &[5], &[5, 5, 5], &[5, 5, 5, 5, 10_005]] {
+            let messages = stamps_ms.len() as u64;
+            let stamps = survey(stamps_ms);
+            assert_eq!(stamps.rate_hz(messages), None, "{stamps_ms:?}");
+            assert_eq!(stamps.is_clock_unusable(messages), messages > 1);
+        }
     }
 }
 

@@ -202,6 +202,9 @@ pub struct Credentials {
 impl Credentials {
     /// Reads a vehicle's or person's folder.
     pub fn open(folder: &Path) -> Result<Self, CredentialsError> {
+        if !folder.exists() {
+            return Err(CredentialsError::content(folder, "there is no such folder"));
+        }
         let [ca, link, key] =
             [CA_CERTIFICATE, CERTIFICATE, PRIVATE_KEY].map(|name| folder.join(name));
         if !link.exists()

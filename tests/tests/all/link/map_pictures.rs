@@ -39,13 +39,14 @@ impl Plugin for LossyUploads {
     }
 
     fn output_hook(&mut self, _ctx: &Context, output: &mut FullOutput) {
-        for images in output.textures_delta.set.values_mut() {
+        let all = output.textures_delta.set.values_mut();
+        all.for_each(|images| {
             images.retain(|image| {
                 let is_lost = self.0 > 0 && image.image.size() == [512, 512];
                 self.0 -= usize::from(is_lost);
                 !is_lost
             });
-        }
+        });
     }
 }
 

@@ -177,12 +177,32 @@ fn flags_win_over_set_over_file_over_preset() {
     assert_eq!(topic(&file_with(text, &overrides).unwrap()), "/flag");
 }
 
+const SIZE: &str = "vehicle = { length_m = 1, width_m = 0.6, height_m = 0.8 }\n";
+
+#[test]
+fn a_file_without_a_preset_gives_the_size_of_its_vehicle() {
+    let says: Vec<_> = issues(file("[vehicle]\nname = \"mine\"\nheight_m = 1"))
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    let why =
+        "missing: measure the vehicle, in metres; or start from another by `preset = \"NAME\"`";
+    let missing = ["length_m", "width_m"].map(|key| format!("`vehicle.{key}`: {why}"));
+    assert_eq!(says, missing);
+    assert_eq!(file(SIZE).unwrap().vehicle.length_m, 1.0);
+    assert_eq!(
+        file("preset = \"generic2d\"").unwrap().vehicle.length_m,
+        0.5
+    );
+}
+
 #[test]
 fn a_file_without_a_preset_names_all_its_sensors() {
-    let rear = file("[sensors.rear]\nkind = \"laser_scan\"\nmount.yaw_deg = 180").unwrap();
+    let sized = |text: &str| file(format!("{SIZE}{text}")).unwrap();
+    let rear = sized("[sensors.rear]\nkind = \"laser_scan\"\nmount.yaw_deg = 180");
     assert_eq!(rear.sensors.keys().collect::<Vec<_>>(), ["rear"]);
     // What it does not say of a sensor that the generic vehicle has too, it has as the generic vehicle.
-    let laser = file("sensors.laser.time_offset_s = -0.04").unwrap();
+    let laser = sized("sensors.laser.time_offset_s = -0.04");
     assert_eq!(self::laser(&laser).time_offset_s, -0.04);
     let both = file("preset = \"pioneer\"\nsensors.rear.kind = \"laser_scan\"").unwrap();
     assert_eq!(both.sensors.len(), 2);
@@ -540,7 +560,8 @@ fn the_box_is_not_judged_by_a_cell_that_is_not_allowed() {
 
 #[test]
 fn all_faults_of_values_are_reported_with_the_source_of_the_value() {
-    let text = "[vehicle]\nlength_m = -1\n[sensors.laser]\nrange_min_m = 6";
+    let text =
+        "[vehicle]\nlength_m = -1\nwidth_m = 1\nheight_m = 1\n[sensors.laser]\nrange_min_m = 6";
     let reported: Vec<String> = issues(file_with(text, &sets(&["sensors.laser.range_max_m=5"])))
         .iter()
         .map(|issue| match &issue.origin {
@@ -562,7 +583,7 @@ fn many_faults_stay_readable_and_cheap() {
     };
     let unknown = file(settings(40_000, ".x = 1"));
     assert!((1..=200).contains(&issues(unknown).len()));
-    let too_many = file(settings(30_000, ".kind='laser_scan'"));
+    let too_many = file(SIZE.to_owned() + &settings(30_000, ".kind='laser_scan'"));
     assert_eq!(issues(too_many).len(), 1);
 }
 

@@ -72,10 +72,18 @@ fn connect(
     deadline: Monotonic,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<(RosLink, Inbox)> {
+    let mut is_reported = false;
     loop {
         match RosLink::open(at) {
             Ok(opened) => return Ok(opened),
             Err(RosLinkError::Open { .. }) if !deadline.since(clock::now()).is_zero() => {
+                if !std::mem::replace(&mut is_reported, true) {
+                    let rest_s = deadline.since(clock::now()).as_secs_f64();
+                    tracing::warn!(
+                        "no answer at {} yet: trying for {rest_s:.0} s more",
+                        at.endpoint
+                    );
+                }
                 sleep_until(clock::now() + RETRY, || is_set(interrupt));
                 if is_set(interrupt) {
                     return Err(Interrupted.into());
