@@ -51,58 +51,41 @@ pub fn advise(
     idle_settings(vehicle, overrides, config, can_drive).unwrap_or_default()
 }
 
-/// A part of the configuration, whether it does nothing, and why.
-type IdlePart = (&'static str, fn(&Config) -> bool, &'static str);
+/// A switch, whether it is on, and the parts of the configuration that do nothing without it.
+type Switch = (&'static str, fn(&Config) -> bool, &'static [&'static str]);
 
-const IDLE_PARTS: &[IdlePart] = &[
+const SWITCHES: &[Switch] = &[
     (
-        "mapping.occupancy",
-        |config| !config.mapping.occupancy.enabled,
-        "mapping.occupancy.enabled is false",
+        "mapping.occupancy.enabled",
+        |config| config.mapping.occupancy.enabled,
+        &["mapping.occupancy"],
     ),
     (
-        "mapping.elevation",
-        |config| !config.mapping.elevation.enabled,
-        NO_ELEVATION,
+        "mapping.elevation.enabled",
+        |config| config.mapping.elevation.enabled,
+        &["mapping.elevation", "mapping.obstacle", "mapping.ground"],
     ),
     (
-        "mapping.obstacle",
-        |config| !config.mapping.elevation.enabled,
-        NO_ELEVATION,
+        "mapping.octree.enabled",
+        |config| config.mapping.octree.enabled,
+        &["mapping.octree", "mapping.metrics"],
     ),
     (
-        "mapping.ground",
-        |config| !config.mapping.elevation.enabled,
-        NO_ELEVATION,
+        "mapping.cost.enabled",
+        |config| config.mapping.cost.enabled,
+        &["mapping.cost"],
     ),
     (
-        "mapping.octree",
-        |config| !config.mapping.octree.enabled,
-        NO_OCTREE,
+        "mapping.rigidity.enabled",
+        |config| config.mapping.rigidity.enabled,
+        &["mapping.rigidity"],
     ),
     (
-        "mapping.metrics",
-        |config| !config.mapping.octree.enabled,
-        NO_OCTREE,
-    ),
-    (
-        "mapping.cost",
-        |config| !config.mapping.cost.enabled,
-        "mapping.cost.enabled is false",
-    ),
-    (
-        "mapping.rigidity",
-        |config| !config.mapping.rigidity.enabled,
-        "mapping.rigidity.enabled is false",
-    ),
-    (
-        "mapping.shore",
-        |config| !config.mapping.shore.enabled,
-        "mapping.shore.enabled is false",
+        "mapping.shore.enabled",
+        |config| config.mapping.shore.enabled,
+        &["mapping.shore"],
     ),
 ];
-const NO_ELEVATION: &str = "mapping.elevation.enabled is false";
-const NO_OCTREE: &str = "mapping.octree.enabled is false";
 
 /// Parts that need something to drive.
 const DRIVING_PARTS: [&str; 2] = ["motors", "teleop"];
@@ -124,19 +107,19 @@ pub fn idle_settings(
     }
     changed.sort();
     changed.dedup();
-    let mut idle: Vec<(&str, Vec<String>)> = Vec::new();
+    let mut idle: Vec<(String, Vec<String>)> = Vec::new();
     for key in changed {
-        let is_part = |part: &str| {
-            let rest = key.strip_prefix(part);
-            rest.is_some_and(|rest| rest.starts_with('.') && rest != ".enabled")
+        let is_in = |parts: &[&str]| {
+            let mut rests = parts.iter().filter_map(|part| key.strip_prefix(part));
+            rests.any(|rest| rest.starts_with('.') && rest != ".enabled")
         };
-        let disabled = IDLE_PARTS
+        let off = SWITCHES
             .iter()
-            .find(|(part, is_idle, _)| is_part(part) && is_idle(config));
-        let why = match disabled {
-            Some((_, _, why)) => why,
-            None if !can_drive && DRIVING_PARTS.into_iter().any(is_part) => {
-                "nothing is driven in this run"
+            .find(|(_, is_on, parts)| is_in(parts) && !is_on(config));
+        let why = match off {
+            Some((switch, ..)) => format!("{switch} is false"),
+            None if !can_drive && is_in(&DRIVING_PARTS) => {
+                "nothing is driven in this run".to_owned()
             }
             None => continue,
         };

@@ -189,7 +189,7 @@ impl BtWriter {
         Ok(())
     }
 
-    /// Tells its parent of a child, which is opened where it is not yet.
+    /// Marks a child in its parent, which is created if it does not exist.
     fn add(&mut self, first: u64, edge_log2: u8, child: Child) -> Result<(), BtWriteError> {
         if first < self.next {
             return Err(BtWriteError::OutOfOrder(voxel_at(first)));

@@ -133,7 +133,7 @@ pub(super) fn print_security_notice(endpoints: &Endpoints, out: &mut dyn Write) 
         None if endpoint_list.all(|endpoint| is_loopback(endpoint)) => Ok(()),
         None => writeln!(
             out,
-            "warning: INSECURE: whoever reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
+            "warning: INSECURE: anybody who reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
              proves who they are"
         ),
     }

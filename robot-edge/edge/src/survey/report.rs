@@ -314,7 +314,7 @@ pub fn recover_advice(format: Format, losses: &DropCounts, path: &Path) -> Optio
         .any(|(reason, _)| matches!(reason, DropReason::CutOff | DropReason::Damaged));
     (has_gaps && format == Format::Mcap).then(|| {
         let file = shell_quoted(&path.display().to_string());
-        format!("robot-edge recover {file} saved.mcap   writes what is left as a whole file")
+        format!("to save what is left: robot-edge recover {file} saved.mcap")
     })
 }
 

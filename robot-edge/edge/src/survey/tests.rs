@@ -78,8 +78,7 @@ fn a_cut_off_file_names_the_command_that_saves_what_is_left() {
     let mut recorded = Recorded::new(&[("/scan", SCAN, scan())], "laser", 1);
     recorded.losses.add(DropReason::CutOff);
     let page = recorded.survey("cut off.mcap").to_string();
-    let advice =
-        "    robot-edge recover 'cut off.mcap' saved.mcap   writes what is left as a whole file\n";
+    let advice = "    to save what is left: robot-edge recover 'cut off.mcap' saved.mcap\n";
     assert!(page.contains(advice), "{page}");
 }
 
