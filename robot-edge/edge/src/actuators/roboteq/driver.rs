@@ -347,9 +347,10 @@ impl Driver {
             Command::Run(..) | Command::StopBoth => {
                 self.fail(command, ControllerFault::Refusing, now);
             }
-            // What a motor command means would be guessed.
+            // Without it, what a motor command means would be guessed. It may have been refused because of a bad line:
+            // it is asked again.
             Command::Read(Parameter::MotorControlMode) => {
-                self.enter(Phase::Refused(ControllerFault::Unreadable), now);
+                self.fail(command, ControllerFault::Unreadable, now);
             }
             Command::Read(Parameter::InputControlMode) => {
                 self.enter(Phase::Check(Parameter::MotorControlMode), now);

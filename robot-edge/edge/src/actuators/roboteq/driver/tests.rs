@@ -418,6 +418,31 @@ fn a_controller_that_refuses_is_reported() {
     );
 }
 
+/// With a bad line a single refusal once left the controller faulty for good.
+#[test]
+fn a_motor_mode_that_is_refused_is_read_again() {
+    let question = Command::Read(Parameter::MotorControlMode).bytes();
+    for (refusals, state) in [
+        (1, State::Ready),
+        (4, State::Ready),
+        (u32::MAX, State::Faulty(ControllerFault::Unreadable)),
+    ] {
+        let mut bench = Bench::new(false, |_| {});
+        let mut left = refusals;
+        bench.run_ms_with(8000, |bytes| {
+            match bytes.strip_prefix(question.as_bytes()) {
+                Some([_, ..]) if left > 0 => {
+                    left -= 1;
+                    [question.as_bytes(), b"-\r"].concat()
+                }
+                _ => bytes.to_vec(),
+            }
+        });
+        assert_eq!(bench.status().state, state, "{refusals}");
+        assert!(bench.emulator.outputs.iter().all(Output::is_zero));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when commanded to stop.
