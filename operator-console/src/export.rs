@@ -9,7 +9,8 @@ use std::{fmt, io};
 
 use anyhow::{Context as _, anyhow};
 use protocol::export::{
-    Caption, Label, StampedPose, export_raster, shore_labels, write_shores, write_trajectory,
+    Caption, Footprint, Label, StampedPose, export_raster, shore_labels, write_shores,
+    write_trajectory,
 };
 use protocol::layer::LayerId;
 use protocol::message::{Shores, VoxelFile};
@@ -94,6 +95,8 @@ enum Content {
         tiles: KnownTiles,
         title: String,
         vehicle_m: Option<[f64; 2]>,
+        path: Arc<[StampedPose]>,
+        footprint: Option<Footprint>,
         labels: Vec<Label>,
     },
     Trajectory(Arc<[StampedPose]>),
@@ -114,13 +117,19 @@ impl Snapshot {
                     tiles,
                     title: info.map(|info| info.source.clone()).unwrap_or_default(),
                     vehicle_m: position_m.map(|[x, y, _]| [x, y]),
+                    path: path(model),
+                    footprint: info.map(|info| {
+                        let [length_m, width_m] = info.footprint_m.map(f64::from);
+                        Footprint {
+                            length_m,
+                            width_m,
+                            offset_m: f64::from(info.footprint_offset_m),
+                        }
+                    }),
                     labels: model.shores().map(shore_labels).unwrap_or_default(),
                 })
             }
-            ExportPart::Trajectory => Content::Trajectory(match model.trajectory() {
-                TrajectoryProgress::Ready(poses) => poses,
-                _ => model.vehicle().poses().into(),
-            }),
+            ExportPart::Trajectory => Content::Trajectory(path(model)),
             ExportPart::Shores => model
                 .shores()
                 .map_or(Content::Nothing, |shores| Content::Shores(shores.clone())),
@@ -149,6 +158,8 @@ impl Snapshot {
                 tiles,
                 title,
                 vehicle_m,
+                path,
+                footprint,
                 labels,
             } => {
                 let Some(raster) = tiles.into_raster(MAX_RASTER_CELLS)? else {
@@ -157,6 +168,8 @@ impl Snapshot {
                 let caption = Caption {
                     title: &title,
                     vehicle_m,
+                    path: &path,
+                    footprint,
                     labels: &labels,
                 };
                 Ok(export_raster(folder, &raster, &caption)?)
@@ -170,6 +183,14 @@ impl Snapshot {
             Content::Voxels(voxels) => write_voxels(folder, &voxels),
             Content::Nothing => Ok(Vec::new()),
         }
+    }
+}
+
+/// The path of the vehicle: all of it if it was fetched, else what was received.
+fn path(model: &ConsoleModel) -> Arc<[StampedPose]> {
+    match model.trajectory() {
+        TrajectoryProgress::Ready(poses) => poses,
+        _ => model.vehicle().poses().into(),
     }
 }
 

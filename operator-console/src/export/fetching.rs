@@ -147,26 +147,38 @@ impl<'a> Fetcher<'a> {
 
 impl Drop for Fetcher<'_> {
     fn drop(&mut self) {
+        let mut model = self.model.lock();
         // The export may have been cancelled earlier.
-        self.model.lock().drop_voxels();
+        model.drop_voxels();
+        model.drop_trajectory();
     }
 }
 
 /// Starts to fetch a part. The octree was requested at the start, and shores are pushed.
 fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
-        ExportPart::Layer(layer) if part.is_in(model) => model.want_for_export([layer].into()),
-        ExportPart::Trajectory => model.want_trajectory(),
+        ExportPart::Layer(layer) if part.is_in(model) => {
+            model.want_for_export([layer].into());
+            // Pictures show the path.
+            want_trajectory(model);
+        }
+        ExportPart::Trajectory => want_trajectory(model),
         _ => {}
     }
 }
 
+fn want_trajectory(model: &mut ConsoleModel) {
+    if model.trajectory() == TrajectoryProgress::Unwanted {
+        model.want_trajectory();
+    }
+}
+
+/// The trajectory stays for the pictures until the export ends.
 fn release(model: &mut ConsoleModel, part: ExportPart) {
     match part {
         ExportPart::Layer(_) => model.want_for_export(BTreeSet::new()),
-        ExportPart::Trajectory => model.drop_trajectory(),
         ExportPart::Voxels => model.drop_voxels(),
-        ExportPart::Shores => {}
+        ExportPart::Trajectory | ExportPart::Shores => {}
     }
 }
 
@@ -190,7 +202,17 @@ fn state(
             let pose = model.vehicle().pose();
             let knows_pose = pose.is_some_and(|(_, at)| at >= began || model.has_ended());
             match step {
-                Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => None,
+                Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => {
+                    // A robot that is gone has sent what there is of the path.
+                    let is_live = model.connection().state(now) == LinkState::Live;
+                    match model.trajectory() {
+                        TrajectoryProgress::Waiting if is_live => Some(FetchProgress::Requested),
+                        TrajectoryProgress::Fetching { fetched, of } if is_live => {
+                            Some(FetchProgress::Poses([fetched, of]))
+                        }
+                        _ => None,
+                    }
+                }
                 Some(step) if step.missing > 0 => Some(FetchProgress::Tiles(step.missing)),
                 Some(_) | None => Some(FetchProgress::Requested),
             }

@@ -2,18 +2,19 @@
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align, Button, Color32, Label, Layout, RichText, Separator, Stroke, TextStyle, Ui, WidgetInfo,
-    vec2,
+    Align, Button, Color32, Label, Layout, Response, RichText, Separator, Stroke, TextStyle, Ui,
+    Vec2, WidgetInfo, vec2,
 };
 use measurement::time::Monotonic;
 
 use super::connection::{
     ConnectionData, FAILED, LinkStatus, SHORT_MAP_STATES, SHORT_RECORDING_MAP_STATES,
 };
-use super::driving::{DrivingData, EStopButton, disabled_ui};
+use super::driving::{DrivingData, EStopButton};
 use super::formatting::{age, elided};
 use super::robots::{alerts, swatch_ui};
 use crate::command::Command;
+use crate::identity::OBSERVER_HINT;
 use crate::model::{ConsoleModel, LinkState};
 use crate::teleop_client::{Intent, TeleopClientState};
 use crate::theme::{self, Tone, short_state_ui, state_ui};
@@ -32,6 +33,11 @@ const NARROW: f32 = 520.0;
 /// Below this width alerts are shown as a number, points.
 const NARROWEST: f32 = 400.0;
 const SHORT_ALERTS: &str = "88";
+const ESTOP: &str = "EMERGENCY STOP";
+/// Size of the emergency stop, and below this width of the bar, points.
+const ESTOP_SIZE: [f32; 2] = [170.0, 32.0];
+const NARROW_ESTOP_SIZE: [f32; 2] = [96.0, 32.0];
+const ESTOP_NARROW: f32 = 640.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct TopBarData {
@@ -263,23 +269,29 @@ pub struct RightBar {
 }
 
 fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
-    let size = vec2(96.0, 28.0);
+    let is_narrow = ui.available_width() < ESTOP_NARROW;
+    let size = if is_narrow {
+        NARROW_ESTOP_SIZE
+    } else {
+        ESTOP_SIZE
+    };
+    let size = Vec2::from(size);
     let [danger, on_danger] = theme::DANGER;
     let [banner, on_banner] = theme::BANNER;
     let refused;
     let (words, fill, ink, hint) = match face {
         EStopButton::Ready => (
-            "Stop",
+            ESTOP,
             danger,
             on_danger,
-            "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
+            "Stops at once, and stays stopped until it is reset (Space)",
         ),
         EStopButton::Refused(why) => {
             refused = format!("The robot does not stop for you: {why}. Press again if you like");
             ("Refused", banner, on_banner, &*refused)
         }
         EStopButton::ReadOnly => {
-            disabled_ui(ui, "Stop", size);
+            observer_stop_ui(ui, size, is_narrow);
             return None;
         }
         EStopButton::Sending(_) => (
@@ -295,16 +307,43 @@ fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
             "An emergency stop is active; it is reset in the driving panel",
         ),
     };
-    let text = RichText::new(words).strong().color(ink);
-    let button = Button::new(text)
+    let button = Button::new(estop_text(words, is_narrow).color(ink))
         .fill(fill)
         .stroke(Stroke::new(1.5, danger))
         .min_size(size);
+    let button = estop_button_ui(ui, |ui| ui.add(button));
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, true, words));
     // Pressing again is allowed.
-    ui.add(button)
+    button
         .on_hover_text(hint)
         .clicked()
         .then_some(Intent::EStop)
+}
+
+/// In two lines in a narrow bar.
+fn estop_text(words: &str, is_narrow: bool) -> RichText {
+    if is_narrow && words == ESTOP {
+        RichText::new("EMERGENCY\nSTOP").strong().size(11.0)
+    } else {
+        RichText::new(words).strong()
+    }
+}
+
+/// Without vertical padding, so that two lines are not higher than the bar.
+fn estop_button_ui(ui: &mut Ui, add: impl FnOnce(&mut Ui) -> Response) -> Response {
+    let shown = ui.scope(|ui| {
+        ui.spacing_mut().button_padding.y = 0.0;
+        add(ui)
+    });
+    shown.inner
+}
+
+fn observer_stop_ui(ui: &mut Ui, size: Vec2, is_narrow: bool) {
+    let button = Button::new(estop_text(ESTOP, is_narrow)).min_size(size);
+    let name = format!("{ESTOP}. {OBSERVER_HINT}");
+    let shown = estop_button_ui(ui, |ui| ui.add_enabled(false, button));
+    shown.widget_info(|| WidgetInfo::labeled(Role::Button, false, &name));
+    shown.on_disabled_hover_text(OBSERVER_HINT);
 }
 
 /// Minimum width of a long name, points.
@@ -435,13 +474,52 @@ mod tests {
     }
 
     #[test]
+    fn a_press_stops_in_every_state_and_width() {
+        let states = [
+            (EStopButton::Ready, ESTOP),
+            (EStopButton::Sending(String::new()), "Stopping…"),
+            (EStopButton::Refused("no".to_owned()), "Refused"),
+        ];
+        for (width, size) in [
+            (446.0, NARROW_ESTOP_SIZE),
+            (639.0, NARROW_ESTOP_SIZE),
+            (900.0, ESTOP_SIZE),
+        ] {
+            for (estop, label) in states.clone() {
+                let estop = Some(estop);
+                let data = TopBarData { estop, ..data() };
+                let mut window = Harness::builder()
+                    .with_size(vec2(width, 44.0))
+                    .build_ui_state(
+                        move |ui, pressed: &mut Option<Command>| {
+                            ui.horizontal(|ui| {
+                                let asked = right_bar_ui(ui, Some(&data), 0, |_| {});
+                                *pressed = pressed.take().or(asked.command);
+                            });
+                        },
+                        None,
+                    );
+                crate::theme::set(&window.ctx);
+                window.run_steps(3);
+                let button = window.get_by_label(label);
+                assert_eq!(button.rect().size(), Vec2::from(size), "{width} {label}");
+                button.click();
+                window.run_steps(2);
+                let stop = Some(Command::Drive(Intent::EStop));
+                assert_eq!(*window.state(), stop, "{width} {label}");
+            }
+        }
+    }
+
+    #[test]
     fn an_observers_stop_is_disabled() {
         let estop = Some(EStopButton::ReadOnly);
         let window = bar(900.0, TopBarData { estop, ..data() }, 0);
-        let stop = window.get_by_label("Stop. Observers neither drive nor stop the vehicle");
+        let stop =
+            window.get_by_label("EMERGENCY STOP. Observers neither drive nor stop the vehicle");
         assert!(stop.accesskit_node().is_disabled());
         let usual = bar(900.0, data(), 0);
-        let pressed = usual.get_by_label("Stop");
+        let pressed = usual.get_by_label(ESTOP);
         assert!(!pressed.accesskit_node().is_disabled());
         assert_eq!(stop.rect(), pressed.rect());
     }
@@ -451,11 +529,11 @@ mod tests {
         let why = "the sender's role does not allow it".to_owned();
         let estop = Some(EStopButton::Refused(why));
         let mut window = bar(900.0, TopBarData { estop, ..data() }, 0);
-        assert!(window.query_by_label("Stop").is_none());
+        assert!(window.query_by_label(ESTOP).is_none());
         let refused = window.get_by_label("Refused");
         assert!(!refused.accesskit_node().is_disabled());
         let place = refused.rect();
-        assert_eq!(place, bar(900.0, data(), 0).get_by_label("Stop").rect());
+        assert_eq!(place, bar(900.0, data(), 0).get_by_label(ESTOP).rect());
         window.hover_at(place.center());
         window.run_steps(60);
         let reported = "The robot does not stop for you: the sender's role does not allow it. Press again if you like";
@@ -501,7 +579,7 @@ mod tests {
                     let is_mark = place(label).width() < 20.5;
                     assert!(is_whole(label) || is_mark, "{width}: {}", place(label));
                 }
-                let end = if unseen > 0 { "1 alert" } else { "Stop" };
+                let end = if unseen > 0 { "1 alert" } else { ESTOP };
                 let parts = [name, "Live", "Nobody drives", "Synchronized", end].map(place);
                 for pair in parts.windows(2) {
                     assert!(pair[0].right() < pair[1].left(), "{width} {name}: {pair:?}");

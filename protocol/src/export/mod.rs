@@ -4,6 +4,7 @@
 //! Every file is written under a temporary name and renamed when it is complete. A failed export
 //! leaves the previous file unchanged.
 
+mod date;
 mod geotiff;
 mod picture;
 mod shores;
@@ -17,8 +18,9 @@ use std::{fs, io};
 use crate::layer::{LayerId, Palette};
 use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
+pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
-pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
+pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
 pub use shores::{shore_labels, write_shores};
 pub use trajectory::{StampedPose, write_trajectory};
 

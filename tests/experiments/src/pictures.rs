@@ -84,6 +84,7 @@ impl Picture {
                     title,
                     vehicle_m: *vehicle_m,
                     labels,
+                    ..Caption::default()
                 };
                 write_picture(&path, raster, palette, &caption)?;
             }

@@ -114,7 +114,12 @@ impl DrivingData {
             advice: headline.advice,
             hint: headline.hint,
             estop: estop_button(teleop, teleop_client),
-            driver: driver(teleop, teleop_client, silence.is_some()),
+            driver: driver(
+                teleop,
+                teleop_client,
+                silence.is_some(),
+                headline.without_driver.as_deref(),
+            ),
             lease: lease_buttons(teleop, teleop_client, silence.is_some() || status.has_ended),
             is_observer: teleop_client.is_observer(),
             cannot_take_over: teleop_client.cannot_take_over(),
@@ -185,8 +190,14 @@ fn estop_button(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> ESt
     }
 }
 
-fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: bool) -> String {
+fn driver(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    is_lost: bool,
+    without_driver: Option<&str>,
+) -> String {
     let lease = &teleop.lease;
+    let nobody = without_driver.unwrap_or("Nobody drives");
     let is_mine = teleop_client.lease.held().is_some() || is_own_grant(lease, teleop_client);
     match (&lease.holder, &lease.next) {
         _ if is_mine && is_lost => format!("You drove ({})", teleop_client.operator),
@@ -196,8 +207,8 @@ fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: boo
             format!("{holder} drives, from another console")
         }
         (Some(holder), _) => format!("{holder} drives"),
-        (None, Some(next)) => format!("Nobody drives; {next} is next"),
-        (None, None) => "Nobody drives".to_owned(),
+        (None, Some(next)) => format!("{nobody}; {next} is next"),
+        (None, None) => nobody.to_owned(),
     }
 }
 
@@ -244,22 +255,24 @@ fn rows(
         0..OLD_MS => Tone::Good,
         OLD_MS.. => Tone::Warning,
     };
-    let (tone, words) = match (teleop.age_ms, teleop.peak_age_ms) {
-        (Some(now_ms), Some(greatest_ms)) if now_ms <= greatest_ms => {
-            let words = format!("{now_ms} ms, at most {greatest_ms} ms");
-            (old(greatest_ms.max(now_ms)), words)
-        }
-        (Some(now_ms), Some(_) | None) => (old(now_ms), format!("{now_ms} ms")),
-        (None, _) => (Tone::Waiting, "none sent".to_owned()),
-    };
-    rows.push((tone, row("Command age", words)));
-    let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
-    let tone = if teleop.clamp == Some(Clamp::Age) {
-        Tone::Warning
-    } else {
-        Tone::Good
-    };
-    rows.push((tone, row(AGE_LIMIT, allowed)));
+    // Without commands they have no age, and it limits nothing.
+    if let Some(now_ms) = teleop.age_ms {
+        let (tone, words) = match teleop.peak_age_ms {
+            Some(greatest_ms) if now_ms <= greatest_ms => {
+                let words = format!("{now_ms} ms, at most {greatest_ms} ms");
+                (old(greatest_ms), words)
+            }
+            Some(_) | None => (old(now_ms), format!("{now_ms} ms")),
+        };
+        rows.push((tone, row("Command age", words)));
+        let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
+        let tone = if teleop.clamp == Some(Clamp::Age) {
+            Tone::Warning
+        } else {
+            Tone::Good
+        };
+        rows.push((tone, row(AGE_LIMIT, allowed)));
+    }
     let (tone, words) = monitor_text(
         teleop,
         strictest_limit(teleop, model.recent_monitor_states()),
@@ -321,7 +334,7 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
     match name {
         AGE_LIMIT => Some(
             "The older the commands, the lower the speed limit: the vehicle travels only a short way on old \
-             commands. While none are sent, the oldest accepted age counts.",
+             commands.",
         ),
         MONITOR => Some(
             "The collision monitor's speed limit in that direction, so that the vehicle stops before \
@@ -467,15 +480,16 @@ fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
         quality.expected_hz(),
         age_of(Stream::Pose)
     );
-    let missing = quality.missing(now);
-    let missing = missing.map_or_else(none, |share| format!("{:.0} % of poses", 100.0 * share));
-    vec![
+    let missing = quality.missing(now).filter(|share| *share >= 0.005);
+    let missing = missing.map(|share| row("Missing", format!("{:.0} % of poses", 100.0 * share)));
+    let mut rows = vec![
         row("Round trip", round_trip(model, now)),
         row("Poses", poses),
-        row("Missing", missing),
-        row("Status", age_of(Stream::Status)),
-        row("Map state", age_of(Stream::MapHead)),
-    ]
+    ];
+    rows.extend(missing);
+    rows.push(row("Status", age_of(Stream::Status)));
+    rows.push(row("Map state", age_of(Stream::MapHead)));
+    rows
 }
 
 fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {

@@ -1,4 +1,4 @@
-//! Driving: control lease, vehicle state, speed limits and the emergency stop.
+//! Driving: control lease, vehicle state, speed limits and the reset of an emergency stop.
 
 mod data;
 pub mod labels;
@@ -7,7 +7,7 @@ mod limits;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
     Align, Align2, Button, CollapsingHeader, Color32, DragValue, FontId, Frame, Label, Layout,
-    Rect, RectAlign, Response, RichText, ScrollArea, Sense, Stroke, TextStyle, Tooltip, Ui, Vec2,
+    Rect, RectAlign, Response, RichText, ScrollArea, Sense, Stroke, TextStyle, Tooltip, Ui,
     WidgetInfo, pos2, vec2,
 };
 use protocol::keys::OperatorId;
@@ -37,9 +37,9 @@ pub struct DrivingEntry {
     budget_was: u32,
 }
 
-/// Draws the panel. The emergency stop is outside the scroll area, so that it never moves.
+/// Draws the panel. The reset of an emergency stop is outside the scroll area, so that it is always visible.
 pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Command> {
-    let stop = estop_ui(ui, &data.estop, data.is_observer);
+    let reset = estop_state_ui(ui, &data.estop, data.is_observer);
     let rest = ScrollArea::vertical()
         .auto_shrink([false, false])
         .show(ui, |ui| {
@@ -48,7 +48,7 @@ pub fn driving_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> 
             ui.set_max_width(ui.available_width() - bar.bar_inner_margin - bar.bar_width);
             rest_ui(ui, data, entry)
         });
-    stop.or(rest.inner).map(Command::Drive)
+    reset.or(rest.inner).map(Command::Drive)
 }
 
 fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<Intent> {
@@ -158,9 +158,6 @@ fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Opt
     set.map(Intent::Set)
 }
 
-const ESTOP_HEIGHT: f32 = 56.0;
-/// Font size of the emergency stop as a share of the panel's width: its label takes one or two lines.
-const ESTOP_TEXT_SHARE: f32 = 0.08;
 /// Below this panel width the label of the speed steps is above them, points.
 const NARROW: f32 = 250.0;
 const GAUGE_HEIGHT: f32 = 14.0;
@@ -168,60 +165,30 @@ const GAUGE_MARK: f32 = 3.0;
 /// Below this panel width the gauge's text is below its name, points.
 const GAUGE_NARROW: f32 = 200.0;
 
-fn estop_ui(ui: &mut Ui, button: &EStopButton, is_observer: bool) -> Option<Intent> {
-    let [fill, ink] = theme::DANGER;
-    let text_size = (ESTOP_TEXT_SHARE * ui.available_width()).clamp(11.0, 18.0);
-    let big = |words: &str, fill: Color32, ink: Color32| {
-        let text = RichText::new(words).size(text_size).strong().color(ink);
-        Button::new(text)
-            .fill(fill)
-            .stroke(Stroke::new(2.0, ink))
-            .corner_radius(6.0)
+/// State and reset of an emergency stop. The button that stops is in the top bar.
+fn estop_state_ui(ui: &mut Ui, button: &EStopButton, is_observer: bool) -> Option<Intent> {
+    let words = match button {
+        EStopButton::Ready | EStopButton::ReadOnly => return None,
+        EStopButton::Sending(words) => format!("Sending the emergency stop. {words}"),
+        EStopButton::InForce { number, .. } => format!("Emergency stop {number} is active"),
+        EStopButton::Refused(why) => format!("The robot does not stop for you: {why}"),
     };
-    let size = vec2(ui.available_width(), ESTOP_HEIGHT);
-    match button {
-        EStopButton::Ready => {
-            let button = ui.add_sized(size, big("EMERGENCY STOP", fill, ink));
-            button
-                .on_hover_text("Stops at once, and stays stopped until it is reset (space bar)")
-                .clicked()
-                .then_some(Intent::EStop)
-        }
-        EStopButton::Sending(words) => {
-            let [fill, ink] = theme::BANNER;
-            let words = format!("SENDING STOP\n{words}");
-            let button = ui.add_sized(size, big(&words, fill, ink));
-            button.clicked().then_some(Intent::EStop)
-        }
-        EStopButton::InForce { number, is_stored } => {
-            ui.add_sized(
-                size,
-                big(&format!("EMERGENCY STOP {number} ACTIVE"), ink, fill).sense(Sense::hover()),
-            );
-            let reset = Button::new("Reset e-stop");
-            let reset = ui.add_enabled(*is_stored && !is_observer, reset);
-            let why_not = if is_observer {
-                OBSERVER_HINT
-            } else {
-                "The emergency stop is not stored yet"
-            };
-            reset
-                .on_disabled_hover_text(why_not)
-                .clicked()
-                .then_some(Intent::Reset(*number))
-        }
-        EStopButton::ReadOnly => {
-            observer_estop_ui(ui, size);
-            None
-        }
-        EStopButton::Refused(why) => {
-            let warning = Tone::Warning.color(ui.visuals());
-            let words = format!("The robot does not stop for you: {why}");
-            ui.label(RichText::new(words).strong().color(warning));
-            let button = ui.add_sized(size, big("EMERGENCY STOP", fill, ink));
-            button.clicked().then_some(Intent::EStop)
-        }
-    }
+    let warning = Tone::Warning.color(ui.visuals());
+    ui.add(Label::new(RichText::new(words).strong().color(warning)).wrap());
+    let EStopButton::InForce { number, is_stored } = button else {
+        return None;
+    };
+    let reset = Button::new("Reset e-stop");
+    let reset = ui.add_enabled(*is_stored && !is_observer, reset);
+    let why_not = if is_observer {
+        OBSERVER_HINT
+    } else {
+        "The emergency stop is not stored yet"
+    };
+    reset
+        .on_disabled_hover_text(why_not)
+        .clicked()
+        .then_some(Intent::Reset(*number))
 }
 
 fn lease_ui(ui: &mut Ui, buttons: LeaseButtons, cannot_take_over: bool) -> Option<Intent> {
@@ -252,7 +219,7 @@ fn lease_ui(ui: &mut Ui, buttons: LeaseButtons, cannot_take_over: bool) -> Optio
         // No hint: the pointer rests here after "Request control" was pressed, and the hint would cover the panel.
         LeaseButtons::Held => &[("Release control", None, LeaseRequest::Release)],
         LeaseButtons::ReadOnly => {
-            disabled_ui(ui, "Request control", Vec2::ZERO);
+            disabled_reason_ui(ui, "Request control", OBSERVER_HINT);
             ui.add(Label::new(OBSERVER_HINT).wrap());
             return None;
         }
@@ -263,7 +230,7 @@ fn lease_ui(ui: &mut Ui, buttons: LeaseButtons, cannot_take_over: bool) -> Optio
         ui.set_min_height(28.0);
         for (label, hint, request) in buttons {
             if cannot_take_over && *request == LeaseRequest::TakeOver {
-                disabled_reason_ui(ui, label, Vec2::ZERO, OPERATOR_HINT);
+                disabled_reason_ui(ui, label, OPERATOR_HINT);
                 continue;
             }
             let keys = Action::Lease.keys();
@@ -427,23 +394,12 @@ fn paint_gauge_ends(ui: &Ui, rect: Rect, gauge: &Gauge, font: &FontId) {
     }
 }
 
-pub(crate) fn disabled_ui(ui: &mut Ui, label: &str, size: Vec2) -> Response {
-    disabled_reason_ui(ui, label, size, OBSERVER_HINT)
-}
-
 /// A disabled button with the reason as hover text and in its accessible name.
-fn disabled_reason_ui(ui: &mut Ui, label: &str, size: Vec2, why: &str) -> Response {
-    let shown = ui.add_enabled(false, Button::new(label).min_size(size));
+fn disabled_reason_ui(ui: &mut Ui, label: &str, why: &str) -> Response {
+    let shown = ui.add_enabled(false, Button::new(label));
     let name = format!("{label}. {why}");
     shown.widget_info(|| WidgetInfo::labeled(Role::Button, false, &name));
     shown.on_disabled_hover_text(why)
-}
-
-fn observer_estop_ui(ui: &mut Ui, size: Vec2) {
-    let middle = Layout::centered_and_justified(ui.layout().main_dir());
-    ui.allocate_ui_with_layout(size, middle, |ui| {
-        disabled_ui(ui, "EMERGENCY STOP", size);
-    });
 }
 
 #[cfg(test)]

@@ -96,17 +96,17 @@ impl Canvas {
         }
     }
 
-    pub(super) fn line(&mut self, from: (u32, u32), to: (u32, u32), color: [u8; 3]) {
+    /// Draws a line of squares of `width` pixels.
+    pub(super) fn line(&mut self, from: (u32, u32), to: (u32, u32), width: u32, color: [u8; 3]) {
         let steps = from.0.abs_diff(to.0).max(from.1.abs_diff(to.1)).max(1);
         for step in 0..=steps {
             let along = |from: u32, to: u32| {
                 let (from, to) = (f64::from(from), f64::from(to));
                 (from + (to - from) * f64::from(step) / f64::from(steps)).round() as u32
             };
-            self.fill(
-                Rect::new(along(from.0, to.0), along(from.1, to.1), 1, 1),
-                color,
-            );
+            let [x, y] = [along(from.0, to.0), along(from.1, to.1)];
+            let [x, y] = [x, y].map(|middle| middle.saturating_sub((width - 1) / 2));
+            self.fill(Rect::new(x, y, width, width), color);
         }
     }
 
@@ -130,16 +130,25 @@ impl Canvas {
     }
 }
 
+/// Draws text, and scales it and all lengths of the page, so that large pictures stay legible.
 pub(super) struct TextRenderer {
+    /// Pixels of a length of 1.
+    scale: u32,
     /// `None` only if the embedded font were damaged, which a test excludes; then no text is drawn.
     font: Option<FontRef<'static>>,
 }
 
 impl TextRenderer {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(scale: u32) -> Self {
         Self {
+            scale,
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
         }
+    }
+
+    /// A length of the page, pixels.
+    pub(super) const fn px(&self, length: u32) -> u32 {
+        length * self.scale
     }
 
     /// Width of one line of text, pixels.
@@ -158,7 +167,8 @@ impl TextRenderer {
         text: &str,
     ) {
         let Some(font) = &self.font else { return };
-        let ascent = font.as_scaled(PxScale::from(size_px)).ascent().round();
+        let scaled_px = size_px * self.scale as f32;
+        let ascent = font.as_scaled(PxScale::from(scaled_px)).ascent().round();
         for mut glyph in self.layout(text, size_px).0 {
             glyph.position.x += at.0 as f32;
             glyph.position.y += at.1 as f32 + ascent;
@@ -197,7 +207,7 @@ impl TextRenderer {
         let Some(font) = &self.font else {
             return (Vec::new(), 0.0);
         };
-        let scaled = font.as_scaled(PxScale::from(size_px));
+        let scaled = font.as_scaled(PxScale::from(size_px * self.scale as f32));
         let mut glyphs: Vec<Glyph> = Vec::new();
         let mut end = 0.0;
         for character in text.chars() {
@@ -220,8 +230,8 @@ mod tests {
 
     #[test]
     fn the_font_has_every_character_that_legends_use() {
-        let font = TextRenderer::new().font.unwrap();
-        let mut text = "—×0123456789.,kmµ".to_owned();
+        let font = TextRenderer::new(1).font.unwrap();
+        let mut text = "—×0123456789.,kmµ-:".to_owned();
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let legend = palette.legend();
             text += &legend.title;
@@ -236,7 +246,7 @@ mod tests {
 
     #[test]
     fn lines_break_between_words() {
-        let text_renderer = TextRenderer::new();
+        let text_renderer = TextRenderer::new(1);
         let lines = text_renderer.wrap("height above ground plane (m)", 19.0, 150);
         assert_eq!(lines, ["height above", "ground plane (m)"]);
         assert_eq!(

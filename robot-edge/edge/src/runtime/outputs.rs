@@ -7,7 +7,8 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use protocol::export::{
-    Caption, StampedPose, Trinary, export_all, shore_labels, write_shores, write_trajectory,
+    Caption, Footprint, StampedPose, Trinary, export_all, shore_labels, write_shores,
+    write_trajectory,
 };
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
@@ -23,6 +24,7 @@ use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::publishing::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
 use crate::survey::recover_advice;
+use mapping::vehicle::VehicleConfig;
 use measurement::drops::{DropCounts, DropReason};
 use recording::{Format, name_missing};
 
@@ -31,7 +33,7 @@ pub(super) fn export(
     dir: &Path,
     pipeline: &Pipeline,
     trajectory: &[StampedPose],
-    title: &str,
+    (title, vehicle): (&str, &VehicleConfig),
 ) -> anyhow::Result<Vec<String>> {
     let maps = &pipeline.mapping.maps;
     let shores = maps.shores();
@@ -39,6 +41,8 @@ pub(super) fn export(
     let caption = Caption {
         title,
         vehicle_m: Some(vehicle_position_m(pipeline)),
+        path: trajectory,
+        footprint: Some(footprint(vehicle)),
         labels: &labels,
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);
@@ -68,6 +72,16 @@ pub(super) fn export(
         }
     }
     Ok(lines)
+}
+
+/// The footprint as published.
+fn footprint(vehicle: &VehicleConfig) -> Footprint {
+    let published = |length_m: f64| f64::from(length_m as f32);
+    Footprint {
+        length_m: published(vehicle.length_m),
+        width_m: published(vehicle.width_m),
+        offset_m: published(vehicle.footprint_offset_m),
+    }
 }
 
 /// The vehicle position as published, so that exported pictures equal those of consoles.

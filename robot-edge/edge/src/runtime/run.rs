@@ -306,7 +306,8 @@ impl Run<'_> {
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             // Consoles may still request the trajectory.
             let trajectory = pipeline.mapping.trajectory.lock().poses();
-            outputs::export(dir, &pipeline, &trajectory, &self.title)
+            let of = (self.title.as_str(), &self.config.vehicle);
+            outputs::export(dir, &pipeline, &trajectory, of)
         });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary

@@ -12,7 +12,7 @@ use localization::{LocalizationConfig, PoseSource};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, GeodeticFix, StreamId};
-use network::clock::utc_label;
+use protocol::export::span_label;
 use recording::Format;
 
 const MAX_JOINTS_LISTED: usize = 12;
@@ -345,32 +345,19 @@ fn significant(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Earlier stamps are of a clock that was not set.
-const FIRST_CALENDAR_S: u64 = 315_532_800; // 1980-01-01
-
-/// First and last stamp: as calendar dates if the clock was set, and as numbers.
+/// First and last stamp: as dates if the clock was set, and as numbers.
 struct Span((RobotTime, RobotTime));
 
 impl fmt::Display for Span {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (first, last) = (self.0.0.as_secs_f64(), self.0.1.as_secs_f64());
-        // Negative stamps become 0.
-        if first as u64 >= FIRST_CALENDAR_S {
-            let [from, to] = [first, last].map(|stamp_s| utc_label(stamp_s as u64));
-            let [from, to] = [&from, &to].map(|label| label.trim_end_matches('Z'));
-            let is_same_day = from.split('T').next() == to.split('T').next();
-            let to = if is_same_day {
-                to.split('T').next_back().unwrap_or(to)
-            } else {
-                to
-            };
-            let (from, to) = (from.replace('T', " "), to.replace('T', " "));
-            write!(f, "{from} to {to} UTC ({first:.3} to {last:.3})")
-        } else {
-            write!(
+        let (first, last) = self.0;
+        let [first_s, last_s] = [first, last].map(RobotTime::as_secs_f64);
+        match span_label(first.as_nanos(), last.as_nanos()) {
+            Some(dates) => write!(f, "{dates} ({first_s:.3} to {last_s:.3})"),
+            None => write!(
                 f,
-                "stamps {first:.3} to {last:.3} s of a clock without a date"
-            )
+                "stamps {first_s:.3} to {last_s:.3} s of a clock without a date"
+            ),
         }
     }
 }
