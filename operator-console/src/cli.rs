@@ -120,8 +120,7 @@ pub struct CompletionsArgs {
 }
 
 impl Cli {
-    /// The filter for `tracing` unless `RUST_LOG` is set. Of winit errors only: it warns about displays without a
-    /// desktop.
+    /// Without `RUST_LOG`. Of winit errors only: it warns about displays without a desktop.
     pub fn log_filter(&self) -> String {
         match (self.quiet, self.verbose) {
             (true, _) => format!("error,{LOG_FILTER}"),
@@ -133,9 +132,6 @@ impl Cli {
     }
 
     /// Checks rules between options.
-    ///
-    /// # Errors
-    /// If options exclude each other.
     pub fn check(&self) -> Result<(), UsageError> {
         let wrong = |why: &str| Err(UsageError(why.to_owned()));
         if self.open.is_some() && self.headless {

@@ -36,17 +36,14 @@ pub enum Command {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportRequest {
-    /// Created if missing.
     pub folder: PathBuf,
     pub parts: BTreeSet<ExportPart>,
-    /// Whether to open the folder of a finished export.
     pub opens_folder: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Look {
     Whole,
-    /// Keep the vehicle centred, or stop.
     Follow(bool),
     /// Centre a point of `odom`, metres.
     At([f64; 2]),
@@ -57,11 +54,9 @@ pub enum Look {
     Up(Orientation),
     Draw(Overlay, bool),
     Measure(bool),
-    /// Measure to the centre of the view.
     Point,
     UndoPoint,
     /// Highlight a shore or docking site and centre it (metres in `odom`).
     Mark(ShoreMark, [f64; 2]),
-    /// Highlight it while the pointer is over it in a list.
     Hover(Option<ShoreMark>),
 }

@@ -48,9 +48,6 @@ impl DemoFailure {
 
 impl Demo {
     /// Starts a robot in `world` (a name or a file) on a free port of this machine.
-    ///
-    /// # Errors
-    /// If there is no such world, or no port is free.
     pub fn start(world: &str) -> anyhow::Result<Self> {
         // Fail before the window opens.
         World::load(world)?;

@@ -64,7 +64,6 @@ impl Severity {
 }
 
 impl EventLog {
-    /// Oldest first.
     pub const fn entries(&self) -> &VecDeque<Entry> {
         &self.entries
     }
@@ -93,7 +92,6 @@ impl EventLog {
         self.last_event = None;
     }
 
-    /// Adds new events of the robot or recording of this name and returns them, oldest first.
     pub fn add_robot_events(
         &mut self,
         model: &ConsoleModel,

@@ -8,7 +8,10 @@ use std::sync::Arc;
 use std::{fmt, io};
 
 use anyhow::{Context as _, anyhow};
-use protocol::export::{Caption, StampedPose, export_raster, write_shores, write_trajectory};
+use protocol::export::{
+    Caption, Footprint, Label, StampedPose, export_raster, shore_labels, write_shores,
+    write_trajectory,
+};
 use protocol::layer::LayerId;
 use protocol::message::{Shores, VoxelFile};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS};
@@ -19,15 +22,13 @@ use crate::playback::in_words;
 
 mod fetching;
 
-pub use fetching::{Fetcher, Fetching};
+pub use fetching::{FetchProgress, Fetcher};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ExportPart {
     /// A layer: `GeoTIFF`, pictures, and for occupancy the files of Nav2's map server.
     Layer(LayerId),
-    /// In TUM format.
     Trajectory,
-    /// Shores and docking sites as `GeoJSON`.
     Shores,
     /// The octree as `OctoMap`'s binary tree and as points. It must be fetched first.
     Voxels,
@@ -42,7 +43,6 @@ impl ExportPart {
         ])
     }
 
-    /// Whether `model` has this part.
     pub fn is_in(self, model: &ConsoleModel) -> bool {
         match self {
             Self::Layer(layer) => model.map().store().cell_m(layer).is_some(),
@@ -53,7 +53,6 @@ impl ExportPart {
         }
     }
 
-    /// File names, for display.
     pub fn files(self) -> String {
         match self {
             Self::Layer(LayerId::Occupancy) => "occupancy.tif, .png, .pgm and .yaml".to_owned(),
@@ -83,12 +82,10 @@ impl fmt::Display for ExportPart {
     }
 }
 
-/// Content of a part at one moment. Taking it is fast, as cells are shared; writing is slow and does not lock the
-/// model.
+/// Content of a part at one moment. Taking it is fast, as cells are shared; writing does not lock the model.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     content: Content,
-    /// Why it is incomplete.
     incomplete_because: Option<String>,
 }
 
@@ -98,6 +95,9 @@ enum Content {
         tiles: KnownTiles,
         title: String,
         vehicle_m: Option<[f64; 2]>,
+        path: Arc<[StampedPose]>,
+        footprint: Option<Footprint>,
+        labels: Vec<Label>,
     },
     Trajectory(Arc<[StampedPose]>),
     Shores(Shores),
@@ -117,12 +117,19 @@ impl Snapshot {
                     tiles,
                     title: info.map(|info| info.source.clone()).unwrap_or_default(),
                     vehicle_m: position_m.map(|[x, y, _]| [x, y]),
+                    path: path(model),
+                    footprint: info.map(|info| {
+                        let [length_m, width_m] = info.footprint_m.map(f64::from);
+                        Footprint {
+                            length_m,
+                            width_m,
+                            offset_m: f64::from(info.footprint_offset_m),
+                        }
+                    }),
+                    labels: model.shores().map(shore_labels).unwrap_or_default(),
                 })
             }
-            ExportPart::Trajectory => Content::Trajectory(match model.trajectory() {
-                TrajectoryProgress::Ready(poses) => poses,
-                _ => model.vehicle().poses().into(),
-            }),
+            ExportPart::Trajectory => Content::Trajectory(path(model)),
             ExportPart::Shores => model
                 .shores()
                 .map_or(Content::Nothing, |shores| Content::Shores(shores.clone())),
@@ -145,15 +152,15 @@ impl Snapshot {
     }
 
     /// Writes it to the existing `folder` and returns the files. Without content there are none.
-    ///
-    /// # Errors
-    /// If the layer is too large for a raster, or a file cannot be written.
     pub fn write(self, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         match self.content {
             Content::Layer {
                 tiles,
                 title,
                 vehicle_m,
+                path,
+                footprint,
+                labels,
             } => {
                 let Some(raster) = tiles.into_raster(MAX_RASTER_CELLS)? else {
                     return Ok(Vec::new());
@@ -161,7 +168,9 @@ impl Snapshot {
                 let caption = Caption {
                     title: &title,
                     vehicle_m,
-                    labels: &[],
+                    path: &path,
+                    footprint,
+                    labels: &labels,
                 };
                 Ok(export_raster(folder, &raster, &caption)?)
             }
@@ -177,10 +186,14 @@ impl Snapshot {
     }
 }
 
-/// Writes the octree's files and returns their paths.
-///
-/// # Errors
-/// If a file does not match its digest, or cannot be written.
+/// The path of the vehicle: all of it if it was fetched, else what was received.
+fn path(model: &ConsoleModel) -> Arc<[StampedPose]> {
+    match model.trajectory() {
+        TrajectoryProgress::Ready(poses) => poses,
+        _ => model.vehicle().poses().into(),
+    }
+}
+
 fn write_voxels(folder: &Path, voxels: &FetchedVoxels) -> anyhow::Result<Vec<PathBuf>> {
     let mut written = Vec::new();
     for (name, file) in VoxelFile::ALL.iter().zip(&voxels.files) {
@@ -197,22 +210,15 @@ fn write_voxels(folder: &Path, voxels: &FetchedVoxels) -> anyhow::Result<Vec<Pat
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Exported {
-    /// In the order of writing.
+pub struct ExportReport {
     pub files: Vec<PathBuf>,
-    /// Parts that could not be written: why, and what to do.
     pub failures: Vec<(ExportPart, String)>,
-    /// Incomplete parts, and why.
     pub lacking: Vec<(ExportPart, String)>,
-    /// Whether it was cancelled before the last part.
     pub is_cancelled: bool,
 }
 
-impl Exported {
+impl ExportReport {
     /// A text with the number of files in `folder` and a line for each missing part.
-    ///
-    /// # Errors
-    /// The same text if parts are missing.
     pub fn outcome(&self, folder: &Path) -> Result<String, String> {
         let (count, folder) = (self.files.len(), folder.display());
         let (files, are) = if count == 1 {
@@ -237,16 +243,13 @@ impl Exported {
 
 /// Writes `parts` to `folder`, which is created if missing. `take` returns the content of each part just before it is
 /// written, given the results so far, or ends the export.
-///
-/// # Errors
-/// If the folder cannot be created. Parts that fail are in the result.
 pub fn export_parts(
     folder: &Path,
     parts: impl IntoIterator<Item = ExportPart>,
-    mut take: impl FnMut(ExportPart, &Exported) -> ControlFlow<(), anyhow::Result<Snapshot>>,
-) -> anyhow::Result<Exported> {
+    mut take: impl FnMut(ExportPart, &ExportReport) -> ControlFlow<(), anyhow::Result<Snapshot>>,
+) -> anyhow::Result<ExportReport> {
     make_folder(folder)?;
-    let mut exported = Exported::default();
+    let mut exported = ExportReport::default();
     for part in parts {
         let ControlFlow::Continue(taken) = take(part, &exported) else {
             exported.is_cancelled = true;
@@ -283,7 +286,6 @@ fn make_folder(folder: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// An error, with advice if it has none.
 fn with_advice(error: &anyhow::Error) -> String {
     let why = in_words(error);
     let is_damaged = |error: &UnpackError| matches!(error, UnpackError::Damaged(_));

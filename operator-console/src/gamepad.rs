@@ -20,7 +20,6 @@ mod gilrs_pads {
     }
 
     impl Gamepads {
-        /// A failure is logged once.
         pub fn open() -> Self {
             let gilrs = Gilrs::new()
                 .inspect_err(|why| tracing::info!(%why, "there are no gamepads"))

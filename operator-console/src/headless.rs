@@ -31,7 +31,6 @@ pub struct Headless {
 }
 
 impl Headless {
-    /// Prints progress to standard error.
     fn say(&self, words: &str) {
         if !self.target.quiet {
             // A closed standard error is no reason to stop.
@@ -41,10 +40,6 @@ impl Headless {
 }
 
 /// Watches and exports. If the map is not synchronized, what arrived is written; without any message nothing is.
-///
-/// # Errors
-/// If there is no robot, more than one and none is named, the map is not synchronized in time, or a file cannot be
-/// written.
 pub fn run(
     settings: &Headless,
     is_interrupted: impl Fn() -> bool,
@@ -137,7 +132,6 @@ pub fn run(
     }
 }
 
-/// What is missing `after` this time, and why.
 fn not_synchronized(model: &ConsoleModel, problem: Option<String>, after: Duration) -> String {
     let missing: usize = model.map().layer_states().map(|step| step.missing).sum();
     let why = problem.map(|why| format!(" ({why})")).unwrap_or_default();
@@ -220,7 +214,6 @@ fn print_summary(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -
 /// Half the side of the square around the vehicle that counts as the visible area, metres.
 const VISIBLE_M: f64 = 20.0;
 
-/// Times from discovery to the first pose, the first tile and synchronization.
 #[derive(Clone, Copy, Debug)]
 struct JoinTiming {
     discovered: Monotonic,

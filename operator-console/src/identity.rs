@@ -27,11 +27,7 @@ impl Identity {
         }
     }
 
-    /// The operator of the credentials; without credentials the named operator, else the user of this computer, else
-    /// `NOBODY`.
-    ///
-    /// # Errors
-    /// If the credentials belong to another operator or not to a person, or their key cannot be read.
+    /// By credentials; else the named operator, else the user of this computer, else `NOBODY`.
     pub fn of(
         named: Option<OperatorId>,
         credentials: Option<&Credentials>,

@@ -113,8 +113,7 @@ impl<'a> InputLoop<'a> {
             .modifiers
             .intersects(ModifiersState::CONTROL | ModifiersState::ALT | ModifiersState::SUPER);
         match key {
-            // While this operator drives, also in a text field: the stop is more urgent. Otherwise text may contain
-            // spaces.
+            // While this operator drives, also in a text field: the stop is more urgent.
             TeleopKey::EStop => {
                 let is_text = self.teleop_handle.is_typing() && !self.teleop_handle.is_driving();
                 if is_press && !is_text {

@@ -7,7 +7,6 @@ pub mod alerts;
 pub mod app;
 pub mod cli;
 pub mod command;
-pub mod controls;
 pub mod demo;
 pub mod event_log;
 pub mod export;
@@ -31,7 +30,6 @@ pub mod teleop_input;
 #[cfg(test)]
 mod test_support;
 pub mod theme;
-mod typed_path;
 pub mod window;
 pub mod workspace;
 

@@ -21,10 +21,6 @@ use crate::settings::{ConfigPath, default_file};
 use crate::target::Target;
 use crate::window::{self, WindowSettings};
 
-/// Runs the command line. Output goes to `out`.
-///
-/// # Errors
-/// A message for the user; [`Exit::of`] gives the exit code.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     cli.check()?;
     if let Some(Task::Completions(completions)) = &cli.task {
@@ -132,10 +128,10 @@ mod tests {
         let error = run(&cli, &mut io::sink()).unwrap_err();
         let words = complaint(&error);
         assert!(
-            words.starts_with("nowhere/nix.mcap: No such file"),
+            words.starts_with("nowhere/nix.mcap: there is no folder nowhere"),
             "{words}"
         );
-        assert_eq!(words.matches("No such file").count(), 1, "{words}");
+        assert_eq!(words.matches("there is no").count(), 1, "{words}");
         assert_eq!(Exit::of(error.as_ref()), Exit::Unreadable);
     }
 }

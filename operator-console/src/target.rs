@@ -33,7 +33,6 @@ pub(crate) struct Target {
 }
 
 impl Target {
-    /// Begins to wait for data over a link to `found`.
     pub(crate) fn wait_for_robot(&self, found: &FoundRobot) -> WaitForRobot {
         WaitForRobot::new(Self {
             connect: vec![found.endpoint.clone()],
@@ -42,7 +41,6 @@ impl Target {
         })
     }
 
-    /// Opens a link to `found` that receives these layers.
     pub(crate) fn open(
         &self,
         found: &FoundRobot,
@@ -89,8 +87,7 @@ impl Target {
         }
     }
 
-    /// Finds the named robot, or the only one. A robot named with a single address is not searched: its link waits for
-    /// it.
+    /// Finds the named robot, or the only one.
     pub(crate) fn find(&self, is_interrupted: &impl Fn() -> bool) -> anyhow::Result<FoundRobot> {
         // A named robot at one address needs no search.
         if let (Some(robot), [endpoint]) = (&self.robot, &self.connect[..]) {
@@ -243,7 +240,6 @@ impl DiscoveryReport {
         self.found.iter().any(|found| found.robot == *robot)
     }
 
-    /// "scout answers at tcp/boat:7447".
     fn answering_robots(&self, target: &Target) -> Option<String> {
         let names: BTreeSet<_> = self
             .found
@@ -259,7 +255,6 @@ impl DiscoveryReport {
         Some(format!("{} {answer} {}", names.join(", "), target.place()))
     }
 
-    /// Why the robot denies access, if it does.
     fn access_denied(&self, target: &Target) -> Option<String> {
         let is_meant = |state: &AddressState| match state {
             AddressState::AccessDenied { robot, .. } => {
@@ -272,7 +267,6 @@ impl DiscoveryReport {
         state.complaint(address)
     }
 
-    /// What was found instead of `target`, and what to do.
     fn state(&self, target: &Target) -> (String, &'static str) {
         if let Some(why) = self.access_denied(target) {
             return (why, "");
@@ -302,14 +296,12 @@ impl DiscoveryReport {
         }
     }
 
-    /// Message while `target` has not answered.
     fn waiting(&self, target: &Target) -> String {
         let (state, _) = self.state(target);
         let seconds = target.timeout.as_secs_f64();
         format!("{state}. Trying for {seconds:.0} s")
     }
 
-    /// Why `target` did not answer in time, and what to do.
     fn conclusion(&self, target: &Target) -> String {
         let (state, advice) = self.state(target);
         format!("{state}{advice}")
@@ -341,6 +333,8 @@ impl DiscoveryReport {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
@@ -361,13 +355,6 @@ mod tests {
             assert!(!silent.is_due(at(30)));
         }
     }
-}
-
-#[cfg(test)]
-mod discovery_report_tests {
-    use std::time::Duration;
-
-    use super::*;
 
     fn target(connect: &[&str], robot: Option<&str>) -> Target {
         Target {

@@ -26,8 +26,6 @@ pub struct TeleopSession {
 }
 
 impl TeleopSession {
-    /// # Errors
-    /// If the system has no random numbers.
     pub fn new(robot: RobotId, identity: Identity, link: DrivingLink) -> anyhow::Result<Self> {
         let random = u128::from_le_bytes(random_id()?) as u64;
         Ok(Self {
@@ -41,7 +39,6 @@ impl TeleopSession {
         self.client.begin(self.link.newest(), now);
     }
 
-    /// Ends an iteration, after the queue of events is drained: sends what is due.
     pub fn end(&mut self, now: Monotonic) {
         for message in self.link.messages() {
             self.client.receive(message, now);
@@ -148,7 +145,6 @@ impl TeleopHandle {
         self.with(|session| session.client.set_robot_info(info));
     }
 
-    /// `None` if there is nothing to drive.
     pub fn state(&self, now: Monotonic) -> Option<TeleopClientState> {
         self.with(|session| session.client.state(now))
     }
@@ -168,7 +164,6 @@ impl TeleopHandle {
         session.is_some_and(|session| session.client.is_driving())
     }
 
-    /// Whether keys go to a text field.
     pub fn is_typing(&self) -> bool {
         self.0.borrow().is_typing
     }

@@ -7,8 +7,9 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Arming, CollisionMonitorState, CommandCounters, LayerHead, LeaseStatus, MapHead, Pose,
-    Settings, TeleopState, TeleopStatus, TileBand, Velocity,
+    Arming, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus, Info, LayerHead,
+    LayerInfo, LeaseStatus, MapHead, Pose, Settings, ShoreClass, ShoreCluster, Status, TeleopState,
+    TeleopStatus, TileBand, Velocity,
 };
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileKey};
@@ -21,6 +22,12 @@ use crate::teleop_client::{EStopState, Lease, TeleopClientState};
 use crate::teleop_input::{DriveInput, SpeedStep};
 
 pub(crate) const BOOT: BootId = BootId([7; 16]);
+const CELL_M: f64 = 0.1;
+
+pub(crate) const STORED_ESTOP: EStopStatus = EStopStatus {
+    number: 3,
+    is_stored: true,
+};
 
 /// Milliseconds since the start of the clock.
 pub(crate) const fn at(ms: u64) -> Monotonic {
@@ -66,6 +73,29 @@ pub(crate) fn inject_at<T: Serialize>(
         payload: payload(stamp_ns, body),
     };
     model.apply(sample, now);
+}
+
+/// A store with cells of 10 cm of these layers.
+pub(crate) fn store_of(layers: &[LayerId]) -> TileStore {
+    let mut store = TileStore::new(BOOT, 100);
+    for layer in layers {
+        let (layer, cell_m) = (*layer, CELL_M);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+    }
+    store
+}
+
+/// The robot describes these layers, with cells of 10 cm.
+pub(crate) fn describe_layers(model: &mut ConsoleModel, layers: &[LayerId], now: Monotonic) {
+    let layers = layers.iter().map(|layer| LayerInfo {
+        layer: *layer,
+        cell_m: CELL_M,
+    });
+    let info = Info {
+        layers: layers.collect(),
+        ..Info::default()
+    };
+    inject_reply(model, RequestId(1), Topic::Info, &info, now);
 }
 
 pub(crate) fn announce_map(model: &mut ConsoleModel, store: &TileStore, now: Monotonic) {
@@ -134,6 +164,29 @@ fn payload_of<T: Serialize>(boot: BootId, stamp_ns: i64, body: &T) -> Vec<u8> {
     wire::encode(&header, body).unwrap()
 }
 
+/// 10 voxels without an outline.
+pub(crate) fn shore(number: u32, center_m: [f32; 2]) -> ShoreCluster {
+    ShoreCluster {
+        number,
+        class: ShoreClass::Dense,
+        voxels: 10,
+        rigid_voxels: 0,
+        center_m,
+        outline: Vec::new(),
+    }
+}
+
+/// 2 m wide, faces east.
+pub(crate) fn docking_site(center_m: [f32; 2]) -> DockingSite {
+    DockingSite {
+        number: 1,
+        center_m,
+        heading_rad: 0.0,
+        width_m: 2.0,
+        mean_cost: 0.2,
+    }
+}
+
 /// A vehicle at the origin of `odom`, along its x axis, without a token.
 pub(crate) fn pose_at_rest() -> Pose {
     Pose {
@@ -142,6 +195,20 @@ pub(crate) fn pose_at_rest() -> Pose {
         speed_mps: 0.0,
         turn_rate_radps: 0.0,
         token: None,
+    }
+}
+
+pub(crate) fn ended_status() -> Status {
+    Status {
+        has_ended: true,
+        ..Status::default()
+    }
+}
+
+pub(crate) fn status_of(teleop: TeleopStatus) -> Status {
+    Status {
+        teleop: Some(teleop),
+        ..Status::default()
     }
 }
 

@@ -71,8 +71,7 @@ pub(crate) const fn rgb(hex: u32) -> Color32 {
     Color32::from_rgb(red, green, blue)
 }
 
-/// Background of the map. Bluish in both themes, so that it differs from the greys of the occupancy map, and light
-/// enough for black walls.
+/// Bluish, so that it differs from the greys of the occupancy map, and light enough for black walls.
 pub const fn ground(visuals: &Visuals) -> Color32 {
     if visuals.dark_mode {
         rgb(0x74_84_98)

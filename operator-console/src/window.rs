@@ -1,10 +1,15 @@
+//! The window, and the file of its controls for tests.
+
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
+use std::{fs, io};
 
 use anyhow::{Context as _, anyhow};
-use eframe::egui::ViewportBuilder;
+use eframe::egui::accesskit::TreeUpdate;
+use eframe::egui::{Context, FullOutput, Plugin, ViewportBuilder};
 use network::credentials::Credentials;
 use network::random_id;
 use protocol::keys::RobotId;
@@ -12,7 +17,6 @@ use protocol::tile::BootId;
 use winit::event_loop::EventLoop;
 
 use crate::app::{ConsoleApp, Screenshot, ScreenshotOutcome, result_of};
-use crate::controls::ControlsFile;
 use crate::demo::DemoFailure;
 use crate::identity::Identity;
 use crate::input_loop::InputLoop;
@@ -39,10 +43,6 @@ pub struct WindowSettings {
     pub forgets_settings: bool,
 }
 
-/// Shows the window until it is closed.
-///
-/// # Errors
-/// If no window can be opened, or the screenshot cannot be taken.
 pub fn run(mut settings: WindowSettings) -> anyhow::Result<()> {
     let session = BootId(random_id()?);
     let outcome = ScreenshotOutcome::default();
@@ -129,4 +129,82 @@ fn viewport(place: Option<WindowPlace>) -> ViewportBuilder {
         Some(corner) => viewport.with_position(corner),
         None => viewport,
     }
+}
+
+/// Writes the controls of each frame if they changed.
+///
+/// One a line, separated by tabs: role, left, top, right, bottom in pixels of the window, label, value. Controls
+/// without label and value are omitted.
+pub struct ControlsFile {
+    path: PathBuf,
+    written: String,
+    has_failed: bool,
+}
+
+impl ControlsFile {
+    pub const fn new(path: PathBuf) -> Self {
+        Self {
+            path,
+            written: String::new(),
+            has_failed: false,
+        }
+    }
+}
+
+impl Plugin for ControlsFile {
+    fn debug_name(&self) -> &'static str {
+        "controls file"
+    }
+
+    fn setup(&mut self, ctx: &Context) {
+        ctx.enable_accesskit();
+    }
+
+    fn output_hook(&mut self, ctx: &Context, output: &mut FullOutput) {
+        let Some(update) = &output.platform_output.accesskit_update else {
+            return;
+        };
+        let text = lines(update, f64::from(ctx.pixels_per_point()));
+        if text == self.written {
+            return;
+        }
+        match replace(&self.path, &text) {
+            Ok(()) => self.written = text,
+            Err(why) if !self.has_failed => {
+                self.has_failed = true;
+                tracing::error!(%why, path = %self.path.display(), "the controls are not written");
+            }
+            Err(_) => {}
+        }
+    }
+}
+
+fn lines(update: &TreeUpdate, pixels_per_point: f64) -> String {
+    let mut text = String::new();
+    for (_, node) in &update.nodes {
+        let (label, value) = (node.label(), node.value());
+        let (Some(bounds), true) = (node.bounds(), label.is_some() || value.is_some()) else {
+            continue;
+        };
+        let [left, top, right, bottom] = [bounds.x0, bounds.y0, bounds.x1, bounds.y1]
+            .map(|edge| (edge * pixels_per_point).round());
+        let [label, value] = [label, value].map(|text| one_line(text.unwrap_or_default()));
+        let role = node.role();
+        let _written = writeln!(
+            text,
+            "{role:?}\t{left}\t{top}\t{right}\t{bottom}\t{label}\t{value}"
+        );
+    }
+    text
+}
+
+fn one_line(text: &str) -> String {
+    text.split(['\t', '\n', '\r']).collect::<Vec<_>>().join(" ")
+}
+
+/// Replaces the file atomically.
+fn replace(path: &Path, text: &str) -> io::Result<()> {
+    let new = path.with_extension("new");
+    fs::write(&new, text)?;
+    fs::rename(new, path)
 }

@@ -256,18 +256,18 @@ fn looped_recording_restarts_other_ends() {
 fn looped_recording_has_no_sensor_fault() {
     let mut rig = Rig::open(&rooms(), Rate::Max);
     rig.ask(PlaybackCommand::SetLooping(true));
-    let (told, last) = (Cell::new(0), Cell::new(None));
+    let (reported, last) = (Cell::new(0), Cell::new(None));
     rig.wait("the third round is under way", |status, model| {
         if let Some((status, at)) = model.status()
             && last.replace(Some(*at)) != Some(*at)
         {
             for sensor in &status.sensors {
                 assert_eq!(sensor.fault, None, "{sensor:?}");
-                told.set(told.get() + 1);
+                reported.set(reported.get() + 1);
             }
         }
         // Two statuses a second: from all parts of a round.
-        status.restarts >= 3 && told.get() >= 24
+        status.restarts >= 3 && reported.get() >= 24
     });
 }
 

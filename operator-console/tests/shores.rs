@@ -54,6 +54,7 @@ fn shores(voxels: u32) -> Shores {
         outline: convex_outline([(33, 16), (34, 17)]),
     };
     let site = DockingSite {
+        number: 1,
         center_m: [4.0, -9.0],
         heading_rad: 1.0,
         width_m: 5.0,
@@ -263,92 +264,6 @@ fn shores_of_another_run_are_rejected() {
     assert_eq!(newer_than, 0);
     rig.reply(request, Topic::Shores, &news(1, 300), 140);
     assert_eq!(rig.voxels(), Some(300));
-}
-
-#[test]
-fn site_names_last_until_a_seek_back() {
-    let shores_news = |revision, places_m: [[f32; 2]; 2]| {
-        let mut shores = shores(100);
-        let [site] = shores.sites[..] else {
-            panic!("{shores:?}");
-        };
-        let at = |center_m| DockingSite { center_m, ..site };
-        shores.sites = places_m.map(at).to_vec();
-        ShoresReply {
-            revision,
-            shores: Some(shores),
-        }
-    };
-    let letters = |rig: &Rig| -> String {
-        let names = rig.model.site_names();
-        names.iter().map(ToString::to_string).collect()
-    };
-    let (ramp, bank) = ([4.0, -9.0], [4.0, 9.0]);
-    let mut rig = Rig::new();
-    rig.say(Topic::Shores, &shores_news(1, [ramp, bank]), 100);
-    assert_eq!(letters(&rig), "AB");
-    let first = rig.model.site_names().to_vec();
-    rig.say(Topic::Shores, &shores_news(2, [bank, ramp]), 200);
-    assert_eq!(letters(&rig), "BA");
-    let changes = rig.model.changes();
-    rig.announce(300);
-    assert_eq!(letters(&rig), "BA");
-    assert_eq!(rig.model.changes(), changes);
-    // The maps restart.
-    rig.epoch = 1;
-    rig.announce(400);
-    assert_eq!((rig.model.shores(), letters(&rig).as_str()), (None, ""));
-    assert!(rig.model.changes() > changes, "it is to be drawn");
-    let (request, newer_than) = rig.asked_shores(400).unwrap();
-    assert_eq!(
-        newer_than, 1,
-        "what came last may have been of the new maps"
-    );
-    rig.reply(request, Topic::Shores, &shores_news(3, [bank, ramp]), 410);
-    assert_eq!(letters(&rig), "AB");
-    assert!(
-        first
-            .iter()
-            .all(|name| !rig.model.site_names().contains(name))
-    );
-}
-
-#[test]
-fn site_names_are_kept_while_another_robot_is_shown() {
-    let [ramp, bank] = [1, 2].map(|n| DockingSite {
-        center_m: [100.0 * n as f32, 0.0],
-        ..shores(1).sites[0]
-    });
-    let shores_news = |revision, sites: &[DockingSite]| ShoresReply {
-        revision,
-        shores: Some(Shores {
-            sites: sites.to_vec(),
-            ..shores(1)
-        }),
-    };
-    let letters = |rig: &Rig| {
-        rig.model
-            .site_names()
-            .iter()
-            .map(ToString::to_string)
-            .collect::<String>()
-    };
-    let mut before = Rig::new();
-    before.announce(0);
-    before.say(Topic::Shores, &shores_news(1, &[ramp, bank]), 100);
-    assert_eq!(letters(&before), "AB");
-    let kept = before.model.take_site_names().unwrap();
-
-    // Other sites in another order.
-    let mut again = Rig::new();
-    again.model.restore_site_names(kept.clone());
-    again.say(Topic::Shores, &shores_news(5, &[bank, ramp]), 100);
-    assert_eq!(letters(&again), "BA");
-
-    let mut anew = Rig::of_epoch(1);
-    anew.model.restore_site_names(kept);
-    anew.say(Topic::Shores, &shores_news(5, &[bank, ramp]), 100);
-    assert_eq!(letters(&anew), "AB", "these are other maps");
 }
 
 /// A control endpoint whose port and the next one are free.

@@ -14,7 +14,6 @@ pub mod keys;
 pub mod layer;
 pub mod message;
 pub mod mosaic;
-pub mod name;
 pub mod packed_file;
 pub mod shores;
 pub mod signed;

@@ -2,7 +2,7 @@
 //! equal on every platform.
 
 use std::cmp::Reverse;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::layer::LayerId;
 use crate::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores};
@@ -48,11 +48,13 @@ impl Shores {
                 && cluster.outline.len() <= MAX_CORNERS
                 && cluster.center_m.iter().all(is_number)
         };
+        let numbers: BTreeSet<_> = self.sites.iter().map(|site| site.number).collect();
         let is_site = |site: &DockingSite| {
             let [x_m, y_m] = site.center_m;
-            [x_m, y_m, site.heading_rad, site.width_m, site.mean_cost]
-                .iter()
-                .all(is_number)
+            site.number > 0
+                && [x_m, y_m, site.heading_rad, site.width_m, site.mean_cost]
+                    .iter()
+                    .all(is_number)
         };
         self.cell_m.is_finite()
             && self.datum.is_none_or(is_on_earth)
@@ -61,6 +63,7 @@ impl Shores {
             && self.clusters.iter().all(is_shore)
             && self.sites.len() <= MAX_SITES
             && self.sites.iter().all(is_site)
+            && numbers.len() == self.sites.len()
     }
 }
 
@@ -95,6 +98,19 @@ impl ShoreClass {
 
 /// Code of docking sites in the layer [`Shore`](LayerId::Shore).
 pub const DOCKING_SITE_CODE: u16 = 4;
+
+/// Letters of the docking site with this number, its name for people: A to Z without I and O, which
+/// look like digits, then AA, AB … ZZ, then AAA, as spreadsheet columns. Shores are named by digits.
+pub fn site_letters(number: u32) -> String {
+    const LETTERS: &[u8] = b"ABCDEFGHJKLMNPQRSTUVWXYZ";
+    let mut letters = Vec::new();
+    let mut rest = number as usize;
+    while rest > 0 {
+        letters.push(char::from(LETTERS[(rest - 1) % LETTERS.len()]));
+        rest = (rest - 1) / LETTERS.len();
+    }
+    letters.iter().rev().collect()
+}
 
 fn is_on_earth(datum: Datum) -> bool {
     (-90.0..=90.0).contains(&datum.latitude_deg)
@@ -174,13 +190,145 @@ fn cost(hull: &[Corner], at: usize) -> i128 {
 }
 
 #[cfg(test)]
-mod tests;
-
-#[cfg(test)]
-mod outline_tests {
+mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::message::ShoresReply;
+    use crate::tile::BootId;
+    use crate::wire::{Header, MAX_MESSAGE_BYTES, encode};
+
+    fn cluster(number: u32, voxels: u32) -> ShoreCluster {
+        ShoreCluster {
+            number,
+            class: ShoreClass::Dense,
+            voxels,
+            rigid_voxels: voxels / 2,
+            center_m: [1.0, 2.0],
+            outline: convex_outline([(0, 0)]),
+        }
+    }
+
+    fn site(width_m: f32) -> DockingSite {
+        DockingSite {
+            number: 1 + width_m as u32,
+            center_m: [3.0, 4.0],
+            heading_rad: 0.5,
+            width_m,
+            mean_cost: 0.2,
+        }
+    }
+
+    #[test]
+    fn smallest_shores_and_last_sites_are_omitted_and_counted() {
+        // The higher the number the smaller, except one.
+        let mut clusters: Vec<_> = (1..=403u32)
+            .rev()
+            .map(|number| cluster(number, 1_000 - number))
+            .collect();
+        clusters[1].voxels = 5_000;
+        let sites: Vec<_> = (0..102u8).map(|n| site(f32::from(n))).collect();
+        let shores = Shores::gather(0.3, None, clusters, sites.clone());
+        assert_eq!((shores.clusters_left_out, shores.sites_left_out), (3, 2));
+        let numbers: Vec<u32> = shores
+            .clusters
+            .iter()
+            .map(|cluster| cluster.number)
+            .collect();
+        let expected: Vec<u32> = (1..=399).chain([402]).collect();
+        assert_eq!(numbers, expected);
+        assert_eq!(shores.sites, sites[..100]);
+        assert!(shores.is_valid());
+
+        let few = Shores::gather(0.3, None, vec![cluster(9, 4), cluster(2, 8)], Vec::new());
+        assert_eq!(few.clusters, [cluster(2, 8), cluster(9, 4)]);
+        assert_eq!((few.clusters_left_out, few.sites_left_out), (0, 0));
+    }
+
+    #[test]
+    fn largest_message_fits() {
+        let cluster = |number| ShoreCluster {
+            number,
+            voxels: u32::MAX,
+            rigid_voxels: u32::MAX,
+            outline: vec![(i32::MIN, i32::MAX); MAX_CORNERS],
+            ..cluster(1, 1)
+        };
+        let datum = Datum {
+            latitude_deg: 90.0,
+            longitude_deg: -180.0,
+            altitude_m: 100_000.0,
+        };
+        let clusters = (0..1_000).map(|n| cluster(u32::MAX - n)).collect();
+        let sites = (0..1_000).map(|n| DockingSite {
+            number: u32::MAX - n,
+            ..site(1.0)
+        });
+        let mut shores = Shores::gather(0.3, Some(datum), clusters, sites.collect());
+        (shores.clusters_left_out, shores.sites_left_out) = (u32::MAX, u32::MAX);
+        assert!(shores.is_valid());
+        let header = Header {
+            boot: BootId([0; 16]),
+            seq: 0,
+            robot_time_ns: 0,
+        };
+        let news = ShoresReply {
+            revision: u64::MAX,
+            shores: Some(shores),
+        };
+        let bytes = encode(&header, &news).unwrap();
+        assert_eq!((bytes.len(), MAX_MESSAGE_BYTES), (60_591, 65_536));
+    }
+
+    #[test]
+    fn what_is_out_of_bounds_is_not_valid() {
+        let good = Shores::gather(
+            0.3,
+            None,
+            vec![cluster(1, 4), cluster(2, 4)],
+            vec![site(1.0)],
+        );
+        assert!(good.is_valid() && Shores::default().is_valid());
+        let spoil = |how: fn(&mut Shores)| {
+            let mut shores = good.clone();
+            how(&mut shores);
+            shores.is_valid()
+        };
+        assert!(!spoil(|shores| shores.clusters[0].rigid_voxels = 5));
+        assert!(!spoil(|shores| shores.clusters[1].center_m[1] = f32::NAN));
+        assert!(!spoil(|shores| shores.clusters[1].number = 1));
+        assert!(!spoil(
+            |shores| shores.clusters[0].outline = vec![(0, 0); 13]
+        ));
+        assert!(!spoil(|shores| shores.sites[0].heading_rad = f32::INFINITY));
+        assert!(!spoil(|shores| shores.sites = vec![site(1.0); 101]));
+        assert!(!spoil(|shores| shores.cell_m = f64::NAN));
+        let datum = |latitude_deg, altitude_m| {
+            let datum = Datum {
+                latitude_deg,
+                longitude_deg: 0.0,
+                altitude_m,
+            };
+            let shores = Shores {
+                datum: Some(datum),
+                ..good.clone()
+            };
+            shores.is_valid()
+        };
+        assert!(datum(-90.0, 0.0) && !datum(90.1, 0.0) && !datum(0.0, f64::NAN));
+    }
+
+    #[test]
+    fn classes_are_those_of_the_layer() {
+        let names =
+            [ShoreClass::Sparse, ShoreClass::Dense, ShoreClass::Solid].map(ShoreClass::name);
+        assert_eq!(names, ["sparse", "dense", "solid"]);
+        let site = LayerId::Shore.classes()[usize::from(DOCKING_SITE_CODE) - 1];
+        assert_eq!(site.name, "docking site");
+        let shore = cluster(1, 9);
+        assert!((shore.ratio() - 4.0 / 9.0).abs() < 1e-12);
+        assert!(cluster(1, 0).ratio().abs() < 1e-12);
+    }
 
     #[test]
     fn hulls_are_those_drawn_by_hand() {
@@ -232,6 +380,33 @@ mod outline_tests {
                     prop_assert!((0..hull.len()).all(|at| side(at, corner) >= 0), "{hull:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn letters_of_sites_are_those_of_spreadsheet_columns() {
+        for (number, letters) in [
+            (1, "A"),
+            (8, "H"),
+            (9, "J"),
+            (24, "Z"),
+            (25, "AA"),
+            (48, "AZ"),
+            (49, "BA"),
+            (600, "ZZ"),
+            (601, "AAA"),
+        ] {
+            assert_eq!(site_letters(number), letters, "{number}");
+        }
+    }
+
+    #[test]
+    fn site_numbers_are_distinct_and_not_zero() {
+        let mut shores = Shores::gather(0.3, None, Vec::new(), vec![site(1.0), site(2.0)]);
+        assert!(shores.is_valid());
+        for wrong in [0, shores.sites[0].number] {
+            shores.sites[1].number = wrong;
+            assert!(!shores.is_valid(), "{wrong}");
         }
     }
 }

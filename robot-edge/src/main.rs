@@ -6,7 +6,11 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use edge::cli::Cli;
 use edge::exit::{Exit, Interrupted};
+use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::FmtContext;
+use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
+use tracing_subscriber::registry::LookupSpan;
 
 fn main() -> ExitCode {
     #[cfg(target_os = "linux")]
@@ -20,19 +24,23 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let filter = EnvFilter::try_from_default_env()
         .unwrap_or_else(|_unset| EnvFilter::new(cli.verbosity.log_filter()));
-    tracing_subscriber::fmt()
+    let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
-        // A file of what was said is to be read too.
-        .with_ansi(io::stderr().is_terminal())
-        .init();
+        // A log in a file has no colours.
+        .with_ansi(io::stderr().is_terminal());
+    if cli.verbosity.verbose == 0 {
+        log.event_format(PlainMessage).init();
+    } else {
+        log.init();
+    }
 
     let mut out = io::stdout().lock();
     let exit = match run(&cli, &mut out) {
         Ok(exit) => exit,
         Err(err) => {
             let exit = Exit::of(err.as_ref());
-            // Whoever closed standard output or pressed Ctrl-C knows.
+            // A closed standard output and Ctrl-C are no errors to report.
             if !is_broken_pipe(&err) && err.downcast_ref::<Interrupted>().is_none() {
                 // Nothing is left to be done where even standard error fails.
                 drop(writeln!(io::stderr(), "robot-edge: {}", in_words(&err)));
@@ -42,6 +50,33 @@ fn main() -> ExitCode {
     };
     drop(out.flush());
     exit.into()
+}
+
+/// A line such as `warning: MESSAGE FIELD=VALUE`, as the program writes its own. `--verbose` has times and places.
+struct PlainMessage;
+
+impl<S, N> FormatEvent<S, N> for PlainMessage
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+    N: for<'a> FormatFields<'a> + 'static,
+{
+    fn format_event(
+        &self,
+        context: &FmtContext<'_, S, N>,
+        mut writer: Writer<'_>,
+        event: &Event<'_>,
+    ) -> std::fmt::Result {
+        let kind = match *event.metadata().level() {
+            Level::ERROR => "error",
+            Level::WARN => "warning",
+            Level::INFO => "info",
+            Level::DEBUG => "debug",
+            Level::TRACE => "trace",
+        };
+        write!(writer, "{kind}: ")?;
+        context.format_fields(writer.by_ref(), event)?;
+        writeln!(writer)
+    }
 }
 
 fn run(cli: &Cli, out: &mut dyn io::Write) -> anyhow::Result<Exit> {

@@ -352,7 +352,7 @@ SHORES = Struct(
         )
     ),
     clusters_left_out=U32,
-    sites=List(Struct(center_m=Tuple(F32, F32), heading_rad=F32, width_m=F32, mean_cost=F32)),
+    sites=List(Struct(number=U32, center_m=Tuple(F32, F32), heading_rad=F32, width_m=F32, mean_cost=F32)),
     sites_left_out=U32,
 )
 SHORES_REPLY = Struct(revision=U64, shores=Option(SHORES))

@@ -8,7 +8,6 @@ use measurement::time::Monotonic;
 
 use crate::operator::{Input, Journal, Sent};
 
-/// The columns in their order.
 const COLUMNS: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
                        age_ms,epoch,seq,clamp,collision_monitor";
 
@@ -24,7 +23,6 @@ pub struct Round {
     pub mode: String,
     /// Request of the last accepted command.
     pub requested: Speeds,
-    /// Output to the motors.
     pub output: Speeds,
     /// Upper bound on the age of the last accepted command; `None` if there is none under this grant.
     pub age: Option<Duration>,
@@ -34,12 +32,10 @@ pub struct Round {
     pub seq: Option<u64>,
     /// Why the output differs from the request; empty if it does not.
     pub clamp: String,
-    /// State of the collision monitor.
     pub collision_monitor: String,
 }
 
 impl Round {
-    /// Whether the output is zero.
     pub fn is_stopped(&self) -> bool {
         self.output.iter().all(|speed| speed.abs() <= 0.0)
     }
@@ -55,7 +51,6 @@ impl Round {
 /// The rounds of one run of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DriveLog {
-    /// All of them, in the order of time.
     pub rounds: Vec<Round>,
     /// Rounds that were not written in time.
     pub missing: u64,
@@ -98,7 +93,6 @@ impl DriveLog {
         rounds.get(..last).unwrap_or_default()
     }
 
-    /// From each round to the next.
     pub fn periods(&self) -> Vec<Duration> {
         let pairs = self.rounds.windows(2);
         pairs.map(|pair| pair[1].at.since(pair[0].at)).collect()
@@ -183,7 +177,6 @@ const MAX_REPORTED_FAULTS: usize = 20;
 /// Neutral time that a press needs before it, less the jitter of the link.
 const NEUTRAL: Duration = Duration::from_millis(160);
 
-/// Limits of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Greatest age of a command that has an effect.
@@ -208,16 +201,13 @@ pub struct Stop {
 /// Result of [`evaluate`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// The first violations of the rules.
     pub faults: Vec<String>,
-    /// Every stop for age.
     pub stops: Vec<Stop>,
     /// Rounds with an output other than zero.
     pub moving_rounds: usize,
 }
 
 impl Evaluation {
-    /// Panics if there is a fault.
     pub fn assert_no_faults(&self) {
         let faults = self.faults.join("\n");
         assert!(self.faults.is_empty(), "{faults}");

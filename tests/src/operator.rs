@@ -61,10 +61,8 @@ pub struct Input {
 }
 
 impl Input {
-    /// Nothing.
     pub const NEUTRAL: Self = Self::of(0.0, 0.0);
 
-    /// These speeds.
     pub const fn of(linear_mps: f32, angular_radps: f32) -> Self {
         Self {
             linear_mps,
@@ -73,17 +71,13 @@ impl Input {
     }
 }
 
-/// An operator.
 pub struct Operator {
-    /// Their name.
     pub name: OperatorId,
-    /// Their signing key.
     pub key: SecretKey,
     /// Their grant of the lease.
     pub epoch: u64,
     /// Number of the last signed message.
     pub seq: u64,
-    /// Every command sent so far.
     pub journal: Journal,
     robot: RobotId,
     session: Session,
@@ -153,29 +147,24 @@ impl Operator {
         Self::connect(endpoint, robot, name).with_token()
     }
 
-    /// Waits until it can send commands.
     #[must_use]
     pub fn with_token(self) -> Self {
         self.wait_until("a token", || self.received().token.is_some().then_some(()));
         self
     }
 
-    /// The robot that it drives.
     pub const fn robot(&self) -> &RobotId {
         &self.robot
     }
 
-    /// The session that it drives over.
     pub const fn session(&self) -> &Session {
         &self.session
     }
 
-    /// The last state of driving.
     pub fn teleop(&self) -> Option<TeleopStatus> {
         self.received().status.as_ref()?.teleop.clone()
     }
 
-    /// The last state of the sensors.
     pub fn sensors(&self) -> Vec<SensorStatus> {
         let received = self.received();
         received
@@ -185,17 +174,14 @@ impl Operator {
             .unwrap_or_default()
     }
 
-    /// The last pose.
     pub fn pose(&self) -> Pose {
         lock(&self.received).pose.expect("a pose").1
     }
 
-    /// The last turn rate.
     pub fn turn_rate_radps(&self) -> f32 {
         self.received().pose.unwrap().1.turn_rate_radps
     }
 
-    /// Waits until `is_so`.
     pub fn wait_for_status(
         &self,
         what: &str,
@@ -212,7 +198,6 @@ impl Operator {
         }
     }
 
-    /// Waits for the next status.
     pub fn wait_for_new_status(&self) -> TeleopStatus {
         self.received().status = None;
         self.wait_for_status("a status", |_| true)
@@ -304,6 +289,10 @@ impl Operator {
                 clock::elapsed(started) < TIMEOUT,
                 "it does not start: {teleop:?}"
             );
+            // On a bad link it may have ended meanwhile.
+            if teleop.is_some_and(|teleop| teleop.lease.holder.as_ref() != Some(&self.name)) {
+                self.take_lease();
+            }
         }
     }
 
@@ -313,7 +302,6 @@ impl Operator {
         self.signed_with(newest, command)
     }
 
-    /// Sends a signed `Drive` message.
     pub fn put(&self, message: Vec<u8>) {
         // Fails while the link is down.
         drop(self.drive.put(message).wait());
@@ -418,6 +406,13 @@ impl Operator {
     }
 }
 
+/// Number of commands refused for that reason.
+pub fn refused(teleop: &TeleopStatus, reason: Refusal) -> u64 {
+    let refused = teleop.counters.refused.iter();
+    let mut of_reason = refused.filter(|refused| refused.reason == reason);
+    of_reason.next().map_or(0, |refused| refused.count)
+}
+
 /// A console's session; tries again until the endpoint answers.
 pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
     let endpoints = Endpoints {
@@ -498,12 +493,10 @@ fn lock(received: &Mutex<Received>) -> MutexGuard<'_, Received> {
 /// The first line of a journal as CSV.
 const COLUMNS: &str = "t_ns,seq,epoch,token,token_t_ns,linear_mps,angular_radps";
 
-/// One command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sent {
     /// When it was built.
     pub at: Monotonic,
-    /// Its number.
     pub seq: u64,
     /// The grant of the lease that it names.
     pub epoch: u64,
@@ -511,7 +504,6 @@ pub struct Sent {
     pub token: u64,
     /// When that token was first received: later than it was issued.
     pub token_received: Monotonic,
-    /// The requested speeds.
     pub input: Input,
 }
 
@@ -522,24 +514,20 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Adds the next command.
     pub fn push(&mut self, sent: Sent) {
         debug_assert!(self.sent.last().is_none_or(|last| last.seq < sent.seq));
         self.sent.push(sent);
     }
 
-    /// All of them.
     pub fn sent(&self) -> &[Sent] {
         &self.sent
     }
 
-    /// The command of that number.
     pub fn find(&self, seq: u64) -> Option<&Sent> {
         let at = self.sent.binary_search_by_key(&seq, |sent| sent.seq).ok()?;
         self.sent.get(at)
     }
 
-    /// Commands with numbers between `after` and `before`.
     pub fn between(&self, after: u64, before: u64) -> &[Sent] {
         let from = self.sent.partition_point(|sent| sent.seq <= after);
         let to = self.sent.partition_point(|sent| sent.seq < before);

@@ -1,5 +1,4 @@
-//! Alerts of the shown robot and of robots shown before in this run: their unacknowledged alerts and new ones by their
-//! state from discovery.
+//! Alerts of the shown robot, and of robots shown before: unacknowledged ones, and new ones by discovery.
 
 use std::collections::BTreeMap;
 
@@ -90,8 +89,7 @@ impl FleetAlerts {
         }
     }
 
-    /// Takes the states from discovery of robots that are not shown any more and returns the alerts that begin. Robots
-    /// that were never shown raise none.
+    /// Takes the states of robots that are not shown any more; returns the alerts that begin.
     pub fn update_background(
         &mut self,
         discovered_robots: &[DiscoveredRobot],
@@ -137,25 +135,17 @@ impl FleetAlerts {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{EStopStatus, Status};
 
     use super::*;
     use crate::alerts::AlertSource;
     use crate::link::{FleetState, FoundRobot};
-    use crate::test_support::{at, console, idle_teleop_status, inject};
+    use crate::test_support::{STORED_ESTOP, at, console, idle_teleop_status, inject, status_of};
 
-    /// The shown robot reports an emergency stop or none; returns how many alerts begin.
     fn stop(alerts: &mut FleetAlerts, robot: &RobotId, is_stopped: bool) -> usize {
         let mut model = console(robot.as_str(), &[]);
         let mut teleop = idle_teleop_status();
-        teleop.estop = is_stopped.then_some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
-        let status = Status {
-            teleop: Some(teleop),
-            ..Status::default()
-        };
+        teleop.estop = is_stopped.then_some(STORED_ESTOP);
+        let status = status_of(teleop);
         inject(&mut model, Topic::Status, &status, at(1_000));
         let shown = alerts.shown_mut().unwrap();
         shown
@@ -225,7 +215,6 @@ mod tests {
     const ESTOP: FleetState = FleetState::EStop { has_ended: false };
     const FAULT: FleetState = FleetState::Fault { has_ended: false };
 
-    /// These alerts begin with these robots' states at `ms`.
     fn check(alerts: &mut FleetAlerts, heard: &[DiscoveredRobot], ms: u64, begun: &[&str]) {
         assert_eq!(alerts.update_background(heard, at(ms)), begun, "{ms}");
     }
@@ -238,7 +227,6 @@ mod tests {
         alerts.change_to(&scout, at(5_000));
         let alerts = &mut alerts;
         let boat_is = |seen_ms, state| [discovered(&boat, seen_ms, state)];
-        // Older than the last contact.
         check(alerts, &boat_is(4_000, ESTOP), 6_000, &[]);
         let stopped = boat_is(7_000, ESTOP);
         check(

@@ -12,8 +12,7 @@ use crate::panels::robots::SearchTarget;
 /// Present robots answer within this time of each other. Before, a single one may be the first of several.
 const SETTLED_AFTER: Duration = Duration::from_millis(600);
 
-/// A robot that is silent for this long and answers elsewhere has moved: by then Zenoh has tried to reconnect several
-/// times.
+/// By then Zenoh has tried several times to reconnect to a silent robot.
 const GONE_AFTER: Duration = Duration::from_secs(3);
 
 /// The new address of the shown robot, which is silent for `silent` and has answered elsewhere since.
@@ -60,7 +59,6 @@ impl RobotChoice {
         }
     }
 
-    /// Why the simulated robot has ended; once.
     pub(super) fn take_end(&mut self) -> Option<String> {
         let why = self.demo.as_ref()?.message()?;
         (!std::mem::replace(&mut self.is_end_reported, true)).then_some(why)

@@ -18,7 +18,7 @@ use crate::command::Command;
 use crate::event_log::Severity;
 use crate::link::{FleetState, FoundRobot, RobotSession, SEEN_RECENTLY};
 use crate::model::{LastContact, ModelSettings, SILENT_AFTER_UNSTEADY};
-use crate::playback::{Playback, in_words, is_recording};
+use crate::playback::{Playback, in_words};
 use crate::teleop_client::{EStopState, TeleopClientState};
 use crate::teleop_handle::TeleopSession;
 use crate::teleop_input::InputEvent;
@@ -44,13 +44,6 @@ impl ConsoleApp {
             ..Endpoints::default()
         };
         let stop_is_underway = self.stop_is_underway(&found);
-        // The maps of a recording change each time it is opened.
-        if let Some((before, session)) = &self.shown
-            && !is_recording(&before.robot)
-            && let Some(names) = session.model().take_site_names()
-        {
-            self.site_names.insert(before.robot.clone(), names);
-        }
         self.screen.forget_robot();
         self.log_session_change(&found, source_kind);
         self.update_discovery();
@@ -81,9 +74,6 @@ impl ConsoleApp {
                 if let Some(before) = before {
                     session.model().set_last_contact(before);
                 }
-                if let Some(names) = self.site_names.remove(&found.robot) {
-                    session.model().restore_site_names(names);
-                }
                 self.shown = Some((found, session));
                 self.joined = clock::now();
                 self.teleop_handle.set_session(teleop_session);
@@ -99,7 +89,6 @@ impl ConsoleApp {
         }
     }
 
-    /// Passes state and last contact of the shown robot to the list of discovered robots.
     pub(super) fn update_discovery(&self) {
         let shown = self.shown.as_ref().filter(|_| self.playback.is_none());
         let Some((found, session)) = shown else {
@@ -160,7 +149,6 @@ impl ConsoleApp {
             Command::ForgetRobot(robot) => {
                 self.discovery.forget_robot(&robot);
                 self.alerts.forget(&robot);
-                self.site_names.remove(&robot);
             }
             Command::Look(look) => self.screen.map_view_mut().look(look),
             Command::Drive(intent) => self.teleop_handle.submit(intent, clock::now()),
@@ -240,7 +228,6 @@ impl ConsoleApp {
 }
 
 impl ConsoleApp {
-    /// Logs what ends when `next` is shown instead.
     pub(super) fn log_session_change(&mut self, next: &FoundRobot, source_kind: SourceKind) {
         let Some((shown, _)) = &self.shown else {
             return;
@@ -303,7 +290,6 @@ fn ended(
 const FIRST_LINK: Duration = Duration::from_secs(5);
 
 impl ConsoleApp {
-    /// Last contact with a robot that is about to be shown.
     pub(super) fn last_contact(&self, robot: &RobotId, now: Monotonic) -> Option<LastContact> {
         let discovered_robots = self.discovery.discovered_robots();
         let discovered = discovered_robots
@@ -316,7 +302,6 @@ impl ConsoleApp {
     }
 }
 
-/// `was_shown`: its link is known to work.
 fn before(last: Monotonic, was_shown: bool, now: Monotonic) -> LastContact {
     let patience = if now.since(last) > SEEN_RECENTLY {
         Duration::ZERO
@@ -338,7 +323,7 @@ mod tests {
 
     use super::*;
     use crate::teleop_client::Lease;
-    use crate::test_support::idle_teleop_client;
+    use crate::test_support::{at, idle_teleop_client};
 
     #[test]
     fn session_change_is_logged() {
@@ -392,12 +377,6 @@ mod tests {
             "{text}"
         );
     }
-}
-
-#[cfg(test)]
-mod last_contact_tests {
-    use super::*;
-    use crate::test_support::at;
 
     #[test]
     fn expected_contact_depends_on_last_contact() {

@@ -19,10 +19,6 @@ fn names_one(desktop: Option<&OsStr>) -> bool {
     desktop.is_some_and(|name| !name.is_empty())
 }
 
-/// Opens a folder in the file manager.
-///
-/// # Errors
-/// If there is none.
 pub(super) fn open_folder(folder: &Path) -> Result<(), String> {
     let program = if cfg!(target_os = "macos") {
         "open"
@@ -54,25 +50,21 @@ fn words(folder: &Path, program: &str, why: &io::Error) -> String {
 /// Limit of characters from another file's name.
 const MAX_NAME: usize = 50;
 
-/// The system's folder for pictures, or `Pictures` in the home folder.
 fn pictures() -> Option<PathBuf> {
     user_folder("XDG_PICTURES_DIR", "Pictures")
 }
 
-/// The system's folder for documents, or `Documents` in the home folder.
 pub(super) fn documents() -> Option<PathBuf> {
     user_folder("XDG_DOCUMENTS_DIR", "Documents")
 }
 
-/// Path of a screenshot: time and what is shown, with a number if that path is taken.
 pub(super) fn screenshot_path(shown: Option<&str>, is_taken: impl Fn(&Path) -> bool) -> PathBuf {
     let name = stamped_name(shown, &wall_clock_label());
     let folder = pictures().unwrap_or_default();
     free_path(&folder.join(format!("{name}.png")), is_taken)
 }
 
-/// Name of a screenshot or an export folder: what is shown, and the UTC time `label` of RFC 3339 without characters
-/// that some file systems forbid.
+/// What is shown, and the UTC time `label` of RFC 3339 without characters that some file systems forbid.
 pub(super) fn stamped_name(shown: Option<&str>, label: &str) -> String {
     let label = label.replace(':', "-").replace('Z', "");
     let shown = shown.map(|shown| format!("-{shown}")).unwrap_or_default();
@@ -131,11 +123,6 @@ mod tests {
             "/maps cannot be opened: xdg-open: permission denied"
         );
     }
-}
-
-#[cfg(test)]
-mod pictures_tests {
-    use super::*;
 
     #[test]
     fn files_are_named_after_what_is_shown() {

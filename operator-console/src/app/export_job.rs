@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::session_monitor::LogNote;
 use crate::command::ExportRequest;
 use crate::event_log::Severity;
-use crate::export::{ExportPart, Fetcher, Fetching, export_parts};
+use crate::export::{ExportPart, FetchProgress, Fetcher, export_parts};
 use crate::link::ModelHandle;
 use crate::lock;
 use crate::playback::in_words;
@@ -18,20 +18,18 @@ use crate::playback::in_words;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ExportProgress {
     pub folder: PathBuf,
-    /// Finished parts, of how many.
     pub parts: [usize; 2],
     pub current: Option<ExportPart>,
-    pub fetching: Option<Fetching>,
+    pub fetching: Option<FetchProgress>,
     pub files: usize,
     pub ended: Option<Result<String, String>>,
     pub unopened: Option<String>,
 }
 
 impl ExportProgress {
-    /// Finished share, 0 … 1, including what is being fetched.
     pub fn share(&self) -> f32 {
         let [done, all] = self.parts;
-        let of_part = self.fetching.map_or(0.0, Fetching::share);
+        let of_part = self.fetching.map_or(0.0, FetchProgress::share);
         (done as f32 + of_part) / all.max(1) as f32
     }
 }
@@ -55,7 +53,6 @@ pub(super) struct ExportJob {
 }
 
 impl ExportJob {
-    /// Starts to export what `model` holds. `wake` is called on progress.
     pub(super) fn start(
         request: ExportRequest,
         model: ModelHandle,
@@ -91,7 +88,6 @@ impl ExportJob {
         lock(&self.progress).clone()
     }
 
-    /// The result, once.
     pub(super) fn take_end(&mut self) -> Option<ExportEnd> {
         if self.is_end_reported {
             return None;
@@ -229,7 +225,7 @@ mod tests {
     fn fetching_moves_the_progress_bar() {
         let progress = ExportProgress {
             parts: [3, 4],
-            fetching: Some(Fetching::Poses([1, 2])),
+            fetching: Some(FetchProgress::Poses([1, 2])),
             ..ExportProgress::default()
         };
         assert_eq!(progress.share().to_bits(), 0.875_f32.to_bits());

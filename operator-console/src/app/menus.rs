@@ -62,7 +62,6 @@ pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
     choice
 }
 
-/// A checkbox for a panel. A panel that cannot be shown is disabled and has a tooltip with the reason.
 fn panel_ui(ui: &mut Ui, panel: PanelId, state: &MenuState<'_>) -> Option<Choice> {
     let unavailable_reason = (state.unavailable_reason)(panel);
     let mut is_wanted = state.workspace.is_wanted(panel) && unavailable_reason.is_none();
@@ -85,7 +84,6 @@ fn entry_ui(ui: &mut Ui, action: Action, is_possible: bool, choice: &mut Option<
     }
 }
 
-/// Draws the page that replaces the map while no robot is shown.
 pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
     let mut asked = None;
     let width = ui.available_width().min(520.0);

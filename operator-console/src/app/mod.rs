@@ -11,7 +11,6 @@ mod screen;
 mod screenshot;
 mod session_monitor;
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::Duration;
@@ -30,9 +29,8 @@ use crate::command::Command;
 use crate::event_log::{EventLog, Severity};
 use crate::identity::Identity;
 use crate::link::{Discovery, FoundRobot, RobotSession};
-use crate::lock;
-use crate::model::{LinkState, SavedSiteNames};
-use crate::panels::address_list::{ListedAddress, listed};
+use crate::model::LinkState;
+use crate::panels::addresses::{ListedAddress, listed};
 use crate::panels::connection::LinkStatus;
 use crate::panels::driving::labels;
 use crate::panels::robots::{RobotEntry, RobotsData};
@@ -75,6 +73,8 @@ pub struct ConsoleApp {
     problem: Option<String>,
     screen: Screen,
     screenshot: Option<Screenshot>,
+    /// When a frame last showed all of the map.
+    drawn: Monotonic,
     identity: Identity,
     teleop_handle: Rc<TeleopHandle>,
     settings: Settings,
@@ -82,7 +82,6 @@ pub struct ConsoleApp {
     kept: Monotonic,
     log: EventLog,
     alerts: FleetAlerts,
-    site_names: BTreeMap<RobotId, SavedSiteNames>,
     session_monitor: SessionMonitor,
     export: Option<ExportJob>,
     pictures: Vec<(PathBuf, ScreenshotOutcome)>,
@@ -92,7 +91,6 @@ pub struct ConsoleApp {
 }
 
 impl ConsoleApp {
-    /// `settings_writer`: `None` if settings are not saved.
     pub fn new(
         ctx: &Context,
         window: WindowSettings,
@@ -153,6 +151,7 @@ impl ConsoleApp {
             problem: None,
             screen: Screen::of(&settings),
             screenshot,
+            drawn: Monotonic::default(),
             identity: window.identity,
             teleop_handle,
             settings,
@@ -160,7 +159,6 @@ impl ConsoleApp {
             kept: Monotonic::default(),
             log,
             alerts: FleetAlerts::default(),
-            site_names: BTreeMap::new(),
             session_monitor: SessionMonitor::default(),
             export: None,
             pictures: Vec::new(),
@@ -203,7 +201,7 @@ impl eframe::App for ConsoleApp {
             ctx.request_repaint_after(3 * KEEP_PERIOD);
         }
         if let Some(screenshot) = &mut self.screenshot {
-            screenshot.step(ctx, now);
+            screenshot.step(ctx, self.drawn, now);
         }
     }
 
@@ -287,6 +285,9 @@ impl eframe::App for ConsoleApp {
             }
             None => self.screen.show(ui, context, None, now),
         };
+        if self.shown.is_none() || self.screen.map_view().is_up_to_date() {
+            self.drawn = now;
+        }
         let is_typing = self.screen.is_typing(ui.ctx());
         if has_late_space && !is_typing {
             self.teleop_handle.apply(InputEvent::EStop);
@@ -305,11 +306,17 @@ impl eframe::App for ConsoleApp {
         self.keep();
         // Dropping it waits until the settings are written.
         self.settings_writer = None;
+        for (_, outcome) in self.pictures.drain(..) {
+            drop(screenshot::result_of(&outcome));
+        }
     }
 }
 
-/// Periodic work beside the frames: log, alerts, settings, list of robots.
 impl ConsoleApp {
+    pub const fn event_log(&self) -> &EventLog {
+        &self.log
+    }
+
     fn note(&mut self, severity: Severity, kind: &str, text: impl Into<String>) {
         let (now, unix_s) = (clock::now(), seconds_since_1970());
         self.log.note(severity, kind, text, now, unix_s);
@@ -317,6 +324,12 @@ impl ConsoleApp {
 
     fn poll_background_state(&mut self, now: Monotonic) {
         let mut notes = Vec::new();
+        if let Some(repairs) = self.screen.map_view_mut().take_repairs(now) {
+            let text = format!(
+                "A part of the map was not drawn as received, and was drawn again ({repairs} times so far)"
+            );
+            notes.push((Severity::Warning, "map", text));
+        }
         if let Some((_, session)) = &self.shown {
             let model = session.model();
             let recording = self.playback.as_ref().map(Playback::file_name);
@@ -376,7 +389,7 @@ impl ConsoleApp {
             }
         }
         self.pictures.retain(|(path, outcome)| {
-            let Some(outcome) = lock(outcome).take() else {
+            let Some(outcome) = screenshot::take_result(outcome) else {
                 return true;
             };
             notes.push(match outcome {
@@ -401,7 +414,6 @@ impl ConsoleApp {
         }
     }
 
-    /// Failures of the teleop client. The robot reports everything else as events.
     fn teleop_notes(&self) -> impl Iterator<Item = LogNote> + use<> {
         let notes = self.teleop_handle.take_notifications().into_iter();
         notes.filter_map(|note| {
@@ -434,7 +446,6 @@ impl ConsoleApp {
         moved_to(shown, silent, &self.discovery.discovered_robots(), now)
     }
 
-    /// Saved addresses that can be searched in this run, and those of the command line.
     fn listed_addresses(&self) -> Vec<ListedAddress> {
         let has_keys = self.credentials.is_some();
         let remembered = self.settings.addresses.iter();

@@ -56,7 +56,6 @@ fn field(sensor: &SensorInfo) -> Option<SensorField> {
     })
 }
 
-/// The last scans of all sensors as one.
 fn scan(model: &ConsoleModel, now: Monotonic) -> Option<LastScan> {
     let fresh = || {
         let all = model.scans().map(|(_, scan)| (scan, age(model, scan, now)));
@@ -70,8 +69,7 @@ fn scan(model: &ConsoleModel, now: Monotonic) -> Option<LastScan> {
     })
 }
 
-/// Age of a scan. In a recording or at the end of the data, where time may stand still, at most the difference of its
-/// stamp to the displayed time.
+/// In a recording or at the end of the data time may stand still: then at most by stamp and displayed time.
 fn age(model: &ConsoleModel, scan: &model::LastScan, now: Monotonic) -> Duration {
     let here = now.since(scan.received_at);
     let may_stand = is_recording(model.robot()) || model.reports_ended();
@@ -84,10 +82,10 @@ fn age(model: &ConsoleModel, scan: &model::LastScan, now: Monotonic) -> Duration
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Scan, Status};
+    use protocol::message::Scan;
 
     use super::*;
-    use crate::test_support::{at, console, inject_at, pose_at_rest};
+    use crate::test_support::{at, console, ended_status, inject_at, pose_at_rest};
 
     const SECOND_NS: i64 = 1_000_000_000;
 
@@ -100,7 +98,6 @@ mod tests {
         model
     }
 
-    /// Displays the vehicle at this time of its data.
     fn stands_at(model: &mut ConsoleModel, stamp_ns: i64, ms: u64) {
         inject_at(model, stamp_ns, Topic::Pose, &pose_at_rest(), at(ms));
     }
@@ -118,10 +115,7 @@ mod tests {
         assert_eq!(age_ms(&recording, 61_000), Some(100));
         assert_eq!(age_ms(&robot, 2_500), Some(1_500));
         assert_eq!(age_ms(&robot, 61_000), None);
-        let ended = Status {
-            has_ended: true,
-            ..Status::default()
-        };
+        let ended = ended_status();
         inject_at(&mut robot, 0, Topic::Status, &ended, at(61_000));
         assert_eq!(age_ms(&robot, 62_000), Some(100), "nothing follows it");
         // After a seek, before another scan.

@@ -37,7 +37,6 @@ use crate::shortcuts::{Action, Edge, KeyContext, Pressed, TypeAhead, pressed};
 use crate::teleop_client::{Intent, TeleopClientState};
 use crate::workspace::{PanelId, Workspace, is_tight};
 
-/// Refresh period of command ages while an operator drives.
 const DRIVING_PERIOD: Duration = Duration::from_millis(100);
 const AGES_PERIOD: Duration = Duration::from_millis(1200);
 
@@ -74,7 +73,7 @@ pub struct ScreenContext<'a> {
 }
 
 #[derive(Clone, Copy)]
-struct Scene<'a> {
+struct FrameData<'a> {
     context: ScreenContext<'a>,
     robot: Option<(&'a ConsoleModel, &'a LinkStatus)>,
     driving: Option<&'a DrivingData>,
@@ -107,7 +106,6 @@ impl Screen {
         self.dialogs.keep(settings);
     }
 
-    /// Clears what was typed and chosen for the last robot.
     pub fn forget_robot(&mut self) {
         self.map_view.forget();
         self.driving = DrivingEntry::default();
@@ -175,7 +173,7 @@ impl Screen {
         {
             ui.ctx().request_repaint_after(DRIVING_PERIOD);
         }
-        let scene = Scene {
+        let frame = FrameData {
             context,
             robot,
             driving: driving.as_ref(),
@@ -195,7 +193,7 @@ impl Screen {
             self.type_ahead.wait(ui.ctx(), typed);
         }
         let mut commands = Vec::new();
-        self.bar_ui(ui, scene, bar.as_ref(), &mut actions, &mut commands);
+        self.bar_ui(ui, frame, bar.as_ref(), &mut actions, &mut commands);
         let shown = CentralPanel::no_frame().show(ui, |ui| {
             let is_tight = is_driving.then(|| is_tight(ui.available_size()));
             self.is_tight = is_tight;
@@ -210,8 +208,8 @@ impl Screen {
             let (actions, commands) = (&mut actions, &mut commands);
             self.workspace.show(
                 ui,
-                |panel| scene.unavailable_reason(panel, is_tight).is_none(),
-                &mut |ui, panel| panels.draw(ui, panel, scene, actions, commands),
+                |panel| frame.unavailable_reason(panel, is_tight).is_none(),
+                &mut |ui, panel| panels.draw(ui, panel, frame, actions, commands),
             );
             (panels.notice_room.take(), panels.draws_shores)
         });
@@ -228,7 +226,7 @@ impl Screen {
         let asked = self.dialogs.show(ui.ctx(), model, context.export);
         commands.extend(asked);
         for action in actions {
-            commands.extend(self.act(ui.ctx(), action, scene));
+            commands.extend(self.act(ui.ctx(), action, frame));
         }
         let chooses_robot = |command: &Command| matches!(command, Command::Connect(_));
         if commands.iter().any(chooses_robot) {
@@ -241,14 +239,13 @@ impl Screen {
     fn bar_ui(
         &mut self,
         ui: &mut Ui,
-        scene: Scene<'_>,
+        frame: FrameData<'_>,
         bar: Option<&TopBarData>,
         actions: &mut Vec<Action>,
         commands: &mut Vec<Command>,
     ) {
-        let frame = Frame::new().inner_margin(Margin::symmetric(8, 4));
         Panel::top("bar")
-            .frame(frame)
+            .frame(Frame::new().inner_margin(Margin::symmetric(8, 4)))
             .resizable(false)
             .show(ui, |ui| {
                 MenuBar::new().ui(ui, |ui| {
@@ -256,8 +253,8 @@ impl Screen {
                     let sight = MenuState {
                         workspace: &self.workspace,
                         appearance: self.appearance,
-                        has_robot: scene.robot.is_some(),
-                        unavailable_reason: &|panel| scene.unavailable_reason(panel, self.is_tight),
+                        has_robot: frame.robot.is_some(),
+                        unavailable_reason: &|panel| frame.unavailable_reason(panel, self.is_tight),
                     };
                     match menus_ui(ui, &sight) {
                         Some(Choice::Act(action)) => actions.push(action),
@@ -273,7 +270,7 @@ impl Screen {
                     ui.separator();
                     // From the right: the middle gets the remaining space.
                     let asked =
-                        right_bar_ui(ui, bar, scene.context.alerts.unacknowledged(), |ui| {
+                        right_bar_ui(ui, bar, frame.context.alerts.unacknowledged(), |ui| {
                             if let Some(bar) = bar {
                                 robot_bar_ui(ui, bar);
                             }
@@ -292,10 +289,10 @@ const PAN_SHARE: f32 = 0.1;
 
 impl Screen {
     /// Executes what concerns the screen alone and returns the remaining command.
-    fn act(&mut self, ctx: &Context, action: Action, scene: Scene<'_>) -> Option<Command> {
+    fn act(&mut self, ctx: &Context, action: Action, frame: FrameData<'_>) -> Option<Command> {
         match action {
             Action::Layer(layer) => {
-                let info = scene.robot.and_then(|(model, _)| model.info());
+                let info = frame.robot.and_then(|(model, _)| model.info());
                 let is_offered =
                     info.is_some_and(|info| info.layers.iter().any(|one| one.layer == layer));
                 let is_shown = self.map_view.stack().get(layer).is_shown;
@@ -330,13 +327,13 @@ impl Screen {
                 })));
             }
             Action::Robot(number) => {
-                let robots = scene.context.robots;
+                let robots = frame.context.robots;
                 let found = robots.numbered(number)?;
                 let is_shown = robots.current.as_ref() == Some(&found.robot);
                 return (!is_shown).then(|| Command::Connect(found.clone()));
             }
             Action::Lease => {
-                let request = match scene.driving?.lease {
+                let request = match frame.driving?.lease {
                     LeaseButtons::Quiet => return None,
                     // The driving panel shows why nothing is requested.
                     LeaseButtons::Free | LeaseButtons::HeldByOther | LeaseButtons::ReadOnly => {
@@ -362,8 +359,8 @@ impl Screen {
                 self.address.focus();
             }
             Action::Export => {
-                if let Some((model, link)) = scene.robot {
-                    let last = scene.context.export;
+                if let Some((model, link)) = frame.robot {
+                    let last = frame.context.export;
                     self.dialogs
                         .show_export(model, link.recording.as_deref(), last);
                 }
@@ -408,7 +405,6 @@ const fn stepped(by_s: i64) -> Command {
     )))
 }
 
-/// Whether a panel fits while an operator drives in a narrow or low window.
 const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
     match panel {
         PanelId::Map | PanelId::Driving => true,
@@ -424,8 +420,7 @@ const fn fits(panel: PanelId, [is_narrow, is_low]: [bool; 2]) -> bool {
 
 const NO_ROOM: &str = "Hidden in a small window while you drive";
 
-impl Scene<'_> {
-    /// Why a wanted panel is not shown. `is_tight`: while driving, whether the window is narrow and whether it is low.
+impl FrameData<'_> {
     fn unavailable_reason(
         &self,
         panel: PanelId,
@@ -435,7 +430,6 @@ impl Scene<'_> {
         self.why_empty(panel).or((!has_room).then_some(NO_ROOM))
     }
 
-    /// Why a panel has no content.
     fn why_empty(&self, panel: PanelId) -> Option<&'static str> {
         const NO_DATA: &str = "No data about it yet";
         let Some((model, link)) = self.robot else {
@@ -479,17 +473,17 @@ impl Panels<'_> {
         &mut self,
         ui: &mut Ui,
         panel: PanelId,
-        scene: Scene<'_>,
+        frame: FrameData<'_>,
         actions: &mut Vec<Action>,
         commands: &mut Vec<Command>,
     ) {
-        let Scene {
+        let FrameData {
             context,
             robot,
             driving,
             teleop_client,
             now,
-        } = scene;
+        } = frame;
         match (panel, robot) {
             (PanelId::Robots, _) => {
                 commands.extend(robots_ui(ui, context.robots, self.address));

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
@@ -17,13 +17,12 @@ use crate::lock;
 /// A window that has not delivered an image by then never will.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-pub type ScreenshotOutcome = Arc<Mutex<Option<anyhow::Result<()>>>>;
+/// The thread that saves the image; `None` until the window has delivered one.
+pub type ScreenshotOutcome = Arc<Mutex<Option<JoinHandle<anyhow::Result<()>>>>>;
 
-/// Takes one screenshot at a given time and closes the window.
 pub struct Screenshot {
     path: PathBuf,
     due: Monotonic,
-    frames: u64,
     asked: Option<Monotonic>,
     outcome: ScreenshotOutcome,
 }
@@ -33,17 +32,17 @@ impl Screenshot {
         Self {
             path,
             due: clock::now() + after,
-            frames: 0,
             asked: None,
             outcome,
         }
     }
 
-    /// Must be called every frame.
-    pub(super) fn step(&mut self, ctx: &Context, now: Monotonic) {
-        self.frames += 1;
+    /// Must be called every frame, with the time of the last one that showed all of the map.
+    pub(super) fn step(&mut self, ctx: &Context, drawn: Monotonic, now: Monotonic) {
         if let Some(asked) = self.asked {
-            let is_over = settled(&self.outcome) || now.since(asked) > PATIENCE;
+            let is_over = lock(&self.outcome)
+                .as_ref()
+                .map_or(now.since(asked) > PATIENCE, JoinHandle::is_finished);
             if is_over {
                 ctx.send_viewport_cmd(ViewportCommand::Close);
             }
@@ -51,9 +50,20 @@ impl Screenshot {
             return;
         }
         let rest = self.due.since(now);
-        if !rest.is_zero() || self.frames < 2 {
-            ctx.request_repaint_after(rest.max(Duration::from_millis(1)));
+        if !rest.is_zero() {
+            ctx.request_repaint_after(rest);
             return;
+        }
+        // A covered window draws nothing, so what it would show first is old or incomplete.
+        if drawn <= self.due && now.since(self.due) < PATIENCE {
+            ctx.send_viewport_cmd(ViewportCommand::RequestPaintWhileHidden);
+            ctx.request_repaint();
+            return;
+        }
+        if drawn <= self.due {
+            tracing::warn!(
+                "The picture does not show all of the map: it was not drawn within 10 s"
+            );
         }
         self.asked = Some(now);
         request(ctx, self.path.clone(), Arc::clone(&self.outcome), |path| {
@@ -62,23 +72,32 @@ impl Screenshot {
     }
 }
 
-fn settled(outcome: &ScreenshotOutcome) -> bool {
-    lock(outcome).is_some()
-}
-
-/// The result after the window is closed.
-///
-/// # Errors
-/// If there is no image.
+/// The result after the window is closed. Waits until the file is written.
 pub fn result_of(outcome: &ScreenshotOutcome) -> anyhow::Result<()> {
-    lock(outcome).take().unwrap_or_else(|| {
-        Err(anyhow!(
-            "no picture was taken: the window was closed before, or gave none"
-        ))
-    })
+    let saving = lock(outcome).take();
+    saving.map_or_else(
+        || {
+            Err(anyhow!(
+                "no picture was taken: the window was closed before, or gave none"
+            ))
+        },
+        join,
+    )
 }
 
-/// Takes a screenshot for the operator. Existing files are not replaced.
+/// The result if the file is written.
+pub(super) fn take_result(outcome: &ScreenshotOutcome) -> Option<anyhow::Result<()>> {
+    let saving = lock(outcome).take_if(|saving| saving.is_finished());
+    saving.map(join)
+}
+
+fn join(saving: JoinHandle<anyhow::Result<()>>) -> anyhow::Result<()> {
+    saving
+        .join()
+        .unwrap_or_else(|_panic| Err(anyhow!("the picture was not saved")))
+}
+
+/// Existing files are not replaced.
 pub(super) fn take(ctx: &Context, path: PathBuf, outcome: ScreenshotOutcome) {
     request(ctx, path, outcome, |path| {
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("")))?;
@@ -94,13 +113,13 @@ fn request(
     create: impl FnOnce(&Path) -> io::Result<File> + Send + Sync + 'static,
 ) {
     let callback = ScreenshotCallback::new(move |image| {
-        thread::spawn(move || {
-            let saved = create(&path)
+        let saving = thread::spawn(move || {
+            create(&path)
                 .map_err(anyhow::Error::from)
                 .and_then(|file| save(file, &image))
-                .with_context(|| format!("the picture was not saved to {}", path.display()));
-            *lock(&outcome) = Some(saved);
+                .with_context(|| format!("the picture was not saved to {}", path.display()))
         });
+        *lock(&outcome) = Some(saving);
     });
     ctx.send_viewport_cmd(ViewportCommand::Screenshot(callback));
     ctx.request_repaint();
@@ -147,5 +166,14 @@ mod tests {
         assert!(save(file, &image).is_err());
         let outcome = ScreenshotOutcome::default();
         assert!(result_of(&outcome).is_err(), "the window was closed");
+
+        // The window was closed while the file was written.
+        let slow = thread::spawn(|| {
+            thread::sleep(Duration::from_millis(50));
+            Ok(())
+        });
+        *lock(&outcome) = Some(slow);
+        assert!(take_result(&outcome).is_none());
+        assert!(result_of(&outcome).is_ok());
     }
 }

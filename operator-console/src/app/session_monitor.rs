@@ -1,5 +1,4 @@
-//! Notices from the console's own observation, once each: link lost, restored or on another path; robot restarted; data
-//! ended; vehicle held by the collision monitor.
+//! What the console observes, noted once each: changes of link and run, end of data, collision monitor.
 
 use std::time::Duration;
 
@@ -97,7 +96,6 @@ impl SessionMonitor {
         notes
     }
 
-    /// Whether the collision monitor has stopped the vehicle for a while and that was not logged yet.
     fn is_newly_held(&mut self, model: &ConsoleModel, is_heard: bool) -> bool {
         let is_held = |status: &Status| status.teleop.as_ref().is_some_and(is_stopped_by_monitor);
         let latest = model.status().filter(|_| is_heard);
@@ -140,7 +138,7 @@ mod tests {
     use protocol::message::{Clamp, TeleopState};
 
     use super::*;
-    use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
+    use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout, status_of};
 
     #[test]
     fn link_changes_are_logged_once() {
@@ -172,7 +170,6 @@ mod tests {
     fn robot_restart_is_logged_once() {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
-        // The run that is received at these times.
         let mut update = |ms, run: Option<u8>| -> Vec<String> {
             if let Some(run) = run {
                 announce_boot(&mut model, BootId([run; 16]), at(ms));
@@ -212,16 +209,13 @@ mod tests {
     }
 
     /// The collision monitor permits the requested motion, m/s.
-    fn is_let(model: &mut ConsoleModel, told_mps: f32, ms: u64) {
+    fn is_let(model: &mut ConsoleModel, commanded_mps: f32, ms: u64) {
         let mut teleop = idle_teleop_status();
         teleop.state = TeleopState::Driving;
         teleop.clamp = Some(Clamp::CollisionMonitor);
         teleop.requested.linear_mps = 0.8;
-        teleop.applied.linear_mps = told_mps;
-        let status = Status {
-            teleop: Some(teleop),
-            ..Status::default()
-        };
+        teleop.applied.linear_mps = commanded_mps;
+        let status = status_of(teleop);
         inject(model, Topic::Status, &status, at(ms));
     }
 
@@ -237,7 +231,7 @@ mod tests {
         let mut model = scout();
         let mut monitor = SessionMonitor::default();
         let mut held = Vec::new();
-        for (ms, told_mps) in [
+        for (ms, commanded_mps) in [
             (0, 0.0),
             (900, 0.0),
             (950, 0.3),
@@ -249,7 +243,7 @@ mod tests {
             (5_200, 0.0),
             (6_200, 0.0),
         ] {
-            is_let(&mut model, told_mps, ms);
+            is_let(&mut model, commanded_mps, ms);
             let notes = monitor.update(&model, None, at(ms));
             held.extend(of_monitor(notes).into_iter().map(|note| (ms, note)));
         }

@@ -23,15 +23,14 @@ const SILENCE: Duration = Duration::from_secs(10);
 const POSE_WAIT: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fetching {
-    /// Requested, or the robot still makes it.
+pub enum FetchProgress {
     Requested,
     Tiles(usize),
     Poses([u64; 2]),
     Voxels(VoxelFile, [u64; 2]),
 }
 
-impl Fetching {
+impl FetchProgress {
     pub fn share(self) -> f32 {
         let share = |[came, of]: [u64; 2]| came as f32 / of.max(1) as f32;
         match self {
@@ -52,7 +51,7 @@ impl Fetching {
     }
 }
 
-impl fmt::Display for Fetching {
+impl fmt::Display for FetchProgress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Requested => f.write_str("asked for, the robot makes it"),
@@ -95,7 +94,7 @@ impl<'a> Fetcher<'a> {
     pub fn fetch(
         &self,
         part: ExportPart,
-        mut watch: impl FnMut(Fetching) -> ControlFlow<()>,
+        mut watch: impl FnMut(FetchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
         let began = clock::now();
         want(&mut self.model.lock(), part);
@@ -148,37 +147,47 @@ impl<'a> Fetcher<'a> {
 
 impl Drop for Fetcher<'_> {
     fn drop(&mut self) {
+        let mut model = self.model.lock();
         // The export may have been cancelled earlier.
-        self.model.lock().drop_voxels();
+        model.drop_voxels();
+        model.drop_trajectory();
     }
 }
 
 /// Starts to fetch a part. The octree was requested at the start, and shores are pushed.
 fn want(model: &mut ConsoleModel, part: ExportPart) {
     match part {
-        ExportPart::Layer(layer) if part.is_in(model) => model.want_for_export([layer].into()),
-        ExportPart::Trajectory => model.want_trajectory(),
+        ExportPart::Layer(layer) if part.is_in(model) => {
+            model.want_for_export([layer].into());
+            // Pictures show the path.
+            want_trajectory(model);
+        }
+        ExportPart::Trajectory => want_trajectory(model),
         _ => {}
     }
 }
 
-/// Frees the data that the snapshot contains.
-fn release(model: &mut ConsoleModel, part: ExportPart) {
-    match part {
-        ExportPart::Layer(_) => model.want_for_export(BTreeSet::new()),
-        ExportPart::Trajectory => model.drop_trajectory(),
-        ExportPart::Voxels => model.drop_voxels(),
-        ExportPart::Shores => {}
+fn want_trajectory(model: &mut ConsoleModel) {
+    if model.trajectory() == TrajectoryProgress::Unwanted {
+        model.want_trajectory();
     }
 }
 
-/// Progress, `None` at the end, or why the part cannot be fetched.
+/// The trajectory stays for the pictures until the export ends.
+fn release(model: &mut ConsoleModel, part: ExportPart) {
+    match part {
+        ExportPart::Layer(_) => model.want_for_export(BTreeSet::new()),
+        ExportPart::Voxels => model.drop_voxels(),
+        ExportPart::Trajectory | ExportPart::Shores => {}
+    }
+}
+
 fn state(
     model: &ConsoleModel,
     part: ExportPart,
     began: Monotonic,
     now: Monotonic,
-) -> Result<Option<Fetching>, &'static str> {
+) -> Result<Option<FetchProgress>, &'static str> {
     if !part.is_in(model) && part != ExportPart::Voxels {
         return Ok(None);
     }
@@ -193,30 +202,42 @@ fn state(
             let pose = model.vehicle().pose();
             let knows_pose = pose.is_some_and(|(_, at)| at >= began || model.has_ended());
             match step {
-                Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => None,
-                Some(step) if step.missing > 0 => Some(Fetching::Tiles(step.missing)),
-                Some(_) | None => Some(Fetching::Requested),
+                Some(_) if is_whole && (knows_pose || now.since(began) > POSE_WAIT) => {
+                    // A robot that is gone has sent what there is of the path.
+                    let is_live = model.connection().state(now) == LinkState::Live;
+                    match model.trajectory() {
+                        TrajectoryProgress::Waiting if is_live => Some(FetchProgress::Requested),
+                        TrajectoryProgress::Fetching { fetched, of } if is_live => {
+                            Some(FetchProgress::Poses([fetched, of]))
+                        }
+                        _ => None,
+                    }
+                }
+                Some(step) if step.missing > 0 => Some(FetchProgress::Tiles(step.missing)),
+                Some(_) | None => Some(FetchProgress::Requested),
             }
         }
         ExportPart::Trajectory => match model.trajectory() {
             TrajectoryProgress::Ready(_) => None,
             TrajectoryProgress::Unwanted => return Err("the robot restarted meanwhile"),
-            TrajectoryProgress::Waiting => Some(Fetching::Requested),
-            TrajectoryProgress::Fetching { fetched, of } => Some(Fetching::Poses([fetched, of])),
+            TrajectoryProgress::Waiting => Some(FetchProgress::Requested),
+            TrajectoryProgress::Fetching { fetched, of } => {
+                Some(FetchProgress::Poses([fetched, of]))
+            }
         },
         ExportPart::Voxels => match model.voxels() {
             VoxelsProgress::Ready(_) | VoxelsProgress::None => None,
             VoxelsProgress::Unwanted => return Err("it was not requested"),
-            VoxelsProgress::Waiting => Some(Fetching::Requested),
+            VoxelsProgress::Waiting => Some(FetchProgress::Requested),
             VoxelsProgress::Fetching { file, fetched, of } => {
-                Some(Fetching::Voxels(file, [fetched, of]))
+                Some(FetchProgress::Voxels(file, [fetched, of]))
             }
             VoxelsProgress::TooLong => return Err("it is longer than a console takes"),
         },
         // Shores are pushed while the robot is connected.
         ExportPart::Shores => {
             let is_heard = model.connection().state(now) == LinkState::Live;
-            (!is_heard && !model.has_ended()).then_some(Fetching::Requested)
+            (!is_heard && !model.has_ended()).then_some(FetchProgress::Requested)
         }
     })
 }
@@ -226,21 +247,20 @@ mod tests {
     use network::clock;
     use protocol::keys::Topic;
     use protocol::layer::LayerId;
-    use protocol::message::{Info, LayerInfo, MapHead, Status, VoxelsReply};
-    use protocol::tile_store::{LayerGrid, TileStore};
+    use protocol::message::{MapHead, VoxelsReply};
 
     use super::*;
     use crate::model::{OpenSessions, Outgoing, RequestId};
     use crate::test_support::{
-        BOOT, announce_map, at, console, inject, inject_reply, pose_at_rest,
+        announce_map, at, console, describe_layers, ended_status, inject, inject_reply,
+        pose_at_rest, store_of,
     };
 
-    /// Fetches the only part of an export.
     fn fetch(
         model: &ModelHandle,
         part: ExportPart,
         patience: Duration,
-        watch: impl FnMut(Fetching) -> ControlFlow<()>,
+        watch: impl FnMut(FetchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), anyhow::Result<Snapshot>> {
         Fetcher::begin(model, [part], patience).fetch(part, watch)
     }
@@ -255,20 +275,24 @@ mod tests {
     #[test]
     fn fetching_reports_progress() {
         for (fetching, words, share) in [
-            (Fetching::Requested, "asked for, the robot makes it", 0.0),
-            (Fetching::Tiles(12), "12 tiles to come", 0.0),
             (
-                Fetching::Poses([500, 2000]),
+                FetchProgress::Requested,
+                "asked for, the robot makes it",
+                0.0,
+            ),
+            (FetchProgress::Tiles(12), "12 tiles to come", 0.0),
+            (
+                FetchProgress::Poses([500, 2000]),
                 "500 of 2000 poses fetched",
                 0.25,
             ),
             (
-                Fetching::Voxels(VoxelFile::Tree, [50, 100]),
+                FetchProgress::Voxels(VoxelFile::Tree, [50, 100]),
                 "voxels.bt, 0.0 of 0.0 MB fetched",
                 0.25,
             ),
             (
-                Fetching::Voxels(VoxelFile::Points, [1_300_000, 5_200_000]),
+                FetchProgress::Voxels(VoxelFile::Points, [1_300_000, 5_200_000]),
                 "points.ply, 1.3 of 5.2 MB fetched",
                 0.625,
             ),
@@ -294,7 +318,6 @@ mod tests {
         assert_eq!(model.lock().voxels(), VoxelsProgress::Unwanted);
     }
 
-    /// Requests of the model for the octree.
     fn asked(model: &ModelHandle, now: Monotonic) -> Vec<RequestId> {
         let asked = model.lock().outgoing(OpenSessions::BOTH, now);
         let requests = asked.into_iter().filter_map(|asked| match asked {
@@ -358,21 +381,13 @@ mod tests {
 
     #[test]
     fn complete_map_of_ended_robot_is_complete() {
-        let (layer, cell_m) = (LayerId::Occupancy, 0.1);
-        let mut store = TileStore::new(BOOT, 10);
-        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+        let layer = LayerId::Occupancy;
+        let store = store_of(&[layer]);
         let mut model = console("scout", &[layer]);
-        let info = Info {
-            layers: vec![LayerInfo { layer, cell_m }],
-            ..Info::default()
-        };
-        let ended = Status {
-            has_ended: true,
-            ..Status::default()
-        };
+        let ended = ended_status();
         // Long before.
         announce_map(&mut model, &store, at(1));
-        inject_reply(&mut model, RequestId(1), Topic::Info, &info, at(1));
+        describe_layers(&mut model, &[layer], at(1));
         inject(&mut model, Topic::Pose, &pose_at_rest(), at(1));
         inject(&mut model, Topic::Status, &ended, at(1));
         announce_map(&mut model, &store, at(1));
@@ -384,7 +399,6 @@ mod tests {
         assert_eq!(taken(fetched).unwrap().incomplete_because, None);
     }
 
-    /// Time until fetching from a live robot that answers nothing fails.
     fn waits(patience: Duration) -> Duration {
         let mut model = crate::test_support::scout();
         let head = MapHead { layers: Vec::new() };
@@ -409,15 +423,21 @@ mod tests {
 
     #[test]
     fn repeated_restart_is_no_progress() {
-        let rising = [Fetching::Requested, Fetching::Tiles(9), Fetching::Tiles(8)];
+        let rising = [
+            FetchProgress::Requested,
+            FetchProgress::Tiles(9),
+            FetchProgress::Tiles(8),
+        ];
         let of_voxels = [
-            Fetching::Voxels(VoxelFile::Tree, [5, 9]),
-            Fetching::Voxels(VoxelFile::Tree, [6, 9]),
-            Fetching::Voxels(VoxelFile::Points, [0, 9]),
+            FetchProgress::Voxels(VoxelFile::Tree, [5, 9]),
+            FetchProgress::Voxels(VoxelFile::Tree, [6, 9]),
+            FetchProgress::Voxels(VoxelFile::Points, [0, 9]),
         ];
         for rising in [rising, of_voxels] {
             assert!(rising.is_sorted_by(|a, b| a.progress() < b.progress()));
         }
-        assert!(Fetching::Poses([500, 600]).progress() > Fetching::Poses([0, 600]).progress());
+        assert!(
+            FetchProgress::Poses([500, 600]).progress() > FetchProgress::Poses([0, 600]).progress()
+        );
     }
 }

@@ -38,7 +38,6 @@ pub(super) struct State {
     incoming: SyncSender<Incoming>,
     /// By [`Channel`]; `None` while it is not open.
     sessions: [Mutex<Option<Session>>; 2],
-    /// By [`Channel`]: why the session is not open.
     problems: Mutex<[Option<String>; 2]>,
     /// Endpoints of the control session, and its present transport.
     asked: Vec<String>,
@@ -185,7 +184,6 @@ impl State {
     }
 }
 
-/// Subscribes to everything that comes by the session of `channel`.
 pub(super) fn subscribe(
     state: &Arc<State>,
     channel: Channel,

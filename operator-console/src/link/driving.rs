@@ -35,12 +35,10 @@ pub(super) struct Tap {
     answers: AtomicU64,
 }
 
-/// The teleop client's end of the link to one robot.
 pub struct DrivingLink {
     tap: Arc<Tap>,
     messages: Receiver<TeleopMessage>,
     commands: SyncSender<SignedMessage>,
-    /// Messages that Zenoh has not accepted yet.
     unsent: Arc<AtomicUsize>,
 }
 

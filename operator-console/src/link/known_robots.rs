@@ -1,5 +1,4 @@
-//! List of known robots from rounds of discovery, in order of discovery, each at one of its endpoints. Silent robots
-//! stay listed until removed.
+//! Known robots in order of discovery, each at one of its endpoints. Silent robots stay until removed.
 
 use std::collections::BTreeMap;
 
@@ -85,7 +84,6 @@ impl KnownRobots {
         self.0.iter().map(|known| known.robot.clone())
     }
 
-    /// Robots that answered in one of the last rounds.
     pub(super) fn present(&self) -> impl Iterator<Item = &FoundRobot> {
         let present = self.0.iter().filter(|known| known.rounds < ROUNDS_KEPT);
         present.map(|known| &known.robot.found)
@@ -96,7 +94,6 @@ impl KnownRobots {
         all.find(|known| known.robot.found.robot == *robot)
     }
 
-    /// Makes room for one more robot by removing the one that is silent for longest.
     fn make_room(&mut self) -> bool {
         if self.0.len() < MAX_ROBOTS {
             return true;
@@ -191,10 +188,10 @@ impl FleetState {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::{EStopStatus, FaultReason, TeleopStatus};
+    use protocol::message::{FaultReason, TeleopStatus};
 
     use super::*;
-    use crate::test_support::{at, idle_teleop_status};
+    use crate::test_support::{STORED_ESTOP, at, idle_teleop_status, status_of};
 
     fn round(found: &[(&str, &str)], ms: u64) -> Round {
         let answer = Answer {
@@ -316,20 +313,12 @@ mod tests {
 
     #[test]
     fn most_important_state_is_shown() {
-        let state = |teleop: &TeleopStatus| {
-            FleetState::of(&Status {
-                teleop: Some(teleop.clone()),
-                ..Status::default()
-            })
-        };
+        let state = |teleop: &TeleopStatus| FleetState::of(&status_of(teleop.clone()));
         let mut teleop = idle_teleop_status();
         let anna: OperatorId = "anna".parse().unwrap();
         teleop.lease.holder = Some(anna.clone());
         assert_eq!(state(&teleop), FleetState::DrivenBy(anna));
-        teleop.estop = Some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
+        teleop.estop = Some(STORED_ESTOP);
         let has_ended = false;
         assert_eq!(state(&teleop), FleetState::EStop { has_ended });
         teleop.state = TeleopState::Fault(FaultReason::Actuator);
@@ -358,10 +347,7 @@ mod tests {
             "that matters more"
         );
         teleop.state = TeleopState::EStop;
-        teleop.estop = Some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
+        teleop.estop = Some(STORED_ESTOP);
         // An operator who stops a vehicle and closes it sees both.
         for has_ended in [false, true] {
             let stopped = state(Some(teleop.clone()), has_ended);

@@ -22,14 +22,12 @@ use zenoh::{Session, Wait as _};
 use crate::lock;
 use crate::model::{ConsoleModel, Incoming, ModelSettings};
 
-mod address_state;
 mod connect;
 mod discovery;
 mod driving;
 mod known_robots;
 
-pub use address_state::{AddressState, place};
-pub use discovery::{Discovery, SEEN_RECENTLY};
+pub use discovery::{AddressState, Discovery, SEEN_RECENTLY, place};
 pub use driving::DrivingLink;
 pub use known_robots::{DiscoveredRobot, FleetState, FoundRobot};
 
@@ -76,7 +74,6 @@ impl ModelHandle {
         lock(&self.model)
     }
 
-    /// Whether the link is closed and no more data comes.
     pub fn is_left(&self) -> bool {
         self.is_left.load(Ordering::Relaxed)
     }
@@ -117,7 +114,6 @@ impl RobotSession {
         })
     }
 
-    /// Locks the model: the link waits meanwhile.
     pub fn model(&self) -> MutexGuard<'_, ConsoleModel> {
         lock(&self.model)
     }

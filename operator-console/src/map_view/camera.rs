@@ -19,13 +19,9 @@ const NORTH: [f64; 2] = [0.0, 1.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Area of the map in the window, points.
     pub(super) screen: Rect,
-    /// Centre of the screen in `odom`, m.
     pub(super) center_m: [f64; 2],
-    /// Scale, logical pixels per metre.
     pub(super) points_per_m: f64,
-    /// Unit vector in `odom`.
     up: [f64; 2],
 }
 
@@ -148,8 +144,7 @@ impl Camera {
         self.center_m = [x - dx, y - dy];
     }
 
-    /// Centres a rectangle (lowest and greatest x and y, m) and zooms in until it is easy to see. A larger scale that
-    /// shows all of it stays.
+    /// Centres a rectangle (lowest and greatest x and y, m); zooms in until it is easy to see.
     pub fn approach(&mut self, bounds_m: [f64; 4]) {
         let is_rectangle = bounds_m.iter().all(|m| m.is_finite());
         if !is_rectangle || self.screen.width() < 1.0 || self.screen.height() < 1.0 {
@@ -167,7 +162,6 @@ impl Camera {
         }
     }
 
-    /// Bounding box on the screen of a rectangle in `odom`, m.
     pub fn place_of(&self, bounds_m: [f64; 4]) -> Rect {
         let [across_m, ahead_m] = self.size_m(bounds_m);
         let size = vec2(

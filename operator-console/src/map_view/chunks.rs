@@ -105,7 +105,6 @@ impl ChunkKey {
         (self.x * side, self.y * side)
     }
 
-    /// Column and row of a tile in the image, from the upper left.
     pub(super) fn texel_of(self, (tx, ty): (i32, i32)) -> [usize; 2] {
         let side = self.level.tiles_per_chunk();
         let column = i64::from(tx).rem_euclid(side) as usize;
@@ -178,7 +177,6 @@ fn tile_image(codes: &Codes<'_>, level: Level, at: [usize; 2], coloring: &Colori
     image
 }
 
-/// A layer with what is necessary to draw it.
 #[derive(Clone, Copy)]
 pub(super) struct LayerStyle<'a> {
     pub(super) indexed: IndexedLayer<'a>,
@@ -258,10 +256,17 @@ impl LayerStyle<'_> {
 const TIME: Duration = Duration::from_millis(4);
 /// Whole textures uploaded in a frame: a mebibyte each, about a millisecond.
 const UPLOADS: usize = 3;
+/// Tiles that are painted even if the time is over, so that a slow machine makes progress.
+const MIN_TILES: usize = 16;
+/// Chunks and tiles of a frame that would otherwise be holes in the map.
+const HOLES: usize = 8;
+const HOLE_TILES: usize = HOLES * 64;
 
+/// What may still be done in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameTime {
     end: Monotonic,
+    min_tiles: usize,
     tiles: usize,
     uploads: usize,
 }
@@ -270,23 +275,64 @@ impl FrameTime {
     pub(super) fn new() -> Self {
         Self {
             end: clock::now() + TIME,
+            min_tiles: MIN_TILES,
             tiles: usize::MAX,
             uploads: UPLOADS,
         }
+    }
+
+    /// For holes of all layers, whatever the clock says.
+    pub(super) const fn for_holes() -> Self {
+        Self {
+            end: Monotonic::from_nanos(u64::MAX),
+            min_tiles: 0,
+            tiles: HOLE_TILES,
+            uploads: HOLES,
+        }
+    }
+
+    /// The share of one of `users` that have not had theirs, with at least one upload.
+    pub(super) fn share(&self, users: u32) -> Self {
+        let now = clock::now();
+        Self {
+            end: now + self.end.since(now) / users,
+            min_tiles: MIN_TILES,
+            tiles: self.tiles,
+            uploads: self.uploads.max(1),
+        }
+    }
+
+    /// Takes back what is left of a share.
+    pub(super) const fn take_back(&mut self, share: Self) {
+        self.tiles = share.tiles;
+        self.uploads = share.uploads;
     }
 
     #[cfg(test)]
     pub(super) const fn of_tiles(tiles: usize) -> Self {
         Self {
             end: Monotonic::from_nanos(u64::MAX),
+            min_tiles: 0,
             tiles,
             uploads: usize::MAX,
         }
     }
 
+    /// The clock says that it is over.
+    #[cfg(test)]
+    pub(super) const fn over() -> Self {
+        Self {
+            end: Monotonic::from_nanos(0),
+            min_tiles: MIN_TILES,
+            tiles: usize::MAX,
+            uploads: UPLOADS,
+        }
+    }
+
     pub(super) fn take_tile(&mut self) -> bool {
-        let has_some = self.tiles > 0 && clock::now() < self.end;
+        let has_some = self.tiles > 0 && (self.min_tiles > 0 || clock::now() < self.end);
         self.tiles = self.tiles.saturating_sub(1);
+        self.min_tiles = self.min_tiles.saturating_sub(1);
         has_some
     }
 

@@ -11,7 +11,6 @@ use protocol::tile_store::TileStore;
 /// Cells used to fit colours, at most: about 2 ms. Larger maps are sampled evenly.
 const MAX_FITTED_CELLS: usize = 1 << 20;
 
-/// Colour table of a palette: one look-up per cell.
 #[derive(Clone, Debug)]
 pub(super) struct Coloring {
     pub(super) palette: Palette,
@@ -24,7 +23,6 @@ pub(super) struct Coloring {
 }
 
 impl Coloring {
-    /// `is_over`: above another layer.
     pub(super) fn new(palette: Palette, is_over: bool) -> Self {
         let last = match palette.layer().quantisation() {
             Quantisation::Linear { max_code, .. } => max_code,
@@ -108,8 +106,7 @@ fn cover(layer: LayerId, code: u16) -> f32 {
     }
 }
 
-/// Fits the range to the cells in `store` without the lowest and highest 1 %, as exported pictures do. Large maps are
-/// sampled.
+/// Fits the range to all but the lowest and highest 1 % of the cells, as exported pictures do.
 pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
     let layer = palette.layer();
     let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
@@ -147,8 +144,9 @@ pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{publish, store_of};
+    use super::super::tests::publish;
     use super::*;
+    use crate::test_support::store_of;
 
     #[test]
     fn colour_table_equals_the_palette() {

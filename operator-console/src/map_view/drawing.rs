@@ -21,8 +21,8 @@ use super::vehicle::{self, Motion, VehicleMark};
 use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, legend_card, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
+use crate::panels::data_age::{StaleData, is_position_old, stale_ui};
 use crate::panels::notice::NoticeRoom;
-use crate::panels::stale::{StaleData, is_position_old, stale_ui};
 use crate::theme;
 
 const PADDING: f32 = 8.0;
@@ -38,7 +38,6 @@ const MIN_CARD_WIDTH: f32 = 330.0;
 const NARROW: f32 = 480.0;
 
 impl MapView {
-    /// Draws the map and handles the pointer. Returns what the buttons request.
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
         let (screen, response) =
             ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
@@ -53,7 +52,7 @@ impl MapView {
         let (ink, paper) = (ui.visuals().text_color(), theme::card(ui.visuals()));
         let painter = ui.painter_at(screen);
         painter.rect_filled(screen, 0.0, self.ground(ui, model));
-        self.paint_layers(ui.ctx(), &painter, model);
+        self.paint_layers(ui.ctx(), &painter, model, now);
         if is_stale {
             painter.rect_filled(screen, 0.0, theme::STALE_OVERLAY);
         }
@@ -133,19 +132,36 @@ impl MapView {
         }
     }
 
-    fn paint_layers(&mut self, ctx: &Context, painter: &Painter, model: &ConsoleModel) {
+    fn paint_layers(
+        &mut self,
+        ctx: &Context,
+        painter: &Painter,
+        model: &ConsoleModel,
+        now: Monotonic,
+    ) {
         let store = model.map().store();
+        if let Some((layer, key, texture)) = self.texture_check.take_different()
+            && self.layers.drop_chunk(layer, key, texture)
+        {
+            // It is made again as a hole in this frame.
+            self.texture_check.repairs += 1;
+        }
         let view = &self.camera;
-        let mut time = FrameTime::new();
+        let (mut holes, mut time) = (FrameTime::for_holes(), FrameTime::new());
+        let stack = &self.settings.stack;
         let is_made = self
             .layers
-            .prepare(ctx, &self.settings.stack, store, view, &mut time);
+            .prepare(ctx, stack, store, view, &mut holes, &mut time);
         self.is_behind |= !is_made;
         if self.is_behind {
             ctx.request_repaint();
         }
-        self.layers
-            .paint(painter, &self.settings.stack, store, view);
+        if let Some(number) = self.texture_check.next(now)
+            && let Some(sample) = self.layers.sample(stack, store, number)
+        {
+            painter.add(self.texture_check.request(sample, view.screen));
+        }
+        self.layers.paint(painter, stack, store, view);
     }
 
     /// Draws the measured line. Returns its text. Its labels avoid `labels`.
@@ -181,7 +197,6 @@ impl MapView {
         })
     }
 
-    /// Whether a place on the screen is within the mark of a point.
     fn rests_on(&self, point_m: [f64; 2], place: Pos2) -> bool {
         let drawn = self.camera.to_screen(point_m);
         drawn.distance(place) <= ruler::POINT_RADIUS
@@ -191,11 +206,7 @@ impl MapView {
         let Some(shores) = model.shores() else {
             return ShoreMarks::default();
         };
-        let inputs = (
-            shores,
-            model.site_names(),
-            model.shore_outlines().outlines(),
-        );
+        let inputs = (shores, model.shore_outlines().outlines());
         let marked = self.shore_selection.shown();
         ShoreMarks::new(inputs, &self.camera, &marked, vehicle_m(model))
     }
@@ -339,7 +350,6 @@ impl MapView {
         self.settings.has(Overlay::Compass).then_some(place)
     }
 
-    /// Whether buttons, compass or legends cover this place, so that the map below is not read.
     pub(super) fn is_occluded(&self, place: Pos2) -> bool {
         let occluders = [
             Some(self.buttons),

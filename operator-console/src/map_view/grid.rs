@@ -29,7 +29,6 @@ pub(super) struct GridLine {
 }
 
 impl GridLine {
-    /// Lower or left end.
     fn label_at(&self) -> Pos2 {
         let [a, b] = self.ends;
         let way = b - a;
@@ -42,7 +41,6 @@ impl GridLine {
     }
 }
 
-/// Visible lines of constant x, then those of constant y.
 pub(super) fn grid_lines(camera: &Camera) -> [Vec<GridLine>; 2] {
     let step_m = round_length_m(SPACING / camera.points_per_m);
     let decimals = if step_m < 0.1 {

@@ -43,8 +43,7 @@ impl IndexedLayer<'_> {
     }
 }
 
-/// Whether each square of `step` cells of a tile (cell size in m) is over a known cell of a lower layer, in the order
-/// of its codes.
+/// Whether each square of `step` cells of a tile is over a known cell of a lower layer, in order.
 pub(super) fn known_below(
     below: &[IndexedLayer<'_>],
     (tile, cell_m): ((i32, i32), f64),
@@ -77,8 +76,7 @@ pub(super) fn known_below(
     is_known
 }
 
-/// The tiles of an upper layer (with smaller cells) over one tile: the lowest tile and the number per axis; `None` if
-/// there are too many.
+/// The tiles of an upper layer over one tile: the lowest and the number per axis; `None` if too many.
 pub(super) fn tiles_above(tile: (i32, i32), ratio: f64) -> Option<((i64, i64), i64)> {
     if !(ratio.is_finite() && ratio > 0.0) {
         return None;
@@ -286,8 +284,7 @@ impl KnownBounds {
     }
 }
 
-/// Squares of 8 cells and more are computed when a tile changes, because a zoomed-out map shows a thousand tiles at a
-/// time.
+/// Computed when a tile changes, because a zoomed-out map shows a thousand tiles.
 const COARSE: [usize; 4] = [8, 16, 32, 64];
 const LEN: usize = 64 + 16 + 4 + 1;
 
@@ -342,8 +339,8 @@ pub(super) fn max_codes(cells: &TileCells, step: usize, highest: &mut [u16]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::store_of;
     use super::*;
+    use crate::test_support::store_of;
 
     const LOWER: LayerId = LayerId::Shore;
 

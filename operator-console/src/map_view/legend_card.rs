@@ -20,8 +20,7 @@ use crate::theme;
 const PADDING: f32 = 8.0;
 /// On maps that are not narrow, points.
 const WIDTH: f32 = 220.0;
-/// Maximum and minimum share of a narrow map. In between, the shortest scale bar keeps this width beside the legends,
-/// points.
+/// Maximum and minimum share of a narrow map; in between the scale bar keeps its width, points.
 const WIDTH_SHARES: [f32; 2] = [0.57, 0.45];
 const BESIDE: f32 = 116.0;
 /// Closed legends cover at most this share of the map.
@@ -153,7 +152,6 @@ impl Content {
         }
     }
 
-    /// Height of the row with title and button, points.
     fn head_height(&self, ui: &Ui) -> f32 {
         self.head.as_ref().map_or(0.0, |(title, left)| {
             title_height(ui, title, *left).max(BUTTON) + LINES_APART
@@ -226,7 +224,6 @@ fn fitting(ui: &Ui, map: &LegendPlace, layers: &[Drawn]) -> usize {
     (1..=greatest).rev().find(fits).unwrap_or(least)
 }
 
-/// Texts of the button: closed and opened.
 fn words(count: usize, are_all: bool) -> [String; 2] {
     let more = match (are_all, count) {
         (true, 1) => "Legend".to_owned(),
@@ -236,7 +233,6 @@ fn words(count: usize, are_all: bool) -> [String; 2] {
     [more, "Fewer".to_owned()]
 }
 
-/// Width for both texts, points.
 fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
     let font = TextStyle::Small.resolve(ui.style());
     let ink = ui.visuals().text_color();
@@ -291,7 +287,6 @@ const LEAST_GAP: f32 = 4.0;
 pub(super) struct LegendPlace {
     pub(super) screen: Rect,
     pub(super) buttons: f32,
-    /// Below the buttons, if drawn.
     pub(super) compass: Option<Rect>,
 }
 

@@ -6,13 +6,13 @@ mod coloring;
 mod drawing;
 mod grid;
 mod layer_compositing;
-mod layer_stack;
 mod legend_card;
 mod map_layers;
 mod navigation;
 mod probe;
 mod ruler;
 mod shores;
+mod texture_check;
 mod tile_textures;
 mod toolbar;
 mod vehicle;
@@ -23,18 +23,20 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 use eframe::egui::{Color32, Frame, Pos2, Rect, Ui, vec2};
+use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
-pub use layer_stack::{LayerCommand, LayerStack, StackLayer};
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;
-pub use view_settings::{CameraMode, Orientation, Overlay, ViewSettings};
+pub use view_settings::{
+    CameraMode, LayerCommand, LayerStack, Orientation, Overlay, StackLayer, ViewSettings,
+};
 
 use crate::command::Look;
-use crate::model::{ConsoleModel, SiteName};
+use crate::model::ConsoleModel;
 use crate::theme;
 
 use chunks::FrameTime;
@@ -42,6 +44,7 @@ use legend_card::LegendCard;
 use map_layers::MapLayers;
 use navigation::GestureTracker;
 use shores::is_listed;
+use texture_check::TextureCheck;
 
 const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
@@ -51,17 +54,15 @@ pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
     layers: MapLayers,
-    /// Whether changes of the map are not drawn yet.
+    texture_check: TextureCheck,
     is_behind: bool,
     /// Whether the operator has changed the layers of the shown robot.
     has_chosen_layers: bool,
     robot_overlay: RobotOverlay,
     shore_selection: ShoreSelection,
     gestures: GestureTracker,
-    /// Probed point, independent of the pointer.
     pinned_m: Option<[f64; 2]>,
     ruler: Option<Ruler>,
-    /// Whether the middle of the map is probed instead of the pointer.
     is_center_probed: bool,
     legends: LegendCard,
     buttons: Rect,
@@ -77,6 +78,7 @@ impl Default for MapView {
             camera: Camera::default(),
             settings: ViewSettings::default(),
             layers: MapLayers::default(),
+            texture_check: TextureCheck::default(),
             is_behind: false,
             has_chosen_layers: false,
             robot_overlay: RobotOverlay::default(),
@@ -149,6 +151,11 @@ impl MapView {
 
     pub fn textures(&self) -> usize {
         self.layers.textures()
+    }
+
+    /// How often a texture was not what was uploaded and was made again, if there is something new to report.
+    pub fn take_repairs(&mut self, now: Monotonic) -> Option<u64> {
+        self.texture_check.take_report(now)
     }
 
     pub const fn is_up_to_date(&self) -> bool {
@@ -246,7 +253,7 @@ impl MapView {
         self.show_first_layer(model);
         let is_listed = |mark: &ShoreMark| {
             let shores = model.shores();
-            shores.is_some_and(|shores| is_listed(shores, model.site_names(), *mark))
+            shores.is_some_and(|shores| is_listed(shores, *mark))
         };
         let selection = &mut self.shore_selection;
         selection.selected = selection.selected.filter(is_listed);
@@ -271,13 +278,11 @@ impl MapView {
     }
 }
 
-/// Frame of a card on the map.
 fn card_frame(ui: &Ui, margin: f32) -> Frame {
     let frame = Frame::new().fill(theme::card(ui.visuals()));
     frame.corner_radius(4.0).inner_margin(margin)
 }
 
-/// What is drawn around the vehicle and is not part of the map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RobotOverlay {
     pub stopping: Option<Stopping>,
@@ -313,8 +318,10 @@ pub struct LastScan {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ShoreMark {
+    /// Number of a shore.
     Shore(u32),
-    Site(SiteName),
+    /// Number of a docking site.
+    Site(u32),
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

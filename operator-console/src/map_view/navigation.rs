@@ -63,7 +63,6 @@ impl MapView {
         }
     }
 
-    /// Adds a measured point or pins the probe; m in `odom`.
     pub(super) fn point(&mut self, point_m: [f64; 2]) {
         match &mut self.ruler {
             Some(ruler) => ruler.add(point_m),
@@ -129,7 +128,7 @@ impl MapView {
         if let Some(mark) = self.shore_selection.approach_target.take()
             && let Some(shores) = model.shores()
         {
-            let extent_m = extent_m(shores, model.site_names(), mark);
+            let extent_m = extent_m(shores, mark);
             // A removed shore has no extent.
             if !extent_m.is_empty() {
                 self.camera.approach(around(&extent_m));
@@ -223,8 +222,7 @@ impl Gesture {
     }
 }
 
-/// Whether a touch pad scrolls. If the system does not say so, by the unit: touch pads scroll in points, wheels in
-/// lines.
+/// If the system does not report it: touch pads scroll in points, wheels in lines.
 fn is_of_fingers(event: &Event) -> Option<bool> {
     let Event::MouseWheel { unit, source, .. } = event else {
         return None;

@@ -12,12 +12,12 @@ use protocol::tile::TileKey;
 
 use super::card_frame;
 use super::chunks::TILE_CELLS;
-use super::layer_stack::LayerStack;
+use super::view_settings::LayerStack;
 use crate::model::{ConsoleModel, MapSync};
 use crate::panels::data_age::DataAge;
+use crate::panels::data_age::StaleData;
 use crate::panels::formatting::{age, count, signed};
 use crate::panels::layers::layer_name;
-use crate::panels::stale::StaleData;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeData {
@@ -118,7 +118,6 @@ impl ProbedCell {
         self.age.map(DataAge::moment)
     }
 
-    /// Time of the change, sensors (or mapping stage) and revision.
     pub fn origin(&self) -> String {
         let stage = match self.layer {
             LayerId::Occupancy => "laser, log-odds",

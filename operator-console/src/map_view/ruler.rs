@@ -93,7 +93,6 @@ fn length(length_m: f64) -> String {
 }
 
 const LINE: Color32 = Color32::from_rgb(0xcc, 0x00, 0x7a);
-/// Points of the screen.
 pub(super) const POINT_RADIUS: f32 = 4.0;
 const CARD: Vec2 = vec2(5.0, 2.0);
 /// Distance of a label from the line, points.

@@ -21,8 +21,7 @@ pub(super) struct VehicleMark {
 }
 
 impl VehicleMark {
-    /// `footprint_m`: length and width, with its middle `offset_m` ahead of `at`; `ahead`: heading on the screen,
-    /// unit vector.
+    /// `footprint_m`: length and width, its middle `offset_m` ahead of `at`; `ahead`: heading, unit vector.
     pub(super) fn new(
         at: Pos2,
         ahead: Vec2,
@@ -101,8 +100,7 @@ pub(super) fn stopping_distance_m(speed_mps: f64, stopping: Stopping) -> Option<
     (is_known && speed_mps >= MIN_SPEED_MPS && way_m.is_finite()).then(|| way_m.min(MAX_WAY_M))
 }
 
-/// Left and right edges of the area that the leading end sweeps until it stops, m in `odom`; empty if the vehicle
-/// stands.
+/// Left and right edges of the area swept until it stops, m in `odom`; empty if the vehicle stands.
 pub(super) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]> {
     let Some(way_m) = stopping_distance_m(motion.speed_mps, stopping) else {
         return Vec::new();
@@ -274,7 +272,6 @@ pub(super) fn paint_field(
     }
 }
 
-/// Draws scan points; older ones are fainter.
 pub(super) fn paint_scan(painter: &Painter, scan: &LastScan, camera: &Camera, color: Color32) {
     let age = scan.age.as_secs_f32() / LIFETIME.as_secs_f32();
     if age >= 1.0 {
@@ -296,7 +293,6 @@ pub(super) fn paint_scan(painter: &Painter, scan: &LastScan, camera: &Camera, co
 const RING_RADIUS: f32 = 10.0;
 const RING_LINE: f32 = 2.5;
 
-/// A ring around the obstacle that limits the vehicle, m in `odom`.
 pub(super) fn paint_barrier(
     painter: &Painter,
     position_m: [f64; 2],

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-use super::incoming::RequestId;
+use super::messages::RequestId;
 use super::retry::Backoff;
 
 /// Pushed tiles may be in flight for this long before a difference means a loss.
@@ -48,7 +48,7 @@ struct Listing {
 }
 
 impl Listing {
-    fn asks(&self, request: RequestId) -> bool {
+    fn awaits(&self, request: RequestId) -> bool {
         self.page.is_some_and(|(page, _)| page == request)
     }
 }
@@ -67,9 +67,9 @@ pub(super) struct LayerSync {
     pub(super) missing: BTreeMap<(i32, i32), u64>,
     listing: Option<Listing>,
     /// Open requests for tiles, and whether any tile has arrived.
-    pulls: BTreeMap<RequestId, bool>,
+    tile_requests: BTreeMap<RequestId, bool>,
     /// The revision of the last complete list, while tiles of it are missing.
-    listed_to: Option<u64>,
+    list_revision: Option<u64>,
     backoff: Backoff,
     /// Lists in a row without a missing tile although the roots differed.
     idle_lists: u32,
@@ -85,8 +85,8 @@ impl Default for LayerSync {
             is_urgent: true,
             missing: BTreeMap::new(),
             listing: None,
-            pulls: BTreeMap::new(),
-            listed_to: None,
+            tile_requests: BTreeMap::new(),
+            list_revision: None,
             backoff: Backoff::new(FIRST_BACK_OFF, LONGEST_BACK_OFF),
             idle_lists: 0,
         }
@@ -94,7 +94,7 @@ impl Default for LayerSync {
 }
 
 impl LayerSync {
-    pub(super) fn equal(&mut self, head_revision: u64, now: Monotonic) {
+    pub(super) fn on_equal_root(&mut self, head_revision: u64, now: Monotonic) {
         self.confirmed = head_revision;
         self.differs_since = None;
         self.last_equal = Some(now);
@@ -104,51 +104,51 @@ impl LayerSync {
         self.idle_lists = 0;
     }
 
-    pub(super) fn differs(&mut self, now: Monotonic) {
+    pub(super) fn on_other_root(&mut self, now: Monotonic) {
         self.differs_since.get_or_insert(now);
     }
 
     /// After a link failure: open requests get no reply, and pushed tiles were lost.
-    pub(super) fn link_was_down(&mut self) {
+    pub(super) fn on_link_loss(&mut self) {
         self.is_urgent = true;
         self.listing = None;
-        self.listed_to = None;
-        self.pulls.clear();
+        self.list_revision = None;
+        self.tile_requests.clear();
         self.backoff = Backoff::new(FIRST_BACK_OFF, LONGEST_BACK_OFF);
     }
 
-    pub(super) fn pushed(&mut self, tile: (i32, i32), revision: u64, now: Monotonic) {
+    pub(super) fn on_pushed_tile(&mut self, tile: (i32, i32), revision: u64, now: Monotonic) {
         self.last_push = Some(now);
-        self.held(tile, revision);
+        self.on_tile(tile, revision);
     }
 
-    pub(super) fn held(&mut self, tile: (i32, i32), revision: u64) {
+    pub(super) fn on_tile(&mut self, tile: (i32, i32), revision: u64) {
         let wanted = self.missing.get(&tile);
         if wanted.is_some_and(|wanted| revision >= *wanted) {
             self.missing.remove(&tile);
             if self.missing.is_empty()
                 && self.listing.is_none()
-                && let Some(listed_to) = self.listed_to.take()
+                && let Some(list_revision) = self.list_revision.take()
             {
-                self.confirmed = listed_to;
+                self.confirmed = list_revision;
             }
         }
     }
 
-    pub(super) fn pulled(&mut self, request: RequestId) {
-        if let Some(any) = self.pulls.get_mut(&request) {
+    pub(super) fn on_tile_reply(&mut self, request: RequestId) {
+        if let Some(any) = self.tile_requests.get_mut(&request) {
             *any = true;
         }
     }
 
     /// The first revision of the list that `request` is for.
-    pub(super) fn listed_from(&self, request: RequestId) -> Option<u64> {
-        let listing = self.listing.filter(|listing| listing.asks(request));
+    pub(super) fn list_start(&self, request: RequestId) -> Option<u64> {
+        let listing = self.listing.filter(|listing| listing.awaits(request));
         listing.map(|listing| listing.newer_than)
     }
 
     /// Takes a page of a list with its missing tiles. `next` is the revision for the request of the next page.
-    pub(super) fn listed(
+    pub(super) fn on_list_page(
         &mut self,
         request: RequestId,
         lacking: impl IntoIterator<Item = ((i32, i32), u64)>,
@@ -156,7 +156,7 @@ impl LayerSync {
         next: Option<u64>,
     ) {
         if let Some(listing) = &mut self.listing
-            && listing.asks(request)
+            && listing.awaits(request)
         {
             match next {
                 Some(from) => listing.from = listing.from.max(from),
@@ -168,19 +168,19 @@ impl LayerSync {
 
     pub(super) fn ended(&mut self, request: RequestId, tiles: &[(i32, i32)], now: Monotonic) {
         if let Some(mut listing) = self.listing
-            && let Some((_, asked)) = listing.page.take_if(|(page, _)| *page == request)
+            && let Some((_, requested_from)) = listing.page.take_if(|(page, _)| *page == request)
         {
             self.listing = Some(listing);
             if let Some(head_revision) = listing.complete_at {
                 self.listing = None;
                 self.list_is_complete(listing.newer_than, head_revision, now);
-            } else if listing.from == asked {
+            } else if listing.from == requested_from {
                 self.backoff.fail(now);
             } else {
                 self.backoff.succeed();
             }
         }
-        match self.pulls.remove(&request) {
+        match self.tile_requests.remove(&request) {
             Some(true) => {
                 self.backoff.succeed();
                 self.backoff.not_before = now;
@@ -192,7 +192,7 @@ impl LayerSync {
                     for tile in tiles {
                         self.missing.remove(tile);
                     }
-                    self.listed_to = None;
+                    self.list_revision = None;
                     self.is_urgent = true;
                 }
             }
@@ -206,7 +206,7 @@ impl LayerSync {
         self.differs_since = self.differs_since.map(|_| now);
         if !self.missing.is_empty() {
             self.idle_lists = 0;
-            self.listed_to = Some(head_revision);
+            self.list_revision = Some(head_revision);
             return;
         }
         // All listed tiles are held: most likely the roots differed only because the map changes.
@@ -215,7 +215,7 @@ impl LayerSync {
             self.confirmed = head_revision;
         } else if newer_than > 0 {
             self.confirmed = 0;
-            self.listed_to = None;
+            self.list_revision = None;
             self.is_urgent = true;
         } else {
             // Not even the list of all tiles explains the difference.
@@ -230,7 +230,7 @@ impl LayerSync {
         room: usize,
         limit: usize,
         order: impl Fn((i32, i32)) -> f64,
-        is_asked: impl Fn((i32, i32)) -> bool,
+        is_requested: impl Fn((i32, i32)) -> bool,
     ) -> Option<Query> {
         self.differs_since?;
         if !self.backoff.is_due(now) {
@@ -242,12 +242,13 @@ impl LayerSync {
         }
         if !self.missing.is_empty() && room > 0 {
             let tiles = self.missing.keys().copied();
-            let mut tiles: Vec<_> = tiles.filter(|tile| !is_asked(*tile)).collect();
+            let mut tiles: Vec<_> = tiles.filter(|tile| !is_requested(*tile)).collect();
             tiles.sort_by(|a, b| order(*a).total_cmp(&order(*b)).then(a.cmp(b)));
             tiles.truncate(limit);
             return (!tiles.is_empty()).then_some(Query::Tiles(tiles));
         }
-        let is_idle = self.missing.is_empty() && self.pulls.is_empty() && self.listing.is_none();
+        let is_idle =
+            self.missing.is_empty() && self.tile_requests.is_empty() && self.listing.is_none();
         let is_due = is_idle && (self.is_urgent || self.is_overdue(now));
         is_due.then_some(Query::Digests {
             newer_than: self.confirmed,
@@ -266,7 +267,7 @@ impl LayerSync {
         self.differs_since.is_some_and(differs_long)
     }
 
-    pub(super) fn asked(&mut self, request: RequestId, query: &Query) {
+    pub(super) fn on_request(&mut self, request: RequestId, query: &Query) {
         match query {
             Query::Digests { newer_than } => {
                 let listing = self.listing.get_or_insert(Listing {
@@ -278,7 +279,7 @@ impl LayerSync {
                 listing.page = Some((request, *newer_than));
             }
             Query::Tiles(_) => {
-                self.pulls.insert(request, false);
+                self.tile_requests.insert(request, false);
             }
         }
     }

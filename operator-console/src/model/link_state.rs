@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-use super::incoming::RequestId;
+use super::messages::RequestId;
 
 const PING_PERIOD: Duration = Duration::from_secs(1);
 const PING_TIMEOUT: Duration = Duration::from_secs(5);
@@ -42,7 +42,6 @@ pub struct LastContact {
 #[derive(Clone, Debug, Default)]
 pub struct Connection {
     pub(super) before: Option<LastContact>,
-    /// The last valid message.
     pub(super) last_message: Option<Monotonic>,
     /// Whether poses arrive often enough to detect silence early.
     pub(super) is_steady: bool,
@@ -87,7 +86,6 @@ impl Connection {
         self.last_message
     }
 
-    /// The last round trip, while the robot answers.
     pub const fn round_trip(&self) -> Option<Duration> {
         self.round_trip
     }
@@ -104,7 +102,6 @@ impl Connection {
         (self.bytes, self.messages)
     }
 
-    /// Whether the robot's presence token is there. For display only.
     pub const fn is_present(&self) -> Option<bool> {
         self.is_present
     }
@@ -167,7 +164,6 @@ pub enum Stream {
     Pose,
     Status,
     MapHead,
-    /// Sent only when the map changes.
     Tiles,
 }
 
@@ -178,7 +174,6 @@ impl Stream {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinkSample {
     pub at: Monotonic,
-    /// `None` without an answer.
     pub round_trip: Option<Duration>,
     pub pose_hz: f32,
     /// Share of the expected poses that did not arrive, 0 … 1; `None` if unknown.

@@ -11,8 +11,8 @@ use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
 use protocol::wire::Header;
 
-use super::incoming::{RejectReason, RequestId};
 use super::layer_sync::{LayerSync, Query, SILENCE};
+use super::messages::{RejectReason, RequestId};
 use super::retry::ANSWER_TIMEOUT;
 use super::tile_ages::TileAges;
 use super::tile_intake::TileIntake;
@@ -21,9 +21,9 @@ use super::tile_intake::TileIntake;
 const MAX_AGES: usize = 200_000;
 
 /// Open requests for tiles; with the size of a reply, at most 32 KiB are outstanding.
-const MAX_PULLS: usize = 2;
+const MAX_TILE_REQUESTS: usize = 2;
 /// Tiles in one request. Tiles that do not fit the reply are requested again.
-const TILES_PER_PULL: usize = 24;
+const TILES_PER_REQUEST: usize = 24;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSyncState {
@@ -35,7 +35,7 @@ pub struct LayerSyncState {
     pub missing: usize,
 }
 
-struct PendingQuery {
+struct OpenRequest {
     layer: LayerId,
     /// Requested tiles; empty for a request of a list.
     tiles: Vec<(i32, i32)>,
@@ -52,9 +52,9 @@ pub struct MapSync {
     roots: BTreeMap<LayerId, RootDigest>,
     changed: BTreeSet<TileKey>,
     ages: TileAges,
-    /// Tiles in the lists that are arriving.
-    listed: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
-    asked: BTreeMap<RequestId, PendingQuery>,
+    /// Tiles named by the lists that are still incomplete.
+    arriving_lists: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
+    open_requests: BTreeMap<RequestId, OpenRequest>,
     /// Digest of a tile with unknown cells only.
     unknown: TileDigest,
     wanted: BTreeSet<LayerId>,
@@ -72,8 +72,8 @@ impl MapSync {
             roots: BTreeMap::new(),
             changed: BTreeSet::new(),
             ages: TileAges::default(),
-            listed: BTreeMap::new(),
-            asked: BTreeMap::new(),
+            arriving_lists: BTreeMap::new(),
+            open_requests: BTreeMap::new(),
             unknown: TileCells::unknown().digest(),
             wanted: LayerId::ALL.into_iter().collect(),
             focus_m: [0.0; 2],
@@ -95,7 +95,6 @@ impl MapSync {
         }
     }
 
-    /// State of each announced layer that this console wants.
     pub fn layer_states(&self) -> impl Iterator<Item = LayerSyncState> {
         self.layers
             .iter()
@@ -108,7 +107,6 @@ impl MapSync {
             })
     }
 
-    /// The run of the robot whose map this is, once known.
     pub(super) fn boot(&self) -> Option<BootId> {
         self.has_boot.then(|| self.store.boot())
     }
@@ -195,7 +193,7 @@ impl MapSync {
             }
             let sync = self.layers.entry(layer.layer).or_default();
             if was_silent {
-                sync.link_was_down();
+                sync.on_link_loss();
             }
         }
         if was_silent {
@@ -231,7 +229,7 @@ impl MapSync {
         let revision = band.revision;
         let at = (key.tx, key.ty);
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
-            sync.pulled(request);
+            sync.on_tile_reply(request);
         }
         let tile = self.intake.take(key, header, band);
         let Some(tile) = tile.map_err(|why| reject_reason(&why))? else {
@@ -245,8 +243,8 @@ impl MapSync {
         let applied = applied.map_err(|_why| RejectReason::BadTile)?;
         let sync = self.layers.entry(key.layer).or_default();
         match request {
-            Some(_) => sync.held(at, revision),
-            None => sync.pushed(at, revision, now),
+            Some(_) => sync.on_tile(at, revision),
+            None => sync.on_pushed_tile(at, revision, now),
         }
         match applied {
             Applied::Stored => {
@@ -266,7 +264,7 @@ impl MapSync {
     }
 
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
-        if let Some(PendingQuery { layer, tiles, .. }) = self.asked.remove(&request)
+        if let Some(OpenRequest { layer, tiles, .. }) = self.open_requests.remove(&request)
             && let Some(sync) = self.layers.get_mut(&layer)
         {
             sync.ended(request, &tiles, now);
@@ -290,8 +288,8 @@ impl MapSync {
     }
 
     fn forget_queries(&mut self) {
-        self.asked.clear();
-        self.listed.clear();
+        self.open_requests.clear();
+        self.arriving_lists.clear();
     }
 
     pub fn abandoned_bands(&self) -> u64 {
@@ -308,8 +306,8 @@ impl MapSync {
             return Vec::new();
         };
         // The end of a request can be lost too.
-        let asked = self.asked.iter();
-        let late = asked.filter(|(_, asked)| now.since(asked.at) >= ANSWER_TIMEOUT);
+        let open = self.open_requests.iter();
+        let late = open.filter(|(_, open)| now.since(open.at) >= ANSWER_TIMEOUT);
         for request in late.map(|(request, _)| *request).collect::<Vec<_>>() {
             self.ended(request, now);
         }
@@ -323,18 +321,18 @@ impl MapSync {
             while let Some(query) = self.next_query(layer, now) {
                 let request = number();
                 if let Some(sync) = self.layers.get_mut(&layer) {
-                    sync.asked(request, &query);
+                    sync.on_request(request, &query);
                 }
                 let tiles = match &query {
                     Query::Digests { .. } => Vec::new(),
                     Query::Tiles(tiles) => tiles.clone(),
                 };
-                let pending = PendingQuery {
+                let open = OpenRequest {
                     layer,
                     tiles,
                     at: now,
                 };
-                self.asked.insert(request, pending);
+                self.open_requests.insert(request, open);
                 queries.push((request, layer, query));
             }
         }
@@ -343,23 +341,23 @@ impl MapSync {
 
     fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
         let cell_m = self.store.cell_m(layer)?;
-        let asked = self.asked.values();
-        let pulls = asked.filter(|asked| !asked.tiles.is_empty()).count();
+        let open = self.open_requests.values();
+        let for_tiles = open.filter(|open| !open.tiles.is_empty()).count();
         let distance = |(tx, ty)| {
             let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
             let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);
             dx * dx + dy * dy
         };
-        let is_asked = |tile| {
-            let mut asked = self.asked.values();
-            asked.any(|asked| asked.layer == layer && asked.tiles.contains(&tile))
+        let is_requested = |tile| {
+            let mut open = self.open_requests.values();
+            open.any(|open| open.layer == layer && open.tiles.contains(&tile))
         };
         self.layers.get(&layer)?.query(
             now,
-            MAX_PULLS.saturating_sub(pulls),
-            TILES_PER_PULL,
+            MAX_TILE_REQUESTS.saturating_sub(for_tiles),
+            TILES_PER_REQUEST,
             distance,
-            is_asked,
+            is_requested,
         )
     }
 
@@ -371,9 +369,9 @@ impl MapSync {
             return;
         };
         if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
-            sync.equal(head.head_revision, now);
+            sync.on_equal_root(head.head_revision, now);
         } else if own.is_some() {
-            sync.differs(now);
+            sync.on_other_root(now);
         }
     }
 
@@ -391,7 +389,7 @@ impl MapSync {
         let Some(sync) = self.layers.get_mut(&layer) else {
             return Err(RejectReason::UnknownLayer);
         };
-        let Some(newer_than) = sync.listed_from(request) else {
+        let Some(newer_than) = sync.list_start(request) else {
             return Ok(());
         };
         let (store, unknown) = (&self.store, self.unknown);
@@ -407,8 +405,8 @@ impl MapSync {
         });
         let last = digests.tiles.last().map(|tile| tile.revision);
         let next = last.filter(|_| digests.more > 0);
-        sync.listed(request, lacking, digests.head_revision, next);
-        let listed = self.listed.entry(layer).or_default();
+        sync.on_list_page(request, lacking, digests.head_revision, next);
+        let listed = self.arriving_lists.entry(layer).or_default();
         listed.extend(digests.tiles.iter().map(|tile| (tile.tx, tile.ty)));
         if next.is_none() {
             let listed = std::mem::take(listed);

@@ -4,22 +4,19 @@
 //! [`ConsoleModel::outgoing`] returns, and draws or exports the state.
 
 mod handle_message;
-mod incoming;
 mod layer_sync;
 mod link_state;
 mod map_sync;
+mod messages;
 mod monitor_history;
 mod motion;
-mod outgoing;
 mod retry;
 mod shore_outlines;
 mod shores_sync;
-mod site_names;
 mod tile_ages;
 mod tile_intake;
 mod trajectory_sync;
 mod vehicle;
-mod visible_change;
 mod voxels_sync;
 
 use std::collections::{BTreeSet, VecDeque};
@@ -35,17 +32,15 @@ use protocol::message::{
 };
 use protocol::tile::{BootId, TileKey};
 
-pub use incoming::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
 pub use link_state::{
     Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER,
     SILENT_AFTER_UNSTEADY, Stream,
 };
 pub use map_sync::{LayerSyncState, MapSync};
+pub use messages::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
 pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
 pub use motion::{DRIFTING_MPS, UncommandedMotion};
 pub use shore_outlines::{Neighbour, Outline, ShoreOutlines};
-pub use shores_sync::SavedSiteNames;
-pub use site_names::{SiteName, SiteNames};
 pub use tile_ages::{AgeOrder, TileAges};
 pub use trajectory_sync::TrajectoryProgress;
 pub use vehicle::{LastScan, Vehicle};
@@ -65,7 +60,6 @@ const HEAD_LIFETIME: Duration = Duration::from_millis(2500);
 /// Statuses come at least twice a second.
 const STATUS_TIMEOUT: Duration = Duration::from_millis(1500);
 
-/// Identity of this console and what it wants from the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelSettings {
     pub robot: RobotId,
@@ -75,13 +69,11 @@ pub struct ModelSettings {
     pub layers: BTreeSet<LayerId>,
 }
 
-/// The last involuntary stop before an emergency stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StopBeforeEStop {
     pub last_stop: Option<StopReason>,
 }
 
-/// One robot. See the [module](self).
 pub struct ConsoleModel {
     settings: ModelSettings,
     map: MapSync,
@@ -138,11 +130,8 @@ impl RobotState {
 
 #[derive(Default)]
 struct ViewState {
-    /// Lowest and greatest x and y in `odom`, metres.
     rectangle_m: [f32; 4],
-    /// Layers that an export needs, shown or not.
     exported: BTreeSet<LayerId>,
-    /// Whether the console needs more data after the map is synchronized.
     is_unfinished: bool,
     last_sent: Option<Monotonic>,
 }
@@ -181,7 +170,6 @@ impl ConsoleModel {
         &self.map
     }
 
-    /// Whether the map equals the robot's map head, and that head is recent.
     pub fn is_synchronized(&self, now: Monotonic) -> bool {
         let head_at = self.map.head_at();
         head_at.is_some_and(|at| now.since(at) <= HEAD_LIFETIME) && self.matches_last_head()
@@ -243,7 +231,6 @@ impl ConsoleModel {
         self.robot.status.as_ref()
     }
 
-    /// The run of the robot, known from its first map head on.
     pub fn run(&self) -> Option<BootId> {
         self.map.boot()
     }
@@ -301,7 +288,6 @@ impl ConsoleModel {
         self.robot.teleop().is_some()
     }
 
-    /// Whether it is a boat, as far as the robot has described itself.
     pub fn is_boat(&self) -> bool {
         self.info().is_some_and(|info| info.is_boat)
     }
@@ -339,12 +325,10 @@ impl ConsoleModel {
         }
     }
 
-    /// Whether the vehicle neither moves nor turns nor drifts, within the accuracy of its poses.
     pub const fn is_still(&self) -> bool {
         self.robot.motion.standstill.is_still
     }
 
-    /// Whether the vehicle is commanded to move and has not moved for seconds.
     pub fn is_stuck(&self) -> bool {
         self.robot.motion.stuck_detector.is_stuck()
     }
@@ -367,7 +351,6 @@ impl ConsoleModel {
         &self.events
     }
 
-    /// The last involuntary stop before the newest emergency stop of this run of the robot.
     pub const fn stop_before_estop(&self) -> Option<StopBeforeEStop> {
         self.robot.stop_before_estop
     }
@@ -386,14 +369,8 @@ impl ConsoleModel {
         }
     }
 
-    /// Shores and docking sites, if the robot has sent any.
     pub const fn shores(&self) -> Option<&Shores> {
         self.shores.shores.as_ref()
-    }
-
-    /// Names of the docking sites, in the order of [`Self::shores`]: the best first.
-    pub fn site_names(&self) -> &[SiteName] {
-        &self.shores.named
     }
 
     /// Outlines of [`Self::shores`] and what is near their docking sites. Computed once for each report.
@@ -401,23 +378,11 @@ impl ConsoleModel {
         &self.shores.outlines
     }
 
-    /// Removes the names of the docking sites, for [`Self::restore_site_names`] when this robot is shown again.
-    pub fn take_site_names(&mut self) -> Option<SavedSiteNames> {
-        Some(self.shores.take_names(self.map.boot()?))
-    }
-
-    /// Uses saved names if the robot's run and its maps turn out to be the same.
-    pub fn restore_site_names(&mut self, saved: SavedSiteNames) {
-        self.shores.saved = Some(saved);
-        self.shores.restore_names(self.map.boot());
-    }
-
     pub fn want_for_export(&mut self, layers: BTreeSet<LayerId>) {
         self.view.exported = layers;
         self.update_wanted_layers();
     }
 
-    /// Fetches the octree's present files for an export.
     pub fn want_voxels(&mut self) {
         self.voxels.want();
     }

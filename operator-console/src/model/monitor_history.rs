@@ -115,7 +115,7 @@ mod tests {
 
     use super::*;
     use crate::model::ConsoleModel;
-    use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout};
+    use crate::test_support::{announce_boot, at, idle_teleop_status, inject, scout, status_of};
 
     fn report_state(model: &mut ConsoleModel, state: CollisionMonitorState, ms: u64) {
         let teleop = Some(TeleopStatus {
@@ -149,10 +149,7 @@ mod tests {
                 ..idle_teleop_status()
             };
             teleop.requested.linear_mps = linear_mps;
-            let status = Status {
-                teleop: Some(teleop),
-                ..Status::default()
-            };
+            let status = status_of(teleop);
             inject(&mut model, Topic::Status, &status, at(ms));
             model.barrier()
         };

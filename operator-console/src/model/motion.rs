@@ -16,7 +16,6 @@ pub const DRIFTING_MPS: f32 = 0.5;
 const LAG: Duration = Duration::from_secs(1);
 const LONGEST_RAMP: Duration = Duration::from_secs(30);
 
-/// Why a vehicle moves although nobody drives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UncommandedMotion {
     /// Its own program, or a simulated tour.
@@ -186,7 +185,7 @@ mod tests {
     use super::*;
     use crate::model::{ConsoleModel, RequestId};
     use crate::test_support::{
-        announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout,
+        announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout, status_of,
     };
 
     fn robot(is_boat: bool) -> ConsoleModel {
@@ -331,10 +330,7 @@ mod tests {
             linear_mps,
             angular_radps: 0.0,
         };
-        Status {
-            teleop: Some(teleop),
-            ..Status::default()
-        }
+        status_of(teleop)
     }
 
     fn pose(speed_mps: f32) -> Pose {

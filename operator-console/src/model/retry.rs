@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 
-use super::incoming::RequestId;
+use super::messages::RequestId;
 
 /// The link reports the end of a request after 10 s at most. That report can be lost too.
 pub(super) const ANSWER_TIMEOUT: Duration = Duration::from_secs(12);
@@ -51,31 +51,31 @@ impl Backoff {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct RetryTimer {
-    asked: Option<(RequestId, Monotonic)>,
+    open: Option<(RequestId, Monotonic)>,
     pub(super) backoff: Backoff,
 }
 
 impl RetryTimer {
     /// Sends a request if one is due; the answer to the last one is awaited for `timeout`.
-    pub(super) fn ask(
+    pub(super) fn request(
         &mut self,
         timeout: Duration,
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<RequestId> {
         let is_waiting = self
-            .asked
-            .is_some_and(|(_, asked_at)| now.since(asked_at) < timeout);
+            .open
+            .is_some_and(|(_, sent_at)| now.since(sent_at) < timeout);
         if is_waiting || !self.backoff.is_due(now) {
             return None;
         }
         let request = number();
-        self.asked = Some((request, now));
+        self.open = Some((request, now));
         Some(request)
     }
 
     pub(super) fn is_answered(&mut self, request: RequestId) -> bool {
-        self.asked.take_if(|(asked, _)| *asked == request).is_some()
+        self.open.take_if(|(open, _)| *open == request).is_some()
     }
 
     /// No more answers to a request will come; true if it was the last one here.

@@ -140,42 +140,24 @@ fn way([from_x, from_y]: Point, [to_x, to_y]: Point) -> Point {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::DockingSite;
-
     use super::*;
+    use crate::test_support::{docking_site as site, shore};
 
     /// Half a metre a cell: corners `(2, 4)` are 1 m and 2 m.
     const CELL_M: f64 = 0.5;
 
-    fn shore(number: u32, center_m: [f32; 2], outline: &[(i32, i32)]) -> ShoreCluster {
-        ShoreCluster {
-            number,
-            class: ShoreClass::Dense,
-            voxels: 10,
-            rigid_voxels: 0,
-            center_m,
-            outline: outline.to_vec(),
-        }
-    }
-
-    fn site(center_m: [f32; 2]) -> DockingSite {
-        DockingSite {
-            center_m,
-            heading_rad: 0.0,
-            width_m: 2.0,
-            mean_cost: 0.2,
-        }
-    }
-
     /// From 5 m to 13 m in x, from 0 m to 4 m in y.
     fn reeds() -> ShoreCluster {
-        shore(1, [9.0, 2.0], &[(10, 0), (26, 0), (26, 8), (10, 8)])
+        ShoreCluster {
+            outline: vec![(10, 0), (26, 0), (26, 8), (10, 8)],
+            ..shore(1, [9.0, 2.0])
+        }
     }
 
     #[test]
     fn nearest_shore_is_by_edge_not_by_centre() {
         let found = |bush_m, place_m| {
-            let clusters = vec![reeds(), shore(2, bush_m, &[])];
+            let clusters = vec![reeds(), shore(2, bush_m)];
             let shores = Shores::gather(CELL_M, None, clusters, vec![site(place_m)]);
             let neighbour = ShoreOutlines::of(&shores).neighbours()[0].unwrap();
             (neighbour.number, neighbour.away_m)
@@ -187,7 +169,7 @@ mod tests {
 
     #[test]
     fn each_shore_has_its_outline_and_each_site_its_neighbour() {
-        let clusters = vec![reeds(), shore(2, [0.0, -40.0], &[])];
+        let clusters = vec![reeds(), shore(2, [0.0, -40.0])];
         let sites = vec![site([0.0, -38.0]), site([9.0, 6.0]), site([9.0, 2.0])];
         let known = ShoreOutlines::of(&Shores::gather(CELL_M, None, clusters, sites));
         let to_origin = known.outlines().iter().map(|shore| shore.away_m([0.0; 2]));

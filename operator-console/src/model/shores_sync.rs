@@ -2,19 +2,15 @@
 //!
 //! Shores are pushed when they change. A push may be lost or sent before this console joined, so the console also polls
 //! with the revision that it holds. The reply is a few bytes if nothing is newer.
-//!
-//! If the robot's maps restart, the names of the docking sites restart too: the same coordinates may be other places.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::message::{Shores, ShoresReply, ShoresRequest};
-use protocol::tile::BootId;
 
-use super::incoming::{RejectReason, RequestId};
+use super::messages::{RejectReason, RequestId};
 use super::retry::RetryTimer;
 use super::shore_outlines::ShoreOutlines;
-use super::site_names::{SiteName, SiteNames};
 
 /// Time from a reply to the next request.
 const PERIOD: Duration = Duration::from_secs(2);
@@ -25,26 +21,11 @@ const PATIENCE: Duration = Duration::from_secs(4);
 pub(super) struct ShoresSync {
     revision: u64,
     pub(super) shores: Option<Shores>,
-    /// Derived from `shores` when they arrive.
     pub(super) outlines: ShoreOutlines,
-    names: SiteNames,
-    /// Names of the docking sites of `shores`, in their order.
-    pub(super) named: Vec<SiteName>,
-    /// Epoch of the maps that the shores belong to.
     epoch: Option<u32>,
     /// Sequence number of the newest message about shores.
     last_seq: Option<u64>,
-    /// Used if they turn out to belong to the maps of this run.
-    pub(super) saved: Option<SavedSiteNames>,
     pub(super) query: RetryTimer,
-}
-
-/// Names of the docking sites of one run and map epoch of a robot that is not shown.
-#[derive(Clone, Debug)]
-pub struct SavedSiteNames {
-    boot: BootId,
-    epoch: Option<u32>,
-    names: SiteNames,
 }
 
 impl ShoresSync {
@@ -71,35 +52,11 @@ impl ShoresSync {
     }
 
     fn restart(&mut self, revision: u64, epoch: Option<u32>) {
-        let mut names = std::mem::take(&mut self.names);
-        names.restart();
         *self = Self {
             revision,
-            names,
             epoch,
-            saved: self.saved.take(),
             ..Self::default()
         };
-    }
-
-    /// Removes the names of the docking sites, to keep them while another robot is shown.
-    pub(super) fn take_names(&mut self, boot: BootId) -> SavedSiteNames {
-        SavedSiteNames {
-            boot,
-            epoch: self.epoch,
-            names: std::mem::take(&mut self.names),
-        }
-    }
-
-    /// Uses the saved names if they belong to the maps of this run and no site is named yet.
-    pub(super) fn restore_names(&mut self, boot: Option<BootId>) {
-        let epoch = self.epoch.filter(|_| self.shores.is_none());
-        let saved = self
-            .saved
-            .take_if(|saved| boot == Some(saved.boot) && epoch.is_some() && epoch == saved.epoch);
-        if let Some(saved) = saved {
-            self.names = saved.names;
-        }
     }
 
     pub(super) fn query(
@@ -107,7 +64,7 @@ impl ShoresSync {
         now: Monotonic,
         number: impl FnOnce() -> RequestId,
     ) -> Option<(RequestId, ShoresRequest)> {
-        let request = self.query.ask(PATIENCE, now, number)?;
+        let request = self.query.request(PATIENCE, now, number)?;
         let newer_than = self.revision;
         Some((request, ShoresRequest { newer_than }))
     }
@@ -139,8 +96,6 @@ impl ShoresSync {
         self.last_seq = self.last_seq.max(Some(seq));
         if is_newer {
             self.revision = revision;
-            let sites = shores.as_ref().map_or(&[][..], |shores| &shores.sites);
-            self.named = self.names.name(sites);
             self.outlines = shores.as_ref().map(ShoreOutlines::of).unwrap_or_default();
             self.shores = shores;
         }
@@ -154,7 +109,7 @@ mod tests {
 
     use super::super::shore_outlines::Outline;
     use super::*;
-    use crate::test_support::at;
+    use crate::test_support::{at, docking_site, shore};
 
     fn news(revision: u64, cell_m: f64) -> ShoresReply {
         ShoresReply {
@@ -228,13 +183,12 @@ mod tests {
 
     /// Docking sites at these x coordinates, metres.
     fn sites(revision: u64, places_m: &[f32]) -> ShoresReply {
-        let site = |x_m: &f32| DockingSite {
-            center_m: [*x_m, 0.0],
-            heading_rad: 0.0,
+        let site = |(number, x_m): (u32, &f32)| DockingSite {
+            number,
             width_m: 4.0,
-            mean_cost: 0.2,
+            ..docking_site([*x_m, 0.0])
         };
-        let sites = places_m.iter().map(site).collect();
+        let sites = (1..).zip(places_m).map(site).collect();
         ShoresReply {
             revision,
             shores: Some(Shores::gather(0.3, None, Vec::new(), sites)),
@@ -242,35 +196,13 @@ mod tests {
     }
 
     #[test]
-    fn site_names_follow_places_not_ranks() {
-        let mut sync = ShoresSync::default();
-        assert_eq!(sync.named, []);
-        assert_eq!(sync.take(sites(1, &[0.0, 9.0]), 1, None, at(0)), Ok(true));
-        let first = sync.named.clone();
-        assert_eq!(sync.take(sites(2, &[9.3, 0.3]), 2, None, at(0)), Ok(true));
-        assert_eq!(sync.named, [first[1], first[0]]);
-        assert_eq!(sync.take(nothing(2), 3, None, at(0)), Ok(false));
-        let old = sync.take(sites(1, &[0.0, 9.0]), 4, None, at(0));
-        assert_eq!(old, Err(RejectReason::OldRevision));
-        assert_eq!(sync.named, [first[1], first[0]]);
-        sync.forget();
-        assert_eq!(sync.named, []);
-        assert_eq!(sync.take(sites(1, &[9.0]), 5, None, at(0)), Ok(true));
-        assert_eq!(sync.named[0].to_string(), "A");
-        assert!(!first.contains(&sync.named[0]), "of another run");
-    }
-
-    #[test]
     fn outlines_are_computed_once_per_report() {
         /// A bush at this distance from a docking site, metres.
         fn report(revision: u64, away_m: f32) -> ShoresReply {
             let bush = ShoreCluster {
-                number: 3,
                 class: ShoreClass::Solid,
-                voxels: 10,
                 rigid_voxels: 10,
-                center_m: [away_m, 0.0],
-                outline: Vec::new(),
+                ..shore(3, [away_m, 0.0])
             };
             let mut news = sites(revision, &[0.0]);
             news.shores.as_mut().unwrap().clusters = vec![bush];
@@ -312,11 +244,9 @@ mod tests {
             sync.take(sites(7, &[0.0, 9.0]), 1, request, at(0)),
             Ok(true)
         );
-        let first = sync.named.clone();
         assert!(!sync.of_epoch(3) && !sync.of_epoch(2));
-        assert_eq!(sync.named, first);
         assert!(sync.of_epoch(4));
-        assert_eq!((sync.shores.as_ref(), sync.named.len()), (None, 0));
+        assert_eq!(sync.shores, None);
         assert!(!sync.is_current(None));
         // The present list may have come before the map head: it is taken once more, but no older one.
         assert_eq!(next(&mut sync, 100, 2), (100, 6));
@@ -328,9 +258,6 @@ mod tests {
             Ok(true)
         );
         assert!(sync.is_current(None) && !sync.of_epoch(4));
-        let anew: Vec<_> = sync.named.iter().map(SiteName::to_string).collect();
-        assert_eq!(anew, ["A", "B"]);
-        assert!(first.iter().all(|name| !sync.named.contains(name)));
     }
 
     #[test]

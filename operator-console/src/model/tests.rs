@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, at, console, idle_teleop_status, inject, inject_reply, pose_at_rest, scout,
+    BOOT, announce_boot, at, console, ended_status, idle_teleop_status, inject, inject_reply,
+    pose_at_rest, scout,
 };
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
@@ -252,10 +253,7 @@ fn model_with(status: &Status) -> ConsoleModel {
 #[test]
 fn silence_is_expected_after_end_of_data() {
     let running = Status::default();
-    let ended = Status {
-        has_ended: true,
-        ..Status::default()
-    };
+    let ended = ended_status();
     let vehicle = Status {
         teleop: Some(idle_teleop_status()),
         ..ended.clone()
@@ -284,10 +282,7 @@ fn loss_is_unknown_without_live_data() {
     }
     assert_eq!(live.poses_missing(at(3_050)), Some(0.5));
     assert_eq!(live.poses_missing(at(9_000)), None, "it is silent");
-    let ended = Status {
-        has_ended: true,
-        ..Status::default()
-    };
+    let ended = ended_status();
     inject(&mut live, Topic::Status, &ended, at(3_050));
     assert_eq!(live.poses_missing(at(3_050)), None, "it has ended");
 }

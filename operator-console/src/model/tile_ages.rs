@@ -18,8 +18,7 @@ const POSE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Limit of stamps that are ahead of the newest pose.
 const MAX_AHEAD: usize = 10_000;
 
-/// Order of tiles by age: newer data is greater, also across a clock that was set back. Tiles whose stamp stays ahead
-/// of the data are least.
+/// Newer data is greater, also across a clock that was set back. Tiles that stay ahead of the data are least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct AgeOrder {
     has_age: bool,

@@ -1,5 +1,4 @@
-//! Fetches the trajectory: completely for an export, and coarsely where the trail has a gap, after joining or after a
-//! link failure.
+//! Fetches the trajectory: completely for an export, coarsely where the trail has a gap.
 
 use std::num::NonZeroU32;
 use std::sync::Arc;
@@ -9,7 +8,7 @@ use measurement::time::Monotonic;
 use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
-use super::incoming::{RejectReason, RequestId};
+use super::messages::{RejectReason, RequestId};
 use super::retry::{ANSWER_TIMEOUT, RetryTimer};
 
 /// A robot keeps no more poses.
@@ -22,10 +21,8 @@ pub enum TrajectoryProgress {
     Waiting,
     Fetching {
         fetched: u64,
-        /// Poses that the trajectory had at the first request.
         of: u64,
     },
-    /// Oldest first.
     Ready(Arc<[StampedPose]>),
 }
 
@@ -70,7 +67,7 @@ impl TrajectorySync {
         if !self.is_wanted() {
             return None;
         }
-        let request = self.query.ask(ANSWER_TIMEOUT, now, number)?;
+        let request = self.query.request(ANSWER_TIMEOUT, now, number)?;
         let body = TrajectoryRequest {
             trajectory: self.of.map(|(trajectory, _)| trajectory),
             from: self.poses.len() as u64,
@@ -167,7 +164,7 @@ impl TrailSync {
             State::Whole { .. } | State::Open => (self.covered, NonZeroU32::MAX),
             State::Filling { next, step, .. } => (next, step),
         };
-        let request = self.query.ask(ANSWER_TIMEOUT, now, number)?;
+        let request = self.query.request(ANSWER_TIMEOUT, now, number)?;
         let body = TrajectoryRequest {
             trajectory: self.trajectory,
             from,
@@ -176,8 +173,7 @@ impl TrailSync {
         Some((request, body))
     }
 
-    /// Takes a reply and returns stamps, nanoseconds, and points, metres in `odom`. `None` if it was not requested
-    /// here.
+    /// Stamps, nanoseconds, and points, metres in `odom`; `None` if not requested here.
     pub(super) fn take(
         &mut self,
         part: &TrajectoryPart,

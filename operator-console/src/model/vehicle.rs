@@ -6,8 +6,8 @@ use measurement::time::Monotonic;
 use protocol::export::StampedPose;
 use protocol::message::{MAX_SENSORS, Pose, Scan};
 
-use super::incoming::RejectReason;
-use super::visible_change::pose_changed;
+use super::handle_message::pose_changed;
+use super::messages::RejectReason;
 
 /// Poses kept for the export; a longer run is thinned by half, repeatedly.
 const MAX_POSES: usize = 500_000;
@@ -62,7 +62,6 @@ impl Vehicle {
         pose_changed
     }
 
-    /// Replaces the trail: oldest first, metres in `odom`.
     pub(super) fn show_trail(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
         self.trail.replace(points_m);
     }

@@ -8,7 +8,7 @@ use measurement::time::Monotonic;
 use protocol::message::{MAX_PART_BYTES, VoxelFile, VoxelsPart, VoxelsReply, VoxelsRequest};
 use protocol::packed_file::PackedFile;
 
-use super::incoming::{RejectReason, RequestId};
+use super::messages::{RejectReason, RequestId};
 use super::retry::{ANSWER_TIMEOUT, Backoff};
 
 /// Delay before files that the robot still makes are requested again.
@@ -32,7 +32,6 @@ pub struct FetchedVoxels {
 pub enum VoxelsProgress {
     #[default]
     Unwanted,
-    /// Requested, or the robot still makes the files.
     Waiting,
     Fetching {
         file: VoxelFile,
@@ -40,17 +39,14 @@ pub enum VoxelsProgress {
         of: u64,
     },
     Ready(Arc<FetchedVoxels>),
-    /// The robot has no octree.
     None,
-    /// The files exceed the console's limit.
     TooLong,
 }
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct VoxelsSync {
     pub(super) progress: VoxelsProgress,
-    /// While the files are wanted.
-    fetching: Option<Fetching>,
+    fetching: Option<VoxelsFetch>,
     /// Determines when the next request may be sent.
     query: Backoff,
     under_way: VecDeque<PendingQuery>,
@@ -68,7 +64,7 @@ struct PendingQuery {
 }
 
 #[derive(Clone, Debug, Default)]
-struct Fetching {
+struct VoxelsFetch {
     /// Snapshot of the files, and the stamp of its newest measurement, nanoseconds.
     snapshot: Option<(u64, i64)>,
     /// Complete files and the incomplete one.
@@ -80,7 +76,7 @@ impl VoxelsSync {
     pub(super) fn want(&mut self) {
         *self = Self {
             progress: VoxelsProgress::Waiting,
-            fetching: Some(Fetching::default()),
+            fetching: Some(VoxelsFetch::default()),
             ..Self::default()
         };
     }
@@ -208,7 +204,7 @@ impl VoxelsSync {
     }
 }
 
-impl Fetching {
+impl VoxelsFetch {
     fn progress(&self) -> VoxelsProgress {
         let last = self.files.last();
         VoxelsProgress::Fetching {

@@ -15,7 +15,6 @@ const NARROW: f32 = 300.0;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlertsData {
-    /// Alerts of the shown robot first, then by age.
     pub lines: Vec<AlertLine>,
     pub unacknowledged: usize,
 }
@@ -24,9 +23,7 @@ pub struct AlertsData {
 pub struct AlertLine {
     pub robot: RobotId,
     pub alarm: Alarm,
-    /// Includes the robot's name if it is not the shown robot.
     pub text: String,
-    /// Start time, count and whether it is active.
     pub detail: String,
     pub is_active: bool,
     pub is_acknowledged: bool,

@@ -5,7 +5,6 @@ use std::time::Duration;
 use eframe::egui::text::LayoutJob;
 use eframe::egui::{Color32, FontFamily, FontId, TextFormat, TextStyle, Ui};
 
-/// Duration with a resolution that decreases with its length.
 pub fn age(time: Duration) -> String {
     let secs = time.as_secs();
     match secs {
@@ -47,8 +46,7 @@ pub fn bearing(deg: f64) -> String {
     format!("{whole:03.0}°")
 }
 
-/// Direction of `angle_deg`, degrees counter-clockwise from x of `odom`. If north is unknown, it is relative to `x`,
-/// which is the name of that axis.
+/// `angle_deg`: counter-clockwise from the axis of `odom` that is called `x`, and shown so without north.
 pub fn direction(angle_deg: f64, knows_north: bool, x: &str) -> String {
     if knows_north {
         return bearing(90.0 - angle_deg);
@@ -112,8 +110,7 @@ pub fn with_monospace_options(
     job
 }
 
-/// Share of the kept characters that belongs to the end: recordings of one robot begin alike and differ in the time at
-/// the end.
+/// Share of the kept characters that belongs to the end, where recordings of one robot differ.
 const END: f64 = 0.6;
 
 /// `name`, or the longest form that `fits`, shortened in the middle.

@@ -32,7 +32,6 @@ pub struct LinkData {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkPlot {
     pub title: &'static str,
-    /// Minimum upper end of the axis.
     pub least: f64,
     pub lines: Vec<(&'static str, Segments)>,
 }
@@ -200,8 +199,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// Axis up to at least `highest` (> 0) on a plot of `height` points. Labels: 0, the end, and the middle if there
-    /// is space.
+    /// `highest` > 0; `height` in points. Labels: 0, the end, and the middle if there is space.
     fn new(highest: f64, height: f64) -> Self {
         let power = libm::pow(10.0, libm::floor(libm::log10(highest)));
         let ends = ENDS.map(|end| end * power);
@@ -295,7 +293,6 @@ fn key_ui(ui: &mut Ui, plot: &LinkPlot) {
     });
 }
 
-/// Styles of the lines of a plot. They differ by more than their colour.
 fn looks(dark: bool) -> impl Iterator<Item = (Color32, LineStyle)> {
     const STYLES: [LineStyle; 4] = [
         LineStyle::Solid,

@@ -61,7 +61,6 @@ pub fn losses_ui(ui: &mut Ui, data: &LossesData) {
     }
 }
 
-/// Explanation of a drop reason; `None` for reasons that are plain or unknown.
 fn hint(name: &str) -> Option<&'static str> {
     let words = match name {
         "isolated" => {

@@ -1,7 +1,5 @@
-//! Panels beside the map. Each has plain data (`FooData`), made from the model, and a function that draws it and
-//! returns commands.
+//! Panels beside the map: plain data (`FooData`) made from the model, drawn by a function that returns commands.
 
-pub mod address_list;
 pub mod addresses;
 pub mod alerts;
 pub mod connection;
@@ -20,6 +18,5 @@ pub mod robots;
 mod rows;
 pub mod sensors;
 pub mod shores;
-pub mod stale;
 pub mod timeline;
 pub mod top_bar;

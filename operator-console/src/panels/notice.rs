@@ -48,7 +48,6 @@ impl NoticeData {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoticeRoom {
-    /// The notice is at its lower edge.
     pub place: Rect,
     pub taken: Vec<Rect>,
 }

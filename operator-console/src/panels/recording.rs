@@ -40,8 +40,7 @@ pub struct RecordingButton {
 }
 
 impl RecordingData {
-    /// `teleop_client`: of this console, if it can send requests. `folder`: of the robot's recordings, if it is on
-    /// this machine.
+    /// `folder`: of the robot's recordings, if it is on this machine.
     pub fn new(
         model: &ConsoleModel,
         teleop_client: Option<&TeleopClientState>,
@@ -120,14 +119,12 @@ impl RecordingData {
     }
 }
 
-/// Name of a replay or of a simulation that cannot be driven: it cannot be recorded.
 fn played(model: &ConsoleModel) -> Option<&str> {
     let (status, _) = model.status()?;
     let source = model.info()?.source.as_str();
     (!source.is_empty() && status.teleop.is_none()).then_some(source)
 }
 
-/// State and advice; of a silent robot, the last known state.
 fn state_text(
     state: RecordingState,
     is_live: bool,
@@ -157,7 +154,6 @@ fn state_text(
     }
 }
 
-/// The last complete file and the text of its button. A file is complete after a minute.
 fn finished(recording: &RecordingStatus, folder: Option<&Path>) -> Option<(PathBuf, &'static str)> {
     let is_finished = recording.files > 0 && recording.state != RecordingState::Recording;
     let file = Path::new(&recording.file);

@@ -3,11 +3,12 @@
 use eframe::egui::Ui;
 use measurement::time::Monotonic;
 use network::clock::utc_label;
+use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
 use super::connection::is_shown_synchronized;
+use super::data_age::is_position_old;
 use super::formatting::{age, capitalised, count, direction, signed, turn};
 use super::rows::{Row, row, rows_ui};
-use super::stale::is_position_old;
 use crate::model::{ConsoleModel, LinkState};
 use crate::playback::is_recording;
 
@@ -80,20 +81,46 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
         .heading_rad()
         .unwrap_or_default()
         .to_degrees();
-    let knows_north = model.shores().is_some_and(|shores| shores.datum.is_some());
+    let datum = model.shores().and_then(|shores| shores.datum);
     // After the end of the data the last speed is not shown as current.
     let has_ended = model.reports_ended();
     let now = |words: String| if has_ended { "–".to_owned() } else { words };
-    let speed = format!("{} m/s", signed(f64::from(pose.speed_mps), 2));
-    let turning = turn(f64::from(pose.turn_rate_radps));
-    vec![
+    let is_still = model.is_still();
+    let speed = if is_still {
+        "standing".to_owned()
+    } else {
+        format!("{} m/s", signed(f64::from(pose.speed_mps), 2))
+    };
+    let mut rows = vec![
         // Narrow panels break the line between x and y.
         row("Position", format!("x\u{a0}{x}  y\u{a0}{y}\u{a0}m")),
-        row("Height", format!("{z} m")),
-        row("Heading", heading(heading_deg, knows_north)),
+        row("Heading", heading(heading_deg, datum.is_some())),
         row("Speed", now(speed)),
-        row("Turning", now(turning)),
-    ]
+    ];
+    // A boat is at the height of the water.
+    if !model.is_boat() {
+        rows.insert(1, row("Height", format!("{z} m")));
+    }
+    if let Some(datum) = datum {
+        let place = LocalTangentPlane::new(datum).geodetic_from_enu(pose.position_m);
+        rows.insert(1, row("WGS 84", geodetic(&place)));
+    }
+    if !is_still {
+        let turning = turn(f64::from(pose.turn_rate_radps));
+        rows.push(row("Turning", now(turning)));
+    }
+    rows
+}
+
+/// In degrees; the sixth decimal is 0.1 m.
+fn geodetic(place: &GeodeticPoint) -> String {
+    let side = |degrees: f64, [positive, negative]: [&str; 2]| {
+        let side = if degrees < 0.0 { negative } else { positive };
+        format!("{:.6}°\u{a0}{side}", degrees.abs())
+    };
+    let latitude = side(place.latitude_deg, ["N", "S"]);
+    let longitude = side(place.longitude_deg, ["E", "W"]);
+    format!("{latitude}  {longitude}")
 }
 
 /// `angle_deg`: counter-clockwise from x of `odom`.
@@ -114,11 +141,14 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Pose, Status};
+    use protocol::message::{Info, Pose, Status};
     use protocol::tile_store::TileStore;
 
     use super::*;
-    use crate::test_support::{BOOT, announce_map, at, console, inject, scout};
+    use crate::model::RequestId;
+    use crate::test_support::{
+        BOOT, announce_map, at, console, ended_status, inject, inject_reply, pose_at_rest, scout,
+    };
 
     #[test]
     fn a_paused_recording_counts_all_drawn_scans() {
@@ -159,13 +189,56 @@ mod tests {
         let rows = RobotData::new(&model, at(1_100)).rows;
         let moves = [row("Speed", "−0.50 m/s"), row("Turning", "12 °/s right")];
         assert_eq!(rows[rows.len() - 2..], moves);
-        let ended = Status {
-            has_ended: true,
-            ..Status::default()
-        };
+        let ended = ended_status();
         inject(&mut model, Topic::Status, &ended, at(1_100));
         let rows = RobotData::new(&model, at(1_100)).rows;
         assert!(rows.contains(&row("Speed", "–")) && rows.contains(&row("Turning", "–")));
+    }
+
+    #[test]
+    fn rows_of_a_standing_vehicle_and_of_a_boat() {
+        let names = |is_boat, speed_mps| {
+            let mut model = scout();
+            let info = Info {
+                is_boat,
+                ..Info::default()
+            };
+            inject_reply(&mut model, RequestId(0), Topic::Info, &info, at(1_000));
+            let pose = Pose {
+                speed_mps,
+                ..pose_at_rest()
+            };
+            inject(&mut model, Topic::Pose, &pose, at(1_000));
+            inject(&mut model, Topic::Status, &Status::default(), at(1_000));
+            let rows = RobotData::new(&model, at(1_100)).rows;
+            let speed = rows.iter().find(|(name, _)| name == "Speed").cloned();
+            let has = |name| rows.iter().any(|(of, _)| of == name);
+            (speed, has("Height"), has("Turning"))
+        };
+        let standing = Some(row("Speed", "standing"));
+        assert_eq!(names(false, -0.01), (standing.clone(), true, false));
+        assert_eq!(names(true, 0.0), (standing, false, false));
+        let moves = Some(row("Speed", "−0.50 m/s"));
+        assert_eq!(names(true, -0.5), (moves, false, true));
+    }
+
+    #[test]
+    fn places_on_earth_have_degrees_and_sides() {
+        let place = |latitude_deg, longitude_deg| GeodeticPoint {
+            latitude_deg,
+            longitude_deg,
+            altitude_m: 0.0,
+        };
+        for (latitude_deg, longitude_deg, words) in [
+            (38.5, -9.125, "38.500000°\u{a0}N  9.125000°\u{a0}W"),
+            (
+                -0.000_001_4,
+                179.999_999_9,
+                "0.000001°\u{a0}S  180.000000°\u{a0}E",
+            ),
+        ] {
+            assert_eq!(geodetic(&place(latitude_deg, longitude_deg)), words);
+        }
     }
 
     #[test]

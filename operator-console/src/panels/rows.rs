@@ -5,7 +5,6 @@ use eframe::egui::{Grid, Label, Rect, RectAlign, Response, RichText, Tooltip, Ui
 use crate::theme::Tone;
 
 pub(super) type Row = (String, String);
-/// Hover text of a row, by its name.
 pub(super) type Hint<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
 /// Minimum width of the name column, points, and its greatest share of the width.

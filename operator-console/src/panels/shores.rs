@@ -5,11 +5,11 @@ mod list;
 use eframe::egui::{Id, Rect, Ui};
 use protocol::layer::{LayerId, Swatch};
 use protocol::message::{DockingSite, ShoreCluster};
-use protocol::shores::DOCKING_SITE_CODE;
+use protocol::shores::{DOCKING_SITE_CODE, site_letters};
 
 use super::formatting::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
-use crate::model::{ConsoleModel, Neighbour, Outline, SiteName};
+use crate::model::{ConsoleModel, Neighbour, Outline};
 
 pub use list::shores_ui;
 
@@ -19,7 +19,6 @@ pub struct ShoresData {
     pub sites: Vec<ShoreRow>,
     pub notes: Vec<String>,
     pub marked: Option<ShoreMark>,
-    /// Under the pointer in a list.
     pub hovered: Option<ShoreMark>,
 }
 
@@ -29,9 +28,7 @@ pub struct ShoreRow {
     /// Number of a shore, letter of a site.
     pub name: String,
     pub class: Swatch,
-    /// Share of rigid voxels, or mean slope cost.
     pub share: String,
-    /// Number of voxels, or width.
     pub size: String,
     /// From the vehicle to the nearest edge of a shore, or to the middle of a site.
     pub distance: String,
@@ -99,9 +96,8 @@ impl ShoresData {
         let mut rows: Vec<_> = rows.map(|shore| shore_row(shore, vehicle_m)).collect();
         sort(&mut rows, SortBy::Distance);
         let sites = shores.sites.iter().zip(known.neighbours());
-        let sites = sites.zip(model.site_names()).zip(1..);
-        let site_rows = sites.map(|(((site, neighbour), name), rank)| {
-            let row = site_row(site, (*name, rank), vehicle_m);
+        let site_rows = sites.zip(1..).map(|((site, neighbour), rank)| {
+            let row = site_row(site, rank, vehicle_m);
             let reason = Some(reason(site, beam_m, *neighbour));
             ShoreRow { reason, ..row }
         });
@@ -176,16 +172,13 @@ fn shore_row(
     }
 }
 
-fn site_row(
-    site: &DockingSite,
-    (name, rank): (SiteName, u32),
-    vehicle_m: Option<[f64; 2]>,
-) -> ShoreRow {
+fn site_row(site: &DockingSite, rank: u32, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
+    let name = site_letters(site.number);
     let away = Distance::of_site(site, vehicle_m);
     let share = format!("{:.2}", site.mean_cost);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {
-        mark: ShoreMark::Site(name),
+        mark: ShoreMark::Site(site.number),
         reason: None,
         keys: [
             f64::from(rank),
@@ -197,7 +190,7 @@ fn site_row(
             "Docking site {name}, cost {share}, {size} wide, {}",
             away.words()
         ),
-        name: name.to_string(),
+        name,
         class: class_swatch(DOCKING_SITE_CODE),
         share,
         size,

@@ -2,18 +2,19 @@
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Align, Button, Color32, Label, Layout, RichText, Separator, Stroke, TextStyle, Ui, WidgetInfo,
-    vec2,
+    Align, Button, Color32, Label, Layout, Response, RichText, Separator, Stroke, TextStyle, Ui,
+    Vec2, WidgetInfo, vec2,
 };
 use measurement::time::Monotonic;
 
 use super::connection::{
     ConnectionData, FAILED, LinkStatus, SHORT_MAP_STATES, SHORT_RECORDING_MAP_STATES,
 };
-use super::driving::{DrivingData, EStopButton, disabled_ui};
+use super::driving::{DrivingData, EStopButton};
 use super::formatting::{age, elided};
 use super::robots::{alerts, swatch_ui};
 use crate::command::Command;
+use crate::identity::OBSERVER_HINT;
 use crate::model::{ConsoleModel, LinkState};
 use crate::teleop_client::{Intent, TeleopClientState};
 use crate::theme::{self, Tone, short_state_ui, state_ui};
@@ -32,11 +33,15 @@ const NARROW: f32 = 520.0;
 /// Below this width alerts are shown as a number, points.
 const NARROWEST: f32 = 400.0;
 const SHORT_ALERTS: &str = "88";
+const ESTOP: &str = "EMERGENCY STOP";
+/// Size of the emergency stop, and below this width of the bar, points.
+const ESTOP_SIZE: [f32; 2] = [170.0, 32.0];
+const NARROW_ESTOP_SIZE: [f32; 2] = [96.0, 32.0];
+const ESTOP_NARROW: f32 = 640.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct TopBarData {
     pub name: String,
-    /// Set if several robots are known.
     pub color: Option<Color32>,
     pub link: (Tone, String),
     /// Age of the newest message. `None` before the first, for recordings, and after the end of the data.
@@ -193,7 +198,6 @@ fn slot_ui(ui: &mut Ui, width: f32, add: impl FnOnce(&mut Ui)) {
     });
 }
 
-/// The name, shortened if necessary, with the whole name as hover text.
 fn name_ui(ui: &mut Ui, name: &str, room: f32) {
     let shown = elided(name, |name| width(ui, name) <= room);
     let label = ui.add(Label::new(RichText::new(&shown).strong()).extend());
@@ -265,23 +269,29 @@ pub struct RightBar {
 }
 
 fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
-    let size = vec2(96.0, 28.0);
+    let is_narrow = ui.available_width() < ESTOP_NARROW;
+    let size = if is_narrow {
+        NARROW_ESTOP_SIZE
+    } else {
+        ESTOP_SIZE
+    };
+    let size = Vec2::from(size);
     let [danger, on_danger] = theme::DANGER;
     let [banner, on_banner] = theme::BANNER;
     let refused;
     let (words, fill, ink, hint) = match face {
         EStopButton::Ready => (
-            "Stop",
+            ESTOP,
             danger,
             on_danger,
-            "Emergency stop: stops at once, and stays stopped until it is reset (Space)",
+            "Stops at once, and stays stopped until it is reset (Space)",
         ),
         EStopButton::Refused(why) => {
             refused = format!("The robot does not stop for you: {why}. Press again if you like");
             ("Refused", banner, on_banner, &*refused)
         }
         EStopButton::ReadOnly => {
-            disabled_ui(ui, "Stop", size);
+            observer_stop_ui(ui, size, is_narrow);
             return None;
         }
         EStopButton::Sending(_) => (
@@ -297,16 +307,43 @@ fn stop_ui(ui: &mut Ui, face: &EStopButton) -> Option<Intent> {
             "An emergency stop is active; it is reset in the driving panel",
         ),
     };
-    let text = RichText::new(words).strong().color(ink);
-    let button = Button::new(text)
+    let button = Button::new(estop_text(words, is_narrow).color(ink))
         .fill(fill)
         .stroke(Stroke::new(1.5, danger))
         .min_size(size);
+    let button = estop_button_ui(ui, |ui| ui.add(button));
+    button.widget_info(|| WidgetInfo::labeled(Role::Button, true, words));
     // Pressing again is allowed.
-    ui.add(button)
+    button
         .on_hover_text(hint)
         .clicked()
         .then_some(Intent::EStop)
+}
+
+/// In two lines in a narrow bar.
+fn estop_text(words: &str, is_narrow: bool) -> RichText {
+    if is_narrow && words == ESTOP {
+        RichText::new("EMERGENCY\nSTOP").strong().size(11.0)
+    } else {
+        RichText::new(words).strong()
+    }
+}
+
+/// Without vertical padding, so that two lines are not higher than the bar.
+fn estop_button_ui(ui: &mut Ui, add: impl FnOnce(&mut Ui) -> Response) -> Response {
+    let shown = ui.scope(|ui| {
+        ui.spacing_mut().button_padding.y = 0.0;
+        add(ui)
+    });
+    shown.inner
+}
+
+fn observer_stop_ui(ui: &mut Ui, size: Vec2, is_narrow: bool) {
+    let button = Button::new(estop_text(ESTOP, is_narrow)).min_size(size);
+    let name = format!("{ESTOP}. {OBSERVER_HINT}");
+    let shown = estop_button_ui(ui, |ui| ui.add_enabled(false, button));
+    shown.widget_info(|| WidgetInfo::labeled(Role::Button, false, &name));
+    shown.on_disabled_hover_text(OBSERVER_HINT);
 }
 
 /// Minimum width of a long name, points.
@@ -331,7 +368,6 @@ struct Wanted {
     gaps: f32,
 }
 
-/// Distributed widths, points. The map has the rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Widths {
     name: f32,
@@ -342,8 +378,7 @@ struct Widths {
 }
 
 impl Widths {
-    /// Priority: driver, link state, data age, map, robot name. Widths do not depend on changing values, so that the
-    /// layout does not jump.
+    /// Priority: driver, link state, data age, map, robot name. Changing values do not move the layout.
     fn new(available: f32, wanted: Wanted) -> Self {
         let Wanted {
             name,
@@ -387,4 +422,241 @@ impl Widths {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::time::Duration;
+
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::{NodeT as _, Queryable as _};
+
+    use super::*;
+    use crate::teleop_client::EStopState;
+    use crate::test_support::{at, console, idle_teleop_client};
+
+    fn data() -> TopBarData {
+        TopBarData {
+            name: "scout-1".to_owned(),
+            color: None,
+            link: (Tone::Good, "Live".to_owned()),
+            age: Some("< 0.2 s ago".to_owned()),
+            map: (Tone::Good, "Synchronized".to_owned()),
+            map_short: "Synchronized",
+            driver: Some("Nobody drives".to_owned()),
+            estop: Some(EStopButton::Ready),
+        }
+    }
+
+    fn bar(width: f32, data: TopBarData, unseen: usize) -> Harness<'static> {
+        let mut window = Harness::builder()
+            .with_size(vec2(width, 44.0))
+            .build_ui(move |ui| {
+                ui.horizontal(|ui| {
+                    _ = right_bar_ui(ui, Some(&data), unseen, |ui| robot_bar_ui(ui, &data));
+                });
+            });
+        crate::theme::set(&window.ctx);
+        window.run_steps(3);
+        window
+    }
+
+    #[test]
+    fn a_stop_is_shown_before_the_robot_answers() {
+        let model = console("scout", &[]);
+        assert!(model.status().is_none());
+        let mut teleop_client = idle_teleop_client();
+        let estop = |teleop_client: &TeleopClientState| {
+            let link = LinkStatus::default();
+            TopBarData::new(&model, &link, Some(teleop_client), None, at(0)).estop
+        };
+        assert_eq!(estop(&teleop_client), None);
+        teleop_client.estop = EStopState::Unsendable(Duration::from_secs(3));
+        let words = "Not sent for 3.0 s: no robot connected".to_owned();
+        assert_eq!(estop(&teleop_client), Some(EStopButton::Sending(words)));
+    }
+
+    #[test]
+    fn a_press_stops_in_every_state_and_width() {
+        let states = [
+            (EStopButton::Ready, ESTOP),
+            (EStopButton::Sending(String::new()), "Stopping…"),
+            (EStopButton::Refused("no".to_owned()), "Refused"),
+        ];
+        for (width, size) in [
+            (446.0, NARROW_ESTOP_SIZE),
+            (639.0, NARROW_ESTOP_SIZE),
+            (900.0, ESTOP_SIZE),
+        ] {
+            for (estop, label) in states.clone() {
+                let estop = Some(estop);
+                let data = TopBarData { estop, ..data() };
+                let mut window = Harness::builder()
+                    .with_size(vec2(width, 44.0))
+                    .build_ui_state(
+                        move |ui, pressed: &mut Option<Command>| {
+                            ui.horizontal(|ui| {
+                                let asked = right_bar_ui(ui, Some(&data), 0, |_| {});
+                                *pressed = pressed.take().or(asked.command);
+                            });
+                        },
+                        None,
+                    );
+                crate::theme::set(&window.ctx);
+                window.run_steps(3);
+                let button = window.get_by_label(label);
+                assert_eq!(button.rect().size(), Vec2::from(size), "{width} {label}");
+                button.click();
+                window.run_steps(2);
+                let stop = Some(Command::Drive(Intent::EStop));
+                assert_eq!(*window.state(), stop, "{width} {label}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_observers_stop_is_disabled() {
+        let estop = Some(EStopButton::ReadOnly);
+        let window = bar(900.0, TopBarData { estop, ..data() }, 0);
+        let stop =
+            window.get_by_label("EMERGENCY STOP. Observers neither drive nor stop the vehicle");
+        assert!(stop.accesskit_node().is_disabled());
+        let usual = bar(900.0, data(), 0);
+        let pressed = usual.get_by_label(ESTOP);
+        assert!(!pressed.accesskit_node().is_disabled());
+        assert_eq!(stop.rect(), pressed.rect());
+    }
+
+    #[test]
+    fn a_refused_stop_looks_different() {
+        let why = "the sender's role does not allow it".to_owned();
+        let estop = Some(EStopButton::Refused(why));
+        let mut window = bar(900.0, TopBarData { estop, ..data() }, 0);
+        assert!(window.query_by_label(ESTOP).is_none());
+        let refused = window.get_by_label("Refused");
+        assert!(!refused.accesskit_node().is_disabled());
+        let place = refused.rect();
+        assert_eq!(place, bar(900.0, data(), 0).get_by_label(ESTOP).rect());
+        window.hover_at(place.center());
+        window.run_steps(60);
+        let reported = "The robot does not stop for you: the sender's role does not allow it. Press again if you like";
+        window.get_by_label(reported);
+    }
+
+    #[test]
+    fn a_recently_synchronized_map_is_synchronized() {
+        let map = (Tone::Good, "Synchronized 0.5 s ago".to_owned());
+        let mut window = bar(900.0, TopBarData { map, ..data() }, 0);
+        let place = window.get_by_label("Synchronized").rect();
+        window.hover_at(place.center());
+        window.run_steps(60);
+        window.get_by_label("Synchronized 0.5 s ago");
+    }
+
+    #[test]
+    fn nothing_is_cut_in_a_small_window() {
+        let blue = Some(Color32::BLUE);
+        for (name, color) in [
+            ("two", None),
+            ("demo", None),
+            ("demo", blue),
+            ("scout-1", blue),
+        ] {
+            let of = || TopBarData {
+                name: name.to_owned(),
+                color,
+                ..data()
+            };
+            let wide = bar(1120.0, of(), 0);
+            let whole = |label| wide.get_by_label(label).rect().width();
+            for (width, unseen) in [446.0, 499.0, 563.0]
+                .map(|width| [(width, 0), (width, 1)])
+                .concat()
+            {
+                let window = bar(width, of(), unseen);
+                let place = |label: &str| window.get_by_label(label).rect();
+                let is_whole = |label| (place(label).width() - whole(label)).abs() < 0.5;
+                assert!(is_whole(name), "{width} {name}: {}", place(name));
+                assert!(is_whole("Nobody drives"), "{width} {name}");
+                for label in ["Live", "Synchronized"] {
+                    let is_mark = place(label).width() < 20.5;
+                    assert!(is_whole(label) || is_mark, "{width}: {}", place(label));
+                }
+                let end = if unseen > 0 { "1 alert" } else { ESTOP };
+                let parts = [name, "Live", "Nobody drives", "Synchronized", end].map(place);
+                for pair in parts.windows(2) {
+                    assert!(pair[0].right() < pair[1].left(), "{width} {name}: {pair:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_short_link_state_has_hover_text() {
+        let mut window = bar(
+            446.0,
+            TopBarData {
+                driver: Some("You drive (annabelle-1)".to_owned()),
+                link: (Tone::Warning, "Silent".to_owned()),
+                ..data()
+            },
+            0,
+        );
+        let mark = window.get_by_label("Silent").rect();
+        assert!(mark.width() < 20.5, "{mark}");
+        window.hover_at(mark.center());
+        window.run_steps(60);
+        assert_eq!(window.get_all_by_label("Silent").count(), 2);
+    }
+
+    const WANTED: Wanted = Wanted {
+        name: 450.0,
+        link: 60.0,
+        ages: Some([90.0, 60.0]),
+        driver: 120.0,
+        map: 65.0,
+        mark: 20.0,
+        before_map: 14.0,
+        gaps: 26.0,
+    };
+
+    #[test]
+    fn widths_by_priority() {
+        let room = |available| {
+            let room = Widths::new(available, WANTED);
+            assert!(room.has_link_words && room.has_map, "{available}: {room:?}");
+            (room.name, room.age)
+        };
+        let [long, short] = [Some((90.0, true)), Some((60.0, false))];
+        assert_eq!(room(1200.0), (450.0, long));
+        assert_eq!(room(1000.0), (400.0, long));
+        assert_eq!(room(600.0), (225.0, long));
+        assert_eq!(room(475.0), (100.0, long));
+        assert_eq!(room(439.0), (LEAST_NAME, long));
+        assert_eq!(room(438.0), (93.0, short));
+        assert_eq!(room(409.0), (LEAST_NAME, short));
+        assert_eq!(room(408.0), (123.0, None));
+        assert_eq!(room(349.0), (LEAST_NAME, None));
+        assert_eq!(room(348.0), (108.0, None));
+        assert_eq!(room(304.0), (LEAST_NAME, None));
+    }
+
+    #[test]
+    fn other_texts_shrink_before_a_short_name() {
+        let room = |available, name| {
+            let room = Widths::new(available, Wanted { name, ..WANTED });
+            (room.name, room.has_link_words, room.has_map)
+        };
+        for (available, words, map) in [
+            (349.0, true, true),
+            (280.0, true, true),
+            (279.0, false, true),
+            (240.0, false, true),
+            (239.0, false, false),
+            (206.0, false, false),
+            (150.0, false, false),
+        ] {
+            let expected = (40.0, words, map);
+            assert_eq!(room(available, 40.0), expected, "{available}");
+        }
+        assert_eq!(room(303.0, 450.0), (103.0, false, true));
+        assert_eq!(room(100.0, 450.0), (LEAST_NAME, false, false));
+    }
+}

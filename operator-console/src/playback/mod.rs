@@ -2,6 +2,9 @@
 //!
 //! It runs the vehicle's mapping code and a network link on this machine.
 
+mod open_dialog;
+mod path_completion;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,10 +15,11 @@ use anyhow::Context as _;
 use clap::Parser as _;
 use edge::cli::{Cli, Command, Replay, VehicleOptions};
 use edge::pacer::Rate;
-use edge::replay_control::{ReplayControl, ReplayStatus, TimelineMark};
+use edge::replay_control::{ReplayControl, ReplayState, ReplayStatus, TimelineMark};
 use eframe::egui::{
     Align2, Area, Context, Frame, HoveredFile, Id, Label, Order, RichText, TextWrapMode,
 };
+use measurement::time::RobotDuration;
 use network::random_id;
 use protocol::keys::RobotId;
 use recording::Format;
@@ -25,12 +29,8 @@ use crate::link::FoundRobot;
 use crate::model::ConsoleModel;
 use crate::panels::timeline::clock;
 
-mod command;
-mod open_dialog;
-mod path_completion;
-
-pub use command::{PlaybackCommand, RATES, is_playing};
 pub use open_dialog::OpenDialog;
+pub(crate) use path_completion::{absolute, home, typed_path};
 
 const PREFIX: &str = "recording-";
 /// Bandwidth for tiles on this machine's loopback.
@@ -108,12 +108,10 @@ impl Playback {
         self.control.status()
     }
 
-    /// Collects damaged parts from the timeline.
     pub fn update_damage(&mut self, status: &ReplayStatus) {
         self.damage.update(&status.marks);
     }
 
-    /// Damage that was not reported yet.
     pub fn take_new_damage(&mut self) -> Vec<String> {
         self.damage.take_unreported(|mark| clock(mark.at))
     }
@@ -137,11 +135,10 @@ impl Playback {
         self.failure.as_deref()
     }
 
-    /// The same, once.
     pub fn take_failure(&mut self) -> Option<String> {
         let failure = self.failure().map(str::to_owned);
-        let is_told = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
-        failure.filter(|_| !is_told)
+        let is_reported = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
+        failure.filter(|_| !is_reported)
     }
 }
 
@@ -206,7 +203,6 @@ fn replay(
 /// Kind of timeline marks for unreadable data.
 const LOSS: &str = "loss";
 
-/// Damage of a recording, reported and not.
 #[derive(Debug, Default)]
 struct Damage {
     known: Vec<TimelineMark>,
@@ -235,7 +231,6 @@ impl Damage {
     }
 }
 
-/// Shows what happens to files that are dropped now.
 pub fn drop_hint_ui(ctx: &Context) {
     let Some(words) = ctx.input(|input| words(&input.raw.hovered_files)) else {
         return;
@@ -263,6 +258,74 @@ fn words(files: &[HoveredFile]) -> Option<String> {
         1 => format!("Drop to open {name}"),
         count => format!("Drop to open {name}, the first of {count} files"),
     })
+}
+
+pub const RATES: [Rate; 7] = [
+    Rate::Times(0.25),
+    Rate::Times(0.5),
+    Rate::Times(1.0),
+    Rate::Times(2.0),
+    Rate::Times(5.0),
+    Rate::Times(10.0),
+    Rate::Max,
+];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlaybackCommand {
+    Play,
+    Pause,
+    PlayOrPause,
+    SetRate(Rate),
+    Slower,
+    Faster,
+    SetLooping(bool),
+    ToggleLooping,
+    Seek(RobotDuration),
+    Step(RobotDuration),
+    Close,
+}
+
+impl PlaybackCommand {
+    pub(super) fn apply_to(self, control: &ReplayControl) -> bool {
+        match self {
+            Self::Play => control.play(),
+            Self::Pause => control.pause(),
+            Self::PlayOrPause => {
+                if is_playing(&control.status()) {
+                    control.pause();
+                } else {
+                    control.play();
+                }
+            }
+            Self::SetRate(rate) => control.set_rate(rate),
+            Self::Slower => control.set_rate(neighbour(control.status().rate, false)),
+            Self::Faster => control.set_rate(neighbour(control.status().rate, true)),
+            Self::SetLooping(is_looping) => control.set_looping(is_looping),
+            Self::ToggleLooping => control.set_looping(!control.status().is_looping),
+            Self::Seek(to) => control.seek(to),
+            Self::Step(by) => control.step(by),
+            Self::Close => return false,
+        }
+        true
+    }
+}
+
+pub fn is_playing(status: &ReplayStatus) -> bool {
+    !status.is_paused && status.state != ReplayState::Ended
+}
+
+fn neighbour(rate: Rate, is_faster: bool) -> Rate {
+    let speed = |rate: Rate| match rate {
+        Rate::Times(times) => times,
+        Rate::Max => f64::INFINITY,
+    };
+    let next = if is_faster {
+        RATES.into_iter().find(|other| speed(*other) > speed(rate))
+    } else {
+        let mut slower = RATES.into_iter().rev();
+        slower.find(|other| speed(*other) < speed(rate))
+    };
+    next.unwrap_or(rate)
 }
 
 #[cfg(test)]
@@ -382,5 +445,52 @@ mod tests {
         assert_eq!(words(&[]), None);
         let nameless = [HoveredFile::default()];
         assert_eq!(words(&nameless).as_deref(), Some("Drop to open it"));
+    }
+
+    #[test]
+    fn toggle_plays_pauses_and_restarts() {
+        let control = ReplayControl::new(Rate::Times(1.0));
+        for is_paused in [true, false, true] {
+            assert!(PlaybackCommand::PlayOrPause.apply_to(&control));
+            assert_eq!(control.status().is_paused, is_paused);
+        }
+        let ended = ReplayStatus {
+            state: ReplayState::Ended,
+            is_paused: false,
+            ..control.status()
+        };
+        assert!(!is_playing(&ended), "it is played from the beginning");
+    }
+
+    #[test]
+    fn rate_and_loop_commands_are_relative() {
+        let control = ReplayControl::new(Rate::Times(1.0));
+        for (command, rate) in [
+            (PlaybackCommand::Faster, 2.0),
+            (PlaybackCommand::Faster, 5.0),
+            (PlaybackCommand::Slower, 2.0),
+        ] {
+            assert!(command.apply_to(&control));
+            assert_eq!(control.status().rate, Rate::Times(rate));
+        }
+        for is_looping in [true, false] {
+            assert!(PlaybackCommand::ToggleLooping.apply_to(&control));
+            assert_eq!(control.status().is_looping, is_looping);
+        }
+        assert!(!PlaybackCommand::Close.apply_to(&control));
+    }
+
+    #[test]
+    fn speeds_have_neighbours() {
+        let chain = |is_faster: bool, mut rate: Rate| {
+            for _ in 0..10 {
+                rate = neighbour(rate, is_faster);
+            }
+            rate
+        };
+        assert_eq!(chain(true, RATES[0]), Rate::Max);
+        assert_eq!(chain(false, Rate::Max), RATES[0]);
+        assert_eq!(neighbour(Rate::Times(3.0), true), Rate::Times(5.0));
+        assert_eq!(neighbour(Rate::Times(3.0), false), Rate::Times(2.0));
     }
 }

@@ -10,7 +10,7 @@ use eframe::egui::{
 };
 
 use super::path_completion::{Completions, completions};
-use crate::typed_path::{home, typed_path};
+use crate::playback::{home, typed_path};
 
 /// Height of the dialog without the list of paths, points.
 const OTHERS: f32 = 224.0;
@@ -55,7 +55,6 @@ impl OpenDialog {
         self.completions = completions(&self.path);
     }
 
-    /// Shows why a recording could not be opened.
     pub fn refuse(&mut self, path: String, why: String) {
         self.path = path;
         self.ask(Focus::AtEnd);
@@ -162,7 +161,6 @@ impl OpenDialog {
         (is_wanted && !path.is_empty()).then(|| typed_path(path))
     }
 
-    /// The only recording that is offered.
     fn only_offered(&self) -> Option<&str> {
         match (&self.completions.offered[..], &self.completions.more) {
             ([only], None) if !is_folder(only) => Some(only),
@@ -197,7 +195,6 @@ impl OpenDialog {
     }
 }
 
-/// Whether a path is certainly a folder.
 fn is_folder(path: &str) -> bool {
     path.ends_with(MAIN_SEPARATOR)
 }
@@ -375,7 +372,7 @@ mod tests {
         let mut harness = harness(dialog);
         harness.run_steps(3);
         press(&mut harness, Key::Enter);
-        let home = crate::typed_path::home().unwrap();
+        let home = crate::playback::home().unwrap();
         assert_eq!(harness.state().opened, [home.join("no such day.mcap")]);
     }
 

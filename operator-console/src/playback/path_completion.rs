@@ -1,12 +1,10 @@
-//! Completion of a typed path: folders, and files that may be recordings.
+//! Typed paths: `~` is the home folder, as in a shell; completion offers folders, and files that may be recordings.
 
 use std::fs;
-use std::path::{MAIN_SEPARATOR, Path};
+use std::path::{MAIN_SEPARATOR, Path, PathBuf, is_separator};
 use std::time::SystemTime;
 
 use recording::Format;
-
-use crate::typed_path::{home, within};
 
 /// Limit of read entries of a folder.
 const MAX_LOOKED_AT: usize = 5_000;
@@ -64,9 +62,7 @@ fn completions_of(typed: &str, home: Option<&Path>) -> Completions {
     }
 }
 
-/// Entries of a folder with the typed beginning.
 struct Found {
-    /// In order.
     recordings: Vec<String>,
     folders: Vec<String>,
     /// Files above the limit of opened files, which may be recordings.
@@ -120,7 +116,6 @@ impl Found {
     }
 }
 
-/// Describes what is not offered: recordings, folders, and files that were not opened.
 fn more([recordings, folders]: [usize; 2], unknown: usize) -> Option<String> {
     let left_out = |found: usize, kind: &str| {
         let count = found.saturating_sub(MAX_OFFERED);
@@ -163,6 +158,32 @@ fn ends_with(name: &str, endings: &[&str]) -> bool {
 /// By its first bytes. A pipe is no recording, and reading it would block.
 fn is_recording(path: &Path) -> bool {
     path.is_file() && Format::of(path).is_ok()
+}
+
+/// Expands `~` and a leading `~/`, if the system has a home folder.
+pub(crate) fn typed_path(typed: &str) -> PathBuf {
+    within(typed, home().as_deref())
+}
+
+/// Resolves a relative path against the working directory.
+pub(crate) fn absolute(path: PathBuf) -> PathBuf {
+    std::path::absolute(&path).unwrap_or(path)
+}
+
+pub(crate) fn home() -> Option<PathBuf> {
+    etcetera::home_dir().ok()
+}
+
+fn within(typed: &str, home: Option<&Path>) -> PathBuf {
+    let home_and_rest = home.zip(typed.strip_prefix('~'));
+    match home_and_rest {
+        Some((home, "")) => home.to_owned(),
+        Some((home, rest)) if rest.starts_with(is_separator) => {
+            home.join(rest.trim_start_matches(is_separator))
+        }
+        // `~anna` is another user's home in some shells, and a plain name elsewhere.
+        Some(_) | None => PathBuf::from(typed),
+    }
 }
 
 #[cfg(test)]
@@ -293,5 +314,24 @@ mod tests {
         assert_eq!(common(&["ab"]).as_deref(), Some("ab"));
         assert_eq!(common(&["räume", "rätsel", "räder"]).as_deref(), Some("rä"));
         assert_eq!(common(&["a", "b"]).as_deref(), Some(""));
+    }
+
+    #[test]
+    fn leading_tilde_is_the_home_folder() {
+        let check = |typed: &str, expected: &str| {
+            let home = Path::new("/home/anna");
+            assert_eq!(within(typed, Some(home)), Path::new(expected), "{typed}");
+        };
+        check("~", "/home/anna");
+        check("~/", "/home/anna");
+        check("~/maps", "/home/anna/maps");
+        check("~//maps", "/home/anna/maps");
+        check("~/maps/", "/home/anna/maps/");
+        check("~maps", "~maps");
+        check("./~/maps", "./~/maps");
+        check("/maps/~", "/maps/~");
+        check("maps", "maps");
+        check("", "");
+        assert_eq!(within("~/maps", None), Path::new("~/maps"));
     }
 }

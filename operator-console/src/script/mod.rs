@@ -39,11 +39,7 @@ pub struct Drive {
     pub(crate) script: PathBuf,
 }
 
-/// Runs the script and prints what happens. Returns [`Exit::Failed`] if a request is refused or not answered, or a
-/// state is not reached.
-///
-/// # Errors
-/// If the operator is an observer, the script cannot be read, or there is no robot that can be driven.
+/// [`Exit::Failed`] if a request is refused or not answered, or a state is not reached.
 pub fn run(
     settings: &Drive,
     is_interrupted: impl Fn() -> bool,
@@ -345,7 +341,6 @@ fn state_text(status: &TeleopStatus) -> String {
     format!("{}{held_back}, lease of {holder}", state(status.state))
 }
 
-/// Requested and applied velocity, and age of the last command.
 fn figures(status: &TeleopStatus) -> String {
     let age = status
         .age_ms

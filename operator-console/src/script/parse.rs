@@ -111,10 +111,6 @@ pub enum ScriptError {
     TooLong,
 }
 
-/// Parses a script.
-///
-/// # Errors
-/// If a line is no action, or its time is before that of the last one.
 pub fn parse(text: &str) -> Result<Vec<Step>, ScriptError> {
     if text.len() > MAX_BYTES {
         return Err(ScriptError::TooLong);

@@ -28,11 +28,9 @@ pub enum ConfigPath {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Read {
     pub settings: Settings,
-    /// What could not be used, and where the file is now.
     pub complaint: Option<String>,
 }
 
-/// `foreshore/console.json` in the system's folder for configuration.
 pub fn default_file() -> Option<PathBuf> {
     let folders = etcetera::choose_base_strategy().ok()?;
     Some(folders.config_dir().join("foreshore").join("console.json"))
@@ -177,7 +175,6 @@ impl SettingsWriter {
         self.shared.changed.notify_one();
     }
 
-    /// A new reason why settings cannot be written.
     pub fn take_problem(&self) -> Option<String> {
         lock(&self.shared.state).problem.take()
     }

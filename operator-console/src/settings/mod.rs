@@ -32,7 +32,6 @@ pub struct Settings {
     pub addresses: Vec<String>,
     pub robots: RobotColors,
     pub map: Option<ViewSettings>,
-    /// Whether to open the folder of a finished export.
     pub opens_exports: bool,
 }
 
@@ -226,4 +225,225 @@ impl RobotColors {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::fs;
+    use std::path::Path;
+    use std::thread::sleep;
+    use std::time::Duration;
+
+    use network::clock;
+
+    use super::*;
+    use crate::workspace::{PanelId, Workspace};
+
+    fn some() -> Settings {
+        let mut workspace = Workspace::default();
+        workspace.set_wanted(PanelId::Losses, false);
+        let mut settings = Settings {
+            appearance: Appearance {
+                theme: ThemeChoice::Dark,
+                scale_percent: 150,
+            },
+            window: Some(WindowPlace {
+                size: [900.0, 600.0],
+                corner: Some([10.0, 20.0]),
+                is_maximized: false,
+            }),
+            layout: Some(workspace.layout()),
+            opens_exports: false,
+            ..Settings::default()
+        };
+        settings.remember("tcp/10.0.0.5:7447");
+        settings.robots.of(&"scout".parse().unwrap());
+        settings
+    }
+
+    fn read_both(path: &Path) -> (Settings, Option<String>) {
+        let read = read(path);
+        (read.settings, read.complaint)
+    }
+
+    fn files(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn settings_are_read_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/console.json");
+        assert_eq!(read(&path), Read::default(), "a first run");
+        file::write(&path, &some()).unwrap();
+        let read_back = read(&path);
+        assert_eq!(read_back.complaint, None);
+        assert_eq!(read_back.settings, some());
+        assert_eq!(files(path.parent().unwrap()), ["console.json"]);
+    }
+
+    #[test]
+    fn missing_keys_have_defaults_unknown_are_ignored() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("console.json");
+        fs::write(
+            &path,
+            r#"{"version": 1, "sound": "loud", "appearance": {"theme": "light"}}"#,
+        )
+        .unwrap();
+        let (settings, complaint) = read_both(&path);
+        assert_eq!(complaint, None);
+        let expected = Appearance {
+            theme: ThemeChoice::Light,
+            scale_percent: 100,
+        };
+        assert_eq!(settings.appearance, expected);
+        assert_eq!(settings.layout, None);
+        assert!(settings.opens_exports);
+    }
+
+    #[test]
+    fn damaged_or_newer_file_is_renamed_with_reason() {
+        for (text, says) in [
+            (r#"{"version": 1, "appea"#, "EOF"),
+            (r#"{"version": 9}"#, "newer version"),
+            (r#"{"version": 1, "appearance": {"theme": "pink"}}"#, "pink"),
+            ("{}", "does not say its version"),
+            ("", "EOF"),
+        ] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("console.json");
+            fs::write(&path, text).unwrap();
+            let (settings, complaint) = read_both(&path);
+            assert_eq!(settings, Settings::default());
+            let complaint = complaint.unwrap();
+            assert!(complaint.contains(says), "{complaint}");
+            let [aside] = &files(folder.path())[..] else {
+                panic!("{:?}", files(folder.path()));
+            };
+            assert!(aside.starts_with("console.unusable-"), "{aside}");
+            assert!(complaint.contains(aside), "{complaint}");
+            let kept = fs::read_to_string(folder.path().join(aside)).unwrap();
+            assert_eq!(kept, text);
+        }
+    }
+
+    #[test]
+    fn invalid_values_are_replaced_separately() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("console.json");
+        let mut settings = some();
+        settings.appearance.scale_percent = 1000;
+        settings.window = Some(WindowPlace {
+            size: [5.0, 1e9],
+            corner: None,
+            is_maximized: false,
+        });
+        file::write(&path, &settings).unwrap();
+        let (settings, complaint) = read_both(&path);
+        assert_eq!(settings.appearance.scale_percent, 100);
+        assert_eq!(settings.appearance.theme, ThemeChoice::Dark);
+        assert_eq!(settings.window, None);
+        assert_eq!(settings.addresses, ["tcp/10.0.0.5:7447"]);
+        let complaint = complaint.unwrap();
+        assert!(
+            complaint.contains("1000 %") && complaint.contains("place"),
+            "{complaint}"
+        );
+    }
+
+    #[test]
+    fn addresses_and_colours_are_bounded_and_kept() {
+        let mut settings = Settings::default();
+        for n in 0..100 {
+            settings.remember(&format!("tcp/10.0.0.{n}:7447"));
+        }
+        settings.remember("tcp/10.0.0.90:7447");
+        assert_eq!(settings.addresses.len(), MAX_ADDRESSES);
+        assert_eq!(settings.addresses.last().unwrap(), "tcp/10.0.0.90:7447");
+        let mut robots = RobotColors::default();
+        let mut of = |name: &str| robots.of(&name.parse().unwrap());
+        let (scout, boat) = (of("scout"), of("boat"));
+        assert_ne!(scout, boat);
+        let seven: std::collections::BTreeSet<_> = ["scout", "boat", "c", "d", "e", "f", "g"]
+            .map(|name| of(name).to_array())
+            .into();
+        assert_eq!(seven.len(), 7, "the first seven differ");
+        assert_eq!(of("scout"), scout);
+        for n in 0..1000 {
+            of(&format!("robot-{n}"));
+        }
+        let text = serde_json::to_string(&robots).unwrap();
+        assert!(text.len() < 8_000, "{} bytes", text.len());
+    }
+
+    fn within_5_s<T>(found: impl Fn() -> Option<T>) -> T {
+        let started = clock::now();
+        loop {
+            if let Some(found) = found() {
+                return found;
+            }
+            assert!(clock::elapsed(started) < Duration::from_secs(5));
+            sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// As after `kill -9`: nothing is dropped.
+    #[test]
+    fn changes_are_written_within_a_second_and_at_exit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("console.json");
+        let mut settings_writer = SettingsWriter::start(path.clone(), Settings::default());
+        settings_writer.save(Settings::default());
+        settings_writer.save(some());
+        within_5_s(|| path.exists().then_some(()));
+        assert_eq!(read(&path).settings, some());
+        // Only the last of many changes is written, at the end at the latest.
+        for percent in 50..=300 {
+            let mut settings = some();
+            settings.appearance.scale_percent = percent;
+            settings_writer.save(settings);
+        }
+        drop(settings_writer);
+        assert_eq!(read(&path).settings.appearance.scale_percent, 300);
+        assert_eq!(files(folder.path()), ["console.json"]);
+    }
+
+    #[test]
+    fn unwritable_folder_is_reported_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let blocked = folder.path().join("file");
+        fs::write(&blocked, "").unwrap();
+        let mut settings_writer =
+            SettingsWriter::start(blocked.join("console.json"), Settings::default());
+        settings_writer.save(some());
+        let problem = within_5_s(|| settings_writer.take_problem());
+        assert!(problem.contains("cannot be saved"), "{problem}");
+        assert_eq!(settings_writer.take_problem(), None);
+        settings_writer.save(Settings {
+            opens_exports: true,
+            ..some()
+        });
+        // Longer than the writer's period.
+        sleep(Duration::from_millis(1500));
+        assert_eq!(settings_writer.take_problem(), None, "the same again");
+        fs::remove_file(&blocked).unwrap();
+        settings_writer.save(some());
+        within_5_s(|| blocked.join("console.json").exists().then_some(()));
+        fs::remove_dir_all(&blocked).unwrap();
+        fs::write(&blocked, "").unwrap();
+        settings_writer.save(Settings::default());
+        within_5_s(|| settings_writer.take_problem());
+    }
+
+    #[test]
+    fn bare_file_name_is_in_the_working_directory() {
+        let file = tempfile::NamedTempFile::new_in(".").unwrap();
+        let name = Path::new(file.path().file_name().unwrap());
+        assert_eq!(name.parent(), Some(Path::new("")));
+        file::write(name, &some()).unwrap();
+        assert_eq!(read(name).settings, some());
+    }
+}

@@ -8,8 +8,7 @@ use super::{Action, Binding, Group, bindings, fits};
 pub struct KeyContext {
     pub is_driving: bool,
     pub has_recording: bool,
-    /// A text field had the focus at the end of the last frame: one frame may contain letters and the key that ends
-    /// typing.
+    /// At the end of the last frame: one frame may contain letters and the key that ends typing.
     pub was_typing: bool,
 }
 
@@ -115,7 +114,6 @@ struct Waiting {
 }
 
 impl TypeAhead {
-    /// Starts to wait; `typed` was pressed after the shortcut.
     pub fn wait(&mut self, ctx: &Context, typed: Vec<Event>) {
         let waiting = self.waiting.get_or_insert_default();
         waiting.typed.extend(typed);
@@ -132,8 +130,7 @@ impl TypeAhead {
         self.waiting.is_some()
     }
 
-    /// To be called before a frame is drawn: passes the buffered text to the focused field. Without a field, keys
-    /// have their normal meaning again.
+    /// Must be called before a frame is drawn: passes the buffered text to the focused field.
     pub fn begin_frame(&mut self, ctx: &Context) {
         let Some(waiting) = &mut self.waiting else {
             return;

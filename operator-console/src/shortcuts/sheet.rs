@@ -11,7 +11,6 @@ const COLUMN: f32 = 300.0;
 const BETWEEN: f32 = 24.0;
 const FRAME: [f32; 2] = [40.0, 70.0];
 
-/// Where the list is.
 #[derive(Debug, Default)]
 pub struct Sheet {
     pub is_open: bool,
@@ -19,7 +18,6 @@ pub struct Sheet {
     pub is_moved: bool,
 }
 
-/// Draws the list.
 pub fn sheet_ui(ctx: &Context, sheet: &mut Sheet) {
     let content = ctx.content_rect();
     let room = content.size() - vec2(FRAME[0], FRAME[1]);

@@ -5,7 +5,7 @@ use protocol::layer::LayerId;
 use super::*;
 
 /// Driving keys, which never reach the window while a vehicle can be driven, unless a modifier other than Shift is
-/// held (`input_loop/keys.rs`).
+/// held (`input_loop`).
 const OF_THE_HELM: [Key; 14] = [
     Key::W,
     Key::A,
@@ -74,11 +74,9 @@ fn key_texts() {
     assert_eq!(Action::Faster.keys(), "]");
 }
 
-/// State of a frame.
 #[derive(Clone, Copy)]
 struct Frame {
     scene: KeyContext,
-    /// Whether a text field has the focus.
     has_field: bool,
     /// Physical key, named by the US keyboard.
     place: Option<Key>,
@@ -112,7 +110,6 @@ impl Frame {
         }
     }
 
-    /// Actions of the first press and of its repetition.
     fn presses(self, key: Key, modifiers: Modifiers) -> Vec<Action> {
         let mut harness = Harness::builder()
             .with_size(vec2(300.0, 100.0))

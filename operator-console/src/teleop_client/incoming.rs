@@ -5,10 +5,10 @@ use protocol::message::{Answer, LeaseRequest, StopReason, TeleopState, TeleopSta
 use protocol::tile::BootId;
 
 use super::TeleopClient;
+use super::drive_commands::{DriveCommands, moving_until};
 use super::estop::{EStopOutcome, PendingEStop};
 use super::lease::{Lease, LeaseChange};
 use super::messages::{RequestKind, RequestNumber, TeleopMessage, TeleopNotification};
-use super::neutral_gate::{DriveCommands, moving_until};
 use crate::teleop_input::InputLockReason;
 
 impl TeleopClient {
@@ -38,8 +38,7 @@ impl TeleopClient {
         }
     }
 
-    /// The first message of a run of the robot: all state of the last run is void, except an emergency stop that is
-    /// still unacknowledged.
+    /// All state of the last run is void, except an unacknowledged emergency stop.
     pub(super) fn on_boot(&mut self, boot: BootId, now: Monotonic) {
         if self.boot == Some(boot) {
             return;
@@ -125,7 +124,6 @@ impl TeleopClient {
         self.status = Some(status);
     }
 
-    /// A new press replaces the notice about the last one.
     pub(super) fn clear_not_in_force_notice(&mut self) {
         if matches!(self.notice, Some((_, TeleopNotification::EStopNotInForce))) {
             self.notice = None;

@@ -14,7 +14,6 @@ const SETTLED: Duration = Duration::from_secs(1);
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Lease {
-    /// Neither granted nor requested.
     #[default]
     None,
     /// Requested; granted when the vehicle stands still or the holder consents.
@@ -23,7 +22,6 @@ pub enum Lease {
         after: u64,
         since: Monotonic,
     },
-    /// Granted under this number.
     Held(u64),
 }
 
@@ -34,7 +32,6 @@ pub(super) enum LeaseChange {
 }
 
 impl Lease {
-    /// Number of the grant if this console drives.
     pub const fn held(self) -> Option<u64> {
         match self {
             Self::Held(epoch) => Some(epoch),

@@ -42,7 +42,6 @@ pub enum TeleopMessage {
     },
 }
 
-/// What the operator requests besides motion.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Intent {
     EStop,
@@ -87,11 +86,9 @@ pub enum TeleopNotification {
     InputLocked(InputLockReason),
 }
 
-/// A request as it appears in the log.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RequestKind {
     Lease(LeaseRequest),
-    /// Reset of the emergency stop of this number.
     Reset(u64),
     Set(Setting),
 }
@@ -107,8 +104,7 @@ const MAX_WAITING: usize = 8;
 /// Longer than the link waits for an answer.
 pub(super) const LONGEST: Duration = Duration::from_secs(4);
 
-/// The open request and the queue. The robot rejects a request that a later one has overtaken, so they are sent one at
-/// a time.
+/// Sent one at a time: the robot rejects a request that a later one has overtaken.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Requests {
     waiting: VecDeque<RequestKind>,
@@ -135,13 +131,11 @@ impl Requests {
         self.asked = Some((request, asked, now));
     }
 
-    /// Ends the open request if it has this number.
     pub(super) fn take(&mut self, request: RequestNumber) -> Option<RequestKind> {
         let (_, asked, _) = self.asked.take_if(|(number, ..)| *number == request)?;
         Some(asked)
     }
 
-    /// Ends the open request if it has timed out.
     pub(super) fn take_overdue(&mut self, now: Monotonic) -> Option<RequestKind> {
         let (_, asked, _) = self.asked.take_if(|(_, _, at)| now.since(*at) >= LONGEST)?;
         Some(asked)

@@ -5,12 +5,11 @@
 //! less than the age of the input, and a loop that hangs sends nothing, or commands that the robot rejects. Message
 //! formats: `SPEC.md`, sections 12 and 13.
 
+mod drive_commands;
 mod estop;
 mod incoming;
 mod lease;
 mod messages;
-mod neutral_gate;
-mod send_rate;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -33,9 +32,9 @@ pub use messages::{
     TeleopNotification,
 };
 
+use drive_commands::DriveCommands;
 use estop::PendingEStop;
 use messages::Requests;
-use neutral_gate::DriveCommands;
 
 /// The link counts as lost after this time without a token: longer than the gaps of a jittery link, shorter than a
 /// pause that an operator would accept. The robot has stopped long before.
@@ -69,7 +68,6 @@ pub struct TeleopClient {
     requests: Requests,
     numbers: u64,
     estop: Option<PendingEStop>,
-    /// The robot refused to stop for this operator; cleared by evidence of the opposite.
     estop_refused: Option<protocol::message::Refusal>,
     next_press: u64,
     drive_commands: DriveCommands,
@@ -92,8 +90,7 @@ pub struct TeleopClientState {
     pub operator: OperatorId,
     pub role: Option<Role>,
     pub lease: Lease,
-    /// The newest grant to this console in this run of the robot. A status with this grant may be older than its end
-    /// here.
+    /// In this run of the robot. A status with this grant may be older than its end here.
     pub last_grant: Option<u64>,
     pub step: SpeedStep,
     pub limits: [f32; 2],
@@ -101,7 +98,6 @@ pub struct TeleopClientState {
     pub keys: Vec<DriveKey>,
     /// Why pressed keys and sticks do not count.
     pub ignored: Option<InputLockReason>,
-    /// Whether a press would count.
     pub is_ready: bool,
     pub token_age: Option<Duration>,
     pub is_asking: bool,
@@ -116,7 +112,6 @@ pub enum EStopState {
     Sending(Duration),
     /// Time since the press; no message from the robot has arrived, so it cannot be sent.
     Unsendable(Duration),
-    /// The robot refused to stop for this operator.
     Refused(Refusal),
 }
 
@@ -131,7 +126,6 @@ impl TeleopClientState {
 }
 
 impl TeleopClient {
-    /// `random` makes emergency stop presses of this console unique.
     pub fn new(robot: RobotId, identity: Identity, random: u64) -> Self {
         Self {
             robot,
@@ -161,7 +155,6 @@ impl TeleopClient {
         }
     }
 
-    /// Sets the robot's limits: keys and sticks are shares of its greatest speed and turn rate.
     pub fn set_robot_info(&mut self, info: &Info) {
         let [speed_mps, turn_rate_radps] = info.limits.map(|limit| {
             if limit.is_finite() {
@@ -213,8 +206,7 @@ impl TeleopClient {
         messages
     }
 
-    /// Messages of a console that closes: an unacknowledged emergency stop, zero velocity, and the release of the lease
-    /// or of its request.
+    /// Unacknowledged emergency stop, zero velocity, and release of the lease or of its request.
     pub fn shutdown_messages(&mut self) -> Vec<SignedMessage> {
         self.input.lock_input(InputLockReason::Focus);
         let token = self.newest.and_then(|newest| newest.token);
@@ -282,7 +274,7 @@ impl TeleopClient {
         // After a suspension the queued input is too old.
         let is_frozen = self
             .last_end
-            .is_some_and(|last| now.since(last) > FROZEN.max(send_rate::PERIOD));
+            .is_some_and(|last| now.since(last) > FROZEN.max(drive_commands::PERIOD));
         if is_held && is_frozen {
             self.lock_input(InputLockReason::LoopStalled);
         }

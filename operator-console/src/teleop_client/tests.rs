@@ -8,14 +8,11 @@ use protocol::signed::{CommandHeader, Envelope, Route};
 
 use super::*;
 use crate::teleop_input::{DriveKey, SpeedStep};
-use crate::test_support::{BOOT, at, idle_teleop_status};
+use crate::test_support::{BOOT, STORED_ESTOP, at, idle_teleop_status};
 
-mod ended_lease;
 mod key_changes;
-mod observer;
-mod refused_estop;
+mod rights;
 
-/// A decoded message.
 #[derive(Clone, Debug, PartialEq)]
 enum Read {
     Drive(Drive),
@@ -42,7 +39,6 @@ struct Rig {
     speaks: bool,
     velocity: [f32; 2],
     last_seq: u64,
-    /// Sent messages with header and time.
     sent: Vec<(u64, CommandHeader, Read)>,
 }
 
@@ -84,7 +80,6 @@ impl Rig {
         })
     }
 
-    /// One iteration with these events.
     fn turn(&mut self, events: &[InputEvent]) {
         let newest = self.newest();
         self.teleop_client.begin(newest, at(self.ms));
@@ -137,7 +132,6 @@ impl Rig {
         self.teleop_client.state(at(self.ms))
     }
 
-    /// Notifications since the last call.
     fn notes(&mut self) -> Vec<TeleopNotification> {
         self.teleop_client.take_notifications().into()
     }
@@ -175,7 +169,6 @@ impl Rig {
         self.teleop_client.receive(message, at(self.ms));
     }
 
-    /// Messages sent since the last call, with their times.
     fn since(&mut self) -> Vec<(u64, CommandHeader, Read)> {
         std::mem::take(&mut self.sent)
     }
@@ -616,10 +609,7 @@ fn notice_is_shown_for_a_while() {
 fn reset_explains_the_end_of_the_lease() {
     let stopped = |status: &mut TeleopStatus| {
         status.state = TeleopState::EStop;
-        status.estop = Some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
+        status.estop = Some(STORED_ESTOP);
     };
     let idle = |status: &mut TeleopStatus| {
         status.state = TeleopState::Idle;
@@ -683,7 +673,7 @@ fn teleop_client_and_input_are_pure() {
         "winit",
         "crate::link",
     ];
-    for (folder, least) in [("teleop_client", 7), ("teleop_input", 1)] {
+    for (folder, least) in [("teleop_client", 6), ("teleop_input", 1)] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("src")
             .join(folder);

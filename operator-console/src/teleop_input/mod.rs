@@ -184,12 +184,10 @@ impl TeleopInput {
         DriveKey::ALL.into_iter().filter(is_live)
     }
 
-    /// Why pressed keys do not count; `None` if they count or none is pressed.
     pub fn lock_reason(&self) -> Option<InputLockReason> {
         self.locked_by.filter(|_| self.is_any_pressed())
     }
 
-    /// Whether a press would count.
     pub const fn is_ready(&self) -> bool {
         self.locked_by.is_none()
     }
@@ -198,7 +196,6 @@ impl TeleopInput {
         self.step
     }
 
-    /// Whether the emergency stop was pressed since the last call.
     pub const fn take_estop(&mut self) -> bool {
         std::mem::replace(&mut self.is_estop_pressed, false)
     }
@@ -280,21 +277,16 @@ impl DriveKey {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InputEvent {
-    /// A press, not a repetition.
     Press(DriveKey),
-    /// A repetition, or a key that is already pressed when the window gets the keyboard. It does not count, but must be
-    /// released.
+    /// A repetition, or pressed before the window got the keyboard: does not count, but must be released.
     StillDown(DriveKey),
     Release(DriveKey),
-    /// The space bar or the button.
     EStop,
     Step(SpeedStep),
     Pad(PadReading),
     PadGone,
-    /// Whether this window has the keyboard.
     Focus(bool),
     Visible(bool),
-    /// Whether a text field has the keyboard.
     Typing(bool),
 }
 
@@ -325,7 +317,6 @@ pub struct SpeedStep(u8);
 impl SpeedStep {
     pub const COUNT: u8 = 5;
 
-    /// The step of a number key, 1 to [`SpeedStep::COUNT`].
     pub const fn new(number: u8) -> Option<Self> {
         match number {
             1..=Self::COUNT => Some(Self(number)),
@@ -341,7 +332,6 @@ impl SpeedStep {
         self.0
     }
 
-    /// Share of the greatest speed, 0 … 1.
     pub fn share(self) -> f32 {
         f32::from(self.0) / f32::from(Self::COUNT)
     }

@@ -10,12 +10,13 @@ use serde::{Deserialize, Serialize};
 
 use super::PanelId;
 
-/// Width and height of the panels around the map, points.
-const LEFT: f32 = 280.0;
+/// Width of the panels beside the map, points.
+const LEFT: f32 = 250.0;
 const RIGHT: f32 = 300.0;
+/// Width of the map in a window of 1280 points.
+const MAP: f32 = 730.0;
+/// Height of panels below others, points.
 const BELOW: f32 = 190.0;
-/// Size of the map in a window of 1280 × 800 points.
-const MAP: [f32; 2] = [700.0, 570.0];
 const MAX_SHARE: f32 = 1e5;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,28 +52,24 @@ impl Default for Layout {
             places: panels.iter().copied().map(Place::Panel).collect(),
         };
         let part = |share, place| Part { share, place };
-        let [map_width, map_height] = MAP;
-        let left = Place::Column(vec![
-            part(300.0, tabs(&[PanelId::Robot, PanelId::Robots])),
-            part(460.0, tabs(&[PanelId::Layers, PanelId::Shores])),
-        ]);
-        let below = tabs(&[
-            PanelId::Link,
-            PanelId::Events,
+        let layers = tabs(&[PanelId::Layers, PanelId::Shores, PanelId::Sensors]);
+        let robot = tabs(&[PanelId::Robot, PanelId::Robots, PanelId::Link]);
+        let reports = tabs(&[
             PanelId::Alerts,
-            PanelId::Sensors,
+            PanelId::Events,
             PanelId::Recording,
             PanelId::Losses,
         ]);
-        let middle = Place::Column(vec![
-            part(map_height, tabs(&[PanelId::Map])),
-            part(BELOW, below),
+        let left = Place::Column(vec![part(430.0, layers), part(330.0, robot)]);
+        let right = Place::Column(vec![
+            part(540.0, tabs(&[PanelId::Driving])),
+            part(220.0, reports),
         ]);
         Self {
             root: Place::Row(vec![
                 part(LEFT, left),
-                part(map_width, middle),
-                part(RIGHT, tabs(&[PanelId::Driving])),
+                part(MAP, tabs(&[PanelId::Map])),
+                part(RIGHT, right),
             ]),
             hidden: BTreeSet::new(),
         }
@@ -80,7 +77,6 @@ impl Default for Layout {
 }
 
 impl Layout {
-    /// The layout of a tree; the default if the tree is empty.
     pub(super) fn of(tree: &Tree<PanelId>, hidden: BTreeSet<PanelId>) -> Self {
         match tree.root.and_then(|root| place_of(&tree.tiles, root)) {
             Some(root) => Self { root, hidden },
@@ -112,7 +108,6 @@ impl Layout {
 }
 
 impl Place {
-    /// Collects its panels. Returns whether all shares are valid.
     fn collect(&self, panels: &mut Vec<PanelId>) -> bool {
         match self {
             Self::Panel(panel) => {
@@ -210,8 +205,7 @@ const NEW: f32 = 250.0;
 /// A smaller size was not set by the operator, points.
 const COLLAPSED: f32 = 20.0;
 
-/// Sets the shares of rows and columns that contain the map to points: other visible panels keep their size, the map
-/// gets the rest.
+/// Other visible panels keep their size, the map gets the rest.
 pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) {
     let mut way = vec![map];
     while let Some(parent) = tree.tiles.parent_of(way[way.len() - 1]) {
@@ -244,8 +238,7 @@ pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) 
         }
         let least = LEAST.min(LEAST_SHARE * size[axis]);
         let for_map = (size[axis] - taken).max(least);
-        // If the space is too small for all, other panels shrink in proportion. Their stored sizes stay, for a larger
-        // window.
+        // If the space is too small, other panels shrink; their stored sizes stay, for a larger window.
         let share = if taken + for_map > size[axis] {
             for_map * taken / (size[axis] - for_map).max(1.0)
         } else {
@@ -256,7 +249,7 @@ pub(super) fn resize_for_map(tree: &mut Tree<PanelId>, map: TileId, size: Vec2) 
     }
 }
 
-/// Whether the window is too narrow for the panels beside the map, and too low for those below it, at their default
+/// Whether the window is too narrow for the panels beside the map, and too low for those below others, at their default
 /// size. If so, the window shows the map and the driving panel alone while this console drives.
 pub fn is_tight(window: Vec2) -> [bool; 2] {
     let is_too_small = |whole: f32, taken: f32| whole - taken < LEAST.max(LEAST_SHARE * whole);

@@ -214,7 +214,6 @@ impl PanelId {
         !matches!(self, Self::Map)
     }
 
-    /// Whether it is empty until a robot is selected.
     pub const fn needs_a_robot(self) -> bool {
         !matches!(self, Self::Map | Self::Robots | Self::Events | Self::Alerts)
     }
@@ -225,8 +224,7 @@ impl PanelId {
     }
 }
 
-/// The front panel of each group of tabs. The library forgets the operator's choice when a panel is hidden, and
-/// panels without content are hidden.
+/// The library forgets which tab the operator chose when a panel without content is hidden.
 #[derive(Clone, Debug, Default)]
 struct ActiveTabs(BTreeMap<u64, ActiveTab>);
 

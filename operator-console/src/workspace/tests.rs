@@ -4,7 +4,6 @@ use egui_kittest::kittest::Queryable;
 
 use super::*;
 
-/// A workspace whose panels show their names; those in `absent` have no content.
 struct Rig {
     workspace: Workspace,
     absent: Vec<PanelId>,
@@ -46,11 +45,11 @@ fn default_layout_has_all_panels_and_a_large_map() {
     assert!(Layout::default().is_whole());
     let window = window(&Layout::default(), [1280.0, 760.0]);
     let drawn = [
-        PanelId::Robot,
         PanelId::Layers,
+        PanelId::Robot,
         PanelId::Map,
-        PanelId::Link,
         PanelId::Driving,
+        PanelId::Alerts,
     ];
     let mut shown = window.state().drawn.clone();
     shown.sort_unstable();
@@ -58,7 +57,10 @@ fn default_layout_has_all_panels_and_a_large_map() {
     expected.sort_unstable();
     assert_eq!(shown, expected);
     let map = size_of(&window, PanelId::Map);
-    assert!(map.x > 650.0 && map.y > 500.0, "{map}");
+    assert!(
+        map.x * map.y >= 0.5 * 1280.0 * 800.0,
+        "half a window: {map}"
+    );
 }
 
 #[test]
@@ -67,10 +69,11 @@ fn tabs_are_switched_closed_and_reopened() {
     window.get_by_label("Events").click();
     window.run_steps(3);
     assert!(window.state().drawn.contains(&PanelId::Events));
-    assert!(!window.state().drawn.contains(&PanelId::Link));
-    window.state_mut().workspace.set_wanted(PanelId::Link, true);
+    assert!(!window.state().drawn.contains(&PanelId::Alerts));
+    let workspace = &mut window.state_mut().workspace;
+    workspace.set_wanted(PanelId::Alerts, true);
     window.run_steps(2);
-    assert!(window.state().drawn.contains(&PanelId::Link));
+    assert!(window.state().drawn.contains(&PanelId::Alerts));
 
     for panel in PanelId::ALL {
         window.state_mut().workspace.set_wanted(panel, false);
@@ -94,7 +97,13 @@ fn tabs_are_switched_closed_and_reopened() {
 fn panels_without_content_are_hidden() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
     let with_driving = size_of(&window, PanelId::Map).x;
-    window.state_mut().absent = vec![PanelId::Driving];
+    window.state_mut().absent = vec![
+        PanelId::Driving,
+        PanelId::Alerts,
+        PanelId::Events,
+        PanelId::Recording,
+        PanelId::Losses,
+    ];
     window.run_steps(3);
     assert!(size_of(&window, PanelId::Map).x > with_driving + 150.0);
     assert!(window.state().workspace.is_wanted(PanelId::Driving));
@@ -111,7 +120,7 @@ fn a_front_tab_returns_with_its_content() {
     window.run_steps(3);
     assert!(window.state().drawn.contains(&PanelId::Shores));
     for _times in 0..2 {
-        window.state_mut().absent = vec![PanelId::Shores, PanelId::Link, PanelId::Driving];
+        window.state_mut().absent = vec![PanelId::Shores, PanelId::Alerts, PanelId::Driving];
         window.run_steps(3);
         assert!(window.state().drawn.contains(&PanelId::Layers));
         assert!(window.state().drawn.contains(&PanelId::Events));
@@ -122,10 +131,10 @@ fn a_front_tab_returns_with_its_content() {
         window.state_mut().absent.clear();
         window.run_steps(3);
         assert!(window.state().drawn.contains(&PanelId::Shores));
-        assert!(window.state().drawn.contains(&PanelId::Link));
+        assert!(window.state().drawn.contains(&PanelId::Alerts));
     }
     // A choice made while another panel is hidden counts.
-    window.state_mut().absent = vec![PanelId::Link];
+    window.state_mut().absent = vec![PanelId::Alerts];
     window.run_steps(3);
     window.get_by_label("Losses").click();
     window.run_steps(3);
@@ -177,7 +186,7 @@ fn layout_round_trip() {
 
     // Missing or repeated panels and invalid shares are rejected.
     for (from, to) in [
-        (r#"{"panel":"link"},"#, ""),
+        (r#"{"panel":"alerts"},"#, ""),
         (r#""losses"}]"#, r#""link"}]"#),
         (r#""share":"#, r#""share":-"#),
     ] {
@@ -197,17 +206,17 @@ fn keyboard_focus_cycles_through_panels() {
         seen.push(window.state().workspace.focused.unwrap());
     }
     let expected = [
-        PanelId::Robot,
         PanelId::Layers,
-        PanelId::Map,
-        PanelId::Link,
-        PanelId::Driving,
         PanelId::Robot,
+        PanelId::Map,
+        PanelId::Driving,
+        PanelId::Alerts,
+        PanelId::Layers,
     ];
     assert_eq!(seen, expected);
     window.state_mut().workspace.cycle_focus(false);
     window.run_steps(2);
-    assert_eq!(window.state().workspace.focused, Some(PanelId::Driving));
+    assert_eq!(window.state().workspace.focused, Some(PanelId::Alerts));
 }
 
 /// Drags a panel by its tab and drops it `off` the middle of another one.
@@ -256,15 +265,15 @@ fn a_panel_dropped_on_another_is_a_tab_beside_it() {
 #[test]
 fn a_panel_dropped_at_a_side_is_beside_the_tabs() {
     let mut window = window(&Layout::default(), [1280.0, 760.0]);
-    let width = size_of(&window, PanelId::Link).x;
+    let width = size_of(&window, PanelId::Alerts).x;
     let right = vec2(0.25 * width, 20.0);
-    drop_on(&mut window, "Driving", PanelId::Link, right);
+    drop_on(&mut window, "Driving", PanelId::Alerts, right);
     let drawn = window.state().drawn.clone();
-    for panel in [PanelId::Driving, PanelId::Link] {
+    for panel in [PanelId::Driving, PanelId::Alerts] {
         assert!(drawn.contains(&panel), "{panel:?}: {drawn:?}");
     }
     assert!(window.query_by_label("Horizontal").is_none());
     let rect = |label: &str| window.get_by_label(label).rect();
-    assert!(rect("Driving").left() > rect("Events").right());
-    assert!((rect("Driving").top() - rect("Events").top()).abs() < 2.0);
+    assert!(rect("Driving").left() > rect("Alerts").right());
+    assert!((rect("Driving").top() - rect("Alerts").top()).abs() < 2.0);
 }

@@ -4,6 +4,7 @@
 //! Every file is written under a temporary name and renamed when it is complete. A failed export
 //! leaves the previous file unchanged.
 
+mod date;
 mod geotiff;
 mod picture;
 mod shores;
@@ -17,9 +18,10 @@ use std::{fs, io};
 use crate::layer::{LayerId, Palette};
 use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
+pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
-pub use picture::{Caption, Label, length_label, round_length_m, write_picture};
-pub use shores::write_shores;
+pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
+pub use shores::{shore_labels, write_shores};
 pub use trajectory::{StampedPose, write_trajectory};
 
 /// A failed export.
@@ -118,13 +120,21 @@ pub fn export_layer(
 
 /// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
 /// `occupancy.yaml`; for elevation and obstacle also `<layer>.document.png` in the colours of
-/// \[LOD\]. Returns the paths.
+/// \[LOD\]. The labels of the caption are drawn on the shores only. Returns the paths.
 pub fn export_raster(
     dir: &Path,
     raster: &Raster,
     caption: &Caption<'_>,
 ) -> Result<Vec<PathBuf>, ExportError> {
     let layer = raster.layer();
+    let caption = &Caption {
+        labels: if layer == LayerId::Shore {
+            caption.labels
+        } else {
+            &[]
+        },
+        ..*caption
+    };
     let mut files = vec![
         dir.join(format!("{layer}.tif")),
         dir.join(format!("{layer}.png")),
@@ -291,11 +301,291 @@ fn write_pgm(writer: &mut impl Write, raster: &Raster) -> io::Result<()> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::fs::{self, File};
 
-#[cfg(test)]
-mod atomic_file_tests {
+    use tiff::decoder::{Decoder, DecodingResult};
+    use tiff::tags::Tag;
+
     use super::*;
+    use crate::tile::{BootId, TileCells, TileKey};
+    use crate::tile_store::LayerGrid;
+
+    fn store_of(
+        layer: LayerId,
+        cell_m: f64,
+        width: i64,
+        height: i64,
+        code: impl Fn(i64, i64) -> u16,
+    ) -> TileStore {
+        let mut store = TileStore::new(BootId([3; 16]), 500);
+        store.set_grid(LayerGrid { layer, cell_m }).unwrap();
+        fill(&mut store, layer, width, height, code);
+        store
+    }
+
+    /// Publishes the codes of a rectangle whose lowest cell is (−20, −10).
+    fn fill(
+        store: &mut TileStore,
+        layer: LayerId,
+        width: i64,
+        height: i64,
+        code: impl Fn(i64, i64) -> u16,
+    ) {
+        for ty in -1..=(height - 10) / 64 {
+            for tx in -1..=(width - 20) / 64 {
+                let cells = TileCells::from_fn(|x, y| {
+                    let index = |i: usize| i64::try_from(i).unwrap();
+                    let (x, y) = (64 * tx + index(x) + 20, 64 * ty + index(y) + 10);
+                    let inside = (0..width).contains(&x) && (0..height).contains(&y);
+                    if inside { code(x, y) } else { 0 }
+                });
+                let key = TileKey {
+                    layer,
+                    tx: tx as i32,
+                    ty: ty as i32,
+                };
+                assert!(store.publish(key, cells).is_ok());
+            }
+        }
+    }
+
+    pub(super) fn raster_of(
+        layer: LayerId,
+        cell_m: f64,
+        width: i64,
+        height: i64,
+        code: impl Fn(i64, i64) -> u16,
+    ) -> Raster {
+        let store = store_of(layer, cell_m, width, height, code);
+        Raster::of_layer(&store, layer, MAX_RASTER_CELLS)
+            .unwrap()
+            .unwrap()
+    }
+
+    fn read_tiff(path: &Path) -> (DecodingResult, (u32, u32), Vec<f64>, Vec<f64>, String) {
+        let mut decoder = Decoder::new(File::open(path).unwrap()).unwrap();
+        let dimensions = decoder.dimensions().unwrap();
+        let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap();
+        let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
+        let no_data = decoder.get_tag_ascii_string(Tag::GdalNodata).unwrap();
+        (
+            decoder.read_image().unwrap(),
+            dimensions,
+            scale,
+            tie,
+            no_data,
+        )
+    }
+
+    #[test]
+    fn geotiff_reads_back_with_corners_values_and_unknown() {
+        let raster = raster_of(LayerId::Elevation, 0.25, 300, 401, |x, y| match (x, y) {
+            (0, 0) => 32768 + 200,
+            (299, 400) => 32768 - 3,
+            (5, 400) => 32768,
+            _ => 0,
+        });
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("elevation.tif");
+        write_geotiff(&path, &raster).unwrap();
+        let (image, dimensions, scale, tie, no_data) = read_tiff(&path);
+        assert_eq!(dimensions, (300, 401));
+        assert_eq!(scale, [0.25, 0.25, 0.0]);
+        assert_eq!(tie, [0.0, 0.0, 0.0, -5.0, (401.0 - 10.0) * 0.25, 0.0]);
+        assert_eq!(no_data, "nan");
+        let DecodingResult::F32(values) = image else {
+            panic!("not f32");
+        };
+        assert_eq!(
+            values[5].to_bits(),
+            0.0_f32.to_bits(),
+            "row 0 is the greatest y"
+        );
+        assert_eq!(values[299].to_bits(), (-0.015_f32).to_bits());
+        assert_eq!(values[400 * 300].to_bits(), 1.0_f32.to_bits());
+        assert_eq!(
+            values.iter().filter(|value| value.is_nan()).count(),
+            300 * 401 - 3
+        );
+    }
+
+    #[test]
+    fn each_layer_has_its_sample_type() {
+        let dir = tempfile::tempdir().unwrap();
+        for layer in LayerId::ALL {
+            let max = 1 + u16::from(layer == LayerId::Shore) * 2;
+            let corner_only = |x: i64, y: i64| if (x, y) == (1, 1) { 0 } else { max };
+            let path = dir.path().join(format!("{layer}.tif"));
+            write_geotiff(&path, &raster_of(layer, 0.1, 2, 2, corner_only)).unwrap();
+            let (image, .., no_data) = read_tiff(&path);
+            match (layer, image) {
+                (
+                    LayerId::Occupancy | LayerId::Elevation | LayerId::Cost,
+                    DecodingResult::F32(values),
+                ) => {
+                    let expected = layer.quantisation().decode(max).unwrap();
+                    assert_eq!(values[0].to_bits(), expected.to_bits());
+                    assert!(values[1].is_nan());
+                    assert_eq!(no_data, "nan");
+                }
+                (LayerId::Obstacle, DecodingResult::I8(values)) => {
+                    assert_eq!((values, no_data.as_str()), (vec![-1, 0, -1, -1], "0"));
+                }
+                (LayerId::Rigidity | LayerId::Shore, DecodingResult::U8(values)) => {
+                    let value = max as u8;
+                    assert_eq!(
+                        (values, no_data.as_str()),
+                        (vec![value, 0, value, value], "0")
+                    );
+                }
+                _ => panic!("{layer} has another sample type"),
+            }
+        }
+    }
+
+    #[test]
+    fn map_server_files_are_trinary_and_upright() {
+        let quantisation = LayerId::Occupancy.quantisation();
+        let probabilities = [[0.65, 0.648, 0.98], [0.196, 0.2, f32::NAN]];
+        let raster = raster_of(LayerId::Occupancy, 0.05, 3, 2, |x, y| {
+            quantisation.encode(probabilities[1 - y as usize][x as usize])
+        });
+        let dir = tempfile::tempdir().unwrap();
+        let [pgm, yaml] = write_map_server(dir.path(), "occupancy", &raster).unwrap();
+        assert_eq!(
+            fs::read(pgm).unwrap(),
+            [b"P5\n3 2\n255\n".as_slice(), &[205, 205, 0, 254, 205, 205]].concat(),
+            "0.65 is stored as 0.648, the nearest step"
+        );
+        assert_eq!(
+            fs::read_to_string(yaml).unwrap(),
+            "image: occupancy.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, -0.5, 0.0]\n\
+     negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        );
+    }
+
+    #[test]
+    fn every_known_layer_gets_its_files() {
+        let mut store = store_of(LayerId::Occupancy, 0.1, 40, 30, |x, _| 1 + x as u16);
+        for layer in [LayerId::Elevation, LayerId::Shore] {
+            store.set_grid(LayerGrid { layer, cell_m: 0.2 }).unwrap();
+        }
+        fill(&mut store, LayerId::Shore, 10, 10, |x, _| 1 + x as u16 % 4);
+        let dir = tempfile::tempdir().unwrap();
+        let target = dir.path().join("made").join("for it");
+        let exported = export_all(
+            &target,
+            &store,
+            &Caption {
+                title: "a test",
+                ..Caption::default()
+            },
+        )
+        .unwrap();
+        assert_eq!(exported.empty, [LayerId::Elevation]);
+        let mut names: Vec<String> = fs::read_dir(&target)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        assert_eq!(
+            names,
+            [
+                "occupancy.pgm",
+                "occupancy.png",
+                "occupancy.tif",
+                "occupancy.yaml",
+                "shore.png",
+                "shore.tif"
+            ]
+        );
+        assert_eq!(exported.files.len(), 6);
+        let png = png::Decoder::new(std::io::BufReader::new(
+            File::open(target.join("shore.png")).unwrap(),
+        ));
+        assert!(png.read_info().unwrap().info().width > 400);
+    }
+
+    #[test]
+    fn an_error_names_the_path_and_the_other_layers_are_written() {
+        let mut store = store_of(LayerId::Occupancy, 0.1, 4, 4, |_, _| 6);
+        let layer = LayerId::Obstacle;
+        store.set_grid(LayerGrid { layer, cell_m: 0.1 }).unwrap();
+        fill(&mut store, layer, 4, 4, |_, _| 1);
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("occupancy.tif")).unwrap();
+        let error = export_all(dir.path(), &store, &Caption::default())
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("occupancy.tif"), "{error}");
+        assert!(dir.path().join("obstacle.png").exists());
+        let leftovers = fs::read_dir(dir.path())
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().path().extension() == Some("part".as_ref()))
+            .count();
+        assert_eq!(leftovers, 0);
+    }
+
+    /// Cells on a side: a square kilometre at 0.1 m.
+    const LARGE_SIDE: i64 = 10_000;
+    /// The picture of 3334 × 3334 pixels takes 33 MB, and as much while it is filtered. A copied raster
+    /// would take 200 MB.
+    const MAX_EXTRA_KB: u64 = 150_000;
+
+    /// A line of this process's status, KB; `None` if the system has none.
+    fn status_kb(name: &str) -> Option<u64> {
+        let text = fs::read_to_string("/proc/self/status").ok()?;
+        let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+        line.trim_matches(|sign: char| !sign.is_ascii_digit())
+            .parse()
+            .ok()
+    }
+
+    #[test]
+    #[ignore = "ten seconds and 300 MB; its figure of memory holds where it runs alone"]
+    fn a_map_of_10_000_by_10_000_cells_is_exported_in_little_memory() {
+        let layer = LayerId::Occupancy;
+        let code = |x: i64, y: i64| 1 + ((x / 7 + y / 3) % 250) as u16;
+        let store = store_of(layer, 0.1, LARGE_SIDE, LARGE_SIDE, code);
+        assert_eq!(store.cells_known(layer), 100_000_000);
+        // Resets the peak.
+        drop(fs::write("/proc/self/clear_refs", "5"));
+        let held_kb = status_kb("VmRSS:");
+        let dir = tempfile::tempdir().unwrap();
+        let exported = export_all(dir.path(), &store, &Caption::default()).unwrap();
+        assert_eq!(exported.files.len(), 4);
+        if let (Some(held_kb), Some(peak_kb)) = (held_kb, status_kb("VmHWM:")) {
+            let extra_kb = peak_kb.saturating_sub(held_kb);
+            println!("{held_kb} KB held, {extra_kb} KB more for the export");
+            assert!(extra_kb < MAX_EXTRA_KB, "{extra_kb}");
+        }
+        for file in &exported.files {
+            println!(
+                "{}: {} bytes",
+                file.display(),
+                fs::metadata(file).unwrap().len()
+            );
+        }
+
+        let file = File::open(dir.path().join("occupancy.tif")).unwrap();
+        let mut decoder = Decoder::new(file).unwrap();
+        assert_eq!(decoder.dimensions().unwrap(), (10_000, 10_000));
+        let decode = |x, y| layer.quantisation().decode(code(x, y)).unwrap().to_bits();
+        let DecodingResult::F32(first) = decoder.read_chunk(0).unwrap() else {
+            panic!("not f32");
+        };
+        assert_eq!(first[0].to_bits(), decode(0, LARGE_SIDE - 1));
+        assert_eq!(
+            first[9_999].to_bits(),
+            decode(LARGE_SIDE - 1, LARGE_SIDE - 1)
+        );
+        let pgm = fs::metadata(dir.path().join("occupancy.pgm")).unwrap();
+        assert_eq!(
+            pgm.len(),
+            100_000_000 + "P5\n10000 10000\n255\n".len() as u64
+        );
+    }
 
     #[test]
     fn a_failed_write_leaves_the_previous_file_and_nothing_else() {

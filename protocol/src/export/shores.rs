@@ -3,15 +3,17 @@
 //! RFC 7946 allows WGS-84 coordinates only. Without a GNSS fix the coordinates are metres in
 //! `odom`, which the foreign member `coordinate_reference` states.
 
+use std::cmp::Reverse;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::ExportError;
+use super::{ExportError, Label};
 use crate::export::write_atomically;
 use crate::geodesy::LocalTangentPlane;
 use crate::message::{DockingSite, ShoreCluster, Shores};
+use crate::shores::site_letters;
 
 const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
 const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, because there was no satellite fix";
@@ -47,6 +49,7 @@ struct ClusterProperties {
 #[derive(Serialize)]
 struct SiteProperties {
     kind: &'static str,
+    name: String,
     rank: usize,
     /// Direction of the bow on the way in: counter-clockwise from x of `odom`; `bearing_deg` is
     /// clockwise from north.
@@ -109,6 +112,7 @@ impl Projection {
             geometry: Geometry::Point(self.coordinates(site.center_m.map(f64::from))),
             properties: SiteProperties {
                 kind: "docking site",
+                name: site_letters(site.number),
                 rank,
                 heading_deg: turned(heading_deg),
                 bearing_deg: self.0.is_some().then(|| turned(90.0 - heading_deg)),
@@ -117,6 +121,21 @@ impl Projection {
             },
         }
     }
+}
+
+/// Letters of the docking sites, the best first, then numbers of the shores, the largest first.
+pub fn shore_labels(shores: &Shores) -> Vec<Label> {
+    let sites = shores.sites.iter().map(|site| Label {
+        text: site_letters(site.number),
+        at_m: site.center_m.map(f64::from),
+    });
+    let mut clusters: Vec<_> = shores.clusters.iter().collect();
+    clusters.sort_by_key(|cluster| (Reverse(cluster.voxels), cluster.number));
+    let clusters = clusters.into_iter().map(|cluster| Label {
+        text: cluster.number.to_string(),
+        at_m: cluster.center_m.map(f64::from),
+    });
+    sites.chain(clusters).collect()
 }
 
 /// Writes `shores.geojson` to `dir`, which is created if necessary; returns its path.
@@ -190,6 +209,7 @@ mod tests {
             heading_rad: std::f32::consts::FRAC_PI_2,
             width_m: 6.3,
             mean_cost: 0.12345,
+            number: 2,
         };
         let mut shores = Shores::gather(0.25, datum, vec![point, dense], vec![site]);
         shores.clusters_left_out = 4;
@@ -222,7 +242,7 @@ mod tests {
              \"properties\":{\"kind\":\"shore\",\"number\":8,\"class\":\"solid\",\"ratio\":0.3333,\"voxels\":3,\
              \"rigid_voxels\":1,\"center\":[0.5,-0.25]}},\n\
              {\"type\":\"Feature\",\"geometry\":{\"type\":\"Point\",\"coordinates\":[10.0,20.0]},\
-             \"properties\":{\"kind\":\"docking site\",\"rank\":1,\"heading_deg\":90.0,\"width_m\":6.3,\
+             \"properties\":{\"kind\":\"docking site\",\"name\":\"B\",\"rank\":1,\"heading_deg\":90.0,\"width_m\":6.3,\
              \"mean_cost\":0.1235}}\n\
              ]}\n"
         );

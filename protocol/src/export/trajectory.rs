@@ -39,6 +39,12 @@ impl StampedPose {
         self.position.map(|steps| steps as f64 / PER_M)
     }
 
+    /// Heading of `base_link` in `odom`, counter-clockwise from x, radians.
+    pub fn yaw_rad(&self) -> f64 {
+        let [x, y, z, w] = self.quaternion_xyzw.map(|steps| steps as f64 / PER_ONE);
+        libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    }
+
     /// Stamp, position and quaternion for messages.
     pub(crate) const fn to_row(self) -> [i64; 8] {
         let ([x, y, z], [qx, qy, qz, qw]) = (self.position, self.quaternion_xyzw);

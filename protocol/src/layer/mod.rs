@@ -412,7 +412,8 @@ impl Quantisation {
 }
 
 #[cfg(test)]
-mod layer_tests {
+mod tests {
+    use proptest::prelude::*;
     use serde::de::IntoDeserializer;
     use serde::de::value::StrDeserializer;
 
@@ -432,11 +433,6 @@ mod layer_tests {
             assert!(message.contains(layer.name()), "{message}");
         }
     }
-}
-
-#[cfg(test)]
-mod legend_tests {
-    use super::*;
 
     fn labels(ramp: &Ramp) -> Vec<&str> {
         ramp.ticks.iter().map(|tick| tick.label.as_str()).collect()
@@ -482,13 +478,6 @@ mod legend_tests {
             ["≤ −0.5", "0.0", "1.0", "2.0", "≥ 3.0"]
         );
     }
-}
-
-#[cfg(test)]
-mod quantisation_tests {
-    use proptest::prelude::*;
-
-    use super::*;
 
     #[test]
     fn codes_are_the_documented_ones() {

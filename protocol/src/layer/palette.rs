@@ -71,7 +71,7 @@ impl LayerId {
         Palette::new(self, self.schemes()[0])
     }
 
-    /// Palette of \[LOD\], for elevation and obstacle.
+    /// Palette of the figures in the document \[LOD\], for the `.document.png` of elevation and obstacle.
     pub fn document_palette(self) -> Option<Palette> {
         self.palettes().find(Palette::is_document_palette)
     }
@@ -324,7 +324,7 @@ impl Pattern {
 }
 
 #[cfg(test)]
-mod palette_tests {
+mod tests {
     use super::*;
     use crate::layer::Quantisation;
 
@@ -425,11 +425,6 @@ mod palette_tests {
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
     }
-}
-
-#[cfg(test)]
-mod pattern_tests {
-    use super::*;
 
     /// Two periods, `#` for a mark.
     fn drawn(pattern: Pattern) -> String {

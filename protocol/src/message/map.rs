@@ -265,6 +265,8 @@ pub enum ShoreClass {
 /// A gentle slope that rises from clear water and holds the boat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DockingSite {
+    /// From 1; constant for a place while the maps last. Shown as [letters](crate::shores::site_letters).
+    pub number: u32,
     /// Its middle, x and y in `odom`, metres.
     pub center_m: [f32; 2],
     /// Direction of the bow on the way in, counter-clockwise from x of `odom`.

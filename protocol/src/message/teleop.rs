@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::name::OperatorId;
+use crate::keys::OperatorId;
 
 /// State of driving, in [`Status`](super::Status).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -104,7 +104,7 @@ fn a_command_is_good_for_one_robot_one_operator_and_one_key() {
     assert_eq!(
         Refusal::from(SignedError::Signature),
         Refusal::Signature,
-        "it is told as such"
+        "it is refused as such"
     );
 }
 

@@ -188,7 +188,7 @@ impl fmt::Debug for TileCells {
 }
 
 #[cfg(test)]
-mod tile_tests {
+mod tests {
     use super::*;
 
     #[test]
@@ -216,11 +216,6 @@ mod tile_tests {
         assert_eq!(sorted[1].to_string(), "elevation/-3/9");
         assert_eq!(sorted[1].center_m(0.5).map(|m| m as i32), [-80, 304]);
     }
-}
-
-#[cfg(test)]
-mod cells_tests {
-    use super::*;
 
     #[test]
     fn rows_run_upwards_and_columns_right() {

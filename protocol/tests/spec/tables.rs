@@ -15,7 +15,7 @@ use protocol::tile::TileKey;
 use protocol::tile::codec::MAX_BAND_BYTES;
 use protocol::wire::{MAX_MESSAGE_BYTES, PROTOCOL};
 
-use super::document::{SPEC, table};
+use super::{SPEC, table};
 
 #[test]
 fn keys() {

@@ -6,7 +6,7 @@ use protocol::tile::{BootId, TILE_SIDE, Tile, TileCells, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, TileStore};
 use serde_json::Value;
 
-use super::document::{hex, json};
+use super::{hex, json};
 
 fn posts() -> TileCells {
     TileCells::from_fn(|x, y| match (x, y) {

@@ -99,12 +99,8 @@ impl Prepared {
     /// Reads the only laser of the recording at `path` and the poses for it.
     pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
         let survey = Survey::of(path)?;
-        let scans = survey.scans.first().context("no scans")?;
-        let laser = &survey
-            .stream(scans.stream)
-            .context("no stream")?
-            .stream
-            .name;
+        let (stream, scans) = survey.scans.first().context("no scans")?;
+        let laser = &survey.stream(*stream).context("no stream")?.stream.name;
         let (origin, selection) = if scans.has_own_poses {
             (PoseOrigin::Log, Selection::Named(vec![laser.clone()]))
         } else {

@@ -38,22 +38,23 @@ pub(crate) fn print() -> anyhow::Result<()> {
         let mut source = SimulatedSource::new(&world, SimulationOptions::default())?;
         let run: Vec<_> = std::iter::from_fn(|| source.next_measurement()).collect();
         // All sizes in each round, so that a slow spell of the machine meets each of them.
-        let mut times: [Times; 3] = Default::default();
+        let mut times: [[Rounds; 5]; 3] = Default::default();
         let mut bytes = [0; 3];
         for _ in 0..ROUNDS {
             for (size, &(cells, cell_m, _)) in WINDOWS.iter().enumerate() {
-                bytes[size] = times[size].measure(&holos(cells, cell_m)?, run.clone())?;
+                let figures;
+                (figures, bytes[size]) = measure(&holos(cells, cell_m)?, run.clone())?;
+                for (rounds, figure) in times[size].iter_mut().zip(figures) {
+                    rounds.add(figure);
+                }
             }
         }
         for ((cells, _, document), (times, bytes)) in WINDOWS.iter().zip(times.iter().zip(bytes)) {
-            println!(
-                "| {name} | {cells} × {cells} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {bytes} | {document} |",
-                times.placing_p50.median(),
-                times.maps_p50.median(),
-                times.maps_p99.median(),
-                times.both_p50.median(),
-                times.both_p99.median(),
-            );
+            let medians = times
+                .each_ref()
+                .map(|times| format!("{:.1}", times.median()));
+            let medians = medians.join(" | ");
+            println!("| {name} | {cells} × {cells} | {medians} | {bytes} | {document} |");
         }
     }
     Ok(())
@@ -69,68 +70,58 @@ fn holos(cells: u32, cell_m: f64) -> anyhow::Result<Config> {
     Ok(config::load("holos", &settings?)?)
 }
 
-/// Figures of every round, µs.
-#[derive(Default)]
-struct Times {
-    placing_p50: Rounds,
-    maps_p50: Rounds,
-    maps_p99: Rounds,
-    both_p50: Rounds,
-    both_p99: Rounds,
-}
-
-impl Times {
-    /// One round; returns the memory of both maps, bytes.
-    fn measure(&mut self, config: &Config, run: Vec<Measurement>) -> anyhow::Result<usize> {
-        let sensors = WheelsAndAttitude::of(&config.sensors).map_err(|(encoders, imus)| {
-            anyhow::anyhow!("{encoders} encoders, {imus} attitude sensors")
-        })?;
-        let origin = poses_from_wheels(config, &sensors);
-        let placing = LocalizationPlan {
-            origin,
-            pose_streams: PoseStreams::default(),
-            sensors: vec![PlannedSensor {
-                id: SensorId(0),
-                stream: None,
-                mount: MountOrigin::Configured,
-                tilt_stream: None,
-                range_max_m: None,
-            }],
-        };
-        let mut registration = ScanRegistration::new(registration_settings(config, &placing));
-        let mut mapper = Mapper::new(
-            &config.mapping,
-            config.vehicle.shape(),
-            &config.range_models(),
-        );
-        let (mut placing_us, mut maps_us, mut both_us) = (Vec::new(), Vec::new(), Vec::new());
-        let mut registered = Vec::new();
-        // Of everything since the last scan: poses are placed for the scans that need them.
-        let mut placing = 0.0;
-        for measurement in run {
-            let started = clock::now();
-            registration.push(measurement, &mut registered);
-            placing += us_since(started);
-            for registered in registered.drain(..) {
-                if let RegistrationOutput::Scan(scan) = registered {
-                    let started = clock::now();
-                    mapper.integrate(&scan);
-                    let maps = us_since(started);
-                    placing_us.push(placing);
-                    maps_us.push(maps);
-                    both_us.push(placing + maps);
-                    placing = 0.0;
-                }
+/// One round: placing p50, maps p50 and p99, both p50 and p99, µs; and the memory of both maps, bytes.
+fn measure(config: &Config, run: Vec<Measurement>) -> anyhow::Result<([f64; 5], usize)> {
+    let sensors = WheelsAndAttitude::of(&config.sensors).map_err(|(encoders, imus)| {
+        anyhow::anyhow!("{encoders} encoders, {imus} attitude sensors")
+    })?;
+    let origin = poses_from_wheels(config, &sensors);
+    let placing = LocalizationPlan {
+        origin,
+        pose_streams: PoseStreams::default(),
+        sensors: vec![PlannedSensor {
+            id: SensorId(0),
+            stream: None,
+            mount: MountOrigin::Configured,
+            tilt_stream: None,
+            range_max_m: None,
+        }],
+    };
+    let mut registration = ScanRegistration::new(registration_settings(config, &placing));
+    let mut mapper = Mapper::new(
+        &config.mapping,
+        config.vehicle.shape(),
+        &config.range_models(),
+    );
+    let (mut placing_us, mut maps_us, mut both_us) = (Vec::new(), Vec::new(), Vec::new());
+    let mut registered = Vec::new();
+    // Of everything since the last scan: poses are placed for the scans that need them.
+    let mut placing = 0.0;
+    for measurement in run {
+        let started = clock::now();
+        registration.push(measurement, &mut registered);
+        placing += us_since(started);
+        for registered in registered.drain(..) {
+            if let RegistrationOutput::Scan(scan) = registered {
+                let started = clock::now();
+                mapper.integrate(&scan);
+                let maps = us_since(started);
+                placing_us.push(placing);
+                maps_us.push(maps);
+                both_us.push(placing + maps);
+                placing = 0.0;
             }
         }
-        let [placing, maps, both] = [placing_us, maps_us, both_us].map(Rounds::from_iter);
-        self.placing_p50.add(placing.quantile(0.5));
-        self.maps_p50.add(maps.quantile(0.5));
-        self.maps_p99.add(maps.quantile(0.99));
-        self.both_p50.add(both.quantile(0.5));
-        self.both_p99.add(both.quantile(0.99));
-        Ok(mapper.terrain().map_or(0, Terrain::bytes))
     }
+    let [placing, maps, both] = [placing_us, maps_us, both_us].map(Rounds::from_iter);
+    let figures = [
+        placing.quantile(0.5),
+        maps.quantile(0.5),
+        maps.quantile(0.99),
+        both.quantile(0.5),
+        both.quantile(0.99),
+    ];
+    Ok((figures, mapper.terrain().map_or(0, Terrain::bytes)))
 }
 
 fn us_since(started: Monotonic) -> f64 {

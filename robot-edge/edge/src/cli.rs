@@ -100,4 +100,156 @@ pub enum Command {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::path::PathBuf;
+
+    use clap::CommandFactory as _;
+    use clap_complete::Shell;
+
+    use super::*;
+    use crate::pacer::Rate;
+
+    fn parse(line: &str) -> Result<Command, clap::Error> {
+        let arguments = std::iter::once("robot-edge").chain(line.split_whitespace());
+        Cli::try_parse_from(arguments).map(|cli| cli.command)
+    }
+
+    fn replay(line: &str) -> Replay {
+        let command = parse(line).unwrap();
+        let Command::Replay(replay) = command else {
+            panic!("{command:?}");
+        };
+        replay
+    }
+
+    #[test]
+    fn definitions_hold_together() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn replay_takes_every_option() {
+        let replay = replay(
+            "replay log.clf --rate 2.5 --loop --start 1.5 --duration 60 --vehicle pioneer \
+         --set mapping.occupancy.cell_m=0.05 --set vehicle.name=max --topic laser=/scan \
+         --robot scout-1 --no-network --record out.mcap --export maps --summary s.json -vv",
+        );
+        assert_eq!(replay.recording, PathBuf::from("log.clf"));
+        assert_eq!(replay.rate, Rate::Times(2.5));
+        assert!(replay.repeat && replay.mapping.network.no_network);
+        assert_eq!((replay.start_s, replay.duration_s), (1.5, Some(60.0)));
+        assert_eq!(replay.mapping.setup.vehicle.as_deref(), Some("pioneer"));
+        assert_eq!(replay.mapping.robot, Some("scout-1".parse().unwrap()));
+        assert_eq!(replay.mapping.setup.overrides().len(), 3);
+        assert_eq!(replay.mapping.summary, Some(PathBuf::from("s.json")));
+    }
+
+    #[test]
+    fn run_takes_its_sensors_from_where_ros_is() {
+        let run = |line: &str| {
+            let Command::Run(run) = parse(line).unwrap() else {
+                panic!("{line}")
+            };
+            run
+        };
+        let default = run("run");
+        assert_eq!(default.ros, "tcp/localhost:7447");
+        assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
+        let named =
+            run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
+        assert_eq!(
+            (named.ros.as_str(), named.ros_domain),
+            ("tcp/bot:7447", Some(232))
+        );
+        assert_eq!(named.driving.state_dir, Some(PathBuf::from("s")));
+    }
+
+    #[test]
+    fn defaults_are_those_of_the_contract() {
+        let replay = replay("replay log.clf");
+        assert_eq!(replay.rate, Rate::Max);
+        assert_eq!((replay.start_s, replay.duration_s), (0.0, None));
+        assert_eq!(replay.mapping.setup.vehicle, None);
+    }
+
+    #[test]
+    fn wrong_usage_is_refused_with_code_2_and_says_what_is_allowed() {
+        for (line, says) in [
+            ("replay", "RECORDING"),
+            ("replay a --rate 0", "above 0"),
+            ("replay a --rate -1", "-1"),
+            ("replay a --rate fast", "`max`"),
+            ("replay a --start -1", "0 or more"),
+            ("replay a --duration nan", "above 0"),
+            ("replay a --set cell_m", "no `=`"),
+            ("replay a --set a..b=1", "not a key"),
+            ("replay a --set vehicle.name=\"x", "not a TOML value"),
+            ("replay a --topic /scan", "laser=/scan"),
+            ("replay a --robot a/b", "letters"),
+            ("replay a --quiet -v", "cannot be used with"),
+            ("simulate rooms --seed -3", "-3"),
+            ("run --ros-domain 233", "0..=232"),
+            ("run --wait 0", "above 0"),
+            ("run --no-network --state-dir d", "cannot be used with"),
+            (
+                "replay a --no-network --listen tcp/0.0.0.0:1",
+                "cannot be used with",
+            ),
+            ("recover a", "OUT"),
+            ("keys d --operator an/na", "letters"),
+            ("keys d --host tcp/boat", "boat.example"),
+            ("keys d --days 0", "0 is not in 1..=3650"),
+            ("replay a --keys d --insecure", "cannot be used with"),
+            ("experiments", "--out"),
+            ("experiments --out d --seeds 0", "0 is not in 1..=1000"),
+        ] {
+            let error = parse(line).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{line}");
+            assert!(error.to_string().contains(says), "{line}: {error}");
+        }
+        assert_eq!(parse("--help").unwrap_err().exit_code(), 0);
+        assert!(
+            parse("--help")
+                .unwrap_err()
+                .to_string()
+                .contains("130 interrupted")
+        );
+    }
+
+    #[test]
+    fn experiments_are_named_by_id() {
+        let experiments = |ids: &[&str], seeds| {
+            Command::Experiments(Experiments {
+                ids: ids.iter().map(ToString::to_string).collect(),
+                out: "d".into(),
+                seeds,
+            })
+        };
+        let all = parse("experiments --out d").unwrap();
+        assert_eq!(all, experiments(&[], 1));
+        let two = parse("experiments L2 l1 --out d --seeds 20").unwrap();
+        assert_eq!(two, experiments(&["L2", "l1"], 20));
+    }
+
+    #[test]
+    fn verbosity_chooses_the_filter() {
+        let [quiet, usual] = ["error", "warn"].map(|level| format!("{level},{LOG_FILTER}"));
+        for (line, filter) in [
+            ("robot-edge --quiet info a", &*quiet),
+            ("robot-edge info a", &usual),
+            ("robot-edge info a -v", "info,zenoh=warn"),
+            ("robot-edge -vvv info a", "trace"),
+        ] {
+            let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
+            assert_eq!(cli.verbosity.log_filter(), filter, "{line}");
+        }
+    }
+
+    #[test]
+    fn completions_know_the_commands() {
+        let mut out = Vec::new();
+        Completions { shell: Shell::Bash }.print(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains("replay") && text.contains("--summary"));
+    }
+}

@@ -24,7 +24,6 @@ pub enum Exit {
 #[error("{0}")]
 pub struct UsageError(pub String);
 
-/// Ctrl-C.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;

@@ -27,6 +27,13 @@ pub mod summary;
 pub mod survey;
 pub mod vehicle_commands;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A poisoned lock is taken: each value is replaced as a whole, so that it is valid after a panic elsewhere.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 #[cfg(test)]
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;

@@ -13,7 +13,6 @@ const CLEAR_AFTER: Duration = Duration::from_secs(5);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverloadChange {
-    /// The current delay.
     Started(Duration),
     Cleared,
 }
@@ -27,7 +26,6 @@ pub struct OverloadMonitor {
 }
 
 impl OverloadMonitor {
-    /// Data is mapped with this `delay` at `now`.
     pub fn update(&mut self, delay: Duration, now: Monotonic) -> Option<OverloadChange> {
         if (delay > MAX_DELAY) == self.is_overloaded {
             self.change_pending_since = None;
@@ -69,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_lasts_is_told_and_once() {
+    fn only_lasting_overload_is_reported_and_once() {
         assert_eq!(changes([0, 900, 0, 900, 900, 900, 900, 10, 900, 900]), []);
         let behind = OverloadChange::Started(Duration::from_millis(800));
         let delay = std::iter::repeat_n(800, 20);

@@ -54,10 +54,8 @@ impl fmt::Display for Rate {
     }
 }
 
-/// The skipped times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Skipped {
-    /// Skipped gaps.
     pub gaps: u64,
     /// Total time of the data in them.
     pub gap_time: RobotDuration,
@@ -81,7 +79,6 @@ pub struct Pacer {
 struct Anchor {
     stamp: RobotTime,
     due: Monotonic,
-    /// The latest stamp since.
     latest: RobotTime,
 }
 

@@ -6,7 +6,6 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use recording::Position;
 
-/// Maximum draws per second.
 const DRAWS_HZ: u8 = 5;
 const WITH_LENGTH: &str = "{wide_bar} {percent:>3} %  {msg}";
 const WITHOUT_LENGTH: &str = "{spinner} {msg}";
@@ -16,11 +15,8 @@ pub struct Progress(ProgressBar);
 
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct ProgressFigures {
-    /// Time of the data so far, seconds.
     pub data_s: f64,
-    /// Wall time, seconds.
     pub wall_s: f64,
-    /// Mapped scans.
     pub scans: u64,
     /// Dropped scans and losses of the recording.
     pub drops: u64,

@@ -8,7 +8,6 @@ use std::{
     os::unix::net::{SocketAddr, UnixDatagram},
 };
 
-/// The variable that names the socket.
 pub const SOCKET: &str = "NOTIFY_SOCKET";
 
 /// The service manager that started this process, if it expects notifications.
@@ -44,12 +43,10 @@ impl ServiceManager {
         self.notify("READY=1");
     }
 
-    /// The service runs, without watchdog messages.
     pub fn ready_without_watchdog(&self) {
         self.notify("READY=1\nWATCHDOG_USEC=0");
     }
 
-    /// Sends a watchdog message.
     pub fn notify_watchdog(&self) {
         self.notify("WATCHDOG=1");
     }

@@ -11,7 +11,6 @@ use serde::Serialize;
 
 use measurement::drops::DropCounts;
 
-/// Figures of one run.
 #[derive(Clone, Debug, PartialEq, Default, Serialize)]
 pub struct Summary {
     /// Name of the recording or of the simulated world.
@@ -20,20 +19,16 @@ pub struct Summary {
     pub vehicle: String,
     /// Time of the data that was mapped, across clock resets, seconds.
     pub duration_s: f64,
-    /// Wall time, seconds.
     pub wall_s: f64,
     /// [`Self::duration_s`] / [`Self::wall_s`]; `null` if no time passed.
     pub realtime_factor: Option<f64>,
     pub scans: Scans,
-    /// Beams of the mapped scans.
     pub beams: Beams,
     /// Losses of the source by reason: messages and records, including scans, and invalid wheel angles and
     /// attitudes.
     #[serde(serialize_with = "by_reason")]
     pub losses: DropCounts,
-    /// Processing times by stage.
     pub stages: BTreeMap<String, StageTimes>,
-    /// Maps, by layer.
     pub layers: BTreeMap<String, LayerFigures>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxels: Option<Voxels>,
@@ -48,7 +43,6 @@ pub struct Scans {
     #[serde(rename = "in")]
     pub came_in: u64,
     pub mapped: u64,
-    /// By reason.
     #[serde(serialize_with = "by_reason")]
     pub dropped: DropCounts,
 }
@@ -57,16 +51,13 @@ pub struct Scans {
 pub struct Beams {
     #[serde(rename = "in")]
     pub came_in: u64,
-    /// Beams with a hit.
     pub hits: u64,
     /// Beams without a return.
     pub misses: u64,
-    /// By reason.
     #[serde(serialize_with = "by_reason")]
     pub dropped: DropCounts,
 }
 
-/// One map layer.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct LayerFigures {
     pub cells_known: u64,
@@ -78,7 +69,6 @@ pub struct LayerFigures {
     pub bytes: u64,
 }
 
-/// The octree.
 #[derive(Clone, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct Voxels {
     /// Voxels that are more likely occupied than not.
@@ -108,12 +98,10 @@ pub struct Event {
     /// Time of the data, seconds; `null` if unknown.
     pub stamp_s: Option<f64>,
     pub kind: String,
-    /// One sentence with the reason.
     pub message: String,
 }
 
 impl Summary {
-    /// Sets duration, wall time and their ratio.
     pub fn set_times(&mut self, duration_s: f64, wall_s: f64) {
         self.duration_s = duration_s;
         self.wall_s = wall_s;
@@ -181,9 +169,7 @@ pub struct StageTimer {
 /// Processing times, microseconds; zero if the stage never ran.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize)]
 pub struct StageTimes {
-    /// Median.
     pub p50_us: f64,
-    /// 99th percentile.
     pub p99_us: f64,
     /// Longest, exact.
     pub max_us: f64,

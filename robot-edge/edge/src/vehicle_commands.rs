@@ -1,10 +1,15 @@
-//! The commands `vehicles` and `check`.
+//! The commands `vehicles`, `check`, `keys` and `install-keys`.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
+use crate::cli::{InstallKeys, Keys};
+use crate::config::advice::{doubts, idle_settings};
 use crate::config::presets::{PRESETS, Preset};
 use crate::config::{self, Config, SensorConfig};
-use crate::exit::Exit;
+use crate::exit::{Exit, UsageError};
+use network::credentials::{Installed, IssueRequest, install, issue};
+use teleop::Role;
 
 /// `vehicles`: one line for each preset.
 pub fn list(out: &mut dyn Write) -> io::Result<()> {
@@ -30,6 +35,13 @@ pub fn check(vehicle: &str, out: &mut dyn Write) -> io::Result<Exit> {
         Ok(config) => {
             writeln!(out, "ok")?;
             write_essentials(&config, out)?;
+            for doubt in doubts(&config) {
+                writeln!(out, "warning: {doubt}")?;
+            }
+            // Whether it is driven depends on the run.
+            for note in idle_settings(vehicle, &[], &config, true).unwrap_or_default() {
+                writeln!(out, "{note}")?;
+            }
             Ok(Exit::Done)
         }
         Err(error) => {
@@ -104,6 +116,55 @@ fn sensor_essentials(sensor: &SensorConfig) -> String {
     }
 }
 
+pub fn keys(command: &Keys, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let mut people = BTreeMap::new();
+    for (names, role) in [
+        (&command.operators, Role::Operator),
+        (&command.supervisors, Role::Supervisor),
+        (&command.observers, Role::Observer),
+    ] {
+        for name in names {
+            let known = people.insert(name.clone(), role);
+            if known.is_some_and(|known| known != role) {
+                let why = format!("{name} is given two roles: a name has one");
+                return Err(UsageError(why).into());
+            }
+        }
+    }
+    let done = issue(&IssueRequest {
+        folder: command.folder.clone(),
+        vehicles: command.robots.clone(),
+        hosts: command.hosts.clone(),
+        people,
+        router_hosts: command.router_hosts.clone(),
+        days: command.days,
+    })?;
+    if done.is_empty() {
+        writeln!(out, "nothing to do: everything asked for is there")?;
+    }
+    for line in done {
+        writeln!(out, "{line}")?;
+    }
+    Ok(Exit::Done)
+}
+
+pub fn install_keys(command: &InstallKeys, out: &mut dyn Write) -> anyhow::Result<Exit> {
+    let Installed {
+        robot,
+        people,
+        warning,
+    } = install(&command.from, &command.to)?;
+    let to = command.to.display();
+    writeln!(
+        out,
+        "{to}: the keys of {robot}, with {people} people on its list"
+    )?;
+    if let Some(warning) = warning {
+        writeln!(out, "{warning}")?;
+    }
+    Ok(Exit::Done)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,6 +203,22 @@ mod tests {
              occupancy: cells of 0.1 m, at most 256 MB\n\
              streaming: 256 kbit/s\n"
         );
+    }
+
+    #[test]
+    fn what_is_probably_not_meant_is_reported() {
+        let (exit, text) = checked(
+            "preset = \"pioneer\"\n[sensors.laser]\nrange_max_m = 5600\n[mapping.cost]\nbox_m = 20\n",
+        );
+        assert_eq!(exit, Exit::Done);
+        let says = "warning: `sensors.laser.range_max_m`: no sensor of a vehicle measures 5600 m: are these millimetres?\n\
+                    without effect, as mapping.cost.enabled is false: mapping.cost.box_m\n";
+        assert!(text.ends_with(says), "{text}");
+        let (exit, text) = checked("[vehicle]\nname = \"mine\"\nwidth_m = 1\nheight_m = 1\n");
+        assert_eq!(exit, Exit::Usage);
+        let why =
+            "missing: measure the vehicle, in metres; or start from another by `preset = \"NAME\"`";
+        assert_eq!(text, format!("`vehicle.length_m`: {why}\n"));
     }
 
     #[test]

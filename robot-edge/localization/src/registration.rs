@@ -219,8 +219,10 @@ impl ScanRegistration {
             }) => {
                 let own_pose = (first_beam, odom_from_base);
                 let before = self.last_own_pose.replace(own_pose);
-                let jump =
-                    before.and_then(|before| self.settings.limits.jump.between(&before, &own_pose));
+                // Stamps that repeat say nothing of the speed: keyframes may lie a metre apart.
+                let jump = before
+                    .filter(|before| before.0 < first_beam)
+                    .and_then(|before| self.settings.limits.jump.between(&before, &own_pose));
                 out.extend(jump.map(RegistrationOutput::Jump));
                 of.projector
                     .project(&scan, first_beam, odom_from_base, |_| Ok(odom_from_sensor))

@@ -25,6 +25,8 @@ pub struct BoatFootprint {
 /// Connected cells on which the boat can land.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DockingSite {
+    /// From 1; constant between updates of a [`ShoreLayer`](crate::shore::ShoreLayer), 0 before.
+    pub number: u32,
     /// Its cells, ascending.
     pub cells: Vec<CellIndex>,
     /// Mean of the cells, metres in `odom`.
@@ -131,6 +133,7 @@ fn site(
     let mut cells: Vec<_> = places.iter().map(|&at| window.cell(at)).collect();
     cells.sort_unstable();
     Some(DockingSite {
+        number: 0,
         cells,
         centre_in_odom: Point2::new(
             mean(&|at| window.centre(at).x),

@@ -9,6 +9,7 @@
 pub mod clustering;
 pub mod cost_map;
 pub mod docking;
+mod docking_site_tracker;
 pub mod elevation;
 pub mod grid;
 pub mod ground_plane;

@@ -12,6 +12,7 @@ use serde::Deserialize;
 use crate::clustering::{ClusterTracker, euclidean_clusters};
 use crate::cost_map::CostMap;
 use crate::docking::{BoatFootprint, DockingColumn, DockingGrid, DockingSite, find_docking_sites};
+use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::Octree;
 use crate::rigidity::{ObstacleVoxel, Rigidity, majority_vote};
@@ -242,6 +243,7 @@ pub struct ShoreLayer {
     /// Voxels of the clusters that extended into the window at the last update, ascending.
     voxels: Vec<ObstacleVoxel>,
     sites: Vec<DockingSite>,
+    site_tracker: DockingSiteTracker,
     cells: BTreeMap<CellIndex, ShoreCell>,
     changed: Vec<(CellIndex, Option<ShoreCell>)>,
     updates: u32,
@@ -260,6 +262,7 @@ impl ShoreLayer {
             clusters: BTreeMap::new(),
             voxels: Vec::new(),
             sites: Vec::new(),
+            site_tracker: DockingSiteTracker::default(),
             cells: BTreeMap::new(),
             changed: Vec::new(),
             updates: 0,
@@ -289,6 +292,7 @@ impl ShoreLayer {
             .collect();
         let docking = DockingGrid::new(first, width, self.cell_m, &columns);
         self.sites = find_docking_sites(&docking, &self.boat);
+        self.site_tracker.assign(&mut self.sites);
         let mut cells = BTreeMap::new();
         for site in &self.sites {
             cells.extend(

@@ -25,16 +25,13 @@ use connections::ConnectionSummary;
 
 pub use connections::LinkEvent;
 
-/// Lines that wait to be written at most.
 const MAX_WAITING: usize = 1024;
 /// A log that would become larger is renamed: lines are never split.
 const FILE_BYTES: u64 = 16 << 20;
 /// So many renamed ones are kept.
 const OLD_FILES: u32 = 8;
-/// Longest wait before it is asked whether the log closes.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-/// The sending end of the log.
 #[derive(Clone, Debug)]
 pub struct Audit {
     entry: SyncSender<AuditEntry>,
@@ -49,7 +46,6 @@ pub struct AuditLog {
     thread: Option<JoinHandle<()>>,
 }
 
-/// An entry of the log.
 #[derive(Debug)]
 enum AuditEntry {
     Line(Line),
@@ -101,9 +97,6 @@ impl Audit {
 
 impl AuditLog {
     /// Opens the log at `path`, which is made if it is not there. `run` names this run of the program in every line.
-    ///
-    /// # Errors
-    /// Where the file cannot be opened for adding to it, or the system gives no thread.
     pub fn open(path: &Path, run: String) -> io::Result<Self> {
         Self::with_limit(path, run, FILE_BYTES)
     }
@@ -136,7 +129,6 @@ impl AuditLog {
         })
     }
 
-    /// The sending end.
     pub fn audit(&self) -> Audit {
         self.audit.clone()
     }
@@ -205,7 +197,6 @@ impl Writer {
         }
     }
 
-    /// What is to be written of it now.
     fn take(&mut self, entry: AuditEntry, lines: &mut Vec<Line>) {
         match entry {
             AuditEntry::Line(line) => {

@@ -17,7 +17,6 @@ const CONTROL_BY_TLS: &str = "tls_handshake_timeout_ms=4000";
 /// Of QUIC: what is sent best effort goes as datagrams, which are never sent again and wait for nothing that was lost.
 const DATAGRAMS: &str = "mixed_rel=1";
 
-/// What kind of session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// Small messages; found by scouting.
@@ -223,7 +222,6 @@ pub fn listeners_of_router(host: &str, port: u16) -> Vec<String> {
     ]
 }
 
-/// The bulk endpoint that belongs to a control endpoint.
 pub fn bulk_endpoint(control: &str) -> Result<String, LinkError> {
     Ok(Endpoint::parse(control)?.bulk().text())
 }

@@ -5,85 +5,63 @@ use std::path::PathBuf;
 use super::endpoints::Channel;
 use crate::credentials::CredentialsError;
 
-/// Why there is no link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// An endpoint that names no port.
     #[error(
         "endpoint {0:?} is not `PROTOCOL/HOST:PORT` with a port from 1 to 65534, for example tcp/192.168.1.20:7447, or quic/192.168.1.20:7447 with --keys"
     )]
     Endpoint(String),
-    /// An endpoint that does not fit `--keys`, or their lack.
     #[error("endpoint {endpoint:?}: {why}")]
-    Protocol {
-        /// The endpoint.
-        endpoint: String,
-        /// What does not fit.
-        why: &'static str,
-    },
-    /// Keys, certificates or lists that cannot be used.
+    Protocol { endpoint: String, why: &'static str },
     #[error(transparent)]
     Credentials(#[from] CredentialsError),
-    /// Somebody answers who is no vehicle and no router of the fleet.
     #[error(
         "whoever answers at {endpoints} shows the certificate of {name}, not of a vehicle or router of this fleet"
     )]
-    UnexpectedPeer {
-        /// Where.
-        endpoints: String,
-        /// Who it says it is.
-        name: String,
-    },
-    /// A Zenoh configuration that cannot be read.
-    #[error("{path}: not a Zenoh configuration: {why}", path = path.display())]
-    Config {
-        /// The file.
-        path: PathBuf,
-        /// What Zenoh says.
-        why: zenoh::Error,
-    },
-    /// Zenoh refused.
+    UnexpectedPeer { endpoints: String, name: String },
+    #[error("{path}: not a Zenoh configuration: {why}", path = path.display(), why = without_source_places(why))]
+    Config { path: PathBuf, why: zenoh::Error },
     #[error("{}", not_opened(*channel, endpoints, why))]
     Open {
-        /// Which.
         channel: Channel,
-        /// Where.
         endpoints: String,
-        /// What Zenoh says.
         why: zenoh::Error,
     },
-    /// A setting of ours that this version of Zenoh does not know.
-    #[error("Zenoh does not take the setting {key}: {why}")]
+    #[error("Zenoh does not take the setting {key}: {why}", why = without_source_places(why))]
     Setting {
-        /// Which.
         key: &'static str,
-        /// What Zenoh says.
         why: zenoh::Error,
     },
-    /// A key or a handler was refused.
-    #[error("Zenoh refused {what}: {why}")]
-    Declare {
-        /// What was to be declared.
-        what: String,
-        /// What Zenoh says.
-        why: zenoh::Error,
-    },
-    /// No identity can be made.
+    #[error("Zenoh refused {what}: {why}", why = without_source_places(why))]
+    Declare { what: String, why: zenoh::Error },
     #[error("the operating system gives no random numbers: {0}")]
     NoRandomness(getrandom::Error),
-    /// The system gives no thread.
     #[error("no thread can be had for the link: {0}")]
     Thread(std::io::Error),
-    /// zstd refused.
     #[error("tiles cannot be encoded: {0}")]
     Encoder(std::io::Error),
+}
+
+/// The error without the places in the library's source (`at /…/orchestrator.rs:388.`), which help no user.
+pub fn without_source_places(why: &zenoh::Error) -> String {
+    let why = why.to_string();
+    let mut words: Vec<&str> = Vec::new();
+    for word in why.split(' ') {
+        let is_place = word.contains(".rs:") && words.last() == Some(&"at");
+        if is_place {
+            words.pop();
+        } else {
+            words.push(word);
+        }
+    }
+    words.join(" ").trim_end_matches('.').to_owned()
 }
 
 /// What the system says of a port that somebody else has.
 const ADDRESS_IN_USE: &str = "Address already in use";
 
 fn not_opened(channel: Channel, endpoints: &str, why: &zenoh::Error) -> String {
-    let why = why.to_string();
+    let why = without_source_places(why);
     if why.contains(ADDRESS_IN_USE) {
         // What is set for Zenoh behind an address is nobody's concern.
         let places: Vec<_> = endpoints
@@ -107,6 +85,28 @@ fn not_opened(channel: Channel, endpoints: &str, why: &zenoh::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_error_names_a_place_in_the_source_of_a_library() {
+        for (why, plain) in [
+            (
+                "Unable to connect to any of [tcp/h:1]. Timeout! at /root/.cargo/registry/src/zenoh-1.10.2/src/o.rs:388.",
+                "Unable to connect to any of [tcp/h:1]. Timeout!",
+            ),
+            (
+                "no at a.rs:1. - Caused by yes at /b/c.rs:22.",
+                "no - Caused by yes",
+            ),
+            ("looked at rs: nothing", "looked at rs: nothing"),
+        ] {
+            assert_eq!(without_source_places(&why.into()), plain);
+            let error = LinkError::Declare {
+                what: "a".to_owned(),
+                why: why.into(),
+            };
+            assert_eq!(error.to_string(), format!("Zenoh refused a: {plain}"));
+        }
+    }
 
     #[test]
     fn a_port_that_is_taken_is_said_to_be_and_what_to_do() {

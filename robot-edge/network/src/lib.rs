@@ -13,7 +13,7 @@ mod error;
 pub mod security;
 pub mod sessions;
 
-pub use error::LinkError;
+pub use error::{LinkError, without_source_places};
 
 /// The filter for Zenoh's log, in the syntax of `tracing_subscriber::EnvFilter`: errors, but not its warnings about
 /// intended settings, and not those about withdrawn subscribers that access control had denied, which occur with every

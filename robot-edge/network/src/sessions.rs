@@ -17,7 +17,6 @@ use super::security::{self, SettingsOfTls};
 use crate::audit::Audit;
 use crate::credentials::{Credentials, OperatorList};
 
-/// The endpoints and credentials of a program.
 #[derive(Clone, Debug, Default)]
 pub struct Endpoints {
     /// Control endpoints to listen on.

@@ -1,7 +1,8 @@
-//! Real recordings, damaged in thousands of ways: too slow for every run.
+//! Published recordings, whole and damaged in thousands of ways; the latter is too slow for every run:
 //!
 //! `cargo test --release -p recording -- --ignored --nocapture corruption_tests`
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -139,32 +140,30 @@ fn peak_memory() -> String {
     line.unwrap_or("unknown").to_owned()
 }
 
+fn damage_published(folder: &str) {
+    for published in PUBLISHED {
+        if published.name.starts_with(folder) {
+            damage(published.name, 1000);
+        }
+    }
+}
+
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
 fn damaged_logs_are_survived_in_release() {
-    damage("carmen/intel-corrected.log", 1000);
-    damage("carmen/aces-corrected.log", 1000);
-    damage("carmen/csail-corrected.log", 1000);
-    damage("carmen/belgioioso-corrected.log", 1000);
-    damage("carmen/infinite-corridor-corrected.log", 1000);
-    damage("carmen/aces.clf", 1000);
-    damage("carmen/fr-clinic_robotlaser.clf", 1000);
+    damage_published("carmen/");
 }
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
 fn damaged_bags_are_survived_in_release() {
-    damage("rosbag1/urg04lx_handheld.bag", 1000);
-    damage("rosbag1/two_lasers.bag", 1000);
-    damage("rosbag1/lms1xx_with_tf.bag", 1000);
-    damage("rosbag1/damaged_index.bag", 1000);
+    damage_published("rosbag1/");
 }
 
 #[test]
 #[ignore = "minutes: thousands of damaged files"]
 fn damaged_mcaps_are_survived_in_release() {
-    damage("mcap/intel_corrected.mcap", 1000);
-    damage("mcap/turtlebot_tf_odom.mcap", 1000);
+    damage_published("mcap/");
 }
 
 #[test]
@@ -176,47 +175,149 @@ fn the_damaged_clip_is_survived_in_release() {
     );
 }
 
+/// A recording that others published, and what comes out of it.
+struct Published {
+    name: &'static str,
+    /// Streams of scans: number of scans, least and greatest number of beams.
+    scans: &'static [(&'static str, usize, [usize; 2])],
+    /// Stamps, counted by another program: half the `ODOM` lines of corrected logs have none.
+    repaired: u64,
+    late: u64,
+    damaged: u64,
+}
+
+const fn published(
+    name: &'static str,
+    scans: &'static [(&'static str, usize, [usize; 2])],
+    [repaired, late, damaged]: [u64; 3],
+) -> Published {
+    Published {
+        name,
+        scans,
+        repaired,
+        late,
+        damaged,
+    }
+}
+
+const PUBLISHED: [Published; 13] = [
+    published(
+        "carmen/intel-corrected.log",
+        &[("FLASER", 910, [180, 180])],
+        [2516, 0, 0],
+    ),
+    published(
+        "carmen/aces-corrected.log",
+        &[("FLASER", 440, [180, 180])],
+        [440, 0, 0],
+    ),
+    published(
+        "carmen/csail-corrected.log",
+        &[("FLASER", 406, [361, 361])],
+        [812, 0, 0],
+    ),
+    published(
+        "carmen/belgioioso-corrected.log",
+        &[("FLASER", 395, [361, 361])],
+        [790, 0, 0],
+    ),
+    published(
+        "carmen/infinite-corridor-corrected.log",
+        &[("FLASER", 1941, [180, 180])],
+        [3923, 0, 0],
+    ),
+    published(
+        "carmen/aces.clf",
+        &[("FLASER", 7374, [180, 180])],
+        [0, 0, 0],
+    ),
+    published(
+        "carmen/fr-clinic_robotlaser.clf",
+        &[("ROBOTLASER1", 6917, [180, 181])],
+        [0, 0, 0],
+    ),
+    published(
+        "rosbag1/urg04lx_handheld.bag",
+        &[("/scan", 360, [681, 681])],
+        [0, 0, 0],
+    ),
+    published(
+        "rosbag1/two_lasers.bag",
+        &[
+            ("/front_scan", 331, [726, 726]),
+            ("/rear_scan", 330, [726, 726]),
+        ],
+        [0, 0, 0],
+    ),
+    published(
+        "rosbag1/lms1xx_with_tf.bag",
+        &[("/sick_lms_1xx/scan", 89, [541, 541])],
+        [0, 0, 0],
+    ),
+    // The indexes behind its two chunks claim 20 bytes an entry and have 12.
+    published(
+        "rosbag1/damaged_index.bag",
+        &[("/scan", 360, [681, 681])],
+        [0, 0, 2],
+    ),
+    published(
+        "mcap/intel_corrected.mcap",
+        &[("/scan", 910, [180, 180])],
+        [0, 0, 0],
+    ),
+    // One pose of AMCL is 5.8 s older than the odometry beside it.
+    published("mcap/turtlebot_tf_odom.mcap", &[], [0, 1, 0]),
+];
+
 #[test]
-fn stamp_order_keeps_the_scans_of_whole_recordings() {
+fn every_scan_of_the_published_recordings_comes_out_in_order() {
     let Some(data) = shared_data("") else { return };
-    let check = |name: &str, expected_scans: u64, expected_late: u64| {
+    for expected in PUBLISHED {
+        let (name, is_log) = (expected.name, expected.name.starts_with("carmen/"));
         let mut reader = super::open(&data.join(name), Selection::All).unwrap();
         let mut order = TimeSequencer::default();
-        let (mut scans, mut resets) = (0, 0);
+        let mut last_stamps = BTreeMap::new();
+        let (mut beams, mut in_order) = (BTreeMap::<_, Vec<usize>>::new(), 0);
         let mut count = |order: &mut TimeSequencer| {
             while let Some(item) = order.pop() {
                 match item {
                     Ordered::Measurement(m) => {
-                        scans += u64::from(matches!(m.data, MeasurementData::Scan { .. }));
+                        in_order += usize::from(matches!(m.data, MeasurementData::Scan { .. }));
                     }
-                    Ordered::ClockReset { .. } => resets += 1,
+                    Ordered::ClockReset { .. } => panic!("{name}: its clock is reset"),
                 }
             }
         };
         while let Some(measurement) = reader.next_measurement().unwrap() {
+            if let MeasurementData::Scan { scan, own_pose } = &measurement.data {
+                assert_eq!(own_pose.is_some(), is_log, "{name}");
+                let stream = &reader.streams()[usize::from(measurement.stream.0)].stream;
+                let beams = beams.entry(stream.name.clone()).or_default();
+                beams.push(scan.ranges_m.len());
+            }
+            let last = last_stamps.insert(measurement.stream, measurement.stamp);
+            let is_ordered = last.is_none_or(|last| last <= measurement.stamp);
+            assert!(is_ordered || !is_log, "{name}");
             order.push(measurement);
             count(&mut order);
         }
         order.finish();
         count(&mut order);
-        let late = order.drops().get(DropReason::Late);
-        assert_eq!(
-            (scans, late, resets),
-            (expected_scans, expected_late, 0),
-            "{name}"
-        );
-    };
-    // One pose of AMCL is 5.8 s older than the odometry beside it.
-    check("mcap/turtlebot_tf_odom.mcap", 0, 1);
-    check("carmen/aces.clf", 7374, 0);
-    check("carmen/fr-clinic_robotlaser.clf", 6917, 0);
-    check("rosbag1/two_lasers.bag", 661, 0);
-    check("rosbag1/lms1xx_with_tf.bag", 89, 0);
-    check("rosbag1/damaged_index.bag", 360, 0);
-    check("mcap/intel_corrected.mcap", 910, 0);
-    check("carmen/intel-corrected.log", 910, 0);
-    check("carmen/aces-corrected.log", 440, 0);
-    check("carmen/infinite-corridor-corrected.log", 1941, 0);
-    check("carmen/csail-corrected.log", 406, 0);
-    check("carmen/belgioioso-corrected.log", 395, 0);
+        let found: Vec<_> = beams
+            .iter()
+            .map(|(stream, beams)| {
+                let [least, most] = [beams.iter().min(), beams.iter().max()].map(Option::unwrap);
+                (stream.as_str(), beams.len(), [*least, *most])
+            })
+            .collect();
+        assert_eq!(found, expected.scans, "{name}");
+        let scans: usize = expected.scans.iter().map(|(_, scans, _)| scans).sum();
+        assert_eq!(in_order, scans, "{name}");
+        assert_eq!(reader.stamp_repairs(), expected.repaired, "{name}");
+        assert_eq!(order.drops().get(DropReason::Late), expected.late, "{name}");
+        let (losses, notes) = (reader.losses(), reader.loss_notes());
+        let damaged = [DropReason::Damaged, DropReason::CutOff].map(|reason| losses.get(reason));
+        assert_eq!(damaged, [expected.damaged, 0], "{name}: {notes:?}");
+        assert!(!is_log || losses.total() == 0, "{name}: {notes:?}");
+    }
 }

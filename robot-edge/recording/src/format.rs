@@ -113,7 +113,6 @@ fn printable(beginning: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::shared_data::shared_data;
 
     #[test]
     fn format_is_detected_by_first_bytes() {
@@ -165,25 +164,5 @@ mod tests {
             .unwrap()
             .to_string();
         assert!(error.contains("this is a folder"), "{error}");
-    }
-
-    #[test]
-    fn foreign_recordings_are_recognised() {
-        let Some(data) = shared_data("carmen") else {
-            return;
-        };
-        let check = |name: &str, expected| {
-            assert_eq!(Format::of(&data.join(name)).unwrap(), expected, "{name}");
-        };
-        for name in [
-            "intel-corrected.log",
-            "aces.clf",
-            "fr-clinic_robotlaser.clf",
-        ] {
-            check(name, Format::Carmen);
-        }
-        check("../rosbag1/two_lasers.bag", Format::Rosbag);
-        check("../mcap/turtlebot_tf_odom.mcap", Format::Mcap);
-        assert!(Format::of(&data.join("aces-corrected.png")).is_err());
     }
 }

@@ -90,9 +90,23 @@ impl RecordingError {
     pub(crate) fn io(path: &Path) -> impl Fn(io::Error) -> Self + Copy {
         move |source| Self::Io {
             path: path.to_owned(),
-            source,
+            source: name_missing(path, source),
         }
     }
+}
+
+/// The error of the system at `path`; where something is missing it names the folder or says that it is the file.
+pub fn name_missing(path: &Path, error: io::Error) -> io::Error {
+    if error.kind() != io::ErrorKind::NotFound {
+        return error;
+    }
+    let folders = path.ancestors().skip(1);
+    let missing = folders.filter(|folder| *folder != Path::new("") && !folder.exists());
+    let what = match missing.last() {
+        Some(folder) => format!("there is no folder {}", folder.display()),
+        None => "there is no such file".to_owned(),
+    };
+    io::Error::new(io::ErrorKind::NotFound, what)
 }
 
 /// Summary of one stream so far, including streams of unsupported types.

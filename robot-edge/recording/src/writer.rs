@@ -10,6 +10,7 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 
 use super::mcap::{METADATA_NAME, VEHICLE_KEY};
+use crate::name_missing;
 use crate::new_file::{self, NewFile};
 use crate::new_file::{DiskSpace, DiskSpaceFn};
 use crate::ros::{self, MessageType};
@@ -74,7 +75,8 @@ impl McapWriter {
     /// Creates the file, under a numbered name where there is such a file ([`new_file::create`]). `vehicle` goes into its
     /// metadata, so that a replay needs no `--vehicle`.
     pub fn create(path: &Path, vehicle: Option<&str>) -> Result<Self, WriteError> {
-        let same = new_file::create(path).map_err(WriteError::mcap(path))?;
+        let same = new_file::create(path)
+            .map_err(|error| WriteError::mcap(path)(name_missing(path, error)))?;
         let file = same.file.try_clone().map_err(WriteError::mcap(path))?;
         let options = WriteOptions::new()
             .profile("ros2")

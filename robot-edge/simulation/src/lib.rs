@@ -3,7 +3,7 @@
 //! A [`World`] is a data file: solids, a vehicle, the path it drives and how noisy its sensors are. A
 //! [`SimulatedSource`] drives that path, or follows commands, and yields the
 //! [`Measurement`](measurement::Measurement)s that the vehicle's sensors would give, so that everything
-//! downstream runs as it does on a recording. [`truth`] is the perfect map of the world.
+//! downstream runs as it does on a recording.
 //!
 //! The frame `odom` is the world's own frame here, and `/odom` and `/tf` are the truth; wheels, AHRS, satellite
 //! receiver and the encoders of tilting sensors err. The same world, options, seed and commands give the same
@@ -32,18 +32,13 @@ mod attitude_sensor;
 mod gps;
 mod laser;
 pub mod noise;
-mod range_sensor;
 pub mod scene;
 pub mod source;
 pub mod tilt_servo;
 mod wheel_encoders;
 
-pub mod truth;
-
 #[cfg(test)]
 mod fixtures;
-#[cfg(test)]
-mod rooms_tests;
 
 pub use motion::Motion;
 pub use source::{DriveError, OptionError, SimulatedSource, SimulationOptions};

@@ -1,7 +1,5 @@
 //! Solids of a world.
 
-pub(crate) mod section;
-
 use std::sync::Arc;
 
 use measurement::pose::Pose;
@@ -90,7 +88,7 @@ impl Solid {
     }
 
     /// The corners of a box in the world, so that two whose numbers differ in one bit share an edge.
-    pub(crate) fn box_corners_m(&self, size_m: [f64; 3]) -> [Point3<f64>; 8] {
+    pub fn box_corners_m(&self, size_m: [f64; 3]) -> [Point3<f64>; 8] {
         std::array::from_fn(|corner| {
             let side = |axis: usize| if corner >> axis & 1 == 0 { -0.5 } else { 0.5 };
             let at = std::array::from_fn(|axis| side(axis) * size_m[axis]);
@@ -100,7 +98,7 @@ impl Solid {
 }
 
 /// Pairs of [`Solid::box_corners_m`] that an edge joins.
-pub(crate) const BOX_EDGES: [[usize; 2]; 12] = [
+pub const BOX_EDGES: [[usize; 2]; 12] = [
     [0, 1],
     [2, 3],
     [4, 5],

@@ -110,7 +110,7 @@ impl Vegetation {
     }
 
     /// What stands in the box between two corners while there is no wind; `None` where nothing does.
-    pub(crate) fn standing_in(&self, min_m: Point3<f64>, max_m: Point3<f64>) -> Option<Rigidity> {
+    pub fn standing_in(&self, min_m: Point3<f64>, max_m: Point3<f64>) -> Option<Rigidity> {
         self.in_box(min_m, max_m)
             .filter_map(|(stem, _)| self.rigidity(stem))
             .max()
@@ -133,7 +133,7 @@ impl Vegetation {
 
     /// Greatest height that something of that rigidity reaches in a box while there is no wind; `None`
     /// where it has none.
-    pub(crate) fn highest_m(
+    pub fn highest_m(
         &self,
         min_m: Point3<f64>,
         max_m: Point3<f64>,
@@ -214,7 +214,7 @@ impl Area {
 }
 
 /// Whether an outline goes around a point.
-pub(crate) fn is_inside(outline: &[Point2<f64>], at: Point2<f64>) -> bool {
+pub fn is_inside(outline: &[Point2<f64>], at: Point2<f64>) -> bool {
     let next = outline.iter().cycle().skip(1);
     let crossings = outline
         .iter()
@@ -320,7 +320,7 @@ fn part_of(
 
 /// The part of a line in a box, edges included, as multiples of `along` within `part` (clipping by Liang and
 /// Barsky). The corners of the box are given from where the line begins.
-pub(crate) fn clipped<const N: usize>(
+pub fn clipped<const N: usize>(
     along: [f64; N],
     least: [f64; N],
     most: [f64; N],

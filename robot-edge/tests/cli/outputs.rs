@@ -28,7 +28,9 @@ fn what_is_no_recording_is_refused() {
         }
     };
     refusal(folder.path(), &["this is a folder", ".mcap file"]);
-    refusal(&place("missing.mcap"), &["No such file"]);
+    refusal(&place("missing.mcap"), &["there is no such file"]);
+    let folder_says = format!("there is no folder {}", place("no").display());
+    refusal(&place("no/such/missing.mcap"), &[&folder_says]);
     fs::write(place("empty.mcap"), "").unwrap();
     refusal(
         &place("empty.mcap"),
@@ -44,13 +46,38 @@ fn what_is_no_recording_is_refused() {
     );
 }
 
-/// What is written at the end is told before the mapping: nothing else is there yet.
 #[test]
-fn outputs_that_cannot_be_written_are_told_at_once() {
+fn a_replay_without_an_export_says_how_to_get_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let says = "no picture was written: --export FOLDER";
+    let without = run(robot_edge("replay --duration 1").arg(rooms())).succeeds();
+    let last = without.stdout.lines().last().unwrap();
+    assert!(last.starts_with(says), "{}", without.stdout);
+    let mut exporting = robot_edge("replay --duration 1 --export");
+    let exported = run(exporting.arg(folder.path()).arg(rooms())).succeeds();
+    assert!(!exported.stdout.contains(says), "{}", exported.stdout);
+}
+
+#[test]
+fn a_recording_that_was_cut_off_names_the_command_that_saves_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("cut.mcap");
+    let whole = fs::read(rooms()).unwrap();
+    fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    let says = format!("robot-edge recover {} saved.mcap", cut.display());
+    for command in ["info", "replay"] {
+        let ended = run(robot_edge(command).arg(&cut)).succeeds();
+        assert!(ended.stdout.contains(&says), "{}", ended.stdout);
+    }
+}
+
+/// What is written at the end is checked before the mapping: nothing else is there yet.
+#[test]
+fn outputs_that_cannot_be_written_are_reported_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let place = |name: &str| folder.path().join(name);
     fs::write(place("file"), "").unwrap();
-    let told = |option: &str, value: &Path, says: &[&str]| {
+    let reported = |option: &str, value: &Path, says: &[&str]| {
         let mut command = robot_edge("replay");
         command.arg(rooms()).arg(option).arg(value);
         for (other, name) in [
@@ -74,39 +101,39 @@ fn outputs_that_cannot_be_written_are_told_at_once() {
             "{option}"
         );
     };
-    let no_folder = "No such file";
-    told(
+    let no_folder = &format!("there is no folder {}", place("no").display());
+    reported(
         "--export",
         &place("file"),
         &["cannot make the folder to export to", "File exists"],
     );
-    told(
+    reported(
         "--export",
         &place("file/maps"),
         &["cannot make the folder to export to"],
     );
-    told(
+    reported(
         "--summary",
         &place("no/such/s.json"),
         &["cannot write the summary", no_folder],
     );
-    told(
+    reported(
         "--summary",
         folder.path(),
         &["cannot write the summary", "directory"],
     );
-    told(
+    reported(
         "--record",
         &place("no/such/r.mcap"),
         &["cannot write the recording", no_folder],
     );
-    told(
+    reported(
         "--record",
         folder.path(),
         &["cannot write the recording", "directory"],
     );
     if Path::new("/proc/self").is_dir() {
-        told("--export", Path::new("/proc"), &["cannot write the maps"]);
+        reported("--export", Path::new("/proc"), &["cannot write the maps"]);
     }
 }
 

@@ -203,7 +203,7 @@ fn what_cannot_be_salvaged_says_why() {
         assert!(!place("out.mcap").exists(), "{ended:?}");
         ended
     };
-    recover("missing.mcap").refuses(3, &["missing.mcap", "No such file"]);
+    recover("missing.mcap").refuses(3, &["missing.mcap", "there is no such file"]);
     fs::write(place("text.mcap"), "no recording at all").unwrap();
     recover("text.mcap").refuses(3, &["not a recording this program reads"]);
     fs::write(place("empty.mcap"), "").unwrap();

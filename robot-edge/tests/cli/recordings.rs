@@ -347,3 +347,24 @@ fn carmen_logs_recorded_as_mcap_give_the_same_maps() {
         assert!(comparison.share() >= 0.999, "{name}: {comparison:?}");
     }
 }
+
+/// Keyframes lie a metre apart in these logs, and their clocks say nothing of the speed.
+#[test]
+fn keyframes_without_a_clock_are_no_pose_jumps() {
+    let Some(folder) = shared_data("carmen") else {
+        return;
+    };
+    for name in [
+        "belgioioso-corrected.log",
+        "csail-corrected.log",
+        "infinite-corridor-corrected.log",
+    ] {
+        let ended = run(robot_edge("replay").arg(folder.join(name))).succeeds();
+        let jumps = ended
+            .stdout
+            .lines()
+            .filter(|line| line.starts_with("pose_jump"));
+        assert!(jumps.count() <= 1, "{}", ended.stdout);
+        assert!(ended.stdout.lines().count() < 12, "{}", ended.stdout);
+    }
+}

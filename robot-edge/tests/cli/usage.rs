@@ -23,7 +23,7 @@ fn wrong_options_say_what_is_right() {
                 "Presets: generic2d, holos, introbot, pioneer, riverwatch",
             ],
         ),
-        ("--vehicle boat.toml", &["boat.toml", "No such file"]),
+        ("--vehicle boat.toml", &["boat.toml: there is no such file"]),
         ("--topic lidar=/scan", &["no sensor of this name", "laser"]),
         (
             "--set mapping.occupancy.cell_m=wide",
@@ -181,6 +181,61 @@ fn check_tells_every_fault_with_its_line() {
     let missing = run(&mut robot_edge("check missing.toml"));
     assert_eq!(missing.code, Some(2));
     assert!(missing.stdout.contains("missing.toml"), "{missing:?}");
+}
+
+#[test]
+fn settings_that_are_probably_not_meant_are_reported_by_a_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    let mine = folder.path().join("mine.toml");
+    let settings = "preset = \"pioneer\"\n[sensors.laser]\nbeams = 481\nfield_of_view_deg = 4\n[teleop]\nlease_s = 1.0\n";
+    fs::write(&mine, settings).unwrap();
+    let mut replay = robot_edge("replay --duration 1");
+    let ended = run(replay.arg(rooms()).arg("--vehicle").arg(&mine)).succeeds();
+    for line in [
+        "warning: `sensors.laser.field_of_view_deg`: 481 beams in 4° are 0.0083° apart, which no laser resolves: are these radians?",
+        "setup: without effect, as nothing is driven in this run: teleop.lease_s",
+    ] {
+        assert!(
+            ended.stderr.lines().any(|found| found == line),
+            "{}",
+            ended.stderr
+        );
+    }
+    fs::write(&mine, "[vehicle]\nwidth_m = 1\nheight_m = 1\n").unwrap();
+    run(robot_edge("replay")
+        .arg(rooms())
+        .arg("--vehicle")
+        .arg(&mine))
+    .refuses(
+        2,
+        &["`vehicle.length_m`: missing: measure the vehicle, in metres"],
+    );
+}
+
+/// Port 1 is nobody's.
+#[test]
+fn routers_that_do_not_answer_are_reported() {
+    let live = run(&mut robot_edge(
+        "run --no-network --ros tcp/127.0.0.1:1 --wait 2",
+    ));
+    assert_eq!(live.code, Some(1));
+    for says in [
+        "warning: no answer at tcp/127.0.0.1:1 yet: trying for ",
+        "robot-edge: tcp/127.0.0.1:1: no ROS 2 system. Start its Zenoh router",
+    ] {
+        assert!(
+            live.stderr.lines().any(|line| line.starts_with(says)),
+            "{}",
+            live.stderr
+        );
+    }
+    assert!(!live.stderr.contains(".rs:"), "{}", live.stderr);
+
+    let mut replay = robot_edge("");
+    replay.arg("replay").arg(rooms());
+    let ended = run(replay.args(["--rate", "25", "--connect", "tcp/127.0.0.1:1"])).succeeds();
+    let says = "warning: nobody answers at tcp/127.0.0.1:1 yet: until a router does, no console reaches this robot there\n";
+    assert!(ended.stderr.contains(says), "{}", ended.stderr);
 }
 
 #[test]

@@ -179,11 +179,11 @@ fn a_small_memory_limit_evicts_counts_tells_and_goes_on() {
     );
     assert!(voxels["bytes"].as_u64().unwrap() < 1_200_000, "{voxels}");
     let events = evicting["events"].as_array().unwrap();
-    let told: Vec<_> = events
+    let reported: Vec<_> = events
         .iter()
         .filter(|event| event["kind"] == "voxels_evicted")
         .collect();
-    let [event] = told[..] else {
+    let [event] = reported[..] else {
         panic!("{events:?}")
     };
     let message = event["message"].as_str().unwrap();

@@ -6,9 +6,9 @@ use std::sync::atomic::AtomicBool;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use crate::outcome::Verdict;
-use crate::{Experiment, ExperimentError, Outcome, Session, report};
+use crate::{EXPERIMENTS, Experiment, Outcome, Session, report};
 use edge::cli::Experiments;
-use edge::exit::{Exit, UsageError};
+use edge::exit::{Exit, Interrupted, UsageError};
 use network::clock;
 
 /// Runs the command. Progress goes to standard error, the path of the page to `out`.
@@ -20,27 +20,29 @@ pub fn run(
 ) -> anyhow::Result<Exit> {
     let mut chosen = Vec::new();
     for id in &command.ids {
-        chosen.push(
-            id.parse::<Experiment>()
-                .map_err(|err| UsageError(err.to_string()))?,
-        );
+        let experiment = Experiment::of_id(id).ok_or_else(|| {
+            let known = EXPERIMENTS.each_ref().map(|experiment| experiment.id);
+            let known = known.join(", ");
+            UsageError(format!("no experiment is called `{id}`: there are {known}"))
+        })?;
+        chosen.push(experiment.id);
     }
-    if chosen.is_empty() {
-        chosen.extend(Experiment::ALL);
-    }
-    chosen.sort_unstable();
-    chosen.dedup();
+    let is_chosen = |experiment: &&Experiment| chosen.is_empty() || chosen.contains(&experiment.id);
     report::prepare(&command.out)?;
 
     let progress = Progress::new(quiet);
     let watch = |what: &str| progress.bar.set_message(what.to_owned());
     let session = Session::new(command.seeds, interrupt, &watch);
     let mut outcomes = Vec::new();
-    for experiment in chosen {
+    for experiment in EXPERIMENTS.iter().filter(is_chosen) {
         let started = clock::now();
-        let outcome = experiment
-            .run(&session)
-            .map_err(to_usage_error(experiment))?;
+        let outcome = (experiment.run)(&session).map_err(|error| {
+            if error.is::<Interrupted>() {
+                error
+            } else {
+                error.context(format!("{} could not be run", experiment.id))
+            }
+        })?;
         progress.print_outcome(experiment, &outcome, clock::elapsed(started).as_secs_f64());
         outcomes.push((experiment, outcome));
     }
@@ -49,15 +51,6 @@ pub fn run(
     writeln!(out, "{}", page.display())?;
     let passed = outcomes.iter().all(|(_, outcome)| outcome.passed());
     Ok(if passed { Exit::Done } else { Exit::Failed })
-}
-
-fn to_usage_error(experiment: Experiment) -> impl FnOnce(ExperimentError) -> anyhow::Error {
-    move |error| {
-        if let ExperimentError::Interrupted(interrupted) = error {
-            return interrupted.into();
-        }
-        anyhow::Error::from(error).context(format!("{experiment} could not be run"))
-    }
 }
 
 /// Prints one line per finished experiment; on a terminal, also the current one.
@@ -76,7 +69,7 @@ impl Progress {
         Self { quiet, bar }
     }
 
-    fn print_outcome(&self, experiment: Experiment, outcome: &Outcome, took_s: f64) {
+    fn print_outcome(&self, experiment: &Experiment, outcome: &Outcome, took_s: f64) {
         if self.quiet {
             return;
         }
@@ -89,7 +82,7 @@ impl Progress {
                 let (what, measured) = (&check.what, &check.measured);
                 format!("  {what}: {measured}, required {}\n", check.required)
             });
-        let first = format!("{experiment} {verdict} ({took_s:.0} s)\n");
+        let first = format!("{} {verdict} ({took_s:.0} s)\n", experiment.id);
         let text: String = std::iter::once(first).chain(failed).collect();
         // A failed write is ignored: the page is the result.
         self.bar

@@ -2,16 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part, Table};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::pictures::Picture;
 use super::run::SimulatedRun;
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
-use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
-use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use super::terrain::{self, Cell, TerrainWorld, extent_m, obstacle_map};
 use mapping::elevation::CellClass;
 use mapping::terrain::Terrain;
 use simulation::SimulationOptions;
@@ -30,9 +27,9 @@ const BUILD: &str = if cfg!(debug_assertions) {
     "a release build"
 };
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     session.step("E1: the truth of the hall")?;
-    let hall = TerrainWorld::load("hall", &[], Some(DURATION_S))?;
+    let hall = TerrainWorld::load("hall", Some(DURATION_S))?;
     let plane = hall.plane_at(0.0);
     let sweep = Sweep::of(&hall, &plane, |_| true)?;
     let mut outcome = Outcome::default();
@@ -47,18 +44,15 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     ]);
     let mut pictures = Vec::new();
     for (cell_m, cells) in SIZES {
+        let is_preset = cell_m.to_bits() == hall.cell_m().to_bits();
         let runs = session.for_each_seed(&format!("E1: hall, cells of {cell_m} m"), |seed| {
             let run = mapped(&hall, cell_m, cells, seed)?;
             let map = obstacle_map(&run.store());
             let distance_m = pillar_to_wall_m(&hall, cell_m, &map)?;
-            let is_preset = cell_m.to_bits() == hall.cell_m().to_bits();
             let agreement = is_preset.then(|| Agreement::of(&hall, &plane, &map, &sweep));
             Ok((distance_m, agreement))
         })?;
-        let spread = Spread::of(
-            runs.iter()
-                .map(|(distance_m, _)| distance_m.unwrap_or(f64::NAN)),
-        );
+        let spread = Spread::over(&runs, |(distance_m, _)| distance_m.unwrap_or(f64::NAN));
         let is_near = |distance_m: &Option<f64>| {
             distance_m.is_some_and(|distance_m| (distance_m - DISTANCE_M).abs() <= cell_m + 1e-9)
         };
@@ -70,14 +64,9 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         ));
         let [least, median, most] = spread.cells(2);
         distances.push([format!("{cell_m} m"), least, median, most]);
-        let agreements: Vec<Agreement> = runs
-            .into_iter()
-            .filter_map(|(_, agreement)| agreement)
-            .collect();
-        if !agreements.is_empty() {
-            outcome
-                .checks
-                .extend(agreement::checks("hall", &agreements));
+        if is_preset {
+            let agreements = runs.iter().filter_map(|(_, agreement)| agreement.as_ref());
+            outcome.checks.extend(agreement::checks("hall", agreements));
         }
         session.step(&format!("E1: time and memory, cells of {cell_m} m"))?;
         let run = mapped(&hall, cell_m, cells, SEED)?;
@@ -86,7 +75,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     }
     outcome.parts = vec![
         Part::text(include_str!("notes/e1.md")),
-        Part::Pictures(views::world_from_above(&hall, &plane, "e1-world")?),
+        Part::Pictures(terrain::world_from_above(&hall, &plane, "e1-world")?),
         Part::text("Distance from the pillar to the wall in the obstacle map:"),
         Part::Table(distances),
         Part::text(include_str!("notes/e1_cost.md")),
@@ -97,12 +86,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
-fn mapped(
-    hall: &TerrainWorld,
-    cell_m: f64,
-    cells: u32,
-    seed: u64,
-) -> Result<SimulatedRun, ExperimentError> {
+fn mapped(hall: &TerrainWorld, cell_m: f64, cells: u32, seed: u64) -> anyhow::Result<SimulatedRun> {
     let settings = [
         format!("mapping.elevation.cell_m={cell_m:?}"),
         format!("mapping.elevation.cells={cells}"),
@@ -126,7 +110,7 @@ fn pillar_to_wall_m(
     hall: &TerrainWorld,
     cell_m: f64,
     map: &BTreeMap<Cell, CellClass>,
-) -> Result<Option<f64>, ExperimentError> {
+) -> anyhow::Result<Option<f64>> {
     let (pillar, wall) = (hall.solid("first pillar")?, hall.solid("left wall")?);
     let at = |m: f64| libm::floor(m / cell_m) as i64;
     let x = at(extent_m(pillar, 0)[0]);
@@ -156,9 +140,9 @@ fn cost(run: &SimulatedRun, cell_m: f64, cells: u32) -> Vec<String> {
     ]
 }
 
-fn size_pictures(run: &SimulatedRun, cell_m: f64) -> Result<Option<Part>, ExperimentError> {
+fn size_pictures(run: &SimulatedRun, cell_m: f64) -> anyhow::Result<Option<Part>> {
     let name = format!("e1-{:.0}cm", 100.0 * cell_m);
     let pictures: Vec<Picture> =
-        views::maps(run.pipeline(), &name, &format!("cells of {cell_m} m"))?;
+        terrain::maps(run.pipeline(), &name, &format!("cells of {cell_m} m"))?;
     Ok((!pictures.is_empty()).then_some(Part::Pictures(pictures)))
 }

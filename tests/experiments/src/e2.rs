@@ -2,14 +2,12 @@
 
 use protocol::layer::LayerId;
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part};
-use super::published::known_cells;
+use super::outcome::{Check, Outcome, Part, Spread};
+use super::run::known_cells;
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
-use super::terrain::{TerrainWorld, obstacle_map, views};
+use super::terrain::{self, TerrainWorld, obstacle_map};
 use mapping::elevation::CellClass;
 
 /// How far from the floor the height of a cell may be, metres.
@@ -27,8 +25,8 @@ struct Floor {
     agreement: Agreement,
 }
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
-    let floor = TerrainWorld::load("floor", &[], None)?;
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
+    let floor = TerrainWorld::load("floor", None)?;
     let plane = floor.plane_at(0.0);
     let sweep = Sweep::of(&floor, &plane, |_| true)?;
     let floors = session.for_each_seed("E2: floor", |seed| {
@@ -49,8 +47,8 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     })?;
     session.step("E2: pictures")?;
     let pipeline = floor.run(SEED, 0.0)?.finish()?;
-    let mut pictures = views::maps(&pipeline, "e2", "floor")?;
-    pictures.extend(views::elevation_of(&pipeline, "e2", "floor")?);
+    let mut pictures = terrain::maps(&pipeline, "e2", "floor")?;
+    pictures.extend(terrain::elevation_of(&pipeline, "e2", "floor")?);
     Ok(Outcome {
         checks: checks(&floors),
         parts: vec![
@@ -61,12 +59,8 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 }
 
 fn checks(floors: &[Floor]) -> Vec<Check> {
-    let spread = |figure: &dyn Fn(&Floor) -> f64| Spread::of(floors.iter().map(figure));
-    let farthest = spread(&|floor| 100.0 * floor.farthest_m);
-    let not_free = spread(&|floor| floor.not_free as f64);
-    let cells = spread(&|floor| floor.cells as f64);
-    let events = spread(&|floor| floor.events as f64);
-    let agreements: Vec<_> = floors.iter().map(|floor| floor.agreement.clone()).collect();
+    let farthest = Spread::over(floors, |floor| 100.0 * floor.farthest_m);
+    let cells = Spread::count(floors, |floor| floor.cells);
     let mut checks = vec![
         Check::gate(
             "height farthest from the floor",
@@ -75,25 +69,17 @@ fn checks(floors: &[Floor]) -> Vec<Check> {
             // What is published is rounded to half a centimetre.
             farthest.most <= 100.0 * GROUND_M + 1e-3,
         ),
-        Check::gate(
+        Check::zero(
             "known cells that are not Free",
-            not_free.text(0, ""),
-            "0",
-            not_free.most == 0.0,
+            Spread::count(floors, |floor| floor.not_free),
         ),
-        Check::gate(
-            "known cells",
-            cells.text(0, ""),
-            format!("≥ {CELLS_MIN}"),
-            cells.least >= CELLS_MIN,
-        ),
-        Check::gate(
+        Check::at_least("known cells", (cells, 0, ""), CELLS_MIN),
+        Check::zero(
             "changes of the ground plane",
-            events.text(0, ""),
-            "0",
-            events.most == 0.0,
+            Spread::count(floors, |floor| floor.events),
         ),
     ];
-    checks.extend(agreement::checks("floor", &agreements));
+    let agreements = floors.iter().map(|floor| &floor.agreement);
+    checks.extend(agreement::checks("floor", agreements));
     checks
 }

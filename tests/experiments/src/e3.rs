@@ -2,16 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part, Table};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
-use super::terrain::{Cell, TerrainWorld, obstacle_map, seconds, views};
+use super::terrain::{self, Cell, TerrainWorld, obstacle_map, seconds};
+use crate::truth::{GroundPlane, Verdict};
 use mapping::elevation::CellClass;
 use simulation::Motion;
-use simulation::truth::{GroundPlane, Verdict};
 
 /// Where the ramp begins, metres along x.
 const RAMP_M: f64 = 7.12;
@@ -34,8 +32,8 @@ struct Drive {
     map: BTreeMap<Cell, CellClass>,
 }
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
-    let ramp = TerrainWorld::load("ramp", &[], None)?;
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
+    let ramp = TerrainWorld::load("ramp", None)?;
     let drives = session.for_each_seed("E3: ramp", |seed| drive(&ramp, seed))?;
     session.step("E3: what was swept")?;
     let first = drives.iter().filter_map(|drive| drive.changes_s.first());
@@ -52,31 +50,31 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
         .map(|drive| Agreement::of(&ramp, &old, &drive.before, &sweep_before))
         .collect();
     // Not asked for: it is the map that the change throws away, made while the front wheels leave the plane.
-    let before = agreement::checks("before the change", &before);
+    let before = agreement::checks("before the change", before.iter());
     checks.extend(before.into_iter().map(Check::without_gate));
     let after: Vec<_> = drives
         .iter()
         .map(|drive| Agreement::of(&ramp, &new, &drive.map, &sweep))
         .collect();
-    checks.extend(agreement::checks("at the end", &after));
+    checks.extend(agreement::checks("at the end", after.iter()));
 
     let mut parts = vec![Part::text(include_str!("notes/e3.md"))];
     parts.push(Part::Table(changes(&drives)));
-    parts.push(Part::Pictures(views::world_from_above(
+    parts.push(Part::Pictures(terrain::world_from_above(
         &ramp, &old, "e3-world",
     )?));
     session.step("E3: pictures")?;
     let mut run = ramp.run(SEED, 0.0)?;
     if let Some(first_s) = drives.first().and_then(|drive| drive.changes_s.first()) {
         run.advance_to(first_s - BEFORE_S)?;
-        parts.push(Part::Pictures(views::maps(
+        parts.push(Part::Pictures(terrain::maps(
             run.pipeline(),
             "e3-before",
             "before the change",
         )?));
     }
     let pipeline = run.finish()?;
-    parts.push(Part::Pictures(views::maps(
+    parts.push(Part::Pictures(terrain::maps(
         &pipeline,
         "e3-after",
         "at the end",
@@ -89,7 +87,7 @@ const SETTLED_S: f64 = 5.0;
 /// What is shown as before the change was a little before, seconds.
 const BEFORE_S: f64 = 0.3;
 
-fn drive(ramp: &TerrainWorld, seed: u64) -> Result<Drive, ExperimentError> {
+fn drive(ramp: &TerrainWorld, seed: u64) -> anyhow::Result<Drive> {
     let motion = Motion::new(&ramp.world);
     let mut run = ramp.run(seed, 0.0)?;
     let mut changes_s = Vec::new();
@@ -146,16 +144,18 @@ fn checks(
         .cells()
         .filter(|&cell| is_ramp(ramp, cell, on_ramp))
         .collect();
-    let free = Spread::of(drives.iter().map(|drive| {
+    let free = Spread::over(drives, |drive| {
         let is_free = |cell: &&Cell| drive.map.get(*cell) == Some(&CellClass::Free);
         100.0 * swept.iter().filter(is_free).count() as f64 / swept.len().max(1) as f64
-    }));
-    let false_before = Spread::of(drives.iter().map(|drive| drive.false_before as f64));
-    let count = Spread::of(drives.iter().map(|drive| drive.changes_s.len() as f64));
-    let places = drives.iter().flat_map(|drive| &drive.changes_m).copied();
-    let places = Spread::of(places);
+    });
+    let false_before = Spread::count(drives, |drive| drive.false_before);
+    let count = Spread::count(drives, |drive| drive.changes_s.len());
+    let places = Spread::of(drives.iter().flat_map(|drive| &drive.changes_m).copied());
     // From here on the front wheels are on the ramp, whatever the rear wheels do.
     let front_axle_m = 0.5 * ramp.config.vehicle.wheelbase_m();
+    let too_early = drives.iter().flat_map(|drive| &drive.changes_m);
+    let too_early = too_early.filter(|place| **place < RAMP_M - front_axle_m);
+    let too_early = too_early.count();
     vec![
         Check::gate(
             "swept cells of the ramp that are Free in the end",
@@ -171,9 +171,9 @@ fn checks(
         ),
         Check::gate(
             "changes of the ground plane, at the bumps or before the ramp",
-            places_before(drives, RAMP_M - front_axle_m).to_string(),
+            too_early.to_string(),
             "0",
-            places_before(drives, RAMP_M - front_axle_m) == 0,
+            too_early == 0,
         ),
         Check::gate(
             "changes of the ground plane",
@@ -188,11 +188,6 @@ fn checks(
             places.least >= RAMP_M + front_axle_m,
         ),
     ]
-}
-
-fn places_before(drives: &[Drive], x_m: f64) -> usize {
-    let places = drives.iter().flat_map(|drive| &drive.changes_m);
-    places.filter(|place| **place < x_m).count()
 }
 
 /// Each change of seed 1.

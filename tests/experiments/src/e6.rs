@@ -2,14 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part};
+use anyhow::Context as _;
+
+use super::outcome::{Check, Outcome, Part, Spread};
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
-use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
-use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use super::terrain::{self, Cell, TerrainWorld, extent_m, obstacle_map};
 use mapping::elevation::CellClass;
 use simulation::Motion;
 
@@ -34,8 +33,8 @@ struct Drive {
     agreement: Agreement,
 }
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
-    let turn = TerrainWorld::load("turn", &[], None)?;
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
+    let turn = TerrainWorld::load("turn", None)?;
     let plane = turn.plane_at(0.0);
     let sweep = Sweep::of(&turn, &plane, |_| true)?;
     let begins_s = time_of_yaw_s(&turn, TURNING_DEG)?;
@@ -58,7 +57,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     })?;
     let mut parts = vec![
         Part::text(include_str!("notes/e6.md")),
-        Part::Pictures(views::world_from_above(&turn, &plane, "e6-world")?),
+        Part::Pictures(terrain::world_from_above(&turn, &plane, "e6-world")?),
     ];
     session.step("E6: pictures")?;
     let mut run = turn.run(SEED, 0.0)?;
@@ -69,7 +68,11 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     ] {
         run.advance_to(until_s)?;
         let name = format!("e6-{name}");
-        parts.push(Part::Pictures(views::maps(run.pipeline(), &name, caption)?));
+        parts.push(Part::Pictures(terrain::maps(
+            run.pipeline(),
+            &name,
+            caption,
+        )?));
     }
     Ok(Outcome {
         checks: checks(&drives),
@@ -78,36 +81,29 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 }
 
 fn checks(drives: &[Drive]) -> Vec<Check> {
-    let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
-    let growth = spread(&|drive| drive.after / drive.before);
-    let before = spread(&|drive| drive.before);
-    let beyond = spread(&|drive| drive.beyond_glass[1]);
+    let growth = Spread::over(drives, |drive| drive.after / drive.before);
+    let before = Spread::over(drives, |drive| drive.before);
+    let [beyond_before, beyond] =
+        [0, 1].map(|end: usize| Spread::over(drives, |drive| drive.beyond_glass[end]));
     let mut checks = vec![
-        Check::gate(
+        Check::at_most(
             "cells of the walls after the turn over those before",
-            growth.text(3, ""),
-            format!("≤ {GROWTH_MAX}"),
-            growth.most <= GROWTH_MAX,
+            (growth, 3, ""),
+            GROWTH_MAX,
         ),
-        Check::gate(
-            "cells of the walls before",
-            before.text(0, ""),
-            "≥ 20",
-            before.least >= 20.0,
-        ),
-        Check::gate(
+        Check::at_least("cells of the walls before", (before, 0, ""), 20.0),
+        Check::at_least(
             "known cells beyond the glass at the end",
-            beyond.text(0, ""),
-            format!("≥ {BEYOND_GLASS_MIN}"),
-            beyond.least >= BEYOND_GLASS_MIN,
+            (beyond, 0, ""),
+            BEYOND_GLASS_MIN,
         ),
         Check::shown(
             "known cells beyond the glass before the turn",
-            spread(&|drive| drive.beyond_glass[0]).text(0, ""),
+            beyond_before.text(0, ""),
         ),
     ];
-    let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
-    checks.extend(agreement::checks("turn", &agreements));
+    let agreements = drives.iter().map(|drive| &drive.agreement);
+    checks.extend(agreement::checks("turn", agreements));
     checks
 }
 
@@ -116,7 +112,7 @@ fn walls(
     turn: &TerrainWorld,
     before: &BTreeMap<Cell, CellClass>,
     after: &BTreeMap<Cell, CellClass>,
-) -> Result<(usize, usize), ExperimentError> {
+) -> anyhow::Result<(usize, usize)> {
     let mut counts = (0, 0);
     for wall in WALLS {
         let wall = turn.solid(wall)?;
@@ -143,10 +139,7 @@ fn walls(
     Ok(counts)
 }
 
-fn beyond_glass(
-    turn: &TerrainWorld,
-    map: &BTreeMap<Cell, CellClass>,
-) -> Result<usize, ExperimentError> {
+fn beyond_glass(turn: &TerrainWorld, map: &BTreeMap<Cell, CellClass>) -> anyhow::Result<usize> {
     let glass_m = extent_m(turn.solid("main glass wall")?, 0)[1];
     // Noise carries no point of the glass so far.
     let beyond = |cell: &&Cell| cell[0] as f64 * turn.cell_m() > glass_m + turn.cell_m();
@@ -154,14 +147,12 @@ fn beyond_glass(
 }
 
 /// When the vehicle has turned by so many degrees.
-fn time_of_yaw_s(turn: &TerrainWorld, yaw_deg: f64) -> Result<f64, ExperimentError> {
+fn time_of_yaw_s(turn: &TerrainWorld, yaw_deg: f64) -> anyhow::Result<f64> {
     let motion = Motion::new(&turn.world);
     let steps = (turn.duration_s() / STEP_S) as u32;
     let mut times = (0..=steps).map(|step| f64::from(step) * STEP_S);
     let time_s = times.find(|&time_s| {
         measurement::pose::yaw_rad(&motion.world_from_base(time_s)).to_degrees() >= yaw_deg
     });
-    time_s.ok_or_else(|| {
-        ExperimentError::Unsuitable(format!("the world `turn` does not turn by {yaw_deg}°"))
-    })
+    time_s.with_context(|| format!("the world `turn` does not turn by {yaw_deg}°"))
 }

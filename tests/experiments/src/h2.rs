@@ -1,33 +1,31 @@
 //! H2 [HYB 8.2]: what slopes cost; a canopy is no obstacle, a low branch is.
 
 mod evaluation;
-mod truth;
 
-use super::ExperimentError;
-use super::land::columns::Hits;
-use super::land::{LandWorld, Poses, octree_and_cost, published};
-use super::outcome::{Check, Outcome, Part, Table};
+use super::land::{Hits, LandWorld, Poses, octree_and_cost, published};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::pictures::Picture;
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::voxel_views;
-use evaluation::Evaluation;
+use edge::runtime::Pipeline;
+use evaluation::{Evaluation, Found, Kind, Plane, YardTruth};
 use protocol::layer::LayerId;
 use simulation::SimulationOptions;
-use truth::{Kind, YardTruth};
 
 /// Share of the swept cells of planes whose cost must be right [`docs/methods.md` §4].
-const RIGHT_MIN: f64 = 0.95;
+const RIGHT_MIN_PERCENT: f64 = 95.0;
 /// Share of the columns of things, where the laser met them, that must be lethal.
-const FOUND_MIN: f64 = 0.95;
+const FOUND_MIN_PERCENT: f64 = 95.0;
 /// Cells below which a share means nothing.
 const CELLS_MIN: f64 = 500.0;
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let yard = LandWorld::load("yard")?;
     session.step("H2: the truth")?;
     let truth = YardTruth::of(&yard)?;
-    let drives = session.for_each_seed("H2: yard", |seed| drive(&yard, &truth, seed))?;
+    let drives = session.for_each_seed("H2: yard", |seed| {
+        evaluation(&yard, &truth, seed, SLOPES_ALONE, Poses::Averaged)
+    })?;
     session.step("H2: pictures")?;
     let mut parts = vec![
         Part::text(include_str!("notes/h2.md")),
@@ -46,12 +44,19 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 /// The cost of slopes alone: what gives way is not let through.
 const SLOPES_ALONE: &[&str] = &["mapping.rigidity.enabled=false"];
 
-fn drive(
+fn mapped(
     yard: &LandWorld,
     truth: &YardTruth<'_>,
     seed: u64,
-) -> Result<Evaluation, ExperimentError> {
-    evaluation(yard, truth, seed, SLOPES_ALONE, Poses::Averaged)
+    settings: &[&str],
+    poses: Poses,
+) -> anyhow::Result<(Hits, Pipeline)> {
+    let mut run = yard.run_with_poses(seed, SimulationOptions::default(), settings, poses)?;
+    let mut hits = Hits::default();
+    run.advance_with(run.duration_s(), |_, scan| {
+        hits.add(yard, truth.ground(), scan);
+    })?;
+    Ok((hits, run.finish()?))
 }
 
 fn evaluation(
@@ -60,13 +65,8 @@ fn evaluation(
     seed: u64,
     settings: &[&str],
     poses: Poses,
-) -> Result<Evaluation, ExperimentError> {
-    let mut run = yard.run_with_poses(seed, SimulationOptions::default(), settings, poses)?;
-    let mut hits = Hits::default();
-    run.advance_with(run.duration_s(), |_, scan| {
-        hits.add(yard, truth.ground(), scan);
-    })?;
-    let pipeline = run.finish()?;
+) -> anyhow::Result<Evaluation> {
+    let (hits, pipeline) = mapped(yard, truth, seed, settings, poses)?;
     let store = pipeline.publisher().store();
     let costs = published(&store, LayerId::Cost).collect();
     Ok(Evaluation::of(truth, &hits, &costs))
@@ -78,7 +78,7 @@ fn variants(
     yard: &LandWorld,
     truth: &YardTruth<'_>,
     drives: &[Evaluation],
-) -> Result<Table, ExperimentError> {
+) -> anyhow::Result<Table> {
     let mut table = Table::new(&[
         "seed 1",
         "planes right, %",
@@ -115,72 +115,71 @@ fn variants(
 }
 
 fn checks(drives: &[Evaluation]) -> Vec<Check> {
-    let spread = |figure: &dyn Fn(&Evaluation) -> f64| Spread::of(drives.iter().map(figure));
-    let right = spread(&|drive| 100.0 * drive.planes.right_share());
+    let spread = |figure: &dyn Fn(&Evaluation) -> f64| Spread::over(drives, figure);
+    let share = |what: String, share: Spread, of: Spread, (share_min, of_min): (f64, f64)| {
+        Check::gate(
+            what,
+            format!("{} of {}", share.text(1, " %"), of.text(0, "")),
+            format!("≥ {share_min} %"),
+            share.least >= share_min && of.least >= of_min,
+        )
+    };
+    let none_of = |what: &str, count: Spread, of: Spread| {
+        Check::gate(
+            what,
+            format!("{} of {}", count.text(0, ""), of.text(0, "")),
+            format!("0 of ≥ {CELLS_MIN}"),
+            count.most == 0.0 && of.least >= CELLS_MIN,
+        )
+    };
+    let found = |what: String, figure: &dyn Fn(&Evaluation) -> Found| {
+        let found = spread(&|drive| 100.0 * figure(drive).found_share());
+        let seen = spread(&|drive| figure(drive).seen as f64);
+        share(what, found, seen, (FOUND_MIN_PERCENT, 1.0))
+    };
     let swept = spread(&|drive| drive.planes.swept as f64);
-    let lethal = spread(&|drive| drive.planes.lethal as f64);
-    let beneath = spread(&|drive| drive.beneath.swept as f64);
-    let beneath_lethal = spread(&|drive| drive.beneath.lethal as f64);
     let mut checks = vec![
-        Check::gate(
-            "swept cells of planes whose cost is right",
-            format!("{} of {}", right.text(1, " %"), swept.text(0, "")),
-            format!("≥ {:.0} %", 100.0 * RIGHT_MIN),
-            right.least >= 100.0 * RIGHT_MIN && swept.least >= CELLS_MIN,
+        share(
+            "swept cells of planes whose cost is right".to_owned(),
+            spread(&|drive| 100.0 * drive.planes.right_share()),
+            swept,
+            (RIGHT_MIN_PERCENT, CELLS_MIN),
         ),
-        Check::gate(
+        none_of(
             "those of them that are lethal",
-            format!("{} of {}", lethal.text(0, ""), swept.text(0, "")),
-            format!("0 of ≥ {CELLS_MIN}"),
-            lethal.most == 0.0 && swept.least >= CELLS_MIN,
+            spread(&|drive| drive.planes.lethal as f64),
+            swept,
         ),
-        Check::gate(
+        none_of(
             "those beneath the canopy that are lethal",
-            format!("{} of {}", beneath_lethal.text(0, ""), beneath.text(0, "")),
-            format!("0 of ≥ {CELLS_MIN}"),
-            beneath_lethal.most == 0.0 && beneath.least >= CELLS_MIN,
+            spread(&|drive| drive.beneath.lethal as f64),
+            spread(&|drive| drive.beneath.swept as f64),
         ),
     ];
-    for kind in Kind::ALL {
-        let seen = spread(&|drive| drive.of_kind(kind).seen as f64);
-        let found = spread(&|drive| 100.0 * drive.of_kind(kind).found_share());
-        checks.push(Check::gate(
-            format!("{} that are lethal", kind.label()),
-            format!("{} of {}", found.text(1, " %"), seen.text(0, "")),
-            format!("≥ {:.0} %", 100.0 * FOUND_MIN),
-            found.least >= 100.0 * FOUND_MIN && seen.least > 0.0,
-        ));
-    }
-    let rim = spread(&|drive| 100.0 * drive.rim.found_share());
-    let rim_seen = spread(&|drive| drive.rim.seen as f64);
-    let rim_unseen = spread(&|drive| drive.rim_unseen.seen as f64);
-    let rim_unseen_lethal = spread(&|drive| 100.0 * drive.rim_unseen.found_share());
-    checks.push(Check::gate(
-        "places along the pit's rim, where the laser saw below it, with a lethal cell",
-        format!("{} of {}", rim.text(1, " %"), rim_seen.text(0, "")),
-        format!("≥ {:.0} %", 100.0 * FOUND_MIN),
-        rim.least >= 100.0 * FOUND_MIN && rim_seen.least > 0.0,
+    checks.extend(Kind::ALL.map(|kind| {
+        let what = format!("{} that are lethal", kind.label());
+        found(what, &|drive| drive.of_kind(kind))
+    }));
+    checks.push(found(
+        "places along the pit's rim, where the laser saw below it, with a lethal cell".to_owned(),
+        &|drive| drive.rim,
     ));
+    let unseen = spread(&|drive| drive.rim_unseen.seen as f64).text(0, "");
+    let unseen_lethal = spread(&|drive| 100.0 * drive.rim_unseen.found_share());
     checks.push(Check::shown(
         "the others with a lethal cell",
-        format!(
-            "{} of {}",
-            rim_unseen_lethal.text(1, " %"),
-            rim_unseen.text(0, "")
-        ),
+        format!("{} of {unseen}", unseen_lethal.text(1, " %")),
     ));
-    let false_lethal = |what: &str, figure: &dyn Fn(&Evaluation) -> f64| {
-        Check::shown(what, spread(figure).text(0, ""))
+    let shown = |what: &str, count: fn(&Evaluation) -> usize| {
+        Check::shown(what, Spread::count(drives, count).text(0, ""))
     };
     checks.extend([
-        false_lethal("lethal cells where nothing is, swept", &|drive| {
-            drive.false_lethal_swept as f64
+        shown("lethal cells where nothing is, swept", |drive| {
+            drive.false_lethal_swept
         }),
-        false_lethal("the same, not swept", &|drive| {
-            drive.false_lethal_unswept as f64
-        }),
-        false_lethal("cells of which nothing is known, though swept", &|drive| {
-            drive.planes.unknown as f64
+        shown("the same, not swept", |drive| drive.false_lethal_unswept),
+        shown("cells of which nothing is known, though swept", |drive| {
+            drive.planes.unknown
         }),
     ]);
     checks
@@ -199,19 +198,19 @@ fn by_slope(drives: &[Evaluation]) -> Table {
     let slopes = drives.iter().flat_map(|drive| drive.by_slope.keys());
     let slopes: std::collections::BTreeSet<u32> = slopes.copied().collect();
     for tenths in slopes {
-        let each = || {
-            drives
-                .iter()
-                .filter_map(|drive| drive.by_slope.get(&tenths))
-        };
-        let spread = |figure: &dyn Fn(&evaluation::Plane) -> f64| Spread::of(each().map(figure));
+        let of_slope = drives
+            .iter()
+            .filter_map(|drive| drive.by_slope.get(&tenths));
+        let of_slope: Vec<_> = of_slope.collect();
+        let spread =
+            |figure: &dyn Fn(&Plane) -> f64| Spread::over(&of_slope, |plane| figure(plane));
         let slope_deg = f64::from(tenths) / 10.0;
         table.push([
             format!("{slope_deg:.1}"),
             format!("{:.2}", libm::tan(slope_deg.to_radians())),
             format!("{:.0}", spread(&|plane| plane.swept as f64).median),
             format!("{:.1}", spread(&|plane| 100.0 * plane.right_share()).least),
-            format!("{:+.3}", spread(&evaluation::Plane::median_error).median),
+            format!("{:+.3}", spread(&Plane::median_error).median),
             format!("{:.0}", spread(&|plane| plane.lethal as f64).most),
         ]);
     }
@@ -222,9 +221,10 @@ fn by_slope(drives: &[Evaluation]) -> Table {
 fn by_object(drives: &[Evaluation]) -> Table {
     let mut table = Table::new(&["", "columns that the laser met", "lethal, %, least"]);
     for name in drives.iter().take(1).flat_map(|drive| drive.objects.keys()) {
-        let each = || drives.iter().filter_map(|drive| drive.objects.get(name));
-        let seen = Spread::of(each().map(|object| object.seen as f64));
-        let found = Spread::of(each().map(|object| 100.0 * object.found_share()));
+        let each = drives.iter().filter_map(|drive| drive.objects.get(name));
+        let each: Vec<_> = each.collect();
+        let seen = Spread::count(&each, |object| object.seen);
+        let found = Spread::over(&each, |object| 100.0 * object.found_share());
         table.push([
             name.clone(),
             format!("{:.0}", seen.median),
@@ -234,13 +234,8 @@ fn by_object(drives: &[Evaluation]) -> Table {
     table
 }
 
-fn pictures(yard: &LandWorld, truth: &YardTruth<'_>) -> Result<Vec<Part>, ExperimentError> {
-    let mut run = yard.run_with(SEED, SimulationOptions::default(), SLOPES_ALONE)?;
-    let mut hits = Hits::default();
-    run.advance_with(run.duration_s(), |_, scan| {
-        hits.add(yard, truth.ground(), scan);
-    })?;
-    let pipeline = run.finish()?;
+fn pictures(yard: &LandWorld, truth: &YardTruth<'_>) -> anyhow::Result<Vec<Part>> {
+    let (hits, pipeline) = mapped(yard, truth, SEED, SLOPES_ALONE, Poses::Averaged)?;
     let (octree, _) = octree_and_cost(&pipeline)?;
     let store = pipeline.publisher().store();
     let mut from_above = voxel_views::from_above(

@@ -2,13 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part, Table};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::run::vehicle_config;
 use super::session::{SEED, Session};
-use super::shores::cluster_match::{MatchedCluster, found_label, true_label};
-use super::shores::{WaterWorld, views};
-use super::spread::Spread;
+use super::shores::{self, MatchedCluster, MetricColumns, WaterWorld};
 use mapping::shore::ShoreClass;
 
 /// Share of the clusters that must be right.
@@ -21,7 +18,7 @@ const SAMPLES: u32 = 4;
 /// One drive along the lake: its clusters, by number.
 type Drive = Vec<MatchedCluster>;
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let lake = WaterWorld::load("lake")?;
     let drives = session.for_each_seed("H4: lake", |seed| drive(&lake, seed))?;
     let mut parts = vec![Part::text(include_str!("notes/h4.md"))];
@@ -38,7 +35,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     })
 }
 
-fn drive(lake: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
+fn drive(lake: &WaterWorld, seed: u64) -> anyhow::Result<Drive> {
     let pipeline = lake.run(seed)?.finish()?;
     let maps = lake.maps(&pipeline)?;
     let cell_m = maps.voxels.octree().cell_m();
@@ -64,13 +61,12 @@ fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {
         .filter(|matched| matched.is_solid_called_sparse())
         .count();
     let strays = all.iter().filter(|matched| matched.shore.is_none()).count();
-    let count = Spread::of(drives.iter().map(|drive| drive.len() as f64));
+    let count = Spread::count(drives, Vec::len);
     let stretches = lake.world.shores().len();
-    let found = |drive: &Drive| {
+    let found = Spread::count(drives, |drive| {
         let found: BTreeSet<_> = drive.iter().filter_map(|matched| matched.shore).collect();
-        found.len() as f64
-    };
-    let found = Spread::of(drives.iter().map(found));
+        found.len()
+    });
     let main_right = drives
         .iter()
         .flat_map(|drive| (0..stretches).filter_map(|stretch| main_cluster(drive, stretch)))
@@ -90,12 +86,7 @@ fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {
             share(right, all.len()) >= RIGHT_MIN,
         ),
         Check::gate("Solid called Sparse", worst.to_string(), "0", worst == 0),
-        Check::gate(
-            "clusters of a drive",
-            count.text(0, ""),
-            format!("≥ {CLUSTERS_MIN}"),
-            count.least >= CLUSTERS_MIN,
-        ),
+        Check::at_least("clusters of a drive", (count, 0, ""), CLUSTERS_MIN),
         Check::gate(
             "stretches of shore whose largest cluster is of the right class",
             of(main_right, all_stretches),
@@ -132,8 +123,10 @@ fn clusters(lake: &WaterWorld, drive: &Drive) -> Table {
             cluster.number.to_string(),
             cluster.voxels.to_string(),
             format!("{:.2}", cluster.ratio),
-            found_label(cluster.class).to_owned(),
-            matched.truth.map_or("none", true_label).to_owned(),
+            format!("{:?}", cluster.class),
+            matched
+                .truth
+                .map_or_else(|| "none".to_owned(), |class| format!("{class:?}")),
             shore.map_or_else(String::new, |shore| shore.name.clone()),
         ]);
     }
@@ -158,17 +151,17 @@ fn stretches(lake: &WaterWorld, drives: &[Drive]) -> Table {
             .filter_map(|drive| main_cluster(drive, number))
             .map(|matched| &matched.cluster)
             .collect();
-        let parts = drives.iter().map(|drive| {
+        let parts = Spread::count(drives, |drive| {
             let parts = drive.iter().filter(|matched| matched.shore == Some(number));
-            parts.count() as f64
+            parts.count()
         });
         let of_class = |class: ShoreClass| main.iter().filter(|c| c.class == class).count();
-        let voxels = Spread::of(main.iter().map(|cluster| f64::from(cluster.voxels)));
-        let ratio = Spread::of(main.iter().map(|cluster| cluster.ratio));
+        let voxels = Spread::over(&main, |cluster| f64::from(cluster.voxels));
+        let ratio = Spread::over(&main, |cluster| cluster.ratio);
         table.push([
             shore.name.clone(),
-            true_label(shore.class).to_owned(),
-            Spread::of(parts).text(0, ""),
+            format!("{:?}", shore.class),
+            parts.text(0, ""),
             voxels.text(0, ""),
             ratio.text(2, ""),
             of_class(ShoreClass::Sparse).to_string(),
@@ -179,16 +172,16 @@ fn stretches(lake: &WaterWorld, drives: &[Drive]) -> Table {
     table
 }
 
-fn pictures(lake: &WaterWorld) -> Result<Vec<Part>, ExperimentError> {
+fn pictures(lake: &WaterWorld) -> anyhow::Result<Vec<Part>> {
     let shore = vehicle_config(&lake.world, &[])?.mapping.shore;
     let mut run = lake.run(SEED)?;
-    let mut metrics = views::MetricColumns::default();
+    let mut metrics = MetricColumns::default();
     let mut parts = Vec::new();
     for sample in 1..=SAMPLES {
         run.advance_to(run.duration_s() * f64::from(sample) / f64::from(SAMPLES))?;
         metrics.gather(&lake.maps(run.pipeline())?, &shore);
         if 2 * sample == SAMPLES {
-            let maps = views::octree_and_cost(lake, run.pipeline(), "h4")?;
+            let maps = shores::octree_and_cost(lake, run.pipeline(), "h4")?;
             parts.push(Part::Pictures(maps));
         }
     }
@@ -196,7 +189,7 @@ fn pictures(lake: &WaterWorld) -> Result<Vec<Part>, ExperimentError> {
     let cell_m = lake.maps(&pipeline)?.voxels.octree().cell_m();
     parts.push(Part::Pictures(metrics.pictures(cell_m, "h4")?));
     let caption = "classes and numbers of clusters";
-    let shores = views::shores(lake, &pipeline, "h4-shores", caption)?;
-    parts.push(Part::Pictures(shores));
+    let picture = shores::picture(lake, &pipeline, "h4-shores", caption)?;
+    parts.push(Part::Pictures(picture));
     Ok(parts)
 }

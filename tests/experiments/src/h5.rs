@@ -1,10 +1,8 @@
 //! H5 [HYB §8.2.2]: a dock ramp between overgrown shores.
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part, Table};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::session::{SEED, Session};
-use super::shores::{WaterWorld, views};
-use super::spread::Spread;
+use super::shores::{self, WaterWorld};
 use mapping::docking::DockingSite;
 
 /// Time between two looks, seconds.
@@ -36,7 +34,7 @@ impl Site {
     }
 }
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let dock = WaterWorld::load("dock")?;
     let drives = session.for_each_seed("H5: dock", |seed| drive(&dock, seed))?;
     let mut parts = vec![Part::text(include_str!("notes/h5.md"))];
@@ -45,18 +43,18 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     }
     session.step("H5: pictures")?;
     let pipeline = dock.run(SEED)?.finish()?;
-    let maps = views::octree_and_cost(&dock, &pipeline, "h5")?;
+    let maps = shores::octree_and_cost(&dock, &pipeline, "h5")?;
     parts.push(Part::Pictures(maps));
     let caption = "docking site and shores";
-    let shores = views::shores(&dock, &pipeline, "h5-shores", caption)?;
-    parts.push(Part::Pictures(shores));
+    let picture = shores::picture(&dock, &pipeline, "h5-shores", caption)?;
+    parts.push(Part::Pictures(picture));
     Ok(Outcome {
         checks: checks(&drives),
         parts,
     })
 }
 
-fn drive(dock: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
+fn drive(dock: &WaterWorld, seed: u64) -> anyhow::Result<Drive> {
     let mut run = dock.run(seed)?;
     let (mut found_s, mut false_detections) = (None, 0);
     let samples = (run.duration_s() / STEP_S) as u32;
@@ -75,10 +73,7 @@ fn drive(dock: &WaterWorld, seed: u64) -> Result<Drive, ExperimentError> {
     })
 }
 
-fn evaluate(
-    dock: &WaterWorld,
-    pipeline: &edge::runtime::Pipeline,
-) -> Result<Vec<Site>, ExperimentError> {
+fn evaluate(dock: &WaterWorld, pipeline: &edge::runtime::Pipeline) -> anyhow::Result<Vec<Site>> {
     let maps = dock.maps(pipeline)?;
     let cell_m = maps.voxels.octree().cell_m();
     let evaluate_site = |site: &DockingSite| {
@@ -110,18 +105,22 @@ fn evaluate(
 }
 
 fn checks(drives: &[Drive]) -> Vec<Check> {
-    let ramps = drives
-        .iter()
-        .filter(|drive| drive.sites.first().is_some_and(Site::is_ramp));
-    let ramps = ramps.count();
-    let others = drives.iter().flat_map(|drive| &drive.sites);
-    let others = others.filter(|site| !site.is_ramp()).count();
-    let overgrown = drives.iter().flat_map(|drive| &drive.sites);
-    let overgrown = overgrown.filter(|site| site.overgrown > 0.0).count();
-    let spread = |figure: &dyn Fn(&DockingSite) -> f64| {
-        let best = drives.iter().filter_map(|drive| drive.sites.first());
-        Spread::of(best.map(|site| figure(&site.found)))
+    let is_first = |drive: &&Drive| drive.sites.first().is_some_and(Site::is_ramp);
+    let ramps = drives.iter().filter(is_first).count();
+    let sites = |is_counted: fn(&&Site) -> bool| {
+        let sites = drives.iter().flat_map(|drive| &drive.sites);
+        sites.filter(is_counted).count()
     };
+    let overgrown = sites(|site| site.overgrown > 0.0);
+    let others = sites(|site| !site.is_ramp());
+    let best: Vec<_> = drives
+        .iter()
+        .filter_map(|drive| drive.sites.first())
+        .collect();
+    let cost = Spread::over(&best, |site| site.found.mean_cost);
+    let heading = Spread::over(&best, |site| site.found.heading_rad.to_degrees());
+    let width = Spread::over(&best, |site| site.found.width_m);
+    let found = Spread::of(drives.iter().filter_map(|drive| drive.found_s));
     let false_detections: usize = drives.iter().map(|drive| drive.false_detections).sum();
     vec![
         Check::gate(
@@ -144,20 +143,14 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
         ),
         Check::shown(
             "mean cost of the site, 0.37 by the ramp's 12°",
-            spread(&|site| site.mean_cost).text(2, ""),
+            cost.text(2, ""),
         ),
         Check::shown(
             "its heading, 90° straight up the ramp",
-            spread(&|site| site.heading_rad.to_degrees()).text(0, "°"),
+            heading.text(0, "°"),
         ),
-        Check::shown(
-            "its width, of 6 m",
-            spread(&|site| site.width_m).text(1, " m"),
-        ),
-        Check::shown(
-            "when the ramp was found first",
-            Spread::of(drives.iter().filter_map(|drive| drive.found_s)).text(0, " s"),
-        ),
+        Check::shown("its width, of 6 m", width.text(1, " m")),
+        Check::shown("when the ramp was found first", found.text(0, " s")),
         Check::shown(
             format!("looks, {STEP_S} s apart, at which there was another site"),
             false_detections.to_string(),

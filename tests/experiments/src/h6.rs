@@ -2,21 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::ExperimentError;
-use super::outcome::{Check, Outcome, Part};
+use anyhow::bail;
+
+use super::outcome::{Check, Outcome, Part, Spread};
 use super::session::{SEED, Session};
-use super::spread::Spread;
 use super::terrain::agreement::{self, Agreement};
-use super::terrain::extent::extent_m;
 use super::terrain::sweep::Sweep;
-use super::terrain::{Cell, TerrainWorld, obstacle_map, views};
+use super::terrain::{self, Cell, TerrainWorld, extent_m, obstacle_map};
+use crate::truth::GroundPlane;
 use mapping::elevation::CellClass;
-use simulation::truth::GroundPlane;
 
 /// No trail so long after the person has left, seconds.
 const AFTER_S: f64 = 10.0;
 /// Share of the walls' cells that must stay.
-const WALLS_STAY_MIN: f64 = 0.99;
+const WALLS_STAY_MIN_PERCENT: f64 = 99.0;
 /// Time between two looks, seconds.
 const STEP_S: f64 = 0.2;
 
@@ -40,8 +39,8 @@ struct WalkerPath {
     leaves_s: f64,
 }
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
-    let walker = TerrainWorld::load("walker", &[], None)?;
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
+    let walker = TerrainWorld::load("walker", None)?;
     let plane = walker.plane_at(0.0);
     let walker_path = WalkerPath::of(&walker, &plane)?;
     let sweep = Sweep::of(&walker, &plane, |_| true)?;
@@ -51,7 +50,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     session.step("H6: pictures")?;
     let mut parts = vec![
         Part::text(include_str!("notes/h6.md")),
-        Part::Pictures(views::world_from_above(&walker, &plane, "h6-world")?),
+        Part::Pictures(terrain::world_from_above(&walker, &plane, "h6-world")?),
     ];
     let mut run = walker.run(SEED, 0.0)?;
     for (until_s, name, caption) in [
@@ -68,7 +67,11 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     ] {
         run.advance_to(until_s)?;
         let name = format!("h6-{name}");
-        parts.push(Part::Pictures(views::maps(run.pipeline(), &name, caption)?));
+        parts.push(Part::Pictures(terrain::maps(
+            run.pipeline(),
+            &name,
+            caption,
+        )?));
     }
     Ok(Outcome {
         checks: checks(&drives),
@@ -77,7 +80,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
 }
 
 impl WalkerPath {
-    fn of(walker: &TerrainWorld, plane: &GroundPlane) -> Result<Self, ExperimentError> {
+    fn of(walker: &TerrainWorld, plane: &GroundPlane) -> anyhow::Result<Self> {
         let mut walker_path = Self {
             cells: BTreeSet::new(),
             comes_s: f64::INFINITY,
@@ -102,9 +105,7 @@ impl WalkerPath {
             }
         }
         if walker_path.cells.is_empty() || walker_path.leaves_s + AFTER_S > walker.duration_s() {
-            return Err(ExperimentError::Unsuitable(
-                "nobody walks through the world `walker` in time".to_owned(),
-            ));
+            bail!("nobody walks through the world `walker` in time");
         }
         Ok(walker_path)
     }
@@ -121,7 +122,7 @@ fn drive(
     walker_path: &WalkerPath,
     sweep: &Sweep,
     seed: u64,
-) -> Result<Drive, ExperimentError> {
+) -> anyhow::Result<Drive> {
     let mut run = walker.run(seed, 0.0)?;
     let after_s = walker_path.leaves_s + AFTER_S;
     let mut most_trail = 0.0_f64;
@@ -157,45 +158,27 @@ fn drive(
 }
 
 fn checks(drives: &[Drive]) -> Vec<Check> {
-    let spread = |figure: &dyn Fn(&Drive) -> f64| Spread::of(drives.iter().map(figure));
-    let trail = spread(&|drive| drive.trail);
-    let stay = spread(&|drive| 100.0 * drive.walls_left / drive.walls);
-    let most = spread(&|drive| drive.most_trail);
-    let at_end = spread(&|drive| drive.trail_at_end);
-    let walls = spread(&|drive| drive.walls);
+    let stay = Spread::over(drives, |drive| 100.0 * drive.walls_left / drive.walls);
+    let most = Spread::over(drives, |drive| drive.most_trail);
+    let walls = Spread::over(drives, |drive| drive.walls);
     let mut checks = vec![
-        Check::gate(
+        Check::zero(
             "obstacle cells where the person walked, 10 s after it left",
-            trail.text(0, ""),
-            "0",
-            trail.most == 0.0,
+            Spread::over(drives, |drive| drive.trail),
         ),
-        Check::gate(
+        Check::at_least(
             "cells of walls that stay obstacles to the end",
-            stay.text(2, " %"),
-            format!("≥ {:.0} %", 100.0 * WALLS_STAY_MIN),
-            stay.least >= 100.0 * WALLS_STAY_MIN,
+            (stay, 2, " %"),
+            WALLS_STAY_MIN_PERCENT,
         ),
-        Check::gate(
-            "most such cells at one time",
-            most.text(0, ""),
-            "≥ 3",
-            most.least >= 3.0,
-        ),
-        Check::gate(
+        Check::at_least("most such cells at one time", (most, 0, ""), 3.0),
+        Check::zero(
             "such cells at the end",
-            at_end.text(0, ""),
-            "0",
-            at_end.most == 0.0,
+            Spread::over(drives, |drive| drive.trail_at_end),
         ),
-        Check::gate(
-            "cells of walls",
-            walls.text(0, ""),
-            "≥ 50",
-            walls.least >= 50.0,
-        ),
+        Check::at_least("cells of walls", (walls, 0, ""), 50.0),
     ];
-    let agreements: Vec<_> = drives.iter().map(|drive| drive.agreement.clone()).collect();
-    checks.extend(agreement::checks("walker", &agreements));
+    let agreements = drives.iter().map(|drive| &drive.agreement);
+    checks.extend(agreement::checks("walker", agreements));
     checks
 }

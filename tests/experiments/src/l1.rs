@@ -1,15 +1,11 @@
 //! L1 \[LRF\]: in rooms with a horizontal laser, occupied and free cells agree with the truth.
 //!
 //! *Observed* is a cell that is known and decided, free or occupied, in the published map. *Away from edges*
-//! is what [`Expected`](super::rooms::agreement::Asked) says. The mirror belongs to L2 and scatters light here.
+//! is what [`Expected`](super::rooms::Expected) says. The mirror belongs to L2 and scatters light here.
 
-use super::outcome::{Check, Outcome, Part, Table};
-use super::rooms::agreement::{Confusion, Truth};
-use super::rooms::erosion::Erosion;
-use super::rooms::{self, error_map};
+use super::outcome::{Check, Outcome, Part, Spread, Table};
+use super::rooms::{self, Confusion, Erosion, Truth};
 use super::session::{SEED, Session};
-use super::spread::Spread;
-use super::{Experiment, ExperimentError};
 use simulation::World;
 
 /// Share of cells that must agree.
@@ -37,7 +33,7 @@ const SETTINGS: [&[&str]; 4] = [
     ],
 ];
 
-pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
+pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let world = rooms::without_reflections()?;
     let truth = rooms::truth_of(&world)?;
     let runs = session.for_each_seed("L1: rooms", |seed| {
@@ -55,7 +51,7 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     };
     outcome.checks.push(Check::gate(
         "scans in the map",
-        Spread::of(runs.iter().map(|(_, scans)| *scans as f64)).text(0, ""),
+        Spread::over(&runs, |(_, scans)| *scans as f64).text(0, ""),
         SCANS.to_string(),
         runs.iter().all(|(_, scans)| *scans == SCANS),
     ));
@@ -68,88 +64,75 @@ pub(super) fn run(session: &Session<'_>) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
+type Figure = fn(&Confusion) -> f64;
+
 fn checks(confusions: &[Confusion]) -> Vec<Check> {
-    let share = |what: &str, least: f64, figure: &dyn Fn(&Confusion) -> f64| {
-        let spread = Spread::of(confusions.iter().map(|confusion| 100.0 * figure(confusion)));
+    let shares: [(&str, f64, Figure); 3] = [
+        ("agreement", AGREEMENT_MIN, Confusion::agreement),
+        (
+            "free cells alone",
+            FREE_AGREEMENT_MIN,
+            Confusion::free_agreement,
+        ),
+        (
+            "occupied cells alone (not asked for; kept where it is, see below)",
+            OCCUPIED_AGREEMENT_MIN,
+            Confusion::occupied_agreement,
+        ),
+    ];
+    let shares = shares.map(|(what, least, figure)| {
+        let spread = Spread::over(confusions, |confusion| 100.0 * figure(confusion));
         let required = format!("≥ {:.1} %", 100.0 * least);
         let passed = spread.least >= 100.0 * least;
         Check::gate(what, spread.text(2, " %"), required, passed)
+    });
+    let more = |what: &str, limit: u64, figure: Figure| {
+        let spread = Spread::over(confusions, figure);
+        let passed = spread.least > limit as f64;
+        Check::gate(what, spread.text(0, ""), format!("> {limit}"), passed)
     };
-    let count = |what: &str,
-                 required: String,
-                 allowed: &dyn Fn(u64) -> bool,
-                 figure: &dyn Fn(&Confusion) -> u64| {
-        let figures: Vec<u64> = confusions.iter().map(figure).collect();
-        let spread = Spread::of(figures.iter().map(|&count| count as f64));
-        let passed = figures.into_iter().all(allowed);
-        Check::gate(what, spread.text(0, ""), required, passed)
+    let less = |what: &str, limit: u64, figure: Figure| {
+        let spread = Spread::over(confusions, figure);
+        let passed = spread.most < limit as f64;
+        Check::gate(what, spread.text(0, ""), format!("< {limit}"), passed)
     };
     let (free, occupied) = COMPARED_MIN;
-    vec![
-        share("agreement", AGREEMENT_MIN, &Confusion::agreement),
-        share(
-            "free cells alone",
-            FREE_AGREEMENT_MIN,
-            &Confusion::free_agreement,
-        ),
-        share(
-            "occupied cells alone (not asked for; kept where it is, see below)",
-            OCCUPIED_AGREEMENT_MIN,
-            &Confusion::occupied_agreement,
-        ),
-        count(
-            "cells compared, to be free",
-            format!("> {free}"),
-            &|n| n > free,
-            &|c| c.compared().0,
-        ),
-        count(
-            "cells compared, to be occupied",
-            format!("> {occupied}"),
-            &|n| n > occupied,
-            &|c| c.compared().1,
-        ),
-        count(
-            "undecided, not compared",
-            format!("< {UNDECIDED_MAX}"),
-            &|n| n < UNDECIDED_MAX,
-            &Confusion::undecided,
-        ),
-        count(
-            "left out at edges",
-            format!("< {LEFT_OUT_MAX}"),
-            &|n| n < LEFT_OUT_MAX,
-            &Confusion::left_out,
-        ),
-    ]
+    let counts = [
+        more("cells compared, to be free", free, |c| {
+            c.compared().0 as f64
+        }),
+        more("cells compared, to be occupied", occupied, |c| {
+            c.compared().1 as f64
+        }),
+        less("undecided, not compared", UNDECIDED_MAX, |c| {
+            c.undecided() as f64
+        }),
+        less("left out at edges", LEFT_OUT_MAX, |c| c.left_out() as f64),
+    ];
+    shares.into_iter().chain(counts).collect()
 }
 
 fn over_seeds(confusions: &[Confusion]) -> Table {
-    let mut table = Table::new(&["", "least", "median", "most"]);
-    let mut row = |name: &str, decimals: usize, figure: &dyn Fn(&Confusion) -> f64| {
-        let [least, median, most] = Spread::of(confusions.iter().map(figure)).cells(decimals);
-        table.push([name.to_owned(), least, median, most]);
-    };
-    row("agreement, %", 2, &|c| 100.0 * c.agreement());
-    row("free cells alone, %", 2, &|c| 100.0 * c.free_agreement());
-    row("occupied cells alone, %", 2, &|c| {
-        100.0 * c.occupied_agreement()
-    });
-    row("cells compared, to be free", 0, &|c| c.compared().0 as f64);
-    row("cells compared, to be occupied", 0, &|c| {
-        c.compared().1 as f64
-    });
-    row("undecided, not compared", 0, &|c| c.undecided() as f64);
-    row("left out at edges", 0, &|c| c.left_out() as f64);
-    table
+    let rows: [(&str, usize, Figure); 7] = [
+        ("agreement, %", 2, |c| 100.0 * c.agreement()),
+        ("free cells alone, %", 2, |c| 100.0 * c.free_agreement()),
+        ("occupied cells alone, %", 2, |c| {
+            100.0 * c.occupied_agreement()
+        }),
+        ("cells compared, to be free", 0, |c| c.compared().0 as f64),
+        ("cells compared, to be occupied", 0, |c| {
+            c.compared().1 as f64
+        }),
+        ("undecided, not compared", 0, |c| c.undecided() as f64),
+        ("left out at edges", 0, |c| c.left_out() as f64),
+    ];
+    Table::of_spreads(
+        rows.map(|(name, decimals, figure)| (name, decimals, Spread::over(confusions, figure))),
+    )
 }
 
 /// The picture, why occupied cells fall short, and what other settings give.
-fn seed_one(
-    session: &Session<'_>,
-    world: &World,
-    truth: &Truth,
-) -> Result<Vec<Part>, ExperimentError> {
+fn seed_one(session: &Session<'_>, world: &World, truth: &Truth) -> anyhow::Result<Vec<Part>> {
     session.step("L1: what erases walls")?;
     let erosion = Erosion::of(world, truth, SEED)?;
     let mut settings = Table::new(&[
@@ -173,8 +156,8 @@ fn seed_one(
             confusion.surfaces_missed().to_string(),
         ]);
         if set.is_empty() {
-            let caption = format!("{}, seed {SEED}", Experiment::L1);
-            pictures.push(error_map::picture(truth, &store, "l1-agreement", &caption));
+            let caption = format!("L1, seed {SEED}");
+            pictures.push(rooms::error_map(truth, &store, "l1-agreement", &caption));
         }
     }
     let why = format!(

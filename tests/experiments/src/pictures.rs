@@ -12,44 +12,33 @@ use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
 use protocol::tile::{BootId, TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
-use super::ExperimentError;
 use edge::publishing::cells_to_tiles::set_code;
 
-/// A picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Name of its file, without ending: letters, digits and `-`.
     pub name: String,
-    /// What is to be seen, in a few words.
     pub caption: String,
-    /// What it shows.
     pub image: Image,
 }
 
-/// What a picture shows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Image {
     /// A map layer with title, legend and scale bar.
     Layer {
-        /// The cells.
         raster: Raster,
-        /// Their colours.
         palette: Palette,
-        /// What stands above it.
         title: String,
         /// Where the vehicle is in `odom`, metres.
         vehicle_m: Option<[f64; 2]>,
-        /// What is written on it.
         labels: Vec<Label>,
     },
-    /// Pixels in a few colours.
     Drawing(Drawing),
 }
 
 /// Pixels in a few colours.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drawing {
-    /// Pixels in a row.
     pub width: u32,
     /// The colours, sRGB: at most 256.
     pub colors: Vec<[u8; 3]>,
@@ -59,16 +48,13 @@ pub struct Drawing {
 
 impl Picture {
     /// A layer of a published map; `None` where nothing of it is known.
-    ///
-    /// # Errors
-    /// Where the layer is not in the store or is too large.
     pub fn of_layer(
         store: &TileStore,
         palette: Palette,
         vehicle_m: Option<[f64; 2]>,
         name: &str,
         caption: &str,
-    ) -> Result<Option<Self>, ExperimentError> {
+    ) -> anyhow::Result<Option<Self>> {
         let raster = Raster::of_layer(store, palette.layer(), MAX_RASTER_CELLS)?;
         Ok(raster.map(|raster| Self {
             name: name.to_owned(),
@@ -83,10 +69,7 @@ impl Picture {
         }))
     }
 
-    /// Writes `<name>.png` to `dir` and returns its path.
-    ///
-    /// # Errors
-    /// Where it cannot be written.
+    /// Writes `<name>.png` to `dir`; returns its path.
     pub fn write(&self, dir: &Path) -> Result<PathBuf, ExportError> {
         let path = dir.join(format!("{}.png", self.name));
         match &self.image {
@@ -101,6 +84,7 @@ impl Picture {
                     title,
                     vehicle_m: *vehicle_m,
                     labels,
+                    ..Caption::default()
                 };
                 write_picture(&path, raster, palette, &caption)?;
             }
@@ -152,14 +136,11 @@ fn palette(layer: LayerId, scheme: Scheme) -> Palette {
 }
 
 /// A store that holds single cells of one layer, given by index and code: for maps that are not published.
-///
-/// # Errors
-/// Where the store refuses the cell size.
 pub(super) fn store_of(
     layer: LayerId,
     cell_m: f64,
     cells: impl IntoIterator<Item = ([i64; 2], u16)>,
-) -> Result<TileStore, ExperimentError> {
+) -> anyhow::Result<TileStore> {
     let mut tiles: BTreeMap<TileKey, TileCells> = BTreeMap::new();
     for ([x, y], code) in cells {
         let Some(key) = TileKey::of_cell(layer, x, y) else {

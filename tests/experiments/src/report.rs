@@ -1,10 +1,9 @@
 //! Outcomes as one Markdown page with pictures beside it.
 
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
-use protocol::export::ExportError;
+use anyhow::Context as _;
 
 use super::outcome::{Check, Outcome, Part, Table, Verdict};
 use super::pictures::Picture;
@@ -14,44 +13,19 @@ use super::{Experiment, Session};
 pub const PAGE: &str = "experiments.md";
 const PICTURES: &str = "experiments";
 
-/// Why the page could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The page or its folder.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// What could not be written.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// A picture.
-    #[error(transparent)]
-    Picture(#[from] ExportError),
-}
-
 /// Makes the folders of a page: what cannot be written should be known before the experiments are run.
-///
-/// # Errors
-/// Where they cannot be made.
-pub fn prepare(dir: &Path) -> Result<(), ReportError> {
+pub fn prepare(dir: &Path) -> anyhow::Result<()> {
     let pictures = dir.join(PICTURES);
-    fs::create_dir_all(&pictures).map_err(|source| ReportError::Io {
-        path: pictures,
-        source,
-    })
+    fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())
 }
 
 /// Writes the page and its pictures to `dir`, and returns the page's path. The page comes last and whole:
 /// what it shows is there.
-///
-/// # Errors
-/// Where something cannot be written.
 pub fn write(
     dir: &Path,
-    outcomes: &[(Experiment, Outcome)],
+    outcomes: &[(&Experiment, Outcome)],
     session: &Session<'_>,
-) -> Result<PathBuf, ReportError> {
+) -> anyhow::Result<PathBuf> {
     prepare(dir)?;
     for picture in outcomes.iter().flat_map(|(_, outcome)| outcome.pictures()) {
         picture.write(&dir.join(PICTURES))?;
@@ -60,26 +34,19 @@ pub fn write(
     let part = dir.join(format!(".{PAGE}.{}.part", std::process::id()));
     fs::write(&part, page(outcomes, session))
         .and_then(|()| fs::rename(&part, &path))
-        .map_err(|source| {
-            // The first error is the one to tell.
-            drop(fs::remove_file(&part));
-            ReportError::Io {
-                path: path.clone(),
-                source,
-            }
-        })?;
+        .inspect_err(|_| drop(fs::remove_file(&part)))
+        .with_context(|| path.display().to_string())?;
     Ok(path)
 }
 
-/// The page as text.
-pub fn page(outcomes: &[(Experiment, Outcome)], session: &Session<'_>) -> String {
+pub fn page(outcomes: &[(&Experiment, Outcome)], session: &Session<'_>) -> String {
     let mut page = String::new();
     page.push_str("# Experiments against a known truth\n\n");
     page.push_str(include_str!("notes/introduction.md"));
     page.push_str(&command(outcomes, session));
     page.push_str(&markdown_table(&summary(outcomes)));
     for (experiment, outcome) in outcomes {
-        page.push_str(&heading(*experiment));
+        page.push_str(&heading(experiment));
         page.push_str(&markdown_table(&checks(&outcome.checks, session)));
         for part in &outcome.parts {
             page.push('\n');
@@ -96,9 +63,11 @@ pub fn page(outcomes: &[(Experiment, Outcome)], session: &Session<'_>) -> String
     page
 }
 
-fn command(outcomes: &[(Experiment, Outcome)], session: &Session<'_>) -> String {
-    let ids = outcomes.iter().map(|(experiment, _)| experiment.id());
-    let ids: Vec<_> = ids.collect();
+fn command(outcomes: &[(&Experiment, Outcome)], session: &Session<'_>) -> String {
+    let ids: Vec<_> = outcomes
+        .iter()
+        .map(|(experiment, _)| experiment.id)
+        .collect();
     format!(
         "\nThis page was written by\n\n```sh\nrobot-edge experiments {} --seeds {} --out DIR\n```\n\n",
         ids.join(" "),
@@ -106,18 +75,15 @@ fn command(outcomes: &[(Experiment, Outcome)], session: &Session<'_>) -> String 
     )
 }
 
-fn heading(experiment: Experiment) -> String {
+fn heading(experiment: &Experiment) -> String {
     format!(
         "\n## {}: {}\n\n{} Must show: {}.\n\n",
-        experiment.id(),
-        experiment.title(),
-        experiment.source(),
-        experiment.criterion()
+        experiment.id, experiment.title, experiment.source, experiment.criterion
     )
 }
 
 /// One row an experiment.
-fn summary(outcomes: &[(Experiment, Outcome)]) -> Table {
+fn summary(outcomes: &[(&Experiment, Outcome)]) -> Table {
     let mut table = Table::new(&["id", "must show", "measured", ""]);
     for (experiment, outcome) in outcomes {
         let summarized = outcome.checks.iter().take(SUMMARY_CHECKS);
@@ -125,8 +91,8 @@ fn summary(outcomes: &[(Experiment, Outcome)]) -> Table {
             .map(|check| format!("{}: {}", check.what, check.measured))
             .collect();
         table.push([
-            format!("{} {}", experiment.id(), experiment.source()),
-            experiment.criterion().to_owned(),
+            format!("{} {}", experiment.id, experiment.source),
+            experiment.criterion.to_owned(),
             summarized.join("; "),
             if outcome.passed() { "pass" } else { "**FAIL**" }.to_owned(),
         ]);
@@ -134,7 +100,7 @@ fn summary(outcomes: &[(Experiment, Outcome)]) -> Table {
     table
 }
 
-/// Checks that the summary tells of.
+/// Checks in a row of the summary.
 const SUMMARY_CHECKS: usize = 3;
 
 fn checks(checks: &[Check], session: &Session<'_>) -> Table {
@@ -191,4 +157,106 @@ fn beside_each_other(pictures: &[Picture]) -> String {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use std::io;
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::pictures::{Drawing, Image};
+
+    fn l1() -> &'static Experiment {
+        Experiment::of_id("l1").unwrap()
+    }
+
+    fn tiny() -> Outcome {
+        let mut table = Table::new(&["cells of", "time, µs", "word"]);
+        table.push(["0.1 m", "12.5", "fast"]);
+        let picture = |name: &str, caption: &str| Picture {
+            name: name.to_owned(),
+            caption: caption.to_owned(),
+            image: Image::Drawing(Drawing {
+                width: 2,
+                colors: vec![[0; 3], [255; 3]],
+                pixels: vec![0, 1, 1, 0, 0, 0],
+            }),
+        };
+        Outcome {
+            checks: vec![
+                Check::gate("agreement", "99.5 %", "≥ 99 %", true),
+                Check::gate("a|b", "3", "0", false),
+                Check::shown("drift", "0.2 m"),
+            ],
+            parts: vec![
+                Part::text("\nWords.\n"),
+                Part::Table(table),
+                Part::Pictures(vec![picture("l1-a", "before"), picture("l1-b", "after")]),
+            ],
+        }
+    }
+
+    #[test]
+    fn a_page_says_what_was_asked_what_came_out_and_whether_it_passed() {
+        let go = AtomicBool::new(false);
+        let session = Session::new(20, &go, &|_| ());
+        let page = page(&[(l1(), tiny())], &session);
+        let (_, page) = page.split_once("This page ").unwrap();
+        let expected = "\
+was written by
+
+```sh
+robot-edge experiments L1 --seeds 20 --out DIR
+```
+
+| id | must show | measured |  |
+| --- | --- | --- | --- |
+| L1 [LRF] | occupied/free cells agree with truth ≥ 99 % of observed cells away from edges | agreement: 99.5 %; a\\|b: 3; drift: 0.2 m | **FAIL** |
+
+## L1: Occupied and free cells agree with the truth
+
+[LRF] Must show: occupied/free cells agree with truth ≥ 99 % of observed cells away from edges.
+
+| what | measured, seeds 1 to 20 | required |  |
+| --- | --- | --- | --- |
+| agreement | 99.5 % | ≥ 99 % | pass |
+| a\\|b | 3 | 0 | **FAIL** |
+| drift | 0.2 m |  | shown |
+
+Words.
+
+| cells of | time, µs | word |
+| --- | ---: | --- |
+| 0.1 m | 12.5 | fast |
+
+| before | after |
+| --- | --- |
+| ![before](experiments/l1-a.png) | ![after](experiments/l1-b.png) |
+";
+        assert_eq!(page, expected);
+    }
+
+    #[test]
+    fn the_page_and_its_pictures_are_written() {
+        let go = AtomicBool::new(false);
+        let session = Session::new(1, &go, &|_| ());
+        let folder = tempfile::tempdir().unwrap();
+        let dir = folder.path().join("new");
+        let path = write(&dir, &[(l1(), tiny())], &session).unwrap();
+        assert_eq!(path, dir.join("experiments.md"));
+        assert!(fs::read_to_string(path).unwrap().contains("## L1: "));
+        let decoder = png::Decoder::new(io::BufReader::new(
+            fs::File::open(dir.join("experiments/l1-a.png")).unwrap(),
+        ));
+        let reader = decoder.read_info().unwrap();
+        assert_eq!((reader.info().width, reader.info().height), (2, 3));
+        assert_eq!(
+            fs::read_dir(&dir).unwrap().count(),
+            2,
+            "nothing temporary is left"
+        );
+
+        let file = folder.path().join("file");
+        fs::write(&file, "").unwrap();
+        let error = prepare(&file).unwrap_err().to_string();
+        assert!(error.contains("file"), "{error}");
+    }
+}

@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::sync::MutexGuard;
 
-use protocol::tile::BootId;
+use protocol::layer::{LayerId, UNKNOWN};
+use protocol::tile::{BootId, TILE_SIDE};
 use protocol::tile_store::TileStore;
 
-use super::ExperimentError;
 use edge::config::{self, Config, Override};
 use edge::runtime::{self, MapEvent, Pipeline, localization_plan};
 use mapping::registered_scan::RegisteredScan;
@@ -41,14 +41,7 @@ struct AveragedNoise {
 
 impl SimulatedRun {
     /// At the start of the world's path.
-    ///
-    /// # Errors
-    /// Where the options or the configuration make no sense for this world.
-    pub fn new(
-        world: &World,
-        options: SimulationOptions,
-        config: &Config,
-    ) -> Result<Self, ExperimentError> {
+    pub fn new(world: &World, options: SimulationOptions, config: &Config) -> anyhow::Result<Self> {
         let mut source = SimulatedSource::new(world, options)?;
         Ok(Self {
             pipeline: pipeline(config, source.streams())?,
@@ -80,34 +73,25 @@ impl SimulatedRun {
 
     /// As [`new`](Self::new), with the configuration of the world's own vehicle and `settings`
     /// (`key=value`) over it.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new), and where a setting is none.
     pub fn with_settings(
         world: &World,
         options: SimulationOptions,
         settings: &[&str],
-    ) -> Result<Self, ExperimentError> {
+    ) -> anyhow::Result<Self> {
         Self::new(world, options, &vehicle_config(world, settings)?)
     }
 
     /// Maps all that was measured up to `until_s` after the start.
-    ///
-    /// # Errors
-    /// Where publishing stopped.
-    pub fn advance_to(&mut self, until_s: f64) -> Result<(), ExperimentError> {
+    pub fn advance_to(&mut self, until_s: f64) -> anyhow::Result<()> {
         self.advance_with(until_s, |_, _| ())
     }
 
     /// The same; hands every scan that got into the map to `mapped`, with the maps as they are then.
-    ///
-    /// # Errors
-    /// Where publishing stopped.
     pub fn advance_with(
         &mut self,
         until_s: f64,
         mut mapped: impl FnMut(&Pipeline, &RegisteredScan),
-    ) -> Result<(), ExperimentError> {
+    ) -> anyhow::Result<()> {
         let until = START + RobotDuration::from_secs_f64(until_s);
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
             for scan in self.pipeline.push(measurement)? {
@@ -122,16 +106,13 @@ impl SimulatedRun {
     }
 
     /// Maps the rest and publishes all of it.
-    ///
-    /// # Errors
-    /// Where publishing stopped.
-    pub fn finish(mut self) -> Result<Pipeline, ExperimentError> {
+    pub fn finish(mut self) -> anyhow::Result<Pipeline> {
         self.advance_to(self.duration_s())?;
         self.pipeline.finish()?;
         Ok(self.pipeline)
     }
 
-    /// How long the vehicle drives, seconds.
+    /// Seconds.
     pub fn duration_s(&self) -> f64 {
         self.source.duration_s()
     }
@@ -141,7 +122,6 @@ impl SimulatedRun {
         self.pipeline.take_map_events()
     }
 
-    /// The maps as they are now.
     pub const fn pipeline(&self) -> &Pipeline {
         &self.pipeline
     }
@@ -189,10 +169,7 @@ impl AveragedNoise {
 
 /// Empty maps of the vehicle whose sensors give these streams, set up as `robot-edge simulate` does it (a
 /// test compares the two).
-///
-/// # Errors
-/// Where the configuration does not fit.
-pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, ExperimentError> {
+pub fn pipeline(config: &Config, streams: &[Stream]) -> anyhow::Result<Pipeline> {
     let registration = localization_plan::registration_settings(
         config,
         &runtime::simulated_localization_plan(config, streams)?,
@@ -201,13 +178,25 @@ pub fn pipeline(config: &Config, streams: &[Stream]) -> Result<Pipeline, Experim
 }
 
 /// The configuration of the world's vehicle, with `settings` (`key=value`) over it.
-///
-/// # Errors
-/// Where a setting is none.
-pub fn vehicle_config(world: &World, settings: &[&str]) -> Result<Config, ExperimentError> {
+pub fn vehicle_config(world: &World, settings: &[&str]) -> anyhow::Result<Config> {
     let overrides: Result<Vec<Override>, _> =
         settings.iter().map(|setting| setting.parse()).collect();
     Ok(config::load(world.vehicle(), &overrides?)?)
+}
+
+/// Index and code of every known cell of a published layer.
+pub(super) fn known_cells(
+    store: &TileStore,
+    layer: LayerId,
+) -> impl Iterator<Item = ([i64; 2], u16)> {
+    let cells = store.tiles(layer).flat_map(|(key, stored)| {
+        let (x, y) = key.first_cell();
+        let rows = stored.cells().into_iter();
+        rows.flat_map(|cells| cells.codes().chunks_exact(TILE_SIDE))
+            .zip(y..)
+            .flat_map(move |(row, y)| (x..).zip(row).map(move |(x, &code)| ([x, y], code)))
+    });
+    cells.filter(|(_, code)| *code != UNKNOWN)
 }
 
 #[cfg(test)]

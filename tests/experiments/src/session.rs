@@ -1,4 +1,4 @@
-//! How many seeds an experiment is run with, and who watches.
+//! The seeds of an experiment, its progress, and its interruption.
 
 use std::ops::RangeInclusive;
 use std::sync::Mutex;
@@ -6,7 +6,6 @@ use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 
-use super::ExperimentError;
 use edge::exit::Interrupted;
 
 /// What all experiments of one call share.
@@ -20,8 +19,8 @@ pub struct Session<'a> {
 pub const SEED: u64 = 1;
 
 impl<'a> Session<'a> {
-    /// Seeds 1 to `seeds` (at least 1). `progress` is told what is being done, from any thread; setting
-    /// `interrupt` ends the experiment before its next run.
+    /// Seeds 1 to `seeds` (at least 1). `progress` receives each step, from any thread; setting `interrupt` ends the
+    /// experiment before its next run.
     pub fn new(seeds: u64, interrupt: &'a AtomicBool, progress: &'a (dyn Fn(&str) + Sync)) -> Self {
         Self {
             seeds: seeds.max(1),
@@ -30,7 +29,6 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// The seeds.
     pub fn seeds(&self) -> RangeInclusive<u64> {
         SEED..=self.seeds
     }
@@ -43,10 +41,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Says what is being done.
-    ///
-    /// # Errors
-    /// Where somebody has stopped it.
+    /// Reports a step; an error once the experiment is interrupted.
     pub fn step(&self, what: &str) -> Result<(), Interrupted> {
         if self.interrupt.load(Ordering::Relaxed) {
             return Err(Interrupted);
@@ -55,15 +50,12 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Runs `each` for every seed, on all processors, and returns what came out in the order of the seeds.
-    ///
-    /// # Errors
-    /// The first in the order of the seeds.
+    /// Runs `each` for every seed, on all processors; returns the results in the order of the seeds, or the first error.
     pub fn for_each_seed<T: Send>(
         &self,
         what: &str,
-        each: impl Fn(u64) -> Result<T, ExperimentError> + Sync,
-    ) -> Result<Vec<T>, ExperimentError> {
+        each: impl Fn(u64) -> anyhow::Result<T> + Sync,
+    ) -> anyhow::Result<Vec<T>> {
         let workers = thread::available_parallelism()
             .map_or(1, |processors| processors.get() as u64)
             .min(self.seeds);
@@ -79,7 +71,7 @@ impl<'a> Session<'a> {
                         }
                         let result = self
                             .step(&format!("{what}, seed {seed} of {}", self.seeds))
-                            .map_err(ExperimentError::from)
+                            .map_err(anyhow::Error::from)
                             .and_then(|()| each(seed));
                         if result.is_err() {
                             next.store(self.seeds + 1, Ordering::Relaxed);
@@ -98,6 +90,8 @@ impl<'a> Session<'a> {
 
 #[cfg(test)]
 mod tests {
+    use anyhow::bail;
+
     use super::*;
 
     #[test]
@@ -107,11 +101,11 @@ mod tests {
         let squares = session.for_each_seed("squares", |seed| Ok(seed * seed));
         assert_eq!(squares.unwrap(), [1, 4, 9, 16, 25, 36, 49]);
         let failed = session.for_each_seed("fails", |seed| match seed {
-            3 => Err(ExperimentError::Unsuitable("three".to_owned())),
+            3 => bail!("three"),
             seed => Ok(seed),
         });
         assert_eq!(failed.unwrap_err().to_string(), "three");
         let stopped = Session::new(7, &stop, &|_| ()).for_each_seed("none", Ok);
-        assert!(matches!(stopped, Err(ExperimentError::Interrupted(_))));
+        assert!(stopped.unwrap_err().is::<Interrupted>());
     }
 }

@@ -5,21 +5,17 @@ use std::collections::BTreeMap;
 use nalgebra::Point2;
 use protocol::layer::LayerId;
 
-use super::ExperimentError;
 use super::pictures::{Drawing, Image, Picture, elevation, store_of};
 use mapping::grid::VoxelIndex;
 use mapping::octree::{Octree, VoxelState};
 
 /// The highest occupied voxel of every column that is no higher than `below_m`, by the height of its middle.
-///
-/// # Errors
-/// Where the octree's voxels make no layer.
 pub(super) fn from_above(
     octree: &Octree,
     name: &str,
     caption: &str,
     below_m: f64,
-) -> Result<Vec<Picture>, ExperimentError> {
+) -> anyhow::Result<Vec<Picture>> {
     let cell_m = octree.cell_m();
     let mut tops: BTreeMap<[i64; 2], f64> = BTreeMap::new();
     for (voxel, _) in octree.occupied() {
@@ -73,7 +69,12 @@ impl Section {
         ];
         let cell_m = octree.cell_m();
         let cell = |m: f64| libm::floor(m / cell_m) as i64;
-        let mut canvas = Canvas::new(self.from_m.map(cell), self.to_m.map(cell), &COLORS);
+        let mut canvas = Canvas::new(
+            self.from_m.map(cell),
+            self.to_m.map(cell),
+            &COLORS,
+            PIXELS_PER_CELL,
+        );
         let [right, left] = self.across_m.map(cell);
         for at in canvas.cells() {
             let across = (right..=left).map(|y| VoxelIndex {
@@ -106,30 +107,34 @@ pub(super) struct Canvas {
     size: [usize; 2],
     colors: Vec<[u8; 3]>,
     pixels: Vec<u8>,
+    pixels_per_cell: usize,
 }
 
-const PIXELS_PER_CELL: usize = 3;
+pub(super) const PIXELS_PER_CELL: usize = 3;
 
 impl Canvas {
     /// From cell `first` to cell `last`, all of the first colour.
-    pub(super) fn new(first: [i64; 2], last: [i64; 2], colors: &[[u8; 3]]) -> Self {
+    pub(super) fn new(
+        first: [i64; 2],
+        last: [i64; 2],
+        colors: &[[u8; 3]],
+        pixels_per_cell: usize,
+    ) -> Self {
         let size = [0, 1].map(|axis| usize::try_from(last[axis] - first[axis] + 1).unwrap_or(1));
-        let size = size.map(|cells| cells.clamp(1, MAX_CELLS) * PIXELS_PER_CELL);
+        let size = size.map(|cells| cells.clamp(1, MAX_CELLS) * pixels_per_cell);
         Self {
             first,
             size,
             colors: colors.to_vec(),
             pixels: vec![0; size[0] * size[1]],
+            pixels_per_cell,
         }
     }
 
-    /// All its cells.
     pub(super) fn cells(&self) -> impl Iterator<Item = [i64; 2]> + use<> {
-        let (first, size) = (
-            self.first,
-            self.size
-                .map(|n| i64::try_from(n / PIXELS_PER_CELL).unwrap_or(i64::MAX)),
-        );
+        let first = self.first;
+        let size = self.size.map(|n| n / self.pixels_per_cell);
+        let size = size.map(|n| i64::try_from(n).unwrap_or(i64::MAX));
         (0..size[1]).flat_map(move |y| (0..size[0]).map(move |x| [first[0] + x, first[1] + y]))
     }
 
@@ -137,20 +142,16 @@ impl Canvas {
     pub(super) fn set(&mut self, cell: [i64; 2], color: u8) {
         let [x, y] = [0, 1].map(|axis| usize::try_from(cell[axis] - self.first[axis]));
         if let (Ok(x), Ok(y)) = (x, y) {
-            for part in 0..PIXELS_PER_CELL * PIXELS_PER_CELL {
-                let (across, up) = (part % PIXELS_PER_CELL, part / PIXELS_PER_CELL);
-                self.dot(
-                    x * PIXELS_PER_CELL + across,
-                    y * PIXELS_PER_CELL + up,
-                    color,
-                );
+            let side = self.pixels_per_cell;
+            for part in 0..side * side {
+                self.dot(x * side + part % side, y * side + part / side, color);
             }
         }
     }
 
     /// A line over the cells: `height` at a place along x, both in cells.
     pub(super) fn line(&mut self, color: u8, height: impl Fn(f64) -> Option<f64>) {
-        let per_cell = PIXELS_PER_CELL as f64;
+        let per_cell = self.pixels_per_cell as f64;
         for x in 0..self.size[0] {
             let at = self.first[0] as f64 + (x as f64 + 0.5) / per_cell;
             let above = height(at).map(|at| libm::floor((at - self.first[1] as f64) * per_cell));
@@ -160,7 +161,6 @@ impl Canvas {
         }
     }
 
-    /// It as a picture.
     pub(super) fn picture(self, name: &str, caption: &str) -> Picture {
         Picture {
             name: name.to_owned(),
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_canvas_has_its_first_cell_at_the_lower_left() {
-        let mut canvas = Canvas::new([-1, 5], [0, 6], &[[0; 3]; 3]);
+        let mut canvas = Canvas::new([-1, 5], [0, 6], &[[0; 3]; 3], 3);
         assert_eq!(canvas.cells().count(), 4);
         canvas.set([-1, 5], 1);
         canvas.set([7, 5], 1);

@@ -31,7 +31,6 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::ToTarget, Self::FromTarget];
 }
 

@@ -134,7 +134,6 @@ async fn accept(
     }
 }
 
-/// Forwards both directions until both streams have ended.
 async fn carry(
     mut client: TcpStream,
     target: SocketAddr,

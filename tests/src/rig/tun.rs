@@ -39,7 +39,6 @@ pub enum Side {
 }
 
 impl Side {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::A, Self::B];
 
     /// The address of this side, valid inside the namespaces only.
@@ -184,7 +183,6 @@ impl Drop for Namespace {
     }
 }
 
-/// Runs `ip`, with `input` to read.
 fn ip(arguments: &[&str], input: &str) -> io::Result<()> {
     let call = format!("`ip {}`", arguments.join(" "));
     let mut child = Command::new("ip")

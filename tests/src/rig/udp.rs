@@ -79,7 +79,6 @@ impl UdpRelay {
         })
     }
 
-    /// The address to send to.
     pub fn address(&self) -> SocketAddr {
         SocketAddr::from((Ipv4Addr::LOCALHOST, self.port))
     }

@@ -44,7 +44,6 @@ pub(crate) fn command(line: &str) -> Command {
     command
 }
 
-/// Starts a program of this workspace; see [`command`].
 pub(crate) fn start(line: &str) -> Running {
     Running::start(&mut command(line), line)
 }
@@ -131,7 +130,6 @@ impl Running {
         100.0 * (self.processor_s() - before_s) / clock::elapsed(started).as_secs_f64()
     }
 
-    /// Whether this library is loaded.
     pub(crate) fn has_loaded(&self, library: &str) -> bool {
         self.proc("maps").contains(library)
     }
@@ -226,7 +224,6 @@ pub(crate) fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) -> Duratio
     clock::elapsed(started)
 }
 
-/// Number of measurements in a recording.
 pub(crate) fn measurements_in(recording: &Path) -> usize {
     let mut reader = open(recording, Selection::All).unwrap();
     std::iter::from_fn(|| reader.next_measurement().unwrap()).count()

@@ -1,7 +1,5 @@
-mod finding;
-mod habits;
-mod map;
-mod trust;
+mod controls;
+mod display;
 
 use std::time::Duration;
 
@@ -30,7 +28,9 @@ use crate::map_view::{CameraMode, LayerCommand, Orientation, Overlay, ShoreMark}
 use crate::model::{LinkState, OpenSessions, Outgoing, RequestId};
 use crate::panels::robots::{RobotEntry, SearchTarget};
 use crate::playback::PlaybackCommand;
-use crate::test_support::{BOOT, announce_map, at, console, inject, inject_reply, push_tile};
+use crate::test_support::{
+    BOOT, announce_map, at, console, inject, inject_reply, push_tile, status_of,
+};
 
 const LAYER: LayerId = LayerId::Occupancy;
 
@@ -38,7 +38,6 @@ fn name() -> RobotId {
     "scout-1".parse().unwrap()
 }
 
-/// A robot with the map `store`, and a console that receives what the test injects.
 struct Rig {
     screen: Screen,
     model: Option<ConsoleModel>,
@@ -78,7 +77,6 @@ impl Rig {
         }
     }
 
-    /// A chosen robot without any message.
     fn with_robot() -> Self {
         Self {
             model: Some(console(name().as_str(), &[LAYER])),
@@ -93,7 +91,6 @@ impl Rig {
         }
     }
 
-    /// A live robot with a map head.
     fn live() -> Self {
         let mut rig = Self::with_robot();
         let layer = |layer| LayerInfo { layer, cell_m: 0.1 };
@@ -116,15 +113,11 @@ impl Rig {
     fn drivable() -> Self {
         let mut rig = Self::live();
         rig.teleop_client = Some(crate::test_support::idle_teleop_client());
-        let status = Status {
-            teleop: Some(crate::test_support::idle_teleop_status()),
-            ..Status::default()
-        };
+        let status = status_of(crate::test_support::idle_teleop_status());
         rig.say(Topic::Status, &status);
         rig
     }
 
-    /// A live robot with these shores, if any.
     fn on_water(shores: Option<Shores>) -> Self {
         let mut rig = Self::with_robot();
         let info = Info {
@@ -245,7 +238,6 @@ impl Rig {
     }
 }
 
-/// Commands since the last call.
 fn asked(window: &mut Harness<'_, Rig>) -> Vec<Command> {
     std::mem::take(&mut window.state_mut().commands)
 }

@@ -7,14 +7,14 @@ use protocol::mosaic::{MAX_RASTER_CELLS, Raster};
 use protocol::tile_store::TileStore;
 use tiff::decoder::{Decoder, DecodingResult};
 
-use super::super::tests::{publish, store_of};
+use super::super::tests::publish;
 use super::*;
 use crate::model::{ConsoleModel, RequestId};
+use crate::test_support::store_of;
 use crate::test_support::{announce_map, at, console, inject, inject_reply, push_tile, scout};
 
 const CELL_M: f64 = 0.1;
 
-/// A console with all tiles of `store`.
 pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
     let mut model = console("scout", &LayerId::ALL);
     let grids: Vec<_> = store.grids().collect();

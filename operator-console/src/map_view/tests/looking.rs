@@ -4,30 +4,27 @@ use eframe::egui::epaint::PathStroke;
 use eframe::egui::{Shape, Stroke};
 use protocol::keys::Topic;
 use protocol::message::{
-    Barrier, BarrierKind, Datum, DockingSite, Pose, ShoreClass, ShoreCluster, Shores, ShoresReply,
-    Status, TeleopStatus,
+    Barrier, BarrierKind, Datum, DockingSite, Pose, ShoreCluster, Shores, ShoresReply, TeleopStatus,
 };
 
 use super::*;
-use crate::test_support::{idle_teleop_status, inject, pose_at_rest};
+use crate::test_support::{
+    docking_site, idle_teleop_status, inject, pose_at_rest, shore, status_of,
+};
 use crate::theme;
 
 /// A shore of 20 × 6 m around (30, 13) and a docking site.
 fn shores(datum: Option<Datum>) -> Shores {
     let corners = [(200, 100), (400, 100), (400, 160), (200, 160)];
     let shore = ShoreCluster {
-        number: 3,
-        class: ShoreClass::Dense,
         voxels: 100,
         rigid_voxels: 40,
-        center_m: [36.0, 13.0],
         outline: corners.to_vec(),
+        ..shore(3, [36.0, 13.0])
     };
     let site = DockingSite {
-        center_m: [-19.0, -2.5],
-        heading_rad: 0.0,
         width_m: 8.0,
-        mean_cost: 0.2,
+        ..docking_site([-19.0, -2.5])
     };
     Shores::gather(0.1, datum, vec![shore], vec![site])
 }
@@ -53,7 +50,7 @@ fn a_selected_shore_is_approached() {
     let mut window = window();
     receive_shores(&mut window, shores(None));
     let shore = Look::Mark(ShoreMark::Shore(3), [36.0, 13.0]);
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     let site = Look::Mark(site, [-19.0, -2.5]);
     // The map has about 800 × 600 points.
     for (mark, side_m, middle_m) in [(shore, 20.0, [30.0, 13.0]), (site, 8.0, [-19.0, -2.5])] {
@@ -105,7 +102,7 @@ fn a_selected_shore_is_marked_until_it_is_gone() {
     let mut window = window();
     receive_shores(&mut window, shores(None));
     let three = ShoreMark::Shore(3);
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     let around_three = (true, vec![[20, 10], [40, 10], [40, 16], [20, 16]]);
     assert_eq!(standing_out(&window), []);
     look(&mut window, Look::Hover(Some(three)));
@@ -135,7 +132,7 @@ fn a_selected_shore_is_marked_until_it_is_gone() {
         assert_eq!(standing_out(&window), [], "{revision}");
         assert_eq!(window.state().view.marked(), None, "{revision}");
     }
-    let site = ShoreMark::Site(window.state().model.site_names()[0]);
+    let site = ShoreMark::Site(1);
     look(&mut window, Look::Mark(site, [-19.0, -2.5]));
     let of_site = standing_out(&window);
     let is_shore: Vec<_> = of_site.iter().map(|(is_shore, _)| *is_shore).collect();
@@ -187,7 +184,6 @@ fn directions_are_relative_to_x_without_north() {
     }
 }
 
-/// Texts on the map that start with one of these, and their positions.
 fn written(window: &Harness<'_, Rig>, first: [&str; 2]) -> Vec<(String, Rect)> {
     let shapes = window.output().shapes.iter();
     let texts = shapes.filter_map(|clipped| {
@@ -308,10 +304,7 @@ fn the_limiting_obstacle_has_a_ring() {
             }),
             ..idle_teleop_status()
         };
-        let status = Status {
-            teleop: Some(teleop),
-            ..Status::default()
-        };
+        let status = status_of(teleop);
         let model = &mut window.state_mut().model;
         inject(model, Topic::Status, &status, at(2_400));
         window.run_steps(2);

@@ -35,19 +35,15 @@ const LAST_OBSERVED: &str = "Last observed";
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrivingData {
     pub tone: Tone,
-    /// State of the vehicle in one or two words.
     pub headline: String,
-    /// Consequence of the state, or what to do.
     pub advice: Option<String>,
     pub hint: Option<&'static str>,
     pub estop: EStopButton,
     pub driver: String,
     pub lease: LeaseButtons,
     pub is_observer: bool,
-    /// Whether the operator's role is known and below supervisor.
     pub cannot_take_over: bool,
     pub notice: Option<String>,
-    /// The operator who requests a handover from this one.
     pub handover_request: Option<OperatorId>,
     pub step: SpeedStep,
     /// m/s; 0 if unknown.
@@ -71,7 +67,6 @@ pub enum EStopButton {
         is_stored: bool,
     },
     ReadOnly,
-    /// The robot refused this operator's emergency stop.
     Refused(String),
 }
 
@@ -119,7 +114,12 @@ impl DrivingData {
             advice: headline.advice,
             hint: headline.hint,
             estop: estop_button(teleop, teleop_client),
-            driver: driver(teleop, teleop_client, silence.is_some()),
+            driver: driver(
+                teleop,
+                teleop_client,
+                silence.is_some(),
+                headline.without_driver.as_deref(),
+            ),
             lease: lease_buttons(teleop, teleop_client, silence.is_some() || status.has_ended),
             is_observer: teleop_client.is_observer(),
             cannot_take_over: teleop_client.cannot_take_over(),
@@ -152,7 +152,6 @@ impl DrivingData {
     }
 }
 
-/// Time since the last pose, status or message, if it is too long.
 fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
     let quality = model.link_quality();
     let late = |stream, longest| quality.age(stream, now).filter(|age| *age > longest);
@@ -191,8 +190,14 @@ fn estop_button(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> ESt
     }
 }
 
-fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: bool) -> String {
+fn driver(
+    teleop: &TeleopStatus,
+    teleop_client: &TeleopClientState,
+    is_lost: bool,
+    without_driver: Option<&str>,
+) -> String {
     let lease = &teleop.lease;
+    let nobody = without_driver.unwrap_or("Nobody drives");
     let is_mine = teleop_client.lease.held().is_some() || is_own_grant(lease, teleop_client);
     match (&lease.holder, &lease.next) {
         _ if is_mine && is_lost => format!("You drove ({})", teleop_client.operator),
@@ -202,8 +207,8 @@ fn driver(teleop: &TeleopStatus, teleop_client: &TeleopClientState, is_lost: boo
             format!("{holder} drives, from another console")
         }
         (Some(holder), _) => format!("{holder} drives"),
-        (None, Some(next)) => format!("Nobody drives; {next} is next"),
-        (None, None) => "Nobody drives".to_owned(),
+        (None, Some(next)) => format!("{nobody}; {next} is next"),
+        (None, None) => nobody.to_owned(),
     }
 }
 
@@ -250,22 +255,24 @@ fn rows(
         0..OLD_MS => Tone::Good,
         OLD_MS.. => Tone::Warning,
     };
-    let (tone, words) = match (teleop.age_ms, teleop.peak_age_ms) {
-        (Some(now_ms), Some(greatest_ms)) if now_ms <= greatest_ms => {
-            let words = format!("{now_ms} ms, at most {greatest_ms} ms");
-            (old(greatest_ms.max(now_ms)), words)
-        }
-        (Some(now_ms), Some(_) | None) => (old(now_ms), format!("{now_ms} ms")),
-        (None, _) => (Tone::Waiting, "none sent".to_owned()),
-    };
-    rows.push((tone, row("Command age", words)));
-    let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
-    let tone = if teleop.clamp == Some(Clamp::Age) {
-        Tone::Warning
-    } else {
-        Tone::Good
-    };
-    rows.push((tone, row(AGE_LIMIT, allowed)));
+    // Without commands they have no age, and it limits nothing.
+    if let Some(now_ms) = teleop.age_ms {
+        let (tone, words) = match teleop.peak_age_ms {
+            Some(greatest_ms) if now_ms <= greatest_ms => {
+                let words = format!("{now_ms} ms, at most {greatest_ms} ms");
+                (old(greatest_ms), words)
+            }
+            Some(_) | None => (old(now_ms), format!("{now_ms} ms")),
+        };
+        rows.push((tone, row("Command age", words)));
+        let allowed = format!("{:.2} m/s", teleop.speed_allowed_mps);
+        let tone = if teleop.clamp == Some(Clamp::Age) {
+            Tone::Warning
+        } else {
+            Tone::Good
+        };
+        rows.push((tone, row(AGE_LIMIT, allowed)));
+    }
     let (tone, words) = monitor_text(
         teleop,
         strictest_limit(teleop, model.recent_monitor_states()),
@@ -297,7 +304,6 @@ fn rows(
     rows
 }
 
-/// The obstacle that limits the vehicle. The map shows a ring around it.
 fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
     let (tone, words) = match model.barrier().map(|barrier| barrier.kind) {
         None => (Tone::Waiting, "–"),
@@ -328,7 +334,7 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
     match name {
         AGE_LIMIT => Some(
             "The older the commands, the lower the speed limit: the vehicle travels only a short way on old \
-             commands. While none are sent, the oldest accepted age counts.",
+             commands.",
         ),
         MONITOR => Some(
             "The collision monitor's speed limit in that direction, so that the vehicle stops before \
@@ -353,7 +359,6 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
     }
 }
 
-/// Whether the vehicle follows the keys, or when it will.
 fn key_text(teleop: &TeleopStatus, teleop_client: &TeleopClientState) -> (Tone, &'static str) {
     match teleop.state {
         TeleopState::EStop => (Tone::Warning, "Ignored until the reset"),
@@ -445,8 +450,7 @@ fn notice<'a>(
     }
 }
 
-/// Why this operator's lease ended, as reported by the robot. `None` if the newest event of this operator is a grant:
-/// the event of its end was lost.
+/// `None` if the newest event of this operator is a grant: the event of its end was lost.
 fn why_ended<'a>(
     operator: &OperatorId,
     events: impl DoubleEndedIterator<Item = &'a Event>,
@@ -476,15 +480,16 @@ fn link_rows(model: &ConsoleModel, now: Monotonic) -> Vec<Row> {
         quality.expected_hz(),
         age_of(Stream::Pose)
     );
-    let missing = quality.missing(now);
-    let missing = missing.map_or_else(none, |share| format!("{:.0} % of poses", 100.0 * share));
-    vec![
+    let missing = quality.missing(now).filter(|share| *share >= 0.005);
+    let missing = missing.map(|share| row("Missing", format!("{:.0} % of poses", 100.0 * share)));
+    let mut rows = vec![
         row("Round trip", round_trip(model, now)),
         row("Poses", poses),
-        row("Missing", missing),
-        row("Status", age_of(Stream::Status)),
-        row("Map state", age_of(Stream::MapHead)),
-    ]
+    ];
+    rows.extend(missing);
+    rows.push(row("Status", age_of(Stream::Status)));
+    rows.push(row("Map state", age_of(Stream::MapHead)));
+    rows
 }
 
 fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {
@@ -497,10 +502,10 @@ fn refused_rows(teleop: &TeleopStatus) -> Vec<Row> {
 
 #[cfg(test)]
 mod tests {
-    use protocol::message::{EStopStatus, Severity};
+    use protocol::message::Severity;
 
     use super::*;
-    use crate::test_support::idle_teleop_status;
+    use crate::test_support::{STORED_ESTOP, idle_teleop_status};
 
     fn event(kind: &str, message: &str) -> Event {
         Event {
@@ -549,10 +554,7 @@ mod tests {
         teleop.state = TeleopState::Stopping(StopReason::Released);
         assert_eq!(shown(&teleop, &[&released, &estop]), let_go);
         teleop.state = TeleopState::EStop;
-        teleop.estop = Some(EStopStatus {
-            number: 3,
-            is_stored: true,
-        });
+        teleop.estop = Some(STORED_ESTOP);
         assert_eq!(shown(&teleop, &[]), emergency("emergency stop 3"));
         assert_eq!(last_stop(&idle_teleop_status(), None, rest.iter()), None);
     }

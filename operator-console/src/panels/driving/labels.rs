@@ -19,6 +19,7 @@ use crate::theme::Tone;
 const AGROUND: &str = "Commanded but not moving: aground, held, or its motors do not respond";
 /// The longest advice that a key press can cause: the panel reserves its height.
 pub(super) const LONGEST_KEY_ADVICE: &str = AGROUND;
+const WITHOUT_COMMAND: &str = "Moves without command";
 const WITHOUT_OPERATOR: &str =
     "Something other than an operator moves it, such as its own program or a simulated tour.";
 const ADRIFT: &str = "Something other than an operator moves it: its own program, or a current that is faster than usual. \
@@ -216,12 +217,13 @@ const fn on_or_off(is_on: bool) -> &'static str {
     if is_on { "on" } else { "off" }
 }
 
-/// State of the vehicle in one or two words, with advice.
 pub(super) struct Headline {
     pub(super) tone: Tone,
     pub(super) words: String,
     pub(super) advice: Option<String>,
     pub(super) hint: Option<&'static str>,
+    /// Instead of "Nobody drives".
+    pub(super) without_driver: Option<String>,
 }
 
 impl Headline {
@@ -231,6 +233,14 @@ impl Headline {
             words: words.to_owned(),
             advice: Some(advice.into()),
             hint: None,
+            without_driver: None,
+        }
+    }
+
+    fn of_unknown_state(tone: Tone, words: &str, advice: impl Into<String>) -> Self {
+        Self {
+            without_driver: Some("State unknown".to_owned()),
+            ..Self::new(tone, words, advice)
         }
     }
 }
@@ -246,7 +256,7 @@ pub(super) fn headline(
     const ENDED: &str = "Its data has ended";
     let is_live = model.connection().state(now) == LinkState::Live;
     match silence {
-        Some(_) if is_live && model.awaits_status() => Headline::new(
+        Some(_) if is_live && model.awaits_status() => Headline::of_unknown_state(
             Tone::Waiting,
             "Waiting for status",
             "It has restarted. State unknown (no data yet).",
@@ -256,7 +266,7 @@ pub(super) fn headline(
                 "No data for {}: robot-edge has closed, or the link is lost. State unknown (no data)",
                 age(silence)
             );
-            Headline::new(Tone::Waiting, ENDED, advice)
+            Headline::of_unknown_state(Tone::Waiting, ENDED, advice)
         }
         Some(silence) => {
             let advice = if teleop_client.lease.held().is_some() {
@@ -266,7 +276,7 @@ pub(super) fn headline(
                 "State unknown (no data)."
             };
             let words = format!("Link lost for {}", age(silence));
-            Headline::new(Tone::Warning, &words, advice)
+            Headline::of_unknown_state(Tone::Warning, &words, advice)
         }
         None if model.reports_ended() && teleop.state == TeleopState::Idle => {
             Headline::new(Tone::Waiting, ENDED, "Robot session ended")
@@ -318,6 +328,7 @@ fn live(
         words: words.to_owned(),
         advice: advice(teleop, teleop_client, is_boat, is_still),
         hint: None,
+        without_driver: None,
     }
 }
 
@@ -387,7 +398,6 @@ fn advice(
     Some(words.to_owned())
 }
 
-/// Whether the collision monitor stops the vehicle because its data is late or missing.
 const fn is_monitor_late(teleop: &TeleopStatus) -> bool {
     matches!(
         teleop.collision_monitor,
@@ -421,20 +431,18 @@ fn unexpected_motion(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -
     let (tone, words, hint) = match (teleop.state, is_boat || teleop.is_drifting) {
         (TeleopState::Idle, false) => (
             Tone::Waiting,
-            "Moving by itself".to_owned(),
+            "Moves by itself".to_owned(),
             WITHOUT_OPERATOR,
         ),
         (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING_MPS => {
-            (Tone::Warning, "Moving or adrift".to_owned(), ADRIFT)
+            (Tone::Warning, "Moves or drifts".to_owned(), ADRIFT)
         }
         (TeleopState::EStop | TeleopState::Fault(_), false) => {
             (Tone::Warning, state(teleop.state), AGAINST_COMMAND)
         }
-        (TeleopState::SafeBoot | TeleopState::Held, false) => (
-            Tone::Warning,
-            "Moving without command".to_owned(),
-            AGAINST_COMMAND,
-        ),
+        (TeleopState::SafeBoot | TeleopState::Held, false) => {
+            (Tone::Warning, WITHOUT_COMMAND.to_owned(), AGAINST_COMMAND)
+        }
         _ => return None,
     };
     let advice = if teleop.state == TeleopState::Idle {
@@ -442,8 +450,13 @@ fn unexpected_motion(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -
     } else {
         format!("Commanded to stand, but moving: {speed} m/s")
     };
+    let without_driver = match teleop.state {
+        TeleopState::EStop | TeleopState::Fault(_) => WITHOUT_COMMAND.to_owned(),
+        _ => words.clone(),
+    };
     Some(Headline {
         tone,
+        without_driver: Some(without_driver),
         words,
         advice: Some(advice),
         hint: Some(hint),

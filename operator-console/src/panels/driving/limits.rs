@@ -1,5 +1,4 @@
-//! Requested and applied speeds, and what limits them: text of the collision monitor's row, and the reason shown below
-//! the gauges.
+//! Requested and applied speeds, and what limits them.
 
 use protocol::message::{
     Clamp, CollisionMonitorState, SpeedLimits, TeleopState, TeleopStatus, Velocity,
@@ -209,8 +208,7 @@ pub(super) struct StrictestLimit {
     pub(super) is_intermittent: [bool; 2],
 }
 
-/// Of the `recent` reports (oldest first), those with the same requested direction count. A monitor without limits (off,
-/// silent, stale) is returned unchanged.
+/// Of the `recent` reports (oldest first), those with the same requested direction count.
 pub(super) fn strictest_limit<'a>(
     teleop: &TeleopStatus,
     recent: impl Iterator<Item = &'a MonitorReport> + Clone,
@@ -252,7 +250,6 @@ pub(super) fn strictest_limit<'a>(
     }
 }
 
-/// The limits, and whether they come from unknown space.
 const fn limits(monitor: CollisionMonitorState) -> Option<(bool, SpeedLimits)> {
     match monitor {
         CollisionMonitorState::On(limits) => Some((false, limits)),
@@ -280,8 +277,7 @@ pub(super) fn is_transient(words: &str) -> bool {
     [SPEEDING_UP, SLOWING_DOWN, CHANGING_DIRECTION].contains(&words)
 }
 
-/// Why the applied speed differs from the requested one, if it does. A stuck vehicle neither accelerates nor brakes, so
-/// that only the collision monitor is a reason then.
+/// A stuck vehicle neither accelerates nor brakes: only the collision monitor is a reason then.
 pub(super) fn limit_reason(
     teleop: &TeleopStatus,
     strictest_limit: StrictestLimit,
@@ -320,8 +316,7 @@ fn approaching_limit(how: &str, to: Clamp) -> String {
     format!("{how} as {} allows", labels::clamp(to))
 }
 
-/// The robot reports `Clamp::Ramp` while it accelerates below all limits. A limit that will hold it below the requested
-/// speed is the more useful reason.
+/// While it accelerates, a limit below the requested speed is a more useful reason than the ramp.
 fn acceleration_reason(teleop: &TeleopStatus, monitor: CollisionMonitorState) -> String {
     let (asked, applied) = (teleop.requested, teleop.applied);
     let turns_round = asked.linear_mps * applied.linear_mps < 0.0
@@ -341,8 +336,7 @@ fn acceleration_reason(teleop: &TeleopStatus, monitor: CollisionMonitorState) ->
     }
 }
 
-/// The strictest limit, as a share of the requested motion. The robot scales linear and angular speed alike, so that the
-/// curvature stays.
+/// As a share of the requested motion: the robot scales both speeds alike, so that the curvature stays.
 fn strictest_share(teleop: &TeleopStatus, monitor: CollisionMonitorState) -> Option<(Clamp, f32)> {
     let share = |speed: f32, allowed: f32| {
         if speed > allowed {

@@ -11,7 +11,7 @@ use protocol::keys::Topic;
 use protocol::message::{
     Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Event, Info,
     LeaseRequest, Pose, Refusal, RefusedCount, Severity, SpeedLimits, Status, StopReason,
-    TeleopState, TeleopStatus,
+    TeleopState, TeleopStatus, Velocity,
 };
 use protocol::tile::BootId;
 use teleop::Role;
@@ -22,8 +22,8 @@ use crate::model::{ConsoleModel, RequestId};
 use crate::teleop_client::{EStopState, Lease, RequestKind, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{DriveInput, InputLockReason, SpeedStep};
 use crate::test_support::{
-    announce_boot, at, idle_teleop_client, idle_teleop_status, inject, inject_reply, pose_at_rest,
-    scout,
+    STORED_ESTOP, announce_boot, at, idle_teleop_client, idle_teleop_status, inject, inject_reply,
+    pose_at_rest, scout, status_of,
 };
 
 const UNLIMITED: SpeedLimits = SpeedLimits {
@@ -41,10 +41,7 @@ const fn ahead(forward_mps: f32) -> SpeedLimits {
 }
 
 fn status(teleop: &TeleopStatus) -> Status {
-    Status {
-        teleop: Some(teleop.clone()),
-        ..Status::default()
-    }
+    status_of(teleop.clone())
 }
 
 fn warning(text: &str) -> (Tone, String) {
@@ -141,37 +138,49 @@ impl Rig {
         window
     }
 
-    /// The command of a click on the button of this label.
     fn click(&self, label: &str) -> Option<Command> {
         let mut window = self.window([320.0, 800.0]);
         window.get_by_label(label).click();
         window.run_steps(2);
         window.state().clone()
     }
-}
 
-fn lease(request: LeaseRequest) -> Command {
-    Command::Drive(Intent::Lease(request))
+    #[track_caller]
+    fn assert_requests(&self, label: &str, request: LeaseRequest) {
+        let expected = Some(Command::Drive(Intent::Lease(request)));
+        assert_eq!(self.click(label), expected, "{label}");
+    }
+
+    fn request(&mut self, [linear_mps, angular_radps]: [f32; 2]) {
+        self.teleop.requested = Velocity {
+            linear_mps,
+            angular_radps,
+        };
+    }
+
+    #[track_caller]
+    fn assert_headline(&self, headline: &str, tone: Tone) {
+        let data = self.data();
+        assert_eq!((data.headline.as_str(), data.tone), (headline, tone));
+    }
 }
 
 #[test]
 fn an_idle_robot_offers_the_lease() {
     let rig = Rig::new();
     let data = rig.data();
-    assert_eq!(
-        (data.headline.as_str(), data.tone),
-        ("Standing", Tone::Waiting)
-    );
+    rig.assert_headline("Standing", Tone::Waiting);
     assert_eq!(data.driver, "Nobody drives");
     assert_eq!(
         (data.lease, &data.estop),
         (LeaseButtons::Free, &EStopButton::Ready)
     );
     assert!(data.is_at_rest());
-    assert_eq!(
-        rig.click("Request control"),
-        Some(lease(LeaseRequest::Request))
-    );
+    let ages = [rig.row("Command age"), rig.row("Age limit")];
+    assert_eq!(ages, [None, None], "no commands are sent");
+    let names: Vec<_> = data.link.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["Round trip", "Poses", "Status", "Map state"]);
+    rig.assert_requests("Request control", LeaseRequest::Request);
     let step = Command::Drive(Intent::Step(SpeedStep::new(5).unwrap()));
     assert_eq!(rig.click("5"), Some(step));
 }
@@ -180,7 +189,7 @@ fn an_idle_robot_offers_the_lease() {
 fn requested_and_applied_speed_and_limit_are_shown() {
     let rig = Rig::driving();
     let data = rig.data();
-    assert_eq!((data.headline.as_str(), data.tone), ("Driving", Tone::Good));
+    rig.assert_headline("Driving", Tone::Good);
     assert_eq!(data.driver, "You drive (anna)");
     assert_eq!(
         data.clamp.as_deref(),
@@ -204,10 +213,7 @@ fn requested_and_applied_speed_and_limit_are_shown() {
     assert_eq!(rig.row("Command age"), age);
     assert_eq!(rig.row("Keys"), Some((Tone::Good, "Active".to_owned())));
     assert!(!data.is_at_rest());
-    assert_eq!(
-        rig.click("Release control"),
-        Some(lease(LeaseRequest::Release))
-    );
+    rig.assert_requests("Release control", LeaseRequest::Release);
 
     let mut equal = Rig::driving();
     equal.teleop.applied = equal.teleop.requested;
@@ -223,23 +229,19 @@ fn a_lost_link_is_shown_and_the_estop_stays_usable() {
         let mut rig = if driving { Rig::driving() } else { Rig::new() };
         rig.now = at(1_601);
         let data = rig.data();
-        assert_eq!(data.headline, "Link lost for 0.6 s");
-        assert_eq!(data.tone, Tone::Warning);
+        rig.assert_headline("Link lost for 0.6 s", Tone::Warning);
         assert!(data.advice.is_some());
         assert_eq!((data.gauges.as_ref(), data.clamp.as_ref()), (None, None));
         assert_eq!(data.settings, None);
         let driver = if driving {
             "You drove (anna)"
         } else {
-            "Nobody drives"
+            "State unknown"
         };
         assert_eq!(data.driver, driver);
         let (_, first) = &data.rows[0];
         assert_eq!(first.1, "as of 0.6 s ago");
-        assert_eq!(
-            rig.click("EMERGENCY STOP"),
-            Some(Command::Drive(Intent::EStop))
-        );
+        assert_eq!(data.estop, EStopButton::Ready);
     }
 }
 
@@ -249,14 +251,8 @@ fn a_handover_request_is_shown_to_the_driver_only() {
     rig.teleop.lease.waiting = Some("bert".parse().unwrap());
     let bert = || "bert".parse().unwrap();
     assert_eq!(rig.data().handover_request, Some(bert()));
-    assert_eq!(
-        rig.click("Hand over"),
-        Some(lease(LeaseRequest::HandOver(bert())))
-    );
-    assert_eq!(
-        rig.click("Keep control"),
-        Some(lease(LeaseRequest::Refuse(bert())))
-    );
+    rig.assert_requests("Hand over", LeaseRequest::HandOver(bert()));
+    rig.assert_requests("Keep control", LeaseRequest::Refuse(bert()));
     rig.teleop_client.lease = Lease::None;
     assert_eq!(rig.data().handover_request, None);
 }
@@ -267,19 +263,13 @@ fn others_can_request_handover_or_take_over() {
     rig.teleop.lease.holder = Some("bert".parse().unwrap());
     rig.teleop_client.lease = Lease::None;
     assert_eq!(rig.data().driver, "bert drives");
-    assert_eq!(
-        rig.click("Request handover"),
-        Some(lease(LeaseRequest::Request))
-    );
-    assert_eq!(rig.click("Take over"), Some(lease(LeaseRequest::TakeOver)));
+    rig.assert_requests("Request handover", LeaseRequest::Request);
+    rig.assert_requests("Take over", LeaseRequest::TakeOver);
     rig.teleop_client.lease = Lease::Waiting {
         after: 3,
         since: at(0),
     };
-    assert_eq!(
-        rig.click("Cancel request"),
-        Some(lease(LeaseRequest::Release))
-    );
+    rig.assert_requests("Cancel request", LeaseRequest::Release);
     rig.teleop_client.lease = Lease::None;
     rig.teleop.lease.holder = Some("anna".parse().unwrap());
     assert_eq!(rig.data().driver, "anna drives, from another console");
@@ -303,10 +293,7 @@ fn estop_button_from_press_to_reset() {
     let stop = Some(warning("emergency stop 3"));
     assert_eq!(rig.row("Last stop"), stop);
     assert_eq!(rig.click("Reset e-stop"), None, "not stored yet");
-    rig.teleop.estop = Some(EStopStatus {
-        number: 3,
-        is_stored: true,
-    });
+    rig.teleop.estop = Some(STORED_ESTOP);
     assert_eq!(
         rig.click("Reset e-stop"),
         Some(Command::Drive(Intent::Reset(3)))
@@ -320,15 +307,20 @@ fn estop_button_from_press_to_reset() {
 #[test]
 fn motion_without_command_is_shown() {
     for (state, headline, tone) in [
-        (TeleopState::Idle, "Moving by itself", Tone::Waiting),
-        (TeleopState::Held, "Moving without command", Tone::Warning),
+        (TeleopState::Idle, "Moves by itself", Tone::Waiting),
+        (TeleopState::Held, "Moves without command", Tone::Warning),
         (TeleopState::EStop, "Emergency stop", Tone::Warning),
     ] {
         let mut rig = Rig::new();
         rig.teleop.state = state;
         rig.velocity = [-0.55, 0.0];
         let data = rig.data();
-        assert_eq!((data.headline.as_str(), data.tone), (headline, tone));
+        rig.assert_headline(headline, tone);
+        let driver = match state {
+            TeleopState::EStop => "Moves without command",
+            _ => headline,
+        };
+        assert_eq!(data.driver, driver);
         assert!(data.advice.unwrap().contains("−0.55 m/s"));
         let figures = data.gauges.unwrap().map(|gauge| gauge.figures);
         if state == TeleopState::Idle {
@@ -340,16 +332,11 @@ fn motion_without_command_is_shown() {
     let mut boat = Rig::new();
     boat.teleop.is_drifting = true;
     boat.velocity = [0.2, 0.0];
-    assert_eq!(boat.data().headline, "Drifting");
-    assert_eq!(boat.data().tone, Tone::Warning);
+    boat.assert_headline("Drifting", Tone::Warning);
     boat.velocity = [1.5, 0.0];
-    let data = boat.data();
-    assert_eq!(
-        (data.headline.as_str(), data.tone),
-        ("Moving or adrift", Tone::Warning)
-    );
+    boat.assert_headline("Moves or drifts", Tone::Warning);
     let advice = "Nobody drives it from here: 1.50 m/s";
-    assert_eq!(data.advice.as_deref(), Some(advice));
+    assert_eq!(boat.data().advice.as_deref(), Some(advice));
     boat.teleop.state = TeleopState::Held;
     assert_eq!(boat.data().headline, "Drifting");
 }
@@ -490,8 +477,11 @@ fn notices_are_shown() {
 }
 
 #[test]
-fn estop_stays_visible_in_a_small_scrolled_window() {
-    let mut window = Rig::driving().window([320.0, 160.0]);
+fn estop_reset_stays_visible_in_a_small_scrolled_window() {
+    let mut rig = Rig::driving();
+    rig.teleop.estop = Some(STORED_ESTOP);
+    let mut window = rig.window([320.0, 160.0]);
+    window.get_by_label("Emergency stop 3 is active");
     window.hover_at(eframe::egui::pos2(160.0, 120.0));
     window.event(eframe::egui::Event::MouseWheel {
         unit: eframe::egui::MouseWheelUnit::Point,
@@ -501,7 +491,7 @@ fn estop_stays_visible_in_a_small_scrolled_window() {
         modifiers: eframe::egui::Modifiers::NONE,
     });
     window.run_steps(30);
-    let button = window.get_by_label("EMERGENCY STOP").rect();
+    let button = window.get_by_label("Reset e-stop").rect();
     assert!(button.top() >= 0.0 && button.bottom() <= 80.0, "{button:?}");
     let scrolled = window.get_by_label("Release control").rect();
     assert!(
@@ -533,7 +523,7 @@ fn motion_within_the_braking_time_is_stopping() {
     let stopping = ("Stopping".to_owned(), Tone::Waiting);
     assert_eq!(headline(&model, 1_300), stopping);
     moves_while_held(&mut model, 2_300);
-    let unexpected_motion = ("Moving without command".to_owned(), Tone::Warning);
+    let unexpected_motion = ("Moves without command".to_owned(), Tone::Warning);
     assert_eq!(headline(&model, 2_300), unexpected_motion);
 }
 
@@ -648,15 +638,11 @@ fn an_observer_can_press_nothing() {
     );
     assert_eq!(data.notice, None);
     assert!(data.is_at_rest());
-    for label in ["EMERGENCY STOP", "Request control"] {
-        assert_eq!(rig.click(&format!("{label}. {OBSERVER_HINT}")), None);
-    }
+    let label = format!("Request control. {OBSERVER_HINT}");
+    assert_eq!(rig.click(&label), None);
     assert_eq!(rig.click(OBSERVER_HINT), None);
 
-    rig.teleop.estop = Some(EStopStatus {
-        number: 3,
-        is_stored: true,
-    });
+    rig.teleop.estop = Some(STORED_ESTOP);
     let in_force = EStopButton::InForce {
         number: 3,
         is_stored: true,
@@ -676,12 +662,10 @@ fn only_supervisors_can_take_over() {
     rig.teleop_client.role = Some(Role::Operator);
     assert_eq!(rig.data().lease, LeaseButtons::HeldByOther);
     assert_eq!(rig.click(&format!("Take over. {OPERATOR_HINT}")), None);
-    let ask = Some(lease(LeaseRequest::Request));
-    assert_eq!(rig.click("Request handover"), ask);
+    rig.assert_requests("Request handover", LeaseRequest::Request);
     for role in [None, Some(Role::Supervisor)] {
         rig.teleop_client.role = role;
-        let take = Some(lease(LeaseRequest::TakeOver));
-        assert_eq!(rig.click("Take over"), take, "{role:?}");
+        rig.assert_requests("Take over", LeaseRequest::TakeOver);
     }
 }
 

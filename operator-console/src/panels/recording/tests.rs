@@ -25,7 +25,6 @@ fn recording(state: RecordingState) -> RecordingStatus {
     }
 }
 
-/// A robot that reports this recording at 1 s.
 fn model(recording: Option<RecordingStatus>) -> ConsoleModel {
     ended_model(recording, false)
 }

@@ -202,7 +202,6 @@ fn list_ui(
     remember(ui, order, &rows, by, drawn.inner);
 }
 
-/// Column titles; those of numbers sort.
 fn titles_ui(ui: &mut Ui, list: &List<'_>, (columns, width): (&Columns, f32), by: &mut SortBy) {
     let List {
         name,

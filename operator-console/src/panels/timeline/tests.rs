@@ -44,7 +44,6 @@ fn data(status: &ReplayStatus) -> TimelineData {
     TimelineData::new("rooms.mcap", status, None)
 }
 
-/// State, position and length.
 fn words(status: &ReplayStatus) -> String {
     let data = data(status);
     let length = data.length.unwrap_or_else(|| "?".to_owned());

@@ -1,9 +1,11 @@
-//! Change of keys at a boat before reeds: the teleop client on one end of a link, the vehicle's rules on the other.
+//! Change of keys at a boat before reeds, with the teleop client on one end of a link and the vehicle's rules on the
+//! other; and keys that are pressed when the lease ends or is renewed.
 
 use mapping::vehicle::VehicleConfig;
-use teleop::StoredEStop;
-use teleop::{self, Action, ArbiterInput, ArbiterState, CollisionMonitorOutput, Mode, SpeedLimits};
-use teleop::{ArbiterEvent, LeaseVerb, Rules, TeleopConfig, step};
+use teleop::{
+    Action, ArbiterEvent, ArbiterInput, ArbiterState, CollisionMonitorOutput, LeaseVerb, Mode,
+    Rules, SpeedLimits, StoredEStop, TeleopConfig, step,
+};
 
 use super::*;
 
@@ -21,13 +23,11 @@ enum Published {
     Status(Box<TeleopStatus>),
 }
 
-/// A boat, a console, and a link without loss.
 struct Shore {
     teleop_client: TeleopClient,
     rules: Rules,
     boat: ArbiterState,
     monitor: CollisionMonitorOutput,
-    /// One-way delay of the link, ms.
     way_ms: u64,
     ms: u64,
     newest: Option<LatestPose>,
@@ -35,7 +35,6 @@ struct Shore {
     to_console: VecDeque<(u64, Published)>,
     published: Option<TeleopState>,
     last_stop: Option<StopReason>,
-    /// Motor commands since, m/s, with times.
     outputs: Vec<(u64, f64)>,
     /// Whether a command other than neutral was sent since.
     has_asked: bool,
@@ -84,7 +83,6 @@ impl Shore {
         shore
     }
 
-    /// W has been held for three seconds.
     fn driven(way_ms: u64, monitor: CollisionMonitorOutput) -> Self {
         let mut shore = Self::held(way_ms, monitor);
         shore.turn(&[W]);
@@ -167,7 +165,6 @@ impl Shore {
         }
     }
 
-    /// One iteration of the console's loop with these events.
     fn turn(&mut self, events: &[InputEvent]) {
         let now = at(self.ms);
         self.teleop_client.begin(self.newest, now);
@@ -264,7 +261,6 @@ impl Shore {
         }
     }
 
-    /// When the boat began to reverse.
     fn backed_off(&self) -> Option<u64> {
         let first = self.outputs.iter().find(|(_, mps)| *mps < 0.0);
         first.map(|(ms, _)| *ms)
@@ -362,4 +358,82 @@ fn short_release_in_free_water_is_no_stop() {
             .fold(1.0, |least, (_, mps)| f64::min(least, *mps));
         assert!(slowest > 0.9, "{way_ms} ms away: {slowest} m/s");
     }
+}
+
+/// A key that was pressed after the grant drives.
+fn driving() -> Rig {
+    let mut rig = Rig::held();
+    rig.turn(&[W]);
+    rig.run(100);
+    assert!(rig.moves());
+    rig.notes();
+    rig
+}
+
+#[test]
+fn lease_end_with_pressed_key_has_one_notice() {
+    type End = fn(&mut Rig);
+    let ends: [(End, TeleopNotification); 3] = [
+        (
+            |rig| rig.ask(LeaseRequest::Release),
+            TeleopNotification::LeaseReleased,
+        ),
+        (
+            |rig| rig.status(|status| status.lease.holder = None),
+            TeleopNotification::LeaseLost,
+        ),
+        (
+            |rig| rig.status(|status| status.lease.epoch = 5),
+            TeleopNotification::LeaseLost,
+        ),
+    ];
+    for (end, note) in ends {
+        let mut rig = driving();
+        end(&mut rig);
+        rig.run(100);
+        assert_eq!(rig.notes(), [note]);
+        assert!(!rig.moves());
+    }
+}
+
+#[test]
+fn key_pressed_at_first_grant_is_locked_by_lease() {
+    for waits in [false, true] {
+        let mut rig = Rig::new();
+        rig.ask(LeaseRequest::Request);
+        rig.run(20);
+        if waits {
+            rig.answer(Answer::Waiting);
+            rig.run(20);
+        }
+        rig.notes();
+        // It comes before the queue with this event is drained.
+        rig.teleop_client.apply(W);
+        if waits {
+            rig.status(|status| status.lease.epoch = 5);
+        } else {
+            rig.answer(Answer::Granted(5));
+        }
+        let lost = TeleopNotification::InputLocked(InputLockReason::Lease);
+        assert!(rig.notes().contains(&lost), "{waits}");
+    }
+}
+
+#[test]
+fn key_of_renewed_lease_is_locked_by_renewal() {
+    let mut rig = driving();
+    rig.ask(LeaseRequest::Request);
+    rig.run(20);
+    rig.answer(Answer::Granted(5));
+    let granted = TeleopNotification::Answered(
+        RequestKind::Lease(LeaseRequest::Request),
+        Answer::Granted(5),
+    );
+    let lost = TeleopNotification::InputLocked(InputLockReason::LeaseRenewed);
+    assert_eq!(
+        rig.notes(),
+        [granted, lost, TeleopNotification::LeaseGained(5)]
+    );
+    rig.run(500);
+    assert_eq!(rig.state().ignored, Some(InputLockReason::LeaseRenewed));
 }

@@ -36,6 +36,20 @@ impl Rect {
         self.y + self.height
     }
 
+    pub(super) fn contains(self, other: Self) -> bool {
+        other.x >= self.x
+            && other.y >= self.y
+            && other.right() <= self.right()
+            && other.bottom() <= self.bottom()
+    }
+
+    pub(super) fn intersects(self, other: Self) -> bool {
+        self.x < other.right()
+            && other.x < self.right()
+            && self.y < other.bottom()
+            && other.y < self.bottom()
+    }
+
     /// The rectangle without a frame of one pixel.
     pub(super) fn inside(self) -> Self {
         let (width, height) = (self.width.saturating_sub(2), self.height.saturating_sub(2));
@@ -82,6 +96,20 @@ impl Canvas {
         }
     }
 
+    /// Draws a line of squares of `width` pixels.
+    pub(super) fn line(&mut self, from: (u32, u32), to: (u32, u32), width: u32, color: [u8; 3]) {
+        let steps = from.0.abs_diff(to.0).max(from.1.abs_diff(to.1)).max(1);
+        for step in 0..=steps {
+            let along = |from: u32, to: u32| {
+                let (from, to) = (f64::from(from), f64::from(to));
+                (from + (to - from) * f64::from(step) / f64::from(steps)).round() as u32
+            };
+            let [x, y] = [along(from.0, to.0), along(from.1, to.1)];
+            let [x, y] = [x, y].map(|middle| middle.saturating_sub((width - 1) / 2));
+            self.fill(Rect::new(x, y, width, width), color);
+        }
+    }
+
     /// Blends `color` over a pixel with the given coverage, 0 … 1.
     pub(super) fn blend(&mut self, x: u32, y: u32, color: [u8; 3], coverage: f32) {
         let Some(pixel) = self.pixel(x, y) else {
@@ -102,16 +130,25 @@ impl Canvas {
     }
 }
 
+/// Draws text, and scales it and all lengths of the page, so that large pictures stay legible.
 pub(super) struct TextRenderer {
+    /// Pixels of a length of 1.
+    scale: u32,
     /// `None` only if the embedded font were damaged, which a test excludes; then no text is drawn.
     font: Option<FontRef<'static>>,
 }
 
 impl TextRenderer {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(scale: u32) -> Self {
         Self {
+            scale,
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
         }
+    }
+
+    /// A length of the page, pixels.
+    pub(super) const fn px(&self, length: u32) -> u32 {
+        length * self.scale
     }
 
     /// Width of one line of text, pixels.
@@ -130,7 +167,8 @@ impl TextRenderer {
         text: &str,
     ) {
         let Some(font) = &self.font else { return };
-        let ascent = font.as_scaled(PxScale::from(size_px)).ascent().round();
+        let scaled_px = size_px * self.scale as f32;
+        let ascent = font.as_scaled(PxScale::from(scaled_px)).ascent().round();
         for mut glyph in self.layout(text, size_px).0 {
             glyph.position.x += at.0 as f32;
             glyph.position.y += at.1 as f32 + ascent;
@@ -169,7 +207,7 @@ impl TextRenderer {
         let Some(font) = &self.font else {
             return (Vec::new(), 0.0);
         };
-        let scaled = font.as_scaled(PxScale::from(size_px));
+        let scaled = font.as_scaled(PxScale::from(size_px * self.scale as f32));
         let mut glyphs: Vec<Glyph> = Vec::new();
         let mut end = 0.0;
         for character in text.chars() {
@@ -192,8 +230,8 @@ mod tests {
 
     #[test]
     fn the_font_has_every_character_that_legends_use() {
-        let font = TextRenderer::new().font.unwrap();
-        let mut text = "—×0123456789.,kmµ".to_owned();
+        let font = TextRenderer::new(1).font.unwrap();
+        let mut text = "—×0123456789.,kmµ-:".to_owned();
         for palette in LayerId::ALL.into_iter().flat_map(LayerId::palettes) {
             let legend = palette.legend();
             text += &legend.title;
@@ -208,7 +246,7 @@ mod tests {
 
     #[test]
     fn lines_break_between_words() {
-        let text_renderer = TextRenderer::new();
+        let text_renderer = TextRenderer::new(1);
         let lines = text_renderer.wrap("height above ground plane (m)", 19.0, 150);
         assert_eq!(lines, ["height above", "ground plane (m)"]);
         assert_eq!(

@@ -1,4 +1,4 @@
-//! A raster as a picture: title, map on a neutral background, scale bar, legend.
+//! A raster as a picture: title and dates, map with path and vehicle on a neutral background, axes, scale bar, legend.
 
 mod canvas;
 
@@ -6,8 +6,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+use crate::export::date::span_label;
 use crate::export::picture::canvas::{Canvas, Rect, TextRenderer};
-use crate::export::{ExportError, write_atomically};
+use crate::export::{ExportError, StampedPose, write_atomically};
 use crate::layer::{Legend, Palette, Pattern, Ramp, Swatch, UNKNOWN};
 use crate::mosaic::Raster;
 
@@ -19,12 +20,29 @@ const TEXT_COLOR: [u8; 3] = [24, 28, 34];
 const VEHICLE_COLOR: [u8; 3] = [255, 140, 0];
 /// Length of the scale bar in the pictures of \[LOD\] §5, metres.
 const DOCUMENT_BAR_M: f64 = 1.0;
+/// Magenta, in no palette of a layer.
+const PATH_COLOR: [u8; 3] = [196, 0, 122];
 const FAINT_TEXT_COLOR: [u8; 3] = [92, 98, 108];
 
 const MARGIN: u32 = 28;
+/// Title, subtitle and dates.
+const HEADING_HEIGHT: u32 = 3 * LINE_HEIGHT + 18;
 const TITLE_PX: f32 = 30.0;
 const TEXT_PX: f32 = 19.0;
 const LINE_HEIGHT: u32 = 24;
+/// Of the numbers at the axes.
+const AXIS_PX: f32 = 15.0;
+/// Space for the numbers left of the map.
+const AXIS_WIDTH: u32 = 62;
+/// Space for the numbers below the map.
+const AXIS_HEIGHT: u32 = 26;
+/// Least distance of two ticks of an axis.
+const TICK_DISTANCE_MIN: f64 = 70.0;
+/// Maps of so many pixels per side, and of multiples of it, get text of this size, and of multiples of it.
+const UNSCALED_SIDE: u32 = 1000;
+const PATH_WIDTH: u32 = 2;
+/// A vehicle that is drawn shorter is enlarged.
+const VEHICLE_LENGTH_MIN: f64 = 12.0;
 /// Background around the map.
 const MAP_PADDING: u32 = 14;
 /// Minimum width of the background, for title and scale bar.
@@ -37,8 +55,23 @@ pub struct Caption<'a> {
     pub title: &'a str,
     /// Position of the vehicle in `odom`, metres: its cell is orange (\[LOD\] §5).
     pub vehicle_m: Option<[f64; 2]>,
-    /// Labels on the map.
+    /// Path of the vehicle, in the order of time: a line, its dates, and the heading of the vehicle.
+    pub path: &'a [StampedPose],
+    /// Size of the vehicle, which is drawn at the end of the path.
+    pub footprint: Option<Footprint>,
+    /// Labels on the map, the most important first: one without free space is omitted.
     pub labels: &'a [Label],
+}
+
+/// A rectangle under the vehicle, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Along x of `base_link`.
+    pub length_m: f64,
+    /// Along y of `base_link`.
+    pub width_m: f64,
+    /// From `base_link` forward to the middle.
+    pub offset_m: f64,
 }
 
 /// A label on the map.
@@ -46,7 +79,7 @@ pub struct Caption<'a> {
 pub struct Label {
     /// The text.
     pub text: String,
-    /// Position of its middle in `odom`, metres.
+    /// What it names, in `odom`, metres. The label is beside it, with a line to it.
     pub at_m: [f64; 2],
 }
 
@@ -73,21 +106,23 @@ fn encode(writer: &mut BufWriter<File>, canvas: &Canvas) -> Result<(), png::Enco
     image.finish()
 }
 
-/// Layout: title and subtitle, below them the map with the legend to its right, below the map the
-/// scale bar.
+/// Layout: title, subtitle and dates, below them the map with the legend to its right, below the map the scale bar.
 fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
-    let text_renderer = TextRenderer::new();
-    let mut legend = palette.legend();
-    let vehicle = caption
-        .vehicle_m
-        .and_then(|vehicle_m| raster.cell_of(vehicle_m[0], vehicle_m[1]));
-    if vehicle.is_some() {
-        let [red, green, blue] = VEHICLE_COLOR;
-        let swatch = Swatch::plain([red, green, blue, 255], "vehicle".to_owned());
-        legend.swatches.push(swatch);
-    }
     let magnification = Magnification::of(raster);
     let (map_width, map_height) = magnification.pixels(raster);
+    let text_renderer = TextRenderer::new((map_width.max(map_height) / UNSCALED_SIDE).max(1));
+    let px = |length| text_renderer.px(length);
+    let vehicle = caption
+        .vehicle_m
+        .filter(|vehicle_m| raster.cell_of(vehicle_m[0], vehicle_m[1]).is_some());
+    let mut legend = palette.legend();
+    for (is_drawn, [red, green, blue], name) in [
+        (vehicle.is_some(), VEHICLE_COLOR, "vehicle"),
+        (!caption.path.is_empty(), PATH_COLOR, "path"),
+    ] {
+        let swatch = Swatch::plain([red, green, blue, 255], name.to_owned());
+        legend.swatches.extend(is_drawn.then_some(swatch));
+    }
     let legend_size = legend_size(&text_renderer, &legend);
 
     let title = caption.title;
@@ -96,76 +131,257 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
     } else {
         format!("{title} — {}", raster.layer().name())
     };
-    let heading_height = 2 * LINE_HEIGHT + 18;
     let ground = Rect::new(
-        MARGIN,
-        MARGIN + heading_height,
-        (map_width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN),
-        (map_height + 2 * MAP_PADDING).max(legend_size.1),
+        px(MARGIN + AXIS_WIDTH),
+        px(MARGIN + HEADING_HEIGHT),
+        (map_width + px(2 * MAP_PADDING)).max(px(BACKGROUND_SIDE_MIN)),
+        (map_height + px(2 * MAP_PADDING)).max(legend_size.1),
     );
-    let legend_x = ground.right() + MARGIN;
-    let heading_width = text_renderer.width(&heading, TITLE_PX);
-    let page_width = (legend_x + legend_size.0).max(MARGIN + heading_width) + MARGIN;
-    let page_height = ground.bottom() + SCALE_BAR_HEIGHT + MARGIN;
+    let legend_x = ground.right() + px(MARGIN);
+    let lines = [subtitle(raster, &magnification), dates(caption.path)];
+    let heading_width = lines
+        .iter()
+        .map(|line| text_renderer.width(line, TEXT_PX))
+        .fold(text_renderer.width(&heading, TITLE_PX), u32::max);
+    let page_width = (legend_x + legend_size.0).max(px(MARGIN) + heading_width) + px(MARGIN);
+    let page_height = ground.bottom() + px(AXIS_HEIGHT + SCALE_BAR_HEIGHT + MARGIN);
 
     let mut canvas = Canvas::new(page_width, page_height, PAGE_COLOR);
-    text_renderer.draw(
-        &mut canvas,
-        (MARGIN, MARGIN),
-        TITLE_PX,
-        TEXT_COLOR,
-        &heading,
-    );
-    let subtitle_y = MARGIN + LINE_HEIGHT + 14;
-    let subtitle = subtitle(raster, &magnification);
-    text_renderer.draw(
-        &mut canvas,
-        (MARGIN, subtitle_y),
-        TEXT_PX,
-        FAINT_TEXT_COLOR,
-        &subtitle,
-    );
+    let corner = (px(MARGIN), px(MARGIN));
+    text_renderer.draw(&mut canvas, corner, TITLE_PX, TEXT_COLOR, &heading);
+    for (line, y) in lines.iter().zip([LINE_HEIGHT + 14, 2 * LINE_HEIGHT + 14]) {
+        let at = (px(MARGIN), px(MARGIN + y));
+        text_renderer.draw(&mut canvas, at, TEXT_PX, FAINT_TEXT_COLOR, line);
+    }
 
     canvas.fill(ground, BACKGROUND);
-    let map_x = ground.x + (ground.width - map_width) / 2;
-    let map_y = ground.y + (ground.height - map_height) / 2;
-    magnification.draw(&mut canvas, (map_x, map_y), raster, palette);
-    if let Some(cell) = vehicle {
-        let (x, y) = magnification.pixel_of(raster, cell);
-        let side_px = magnification.pixels_per_cell as u32;
-        let square = Rect::new(map_x + x, map_y + y, side_px, side_px);
-        canvas.fill(square, VEHICLE_COLOR);
-    }
-    for label in caption.labels {
-        if let Some(cell) = raster.cell_of(label.at_m[0], label.at_m[1]) {
-            let (x, y) = magnification.pixel_of(raster, cell);
-            let (width, height) = (text_renderer.width(&label.text, TEXT_PX), TEXT_PX as u32);
-            let plate = Rect::new(
-                (map_x + x).saturating_sub(width / 2 + 2),
-                (map_y + y).saturating_sub(height / 2),
-                width + 4,
-                height + 2,
-            );
-            canvas.fill(plate, PAGE_COLOR);
-            text_renderer.draw(
-                &mut canvas,
-                (plate.x + 2, plate.y),
-                TEXT_PX,
-                TEXT_COLOR,
-                &label.text,
-            );
+    let map = Rect::new(
+        ground.x + (ground.width - map_width) / 2,
+        ground.y + (ground.height - map_height) / 2,
+        map_width,
+        map_height,
+    );
+    magnification.draw(&mut canvas, (map.x, map.y), raster, palette);
+    let view = View {
+        raster,
+        ground,
+        map,
+        pixels_per_m: magnification.pixels_per_m(raster.cell_m()),
+    };
+    view.draw_axes(&mut canvas, &text_renderer);
+    view.draw_path(&mut canvas, caption.path, px(PATH_WIDTH));
+    if let Some(vehicle_m) = vehicle {
+        match (caption.footprint, caption.path.last()) {
+            (Some(footprint), Some(pose)) => {
+                let length_min_px = f64::from(text_renderer.px(1)) * VEHICLE_LENGTH_MIN;
+                let pose = (vehicle_m, pose.yaw_rad());
+                view.draw_vehicle(&mut canvas, pose, footprint, length_min_px);
+            }
+            (None, _) | (_, None) => {
+                if let Some(cell) = raster.cell_of(vehicle_m[0], vehicle_m[1]) {
+                    let (x, y) = magnification.pixel_of(raster, cell);
+                    let side_px = magnification.pixels_per_cell as u32;
+                    let square = Rect::new(map.x + x, map.y + y, side_px, side_px);
+                    canvas.fill(square, VEHICLE_COLOR);
+                }
+            }
         }
     }
+    let labels = caption.labels.iter().filter_map(|label| {
+        let cell = raster.cell_of(label.at_m[0], label.at_m[1])?;
+        let (x, y) = magnification.pixel_of(raster, cell);
+        Some((&*label.text, (map.x + x, map.y + y)))
+    });
+    draw_labels(&mut canvas, &text_renderer, ground, labels);
     draw_legend(&mut canvas, &text_renderer, (legend_x, ground.y), &legend);
     draw_scale_bar(
         &mut canvas,
         &text_renderer,
-        (ground.x, ground.bottom()),
-        magnification.pixels_per_m(raster.cell_m()),
+        (ground.x, ground.bottom() + px(AXIS_HEIGHT)),
+        view.pixels_per_m,
         palette.is_document_palette().then_some(DOCUMENT_BAR_M),
         ground.width,
     );
     canvas
+}
+
+/// First and last date, and length of a path; empty without one.
+fn dates(path: &[StampedPose]) -> String {
+    let (Some(first), Some(last)) = (path.first(), path.last()) else {
+        return String::new();
+    };
+    let steps = path.windows(2).map(|step| {
+        let [from, to] = [step[0].position_m(), step[1].position_m()];
+        libm::hypot(to[0] - from[0], to[1] - from[1])
+    });
+    // The sum of nothing would be -0.
+    let length_m = steps.fold(0.0, |sum, step_m| sum + step_m);
+    match span_label(first.stamp_ns, last.stamp_ns) {
+        Some(span) => format!("{span}, path of {length_m:.1} m"),
+        None => format!("path of {length_m:.1} m"),
+    }
+}
+
+/// Where points of `odom` are on the page.
+struct View<'a> {
+    raster: &'a Raster,
+    /// Neutral background, which contains the map.
+    ground: Rect,
+    map: Rect,
+    pixels_per_m: f64,
+}
+
+impl View<'_> {
+    /// Pixel of a point of `odom`, not limited to the page.
+    fn pixel_of(&self, [x_m, y_m]: [f64; 2]) -> [f64; 2] {
+        let ([x_min_m, _], [_, y_max_m]) = self.raster.corners_m();
+        [
+            f64::from(self.map.x) + (x_m - x_min_m) * self.pixels_per_m,
+            f64::from(self.map.y) + (y_max_m - y_m) * self.pixels_per_m,
+        ]
+    }
+
+    /// Ticks with their coordinates in `odom` at the left and lower edge of the background.
+    fn draw_axes(&self, canvas: &mut Canvas, text_renderer: &TextRenderer) {
+        let ground = self.ground;
+        let tick_px = text_renderer.px(TICK_LENGTH);
+        let distance_min_m = TICK_DISTANCE_MIN * f64::from(text_renderer.px(1)) / self.pixels_per_m;
+        // The lengths 1, 2, 5, 10, … are at most 2.5 times their predecessors.
+        let step_m = round_length_m(2.5 * distance_min_m);
+        let [x0, y0] = self.pixel_of([0.0, 0.0]);
+        let step_px = step_m * self.pixels_per_m;
+        let ticks = |from_px: f64, to_px: f64| {
+            (libm::ceil(from_px / step_px) as i64)..=(libm::floor(to_px / step_px) as i64)
+        };
+        for n in ticks(f64::from(ground.x) - x0, f64::from(ground.right()) - x0) {
+            let x = (x0 + n as f64 * step_px) as u32;
+            let mark = Rect::new(x, ground.bottom(), text_renderer.px(1), tick_px);
+            canvas.fill(mark, FAINT_TEXT_COLOR);
+            let label = tick_label(n, step_m);
+            let half = text_renderer.width(&label, AXIS_PX) / 2;
+            let at = (x.saturating_sub(half), mark.bottom() + text_renderer.px(1));
+            text_renderer.draw(canvas, at, AXIS_PX, FAINT_TEXT_COLOR, &label);
+        }
+        for n in ticks(y0 - f64::from(ground.bottom()), y0 - f64::from(ground.y)) {
+            let y = (y0 - n as f64 * step_px) as u32;
+            let mark = Rect::new(ground.x - tick_px, y, tick_px, text_renderer.px(1));
+            canvas.fill(mark, FAINT_TEXT_COLOR);
+            let label = tick_label(n, step_m);
+            let width = text_renderer.width(&label, AXIS_PX) + text_renderer.px(4);
+            let half_height = text_renderer.px(AXIS_PX as u32) / 2;
+            let at = (mark.x.saturating_sub(width), y.saturating_sub(half_height));
+            text_renderer.draw(canvas, at, AXIS_PX, FAINT_TEXT_COLOR, &label);
+        }
+    }
+
+    fn draw_path(&self, canvas: &mut Canvas, path: &[StampedPose], width: u32) {
+        let on_map = |pose: &StampedPose| {
+            let [x_m, y_m, _] = pose.position_m();
+            let [x, y] = self.pixel_of([x_m, y_m]);
+            let is_inside = x >= f64::from(self.ground.x)
+                && y >= f64::from(self.ground.y)
+                && x < f64::from(self.ground.right())
+                && y < f64::from(self.ground.bottom());
+            is_inside.then_some((x as u32, y as u32))
+        };
+        let mut before = None;
+        for point in path.iter().map(on_map) {
+            if let (Some(from), Some(to)) = (before, point)
+                && from != to
+            {
+                canvas.line(from, to, width, PATH_COLOR);
+            }
+            before = point;
+        }
+    }
+
+    /// Fills the footprint of the vehicle, with a dark arrow in front; a small one is enlarged.
+    fn draw_vehicle(
+        &self,
+        canvas: &mut Canvas,
+        (position_m, yaw_rad): ([f64; 2], f64),
+        footprint: Footprint,
+        length_min_px: f64,
+    ) {
+        let enlarged = (length_min_px / (footprint.length_m * self.pixels_per_m)).max(1.0);
+        let scale = enlarged * self.pixels_per_m;
+        let [x0, y0] = self.pixel_of(position_m);
+        let (sin, cos) = libm::sincos(yaw_rad);
+        let [half_length, half_width] =
+            [footprint.length_m, footprint.width_m].map(|side_m| 0.5 * side_m * scale);
+        let offset = footprint.offset_m * scale;
+        let page = i64::from(self.ground.width + self.ground.height);
+        let reach = (libm::ceil(half_length + half_width + offset.abs()) as i64).min(page);
+        for dy in -reach..=reach {
+            for dx in -reach..=reach {
+                let [right, up] = [dx as f64, -dy as f64];
+                let forward = cos * right + sin * up - offset;
+                let left = cos * up - sin * right;
+                let is_front =
+                    forward > half_length - half_width && forward + left.abs() < half_length;
+                if forward.abs() > half_length || left.abs() > half_width {
+                    continue;
+                }
+                let color = if is_front { TEXT_COLOR } else { VEHICLE_COLOR };
+                let [x, y] = [x0 + dx as f64, y0 + dy as f64];
+                if x >= 0.0 && y >= 0.0 {
+                    canvas.fill(Rect::new(x as u32, y as u32, 1, 1), color);
+                }
+            }
+        }
+    }
+}
+
+/// Coordinate of the tick `n` of an axis.
+fn tick_label(n: i64, step_m: f64) -> String {
+    let decimals = match step_m {
+        step if step >= 1.0 => 0,
+        step if step >= 0.1 => 1,
+        _ => 2,
+    };
+    format!("{:.decimals$} m", n as f64 * step_m)
+}
+
+/// Distance of a label from what it names, pixels.
+const LABEL_DISTANCE: u32 = 16;
+
+fn draw_labels<'a>(
+    canvas: &mut Canvas,
+    text_renderer: &TextRenderer,
+    ground: Rect,
+    labels: impl Iterator<Item = (&'a str, (u32, u32))>,
+) {
+    let mut plates: Vec<Rect> = Vec::new();
+    for (text, (x, y)) in labels {
+        let px = |length| text_renderer.px(length);
+        let (width, height) = (
+            text_renderer.width(text, TEXT_PX) + px(4),
+            px(TEXT_PX as u32 + 2),
+        );
+        let distance = px(LABEL_DISTANCE);
+        // Columns and rows left and above; the others are right and below.
+        let [left, right] = [x.checked_sub(distance + width), Some(x + distance)];
+        let [above, below] = [y.checked_sub(distance + height), Some(y + distance)];
+        let places = [(right, above), (left, above), (right, below), (left, below)];
+        let plates_at = places
+            .into_iter()
+            .filter_map(|(x, y)| Some(Rect::new(x?, y?, width, height)));
+        let is_free = |plate: &Rect| {
+            ground.contains(*plate) && !plates.iter().any(|other| other.intersects(*plate))
+        };
+        let Some(plate) = plates_at.into_iter().find(is_free) else {
+            continue;
+        };
+        let corner = (
+            if plate.x > x { plate.x } else { plate.right() },
+            if plate.y > y { plate.y } else { plate.bottom() },
+        );
+        canvas.line((x, y), corner, px(1), TEXT_COLOR);
+        canvas.fill(plate, PAGE_COLOR);
+        let at = (plate.x + px(2), plate.y);
+        text_renderer.draw(canvas, at, TEXT_PX, TEXT_COLOR, text);
+        plates.push(plate);
+    }
 }
 
 fn subtitle(raster: &Raster, magnification: &Magnification) -> String {
@@ -289,70 +505,75 @@ const GAP: u32 = 12;
 
 /// Size that [`draw_legend`] needs.
 fn legend_size(text_renderer: &TextRenderer, legend: &Legend) -> (u32, u32) {
-    let title = text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX);
+    let px = |length| text_renderer.px(length);
+    let title = text_renderer.wrap(&legend.title, TEXT_PX, px(TITLE_WIDTH_MAX));
     let width_of = |text: &str| text_renderer.width(text, TEXT_PX);
     let titles = title.iter().map(|line| width_of(line));
     let swatches = legend.swatches.iter();
-    let swatches = swatches.map(|swatch| SWATCH_SIDE + GAP + width_of(&swatch.label));
+    let swatches = swatches.map(|swatch| px(SWATCH_SIDE + GAP) + width_of(&swatch.label));
     let ticks = legend.ramp.iter().flat_map(|ramp| &ramp.ticks);
-    let ticks = ticks.map(|tick| RAMP_WIDTH + TICK_LENGTH + 6 + width_of(&tick.label));
+    let ticks = ticks.map(|tick| px(RAMP_WIDTH + TICK_LENGTH + 6) + width_of(&tick.label));
     let width = titles.chain(swatches).chain(ticks).max().unwrap_or(0);
     let ramp_height = if legend.ramp.is_some() {
-        RAMP_HEIGHT + LINE_HEIGHT + GAP
+        px(RAMP_HEIGHT + LINE_HEIGHT + GAP)
     } else {
         0
     };
-    let height = title.len() as u32 * LINE_HEIGHT
-        + GAP
-        + ramp_height
-        + legend.swatches.len() as u32 * SWATCH_PITCH;
+    let lines = title.len() as u32 * LINE_HEIGHT + legend.swatches.len() as u32 * SWATCH_PITCH;
+    let height = px(lines + GAP) + ramp_height;
     (width, height)
 }
 
 /// Draws the legend with its upper left corner at `at`.
 fn draw_legend(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), legend: &Legend) {
+    let px = |length| text_renderer.px(length);
     let (x, mut y) = at;
-    for line in text_renderer.wrap(&legend.title, TEXT_PX, TITLE_WIDTH_MAX) {
+    for line in text_renderer.wrap(&legend.title, TEXT_PX, px(TITLE_WIDTH_MAX)) {
         text_renderer.draw(canvas, (x, y), TEXT_PX, TEXT_COLOR, &line);
-        y += LINE_HEIGHT;
+        y += px(LINE_HEIGHT);
     }
-    y += GAP;
+    y += px(GAP);
     if let Some(ramp) = &legend.ramp {
         // Half a line above and below, for the labels of the ends.
-        y += LINE_HEIGHT / 2;
+        y += px(LINE_HEIGHT / 2);
         draw_ramp(canvas, text_renderer, (x, y), ramp);
-        y += RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP;
+        y += px(RAMP_HEIGHT + LINE_HEIGHT / 2 + GAP);
     }
     for swatch in &legend.swatches {
-        let square = Rect::new(x, y, SWATCH_SIDE, SWATCH_SIDE);
+        let square = Rect::new(x, y, px(SWATCH_SIDE), px(SWATCH_SIDE));
         canvas.fill(square, FAINT_TEXT_COLOR);
         canvas.fill_with(square.inside(), |x, y| {
             let [x, y] = [x - square.x, y - square.y].map(|pixel| pixel as usize);
             over_background(swatch.color_at(x, y))
         });
-        let label_x = square.right() + GAP;
+        let label_x = square.right() + px(GAP);
         text_renderer.draw(canvas, (label_x, y), TEXT_PX, TEXT_COLOR, &swatch.label);
-        y += SWATCH_PITCH;
+        y += px(SWATCH_PITCH);
     }
 }
 
 fn draw_ramp(canvas: &mut Canvas, text_renderer: &TextRenderer, at: (u32, u32), ramp: &Ramp) {
+    let px = |length| text_renderer.px(length);
     let (x, y) = at;
-    let bar = Rect::new(x, y, RAMP_WIDTH, RAMP_HEIGHT);
+    let (width, height) = (px(RAMP_WIDTH), px(RAMP_HEIGHT));
+    let bar = Rect::new(x, y, width, height);
     canvas.fill(bar, FAINT_TEXT_COLOR);
     let span = ramp.high - ramp.low;
-    for row in 1..RAMP_HEIGHT - 1 {
-        let part = 1.0 - (row as f32 - 0.5) / (RAMP_HEIGHT - 2) as f32;
+    for row in 1..height - 1 {
+        let part = 1.0 - (row as f32 - 0.5) / (height - 2) as f32;
         let [red, green, blue, _] = ramp.color(ramp.low + span * part);
-        let line = Rect::new(x + 1, y + row, RAMP_WIDTH - 2, 1);
+        let line = Rect::new(x + 1, y + row, width - 2, 1);
         canvas.fill(line, [red, green, blue]);
     }
     for tick in &ramp.ticks {
         let part = (tick.value - ramp.low) / span;
-        let tick_y = y + ((1.0 - part) * (RAMP_HEIGHT - 1) as f32).round() as u32;
-        let mark = Rect::new(bar.right(), tick_y, TICK_LENGTH, 1);
+        let tick_y = y + ((1.0 - part) * (height - 1) as f32).round() as u32;
+        let mark = Rect::new(bar.right(), tick_y, px(TICK_LENGTH), px(1));
         canvas.fill(mark, FAINT_TEXT_COLOR);
-        let label = (mark.right() + 6, tick_y.saturating_sub(LINE_HEIGHT / 2 - 2));
+        let label = (
+            mark.right() + px(6),
+            tick_y.saturating_sub(px(LINE_HEIGHT / 2 - 2)),
+        );
         text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &tick.label);
     }
 }
@@ -374,25 +595,27 @@ fn draw_scale_bar(
     wanted_m: Option<f64>,
     width_max: u32,
 ) {
-    let fits_m = BAR_PX_MAX.min(f64::from(width_max) * 0.5) / pixels_per_m;
-    let can_be_seen = |length_m: &f64| length_m * pixels_per_m >= BAR_PX_MIN;
+    let px = |length| text_renderer.px(length);
+    let scale = f64::from(px(1));
+    let fits_m = (scale * BAR_PX_MAX).min(f64::from(width_max) * 0.5) / pixels_per_m;
+    let can_be_seen = |length_m: &f64| length_m * pixels_per_m >= scale * BAR_PX_MIN;
     let length_m = wanted_m
         .map(|length_m| length_m.min(fits_m))
         .filter(can_be_seen)
         .unwrap_or_else(|| round_length_m(fits_m));
-    let (x, y) = (at.0, at.1 + BAR_TOP);
+    let (x, y) = (at.0, at.1 + px(BAR_TOP));
     let width = (length_m * pixels_per_m).round().max(1.0) as u32;
-    let bar = Rect::new(x, y, width, BAR_HEIGHT);
+    let bar = Rect::new(x, y, width, px(BAR_HEIGHT));
     canvas.fill(bar, TEXT_COLOR);
     // The second half is white, so that the bar also shows half its length.
     let half = Rect::new(
         x + width / 2,
         y + 1,
         (width - width / 2).saturating_sub(1),
-        BAR_HEIGHT - 2,
+        px(BAR_HEIGHT) - 2,
     );
     canvas.fill(half, [255; 3]);
-    let label = (bar.right() + 10, y.saturating_sub(6));
+    let label = (bar.right() + px(10), y.saturating_sub(px(6)));
     text_renderer.draw(canvas, label, TEXT_PX, TEXT_COLOR, &length_label(length_m));
 }
 
@@ -423,11 +646,217 @@ pub fn length_label(length_m: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests;
-
-#[cfg(test)]
-mod scale_bar_tests {
+mod tests {
     use super::*;
+    use crate::export::tests::raster_of;
+    use crate::layer::LayerId;
+
+    fn pixel(canvas: &Canvas, x: u32, y: u32) -> [u8; 3] {
+        let start = 3 * (y as usize * canvas.width() as usize + x as usize);
+        canvas.rgb()[start..start + 3].try_into().unwrap()
+    }
+
+    #[test]
+    fn map_is_upright_and_coloured() {
+        let raster = raster_of(LayerId::Obstacle, 0.5, 10, 10, |x, y| match (x, y) {
+            (0, 0) | (9, 9) => 1,
+            (9, 0) => 2,
+            _ => 0,
+        });
+        let palette = LayerId::Obstacle.default_palette();
+        let canvas = draw(&raster, &palette, &Caption::default());
+        let magnification = Magnification::of(&raster);
+        assert_eq!(magnification.pixels_per_cell, 24);
+        let [red, green, blue, _] = palette.color(2);
+        let obstacle: Vec<(u32, u32)> = (0..canvas.height())
+            .flat_map(|y| (0..MARGIN + AXIS_WIDTH + BACKGROUND_SIDE_MIN).map(move |x| (x, y)))
+            .filter(|&(x, y)| pixel(&canvas, x, y) == [red, green, blue])
+            .collect();
+        assert_eq!(obstacle.len(), 24 * 24, "one cell, lower right");
+        let (x, y) = obstacle[0];
+        assert_eq!(
+            pixel(&canvas, x, y - 1),
+            BACKGROUND,
+            "unknown shows the ground"
+        );
+        let [red, green, blue, _] = palette.color(1);
+        assert_eq!(
+            pixel(&canvas, x, y - 9 * 24),
+            [red, green, blue],
+            "upper right is free"
+        );
+    }
+
+    #[test]
+    fn huge_maps_are_reduced_and_keep_their_walls() {
+        let raster = raster_of(LayerId::Occupancy, 0.1, 9000, 20, |x, _| {
+            if x == 4501 { 246 } else { 6 }
+        });
+        assert_eq!(Magnification::of(&raster).cells_per_pixel, 3);
+        let palette = LayerId::Occupancy.default_palette();
+        let canvas = draw(&raster, &palette, &Caption::default());
+        assert!(canvas.width() < 3000 + 3 * 450, "{}", canvas.width());
+        let [wall, ..] = palette.color(246);
+        let dark = canvas
+            .rgb()
+            .chunks(3)
+            .filter(|pixel| **pixel == [wall; 3])
+            .count();
+        assert!(dark >= 7, "the wall has vanished");
+    }
+
+    #[test]
+    fn the_vehicles_cell_is_orange_and_the_documents_bar_is_a_metre() {
+        let raster = raster_of(LayerId::Elevation, 0.2, 50, 50, |_, _| 32768);
+        let palette = LayerId::Elevation.document_palette().unwrap();
+        let center_m = 0.2 * (25.5);
+        let corner_m = raster.corners_m().0;
+        let caption = Caption {
+            title: "",
+            vehicle_m: Some([corner_m[0] + center_m, corner_m[1] + 0.1]),
+            ..Caption::default()
+        };
+        let canvas = draw(&raster, &palette, &caption);
+        let count = |color: [u8; 3], rows: std::ops::Range<u32>| {
+            rows.flat_map(|y| {
+                (0..MARGIN + AXIS_WIDTH + 1000 + 2 * MAP_PADDING).map(move |x| (x, y))
+            })
+            .filter(|&(x, y)| pixel(&canvas, x, y) == color)
+            .count()
+        };
+        let map_bottom = canvas.height() - AXIS_HEIGHT - SCALE_BAR_HEIGHT - MARGIN;
+        assert_eq!(
+            count(VEHICLE_COLOR, 0..map_bottom),
+            20 * 20,
+            "one cell of 20 pixels"
+        );
+        assert_eq!(
+            count([40, 80, 220], 0..map_bottom),
+            (2500 - 1) * 400,
+            "ground is blue"
+        );
+        // 1 m is 100 pixels: half of it white inside its frame.
+        assert_eq!(count([255; 3], map_bottom..canvas.height()), 49 * 7);
+    }
+
+    /// Marks of `palette`'s pattern for `code` in the map's upper left square of `side` pixels.
+    fn marks(raster: &Raster, palette: &Palette, code: u16, side: u32) -> Vec<(u32, u32)> {
+        let canvas = draw(raster, palette, &Caption::default());
+        let (width, height) = Magnification::of(raster).pixels(raster);
+        let ground_width = (width + 2 * MAP_PADDING).max(BACKGROUND_SIDE_MIN);
+        let x0 = MARGIN + AXIS_WIDTH + (ground_width - width) / 2;
+        let legend_height = legend_size(&TextRenderer::new(1), &palette.legend()).1;
+        let ground_height = (height + 2 * MAP_PADDING).max(legend_height);
+        let y0 = MARGIN + HEADING_HEIGHT + (ground_height - height) / 2;
+        let [red, green, blue, _] = palette.mark_color(code);
+        let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
+        pixels
+            .filter(|&(x, y)| pixel(&canvas, x0 + x, y0 + y) == [red, green, blue])
+            .collect()
+    }
+
+    #[test]
+    fn patterns_are_as_fine_on_large_cells_as_on_small_ones() {
+        let palette = LayerId::Shore.default_palette();
+        for code in 1..=4 {
+            // Cells of one pixel, and of 24.
+            let small = raster_of(LayerId::Shore, 0.3, 900, 900, |_, _| code);
+            let large = raster_of(LayerId::Shore, 0.3, 4, 4, |_, _| code);
+            let pattern = palette.pattern(code);
+            let pixels = (0..48).flat_map(|y| (0..48).map(move |x| (x, y)));
+            let expected: Vec<_> = pixels
+                .filter(|&(x, y)| pattern.is_mark(x as usize, y as usize))
+                .collect();
+            assert!(expected.len() >= 48 * 48 / 8, "{code}");
+            assert_eq!(marks(&small, &palette, code, 48), expected, "{code}");
+            assert_eq!(marks(&large, &palette, code, 48), expected, "{code}");
+        }
+    }
+
+    fn pose(secs: i64, x_m: f64, y_m: f64, yaw_rad: f64) -> StampedPose {
+        let (sin, cos) = libm::sincos(0.5 * yaw_rad);
+        StampedPose::new(secs * 1_000_000_000, [x_m, y_m, 0.0], [0.0, 0.0, sin, cos])
+    }
+
+    #[test]
+    fn path_dates_and_the_vehicle_to_scale_are_on_the_picture() {
+        let raster = raster_of(LayerId::Occupancy, 0.1, 100, 100, |_, _| 6);
+        let palette = LayerId::Occupancy.default_palette();
+        let ([x_m, y_m], _) = raster.corners_m();
+        // 4 m to the right, then up; it heads up at the end.
+        let begin_s = 946_684_800;
+        let path = [
+            pose(begin_s, x_m + 1.0, y_m + 1.0, 0.0),
+            pose(begin_s + 8, x_m + 5.0, y_m + 1.0, 0.0),
+            pose(
+                begin_s + 13,
+                x_m + 5.0,
+                y_m + 4.0,
+                std::f64::consts::FRAC_PI_2,
+            ),
+        ];
+        assert_eq!(
+            dates(&path),
+            "2000-01-01 00:00:00 to 00:00:13 UTC, path of 7.0 m"
+        );
+        assert_eq!(dates(&[]), "");
+        assert_eq!(dates(&[pose(5, 0.0, 0.0, 0.0)]), "path of 0.0 m");
+        let caption = Caption {
+            vehicle_m: Some([x_m + 5.0, y_m + 4.0]),
+            path: &path,
+            footprint: Some(Footprint {
+                length_m: 1.0,
+                width_m: 0.5,
+                offset_m: 0.0,
+            }),
+            ..Caption::default()
+        };
+        let canvas = draw(&raster, &palette, &caption);
+        // 0.1 m are 10 pixels.
+        let map = (
+            MARGIN + AXIS_WIDTH + MAP_PADDING,
+            MARGIN + HEADING_HEIGHT + MAP_PADDING,
+        );
+        let at = |x_m: f64, y_m: f64| {
+            let [x, y] = [100.0 * x_m, 100.0 * (10.0 - y_m)].map(|px| px as u32);
+            pixel(&canvas, map.0 + x, map.1 + y)
+        };
+        assert_eq!(at(3.0, 1.0), PATH_COLOR);
+        assert_eq!(at(5.0, 2.0), PATH_COLOR);
+        assert_ne!(at(3.0, 1.1), PATH_COLOR);
+        assert_eq!(at(5.2, 3.6), VEHICLE_COLOR, "as wide as it is");
+        assert_ne!(at(5.3, 3.6), VEHICLE_COLOR);
+        assert_eq!(at(5.0, 4.45), TEXT_COLOR, "its front");
+        assert_ne!(at(5.0, 4.55), TEXT_COLOR, "as long as it is");
+        // The axes have a tick at each 1 m: the picture begins at (-2, -1) m.
+        let y = map.1 + 1000 + MAP_PADDING;
+        let ticks = (0..canvas.width()).filter(|&x| pixel(&canvas, x, y) == FAINT_TEXT_COLOR);
+        let expected: Vec<_> = (0..=10).map(|n| map.0 + 100 * n).collect();
+        assert_eq!(ticks.collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn ticks_are_coordinates() {
+        for (n, step_m, label) in [
+            (-3, 5.0, "-15 m"),
+            (0, 0.5, "0.0 m"),
+            (7, 0.1, "0.7 m"),
+            (-1, 0.05, "-0.05 m"),
+        ] {
+            assert_eq!(tick_label(n, step_m), label);
+        }
+    }
+
+    #[test]
+    fn text_grows_with_the_picture() {
+        let canvas = |side| {
+            let raster = raster_of(LayerId::Occupancy, 0.1, side, side, |_, _| 6);
+            let palette = LayerId::Occupancy.default_palette();
+            draw(&raster, &palette, &Caption::default())
+        };
+        let border = |side| canvas(side).height() - side as u32;
+        assert_eq!(border(3000), 3 * border(1000));
+    }
 
     #[test]
     fn lengths_are_round_and_fit() {
@@ -444,5 +873,44 @@ mod scale_bar_tests {
         check(0.57, "50 cm");
         check(0.024, "2 cm");
         check(4100.0, "2 km");
+    }
+
+    #[test]
+    fn labels_are_beside_what_they_name_and_do_not_overlap() {
+        let raster = raster_of(LayerId::Shore, 0.5, 200, 200, |_, _| 3);
+        let palette = LayerId::Shore.default_palette();
+        let (low_m, high_m) = raster.corners_m();
+        let at_m = [0, 1].map(|axis| 0.5 * (low_m[axis] + high_m[axis]));
+        // There are four places around it.
+        let labels = ["A", "B", "C", "D", "E"].map(|text| Label {
+            text: text.to_owned(),
+            at_m,
+        });
+        let caption = Caption {
+            labels: &labels,
+            ..Caption::default()
+        };
+        let canvas = draw(&raster, &palette, &caption);
+        let cell = raster.cell_of(at_m[0], at_m[1]).unwrap();
+        let (x, y) = Magnification::of(&raster).pixel_of(&raster, cell);
+        let (x, y) = (
+            MARGIN + AXIS_WIDTH + MAP_PADDING + x,
+            MARGIN + HEADING_HEIGHT + MAP_PADDING + y,
+        );
+        let plates = |reach: u32| {
+            let rows = y - reach..=y + reach;
+            let pixels =
+                rows.flat_map(|row| (x - reach..=x + reach).map(move |column| (column, row)));
+            pixels
+                .filter(|&(x, y)| pixel(&canvas, x, y) == PAGE_COLOR)
+                .count() as u32
+        };
+        assert_eq!(plates(LABEL_DISTANCE - 1), 0);
+        assert_eq!(pixel(&canvas, x, y), TEXT_COLOR, "the line begins here");
+        let widths = labels[..4].iter();
+        let widths = widths.map(|label| TextRenderer::new(1).width(&label.text, TEXT_PX) + 4);
+        let area = widths.sum::<u32>() * (TEXT_PX as u32 + 2);
+        let free = plates(60);
+        assert!(free < area && 2 * free > area, "{free} of {area}");
     }
 }

@@ -18,9 +18,7 @@ pub struct DifferentialDrive {
 /// Speeds of the two sides, metres per second; negative backwards.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct SideSpeeds {
-    /// Of the left side.
     pub left_mps: f64,
-    /// Of the right side.
     pub right_mps: f64,
 }
 

@@ -15,5 +15,4 @@ pub mod motor_guard;
 pub use report::{Fault, Report};
 pub use teleop::Velocity;
 
-/// Name of the hidden command of this program that runs [`motor_guard::run`].
 pub const MOTOR_GUARD_COMMAND: &str = "motor-guard";

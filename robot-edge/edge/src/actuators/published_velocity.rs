@@ -5,11 +5,12 @@
 //! [`super::roboteq`] behind its guard; it is what can be done for a vehicle whose motors are not ours.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::Velocity;
+use crate::lock;
 use measurement::time::Monotonic;
 use network::clock;
 
@@ -24,10 +25,8 @@ const FINAL_ZERO_COUNT: usize = 3;
 
 /// Publishes velocities to the other system. It may block.
 pub trait VelocitySink: Send {
-    /// Publishes a velocity.
     fn publish(&mut self, velocity: Velocity);
 
-    /// Whether anybody listens.
     fn has_subscriber(&self) -> bool;
 }
 
@@ -42,7 +41,6 @@ pub struct PublishedVelocity {
 struct Shared {
     latest: Mutex<VelocityDecision>,
     changed: Condvar,
-    /// There is a subscriber.
     had_subscriber: AtomicBool,
 }
 
@@ -56,9 +54,6 @@ struct VelocityDecision {
 
 impl PublishedVelocity {
     /// Begins to publish.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
     pub fn start(sink: Box<dyn VelocitySink>) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let thread = thread::Builder::new().name("velocity".to_owned()).spawn({
@@ -74,7 +69,7 @@ impl PublishedVelocity {
     /// Asks for `velocity`, which was decided at `now`; whether anybody has ever listened. It never waits for the sink.
     pub fn apply(&self, velocity: Velocity, now: Monotonic) -> bool {
         {
-            let mut latest = self.shared.latest();
+            let mut latest = lock(&self.shared.latest);
             latest.velocity = velocity;
             latest.decided = now;
             latest.version += 1;
@@ -86,7 +81,7 @@ impl PublishedVelocity {
 
 impl Drop for PublishedVelocity {
     fn drop(&mut self) {
-        self.shared.latest().is_over = true;
+        lock(&self.shared.latest).is_over = true;
         self.shared.changed.notify_one();
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
@@ -97,16 +92,12 @@ impl Drop for PublishedVelocity {
 }
 
 impl Shared {
-    fn latest(&self) -> MutexGuard<'_, VelocityDecision> {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The newest decision, as soon as it is another than number `known`, or after a while.
     fn newer_than(&self, known: u64) -> VelocityDecision {
         let is_old = |latest: &mut VelocityDecision| latest.version == known && !latest.is_over;
         let waited = self
             .changed
-            .wait_timeout_while(self.latest(), REPEAT, is_old);
+            .wait_timeout_while(lock(&self.latest), REPEAT, is_old);
         let (latest, _) = waited.unwrap_or_else(PoisonError::into_inner);
         *latest
     }

@@ -5,29 +5,22 @@ use std::fmt;
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
-/// The state of the motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// Whether they obey.
     pub readiness: Readiness,
     /// The last acknowledged velocity, after saturation and rounding; absent before the first.
     pub applied: Option<Velocity>,
     /// The velocity measured by the encoders; absent without encoders or without a recent answer.
     pub measured: Option<Velocity>,
-    /// The battery's voltage; absent where it is not known.
     pub battery_v: Option<f64>,
-    /// The status flags of the controller.
     pub controller: ControllerFlags,
     /// Whether the controller stops the motors by itself without communication.
     pub watchdog: ControllerWatchdog,
-    /// Counters of errors.
     pub counters: Counters,
-    /// When this was so.
     pub at: Monotonic,
 }
 
 impl Report {
-    /// Before anything is known.
     pub const fn unknown(at: Monotonic) -> Self {
         Self {
             readiness: Readiness::Starting,
@@ -42,7 +35,6 @@ impl Report {
     }
 }
 
-/// Whether the motors obey.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Readiness {
     /// The controller is being found and checked; the command is zero.
@@ -50,7 +42,6 @@ pub enum Readiness {
     /// The command is zero until a velocity of zero is requested: a key held all the time must not start the vehicle
     /// again.
     Holding(Hold),
-    /// The requested velocity is applied.
     Active,
 }
 
@@ -71,7 +62,6 @@ pub enum Hold {
 /// cable fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ControllerWatchdog {
-    /// Not tested yet.
     Unknown,
     /// Tested by a pause in communication: it stopped the motors.
     Proven,
@@ -97,7 +87,6 @@ impl ControllerFlags {
     /// Bit 4 is unused.
     const KNOWN: u8 = 0xEF;
 
-    /// Whether the power stage is off.
     pub const fn is_off(self) -> bool {
         self.0 & Self::KNOWN != 0
     }
@@ -122,12 +111,10 @@ pub struct Counters {
     pub stale: u32,
     /// Bytes that belong to no valid frame.
     pub garbage: u32,
-    /// Reconnections to the controller.
     pub reconnects: u32,
 }
 
 impl Counters {
-    /// Nothing yet.
     pub const NONE: Self = Self {
         dropouts: 0,
         stale: 0,
@@ -140,9 +127,8 @@ impl Counters {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
     /// A velocity that is not a number; zero was passed on.
-    #[error("the velocity asked for is not a number: the motors were told to stand")]
+    #[error("the velocity asked for is not a number: the motors were commanded to stop")]
     NotANumber,
-    /// The controller cannot be driven.
     #[error("motor controller: {0}")]
     Controller(ControllerFault),
     /// The process that owns the motors is gone, or no longer answers.
@@ -153,7 +139,6 @@ pub enum Fault {
     SupervisorGone,
 }
 
-/// State of the motors after the loss of the motor guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FallbackStop {
     /// The port is being opened, or zero has been sent and not been acknowledged yet.
@@ -167,8 +152,8 @@ pub enum FallbackStop {
 impl fmt::Display for FallbackStop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Trying => "the motors are being told to stand",
-            Self::Stopped => "the motors have been told to stand, and have acknowledged",
+            Self::Trying => "the motors are being commanded to stop",
+            Self::Stopped => "the motors have been commanded to stop, and have acknowledged",
             Self::Unreachable => {
                 "the motors' port cannot be opened, so it is up to the controller's own watchdog"
             }
@@ -176,33 +161,27 @@ impl fmt::Display for FallbackStop {
     }
 }
 
-/// What is wrong with the motor controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum ControllerFault {
-    /// Its port cannot be opened.
     #[error("its port cannot be opened ({what})", what = std::io::Error::from_raw_os_error(i32::from(*.0)))]
     Port(u8),
     /// Its port is locked by this process; 0 where that is not known.
     #[error("its port is held by {}: end that, or give another port", process(*.0))]
     Held(u32),
-    /// It does not answer.
     #[error("it does not answer: check power, cable, and that nothing else uses the port")]
     Silent,
     /// What it echoes is not what was sent.
     #[error("the line garbles what is sent: check cable and grounding")]
     GarbledLine,
-    /// It refuses motor commands.
     #[error("it refuses motor commands")]
     Refusing,
     /// A parameter on which safety depends could not be read.
     #[error("its motor control mode cannot be read, so what it would do is unknown")]
     Unreadable,
-    /// Its channels are not two independent speeds.
     #[error(
         "its motor control mode (parameter 01) is {0:02X}: set \"A and B separate speed\", open or closed loop"
     )]
     MotorMode(u8),
-    /// It does not stop the motors by itself.
     #[error(
         "its watchdog is off (input control mode, parameter 00, is {0:02X}): set \"RS232 with watchdog\" (02), \
              or `require_watchdog = false`"

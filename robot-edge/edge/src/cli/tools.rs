@@ -141,7 +141,6 @@ pub struct Completions {
 }
 
 impl Completions {
-    /// Prints the completions.
     pub fn print(self, out: &mut dyn io::Write) -> io::Result<()> {
         // The generator panics where it cannot write; memory can always be written.
         let mut script = Vec::new();

@@ -4,118 +4,67 @@ use std::fmt;
 use std::path::PathBuf;
 
 pub use super::schema::Expected;
-pub use super::suggestion::Suggestion;
 
-/// Why there is no configuration to work with. All of these are the user's to mend.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// Neither a preset nor a file.
     #[error("there is no vehicle `{name}`{} Presets: {}. A vehicle of your own is a file: \
              `robot-edge vehicles generic2d > my.toml` makes one to edit", suggestion.as_ref().map_or(".".to_owned(), |hint| format!(": {hint}")), presets.join(", "))]
     UnknownVehicle {
-        /// What was asked for.
         name: String,
-        /// The preset nearest to it, where one is close.
         suggestion: Option<Suggestion>,
-        /// All presets.
         presets: Vec<&'static str>,
     },
-    /// The file cannot be read.
     #[error("{path}: {source}", path = path.display())]
     Io {
-        /// The file.
         path: PathBuf,
-        /// What the system said.
         source: std::io::Error,
     },
-    /// The file is not a configuration.
     #[error("{path}: {what}", path = path.display())]
-    NotAConfiguration {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        what: String,
-    },
-    /// The file is not TOML.
+    NotAConfiguration { path: PathBuf, what: String },
     #[error("{origin}: {message}")]
-    Syntax {
-        /// Where.
-        origin: Origin,
-        /// What the parser expected.
-        message: String,
-    },
-    /// Settings that do not exist, have the wrong type or a value that is not allowed.
+    Syntax { origin: Origin, message: String },
     #[error("{}", lines(.0))]
     Issues(Vec<ConfigIssue>),
 }
 
-/// One thing wrong with one setting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigIssue {
     /// Where it was set, unless by default.
     pub origin: Option<Origin>,
-    /// Path of the key.
     pub key: String,
-    /// What is wrong.
     pub problem: Problem,
 }
 
-/// What is wrong with a setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
-    /// There is no such key.
     #[error("unknown key{}", after_colon(suggestion.as_ref()))]
-    UnknownKey {
-        /// The nearest that there is.
-        suggestion: Option<Suggestion>,
-    },
-    /// The value has the wrong type, or is none of the words.
+    UnknownKey { suggestion: Option<Suggestion> },
     #[error("expected {expected}, found {found}")]
-    WrongType {
-        /// What may stand there.
-        expected: Expected,
-        /// What stands there.
-        found: String,
-    },
-    /// The value makes no sense, alone or beside others.
+    WrongType { expected: Expected, found: String },
     #[error("{value} is not allowed: {why}; allowed: {allowed}")]
     NotAllowed {
-        /// The value.
         value: String,
-        /// What it would do.
         why: &'static str,
-        /// What may stand there.
         allowed: String,
     },
-    /// Settings for a sensor that the vehicle does not have.
     #[error("the vehicle has no sensor of this name; it has: {}. To add one, set its `kind` ({})",
             known.join(", "), super::sensors::SensorConfig::KINDS.join(", "))]
-    NoSuchSensor {
-        /// Sensors that it has.
-        known: Vec<String>,
-    },
-    /// What no other check found.
+    NoSuchSensor { known: Vec<String> },
     #[error("{0}")]
     Other(String),
 }
 
-/// Where a setting came from.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
-    /// A file.
     File {
-        /// The file.
         path: PathBuf,
         /// Line, from 1.
         line: usize,
         /// Column in characters, from 1.
         column: usize,
     },
-    /// A preset.
     Preset(&'static str),
-    /// `--set`.
     Set,
-    /// `--topic`.
     Topic,
 }
 
@@ -147,6 +96,7 @@ fn lines(issues: &[ConfigIssue]) -> String {
     let lines: Vec<String> = issues.iter().map(ToString::to_string).collect();
     lines.join("\n")
 }
+
 impl From<teleop::SettingError> for ConfigIssue {
     fn from(error: teleop::SettingError) -> Self {
         Self {
@@ -158,5 +108,93 @@ impl From<teleop::SettingError> for ConfigIssue {
                 allowed: error.allowed,
             },
         }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Suggestion {
+    pub name: String,
+    /// Near enough to be what was meant.
+    pub is_close: bool,
+}
+
+impl fmt::Display for Suggestion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_close {
+            write!(f, "did you mean `{}`?", self.name)
+        } else {
+            write!(f, "the nearest that exists is `{}`", self.name)
+        }
+    }
+}
+
+/// The longest part of what was typed that is compared: distances take memory and time.
+const MAX_COMPARED_CHARS: usize = 80;
+
+/// The nearest of `names` to `typed`, by Damerau-Levenshtein distance without regard to case.
+///
+/// Of a dotted name its last parts count too, so that `cell_m` finds `mapping.occupancy.cell_m`.
+pub(super) fn suggest<'a>(
+    typed: &str,
+    names: impl IntoIterator<Item = &'a str>,
+) -> Option<Suggestion> {
+    let typed: String = typed
+        .chars()
+        .take(MAX_COMPARED_CHARS)
+        .collect::<String>()
+        .to_lowercase();
+    let typed_parts = typed.split('.').count();
+    let distance = |name: &str| {
+        let whole = strsim::damerau_levenshtein(&typed, name);
+        let parts = name.split('.').count();
+        if parts <= typed_parts {
+            return whole;
+        }
+        let tail: Vec<&str> = name.split('.').skip(parts - typed_parts).collect();
+        whole.min(strsim::damerau_levenshtein(&typed, &tail.join(".")) + 1)
+    };
+    let (distance, name) = names
+        .into_iter()
+        .map(|name| (distance(name), name))
+        .min_by_key(|&(distance, _)| distance)?;
+    Some(Suggestion {
+        name: name.to_owned(),
+        is_close: distance <= (typed.chars().count() / 3).max(2),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(typed: &str, expected: &str, is_close: bool) {
+        let names = [
+            "mapping.occupancy.cell_m",
+            "mapping.occupancy.p_free",
+            "vehicle.name",
+        ];
+        let hint = suggest(typed, names).unwrap();
+        assert_eq!(
+            (hint.name.as_str(), hint.is_close),
+            (expected, is_close),
+            "{typed}"
+        );
+    }
+
+    #[test]
+    fn slips_of_every_kind_find_the_key() {
+        check("mapping.occupancy.cell", "mapping.occupancy.cell_m", true);
+        check("mapping.ocupancy.cell_m", "mapping.occupancy.cell_m", true);
+        check("Mapping.Occupancy.Cell_M", "mapping.occupancy.cell_m", true);
+        check("mapping.occupancy.clel_m", "mapping.occupancy.cell_m", true);
+        check("cell_m", "mapping.occupancy.cell_m", true);
+        check("occupancy.p_fre", "mapping.occupancy.p_free", true);
+        check("nmae", "vehicle.name", true);
+    }
+
+    #[test]
+    fn what_is_far_from_all_is_said_to_be() {
+        check("xyzzy", "vehicle.name", false);
+        assert_eq!(suggest("x", []), None);
     }
 }

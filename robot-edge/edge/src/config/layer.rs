@@ -6,16 +6,14 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-use super::error::{ConfigError, ConfigIssue, Expected, Origin, Problem};
+use super::error::{ConfigError, ConfigIssue, Expected, Origin, Problem, suggest};
 use super::schema::{Schema, SensorKinds};
-use super::suggestion::suggest;
 
 /// Faults of one layer beyond this many are not reported: the first ones explain them.
 const MAX_ISSUES: usize = 100;
 /// Characters of a value or key that a message quotes.
 const MAX_QUOTED_CHARS: usize = 60;
 
-/// Settings and where each was made.
 #[derive(Clone, Debug)]
 pub(super) struct ConfigLayer {
     pub(super) table: Table,
@@ -24,7 +22,6 @@ pub(super) struct ConfigLayer {
 
 #[derive(Clone, Debug)]
 pub(super) enum Origins {
-    /// All in one place.
     One(Origin),
     /// In a file, at these bytes by path of the key.
     File {
@@ -64,7 +61,6 @@ impl ConfigLayer {
         })
     }
 
-    /// Where `key` was set, if in this layer.
     pub(super) fn origin(&self, key: &str) -> Option<Origin> {
         match &self.origins {
             Origins::File {
@@ -95,7 +91,6 @@ impl ConfigLayer {
         kinds.collect()
     }
 
-    /// Every key that does not exist and every value of the wrong type, given the kind of each sensor.
     pub(super) fn check(&self, root: &Schema, kinds: &SensorKinds<'_>) -> Vec<ConfigIssue> {
         let mut issues = Vec::new();
         self.check_table(
@@ -141,7 +136,6 @@ impl ConfigLayer {
     }
 }
 
-/// All keys that exist.
 struct KnownKeys<'a> {
     root: &'a Schema,
     kinds: &'a SensorKinds<'a>,

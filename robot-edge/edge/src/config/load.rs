@@ -13,25 +13,30 @@ use super::layer::{ConfigLayer, join, quoted};
 use super::overrides::Override;
 use super::presets::{self, GENERIC, Preset};
 use super::schema::{Expected, Schema, SensorKinds};
-use super::validate::MAX_SENSORS;
+use super::validate::{MAX_SENSORS, validate};
 
-/// Largest file that is read as a configuration, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Key of a file that names the preset it starts from.
 const PRESET_KEY: &str = "preset";
+/// What a file without a preset must say of its vehicle: obstacles are judged by it.
+const SIZE_KEYS: [&str; 3] = ["length_m", "width_m", "height_m"];
 
 /// The configuration of `vehicle`, a preset's name or a file, with `overrides` in order of precedence.
-///
-/// # Errors
-/// Where there is no such vehicle, or the file cannot be read, or any setting is wrong; then all faults of
-/// a kind are reported at once.
 pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError> {
+    build(&layers(vehicle, overrides)?)
+}
+
+/// The preset, the file and the overrides, in order of precedence.
+pub(super) fn layers(
+    vehicle: &str,
+    overrides: &[Override],
+) -> Result<Vec<ConfigLayer>, ConfigError> {
     let mut layers = match presets::find(vehicle) {
         Some(preset) => vec![preset.layer()?],
         None => file_layers(Path::new(vehicle))?,
     };
     layers.extend(overrides.iter().map(Override::layer));
-    build(&layers)
+    Ok(layers)
 }
 
 fn file_layers(path: &Path) -> Result<Vec<ConfigLayer>, ConfigError> {
@@ -43,6 +48,11 @@ fn file_layers(path: &Path) -> Result<Vec<ConfigLayer>, ConfigError> {
         && let Some(Value::Table(sensors)) = base.table.get_mut("sensors")
     {
         sensors.retain(|name, _| own.contains_key(name));
+    }
+    if named.is_none()
+        && let Some(Value::Table(vehicle)) = base.table.get_mut("vehicle")
+    {
+        vehicle.retain(|key, _| !SIZE_KEYS.contains(&key));
     }
     Ok(vec![base, file])
 }
@@ -69,7 +79,7 @@ fn named_preset(file: &ConfigLayer, named: Option<&Value>) -> Result<Preset, Con
 fn read(path: &Path) -> Result<String, ConfigError> {
     let io = |source| ConfigError::Io {
         path: path.to_owned(),
-        source,
+        source: recording::name_missing(path, source),
     };
     let not_a_configuration = |what: String| ConfigError::NotAConfiguration {
         path: path.to_owned(),
@@ -123,9 +133,12 @@ fn build(layers: &[ConfigLayer]) -> Result<Config, ConfigError> {
     }
     issues.extend(missing_sensors(&merged));
     if issues.is_empty() {
-        let config = Config::deserialize(Value::Table(merged))
+        issues.extend(missing_sizes(&merged));
+    }
+    if issues.is_empty() {
+        let config = Config::deserialize(Value::Table(merged.clone()))
             .map_err(|error| other("configuration", error.message().to_owned()))?;
-        issues = config.validate();
+        issues = validate(&config, &merged);
         if issues.is_empty() {
             return Ok(config);
         }
@@ -197,6 +210,22 @@ fn missing_sensors(merged: &Table) -> Vec<ConfigIssue> {
             problem: Problem::NoSuchSensor {
                 known: known.clone(),
             },
+        })
+        .collect()
+}
+
+fn missing_sizes(merged: &Table) -> Vec<ConfigIssue> {
+    let vehicle = merged.get("vehicle").and_then(Value::as_table);
+    let is_missing = |key: &&str| vehicle.is_none_or(|vehicle| !vehicle.contains_key(*key));
+    let missing = SIZE_KEYS.into_iter().filter(is_missing);
+    missing
+        .map(|key| ConfigIssue {
+            origin: None,
+            key: join("vehicle", key),
+            problem: Problem::Other(
+                "missing: measure the vehicle, in metres; or start from another by `preset = \"NAME\"`"
+                    .to_owned(),
+            ),
         })
         .collect()
 }

@@ -1,15 +1,17 @@
 //! The root configuration, and how it is put together.
 //!
-//! A vehicle is one TOML file; the presets are such files, embedded. Layers lie over each other, each
+//! A vehicle is one TOML file; the presets are such files, embedded. Layers are merged, each
 //! replacing only what it names: preset < file < `--set` < flags. A file starts from the preset that its
 //! first key `preset = "NAME"` names, else from `generic2d`; in the latter case a file that has a `sensors`
 //! table names *all* its sensors. Every layer is checked against the keys that exist before anything is
-//! merged, so that an error can say where it stands; nothing is ever repaired silently.
+//! merged, so that an error has a position; nothing is ever repaired silently.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use serde::Deserialize;
 
+pub mod advice;
 pub mod error;
 pub mod load;
 pub mod motors;
@@ -17,10 +19,8 @@ pub mod overrides;
 pub mod presets;
 pub mod sensors;
 
-mod checks;
 mod layer;
 mod schema;
-mod suggestion;
 mod validate;
 
 pub use error::{ConfigError, ConfigIssue, Origin, Problem};
@@ -32,8 +32,6 @@ pub use sensors::{
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 
-use crate::publishing::config::StreamingConfig;
-use crate::server::config::LinkConfig;
 use localization::LocalizationConfig;
 use mapping::MappingConfig;
 use mapping::octree::RangeSensorModel;
@@ -41,25 +39,17 @@ use mapping::registered_scan::SensorId;
 use mapping::vehicle::VehicleConfig;
 use teleop::TeleopConfig;
 
-/// Everything that can be set, by module.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The vehicle's body and limits.
     pub vehicle: VehicleConfig,
     /// Sensors by name; the main laser is named `laser`.
     pub sensors: BTreeMap<String, SensorConfig>,
-    /// Poses.
     pub localization: LocalizationConfig,
-    /// Map layers.
     pub mapping: MappingConfig,
-    /// Tiles.
     pub streaming: StreamingConfig,
-    /// Network.
     pub link: LinkConfig,
-    /// Driving.
     pub teleop: TeleopConfig,
-    /// What is driven.
     pub motors: MotorsConfig,
 }
 
@@ -79,7 +69,6 @@ impl Config {
         ids.zip(of_range).map(sensor).collect()
     }
 
-    /// What the octree must know of each of them, in the same order.
     pub fn range_models(&self) -> Vec<RangeSensorModel> {
         self.range_sensors()
             .iter()
@@ -103,4 +92,41 @@ impl Default for Config {
             motors: MotorsConfig::default(),
         }
     }
+}
+
+/// `[streaming]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StreamingConfig {
+    /// What tiles may take of the link, kilobits (10³ bits) per second.
+    pub budget_kbps: u32,
+    /// Most memory for the tile store, megabytes (10⁶ bytes).
+    pub tile_store_mb: u32,
+    /// Time of the data between two publications of changed tiles, seconds.
+    pub publish_period_s: f64,
+}
+
+impl Default for StreamingConfig {
+    fn default() -> Self {
+        Self {
+            budget_kbps: 256,
+            tile_store_mb: 256,
+            publish_period_s: 1.0,
+        }
+    }
+}
+
+/// How the robot is reached. What the command line says comes first.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinkConfig {
+    /// Control endpoint to listen on, `quic/HOST:PORT` with keys, `tcp/HOST:PORT` without; bulk is the next port.
+    /// Without one: this machine only, and a port that is taken is no reason not to map.
+    pub listen: Option<String>,
+    /// Control endpoint of a router to connect to.
+    pub connect: Option<String>,
+    /// The vehicle's folder of `robot-edge keys`.
+    pub keys: Option<PathBuf>,
+    /// Audit log: a file to which lines of JSON are added; without it, nothing is logged.
+    pub audit_log: Option<PathBuf>,
 }

@@ -6,7 +6,6 @@ use super::error::{ConfigIssue, Problem};
 use super::layer::{join, quoted};
 use crate::actuators::roboteq::RoboteqConfig;
 
-/// The motors of the vehicle; none by default.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorsConfig {
@@ -16,7 +15,6 @@ pub struct MotorsConfig {
     pub ros2_twist: Option<TwistConfig>,
 }
 
-/// Where velocities are published.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TwistConfig {
@@ -33,7 +31,6 @@ impl Default for TwistConfig {
 }
 
 impl MotorsConfig {
-    /// Everything that is wrong with the values.
     pub(super) fn check(&self) -> Vec<ConfigIssue> {
         let of_roboteq = self.roboteq.iter().flat_map(RoboteqConfig::check);
         let mut issues: Vec<_> = of_roboteq
@@ -99,7 +96,7 @@ mod tests {
     fn check(text: &str, settings: &[&str]) -> Result<crate::config::Config, String> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("rover.toml");
-        std::fs::write(&path, text).unwrap();
+        std::fs::write(&path, format!("preset = \"generic2d\"\n{text}")).unwrap();
         let settings: Vec<_> = settings.iter().map(|set| set.parse().unwrap()).collect();
         load(path.to_str().unwrap(), &settings).map_err(|error| error.to_string())
     }

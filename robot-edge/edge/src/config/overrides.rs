@@ -12,7 +12,6 @@ use super::layer::{ConfigLayer, Origins, is_bare, join, quoted};
 /// Parts of a dotted key; no key that exists has as many.
 const MAX_KEY_PARTS: usize = 16;
 
-/// One setting given on the command line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Override {
     parts: Vec<String>,
@@ -20,16 +19,12 @@ pub struct Override {
     origin: Origin,
 }
 
-/// Why `--set` or `--topic` cannot be understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct OverrideError(String);
 
 impl Override {
     /// `--topic role=NAME`: the sensor `role` listens to `NAME`.
-    ///
-    /// # Errors
-    /// Where it is not of that form.
     pub fn topic(text: &str) -> Result<Self, OverrideError> {
         let (role, topic) = split(text, "laser=/scan")?;
         let key = join("sensors", role);

@@ -1,15 +1,11 @@
 //! Vehicles that come with the program.
 
-use super::error::ConfigError;
+use super::error::{ConfigError, suggest};
 use super::layer::ConfigLayer;
-use super::suggestion::suggest;
 
-/// A vehicle's configuration, embedded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preset {
-    /// What `--vehicle` calls it.
     pub name: &'static str,
-    /// The file, with every key, unit and source.
     pub text: &'static str,
 }
 
@@ -25,13 +21,11 @@ impl Preset {
     }
 }
 
-/// The preset of a vehicle nothing is known of.
 pub const GENERIC: Preset = Preset {
     name: "generic2d",
     text: include_str!("../../../vehicles/generic2d.toml"),
 };
 
-/// All presets, by name.
 pub const PRESETS: &[Preset] = &[
     GENERIC,
     Preset {
@@ -52,20 +46,15 @@ pub const PRESETS: &[Preset] = &[
     },
 ];
 
-/// The preset called `name`, if there is one.
 pub(super) fn find(name: &str) -> Option<Preset> {
     PRESETS.iter().find(|preset| preset.name == name).copied()
 }
 
 /// The preset called `name`.
-///
-/// # Errors
-/// Where there is none, one that lists those there are.
 pub fn get(name: &str) -> Result<Preset, ConfigError> {
     find(name).ok_or_else(|| unknown(name))
 }
 
-/// The error for a vehicle that is no preset.
 pub(super) fn unknown(name: &str) -> ConfigError {
     ConfigError::UnknownVehicle {
         name: super::layer::quoted(name),

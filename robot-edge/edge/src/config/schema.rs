@@ -1,6 +1,6 @@
 //! Which keys exist and what each may hold, asked of the configuration's own types.
 //!
-//! Serde tells a deserializer the fields of every struct and the variants of every enum. A [`SchemaProbe`] is a
+//! Serde passes a deserializer the fields of every struct and the variants of every enum. A [`SchemaProbe`] is a
 //! deserializer that holds no data: it writes down what it is asked for. So a new field is a known key at
 //! once, and there is no list to keep synchronized.
 
@@ -18,28 +18,25 @@ use super::{Config, sensors};
 /// The kind of each sensor, by name, as far as it is named.
 pub(super) type SensorKinds<'a> = BTreeMap<&'a str, &'a str>;
 
-/// What stands at a key.
+/// The schema of a key.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Schema {
-    /// A table with these keys.
     Table(BTreeMap<&'static str, Schema>),
     /// A table of sensors, which the user names; the keys of each depend on its `kind`.
     Sensors(SensorSchemas),
-    /// One setting.
     Value(Expected),
 }
 
-/// The tables of sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SensorSchemas {
     by_kind: BTreeMap<&'static str, Schema>,
-    /// Every key of every kind: a sensor whose kind nobody names could be any.
+    /// Every key of every kind: for a sensor without a known kind.
     any: Box<Schema>,
 }
 
 impl SensorSchemas {
     fn of_config() -> Result<Self, Error> {
-        // An internally tagged enum does not tell its fields: its variants are asked one by one.
+        // An internally tagged enum does not report its fields: its variants are probed one by one.
         let mut by_kind = BTreeMap::from([
             ("laser_scan", Schema::of::<RangeSensorConfig>()?),
             ("sonar", Schema::of::<RangeSensorConfig>()?),
@@ -60,27 +57,20 @@ impl SensorSchemas {
         })
     }
 
-    /// The table of a sensor of this kind.
     pub(super) fn of_kind(&self, kind: Option<&str>) -> &Schema {
         kind.and_then(|kind| self.by_kind.get(kind))
             .unwrap_or(&self.any)
     }
 }
 
-/// What a setting may hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Expected {
-    /// `true` or `false`.
     Bool,
     /// A whole number from 0 to this.
     Integer(u64),
-    /// Any number.
     Number,
-    /// Text.
     Text,
-    /// One of these words.
     OneOf(&'static [&'static str]),
-    /// A table of settings.
     Table,
 }
 
@@ -104,7 +94,6 @@ impl fmt::Display for Expected {
 }
 
 impl Schema {
-    /// The shape of [`Config`].
     pub(super) fn of_config() -> Result<Self, Error> {
         let mut config = Self::of::<Config>()?;
         if let Self::Table(keys) = &mut config {
@@ -119,7 +108,7 @@ impl Schema {
         Ok(schema)
     }
 
-    /// What stands under `key` in this table; of sensors, given the kind of each.
+    /// The schema of `key` in this table; of sensors, given the kind of each.
     pub(super) fn get(&self, key: &str, kinds: &SensorKinds<'_>) -> Option<&Self> {
         match self {
             Self::Table(keys) => keys.get(key),
@@ -128,7 +117,6 @@ impl Schema {
         }
     }
 
-    /// What may stand here.
     pub(super) const fn expected(&self) -> Expected {
         match self {
             Self::Table(_) | Self::Sensors(_) => Expected::Table,
@@ -257,7 +245,6 @@ impl<'de> Deserializer<'de> for SchemaProbe<'_> {
     }
 }
 
-/// Walks the fields of a struct.
 struct Fields<'a> {
     table: &'a mut Schema,
     rest: std::slice::Iter<'static, &'static str>,

@@ -1,21 +1,16 @@
 //! Settings of `[sensors.<name>]`.
 
+use std::collections::BTreeMap;
+
 use serde::Deserialize;
 
+use localization::beam_projection::ZeroRange;
 use mapping::octree::RangeSensorModel;
 use mapping::registered_scan::SensorId;
 use measurement::mount::Mount;
 
-mod pose_sensors;
-mod range_sensor;
-
-pub use pose_sensors::{FixesAndAttitude, WheelsAndAttitude};
-pub use range_sensor::{RangeSensorConfig, TiltConfig};
-
-/// Name of the sensor that is the vehicle's main laser.
 pub const MAIN_LASER: &str = "laser";
 
-/// One sensor; `kind` says which.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum SensorConfig {
@@ -36,19 +31,14 @@ pub enum SensorConfig {
 pub struct RangeSensor<'a> {
     /// Its place among them, in the order of their names.
     pub id: SensorId,
-    /// Its name.
     pub name: &'a str,
-    /// Its settings.
     pub config: &'a RangeSensorConfig,
-    /// What the octree must know of it.
     pub model: RangeSensorModel,
 }
 
 impl SensorConfig {
-    /// Every value of `kind`.
     pub(super) const KINDS: &[&str] = &["laser_scan", "sonar", "wheel_encoders", "imu", "gps"];
 
-    /// The value of `kind`.
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::LaserScan(_) => "laser_scan",
@@ -69,7 +59,6 @@ impl SensorConfig {
         }
     }
 
-    /// The settings of a range sensor; `None` of others.
     pub const fn range_sensor(&self) -> Option<&RangeSensorConfig> {
         match self {
             Self::LaserScan(range) | Self::Sonar(range) => Some(range),
@@ -77,7 +66,6 @@ impl SensorConfig {
         }
     }
 
-    /// What the octree must know of a range sensor; `None` of others.
     pub fn range_model(&self) -> Option<RangeSensorModel> {
         let (range, of_kind) = match self {
             Self::LaserScan(range) => (range, RangeSensorModel::default()),
@@ -95,30 +83,9 @@ impl SensorConfig {
             has_metrics: of_kind.has_metrics,
         })
     }
-
-    const fn wheel_encoders(&self) -> Option<&WheelEncodersConfig> {
-        match self {
-            Self::WheelEncoders(encoders) => Some(encoders),
-            Self::LaserScan(_) | Self::Sonar(_) | Self::Imu(_) | Self::Gps(_) => None,
-        }
-    }
-
-    const fn imu(&self) -> Option<&ImuConfig> {
-        match self {
-            Self::Imu(imu) => Some(imu),
-            Self::LaserScan(_) | Self::Sonar(_) | Self::WheelEncoders(_) | Self::Gps(_) => None,
-        }
-    }
-
-    const fn gps(&self) -> Option<&GpsConfig> {
-        match self {
-            Self::Gps(gps) => Some(gps),
-            Self::LaserScan(_) | Self::Sonar(_) | Self::WheelEncoders(_) | Self::Imu(_) => None,
-        }
-    }
 }
 
-/// The sonar of \[HYB\]'s riverwatch (§4.3.1); water carries echoes and no vegetation, so its beams tell none.
+/// The sonar of \[HYB\]'s riverwatch (§4.3.1). Under water there is no vegetation, so its beams have no metrics.
 const SONAR: RangeSensorModel = RangeSensorModel {
     p_hit: 0.7,
     p_miss: 0.45,
@@ -127,15 +94,75 @@ const SONAR: RangeSensorModel = RangeSensorModel {
     has_metrics: false,
 };
 
-/// Encoders on a wheel of either side.
+#[derive(Clone, Debug, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RangeSensorConfig {
+    /// Topic or message name; where absent, the only stream whose type fits that no other sensor names.
+    pub topic: Option<String>,
+    /// Replaces the message's smallest range, metres.
+    pub range_min_m: Option<f64>,
+    /// Replaces the message's greatest range, metres; ranges at or above it are misses.
+    pub range_max_m: Option<f64>,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+    pub zero_range: ZeroRange,
+    /// Probability that a voxel which one scan hit is occupied; where absent, that of the kind.
+    pub p_hit: Option<f64>,
+    /// Probability that a voxel which one scan saw through is occupied; where absent, that of the kind.
+    pub p_miss: Option<f64>,
+    /// Of the beams beside a hit as many must have hit something close to it, or the octree does not take
+    /// it; 0 takes every hit. Where absent, that of the kind.
+    pub min_neighbours: Option<u32>,
+    /// Full angle of a beam's cone, milliradians: in the octree a hit gives way to others whose spot of light was
+    /// smaller. 0 takes beams for lines; where absent, that of the kind.
+    pub divergence_mrad: Option<f64>,
+    /// Where the sensor sits on the vehicle, where no transform of the source says so.
+    pub mount: Mount,
+    /// The servo that tilts it, if it is tilted and no transform of the source says how far.
+    pub tilt: Option<TiltConfig>,
+    /// Device, for people and for simulation.
+    pub model: Option<String>,
+    /// Beams in a sweep, for simulation.
+    pub beams: Option<u32>,
+    /// Angle from the first beam to the last, degrees, for simulation.
+    pub field_of_view_deg: Option<f64>,
+    /// Sweeps per second, for simulation.
+    pub rate_hz: Option<f64>,
+}
+
+/// A servo that turns a sensor about its own y axis, and whose angle comes as `sensor_msgs/JointState`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TiltConfig {
+    /// Topic of the angles; where absent, the only stream that has the joint.
+    pub topic: Option<String>,
+    pub joint: String,
+    /// The joint's angle times this is the sensor's: −1 where the joint counts nose up as positive.
+    pub scale: f64,
+    /// The sensor's angle where the joint is at zero, degrees, positive nose down; added to `mount.pitch_deg`.
+    pub offset_deg: f64,
+    /// Added to the stamps of the angles to make up for the encoder's latency, seconds.
+    pub time_offset_s: f64,
+}
+
+impl Default for TiltConfig {
+    fn default() -> Self {
+        Self {
+            topic: None,
+            joint: "laser_tilt_joint".to_owned(),
+            scale: 1.0,
+            offset_deg: 0.0,
+            time_offset_s: 0.0,
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WheelEncodersConfig {
     /// Topic; where absent, the only stream that has both joints.
     pub topic: Option<String>,
-    /// Name of the left wheel's joint.
     pub left_joint: String,
-    /// Name of the right wheel's joint.
     pub right_joint: String,
     /// What the joints' angles (radians, positive forward) are multiplied with to give metres.
     pub wheel_radius_m: f64,
@@ -155,7 +182,6 @@ impl Default for WheelEncodersConfig {
     }
 }
 
-/// An attitude sensor.
 #[derive(Clone, Debug, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuConfig {
@@ -163,11 +189,9 @@ pub struct ImuConfig {
     pub topic: Option<String>,
     /// Added to the stamps to make up for latency, seconds.
     pub time_offset_s: f64,
-    /// How the sensor sits on the vehicle.
     pub mount: Mount,
 }
 
-/// A satellite receiver.
 #[derive(Clone, Debug, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GpsConfig {
@@ -177,4 +201,59 @@ pub struct GpsConfig {
     pub time_offset_s: f64,
     /// Where the antenna sits on the vehicle; only the place matters.
     pub mount: Mount,
+}
+
+type Named<'a, T> = (&'a str, &'a T);
+
+/// The only wheel encoders and the only attitude sensor, from which poses are reckoned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WheelsAndAttitude<'a> {
+    pub encoders: Named<'a, WheelEncodersConfig>,
+    pub imu: Named<'a, ImuConfig>,
+}
+
+/// The only satellite receiver and the only attitude sensor, which give poses on Earth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixesAndAttitude<'a> {
+    pub gps: Named<'a, GpsConfig>,
+    pub imu: Named<'a, ImuConfig>,
+}
+
+impl<'a> WheelsAndAttitude<'a> {
+    /// Fails with the numbers of encoders and attitude sensors, unless there is one of each.
+    pub fn of(sensors: &'a BTreeMap<String, SensorConfig>) -> Result<Self, (usize, usize)> {
+        let (encoders, imu) = with_attitude(sensors, |sensor| match sensor {
+            SensorConfig::WheelEncoders(encoders) => Some(encoders),
+            _ => None,
+        })?;
+        Ok(Self { encoders, imu })
+    }
+}
+
+impl<'a> FixesAndAttitude<'a> {
+    /// Fails with the numbers of receivers and attitude sensors, unless there is one of each.
+    pub fn of(sensors: &'a BTreeMap<String, SensorConfig>) -> Result<Self, (usize, usize)> {
+        let (gps, imu) = with_attitude(sensors, |sensor| match sensor {
+            SensorConfig::Gps(gps) => Some(gps),
+            _ => None,
+        })?;
+        Ok(Self { gps, imu })
+    }
+}
+
+fn with_attitude<'a, T>(
+    sensors: &'a BTreeMap<String, SensorConfig>,
+    of_kind: impl Fn(&'a SensorConfig) -> Option<&'a T>,
+) -> Result<(Named<'a, T>, Named<'a, ImuConfig>), (usize, usize)> {
+    let (mut others, mut imus) = (Vec::new(), Vec::new());
+    for (name, sensor) in sensors {
+        others.extend(of_kind(sensor).map(|config| (name.as_str(), config)));
+        if let SensorConfig::Imu(imu) = sensor {
+            imus.push((name.as_str(), imu));
+        }
+    }
+    match (&others[..], &imus[..]) {
+        (&[other], &[imu]) => Ok((other, imu)),
+        _ => Err((others.len(), imus.len())),
+    }
 }

@@ -37,7 +37,6 @@ impl AuditRecorder {
         }
     }
 
-    /// Records an event.
     pub(super) fn record(
         &mut self,
         drive_event: &DriveEvent,
@@ -66,7 +65,6 @@ impl AuditRecorder {
         }
     }
 
-    /// Records a refused message in the name of `operator`.
     pub(super) fn record_refusal(
         &mut self,
         operator: &OperatorName,
@@ -107,7 +105,6 @@ impl AuditRecorder {
     }
 }
 
-/// The refused topic, for programs and as text.
 const fn refusal_labels(request_kind: OperatorTopic) -> (&'static str, &'static str) {
     match request_kind {
         OperatorTopic::Drive => ("drive", "a driving command"),
@@ -198,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_arbiter_refused_is_told_with_what_it_was() {
+    fn refusals_of_the_arbiter_are_reported_with_the_request() {
         let mut operators = Operators::open();
         let (operator, _) = operators.find(&anna()).unwrap();
         let drive_event = DriveEvent::Arbiter(ArbiterEvent::Refused {

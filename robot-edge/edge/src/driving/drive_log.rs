@@ -33,7 +33,6 @@ pub struct DriveLog {
     writer: Option<JoinHandle<()>>,
 }
 
-/// The end of a round.
 #[derive(Clone, Copy, Debug)]
 struct Round {
     at: Monotonic,
@@ -45,9 +44,6 @@ struct Round {
 impl DriveLog {
     /// Begins a log in `file`, and goes on in others of its name, each of which begins with the header. Where it cannot
     /// be written any more or the disk is nearly full, `ended` gets the reason, once.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
     pub fn start(file: NewFile, ended: impl FnOnce(String) + Send + 'static) -> io::Result<Self> {
         let (rounds, to_write) = sync_channel(CAPACITY);
         let writer = thread::Builder::new()
@@ -96,9 +92,7 @@ impl Drop for DriveLog {
     }
 }
 
-/// The thread's own.
 struct Writer {
-    /// The file that is written, and its number of bytes.
     file: NewFile,
     out: BufWriter<std::fs::File>,
     bytes: u64,

@@ -29,10 +29,8 @@ use teleop::{
 
 /// Tokens are issued this often, with the rounds.
 const TOKEN_PERIOD: Duration = Duration::from_millis(20);
-/// Greatest number of pending answers.
 const MAX_REPLIES: usize = 64;
 
-/// The state of the loop.
 pub(super) struct DriveLoop {
     pub(super) robot: RobotId,
     pub(super) rules: Rules,
@@ -53,7 +51,6 @@ pub(super) struct DriveLoop {
     replies: Replies,
 }
 
-/// Whether the motors obey, and the self-test that waits for them.
 pub(super) struct MotorCheck {
     readiness: MotorReadiness,
     reported_fault: Option<Fault>,
@@ -137,7 +134,8 @@ impl DriveLoop {
 
     /// Handles one message of an operator.
     ///
-    /// Checks in this order: size, rate, token, epoch, sequence, signature. A flood causes no signature checks.
+    /// A command is checked in this order: size, rate, token, epoch, sequence, signature; requests and emergency stops:
+    /// size, rate, signature, and then what they ask for. Beyond the rate nothing costs a signature check.
     pub(super) fn receive(&mut self, incoming: Incoming, now: Monotonic) {
         let (operator, request_kind) = (incoming.operator.clone(), incoming.request_kind());
         let refused = match self.sender(&incoming, now) {
@@ -154,7 +152,6 @@ impl DriveLoop {
         }
     }
 
-    /// Counts messages that the inbox dropped.
     pub(super) fn dropped(&mut self, count: u64) {
         if count > 0 {
             self.runtime_settings.dropped = self.runtime_settings.dropped.saturating_add(count);
@@ -227,7 +224,6 @@ impl DriveLoop {
         }
     }
 
-    /// Executes a command given at the vehicle.
     pub(super) fn execute_local(&mut self, command: LocalCommand, now: Monotonic) {
         match command {
             LocalCommand::Stop => self.step(now, ArbiterInput::LocalEStop),
@@ -259,7 +255,6 @@ impl DriveLoop {
         }
     }
 
-    /// Sends zero to the motors at the end.
     pub(super) fn stop(&mut self) {
         let _whatever_it_says = self.motors.apply(Velocity::ZERO, clock::now());
     }
@@ -335,7 +330,6 @@ impl DriveLoop {
         }
     }
 
-    /// Publishes an event and records it in the audit log.
     pub(super) fn drive_event(&mut self, drive_event: DriveEvent, now: Monotonic) {
         self.audit_recorder
             .record(&drive_event, &self.operators, now);
@@ -393,16 +387,16 @@ impl DriveLoop {
     fn drive(&mut self, sender: &Sender, bytes: &[u8], now: Monotonic) -> Result<(), Refusal> {
         let envelope =
             Envelope::parse(bytes).map_err(|error| status_message::refusal_for(&error))?;
-        let stamp = envelope.unverified_header();
+        let header = envelope.unverified_header();
         let claimed: Drive = envelope
             .unverified_command()
             .map_err(|error| status_message::refusal_for(&error))?;
         let press = claimed.estop.map(|estop| estop.press);
         let mut command = DriveCommand {
             operator: sender.id,
-            epoch: stamp.epoch,
-            seq: stamp.seq,
-            token: status_message::token(&stamp),
+            epoch: header.epoch,
+            seq: header.seq,
+            token: status_message::token(&header),
             requested: status_message::velocity(&claimed),
             estop: press.is_some(),
         };
@@ -453,7 +447,6 @@ const fn monitor_reenabled(event: &ArbiterEvent) -> Option<MonitorReenabled> {
     }
 }
 
-/// A refusal before the arbiter, and its answer.
 type Refused = (Refusal, Option<Reply>);
 
 impl DriveLoop {
@@ -489,13 +482,13 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, Reset { estop }, reply) = self.open(sender, bytes, reply)?;
+        let (header, Reset { estop }, reply) = self.open(sender, bytes, reply)?;
         let caller = self.caller(sender, reply);
         self.step(
             now,
             ArbiterInput::Reset {
                 caller,
-                token: status_message::token(&stamp),
+                token: status_message::token(&header),
                 id: EStopId(estop),
             },
         );
@@ -509,7 +502,7 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, request, reply) = self.open::<LeaseRequest>(sender, bytes, reply)?;
+        let (header, request, reply) = self.open::<LeaseRequest>(sender, bytes, reply)?;
         let verb = match request {
             LeaseRequest::Request => LeaseVerb::Request,
             LeaseRequest::Release => LeaseVerb::Release,
@@ -528,7 +521,7 @@ impl DriveLoop {
             now,
             ArbiterInput::Lease {
                 caller,
-                token: status_message::token(&stamp),
+                token: status_message::token(&header),
                 verb,
             },
         );
@@ -542,8 +535,8 @@ impl DriveLoop {
         reply: Option<Reply>,
         now: Monotonic,
     ) -> Result<(), Refused> {
-        let (stamp, setting, reply) = self.open::<Setting>(sender, bytes, reply)?;
-        let answer = match self.change(sender, &stamp, setting, now) {
+        let (header, setting, reply) = self.open::<Setting>(sender, bytes, reply)?;
+        let answer = match self.change(sender, &header, setting, now) {
             Ok(()) => Answer::Done,
             Err(refusal) => Answer::Refused(refusal),
         };
@@ -556,14 +549,17 @@ impl DriveLoop {
     fn change(
         &mut self,
         sender: &Sender,
-        stamp: &CommandHeader,
+        header: &CommandHeader,
         setting: Setting,
         now: Monotonic,
     ) -> Result<(), Refusal> {
         if !sender.role.may_drive() {
             return Err(Refusal::Role);
         }
-        let age = self.state.tokens().age(status_message::token(stamp), now)?;
+        let age = self
+            .state
+            .tokens()
+            .age(status_message::token(header), now)?;
         if age > self.rules.max_age() {
             return Err(Refusal::TooOld);
         }
@@ -615,7 +611,7 @@ impl DriveLoop {
             Ok((envelope.unverified_header(), command))
         });
         match opened {
-            Ok((stamp, command)) => Ok((stamp, command, reply)),
+            Ok((header, command)) => Ok((header, command, reply)),
             Err(error) => Err((status_message::refusal_for(&error), reply)),
         }
     }

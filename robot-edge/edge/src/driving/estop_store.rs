@@ -27,9 +27,6 @@ pub struct EStopStore {
 
 impl EStopStore {
     /// Reads what the previous run left, and starts the thread.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
     pub fn start(mut file: EStopFile) -> io::Result<Self> {
         let previous = file.read();
         let (requests, requested) = sync_channel(CAPACITY);
@@ -51,14 +48,12 @@ impl EStopStore {
         self.previous
     }
 
-    /// Stores this emergency stop.
     pub(super) fn store(&mut self, id: EStopId) {
         // The arbiter repeats it until it is stored.
         let _is_on_its_way = self.submit(Some(id));
         self.clear_pending = false;
     }
 
-    /// Clears the stored emergency stop.
     pub(super) fn clear(&mut self) {
         self.clear_pending = !self.submit(None);
     }
@@ -127,9 +122,6 @@ pub struct EStopFile {
 
 impl EStopFile {
     /// Opens the file of a directory; where there is none it is made, and says that no emergency stop is active.
-    ///
-    /// # Errors
-    /// Where the directory or the file cannot be made or written.
     pub fn open(dir: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(dir)?;
         let path = dir.join(NAME);
@@ -165,16 +157,12 @@ impl EStopFile {
     }
 
     /// Says which emergency stop is active, and returns when it is on the disk.
-    ///
-    /// # Errors
-    /// Where it cannot be written.
     pub fn write(&mut self, estop: Option<EStopId>) -> io::Result<()> {
         self.file.rewind()?;
         self.file.write_all(content(estop).as_bytes())?;
         self.file.sync_data()
     }
 
-    /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path
     }

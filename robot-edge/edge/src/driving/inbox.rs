@@ -20,26 +20,20 @@ const CAPACITY: usize = 256;
 /// Sends the answer to a request; must not block.
 pub type Reply = Box<dyn FnOnce(Answer) + Send>;
 
-/// One message of an operator, as it arrived.
 pub struct Incoming {
-    /// The topic of its key.
     pub topic: OperatorTopic,
-    /// The operator of its key.
     pub operator: OperatorId,
     /// A signed message, or anything else.
     pub bytes: Vec<u8>,
-    /// Sends the answer, if one is expected.
     pub reply: Option<Reply>,
 }
 
-/// The sending end of the queue of messages.
 #[derive(Clone, Debug)]
 pub struct Inbox {
     sender: SyncSender<Incoming>,
     dropped: Arc<AtomicU64>,
 }
 
-/// The loop's end of an [`Inbox`].
 #[derive(Debug)]
 pub struct InboxReceiver {
     pub(super) receiver: Receiver<Incoming>,
@@ -47,7 +41,6 @@ pub struct InboxReceiver {
 }
 
 impl Inbox {
-    /// An empty inbox and its other end.
     pub fn new() -> (Self, InboxReceiver) {
         let (sender, receiver) = sync_channel(CAPACITY);
         let dropped = Arc::new(AtomicU64::new(0));
@@ -68,7 +61,6 @@ impl Inbox {
 }
 
 impl InboxReceiver {
-    /// Messages dropped since the last call.
     pub(super) fn take_dropped(&self) -> u64 {
         self.dropped.swap(0, Ordering::Relaxed)
     }
@@ -113,7 +105,6 @@ pub enum LocalCommand {
     Reset,
 }
 
-/// Commands that the loop has not taken yet.
 #[derive(Clone, Debug, Default)]
 pub struct LocalCommands {
     stop: Arc<AtomicBool>,
@@ -122,9 +113,6 @@ pub struct LocalCommands {
 
 impl LocalCommands {
     /// Handles signals from now on.
-    ///
-    /// # Errors
-    /// Where the system does not allow it.
     #[cfg(unix)]
     pub fn by_signals() -> io::Result<Self> {
         use signal_hook::consts::{SIGUSR1, SIGUSR2};
@@ -136,9 +124,6 @@ impl LocalCommands {
     }
 
     /// Nothing: this system has no such signals.
-    ///
-    /// # Errors
-    /// None.
     #[cfg(not(unix))]
     pub fn by_signals() -> io::Result<Self> {
         Ok(Self::default())
@@ -159,7 +144,6 @@ const PER_SECOND: f64 = 100.0;
 /// Messages that may come at once, after a pause of the link.
 const BURST: f64 = 25.0;
 
-/// A token bucket.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RateLimiter {
     left: f64,
@@ -174,7 +158,6 @@ impl RateLimiter {
         }
     }
 
-    /// Whether one more message is allowed now.
     pub(super) fn allows(&mut self, now: Monotonic) -> bool {
         let elapsed: Duration = now.since(self.at);
         self.at = self.at.max(now);
@@ -187,7 +170,6 @@ impl RateLimiter {
     }
 }
 
-/// Presses that are remembered.
 const REMEMBERED_PRESSES: usize = 64;
 
 /// The last presses of emergency stops.

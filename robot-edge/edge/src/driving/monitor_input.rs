@@ -56,7 +56,6 @@ struct Sensor {
     obstacle_scans: Input<ObstacleScan>,
     blockage: BlockageDetector,
     last: Option<RobotTime>,
-    /// The newest times from sweep to sweep.
     gaps: VecDeque<Duration>,
 }
 
@@ -111,12 +110,10 @@ pub fn monitor_input(
 }
 
 impl MonitorSensorInput {
-    /// Something stamped `stamp` came.
     pub fn record_received(&mut self, stamp: RobotTime, received: Monotonic) {
         self.receive_times.record(stamp, received);
     }
 
-    /// The clock of the data restarts.
     pub fn reset_clock(&mut self) {
         self.receive_times.clear();
         for sensor in &mut self.sensors {
@@ -132,7 +129,6 @@ impl MonitorSensorInput {
         }
     }
 
-    /// The vehicle is here, and so fast.
     pub fn update_odometry(
         &mut self,
         stamp: RobotTime,
@@ -250,7 +246,6 @@ impl Sensor {
 }
 
 impl MonitorRunner {
-    /// Why the last round gave no limits, if so.
     pub(super) const fn unavailable_reason(&self) -> Option<UnavailableReason> {
         self.monitor.unavailable_reason()
     }
@@ -265,7 +260,6 @@ impl MonitorRunner {
         self.monitor.side_ground_ages()
     }
 
-    /// The output of this round.
     pub(super) fn output(
         &mut self,
         (commanded, requested): (Velocity, Velocity),
@@ -307,7 +301,6 @@ const CAPACITY: usize = 1024;
 pub(super) struct ReceiveTimes(VecDeque<(RobotTime, Monotonic)>);
 
 impl ReceiveTimes {
-    /// Something stamped `stamp` came.
     pub(super) fn record(&mut self, stamp: RobotTime, received: Monotonic) {
         if self.0.back().is_some_and(|&(last, _)| last >= stamp) {
             return;
@@ -325,7 +318,6 @@ impl ReceiveTimes {
         self.0.get(at).map_or(now, |&(_, received)| received)
     }
 
-    /// The clock of the data restarts.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }

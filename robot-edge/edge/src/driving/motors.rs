@@ -1,6 +1,6 @@
 //! The motors that the loop commands.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::actuators::Fault;
@@ -9,6 +9,7 @@ use crate::actuators::motor_guard::GuardedMotors;
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
 use crate::actuators::report::Readiness;
+use crate::lock;
 use measurement::time::Monotonic;
 use network::clock;
 use teleop::Velocity;
@@ -16,12 +17,10 @@ use teleop::Velocity;
 /// Validity of a velocity for simulated motors, from its decision on; the same as for real ones.
 const WATCHDOG: Duration = Duration::from_millis(200);
 
-/// The motors of a vehicle.
 #[derive(Debug)]
 pub enum Motors {
     /// None: the vehicle can be watched but not driven.
     None,
-    /// Those of a simulated vehicle.
     Simulated(SimulatedMotors),
     /// Those of another system, commanded by messages.
     Published(PublishedVelocity),
@@ -30,42 +29,29 @@ pub enum Motors {
     Guarded(GuardedMotors),
 }
 
-/// The state of the motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
-    /// Whether they obey.
     pub readiness: MotorReadiness,
-    /// The measured velocity, if they know it.
     pub measured: Option<Velocity>,
 }
 
-/// Whether the motors obey.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotorReadiness {
-    /// They are being found and checked.
     Starting,
-    /// They obey.
     Ready,
-    /// They have failed.
     Faulty(Fault),
-    /// There are none.
     Absent,
 }
 
-/// The motors of a simulated vehicle, shared by the loop and the simulation.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedMotors(Arc<Mutex<SimulatedMotorState>>);
 
-/// The last values of both sides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SimulatedMotorState {
     /// The vehicle obeys the loop. Before, it follows its simulated route.
     pub is_engaged: bool,
-    /// The commanded velocity.
     pub velocity: Velocity,
-    /// When that was decided.
     pub decided_at: Monotonic,
-    /// How fast the vehicle is.
     pub measured: Option<Velocity>,
 }
 
@@ -110,11 +96,10 @@ impl Motors {
     /// From now on the vehicle obeys only the loop.
     pub fn take_over(&mut self) {
         if let Self::Simulated(motors) = self {
-            motors.state().is_engaged = true;
+            lock(&motors.0).is_engaged = true;
         }
     }
 
-    /// The simulated motors, if they are simulated.
     pub(super) fn simulated(&self) -> Option<SimulatedMotors> {
         match self {
             Self::Simulated(motors) => Some(motors.clone()),
@@ -124,7 +109,6 @@ impl Motors {
         }
     }
 
-    /// Whether there are any.
     pub const fn can_drive(&self) -> bool {
         match self {
             Self::None => false,
@@ -138,7 +122,7 @@ impl Motors {
 impl SimulatedMotors {
     /// Sets the velocity decided at `now`; returns the measured one, if known.
     pub(super) fn command(&self, velocity: Velocity, now: Monotonic) -> Option<Velocity> {
-        let mut state = self.state();
+        let mut state = lock(&self.0);
         state.velocity = velocity;
         state.decided_at = now;
         state.measured
@@ -146,16 +130,12 @@ impl SimulatedMotors {
 
     /// Sets the measured velocity; returns the commanded one: zero if it is too old.
     pub fn exchange(&self, measured: Velocity) -> SimulatedMotorState {
-        let mut state = self.state();
+        let mut state = lock(&self.0);
         state.measured = Some(measured);
         if clock::elapsed(state.decided_at) >= WATCHDOG {
             state.velocity = Velocity::ZERO;
         }
         *state
-    }
-
-    fn state(&self) -> std::sync::MutexGuard<'_, SimulatedMotorState> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -3,13 +3,14 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, TryLockError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use protocol::keys::OperatorId as OperatorName;
 use protocol::signed::{PublicKey, SecretKey};
 
+use crate::lock;
 use measurement::time::Monotonic;
 use network::clock;
 use network::credentials::{CredentialsError, OperatorList};
@@ -18,9 +19,7 @@ use teleop::{OperatorId, Role};
 /// Greatest number of operators in one run.
 pub const MAX_OPERATORS: usize = 64;
 
-/// The list of operators.
-///
-/// Their numbers live as long as the process: who is taken off the list and put on it again has the same one.
+/// The list of operators. One who is removed from the list and added again keeps the number.
 #[derive(Clone, Debug)]
 pub struct Operators {
     known: Vec<Operator>,
@@ -33,9 +32,8 @@ pub struct Operators {
 pub struct PendingOperatorList(Arc<Mutex<Option<OperatorList>>>);
 
 impl PendingOperatorList {
-    /// Sets the newer list.
     pub fn set(&self, list: OperatorList) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(list);
+        *lock(&self.0) = Some(list);
     }
 
     /// Takes the newer list. It does not wait for a writer.
@@ -48,16 +46,12 @@ impl PendingOperatorList {
     }
 }
 
-/// One operator of the list.
 #[derive(Clone, Debug)]
 pub struct Operator {
     /// The name in the key of what they send.
     pub name: OperatorName,
-    /// What they may do.
     pub role: Role,
-    /// What they sign with.
     pub key: PublicKey,
-    /// Whether they are on the list now.
     pub is_listed: bool,
 }
 
@@ -81,7 +75,6 @@ impl Operators {
         }
     }
 
-    /// The slot for a newer list.
     pub fn pending(&self) -> PendingOperatorList {
         self.pending.clone()
     }
@@ -112,14 +105,13 @@ impl Operators {
             } else {
                 tracing::error!(
                     name = %listed.name,
-                    "not more than {MAX_OPERATORS} operators are told apart in one run: start the vehicle again"
+                    "not more than {MAX_OPERATORS} operators are distinguished in one run: start the vehicle again"
                 );
             }
         }
         Some(revoked)
     }
 
-    /// The operator of this name.
     pub fn find(&mut self, name: &OperatorName) -> Option<(OperatorId, &Operator)> {
         let known = self
             .known
@@ -146,13 +138,12 @@ impl Operators {
         Some(self.known.len() - 1)
     }
 
-    /// The names, by number.
     pub fn names(&self) -> impl Iterator<Item = &OperatorName> {
         self.known.iter().map(|operator| &operator.name)
     }
 }
 
-/// Everybody on a list who has a key to sign with.
+/// The operators of a list that have a signing key.
 fn signers(list: &OperatorList) -> impl Iterator<Item = Operator> {
     list.people().iter().filter_map(|listed| {
         Some(Operator {
@@ -185,9 +176,6 @@ pub struct OperatorListWatcher {
 impl OperatorListWatcher {
     /// Watches the file at `path`, in which `list` was found. Newer lists go to each of `pending_lists`; `report`
     /// reports what becomes of the file.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
     pub fn start(
         path: PathBuf,
         list: OperatorList,
@@ -229,7 +217,6 @@ struct WatcherState {
     report: EventSink,
     /// The present error of the file, and when it was reported.
     reported_error: Option<(String, Monotonic)>,
-    /// Since when the file is missing.
     missing: Option<Monotonic>,
 }
 
@@ -420,7 +407,7 @@ mod tests {
         assert_eq!(operators.take_pending(), Some(Vec::new()));
     }
 
-    /// A list's file, what is said of it, and the operators who are obeyed.
+    /// A list's file, the reports about it, and the permitted operators.
     struct Case {
         _folder: tempfile::TempDir,
         path: PathBuf,
@@ -453,7 +440,6 @@ mod tests {
             fs::write(&self.path, text).unwrap();
         }
 
-        /// What is said of the file at that time.
         fn poll(&mut self, ms: u64) -> Vec<(&'static str, String)> {
             self.state
                 .poll(&self.path, Monotonic::from_nanos(ms * 1_000_000));

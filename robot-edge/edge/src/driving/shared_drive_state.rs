@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Mutex, TryLockError};
 
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::TeleopStatus;
@@ -10,6 +10,7 @@ use protocol::message::TeleopStatus;
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
 use crate::driving::thread::LoopFailure;
+use crate::lock;
 use teleop::collision_monitor::UnavailableReason;
 use teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
 
@@ -19,41 +20,28 @@ const MAX_EVENTS: usize = 256;
 /// An event for operators and the audit log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum DriveEvent {
-    /// Of the arbiter.
     Arbiter(ArbiterEvent),
     /// The collision monitor gave no limits, and the vehicle stops.
     MonitorUnavailable {
-        /// The cause, if it is known.
         unavailable_reason: Option<UnavailableReason>,
     },
-    /// The motors have failed.
     Motors(Fault),
-    /// The loop has failed.
     LoopFailed(LoopFailure),
-    /// A recording was started or stopped.
     Recording {
-        /// Started.
         is_on: bool,
-        /// Who.
         by: OperatorId,
     },
-    /// The collision monitor was switched on or off.
     MonitorSwitched {
-        /// To on.
         is_on: bool,
-        /// Who.
         by: OperatorId,
     },
-    /// The collision monitor was off, and is on again.
     MonitorReenabled(MonitorReenabled),
 }
 
 /// What switches the collision monitor on again: it was off for one driver and one drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum MonitorReenabled {
-    /// This operator has been granted the lease.
     Granted(OperatorId),
-    /// An emergency stop.
     EStopped,
     /// A reset of an emergency stop or of a fault.
     Reset,
@@ -69,7 +57,6 @@ pub struct SharedDriveState {
     drive_events: Mutex<VecDeque<DriveEvent>>,
     names: Mutex<Vec<OperatorName>>,
     runtime_settings: Mutex<status_message::RuntimeSettings>,
-    /// A requested start or stop of a recording.
     recording_request: Mutex<Option<bool>>,
     is_recording: AtomicBool,
     is_closing: AtomicBool,
@@ -78,50 +65,47 @@ pub struct SharedDriveState {
 impl SharedDriveState {
     /// The newest token, for the next pose.
     pub fn token(&self) -> Option<AgeToken> {
-        *read(&self.token)
+        *lock(&self.token)
     }
 
     /// Whether an operator holds the lease or gets it next: tokens are then published in every round.
     pub fn is_held(&self) -> bool {
-        let report = *read(&self.report);
+        let report = *lock(&self.report);
         report
             .is_some_and(|(report, _)| report.lease.holder.is_some() || report.lease.next.is_some())
     }
 
     /// The status of driving; `None` before the loop's first round.
     pub fn status(&self) -> Option<TeleopStatus> {
-        let (report, detail) = (*read(&self.report))?;
-        let mut runtime_settings = *read(&self.runtime_settings);
+        let (report, detail) = (*lock(&self.report))?;
+        let mut runtime_settings = *lock(&self.runtime_settings);
         runtime_settings.recording = self.is_recording.load(Ordering::Relaxed);
         let report = (&report, detail);
         Some(status_message::status(
             report,
-            &read(&self.names),
+            &lock(&self.names),
             runtime_settings,
         ))
     }
 
     /// The events since the last call: kind and message.
     pub fn take_events(&self) -> Vec<(&'static str, String)> {
-        let drive_events: Vec<_> = read(&self.drive_events).drain(..).collect();
-        let names = read(&self.names);
+        let drive_events: Vec<_> = lock(&self.drive_events).drain(..).collect();
+        let names = lock(&self.names);
         let drive_events = drive_events.iter();
         drive_events
             .map(|drive_event| status_message::event_text(drive_event, &names))
             .collect()
     }
 
-    /// The bandwidth for tiles, kbit/s.
     pub fn budget_kbps(&self) -> u32 {
-        read(&self.runtime_settings).budget_kbps
+        lock(&self.runtime_settings).budget_kbps
     }
 
-    /// The start or stop of a recording requested since the last call.
     pub fn take_recording_request(&self) -> Option<bool> {
-        read(&self.recording_request).take()
+        lock(&self.recording_request).take()
     }
 
-    /// Whether a recording runs.
     pub fn set_recording(&self, is_running: bool) {
         self.is_recording.store(is_running, Ordering::Relaxed);
     }
@@ -131,7 +115,6 @@ impl SharedDriveState {
         write(&self.recording_request, |request| *request = Some(is_on))
     }
 
-    /// Asks the loop to end.
     pub(super) fn close(&self) {
         self.is_closing.store(true, Ordering::Relaxed);
     }
@@ -166,17 +149,12 @@ impl SharedDriveState {
         }
     }
 
-    /// Names of operators, by number.
     pub(super) fn publish_names<'a>(&self, names: impl Iterator<Item = &'a OperatorName>) {
         write(&self.names, |shown| {
             shown.clear();
             shown.extend(names.cloned());
         });
     }
-}
-
-fn read<T>(part: &Mutex<T>) -> MutexGuard<'_, T> {
-    part.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Returns whether it was written; not while a reader holds the lock.

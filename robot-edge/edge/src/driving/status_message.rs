@@ -19,17 +19,12 @@ use teleop::{
 /// Settings and counters outside the arbiter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct RuntimeSettings {
-    /// Bytes for tiles, kbit/s.
     pub budget_kbps: u32,
-    /// Whether the collision monitor is on.
     pub collision_monitor: bool,
-    /// Whether recordings can be started and stopped.
     pub can_record: bool,
-    /// Whether one runs.
     pub recording: bool,
     /// Messages dropped because the inbox was full.
     pub dropped: u64,
-    /// Reason of the last stop.
     pub last_stop: Option<StopReason>,
 }
 
@@ -65,7 +60,6 @@ pub(super) struct MonitorDetail {
     pub side_ground_ages: [Option<Duration>; 4],
 }
 
-/// The status message of driving.
 pub(super) fn status(
     (report, detail): (&TeleopReport, MonitorDetail),
     names: &[OperatorName],
@@ -161,7 +155,6 @@ const fn wire_velocity(velocity: Velocity) -> message::Velocity {
     }
 }
 
-/// The kind and the message of an event.
 pub(super) fn event_text(
     drive_event: &DriveEvent,
     names: &[OperatorName],
@@ -309,7 +302,6 @@ const fn ended_mode_text(from: Mode) -> &'static str {
     }
 }
 
-/// The reason of a stop as text.
 pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {
     match reason {
         StopReason::Released => "nothing is pressed",

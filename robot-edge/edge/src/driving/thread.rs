@@ -36,34 +36,23 @@ const MESSAGES_AT_ONCE: usize = 32;
 /// Period of the service manager's watchdog messages, sent by rounds only: four times within the unit's `WatchdogSec`.
 const WATCHDOG_PERIOD: Duration = Duration::from_millis(500);
 
-/// The parts of the loop.
 #[derive(Debug)]
 pub struct DrivingSettings {
-    /// Name of the vehicle.
     pub robot: RobotId,
     /// Identifies this run of the program.
     pub boot: BootId,
-    /// Rules of the arbiter.
     pub rules: Rules,
-    /// Who may drive.
     pub operators: Operators,
-    /// The motors.
     pub motors: Motors,
-    /// Initial bandwidth for tiles, kbit/s.
     pub budget_kbps: u32,
     /// The collision monitor; without it, it is off.
     pub monitor_runner: Option<MonitorRunner>,
     /// Stores the emergency stop; without it, the stop is lost at the end of the process.
     pub estop_store: Option<EStopStore>,
-    /// Commands given at the vehicle.
     pub local_commands: LocalCommands,
-    /// Whether recordings can be started and stopped.
     pub can_record: bool,
-    /// Where every round is logged.
     pub log: Option<DriveLog>,
-    /// The audit log.
     pub audit: Option<Audit>,
-    /// The service manager.
     pub service_manager: ServiceManager,
 }
 
@@ -77,9 +66,6 @@ pub struct Driving {
 
 impl Driving {
     /// Starts the loop.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
     pub fn start(settings: DrivingSettings) -> std::io::Result<Self> {
         let (inbox, inbox_receiver) = Inbox::new();
         let drive_state = Arc::new(SharedDriveState::default());
@@ -204,7 +190,6 @@ const MISSED_CHECKS: u32 = 10;
 /// Time for the delivery of the event to consoles.
 const EVENT_DELIVERY_TIME: Duration = Duration::from_millis(500);
 
-/// Why the loop has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LoopFailure {
     /// Its thread has ended unexpectedly.
@@ -224,7 +209,6 @@ impl fmt::Display for LoopFailure {
     }
 }
 
-/// Progress of the loop.
 #[derive(Debug, Default)]
 pub(super) struct Heartbeat {
     rounds: AtomicU64,
@@ -232,7 +216,6 @@ pub(super) struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// A round has ended.
     pub(super) fn round(&self) {
         self.rounds.fetch_add(1, Ordering::Relaxed);
     }
@@ -248,7 +231,6 @@ impl Drop for EndMarker<'_> {
     }
 }
 
-/// The progress observed so far.
 #[derive(Debug, Default)]
 struct ProgressMonitor {
     rounds: u64,

@@ -6,7 +6,7 @@ use measurement::pose::{self, Pose};
 use measurement::time::{RobotDuration, RobotTime};
 use teleop::Velocity;
 
-/// Poses closer than this tell more of their noise than of the vehicle, seconds.
+/// Between poses closer than this, noise exceeds the motion, seconds.
 const MIN_INTERVAL_S: f64 = 0.015;
 /// Across a longer gap nothing is known, seconds.
 const MAX_INTERVAL_S: f64 = 1.0;

@@ -4,23 +4,18 @@ use std::io::{self, Write};
 
 use nalgebra::Point3;
 
-/// A point and what it is of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlyPoint {
     /// Metres in the frame of the file; rounded to f32 there, which is 0.1 mm at 1 km.
     pub point: Point3<f64>,
-    /// One of the classes named in the file.
     pub class: u8,
 }
 
-/// What the points of a file are.
 #[derive(Clone, Copy, Debug)]
 pub struct PlyHeader<'a> {
-    /// The frame of the points.
     pub frame: &'a str,
     /// Side of the voxels that the points stand for, metres.
     pub cell_m: f64,
-    /// The classes and their names.
     pub classes: &'a [(u8, &'a str)],
 }
 

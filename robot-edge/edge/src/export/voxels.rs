@@ -20,31 +20,16 @@ use mapping::grid::VoxelIndex;
 use mapping::octree::{Octree, SurfaceVoxel};
 use measurement::time::RobotTime;
 
-/// Why a file of voxels could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum VoxelExportError {
-    /// The file cannot be written.
     #[error("{path}: cannot write: {why}", path = path.display())]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// What the system says.
-        why: std::io::Error,
-    },
-    /// The map does not fit an `OctoMap`.
+    Io { path: PathBuf, why: std::io::Error },
     #[error("{path}: {why}", path = path.display())]
-    Tree {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        why: BtWriteError,
-    },
+    Tree { path: PathBuf, why: BtWriteError },
 }
 
-/// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VoxelFiles {
-    /// The files.
     pub files: Vec<PathBuf>,
     /// Voxels that `voxels.bt` has no room for: farther than 32,768 voxels from the origin of `odom`.
     pub voxels_omitted: u64,
@@ -102,7 +87,6 @@ pub fn export_voxels(
 pub struct PublishedClasses(BTreeMap<TileKey, TileCells>);
 
 impl PublishedClasses {
-    /// As they are now.
     pub fn of(store: &TileStore) -> Self {
         let tiles = CLASS_LAYERS
             .into_iter()
@@ -210,7 +194,7 @@ fn class_of<'a>(voxel: VoxelIndex, cells: &impl Fn(TileKey) -> Option<&'a TileCe
 
 #[cfg(test)]
 mod tests {
-    use super::super::octomap_bt::BtReader;
+    use super::super::octomap_bt::tests::read;
     use super::*;
     use mapping::octree::{OctreeConfig, RangeSensorModel};
     use mapping::octree::{Ray, VoxelState};
@@ -235,18 +219,17 @@ mod tests {
         let counts = octree.counts();
         let mut bytes = Vec::new();
         assert_eq!(write_tree(&octree, &mut bytes).unwrap(), 8);
-        let mut read = [0; 2];
-        for cube in BtReader::new(&bytes).unwrap() {
-            let cube = cube.unwrap();
+        let mut voxels = [0; 2];
+        for cube in read(&bytes) {
             let state = if cube.is_occupied {
                 VoxelState::Occupied
             } else {
                 VoxelState::Free
             };
             assert_eq!(octree.state(cube.least), state, "{cube:?}");
-            read[usize::from(cube.is_occupied)] += 1 << (3 * cube.edge_log2);
+            voxels[usize::from(cube.is_occupied)] += 1 << (3 * cube.edge_log2);
         }
         // The last of those beyond was hit.
-        assert_eq!(read, [counts.free - 7, counts.occupied - 1]);
+        assert_eq!(voxels, [counts.free - 7, counts.occupied - 1]);
     }
 }

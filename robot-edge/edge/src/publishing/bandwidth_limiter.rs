@@ -45,7 +45,6 @@ impl BandwidthLimiter {
         }
     }
 
-    /// Sets the budget, kilobits per second.
     pub fn set_budget(&mut self, budget_kbps: u32) {
         let max_kbps = f64::from(budget_kbps);
         if (self.max_kbps - max_kbps).abs() >= 0.5 {
@@ -59,7 +58,6 @@ impl BandwidthLimiter {
         self.token_bucket.allows(now)
     }
 
-    /// Counts a pushed tile.
     pub fn pushed(&mut self, revision: u64, bytes: usize, now: Monotonic) {
         self.token_bucket.spend(bytes);
         self.unacknowledged.push_back((revision, bytes, now));
@@ -102,7 +100,6 @@ impl BandwidthLimiter {
         self.token_bucket.set_rate(self.kbps);
     }
 
-    /// The current rate, kilobits per second.
     pub const fn kbps(&self) -> f64 {
         self.kbps
     }
@@ -111,7 +108,6 @@ impl BandwidthLimiter {
 /// Burst after a pause, as time at the full rate.
 const BURST: Duration = Duration::from_millis(250);
 
-/// A budget of bytes over time.
 #[derive(Clone, Copy, Debug)]
 pub struct TokenBucket {
     bytes_per_s: f64,
@@ -131,7 +127,6 @@ impl TokenBucket {
         }
     }
 
-    /// Sets the rate, kilobits per second.
     pub fn set_rate(&mut self, kbps: f64) {
         self.bytes_per_s = kbps * 125.0;
     }

@@ -1,15 +1,18 @@
-//! Map cells become tiles here, and nowhere else.
+//! Map cells become tiles, and shores those of the protocol, here and nowhere else.
 
+use protocol::geodesy::GeodeticPoint;
 use protocol::layer::{LayerId, UNKNOWN};
+use protocol::message::{self, Shores};
+use protocol::shores::convex_outline;
 use protocol::tile::{TileCells, TileKey};
 
 use mapping::cost_map::CostCell;
+use mapping::docking::DockingSite;
 use mapping::elevation::{CellClass, ElevationCell};
 use mapping::grid::{GridTile, TILE_EDGE, TileIndex};
 use mapping::occupancy_grid::LogOdds;
 use mapping::rigidity::Rigidity;
-use mapping::shore::ShoreCell;
-use mapping::shore::ShoreClass;
+use mapping::shore::{ShoreCell, ShoreClass, ShoreCluster, ShoreLayer};
 
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]
@@ -38,7 +41,6 @@ impl CellCoder {
             .map_or(UNKNOWN, |mean_m| quantisation.encode(mean_m))
     }
 
-    /// The code of a cell of the obstacle map.
     pub const fn obstacle(class: CellClass) -> u16 {
         match class {
             CellClass::Unknown => UNKNOWN,
@@ -47,12 +49,10 @@ impl CellCoder {
         }
     }
 
-    /// The code of a slope cost.
     pub fn cost(cell: &CostCell) -> u16 {
         LayerId::Cost.quantisation().encode(cell.cost)
     }
 
-    /// The code of what makes a column lethal.
     pub const fn rigidity(rigidity: Rigidity) -> u16 {
         match rigidity {
             Rigidity::Unlabelled => UNKNOWN,
@@ -61,7 +61,6 @@ impl CellCoder {
         }
     }
 
-    /// The code of a cell of the shore layer.
     pub const fn shore(cell: Option<ShoreCell>) -> u16 {
         match cell {
             None => UNKNOWN,
@@ -72,7 +71,6 @@ impl CellCoder {
         }
     }
 
-    /// The codes of a tile of the occupancy grid.
     pub fn occupancy(&self, tile: &GridTile<i16>) -> TileCells {
         let mut cells = TileCells::unknown();
         for (code, &steps) in cells.codes_mut().iter_mut().zip(tile.cells.iter()) {
@@ -104,7 +102,6 @@ pub fn set_code(cells: &mut TileCells, place: usize, code: u16) {
     cells.codes_mut()[place] = code;
 }
 
-/// The key under which a tile of the mapping core is published.
 pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
     TileKey {
         layer,
@@ -113,7 +110,42 @@ pub const fn key(layer: LayerId, index: TileIndex) -> TileKey {
     }
 }
 
-/// A tile of cells that are all alike.
+/// All that is known of shores, in cells of `cell_m`; `datum` is where on Earth `odom` is.
+pub fn shores(layer: &ShoreLayer, cell_m: f64, datum: Option<GeodeticPoint>) -> Shores {
+    let clusters = layer.clusters().map(cluster).collect();
+    let sites = layer.docking_sites().iter().map(site).collect();
+    Shores::gather(cell_m, datum, clusters, sites)
+}
+
+fn cluster(cluster: &ShoreCluster) -> message::ShoreCluster {
+    message::ShoreCluster {
+        number: cluster.number,
+        class: match cluster.class {
+            ShoreClass::Sparse => message::ShoreClass::Sparse,
+            ShoreClass::Dense => message::ShoreClass::Dense,
+            ShoreClass::Solid => message::ShoreClass::Solid,
+        },
+        voxels: cluster.voxels,
+        rigid_voxels: cluster.rigid_voxels,
+        center_m: cluster
+            .centre_in_odom
+            .xy()
+            .map(|metres| metres as f32)
+            .into(),
+        outline: convex_outline(cluster.columns.iter().map(|cell| (cell.x, cell.y))),
+    }
+}
+
+fn site(site: &DockingSite) -> message::DockingSite {
+    message::DockingSite {
+        number: site.number,
+        center_m: site.centre_in_odom.map(|metres| metres as f32).into(),
+        heading_rad: site.heading_rad as f32,
+        width_m: site.width_m as f32,
+        mean_cost: site.mean_cost as f32,
+    }
+}
+
 #[cfg(test)]
 pub(super) fn uniform_tile(code: u16) -> TileCells {
     TileCells::from_fn(|_, _| code)

@@ -2,11 +2,9 @@
 
 pub mod bandwidth_limiter;
 pub mod cells_to_tiles;
-pub mod config;
 pub mod publisher;
 pub mod replies;
 pub mod scan_downsampling;
-pub mod shores;
 pub mod tile_queue;
 pub mod trajectory;
 pub mod voxel_snapshots;

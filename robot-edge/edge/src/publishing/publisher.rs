@@ -1,7 +1,7 @@
 //! Writes changed map cells to the tile store, which is published and exported.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use protocol::layer::LayerId;
 use protocol::tile::codec::Encoder;
@@ -9,6 +9,7 @@ use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, Publication, StoreError, StoredTile, TileStore};
 
 use super::cells_to_tiles::{CellCoder, fill_unknown, key, set_code};
+use crate::lock;
 use mapping::Mapper;
 use mapping::cost_map::{CostCell, CostMap};
 use mapping::grid::{CellIndex, TileIndex};
@@ -32,7 +33,6 @@ pub struct Publisher {
     replaced: Option<BTreeMap<TileKey, Option<StampedCells>>>,
 }
 
-/// Totals of publishing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TileTraffic {
     pub published: u64,
@@ -44,13 +44,10 @@ pub struct TileTraffic {
     pub evicted_from_mapping: u64,
 }
 
-/// Why publishing stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum PublishError {
-    /// The store refused a tile.
     #[error("the tile store refused a tile: {0}")]
     Store(#[from] StoreError),
-    /// zstd could not be set up.
     #[error("zstd could not be set up: {0}")]
     Encoder(#[from] std::io::Error),
 }
@@ -139,7 +136,7 @@ impl Publisher {
 
     /// Erases the layers that the mapper has erased.
     fn publish_erasures(&mut self, mapper: &Mapper) -> Result<(), PublishError> {
-        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut store = lock(&self.store);
         if mapper.resets() != self.resets && mapper.occupancy().is_some() {
             store.erase_layer(LayerId::Occupancy)?;
         }
@@ -190,7 +187,7 @@ impl Publisher {
     }
 
     fn publish_tile(&mut self, key: TileKey, mut cells: TileCells) -> Result<(), PublishError> {
-        let store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let store = lock(&self.store);
         // A tile that was evicted and is mapped again starts empty; published cells stay valid until newer ones
         // are known.
         if let Some(before) = store.get(key).and_then(|stored| stored.cells()) {
@@ -201,7 +198,7 @@ impl Publisher {
     }
 
     fn store_tile(&mut self, key: TileKey, cells: TileCells) -> Result<(), PublishError> {
-        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut store = lock(&self.store);
         if let Some(replaced) = &mut self.replaced {
             let before = || store.get(key).and_then(stamped_cells);
             replaced.entry(key).or_insert_with(before);
@@ -223,7 +220,7 @@ impl Publisher {
     }
 
     pub fn store(&self) -> MutexGuard<'_, TileStore> {
-        self.store.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.store)
     }
 
     pub fn shared_store(&self) -> Arc<Mutex<TileStore>> {
@@ -283,7 +280,6 @@ fn voxel_grids(voxels: &VoxelLayers) -> Vec<LayerGrid> {
         .collect()
 }
 
-/// A saved state: all tiles and counters.
 #[derive(Clone, Debug)]
 pub(crate) struct PublisherState {
     tiles: Vec<(TileKey, StampedCells)>,
@@ -376,14 +372,13 @@ impl Publisher {
         Ok(())
     }
 
-    /// Adds changed tiles of another publisher.
     pub(crate) fn add_changed(&mut self, changed: Vec<TileKey>) {
         self.changed.extend(changed);
     }
 
     /// Erases every layer, and publishes `mapper` from now on.
     pub(crate) fn restart(&mut self, mapper: &Mapper) -> Result<(), PublishError> {
-        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut store = lock(&self.store);
         for grid in grids(mapper) {
             store.erase_layer(grid.layer)?;
         }
@@ -406,7 +401,6 @@ mod tests {
     use crate::config::load;
     use crate::publishing::cells_to_tiles::uniform_tile;
 
-    /// A tile of the occupancy grid.
     const fn key(tx: i32) -> TileKey {
         let layer = LayerId::Occupancy;
         TileKey { layer, tx, ty: 0 }

@@ -1,6 +1,6 @@
 //! Replies to queries about the map. Pure.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use protocol::layer::LayerId;
 use protocol::message::{
@@ -10,20 +10,20 @@ use protocol::tile::TileKey;
 use protocol::tile::codec::Encoder;
 use protocol::tile_store::TileStore;
 
+use crate::lock;
+
 /// Bytes of tiles in one reply, except for the last tile: a console sends two queries at a time, so that about 32 KiB
 /// are on their way.
 pub const MAX_REPLY_BYTES: usize = 15 * 1024;
 /// Tiles in a list of digests: below 8 KiB, so that no queue drops or delays it.
 pub const DIGESTS_PER_REPLY: usize = 160;
-/// Maximum number of tiles per query.
 pub const MAX_TILES_PER_REQUEST: usize = 4096;
 
 /// Runs `read` on the store, for which mapping waits: longer work is done on a copy.
 pub fn with_store<T>(store: &Mutex<TileStore>, read: impl FnOnce(&TileStore) -> T) -> T {
-    read(&store.lock().unwrap_or_else(PoisonError::into_inner))
+    read(&lock(store))
 }
 
-/// Digests of the map.
 pub fn head(store: &Mutex<TileStore>) -> MapHead {
     with_store(store, |store| {
         let layers = store.grids().filter_map(|grid| {

@@ -70,7 +70,6 @@ impl TileQueue {
         self.waiting.retain(|key| is_wanted(key.layer));
     }
 
-    /// Removes all tiles.
     pub fn clear(&mut self) {
         self.waiting.clear();
     }

@@ -1,22 +1,22 @@
 //! The pose of the vehicle at each mapped scan, for exports and consoles. Pure.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use protocol::export::StampedPose;
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
+use crate::lock;
 use mapping::registered_scan::RegisteredScan;
 
 /// Maximum number of poses: 64 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
 const MAX_POSES: usize = 1_000_000;
 
-/// Shared by mapping and network.
 #[derive(Clone, Debug, Default)]
 pub struct SharedTrajectory(Arc<Mutex<Trajectory>>);
 
 impl SharedTrajectory {
     pub fn lock(&self) -> MutexGuard<'_, Trajectory> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 }
 
@@ -47,7 +47,6 @@ impl Default for Trajectory {
 }
 
 impl Trajectory {
-    /// Adds a mapped scan.
     pub fn add(&mut self, scan: &RegisteredScan) {
         self.add_pose(pose_of(scan));
     }
@@ -86,7 +85,6 @@ impl Trajectory {
         pose.copied()
     }
 
-    /// Number of scans, for [`Self::seek`].
     pub const fn scans(&self) -> u64 {
         self.scans
     }

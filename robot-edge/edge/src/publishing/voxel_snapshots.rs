@@ -20,7 +20,6 @@ const MAX_AGE: Duration = Duration::from_secs(10);
 /// A snapshot without requests is kept for this time.
 const CACHE_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// The files of one time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VoxelSnapshot {
     /// Stamp of the newest measurement.
@@ -47,9 +46,7 @@ enum RequestState {
     #[default]
     None,
     Requested,
-    /// A thread makes the files.
     InProgress,
-    /// The files could not be made.
     Failed(Monotonic),
 }
 

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use crate::lock;
 use crate::pacer::Rate;
 use measurement::time::{Monotonic, RobotDuration};
 use network::clock;
@@ -23,7 +24,6 @@ pub struct ReplayControl(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     state: Mutex<State>,
-    /// The commands changed.
     changed: Condvar,
 }
 
@@ -38,19 +38,16 @@ struct State {
     restarts: u64,
 }
 
-/// The commands for a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ReplayCommands {
     /// Pause at the current position, or after the seek.
     pub(crate) is_paused: bool,
     pub(crate) rate: Rate,
-    /// Restart at the end.
     pub(crate) is_looping: bool,
     /// Time of the data since the first scan to seek to; the replay takes it.
     pub(crate) seek: Option<RobotDuration>,
 }
 
-/// The progress that the replay reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ReplayProgress {
     /// The recording is being surveyed; nothing is mapped yet.
@@ -59,7 +56,6 @@ pub(crate) struct ReplayProgress {
     pub(crate) position: RobotDuration,
     /// Target of a seek that is not complete.
     pub(crate) seeking: Option<RobotDuration>,
-    /// The end is reached.
     pub(crate) has_ended: bool,
     /// Everything up to the position is in the published map.
     pub(crate) is_settled: bool,
@@ -69,7 +65,6 @@ pub(crate) struct ReplayProgress {
 pub enum ReplayState {
     /// The recording is being surveyed.
     Opening,
-    /// Playing at its rate.
     Playing,
     Paused,
     /// Mapping as fast as possible up to the target of a seek.
@@ -81,7 +76,6 @@ pub enum ReplayState {
     Ended,
 }
 
-/// Length of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Length {
     /// From the first scan to the last mapped data: poses may follow the last scan.
@@ -95,15 +89,12 @@ pub struct ReplayStatus {
     pub state: ReplayState,
     /// Time of the data in the map, since the first scan.
     pub position: RobotDuration,
-    /// `None` if it is unknown.
     pub length: Option<Length>,
-    /// The requested speed.
     pub rate: Rate,
     /// Time of the data per wall time, over the last second; `None` while paused.
     pub rate_reached: Option<f64>,
     /// Pause after the seek.
     pub is_paused: bool,
-    /// Restart at the end.
     pub is_looping: bool,
     /// Paused, and everything up to the position is in the published map: exactly the map of `robot-edge replay
     /// --duration` with the position.
@@ -161,7 +152,6 @@ impl ReplayControl {
         self.update(|state| state.commands.rate = within_limits(rate));
     }
 
-    /// Sets whether to restart at the end.
     pub fn set_looping(&self, is_looping: bool) {
         self.update(|state| state.commands.is_looping = is_looping);
     }
@@ -275,7 +265,6 @@ impl ReplayControl {
         }
     }
 
-    /// The maps were restarted.
     pub(crate) fn restart(&self) {
         let mut state = self.lock();
         state.restarts += 1;
@@ -305,7 +294,7 @@ impl ReplayControl {
 
     /// A poisoned lock is taken: every change is a single assignment.
     fn lock(&self) -> MutexGuard<'_, State> {
-        self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0.state)
     }
 }
 
@@ -339,14 +328,12 @@ fn within_limits(rate: Rate) -> Rate {
 /// Maximum number of marks; later ones are dropped.
 pub const MAX_MARKS: usize = 500;
 
-/// An event at a time of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimelineMark {
     /// Since the first scan.
     pub at: RobotDuration,
     /// A kind of [`crate::runtime::MapEvent`], `gap`, `clock` or `loss`.
     pub kind: &'static str,
-    /// One sentence.
     pub message: String,
 }
 
@@ -380,7 +367,6 @@ const STEP_M: f64 = 0.1;
 /// Maximum number of points; beyond it, every second one is removed.
 const MAX_POINTS: usize = 20_000;
 
-/// The path of the vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReplayTrail {
     points_m: Vec<[f64; 2]>,
@@ -438,11 +424,9 @@ impl ReplayTrail {
     }
 }
 
-/// Window of the measurement.
 const WINDOW: Duration = Duration::from_secs(1);
 /// Minimum time for a rate.
 const MIN_SPAN: Duration = Duration::from_millis(100);
-/// Minimum time between samples.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Time of the data per wall time, over the last second.

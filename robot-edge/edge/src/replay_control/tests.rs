@@ -5,7 +5,6 @@ const fn ms(ms: i64) -> RobotDuration {
     RobotDuration::from_millis(ms)
 }
 
-/// A replay that is at `position`.
 fn at(position: RobotDuration, has_ended: bool) -> ReplayControl {
     let control = ReplayControl::new(Rate::Times(1.0));
     control.report_progress(
@@ -96,7 +95,7 @@ fn what_is_wound_from_the_end_stands_still_unless_it_was_to_go_on() {
     behind.step(ms(1000));
     assert_eq!(behind.status().state, ReplayState::Ended);
     assert!(!behind.status().is_paused, "it would not go round any more");
-    // Round it goes in any case, and who plays it has not let it stand.
+    // It loops in any case, and was not paused.
     let loops = wound(|control| control.set_looping(true));
     assert_eq!(loops, (false, Some(ms(115_000))));
     assert_eq!(wound(ReplayControl::play), (false, Some(ms(0))));

@@ -11,29 +11,24 @@ use measurement::time::RobotTime;
 
 /// Maximum number of messages: two seconds of fast sensors.
 const MAX_MESSAGES: usize = 4096;
-/// Maximum number of their bytes.
 const MAX_BYTES: usize = 64 << 20;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RosMessage {
-    /// Topic and type.
     pub stream: Stream,
     /// CDR after its encapsulation header.
     pub payload: Vec<u8>,
     /// Time of publication on the publisher's wall clock, if known.
     pub published: Option<RobotTime>,
-    /// Time of arrival.
     pub received_at: Monotonic,
 }
 
-/// The receiving end.
 #[derive(Debug)]
 pub struct Inbox {
     messages: Receiver<RosMessage>,
     counters: Arc<Counters>,
 }
 
-/// The sending end.
 #[derive(Clone, Debug)]
 pub(super) struct InboxSender {
     messages: SyncSender<RosMessage>,
@@ -61,7 +56,6 @@ impl Inbox {
         (sender, inbox)
     }
 
-    /// The next message, if one arrives within `wait`.
     pub fn take(&self, wait: Duration) -> Result<RosMessage, RecvTimeoutError> {
         let message = match self.messages.try_recv() {
             Ok(message) => message,
@@ -75,7 +69,6 @@ impl Inbox {
         Ok(message)
     }
 
-    /// Number of dropped messages.
     pub fn dropped(&self) -> u64 {
         self.counters.dropped.load(Ordering::Relaxed)
     }

@@ -5,8 +5,6 @@
 
 mod inbox;
 mod session;
-mod twist;
 
 pub use inbox::{Inbox, RosMessage};
-pub use session::{RosEndpoint, RosLink, RosLinkError};
-pub use twist::TwistPublisher;
+pub use session::{RosEndpoint, RosLink, RosLinkError, TwistPublisher};

@@ -1,26 +1,30 @@
-//! Subscriptions and announcements of the ROS 2 session.
+//! Subscriptions, announcements and published velocities of the ROS 2 session.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{QueryTarget, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait as _};
 
 use super::inbox::{Inbox, InboxSender, RosMessage};
-use super::twist::TwistPublisher;
-use measurement::Stream;
-use network::clock;
-use network::random_id;
-use recording::ros::MessageType;
+use crate::actuators::Velocity;
+use crate::actuators::published_velocity::VelocitySink;
+use crate::lock;
+use measurement::time::{Monotonic, RobotTime};
+use measurement::{Stream, Twist};
+use network::clock::{self, seconds_since_1970};
+use network::{random_id, without_source_places};
 use recording::ros::middleware::Attachment;
 use recording::ros::middleware::{
     DiscoveredTopic, parse_token, rmw_pattern, rmw_stream, static_transform_history,
     token_patterns, twist_keys,
 };
+use recording::ros::{MessageType, twist_message};
 
-/// Limit of one attempt to connect.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval of attempts, also after a restart of the router.
 const RETRY_PERIOD: Duration = Duration::from_millis(500);
@@ -39,21 +43,17 @@ pub struct RosEndpoint {
     pub domain: u32,
 }
 
-/// Why a ROS 2 system cannot be reached.
 #[derive(Debug, thiserror::Error)]
 pub enum RosLinkError {
-    /// A setting of ours, or the endpoint.
-    #[error("Zenoh does not take {key} = {value}: {why}")]
+    #[error("Zenoh does not take {key} = {value}: {why}", why = without_source_places(why))]
     Setting {
         key: &'static str,
         value: String,
         why: zenoh::Error,
     },
-    /// Nobody answers.
-    #[error("no answer at {endpoint}: {why}")]
+    #[error("no answer at {endpoint}: {why}", why = without_source_places(why))]
     Open { endpoint: String, why: zenoh::Error },
-    /// A key or a handler was refused.
-    #[error("Zenoh refused {what}: {why}")]
+    #[error("Zenoh refused {what}: {why}", why = without_source_places(why))]
     Declare { what: String, why: zenoh::Error },
 }
 
@@ -79,7 +79,6 @@ struct Announcements {
     by_token: BTreeMap<String, DiscoveredTopic>,
     /// Announced keys of bridges without subscription.
     new_keys: Vec<(String, Stream)>,
-    /// All announced keys of bridges.
     known_keys: Vec<String>,
 }
 
@@ -136,7 +135,7 @@ impl RosLink {
     /// Subscribes to the topics that bridges announced since the last call. It must not run in the callback, for
     /// which Zenoh waits.
     pub fn subscribe_to_announced(&self) -> Result<(), RosLinkError> {
-        let new = std::mem::take(&mut self.announcements().new_keys);
+        let new = std::mem::take(&mut lock(&self.announced).new_keys);
         for (key, stream) in new {
             let sender = self.sender.clone();
             self.session
@@ -156,18 +155,12 @@ impl RosLink {
 
     /// The announced topics, sorted by name.
     pub fn announced(&self) -> Vec<Stream> {
-        let announcements = self.announcements();
+        let announcements = lock(&self.announced);
         let streams = announcements.by_token.values();
         let mut streams: Vec<_> = streams.map(|announced| announced.stream.clone()).collect();
         streams.sort_by(|a, b| (&a.name, &a.type_name).cmp(&(&b.name, &b.type_name)));
         streams.dedup();
         streams
-    }
-
-    fn announcements(&self) -> std::sync::MutexGuard<'_, Announcements> {
-        self.announced
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The keys of `rmw_zenoh` contain the type, so that no announcement is needed.
@@ -199,9 +192,7 @@ impl RosLink {
                 .declare_subscriber(pattern.clone())
                 .history(true)
                 .callback(move |sample| {
-                    let mut announcements =
-                        announcements.lock().unwrap_or_else(PoisonError::into_inner);
-                    announcements.take(sample.key_expr().as_str(), sample.kind());
+                    lock(&announcements).take(sample.key_expr().as_str(), sample.kind());
                 })
                 .background()
                 .wait()
@@ -298,4 +289,72 @@ fn config(endpoint: &str) -> Result<Config, RosLinkError> {
         }
     }
     Ok(config)
+}
+
+/// One topic, under each key that it may have.
+pub struct TwistPublisher {
+    publishers: Vec<Publisher<'static>>,
+    gid: [u8; 16],
+    sequence: i64,
+    since: Monotonic,
+}
+
+/// Until the router has reported the subscribers, Zenoh assumes that there is one.
+const MATCHING_DELAY: Duration = Duration::from_secs(1);
+
+impl TwistPublisher {
+    pub(super) fn new(
+        session: &zenoh::Session,
+        keys: impl IntoIterator<Item = String>,
+        gid: [u8; 16],
+    ) -> Result<Self, RosLinkError> {
+        let publisher = |key: String| {
+            session
+                .declare_publisher(key.clone())
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::RealTime)
+                .express(true)
+                .wait()
+                .map_err(|why| RosLinkError::Declare { what: key, why })
+        };
+        Ok(Self {
+            publishers: keys.into_iter().map(publisher).collect::<Result<_, _>>()?,
+            gid,
+            sequence: 0,
+            since: clock::now(),
+        })
+    }
+}
+
+impl VelocitySink for TwistPublisher {
+    fn publish(&mut self, velocity: Velocity) {
+        self.sequence += 1;
+        let seconds = i64::try_from(seconds_since_1970()).unwrap_or(0);
+        let attachment = Attachment {
+            sequence: self.sequence,
+            published: RobotTime::from_nanos(seconds.saturating_mul(1_000_000_000)),
+            gid: self.gid,
+        };
+        let payload = twist_message(&Twist {
+            linear_mps: [velocity.linear_mps, 0.0, 0.0],
+            angular_radps: [0.0, 0.0, velocity.angular_radps],
+        });
+        for publisher in &self.publishers {
+            let put = publisher
+                .put(payload.clone())
+                .attachment(attachment.encode());
+            if let Err(why) = put.wait() {
+                let why = without_source_places(&why);
+                tracing::warn!(%why, "a velocity was not published");
+            }
+        }
+    }
+
+    fn has_subscriber(&self) -> bool {
+        clock::elapsed(self.since) >= MATCHING_DELAY
+            && self.publishers.iter().any(|publisher| {
+                let status = publisher.matching_status().wait();
+                status.is_ok_and(|status| status.matching())
+            })
+    }
 }

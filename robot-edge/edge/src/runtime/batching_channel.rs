@@ -17,12 +17,10 @@ use protocol::geodesy::GeodeticPoint;
 pub(super) enum MappingInput {
     /// The clock of the data was reset; scans with stamps of the old clock may follow.
     ClockReset,
-    /// A scan, or a jump of the poses.
     Registered {
         output: RegistrationOutput,
         /// Latest possible time of measurement of a scan.
         measured_at: Monotonic,
-        /// Time at which it was queued.
         queued_at: Monotonic,
     },
     /// Publish the state up to here.
@@ -32,7 +30,6 @@ pub(super) enum MappingInput {
     },
 }
 
-/// Delay of the input.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct InputDelay {
     /// The delay at `received_at`.
@@ -63,7 +60,6 @@ impl InputDelay {
         })
     }
 
-    /// The delay at `now`.
     pub(super) fn at(self, now: Monotonic) -> Duration {
         self.lag + now.since(self.received_at)
     }

@@ -35,7 +35,6 @@ pub(super) type CollisionMonitorInputs = (MonitorSensorInput, MonitorMapInput);
 
 #[derive(Clone, Debug)]
 pub(super) enum MotorsPlan {
-    /// The vehicle can be observed, and not driven.
     None,
     #[cfg(feature = "simulation")]
     Simulated(SimulatedMotors),
@@ -110,7 +109,6 @@ impl DrivePlan {
         self.log.as_deref()
     }
 
-    /// Creates the drive log if it was requested.
     pub(super) fn create_log(&self) -> anyhow::Result<Option<NewFile>> {
         let path = self.log.as_ref().filter(|_| self.can_drive());
         let file = path.map(|path| {

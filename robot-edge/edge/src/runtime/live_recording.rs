@@ -8,13 +8,14 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use protocol::message::{self, RecordingStatus};
 
 use super::recorder::{Recorder, SyncPolicy};
+use crate::lock;
 use measurement::time::Monotonic;
 use measurement::{Measurement, MeasurementData, Stream};
 use network::clock;
@@ -24,7 +25,6 @@ use recording::writer::WriteError;
 
 /// Maximum number of measurements that wait for the disk: a few seconds of all sensors.
 const CAPACITY: usize = 2048;
-/// Duration of a file.
 const FILE_PERIOD: Duration = Duration::from_mins(1);
 /// Interval of syncs and checks of the disk space.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
@@ -38,7 +38,6 @@ pub(super) struct LiveRecording {
     pending: VecDeque<WriterCommand>,
     state: Arc<Mutex<RecordingState>>,
     is_wanted: bool,
-    /// The recording of a crashed run was resumed.
     is_resumed: bool,
     thread: Option<JoinHandle<()>>,
 }
@@ -113,13 +112,11 @@ impl LiveRecording {
         self.send(WriterCommand::ClockReset);
     }
 
-    /// Starts or stops recording.
     pub(super) fn record(&mut self, is_wanted: bool) {
         self.is_wanted = is_wanted;
         self.send(WriterCommand::Record(is_wanted));
     }
 
-    /// Whether the recording of a crashed run was resumed.
     pub(super) const fn is_resumed(&self) -> bool {
         self.is_resumed
     }
@@ -168,10 +165,6 @@ impl Drop for LiveRecording {
             tracing::error!("the thread that records failed");
         }
     }
-}
-
-fn lock(state: &Mutex<RecordingState>) -> MutexGuard<'_, RecordingState> {
-    state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 struct LiveRecordingWriter {
@@ -333,7 +326,6 @@ impl LiveRecordingWriter {
         Ok(())
     }
 
-    /// Updates the free space; `None` if the system does not report it.
     fn update_free_space(&self) -> Option<DiskSpace> {
         let space = (self.disk_space)(&self.folder)
             .inspect_err(|error| tracing::warn!(%error, "nobody knows how much room the disk has"))
@@ -342,7 +334,6 @@ impl LiveRecordingWriter {
         space
     }
 
-    /// Updates size and duration at `now`.
     fn update_totals(&self, now: Monotonic) {
         let RecordedTotals { bytes, duration } = self.totals(now);
         let mut state = lock(&self.state);
@@ -435,7 +426,6 @@ impl Marker {
     }
 }
 
-/// State of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct RecordingState {
     pub(super) is_running: bool,
@@ -453,7 +443,6 @@ pub(super) struct RecordingState {
     pub(super) free_bytes: Option<u64>,
 }
 
-/// Why a recording stopped by itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Problem {
     pub(super) what: String,
@@ -461,7 +450,6 @@ pub(super) struct Problem {
 }
 
 impl RecordingState {
-    /// The state for consoles.
     pub(super) fn status(&self) -> RecordingStatus {
         let state = match &self.problem {
             Some(problem) if problem.is_disk_low => message::RecordingState::StoppedDiskLow,

@@ -6,7 +6,6 @@ use crate::config::{
     WheelsAndAttitude,
 };
 use crate::exit::UsageError;
-use crate::survey::range_sensors::WantedSensor;
 use localization::attitude::AttitudeSettings;
 use localization::beam_projection::{BodyBox, SensorSettings};
 use localization::dead_reckoning::DeadReckoningSettings;
@@ -37,7 +36,6 @@ pub struct PlannedSensor {
     pub id: SensorId,
     /// The stream of its scans; `None` accepts every scan.
     pub stream: Option<StreamId>,
-    /// Source of its mounting pose.
     pub mount: MountOrigin,
     /// The stream of its tilt angles, if it is tilted and has no transform.
     pub tilt_stream: Option<StreamId>,
@@ -45,7 +43,6 @@ pub struct PlannedSensor {
     pub range_max_m: Option<f32>,
 }
 
-/// The vehicle's range sensors, in the order of their names.
 pub fn range_sensors(config: &Config) -> Result<Vec<RangeSensor<'_>>, UsageError> {
     let sensors = config.range_sensors();
     if sensors.is_empty() {
@@ -56,14 +53,6 @@ pub fn range_sensors(config: &Config) -> Result<Vec<RangeSensor<'_>>, UsageError
         )));
     }
     Ok(sensors)
-}
-
-pub(super) fn wanted_sensors<'a>(sensors: &[RangeSensor<'a>]) -> Vec<WantedSensor<'a>> {
-    let wanted_sensors = sensors.iter().map(|sensor| WantedSensor {
-        name: sensor.name,
-        topic: sensor.config.topic.as_deref(),
-    });
-    wanted_sensors.collect()
 }
 
 /// Margin of the maximum speed before a step of poses is a jump or a wheel counter is broken: stamps jitter, wheels

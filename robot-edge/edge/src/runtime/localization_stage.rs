@@ -3,10 +3,10 @@
 use protocol::message::RecordingStatus;
 
 use super::batching_channel::{InputDelay, MappingInput};
-use super::data_clock::DataClock;
 use super::live_recording::{LiveRecording, Problem};
 use super::mapping_stage::SharedMapStats;
 use super::recorder::Recorder;
+use super::source::DataClock;
 use super::source::SourceItem;
 use super::source_reader::Batch;
 use super::state_publisher::StatePublisher;
@@ -49,11 +49,9 @@ pub(super) struct Recordings {
     pub(super) is_driven: bool,
 }
 
-/// The result of `--record`.
 pub(super) struct RecordingResult {
     /// Differences between the recording and the input, one sentence each.
     pub(super) notes: Vec<String>,
-    /// Why it is incomplete.
     pub(super) result: Result<(), WriteError>,
 }
 

@@ -1,12 +1,13 @@
 //! The second stage of the pipeline: integrates registered scans into the maps and publishes the changes.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::batching_channel::{InputDelay, MappingInput};
-use super::data_clock::DataClock;
 use super::maps::{MapEvent, MapUpdate, Maps, MapsReport, PausedSnapshot};
 use super::network::Network;
+use super::source::DataClock;
+use crate::lock;
 use crate::overload::{OverloadChange, OverloadMonitor};
 use crate::publishing::publisher::PublishError;
 use crate::publishing::trajectory::SharedTrajectory;
@@ -26,12 +27,10 @@ pub(super) const RECOVERED_QUEUE_DELAY: Duration = Duration::from_millis(250);
 /// Events that the summary lists.
 const MAX_EVENTS: usize = 1000;
 
-/// Owns the maps of a run.
 pub(super) struct MappingStage {
     pub(super) maps: Maps,
     pub(super) network: Option<Network>,
     pub(super) trajectory: SharedTrajectory,
-    /// For the summary.
     pub(super) events: EventLog,
     pub(super) overload: OverloadMonitor,
     /// Late scans are dropped instead of mapped late.
@@ -43,10 +42,8 @@ pub(super) struct MappingStage {
     pub(super) stats: SharedMapStats,
 }
 
-/// Marks events on the timeline of a replay.
 pub(super) struct TimelineRecorder {
     pub(super) control: ReplayControl,
-    /// Time of the data since the first scan.
     pub(super) clock: DataClock,
 }
 
@@ -161,7 +158,6 @@ impl MappingStage {
         }
     }
 
-    /// Stops the motors and ends driving.
     pub(super) fn end_driving(&mut self) {
         if let Some(network) = &mut self.network {
             network.end_driving();
@@ -208,7 +204,6 @@ impl MappingStage {
         }
     }
 
-    /// Serves requested octree files while the replay is paused.
     pub(super) fn serve_octree_files(&self, paused_snapshot: &PausedSnapshot) {
         if let Some(network) = &self.network {
             network.serve_paused_octree_files(&self.maps, paused_snapshot);
@@ -288,7 +283,6 @@ impl EventLog {
 /// Counts of the maps that the localization stage publishes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MapStats {
-    /// Scans that are in the map.
     pub(super) scans_mapped: u64,
     /// Registered scans that were dropped, by reason.
     pub(super) dropped_scans: DropCounts,
@@ -307,14 +301,10 @@ impl SharedMapStats {
             dropped_scans: report.dropped_scans.clone(),
             dropped_beams: report.dropped_beams.clone(),
         };
-        *self.lock() = stats;
+        *lock(&self.0) = stats;
     }
 
     pub(super) fn get(&self) -> MapStats {
-        self.lock().clone()
-    }
-
-    fn lock(&self) -> MutexGuard<'_, MapStats> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0).clone()
     }
 }

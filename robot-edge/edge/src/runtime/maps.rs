@@ -4,8 +4,8 @@ use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
 use crate::config::Config;
+use crate::publishing::cells_to_tiles::shores;
 use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
-use crate::publishing::shores::shores;
 use crate::summary::StageTimer;
 use localization::OnJump;
 use localization::pose_buffer::PoseJump;
@@ -27,7 +27,6 @@ const EVICTION_REPORT_INTERVAL: RobotDuration = RobotDuration::from_nanos(10_000
 /// Maximum number of scans between two publications, whatever their stamps are.
 const MAX_SCANS_UNPUBLISHED: u32 = 250;
 
-/// The layers and their published tiles.
 pub struct Maps {
     mapper: Mapper,
     publisher: Publisher,
@@ -50,16 +49,13 @@ struct MapsProgress {
     datum: Option<GeodeticPoint>,
 }
 
-/// What changed in the maps since the last update.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapUpdate {
-    /// The tiles that were published.
     pub changed_tiles: Vec<TileKey>,
     /// In the order of the data.
     pub events: Vec<MapEvent>,
 }
 
-/// A change of the maps that operators should know.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapEvent {
     /// On the clock of the data.
@@ -70,14 +66,11 @@ pub struct MapEvent {
     pub message: String,
 }
 
-/// Counts of registered scans and their beams.
 #[derive(Clone, Debug, Default)]
 pub struct MapsReport {
-    /// Scans that are in the map.
     pub scans_mapped: u64,
     /// Registered scans that were dropped, by reason.
     pub dropped_scans: DropCounts,
-    /// Beams that marked a hit.
     pub hits: u64,
     /// Beams without a return.
     pub misses: u64,
@@ -91,7 +84,6 @@ pub struct MapsReport {
     pub publish_time: StageTimer,
 }
 
-/// A saved state of [`Maps`].
 #[derive(Clone, Debug)]
 pub struct MapsCheckpoint {
     mapper: Mapper,
@@ -138,7 +130,6 @@ impl PausedSnapshot {
             })
     }
 
-    /// Stamp of the newest scan in the snapshot.
     pub const fn last_scan(&self) -> Option<RobotTime> {
         self.last_scan
     }
@@ -205,7 +196,6 @@ impl Maps {
         self.publish()
     }
 
-    /// The changes since the last call.
     pub fn take_update(&mut self) -> MapUpdate {
         MapUpdate {
             changed_tiles: self.publisher.take_changed(),
@@ -213,7 +203,6 @@ impl Maps {
         }
     }
 
-    /// Counts a registered scan that is not mapped.
     pub fn count_dropped(&mut self, reason: DropReason) {
         self.progress.report.dropped_scans.add(reason);
     }
@@ -223,13 +212,11 @@ impl Maps {
         self.progress.published_at = None;
     }
 
-    /// Publishes everything at the end of the data.
     pub fn finish(&mut self) -> Result<(), PublishError> {
         self.mapper.refresh();
         self.publish()
     }
 
-    /// Sets the position of the origin of `odom` on Earth, which is published with the shores.
     pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
         self.progress.datum = datum;
     }
@@ -288,27 +275,22 @@ impl Maps {
         Ok(())
     }
 
-    /// Stamp of the newest scan in the map.
     pub const fn last_scan(&self) -> Option<RobotTime> {
         self.progress.last_scan
     }
 
-    /// The layers.
     pub const fn mapper(&self) -> &Mapper {
         &self.mapper
     }
 
-    /// The published tiles.
     pub const fn publisher(&self) -> &Publisher {
         &self.publisher
     }
 
-    /// Counts and processing times.
     pub const fn report(&self) -> &MapsReport {
         &self.progress.report
     }
 
-    /// Shores and docking sites, if they are mapped.
     pub fn shores(&self) -> Option<Shores> {
         let voxels = self.mapper.voxels()?;
         let cell_m = voxels.octree().cell_m();
@@ -331,7 +313,6 @@ impl Maps {
         Some((self.last_scan().filter(|_| is_known)?, self.shores()?))
     }
 
-    /// Copies the whole state.
     pub fn checkpoint(&self) -> MapsCheckpoint {
         MapsCheckpoint {
             mapper: self.mapper.clone(),
@@ -418,4 +399,102 @@ impl Maps {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use nalgebra::Point3;
+    use protocol::tile::BootId;
+
+    use super::*;
+    use crate::export::voxels::voxel_digest;
+    use localization::pose_buffer::PoseJump;
+    use mapping::grid::VoxelIndex;
+    use mapping::octree::VoxelState;
+    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+    use measurement::pose::Pose;
+
+    /// Hit of the scan in the map, and of the scan that waits, metres.
+    const BEFORE_M: [f64; 2] = [3.05, 0.05];
+    const WAITING_M: [f64; 2] = [0.05, 8.05];
+
+    fn take(maps: &mut Maps, registered: &RegistrationOutput) {
+        match registered {
+            RegistrationOutput::Scan(scan) => {
+                maps.integrate(scan);
+                maps.publish_if_due().unwrap();
+            }
+            RegistrationOutput::Jump(jump) => maps.on_pose_jump(jump),
+        }
+    }
+
+    fn maps(on_jump: OnJump) -> Maps {
+        let mut config = Config::default();
+        config.mapping.octree.enabled = true;
+        config.localization.on_jump = on_jump;
+        Maps::new(&config, BootId([1; 16]), false).unwrap()
+    }
+
+    /// Five beams, one above the other, into one voxel.
+    fn scan(stamp_ns: i64, [x, y]: [f64; 2]) -> RegistrationOutput {
+        let beams = (0..5).map(|index| {
+            let origin = Point3::new(0.05, 0.05, 0.05);
+            let end = Point3::new(x, y, 0.01 + 0.02 * f64::from(index));
+            RegisteredBeam {
+                origin_in_odom: origin,
+                end_in_odom: end,
+                outcome: BeamOutcome::Hit,
+                index,
+                range_m: (end - origin).norm() as f32,
+            }
+        });
+        RegistrationOutput::Scan(RegisteredScan {
+            stamp: RobotTime::from_nanos(stamp_ns),
+            sensor: SensorId(0),
+            beam_step_rad: 0.005,
+            own_body_hits: 0,
+            odom_from_base: Pose::identity(),
+            beams: beams.collect(),
+        })
+    }
+
+    fn state(octree: &Octree, [x, y]: [f64; 2]) -> VoxelState {
+        let point = Point3::new(x, y, 0.05);
+        octree.state(VoxelIndex::containing(point, octree.cell_m()))
+    }
+
+    /// The voxels that the two scans hit, in the octree of a paused snapshot; it equals the octree of maps that end there.
+    fn shown(on_jump: OnJump, waiting: &[RegistrationOutput]) -> (VoxelState, VoxelState) {
+        let before = scan(0, BEFORE_M);
+        let (mut standing, mut ended) = (maps(on_jump), maps(on_jump));
+        for maps in [&mut standing, &mut ended] {
+            take(maps, &before);
+        }
+        for registered in waiting {
+            take(&mut ended, registered);
+        }
+        ended.finish().unwrap();
+        let paused_snapshot = standing.publish_paused(waiting.to_vec()).unwrap();
+        let octree = standing.octree_of(&paused_snapshot).unwrap();
+        let of_ended = ended.mapper().voxels().unwrap().octree();
+        assert_eq!(voxel_digest(&octree), voxel_digest(of_ended), "{on_jump:?}");
+        (state(&octree, BEFORE_M), state(&octree, WAITING_M))
+    }
+
+    #[test]
+    fn a_waiting_jump_erases_the_octree_like_the_other_maps() {
+        use VoxelState::{Occupied, Unknown};
+        let jump = RegistrationOutput::Jump(PoseJump {
+            stamp: RobotTime::from_nanos(100),
+            distance_m: 5.0,
+        });
+        let waiting = scan(200, WAITING_M);
+        let in_front = [jump.clone(), waiting.clone()];
+        let behind = [waiting, jump];
+        for (on_jump, waiting, known) in [
+            (OnJump::Keep, &in_front, (Occupied, Occupied)),
+            (OnJump::Keep, &behind, (Occupied, Occupied)),
+            (OnJump::Reset, &in_front, (Unknown, Occupied)),
+            (OnJump::Reset, &behind, (Unknown, Unknown)),
+        ] {
+            assert_eq!(shown(on_jump, waiting), known, "{on_jump:?} {waiting:?}");
+        }
+    }
+}

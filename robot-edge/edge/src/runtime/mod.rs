@@ -1,9 +1,7 @@
 //! The commands of the program, and the threads and channels of a run.
 
 mod batching_channel;
-mod data_clock;
 mod driving;
-mod keys;
 mod live;
 mod live_recording;
 pub mod localization_plan;
@@ -88,8 +86,8 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             Ok(Exit::Done)
         }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
-        Command::Keys(command) => keys::keys(command, out),
-        Command::InstallKeys(command) => keys::install_keys(command, out),
+        Command::Keys(command) => vehicle_commands::keys(command, out),
+        Command::InstallKeys(command) => vehicle_commands::install_keys(command, out),
         Command::Experiments(_) => Err(not_built("experiments")),
         Command::Completions(command) => {
             command.print(out)?;

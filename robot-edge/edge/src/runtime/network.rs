@@ -46,19 +46,15 @@ const SPEED_WINDOW_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
 /// On water: positions scatter by centimetres.
 const SPEED_WINDOW_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
 
-/// Description of the robot for the network.
 pub(super) struct RobotDescription<'a> {
     /// Recording or world; empty on a real vehicle.
     pub(super) source: &'a str,
     /// Live measurements; otherwise the time of the data applies.
     pub(super) is_live: bool,
-    /// Registration of its sensors.
     pub(super) localization: &'a RegistrationSettings,
-    /// Operators may record.
     pub(super) can_record: bool,
 }
 
-/// The open network of a run.
 pub(super) struct Network {
     // Dropped before the link: the motors stop first.
     driving: Option<Driving>,
@@ -183,7 +179,7 @@ impl Network {
                 if !quiet {
                     writeln!(
                         io::stderr(),
-                        "network: none, nobody can watch: {err}. --no-network does without"
+                        "warning: no network, so that nobody can watch: {err}. --no-network does without"
                     )?;
                 }
                 Ok(None)
@@ -192,12 +188,10 @@ impl Network {
         }
     }
 
-    /// Whether the vehicle can be driven.
     pub(super) const fn is_driven(&self) -> bool {
         self.driving.is_some()
     }
 
-    /// Stops the motors and ends driving.
     pub(super) fn end_driving(&mut self) {
         drop(self.driving.take());
     }
@@ -283,7 +277,6 @@ impl Network {
         }
     }
 
-    /// Queues changed tiles for the consoles.
     pub(super) fn publish_tiles(&self, changed: Vec<TileKey>) {
         self.link.publish_state().tiles_changed(changed);
     }

@@ -116,7 +116,6 @@ fn robot_id_from(vehicle: &str) -> RobotId {
     name.parse().unwrap_or_else(|_empty| RobotId::default())
 }
 
-/// The error for an open endpoint without keys and without `--insecure`.
 pub(super) fn open_without_keys(endpoint: &str) -> UsageError {
     UsageError(format!(
         "{endpoint}: whoever reaches this address could watch the robot and drive it, unencrypted and without saying who \
@@ -124,24 +123,22 @@ pub(super) fn open_without_keys(endpoint: &str) -> UsageError {
     ))
 }
 
-/// Prints warnings about keys and open endpoints.
 pub(super) fn print_security_notice(endpoints: &Endpoints, out: &mut dyn Write) -> io::Result<()> {
     let mut endpoint_list = endpoints.listen.iter().chain(&endpoints.connect);
     match &endpoints.credentials {
         Some(credentials) => match credentials.warning() {
-            Some(warning) => writeln!(out, "network: {warning}"),
+            Some(warning) => writeln!(out, "warning: {warning}"),
             None => Ok(()),
         },
         None if endpoint_list.all(|endpoint| is_loopback(endpoint)) => Ok(()),
         None => writeln!(
             out,
-            "network: INSECURE: whoever reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
+            "warning: INSECURE: anybody who reaches it may watch this robot and drive it; nothing is encrypted, and nobody \
              proves who they are"
         ),
     }
 }
 
-/// Opens the audit log and writes its first entry.
 pub(super) fn open_audit_log(
     path: &Path,
     robot: &RobotId,

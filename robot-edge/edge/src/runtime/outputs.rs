@@ -6,7 +6,10 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use anyhow::Context as _;
-use protocol::export::{Caption, StampedPose, Trinary, export_all, write_shores, write_trajectory};
+use protocol::export::{
+    Caption, Footprint, StampedPose, Trinary, export_all, shore_labels, write_shores,
+    write_trajectory,
+};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
@@ -15,24 +18,32 @@ use super::pipeline::Pipeline;
 use super::source::SourceLosses;
 use super::source_reader::SourceEnd;
 use crate::cli::MappingOptions;
+use crate::events::merge_alike;
 use crate::exit::UsageError;
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::publishing::publisher::Publisher;
 use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
+use crate::survey::recover_advice;
+use mapping::vehicle::VehicleConfig;
 use measurement::drops::{DropCounts, DropReason};
+use recording::{Format, name_missing};
 
 /// Writes the maps and the trajectory to `dir`, each even if another one fails. Returns the file names.
 pub(super) fn export(
     dir: &Path,
     pipeline: &Pipeline,
     trajectory: &[StampedPose],
-    title: &str,
+    (title, vehicle): (&str, &VehicleConfig),
 ) -> anyhow::Result<Vec<String>> {
     let maps = &pipeline.mapping.maps;
+    let shores = maps.shores();
+    let labels = shores.as_ref().map(shore_labels).unwrap_or_default();
     let caption = Caption {
         title,
         vehicle_m: Some(vehicle_position_m(pipeline)),
-        labels: &[],
+        path: trajectory,
+        footprint: Some(footprint(vehicle)),
+        labels: &labels,
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);
     let path = dir.join("trajectory.tum");
@@ -44,7 +55,7 @@ pub(super) fn export(
         .transpose();
     let mut files = exported?.files;
     files.push(path);
-    if let Some(shores) = maps.shores() {
+    if let Some(shores) = shores {
         files.push(write_shores(dir, &shores)?);
     }
     let mut lines: Vec<_> = files
@@ -61,6 +72,16 @@ pub(super) fn export(
         }
     }
     Ok(lines)
+}
+
+/// The footprint as published.
+fn footprint(vehicle: &VehicleConfig) -> Footprint {
+    let published = |length_m: f64| f64::from(length_m as f32);
+    Footprint {
+        length_m: published(vehicle.length_m),
+        width_m: published(vehicle.width_m),
+        offset_m: published(vehicle.footprint_offset_m),
+    }
 }
 
 /// The vehicle position as published, so that exported pictures equal those of consoles.
@@ -123,7 +144,6 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
 }
 
 impl Summary {
-    /// Adds the result of reading the source.
     pub(super) fn add_source_end(&mut self, end: &SourceEnd, interrupted: bool) {
         let SourceLosses {
             counts,
@@ -131,6 +151,9 @@ impl Summary {
             stamp_repairs,
             notes,
         } = &end.lost;
+        let path = Path::new(&self.recording);
+        let format = Format::of(path).ok();
+        let advice = format.and_then(|format| recover_advice(format, counts, path));
         // Late scans were received, but could not be ordered.
         self.scans.came_in += late_scans;
         self.scans.dropped.add_many(DropReason::Late, *late_scans);
@@ -138,7 +161,7 @@ impl Summary {
         for (reason, n) in counts.iter() {
             self.add_event("loss", format!("the recording lost {n} × {reason}"));
         }
-        for note in notes {
+        for note in notes.iter().chain(&advice) {
             self.add_event("note", note.clone());
         }
         if *stamp_repairs > 0 {
@@ -207,15 +230,18 @@ impl Summary {
     }
 }
 
-/// Prints a few lines about the run.
 pub(super) fn print_summary(
     summary: &Summary,
     files: &[String],
     out: &mut dyn Write,
 ) -> io::Result<()> {
     // Decisions were printed before the run.
-    for event in summary.events.iter().filter(|event| event.kind != SETUP) {
-        writeln!(out, "{}: {}", event.kind, event.message)?;
+    let events = summary.events.iter().filter(|event| event.kind != SETUP);
+    let events: Vec<_> = events
+        .map(|event| format!("{}: {}", event.kind, event.message))
+        .collect();
+    for line in merge_alike(events.iter().map(String::as_str)) {
+        writeln!(out, "{line}")?;
     }
     let scans = &summary.scans;
     write!(out, "{} of {} scans mapped", scans.mapped, scans.came_in)?;
@@ -243,6 +269,12 @@ pub(super) fn print_summary(
     }
     for file in files {
         writeln!(out, "{file}")?;
+    }
+    if files.is_empty() && summary.scans.mapped > 0 {
+        writeln!(
+            out,
+            "no picture was written: --export FOLDER writes the maps as pictures and for GIS and ROS"
+        )?;
     }
     Ok(())
 }
@@ -340,7 +372,9 @@ pub(super) fn prepare(export: Option<&Path>, summary: Option<&Path>) -> anyhow::
         try_folder(dir).with_context(|| format!("{}: cannot write the maps", dir.display()))?;
     }
     if let Some(path) = summary {
-        try_file(path).with_context(|| format!("{}: cannot write the summary", path.display()))?;
+        try_file(path)
+            .map_err(|error| name_missing(path, error))
+            .with_context(|| format!("{}: cannot write the summary", path.display()))?;
     }
     Ok(())
 }

@@ -10,10 +10,10 @@ use anyhow::anyhow;
 use protocol::tile::BootId;
 
 use super::batching_channel::{MappingInput, batching_channel};
-use super::data_clock::DataClock;
 use super::localization_stage::LocalizationStage;
 use super::mapping_stage::MappingStage;
 use super::maps::{MapEvent, Maps, MapsCheckpoint, MapsReport, PausedSnapshot};
+use super::source::DataClock;
 use super::source_reader::{Batch, SourceEnd};
 use crate::config::Config;
 use crate::publishing::publisher::{PublishError, Publisher};
@@ -24,14 +24,12 @@ use measurement::Measurement;
 use measurement::time::RobotTime;
 use recording::time_sequencer::Ordered;
 
-/// Both stages.
 pub struct Pipeline {
     // Dropped first: the motors are stopped before a recording is synced to the disk.
     pub(super) mapping: MappingStage,
     pub(super) localization: LocalizationStage,
 }
 
-/// A saved state of both stages.
 pub(super) struct PipelineCheckpoint {
     registration: ScanRegistration,
     clock: DataClock,
@@ -80,7 +78,6 @@ impl Pipeline {
         Ok(scans)
     }
 
-    /// Registers and maps a batch.
     pub(super) fn take(&mut self, batch: Batch) -> anyhow::Result<()> {
         let Self {
             localization,
@@ -169,7 +166,6 @@ impl Pipeline {
         Ok(paused_snapshot)
     }
 
-    /// Copies the whole state.
     pub(super) fn checkpoint(&self) -> PipelineCheckpoint {
         PipelineCheckpoint {
             registration: self.localization.registration.clone(),
@@ -190,7 +186,6 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Restores a checkpoint.
     pub(super) fn restore(&mut self, to: &PipelineCheckpoint) -> Result<(), PublishError> {
         self.mapping.maps.restore(&to.maps)?;
         self.reset_to(to.registration.clone(), to.clock, to.scans);
@@ -207,32 +202,26 @@ impl Pipeline {
         self.mapping.seek(scans);
     }
 
-    /// The map events since the last call, in order.
     pub fn take_map_events(&mut self) -> Vec<MapEvent> {
         self.mapping.maps.take_update().events
     }
 
-    /// Counts of scans and beams before mapping.
     pub const fn registration(&self) -> &ScanRegistration {
         &self.localization.registration
     }
 
-    /// Stamp of the newest scan in the map.
     pub const fn last_scan(&self) -> Option<RobotTime> {
         self.mapping.maps.last_scan()
     }
 
-    /// The layers.
     pub const fn mapper(&self) -> &Mapper {
         self.mapping.maps.mapper()
     }
 
-    /// The published tiles.
     pub const fn publisher(&self) -> &Publisher {
         self.mapping.maps.publisher()
     }
 
-    /// Counts and processing times of mapping.
     pub const fn report(&self) -> &MapsReport {
         self.mapping.maps.report()
     }

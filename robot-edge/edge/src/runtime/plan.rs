@@ -1,6 +1,6 @@
 //! Chooses the range sensors and the source of poses of a recording, before the replay.
 
-use self::range_sensors::FoundSensor;
+use self::streams::FoundSensor;
 use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
@@ -9,39 +9,35 @@ use localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseSt
 use localization::{LocalizationConfig, PoseSource};
 use recording::Format;
 
-mod pose_streams;
-mod range_sensors;
+mod streams;
 
-/// The choice.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Plan {
     /// Name of each range sensor and its topic or message name.
     pub(super) sensors: Vec<(String, String)>,
     pub(super) localization_plan: LocalizationPlan,
-    /// The streams that are read.
     pub(super) streams: Vec<String>,
     /// Range from which on the only laser has no return, if its messages do not give it, metres.
     pub(super) inferred_miss_range_m: Option<f32>,
-    /// Notes about the choice.
     pub(super) notes: Vec<String>,
 }
 
 /// Chooses by the contents of the recording and the configuration. An error lists the candidates and the options to
 /// choose one.
 pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
-    let (found, missing) = range_sensors::find_sensors(survey, config)?;
+    let (found, missing) = streams::find_sensors(survey, config)?;
     let ChosenPoses {
         origin,
         pose_streams,
     } = choose_origin(survey, &found, config)?;
-    let mut sensors = range_sensors::place(survey, &found, &origin, config)?;
-    let topics = found.iter().map(|found| survey.name_of(found.scans));
+    let mut sensors = streams::place(survey, &found, &origin, config)?;
+    let topics = found.iter().map(|found| survey.topic_name(found.stream));
     let mut streams: Vec<_> = topics.clone().map(str::to_owned).collect();
     let mut notes = Vec::new();
     for sensor in missing {
         notes.push(format!("{sensor}: it has no scans of this sensor"));
     }
-    let lasers = range_sensors::join_names(&found);
+    let lasers = streams::join_names(&found);
     match &origin {
         PoseOrigin::Log => notes.push(format!(
             "poses: those that {} brings for its own scans",
@@ -70,7 +66,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
             streams.push(odometry);
         }
         PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) => {
-            let named = |stream| pose_streams::name(survey, stream).to_owned();
+            let named = |stream| survey.topic_name(stream).to_owned();
             let PoseStreams {
                 wheels,
                 attitude,
@@ -90,8 +86,8 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
         PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
     }
     let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
-    streams.extend(tilts.map(|stream| pose_streams::name(survey, stream).to_owned()));
-    notes.extend(range_sensors::tilt_notes(survey, &found, &sensors));
+    streams.extend(tilts.map(|stream| survey.topic_name(stream).to_owned()));
+    notes.extend(streams::tilt_notes(survey, &found, &sensors));
     let mut inferred_miss_range_m = None;
     let is_alone = found.len() == 1;
     for (found, planned) in found.iter().zip(&mut sensors) {
@@ -106,7 +102,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError>
         }
         notes.push(format!(
             "{} reports {range_m} m where it sees nothing: such beams are misses",
-            survey.name_of(found.scans)
+            survey.topic_name(found.stream)
         ));
     }
     if !survey.is_complete() {
@@ -136,7 +132,6 @@ fn unique(names: Vec<String>) -> Vec<String> {
     once
 }
 
-/// The source of poses and its streams.
 struct ChosenPoses {
     origin: PoseOrigin,
     pose_streams: PoseStreams,
@@ -148,8 +143,8 @@ fn choose_origin(
     config: &Config,
 ) -> Result<ChosenPoses, UsageError> {
     let localization = &config.localization;
-    let wheel_streams = || poses_by_wheels(survey, config);
-    let fix_streams = || poses_by_fixes(survey, config);
+    let wheels = || poses_by_wheels(survey, config);
+    let fixes = || poses_by_fixes(survey, config);
     let ready_made = |origin| ChosenPoses {
         origin,
         pose_streams: PoseStreams::default(),
@@ -163,17 +158,17 @@ fn choose_origin(
     let chosen = match localization.source {
         PoseSource::Auto => match log().or_else(tf).or_else(odometry).map(ready_made) {
             Some(chosen) => Some(chosen),
-            None => match wheel_streams()? {
+            None => match wheels()? {
                 Some(chosen) => Some(chosen),
-                None => fix_streams()?,
+                None => fixes()?,
             },
         },
         PoseSource::Log => log().map(ready_made),
         PoseSource::Tf => tf().map(ready_made),
         PoseSource::Odometry => odometry().map(ready_made),
         PoseSource::Static => Some(ready_made(PoseOrigin::Static)),
-        PoseSource::Wheels => wheel_streams()?,
-        PoseSource::Gps => fix_streams()?,
+        PoseSource::Wheels => wheels()?,
+        PoseSource::Gps => fixes()?,
     };
     let origin = chosen.as_ref().map(|chosen| &chosen.origin);
     let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
@@ -185,7 +180,7 @@ fn choose_origin(
         return Err(UsageError(format!(
             "{}: no frame {wanted:?} in which {} moves (localization.fixed_frame): {}",
             survey.path.display(),
-            range_sensors::join_names(found),
+            streams::join_names(found),
             describe_pose_sources(survey)
         )));
     }
@@ -193,25 +188,35 @@ fn choose_origin(
 }
 
 fn poses_by_wheels(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
-    let Ok(sensors) = WheelsAndAttitude::of(&config.sensors) else {
-        return Ok(None);
-    };
-    let chosen = |pose_streams| ChosenPoses {
-        origin: poses_from_wheels(config, &sensors),
-        pose_streams,
-    };
-    Ok(pose_streams::wheel_streams(survey, &sensors)?.map(chosen))
+    match WheelsAndAttitude::of(&config.sensors) {
+        Ok(sensors) if !survey.joints.is_empty() && !survey.attitudes.is_empty() => {
+            Ok(Some(ChosenPoses {
+                origin: poses_from_wheels(config, &sensors),
+                pose_streams: PoseStreams {
+                    wheels: Some(streams::encoders(survey, sensors.encoders)?),
+                    attitude: Some(streams::attitude(survey, sensors.imu)?),
+                    fixes: None,
+                },
+            }))
+        }
+        Ok(_) | Err(_) => Ok(None),
+    }
 }
 
 fn poses_by_fixes(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
-    let Ok(sensors) = FixesAndAttitude::of(&config.sensors) else {
-        return Ok(None);
-    };
-    let chosen = |pose_streams| ChosenPoses {
-        origin: poses_from_fixes(config, &sensors),
-        pose_streams,
-    };
-    Ok(pose_streams::fix_streams(survey, &sensors)?.map(chosen))
+    match FixesAndAttitude::of(&config.sensors) {
+        Ok(sensors) if !survey.fixes.is_empty() && !survey.attitudes.is_empty() => {
+            Ok(Some(ChosenPoses {
+                origin: poses_from_fixes(config, &sensors),
+                pose_streams: PoseStreams {
+                    wheels: None,
+                    attitude: Some(streams::attitude(survey, sensors.imu)?),
+                    fixes: Some(streams::fixes(survey, sensors.gps)?),
+                },
+            }))
+        }
+        Ok(_) | Err(_) => Ok(None),
+    }
 }
 
 /// Transforms reach that frame, or there are only odometry messages, which define it.
@@ -220,7 +225,7 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
         Some(PoseOrigin::Odometry) => survey
             .odometry
             .iter()
-            .any(|odometry| *odometry.parent == *wanted),
+            .any(|(_, odometry)| *odometry.parent == *wanted),
         Some(PoseOrigin::Wheels(_) | PoseOrigin::Gps(_)) => wanted == ODOMETRY_FRAME,
         Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
         None => false,
@@ -230,7 +235,7 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
 fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource) -> UsageError {
     let path = survey.path.display();
     let there_is = describe_pose_sources(survey);
-    let lasers = range_sensors::join_names(found);
+    let lasers = streams::join_names(found);
     let (wanted, lacks) = match source {
         PoseSource::Log => ("log", "its scans bring no poses of their own"),
         PoseSource::Tf => ("tf", "no transforms lead up to a frame in which it moves"),
@@ -259,7 +264,7 @@ fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource
                 ),
                 None => String::new(),
             };
-            let wheels = pose_streams::describe_available(survey)
+            let wheels = streams::describe_available(survey)
                 .map_or(String::new(), |there_are| format!(". {there_are}"));
             return UsageError(format!(
                 "{path}: nothing in it says where {lasers} was: {there_is}{leads}{wheels}. If the vehicle \
@@ -293,7 +298,7 @@ fn poses_by_tf(
 fn choose_odometry(survey: &Survey) -> Result<String, UsageError> {
     let stream = survey
         .best_odometry()
-        .and_then(|odometry| survey.stream(odometry.stream));
+        .and_then(|(stream, _)| survey.stream(*stream));
     let name = stream.map(|summary| summary.stream.name.clone());
     name.ok_or_else(|| {
         UsageError(format!(
@@ -313,8 +318,8 @@ fn describe_pose_sources(survey: &Survey) -> String {
     let odometry: Vec<_> = survey
         .odometry
         .iter()
-        .filter_map(|odometry| {
-            let stream = survey.stream(odometry.stream)?;
+        .filter_map(|(stream, odometry)| {
+            let stream = survey.stream(*stream)?;
             Some(format!("{} in {}", stream.stream.name, odometry.parent))
         })
         .take(8)

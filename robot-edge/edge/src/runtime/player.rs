@@ -23,11 +23,9 @@ use measurement::time::{Monotonic, RobotDuration};
 use network::clock;
 use recording::time_sequencer::Ordered;
 
-/// Maximum number of items in a batch.
 const MAX_BATCH_ITEMS: usize = 64;
 /// Maximum time to map a batch: commands wait for its end.
 const MAX_BATCH_TIME: Duration = Duration::from_millis(20);
-/// Polling interval of a paused replay.
 const PAUSED_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Replays `source` as `control` commands, until interrupted.
@@ -54,7 +52,6 @@ struct Player<'a> {
     control: &'a ReplayControl,
     interrupt: &'a AtomicBool,
     batch: Vec<SourceItem>,
-    /// Current size of a batch.
     batch_size: usize,
     /// When the first item of the batch was due.
     received_at: Monotonic,
@@ -75,7 +72,6 @@ struct Player<'a> {
     newest: RobotDuration,
     seeking: Option<RobotDuration>,
     has_ended: bool,
-    /// Present while paused.
     paused_snapshot: Option<PausedSnapshot>,
     pacer: Pacer,
     pacer_rate: Rate,
@@ -425,7 +421,6 @@ const MAX_COST_DIVISOR: u32 = 20;
 pub(super) const MAX_CHECKPOINTS: usize = 24;
 const MAX_BYTES: usize = 512_000_000;
 
-/// A saved state of a replay.
 pub(super) struct ReplayCheckpoint {
     /// Time of the data since the first scan.
     pub(super) at: RobotDuration,
@@ -474,7 +469,6 @@ impl Checkpoints {
         }
     }
 
-    /// The last checkpoint up to `to`.
     pub(super) fn latest_until(&self, to: RobotDuration) -> Option<&ReplayCheckpoint> {
         let behind = self.kept.partition_point(|kept| kept.at <= to);
         self.kept.get(behind.checked_sub(1)?)

@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use std::{fs, io};
 
+use crate::lock;
 use measurement::scan::Scan;
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use measurement::{Measurement, MeasurementData, OwnPose, Stream};
@@ -28,7 +29,6 @@ pub(super) enum SyncPolicy {
     Background,
 }
 
-/// Writes measurements to an MCAP file.
 pub(super) struct Recorder {
     writer: McapWriter,
     /// Present in runs in real time.
@@ -288,7 +288,6 @@ pub(super) struct SyncThread {
 type Failed = Arc<Mutex<Option<WriteError>>>;
 
 impl SyncThread {
-    /// `sync` is called at each request.
     pub(super) fn start(
         sync: impl Fn() -> Result<(), WriteError> + Send + 'static,
     ) -> io::Result<Self> {
@@ -336,10 +335,6 @@ impl SyncThread {
         let failed = lock(&failed).take();
         failed.map_or(Ok(()), Err)
     }
-}
-
-fn lock(failed: &Mutex<Option<WriteError>>) -> MutexGuard<'_, Option<WriteError>> {
-    failed.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -13,6 +13,8 @@ use super::player;
 use super::run::Run;
 use super::source::{self, ReplaySource};
 use crate::cli::{MappingOptions, Replay};
+use crate::config::advice::advise;
+use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::replay_control::{Length, ReplayControl};
@@ -21,9 +23,6 @@ use crate::survey::Survey;
 use localization::registration::PoseOrigin;
 use measurement::time::RobotDuration;
 use recording::{self, Selection};
-
-/// The vehicle if the recording names none.
-const DEFAULT_VEHICLE: &str = "generic2d";
 
 pub(super) fn replay(
     command: &Replay,
@@ -79,18 +78,24 @@ pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Conf
         (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
         (None, Some(vehicle)) => (vehicle.as_str(), "named in the recording"),
         (None, None) => (
-            DEFAULT_VEHICLE,
+            GENERIC.name,
             "the recording names no vehicle; --vehicle chooses another",
         ),
     };
-    let config = config::load(vehicle, &options.setup.overrides())?;
+    let overrides = options.setup.overrides();
+    let config = config::load(vehicle, &overrides)?;
     range_sensors(&config)?;
     check_start(&survey, command.start_s)?;
     let mut plan = plan(&survey, &config)?;
     let sensors = plan.sensors.iter();
     let sensors = sensors.map(|(name, topic)| format!("{name}: {topic}"));
+    let advice = advise(vehicle, &overrides, &config, false);
     let vehicle = std::iter::once(format!("{vehicle} ({why})"));
-    plan.notes = vehicle.chain(sensors).chain(plan.notes).collect();
+    plan.notes = vehicle
+        .chain(sensors)
+        .chain(plan.notes)
+        .chain(advice)
+        .collect();
     Ok((survey, config, plan))
 }
 
@@ -182,7 +187,6 @@ fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// Fails if no message of the file could be read.
 fn check_readable(survey: &Survey) -> Result<(), recording::RecordingError> {
     let messages: u64 = survey.streams.iter().map(|summary| summary.messages).sum();
     if messages > 0 || survey.losses.total() == 0 {

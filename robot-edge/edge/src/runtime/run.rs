@@ -32,7 +32,6 @@ use network::random_id;
 use recording::new_file::{self, NewFile};
 use recording::writer::WriteError;
 
-/// The settings of a run.
 pub(super) struct Run<'a> {
     /// Name of the recording or world.
     pub(super) source: String,
@@ -55,7 +54,6 @@ pub(super) struct Run<'a> {
     pub(super) events: Vec<Event>,
 }
 
-/// The files that a run writes continuously.
 struct Files {
     recorder: Option<Recorder>,
     /// Why `--record` writes nothing.
@@ -308,7 +306,8 @@ impl Run<'_> {
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             // Consoles may still request the trajectory.
             let trajectory = pipeline.mapping.trajectory.lock().poses();
-            outputs::export(dir, &pipeline, &trajectory, &self.title)
+            let of = (self.title.as_str(), &self.config.vehicle);
+            outputs::export(dir, &pipeline, &trajectory, of)
         });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary

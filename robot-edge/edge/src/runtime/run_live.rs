@@ -15,6 +15,8 @@ use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
 use super::run::Run;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
+use crate::config::advice::advise;
+use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::pacer::Rate;
@@ -22,8 +24,6 @@ use crate::ros2::RosEndpoint;
 use crate::summary::Event;
 use recording::ros::middleware::MAX_DOMAIN;
 
-/// The vehicle if none is specified.
-const DEFAULT_VEHICLE: &str = "generic2d";
 /// Default endpoint for consoles. It differs from that of the router of `rmw_zenoh`.
 const DEFAULT_LISTEN: &str = "tcp/127.0.0.1:7449";
 
@@ -37,7 +37,7 @@ pub(super) fn run_live(
     let (vehicle, why) = match &options.setup.vehicle {
         Some(vehicle) => (vehicle.as_str(), "as asked for"),
         None => (
-            DEFAULT_VEHICLE,
+            GENERIC.name,
             "nobody says which vehicle it is; --vehicle does",
         ),
     };
@@ -84,6 +84,8 @@ pub(super) fn run_live(
     let sensors = plan.sensors.iter();
     notes.extend(sensors.map(|(name, topic)| format!("{name}: {topic}")));
     notes.extend(plan.notes);
+    let overrides = options.setup.overrides();
+    notes.extend(advise(vehicle, &overrides, &config, drive.can_drive()));
     if let Some(twist) = config
         .motors
         .ros2_twist
@@ -274,7 +276,7 @@ mod tests {
     fn the_default_port_is_beside_the_router_of_ros() {
         let listen = |options: &NetworkOptions, set: &[&str]| {
             let set: Vec<_> = set.iter().map(|set| set.parse().unwrap()).collect();
-            let config = config::load(DEFAULT_VEHICLE, &set).unwrap();
+            let config = config::load(GENERIC.name, &set).unwrap();
             with_default_listen(options, &config).listen
         };
         let none = NetworkOptions::default();

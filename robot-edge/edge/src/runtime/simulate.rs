@@ -6,13 +6,14 @@ use std::sync::atomic::AtomicBool;
 use super::driving::{DrivePlan, MotorsPlan};
 use super::localization_plan::{
     LocalizationPlan, PlannedSensor, poses_from_fixes, poses_from_wheels, range_sensors,
-    registration_settings, wanted_sensors,
+    registration_settings,
 };
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
 use super::run::Run;
 use super::source::{Source, SourceItem, SourceLosses};
 use crate::cli::Simulate;
+use crate::config::advice::advise;
 use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
@@ -69,6 +70,8 @@ pub(super) fn simulate(
         world.name(),
         command.seed
     )];
+    let overrides = options.setup.overrides();
+    notes.extend(advise(vehicle, &overrides, &config, true));
     if config.motors != MotorsConfig::default() {
         notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
     }
@@ -127,7 +130,7 @@ pub fn simulated_localization_plan(
     let assigned = if takes_all {
         vec![None]
     } else {
-        assign(&wanted_sensors(&sensors), &scan_names)
+        assign(&sensors, &scan_names)
             .map_err(|error| UsageError(format!("the simulated vehicle: {error}")))?
     };
     // There is no transform of a tilting sensor: its joint gives the angle.

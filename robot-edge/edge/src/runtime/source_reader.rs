@@ -12,7 +12,6 @@ use network::clock;
 use recording::time_sequencer::Ordered;
 use recording::{Position, RecordingError};
 
-/// Maximum number of items in a batch.
 const MAX_BATCH_ITEMS: usize = 64;
 
 /// Maximum time between two batches; an empty one triggers a status update.
@@ -32,7 +31,6 @@ pub(super) struct Batch {
     pub(super) lost: u64,
 }
 
-/// The result of reading a source.
 pub(super) struct SourceEnd {
     pub(super) lost: SourceLosses,
     pub(super) skipped: Skipped,
@@ -118,7 +116,6 @@ struct BatchBuilder<F> {
     items: Vec<SourceItem>,
     received_at: Monotonic,
     lag: Option<Duration>,
-    /// Time of the last batch.
     sent_at: Monotonic,
     /// Number of streams that were passed on.
     streams: usize,

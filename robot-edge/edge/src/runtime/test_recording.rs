@@ -7,7 +7,6 @@ use measurement::time::RobotTime;
 use measurement::{Measurement, MeasurementData, Stream, StreamId};
 use recording::{Selection, open};
 
-/// A transform from `odom`.
 pub(super) fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {
     Measurement {
         stamp: RobotTime::from_nanos(nanos),
@@ -21,7 +20,6 @@ pub(super) fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement
     }
 }
 
-/// The stream of transforms.
 pub(super) fn stream() -> Stream {
     Stream {
         name: "/tf".into(),

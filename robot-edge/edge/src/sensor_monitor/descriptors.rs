@@ -1,14 +1,17 @@
 //! The monitored sensors and their streams.
 
-use protocol::message::{FieldOfView, SensorInfo, SensorKind, SensorMount};
+use protocol::message::{FieldOfView, SensorInfo, SensorKind};
 
 use super::geometry::{DetectedGeometry, sensor_mount};
-use crate::config::{Config, FixesAndAttitude, RangeSensorConfig, SensorConfig, WheelsAndAttitude};
+use crate::config::{
+    Config, FixesAndAttitude, ImuConfig, RangeSensorConfig, SensorConfig, WheelsAndAttitude,
+};
 use localization::beam_projection::{RangeLimits, ZeroRange};
 use localization::registration::{
     MountOrigin, PoseOrigin, RangeSensorSettings, RegistrationSettings,
 };
 use mapping::registered_scan::SensorId;
+use measurement::mount::Mount;
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 
 #[derive(Clone, Debug)]
@@ -22,7 +25,6 @@ pub struct SensorDescriptor {
 /// The measurements of one sensor; a `None` stream accepts any.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MeasurementSelector {
-    /// Scans.
     Scans {
         stream: Option<StreamId>,
         /// Replaces the messages' smallest range, metres.
@@ -32,24 +34,20 @@ pub enum MeasurementSelector {
         /// Meaning of a range below the smallest one.
         zero_range: ZeroRange,
     },
-    /// Angles of wheels.
     Wheels {
         stream: Option<StreamId>,
         joint: String,
     },
-    /// Angles of the servo that tilts a range sensor.
     Tilt {
         stream: Option<StreamId>,
         joint: String,
     },
-    /// Attitudes.
     Attitudes(Option<StreamId>),
-    /// Satellite fixes.
     Fixes(Option<StreamId>),
-    /// Odometry messages.
     Odometry,
-    /// Transforms in the fixed frame.
-    Transforms { fixed_frame: FrameId },
+    Transforms {
+        fixed_frame: FrameId,
+    },
 }
 
 impl MeasurementSelector {
@@ -157,21 +155,15 @@ fn range_sensor(
         MountOrigin::Configured => Some(mount),
         MountOrigin::Tree => None,
     };
-    let range_m = [config.range_min_m.unwrap_or_default()]
-        .into_iter()
-        .chain(config.range_max_m)
-        .map(|metres| metres as f32);
-    let range_m: Vec<f32> = range_m.collect();
-    let view = match (config.field_of_view_deg, &range_m[..]) {
-        (Some(angle_deg), &[least_m, greatest_m]) => {
-            let half_rad = (0.5 * angle_deg.to_radians()) as f32;
-            Some(FieldOfView {
-                angles_rad: [-half_rad, half_rad],
-                range_m: [least_m, greatest_m],
-            })
+    let view = config.field_of_view_deg.zip(config.range_max_m);
+    let view = view.map(|(angle_deg, greatest_m)| {
+        let half_rad = (0.5 * angle_deg.to_radians()) as f32;
+        let least_m = config.range_min_m.unwrap_or_default();
+        FieldOfView {
+            angles_rad: [-half_rad, half_rad],
+            range_m: [least_m as f32, greatest_m as f32],
         }
-        (Some(_) | None, _) => None,
-    };
+    });
     SensorDescriptor {
         info: SensorInfo {
             name: name.to_owned(),
@@ -201,86 +193,62 @@ fn tilt(name: &str, settings: &RangeSensorSettings) -> Option<SensorDescriptor> 
         stream: tilt.stream,
         joint: tilt.joint.clone(),
     };
-    Some(non_ranging(
-        &format!("{name} tilt"),
-        SensorKind::TiltEncoder,
-        None,
-        own,
-    ))
+    let name = format!("{name} tilt");
+    Some(non_ranging(&name, SensorKind::TiltEncoder, None, own))
 }
 
 fn pose_sensors(config: &Config, localization: &RegistrationSettings) -> Vec<SensorDescriptor> {
     let streams = &localization.pose_streams;
-    let place = |base_from_sensor| Some(sensor_mount(&base_from_sensor).0);
+    let attitude = |(name, imu): (&str, &ImuConfig)| {
+        let own = MeasurementSelector::Attitudes(streams.attitude);
+        non_ranging(name, SensorKind::Attitude, Some(&imu.mount), own)
+    };
     match &localization.origin {
         PoseOrigin::Log | PoseOrigin::Static => Vec::new(),
         PoseOrigin::Tf { fixed_frame } => {
             let fixed_frame = FrameId::clone(fixed_frame);
-            vec![non_ranging(
-                "transforms",
-                SensorKind::Transforms,
-                None,
-                MeasurementSelector::Transforms { fixed_frame },
-            )]
+            let own = MeasurementSelector::Transforms { fixed_frame };
+            vec![non_ranging("transforms", SensorKind::Transforms, None, own)]
         }
         PoseOrigin::Odometry => {
-            vec![non_ranging(
-                "odometry",
-                SensorKind::Odometry,
-                None,
-                MeasurementSelector::Odometry,
-            )]
+            let own = MeasurementSelector::Odometry;
+            vec![non_ranging("odometry", SensorKind::Odometry, None, own)]
         }
-        PoseOrigin::Wheels(_) => WheelsAndAttitude::of(&config.sensors)
-            .map(|WheelsAndAttitude { encoders, imu }| {
-                let wheels = MeasurementSelector::Wheels {
+        PoseOrigin::Wheels(_) => {
+            let sensors = WheelsAndAttitude::of(&config.sensors);
+            let described = sensors.map(|WheelsAndAttitude { encoders, imu }| {
+                let own = MeasurementSelector::Wheels {
                     stream: streams.wheels,
                     joint: encoders.1.left_joint.clone(),
                 };
-                vec![
-                    non_ranging(encoders.0, SensorKind::WheelEncoders, None, wheels),
-                    non_ranging(
-                        imu.0,
-                        SensorKind::Attitude,
-                        place(imu.1.mount.base_from_sensor()),
-                        MeasurementSelector::Attitudes(streams.attitude),
-                    ),
-                ]
-            })
-            .unwrap_or_default(),
-        PoseOrigin::Gps(_) => FixesAndAttitude::of(&config.sensors)
-            .map(|FixesAndAttitude { gps, imu }| {
-                vec![
-                    non_ranging(
-                        gps.0,
-                        SensorKind::SatelliteReceiver,
-                        place(gps.1.mount.base_from_sensor()),
-                        MeasurementSelector::Fixes(streams.fixes),
-                    ),
-                    non_ranging(
-                        imu.0,
-                        SensorKind::Attitude,
-                        place(imu.1.mount.base_from_sensor()),
-                        MeasurementSelector::Attitudes(streams.attitude),
-                    ),
-                ]
-            })
-            .unwrap_or_default(),
+                let wheels = non_ranging(encoders.0, SensorKind::WheelEncoders, None, own);
+                vec![wheels, attitude(imu)]
+            });
+            described.unwrap_or_default()
+        }
+        PoseOrigin::Gps(_) => {
+            let sensors = FixesAndAttitude::of(&config.sensors);
+            let described = sensors.map(|FixesAndAttitude { gps, imu }| {
+                let (kind, mount) = (SensorKind::SatelliteReceiver, Some(&gps.1.mount));
+                let own = MeasurementSelector::Fixes(streams.fixes);
+                vec![non_ranging(gps.0, kind, mount, own), attitude(imu)]
+            });
+            described.unwrap_or_default()
+        }
     }
 }
 
-/// A sensor without a view.
 fn non_ranging(
     name: &str,
     kind: SensorKind,
-    mount: Option<SensorMount>,
+    mount: Option<&Mount>,
     own: MeasurementSelector,
 ) -> SensorDescriptor {
     SensorDescriptor {
         info: SensorInfo {
             name: name.to_owned(),
             kind,
-            mount,
+            mount: mount.map(|mount| sensor_mount(&mount.base_from_sensor()).0),
             view: None,
             rate_hz: None,
         },

@@ -7,14 +7,12 @@ use protocol::message::SensorFault;
 
 use measurement::time::RobotTime;
 
-/// Window of the rate.
 const RATE_WINDOW: Duration = Duration::from_secs(5);
 /// Maximum number of messages in the window; for faster sensors it is shorter.
 const MAX_RECENT: usize = 1024;
 /// Time, and number of periods, without a message before the sensor is silent.
 const SILENT_AFTER: Duration = Duration::from_secs(1);
 const SILENT_PERIODS: u32 = 5;
-/// Time to the first message.
 const FIRST_MESSAGE_TIMEOUT: Duration = Duration::from_secs(3);
 /// Time, and number of periods, of only invalid measurements before a fault.
 const INVALID_AFTER: Duration = Duration::from_secs(1);
@@ -32,7 +30,6 @@ const MAX_GAPS: usize = 9;
 pub(super) struct SensorHealth {
     nominal_hz: Option<f64>,
     messages: u64,
-    /// Start of the monitoring.
     since: Duration,
     first: Option<Duration>,
     /// Arrival times of the newest messages in the window.
@@ -42,7 +39,6 @@ pub(super) struct SensorHealth {
     valid: Option<Duration>,
     stamp: Option<RobotTime>,
     stamp_jumped_at: Option<Duration>,
-    /// The newest intervals between messages.
     gaps: VecDeque<Duration>,
     is_blocked: bool,
 }
@@ -142,7 +138,6 @@ impl SensorHealth {
         }
     }
 
-    /// The fault at `now`.
     pub(super) fn fault(&self, now: Duration) -> Option<SensorFault> {
         let Some((last, first)) = self.last.zip(self.first) else {
             return (now.saturating_sub(self.since) >= FIRST_MESSAGE_TIMEOUT)
@@ -174,7 +169,6 @@ impl SensorHealth {
         self.is_blocked.then_some(SensorFault::Blocked)
     }
 
-    /// The median of the newest intervals.
     fn median_gap(&self) -> Duration {
         let mut gaps: Vec<_> = self.gaps.iter().copied().collect();
         gaps.sort_unstable();

@@ -21,7 +21,6 @@ use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::Measurement;
 use measurement::drops::DropReason;
 
-/// Interval of checks.
 const CHECK_PERIOD: Duration = Duration::from_millis(250);
 /// A fault is cleared after this time without it, so that an intermittent one is reported once.
 const CLEAR_AFTER: Duration = Duration::from_secs(2);
@@ -51,12 +50,10 @@ pub enum FaultChange {
     Raised {
         sensor: String,
         fault: SensorFault,
-        /// One sentence.
         message: String,
     },
     Cleared {
         sensor: String,
-        /// One sentence.
         message: String,
     },
 }
@@ -139,7 +136,6 @@ impl SensorMonitor {
             .collect()
     }
 
-    /// Updates the drop counts of the registration.
     pub fn count(&mut self, counts: &RegistrationCounts) {
         let poses = |reasons: &[DropReason]| -> u64 {
             let reasons = reasons.iter();
@@ -168,7 +164,6 @@ impl SensorMonitor {
         }
     }
 
-    /// The sensor descriptions and their revision.
     pub fn infos(&self) -> (u32, Vec<SensorInfo>) {
         let infos = self.sensors.iter().map(|sensor| sensor.info.clone());
         (self.revision, infos.collect())

@@ -1,5 +1,3 @@
-mod seek;
-
 use std::collections::BTreeMap;
 
 use nalgebra::Point3;
@@ -54,7 +52,7 @@ fn fix(ms: u64, status: i8) -> Measurement {
     measured(StreamId(3), ms, MeasurementData::Fix(fix))
 }
 
-/// A laser that is meant to turn `rate_hz` times a second, and what tells where the vehicle is.
+/// A laser with a nominal rate of `rate_hz`, and the pose sensors.
 fn config(preset: &str, settings: &[&str]) -> Config {
     let settings: Vec<_> = settings.iter().map(|set| set.parse().unwrap()).collect();
     load(preset, &settings).unwrap()
@@ -99,7 +97,7 @@ fn fault(monitor: &SensorMonitor, ms: u64) -> Option<SensorFault> {
 }
 
 #[test]
-fn the_sensors_of_a_boat_are_told_with_where_they_sit_and_what_they_see() {
+fn sensors_of_a_boat_are_reported_with_mounting_and_view() {
     let config = config("riverwatch", &[]);
     let sensors = crate::config::FixesAndAttitude::of(&config.sensors).unwrap();
     let origin = crate::runtime::localization_plan::poses_from_fixes(&config, &sensors);
@@ -204,7 +202,7 @@ fn rates_and_ages_are_those_of_the_last_seconds() {
 }
 
 #[test]
-fn silence_begins_after_a_second_or_five_periods_and_is_told_once() {
+fn silence_begins_after_a_second_or_five_periods_and_is_reported_once() {
     let mut monitor = laser(Some(10.0));
     assert_eq!(fault(&monitor, 2_999), None);
     assert_eq!(
@@ -344,7 +342,7 @@ fn a_sonar_that_measures_nothing_may_be_too_near_to_the_bottom() {
     let config = config("riverwatch", &[]);
     let localization = localization(&config, PoseOrigin::Static, MountOrigin::Configured);
     let mut boat = SensorMonitor::new(descriptors(&config, &localization));
-    // No stream is told to be the sonar's: the laser's counts as its own too.
+    // No stream is configured as the sonar's: the laser's counts as its own too.
     for n in 0..30 {
         boat.take(&sweep(100 * n, 0.0), at(100 * n));
     }
@@ -377,14 +375,14 @@ fn losses_are_those_of_the_sensor() {
 }
 
 proptest! {
-    /// Whatever comes in whatever order: nothing panics or grows, figures are finite, and a fault that began is told
+    /// Whatever comes in whatever order: nothing panics or grows, figures are finite, and a fault that began is reported
     /// before its end.
     #[test]
     fn whatever_comes_the_figures_are_sound(
         steps in prop::collection::vec((0u64..3_000, any::<i64>(), 0f32..10.0, any::<bool>()), 1..300),
     ) {
         let mut monitor = laser(Some(10.0));
-        let (mut now, mut is_told) = (0, false);
+        let (mut now, mut is_reported) = (0, false);
         for (gap_ms, stamp_ns, range_m, is_look) in steps {
             now += gap_ms;
             let mut measurement = sweep(0, range_m);
@@ -396,10 +394,10 @@ proptest! {
             if is_look {
                 for change in monitor.check(at(now)) {
                     match change {
-                        FaultChange::Raised { .. } => is_told = true,
+                        FaultChange::Raised { .. } => is_reported = true,
                         FaultChange::Cleared { .. } => {
-                            prop_assert!(is_told);
-                            is_told = false;
+                            prop_assert!(is_reported);
+                            is_reported = false;
                         }
                     }
                 }
@@ -424,4 +422,29 @@ proptest! {
         prop_assert!((f64::from(status.rate_hz) / rate_hz - 1.0).abs() < 0.01, "{}", status.rate_hz);
         prop_assert_eq!(status.fault, None);
     }
+}
+
+#[test]
+fn data_that_is_wound_has_no_fault_by_that() {
+    let mut monitor = laser(Some(10.0));
+    let mut faults = Vec::new();
+    let mut lap = |monitor: &mut SensorMonitor, from_ms: u64| {
+        for ms in (from_ms..116_000).step_by(100) {
+            monitor.take(&sweep(ms, 3.0), at(ms));
+            faults.extend(fault(monitor, ms));
+        }
+    };
+    // From the end to the beginning and, both ways, to what lies between.
+    lap(&mut monitor, 0);
+    for to_ms in [0, 50_000, 90_000] {
+        monitor.check(at(116_000));
+        monitor.seek(at(to_ms));
+        assert!(monitor.is_check_due(at(to_ms)));
+        assert_eq!(fault(&monitor, to_ms + 2_900), None, "its first word");
+        assert_eq!(fault(&monitor, to_ms + 3_000), Some(SensorFault::Silent));
+        lap(&mut monitor, to_ms);
+    }
+    assert_eq!(faults, []);
+    let messages = 1_160 + 1_160 + 660 + 260;
+    assert_eq!(monitor.statuses(at(116_000))[0].messages, messages);
 }

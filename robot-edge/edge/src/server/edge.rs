@@ -25,25 +25,22 @@ use network::clock;
 use network::credentials::OperatorList;
 use network::sessions::Endpoints;
 
-/// Interval of checks for a newer list.
 const LIST_CHECK_PERIOD: Duration = Duration::from_millis(100);
-/// Maximum wait for sessions to close.
+/// A router that has not answered by then is reported, once; the attempts go on.
+const ROUTER_CHECK_DELAY: Duration = Duration::from_secs(3);
 const CLOSE_TIMEOUT: Duration = Duration::from_millis(300);
 /// Interval of attempts to reopen the sessions: the system may not have freed their ports yet. After
 /// [`COMPLAINT_DELAY`], ten times as long.
 const RETRY_PERIOD: Duration = Duration::from_millis(50);
 /// Failing attempts are reported after this time.
 const COMPLAINT_DELAY: Duration = Duration::from_secs(1);
-/// Interval of further reports.
 const REPEAT_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Identity and endpoints of a robot.
 #[derive(Clone, Debug)]
 pub struct EdgeSettings {
     pub robot: RobotId,
     pub boot: BootId,
     pub endpoints: Endpoints,
-    /// Receives newer operator lists.
     pub newer_operators: PendingOperatorList,
     /// Budget of the tiles, kilobits (10³ bits) per second.
     pub budget_kbps: u32,
@@ -90,7 +87,6 @@ impl EdgeLink {
         })
     }
 
-    /// The state that is published.
     pub const fn publish_state(&self) -> &Arc<PublishState> {
         &self.publish_state
     }
@@ -111,9 +107,24 @@ impl LinkServer {
     /// Keeps the sessions open, with the access control of the newest list.
     fn serve(mut self, sessions: OpenSessions) {
         let mut sessions = Some(sessions);
+        let mut router_check_due = (!self.settings.endpoints.connect.is_empty())
+            .then(|| clock::now() + ROUTER_CHECK_DELAY);
         while clock::sleep_until(clock::now() + LIST_CHECK_PERIOD, || {
             self.publish_state.is_closing()
         }) {
+            if router_check_due
+                .take_if(|due| clock::now() >= *due)
+                .is_some()
+                && let Some(sessions) = &sessions
+                && !sessions.is_router_connected()
+            {
+                let connect = self.settings.endpoints.connect.join(", ");
+                let message = format!(
+                    "nobody answers at {connect} yet: until a router does, no console reaches this robot there"
+                );
+                tracing::warn!("{message}");
+                self.publish_event("router_missing", message);
+            }
             let Some(newer) = self.settings.newer_operators.take() else {
                 continue;
             };

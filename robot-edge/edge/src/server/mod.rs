@@ -4,7 +4,6 @@
 //! tiles, small replies, requested tiles, and one that reopens the sessions.
 
 mod commands;
-pub mod config;
 pub mod edge;
 mod open_sessions;
 pub mod publish_state;

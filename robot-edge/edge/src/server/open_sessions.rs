@@ -28,7 +28,7 @@ use network::audit::Audit;
 use network::clock;
 use network::endpoints::Channel;
 use network::sessions::{self, Side};
-use network::{LinkError, security};
+use network::{LinkError, security, without_source_places};
 
 /// Maximum number of queries that wait; a console without a reply asks again.
 const MAX_WAITING_QUERIES: usize = 64;
@@ -62,6 +62,12 @@ impl Context {
 }
 
 impl OpenSessions {
+    /// Whether the control session has a router or another peer; consoles are clients.
+    pub(super) fn is_router_connected(&self) -> bool {
+        let info = self.context.control.info();
+        info.routers_zid().wait().next().is_some() || info.peers_zid().wait().next().is_some()
+    }
+
     /// Opens both sessions with their access control, and starts the threads.
     pub(super) fn open(server: &LinkServer) -> Result<Self, LinkError> {
         let (settings, publish_state) = (&server.settings, &server.publish_state);
@@ -173,6 +179,7 @@ impl Drop for OpenSessions {
             for session in [control, bulk] {
                 scope.spawn(|| {
                     if let Err(why) = session.close().wait() {
+                        let why = without_source_places(&why);
                         tracing::warn!(%why, "a session did not close");
                     }
                 });
@@ -243,10 +250,8 @@ impl Outgoing {
     }
 }
 
-/// Maximum length of a view.
 const MAX_VIEW_BYTES: usize = 256;
 
-/// Stores every received view.
 fn watch_views(context: &Arc<Context>) -> Result<(), LinkError> {
     let key = Topic::View.key(&context.robot);
     let publish_state = Arc::clone(&context.publish_state);

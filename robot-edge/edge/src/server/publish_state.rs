@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use protocol::message::{
@@ -11,6 +11,7 @@ use protocol::message::{
 };
 use protocol::tile::TileKey;
 
+use crate::lock;
 use crate::publishing::tile_queue::TileQueue;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::publishing::voxel_snapshots::{VoxelSnapshot, VoxelSnapshots};
@@ -58,7 +59,6 @@ struct LatestScans {
     is_wanted: AtomicBool,
 }
 
-/// Events that were not sent yet.
 #[derive(Debug, Default)]
 struct Events {
     pending: Mutex<VecDeque<Event>>,
@@ -78,14 +78,12 @@ impl Events {
 
 #[derive(Debug, Default)]
 struct Counters {
-    /// Messages that were rejected.
     rejected: AtomicU64,
     /// Messages with tiles that were pushed, and their bytes.
     pushed: AtomicU64,
     pushed_bytes: AtomicU64,
 }
 
-/// Flags between the threads.
 #[derive(Debug, Default)]
 struct Signals {
     /// The map differs from the announced head.
@@ -96,18 +94,11 @@ struct Signals {
     is_closing: AtomicBool,
 }
 
-/// A poisoned lock is taken: each value is replaced as a whole, so that it is valid after a panic elsewhere.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl PublishState {
-    /// Sets the current pose of the vehicle.
     pub fn set_pose(&self, stamp: RobotTime, pose: Pose) {
         *lock(&self.pose) = Some((stamp, pose));
     }
 
-    /// The last pose and its stamp.
     pub fn pose(&self) -> Option<(RobotTime, Pose)> {
         *lock(&self.pose)
     }
@@ -145,7 +136,6 @@ impl PublishState {
         status
     }
 
-    /// Sets the list of sensors and its revision.
     pub fn set_sensors(&self, revision: u32, sensors: Vec<SensorInfo>) {
         *lock(&self.sensors) = (revision, sensors);
     }
@@ -183,7 +173,6 @@ impl PublishState {
         }
     }
 
-    /// Whether a console shows scans.
     pub fn wants_scan(&self) -> bool {
         self.scans.is_wanted.load(Ordering::Relaxed)
     }
@@ -217,12 +206,10 @@ impl PublishState {
         (stamp_ns, reply)
     }
 
-    /// The reply to a request for the octree's files, and its stamp, nanoseconds.
     pub fn voxels(&self, request: VoxelsRequest, now: Monotonic) -> (i64, VoxelsReply) {
         lock(&self.voxels).reply(request, now)
     }
 
-    /// Allows requests for the octree's files.
     pub fn enable_voxels(&self) {
         lock(&self.voxels).enable();
     }
@@ -238,12 +225,10 @@ impl PublishState {
         lock(&self.voxels).put(snapshot, now);
     }
 
-    /// The trajectory, which mapping extends.
     pub const fn trajectory(&self) -> &SharedTrajectory {
         &self.trajectory
     }
 
-    /// Sends an event to the consoles.
     pub fn publish_event(&self, event: Event) {
         self.events.push(event);
     }
@@ -258,18 +243,15 @@ impl PublishState {
         }
     }
 
-    /// The events that were not sent yet.
     pub fn take_events(&self) -> Vec<Event> {
         lock(&self.events.pending).drain(..).collect()
     }
 
-    /// Queues tiles that changed in the store.
     pub fn tiles_changed(&self, keys: impl IntoIterator<Item = TileKey>) {
         let mut tile_queue = lock(&self.tile_queue);
         keys.into_iter().for_each(|key| tile_queue.add(key));
     }
 
-    /// The tiles that wait to be pushed.
     pub fn tile_queue(&self) -> MutexGuard<'_, TileQueue> {
         lock(&self.tile_queue)
     }
@@ -290,7 +272,6 @@ impl PublishState {
         views.insert(session, (view, now));
     }
 
-    /// The views of the connected consoles.
     pub fn views(&self, now: Monotonic) -> Vec<View> {
         let views = lock(&self.views);
         let fresh = views
@@ -299,7 +280,6 @@ impl PublishState {
         fresh.map(|(view, _)| view.clone()).collect()
     }
 
-    /// Requests that status and head are sent at once.
     pub fn request_status(&self) {
         let is_requested = &self.signals.is_status_requested;
         is_requested.store(true, Ordering::Relaxed);
@@ -329,7 +309,6 @@ impl PublishState {
             .all(|view| view.is_synchronized && view.revision >= revision)
     }
 
-    /// Counts a message with a tile that was pushed.
     pub fn pushed(&self, bytes: usize) {
         let counters = &self.counters;
         counters.pushed.fetch_add(1, Ordering::Relaxed);
@@ -338,7 +317,6 @@ impl PublishState {
             .fetch_add(bytes as u64, Ordering::Relaxed);
     }
 
-    /// Counts an invalid message.
     pub fn count_rejected(&self) {
         self.counters.rejected.fetch_add(1, Ordering::Relaxed);
     }
@@ -354,7 +332,6 @@ impl PublishState {
         self.signals.is_closing.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the network threads are to end.
     pub fn is_closing(&self) -> bool {
         self.signals.is_closing.load(Ordering::Relaxed)
     }

@@ -29,7 +29,6 @@ const HEAD_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum delay of a changed head.
 const CHANGED_HEAD_PERIOD: Duration = Duration::from_millis(200);
 const TILES_PERIOD: Duration = Duration::from_millis(20);
-/// Minimum interval of shores.
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the queue at once: few, because the order changes as the vehicle moves.
 const TILES_AT_ONCE: usize = 8;
@@ -299,7 +298,6 @@ pub(super) fn put_bulk(context: &Context, topic: Topic, message: Vec<u8>) -> usi
     bytes
 }
 
-/// Minimum interval of scans.
 const SCAN_PERIOD: Duration = Duration::from_millis(200);
 /// Maximum share of scans in the tile budget: they are only displayed.
 const SCAN_SHARE: f64 = 1.0 / 16.0;

@@ -13,7 +13,6 @@ const MAX_EDGES: usize = 1000;
 pub struct FrameSurvey {
     /// By child and parent.
     edges: BTreeMap<(FrameId, FrameId), FrameEdge>,
-    /// Transforms of edges beyond the limit.
     pub beyond_limit: u64,
 }
 
@@ -21,7 +20,6 @@ pub struct FrameSurvey {
 pub struct FrameEdge {
     /// All of them are static.
     pub is_static: bool,
-    /// Number of transforms.
     pub count: u64,
     /// The first stamp in file order.
     pub first: RobotTime,
@@ -201,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mounting_that_moves_is_told_from_one_that_does_not() {
+    fn a_moving_mounting_is_recognised() {
         let tree = survey(&[
             ("odom", "base_link", false),
             ("base_link", "mast", true),

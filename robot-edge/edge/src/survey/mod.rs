@@ -14,7 +14,7 @@ pub mod range_sensors;
 mod report;
 pub(crate) mod topics;
 
-pub use report::Mappable;
+pub use report::{Mappable, recover_advice};
 
 /// Of longer files only the beginning is surveyed.
 pub const MAX_SURVEYED_BYTES: u64 = 256 << 20;
@@ -25,48 +25,36 @@ const MAX_SOURCES: usize = 64;
 /// What is in a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Survey {
-    /// The file.
     pub path: PathBuf,
-    /// Its format.
     pub format: Format,
     /// How far it was read.
     pub position: Position,
     /// All streams; a [`StreamId`] is an index into them.
     pub streams: Vec<StreamSummary>,
-    /// The stamps of the measurements of each stream.
     pub stamps: Vec<StampSurvey>,
-    /// The streams of scans.
-    pub scans: Vec<ScanSurvey>,
-    /// The frames that transforms connect.
+    pub scans: ByStream<ScanSurvey>,
     pub frames: FrameSurvey,
-    /// The streams of odometry.
-    pub odometry: Vec<OdometrySurvey>,
-    /// The streams of joint angles.
-    pub joints: Vec<JointSurvey>,
-    /// The streams of attitudes.
-    pub attitudes: Vec<AttitudeSurvey>,
-    /// The streams of satellite fixes.
-    pub fixes: Vec<FixSurvey>,
+    pub odometry: ByStream<OdometrySurvey>,
+    pub joints: ByStream<JointSurvey>,
+    pub attitudes: ByStream<AttitudeSurvey>,
+    pub fixes: ByStream<FixSurvey>,
     /// The vehicle that the metadata names.
     pub vehicle: Option<String>,
-    /// What could not be read.
     pub losses: DropCounts,
-    /// The first losses in words.
     pub loss_notes: Vec<String>,
     /// Stamps that contradicted the order of their stream and were changed.
     pub stamp_repairs: u64,
 }
 
-/// The poses of one stream.
+/// Streams in the order of their first messages.
+pub type ByStream<T> = Vec<(StreamId, T)>;
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OdometrySurvey {
-    /// Which stream.
-    pub stream: StreamId,
     /// Frame of the poses.
     pub parent: FrameId,
     /// Frame of the vehicle.
     pub child: FrameId,
-    /// How many.
     pub count: u64,
 }
 
@@ -118,24 +106,38 @@ impl Survey {
         Ok(survey)
     }
 
-    /// The stream called by `id`.
     pub fn stream(&self, id: StreamId) -> Option<&StreamSummary> {
         self.streams.get(usize::from(id.0))
     }
 
     /// Name of a stream; empty if it is not known.
-    fn topic_name(&self, id: StreamId) -> &str {
+    pub fn topic_name(&self, id: StreamId) -> &str {
         self.stream(id).map_or("", |summary| &summary.stream.name)
     }
 
     /// The odometry to map with: `nav_msgs/Odometry` is what REP-105 means by it; else the most frequent.
-    pub fn best_odometry(&self) -> Option<&OdometrySurvey> {
-        self.odometry.iter().max_by_key(|odometry| {
+    pub fn best_odometry(&self) -> Option<&(StreamId, OdometrySurvey)> {
+        self.odometry.iter().max_by_key(|(stream, odometry)| {
             let kind = self
-                .stream(odometry.stream)
+                .stream(*stream)
                 .map(|summary| &*summary.stream.type_name);
             (kind == Some("nav_msgs/Odometry"), odometry.count)
         })
+    }
+
+    /// The streams that have the angles of all these joints.
+    pub fn streams_with_joints(&self, joints: &[&String]) -> Vec<StreamId> {
+        let has_all = |survey: &JointSurvey| joints.iter().all(|&name| survey.names.contains(name));
+        streams(&self.joints, has_all)
+    }
+
+    pub fn streams_with_orientation(&self) -> Vec<StreamId> {
+        streams(&self.attitudes, |attitudes| attitudes.oriented > 0)
+    }
+
+    /// The streams of satellite fixes that are valid.
+    pub fn streams_with_fix(&self) -> Vec<StreamId> {
+        streams(&self.fixes, |fixes| fixes.fixed > 0)
     }
 
     /// Whether the whole file was read.
@@ -146,12 +148,11 @@ impl Survey {
 
     /// First and last stamp: of the scans where there are any, else of all that moves.
     pub fn time_span(&self) -> Option<(RobotTime, RobotTime)> {
-        let scans = self.scans.iter().map(|scan| &scan.stamps);
+        let scans = self.scans.iter().map(|(_, scan)| &scan.stamps);
         let of_scans = span(scans);
         of_scans.or_else(|| span(self.stamps.iter()))
     }
 
-    /// Time from first to last stamp.
     pub fn duration(&self) -> RobotDuration {
         self.time_span()
             .map_or(RobotDuration::ZERO, |(first, last)| last.since(first))
@@ -170,41 +171,38 @@ impl Survey {
         }
         match data {
             MeasurementData::Scan { scan, own_pose } => {
-                if let Some(survey) = self.scan_survey(*stream, frame, scan) {
+                let new = || ScanSurvey::new(frame.clone(), scan);
+                if let Some(survey) = of_stream(&mut self.scans, *stream, new) {
                     survey.add(*stamp, scan, own_pose.is_some());
                 }
             }
             MeasurementData::Transform {
                 child, is_static, ..
             } => self.frames.add(frame, child, *stamp, *is_static),
-            MeasurementData::Odometry { child, .. } => self.add_odometry(*stream, frame, child),
+            MeasurementData::Odometry { child, .. } => {
+                let new = || OdometrySurvey {
+                    parent: frame.clone(),
+                    child: child.clone(),
+                    count: 0,
+                };
+                if let Some(survey) = of_stream(&mut self.odometry, *stream, new) {
+                    survey.count += 1;
+                }
+            }
             MeasurementData::Imu(sample) => {
-                let known = of_stream(
-                    &mut self.attitudes,
-                    |a| a.stream == *stream,
-                    || AttitudeSurvey::new(*stream),
-                );
-                if let Some(survey) = known {
+                if let Some(survey) =
+                    of_stream(&mut self.attitudes, *stream, AttitudeSurvey::default)
+                {
                     survey.add(sample);
                 }
             }
             MeasurementData::Joints(joints) => {
-                let known = of_stream(
-                    &mut self.joints,
-                    |j| j.stream == *stream,
-                    || JointSurvey::new(*stream),
-                );
-                if let Some(survey) = known {
+                if let Some(survey) = of_stream(&mut self.joints, *stream, JointSurvey::default) {
                     survey.add(joints);
                 }
             }
             MeasurementData::Fix(fix) => {
-                let known = of_stream(
-                    &mut self.fixes,
-                    |f| f.stream == *stream,
-                    || FixSurvey::new(*stream),
-                );
-                if let Some(survey) = known {
+                if let Some(survey) = of_stream(&mut self.fixes, *stream, FixSurvey::default) {
                     survey.add(fix);
                 }
             }
@@ -214,49 +212,25 @@ impl Survey {
             self.stamps[index].add(*stamp);
         }
     }
-
-    fn scan_survey(
-        &mut self,
-        stream: StreamId,
-        frame: &FrameId,
-        scan: &measurement::scan::Scan,
-    ) -> Option<&mut ScanSurvey> {
-        of_stream(
-            &mut self.scans,
-            |survey| survey.stream == stream,
-            || ScanSurvey::new(stream, frame.clone(), scan),
-        )
-    }
-
-    fn add_odometry(&mut self, stream: StreamId, parent: &FrameId, child: &FrameId) {
-        let known = self
-            .odometry
-            .iter_mut()
-            .find(|survey| survey.stream == stream);
-        if let Some(survey) = known {
-            survey.count += 1;
-        } else if self.odometry.len() < MAX_SOURCES {
-            self.odometry.push(OdometrySurvey {
-                stream,
-                parent: parent.clone(),
-                child: child.clone(),
-                count: 1,
-            });
-        }
-    }
 }
 
 /// What is known of a stream; nothing where there are too many.
 fn of_stream<T>(
-    known: &mut Vec<T>,
-    is_it: impl Fn(&T) -> bool,
+    known: &mut ByStream<T>,
+    stream: StreamId,
     new: impl FnOnce() -> T,
 ) -> Option<&mut T> {
-    let index = known.iter().position(is_it).unwrap_or(known.len());
+    let place = known.iter().position(|(of, _)| *of == stream);
+    let index = place.unwrap_or(known.len());
     if index == known.len() && index < MAX_SOURCES {
-        known.push(new());
+        known.push((stream, new()));
     }
-    known.get_mut(index)
+    known.get_mut(index).map(|(_, survey)| survey)
+}
+
+fn streams<T>(known: &[(StreamId, T)], fits: impl Fn(&T) -> bool) -> Vec<StreamId> {
+    let fitting = known.iter().filter(|(_, survey)| fits(survey));
+    fitting.map(|&(stream, _)| stream).collect()
 }
 
 fn span<'a>(stamps: impl Iterator<Item = &'a StampSurvey>) -> Option<(RobotTime, RobotTime)> {
@@ -266,4 +240,4 @@ fn span<'a>(stamps: impl Iterator<Item = &'a StampSurvey>) -> Option<(RobotTime,
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

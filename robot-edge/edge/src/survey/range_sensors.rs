@@ -4,18 +4,11 @@ use std::fmt;
 
 use super::Survey;
 use super::topics::ScanSurvey;
+use crate::config::RangeSensor;
+use measurement::StreamId;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WantedSensor<'a> {
-    pub name: &'a str,
-    /// Its configured topic.
-    pub topic: Option<&'a str>,
-}
-
-/// Why streams cannot be assigned.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unassigned {
-    /// There are no scans.
     NoScans,
     /// The configured topic has no scans.
     NoSuchStream {
@@ -27,13 +20,11 @@ pub enum Unassigned {
     /// Several streams could be the sensor's.
     SeveralStreams {
         sensor: String,
-        /// The topics.
         streams: Vec<String>,
     },
     /// Streams could belong to several sensors.
     SeveralSensors {
         sensors: Vec<String>,
-        /// The topics.
         streams: Vec<String>,
     },
 }
@@ -83,18 +74,18 @@ impl fmt::Display for Unassigned {
 /// that no other sensor names. `None` for a sensor without scans, if another sensor has some and no stream is left
 /// over.
 pub fn assign(
-    sensors: &[WantedSensor<'_>],
+    sensors: &[RangeSensor<'_>],
     streams: &[&str],
 ) -> Result<Vec<Option<usize>>, Unassigned> {
     let stream_of = |topic: &str| streams.iter().position(|&name| name == topic);
     let mut assigned: Vec<Option<usize>> = sensors
         .iter()
-        .map(|sensor| sensor.topic.and_then(stream_of))
+        .map(|sensor| sensor.config.topic.as_deref().and_then(stream_of))
         .collect();
     let is_left = |stream: &usize| !assigned.contains(&Some(*stream));
     let left: Vec<usize> = (0..streams.len()).filter(is_left).collect();
     let unnamed: Vec<usize> = (0..sensors.len())
-        .filter(|&sensor| sensors[sensor].topic.is_none())
+        .filter(|&sensor| sensors[sensor].config.topic.is_none())
         .collect();
     let names = |of: &[usize]| {
         of.iter()
@@ -123,13 +114,13 @@ pub fn assign(
     let has_scans = assigned.iter().any(Option::is_some);
     let are_nobodys = (0..streams.len()).any(|stream| !assigned.contains(&Some(stream)));
     let missing = sensors.iter().zip(&assigned).find_map(|(sensor, stream)| {
-        let topic = sensor.topic.filter(|_| stream.is_none())?;
+        let topic = sensor.config.topic.as_ref().filter(|_| stream.is_none())?;
         Some((sensor.name, topic))
     });
     match missing {
         Some((sensor, topic)) if are_nobodys || !has_scans => Err(Unassigned::NoSuchStream {
             sensor: sensor.to_owned(),
-            topic: topic.to_owned(),
+            topic: topic.clone(),
             streams: streams.iter().map(|&name| name.to_owned()).collect(),
         }),
         Some(_) | None if has_scans => Ok(assigned),
@@ -140,34 +131,41 @@ pub fn assign(
 impl Survey {
     pub fn assign_scans(
         &self,
-        sensors: &[WantedSensor<'_>],
-    ) -> Result<Vec<Option<&ScanSurvey>>, Unassigned> {
-        let streams: Vec<_> = self.scans.iter().map(|scan| self.name_of(scan)).collect();
+        sensors: &[RangeSensor<'_>],
+    ) -> Result<Vec<Option<&(StreamId, ScanSurvey)>>, Unassigned> {
+        let names = self
+            .scans
+            .iter()
+            .map(|(stream, _)| self.topic_name(*stream));
+        let streams: Vec<_> = names.collect();
         let assigned = assign(sensors, &streams)?;
         let scans = assigned.into_iter().map(|stream| self.scans.get(stream?));
         Ok(scans.collect())
-    }
-
-    /// Topic or message name of a scan stream.
-    pub fn name_of(&self, scan: &ScanSurvey) -> &str {
-        self.topic_name(scan.stream)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn wanted<'a>(sensors: &[(&'a str, &'a str)]) -> Vec<WantedSensor<'a>> {
-        let wanted = |&(name, topic): &(&'a str, &'a str)| WantedSensor {
-            name,
-            topic: (!topic.is_empty()).then_some(topic),
-        };
-        sensors.iter().map(wanted).collect()
-    }
+    use crate::config::RangeSensorConfig;
+    use mapping::octree::RangeSensorModel;
+    use mapping::registered_scan::SensorId;
 
     fn assigned(sensors: &[(&str, &str)], streams: &[&str]) -> Result<Vec<Option<usize>>, String> {
-        assign(&wanted(sensors), streams).map_err(|error| error.to_string())
+        let config = |(_, topic): &(&str, &str)| RangeSensorConfig {
+            topic: (!topic.is_empty()).then(|| (*topic).to_owned()),
+            ..RangeSensorConfig::default()
+        };
+        let configs: Vec<_> = sensors.iter().map(config).collect();
+        let sensors = sensors.iter().zip(&configs);
+        let sensors = sensors.map(|(&(name, _), config)| RangeSensor {
+            id: SensorId(0),
+            name,
+            config,
+            model: RangeSensorModel::default(),
+        });
+        let sensors: Vec<_> = sensors.collect();
+        assign(&sensors, streams).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -2,17 +2,19 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::path::Path;
 
 use super::Survey;
-use super::range_sensors::WantedSensor;
 use super::topics::{ScanSurvey, StampSurvey};
 use crate::config::{self, Config, FixesAndAttitude, ImuConfig, WheelsAndAttitude, presets};
+use crate::events::merge_alike;
 use localization::{LocalizationConfig, PoseSource};
-use measurement::drops::DropReason;
-use measurement::time::RobotDuration;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, GeodeticFix, StreamId};
+use protocol::export::span_label;
+use recording::Format;
 
-/// Maximum number of joints in the list of a stream.
 const MAX_JOINTS_LISTED: usize = 12;
 
 impl fmt::Display for Survey {
@@ -22,8 +24,8 @@ impl fmt::Display for Survey {
         if !self.scans.is_empty() {
             writeln!(f, "\nrange sensors")?;
         }
-        for scan in &self.scans {
-            self.write_scan(f, scan)?;
+        for (stream, scan) in &self.scans {
+            self.write_scan(f, *stream, scan)?;
         }
         self.write_sensors_of_poses(f)?;
         self.write_frames(f)?;
@@ -42,15 +44,13 @@ impl Survey {
             writeln!(f, "  surveyed: its first {read}")?;
         }
         match self.time_span() {
-            Some((first, last)) => {
+            Some(_) if self.has_no_clock() => {
                 writeln!(
                     f,
-                    "  {}, from {:.3} to {:.3}",
-                    Duration(self.duration()),
-                    first.as_secs_f64(),
-                    last.as_secs_f64()
+                    "  times are not known: its clock cannot be used (see faults)"
                 )?;
             }
+            Some(span) => writeln!(f, "  {}, {}", Duration(self.duration()), Span(span))?,
             None => writeln!(f, "  nothing with a stamp")?,
         }
         if let Some(vehicle) = &self.vehicle {
@@ -83,7 +83,7 @@ impl Survey {
                 f,
                 "  {name:name_width$}  {type_name:type_width$}  {messages:8}  "
             )?;
-            match (summary.understood, stamps.rate_hz()) {
+            match (summary.understood, stamps.rate_hz(messages)) {
                 (false, _) => writeln!(f, "not read: no sensor data that is understood")?,
                 (true, Some(rate)) => writeln!(f, "{} Hz", significant(rate))?,
                 (true, None) => writeln!(f, "-")?,
@@ -92,8 +92,13 @@ impl Survey {
         Ok(())
     }
 
-    fn write_scan(&self, f: &mut fmt::Formatter<'_>, scan: &ScanSurvey) -> fmt::Result {
-        let name = self.topic_name(scan.stream);
+    fn write_scan(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        stream: StreamId,
+        scan: &ScanSurvey,
+    ) -> fmt::Result {
+        let name = self.topic_name(stream);
         let beams = match scan.beams {
             (fewest, most) if fewest == most => format!("{most} beams"),
             (fewest, most) => format!("{fewest} to {most} beams"),
@@ -135,7 +140,7 @@ impl Survey {
         if !self.joints.is_empty() {
             writeln!(f, "\njoints")?;
         }
-        for joints in &self.joints {
+        for (stream, joints) in &self.joints {
             let listed: Vec<_> = joints
                 .names
                 .iter()
@@ -143,7 +148,7 @@ impl Survey {
                 .take(MAX_JOINTS_LISTED)
                 .collect();
             let more = joints.names.len() - listed.len();
-            write!(f, "  {}: {}", name(joints.stream), listed.join(", "))?;
+            write!(f, "  {}: {}", name(*stream), listed.join(", "))?;
             if more > 0 {
                 write!(f, " and {more} more")?;
             }
@@ -152,11 +157,11 @@ impl Survey {
         if !self.attitudes.is_empty() {
             writeln!(f, "\nattitudes")?;
         }
-        for attitudes in &self.attitudes {
+        for (stream, attitudes) in &self.attitudes {
             writeln!(
                 f,
                 "  {}: {} of {} give an orientation",
-                name(attitudes.stream),
+                name(*stream),
                 attitudes.oriented,
                 attitudes.count
             )?;
@@ -164,11 +169,11 @@ impl Survey {
         if !self.fixes.is_empty() {
             writeln!(f, "\nsatellite fixes")?;
         }
-        for fixes in &self.fixes {
+        for (stream, fixes) in &self.fixes {
             write!(
                 f,
                 "  {}: {} of {} are a fix",
-                name(fixes.stream),
+                name(*stream),
                 fixes.fixed,
                 fixes.count
             )?;
@@ -194,8 +199,8 @@ impl Survey {
             return Ok(());
         }
         writeln!(f, "\nframes")?;
-        for odometry in &self.odometry {
-            let name = self.topic_name(odometry.stream);
+        for (stream, odometry) in &self.odometry {
+            let name = self.topic_name(*stream);
             writeln!(
                 f,
                 "  {name}: {} in {}, {} poses",
@@ -261,14 +266,14 @@ impl Survey {
                 self.stamp_repairs
             )?;
         }
-        for scan in &self.scans {
+        for (stream, scan) in &self.scans {
             let StampSurvey {
                 count,
                 repeated,
                 backward,
                 ..
             } = scan.stamps;
-            let name = self.topic_name(scan.stream);
+            let name = self.topic_name(*stream);
             if repeated + backward > 0 {
                 none = false;
                 writeln!(
@@ -276,15 +281,41 @@ impl Survey {
                     "  {name}: of {count} stamps {repeated} repeat the one before, {backward} go back"
                 )?;
             }
+            if scan.stamps.is_clock_unusable(count) {
+                writeln!(
+                    f,
+                    "  {name}: its clock cannot be used: scans are mapped in the order of the file"
+                )?;
+            }
         }
         if none {
             writeln!(f, "  none")?;
         }
-        for note in &self.loss_notes {
+        for note in merge_alike(self.loss_notes.iter().map(String::as_str)) {
             writeln!(f, "    {note}")?;
+        }
+        if let Some(advice) = recover_advice(self.format, &self.losses, &self.path) {
+            writeln!(f, "    {advice}")?;
         }
         Ok(())
     }
+
+    /// Whether the stamps of no stream of scans can be used.
+    fn has_no_clock(&self) -> bool {
+        let mut stamps = self.scans.iter().map(|(_, scan)| &scan.stamps);
+        !self.scans.is_empty() && stamps.all(|stamps| stamps.is_clock_unusable(stamps.count))
+    }
+}
+
+/// How to make a whole file of a cut-off or damaged one; `None` if nothing is missing.
+pub fn recover_advice(format: Format, losses: &DropCounts, path: &Path) -> Option<String> {
+    let has_gaps = losses
+        .iter()
+        .any(|(reason, _)| matches!(reason, DropReason::CutOff | DropReason::Damaged));
+    (has_gaps && format == Format::Mcap).then(|| {
+        let file = shell_quoted(&path.display().to_string());
+        format!("to save what is left: robot-edge recover {file} saved.mcap")
+    })
 }
 
 const fn loss_in_words(reason: DropReason) -> &'static str {
@@ -312,6 +343,23 @@ fn significant(value: f64) -> String {
         _ => 3,
     };
     format!("{value:.decimals$}")
+}
+
+/// First and last stamp: as dates if the clock was set, and as numbers.
+struct Span((RobotTime, RobotTime));
+
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, last) = self.0;
+        let [first_s, last_s] = [first, last].map(RobotTime::as_secs_f64);
+        match span_label(first.as_nanos(), last.as_nanos()) {
+            Some(dates) => write!(f, "{dates} ({first_s:.3} to {last_s:.3})"),
+            None => write!(
+                f,
+                "stamps {first_s:.3} to {last_s:.3} s of a clock without a date"
+            ),
+        }
+    }
 }
 
 struct Bytes(u64);
@@ -346,10 +394,8 @@ impl fmt::Display for Duration {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Mappable {
-    /// Yes, with this range sensor.
     Yes {
         laser: StreamId,
-        /// Source of its poses, as text.
         pose_source: String,
         /// Whether a replay uses these poses only with `localization.source=auto`: the vehicle that the
         /// recording names is configured for others, which are missing.
@@ -358,7 +404,6 @@ pub enum Mappable {
         /// the recording names.
         must_be_named: bool,
     },
-    /// There are range sensors, but no poses.
     NoPoseSource,
     NoRangeSensor,
 }
@@ -367,15 +412,14 @@ impl Survey {
     /// Chooses the range sensor with poses and the most scans.
     pub fn mappable(&self) -> Mappable {
         let vehicle = self.config_of_vehicle();
-        let candidates = self
-            .scans
-            .iter()
-            .filter_map(|scan| Some((scan, self.poses(scan, vehicle.as_ref())?)));
-        match candidates.max_by_key(|(scan, poses)| (!poses.needs_auto, scan.stamps.count)) {
-            Some((scan, poses)) => Mappable::Yes {
-                laser: scan.stream,
-                pose_source: poses.description,
-                needs_auto: poses.needs_auto,
+        let candidates = self.scans.iter().filter_map(|(stream, scan)| {
+            Some((*stream, scan, self.poses(scan, vehicle.as_ref())?))
+        });
+        match candidates.max_by_key(|(_, scan, poses)| (!poses.1, scan.stamps.count)) {
+            Some((stream, _, (pose_source, needs_auto))) => Mappable::Yes {
+                laser: stream,
+                pose_source,
+                needs_auto,
                 must_be_named: self.scans.len() > 1 && self.sensors_of_vehicle().is_none(),
             },
             None if self.scans.is_empty() => Mappable::NoRangeSensor,
@@ -393,20 +437,10 @@ impl Survey {
     fn sensors_of_vehicle(&self) -> Option<Vec<(String, StreamId)>> {
         let config = self.config_of_vehicle()?;
         let sensors = config.range_sensors();
-        let wanted: Vec<_> = sensors
-            .iter()
-            .map(|sensor| WantedSensor {
-                name: sensor.name,
-                topic: sensor.config.topic.as_deref(),
-            })
-            .collect();
-        let assigned = self.assign_scans(&wanted).ok()?;
+        let assigned = self.assign_scans(&sensors).ok()?;
         let named = sensors.iter().zip(assigned);
-        Some(
-            named
-                .filter_map(|(sensor, scans)| Some((sensor.name.to_owned(), scans?.stream)))
-                .collect(),
-        )
+        let named = named.filter_map(|(sensor, scans)| Some((sensor.name.to_owned(), scans?.0)));
+        Some(named.collect())
     }
 
     fn write_sensors_of_vehicle(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -423,7 +457,8 @@ impl Survey {
         Ok(())
     }
 
-    /// Writes the command that maps the recording, with the range sensor if it must be named, and the alternatives.
+    /// Writes the command that makes pictures of the map, with the range sensor if it must be named, after the
+    /// alternatives.
     fn write_replay(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -437,12 +472,19 @@ impl Survey {
         };
         let named = laser.map(|laser| format!(" {}", topic(laser)));
         let named = named.unwrap_or_default();
-        writeln!(f, "  robot-edge replay {file}{named}{options}")?;
-        let others = self.scans.iter().map(|scan| scan.stream);
+        let others = self.scans.iter().map(|&(stream, _)| stream);
         for other in others.filter(|other| laser.is_some_and(|laser| laser != *other)) {
-            writeln!(f, "  or with {}", topic(other))?;
+            writeln!(
+                f,
+                "  or with {} in the place of {}",
+                topic(other),
+                named.trim_start()
+            )?;
         }
-        Ok(())
+        writeln!(
+            f,
+            "  robot-edge replay {file}{named}{options} --export maps"
+        )
     }
 
     pub(super) fn write_mappable(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -453,7 +495,7 @@ impl Survey {
                 needs_auto,
                 must_be_named,
             } => {
-                writeln!(f, "  {pose_source}")?;
+                writeln!(f, "  yes: {pose_source}")?;
                 self.write_sensors_of_vehicle(f)?;
                 let options = if needs_auto {
                     " --set localization.source=auto"
@@ -470,7 +512,7 @@ impl Survey {
                 writeln!(f, "  moving transform above {}", self.frames_of_scans())?;
                 writeln!(f, "  if the vehicle stood still:")?;
                 let several = self.scans.first().filter(|_| self.scans.len() > 1);
-                let laser = several.map(|scan| scan.stream);
+                let laser = several.map(|&(stream, _)| stream);
                 self.write_replay(f, laser, " --set localization.source=static")
             }
             Mappable::NoRangeSensor => {
@@ -490,7 +532,7 @@ impl Survey {
     }
 
     fn frames_of_scans(&self) -> String {
-        let mut frames: Vec<&str> = self.scans.iter().map(|scan| &*scan.frame).collect();
+        let mut frames: Vec<&str> = self.scans.iter().map(|(_, scan)| &*scan.frame).collect();
         frames.sort_unstable();
         frames.dedup();
         frames.join(", ")
@@ -506,40 +548,24 @@ fn shell_quoted(text: &str) -> String {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Poses {
-    /// Source of the poses, as text.
-    pub(super) description: String,
-    /// Whether the vehicle is configured for others, which are missing.
-    pub(super) needs_auto: bool,
-}
+/// The source of the poses as text, and [`Mappable::Yes::needs_auto`].
+type Poses = (String, bool);
 
 impl Survey {
     /// The poses for `scan`. `vehicle` is the preset that the recording names.
-    pub(super) fn poses(&self, scan: &ScanSurvey, vehicle: Option<&Config>) -> Option<Poses> {
+    fn poses(&self, scan: &ScanSurvey, vehicle: Option<&Config>) -> Option<Poses> {
         let wanted = vehicle.map_or(PoseSource::Auto, |config| config.localization.source);
         let found = self.poses_from(wanted, scan, vehicle);
         if wanted == PoseSource::Auto {
-            let needs_auto = false;
-            return found.map(|description| Poses {
-                description,
-                needs_auto,
-            });
+            return Some((found?, false));
         }
         let name = self.vehicle.as_deref().unwrap_or_default();
-        if let Some(description) = found {
-            return Some(Poses {
-                description: format!("{description}, as configured for {name}"),
-                needs_auto: false,
-            });
+        if let Some(found) = found {
+            return Some((format!("{found}, as configured for {name}"), false));
         }
         let others = self.poses_from(PoseSource::Auto, scan, vehicle)?;
-        Some(Poses {
-            description: format!(
-                "{others}; {name} is configured for another pose source, which is not in it"
-            ),
-            needs_auto: true,
-        })
+        let but = format!("{name} is configured for another pose source, which is not in it");
+        Some((format!("{others}; {but}"), true))
     }
 
     /// As `runtime/plan.rs` decides with the configuration of the vehicle.
@@ -583,8 +609,8 @@ impl Survey {
     }
 
     fn describe_odometry(&self) -> Option<String> {
-        let odometry = self.best_odometry()?;
-        let name = &self.stream(odometry.stream)?.stream.name;
+        let (stream, odometry) = self.best_odometry()?;
+        let name = &self.stream(*stream)?.stream.name;
         Some(format!(
             "{name} gives poses of {} in {}",
             odometry.child, odometry.parent
@@ -594,13 +620,9 @@ impl Survey {
     fn wheels_and_attitude(&self, vehicle: &Config) -> Option<String> {
         let sensors = WheelsAndAttitude::of(&vehicle.sensors).ok()?;
         let (_, encoders) = sensors.encoders;
-        let (left, right) = (&encoders.left_joint, &encoders.right_joint);
-        let both = self
-            .joints
-            .iter()
-            .filter(|joints| joints.names.contains(left) && joints.names.contains(right));
-        let angles = self.topic(both.map(|joints| joints.stream), encoders.topic.as_deref())?;
-        let attitude = self.attitude_topic(sensors.imu.1)?;
+        let both = self.streams_with_joints(&[&encoders.left_joint, &encoders.right_joint]);
+        let angles = self.topics(&both, encoders.topic.as_deref())?;
+        let attitude = self.attitude_topics(sensors.imu.1)?;
         Some(format!(
             "wheels of {angles} and attitude of {attitude} give poses"
         ))
@@ -608,30 +630,20 @@ impl Survey {
 
     fn fixes_and_attitude(&self, vehicle: &Config) -> Option<String> {
         let sensors = FixesAndAttitude::of(&vehicle.sensors).ok()?;
-        let (_, receiver) = sensors.gps;
-        let with_fix = self.fixes.iter().filter(|fixes| fixes.fixed > 0);
-        let fixes = self.topic(
-            with_fix.map(|fixes| fixes.stream),
-            receiver.topic.as_deref(),
-        )?;
-        let attitude = self.attitude_topic(sensors.imu.1)?;
+        let fixes = self.topics(&self.streams_with_fix(), sensors.gps.1.topic.as_deref())?;
+        let attitude = self.attitude_topics(sensors.imu.1)?;
         Some(format!(
             "satellite fixes of {fixes} and attitude of {attitude} give poses"
         ))
     }
 
-    fn attitude_topic(&self, imu: &ImuConfig) -> Option<String> {
-        let oriented = self.attitudes.iter().filter(|a| a.oriented > 0);
-        self.topic(oriented.map(|a| a.stream), imu.topic.as_deref())
+    fn attitude_topics(&self, imu: &ImuConfig) -> Option<String> {
+        self.topics(&self.streams_with_orientation(), imu.topic.as_deref())
     }
 
     /// The possible topics of a sensor: the configured one, or all. A replay with several requires a choice.
-    fn topic(
-        &self,
-        streams: impl Iterator<Item = StreamId>,
-        configured: Option<&str>,
-    ) -> Option<String> {
-        let names = streams.filter_map(|stream| Some(&*self.stream(stream)?.stream.name));
+    fn topics(&self, streams: &[StreamId], configured: Option<&str>) -> Option<String> {
+        let names = streams.iter().map(|&stream| self.topic_name(stream));
         let fits = |name: &&str| configured.is_none_or(|topic| topic == *name);
         let names: Vec<&str> = names.filter(fits).collect();
         (!names.is_empty()).then(|| names.join(" or "))

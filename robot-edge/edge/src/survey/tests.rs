@@ -1,12 +1,5 @@
 use super::*;
-use crate::shared_data::shared_data;
-
-fn survey_of(folder: &str, name: &str) -> Option<Survey> {
-    let path = shared_data(folder)?.join(name);
-    let mut survey = Survey::of(&path).unwrap();
-    survey.path = name.into();
-    Some(survey)
-}
+use measurement::drops::DropReason;
 
 fn survey_text(content: &str) -> Survey {
     let folder = tempfile::tempdir().unwrap();
@@ -34,13 +27,13 @@ fn a_log_is_summed_up_on_one_page() {
         "\
 a log.clf
   CARMEN log, 1.5 kB
-  19.0 s, from 100.500 to 119.500
+  19.0 s, stamps 100.500 to 119.500 s of a clock without a date
 
   topic   type           messages  rate
   PARAM   carmen/PARAM          1  not read: no sensor data that is understood
   NEFF    carmen/NEFF           1  not read: no sensor data that is understood
   ODOM    carmen/ODOM          20  1.00 Hz
-  FLASER  carmen/FLASER        22  1.00 Hz
+  FLASER  carmen/FLASER        22  1.11 Hz
 
 range sensors
   FLASER: 21 scans of 3 beams in frame laser
@@ -59,10 +52,34 @@ faults
     line 44: the stamp of FLASER goes back by 0.1 s and is held (later ones only counted)
 
 can it be mapped?
-  every scan brings its pose
-  robot-edge replay 'a log.clf'
+  yes: every scan brings its pose
+  robot-edge replay 'a log.clf' --export maps
 "
     );
+}
+
+#[test]
+fn a_clock_that_cannot_be_used_is_reported() {
+    let scans = ["5.5", "5.5", "5.5", "5.5", "1000000"];
+    let scans = scans.map(|stamp| format!("FLASER 2 1 2 50 0 0 0 0 0 {stamp} h 0\n"));
+    let page = survey_text(&scans.concat()).to_string();
+    for line in [
+        "\n  times are not known: its clock cannot be used (see faults)\n",
+        "\n  FLASER  carmen/FLASER         5  -\n",
+        "\n  FLASER: of 5 stamps 3 repeat the one before, 0 go back\n",
+        "\n  FLASER: its clock cannot be used: scans are mapped in the order of the file\n",
+    ] {
+        assert!(page.contains(line), "{page}");
+    }
+}
+
+#[test]
+fn a_cut_off_file_names_the_command_that_saves_what_is_left() {
+    let mut recorded = Recorded::new(&[("/scan", SCAN, scan())], "laser", 1);
+    recorded.losses.add(DropReason::CutOff);
+    let page = recorded.survey("cut off.mcap").to_string();
+    let advice = "    to save what is left: robot-edge recover 'cut off.mcap' saved.mcap\n";
+    assert!(page.contains(advice), "{page}");
 }
 
 #[test]
@@ -102,60 +119,67 @@ fn of_two_lasers_one_must_be_named() {
     let survey = survey_text(&format!("R{line}F{line}F{line}"));
     assert!(
         survey.to_string().ends_with(
-            "  robot-edge replay 'a log.clf' --topic laser=FLASER\n  or with --topic laser=RLASER\n"
+            "  or with --topic laser=RLASER in the place of --topic laser=FLASER\n  robot-edge replay 'a log.clf' --topic \
+             laser=FLASER --export maps\n"
         ),
         "{survey}"
     );
 }
 
-/// A stream's name, its type, and what its only message holds.
-type Message = (&'static str, &'static str, MeasurementData);
+/// A stream's name, its type, and what each of its messages holds.
+pub(crate) type Topic = (&'static str, &'static str, MeasurementData);
 
-/// A vehicle's recording.
-struct Recorded {
-    vehicle: &'static str,
+/// A recording with so many messages on each of its topics, in turn, 0.1 s apart.
+pub(crate) struct Recorded {
+    topics: Vec<Topic>,
+    frame: &'static str,
+    rounds: usize,
+    vehicle: Option<&'static str>,
     streams: Vec<StreamSummary>,
-    messages: Vec<MeasurementData>,
     yielded: usize,
     losses: DropCounts,
 }
 
 impl Recorded {
-    fn by(vehicle: &'static str, messages: &[Message]) -> Self {
-        let summary = |(name, type_name, _): &Message| StreamSummary {
+    pub(crate) fn new(topics: &[Topic], frame: &'static str, rounds: usize) -> Self {
+        let summary = |(name, type_name, _): &Topic| StreamSummary {
             stream: measurement::Stream {
                 name: (*name).to_owned(),
                 type_name: (*type_name).to_owned(),
             },
             understood: true,
-            messages: 1,
+            messages: rounds as u64,
             first: None,
             last: None,
         };
         Self {
-            vehicle,
-            streams: messages.iter().map(summary).collect(),
-            messages: messages.iter().map(|(.., data)| data.clone()).collect(),
+            topics: topics.to_vec(),
+            frame,
+            rounds,
+            vehicle: None,
+            streams: topics.iter().map(summary).collect(),
             yielded: 0,
             losses: DropCounts::default(),
         }
     }
 
-    fn page(&mut self) -> String {
-        let survey = Survey::of_reader(Path::new("lake.mcap"), Format::Mcap, self);
-        survey.unwrap().to_string()
+    pub(crate) fn survey(&mut self, path: &str) -> Survey {
+        Survey::of_reader(Path::new(path), Format::Mcap, self).unwrap()
     }
 }
 
 impl RecordingReader for Recorded {
     fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
-        let index = self.yielded;
+        let (round, index) = (
+            self.yielded / self.topics.len(),
+            self.yielded % self.topics.len(),
+        );
         self.yielded += 1;
-        Ok(self.messages.get(index).map(|data| Measurement {
-            stamp: RobotTime::from_nanos(1_000_000_000),
+        Ok((round < self.rounds).then(|| Measurement {
+            stamp: RobotTime::from_nanos(i64::try_from(round).unwrap() * 100_000_000),
             stream: StreamId(index as u16),
-            frame: "sensor".into(),
-            data: data.clone(),
+            frame: self.frame.into(),
+            data: self.topics[index].2.clone(),
         }))
     }
 
@@ -179,8 +203,15 @@ impl RecordingReader for Recorded {
     }
 
     fn vehicle(&self) -> Option<&str> {
-        Some(self.vehicle)
+        self.vehicle
     }
+}
+
+/// The page of a vehicle's recording with one message on each topic.
+fn page(vehicle: &'static str, topics: &[Topic]) -> String {
+    let mut recorded = Recorded::new(topics, "sensor", 1);
+    recorded.vehicle = Some(vehicle);
+    recorded.survey("lake.mcap").to_string()
 }
 
 fn scan() -> MeasurementData {
@@ -222,7 +253,7 @@ fn the_sensors_of_a_boat_are_mapped_together() {
         ("/imu/data", IMU, attitude()),
         ("/fix", "sensor_msgs/NavSatFix", MeasurementData::Fix(fix)),
     ];
-    let page = Recorded::by("riverwatch", &messages).page();
+    let page = page("riverwatch", &messages);
     for lines in [
         "\njoints\n  /joint_states: laser_tilt_joint\n",
         "\nattitudes\n  /imu/data: 1 of 1 give an orientation\n",
@@ -232,9 +263,9 @@ fn the_sensors_of_a_boat_are_mapped_together() {
     }
     assert!(
         page.ends_with(
-            "can it be mapped?\n  satellite fixes of /fix and attitude of /imu/data give poses, as configured for \
+            "can it be mapped?\n  yes: satellite fixes of /fix and attitude of /imu/data give poses, as configured for \
              riverwatch\n  as riverwatch, with laser (/scan) and sonar (/sonar)\n  \
-             robot-edge replay lake.mcap\n"
+             robot-edge replay lake.mcap --export maps\n"
         ),
         "{page}"
     );
@@ -255,9 +286,11 @@ fn poses_are_those_that_the_vehicle_wants() {
         ("/odom", "nav_msgs/Odometry", odometry),
         ("/joint_states", JOINTS, MeasurementData::Joints(angles)),
     ];
-    let check = |vehicle: &'static str, messages: &[Message], says: &str, options: &str| {
-        let page = Recorded::by(vehicle, messages).page();
-        let end = format!("can it be mapped?\n  {says}\n  robot-edge replay lake.mcap{options}\n");
+    let check = |vehicle: &'static str, messages: &[Topic], says: &str, options: &str| {
+        let page = page(vehicle, messages);
+        let end = format!(
+            "can it be mapped?\n  yes: {says}\n  robot-edge replay lake.mcap{options} --export maps\n"
+        );
         assert!(page.ends_with(&end), "{page}");
     };
     check(
@@ -278,99 +311,4 @@ fn poses_are_those_that_the_vehicle_wants() {
         let says = "/odom gives poses of base_link in sensor";
         check(vehicle, &all, says, "");
     }
-}
-
-#[test]
-fn lasers_of_published_logs_say_nothing_seen_in_their_own_way() {
-    let check = |name: &str, greatest: (f32, u64), miss: Option<f32>, unsaid: Option<f32>| {
-        let Some(survey) = survey_of("carmen", name) else {
-            return;
-        };
-        let [scan] = &survey.scans[..] else {
-            panic!("{name}")
-        };
-        assert_eq!(scan.max_range.greatest(), Some(greatest), "{name}");
-        assert_eq!(scan.max_range.miss_range_m(), miss, "{name}");
-        assert_eq!(scan.inferred_miss_range_m(), unsaid, "{name}");
-    };
-    check("aces.clf", (50.0, 11139), Some(50.0), Some(50.0));
-    check("aces-corrected.log", (50.0, 620), Some(50.0), Some(50.0));
-    check(
-        "infinite-corridor-corrected.log",
-        (51.16, 2),
-        Some(51.01),
-        Some(51.01),
-    );
-    // The reader's 80 m covers these.
-    check("intel-corrected.log", (81.83, 4172), Some(81.83), None);
-    check("csail-corrected.log", (81.91, 3907), Some(81.91), None);
-    check("belgioioso-corrected.log", (81.91, 699), Some(81.91), None);
-    check(
-        "fr-clinic_robotlaser.clf",
-        (81.91, 150_066),
-        Some(81.91),
-        None,
-    );
-}
-
-#[test]
-fn bags_are_surveyed() {
-    let Some(survey) = survey_of("rosbag1", "lms1xx_with_tf.bag") else {
-        return;
-    };
-    let [scan] = &survey.scans[..] else { panic!() };
-    assert_eq!(
-        (scan.stamps.count, scan.beams, &*scan.frame),
-        (89, (541, 541), "cloud")
-    );
-    assert!((scan.stamps.rate_hz().unwrap() - 50.0).abs() < 1.0);
-    assert_eq!((scan.range_min_m, scan.range_max_m), (0.05, 25.0));
-    assert!((scan.angle_max_rad() - 135_f32.to_radians()).abs() < 1e-3);
-    let edges: Vec<_> = survey
-        .frames
-        .edges()
-        .map(|(parent, child, edge)| (&**parent, &**child, edge.count, edge.is_static))
-        .collect();
-    assert_eq!(edges, [("cloud", "radar", 17, false)]);
-    assert_eq!(survey.mappable(), Mappable::NoPoseSource);
-    let not_understood = survey
-        .streams
-        .iter()
-        .filter(|s| !s.understood && s.messages > 0)
-        .count();
-    assert_eq!((survey.streams.len(), not_understood), (12, 7));
-
-    let two = survey_of("rosbag1", "two_lasers.bag").unwrap();
-    let command = "two_lasers.bag --topic laser=/rear_scan --set localization.source=static\n  or with --topic laser=/front_scan\n";
-    assert!(two.to_string().contains(command), "{two}");
-    let damaged = survey_of("rosbag1", "damaged_index.bag").unwrap();
-    assert!(
-        damaged
-            .to_string()
-            .contains("damaged lines, records or chunks, passed over: 2"),
-        "{damaged}"
-    );
-    assert_eq!(damaged.scans[0].stamps.count, 360);
-}
-
-#[test]
-fn mcap_files_are_surveyed() {
-    let Some(intel) = survey_of("mcap", "intel_corrected.mcap") else {
-        return;
-    };
-    assert_eq!(intel.scans[0].max_range.greatest(), Some((81.83, 4172)));
-    assert_eq!(
-        intel.mappable(),
-        Mappable::Yes {
-            laser: intel.scans[0].stream,
-            pose_source: "transforms lead from laser to odom".to_owned(),
-            needs_auto: false,
-            must_be_named: false,
-        }
-    );
-    let turtlebot = survey_of("mcap", "turtlebot_tf_odom.mcap").unwrap();
-    assert_eq!(turtlebot.mappable(), Mappable::NoRangeSensor);
-    assert_eq!(turtlebot.frames.roots(), [&FrameId::from("map")]);
-    let oakd = turtlebot.frames.ancestors("oakd_imu_frame");
-    assert_eq!(oakd.len(), 6, "{oakd:?}");
 }

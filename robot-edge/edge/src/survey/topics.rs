@@ -4,12 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
-use measurement::{FrameId, GeodeticFix, ImuSample, StreamId};
+use measurement::{FrameId, GeodeticFix, ImuSample};
 
-/// Maximum number of steps for the median.
-const MAX_STEPS: usize = 10_000;
-
-/// Statistics of the stamps of one stream.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StampSurvey {
     pub count: u64,
@@ -21,7 +17,6 @@ pub struct StampSurvey {
     pub repeated: u64,
     /// Stamps before the previous one.
     pub backward: u64,
-    steps: Vec<RobotDuration>,
 }
 
 impl StampSurvey {
@@ -34,24 +29,21 @@ impl StampSurvey {
                 self.backward += 1;
             } else if step == RobotDuration::ZERO {
                 self.repeated += 1;
-            } else if self.steps.len() < MAX_STEPS {
-                self.steps.push(step);
             }
         }
     }
 
-    /// Stamps per second: the inverse of the median step forward. `None` if most stamps are repeated or go back.
-    pub fn rate_hz(&self) -> Option<f64> {
-        if (self.steps.len() as u64) < self.repeated + self.backward {
-            return None;
-        }
-        let mut steps = self.steps.clone();
-        let middle = steps.len() / 2;
-        let (_, median, _) = steps
-            .get_mut(..)
-            .filter(|steps| !steps.is_empty())?
-            .select_nth_unstable(middle);
-        Some(1.0 / median.as_secs_f64())
+    /// Whether fewer than half of `messages` have a later stamp than the one before.
+    pub fn is_clock_unusable(&self, messages: u64) -> bool {
+        let forward = self.count.saturating_sub(1 + self.repeated + self.backward);
+        messages > 1 && 2 * (forward + 1) < messages
+    }
+
+    /// Messages per second over the whole span of their stamps. (A message of transforms has several stamps.)
+    pub fn rate_hz(&self, messages: u64) -> Option<f64> {
+        let span_s = self.duration().as_secs_f64();
+        let is_known = messages > 1 && span_s > 0.0 && !self.is_clock_unusable(messages);
+        is_known.then(|| (messages - 1) as f64 / span_s)
     }
 
     pub fn duration(&self) -> RobotDuration {
@@ -64,10 +56,8 @@ impl StampSurvey {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanSurvey {
-    pub stream: StreamId,
     /// Frame of the first scan.
     pub frame: FrameId,
-    /// Stamps of the scans.
     pub stamps: StampSurvey,
     /// Fewest and most beams.
     pub beams: (usize, usize),
@@ -87,9 +77,8 @@ pub struct ScanSurvey {
 }
 
 impl ScanSurvey {
-    pub(super) fn new(stream: StreamId, frame: FrameId, scan: &Scan) -> Self {
+    pub(super) fn new(frame: FrameId, scan: &Scan) -> Self {
         Self {
-            stream,
             frame,
             stamps: StampSurvey::default(),
             beams: (usize::MAX, 0),
@@ -137,7 +126,6 @@ const LONGEST_M: f32 = 1000.0;
 /// A varying greatest range is a miss only if it is longer than any room, metres.
 const LONGEST_ROOM_M: f32 = 20.0;
 
-/// Statistics of the longest ranges of a stream.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaxRangeSurvey {
     beams: u64,
@@ -217,34 +205,20 @@ fn millimetres(range_m: f32) -> i32 {
 const MAX_JOINTS: usize = 1000;
 const MAX_NAME_BYTES: usize = 255;
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct JointSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
-    pub count: u64,
     pub names: BTreeSet<String>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AttitudeSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
     pub count: u64,
     /// Number of messages with an orientation; raw ones have only turn rates.
     pub oriented: u64,
 }
 
 impl JointSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            names: BTreeSet::new(),
-        }
-    }
-
     pub(super) fn add(&mut self, joints: &[(String, f64)]) {
-        self.count += 1;
         for (name, _) in joints {
             let is_new = self.names.len() < MAX_JOINTS
                 && name.len() <= MAX_NAME_BYTES
@@ -257,41 +231,21 @@ impl JointSurvey {
 }
 
 impl AttitudeSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            oriented: 0,
-        }
-    }
-
     pub(super) fn add(&mut self, sample: &ImuSample) {
         self.count += 1;
         self.oriented += u64::from(sample.orientation_xyzw.is_some());
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FixSurvey {
-    pub stream: StreamId,
-    /// Number of messages.
     pub count: u64,
     /// Number of messages with a valid fix.
     pub fixed: u64,
-    /// The first valid fix.
     pub first: Option<GeodeticFix>,
 }
 
 impl FixSurvey {
-    pub(super) const fn new(stream: StreamId) -> Self {
-        Self {
-            stream,
-            count: 0,
-            fixed: 0,
-            first: None,
-        }
-    }
-
     pub(super) fn add(&mut self, fix: &GeodeticFix) {
         self.count += 1;
         if fix.status >= 0 {
@@ -314,18 +268,31 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_usual_step() {
+    fn the_rate_is_that_of_the_whole_span() {
         let stamps = survey(&[0, 100, 200, 300, 300, 290, 390, 9000, 9100]);
-        assert_eq!(stamps.rate_hz(), Some(10.0));
+        assert_eq!(stamps.rate_hz(9), Some(8.0 / 9.1));
+        // Bursts: the usual step is 1 ms, and there are 2 messages a second.
+        assert_eq!(
+            survey(&[0, 1, 2, 1000, 1001, 1002, 2000, 2001, 2500]).rate_hz(9),
+            Some(3.2)
+        );
+        // Three transforms in each of three messages.
+        assert_eq!(
+            survey(&[0, 0, 0, 100, 100, 100, 200, 200, 200]).rate_hz(3),
+            Some(10.0)
+        );
         assert_eq!((stamps.count, stamps.repeated, stamps.backward), (9, 1, 1));
         assert_eq!(stamps.duration(), RobotDuration::from_millis(9100));
     }
 
     #[test]
     fn stamps_that_stand_still_have_no_rate() {
-        assert_eq!(survey(&[]).rate_hz(), None);
-        assert_eq!(survey(&[5]).rate_hz(), None);
-        assert_eq!(survey(&[5, 5, 5, 10_005]).rate_hz(), None);
+        for stamps_ms in [&[][..], &[5], &[5, 5, 5], &[5, 5, 5, 5, 10_005]] {
+            let messages = stamps_ms.len() as u64;
+            let stamps = survey(stamps_ms);
+            assert_eq!(stamps.rate_hz(messages), None, "{stamps_ms:?}");
+            assert_eq!(stamps.is_clock_unusable(messages), messages > 1);
+        }
     }
 }
 

@@ -443,6 +443,8 @@ fn log_with_jumps_loses_no_scan() {
     let mut registration = ScanRegistration::new(settings(PoseOrigin::Log));
     let mut out = push_all(&mut registration, vec![own(1.0, 0.0), own(1.1, 6.0)]);
     assert_eq!(outs(&out), [Out::Scan(2.0), Out::Jump(6.0), Out::Scan(8.0)]);
+    let keyframes = push_all(&mut registration, vec![own(1.1, 7.5), own(1.1, 9.0)]);
+    assert_eq!(outs(&keyframes), [Out::Scan(9.5), Out::Scan(11.0)]);
     registration.reset_clock(&mut out);
     out.extend(push_all(&mut registration, vec![own(1.0, 0.0)]));
     assert_eq!(outs(&out)[3..], [Out::Scan(2.0)]);

@@ -20,7 +20,6 @@ const PERIOD: Duration = Duration::from_mins(1);
 pub struct LinkEvent {
     /// Whose certificate was shown.
     pub who: String,
-    /// What the link is for.
     pub channel: &'static str,
     /// Where the other end is: protocol, host and the port, which no other link has.
     pub from: String,
@@ -28,7 +27,7 @@ pub struct LinkEvent {
     pub is_up: bool,
 }
 
-/// Those who were here within the last minute.
+/// The peers of the last minute.
 #[derive(Debug, Default)]
 pub(super) struct ConnectionSummary(BTreeMap<Peer, PeerConnections>);
 

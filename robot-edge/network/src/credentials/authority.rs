@@ -18,13 +18,11 @@ use crate::clock;
 use crate::credentials::files::{self, CA_CERTIFICATE, CA_KEY, Readers};
 use crate::credentials::{CredentialsError, Identity};
 
-/// How long the authority itself is good for.
 const AUTHORITY_DAYS: u32 = 20 * 365;
 /// Certificates begin this long before they are made: not every machine's clock is right.
 const CLOCK_TOLERANCE: Duration = Duration::from_hours(24);
 const DAY: Duration = Duration::from_hours(24);
 
-/// What signs certificates.
 pub(super) struct Authority {
     pem: String,
     issuer: Issuer<'static, KeyPair>,
@@ -82,15 +80,13 @@ impl Authority {
         })
     }
 
-    /// Its own certificate.
     pub(super) fn pem(&self) -> &str {
         &self.pem
     }
 
-    /// A certificate for the owner of `key_pair`, good for `days` from now.
+    /// A certificate for the owner of `key_pair`, valid for `days` from now.
     ///
-    /// Whoever is reached at one of `hosts` may listen; the others may only connect, so that no person's certificate
-    /// passes for a vehicle's.
+    /// Only the owner of a certificate with `hosts` may listen, so that no person's certificate passes for a vehicle's.
     pub(super) fn certificate(
         &self,
         identity: &Identity,
@@ -160,9 +156,6 @@ pub struct Certificate {
 
 impl Certificate {
     /// Reads the certificate at `path`, signed by the authority whose own is at `authority`.
-    ///
-    /// # Errors
-    /// Where either is none, or the signature is another's.
     pub fn read(path: &Path, authority: &Path) -> Result<Self, CredentialsError> {
         let refused = |why: String| CredentialsError::content(path, why);
         let (pem, authority_pem) = (pem(path)?, pem(authority)?);
@@ -191,7 +184,6 @@ impl Certificate {
         })
     }
 
-    /// Whose it is.
     pub const fn identity(&self) -> &Identity {
         &self.identity
     }

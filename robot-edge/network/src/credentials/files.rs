@@ -11,16 +11,12 @@ use protocol::keys::{OperatorId, RobotId};
 /// Longest file that is read; certificates, keys and lists are far shorter.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// Who may read a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Readers {
-    /// Everybody.
     All,
-    /// Its owner.
     Owner,
 }
 
-/// The text of a file.
 pub(super) fn read(path: &Path) -> Result<String, CredentialsError> {
     let failed = |why| CredentialsError::Read {
         path: path.to_owned(),
@@ -226,27 +222,22 @@ impl FleetFolder {
         self.0.join("authority")
     }
 
-    /// What a vehicle takes with it.
     pub fn vehicle(&self, robot: &RobotId) -> PathBuf {
         self.vehicles_folder().join(robot.as_str())
     }
 
-    /// What a person takes with them.
     pub fn person(&self, name: &OperatorId) -> PathBuf {
         self.0.join("people").join(name.as_str())
     }
 
-    /// What a router takes with it.
     pub fn router(&self) -> PathBuf {
         self.0.join("router")
     }
 
-    /// The list of those who may watch or drive a vehicle.
     pub fn operators(&self, robot: &RobotId) -> PathBuf {
         self.vehicle(robot).join(OPERATORS)
     }
 
-    /// The configuration of a router.
     pub fn router_config(&self) -> PathBuf {
         self.router().join(ROUTER_CONFIG)
     }
@@ -287,52 +278,24 @@ pub(super) fn subfolder_hint(folder: &Path) -> Option<String> {
     })
 }
 
-/// Why credentials cannot be made or used.
 #[derive(Debug, thiserror::Error)]
 pub enum CredentialsError {
-    /// A file that cannot be read.
     #[error("{path}: cannot be read: {why}", path = path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        why: io::Error,
-    },
-    /// A file that cannot be written.
+    Read { path: PathBuf, why: io::Error },
     #[error("{path}: cannot be written: {why}", path = path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        why: io::Error,
-    },
-    /// A secret that others can read.
+    Write { path: PathBuf, why: io::Error },
     #[error(
         "{path}: others than its owner may read this secret (mode {mode:03o}). `chmod 600` it; if somebody may have read \
          it, have a new one made",
         path = path.display()
     )]
-    Exposed {
-        /// The file.
-        path: PathBuf,
-        /// Its permissions.
-        mode: u32,
-    },
-    /// A file that does not hold what it should.
+    Exposed { path: PathBuf, mode: u32 },
     #[error("{path}: {why}", path = path.display())]
-    Content {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and what to do.
-        why: String,
-    },
-    /// What was asked for does not fit what is there.
+    Content { path: PathBuf, why: String },
     #[error("{0}")]
     Conflict(String),
-    /// No certificate can be made.
     #[error("no certificate can be made: {0}")]
     Make(#[from] rcgen::Error),
-    /// No secret can be made.
     #[error("the operating system gives no random numbers: {0}")]
     NoRandomness(#[from] getrandom::Error),
 }

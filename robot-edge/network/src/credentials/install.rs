@@ -17,10 +17,8 @@ use crate::credentials::files::{
 };
 use crate::credentials::{Certificate, CredentialsError, Identity, OperatorList, authority};
 
-/// All that a vehicle takes with it.
 const FILES: [&str; 4] = [CA_CERTIFICATE, CERTIFICATE, PRIVATE_KEY, OPERATORS];
 
-/// What [`install`] has put in its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Installed {
     /// Whose keys they are.
@@ -36,10 +34,6 @@ pub struct Installed {
 ///
 /// By root, the files are root's, and those of the group may read them that the folder above `to` has; by anybody else,
 /// nobody but them may.
-///
-/// # Errors
-/// Where `from` is no vehicle's folder that could be used, `to` holds anything else, or a file cannot be read or
-/// written. Then `to` is as it was.
 pub fn install(from: &Path, to: &Path) -> Result<Installed, CredentialsError> {
     let (credentials, robot, list) = Credentials::of_vehicle(from, None)?;
     let to = resolved(to)?;
@@ -125,7 +119,6 @@ fn check_replaceable(from: &Path, to: &Path, robot: &RobotId) -> Result<(), Cred
     Ok(())
 }
 
-/// Makes the new folder at `draft`, all of it on the disk. `above` is the folder in which it is.
 fn make(from: &Path, draft: &Path, above: &File) -> Result<(), CredentialsError> {
     files::make_new_folder(draft)?;
     let failed = |path: &Path| {
@@ -208,10 +201,10 @@ pub struct Credentials {
 
 impl Credentials {
     /// Reads a vehicle's or person's folder.
-    ///
-    /// # Errors
-    /// Where something is missing, does not fit together, or is a secret that others can read.
     pub fn open(folder: &Path) -> Result<Self, CredentialsError> {
+        if !folder.exists() {
+            return Err(CredentialsError::content(folder, "there is no such folder"));
+        }
         let [ca, link, key] =
             [CA_CERTIFICATE, CERTIFICATE, PRIVATE_KEY].map(|name| folder.join(name));
         if !link.exists()
@@ -234,9 +227,6 @@ impl Credentials {
     }
 
     /// The credentials of a vehicle that goes by the name of `robot`, or by any where that is `None`.
-    ///
-    /// # Errors
-    /// As [`Self::open`], where they are somebody else's, and where the list of operators cannot be read.
     pub fn of_vehicle(
         folder: &Path,
         robot: Option<&RobotId>,
@@ -258,7 +248,6 @@ impl Credentials {
         Ok((own, name, list))
     }
 
-    /// Whose they are.
     pub const fn identity(&self) -> &Identity {
         self.certificate.identity()
     }
@@ -270,16 +259,12 @@ impl Credentials {
     }
 
     /// What a person signs commands with.
-    ///
-    /// # Errors
-    /// Where there is none, which is so of observers, or others can read it.
     pub fn signing_key(&self) -> Result<SecretKey, CredentialsError> {
         let path = self.folder.join(SIGNING_KEY);
         let pem = Zeroizing::new(files::read_secret(&path)?);
         SecretKey::from_pem(&pem).map_err(|why| CredentialsError::content(path, why.to_string()))
     }
 
-    /// A vehicle's list of operators.
     pub fn operator_list(&self) -> PathBuf {
         self.folder.join(OPERATORS)
     }
@@ -289,12 +274,10 @@ impl Credentials {
         self.folder.join(CA_CERTIFICATE)
     }
 
-    /// What it shows when it connects or is connected to.
     pub fn link_certificate(&self) -> PathBuf {
         self.folder.join(CERTIFICATE)
     }
 
-    /// The key of that.
     pub fn link_key(&self) -> PathBuf {
         self.folder.join(PRIVATE_KEY)
     }

@@ -19,12 +19,9 @@ use teleop::Role;
 /// By these a vehicle and a router are always reached from their own machine.
 const OWN_HOSTS: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 
-/// What is wanted of [`issue`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct IssueRequest {
-    /// The fleet's folder.
     pub folder: PathBuf,
-    /// Vehicles.
     pub vehicles: Vec<RobotId>,
     /// Names and addresses of the one vehicle.
     pub hosts: Vec<String>,
@@ -39,9 +36,6 @@ pub struct IssueRequest {
 /// Makes what is missing of what `request` names; what it did, in words, line by line.
 ///
 /// No key, certificate or list entry is ever changed. A router's configuration follows from these and is rewritten.
-///
-/// # Errors
-/// Where something is there that does not fit what is asked for, or a file cannot be read or written.
 pub fn issue(request: &IssueRequest) -> Result<Vec<String>, CredentialsError> {
     if !request.hosts.is_empty() && request.vehicles.len() != 1 {
         return Err(CredentialsError::Conflict(

@@ -1,6 +1,6 @@
 //! The list of those who may watch or drive one vehicle.
 //!
-//! It lies beside the vehicle's certificate, is edited by hand, and is read again while the vehicle runs: who is taken
+//! It is beside the vehicle's certificate, is edited by hand, and is read again while the vehicle runs: who is taken
 //! off it neither drives nor watches any more, who is put on it does.
 
 use std::collections::BTreeSet;
@@ -15,17 +15,14 @@ use serde::Deserialize;
 use crate::credentials::{CredentialsError, files};
 use teleop::Role;
 
-/// Most people on a list.
 pub const MAX_LISTED: usize = 64;
 /// The version of the file's format. A file that was cut off before it is no empty list.
 const VERSION: u32 = 1;
 
-/// One person of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ListedOperator {
     /// The name in the certificate and in the keys of what they send.
     pub name: OperatorId,
-    /// What they may do.
     pub role: Role,
     /// What they sign with; observers have none.
     pub key: Option<PublicKey>,
@@ -77,7 +74,6 @@ impl ListedOperator {
         Identity::Person(self.name.clone(), self.role)
     }
 
-    /// Their entry in a list.
     pub(super) fn entry(&self) -> Result<String, CredentialsError> {
         let role = role_name(self.role);
         let key = match self.key.map(|key| key.to_pem()).transpose() {
@@ -93,7 +89,6 @@ impl ListedOperator {
 }
 
 impl OperatorList {
-    /// The text of a list with nobody on it.
     pub(super) fn empty_text(robot: &str) -> String {
         format!(
             "# Who may watch or drive {robot}. While the vehicle runs it reads this file again within a second:\n\
@@ -106,9 +101,6 @@ impl OperatorList {
     }
 
     /// Reads a list.
-    ///
-    /// # Errors
-    /// Where it is no list of this version, or somebody is on it twice, or has no key, or a wrong one.
     pub fn parse(text: &str) -> Result<Self, String> {
         let file: File = toml::from_str(text).map_err(|why| {
             let at = why.span().map_or(0, |span| span.start);
@@ -148,9 +140,6 @@ impl OperatorList {
     }
 
     /// Reads the list in a file.
-    ///
-    /// # Errors
-    /// As [`Self::parse`], and where the file cannot be read.
     pub fn read(path: &Path) -> Result<Self, CredentialsError> {
         Self::parse(&files::read(path)?).map_err(|why| CredentialsError::content(path, why))
     }
@@ -160,7 +149,6 @@ impl OperatorList {
         &self.people
     }
 
-    /// Who goes by that name.
     pub fn find(&self, name: &OperatorId) -> Option<&ListedOperator> {
         self.people.iter().find(|listed| listed.name == *name)
     }
@@ -172,9 +160,7 @@ impl OperatorList {
 /// cannot be that of a host. Zenoh trusts public authorities beside our own, so that matters.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Identity {
-    /// A robot.
     Vehicle(RobotId),
-    /// Somebody who watches or drives.
     Person(OperatorId, Role),
     /// Whatever routes between the others.
     Router,
@@ -186,7 +172,7 @@ pub enum Identity {
 pub struct InvalidName(pub String);
 
 impl Identity {
-    /// Whether a console may take who says this for a robot, or for the way to one.
+    /// Whether a console may accept this identity as a robot, or as the way to one.
     pub const fn serves_consoles(&self) -> bool {
         match self {
             Self::Vehicle(_) | Self::Router => true,

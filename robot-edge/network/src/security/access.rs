@@ -49,7 +49,7 @@ fn liveliness_keys(robot: &RobotId) -> Vec<String> {
     vec![Topic::Alive.key(robot), every_robot_alive()]
 }
 
-/// Rules and who they are for, as Zenoh reads them.
+/// Rules and their subjects, as Zenoh reads them.
 #[derive(Default)]
 struct AccessControl {
     rules: Vec<Value>,
@@ -94,7 +94,7 @@ impl AccessControl {
         })
     }
 
-    /// What everybody may who may watch a robot: the rules' names.
+    /// The names of the rules for everybody who may watch a robot.
     fn observer_rules(&mut self, robot: &RobotId) -> Vec<String> {
         let views = [Topic::View.key(robot)];
         vec![
@@ -117,7 +117,7 @@ impl AccessControl {
                 &liveliness_keys(robot),
             ),
             self.allow(&format!("view of {robot}"), "ingress", &["put"], &views),
-            // What leaves goes to who has subscribed or asked, which the rules above decide.
+            // What leaves goes to subscribers and queriers, which the rules above decide.
             self.allow(
                 &format!("receive from {robot}"),
                 "egress",
@@ -133,7 +133,7 @@ impl AccessControl {
         ]
     }
 
-    /// What operators send, whose keys `key` gives: the rules' names.
+    /// The names of the rules for what operators send under the keys that `key` gives.
     fn command_rules(&mut self, what: &str, key: impl Fn(OperatorTopic) -> String) -> [String; 2] {
         let requests = OperatorTopic::ALL
             .into_iter()

@@ -8,7 +8,6 @@ use crate::LinkError;
 use crate::audit::{Audit, LinkEvent};
 use crate::endpoints::Channel;
 
-/// Audits every link that opens or closes.
 pub(crate) fn audit_links(
     session: &Session,
     channel: Channel,

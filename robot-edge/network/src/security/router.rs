@@ -10,14 +10,10 @@ use super::tls::shared_settings;
 use crate::credentials::OperatorList;
 use crate::endpoints::{DEFAULT_PORT, listeners_of_router};
 
-/// What a router's configuration is made from.
 #[derive(Clone, Debug)]
 pub struct RouterConfig {
-    /// The authority's certificate.
     pub ca_pem: String,
-    /// The router's.
     pub certificate_pem: String,
-    /// The key of that.
     pub key_pem: String,
     /// The vehicles it serves, each with its list.
     pub vehicles: Vec<(RobotId, OperatorList)>,

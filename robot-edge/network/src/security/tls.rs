@@ -59,7 +59,6 @@ pub(crate) fn edge_settings(credentials: &Credentials, people: &OperatorList) ->
     settings
 }
 
-/// Settings of a console's sessions.
 pub(crate) fn console_settings(credentials: &Credentials) -> SettingsOfTls {
     with_files(credentials)
 }

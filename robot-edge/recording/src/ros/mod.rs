@@ -52,7 +52,7 @@ pub enum DecodeError {
     BadPose,
     /// A cloud without the order of its sensor.
     #[error(
-        "the cloud is neither organised nor has a ring field, so its beams cannot be told apart"
+        "the cloud is neither organised nor has a ring field, so its beams cannot be distinguished"
     )]
     NotOrganised,
     /// A cloud whose fields do not fit its layout.

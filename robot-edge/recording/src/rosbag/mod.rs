@@ -3,8 +3,6 @@
 //! Read from front to back as they were recorded, so a bag whose index is damaged or was never written is
 //! as good as any.
 
-#[cfg(test)]
-mod bag_bytes;
 mod record;
 
 use std::collections::HashMap;

@@ -534,8 +534,7 @@ mod tests {
     use std::io::Cursor;
 
     use super::*;
-    use crate::rosbag::bag_bytes;
-    use crate::rosbag::bag_bytes::{chunk, connection, index, message};
+    use crate::rosbag::tests::{chunk, connection, index, message};
 
     /// Numbers of the messages found, `!` for damage, `/` for a cut.
     fn walk(bytes: &[u8]) -> String {
@@ -624,7 +623,7 @@ mod tests {
     }
 
     fn packed(name: &str, records: &[u8]) -> Vec<u8> {
-        let record = bag_bytes::chunk(name, records);
+        let record = chunk(name, records);
         let header_bytes = 4 + u32::from_le_bytes(record[..4].try_into().unwrap()) as usize + 4;
         record[header_bytes..].to_vec()
     }

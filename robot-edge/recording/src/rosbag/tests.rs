@@ -5,7 +5,6 @@ use measurement::time::RobotTime;
 use proptest::prelude::*;
 
 use super::*;
-use crate::rosbag::bag_bytes::{bag, chunk, connection, index, message};
 use crate::shared_data::shared_data;
 
 fn read_all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
@@ -74,6 +73,96 @@ fn stamps_s(measurements: &[Measurement]) -> Vec<i64> {
         .iter()
         .map(|m| m.stamp.as_nanos() / 1_000_000_000)
         .collect()
+}
+
+/// A record out of its header fields and its data.
+fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
+    let mut header = Vec::new();
+    for (name, value) in fields {
+        header.extend((name.len() as u32 + 1 + value.len() as u32).to_le_bytes());
+        header.extend(name.as_bytes());
+        header.push(b'=');
+        header.extend(*value);
+    }
+    let mut record = (header.len() as u32).to_le_bytes().to_vec();
+    record.extend(header);
+    record.extend((data.len() as u32).to_le_bytes());
+    record.extend(data);
+    record
+}
+
+pub(super) fn message(conn: u32, time_s: u32, data: &[u8]) -> Vec<u8> {
+    let time = [time_s.to_le_bytes(), [0; 4]].concat();
+    let fields: [(&str, &[u8]); 3] = [("conn", &conn.to_le_bytes()), ("op", &[2]), ("time", &time)];
+    record(&fields, data)
+}
+
+pub(super) fn connection(conn: u32, topic: &str, type_name: &str) -> Vec<u8> {
+    let named = record(
+        &[("topic", topic.as_bytes()), ("type", type_name.as_bytes())],
+        &[],
+    );
+    let data = &named[4..named.len() - 4];
+    let fields: [(&str, &[u8]); 3] = [
+        ("conn", &conn.to_le_bytes()),
+        ("op", &[7]),
+        ("topic", topic.as_bytes()),
+    ];
+    record(&fields, data)
+}
+
+pub(super) fn index(conn: u32, count: u32) -> Vec<u8> {
+    let fields: [(&str, &[u8]); 4] = [
+        ("conn", &conn.to_le_bytes()),
+        ("count", &count.to_le_bytes()),
+        ("op", &[4]),
+        ("ver", &1_u32.to_le_bytes()),
+    ];
+    record(&fields, &vec![0; count as usize * 12])
+}
+
+/// A chunk that holds `records`, packed as `compression` says.
+pub(super) fn chunk(compression: &str, records: &[u8]) -> Vec<u8> {
+    let packed = match compression {
+        "bz2" => {
+            let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+            encoder.write_all(records).unwrap();
+            encoder.finish().unwrap()
+        }
+        // As ROS does it: independent blocks, a checksum of the content.
+        "lz4" => {
+            let frame = lz4_flex::frame::FrameInfo::new()
+                .block_size(lz4_flex::frame::BlockSize::Max64KB)
+                .block_mode(lz4_flex::frame::BlockMode::Independent)
+                .content_checksum(true);
+            let mut encoder = lz4_flex::frame::FrameEncoder::with_frame_info(frame, Vec::new());
+            encoder.write_all(records).unwrap();
+            encoder.finish().unwrap()
+        }
+        _ => records.to_vec(),
+    };
+    let fields: [(&str, &[u8]); 3] = [
+        ("compression", compression.as_bytes()),
+        ("op", &[5]),
+        ("size", &(records.len() as u32).to_le_bytes()),
+    ];
+    record(&fields, &packed)
+}
+
+/// A whole bag out of chunks and what else follows the header, without an index.
+pub(super) fn bag(parts: &[Vec<u8>]) -> Vec<u8> {
+    let fields: [(&str, &[u8]); 4] = [
+        ("chunk_count", &[0; 4]),
+        ("conn_count", &[0; 4]),
+        ("index_pos", &[0; 8]),
+        ("op", &[3]),
+    ];
+    [
+        b"#ROSBAG V2.0\n".to_vec(),
+        record(&fields, &[b' '; 50]),
+        parts.concat(),
+    ]
+    .concat()
 }
 
 #[test]
@@ -236,50 +325,10 @@ fn what_is_no_bag_of_version_2_is_refused() {
 }
 
 #[test]
-fn bags_of_others_are_read() {
+fn a_published_bag_of_version_1_is_refused() {
     let Some(data) = shared_data("rosbag1") else {
         return;
     };
-    let check = |name: &str, expected: &[(&str, usize, usize)], damaged: u64| {
-        let mut reader = RosbagReader::open(&data.join(name), Selection::All).unwrap();
-        let measurements = read_all(&mut reader);
-        let mut found: Vec<(&str, usize, usize)> = Vec::new();
-        for measurement in &measurements {
-            let MeasurementData::Scan { scan, .. } = &measurement.data else {
-                continue;
-            };
-            let topic = reader.streams()[usize::from(measurement.stream.0)]
-                .stream
-                .name
-                .as_str();
-            match found.iter_mut().find(|(known, ..)| *known == topic) {
-                Some((_, count, beams)) => {
-                    *count += 1;
-                    assert_eq!(*beams, scan.ranges_m.len());
-                }
-                None => found.push((topic, 1, scan.ranges_m.len())),
-            }
-        }
-        found.sort_unstable();
-        assert_eq!(found, expected, "{name}");
-        assert_eq!(
-            reader.losses().get(DropReason::Damaged),
-            damaged,
-            "{:?}",
-            reader.loss_notes()
-        );
-        assert_eq!(reader.losses().get(DropReason::CutOff), 0);
-    };
-    check("urg04lx_handheld.bag", &[("/scan", 360, 681)], 0);
-    check(
-        "two_lasers.bag",
-        &[("/front_scan", 331, 726), ("/rear_scan", 330, 726)],
-        0,
-    );
-    check("lms1xx_with_tf.bag", &[("/sick_lms_1xx/scan", 89, 541)], 0);
-    // The indexes behind its two chunks claim 20 bytes an entry and have 12.
-    check("damaged_index.bag", &[("/scan", 360, 681)], 2);
-
     let error = RosbagReader::open(&data.join("version_1.2.bag"), Selection::All).unwrap_err();
     assert!(
         matches!(error, RecordingError::UnsupportedVersion { .. }),

@@ -53,44 +53,115 @@ fn order(items: Vec<Measurement>) -> (Vec<Ordered>, u64) {
     (out, order.drops.total())
 }
 
-/// Items as (stream, stamp in ms); out come stamps in ms, `R` for a reset.
-fn check(items: &[(u16, i64)], expected: &str, expected_late: u64) {
-    let items = items
-        .iter()
-        .enumerate()
-        .map(|(n, &(stream, stamp))| item(stream, stamp, n));
-    let (out, late) = order(items.collect());
-    let out: Vec<_> = out
-        .iter()
-        .map(|ordered| match ordered {
-            Ordered::Measurement(m) => (m.stamp.as_nanos() / 1_000_000).to_string(),
-            Ordered::ClockReset { from, to } => format!(
-                "R{}>{}",
-                from.as_nanos() / 1_000_000,
-                to.as_nanos() / 1_000_000
-            ),
-        })
-        .collect();
-    assert_eq!(out.join(" "), expected);
-    assert_eq!(late, expected_late);
-}
+/// Stream and stamp in ms.
+type Items = &'static [(u16, i64)];
+/// Stamps in ms that come out, `R` for a reset, and the number of late ones.
+type Expected = (&'static str, u64);
 
 #[test]
-fn disorder_within_the_window_is_put_right() {
-    check(
-        &[(0, 100), (1, 40), (0, 900), (1, 300), (0, 1500), (1, 700)],
-        "40 100 300 700 900 1500",
-        0,
-    );
-}
-
-#[test]
-fn what_comes_after_its_turn_is_late() {
-    check(
-        &[(0, 0), (0, 900), (0, 1800), (0, 2700), (1, 1700), (1, 500)],
-        "0 900 1700 1800 2700",
-        1,
-    );
+fn stamps_come_out_in_order() {
+    let cases: [(&str, Items, Expected); 11] = [
+        (
+            "disorder within the window is put right",
+            &[(0, 100), (1, 40), (0, 900), (1, 300), (0, 1500), (1, 700)],
+            ("40 100 300 700 900 1500", 0),
+        ),
+        (
+            "what comes after its turn is late",
+            &[(0, 0), (0, 900), (0, 1800), (0, 2700), (1, 1700), (1, 500)],
+            ("0 900 1700 1800 2700", 1),
+        ),
+        (
+            "one stamp far in the future costs nothing else",
+            &[
+                (0, 0),
+                (1, 100),
+                (0, 9_000_000),
+                (0, 300),
+                (1, 200),
+                (0, 1500),
+                (1, 1400),
+                (0, 2300),
+                (1, 2200),
+            ],
+            ("0 100 200 300 1400 1500 2200 2300 9000000", 0),
+        ),
+        (
+            "two in the future cost a reset at most",
+            &[
+                (0, 0),
+                (0, 9_000_000),
+                (0, 9_000_001),
+                (0, 100),
+                (0, 200),
+                (0, 1300),
+                (1, 1200),
+            ],
+            ("0 9000000 9000001 R9000001>100 100 200 1200 1300", 0),
+        ),
+        (
+            "a first stamp in the future costs a reset at most",
+            &[(0, 9_000_000), (1, 0), (0, 10), (1, 20), (0, 30), (1, 25)],
+            ("0 20 9000000 R9000000>10 10 25 30", 0),
+        ),
+        (
+            "a pause is followed",
+            &[
+                (0, 0),
+                (1, 5),
+                (0, 60_000),
+                (1, 59_900),
+                (0, 60_500),
+                (1, 60_400),
+            ],
+            ("0 5 59900 60000 60400 60500", 0),
+        ),
+        (
+            "a sensor may be slower than the window",
+            &[(0, 0), (0, 9000), (0, 18_000), (0, 27_000)],
+            ("0 9000 18000 27000", 0),
+        ),
+        (
+            "one old stamp is late",
+            &[(0, 5000), (0, 0), (0, 5100), (0, 5200)],
+            ("5000 5100 5200", 1),
+        ),
+        (
+            "a clock reset is followed",
+            &[
+                (0, 5000),
+                (1, 5100),
+                (0, 5200),
+                (0, 20),
+                (1, 10),
+                (0, 120),
+                (1, 110),
+            ],
+            ("5000 5100 5200 R5200>20 10 20 110 120", 0),
+        ),
+        (
+            "an old stamp at the end is no reset",
+            &[(0, 5000), (0, 20)],
+            ("5000", 1),
+        ),
+        (
+            "old stamps of two streams are a reset",
+            &[(0, 5000), (1, 5000), (0, 20), (1, 10)],
+            ("5000 5000 R5000>20 10 20", 0),
+        ),
+    ];
+    for (what, items, expected) in cases {
+        let items = items.iter().zip(0..);
+        let items = items.map(|(&(stream, stamp), number)| item(stream, stamp, number));
+        let (out, late) = order(items.collect());
+        let millis = |stamp: RobotTime| stamp.as_nanos() / 1_000_000;
+        let out = out.iter().map(|ordered| match ordered {
+            Ordered::Measurement(m) => millis(m.stamp).to_string(),
+            Ordered::ClockReset { from, to } => format!("R{}>{}", millis(*from), millis(*to)),
+        });
+        let out: Vec<String> = out.collect();
+        assert_eq!((out.join(" ").as_str(), late), expected, "{what}");
+    }
 }
 
 #[test]
@@ -103,101 +174,6 @@ fn items_leave_once_the_window_has_passed() {
     order.push(item(0, 1000, 3));
     assert_eq!(order.pop(), Some(Ordered::Measurement(item(0, 0, 0))));
     assert_eq!(order.pop(), None);
-}
-
-#[test]
-fn one_stamp_far_in_the_future_costs_nothing_else() {
-    check(
-        &[
-            (0, 0),
-            (1, 100),
-            (0, 9_000_000),
-            (0, 300),
-            (1, 200),
-            (0, 1500),
-            (1, 1400),
-            (0, 2300),
-            (1, 2200),
-        ],
-        "0 100 200 300 1400 1500 2200 2300 9000000",
-        0,
-    );
-}
-
-#[test]
-fn two_in_the_future_cost_a_reset_at_most() {
-    check(
-        &[
-            (0, 0),
-            (0, 9_000_000),
-            (0, 9_000_001),
-            (0, 100),
-            (0, 200),
-            (0, 1300),
-            (1, 1200),
-        ],
-        "0 9000000 9000001 R9000001>100 100 200 1200 1300",
-        0,
-    );
-}
-
-#[test]
-fn a_first_stamp_in_the_future_costs_a_reset_at_most() {
-    check(
-        &[(0, 9_000_000), (1, 0), (0, 10), (1, 20), (0, 30), (1, 25)],
-        "0 20 9000000 R9000000>10 10 25 30",
-        0,
-    );
-}
-
-#[test]
-fn a_pause_is_followed() {
-    check(
-        &[
-            (0, 0),
-            (1, 5),
-            (0, 60_000),
-            (1, 59_900),
-            (0, 60_500),
-            (1, 60_400),
-        ],
-        "0 5 59900 60000 60400 60500",
-        0,
-    );
-    // A sensor slower than the window.
-    check(
-        &[(0, 0), (0, 9000), (0, 18_000), (0, 27_000)],
-        "0 9000 18000 27000",
-        0,
-    );
-}
-
-#[test]
-fn one_old_stamp_is_late_but_a_clock_reset_is_followed() {
-    check(
-        &[(0, 5000), (0, 0), (0, 5100), (0, 5200)],
-        "5000 5100 5200",
-        1,
-    );
-    check(
-        &[
-            (0, 5000),
-            (1, 5100),
-            (0, 5200),
-            (0, 20),
-            (1, 10),
-            (0, 120),
-            (1, 110),
-        ],
-        "5000 5100 5200 R5200>20 10 20 110 120",
-        0,
-    );
-    check(&[(0, 5000), (0, 20)], "5000", 1);
-    check(
-        &[(0, 5000), (1, 5000), (0, 20), (1, 10)],
-        "5000 5000 R5000>20 10 20",
-        0,
-    );
 }
 
 #[test]

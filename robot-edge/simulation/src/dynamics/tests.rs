@@ -86,7 +86,7 @@ fn after(momentum: Momentum, command: CommandedVelocity, duration_s: f64) -> Mom
 }
 
 #[test]
-fn it_comes_to_the_speed_that_it_is_told_and_no_further() {
+fn it_reaches_the_commanded_speed_and_no_more() {
     for speed_mps in [0.3, 1.5, 3.0, 9.0] {
         let run = after(Momentum::default(), command(speed_mps, 0.0), 60.0);
         let expected_mps = f64::min(speed_mps, 3.0);

@@ -331,7 +331,7 @@ fn poses_that_are_no_longer_kept_are_the_oldest_that_are() {
 
 proptest! {
     #[test]
-    fn whatever_it_is_told_it_stays_out_of_walls(
+    fn it_stays_out_of_walls_at_any_command(
         commands in prop::collection::vec((-1.5..1.5, -6.0..6.0, 0.05..1.0), 1..20)
     ) {
         // A pen of 1.6 m × 1.2 m with a post in it.

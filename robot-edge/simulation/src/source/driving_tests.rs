@@ -1,6 +1,5 @@
 #![expect(clippy::float_cmp, reason = "these values are exact")]
 
-use super::driving::lookahead_nanos;
 use super::tests::digest_of;
 use super::{ODOM, SCAN, *};
 use crate::attitude::Attitude;

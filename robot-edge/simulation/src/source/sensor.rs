@@ -3,8 +3,7 @@
 use super::{ALWAYS, ODOM, Run, START, TF, Ticks, stream_called};
 use crate::attitude_sensor::{AttitudeNoise, AttitudeSensor};
 use crate::gps::{FixNoise, GpsReceiver};
-use crate::laser::LaserNoise;
-use crate::range_sensor::RangeSensor;
+use crate::laser::{LaserNoise, RangeSensor};
 use crate::tilt_servo::TiltServo;
 use crate::wheel_encoders::{WheelEncoders, WheelTurns};
 use measurement::time::RobotTime;

@@ -143,12 +143,12 @@ use toml::de::DeTable;
 use super::values::{
     Coordinate, Fault, MILLION, NotNegative, Positive, Probability, Within, tables,
 };
+use super::{Dock, Shore};
 use super::{World, plants, solids};
 use crate::laser::LaserErrors;
 use crate::path::{Path, PlanarPose, Waypoint};
 use crate::scene::{Growth, Receiver, Scene};
 use crate::source::SensorErrors;
-use crate::truth::{Dock, Shore};
 use crate::vegetation::Wind;
 use crate::vehicle::{Carriage, SimulatedVehicle};
 use crate::waves::{WaveTrain, Waves};

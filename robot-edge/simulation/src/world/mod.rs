@@ -11,12 +11,15 @@ use std::io::Read;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
+use nalgebra::Point2;
+use serde::Deserialize;
+
 use crate::laser::LaserErrors;
 use crate::path::Path;
 use crate::scene::Scene;
 use crate::solid::Solid;
 use crate::source::SensorErrors;
-use crate::truth::{Dock, Shore};
+use crate::vegetation;
 use crate::vehicle::SimulatedVehicle;
 use crate::waves::Waves;
 
@@ -33,6 +36,56 @@ pub struct World {
     scene: Arc<Scene>,
     path: Arc<Path>,
     waves: Arc<Waves>,
+}
+
+/// How a shore receives a boat [HYB §7, table 8.1].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShoreClass {
+    /// Scattered flexible plants.
+    Sparse,
+    /// A closed field of flexible plants.
+    Dense,
+    /// Bushes, trunks, rocks.
+    Solid,
+}
+
+/// A stretch of shore.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Shore {
+    /// Name in the world file.
+    pub name: String,
+    /// What stands there.
+    pub class: ShoreClass,
+    /// Outline, metres.
+    #[serde(deserialize_with = "values::polygon")]
+    pub polygon_m: Vec<Point2<f64>>,
+}
+
+impl Shore {
+    /// Whether a point is in it.
+    pub fn contains(&self, at: Point2<f64>) -> bool {
+        vegetation::is_inside(&self.polygon_m, at)
+    }
+}
+
+/// A place where a boat can land.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Dock {
+    /// Name in the world file.
+    pub name: String,
+    /// Outline, metres.
+    #[serde(deserialize_with = "values::polygon")]
+    pub polygon_m: Vec<Point2<f64>>,
+}
+
+impl Dock {
+    /// Whether a point is in it.
+    pub fn contains(&self, at: Point2<f64>) -> bool {
+        vegetation::is_inside(&self.polygon_m, at)
+    }
 }
 
 /// Why a world cannot be loaded.
@@ -174,14 +227,14 @@ impl World {
 
     /// Those of the solids that are ground, with the others apart: first what is driven on, then what
     /// stands on it.
-    pub(crate) fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
+    pub fn ground_and_objects(&self) -> [Vec<Solid>; 2] {
         let solids = self.solids.iter().cloned();
         let (ground, objects) = solids.partition(|solid| solid.is_ground);
         [ground, objects]
     }
 
     /// Height of the water's surface above z = 0, metres; `None` if there is no water.
-    pub(crate) fn water_m(&self) -> Option<f64> {
+    pub fn water_m(&self) -> Option<f64> {
         self.water_m
     }
 

@@ -186,4 +186,3 @@ fn every_built_in_world_loads_under_its_own_name() {
 mod built_in;
 mod plants;
 mod solids;
-mod vegetated;

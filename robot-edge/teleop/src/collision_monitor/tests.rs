@@ -221,7 +221,7 @@ fn creeps_ahead(limits: &SpeedLimits) -> bool {
     limits.in_unknown_space && limits.forward_mps <= CREEP_MPS + 1e-9
 }
 
-/// A vehicle in its first round: it stands, unless told otherwise.
+/// A vehicle in its first round: it stands, unless odometry says otherwise.
 struct Scene {
     setup: Setup,
     obstacle_scans: Vec<ObstacleScan>,
@@ -305,7 +305,7 @@ struct Drive {
     /// Standard deviation of ranges, metres, and share of beams that are lost.
     noise: (f64, f64),
     random: u64,
-    /// What odometry has not told yet, one a round.
+    /// What odometry has not reported yet, one a round.
     untold: VecDeque<OdometrySample>,
     obstacle_scans: Vec<ObstacleScan>,
     blockage: BlockageDetector,
@@ -358,7 +358,7 @@ impl Drive {
     }
 
     /// One round: the collision monitor limits, the arbiter moves towards `requested` within that (or stops, where nothing is), and
-    /// the vehicle does what it was told some time ago.
+    /// the vehicle does what it was commanded some time ago.
     fn round(&mut self, requested: Option<Velocity>) {
         self.evaluate(requested.unwrap_or_default());
         let rules = Rules::new(&self.setup.teleop, &self.setup.vehicle).unwrap();

@@ -2,9 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ExperimentError;
-use crate::land::ground::Ground;
-use crate::land::{Cell, LandWorld, octree_and_cost};
+use crate::land::{Cell, Ground, LandWorld, octree_and_cost};
 use crate::run::SimulatedRun;
 use crate::terrain::seconds;
 use mapping::octree::Octree;
@@ -33,7 +31,7 @@ pub(super) enum Sweep {
     Up,
 }
 
-/// Open ground and who looks at it.
+/// Open ground, and the servo that tilts the laser over it.
 pub(super) struct OpenGround<'a> {
     world: &'a LandWorld,
     ground: Ground<'a>,
@@ -109,7 +107,7 @@ impl Surfaces {
 }
 
 impl<'a> OpenGround<'a> {
-    pub(super) fn of(world: &'a LandWorld) -> Result<Self, ExperimentError> {
+    pub(super) fn of(world: &'a LandWorld) -> anyhow::Result<Self> {
         let ground = Ground::of(world, REGION_M)?;
         let servo = world.world.simulated_vehicle().laser.tilt;
         let servo = servo.ok_or_else(|| world.unsuitable("has no laser that tilts"))?;
@@ -127,11 +125,7 @@ impl<'a> OpenGround<'a> {
     }
 
     /// What a run whose encoder does not lag meets.
-    pub(super) fn observed(
-        &self,
-        mut run: SimulatedRun,
-        until_s: f64,
-    ) -> Result<Observed, ExperimentError> {
+    pub(super) fn observed(&self, mut run: SimulatedRun, until_s: f64) -> anyhow::Result<Observed> {
         let mut beams = BTreeMap::new();
         let mut by_sweep: BTreeMap<Sweep, BTreeSet<Cell>> = BTreeMap::new();
         run.advance_with(until_s, |_, scan| {
@@ -166,7 +160,7 @@ impl<'a> OpenGround<'a> {
         mut run: SimulatedRun,
         until_s: f64,
         observed: &Observed,
-    ) -> Result<Surfaces, ExperimentError> {
+    ) -> anyhow::Result<Surfaces> {
         let mut surfaces = Surfaces::default();
         run.advance_with(until_s, |_, scan| {
             self.add_heights(scan, observed, &mut surfaces);

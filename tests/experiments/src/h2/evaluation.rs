@@ -1,12 +1,11 @@
-//! A cost map of the yard against its truth.
+//! What the cost map of the yard must say, and a cost map against it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use super::truth::{Kind, YardTruth};
-use crate::land::Cell;
-use crate::land::columns::Hits;
+use crate::land::{Cell, Ground, Hits, LandWorld, RAISED_M, REACH, around, columns_of};
+use crate::outcome::Spread;
 use crate::pictures::Picture;
-use crate::voxel_views::Canvas;
+use crate::voxel_views::{Canvas, PIXELS_PER_CELL};
 
 /// A cost map's value of everything that cannot be driven on.
 const LETHAL: f32 = 1.0;
@@ -84,7 +83,7 @@ impl Plane {
     }
 
     pub(super) fn median_error(&self) -> f64 {
-        crate::spread::Spread::of(self.errors.iter().copied()).median
+        Spread::of(self.errors.iter().copied()).median
     }
 }
 
@@ -166,9 +165,9 @@ pub(super) fn errors(truth: &YardTruth<'_>, hits: &Hits, costs: &BTreeMap<Cell, 
     ];
     let cells: Vec<Cell> = truth.ground().cells().collect();
     let (Some(&first), Some(&last)) = (cells.first(), cells.last()) else {
-        return Canvas::new([0, 0], [1, 1], &COLORS).picture("h2-errors", "");
+        return Canvas::new([0, 0], [1, 1], &COLORS, PIXELS_PER_CELL).picture("h2-errors", "");
     };
-    let mut canvas = Canvas::new(first, last, &COLORS);
+    let mut canvas = Canvas::new(first, last, &COLORS, PIXELS_PER_CELL);
     for cell in cells {
         let cost = costs.get(&cell).copied();
         let is_lethal = cost.is_some_and(|cost| cost >= LETHAL);
@@ -189,4 +188,140 @@ pub(super) fn errors(truth: &YardTruth<'_>, hits: &Hits, costs: &BTreeMap<Cell, 
         "h2-errors",
         "swept cells of planes: right light blue, wrong orange, lethal red; other lethal cells: black where something is, blue where nothing is",
     )
+}
+
+/// The yard with its walls, metres.
+const YARD_M: [[f64; 2]; 2] = [[-5.9, -8.9], [37.9, 8.9]];
+/// The pit at its rim, metres.
+const PIT_M: [[f64; 2]; 2] = [[23.5, -3.5], [26.5, -1.5]];
+/// Noise and sway carry hits this far, metres.
+const ASIDE_M: f64 = 0.1;
+/// Leaves this high above the ground are a canopy, metres.
+const CANOPY_M: [f64; 2] = [1.0, 4.0];
+
+/// What things are to the experiment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Kind {
+    Wall,
+    Box,
+    Trunk,
+    LowBranch,
+}
+
+impl Kind {
+    pub(super) const ALL: [Self; 4] = [Self::Wall, Self::Box, Self::Trunk, Self::LowBranch];
+
+    pub(super) const fn label(self) -> &'static str {
+        match self {
+            Self::Wall => "columns of walls",
+            Self::Box => "columns of boxes",
+            Self::Trunk => "columns of trunks and the stump",
+            Self::LowBranch => "columns of the low branch",
+        }
+    }
+
+    fn of(name: &str) -> Option<Self> {
+        let ends = |end: &str| name.ends_with(end);
+        match name {
+            "low branch" => Some(Self::LowBranch),
+            _ if ends("wall") => Some(Self::Wall),
+            _ if ends("box") => Some(Self::Box),
+            _ if ends("trunk") || ends("stump") => Some(Self::Trunk),
+            _ => None,
+        }
+    }
+}
+
+/// A thing and the columns that it stands in and makes lethal by the document's formula.
+pub(super) struct YardObject {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    pub(super) columns: BTreeSet<Cell>,
+}
+
+/// The truth of the yard, by exact geometry.
+pub(super) struct YardTruth<'a> {
+    ground: Ground<'a>,
+    /// Slope, rise over run, of the cells that lie in the middle of a plane with nothing on it.
+    pub(super) planes: BTreeMap<Cell, f64>,
+    /// Those of them that leaves hang above.
+    pub(super) beneath: BTreeSet<Cell>,
+    pub(super) objects: Vec<YardObject>,
+    /// Cells that are lethal, or beside one, or where something may be met that gives way.
+    pub(super) may_be_lethal: BTreeSet<Cell>,
+    /// Places along the pit's rim and the cells beside each.
+    pub(super) rim: Vec<BTreeSet<Cell>>,
+}
+
+impl<'a> YardTruth<'a> {
+    pub(super) fn of(yard: &'a LandWorld) -> anyhow::Result<Self> {
+        let ground = Ground::of(yard, YARD_M)?;
+        let beside_m = REACH as f64 * yard.cell_m() + ASIDE_M;
+        let (mut planes, mut beneath) = (BTreeMap::new(), BTreeSet::new());
+        let mut lethal = BTreeSet::new();
+        for cell in ground.cells() {
+            if let Some(slope) = ground.slope(cell)
+                && ground.is_bare(cell, beside_m)
+            {
+                planes.insert(cell, slope);
+                if ground.standing(cell, 0.0, CANOPY_M).is_some() {
+                    beneath.insert(cell);
+                }
+            }
+            if !ground.is_bare(cell, ASIDE_M) || is_steep(&ground, cell) {
+                lethal.insert(cell);
+            }
+        }
+        let objects = yard.world.solids().iter().filter_map(|solid| {
+            let kind = Kind::of(&solid.name)?;
+            let mut columns = columns_of(yard, &ground, solid);
+            columns.retain(|&cell| is_steep(&ground, cell));
+            Some(YardObject {
+                kind,
+                columns,
+                name: solid.name.clone(),
+            })
+        });
+        Ok(Self {
+            objects: objects.collect(),
+            planes,
+            beneath,
+            may_be_lethal: lethal.iter().flat_map(|&cell| around(cell, 1)).collect(),
+            rim: rim(yard),
+            ground,
+        })
+    }
+
+    /// Whether any of a column is below the pit's rim, so that it is not taken for it.
+    pub(super) fn is_pit(&self, cell: Cell) -> bool {
+        let low = self.ground.heights_m(cell).map(|[low, _]| low);
+        low.is_some_and(|low| low < -RAISED_M)
+    }
+
+    pub(super) fn ground(&self) -> &Ground<'a> {
+        &self.ground
+    }
+}
+
+/// Whether the document's formula makes a column lethal.
+fn is_steep(ground: &Ground<'_>, cell: Cell) -> bool {
+    ground
+        .steepest(cell)
+        .is_some_and(|steepest| steepest >= 1.0)
+}
+
+/// The pit's rim in steps of a cell.
+fn rim(yard: &LandWorld) -> Vec<BTreeSet<Cell>> {
+    let [[left, bottom], [right, top]] = PIT_M;
+    let cell_m = yard.cell_m();
+    let along = |from_m: f64, to_m: f64| {
+        let steps = libm::round((to_m - from_m) / cell_m) as u32;
+        (0..steps).map(move |step| from_m + (f64::from(step) + 0.5) * cell_m)
+    };
+    let level = along(left, right).flat_map(|x| [[x, bottom], [x, top]]);
+    let upright = along(bottom, top).flat_map(|y| [[left, y], [right, y]]);
+    let places = level.chain(upright);
+    places
+        .map(|place| around(yard.cell_at(place), REACH).collect())
+        .collect()
 }

@@ -2,10 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::ExperimentError;
-use crate::land::columns::columns_of;
-use crate::land::ground::Ground;
-use crate::land::{Cell, LandWorld, around};
+use crate::land::{Cell, Ground, LandWorld, around, columns_of};
 use simulation::vegetation::Stem;
 
 /// Where the objects are, metres.
@@ -153,7 +150,7 @@ impl Columns {
 }
 
 impl Objects {
-    pub(super) fn of(meadow: &LandWorld) -> Result<Self, ExperimentError> {
+    pub(super) fn of(meadow: &LandWorld) -> anyhow::Result<Self> {
         let ground = Ground::of(meadow, REGION_M)?;
         let mut objects = Self {
             names: Vec::new(),

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 
 use super::sweep::Sweep;
 use super::{Cell, TerrainWorld, around};
-use crate::outcome::Check;
-use crate::spread::Spread;
+use crate::outcome::{Check, Spread};
+use crate::truth::GroundPlane;
 use mapping::elevation::CellClass;
-use simulation::truth::GroundPlane;
 
 /// Cells whose true height is so near a threshold are left aside, metres.
 pub(crate) const ASIDE_M: f64 = 0.015;
@@ -92,15 +91,19 @@ impl Agreement {
 }
 
 /// What is asked of every obstacle map, over several seeds. `which` says which map it is.
-pub(crate) fn checks(which: &str, agreements: &[Agreement]) -> Vec<Check> {
-    let figure = |figure: &dyn Fn(&Agreement) -> f64| Spread::of(agreements.iter().map(figure));
-    let share = figure(&|agreement| 100.0 * agreement.share());
-    let compared = figure(&|agreement| agreement.compared as f64);
-    let missed = figure(&|agreement| agreement.missed.len() as f64);
-    let swept = figure(&|agreement| agreement.swept as f64);
-    let wrong =
-        |what: &str, spread: Spread| Check::shown(format!("{which}: {what}"), spread.text(0, ""));
-    vec![
+pub(crate) fn checks<'a>(
+    which: &str,
+    agreements: impl Iterator<Item = &'a Agreement>,
+) -> Vec<Check> {
+    let agreements: Vec<&Agreement> = agreements.collect();
+    let count = |figure: &dyn Fn(&Agreement) -> u64| {
+        Spread::over(&agreements, |agreement| figure(agreement) as f64)
+    };
+    let share = Spread::over(&agreements, |agreement| 100.0 * agreement.share());
+    let compared = count(&|agreement| agreement.compared);
+    let missed = count(&|agreement| agreement.missed.len() as u64);
+    let swept = count(&|agreement| agreement.swept);
+    let mut checks = vec![
         Check::gate(
             format!("{which}: obstacle map agrees with the truth"),
             share.text(2, " %"),
@@ -113,25 +116,99 @@ pub(crate) fn checks(which: &str, agreements: &[Agreement]) -> Vec<Check> {
             "0",
             missed.most == 0.0,
         ),
-        wrong("cells compared", compared),
-        wrong(
+    ];
+    let shown =
+        |what: &str, count: Spread| Check::shown(format!("{which}: {what}"), count.text(0, ""));
+    checks.extend([
+        shown("cells compared", compared),
+        shown(
             "cells left aside (near a threshold, glass)",
-            figure(&|agreement| agreement.aside as f64),
+            count(&|agreement| agreement.aside),
         ),
-        wrong(
+        shown(
             "free cells with an obstacle that no beam has met",
-            figure(&|agreement| agreement.unseen as f64),
+            count(&|agreement| agreement.unseen),
         ),
-        wrong(
+        shown(
             "false obstacles",
-            figure(&|agreement| agreement.false_obstacles.len() as f64),
+            count(&|agreement| agreement.false_obstacles.len() as u64),
         ),
-        wrong(
+        shown(
             "obstacles that are free",
-            figure(&|agreement| agreement.false_free.len() as f64),
+            count(&|agreement| agreement.false_free.len() as u64),
         ),
-    ]
+    ]);
+    checks
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::outcome::Verdict;
+    use crate::terrain::obstacle_map;
+
+    /// Long enough for the laser to have looked at the hall.
+    const DURATION_S: f64 = 2.0;
+
+    #[test]
+    fn whatever_is_wrong_in_a_map_is_found() {
+        let hall = TerrainWorld::load("hall", Some(DURATION_S)).unwrap();
+        let plane = hall.plane_at(0.0);
+        let sweep = Sweep::of(&hall, &plane, |_| true).unwrap();
+        let errorless = hall.errorless_run().unwrap().finish().unwrap();
+        let map = obstacle_map(&errorless.publisher().store());
+        let agreement = |map: &BTreeMap<Cell, CellClass>| Agreement::of(&hall, &plane, map, &sweep);
+        let right = agreement(&map);
+        assert!(right.compared > 100 && right.swept > 50, "{right:?}");
+        assert_eq!((&right.missed, &right.false_obstacles), (&vec![], &vec![]));
+
+        let find = |class, truly: bool| {
+            let is_it = |cell| hall.verdict(cell, &plane).unwrap().is_obstacle == truly;
+            let mut cells = map.iter();
+            *cells
+                .find(|(cell, found)| **found == class && is_it(**cell))
+                .unwrap()
+                .0
+        };
+        let free = find(CellClass::Free, false);
+        let obstacle = find(CellClass::Obstacle, true);
+        let mut wrong = map.clone();
+        wrong.insert(free, CellClass::Obstacle);
+        wrong.insert(obstacle, CellClass::Free);
+        let wrong = agreement(&wrong);
+        assert_eq!(wrong.false_obstacles, [free]);
+        assert!(wrong.false_free.contains(&obstacle));
+        assert!(wrong.share() < right.share());
+        assert_eq!(
+            wrong.missed, [[0; 2]; 0],
+            "the wall beside it is still there"
+        );
+
+        let mut gone = map.clone();
+        gone.retain(|_, class| *class == CellClass::Free);
+        let gone = agreement(&gone);
+        assert_eq!(gone.missed.len() as u64, gone.swept);
+        let verdicts: Vec<_> = checks("hall", [&right, &gone].into_iter())
+            .into_iter()
+            .map(|check| check.verdict)
+            .collect();
+        assert_eq!(
+            verdicts[..2],
+            [Verdict::Passed, Verdict::Failed],
+            "{verdicts:?}"
+        );
+    }
+
+    #[test]
+    fn a_map_of_nothing_agrees_with_nothing() {
+        let floor = TerrainWorld::load("floor", Some(0.5)).unwrap();
+        let plane = floor.plane_at(0.0);
+        let sweep = Sweep::of(&floor, &plane, |_| false).unwrap();
+        assert_eq!(sweep.cells().count(), 0);
+        let nothing = Agreement::of(&floor, &plane, &BTreeMap::new(), &sweep);
+        assert_eq!(
+            checks("floor", [&nothing].into_iter())[0].verdict,
+            Verdict::Failed
+        );
+    }
+}

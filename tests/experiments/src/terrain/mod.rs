@@ -1,27 +1,24 @@
 //! What the experiments of \[LOD\] share: a world, its truth, what the laser swept, and how maps are judged.
 
 pub(super) mod agreement;
-pub(super) mod extent;
 pub(super) mod sweep;
-pub(super) mod views;
 
 use std::collections::BTreeMap;
 
+use anyhow::Context as _;
 use nalgebra::{Point3, Vector3};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
-use super::ExperimentError;
-use super::published::known_cells;
-use super::run::{SimulatedRun, vehicle_config};
+use super::pictures::{Picture, document_elevation, elevation, obstacle, store_of};
+use super::run::{SimulatedRun, known_cells, vehicle_config};
+use super::truth::{self, Bounds, GroundPlane, HeightTruth, Thresholds, Verdict};
 use edge::config::Config;
+use edge::runtime::Pipeline;
 use mapping::elevation::CellClass;
 use measurement::time::RobotTime;
-use simulation::solid::{Reflectivity, Solid};
+use simulation::solid::{Reflectivity, Shape, Solid};
 use simulation::source::START;
-use simulation::truth::{
-    self, Bounds, GroundPlane, HeightOptions, HeightTruth, Thresholds, Verdict,
-};
 use simulation::{Motion, SimulationOptions, World};
 
 /// A cell by its index: cell (i, j) begins at (i, j) · `cell_m`.
@@ -31,7 +28,6 @@ pub(super) type Cell = [i64; 2];
 pub(super) struct TerrainWorld {
     pub(super) world: World,
     pub(super) config: Config,
-    settings: Vec<String>,
     duration_s: f64,
     /// Glass does not count: what is under and behind it does.
     heights: HeightTruth,
@@ -43,38 +39,22 @@ pub(super) struct TerrainWorld {
 const PATH_STEP_S: f64 = 0.5;
 
 impl TerrainWorld {
-    /// The built-in world `name` for at most `duration_s` of its path, with `settings` (`key=value`) over its
-    /// vehicle's configuration.
-    pub(super) fn load(
-        name: &str,
-        settings: &[&str],
-        duration_s: Option<f64>,
-    ) -> Result<Self, ExperimentError> {
+    /// The built-in world `name` for at most `duration_s` of its path.
+    pub(super) fn load(name: &str, duration_s: Option<f64>) -> anyhow::Result<Self> {
         let world = World::load(name)?;
-        let config = vehicle_config(&world, settings)?;
+        let config = vehicle_config(&world, &[])?;
         let whole_s = world.path().duration_s();
         let duration_s = duration_s.map_or(whole_s, |duration_s| duration_s.min(whole_s));
         let elevation = &config.mapping.elevation;
         let reach_m = (0.5 * f64::from(elevation.cells) + 2.0) * elevation.cell_m;
         let bounds = driven(&world, duration_s, reach_m);
-        let heights = |glass| {
-            let options = HeightOptions {
-                glass,
-                moving_at_s: None,
-            };
-            truth::heights(&world, elevation.cell_m, bounds, options)
-        };
+        let heights = |glass| truth::heights(&world, elevation.cell_m, bounds, glass);
         let is_glass = |solid: &Solid| matches!(solid.reflectivity, Reflectivity::Glass { .. });
         let has_glass = world.solids().iter().any(is_glass);
-        let heights_with_glass = if has_glass {
-            Some(heights(true)?)
-        } else {
-            None
-        };
+        let heights_with_glass = has_glass.then(|| heights(true)).transpose()?;
         Ok(Self {
             heights: heights(false)?,
             heights_with_glass,
-            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
             duration_s,
             config,
             world,
@@ -98,11 +78,7 @@ impl TerrainWorld {
 
     /// A run with poses from wheels and attitude sensor; `encoder_error` is the share by which encoders read
     /// too far.
-    pub(super) fn run(
-        &self,
-        seed: u64,
-        encoder_error: f64,
-    ) -> Result<SimulatedRun, ExperimentError> {
+    pub(super) fn run(&self, seed: u64, encoder_error: f64) -> anyhow::Result<SimulatedRun> {
         let options = SimulationOptions {
             seed,
             duration_s: Some(self.duration_s),
@@ -113,7 +89,7 @@ impl TerrainWorld {
     }
 
     /// The same drive without any error: what the laser truly meets.
-    pub(super) fn errorless_run(&self) -> Result<SimulatedRun, ExperimentError> {
+    pub(super) fn errorless_run(&self) -> anyhow::Result<SimulatedRun> {
         let options = SimulationOptions {
             seed: super::session::SEED,
             duration_s: Some(self.duration_s),
@@ -125,9 +101,7 @@ impl TerrainWorld {
             joint_lag_s: Some(0.0),
             fix_noise_m: Some(0.0),
         };
-        let settings = self.settings.iter().map(String::as_str);
-        let settings: Vec<&str> = settings.chain(["localization.source=tf"]).collect();
-        SimulatedRun::with_settings(&self.world, options, &settings)
+        SimulatedRun::with_settings(&self.world, options, &["localization.source=tf"])
     }
 
     /// The plane that the vehicle truly stands on at a time, seconds.
@@ -175,13 +149,11 @@ impl TerrainWorld {
     }
 
     /// The solid called `name`.
-    pub(super) fn solid(&self, name: &str) -> Result<&Solid, ExperimentError> {
+    pub(super) fn solid(&self, name: &str) -> anyhow::Result<&Solid> {
         let found = self.world.solids().iter().find(|solid| solid.name == name);
-        found.ok_or_else(|| {
-            ExperimentError::Unsuitable(format!(
-                "the world `{}` has no solid named `{name}`",
-                self.world.name()
-            ))
+        found.with_context(|| {
+            let world = self.world.name();
+            format!("the world `{world}` has no solid named `{name}`")
         })
     }
 }
@@ -226,4 +198,123 @@ fn class_of(code: u16) -> CellClass {
 /// A cell and the eight around it.
 pub(super) fn around(cell: Cell) -> impl Iterator<Item = Cell> {
     (-1..=1).flat_map(move |dy| (-1..=1).map(move |dx| [cell[0] + dx, cell[1] + dy]))
+}
+
+/// How far in front of a surface a map may show it, metres: noise, and half a cell.
+const BEFORE_M: f64 = 0.15;
+
+/// Least and greatest coordinate of a solid along an axis of the world, metres.
+pub(super) fn extent_m(solid: &Solid, axis: usize) -> [f64; 2] {
+    let centre_m = solid.world_from_solid.translation.vector[axis];
+    let half_m = match solid.shape {
+        Shape::Box { size_m } => {
+            let rotation = solid.world_from_solid.rotation.to_rotation_matrix();
+            (0..3)
+                .map(|along| 0.5 * (rotation[(axis, along)] * size_m[along]).abs())
+                .sum()
+        }
+        Shape::Cylinder { radius_m, .. } | Shape::Sphere { radius_m } => radius_m,
+        Shape::Plane | Shape::Mesh(_) => f64::INFINITY,
+    };
+    [centre_m - half_m, centre_m + half_m]
+}
+
+/// Middle of the first obstacle cell along x that shows the front of a solid at most `late_m` behind where it
+/// is, metres.
+pub(super) fn front_m(
+    world: &TerrainWorld,
+    map: &BTreeMap<Cell, CellClass>,
+    solid: &Solid,
+    late_m: f64,
+) -> Option<f64> {
+    let front_m = extent_m(solid, 0)[0];
+    let [right_m, left_m] = extent_m(solid, 1);
+    let first = world.cell_at([front_m - BEFORE_M, right_m]);
+    let last = world.cell_at([front_m + late_m, left_m]);
+    let mut columns = first[0]..=last[0];
+    let column = columns
+        .find(|&x| (first[1]..=last[1]).any(|y| map.get(&[x, y]) == Some(&CellClass::Obstacle)));
+    column.map(|x| world.centre_m([x, 0])[0])
+}
+
+/// For every column of cells, the row of the first obstacle cell along y (`sign` 1) or against it (−1) that
+/// shows a wall along x whose face is at `face_m`; columns where something else stands before the wall are
+/// left out.
+pub(super) fn faces(
+    world: &TerrainWorld,
+    map: &BTreeMap<Cell, CellClass>,
+    plane: &GroundPlane,
+    face_m: f64,
+    sign: i64,
+) -> BTreeMap<i64, i64> {
+    let face = world.cell_at([0.0, face_m])[1];
+    let is_bare = |x: i64| {
+        let before = (1..=FACE_CELLS).map(|n| [x, face - sign * n]);
+        before
+            .filter_map(|cell| world.verdict(cell, plane))
+            .all(|verdict| !verdict.is_obstacle)
+    };
+    let mut faces: BTreeMap<i64, i64> = BTreeMap::new();
+    for (&[x, y], class) in map {
+        let is_near = (y - face).abs() <= FACE_CELLS;
+        if is_near && *class == CellClass::Obstacle && is_bare(x) {
+            let nearest = faces.entry(x).or_insert(y);
+            if (y - *nearest) * sign < 0 {
+                *nearest = y;
+            }
+        }
+    }
+    faces
+}
+
+/// How far from its true place a wall is looked for, cells.
+const FACE_CELLS: i64 = 2;
+
+/// The world as it truly is, seen from above: the greatest height in every cell above `plane`.
+pub(super) fn world_from_above(
+    world: &TerrainWorld,
+    plane: &GroundPlane,
+    name: &str,
+) -> anyhow::Result<Vec<Picture>> {
+    let quantisation = LayerId::Elevation.quantisation();
+    let cells = world.heights().iter().map(|(cell, heights)| {
+        let top = heights.corners_m.iter().map(|&point| plane.height_m(point));
+        let top_m = top.fold(f64::NEG_INFINITY, f64::max);
+        (cell, quantisation.encode(top_m as f32))
+    });
+    let store = store_of(LayerId::Elevation, world.cell_m(), cells)?;
+    let caption = format!("{}, the truth from above", world.world.name());
+    let picture = Picture::of_layer(&store, elevation(), None, name, &caption)?;
+    Ok(picture.into_iter().collect())
+}
+
+/// Elevation and obstacles as published, the former in the document's colours.
+pub(super) fn maps(pipeline: &Pipeline, name: &str, caption: &str) -> anyhow::Result<Vec<Picture>> {
+    let vehicle = pipeline.mapper().vehicle_in_odom();
+    let store = pipeline.publisher().store();
+    let mut pictures = Vec::new();
+    for palette in [document_elevation(), obstacle()] {
+        let layer = palette.layer();
+        if store.cell_m(layer).is_some() {
+            let name = format!("{name}-{layer}");
+            let vehicle_m = Some([vehicle.x, vehicle.y]);
+            let picture = Picture::of_layer(&store, palette, vehicle_m, &name, caption)?;
+            pictures.extend(picture);
+        }
+    }
+    Ok(pictures)
+}
+
+/// Elevation alone, in the colours that everybody can tell apart.
+pub(super) fn elevation_of(
+    pipeline: &Pipeline,
+    name: &str,
+    caption: &str,
+) -> anyhow::Result<Vec<Picture>> {
+    let vehicle = pipeline.mapper().vehicle_in_odom();
+    let store = pipeline.publisher().store();
+    let vehicle_m = Some([vehicle.x, vehicle.y]);
+    let name = format!("{name}-heights");
+    let picture = Picture::of_layer(&store, elevation(), vehicle_m, &name, caption)?;
+    Ok(picture.into_iter().collect())
 }

@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 
 use super::{Cell, TerrainWorld, around, seconds};
-use crate::ExperimentError;
+use crate::truth::GroundPlane;
 use mapping::registered_scan::{BeamOutcome, RegisteredScan};
-use simulation::truth::GroundPlane;
 
 /// A cell is swept where the laser met it in so many scans in a row: a fifth of a second.
 const SCANS_IN_A_ROW: u32 = 5;
@@ -56,7 +55,7 @@ impl Sweep {
         world: &TerrainWorld,
         plane: &GroundPlane,
         when: impl Fn(f64) -> bool,
-    ) -> Result<Self, ExperimentError> {
+    ) -> anyhow::Result<Self> {
         let mut sweep = Self {
             cells: BTreeMap::new(),
         };

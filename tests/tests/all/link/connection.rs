@@ -8,7 +8,7 @@ use measurement::time::Monotonic;
 use network::clock::{self, sleep_until};
 use operator_console::link::{Discovery, FoundRobot};
 use operator_console::model::LinkState;
-use operator_console::panels::stale::StaleData;
+use operator_console::panels::data_age::StaleData;
 use protocol::layer::LayerId;
 use tempfile::tempdir;
 

@@ -6,6 +6,8 @@ mod drive_window;
 mod driving;
 mod garbage;
 mod load;
+
+mod map_pictures;
 mod maps;
 mod sensors;
 pub(crate) mod shaped;

@@ -1,12 +1,14 @@
 //! The window on a virtual screen, and errors before it opens.
 
+use std::path::Path;
+
 use tempfile::tempdir;
 
 use super::desktop::{Screen, skip_without_window};
 use crate::processes::{Running, command, rooms, start};
 
 /// Whether this machine lacks a library that windows need.
-fn lacks_a_library(printed: &str) -> bool {
+pub(super) fn lacks_a_library(printed: &str) -> bool {
     let libraries = [
         "libX",
         "libxcb",
@@ -20,10 +22,52 @@ fn lacks_a_library(printed: &str) -> bool {
 
 /// Number of pixels in the colours of free space, walls and the vehicle.
 #[derive(Debug)]
-struct Colors {
-    free: usize,
-    walls: usize,
+pub(super) struct Colors {
+    pub(super) free: usize,
+    pub(super) walls: usize,
     vehicle: usize,
+}
+
+/// A picture of a window.
+pub(super) struct Pixels {
+    /// Width and height.
+    pub(super) size: [usize; 2],
+    rgb: Vec<[u8; 3]>,
+}
+
+impl Pixels {
+    pub(super) fn of(picture: &Path) -> Self {
+        let file = std::io::BufReader::new(std::fs::File::open(picture).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut pixels).unwrap();
+        assert!(info.width >= 640 && info.height >= 480, "{info:?}");
+        let pixels = pixels.chunks_exact(info.color_type.samples());
+        Self {
+            size: [info.width as usize, info.height as usize],
+            rgb: pixels.map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect(),
+        }
+    }
+
+    /// `x` to the right, `y` down.
+    pub(super) fn at(&self, x: usize, y: usize) -> [u8; 3] {
+        self.rgb[y * self.size[0] + x]
+    }
+}
+
+impl Colors {
+    pub(super) fn of(pixels: &Pixels) -> Self {
+        let count = |is_such: &dyn Fn([u8; 3]) -> bool| {
+            pixels.rgb.iter().filter(|pixel| is_such(**pixel)).count()
+        };
+        let colors = Self {
+            free: count(&|[r, g, b]| r > 235 && g > 235 && b > 235),
+            walls: count(&|[r, g, b]| r < 8 && g < 8 && b < 8),
+            vehicle: count(&|[r, g, b]| r > 180 && (60..140).contains(&g) && b < 60),
+        };
+        println!("{colors:?}");
+        colors
+    }
 }
 
 /// The colours of a console's window; `None`, and a skipped test, without a window.
@@ -42,26 +86,7 @@ fn colors_of_window(options: &str) -> Option<Colors> {
         return None;
     }
     assert_eq!(code, Some(0), "{printed}");
-
-    let file = std::io::BufReader::new(std::fs::File::open(&picture).unwrap());
-    let mut reader = png::Decoder::new(file).read_info().unwrap();
-    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-    let info = reader.next_frame(&mut pixels).unwrap();
-    assert!(info.width >= 640 && info.height >= 480, "{info:?}");
-    let bytes_per_pixel = info.color_type.samples();
-    let count = |is_such: &dyn Fn([u8; 3]) -> bool| {
-        let pixels = pixels.chunks_exact(bytes_per_pixel);
-        pixels
-            .filter(|pixel| is_such([pixel[0], pixel[1], pixel[2]]))
-            .count()
-    };
-    let colors = Colors {
-        free: count(&|[r, g, b]| r > 235 && g > 235 && b > 235),
-        walls: count(&|[r, g, b]| r < 8 && g < 8 && b < 8),
-        vehicle: count(&|[r, g, b]| r > 180 && (60..140).contains(&g) && b < 60),
-    };
-    println!("{colors:?}");
-    Some(colors)
+    Some(Colors::of(&Pixels::of(&picture)))
 }
 
 /// The demo's first room has walls and no obstacles: much white, some black.

@@ -103,7 +103,6 @@ impl LiveRig {
         &self.configuration
     }
 
-    /// The arguments of an edge.
     pub(super) fn arguments(&self, configuration: &Path) -> String {
         let (ros, port) = (&self.ros, self.port);
         format!(
@@ -112,7 +111,6 @@ impl LiveRig {
         )
     }
 
-    /// Starts an edge.
     pub(super) fn start_edge(&self, set_up: impl FnOnce(&mut Command)) -> Running {
         let configuration = self.folder().join("rover.toml");
         fs::write(&configuration, &self.configuration).unwrap();
@@ -186,7 +184,6 @@ pub(super) fn try_signal(pid: u32, signal: Signal) -> bool {
     kill_process(pid, signal).is_ok()
 }
 
-/// Child processes of a process.
 pub(super) fn children(of: u32) -> Vec<u32> {
     let Ok(tasks) = fs::read_dir(format!("/proc/{of}/task")) else {
         return Vec::new();
@@ -198,13 +195,11 @@ pub(super) fn children(of: u32) -> Vec<u32> {
     pids.map(|pid| pid.parse().unwrap()).collect()
 }
 
-/// Whether this process is a motor guard.
 pub(super) fn is_motor_guard(pid: u32) -> bool {
     let words = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     words.split('\0').any(|word| word == "motor-guard")
 }
 
-/// The motor guard of `edge`.
 pub(super) fn guard_of(edge: u32) -> u32 {
     let guard = children(edge).into_iter().find(|pid| is_motor_guard(*pid));
     guard.expect("a motor guard")

@@ -27,7 +27,6 @@ const TWIST_HASH: &str = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2
 
 const GID: [u8; 16] = *b"sixteen bytes...";
 
-/// Its way to Zenoh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RosMiddleware {
     Rmw { domain: u32 },
@@ -149,7 +148,6 @@ impl RosSystem {
         self.kept.push(queryable);
     }
 
-    /// Waits until this topic has a subscriber.
     pub(super) fn wait_for_subscriber(&self, topic: &str) {
         let publisher = &self.topics[topic].publisher;
         wait_until(&format!("a subscriber of {topic}"), || {

@@ -17,7 +17,7 @@ use rustix::process::Signal;
 use tempfile::{TempDir, tempdir};
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
-use super::live_rig::{AHEAD, LiveRig, TIMEOUT, children, is_motor_guard, signal, try_signal};
+use super::live_rig::{AHEAD, LiveRig, TIMEOUT, children, is_motor_guard, signal};
 use super::restarts::{ZERO_WITHIN, zero_after};
 use crate::processes::{program, wait_until};
 
@@ -38,7 +38,6 @@ const UNITS: [(&str, &str); 3] = [
 
 static NUMBER: AtomicU32 = AtomicU32::new(0);
 
-/// The shipped unit's text.
 fn shipped_unit() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../robot-edge/deploy")
@@ -129,7 +128,6 @@ impl ServiceManager {
             .unwrap()
     }
 
-    /// Runs `systemctl`; returns its output.
     fn control(&self, arguments: &[&str]) -> String {
         let output = self.try_control(arguments);
         let [printed, failed] =
@@ -138,13 +136,11 @@ impl ServiceManager {
         printed
     }
 
-    /// A property of the service.
     fn property(&self, name: &str) -> String {
         let printed = self.control(&["show", UNIT, "--value", "--property", name]);
         printed.trim_end().to_owned()
     }
 
-    /// Begins to start the service.
     fn start_service(&self) {
         self.control(&["start", "--no-block", UNIT]);
     }
@@ -154,7 +150,6 @@ impl ServiceManager {
         PathBuf::from(format!("/proc/{}/root{inside}", self.systemd))
     }
 
-    /// The service's processes.
     fn processes(&self) -> Vec<u32> {
         let namespace =
             |pid: u32| fs::metadata(format!("/proc/{pid}/ns/pid")).map(|file| file.ino());
@@ -187,7 +182,6 @@ impl ServiceManager {
             .collect()
     }
 
-    /// The output of the edge.
     fn log(&self) -> String {
         fs::read_to_string(self.path("/run/edge.log")).unwrap_or_default()
     }
@@ -378,25 +372,4 @@ fn a_stop_signal_to_all_processes_leaves_the_motor_guard() {
     anna.wait_for_status("reset", |teleop| teleop.state != TeleopState::EStop);
     anna.start_driving(AHEAD);
     assert_eq!(service.sole_guard(), guard);
-}
-
-#[test]
-#[ignore = "needs root and systemd"]
-fn the_next_motor_guard_ends_one_that_hangs() {
-    let service = Service::new("");
-    // The guard ends soon after its edge: it may be gone before it is stopped.
-    for _ in 0..5 {
-        let _anna = service.live_rig.start_driving(&service.controller);
-        let (edge, guard) = (service.manager.edge().unwrap(), service.sole_guard());
-        signal(edge, Signal::KILL);
-        while Path::new(&format!("/proc/{edge}")).exists() {
-            std::hint::spin_loop();
-        }
-        if try_signal(guard, Signal::STOP) {
-            service.live_rig.start_driving(&service.controller);
-            assert_ne!(service.sole_guard(), guard);
-            return;
-        }
-    }
-    panic!("every guard was gone before it could be stopped");
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::time::Duration;
 
-use foreshore_tests::operator::{Input, NEUTRAL};
+use foreshore_tests::operator::{Input, NEUTRAL, refused};
 use protocol::keys::{OperatorTopic, operator_key};
 use protocol::message::{
     Answer, Drive, EStop, LeaseEnd, LeaseRequest, Refusal, Reset, StopReason, TeleopState,
@@ -15,11 +15,6 @@ use zenoh::Wait as _;
 use super::{TURN, audit, operator, position, robot, take_off};
 use crate::fleet::{Fleet, text};
 use crate::processes::free_port;
-
-fn refused(teleop: &TeleopStatus, why: Refusal) -> u64 {
-    let of = teleop.counters.refused.iter().find(|of| of.reason == why);
-    of.map_or(0, |of| of.count)
-}
 
 const ON: Drive = Drive {
     linear_mps: 0.0,

@@ -158,7 +158,6 @@ fn unusable_keys_are_refused_with_a_reason() {
     }
 }
 
-/// Every file of a folder.
 fn contents(folder: &Path) -> BTreeMap<String, String> {
     let entries = fs::read_dir(folder).unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());

@@ -60,7 +60,6 @@ impl Poses {
     }
 }
 
-/// A bulk session.
 fn tiles(fleet: &Fleet, name: &str, port: u16) -> Session {
     let endpoints = fleet.endpoints(name, quic(port));
     sessions::open(Side::Console, Channel::Bulk, &endpoints).unwrap()

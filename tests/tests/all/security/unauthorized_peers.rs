@@ -19,7 +19,6 @@ use super::{person, vehicle};
 use crate::fleet::{Fleet, quic, text};
 use crate::processes::{free_port, wait_until};
 
-/// Seconds.
 const DAY: i64 = 86_400;
 
 /// Whether a stranger's own program can connect with these files.

@@ -5,16 +5,14 @@ use std::thread::{sleep, spawn};
 use std::time::Duration;
 
 use foreshore_tests::drive_log::{Round, Stop};
-use foreshore_tests::operator::{NEUTRAL, Operator};
+use foreshore_tests::operator::{NEUTRAL, Operator, refused};
 use foreshore_tests::rig::relay::Relay;
 use foreshore_tests::rig::udp::UdpRelay;
 use foreshore_tests::rig::{Conditions, Direction};
 use network::clock;
 use protocol::message::Refusal;
 
-use super::robot::{
-    CIRCLE, LIMITS, NAME, ROUND, Robot, drove, refused, while_driving, while_holding,
-};
+use super::robot::{CIRCLE, LIMITS, NAME, ROUND, Robot, drove, while_driving, while_holding};
 use crate::fleet::{Fleet, quic};
 use crate::processes::free_port;
 use crate::rng::SeededRng;

@@ -101,7 +101,6 @@ fn from_key_to_motors_and_jitter_on_this_machine() {
 
 const MEASURED: Duration = Duration::from_mins(2);
 
-/// Protocols and keys.
 enum Transport {
     /// Commands and tiles over TCP, without keys.
     Open,
@@ -118,7 +117,6 @@ impl Transport {
         format!("{scheme}/{}:7447", Side::A.address())
     }
 
-    /// Options of the edge.
     fn listens(&self) -> String {
         let endpoint = self.endpoint();
         match self {
@@ -127,7 +125,6 @@ impl Transport {
         }
     }
 
-    /// Options of a console.
     fn connects(&self, name: &str) -> String {
         let endpoint = self.endpoint();
         match self {

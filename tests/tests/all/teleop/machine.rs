@@ -78,7 +78,6 @@ fn signals_at_the_vehicle_stop_and_release_it() {
 
 const MEANWHILE: Duration = Duration::from_secs(2);
 
-/// Path on Debian.
 const LIBFAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
 /// Loads `libfaketime`: the file sets the wall clock; other clocks are not changed.
@@ -137,7 +136,6 @@ fn setting_the_wall_clock_changes_nothing() {
     robot.verdict(&[&anna.journal]);
 }
 
-/// A small disk.
 struct Disk {
     folder: TempDir,
 }

@@ -3,17 +3,16 @@
 use std::thread::{scope, sleep};
 use std::time::Duration;
 
-use foreshore_tests::operator::{Input, NEUTRAL, Operator, PERIOD, connected};
+use foreshore_tests::operator::{Input, NEUTRAL, Operator, PERIOD, connected, refused};
 use network::clock::{self, sleep_until};
 use protocol::keys::{OperatorTopic, Topic, operator_key};
 use protocol::message::{Answer, Drive, EStop, LeaseRequest, Refusal, TeleopState};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
 
-use super::robot::{CIRCLE, Lateness, NAME, Robot, drove, refused, while_driving};
+use super::robot::{CIRCLE, Lateness, NAME, Robot, drove, while_driving};
 use crate::rng::SeededRng;
 
-/// Duration of each attack.
 const ATTACK: Duration = Duration::from_secs(3);
 
 /// Commands per second of a flood, and of each burst.

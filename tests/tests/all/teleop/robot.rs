@@ -11,12 +11,10 @@ use foreshore_tests::drive_log::{DriveLog, Evaluation, Limits, evaluate};
 use foreshore_tests::operator::{Input, Journal, Operator};
 use measurement::time::Monotonic;
 use network::clock;
-use protocol::message::{Refusal, TeleopStatus};
 use tempfile::{TempDir, tempdir};
 
 use crate::processes::{Running, SERVED, command, free_endpoint};
 
-/// Name of the robot.
 pub(super) const NAME: &str = "scout";
 
 /// A circle that fits into the corridor in which it begins.
@@ -28,7 +26,6 @@ pub(super) const LIMITS: Limits = Limits {
     stop_decel: [1.0, 4.0],
 };
 
-/// A running robot.
 pub(super) struct Robot {
     pub(super) edge: Running,
     pub(super) endpoint: String,
@@ -89,7 +86,6 @@ impl Robot {
         }
     }
 
-    /// Starts it again, with a new log.
     pub(super) fn restart(&mut self) {
         self.edge = (self.run)(&self.log);
         self.runs += 1;
@@ -100,7 +96,6 @@ impl Robot {
         Operator::ready(&self.endpoint, NAME, name)
     }
 
-    /// The outputs so far.
     pub(super) fn log(&self) -> DriveLog {
         let name = match self.runs {
             1 => self.log.clone(),
@@ -120,13 +115,6 @@ impl Robot {
         assert!(verdict.moving_rounds > 0, "it never moved");
         verdict
     }
-}
-
-/// Number of commands refused for that reason.
-pub(super) fn refused(teleop: &TeleopStatus, reason: Refusal) -> u64 {
-    let counters = teleop.counters.refused.iter();
-    let mut found = counters.filter(|refused| refused.reason == reason);
-    found.next().map_or(0, |refused| refused.count)
 }
 
 /// Runs `attack` while `driver` holds [`CIRCLE`]; returns its begin and end.
@@ -165,7 +153,6 @@ pub(super) fn drove(what: &str, log: &DriveLog, (began, ended): (Monotonic, Mono
     share
 }
 
-/// Period of the teleop loop.
 pub(super) const ROUND: Duration = Duration::from_millis(20);
 
 /// Delays of rounds beyond [`ROUND`].

@@ -61,10 +61,7 @@ fn a_blocked_arc_suggests_driving_or_turning_alone() {
     ] {
         let mut rig = holding(&[W], requested);
         rig.is_boat = is_boat;
-        [
-            rig.teleop.requested.linear_mps,
-            rig.teleop.requested.angular_radps,
-        ] = requested;
+        rig.request(requested);
         rig.teleop.applied.linear_mps = 0.0;
         let data = rig.data();
         assert_eq!(data.headline, "Motion blocked", "{requested:?}");
@@ -72,7 +69,6 @@ fn a_blocked_arc_suggests_driving_or_turning_alone() {
     }
 }
 
-/// Headline, advice and keys.
 fn texts(rig: &Rig) -> (String, Option<String>, String) {
     let data = rig.data();
     let (_, keys) = rig.row("Keys").unwrap();

@@ -77,10 +77,7 @@ fn monitor_row_names_the_requested_direction() {
         ),
     ] {
         let mut rig = Rig::driving();
-        [
-            rig.teleop.requested.linear_mps,
-            rig.teleop.requested.angular_radps,
-        ] = asked;
+        rig.request(asked);
         rig.teleop.clamp = clamp;
         rig.teleop.collision_monitor = On(SpeedLimits {
             forward_mps,
@@ -185,14 +182,13 @@ fn boat(
     monitor: CollisionMonitorState,
 ) -> Rig {
     let mut rig = Rig::driving();
-    let velocity = |[linear_mps, angular_radps]: [f32; 2]| protocol::message::Velocity {
-        linear_mps,
-        angular_radps,
-    };
     rig.is_boat = true;
     rig.teleop_client.limits = [3.0, 0.2];
-    rig.teleop.requested = velocity(requested);
-    rig.teleop.applied = velocity(applied);
+    rig.request(requested);
+    [
+        rig.teleop.applied.linear_mps,
+        rig.teleop.applied.angular_radps,
+    ] = applied;
     rig.teleop.speed_allowed_mps = 3.0;
     rig.teleop.clamp = clamp;
     rig.teleop.collision_monitor = monitor;

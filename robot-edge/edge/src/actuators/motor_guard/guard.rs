@@ -29,9 +29,6 @@ const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(600);
 /// Ignores what is meant for the edge: `kill -USR2` sent to all of a service's processes, or the end of a terminal. The
 /// kernel, too, sends SIGHUP, before SIGCONT, to a guard that is stopped when its edge dies. Before anything else in
 /// the process: until then they end it.
-///
-/// # Errors
-/// The system refuses.
 pub fn ignore_signals() -> io::Result<()> {
     for signal in [SIGUSR1, SIGUSR2, SIGHUP] {
         // A handler without effect; the standard library ignores SIGPIPE.
@@ -46,9 +43,6 @@ pub fn ignore_signals() -> io::Result<()> {
 /// `commands` are frames of [`super::frame::MotorCommand`], `reports` gets frames of [`MotorReport`]; both must be
 /// pipes of their own: they are made not to block. It writes nothing to standard error: a stopped terminal would block
 /// it.
-///
-/// # Errors
-/// Signal handlers cannot be installed, or `commands` or `reports` cannot be made non-blocking.
 pub fn run(commands: impl AsFd, reports: impl AsFd, config: &RoboteqConfig) -> io::Result<()> {
     ignore_signals()?;
     Guard::new(commands.as_fd(), reports.as_fd(), config)?.run();
@@ -64,7 +58,6 @@ struct Guard<'a> {
     gate: Gate,
     serial_link: SerialLink,
     last_report: Option<(Monotonic, Readiness, Option<ControllerFault>)>,
-    /// Since when it ends.
     ending: Option<Monotonic>,
 }
 
@@ -249,7 +242,6 @@ impl Gate {
         }
     }
 
-    /// A frame that is whole.
     pub(super) fn take(&mut self, motor_command: &MotorCommand, now: Monotonic) {
         self.expire(now);
         if !is_current(motor_command, now) || motor_command.sequence <= self.greatest_sequence {
@@ -267,7 +259,6 @@ impl Gate {
         }
     }
 
-    /// A byte that belongs to no frame.
     pub(super) fn take_garbage(&mut self) {
         self.garbage = self.garbage.saturating_add(1);
         self.garbage_in_a_row += 1;
@@ -286,7 +277,6 @@ impl Gate {
         self.hold = Some(hold);
     }
 
-    /// The velocity for the motors at `now`.
     pub(super) fn velocity(&mut self, now: Monotonic) -> Velocity {
         self.expire(now);
         match (self.hold, self.newest) {

@@ -34,7 +34,6 @@ pub use parent::{GuardCommand, GuardedMotors};
 /// How long a velocity holds, from the edge's decision on.
 pub const WATCHDOG: Duration = Duration::from_millis(200);
 
-/// How often the guard says what is known of the motors.
 pub const REPORT_PERIOD: Duration = Duration::from_millis(50);
 
 #[cfg(test)]

@@ -23,12 +23,9 @@ use teleop::Velocity;
 /// every 50 ms; a busy computer must not make a fault of that, and the motors' own watchdog acts after 1 s.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// How the guard's process is started.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GuardCommand {
-    /// The program.
     pub program: PathBuf,
-    /// Its arguments.
     pub arguments: Vec<OsString>,
     /// Added to its environment.
     pub environment: Vec<(OsString, OsString)>,
@@ -36,9 +33,6 @@ pub struct GuardCommand {
 
 impl GuardCommand {
     /// This program, as a guard of motors that hang on `config`: it gets the configuration as one argument, in JSON.
-    ///
-    /// # Errors
-    /// The system does not say which program this is, or the port's name is not UTF-8.
     pub fn this_program(config: &RoboteqConfig) -> io::Result<Self> {
         let config = serde_json::to_string(config)?;
         Ok(Self {
@@ -49,7 +43,6 @@ impl GuardCommand {
     }
 }
 
-/// Motors owned by a motor guard.
 #[derive(Debug)]
 pub struct GuardedMotors {
     shared: Arc<Shared>,
@@ -70,7 +63,6 @@ pub(super) struct Shared {
     pub(super) guard_pid: AtomicU32,
 }
 
-/// What is known, and when that was.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotorSnapshot {
     pub(super) known: Result<Report, Fault>,
@@ -80,9 +72,6 @@ pub(super) struct MotorSnapshot {
 impl GuardedMotors {
     /// Starts a guard and the thread that communicates with it. It does not wait for either: the first reports say
     /// [`crate::actuators::report::Readiness::Starting`].
-    ///
-    /// # Errors
-    /// The system has no more threads or sockets.
     pub fn start(command: GuardCommand, config: RoboteqConfig) -> io::Result<Self> {
         Self::start_with(command, config, SILENCE)
     }
@@ -123,9 +112,6 @@ impl GuardedMotors {
 
     /// Requests `velocity`, decided at `now`; returns the state of the motors. Call it in every round, also for zero: a
     /// velocity that is not repeated for [`super::WATCHDOG`] ends in a stop. It never blocks.
-    ///
-    /// # Errors
-    /// The motors cannot be driven; zero was sent, or they stop by themselves.
     pub fn apply(&mut self, velocity: Velocity, now: Monotonic) -> Result<Report, Fault> {
         let is_finite = velocity.is_finite();
         let motor_command = if is_finite { velocity } else { Velocity::ZERO };
@@ -143,7 +129,6 @@ impl GuardedMotors {
         self.last.known
     }
 
-    /// The guard's process, while there is one.
     pub fn guard_pid(&self) -> Option<u32> {
         match self.shared.guard_pid.load(Ordering::Acquire) {
             0 => None,
@@ -184,7 +169,6 @@ pub(super) struct LatestCommand {
 }
 
 impl LatestCommand {
-    /// Replaces what is there.
     pub(super) fn put(&self, velocity: Velocity, decided_at: Monotonic) {
         let version = self.version.load(Ordering::Relaxed);
         self.version

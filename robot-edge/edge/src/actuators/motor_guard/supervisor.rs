@@ -5,8 +5,8 @@ use std::os::fd::{AsFd as _, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags};
@@ -21,6 +21,7 @@ use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
 use crate::actuators::roboteq::serial_link::SerialLink;
 use crate::actuators::roboteq::serial_link::{Port, Sharing};
+use crate::lock;
 use crate::service_manager;
 use measurement::time::Monotonic;
 use network::clock;
@@ -53,7 +54,6 @@ pub(super) struct Supervisor {
     known: u64,
 }
 
-/// A guard that runs, as far as is known.
 struct Guard {
     child: Child,
     command_pipe: ChildStdin,
@@ -84,7 +84,6 @@ impl Supervisor {
         }
     }
 
-    /// Until nobody wants it any more.
     pub(super) fn run(mut self) {
         let (child, why) = match self.spawn() {
             Ok(mut guard) => match self.supervise(&mut guard) {
@@ -220,7 +219,7 @@ impl Supervisor {
             // Not before: writing to a stopped terminal blocks.
             if fallback_stop == FallbackStop::Stopped && !is_said {
                 is_said = true;
-                tracing::error!(%why, "the motor guard was lost: the motors were told to stand");
+                tracing::error!(%why, "the motor guard was lost: the motors were commanded to stop");
             }
             if self.is_over() {
                 let until = *until.get_or_insert(now + FINAL_STOP_TIMEOUT);
@@ -240,13 +239,11 @@ impl Supervisor {
     }
 
     fn snapshot(&self, known: Result<Report, Fault>, at: Monotonic) {
-        let mut snapshot = (self.shared.snapshot.lock()).unwrap_or_else(PoisonError::into_inner);
-        *snapshot = MotorSnapshot { known, at };
+        *lock(&self.shared.snapshot) = MotorSnapshot { known, at };
     }
 
     fn refresh_snapshot(&self, now: Monotonic) {
-        let mut snapshot = (self.shared.snapshot.lock()).unwrap_or_else(PoisonError::into_inner);
-        snapshot.at = now;
+        lock(&self.shared.snapshot).at = now;
     }
 
     fn wait(&self, other: Option<BorrowedFd<'_>>, until: Monotonic) {

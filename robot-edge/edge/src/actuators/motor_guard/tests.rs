@@ -69,6 +69,24 @@ fn this_test_as(name: &str, variable: &str, config: &RoboteqConfig) -> GuardComm
     }
 }
 
+fn spawn(command: GuardCommand, stdout: Stdio) -> Child {
+    Command::new(command.program)
+        .args(command.arguments)
+        .envs(command.environment)
+        .stdin(Stdio::piped())
+        .stdout(stdout)
+        .spawn()
+        .unwrap()
+}
+
+const fn alternating(number: u64) -> Velocity {
+    if number.is_multiple_of(2) {
+        Velocity::ZERO
+    } else {
+        AHEAD
+    }
+}
+
 fn guard_command(config: &RoboteqConfig) -> GuardCommand {
     this_test_as("guard_as_helper_process", GUARD, config)
 }
@@ -107,23 +125,29 @@ fn start(config: &RoboteqConfig) -> GuardedMotors {
     GuardedMotors::start_with(guard_command(config), config.clone(), NEVER).unwrap()
 }
 
-/// Applies `velocity` at every tick until `is_so`; panics with `what` if it never is.
+fn driving() -> (EmulatorOnTerminal, GuardedMotors) {
+    let controller = EmulatorOnTerminal::start(|_| {});
+    let mut motors = start(&config(controller.path()));
+    drive(&mut motors);
+    (controller, motors)
+}
+
+/// Calls `is_so` at every tick until it is; panics with `what` if it never is.
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let deadline = clock::now() + PATIENCE;
+    while !is_so() {
+        assert!(clock::now() < deadline, "waited in vain: {what}");
+        std::thread::sleep(TICK);
+    }
+}
+
 fn apply_until(
     motors: &mut GuardedMotors,
     velocity: Velocity,
     what: &str,
     mut is_so: impl FnMut(Result<Report, Fault>) -> bool,
 ) {
-    let deadline = clock::now() + PATIENCE;
-    loop {
-        let now = clock::now();
-        let known = motors.apply(velocity, now);
-        if is_so(known) {
-            return;
-        }
-        assert!(now < deadline, "waited in vain: {what}; {known:?}");
-        std::thread::sleep(TICK);
-    }
+    wait_until(what, || is_so(motors.apply(velocity, clock::now())));
 }
 
 fn wait_until_obeying(motors: &mut GuardedMotors) {
@@ -132,7 +156,6 @@ fn wait_until_obeying(motors: &mut GuardedMotors) {
     });
 }
 
-/// Asks to drive for some ticks, whatever comes of it.
 fn press(motors: &mut GuardedMotors, ticks: u32) {
     for _ in 0..ticks {
         // Tests ask elsewhere what is known.
@@ -143,18 +166,14 @@ fn press(motors: &mut GuardedMotors, ticks: u32) {
 
 /// Until the motors run; on a busy computer a gap may stop them, and it begins again.
 fn drive(motors: &mut GuardedMotors) {
-    let deadline = clock::now() + PATIENCE;
-    loop {
+    wait_until("the motors run", || {
         wait_until_obeying(motors);
-        for _ in 0..50 {
-            let known = motors.apply(AHEAD, clock::now());
-            if known.is_ok_and(|report| report.applied.is_some_and(|applied| !applied.is_zero())) {
-                return;
-            }
+        (0..50).any(|_| {
             std::thread::sleep(TICK);
-        }
-        assert!(clock::now() < deadline, "the motors never run");
-    }
+            let known = motors.apply(AHEAD, clock::now());
+            known.is_ok_and(|report| report.applied.is_some_and(|applied| !applied.is_zero()))
+        })
+    });
 }
 
 fn signal(pid: u32, signal: Signal) {
@@ -162,7 +181,7 @@ fn signal(pid: u32, signal: Signal) {
     kill_process(pid, signal).unwrap();
 }
 
-/// Stops a child, and returns when it stands still: until then it goes on reading.
+/// Stops a child, and returns when it is stopped: until then it goes on reading.
 fn stop(child: &Child) {
     signal(child.id(), Signal::STOP);
     let pid = Pid::from_child(child);
@@ -170,22 +189,16 @@ fn stop(child: &Child) {
     assert!(status.stopped());
 }
 
-/// Ended and buried: one that is only stopped could go on some day.
+/// Ended and reaped: one that is only stopped could continue.
 fn wait_until_it_is_gone(pid: u32) {
     let pid = Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
-    let deadline = clock::now() + PATIENCE;
-    while test_kill_process(pid).is_ok() {
-        assert!(clock::now() < deadline, "there is still a guard");
-        std::thread::sleep(TICK);
-    }
+    wait_until("the guard is gone", || test_kill_process(pid).is_err());
 }
 
 fn wait_until_the_port_is_free(path: &Path) {
-    let deadline = clock::now() + PATIENCE;
-    while Port::open(path, Sharing::Exclusive).is_err() {
-        assert!(clock::now() < deadline, "somebody still holds the port");
-        std::thread::sleep(TICK);
-    }
+    wait_until("the port is free", || {
+        Port::open(path, Sharing::Exclusive).is_ok()
+    });
 }
 
 #[test]
@@ -213,7 +226,7 @@ fn it_drives_reports_and_stops_when_nothing_is_asked_any_more() {
     controller.assert_stops_for_good();
     let before = controller.outputs().len();
     // It goes on, and the key was down all the time.
-    apply_until(&mut motors, AHEAD, "the gap is told", |known| {
+    apply_until(&mut motors, AHEAD, "the gap is reported", |known| {
         known.is_ok_and(|report| {
             report.counters.dropouts > 0 && report.readiness == Readiness::Holding(Hold::Silence)
         })
@@ -228,9 +241,7 @@ fn it_drives_reports_and_stops_when_nothing_is_asked_any_more() {
 
 #[test]
 fn what_is_not_a_number_stops_the_motors() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut motors = start(&config(controller.path()));
-    drive(&mut motors);
+    let (controller, mut motors) = driving();
     let nonsense = Velocity {
         linear_mps: f64::NAN,
         angular_radps: 0.0,
@@ -241,19 +252,12 @@ fn what_is_not_a_number_stops_the_motors() {
 
 #[test]
 fn what_was_decided_too_long_ago_is_not_made_young_on_its_way() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut motors = start(&config(controller.path()));
-    drive(&mut motors);
+    let (controller, mut motors) = driving();
     let long_ago = clock::now();
     controller.assert_stops_for_good();
     let changes = controller.outputs().len();
     for number in 0..100 {
-        let velocity = if number % 2 == 0 {
-            Velocity::ZERO
-        } else {
-            AHEAD
-        };
-        motors.apply(velocity, long_ago).ok();
+        motors.apply(alternating(number), long_ago).ok();
         std::thread::sleep(TICK);
     }
     assert_eq!(controller.outputs().len(), changes);
@@ -281,14 +285,7 @@ impl Edge {
 
     fn start(controller: &EmulatorOnTerminal) -> Self {
         let command = this_test_as("edge_as_helper_process", EDGE, &config(controller.path()));
-        let edge = Command::new(command.program)
-            .args(command.arguments)
-            .envs(command.environment)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .spawn()
-            .unwrap();
-        Self(edge)
+        Self(spawn(command, Stdio::null()))
     }
 }
 
@@ -371,9 +368,7 @@ fn a_guard_that_is_asked_to_end_stops_the_motors_first() {
 
 #[test]
 fn signals_that_are_meant_for_the_edge_leave_the_guard_as_it_is() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut motors = start(&config(controller.path()));
-    drive(&mut motors);
+    let (_controller, mut motors) = driving();
     let pid = motors.guard_pid().unwrap();
     for meant_for_the_edge in [Signal::USR1, Signal::USR2, Signal::HUP] {
         signal(pid, meant_for_the_edge);
@@ -470,16 +465,16 @@ fn a_program_that_is_no_guard_is_a_fault() {
 fn guard_and_supervisor_report_a_missing_port() {
     let mut config = config(Path::new("/dev/nonexistent"));
     let mut motors = start(&config);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         known == Err(Fault::Controller(ControllerFault::Port(2)))
     });
     signal(motors.guard_pid().unwrap(), Signal::KILL);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         known == Err(Fault::GuardGone(FallbackStop::Unreachable))
     });
     config.port = "/dev/null".into();
     let mut motors = start(&config);
-    apply_until(&mut motors, AHEAD, "told", |known| {
+    apply_until(&mut motors, AHEAD, "reported", |known| {
         matches!(known, Err(Fault::Controller(ControllerFault::Port(_))))
     });
 }
@@ -514,9 +509,7 @@ fn a_second_owner_is_refused() {
 
 #[test]
 fn a_controller_that_was_reset_stays_standing_until_zero_is_asked_for() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut motors = start(&config(controller.path()));
-    drive(&mut motors);
+    let (controller, mut motors) = driving();
     let now = clock::now();
     controller.with(|emulator| emulator.is_in_rc_mode = !emulator.reset(now).is_empty());
     apply_until(&mut motors, AHEAD, "found again", |known| {
@@ -531,9 +524,7 @@ fn a_controller_that_was_reset_stays_standing_until_zero_is_asked_for() {
 
 #[test]
 fn a_power_stage_that_is_off_holds() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut motors = start(&config(controller.path()));
-    drive(&mut motors);
+    let (controller, mut motors) = driving();
     controller.with(|emulator| emulator.status = 0x04);
     apply_until(&mut motors, AHEAD, "undervoltage", |known| {
         known.is_ok_and(|report| {
@@ -555,15 +546,14 @@ struct BareGuard {
 }
 
 impl BareGuard {
+    fn alone() -> (EmulatorOnTerminal, Self) {
+        let controller = EmulatorOnTerminal::start(|_| {});
+        let guard = Self::start(&config(controller.path()));
+        (controller, guard)
+    }
+
     fn start(config: &RoboteqConfig) -> Self {
-        let command = guard_command(config);
-        let child = Command::new(command.program)
-            .args(command.arguments)
-            .envs(command.environment)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let child = spawn(guard_command(config), Stdio::piped());
         rustix::io::ioctl_fionbio(child.stdout.as_ref().unwrap(), true).unwrap();
         Self {
             child,
@@ -604,18 +594,9 @@ impl BareGuard {
     }
 
     fn wait_until(&self, what: &str, is_so: impl Fn(&MotorReport) -> bool) {
-        let deadline = clock::now() + PATIENCE;
-        while !self
-            .motor_report()
-            .is_some_and(|motor_report| is_so(&motor_report))
-        {
-            assert!(
-                clock::now() < deadline,
-                "waited in vain: {what}; {:?}",
-                self.motor_report()
-            );
-            std::thread::sleep(TICK);
-        }
+        wait_until(what, || {
+            self.motor_report().is_some_and(|known| is_so(&known))
+        });
     }
 
     /// Asks for zero, then for speed, until the motors run; returns the sequence number after that and all frames.
@@ -624,18 +605,19 @@ impl BareGuard {
             motor_report.fault.is_none() && motor_report.report.readiness != Readiness::Starting
         });
         let mut frames = Vec::new();
-        let deadline = clock::now() + PATIENCE;
-        while controller.with(|emulator| emulator.motors()) != AHEAD_POWERS {
-            let velocity = if sequence % 64 < 4 {
-                Velocity::ZERO
-            } else {
-                AHEAD
-            };
-            frames.extend(self.ask(sequence, velocity, clock::now()));
-            sequence += 1;
-            assert!(clock::now() < deadline, "the motors never run");
-            std::thread::sleep(TICK);
-        }
+        wait_until("the motors run", || {
+            let is_running = controller.with(|emulator| emulator.motors()) == AHEAD_POWERS;
+            if !is_running {
+                let velocity = if sequence % 64 < 4 {
+                    Velocity::ZERO
+                } else {
+                    AHEAD
+                };
+                frames.extend(self.ask(sequence, velocity, clock::now()));
+                sequence += 1;
+            }
+            is_running
+        });
         (sequence, frames)
     }
 }
@@ -649,8 +631,7 @@ impl Drop for BareGuard {
 
 #[test]
 fn frames_that_are_old_repeated_or_of_the_future_move_nothing() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let guard = BareGuard::start(&config(controller.path()));
+    let (controller, guard) = BareGuard::alone();
     let (mut sequence, frames) = guard.drive(&controller, 1);
     controller.assert_stops_for_good();
     let changes = controller.outputs().len();
@@ -679,17 +660,11 @@ fn frames_that_are_old_repeated_or_of_the_future_move_nothing() {
 
 #[test]
 fn commands_queued_for_a_stopped_guard_move_nothing() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let guard = BareGuard::start(&config(controller.path()));
+    let (controller, guard) = BareGuard::alone();
     let (sequence, _) = guard.drive(&controller, 1);
     stop(&guard.child);
     for number in 0..1000 {
-        let velocity = if number % 2 == 0 {
-            Velocity::ZERO
-        } else {
-            AHEAD
-        };
-        guard.ask(sequence + number, velocity, clock::now());
+        guard.ask(sequence + number, alternating(number), clock::now());
     }
     // By the controller's own watchdog.
     controller.assert_stops_for_good();
@@ -704,8 +679,7 @@ fn commands_queued_for_a_stopped_guard_move_nothing() {
 
 #[test]
 fn garbage_in_the_pipe_stops_the_motors() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let guard = BareGuard::start(&config(controller.path()));
+    let (controller, guard) = BareGuard::alone();
     let (mut sequence, _) = guard.drive(&controller, 1);
     guard.write(&[0xF5; 3 * COMMAND_BYTES + 1]);
     guard.wait_until("garbage", |motor_report| {
@@ -722,8 +696,7 @@ fn garbage_in_the_pipe_stops_the_motors() {
 
 #[test]
 fn a_pipe_that_closes_stops_the_motors_and_ends_the_guard_well() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut guard = BareGuard::start(&config(controller.path()));
+    let (controller, mut guard) = BareGuard::alone();
     guard.drive(&controller, 1);
     drop(guard.child.stdin.take());
     assert!(guard.child.wait().unwrap().success());
@@ -737,19 +710,16 @@ fn a_pipe_that_closes_stops_the_motors_and_ends_the_guard_well() {
 
 #[test]
 fn nobody_who_listens_to_it_ends_the_guard_as_well() {
-    let controller = EmulatorOnTerminal::start(|_| {});
-    let mut guard = BareGuard::start(&config(controller.path()));
+    let (controller, mut guard) = BareGuard::alone();
     guard.drive(&controller, 1);
     drop(guard.child.stdout.take());
     // `Child::wait` would close the other pipe as well.
-    let deadline = clock::now() + PATIENCE;
-    let ended = loop {
-        if let Some(ended) = guard.child.try_wait().unwrap() {
-            break ended;
-        }
-        assert!(clock::now() < deadline, "it goes on");
-        std::thread::sleep(TICK);
-    };
-    assert!(ended.success());
+    wait_until("it ends", || {
+        let ended = guard.child.try_wait().unwrap();
+        ended.is_some_and(|status| {
+            assert!(status.success());
+            true
+        })
+    });
     controller.assert_stops_for_good();
 }

@@ -9,7 +9,6 @@ use crate::actuators::differential_drive::{DifferentialDrive, SideSpeeds};
 use crate::config::{ConfigIssue, Problem};
 use teleop::Velocity;
 
-/// Which line, which channel drives which side, and how fast.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RoboteqConfig {
@@ -20,10 +19,8 @@ pub struct RoboteqConfig {
     pub drive: DifferentialDrive,
     /// The channel of the left side; the right side has the other.
     pub left_channel: Channel,
-    /// The left motor turns the other way round.
     #[serde(default)]
     pub left_is_inverted: bool,
-    /// The right motor turns the other way round.
     #[serde(default)]
     pub right_is_inverted: bool,
     /// Speed of a side at which its encoder says 127, metres per second; absent without encoders. By the manual (p. 85)
@@ -40,7 +37,7 @@ const fn yes() -> bool {
 }
 
 impl RoboteqConfig {
-    /// Everything that is wrong with the values; empty where nothing is. Keys are relative to this table.
+    /// Everything that is wrong with the values; keys are relative to this table.
     pub fn check(&self) -> Vec<ConfigIssue> {
         let mut faults = Vec::new();
         let mut number = |key: &str, value: f64, least: f64, most: f64, why| {
@@ -93,7 +90,6 @@ impl RoboteqConfig {
         faults
     }
 
-    /// The channel commands for `velocity`.
     pub fn powers(&self, velocity: Velocity) -> [Power; 2] {
         let sides = self.drive.sides(velocity);
         let full_mps = self.drive.full_speed_mps;
@@ -103,13 +99,11 @@ impl RoboteqConfig {
         )
     }
 
-    /// The velocity of channel commands.
     pub fn velocity_of_powers(&self, powers: [Power; 2]) -> Velocity {
         let [left, right] = self.by_side(powers);
         self.velocity_of_sides(left, right, self.drive.full_speed_mps)
     }
 
-    /// The velocity of encoder values, by channel; absent without encoders.
     pub fn velocity_of_encoders(&self, speeds: [Power; 2]) -> Option<Velocity> {
         let [left, right] = self.by_side(speeds);
         let full_mps = self.encoder_full_speed_mps?;

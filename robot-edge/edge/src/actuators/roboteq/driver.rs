@@ -26,7 +26,6 @@ const STOP_PAUSE: Duration = Duration::from_millis(60);
 /// Until it has entered RS-232 mode.
 const WAKE_PAUSE: Duration = Duration::from_millis(120);
 
-/// Between attempts to find it.
 const RETRY_PAUSE: Duration = Duration::from_millis(300);
 
 /// Its watchdog acts after 1 s (p. 142), more or less with the PWM frequency (p. 157).
@@ -35,46 +34,33 @@ const WATCHDOG_WAIT: Duration = Duration::from_millis(2500);
 /// What was measured is forgotten after this.
 const MEASUREMENT_LASTS: Duration = Duration::from_millis(500);
 
-/// What the driver knows of the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Status {
-    /// Whether it obeys.
     pub state: State,
-    /// What the channels have acknowledged last.
     pub acknowledged: Option<[Power; 2]>,
-    /// The encoder values.
     pub encoders: Option<[Power; 2]>,
-    /// The battery's voltage.
     pub battery_v: Option<f64>,
     /// Why its power stage is off, if it is.
     pub flags: ControllerFlags,
-    /// Whether it stops by itself.
     pub watchdog: ControllerWatchdog,
-    /// Times that it was lost.
     pub reconnects: u32,
 }
 
-/// Whether the controller obeys.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// It is being found and checked.
     Starting,
-    /// It obeys.
     Ready,
     /// It does not obey; zero is sent.
     Faulty(ControllerFault),
 }
 
-/// Bytes for the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transmission {
-    /// The bytes.
     pub bytes: Line,
     /// First throw away what still waits in the port's buffers, in both directions.
     pub flush: bool,
 }
 
-/// The state machine; see the module.
 #[derive(Clone, Debug)]
 pub struct Driver {
     require_watchdog: bool,
@@ -119,7 +105,6 @@ enum Phase {
 }
 
 impl Driver {
-    /// Of a controller that nothing is known of.
     pub fn new(has_encoders: bool, require_watchdog: bool, now: Monotonic) -> Self {
         Self {
             require_watchdog,
@@ -152,7 +137,6 @@ impl Driver {
         }
     }
 
-    /// Takes what came in.
     pub fn receive(&mut self, bytes: &[u8], now: Monotonic) {
         for &byte in bytes {
             if let Some(reply) = self.parser.push(byte) {
@@ -218,7 +202,6 @@ impl Driver {
         }
     }
 
-    /// What is known.
     pub fn status(&self, now: Monotonic) -> Status {
         let state = match (self.phase, self.last_fault) {
             (Phase::Refused(fault), _) | (_, Some(fault)) => State::Faulty(fault),
@@ -364,9 +347,10 @@ impl Driver {
             Command::Run(..) | Command::StopBoth => {
                 self.fail(command, ControllerFault::Refusing, now);
             }
-            // What a motor command means would be guessed.
+            // Without it, what a motor command means would be guessed. It may have been refused because of a bad line:
+            // it is asked again.
             Command::Read(Parameter::MotorControlMode) => {
-                self.enter(Phase::Refused(ControllerFault::Unreadable), now);
+                self.fail(command, ControllerFault::Unreadable, now);
             }
             Command::Read(Parameter::InputControlMode) => {
                 self.enter(Phase::Check(Parameter::MotorControlMode), now);
@@ -376,7 +360,6 @@ impl Driver {
         }
     }
 
-    /// One exchange went wrong.
     fn fail(&mut self, command: Command, fault: ControllerFault, now: Monotonic) {
         if self.phase == Phase::ZeroBoth {
             return self.enter(Phase::Zero(Channel::One), now);
@@ -446,7 +429,6 @@ const STATUS_EVERY: Duration = Duration::from_millis(200);
 const VOLTAGES_EVERY: Duration = Duration::from_secs(1);
 const ENCODERS_EVERY: Duration = Duration::from_millis(100);
 
-/// The next transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Task {
     RunOne,
@@ -496,7 +478,6 @@ impl Scheduler {
         }
     }
 
-    /// The next transmission, if one is due.
     pub(super) fn next(
         &mut self,
         wanted: [Power; 2],
@@ -533,7 +514,6 @@ impl Scheduler {
         Some(Task::RunOne)
     }
 
-    /// Sends zero to both motors next, before anything else.
     pub(super) fn stop_both(&mut self, now: Monotonic) {
         self.is_half = false;
         self.may_poll = true;

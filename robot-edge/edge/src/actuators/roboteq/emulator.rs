@@ -10,7 +10,6 @@ use measurement::time::Monotonic;
 #[path = "emulator/on_terminal.rs"]
 pub(crate) mod on_terminal;
 
-/// The controller, and everything that can be wrong with it.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 pub(crate) struct Emulator {
@@ -31,9 +30,7 @@ pub(crate) struct Emulator {
     /// On a terminal, characters and commands take the time that they take on a real line.
     pub(crate) has_line_timing: bool,
     pub(crate) fault: EmulatedFault,
-    /// What the motors got, each time that it changed.
     pub(crate) outputs: Vec<Output>,
-    /// Motor commands that were obeyed.
     pub(crate) executed: usize,
     watchdog_is_on: bool,
     is_watchdog_tried: bool,
@@ -42,7 +39,6 @@ pub(crate) struct Emulator {
     line: Vec<u8>,
 }
 
-/// What is wrong with it, or its cable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EmulatedFault {
     None,
@@ -52,7 +48,6 @@ pub(crate) enum EmulatedFault {
     TxCut,
     /// It takes the one for the other, and echoes so.
     GarblesByte(u8, u8),
-    /// Motor commands, all of them.
     RejectsCommands,
     /// What comes right behind a command is lost.
     SingleCommand,
@@ -115,7 +110,6 @@ impl Emulator {
         self.outputs.last().unwrap().motors
     }
 
-    /// Its reply to these bytes.
     pub(crate) fn receive(&mut self, bytes: &[u8], now: Monotonic) -> Vec<u8> {
         let mut response = self.pass_time(now);
         if self.fault == EmulatedFault::RxCut {
@@ -154,7 +148,6 @@ impl Emulator {
         }
     }
 
-    /// Its output without a command.
     pub(crate) fn pass_time(&mut self, now: Monotonic) -> Vec<u8> {
         let is_watching = self.watchdog_is_on && !self.is_in_rc_mode;
         let trial = self.watchdog_trial_after.filter(|_| self.is_watchdog_tried);
@@ -240,7 +233,6 @@ const CHARACTER: Duration = Duration::from_nanos(1_041_667);
 /// The controller's loop (manual, p. 156). How many commands it takes in one, the manual does not say: here it is one.
 const LOOP: Duration = Duration::from_millis(16);
 
-/// Characters on their way, with the moment at which each has arrived.
 #[derive(Debug)]
 pub(crate) struct LineTiming {
     start: Monotonic,
@@ -268,7 +260,6 @@ impl LineTiming {
         }
     }
 
-    /// These were written at `now`.
     pub(crate) fn write(&mut self, bytes: &[u8], now: Monotonic) {
         for &byte in bytes {
             self.received = self.received.max(now) + CHARACTER;

@@ -20,13 +20,12 @@ use crate::actuators::roboteq::wire;
 use measurement::time::Monotonic;
 use teleop::Velocity;
 
-/// Between two attempts to open the port.
 const REOPEN: Duration = Duration::from_millis(200);
 
 /// Between two attempts to open a port that another process has locked.
 const LOCKED_RETRY: Duration = Duration::from_millis(50);
 
-/// A guard whose edge has gone ends by itself within 600 ms. After this it never does, and is ended: it was stopped.
+/// A guard without an edge ends by itself within 600 ms. One that still runs after this was stopped, and is killed.
 const TAKE_OVER_AFTER: Duration = Duration::from_secs(2);
 
 /// Well before that zero is sent to the motors of a port that was left behind.
@@ -35,7 +34,6 @@ const STOP_AFTER: Duration = Duration::from_millis(150);
 /// Most reads in one step: more than a line of 960 characters a second can bring, and a bound for one that never ends.
 const READS: usize = 16;
 
-/// The way to the motors, whether it is there or not.
 #[derive(Debug)]
 pub struct SerialLink {
     config: RoboteqConfig,
@@ -46,7 +44,6 @@ pub struct SerialLink {
     locked: Option<Locked>,
 }
 
-/// Another process has locked the port.
 #[derive(Clone, Copy, Debug)]
 struct Locked {
     since: Monotonic,
@@ -167,7 +164,6 @@ impl SerialLink {
         };
     }
 
-    /// When to step at the latest.
     pub fn deadline(&self) -> Monotonic {
         match &self.connection {
             Connection::Closed { retry, .. } => *retry,
@@ -175,7 +171,6 @@ impl SerialLink {
         }
     }
 
-    /// The port, to wait for it; absent while it is closed.
     pub fn fd(&self) -> Option<BorrowedFd<'_>> {
         match &self.connection {
             Connection::Closed { .. } => None,
@@ -183,7 +178,6 @@ impl SerialLink {
         }
     }
 
-    /// What is known of the controller.
     pub fn status(&self, now: Monotonic) -> Status {
         match &self.connection {
             Connection::Closed { fault, .. } => Status {
@@ -205,7 +199,6 @@ impl SerialLink {
         }
     }
 
-    /// Whether both motors have acknowledged a zero that was sent at `since` or later, and nothing else after it.
     pub fn has_stopped_since(&self, since: Monotonic) -> bool {
         match &self.connection {
             Connection::Closed { .. } => false,
@@ -218,29 +211,18 @@ impl SerialLink {
         Some(self.config.velocity_of_powers(status.acknowledged?))
     }
 
-    /// The velocity measured by the encoders.
     pub fn measured(&self, status: &Status) -> Option<Velocity> {
         self.config.velocity_of_encoders(status.encoders?)
     }
 }
 
-/// Why a port could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// The system refused.
     #[error("{path}: {source}", path = path.display())]
-    Io {
-        /// The port.
-        path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// The adapter cannot do 7 data bits with even parity, and would send something else.
     #[error("{path}: this port cannot do 9600 baud, 7 data bits, even parity, 1 stop bit", path = path.display())]
-    Settings {
-        /// The port.
-        path: PathBuf,
-    },
+    Settings { path: PathBuf },
 }
 
 impl PortError {
@@ -253,7 +235,6 @@ impl PortError {
         ControllerFault::Port(u8::try_from(number).unwrap_or(u8::MAX))
     }
 
-    /// Whether another process holds the port's lock.
     pub fn is_locked(&self) -> bool {
         match self {
             Self::Io { source, .. } => source.kind() == io::ErrorKind::WouldBlock,
@@ -262,7 +243,6 @@ impl PortError {
     }
 }
 
-/// Who else may have the port open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sharing {
     /// An exclusive lock (`flock`): two owners would send commands in turn.
@@ -271,7 +251,6 @@ pub enum Sharing {
     Shared,
 }
 
-/// An open serial port.
 #[derive(Debug)]
 pub struct Port(File);
 
@@ -326,9 +305,6 @@ impl Port {
     }
 
     /// What has come in, without waiting; empty where nothing has.
-    ///
-    /// # Errors
-    /// The port is gone: an adapter was unplugged.
     pub fn read<'a>(&self, buffer: &'a mut [u8]) -> io::Result<&'a [u8]> {
         match rustix::io::read(&self.0, &mut *buffer) {
             Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
@@ -372,23 +348,20 @@ fn is_pseudo_terminal(fd: &OwnedFd) -> rustix::io::Result<bool> {
     Ok((136..=143).contains(&major))
 }
 
-/// A process that holds the lock of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct LockHolder {
-    /// Its number.
     pub(super) pid: u32,
 }
 
 impl LockHolder {
-    /// The process that holds the lock of `port`; absent if there is none or it is unknown.
     pub(super) fn of(port: &Path) -> Option<Self> {
         let file = fs::metadata(port).ok()?;
         let locks = fs::read_to_string("/proc/locks").ok()?;
         holder_in(&locks, file.dev(), file.ino()).map(|pid| Self { pid })
     }
 
-    /// Whether it is a motor guard whose edge has gone. A guard's parent runs the same program as long as it lives;
-    /// then the guard is a child of another process.
+    /// Whether it is a motor guard without an edge. A guard's parent runs the same program; after the parent's death, the
+    /// guard is a child of another process.
     pub(super) fn is_orphaned_guard(self) -> bool {
         let command = fs::read(format!("/proc/{}/cmdline", self.pid)).unwrap_or_default();
         let is_guard =

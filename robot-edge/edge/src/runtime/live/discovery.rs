@@ -16,18 +16,15 @@ use network::clock::{self, sleep_until};
 
 /// Time that rarer topics get after all others are complete.
 const SETTLE_TIME: Duration = Duration::from_secs(2);
-/// Interval of checks.
 const POLL_INTERVAL: Duration = Duration::from_millis(250);
 /// Interval of requests for static transforms until they arrive.
 const HISTORY_RETRY_INTERVAL: Duration = Duration::from_secs(1);
 const RETRY: Duration = Duration::from_millis(250);
-/// Maximum number of topics in an error.
 const MAX_LISTED: usize = 40;
 
 #[derive(Clone, Copy, Debug)]
 pub(in crate::runtime) struct TopicDiscovery<'a> {
     pub(in crate::runtime) at: &'a RosEndpoint,
-    /// Maximum wait.
     pub(in crate::runtime) wait: Duration,
     pub(in crate::runtime) config: &'a Config,
 }
@@ -75,10 +72,18 @@ fn connect(
     deadline: Monotonic,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<(RosLink, Inbox)> {
+    let mut is_reported = false;
     loop {
         match RosLink::open(at) {
             Ok(opened) => return Ok(opened),
             Err(RosLinkError::Open { .. }) if !deadline.since(clock::now()).is_zero() => {
+                if !std::mem::replace(&mut is_reported, true) {
+                    let rest_s = deadline.since(clock::now()).as_secs_f64();
+                    tracing::warn!(
+                        "no answer at {} yet: trying for {rest_s:.0} s more",
+                        at.endpoint
+                    );
+                }
                 sleep_until(clock::now() + RETRY, || is_set(interrupt));
                 if is_set(interrupt) {
                     return Err(Interrupted.into());

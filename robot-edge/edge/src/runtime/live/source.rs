@@ -34,7 +34,6 @@ const MAX_PROBE_BYTES: usize = 64 << 20;
 /// Maximum number of stamps with a known arrival time.
 const MAX_ARRIVAL_TIMES: usize = 50_000;
 
-/// The streams to map and to record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::runtime) struct StreamSelection {
     pub(in crate::runtime) mapped: Vec<String>,
@@ -161,7 +160,6 @@ impl LiveSource {
         self.received_at.push_back(received_at);
     }
 
-    /// Subscribes to newly announced topics.
     fn subscribe(&self) {
         if let Err(error) = self.link.subscribe_to_announced() {
             tracing::warn!(%error, "a topic is not listened to");

@@ -38,7 +38,6 @@ fn on_the_network() -> Replay {
     replay_with(&["--insecure", "--listen", &listen])
 }
 
-/// A replay of the rooms.
 fn replay_with(options: &[&str]) -> Replay {
     let rooms = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../recordings/rooms.mcap");
     let line = ["robot-edge", "replay", rooms.to_str().unwrap(), "--quiet"];
@@ -137,7 +136,7 @@ fn poses_after_a_clock_reset_are_published_at_once() {
         take(&mut pipeline, Ordered::Measurement(pose));
     }
     let after = published(&pipeline).unwrap();
-    assert!(after < before, "{after} is told behind {before}");
+    assert!(after < before, "{after} is received after {before}");
 }
 
 /// Who drives must not wait for what is mapped.
@@ -333,7 +332,7 @@ fn the_newest_pose_is_published_before_a_scan_is_sent() {
             assert_eq!(
                 published_then,
                 published(),
-                "a newer pose was told only later"
+                "a newer pose was received only later"
             );
             assert!(
                 published_then > Some(stamp),

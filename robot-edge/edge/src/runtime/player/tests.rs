@@ -85,7 +85,7 @@ fn replayed(recording: &Path, duration_s: Option<f64>) -> Pipeline {
     pipeline
 }
 
-/// A player of `recording` at full speed, and whoever has it in his hands.
+/// A player of `recording` at full speed, and its control.
 fn with_player(recording: &Path, work: impl FnOnce(&mut Player<'_>, &ReplayControl)) {
     let command = command(recording);
     let (survey, config, plan) = survey_recording(&command).unwrap();
@@ -96,7 +96,7 @@ fn with_player(recording: &Path, work: impl FnOnce(&mut Player<'_>, &ReplayContr
     work(&mut player, &control);
 }
 
-/// Lets it work until it stands still.
+/// Runs it until it is idle.
 fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplayStatus {
     loop {
         // Resting waits for a wish, and would be a second of nothing.
@@ -108,7 +108,7 @@ fn settle(player: &mut Player<'_>, control: &ReplayControl) -> ReplayStatus {
     }
 }
 
-/// Winds to `to` and compares the map there with that of a replay that ends there.
+/// Seeks `to` and compares the map there with that of a replay that ends there.
 #[track_caller]
 fn assert_map_after_seek(
     player: &mut Player<'_>,

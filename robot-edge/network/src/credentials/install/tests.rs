@@ -61,7 +61,6 @@ impl Case {
     }
 }
 
-/// Every file of a folder.
 fn contents(folder: &Path) -> BTreeMap<String, String> {
     let file = |entry: io::Result<fs::DirEntry>| {
         let entry = entry.unwrap();

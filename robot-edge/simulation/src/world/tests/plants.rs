@@ -1,9 +1,8 @@
-//! Plants, water and the truth that a file gives with them.
+//! Plants, water, shores and docks.
 
 use nalgebra::Point2;
 
 use super::*;
-use crate::truth::{ShoreClass, TerrainTruth};
 use crate::vegetation::{Rigidity, is_inside};
 
 const HEADER: &str = r#"name = "shore"
@@ -13,62 +12,7 @@ start = { x_m = 0, y_m = 0, yaw_deg = 0 }
 path = { speed_mps = 0.5, turn_rate_degps = 60, waypoints = [{ x_m = 1, y_m = 0 }] }
 "#;
 
-const SHORE: &str = r#"
-[water]
-level_m = 0.0
-
-[wind]
-towards_deg = 90.0
-lean = 0.05
-sway = 0.1
-period_s = 1.5
-
-[[solids]]
-shape = "plane"
-point_m = [0.0, 0.0, -1.0]
-
-[[solids]]
-shape = "box"
-name = "stone"
-centre_m = [0.0, 8.0, -0.6]
-size_m = [1.0, 1.0, 1.2]
-
-[[plants]]
-kind = "stems"
-name = "canes"
-seed = 1
-rigidity = "flexible"
-stiffness = 2.0
-rectangle_m = [[4.0, 2.0], [0.0, 0.0]]
-density_per_m2 = 30.0
-height_m = [1.5, 2.0]
-thickness_mm = [8.0, 12.0]
-lean_deg = 10.0
-shoots = { count = 2, length_m = [0.2, 0.4], thickness_mm = [10.0, 20.0] }
-
-[[plants]]
-kind = "crowns"
-name = "bush"
-seed = 2
-rigidity = "rigid"
-at_m = [[6.0, 1.0]]
-radius_m = [0.8, 0.8]
-height_m = [1.4, 1.4]
-branches = 20
-branch_thickness_mm = [20.0, 60.0]
-leaves_per_m2 = 100.0
-leaf_length_m = [0.05, 0.1]
-leaf_thickness_mm = [30.0, 50.0]
-
-[[shores]]
-name = "reeds"
-class = "dense"
-polygon_m = [[-1.0, -1.0], [5.0, -1.0], [5.0, 3.0], [-1.0, 3.0]]
-
-[[docks]]
-name = "slip"
-polygon_m = [[10.0, 0.0], [12.0, 0.0], [12.0, 2.0]]
-"#;
+const SHORE: &str = include_str!("shore.toml");
 
 fn parse(text: &str) -> Result<World, WorldError> {
     World::parse("shore.toml", &format!("{HEADER}{text}"))
@@ -140,7 +84,7 @@ fn receivers_are_the_files() {
 }
 
 #[test]
-fn truth_knows_shores_docks_and_what_stands_where() {
+fn shores_docks_and_water_are_the_files() {
     let world = parse(SHORE).unwrap();
     let [shore] = world.shores() else {
         panic!("{:?}", world.shores())
@@ -159,39 +103,6 @@ fn truth_knows_shores_docks_and_what_stands_where() {
             && !is_inside(&dock.polygon_m, Point2::new(10.5, 1.5))
     );
     assert_eq!(world.water_m(), Some(0.0));
-
-    let standing = TerrainTruth::of(&world);
-    assert_eq!(standing.ground_m(Point2::new(0.0, 8.0)), Some(-1.0));
-    let class = |x: f64, y: f64, from_m, to_m| standing.class(Point2::new(x, y), 0.3, from_m..to_m);
-    assert_eq!(class(2.0, 1.0, 0.3, 1.5), Some(Rigidity::Flexible));
-    assert_eq!(class(2.0, 1.0, 3.0, 4.0), None);
-    assert_eq!(class(6.0, 1.0, 0.3, 1.5), Some(Rigidity::Rigid));
-    assert_eq!(class(0.0, 8.0, -0.9, 1.0), Some(Rigidity::Rigid));
-    assert_eq!(class(0.0, 8.0, 0.01, 1.0), None);
-    assert_eq!(
-        class(0.79, 8.0, -0.9, 1.0),
-        Some(Rigidity::Rigid),
-        "it reaches to 0.5"
-    );
-    assert_eq!(class(0.81, 8.0, -0.9, 1.0), None);
-    assert_eq!(class(-3.0, 8.0, -2.0, 1.0), None, "ground does not count");
-    // The stone's top is z = 0, 1 m above the bed.
-    let top_m = |vehicle_m| {
-        standing
-            .rigid_top_m(Point2::new(0.0, 8.0), vehicle_m)
-            .unwrap()
-    };
-    assert!((top_m(2.0) - 0.0).abs() < 1e-9 && (top_m(0.7) + 0.3).abs() < 1e-9);
-    assert_eq!(standing.rigid_top_m(Point2::new(2.0, 1.0), 2.0), Some(-1.0));
-    // A box that is ground is driven on.
-    let paved = SHORE.replace("name = \"stone\"", "name = \"stone\"\nground = true");
-    let world = parse(&paved).unwrap();
-    let standing = TerrainTruth::of(&world);
-    assert_eq!(
-        standing.ground_m(Point2::new(0.0, 8.0)).map(f64::round),
-        Some(0.0)
-    );
-    assert_eq!(standing.class(Point2::new(0.0, 8.0), 0.3, -0.9..1.0), None);
 }
 
 /// What is replaced by what, and what the message contains.

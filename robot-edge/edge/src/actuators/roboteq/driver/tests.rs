@@ -3,17 +3,14 @@ use proptest::prelude::*;
 use super::super::emulator::{EmulatedFault, Emulator, Output};
 use super::*;
 
-/// Time that bytes take to the other end.
 const ON_THE_WAY: Duration = Duration::from_millis(6);
 
-/// A driver and a controller on one line, in a time of their own.
 struct Bench {
     driver: Driver,
     emulator: Emulator,
     now: Monotonic,
     to_driver: Vec<(Monotonic, Vec<u8>)>,
     to_emulator: Vec<(Monotonic, Vec<u8>)>,
-    /// Lengths of everything that was sent.
     sent: Vec<(Monotonic, usize)>,
 }
 
@@ -218,7 +215,7 @@ fn speeds_are_repeated_with_one_command_in_flight() {
 }
 
 #[test]
-fn encoders_and_faults_are_told() {
+fn encoders_and_faults_are_reported() {
     let mut bench = Bench::new(true, |emulator| emulator.encoders = Some([20, -3]));
     bench.run_ms(4500);
     assert_eq!(
@@ -311,7 +308,7 @@ fn a_cut_cable_is_a_fault_and_drops_earlier_commands() {
 }
 
 #[test]
-fn a_mute_controller_is_told_to_stand() {
+fn a_silent_controller_is_commanded_to_stop() {
     let mut bench = Bench::ready();
     bench.command(80, 80);
     bench.run_ms(100);
@@ -410,7 +407,7 @@ fn a_line_that_garbles_is_not_driven_on() {
 }
 
 #[test]
-fn a_controller_that_refuses_is_told() {
+fn a_controller_that_refuses_is_reported() {
     let mut bench = Bench::ready();
     bench.emulator.fault = EmulatedFault::RejectsCommands;
     bench.command(20, 20);
@@ -421,9 +418,34 @@ fn a_controller_that_refuses_is_told() {
     );
 }
 
+/// With a bad line a single refusal once left the controller faulty for good.
+#[test]
+fn a_motor_mode_that_is_refused_is_read_again() {
+    let question = Command::Read(Parameter::MotorControlMode).bytes();
+    for (refusals, state) in [
+        (1, State::Ready),
+        (4, State::Ready),
+        (u32::MAX, State::Faulty(ControllerFault::Unreadable)),
+    ] {
+        let mut bench = Bench::new(false, |_| {});
+        let mut left = refusals;
+        bench.run_ms_with(8000, |bytes| {
+            match bytes.strip_prefix(question.as_bytes()) {
+                Some([_, ..]) if left > 0 => {
+                    left -= 1;
+                    [question.as_bytes(), b"-\r"].concat()
+                }
+                _ => bytes.to_vec(),
+            }
+        });
+        assert_eq!(bench.status().state, state, "{refusals}");
+        assert!(bench.emulator.outputs.iter().all(Output::is_zero));
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
-    /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when told to stand.
+    /// Whatever is lost or comes in between: it neither stops working for good, nor goes on when commanded to stop.
     #[test]
     fn a_bad_line_ends_in_a_stop_and_heals(
         faults in prop::collection::vec((0..12u8, any::<u8>()), 200..400),
@@ -528,7 +550,7 @@ fn no_question_delays_a_stop() {
 }
 
 #[test]
-fn a_standing_vehicle_is_told_so_again_and_again() {
+fn zero_is_repeated_to_a_standing_vehicle() {
     let mut scheduler = busy();
     let pairs =
         (12..1012).filter(|&ms| scheduler.next(STOP, STOP.map(Some), at(ms)) == Some(Task::RunOne));

@@ -16,7 +16,6 @@ use rustix::pty::OpenptFlags;
 use super::{Emulator, LineTiming, Output};
 use network::clock::{self, sleep_until};
 
-/// Longest that a test waits for what must happen; far longer than it takes.
 const PATIENCE: Duration = Duration::from_mins(3);
 
 pub(crate) struct EmulatorOnTerminal {
@@ -74,7 +73,6 @@ impl EmulatorOnTerminal {
         self.with(|emulator| emulator.outputs.clone())
     }
 
-    /// Waits until it is so; panics with `what` if it never is.
     pub(crate) fn wait_until(&self, what: &str, is_so: impl Fn(&Emulator) -> bool) {
         let deadline = clock::now() + PATIENCE;
         while !self.with(|emulator| is_so(emulator)) {

@@ -1,0 +1,306 @@
+//! When drive commands are sent, 50 a second and three within 20 ms after a change of the input, and with which input:
+//! a press is delayed until the robot accepts it, so that the robot does not take it for a held key.
+//!
+//! - After 200 ms of neutral commands a press counts.
+//! - Before that, while the motors still brake after a release, a press resumes driving, so that a key that slips does
+//!   not stop the vehicle.
+//! - In between, the robot would ignore the key until everything is released. The press is therefore delayed until it
+//!   counts. The same holds where the collision monitor holds the vehicle, whose motors are at zero even if a boat
+//!   coasts: an operator who then reverses changes keys within 200 ms.
+//!
+//! The input is read again in each iteration: a press that was released meanwhile is never sent.
+
+use std::time::Duration;
+
+use measurement::time::Monotonic;
+use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
+
+use super::messages::LatestPose;
+use crate::teleop_input::DriveInput;
+
+/// 200 ms of the robot's rule plus the jitter of the link.
+const NEUTRAL: Duration = Duration::from_millis(250);
+/// A slower vehicle stands still, m/s and rad/s.
+const STANDING: f32 = 0.02;
+/// A smaller movement of a stick is not sent three times.
+const CHANGE: f32 = 0.1;
+
+/// Drive commands under one grant: which input is sent, and when.
+pub(super) struct DriveCommands {
+    send_rate: SendRateLimiter,
+    sent: DriveInput,
+    /// Since when only neutral commands were sent.
+    neutral_since: Option<Monotonic>,
+    /// Until when a command finds the motors still moving, by the last status.
+    pub(super) moving_until: Option<Monotonic>,
+}
+
+impl DriveCommands {
+    pub(super) const fn new(now: Monotonic) -> Self {
+        Self {
+            send_rate: SendRateLimiter::new(now),
+            sent: DriveInput::NEUTRAL,
+            neutral_since: None,
+            moving_until: None,
+        }
+    }
+
+    pub(super) const fn due(&self) -> Monotonic {
+        self.send_rate.due()
+    }
+
+    /// The input was locked: the robot needs neutral commands again.
+    pub(super) const fn interrupt(&mut self) {
+        self.neutral_since = None;
+    }
+
+    /// The input to send now, if a command is due: `input`, or neutral if the robot would not accept it yet.
+    pub(super) fn next(
+        &mut self,
+        input: DriveInput,
+        newest: Option<LatestPose>,
+        now: Monotonic,
+    ) -> Option<DriveInput> {
+        let is_accepted =
+            input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(newest, now);
+        let input = if is_accepted {
+            input
+        } else {
+            DriveInput::NEUTRAL
+        };
+        let is_changed = input.is_neutral() != self.sent.is_neutral()
+            || (input.forward - self.sent.forward).abs() >= CHANGE
+            || (input.left - self.sent.left).abs() >= CHANGE;
+        if !self.send_rate.is_due(now, is_changed) {
+            return None;
+        }
+        self.sent = input;
+        if input.is_neutral() {
+            self.neutral_since.get_or_insert(now);
+        } else {
+            self.neutral_since = None;
+        }
+        Some(input)
+    }
+
+    /// Whether the robot would accept a press now.
+    fn is_press_taken(&self, newest: Option<LatestPose>, now: Monotonic) -> bool {
+        let Some(since) = self.neutral_since else {
+            return false;
+        };
+        let goes_on = self.moving_until.is_some_and(|until| now < until);
+        now.since(since) >= NEUTRAL || goes_on && newest.is_some_and(moves)
+    }
+}
+
+fn moves(newest: LatestPose) -> bool {
+    newest.velocity.iter().any(|speed| speed.abs() >= STANDING)
+}
+
+/// Until when a command certainly finds the motors of a driven or released vehicle moving, by a status that arrived at
+/// `now`. The output falls no faster than `stop_decel`, m/s² and rad/s², and the collision monitor brakes by the same.
+/// `None` if the motors stand, may stand by then, or stop for another reason than release.
+pub(super) fn moving_until(
+    status: &TeleopStatus,
+    stop_decel: Velocity,
+    now: Monotonic,
+) -> Option<Monotonic> {
+    let is_driven = matches!(
+        status.state,
+        TeleopState::Driving | TeleopState::Stopping(StopReason::Released)
+    );
+    let Velocity {
+        linear_mps,
+        angular_radps,
+    } = status.applied;
+    // Either axis prolongs the stop.
+    let braking_s = f32::max(
+        linear_mps.abs() / stop_decel.linear_mps,
+        angular_radps.abs() / stop_decel.angular_radps,
+    );
+    let braking = Duration::try_from_secs_f32(braking_s).ok()?;
+    // The age of a command is the delay of its token plus its own: the delays of this status and of the next press.
+    let ways = Duration::from_millis(status.peak_age_ms?.into());
+    let left = braking.checked_sub(ways)?;
+    is_driven.then(|| now + left)
+}
+
+pub(super) const PERIOD: Duration = Duration::from_millis(20);
+/// Each change of the input is sent three times within 20 ms.
+const SENDINGS: u32 = 3;
+/// The third leaves 14 ms after the first.
+const BETWEEN: Duration = Duration::from_millis(7);
+/// The robot accepts 100 messages a second of one operator: ten for an emergency stop, a few for requests.
+const PER_SECOND: f64 = 80.0;
+/// Commands at once beyond that rate: three changes.
+const BURST: f64 = 9.0;
+
+#[derive(Clone, Debug)]
+pub(super) struct SendRateLimiter {
+    due: Monotonic,
+    /// Repetitions of the last change that are still due.
+    left: u32,
+    allowance: f64,
+    counted: Monotonic,
+}
+
+impl SendRateLimiter {
+    pub(super) const fn new(now: Monotonic) -> Self {
+        Self {
+            due: now,
+            left: 0,
+            allowance: BURST,
+            counted: now,
+        }
+    }
+
+    /// Whether to send a command now; if so, it counts as sent.
+    pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool) -> bool {
+        let elapsed_s = now.since(self.counted).as_secs_f64();
+        self.counted = self.counted.max(now);
+        self.allowance = (self.allowance + PER_SECOND * elapsed_s).min(BURST);
+        if is_changed {
+            self.left = SENDINGS;
+            self.due = self.due.min(now);
+        }
+        if now < self.due {
+            return false;
+        }
+        if self.allowance < 1.0 {
+            self.due = now + Duration::from_secs_f64((1.0 - self.allowance) / PER_SECOND);
+            return false;
+        }
+        self.allowance -= 1.0;
+        self.left = self.left.saturating_sub(1);
+        // A slightly late loop keeps the rate; a suspended one restarts.
+        let on_time = self.due + PERIOD;
+        self.due = if self.left > 0 {
+            now + BETWEEN
+        } else if on_time > now {
+            on_time
+        } else {
+            now + PERIOD
+        };
+        true
+    }
+
+    pub(super) const fn due(&self) -> Monotonic {
+        self.due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::message::LeaseEnd;
+
+    use super::*;
+    use crate::test_support::{at, idle_teleop_status};
+
+    const STOP_DECEL: Velocity = Velocity {
+        linear_mps: 1.0,
+        angular_radps: 4.0,
+    };
+
+    fn after(change: impl FnOnce(&mut TeleopStatus)) -> Option<Monotonic> {
+        let mut status = TeleopStatus {
+            state: TeleopState::Driving,
+            applied: Velocity {
+                linear_mps: -0.5,
+                angular_radps: 0.0,
+            },
+            peak_age_ms: Some(60),
+            ..idle_teleop_status()
+        };
+        change(&mut status);
+        moving_until(&status, STOP_DECEL, at(1_000))
+    }
+
+    #[test]
+    fn motors_move_for_braking_time_minus_delays() {
+        assert_eq!(after(|_| {}), Some(at(1_440)));
+        assert_eq!(after(|status| status.applied.linear_mps = 0.05), None);
+        // 3 rad/s at 4 rad/s² take 0.75 s: the longer of the two counts.
+        let turning = after(|status| status.applied.angular_radps = 3.0);
+        assert_eq!(turning, Some(at(1_690)));
+        assert_eq!(after(|status| status.peak_age_ms = Some(600)), None);
+        assert_eq!(after(|status| status.peak_age_ms = None), None);
+        for nonsense in [f32::INFINITY, f32::NAN] {
+            let actual = after(|status| {
+                status.applied = Velocity {
+                    linear_mps: nonsense,
+                    angular_radps: nonsense,
+                };
+            });
+            assert_eq!(actual, None, "{nonsense}");
+        }
+        let unknown = Velocity::default();
+        let driving = TeleopStatus {
+            state: TeleopState::Driving,
+            applied: STOP_DECEL,
+            peak_age_ms: Some(60),
+            ..idle_teleop_status()
+        };
+        assert_eq!(moving_until(&driving, unknown, at(1_000)), None);
+    }
+
+    #[test]
+    fn only_stop_by_release_is_taken_back() {
+        for (state, is_taken_back) in [
+            (TeleopState::Stopping(StopReason::Released), true),
+            (TeleopState::Stopping(StopReason::Age), false),
+            (
+                TeleopState::Stopping(StopReason::CollisionMonitorStale),
+                false,
+            ),
+            (
+                TeleopState::Stopping(StopReason::LeaseEnded(LeaseEnd::TakenOver)),
+                false,
+            ),
+            (TeleopState::Held, false),
+            (TeleopState::EStop, false),
+        ] {
+            let until = after(|status| status.state = state);
+            assert_eq!(until.is_some(), is_taken_back, "{state:?}");
+        }
+    }
+
+    fn sent(changes: impl Fn(u64) -> bool, until_ms: u64) -> Vec<u64> {
+        let mut send_rate = SendRateLimiter::new(at(0));
+        let times = (0..until_ms).filter(|ms| send_rate.is_due(at(*ms), changes(*ms)));
+        times.collect()
+    }
+
+    #[test]
+    fn fifty_a_second_without_a_change() {
+        assert_eq!(sent(|_| false, 100), [0, 20, 40, 60, 80]);
+        assert_eq!(sent(|_| false, 10_000).len(), 500);
+    }
+
+    #[test]
+    fn late_loop_still_sends_50_hz() {
+        let mut send_rate = SendRateLimiter::new(at(0));
+        let (mut ms, mut sent) = (0, 0);
+        while ms < 10_000 {
+            sent += usize::from(send_rate.is_due(at(ms), false));
+            ms = send_rate.due().since(at(0)).as_millis() as u64 + 3;
+        }
+        assert!((498..=500).contains(&sent), "{sent}");
+    }
+
+    #[test]
+    fn change_is_sent_three_times_within_20_ms() {
+        assert_eq!(sent(|ms| ms == 31, 80), [0, 20, 31, 38, 45, 65]);
+        assert_eq!(
+            sent(|ms| ms == 31 || ms == 36, 80),
+            [0, 20, 31, 36, 43, 50, 70]
+        );
+    }
+
+    #[test]
+    fn moving_stick_stays_within_the_rate_limit() {
+        for every_ms in [1, 10, 15] {
+            let sent = sent(|ms| ms % every_ms == 0, 10_000).len();
+            assert!((500..=809).contains(&sent), "{every_ms}: {sent}");
+        }
+    }
+}
