@@ -22,6 +22,7 @@ pub mod rplidar;
 #[path = "../../recording/src/shared_data.rs"]
 mod shared_data;
 pub mod sick_cola;
+pub mod sick_ldlrs;
 #[cfg(test)]
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;
