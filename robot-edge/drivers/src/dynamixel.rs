@@ -14,6 +14,10 @@ use std::ops::RangeInclusive;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Dynamixel;
+
 /// The id that all servos obey and none replies to.
 pub const BROADCAST: u8 = 0xFE;
 

@@ -16,6 +16,10 @@ use measurement::scan::Scan;
 use crate::read_buffer::{Front, ReadBuffer};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Hokuyo;
+
 /// Requests without arguments. The reply to each is a [`Message::Status`] if nothing else is said.
 pub mod request {
     /// Leaves SCIP 1.1. Status `0E` (unknown command) from a sensor that has only SCIP 2.

@@ -9,6 +9,10 @@
 use crate::read_buffer::{Front, ReadBuffer};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Imagenex852;
+
 const HEADER: usize = 12;
 const TERMINATOR: u8 = 0xFC;
 /// The devices compute ranges with this speed of sound.

@@ -14,6 +14,10 @@ use measurement::scan::Scan;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::ImagenexDeltat;
+
 const MARK: &[u8] = b"83P";
 const HEADER: usize = 256;
 /// MB-System, `MBSYS_IMAGE83P_BEAMS`.

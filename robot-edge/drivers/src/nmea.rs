@@ -12,6 +12,10 @@ use measurement::GeodeticFix;
 use crate::read_buffer::{Front, ReadBuffer};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Nmea;
+
 /// The standard allows 82; RTK receivers send positions with more digits.
 const MAX_LENGTH: usize = 256;
 const KNOT_MPS: f64 = 1852.0 / 3600.0;

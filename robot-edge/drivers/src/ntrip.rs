@@ -13,6 +13,10 @@ use crate::nmea::checksum;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Ntrip;
+
 /// Version of the protocol. Casters of version 2 reply to both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the names say it")]

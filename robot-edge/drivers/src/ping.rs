@@ -8,6 +8,10 @@
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Ping1d;
+
 const MARK: &[u8] = b"BR";
 const HEADER: usize = 8;
 /// The longest message, a profile, has 1200 points and 26 bytes before them.

@@ -17,6 +17,10 @@ use measurement::scan::Scan;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Rplidar;
+
 /// Requests without arguments.
 pub mod request {
     /// Ends scanning. No reply.

@@ -21,6 +21,10 @@ use measurement::scan::Scan;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::SickCola;
+
 /// How values are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coding {
@@ -108,6 +112,11 @@ impl Request {
                 telegram
             }
         }
+    }
+
+    /// Kind and name: `sRN DeviceIdent`.
+    pub fn name(self) -> &'static str {
+        self.command_and_values().0
     }
 
     /// Values with their widths in CoLa B, bytes.
@@ -336,9 +345,10 @@ pub struct ScanData {
     pub telegram_counter: u16,
     /// Turns of the device, modulo 2¹⁶.
     pub scan_counter: u16,
-    /// Device time at its zero index, before the first beam: microseconds since power-on, modulo 2³².
+    /// Device time at its zero index, microseconds since power-on, modulo 2³². The manuals put it before
+    /// the first beam, captures after the last.
     pub power_up_time_us: u32,
-    /// Device time at which the scan was complete, microseconds since power-on, modulo 2³².
+    /// Device time at which the scan is complete and sent, microseconds since power-on, modulo 2³².
     pub transmission_time_us: u32,
     /// Digital inputs and outputs.
     pub inputs_outputs: [u8; 4],

@@ -18,6 +18,10 @@ use measurement::scan::Scan;
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::SickLdlrs;
+
 const MARK: &[u8] = b"\x02USP";
 const HEADER: usize = 8;
 /// A whole turn in steps of 1/16° with echoes.

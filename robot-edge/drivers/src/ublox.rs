@@ -12,6 +12,10 @@ use crate::gnss::{GnssPosition, GnssVelocity, Utc, is_on_earth};
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Ublox;
+
 const MARK: &[u8] = &[0xB5, 0x62];
 /// Mark, class, identifier, length.
 const HEADER: usize = 6;

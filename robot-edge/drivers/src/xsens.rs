@@ -15,6 +15,10 @@ use crate::gnss::{GnssPosition, GnssVelocity, Utc, is_on_earth};
 use crate::read_buffer::{Front, ReadBuffer, before_mark};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::Xsens;
+
 /// Preamble and bus identifier of a single device.
 const MARK: [u8; 2] = [0xFA, 0xFF];
 const MAX_PAYLOAD: usize = 2048;

@@ -131,6 +131,15 @@ impl Monotonic {
         Self(nanos)
     }
 
+    /// Nanoseconds since the clock's start; saturates after 292 years.
+    pub const fn nanos(self) -> i64 {
+        if self.0 > i64::MAX as u64 {
+            i64::MAX
+        } else {
+            self.0.cast_signed()
+        }
+    }
+
     /// The time from `earlier` to `self`; zero if `earlier` is later.
     pub const fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))

@@ -5,23 +5,13 @@
 //! not treat it as current.
 
 use measurement::StreamId;
+use measurement::delay_window::DelayWindow;
 use measurement::time::Monotonic;
 use measurement::time::RobotTime;
 
-/// The minimum is taken over the last one or two periods, nanoseconds: clocks drift apart by about 50 µs/s.
-const PERIOD_NS: i64 = 10_000_000_000;
-
-/// The minimum delay of each stream, by number.
+/// The delays of each stream, by number.
 #[derive(Debug, Default)]
-pub(super) struct DelayEstimator(Vec<Option<MinDelay>>);
-
-/// Arrival minus stamp, nanoseconds.
-#[derive(Clone, Copy, Debug)]
-struct MinDelay {
-    since: Monotonic,
-    now: i64,
-    before: i64,
-}
+pub(super) struct DelayEstimator(Vec<Option<DelayWindow>>);
 
 impl DelayEstimator {
     /// When the measurement would have arrived with the minimum delay: at `received_at` or before.
@@ -31,38 +21,19 @@ impl DelayEstimator {
         stamp: RobotTime,
         received_at: Monotonic,
     ) -> Monotonic {
-        let behind = nanos(received_at).saturating_sub(stamp.as_nanos());
+        let behind = received_at.nanos().saturating_sub(stamp.as_nanos());
         let index = usize::from(stream.0);
         if self.0.len() <= index {
             self.0.resize(index + 1, None);
         }
-        let min_delay = self.0[index].get_or_insert(MinDelay {
-            since: received_at,
-            now: behind,
-            before: behind,
-        });
-        // At most one step per arrival, so that a long pause does not remove the minimum.
-        if nanos(received_at).saturating_sub(nanos(min_delay.since)) >= PERIOD_NS {
-            *min_delay = MinDelay {
-                since: received_at,
-                now: behind,
-                before: min_delay.now,
-            };
-        }
-        min_delay.now = min_delay.now.min(behind);
-        let least = min_delay.now.min(min_delay.before);
-        let late = u64::try_from(behind.saturating_sub(least)).unwrap_or(0);
-        Monotonic::from_nanos(nanos(received_at).unsigned_abs().saturating_sub(late))
+        let window = self.0[index].get_or_insert_with(|| DelayWindow::new(behind, received_at));
+        let late = u64::try_from(window.add(behind, received_at)).unwrap_or(0);
+        Monotonic::from_nanos(received_at.nanos().unsigned_abs().saturating_sub(late))
     }
 
     pub(super) fn reset_clock(&mut self) {
         self.0.clear();
     }
-}
-
-fn nanos(at: Monotonic) -> i64 {
-    let since_start = at.since(Monotonic::from_nanos(0)).as_nanos();
-    i64::try_from(since_start).unwrap_or(i64::MAX)
 }
 
 #[cfg(test)]

@@ -1,0 +1,484 @@
+//! Settings of `[devices.<name>]`: a device that is read without a middleware.
+//!
+//! One table for all kinds. A key that a kind does not have is refused, and so is an unknown one, with
+//! the nearest that exists.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::net::SocketAddr;
+
+use serde::Deserialize;
+
+use crate::beam_selection::{AngleRange, BeamSelection};
+use crate::transport::Address;
+
+/// One device.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DeviceConfig {
+    /// What it is.
+    pub kind: Kind,
+    /// Host and port of a device on TCP.
+    pub tcp: Option<String>,
+    /// Host and port of a device on UDP.
+    pub udp: Option<String>,
+    /// Own address and port that a device sends datagrams to.
+    pub udp_listen: Option<String>,
+    /// Serial port; better a name that stays: `/dev/serial/by-id/…`.
+    pub serial: Option<String>,
+    /// Bits per second of the serial port; where absent, as the device is delivered.
+    pub baud: Option<u32>,
+    /// The sensor in `[sensors]` whose mount this device has; where absent, that of its own name.
+    pub mount: Option<String>,
+    /// What the device's identity must contain (a serial number), so that no other is taken for it.
+    pub identity: Option<String>,
+    /// First angle that is used, counter-clockwise from the sensor's x axis.
+    pub sector_from_deg: Option<f64>,
+    /// Last angle that is used.
+    pub sector_to_deg: Option<f64>,
+    /// Angles at which beams hit the vehicle itself: `-135..-120, 95..100`.
+    pub masks_deg: Option<String>,
+    /// Smallest range of the data sheet.
+    pub range_min_m: Option<f64>,
+    /// Greatest range of the data sheet.
+    pub range_max_m: Option<f64>,
+    /// Measurements per second; where absent, as the device is set.
+    pub rate_hz: Option<f64>,
+    /// Angle between beams; where absent, as the device is set.
+    pub resolution_deg: Option<f64>,
+    /// How a SICK scanner talks; where absent, both are tried in turn.
+    pub coding: Option<ColaCoding>,
+    /// Speed of sound in the water.
+    pub sound_speed_mps: Option<f64>,
+    /// The device of the kind `ntrip` whose corrections this receiver gets.
+    pub corrections: Option<String>,
+    /// Mountpoint of an NTRIP caster.
+    pub mountpoint: Option<String>,
+    /// User of an NTRIP caster.
+    pub user: Option<String>,
+    /// Password of an NTRIP caster.
+    pub password: Option<String>,
+    /// Which servo it is.
+    pub servo: Option<Servo>,
+    /// Number of a servo on its line.
+    pub servo_id: Option<u32>,
+    /// The joint that a servo turns.
+    pub joint: Option<String>,
+}
+
+/// Kinds of devices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs, reason = "the modules say it")]
+pub enum Kind {
+    #[default]
+    SickCola,
+    SickLdlrs,
+    Hokuyo,
+    Rplidar,
+    Xsens,
+    Nmea,
+    Ublox,
+    Ntrip,
+    Imagenex852,
+    ImagenexDeltat,
+    Ping1d,
+    Dynamixel,
+}
+
+/// How a SICK scanner talks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ColaCoding {
+    /// Text.
+    A,
+    /// Binary.
+    B,
+}
+
+/// Servos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs, reason = "names of devices")]
+pub enum Servo {
+    Ax12a,
+    Mx28,
+    XSeries,
+}
+
+/// What is wrong with a setting, and what to do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// Path of the key: `devices.laser.tcp`.
+    pub key: String,
+    /// The problem, and what is allowed.
+    pub text: String,
+}
+
+impl fmt::Display for Problem {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "`{}`: {}", self.key, self.text)
+    }
+}
+
+/// Ways to connect a device, as bits.
+const TCP: u8 = 1;
+const UDP: u8 = 2;
+const UDP_LISTEN: u8 = 4;
+const SERIAL: u8 = 8;
+
+const ADDRESSES: [(u8, &str); 4] = [
+    (TCP, "tcp"),
+    (UDP, "udp"),
+    (UDP_LISTEN, "udp_listen"),
+    (SERIAL, "serial"),
+];
+
+/// Keys of all kinds.
+const COMMON: &[&str] = &["kind", "tcp", "udp", "udp_listen", "serial", "baud", "identity"];
+/// Keys of what gives scans.
+const SCANS: &[&str] = &[
+    "mount",
+    "sector_from_deg",
+    "sector_to_deg",
+    "masks_deg",
+    "range_min_m",
+    "range_max_m",
+];
+
+/// What a kind has.
+struct Traits {
+    addresses: u8,
+    gives_scans: bool,
+    keys: &'static [&'static str],
+}
+
+impl Kind {
+    const fn traits(self) -> Traits {
+        let (addresses, gives_scans, keys): (u8, bool, &[&str]) = match self {
+            Self::SickCola => (TCP, true, &["coding", "rate_hz", "resolution_deg"]),
+            Self::SickLdlrs => (TCP, true, &[]),
+            Self::Hokuyo => (TCP | SERIAL, true, &[]),
+            Self::Rplidar => (SERIAL, true, &[]),
+            Self::Xsens => (SERIAL, false, &["mount", "rate_hz"]),
+            Self::Nmea => (TCP | UDP_LISTEN | SERIAL, true, &["corrections"]),
+            Self::Ublox => (SERIAL | TCP, false, &["mount", "rate_hz", "corrections"]),
+            Self::Ntrip => (TCP, false, &["mountpoint", "user", "password"]),
+            Self::Imagenex852 => (SERIAL, true, &["rate_hz", "sound_speed_mps"]),
+            Self::ImagenexDeltat => (UDP_LISTEN, true, &[]),
+            Self::Ping1d => (UDP | SERIAL, true, &["rate_hz", "sound_speed_mps"]),
+            Self::Dynamixel => (SERIAL, false, &["rate_hz", "servo", "servo_id", "joint"]),
+        };
+        Traits {
+            addresses,
+            gives_scans,
+            keys,
+        }
+    }
+
+    /// Bits per second as delivered.
+    const fn baud(self) -> u32 {
+        match self {
+            Self::Nmea => 4800,
+            Self::Ublox => 38_400,
+            Self::Dynamixel => 57_600,
+            Self::SickCola
+            | Self::SickLdlrs
+            | Self::Hokuyo
+            | Self::Rplidar
+            | Self::Xsens
+            | Self::Ntrip
+            | Self::Imagenex852
+            | Self::ImagenexDeltat
+            | Self::Ping1d => 115_200,
+        }
+    }
+}
+
+impl DeviceConfig {
+    /// The table `[devices]` of a configuration. All problems are found, not the first alone.
+    pub fn read_all(devices: &toml::Table) -> Result<BTreeMap<String, Self>, Vec<Problem>> {
+        let mut configs = BTreeMap::new();
+        let mut problems = Vec::new();
+        for (name, value) in devices {
+            match Self::read(name, value) {
+                Ok(config) => drop(configs.insert(name.clone(), config)),
+                Err(of_device) => problems.extend(of_device),
+            }
+        }
+        for (name, config) in &configs {
+            problems.extend(config.check_corrections(name, &configs));
+        }
+        if problems.is_empty() {
+            Ok(configs)
+        } else {
+            Err(problems)
+        }
+    }
+
+    fn read(name: &str, value: &toml::Value) -> Result<Self, Vec<Problem>> {
+        let problem = |key: &str, text: String| Problem {
+            key: if key.is_empty() {
+                format!("devices.{name}")
+            } else {
+                format!("devices.{name}.{key}")
+            },
+            text,
+        };
+        let Some(table) = value.as_table() else {
+            let text = "expected a table of settings, as [devices.NAME] begins one";
+            return Err(vec![problem("", text.to_owned())]);
+        };
+        let unknown: Vec<Problem> = table
+            .keys()
+            .filter(|key| !KEYS.contains(&key.as_str()))
+            .map(|key| problem(key, format!("unknown key{}", suggestion(key))))
+            .collect();
+        if !unknown.is_empty() {
+            return Err(unknown);
+        }
+        if !table.contains_key("kind") {
+            return Err(vec![problem("kind", "missing: what is it?".to_owned())]);
+        }
+        // One key alone, so that an error names it.
+        for (key, value) in table {
+            let alone = toml::Table::from_iter([(key.clone(), value.clone())]);
+            if let Err(error) = alone.try_into::<Self>() {
+                return Err(vec![problem(key, error.message().to_owned())]);
+            }
+        }
+        let config: Self = (table.clone().try_into())
+            .map_err(|error: toml::de::Error| vec![problem("", error.message().to_owned())])?;
+        let mut problems = Vec::new();
+        let traits = config.kind.traits();
+        for key in table.keys().map(String::as_str) {
+            let has_key = COMMON.contains(&key)
+                || (traits.gives_scans && SCANS.contains(&key))
+                || traits.keys.contains(&key);
+            if !has_key {
+                let kind = &table["kind"];
+                problems.push(problem(key, format!("a device of kind {kind} has no such key")));
+            }
+        }
+        let checks = [
+            config.address().map(drop),
+            config.beams().map(drop),
+            config.check_numbers(),
+            config.check_required(),
+        ];
+        let failed = checks.into_iter().filter_map(Result::err);
+        problems.extend(failed.map(|(key, text)| problem(key, text)));
+        if problems.is_empty() {
+            Ok(config)
+        } else {
+            Err(problems)
+        }
+    }
+
+    /// Where the device is. Fails with a key and what is wrong.
+    pub fn address(&self) -> Result<Address, (&'static str, String)> {
+        let given = [&self.tcp, &self.udp, &self.udp_listen, &self.serial];
+        let given = ADDRESSES.iter().zip(given);
+        let given: Vec<_> = given
+            .filter_map(|((bit, key), value)| Some((*bit, *key, value.as_deref()?)))
+            .collect();
+        let of_kind = self.kind.traits().addresses;
+        let allowed: Vec<&str> = ADDRESSES
+            .iter()
+            .filter(|(bit, _)| of_kind & bit != 0)
+            .map(|(_, key)| *key)
+            .collect();
+        let allowed = allowed.join(" or ");
+        let &[(bit, key, address)] = given.as_slice() else {
+            let text = format!("set exactly one of the keys that say where it is: {allowed}");
+            return Err(("", text));
+        };
+        if of_kind & bit == 0 {
+            return Err((key, format!("such a device is reached by {allowed}")));
+        }
+        if bit != SERIAL && self.baud.is_some() {
+            return Err(("baud", "only a serial port has it: remove it".to_owned()));
+        }
+        let has_port = || {
+            let (host, port) = address.rsplit_once(':')?;
+            (!host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
+        };
+        let no_port = || {
+            let text = format!("\"{address}\" is no host and port, as 192.168.0.1:2111 is");
+            Err((key, text))
+        };
+        match bit {
+            TCP if has_port().is_some() => Ok(Address::Tcp(address.to_owned())),
+            UDP if has_port().is_some() => Ok(Address::Udp(address.to_owned())),
+            TCP | UDP => no_port(),
+            UDP_LISTEN => match address.parse::<SocketAddr>() {
+                Ok(address) => Ok(Address::UdpListen(address)),
+                Err(_) => Err((
+                    key,
+                    format!("\"{address}\" is no address and port, as 0.0.0.0:4040 is"),
+                )),
+            },
+            _ => {
+                let baud = self.baud.unwrap_or(self.kind.baud());
+                if address.is_empty() || !(300..=12_000_000).contains(&baud) {
+                    let text = "a port has a name, and `baud` from 300 to 12000000";
+                    return Err((key, text.to_owned()));
+                }
+                Ok(Address::Serial {
+                    path: address.into(),
+                    baud,
+                })
+            }
+        }
+    }
+
+    /// Beams that are used. Fails with a key and what is wrong.
+    pub fn beams(&self) -> Result<BeamSelection, (&'static str, String)> {
+        let range = |from_deg: f64, to_deg: f64| {
+            let are_angles = [from_deg, to_deg]
+                .iter()
+                .all(|angle| (-360.0..=360.0).contains(angle));
+            let is_wide = (to_deg - from_deg).rem_euclid(360.0) > 0.0;
+            (are_angles && is_wide).then(|| AngleRange {
+                from_rad: from_deg.to_radians(),
+                to_rad: to_deg.to_radians(),
+            })
+        };
+        let sector = match (self.sector_from_deg, self.sector_to_deg) {
+            (None, None) => None,
+            (Some(from_deg), Some(to_deg)) => Some(range(from_deg, to_deg).ok_or_else(|| {
+                let text = "from `sector_from_deg` counter-clockwise to this must be more than 0 \
+                            and less than 360 degrees, both within -360 to 360";
+                ("sector_to_deg", text.to_owned())
+            })?),
+            _ => {
+                let text = "a sector has both, `sector_from_deg` and `sector_to_deg`";
+                return Err(("sector_from_deg", text.to_owned()));
+            }
+        };
+        let mask = |text: &str| {
+            let (from_deg, to_deg) = text.split_once("..")?;
+            range(from_deg.trim().parse().ok()?, to_deg.trim().parse().ok()?)
+        };
+        let masks = self.masks_deg.as_deref().unwrap_or_default();
+        let masks = masks.split(',').filter(|text| !text.trim().is_empty());
+        let masks = masks.map(|text| {
+            let wrong = || {
+                let text = format!(
+                    "\"{}\" is no range of angles, as -135..-120 is; more are separated by commas",
+                    text.trim()
+                );
+                ("masks_deg", text)
+            };
+            mask(text).ok_or_else(wrong)
+        });
+        Ok(BeamSelection {
+            sector,
+            masks: masks.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// The limits of the data sheet, or these.
+    pub fn range_limits_m(&self, min: f32, max: f32) -> [f32; 2] {
+        [(self.range_min_m, min), (self.range_max_m, max)]
+            .map(|(configured, sheet)| configured.map_or(sheet, |metres| metres as f32))
+    }
+
+    fn check_numbers(&self) -> Result<(), (&'static str, String)> {
+        for (key, value, allowed) in [
+            ("range_min_m", self.range_min_m, 0.0..=1000.0),
+            ("range_max_m", self.range_max_m, 0.01..=1000.0),
+            ("rate_hz", self.rate_hz, 0.1..=1000.0),
+            ("resolution_deg", self.resolution_deg, 0.01..=10.0),
+            ("sound_speed_mps", self.sound_speed_mps, 1300.0..=1700.0),
+            ("servo_id", self.servo_id.map(f64::from), 0.0..=252.0),
+        ] {
+            if let Some(value) = value.filter(|value| !allowed.contains(value)) {
+                let (least, greatest) = (allowed.start(), allowed.end());
+                return Err((
+                    key,
+                    format!("{value} is not allowed; allowed: {least} to {greatest}"),
+                ));
+            }
+        }
+        match (self.range_min_m, self.range_max_m) {
+            (Some(min), Some(max)) if min >= max => Err((
+                "range_max_m",
+                format!("{max} is not allowed: it must be more than `range_min_m` ({min})"),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// Keys that a kind cannot do without.
+    fn check_required(&self) -> Result<(), (&'static str, String)> {
+        let missing = match self.kind {
+            Kind::Ntrip if self.mountpoint.is_none() => "mountpoint",
+            Kind::Ntrip if self.user.is_some() != self.password.is_some() => "password",
+            Kind::Dynamixel if self.servo.is_none() => "servo",
+            Kind::Dynamixel if self.servo_id.is_none() => "servo_id",
+            Kind::Dynamixel if self.joint.is_none() => "joint",
+            _ => return Ok(()),
+        };
+        Err((missing, "missing: such a device needs it".to_owned()))
+    }
+
+    fn check_corrections(&self, name: &str, all: &BTreeMap<String, Self>) -> Option<Problem> {
+        let caster = self.corrections.as_deref()?;
+        let is_caster = |name: &str| all.get(name).is_some_and(|other| other.kind == Kind::Ntrip);
+        let shares = |(other, config): (&String, &Self)| {
+            other != name && config.corrections.as_deref() == Some(caster)
+        };
+        let text = if !is_caster(caster) {
+            let casters: Vec<&str> = all.keys().map(String::as_str).filter(|name| is_caster(name)).collect();
+            format!(
+                "there is no device of kind \"ntrip\" named \"{caster}\"; there is: {}",
+                casters.join(", ")
+            )
+        } else if all.iter().any(shares) {
+            format!("another device has the corrections of \"{caster}\", too: configure a second one")
+        } else {
+            return None;
+        };
+        Some(Problem {
+            key: format!("devices.{name}.corrections"),
+            text,
+        })
+    }
+}
+
+/// All keys.
+const KEYS: &[&str] = &[
+    "kind",
+    "tcp",
+    "udp",
+    "udp_listen",
+    "serial",
+    "baud",
+    "mount",
+    "identity",
+    "sector_from_deg",
+    "sector_to_deg",
+    "masks_deg",
+    "range_min_m",
+    "range_max_m",
+    "rate_hz",
+    "resolution_deg",
+    "coding",
+    "sound_speed_mps",
+    "corrections",
+    "mountpoint",
+    "user",
+    "password",
+    "servo",
+    "servo_id",
+    "joint",
+];
+
+/// The nearest key, as `: did you mean ...?`.
+fn suggestion(typed: &str) -> String {
+    let typed: String = typed.chars().take(80).collect::<String>().to_lowercase();
+    let distance = |key: &&&str| strsim::damerau_levenshtein(&typed, key);
+    let nearest = KEYS.iter().min_by_key(distance);
+    nearest.map_or_else(String::new, |key| format!(": did you mean `{key}`?"))
+}

@@ -1,0 +1,95 @@
+//! A serial port on tokio.
+
+#[cfg(target_os = "linux")]
+pub(crate) use linux::SerialPort;
+#[cfg(not(target_os = "linux"))]
+pub(crate) use other::SerialPort;
+
+#[cfg(target_os = "linux")]
+mod linux {
+    use std::io;
+    use std::os::fd::OwnedFd;
+    use std::path::Path;
+
+    use rustix::fs::{FlockOperation, Mode, OFlags};
+    use rustix::io::Errno;
+    use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSelector};
+    use tokio::io::unix::AsyncFd;
+
+    /// An open port.
+    #[derive(Debug)]
+    pub(crate) struct SerialPort(AsyncFd<OwnedFd>);
+
+    impl SerialPort {
+        /// 8 data bits, no parity, 1 stop bit, no flow control. It waits for no carrier. The port is
+        /// locked (`flock`): two programs would take bytes from each other. Bytes that came before are
+        /// dropped.
+        pub(crate) fn open(path: &Path, baud: u32) -> io::Result<Self> {
+            let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+            let port = rustix::fs::open(path, flags, Mode::empty())?;
+            let lock = rustix::fs::flock(&port, FlockOperation::NonBlockingLockExclusive);
+            lock.map_err(|errno| match errno {
+                Errno::AGAIN => io::Error::other("another program uses this port"),
+                errno => errno.into(),
+            })?;
+            let mut settings = termios::tcgetattr(&port)?;
+            settings.make_raw();
+            let unwanted = ControlModes::CSTOPB | ControlModes::CRTSCTS | ControlModes::HUPCL;
+            settings.control_modes &= !unwanted;
+            settings.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL;
+            settings.input_modes &= !(InputModes::IXON | InputModes::IXOFF | InputModes::IXANY);
+            settings.set_speed(baud)?;
+            termios::tcsetattr(&port, OptionalActions::Now, &settings)?;
+            termios::tcflush(&port, QueueSelector::IOFlush)?;
+            AsyncFd::new(port).map(Self)
+        }
+
+        pub(crate) async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            loop {
+                let mut ready = self.0.readable().await?;
+                match ready.try_io(|port| Ok(rustix::io::read(port, &mut *buffer)?)) {
+                    Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
+                    Ok(result) => return result,
+                    Err(_would_block) => {}
+                }
+            }
+        }
+
+        pub(crate) async fn write(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+            while !bytes.is_empty() {
+                let mut ready = self.0.writable().await?;
+                match ready.try_io(|port| Ok(rustix::io::write(port, bytes)?)) {
+                    Ok(Ok(written)) => bytes = bytes.get(written..).unwrap_or_default(),
+                    Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
+                    Ok(Err(error)) => return Err(error),
+                    Err(_would_block) => {}
+                }
+            }
+            Ok(())
+        }
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod other {
+    use std::io;
+    use std::path::Path;
+
+    /// There is none.
+    #[derive(Debug)]
+    pub(crate) enum SerialPort {}
+
+    impl SerialPort {
+        pub(crate) fn open(_path: &Path, _baud: u32) -> io::Result<Self> {
+            Err(io::ErrorKind::Unsupported.into())
+        }
+
+        pub(crate) async fn read(&mut self, _buffer: &mut [u8]) -> io::Result<usize> {
+            match *self {}
+        }
+
+        pub(crate) async fn write(&mut self, _bytes: &[u8]) -> io::Result<()> {
+            match *self {}
+        }
+    }
+}

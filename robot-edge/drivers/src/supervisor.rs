@@ -1,0 +1,496 @@
+//! The task of one device: connect, configure, read, and begin again for ever.
+//!
+//! The only code with a clock and a connection. A device that is off, silent, faulty or another one is
+//! reported in its [`DeviceStatus`], and tried again within a second.
+
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::time::Duration;
+
+use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use measurement::{FrameId, Measurement, MeasurementData, StreamId};
+use tokio::sync::{mpsc, watch};
+use tokio::time::{sleep, timeout};
+
+use crate::beam_selection::BeamSelection;
+use crate::clock_mapping::{ClockMapping, MAX_AGE};
+use crate::device::{Device, Event, MessageOf, Sample, Step};
+use crate::status::{DeviceStatus, Loss, State, Trouble};
+use crate::transport::{Address, Transport};
+use crate::{Decoder, Dropped};
+
+/// With [`MAX_PAUSE`] below the 2 s within which a device that is back is used.
+const CONNECT_TIMEOUT: Duration = Duration::from_millis(800);
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const MAX_PAUSE: Duration = Duration::from_millis(500);
+const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
+/// Sending of a request.
+const ATTEMPTS: u32 = 3;
+const BUSY_PAUSE: Duration = Duration::from_millis(200);
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+const RATE_WINDOW: Duration = Duration::from_secs(1);
+/// The longest datagram.
+const READ_BYTES: usize = 64 * 1024;
+
+/// The vehicle's steady clock.
+pub type Clock = fn() -> Monotonic;
+
+/// A measurement of a device. Its stamp is of the vehicle's steady clock.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// The measurement; its stream is the device's number, its frame the device's name.
+    pub measurement: Measurement,
+    /// When it arrived.
+    pub arrived: Monotonic,
+}
+
+/// What the supervisor needs to know of a device besides its protocol.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Its name, which its measurements have as frame.
+    pub name: FrameId,
+    /// Its number.
+    pub stream: StreamId,
+    /// Where it is.
+    pub address: Address,
+    /// Beams that are used.
+    pub beams: BeamSelection,
+    /// What its identity must contain, if that was configured.
+    pub identity: Option<String>,
+}
+
+/// The end of a pair of devices of which one works for the other.
+#[derive(Debug)]
+pub(crate) struct Link {
+    pub(crate) to: mpsc::Sender<Arc<[u8]>>,
+    pub(crate) from: mpsc::Receiver<Arc<[u8]>>,
+}
+
+/// The task of one device.
+pub(crate) struct Supervisor<D> {
+    device: D,
+    settings: Settings,
+    clock: Clock,
+    readings: SyncSender<Reading>,
+    link: Option<Link>,
+    status: watch::Sender<DeviceStatus>,
+    mapping: ClockMapping,
+    rate: Rate,
+    is_wanted: bool,
+}
+
+impl<D: Device> Supervisor<D> {
+    pub(crate) fn new(
+        device: D,
+        settings: Settings,
+        clock: Clock,
+        readings: SyncSender<Reading>,
+        link: Option<Link>,
+    ) -> (Self, watch::Receiver<DeviceStatus>) {
+        let (status, receiver) = watch::channel(DeviceStatus::default());
+        let supervisor = Self {
+            device,
+            settings,
+            clock,
+            readings,
+            link,
+            status,
+            mapping: ClockMapping::default(),
+            rate: Rate::new(clock()),
+            is_wanted: true,
+        };
+        (supervisor, receiver)
+    }
+
+    /// Until nobody takes the measurements.
+    pub(crate) async fn run(mut self) {
+        let mut pause = FIRST_PAUSE;
+        while self.is_wanted {
+            let trouble = self.connect_and_read().await;
+            let name = &self.settings.name;
+            tracing::debug!(%name, %trouble, "device lost");
+            let has_measured = self.status.borrow().state == State::Measuring;
+            if has_measured {
+                pause = FIRST_PAUSE;
+            }
+            self.status.send_modify(|status| {
+                status.state = State::Connecting;
+                status.trouble = Some(trouble);
+                status.rate_hz = 0.0;
+                status.lost_connections += u64::from(has_measured);
+            });
+            sleep(pause).await;
+            pause = (2 * pause).min(MAX_PAUSE);
+        }
+    }
+
+    async fn connect_and_read(&mut self) -> Trouble {
+        let opened = timeout(CONNECT_TIMEOUT, Transport::open(&self.settings.address)).await;
+        let mut transport = match opened {
+            Ok(Ok(transport)) => transport,
+            Ok(Err(error)) => return Trouble::Io(error.to_string()),
+            Err(_elapsed) => return Trouble::NoConnection,
+        };
+        let mut session = Session {
+            decoder: self.device.connect(),
+            dropped: Dropped::default(),
+            phase: Phase::Send {
+                step: 0,
+                attempt: 0,
+            },
+        };
+        self.mapping.reconnect();
+        self.rate = Rate::new((self.clock)());
+        self.status
+            .send_modify(|status| status.state = State::Configuring);
+        let trouble = self.session(&mut transport, &mut session).await;
+        self.count_dropped(&mut session);
+        trouble.err().unwrap_or(Trouble::Closed)
+    }
+
+    /// Ends with trouble, or if nobody takes the measurements.
+    async fn session(
+        &mut self,
+        transport: &mut Transport,
+        session: &mut Session<D>,
+    ) -> Result<(), Trouble> {
+        let mut buffer = vec![0; READ_BYTES];
+        while self.is_wanted {
+            let deadline = self.advance(transport, &mut session.phase).await?;
+            let wait = deadline.since((self.clock)());
+            let input = tokio::select! {
+                read = timeout(wait, transport.read(&mut buffer)) => match read {
+                    Ok(read) => Input::Bytes(read.map_err(|error| Trouble::Io(error.to_string()))?),
+                    Err(_elapsed) => Input::Nothing,
+                },
+                bytes = Link::receive(&mut self.link) => Input::ToDevice(bytes),
+            };
+            match input {
+                Input::Nothing => {}
+                Input::Bytes(0) => return Err(Trouble::Closed),
+                Input::Bytes(length) => {
+                    let arrived = (self.clock)();
+                    session.decoder.push(buffer.get(..length).unwrap_or_default());
+                    while let Some(message) = session.decoder.next_message() {
+                        self.take(message, arrived, &mut session.phase)?;
+                    }
+                    self.count_dropped(session);
+                }
+                // Corrections are useless later: a device that is not ready gets none.
+                Input::ToDevice(bytes) => {
+                    if matches!(session.phase, Phase::Run { .. }) {
+                        write(transport, &bytes).await?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends what is due. When the next thing is.
+    async fn advance(
+        &mut self,
+        transport: &mut Transport,
+        phase: &mut Phase,
+    ) -> Result<Monotonic, Trouble> {
+        loop {
+            let now = (self.clock)();
+            match *phase {
+                Phase::Send { step, attempt } => {
+                    *phase = match self.device.step(step) {
+                        Step::Ask(request) => {
+                            write(transport, &request.bytes).await?;
+                            Phase::Await {
+                                step,
+                                name: request.name,
+                                attempt,
+                                until: (self.clock)() + REPLY_TIMEOUT,
+                            }
+                        }
+                        Step::Tell(bytes) => {
+                            write(transport, &bytes).await?;
+                            Phase::begin(step + 1)
+                        }
+                        Step::Skip => Phase::begin(step + 1),
+                        Step::Done => Phase::Run {
+                            max_silence: self.device.max_warm_up(),
+                            alive_at: now,
+                            poll_at: now,
+                        },
+                    };
+                }
+                Phase::Await { name, attempt, until, .. } if until <= now && attempt + 1 >= ATTEMPTS => {
+                    return Err(Trouble::NoReply(name));
+                }
+                Phase::Await { step, attempt, until, .. } if until <= now => {
+                    *phase = Phase::Send {
+                        step,
+                        attempt: attempt + 1,
+                    };
+                }
+                Phase::Await { until, .. } => return Ok(until),
+                Phase::Pause { step, until } if until <= now => *phase = Phase::begin(step),
+                Phase::Pause { until, .. } => return Ok(until),
+                Phase::Run {
+                    max_silence,
+                    alive_at,
+                    ref mut poll_at,
+                } => {
+                    let silent_at = alive_at + max_silence;
+                    if silent_at <= now {
+                        return Err(Trouble::Silent(max_silence));
+                    }
+                    let Some(period) = self.device.poll_period() else {
+                        return Ok(silent_at);
+                    };
+                    if *poll_at <= now {
+                        *poll_at = now + period;
+                        write(transport, &self.device.poll()).await?;
+                    }
+                    return Ok(silent_at.min(*poll_at));
+                }
+            }
+        }
+    }
+
+    fn take(
+        &mut self,
+        message: MessageOf<D>,
+        arrived: Monotonic,
+        phase: &mut Phase,
+    ) -> Result<(), Trouble> {
+        let awaited = match phase {
+            Phase::Await { step, .. } => Some(*step),
+            Phase::Send { .. } | Phase::Pause { .. } | Phase::Run { .. } => None,
+        };
+        let mut events = Vec::new();
+        self.device.take(message, awaited, &mut events);
+        for event in events {
+            match (event, awaited) {
+                (Event::Accepted, Some(step)) => *phase = Phase::begin(step + 1),
+                (Event::NotYet, Some(step)) => {
+                    let until = arrived + BUSY_PAUSE;
+                    *phase = Phase::Pause { step, until };
+                }
+                (Event::Accepted | Event::NotYet | Event::Unexpected, _) => {
+                    self.lose(Loss::Unexpected);
+                }
+                (Event::Refused(why), _) => return Err(Trouble::Refused(why)),
+                (Event::Restarted, _) => *phase = Phase::begin(0),
+                (Event::Identity(identity), _) => self.identify(identity)?,
+                (Event::Repeated, _) => self.lose(Loss::Repeated),
+                (Event::Forward(bytes), _) => {
+                    self.alive(arrived, phase);
+                    if let Some(link) = &self.link
+                        && link.to.try_send(bytes.into()).is_err()
+                    {
+                        self.lose(Loss::QueueFull);
+                    }
+                }
+                (Event::Sample(sample), _) => {
+                    self.alive(arrived, phase);
+                    // What comes before the device is configured is not what was asked for.
+                    if matches!(phase, Phase::Run { .. }) {
+                        self.pass(sample, arrived);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The device measures.
+    fn alive(&mut self, arrived: Monotonic, phase: &mut Phase) {
+        if let Phase::Run {
+            max_silence,
+            alive_at,
+            ..
+        } = phase
+        {
+            *max_silence = self.device.max_silence();
+            *alive_at = arrived;
+            self.status.send_modify(|status| {
+                status.state = State::Measuring;
+                status.trouble = None;
+            });
+        }
+    }
+
+    fn identify(&mut self, identity: String) -> Result<(), Trouble> {
+        if let Some(configured) = &self.settings.identity
+            && !identity.contains(configured.as_str())
+        {
+            return Err(Trouble::WrongIdentity {
+                configured: configured.clone(),
+                found: identity,
+            });
+        }
+        let old = self.status.borrow().identity.clone();
+        let is_changed = old.as_ref().is_some_and(|old| *old != identity);
+        self.status.send_modify(|status| {
+            status.identity = Some(identity.clone());
+            status.identity_changes += u64::from(is_changed);
+        });
+        match old.filter(|_| is_changed) {
+            Some(old) => {
+                self.mapping = ClockMapping::default();
+                let new = identity;
+                Err(Trouble::IdentityChanged { old, new })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Gives data to the receiver, unless it is old.
+    fn pass(&mut self, sample: Sample, arrived: Monotonic) {
+        let sent = match sample.sent {
+            Some(time) => self.mapping.map(time, arrived),
+            None => Some(arrived),
+        };
+        let Some(sent) = sent else {
+            return self.lose(Loss::Repeated);
+        };
+        if arrived.since(sent) > MAX_AGE {
+            return self.lose(Loss::Stale);
+        }
+        let mut data = sample.data;
+        let mut stamp = RobotTime::from_nanos(sent.nanos()) - duration(sample.age);
+        if let MeasurementData::Scan { scan, .. } = &mut data {
+            let is_possible = scan.sweep_duration().is_some();
+            match self.settings.beams.apply(scan).filter(|_| is_possible) {
+                Some(skipped) => stamp = stamp + skipped,
+                None => return self.lose(Loss::BadScan),
+            }
+        }
+        let reading = Reading {
+            measurement: Measurement {
+                stamp,
+                stream: self.settings.stream,
+                frame: self.settings.name.clone(),
+                data,
+            },
+            arrived,
+        };
+        match self.readings.try_send(reading) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => return self.lose(Loss::QueueFull),
+            Err(TrySendError::Disconnected(_)) => self.is_wanted = false,
+        }
+        let rate_hz = self.rate.count(arrived);
+        let clock = self.mapping.status();
+        self.status.send_modify(|status| {
+            status.measurements = status.measurements.saturating_add(1);
+            status.measured_at = Some(arrived);
+            status.rate_hz = rate_hz.unwrap_or(status.rate_hz);
+            status.clock = clock;
+        });
+    }
+
+    fn lose(&self, loss: Loss) {
+        self.status.send_modify(|status| status.lose(loss, 1));
+    }
+
+    /// What the decoder has dropped since the last time.
+    fn count_dropped(&self, session: &mut Session<D>) {
+        let dropped = session.decoder.dropped();
+        if *dropped != session.dropped {
+            self.status.send_modify(|status| {
+                for (reason, count) in dropped.iter() {
+                    let new = count.saturating_sub(session.dropped.count(reason));
+                    status.lose(Loss::Decoder(reason), new);
+                }
+            });
+            session.dropped = dropped.clone();
+        }
+    }
+}
+
+impl Link {
+    /// Bytes for the device; never, without a link or when the other end is gone.
+    async fn receive(link: &mut Option<Self>) -> Arc<[u8]> {
+        if let Some(link) = link
+            && let Some(bytes) = link.from.recv().await
+        {
+            return bytes;
+        }
+        std::future::pending().await
+    }
+}
+
+async fn write(transport: &mut Transport, bytes: &[u8]) -> Result<(), Trouble> {
+    match timeout(WRITE_TIMEOUT, transport.write(bytes)).await {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(error)) => Err(Trouble::Io(error.to_string())),
+        Err(_elapsed) => Err(Trouble::Silent(WRITE_TIMEOUT)),
+    }
+}
+
+fn duration(duration: Duration) -> RobotDuration {
+    RobotDuration::from_nanos(i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// One connection.
+struct Session<D: Device> {
+    decoder: D::Decoder,
+    /// What the decoder had dropped when that was last counted.
+    dropped: Dropped,
+    phase: Phase,
+}
+
+/// What a connection waits for.
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    /// A step is due.
+    Send { step: usize, attempt: u32 },
+    /// The reply to a request.
+    Await {
+        step: usize,
+        name: &'static str,
+        attempt: u32,
+        until: Monotonic,
+    },
+    /// The device is busy.
+    Pause { step: usize, until: Monotonic },
+    /// Measurements.
+    Run {
+        max_silence: Duration,
+        alive_at: Monotonic,
+        poll_at: Monotonic,
+    },
+}
+
+impl Phase {
+    const fn begin(step: usize) -> Self {
+        Self::Send { step, attempt: 0 }
+    }
+}
+
+enum Input {
+    Nothing,
+    Bytes(usize),
+    ToDevice(Arc<[u8]>),
+}
+
+/// Counts measurements in windows of a second or more.
+#[derive(Debug)]
+struct Rate {
+    since: Monotonic,
+    count: u32,
+}
+
+impl Rate {
+    const fn new(since: Monotonic) -> Self {
+        Self { since, count: 0 }
+    }
+
+    /// The rate if a window is over.
+    fn count(&mut self, now: Monotonic) -> Option<f64> {
+        self.count += 1;
+        let passed = now.since(self.since);
+        (passed >= RATE_WINDOW).then(|| {
+            let rate_hz = f64::from(self.count) / passed.as_secs_f64();
+            *self = Self::new(now);
+            rate_hz
+        })
+    }
+}
