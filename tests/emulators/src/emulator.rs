@@ -1,0 +1,405 @@
+//! Power and a cable for an emulated device.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::os::unix::fs::symlink;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::OpenptFlags;
+use rustix::termios::{self, OptionalActions};
+use tempfile::TempDir;
+
+use crate::Device;
+
+const TICK: Duration = Duration::from_millis(1);
+/// What a pulled cable holds back at most: as much as a device buffers.
+const MAX_HELD_BACK: usize = 64 * 1024;
+
+/// The present, for tests.
+#[expect(clippy::disallowed_methods, reason = "emulated devices have their own clocks")]
+pub fn now() -> Instant {
+    Instant::now()
+}
+
+/// A device with power and a cable.
+#[derive(Debug)]
+pub struct Emulator<D> {
+    shared: Arc<Shared<D>>,
+    thread: Option<JoinHandle<()>>,
+    /// What a host connects to: `127.0.0.1:2111`, or a path.
+    pub address: String,
+}
+
+#[derive(Debug)]
+struct Shared<D> {
+    device: Mutex<D>,
+    is_powered: AtomicBool,
+    is_plugged: AtomicBool,
+    is_over: AtomicBool,
+}
+
+impl<D: Device> Emulator<D> {
+    /// A device with a TCP server.
+    pub fn on_tcp(device: D) -> Self {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0));
+        let port = listener.and_then(|listener| listener.local_addr());
+        let address = port.unwrap_or_else(|error| panic!("no TCP port: {error}"));
+        Self::start(device, address.to_string(), Line::Tcp(Tcp::new(address)))
+    }
+
+    /// A device on a serial line that stays when its power goes.
+    pub fn on_serial(device: D) -> Self {
+        Self::on_terminal(device, false)
+    }
+
+    /// A device on USB, whose port is gone without power.
+    pub fn on_usb(device: D) -> Self {
+        Self::on_terminal(device, true)
+    }
+
+    fn on_terminal(device: D, is_usb: bool) -> Self {
+        let folder = TempDir::new().unwrap_or_else(|error| panic!("no folder: {error}"));
+        let path = folder.path().join("port");
+        let address = path.display().to_string();
+        let terminal = Terminal {
+            path,
+            is_usb,
+            ends: None,
+            _folder: folder,
+        };
+        Self::start(device, address, Line::Terminal(terminal))
+    }
+
+    /// A device that replies to datagrams.
+    pub fn on_udp(device: D) -> Self {
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0));
+        let address = socket.and_then(|socket| socket.local_addr());
+        let address = address.unwrap_or_else(|error| panic!("no UDP port: {error}"));
+        let udp = Udp {
+            address,
+            socket: None,
+            peer: None,
+        };
+        Self::start(device, address.to_string(), Line::Udp(udp))
+    }
+
+    /// A device that sends datagrams to a host.
+    pub fn to_udp(device: D, host: SocketAddr) -> Self {
+        let udp = Udp {
+            address: (Ipv4Addr::LOCALHOST, 0).into(),
+            socket: None,
+            peer: Some(host),
+        };
+        Self::start(device, host.to_string(), Line::Udp(udp))
+    }
+
+    fn start(device: D, address: String, line: Line) -> Self {
+        let shared = Arc::new(Shared {
+            device: Mutex::new(device),
+            is_powered: AtomicBool::new(true),
+            is_plugged: AtomicBool::new(true),
+            is_over: AtomicBool::new(false),
+        });
+        let thread = std::thread::spawn({
+            let shared = Arc::clone(&shared);
+            move || serve(&shared, line)
+        });
+        Self {
+            shared,
+            thread: Some(thread),
+            address,
+        }
+    }
+
+    /// Switches it off and on.
+    pub fn power(&self, is_on: bool) {
+        self.shared.is_powered.store(is_on, Ordering::Release);
+    }
+
+    /// Pulls the cable and plugs it in. Nothing is refused then: bytes are held back, the device's
+    /// until its buffer is full.
+    pub fn plug(&self, is_in: bool) {
+        self.shared.is_plugged.store(is_in, Ordering::Release);
+    }
+
+    /// Looks at the device, or changes it.
+    pub fn with<T>(&self, act: impl FnOnce(&mut D) -> T) -> T {
+        act(&mut self.shared.device.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl<D> Drop for Emulator<D> {
+    fn drop(&mut self) {
+        self.shared.is_over.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+fn serve<D: Device>(shared: &Shared<D>, mut line: Line) {
+    let mut powered_at: Option<Instant> = None;
+    let mut held_back: Vec<Vec<u8>> = Vec::new();
+    while !shared.is_over.load(Ordering::Acquire) {
+        std::thread::sleep(TICK);
+        let is_powered = shared.is_powered.load(Ordering::Acquire);
+        let mut device = shared.device.lock().unwrap_or_else(PoisonError::into_inner);
+        if !is_powered {
+            if powered_at.take().is_some() {
+                line.cut();
+                held_back.clear();
+            }
+            line.discard();
+            continue;
+        }
+        let uptime = match powered_at {
+            Some(since) => now().duration_since(since),
+            None if line.open() => {
+                powered_at = Some(now());
+                held_back.push(device.power_on());
+                Duration::ZERO
+            }
+            None => continue,
+        };
+        held_back.extend(device.run(uptime));
+        if shared.is_plugged.load(Ordering::Acquire) {
+            if line.has_new_host() {
+                // What was for the last one.
+                held_back.clear();
+                device.connect();
+            }
+            for bytes in line.read() {
+                held_back.push(device.receive(&bytes, uptime));
+            }
+            for bytes in held_back.drain(..) {
+                line.write(&bytes);
+            }
+        } else {
+            let mut bytes = 0;
+            held_back.retain(|held| {
+                bytes += held.len();
+                bytes <= MAX_HELD_BACK
+            });
+        }
+    }
+}
+
+#[derive(Debug)]
+enum Line {
+    Tcp(Tcp),
+    Terminal(Terminal),
+    Udp(Udp),
+}
+
+impl Line {
+    /// With the power. Whether it is open.
+    fn open(&mut self) -> bool {
+        match self {
+            Self::Tcp(tcp) => tcp.open(),
+            Self::Terminal(terminal) => terminal.open(),
+            Self::Udp(udp) => {
+                let socket = udp.socket.take().or_else(|| UdpSocket::bind(udp.address).ok());
+                udp.socket = socket.filter(|socket| socket.set_nonblocking(true).is_ok());
+                udp.socket.is_some()
+            }
+        }
+    }
+
+    /// Without power nothing is sent, not even the end of a connection.
+    fn cut(&mut self) {
+        match self {
+            Self::Tcp(tcp) => {
+                tcp.listener = None;
+                tcp.dead.extend(tcp.stream.take());
+            }
+            Self::Terminal(terminal) if terminal.is_usb => {
+                terminal.ends = None;
+                drop(std::fs::remove_file(&terminal.path));
+            }
+            Self::Terminal(_) => {}
+            Self::Udp(udp) => udp.socket = None,
+        }
+    }
+
+    /// Bytes to a device without power are lost.
+    fn discard(&mut self) {
+        match self {
+            Self::Terminal(_) => drop(self.read()),
+            Self::Tcp(_) | Self::Udp(_) => {}
+        }
+    }
+
+    fn has_new_host(&mut self) -> bool {
+        match self {
+            Self::Tcp(tcp) => tcp.accept(),
+            Self::Terminal(_) | Self::Udp(_) => false,
+        }
+    }
+
+    fn read(&mut self) -> Vec<Vec<u8>> {
+        let mut buffer = vec![0; 64 * 1024];
+        let mut pieces = Vec::new();
+        for _ in 0..16 {
+            let length = match self {
+                Self::Tcp(tcp) => tcp.read(&mut buffer),
+                Self::Terminal(terminal) => match &mut terminal.ends {
+                    Some((far_end, _)) => far_end.read(&mut buffer).unwrap_or(0),
+                    None => 0,
+                },
+                Self::Udp(udp) => match udp.socket.as_ref().map(|socket| socket.recv_from(&mut buffer)) {
+                    Some(Ok((length, peer))) => {
+                        udp.peer = Some(peer);
+                        length
+                    }
+                    Some(Err(_)) | None => 0,
+                },
+            };
+            if length == 0 {
+                break;
+            }
+            pieces.push(buffer[..length].to_vec());
+        }
+        pieces
+    }
+
+    /// What cannot be sent is lost.
+    fn write(&mut self, bytes: &[u8]) {
+        if bytes.is_empty() {
+            return;
+        }
+        match self {
+            Self::Tcp(tcp) => tcp.write(bytes),
+            Self::Terminal(terminal) => {
+                if let Some((far_end, _)) = &mut terminal.ends {
+                    drop(far_end.write(bytes));
+                }
+            }
+            Self::Udp(udp) => {
+                if let (Some(socket), Some(peer)) = (&udp.socket, udp.peer) {
+                    drop(socket.send_to(bytes, peer));
+                }
+            }
+        }
+    }
+}
+
+/// One host at a time: a new one replaces the last.
+#[derive(Debug)]
+struct Tcp {
+    address: SocketAddr,
+    listener: Option<TcpListener>,
+    stream: Option<TcpStream>,
+    /// Connections of before the power went.
+    dead: Vec<TcpStream>,
+}
+
+impl Tcp {
+    fn new(address: SocketAddr) -> Self {
+        Self {
+            address,
+            listener: None,
+            stream: None,
+            dead: Vec::new(),
+        }
+    }
+
+    fn open(&mut self) -> bool {
+        self.dead.clear();
+        let listener = TcpListener::bind(self.address).ok();
+        self.listener = listener.filter(|listener| listener.set_nonblocking(true).is_ok());
+        self.listener.is_some()
+    }
+
+    fn accept(&mut self) -> bool {
+        let Some(Ok((stream, _))) = self.listener.as_ref().map(TcpListener::accept) else {
+            return false;
+        };
+        drop(stream.set_nodelay(true));
+        drop(stream.set_nonblocking(true));
+        self.stream = Some(stream);
+        true
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> usize {
+        let Some(stream) = &mut self.stream else {
+            return 0;
+        };
+        match stream.read(buffer) {
+            Ok(0) => {
+                self.stream = None;
+                0
+            }
+            Ok(length) => length,
+            Err(error) => {
+                if error.kind() != ErrorKind::WouldBlock {
+                    self.stream = None;
+                }
+                0
+            }
+        }
+    }
+
+    fn write(&mut self, mut bytes: &[u8]) {
+        let give_up_at = now() + Duration::from_millis(100);
+        while let Some(stream) = &mut self.stream
+            && !bytes.is_empty()
+        {
+            match stream.write(bytes) {
+                Ok(written) => bytes = &bytes[written..],
+                Err(error) if error.kind() == ErrorKind::WouldBlock && now() < give_up_at => {
+                    std::thread::sleep(TICK);
+                }
+                Err(_) => self.stream = None,
+            }
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Terminal {
+    /// A link to the port, as udev makes them.
+    path: PathBuf,
+    is_usb: bool,
+    /// The far end, and the near one: held open, or the terminal would hang up between two hosts.
+    ends: Option<(File, File)>,
+    _folder: TempDir,
+}
+
+impl Terminal {
+    fn open(&mut self) -> bool {
+        if self.ends.is_none() {
+            self.ends = self.new_ends().ok();
+        }
+        self.ends.is_some()
+    }
+
+    fn new_ends(&self) -> std::io::Result<(File, File)> {
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        let far_end = rustix::pty::openpt(flags)?;
+        rustix::pty::grantpt(&far_end)?;
+        rustix::pty::unlockpt(&far_end)?;
+        let name = rustix::pty::ptsname(&far_end, Vec::new())?;
+        let name = name.into_string().map_err(std::io::Error::other)?;
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let near_end = rustix::fs::open(&name, flags, Mode::empty())?;
+        let mut settings = termios::tcgetattr(&near_end)?;
+        settings.make_raw();
+        termios::tcsetattr(&near_end, OptionalActions::Now, &settings)?;
+        rustix::io::ioctl_fionbio(&far_end, true)?;
+        symlink(&name, &self.path)?;
+        Ok((File::from(far_end), File::from(near_end)))
+    }
+}
+
+#[derive(Debug)]
+struct Udp {
+    address: SocketAddr,
+    socket: Option<UdpSocket>,
+    peer: Option<SocketAddr>,
+}
