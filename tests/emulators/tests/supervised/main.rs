@@ -1,0 +1,8 @@
+//! Supervisors against emulated devices.
+
+#![cfg(target_os = "linux")]
+
+mod lms111;
+mod others;
+mod outages;
+mod rig;
