@@ -482,3 +482,6 @@ fn suggestion(typed: &str) -> String {
     let nearest = KEYS.iter().min_by_key(distance);
     nearest.map_or_else(String::new, |key| format!(": did you mean `{key}`?"))
 }
+
+#[cfg(test)]
+mod tests;

@@ -41,7 +41,7 @@ fn an_mti_is_configured_and_read() {
         let force = imu.linear_acceleration_mps2;
         assert!((force[2] - 9.81).abs() < 1e-6 && near(force[1], -0.2));
         let [x, y, z, w] = imu.orientation_xyzw.unwrap();
-        let yaw = 2.0 * z.atan2(w);
+        let yaw = 2.0 * libm::atan2(z, w);
         assert!(near(x, 0.0) && near(y, 0.0));
         if let Some(last) = last_yaw_rad {
             let step = f64::from(yaw_rad(2) - yaw_rad(1));
