@@ -12,6 +12,10 @@ use std::f64::consts::TAU;
 use crate::read_buffer::{Front, ReadBuffer};
 use crate::{Decoder, DropReason, Dropped};
 
+mod session;
+
+pub use session::RoboteqEncoders;
+
 /// Longest line that has a meaning here is `?Q0`, the longest value 8 digits.
 const MAX_LINE: usize = 16;
 
