@@ -122,8 +122,8 @@ impl<D: Device> Emulator<D> {
         self.shared.is_powered.store(is_on, Ordering::Release);
     }
 
-    /// Pulls the cable and plugs it in. Nothing is refused then: bytes are held back, the device's
-    /// until its buffer is full.
+    /// Pulls the cable and plugs it in. Nothing is refused meanwhile. What a device sends on TCP is held
+    /// back until its buffer is full, all else is lost.
     pub fn plug(&self, is_in: bool) {
         self.shared.is_plugged.store(is_in, Ordering::Release);
     }
@@ -180,12 +180,15 @@ fn serve<D: Device>(shared: &Shared<D>, mut line: Line) {
             for bytes in held_back.drain(..) {
                 line.write(&bytes);
             }
-        } else {
+        } else if line.holds_back() {
             let mut bytes = 0;
             held_back.retain(|held| {
                 bytes += held.len();
                 bytes <= MAX_HELD_BACK
             });
+        } else {
+            held_back.clear();
+            line.discard();
         }
     }
 }
@@ -227,11 +230,16 @@ impl Line {
         }
     }
 
-    /// Bytes to a device without power are lost.
+    /// A network's stream comes later, all other bytes never.
+    fn holds_back(&self) -> bool {
+        matches!(self, Self::Tcp(_))
+    }
+
+    /// Bytes to a device without power or cable are lost.
     fn discard(&mut self) {
         match self {
-            Self::Terminal(_) => drop(self.read()),
-            Self::Tcp(_) | Self::Udp(_) => {}
+            Self::Terminal(_) | Self::Udp(_) => drop(self.read()),
+            Self::Tcp(_) => {}
         }
     }
 

@@ -250,7 +250,7 @@ impl Lms111 {
         values.extend([number(0, 2), number(self.frequency, 4), number(360, 4)]);
         values.push(number(0, 2)); // Encoders.
         values.push(number(1, 2)); // Channels of 16 bits.
-        let channel = |values: &mut Vec<Value>, name| {
+        let channel = |values: &mut Vec<Value>, name: &'static str| {
             values.extend([Value::Name(name), number(1.0_f32.to_bits(), 4), number(0, 4)]);
             values.extend([number(self.output[0].cast_unsigned(), 4), number(self.resolution, 2)]);
             values.push(number(self.beams() as u32, 2));

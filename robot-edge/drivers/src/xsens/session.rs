@@ -88,7 +88,7 @@ impl Device for Xsens {
     }
 
     fn take(&mut self, message: Message, awaited: Option<usize>, events: &mut Vec<Event>) {
-        events.push(match (message, awaited) {
+        let event = match (message, awaited) {
             (Message::Data(data), _) => self.data(&data),
             (Message::Configuring, Some(0)) | (Message::Measuring, Some(3)) => Event::Accepted,
             (Message::DeviceId(id), Some(1)) => {
@@ -112,6 +112,7 @@ impl Device for Xsens {
             (Message::WakeUp, awaited) if awaited != Some(0) => Event::Restarted,
             (Message::Error(code), _) => Event::Refused(error_meaning(code).to_owned()),
             _ => Event::Unexpected,
-        });
+        };
+        events.push(event);
     }
 }
