@@ -2,6 +2,7 @@
 
 #![cfg(target_os = "linux")]
 
+mod endurance;
 mod lms111;
 mod others;
 mod outages;

@@ -1,0 +1,156 @@
+//! All devices in one run, taken away and given back again and again.
+
+use std::net::{Ipv4Addr, UdpSocket};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+use drivers::Drivers;
+use drivers::config::DeviceConfig;
+use drivers::supervisor::Reading;
+use emulators::deltat::Deltat;
+use emulators::dynamixel::XSeries;
+use emulators::hokuyo::Hokuyo;
+use emulators::imagenex852::Imagenex852;
+use emulators::ldlrs::LdLrs;
+use emulators::lms111::Lms111;
+use emulators::mti::Mti;
+use emulators::nmea::Nmea;
+use emulators::ping1d::Ping1d;
+use emulators::rplidar::Rplidar;
+use emulators::ublox::Ublox;
+use emulators::{Device, Emulator};
+use measurement::time::Monotonic;
+
+use crate::rig::{BACK_WITHIN, PATIENCE, age, clock};
+
+/// A device that can be taken away.
+struct Removable {
+    config: String,
+    power: Box<dyn Fn(bool) + Send + Sync>,
+    plug: Box<dyn Fn(bool) + Send + Sync>,
+}
+
+impl Removable {
+    fn new<D: Device>(config: &str, emulator: Emulator<D>) -> Self {
+        let config = config.replace("ADDRESS", &emulator.address);
+        let emulator = std::sync::Arc::new(emulator);
+        let same = std::sync::Arc::clone(&emulator);
+        Self {
+            config,
+            power: Box::new(move |is_on| emulator.power(is_on)),
+            plug: Box::new(move |is_in| same.plug(is_in)),
+        }
+    }
+}
+
+fn all() -> Vec<Removable> {
+    let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let host = free.local_addr().unwrap();
+    drop(free);
+    let servo = "kind = 'dynamixel'\nserial = 'ADDRESS'\nservo = 'x_series'\nservo_id = 1\njoint = 'tilt'";
+    vec![
+        Removable::new("kind = 'sick_cola'\ntcp = 'ADDRESS'\nrate_hz = 25", Emulator::on_tcp(Lms111::default())),
+        Removable::new("kind = 'xsens'\nserial = 'ADDRESS'", Emulator::on_serial(Mti::default())),
+        Removable::new("kind = 'nmea'\nserial = 'ADDRESS'", Emulator::on_serial(Nmea::default())),
+        Removable::new("kind = 'hokuyo'\ntcp = 'ADDRESS'", Emulator::on_tcp(Hokuyo::default())),
+        Removable::new("kind = 'imagenex852'\nserial = 'ADDRESS'", Emulator::on_serial(Imagenex852::default())),
+        Removable::new("kind = 'imagenex_deltat'\nudp_listen = 'ADDRESS'", Emulator::to_udp(Deltat::default(), host)),
+        Removable::new("kind = 'ping1d'\nudp = 'ADDRESS'", Emulator::on_udp(Ping1d::default())),
+        Removable::new("kind = 'sick_ldlrs'\ntcp = 'ADDRESS'", Emulator::on_tcp(LdLrs::default())),
+        Removable::new("kind = 'rplidar'\nserial = 'ADDRESS'", Emulator::on_usb(Rplidar::default())),
+        Removable::new("kind = 'ublox'\nserial = 'ADDRESS'", Emulator::on_usb(Ublox::default())),
+        Removable::new(servo, Emulator::on_serial(XSeries::default())),
+    ]
+}
+
+fn resident_kb() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    line.unwrap().trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// `CYCLES` of all devices together, 1000 if not set.
+#[test]
+#[ignore = "takes minutes"]
+fn every_device_comes_back_within_two_seconds() {
+    let cycles: usize = std::env::var("CYCLES").map_or(1000, |text| text.parse().unwrap());
+    let devices = all();
+    let each = cycles.div_ceil(devices.len());
+    let text: String = devices
+        .iter()
+        .enumerate()
+        .map(|(number, device)| format!("[d{number:02}]\n{}\n", device.config))
+        .collect();
+    let configs = DeviceConfig::read_all(&text.parse().unwrap()).unwrap();
+    let (sender, readings) = sync_channel::<Reading>(10_000);
+    let drivers = Drivers::start(&configs, clock, &sender).unwrap();
+    drop(sender);
+    let newest = Mutex::new(vec![Monotonic::from_nanos(0); devices.len()]);
+    let is_over = AtomicBool::new(false);
+    let waits = Mutex::new(Vec::new());
+    let newest_of = |number: usize| newest.lock().unwrap()[number];
+    let wait_for = |what: &str, patience: Duration, is_so: &dyn Fn() -> bool| {
+        let since = clock();
+        while !is_so() {
+            let waited = clock().since(since);
+            assert!(waited < patience, "{what} in vain: {:#?}", drivers.statuses().collect::<Vec<_>>());
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        clock().since(since)
+    };
+    let mut resident = Vec::new();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::Acquire) {
+                let Ok(reading) = readings.recv_timeout(Duration::from_millis(50)) else {
+                    continue;
+                };
+                assert!(age(&reading) < Duration::from_millis(450), "{:?}", age(&reading));
+                let number = usize::from(reading.measurement.stream.0);
+                newest.lock().unwrap()[number] = reading.arrived;
+            }
+        });
+        let workers: Vec<_> = devices
+            .iter()
+            .enumerate()
+            .map(|(number, device)| {
+                let (wait_for, newest_of, waits, drivers) = (&wait_for, &newest_of, &waits, &drivers);
+                scope.spawn(move || {
+                    wait_for("waited for the start", PATIENCE, &|| newest_of(number) > Monotonic::from_nanos(0));
+                    for cycle in 0..each {
+                        let take = if cycle % 2 == 0 { &device.power } else { &device.plug };
+                        let lost = || drivers.statuses().nth(number).unwrap().1.lost_connections;
+                        let before = lost();
+                        take(false);
+                        wait_for("waited for the loss", PATIENCE, &|| lost() > before);
+                        // Off for other times each cycle.
+                        std::thread::sleep(Duration::from_millis(37 * (cycle as u64 % 20)));
+                        let back_at = clock();
+                        take(true);
+                        let waited = wait_for("waited for its return", BACK_WITHIN, &|| newest_of(number) > back_at);
+                        waits.lock().unwrap().push(waited);
+                    }
+                })
+            })
+            .collect();
+        let started = clock();
+        while workers.iter().any(|worker| !worker.is_finished()) {
+            resident.push((clock().since(started).as_secs_f64() / 3600.0, resident_kb()));
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        is_over.store(true, Ordering::Release);
+    });
+    let waits = waits.into_inner().unwrap();
+    assert_eq!(waits.len(), each * devices.len());
+    let slowest = waits.iter().max().unwrap();
+    // Without the first minute, in which buffers grow to their size.
+    let late: Vec<_> = resident.iter().filter(|(hours, _)| *hours > 1.0 / 60.0).collect();
+    if let (Some((from, kb)), Some((to, last_kb))) = (late.first(), late.last()) {
+        let slope = (*last_kb as f64 - *kb as f64) / 1000.0 / (to - from).max(1.0 / 60.0);
+        println!("{} cycles, slowest return {slowest:?}, {slope:.2} MB/h, {last_kb} kB", waits.len());
+    } else {
+        println!("{} cycles, slowest return {slowest:?}", waits.len());
+    }
+}
