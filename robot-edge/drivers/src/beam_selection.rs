@@ -46,11 +46,7 @@ impl BeamSelection {
             self.sector
                 .is_none_or(|sector| sector.contains(angle_rad(*beam)))
         };
-        let is_masked = |beam: usize| {
-            self.masks
-                .iter()
-                .any(|mask| mask.contains(angle_rad(beam)))
-        };
+        let is_masked = |beam: usize| self.masks.iter().any(|mask| mask.contains(angle_rad(beam)));
         let beams = 0..scan.ranges_m.len();
         let first = beams.clone().find(is_in_sector)?;
         let last = beams.clone().rfind(is_in_sector)?;

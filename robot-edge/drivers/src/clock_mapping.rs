@@ -98,9 +98,8 @@ impl ClockMapping {
             MAX_LATE_NS
         };
         let passed_ns = arrived.nanos().saturating_sub(state.arrived.nanos());
-        let is_continued = step_ns > 0
-            && passed_ns < half_ns
-            && (-MAX_EARLY_NS..=max_late_ns).contains(&late_ns);
+        let is_continued =
+            step_ns > 0 && passed_ns < half_ns && (-MAX_EARLY_NS..=max_late_ns).contains(&late_ns);
         if !is_continued {
             self.resets = self.resets.saturating_add(1);
             self.state = Some(State::new(time, arrived));
@@ -122,7 +121,8 @@ impl ClockMapping {
         let state = self.state.as_ref()?;
         Some(ClockStatus {
             // Of the clock as it is, not as it was continued.
-            offset_s: (state.delays.least_ns() + state.continued_ns - state.last.nanos) as f64 / 1e9,
+            offset_s: (state.delays.least_ns() + state.continued_ns - state.last.nanos) as f64
+                / 1e9,
             spread_s: state.delays.spread_ns() as f64 / 1e9,
             resets: self.resets,
         })

@@ -135,7 +135,15 @@ const ADDRESSES: [(u8, &str); 4] = [
 ];
 
 /// Keys of all kinds.
-const COMMON: &[&str] = &["kind", "tcp", "udp", "udp_listen", "serial", "baud", "identity"];
+const COMMON: &[&str] = &[
+    "kind",
+    "tcp",
+    "udp",
+    "udp_listen",
+    "serial",
+    "baud",
+    "identity",
+];
 /// Keys of what gives scans.
 const SCANS: &[&str] = &[
     "mount",
@@ -257,7 +265,10 @@ impl DeviceConfig {
                 || traits.keys.contains(&key);
             if !has_key {
                 let kind = &table["kind"];
-                problems.push(problem(key, format!("a device of kind {kind} has no such key")));
+                problems.push(problem(
+                    key,
+                    format!("a device of kind {kind} has no such key"),
+                ));
             }
         }
         let checks = [
@@ -430,13 +441,19 @@ impl DeviceConfig {
             other != name && config.corrections.as_deref() == Some(caster)
         };
         let text = if !is_caster(caster) {
-            let casters: Vec<&str> = all.keys().map(String::as_str).filter(|name| is_caster(name)).collect();
+            let casters: Vec<&str> = all
+                .keys()
+                .map(String::as_str)
+                .filter(|name| is_caster(name))
+                .collect();
             format!(
                 "there is no device of kind \"ntrip\" named \"{caster}\"; there is: {}",
                 casters.join(", ")
             )
         } else if all.iter().any(shares) {
-            format!("another device has the corrections of \"{caster}\", too: configure a second one")
+            format!(
+                "another device has the corrections of \"{caster}\", too: configure a second one"
+            )
         } else {
             return None;
         };

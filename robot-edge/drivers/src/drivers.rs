@@ -122,7 +122,11 @@ fn links(configs: &BTreeMap<String, DeviceConfig>) -> BTreeMap<&String, Link> {
     let mut links = BTreeMap::new();
     let mut used = BTreeSet::new();
     for (receiver, config) in configs {
-        let Some((caster, _)) = config.corrections.as_ref().and_then(|caster| configs.get_key_value(caster)) else {
+        let Some((caster, _)) = config
+            .corrections
+            .as_ref()
+            .and_then(|caster| configs.get_key_value(caster))
+        else {
             continue;
         };
         if !used.insert(caster) {
@@ -130,8 +134,20 @@ fn links(configs: &BTreeMap<String, DeviceConfig>) -> BTreeMap<&String, Link> {
         }
         let (to_receiver, corrections) = mpsc::channel(LINK_CAPACITY);
         let (to_caster, positions) = mpsc::channel(LINK_CAPACITY);
-        links.insert(receiver, Link { to: to_caster, from: corrections });
-        links.insert(caster, Link { to: to_receiver, from: positions });
+        links.insert(
+            receiver,
+            Link {
+                to: to_caster,
+                from: corrections,
+            },
+        );
+        links.insert(
+            caster,
+            Link {
+                to: to_receiver,
+                from: positions,
+            },
+        );
     }
     links
 }
@@ -147,7 +163,8 @@ struct Task<'a> {
 
 impl Task<'_> {
     fn spawn<D: Device>(self, device: D) -> watch::Receiver<DeviceStatus> {
-        let (supervisor, status) = Supervisor::new(device, self.settings, self.clock, self.readings, self.link);
+        let (supervisor, status) =
+            Supervisor::new(device, self.settings, self.clock, self.readings, self.link);
         self.runtime.spawn(supervisor.run());
         status
     }

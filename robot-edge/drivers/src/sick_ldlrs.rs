@@ -407,7 +407,9 @@ impl Words<'_> {
         if sectors > MAX_SECTORS {
             return Err(DropReason::Length);
         }
-        let sectors = (0..sectors).map(|_| self.sector()).collect::<Result<_, _>>()?;
+        let sectors = (0..sectors)
+            .map(|_| self.sector())
+            .collect::<Result<_, _>>()?;
         Ok(Profile {
             counter,
             sectors,
@@ -594,7 +596,8 @@ mod tests {
             (changed(8, 60_000), DropReason::Length),
             (changed(10, 5760), DropReason::Field),
         ] {
-            let (messages, dropped) = decode(LdlrsDecoder::default(), &[bytes, good.clone()].concat());
+            let (messages, dropped) =
+                decode(LdlrsDecoder::default(), &[bytes, good.clone()].concat());
             assert_eq!(messages, [Message::GlobalSet(true)], "{reason}");
             assert!(dropped.count(reason) > 0, "{reason}: {dropped:?}");
         }

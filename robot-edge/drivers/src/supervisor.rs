@@ -76,6 +76,8 @@ pub(crate) struct Supervisor<D> {
     status: watch::Sender<DeviceStatus>,
     mapping: ClockMapping,
     rate: Rate,
+    /// The device has measured since it was connected.
+    has_measured: bool,
     is_wanted: bool,
 }
 
@@ -97,6 +99,7 @@ impl<D: Device> Supervisor<D> {
             status,
             mapping: ClockMapping::default(),
             rate: Rate::new(clock()),
+            has_measured: false,
             is_wanted: true,
         };
         (supervisor, receiver)
@@ -109,7 +112,7 @@ impl<D: Device> Supervisor<D> {
             let trouble = self.connect_and_read().await;
             let name = &self.settings.name;
             tracing::debug!(%name, %trouble, "device lost");
-            let has_measured = self.status.borrow().state == State::Measuring;
+            let has_measured = std::mem::take(&mut self.has_measured);
             if has_measured {
                 pause = FIRST_PAUSE;
             }
@@ -170,7 +173,9 @@ impl<D: Device> Supervisor<D> {
                 Input::Bytes(0) => return Err(Trouble::Closed),
                 Input::Bytes(length) => {
                     let arrived = (self.clock)();
-                    session.decoder.push(buffer.get(..length).unwrap_or_default());
+                    session
+                        .decoder
+                        .push(buffer.get(..length).unwrap_or_default());
                     while let Some(message) = session.decoder.next_message() {
                         self.take(message, arrived, &mut session.phase)?;
                     }
@@ -219,10 +224,20 @@ impl<D: Device> Supervisor<D> {
                         },
                     };
                 }
-                Phase::Await { name, attempt, until, .. } if until <= now && attempt + 1 >= ATTEMPTS => {
+                Phase::Await {
+                    name,
+                    attempt,
+                    until,
+                    ..
+                } if until <= now && attempt + 1 >= ATTEMPTS => {
                     return Err(Trouble::NoReply(name));
                 }
-                Phase::Await { step, attempt, until, .. } if until <= now => {
+                Phase::Await {
+                    step,
+                    attempt,
+                    until,
+                    ..
+                } if until <= now => {
                     *phase = Phase::Send {
                         step,
                         attempt: attempt + 1,
@@ -276,7 +291,11 @@ impl<D: Device> Supervisor<D> {
                     self.lose(Loss::Unexpected);
                 }
                 (Event::Refused(why), _) => return Err(Trouble::Refused(why)),
-                (Event::Restarted, _) => *phase = Phase::begin(0),
+                (Event::Restarted, _) => {
+                    *phase = Phase::begin(0);
+                    self.status
+                        .send_modify(|status| status.state = State::Configuring);
+                }
                 (Event::Identity(identity), _) => self.identify(identity)?,
                 (Event::Repeated, _) => self.lose(Loss::Repeated),
                 (Event::Forward(bytes), _) => {
@@ -309,6 +328,7 @@ impl<D: Device> Supervisor<D> {
         {
             *max_silence = self.device.max_silence();
             *alive_at = arrived;
+            self.has_measured = true;
             self.status.send_modify(|status| {
                 status.state = State::Measuring;
                 status.trouble = None;

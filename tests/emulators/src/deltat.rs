@@ -37,14 +37,14 @@ impl Deltat {
         for (at, word) in [
             (4, 256 + 2 * BEAMS),
             (70, BEAMS),
-            (72, 0),          // Samples per beam.
-            (74, 120),        // Sector, degrees.
-            (76, 12_000),     // First beam: (−60 + 180)·100.
-            (79, 30),         // Range, m.
-            (81, 260),        // kHz.
+            (72, 0),               // Samples per beam.
+            (74, 120),             // Sector, degrees.
+            (76, 12_000),          // First beam: (−60 + 180)·100.
+            (79, 30),              // Range, m.
+            (81, 260),             // kHz.
             (83, 0x8000 + 15_000), // 1500 m/s.
-            (85, 60),         // Step, mm.
-            (89, 180),        // Tilt: 0.
+            (85, 60),              // Step, mm.
+            (89, 180),             // Tilt: 0.
             (93, (ping >> 16) as u16),
             (95, ping as u16),
             (118, 0),
@@ -71,6 +71,7 @@ impl Device for Deltat {
     fn run(&mut self, uptime: Duration) -> Vec<Vec<u8>> {
         let due = self.ticks.due(uptime, PERIOD);
         let copies = if self.repeats { 2 } else { 1 };
-        due.flat_map(|ping| vec![Self::datagram(ping as u32 + 1); copies]).collect()
+        due.flat_map(|ping| vec![Self::datagram(ping as u32 + 1); copies])
+            .collect()
     }
 }

@@ -22,7 +22,10 @@ const TICK: Duration = Duration::from_millis(1);
 const MAX_HELD_BACK: usize = 64 * 1024;
 
 /// The present, for tests.
-#[expect(clippy::disallowed_methods, reason = "emulated devices have their own clocks")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "emulated devices have their own clocks"
+)]
 pub fn now() -> Instant {
     Instant::now()
 }
@@ -130,7 +133,11 @@ impl<D: Device> Emulator<D> {
 
     /// Looks at the device, or changes it.
     pub fn with<T>(&self, act: impl FnOnce(&mut D) -> T) -> T {
-        act(&mut self.shared.device.lock().unwrap_or_else(PoisonError::into_inner))
+        act(&mut self
+            .shared
+            .device
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -207,7 +214,10 @@ impl Line {
             Self::Tcp(tcp) => tcp.open(),
             Self::Terminal(terminal) => terminal.open(),
             Self::Udp(udp) => {
-                let socket = udp.socket.take().or_else(|| UdpSocket::bind(udp.address).ok());
+                let socket = udp
+                    .socket
+                    .take()
+                    .or_else(|| UdpSocket::bind(udp.address).ok());
                 udp.socket = socket.filter(|socket| socket.set_nonblocking(true).is_ok());
                 udp.socket.is_some()
             }
@@ -260,7 +270,11 @@ impl Line {
                     Some((far_end, _)) => far_end.read(&mut buffer).unwrap_or(0),
                     None => 0,
                 },
-                Self::Udp(udp) => match udp.socket.as_ref().map(|socket| socket.recv_from(&mut buffer)) {
+                Self::Udp(udp) => match udp
+                    .socket
+                    .as_ref()
+                    .map(|socket| socket.recv_from(&mut buffer))
+                {
                     Some(Ok((length, peer))) => {
                         udp.peer = Some(peer);
                         length

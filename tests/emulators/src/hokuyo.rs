@@ -48,7 +48,8 @@ fn sum(text: &str) -> char {
 
 /// Six bits in each character.
 fn encode(number: u32, characters: u32) -> String {
-    let character = |at: u32| char::from(((number >> (6 * (characters - 1 - at)) & 0x3F) + 0x30) as u8);
+    let character =
+        |at: u32| char::from(((number >> (6 * (characters - 1 - at)) & 0x3F) + 0x30) as u8);
     (0..characters).map(character).collect()
 }
 
@@ -74,7 +75,12 @@ impl Hokuyo {
     }
 
     fn reply(&mut self, request: &str) -> String {
-        let owned = |lines: &[&str]| lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
+        let owned = |lines: &[&str]| {
+            lines
+                .iter()
+                .map(|line| (*line).to_owned())
+                .collect::<Vec<_>>()
+        };
         match request {
             // Only SCIP 2: an unknown command.
             "SCIP2.0" => status(request, "0E"),
@@ -84,7 +90,12 @@ impl Hokuyo {
             }
             "BM" => status(request, if self.is_faulty { "01" } else { "00" }),
             "VV" => {
-                let mut lines = owned(&["VEND:Hokuyo Automatic Co.,Ltd.", "PROD:UST-10LX", "FIRM:1.1.0", "PROT:SCIP 2.2"]);
+                let mut lines = owned(&[
+                    "VEND:Hokuyo Automatic Co.,Ltd.",
+                    "PROD:UST-10LX",
+                    "FIRM:1.1.0",
+                    "PROT:SCIP 2.2",
+                ]);
                 lines.push(format!("SERI:{}", self.serial_number));
                 texts(request, &lines)
             }

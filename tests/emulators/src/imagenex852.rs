@@ -40,7 +40,11 @@ impl Device for Imagenex852 {
                 continue;
             }
             self.shots = self.shots.wrapping_add(1);
-            let range = if self.has_no_echo { 0 } else { Self::range_cm(self.shots) };
+            let range = if self.has_no_echo {
+                0
+            } else {
+                Self::range_cm(self.shots)
+            };
             // Seven bits in each byte; bit 6 of the status: the switches are accepted.
             let low = (range & 0x7F) as u8;
             let high = (range >> 7) as u8;

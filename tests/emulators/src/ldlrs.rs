@@ -88,7 +88,8 @@ impl LdLrs {
                 telegram(&[0x8403, 0, state(self)], "")
             }
             [0x0404] => {
-                if self.mode == ROTATE && uptime.saturating_sub(self.rotates_since) >= self.spin_up {
+                if self.mode == ROTATE && uptime.saturating_sub(self.rotates_since) >= self.spin_up
+                {
                     self.mode = MEASURE;
                 }
                 telegram(&[0x8404, 0, state(self), 0], "")
@@ -143,7 +144,9 @@ impl Device for LdLrs {
         while let Some(request) = take_request(&mut self.buffer, find) {
             let payload = &request[8..request.len() - 1];
             let words = payload.chunks_exact(2);
-            let words: Vec<u16> = words.map(|word| u16::from_be_bytes([word[0], word[1]])).collect();
+            let words: Vec<u16> = words
+                .map(|word| u16::from_be_bytes([word[0], word[1]]))
+                .collect();
             replies.extend(self.reply(&words, uptime));
         }
         replies

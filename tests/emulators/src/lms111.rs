@@ -128,7 +128,10 @@ impl Lms111 {
 
     /// Command and values of a request; the widths are those of CoLa B.
     fn arguments(&self, payload: &[u8], widths: &[usize]) -> Option<Vec<u32>> {
-        let mut spaces = payload.iter().enumerate().filter(|(_, byte)| **byte == b' ');
+        let mut spaces = payload
+            .iter()
+            .enumerate()
+            .filter(|(_, byte)| **byte == b' ');
         let (at, _) = spaces.nth(1)?;
         let rest = &payload[at + 1..];
         if self.is_text {
@@ -144,7 +147,11 @@ impl Lms111 {
         let mut numbers = Vec::new();
         for width in widths {
             let bytes = rest.get(at..at + width)?;
-            numbers.push(bytes.iter().fold(0, |number, byte| number << 8 | u32::from(*byte)));
+            numbers.push(
+                bytes
+                    .iter()
+                    .fold(0, |number, byte| number << 8 | u32::from(*byte)),
+            );
             at += width;
         }
         (at == rest.len()).then_some(numbers)
@@ -177,7 +184,8 @@ impl Lms111 {
                 self.telegram("sAN SetAccessMode", &[byte(self.is_logged_in.into())])
             }
             ("sRN", "DeviceIdent") => {
-                let texts = ["LMS10x_FieldEval", "V1.80.2  "].map(|text| Value::Text(text.to_owned()));
+                let texts =
+                    ["LMS10x_FieldEval", "V1.80.2  "].map(|text| Value::Text(text.to_owned()));
                 self.telegram("sRA DeviceIdent", &texts)
             }
             ("sRN", "LMPscancfg") => {
@@ -198,21 +206,29 @@ impl Lms111 {
                     .collect();
                 self.telegram("sRA LMDscandatacfg", &values)
             }
-            ("sMN" | "sWN", "mLMPsetscancfg" | "LMPoutputRange" | "LMDscandatacfg" | "LMCstartmeas")
-                if !self.is_logged_in =>
-            {
+            (
+                "sMN" | "sWN",
+                "mLMPsetscancfg" | "LMPoutputRange" | "LMDscandatacfg" | "LMCstartmeas",
+            ) if !self.is_logged_in => {
                 return denied(self);
             }
             ("sMN", "mLMPsetscancfg") => {
                 let arguments = self.arguments(payload, &[4, 2, 4, 4, 4])?;
                 // The listing: 25 Hz with 0.25° or 0.5°, 50 Hz with 0.5°.
-                let is_possible = matches!((arguments[0], arguments[2]), (2500, 2500 | 5000) | (5000, 5000));
+                let is_possible = matches!(
+                    (arguments[0], arguments[2]),
+                    (2500, 2500 | 5000) | (5000, 5000)
+                );
                 if is_possible && !self.is_stubborn {
                     (self.frequency, self.resolution) = (arguments[0], arguments[2]);
                     self.ticks.restart();
                 }
                 let status = byte(u32::from(!is_possible));
-                let mut values = vec![status, Value::Number(self.frequency, 4), Value::Number(1, 2)];
+                let mut values = vec![
+                    status,
+                    Value::Number(self.frequency, 4),
+                    Value::Number(1, 2),
+                ];
                 values.extend(sector(self));
                 self.telegram("sAN mLMPsetscancfg", &values)
             }
@@ -245,14 +261,24 @@ impl Lms111 {
         let mut values = vec![number(1, 2), number(1, 2), number(self.serial_number, 4)];
         values.extend([number(0, 1), number(0, 1)]);
         values.extend([number(u32::from(scan), 2), number(u32::from(scan), 2)]);
-        values.extend([number(sent_us.wrapping_sub(SEND_DELAY_US), 4), number(sent_us, 4)]);
+        values.extend([
+            number(sent_us.wrapping_sub(SEND_DELAY_US), 4),
+            number(sent_us, 4),
+        ]);
         values.extend([0; 4].map(|byte| number(byte, 1)));
         values.extend([number(0, 2), number(self.frequency, 4), number(360, 4)]);
         values.push(number(0, 2)); // Encoders.
         values.push(number(1, 2)); // Channels of 16 bits.
         let channel = |values: &mut Vec<Value>, name: &'static str| {
-            values.extend([Value::Name(name), number(1.0_f32.to_bits(), 4), number(0, 4)]);
-            values.extend([number(self.output[0].cast_unsigned(), 4), number(self.resolution, 2)]);
+            values.extend([
+                Value::Name(name),
+                number(1.0_f32.to_bits(), 4),
+                number(0, 4),
+            ]);
+            values.extend([
+                number(self.output[0].cast_unsigned(), 4),
+                number(self.resolution, 2),
+            ]);
             values.push(number(self.beams() as u32, 2));
         };
         channel(&mut values, "DIST1");
@@ -276,7 +302,9 @@ fn find(bytes: &[u8]) -> Option<(usize, usize)> {
     let rest = &bytes[start..];
     if rest.starts_with(&[2, 2, 2, 2]) {
         let length = rest.get(4..8)?;
-        let length = length.iter().fold(0, |length, byte| length << 8 | usize::from(*byte));
+        let length = length
+            .iter()
+            .fold(0, |length, byte| length << 8 | usize::from(*byte));
         (rest.len() >= length + 9).then_some((start, length + 9))
     } else {
         let end = rest.iter().position(|byte| *byte == 3)?;

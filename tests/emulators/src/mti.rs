@@ -59,7 +59,9 @@ pub fn yaw_rad(sample: u16) -> f32 {
 fn message(identifier: u8, data: &[u8]) -> Vec<u8> {
     let mut message = vec![0xFA, 0xFF, identifier, data.len() as u8];
     message.extend_from_slice(data);
-    let sum = message[1..].iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+    let sum = message[1..]
+        .iter()
+        .fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
     message.push(0_u8.wrapping_sub(sum));
     message
 }
@@ -81,7 +83,9 @@ impl Mti {
                 if !data.is_empty() {
                     let word = |bytes: &[u8]| u16::from_be_bytes([bytes[0], bytes[1]]);
                     let entries = data.chunks_exact(4);
-                    self.settings = entries.map(|entry| (word(entry), word(&entry[2..]))).collect();
+                    self.settings = entries
+                        .map(|entry| (word(entry), word(&entry[2..])))
+                        .collect();
                 }
                 let entries = self.settings.iter();
                 let words = entries.flat_map(|(id, rate)| [id.to_be_bytes(), rate.to_be_bytes()]);
@@ -96,7 +100,10 @@ impl Mti {
         let mut data = Vec::new();
         let half = yaw_rad(self.counter) / 2.0;
         let reals = |values: &[f32]| -> Vec<u8> {
-            values.iter().flat_map(|value| value.to_be_bytes()).collect()
+            values
+                .iter()
+                .flat_map(|value| value.to_be_bytes())
+                .collect()
         };
         for (id, _) in &self.settings {
             let content = match id {
@@ -150,9 +157,15 @@ impl Device for Mti {
         if self.state == State::Starting && uptime >= START {
             self.state = State::Measuring;
         }
-        let rates = self.settings.iter().map(|(_, rate)| *rate).filter(|rate| *rate < 0xFFFF);
+        let rates = self
+            .settings
+            .iter()
+            .map(|(_, rate)| *rate)
+            .filter(|rate| *rate < 0xFFFF);
         let rate = rates.max().unwrap_or(100).max(1);
-        let due = self.ticks.due(uptime, Duration::from_secs(1) / u32::from(rate));
+        let due = self
+            .ticks
+            .due(uptime, Duration::from_secs(1) / u32::from(rate));
         if self.state != State::Measuring {
             return Vec::new();
         }

@@ -23,7 +23,9 @@ pub struct Nmea {
 const PERIOD: Duration = Duration::from_millis(200);
 
 fn sentence(body: &str, is_wrong: bool) -> Vec<u8> {
-    let sum = body.bytes().fold(u8::from(is_wrong), |sum, byte| sum ^ byte);
+    let sum = body
+        .bytes()
+        .fold(u8::from(is_wrong), |sum, byte| sum ^ byte);
     format!("${body}*{sum:02X}\r\n").into_bytes()
 }
 
@@ -46,7 +48,9 @@ impl Device for Nmea {
             let (minutes, seconds) = (tenths / 600, tenths % 600);
             let time = format!("00{minutes:02}{:02}.{}0", seconds / 10, seconds % 10);
             let quality = if self.has_no_fix { 0 } else { 4 };
-            let gga = format!("GPGGA,{time},4722.5000,N,00832.2500,E,{quality},12,0.8,410.0,M,48.0,M,1.0,0001");
+            let gga = format!(
+                "GPGGA,{time},4722.5000,N,00832.2500,E,{quality},12,0.8,410.0,M,48.0,M,1.0,0001"
+            );
             let depth = format!("SDDPT,{}.{},0.5", 3 + tick % 4, tick % 10);
             let same_depth = "SDDBT,9.8,f,3.0,M,1.6,F";
             for body in [&gga, &depth, same_depth] {

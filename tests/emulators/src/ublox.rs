@@ -69,7 +69,14 @@ impl Ublox {
         };
         put(&mut payload, 0, &time_ms.to_le_bytes());
         put(&mut payload, 4, &2026_u16.to_le_bytes());
-        let clock = [11, 23, 0, (seconds / 60 % 60) as u8, (seconds % 60) as u8, 7];
+        let clock = [
+            11,
+            23,
+            0,
+            (seconds / 60 % 60) as u8,
+            (seconds % 60) as u8,
+            7,
+        ];
         put(&mut payload, 6, &clock);
         // Fix: 3D. Valid, differential, carrier fixed.
         put(&mut payload, 20, &[3, 0x83, 0, 20]);

@@ -23,8 +23,14 @@ fn a_laser_with_a_sector_and_masks() {
     )
     .unwrap();
     assert_eq!(laser.kind, Kind::SickCola);
-    assert_eq!(laser.address(), Ok(Address::Tcp("192.168.0.1:2111".to_owned())));
-    assert_eq!((laser.rate_hz, laser.coding), (Some(25.0), Some(ColaCoding::B)));
+    assert_eq!(
+        laser.address(),
+        Ok(Address::Tcp("192.168.0.1:2111".to_owned()))
+    );
+    assert_eq!(
+        (laser.rate_hz, laser.coding),
+        (Some(25.0), Some(ColaCoding::B))
+    );
     let beams = laser.beams().unwrap();
     let range = |from: f64, to: f64| AngleRange {
         from_rad: from.to_radians(),
@@ -42,32 +48,64 @@ fn addresses_of_all_kinds() {
         baud,
     };
     for (kind, more, expected) in [
-        ("xsens", "serial = \"/dev/imu\"", serial("/dev/imu", 115_200)),
+        (
+            "xsens",
+            "serial = \"/dev/imu\"",
+            serial("/dev/imu", 115_200),
+        ),
         ("nmea", "serial = \"/dev/gps\"", serial("/dev/gps", 4800)),
-        ("nmea", "serial = \"/dev/gps\"\nbaud = 38400", serial("/dev/gps", 38_400)),
-        ("nmea", "tcp = \"gps.local:10110\"", Address::Tcp("gps.local:10110".to_owned())),
-        ("ping1d", "udp = \"10.0.0.2:9090\"", Address::Udp("10.0.0.2:9090".to_owned())),
+        (
+            "nmea",
+            "serial = \"/dev/gps\"\nbaud = 38400",
+            serial("/dev/gps", 38_400),
+        ),
+        (
+            "nmea",
+            "tcp = \"gps.local:10110\"",
+            Address::Tcp("gps.local:10110".to_owned()),
+        ),
+        (
+            "ping1d",
+            "udp = \"10.0.0.2:9090\"",
+            Address::Udp("10.0.0.2:9090".to_owned()),
+        ),
         (
             "imagenex_deltat",
             "udp_listen = \"0.0.0.0:4040\"",
             Address::UdpListen(([0, 0, 0, 0], 4040).into()),
         ),
     ] {
-        assert_eq!(device(kind, more).unwrap().address(), Ok(expected), "{more}");
+        assert_eq!(
+            device(kind, more).unwrap().address(),
+            Ok(expected),
+            "{more}"
+        );
     }
 }
 
 #[test]
 fn problems_say_what_and_where_and_what_to_do() {
     for (kind, more, expected) in [
-        ("xsens", "serail = \"/dev/imu\"", "`devices.d.serail`: unknown key: did you mean `serial`?"),
-        ("sick_cola", "", "`devices.d`: set exactly one of the keys that say where it is: tcp"),
+        (
+            "xsens",
+            "serail = \"/dev/imu\"",
+            "`devices.d.serail`: unknown key: did you mean `serial`?",
+        ),
+        (
+            "sick_cola",
+            "",
+            "`devices.d`: set exactly one of the keys that say where it is: tcp",
+        ),
         (
             "nmea",
             "tcp = \"a:1\"\nserial = \"/dev/a\"",
             "`devices.d`: set exactly one of the keys that say where it is: tcp or udp_listen or serial",
         ),
-        ("sick_cola", "serial = \"/dev/a\"", "`devices.d.serial`: such a device is reached by tcp"),
+        (
+            "sick_cola",
+            "serial = \"/dev/a\"",
+            "`devices.d.serial`: such a device is reached by tcp",
+        ),
         (
             "sick_cola",
             "tcp = \"192.168.0.1\"",
@@ -78,7 +116,11 @@ fn problems_say_what_and_where_and_what_to_do() {
             "udp_listen = \"4040\"",
             "`devices.d.udp_listen`: \"4040\" is no address and port, as 0.0.0.0:4040 is",
         ),
-        ("hokuyo", "tcp = \"a:1\"\nbaud = 9600", "`devices.d.baud`: only a serial port has it: remove it"),
+        (
+            "hokuyo",
+            "tcp = \"a:1\"\nbaud = 9600",
+            "`devices.d.baud`: only a serial port has it: remove it",
+        ),
         (
             "hokuyo",
             "serial = \"/dev/a\"\nbaud = 5",
@@ -109,26 +151,43 @@ fn problems_say_what_and_where_and_what_to_do() {
             "tcp = \"a:1\"\nrange_min_m = 5\nrange_max_m = 4",
             "`devices.d.range_max_m`: 4 is not allowed: it must be more than `range_min_m` (5)",
         ),
-        ("ntrip", "tcp = \"a:1\"", "`devices.d.mountpoint`: missing: such a device needs it"),
+        (
+            "ntrip",
+            "tcp = \"a:1\"",
+            "`devices.d.mountpoint`: missing: such a device needs it",
+        ),
         (
             "nmea",
             "serial = \"/dev/a\"\ncorrections = \"base\"",
             "`devices.d.corrections`: there is no device of kind \"ntrip\" named \"base\"; there is: ",
         ),
     ] {
-        assert_eq!(device(kind, more), Err(expected.to_owned()), "{kind}: {more}");
+        assert_eq!(
+            device(kind, more),
+            Err(expected.to_owned()),
+            "{kind}: {more}"
+        );
     }
 }
 
 #[test]
 fn wrong_types_and_kinds_name_their_key() {
     let problem = device("xsens", "serial = 5").unwrap_err();
-    assert!(problem.starts_with("`devices.d.serial`: invalid type"), "{problem}");
+    assert!(
+        problem.starts_with("`devices.d.serial`: invalid type"),
+        "{problem}"
+    );
     let problem = device("sick", "tcp = \"a:1\"").unwrap_err();
-    assert!(problem.starts_with("`devices.d.kind`: unknown variant `sick`, expected one of `sick_cola`"), "{problem}");
+    assert!(
+        problem
+            .starts_with("`devices.d.kind`: unknown variant `sick`, expected one of `sick_cola`"),
+        "{problem}"
+    );
     assert_eq!(
         read("[devices]\nd = 1"),
-        Err(vec!["`devices.d`: expected a table of settings, as [devices.NAME] begins one".to_owned()])
+        Err(vec![
+            "`devices.d`: expected a table of settings, as [devices.NAME] begins one".to_owned()
+        ])
     );
     assert_eq!(
         read("[devices.d]\ntcp = \"a:1\""),
@@ -144,7 +203,9 @@ fn one_caster_has_one_receiver() {
     let second = "[devices.b]\nkind = \"nmea\"\nserial = \"/dev/b\"\ncorrections = \"base\"\n";
     let problems = read(&format!("{text}{second}")).unwrap_err();
     let expected = |name| {
-        format!("`devices.{name}.corrections`: another device has the corrections of \"base\", too: configure a second one")
+        format!(
+            "`devices.{name}.corrections`: another device has the corrections of \"base\", too: configure a second one"
+        )
     };
     assert_eq!(problems, [expected("a"), expected("b")]);
 }

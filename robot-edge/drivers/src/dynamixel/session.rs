@@ -44,7 +44,10 @@ impl Device for Dynamixel {
 
     fn step(&self, step: usize) -> Step {
         match step {
-            0 => Step::ask("ping", self.model.protocol.ping(self.id).unwrap_or_default()),
+            0 => Step::ask(
+                "ping",
+                self.model.protocol.ping(self.id).unwrap_or_default(),
+            ),
             _ => Step::Done,
         }
     }

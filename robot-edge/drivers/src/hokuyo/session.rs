@@ -34,7 +34,8 @@ impl Hokuyo {
         let converted = self.parameters.as_ref().and_then(|parameters| {
             // The device sends when the last step is measured; its time is that of step 0.
             let to_last_s = f64::from(distances.end_step) * parameters.seconds_per_step();
-            let from_first_s = to_last_s - middle_of_first(distances) * parameters.seconds_per_step();
+            let from_first_s =
+                to_last_s - middle_of_first(distances) * parameters.seconds_per_step();
             let mut sent = DeviceTime::counter(distances.step_0_time_ms, 1_000_000, 24);
             sent.nanos = (sent.nanos + (to_last_s * 1e9) as i64) % sent.period_ns;
             Some(Sample {
@@ -91,7 +92,9 @@ impl Device for Hokuyo {
                     line.unwrap_or("?").trim().to_owned()
                 };
                 let (product, serial) = (value("PROD:"), value("SERI:"));
-                events.push(Event::Identity(format!("{product}, serial number {serial}")));
+                events.push(Event::Identity(format!(
+                    "{product}, serial number {serial}"
+                )));
                 Event::Accepted
             }
             (Message::Parameters(parameters), Some(PARAMETERS)) => {
@@ -106,9 +109,13 @@ impl Device for Hokuyo {
                 }
             }
             // Measuring has stopped.
-            (Message::Status { request: "MD", status }, None) if !status.is_ok("MD") => {
-                Event::Refused(status.meaning("MD").to_owned())
-            }
+            (
+                Message::Status {
+                    request: "MD",
+                    status,
+                },
+                None,
+            ) if !status.is_ok("MD") => Event::Refused(status.meaning("MD").to_owned()),
             _ => Event::Unexpected,
         };
         events.push(event);

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use super::{Message, PingDecoder, request_device_information, request_distance, set_speed_of_sound};
+use super::{
+    Message, PingDecoder, request_device_information, request_distance, set_speed_of_sound,
+};
 use crate::config::DeviceConfig;
 use crate::device::{Device, Event, Sample, Step};
 use crate::single_beam::single_beam;

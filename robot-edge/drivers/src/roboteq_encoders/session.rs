@@ -70,9 +70,10 @@ impl Device for RoboteqEncoders {
                 wheel.angle_rad = Some(wheel.angle.update(count));
                 // Both together, or the vehicle would turn.
                 if self.wheels.iter().all(|wheel| wheel.angle_rad.is_some()) {
-                    let angles = self.wheels.iter_mut().filter_map(|wheel| {
-                        Some((wheel.joint.clone(), wheel.angle_rad.take()?))
-                    });
+                    let angles = self
+                        .wheels
+                        .iter_mut()
+                        .filter_map(|wheel| Some((wheel.joint.clone(), wheel.angle_rad.take()?)));
                     events.push(Event::Sample(Sample {
                         sent: None,
                         age: Duration::ZERO,
@@ -111,7 +112,10 @@ mod tests {
         });
         let turns = joints.map(|data| match data {
             MeasurementData::Joints(joints) => {
-                assert_eq!((joints[0].0.as_str(), joints[1].0.as_str()), ("left", "right"));
+                assert_eq!(
+                    (joints[0].0.as_str(), joints[1].0.as_str()),
+                    ("left", "right")
+                );
                 [0, 1].map(|wheel: usize| (joints[wheel].1 / TAU * 1e6).round() / 1e6)
             }
             other => panic!("{other:?}"),

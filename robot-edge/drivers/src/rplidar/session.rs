@@ -87,9 +87,9 @@ impl Device for Rplidar {
                 Event::Accepted
             }
             (Message::Health { status: 0 | 1, .. }, Some(HEALTH)) => Event::Accepted,
-            (Message::Health { error_code, .. }, Some(HEALTH)) => {
-                Event::Refused(format!("it is faulty, error {error_code}: switch it off and on"))
-            }
+            (Message::Health { error_code, .. }, Some(HEALTH)) => Event::Refused(format!(
+                "it is faulty, error {error_code}: switch it off and on"
+            )),
             (Message::SampleDuration { scan_s, .. }, Some(SAMPLE_DURATION)) => {
                 self.sample_s = scan_s;
                 Event::Accepted

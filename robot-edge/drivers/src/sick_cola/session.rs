@@ -74,7 +74,10 @@ impl SickCola {
             range_m: config.range_limits_m(min, max),
             rate_hz: config.rate_hz,
             resolution_deg: config.resolution_deg,
-            sector_deg: config.sector_from_deg.zip(config.sector_to_deg).map(<[f64; 2]>::from),
+            sector_deg: config
+                .sector_from_deg
+                .zip(config.sector_to_deg)
+                .map(<[f64; 2]>::from),
             coding: config.coding,
             current: match config.coding {
                 Some(ColaCoding::A) => Coding::A,
@@ -129,31 +132,39 @@ impl SickCola {
                 frequency_centihertz: (self.rate_hz)
                     .map_or(is.frequency_centihertz, |hz| (hz * 100.0).round() as u32),
                 sector: Sector {
-                    resolution_deg_e4: self.resolution_deg.map_or(is.sector.resolution_deg_e4, deg_e4),
+                    resolution_deg_e4: self
+                        .resolution_deg
+                        .map_or(is.sector.resolution_deg_e4, deg_e4),
                     ..is.sector
                 },
             };
             (wanted != is).then_some(Request::SetScanConfig(wanted))
         });
         let scan_data = (self.scan_data_config).filter(|is| *is != SCAN_DATA);
-        let output_range = self.output_range.zip(self.sector_deg).and_then(|(is, [from, to])| {
-            // The device's x axis is to the right. Its sector does not go round.
-            let to = if to < from { to + 360.0 } else { to };
-            let forward_deg = super::FORWARD_DEG;
-            let wanted = Sector {
-                resolution_deg_e4: self.resolution_deg.map_or(is.resolution_deg_e4, deg_e4),
-                start_deg_e4: ((from + forward_deg) * super::DEG_E4).round() as i32,
-                stop_deg_e4: ((to + forward_deg) * super::DEG_E4).round() as i32,
-            };
-            // Devices round to their beams: an LMS111 says −44.9997° for −45°.
-            let differs = |a: i32, b: i32| a.abs_diff(b) > is.resolution_deg_e4;
-            let is_other = differs(is.start_deg_e4, wanted.start_deg_e4)
-                || differs(is.stop_deg_e4, wanted.stop_deg_e4)
-                || is.resolution_deg_e4 != wanted.resolution_deg_e4;
-            is_other.then_some(Request::SetOutputRange(wanted))
-        });
+        let output_range = self
+            .output_range
+            .zip(self.sector_deg)
+            .and_then(|(is, [from, to])| {
+                // The device's x axis is to the right. Its sector does not go round.
+                let to = if to < from { to + 360.0 } else { to };
+                let forward_deg = super::FORWARD_DEG;
+                let wanted = Sector {
+                    resolution_deg_e4: self.resolution_deg.map_or(is.resolution_deg_e4, deg_e4),
+                    start_deg_e4: ((from + forward_deg) * super::DEG_E4).round() as i32,
+                    stop_deg_e4: ((to + forward_deg) * super::DEG_E4).round() as i32,
+                };
+                // Devices round to their beams: an LMS111 says −44.9997° for −45°.
+                let differs = |a: i32, b: i32| a.abs_diff(b) > is.resolution_deg_e4;
+                let is_other = differs(is.start_deg_e4, wanted.start_deg_e4)
+                    || differs(is.stop_deg_e4, wanted.stop_deg_e4)
+                    || is.resolution_deg_e4 != wanted.resolution_deg_e4;
+                is_other.then_some(Request::SetOutputRange(wanted))
+            });
         let scan_data = scan_data.map(|_| Request::SetScanDataConfig(SCAN_DATA));
-        [scan_config, scan_data, output_range].into_iter().flatten().collect()
+        [scan_config, scan_data, output_range]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     /// After a setting was read: what is to be changed, or whether the device has taken the changes.
@@ -166,7 +177,10 @@ impl SickCola {
             && let Some(refused) = self.find_changes().first()
         {
             let (name, values) = match refused {
-                Request::SetScanConfig(_) => ("rate_hz and resolution_deg", format!("{:?}", self.scan_config)),
+                Request::SetScanConfig(_) => (
+                    "rate_hz and resolution_deg",
+                    format!("{:?}", self.scan_config),
+                ),
                 Request::SetOutputRange(_) => ("the sector", format!("{:?}", self.output_range)),
                 _ => ("what scans contain", format!("{:?}", self.scan_data_config)),
             };
@@ -209,7 +223,9 @@ impl ScanData {
         let frequency_hz = f64::from(self.frequency_centihertz) / 100.0;
         let first_deg = f64::from(channel.start_deg_e4) / super::DEG_E4 - super::FORWARD_DEG;
         let to_index_s = (180.0 - first_deg) / 360.0 / frequency_hz;
-        let to_transmission = self.transmission_time_us.wrapping_sub(self.power_up_time_us);
+        let to_transmission = self
+            .transmission_time_us
+            .wrapping_sub(self.power_up_time_us);
         let is_possible = step_deg(channel.step_deg_e4) > 0.0 && to_transmission < 1_000_000;
         let sweep = Duration::try_from_secs_f64(to_index_s).ok()?;
         is_possible.then(|| sweep + Duration::from_micros(to_transmission.into()))
@@ -269,14 +285,16 @@ impl Device for SickCola {
                 self.setting_read(step)
             }
             (Message::Subscribed(true), Some(Request::Subscribe(true))) => Event::Accepted,
-            (Message::Answer { request: name, result }, Some(request))
-                if request.name().ends_with(name) =>
-            {
-                match result {
-                    Ok(()) => Event::Accepted,
-                    Err(code) => Event::Refused(format!("{name} is refused with code {code}")),
-                }
-            }
+            (
+                Message::Answer {
+                    request: name,
+                    result,
+                },
+                Some(request),
+            ) if request.name().ends_with(name) => match result {
+                Ok(()) => Event::Accepted,
+                Err(code) => Event::Refused(format!("{name} is refused with code {code}")),
+            },
             (Message::Error(code), Some(request)) => Event::Refused(format!(
                 "{} is refused: {}",
                 request.name(),

@@ -42,9 +42,9 @@ impl SickLdlrs {
         self.mode = Some(status.mode);
         match (step, status.mode) {
             (_, Mode::Error) => Event::Refused(format!("it is faulty: motor {}", status.motor)),
-            (STATUS, _) | (ROTATE, Mode::Rotating | Mode::Measuring) | (MEASURE, Mode::Measuring) => {
-                Event::Accepted
-            }
+            (STATUS, _)
+            | (ROTATE, Mode::Rotating | Mode::Measuring)
+            | (MEASURE, Mode::Measuring) => Event::Accepted,
             (MEASURE, _) if status.refusal != 0 => Event::Refused(format!(
                 "it does not measure: {}",
                 refusal_meaning(status.refusal)

@@ -50,7 +50,8 @@ impl Ublox {
         let fix = pvt.fix();
         let time_ms = pvt.time_of_week_ms % WEEK_MS;
         let passed_ms = self.reported_at_ms.map(|before| time_ms.abs_diff(before));
-        if pvt.utc.valid & IS_TIME != 0 && passed_ms.is_none_or(|passed| passed >= REPORT_PERIOD_MS) {
+        if pvt.utc.valid & IS_TIME != 0 && passed_ms.is_none_or(|passed| passed >= REPORT_PERIOD_MS)
+        {
             self.reported_at_ms = Some(time_ms);
             let minutes = u32::from(pvt.utc.hour) * 60 + u32::from(pvt.utc.minute);
             let time_of_day_s = f64::from(minutes * 60 + u32::from(pvt.utc.second));

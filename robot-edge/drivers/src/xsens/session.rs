@@ -5,8 +5,8 @@ use std::time::Duration;
 use measurement::MeasurementData;
 
 use super::{
-    Data, Item, Message, OutputSetting, XsensDecoder, data_id, error_meaning,
-    go_to_config, go_to_measurement, request_device_id, set_output_configuration,
+    Data, Item, Message, OutputSetting, XsensDecoder, data_id, error_meaning, go_to_config,
+    go_to_measurement, request_device_id, set_output_configuration,
 };
 use crate::clock_mapping::DeviceTime;
 use crate::config::DeviceConfig;
@@ -97,7 +97,8 @@ impl Device for Xsens {
             }
             (Message::OutputConfiguration(settings), Some(2)) => {
                 let is_same = |(is, wanted): (&OutputSetting, &OutputSetting)| {
-                    is.data_id == wanted.data_id && (is.rate_hz == wanted.rate_hz || wanted.rate_hz == ALWAYS)
+                    is.data_id == wanted.data_id
+                        && (is.rate_hz == wanted.rate_hz || wanted.rate_hz == ALWAYS)
                 };
                 let all = settings.len() == self.settings.len();
                 if all && settings.iter().zip(&self.settings).all(is_same) {

@@ -49,18 +49,49 @@ fn all() -> Vec<Removable> {
     let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let host = free.local_addr().unwrap();
     drop(free);
-    let servo = "kind = 'dynamixel'\nserial = 'ADDRESS'\nservo = 'x_series'\nservo_id = 1\njoint = 'tilt'";
+    let servo =
+        "kind = 'dynamixel'\nserial = 'ADDRESS'\nservo = 'x_series'\nservo_id = 1\njoint = 'tilt'";
     vec![
-        Removable::new("kind = 'sick_cola'\ntcp = 'ADDRESS'\nrate_hz = 25", Emulator::on_tcp(Lms111::default())),
-        Removable::new("kind = 'xsens'\nserial = 'ADDRESS'", Emulator::on_serial(Mti::default())),
-        Removable::new("kind = 'nmea'\nserial = 'ADDRESS'", Emulator::on_serial(Nmea::default())),
-        Removable::new("kind = 'hokuyo'\ntcp = 'ADDRESS'", Emulator::on_tcp(Hokuyo::default())),
-        Removable::new("kind = 'imagenex852'\nserial = 'ADDRESS'", Emulator::on_serial(Imagenex852::default())),
-        Removable::new("kind = 'imagenex_deltat'\nudp_listen = 'ADDRESS'", Emulator::to_udp(Deltat::default(), host)),
-        Removable::new("kind = 'ping1d'\nudp = 'ADDRESS'", Emulator::on_udp(Ping1d::default())),
-        Removable::new("kind = 'sick_ldlrs'\ntcp = 'ADDRESS'", Emulator::on_tcp(LdLrs::default())),
-        Removable::new("kind = 'rplidar'\nserial = 'ADDRESS'", Emulator::on_usb(Rplidar::default())),
-        Removable::new("kind = 'ublox'\nserial = 'ADDRESS'", Emulator::on_usb(Ublox::default())),
+        Removable::new(
+            "kind = 'sick_cola'\ntcp = 'ADDRESS'\nrate_hz = 25",
+            Emulator::on_tcp(Lms111::default()),
+        ),
+        Removable::new(
+            "kind = 'xsens'\nserial = 'ADDRESS'",
+            Emulator::on_serial(Mti::default()),
+        ),
+        Removable::new(
+            "kind = 'nmea'\nserial = 'ADDRESS'",
+            Emulator::on_serial(Nmea::default()),
+        ),
+        Removable::new(
+            "kind = 'hokuyo'\ntcp = 'ADDRESS'",
+            Emulator::on_tcp(Hokuyo::default()),
+        ),
+        Removable::new(
+            "kind = 'imagenex852'\nserial = 'ADDRESS'",
+            Emulator::on_serial(Imagenex852::default()),
+        ),
+        Removable::new(
+            "kind = 'imagenex_deltat'\nudp_listen = 'ADDRESS'",
+            Emulator::to_udp(Deltat::default(), host),
+        ),
+        Removable::new(
+            "kind = 'ping1d'\nudp = 'ADDRESS'",
+            Emulator::on_udp(Ping1d::default()),
+        ),
+        Removable::new(
+            "kind = 'sick_ldlrs'\ntcp = 'ADDRESS'",
+            Emulator::on_tcp(LdLrs::default()),
+        ),
+        Removable::new(
+            "kind = 'rplidar'\nserial = 'ADDRESS'",
+            Emulator::on_usb(Rplidar::default()),
+        ),
+        Removable::new(
+            "kind = 'ublox'\nserial = 'ADDRESS'",
+            Emulator::on_usb(Ublox::default()),
+        ),
         Removable::new(servo, Emulator::on_serial(XSeries::default())),
     ]
 }
@@ -68,7 +99,11 @@ fn all() -> Vec<Removable> {
 fn resident_kb() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    line.unwrap().trim().trim_end_matches(" kB").parse().unwrap()
+    line.unwrap()
+        .trim()
+        .trim_end_matches(" kB")
+        .parse()
+        .unwrap()
 }
 
 /// `CYCLES` of all devices together, 1000 if not set.
@@ -95,7 +130,11 @@ fn every_device_comes_back_within_two_seconds() {
         let since = clock();
         while !is_so() {
             let waited = clock().since(since);
-            assert!(waited < patience, "{what} in vain: {:#?}", drivers.statuses().collect::<Vec<_>>());
+            assert!(
+                waited < patience,
+                "{what} in vain: {:#?}",
+                drivers.statuses().collect::<Vec<_>>()
+            );
             std::thread::sleep(Duration::from_millis(2));
         }
         clock().since(since)
@@ -107,7 +146,11 @@ fn every_device_comes_back_within_two_seconds() {
                 let Ok(reading) = readings.recv_timeout(Duration::from_millis(50)) else {
                     continue;
                 };
-                assert!(age(&reading) < Duration::from_millis(450), "{:?}", age(&reading));
+                assert!(
+                    age(&reading) < Duration::from_millis(450),
+                    "{:?}",
+                    age(&reading)
+                );
                 let number = usize::from(reading.measurement.stream.0);
                 newest.lock().unwrap()[number] = reading.arrived;
             }
@@ -116,11 +159,18 @@ fn every_device_comes_back_within_two_seconds() {
             .iter()
             .enumerate()
             .map(|(number, device)| {
-                let (wait_for, newest_of, waits, drivers) = (&wait_for, &newest_of, &waits, &drivers);
+                let (wait_for, newest_of, waits, drivers) =
+                    (&wait_for, &newest_of, &waits, &drivers);
                 scope.spawn(move || {
-                    wait_for("waited for the start", PATIENCE, &|| newest_of(number) > Monotonic::from_nanos(0));
+                    wait_for("waited for the start", PATIENCE, &|| {
+                        newest_of(number) > Monotonic::from_nanos(0)
+                    });
                     for cycle in 0..each {
-                        let take = if cycle % 2 == 0 { &device.power } else { &device.plug };
+                        let take = if cycle % 2 == 0 {
+                            &device.power
+                        } else {
+                            &device.plug
+                        };
                         let lost = || drivers.statuses().nth(number).unwrap().1.lost_connections;
                         let before = lost();
                         take(false);
@@ -129,7 +179,9 @@ fn every_device_comes_back_within_two_seconds() {
                         std::thread::sleep(Duration::from_millis(37 * (cycle as u64 % 20)));
                         let back_at = clock();
                         take(true);
-                        let waited = wait_for("waited for its return", BACK_WITHIN, &|| newest_of(number) > back_at);
+                        let waited = wait_for("waited for its return", BACK_WITHIN, &|| {
+                            newest_of(number) > back_at
+                        });
                         waits.lock().unwrap().push(waited);
                     }
                 })
@@ -146,10 +198,16 @@ fn every_device_comes_back_within_two_seconds() {
     assert_eq!(waits.len(), each * devices.len());
     let slowest = waits.iter().max().unwrap();
     // Without the first minute, in which buffers grow to their size.
-    let late: Vec<_> = resident.iter().filter(|(hours, _)| *hours > 1.0 / 60.0).collect();
+    let late: Vec<_> = resident
+        .iter()
+        .filter(|(hours, _)| *hours > 1.0 / 60.0)
+        .collect();
     if let (Some((from, kb)), Some((to, last_kb))) = (late.first(), late.last()) {
         let slope = (*last_kb as f64 - *kb as f64) / 1000.0 / (to - from).max(1.0 / 60.0);
-        println!("{} cycles, slowest return {slowest:?}, {slope:.2} MB/h, {last_kb} kB", waits.len());
+        println!(
+            "{} cycles, slowest return {slowest:?}, {slope:.2} MB/h, {last_kb} kB",
+            waits.len()
+        );
     } else {
         println!("{} cycles, slowest return {slowest:?}", waits.len());
     }

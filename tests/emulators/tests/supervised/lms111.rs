@@ -54,7 +54,7 @@ fn it_is_read_as_it_is_set() {
 fn it_is_set_once_and_cut_to_its_sector() {
     let emulator = Emulator::on_tcp(Lms111::default());
     let more = "rate_hz = 25\nresolution_deg = 0.25\nsector_from_deg = -60\nsector_to_deg = 60\n\
-                masks_deg = \"-1..1\"\nrange_max_m = 5.0";
+                masks_deg = \"-1..0.9\"\nrange_max_m = 5.0";
     let rig = Rig::start(&config(&emulator, more));
     let (scan, first_ns) = rig.next_scan();
     // The emulated device adds 0.0003° to the first angle.
@@ -62,7 +62,9 @@ fn it_is_set_once_and_cut_to_its_sector() {
     assert!((scan.angle_increment_rad.to_degrees() - 0.25).abs() < 1e-5);
     assert!((scan.time_increment_s - 0.04 / 1440.0).abs() < 1e-9);
     assert_eq!(scan.ranges_m.len(), 480);
-    let masked: Vec<usize> = (0..480).filter(|beam| scan.ranges_m[*beam].is_nan()).collect();
+    let masked: Vec<usize> = (0..480)
+        .filter(|beam| scan.ranges_m[*beam].is_nan())
+        .collect();
     assert_eq!(masked, (236..244).collect::<Vec<_>>());
     // Beams of 1 to 5.99 m; at 5 m and beyond there is no echo.
     assert!(scan.ranges_m[450].is_infinite());
@@ -114,10 +116,18 @@ fn garbage_between_telegrams_is_counted() {
     let emulator = Emulator::on_tcp(Lms111::default());
     emulator.with(|device| device.has_garbage = true);
     let rig = Rig::start(&config(&emulator, ""));
-    let numbers: Vec<u16> = (0..20).map(|_| scan_number(&rig.next_scan().0, 0)).collect();
-    assert!(numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 10), "{numbers:?}");
+    let numbers: Vec<u16> = (0..20)
+        .map(|_| scan_number(&rig.next_scan().0, 0))
+        .collect();
+    assert!(
+        numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 10),
+        "{numbers:?}"
+    );
     let status = rig.status();
-    assert!(status.lost(Loss::Decoder(DropReason::Garbage)) >= 20, "{status:?}");
+    assert!(
+        status.lost(Loss::Decoder(DropReason::Garbage)) >= 20,
+        "{status:?}"
+    );
     assert_eq!(status.lost_connections, 0);
 }
 
@@ -126,8 +136,13 @@ fn repeated_scans_are_used_once() {
     let emulator = Emulator::on_tcp(Lms111::default());
     emulator.with(|device| device.repeats = true);
     let rig = Rig::start(&config(&emulator, ""));
-    let numbers: Vec<u16> = (0..20).map(|_| scan_number(&rig.next_scan().0, 0)).collect();
-    assert!(numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 10), "{numbers:?}");
+    let numbers: Vec<u16> = (0..20)
+        .map(|_| scan_number(&rig.next_scan().0, 0))
+        .collect();
+    assert!(
+        numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 10),
+        "{numbers:?}"
+    );
     assert!(rig.status().lost(Loss::Repeated) >= 19);
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use drivers::DropReason;
 use drivers::status::{Loss, State, Trouble};
+use emulators::Emulator;
 use emulators::deltat::Deltat;
 use emulators::dynamixel::XSeries;
 use emulators::hokuyo::Hokuyo;
@@ -17,13 +18,14 @@ use emulators::ntrip::{Caster, rtcm};
 use emulators::ping1d::Ping1d;
 use emulators::rplidar::Rplidar;
 use emulators::ublox::Ublox;
-use emulators::Emulator;
 use measurement::{GeodeticFix, MeasurementData};
 
 use crate::rig::{PATIENCE, Rig};
 
 fn serial(kind: &str, address: &str, more: &str) -> Rig {
-    Rig::start(&format!("[devices.device]\nkind = \"{kind}\"\nserial = \"{address}\"\n{more}"))
+    Rig::start(&format!(
+        "[devices.device]\nkind = \"{kind}\"\nserial = \"{address}\"\n{more}"
+    ))
 }
 
 #[test]
@@ -67,7 +69,9 @@ fn an_mti_that_starts_again_by_itself_is_configured_again() {
     emulator.power(false);
     std::thread::sleep(Duration::from_millis(100));
     emulator.power(true);
-    rig.wait("configured again", |status| status.state == State::Configuring || status.measurements > 50);
+    rig.wait("configured again", |status| {
+        status.state == State::Configuring || status.measurements > 50
+    });
     rig.assert_back();
     assert_eq!(rig.status().lost_connections, 0);
 }
@@ -78,10 +82,16 @@ fn garbage_on_a_serial_line_is_counted() {
     emulator.with(|device| device.has_garbage = true);
     let rig = serial("xsens", &emulator.address, "");
     for _ in 0..100 {
-        assert!(matches!(rig.next().measurement.data, MeasurementData::Imu(_)));
+        assert!(matches!(
+            rig.next().measurement.data,
+            MeasurementData::Imu(_)
+        ));
     }
     let status = rig.status();
-    assert!(status.lost(Loss::Decoder(DropReason::Checksum)) >= 50, "{status:?}");
+    assert!(
+        status.lost(Loss::Decoder(DropReason::Checksum)) >= 50,
+        "{status:?}"
+    );
 }
 
 #[test]
@@ -103,7 +113,9 @@ fn a_hokuyo_is_read() {
     // Its clock wraps soon.
     emulator.with(|device| device.clock_start_ms = (1 << 24) - 700);
     let address = &emulator.address;
-    let rig = Rig::start(&format!("[devices.laser]\nkind = \"hokuyo\"\ntcp = \"{address}\"\n"));
+    let rig = Rig::start(&format!(
+        "[devices.laser]\nkind = \"hokuyo\"\ntcp = \"{address}\"\n"
+    ));
     let mut last_ns = None;
     for _ in 0..40 {
         let (scan, stamp_ns) = rig.next_scan();
@@ -125,7 +137,10 @@ fn a_hokuyo_is_read() {
         last_ns = Some(stamp_ns);
     }
     let status = rig.status();
-    assert_eq!(status.identity.as_deref(), Some("UST-10LX, serial number H1234567"));
+    assert_eq!(
+        status.identity.as_deref(),
+        Some("UST-10LX, serial number H1234567")
+    );
     assert_eq!(status.clock.unwrap().resets, 0);
     assert!(status.losses.is_empty(), "{:?}", status.losses);
 }
@@ -135,7 +150,9 @@ fn a_faulty_laser_is_reported() {
     let emulator = Emulator::on_tcp(Hokuyo::default());
     emulator.with(|device| device.is_faulty = true);
     let address = &emulator.address;
-    let rig = Rig::start(&format!("[devices.laser]\nkind = \"hokuyo\"\ntcp = \"{address}\"\n"));
+    let rig = Rig::start(&format!(
+        "[devices.laser]\nkind = \"hokuyo\"\ntcp = \"{address}\"\n"
+    ));
     let status = rig.wait("in trouble", |status| status.trouble.is_some());
     let text = "BM is refused: the laser is faulty".to_owned();
     assert_eq!(status.trouble, Some(Trouble::Refused(text)));
@@ -147,7 +164,9 @@ fn an_ld_lrs_is_read() {
     // Its clock wraps soon.
     emulator.with(|device| device.clock_start_ms = 64_000);
     let address = &emulator.address;
-    let rig = Rig::start(&format!("[devices.laser]\nkind = \"sick_ldlrs\"\ntcp = \"{address}\"\n"));
+    let rig = Rig::start(&format!(
+        "[devices.laser]\nkind = \"sick_ldlrs\"\ntcp = \"{address}\"\n"
+    ));
     for _ in 0..10 {
         let (scan, _) = rig.next_scan();
         assert_eq!(scan.ranges_m.len(), 1440);
@@ -164,7 +183,10 @@ fn an_ld_lrs_is_read() {
         }
     }
     let status = rig.status();
-    assert_eq!(status.identity.as_deref(), Some("LD-LRS, serial number 08151234"));
+    assert_eq!(
+        status.identity.as_deref(),
+        Some("LD-LRS, serial number 08151234")
+    );
     assert_eq!(status.clock.unwrap().resets, 0);
 }
 
@@ -175,7 +197,10 @@ fn an_rplidar_is_read() {
     for _ in 0..5 {
         let (scan, _) = rig.next_scan();
         assert_eq!(scan.ranges_m.len(), 400);
-        assert!((scan.angle_increment_rad.to_degrees() + 0.9).abs() < 1e-4, "clockwise");
+        assert!(
+            (scan.angle_increment_rad.to_degrees() + 0.9).abs() < 1e-4,
+            "clockwise"
+        );
         for (sample, range) in scan.ranges_m.iter().enumerate() {
             let distance_mm = Rplidar::distance_mm(sample as u64);
             assert_eq!((range * 1000.0).round() as u16, distance_mm, "{sample}");
@@ -213,7 +238,10 @@ fn an_nmea_receiver_and_sounder_is_read() {
     assert_eq!(depths, 10);
     emulator.with(|device| device.has_wrong_sums = true);
     let status = rig.wait("lost", |status| status.lost_connections > 0);
-    assert!(status.lost(Loss::Decoder(DropReason::Checksum)) > 5, "{status:?}");
+    assert!(
+        status.lost(Loss::Decoder(DropReason::Checksum)) > 5,
+        "{status:?}"
+    );
 }
 
 #[test]
@@ -233,7 +261,10 @@ fn a_ublox_is_configured_and_read() {
     second.with(|device| device.refuses = true);
     let rig = serial("ublox", &second.address, "");
     let status = rig.wait("in trouble", |status| status.trouble.is_some());
-    assert!(matches!(status.trouble, Some(Trouble::Refused(_))), "{status:?}");
+    assert!(
+        matches!(status.trouble, Some(Trouble::Refused(_))),
+        "{status:?}"
+    );
 }
 
 /// Corrections go from the caster to the receiver, and positions the other way.
@@ -252,7 +283,11 @@ fn corrections_reach_the_receiver() {
         if received.len() >= 36 && !caster.with(|device| device.positions.is_empty()) {
             break received;
         }
-        assert!(emulators::now() < give_up_at, "{received:?}, {:#?}", rig.statuses());
+        assert!(
+            emulators::now() < give_up_at,
+            "{received:?}, {:#?}",
+            rig.statuses()
+        );
         std::thread::sleep(Duration::from_millis(10));
     };
     let first = frames[8];
@@ -261,7 +296,10 @@ fn corrections_reach_the_receiver() {
     }
     let position = caster.with(|device| device.positions[0].clone());
     assert!(position.starts_with("$GPGGA,0000"), "{position}");
-    assert!(position.contains(",4722.50000,N,00832.25000,E,1,"), "{position}");
+    assert!(
+        position.contains(",4722.50000,N,00832.25000,E,1,"),
+        "{position}"
+    );
 }
 
 #[test]
@@ -269,16 +307,24 @@ fn a_caster_that_refuses_is_reported() {
     let caster = Emulator::on_tcp(Caster::new("RTCM3"));
     let config = |mountpoint: &str| {
         let address = &caster.address;
-        format!("[devices.caster]\nkind = \"ntrip\"\ntcp = \"{address}\"\nmountpoint = \"{mountpoint}\"\n")
+        format!(
+            "[devices.caster]\nkind = \"ntrip\"\ntcp = \"{address}\"\nmountpoint = \"{mountpoint}\"\n"
+        )
     };
     let rig = Rig::start(&config("OTHER"));
     let status = rig.wait("in trouble", |status| status.trouble.is_some());
-    assert!(matches!(&status.trouble, Some(Trouble::Refused(why)) if why.contains("sourcetable")), "{status:?}");
+    assert!(
+        matches!(&status.trouble, Some(Trouble::Refused(why)) if why.contains("sourcetable")),
+        "{status:?}"
+    );
     // user:secret
     caster.with(|device| device.authorization = Some("dXNlcjpzZWNyZXQ=".to_owned()));
     let rig = Rig::start(&config("RTCM3"));
     let status = rig.wait("in trouble", |status| status.trouble.is_some());
-    assert!(matches!(&status.trouble, Some(Trouble::Refused(why)) if why.contains("401")), "{status:?}");
+    assert!(
+        matches!(&status.trouble, Some(Trouble::Refused(why)) if why.contains("401")),
+        "{status:?}"
+    );
     let login = config("RTCM3") + "user = \"user\"\npassword = \"secret\"\n";
     let rig = Rig::start(&login);
     rig.wait("measuring", |status| status.state == State::Measuring);
@@ -287,11 +333,18 @@ fn a_caster_that_refuses_is_reported() {
 #[test]
 fn an_imagenex_852_is_asked_for_shots() {
     let emulator = Emulator::on_serial(Imagenex852::default());
-    let rig = serial("imagenex852", &emulator.address, "rate_hz = 20\nsound_speed_mps = 1450\n");
+    let rig = serial(
+        "imagenex852",
+        &emulator.address,
+        "rate_hz = 20\nsound_speed_mps = 1450\n",
+    );
     for shot in 1..=10 {
         let (scan, _) = rig.next_scan();
         let range_m = f64::from(Imagenex852::range_cm(shot)) / 100.0 * 1450.0 / 1500.0;
-        assert!((f64::from(scan.ranges_m[0]) - range_m).abs() < 1e-4, "{shot}");
+        assert!(
+            (f64::from(scan.ranges_m[0]) - range_m).abs() < 1e-4,
+            "{shot}"
+        );
         assert_eq!((scan.range_min_m, scan.range_max_m), (0.5, 30.0));
     }
     emulator.with(|device| device.has_no_echo = true);
@@ -306,22 +359,36 @@ fn a_ping1d_is_asked_for_distances() {
         let emulator = Emulator::on_udp(Ping1d::default());
         let address = &emulator.address;
         let more = sound_speed.unwrap_or_default();
-        let rig = Rig::start(&format!("[devices.sounder]\nkind = \"ping1d\"\nudp = \"{address}\"\n{more}\n"));
+        let rig = Rig::start(&format!(
+            "[devices.sounder]\nkind = \"ping1d\"\nudp = \"{address}\"\n{more}\n"
+        ));
         for ping in 1..=5 {
             let (scan, _) = rig.next_scan();
             let millimetres = (scan.ranges_m[0] * 1000.0).round() as u32;
             assert_eq!(millimetres, Ping1d::distance_mm(ping));
         }
-        let expected = if sound_speed.is_some() { 1_450_500 } else { 1_500_000 };
+        let expected = if sound_speed.is_some() {
+            1_450_500
+        } else {
+            1_500_000
+        };
         assert_eq!(emulator.with(|device| device.sound_speed_mmps), expected);
-        assert_eq!(rig.status().identity.as_deref(), Some("Ping1D, firmware 3.29.0"));
+        assert_eq!(
+            rig.status().identity.as_deref(),
+            Some("Ping1D, firmware 3.29.0")
+        );
     }
     let emulator = Emulator::on_udp(Ping1d::default());
     emulator.with(|device| device.device_type = 2);
     let address = &emulator.address;
-    let rig = Rig::start(&format!("[devices.sounder]\nkind = \"ping1d\"\nudp = \"{address}\"\n"));
+    let rig = Rig::start(&format!(
+        "[devices.sounder]\nkind = \"ping1d\"\nudp = \"{address}\"\n"
+    ));
     let status = rig.wait("in trouble", |status| status.trouble.is_some());
-    assert!(matches!(status.trouble, Some(Trouble::Refused(_))), "{status:?}");
+    assert!(
+        matches!(status.trouble, Some(Trouble::Refused(_))),
+        "{status:?}"
+    );
 }
 
 #[test]
@@ -331,11 +398,16 @@ fn a_deltat_is_read() {
     drop(free);
     let emulator = Emulator::to_udp(Deltat::default(), host);
     emulator.with(|device| device.repeats = true);
-    let rig = Rig::start(&format!("[devices.sonar]\nkind = \"imagenex_deltat\"\nudp_listen = \"{host}\"\n"));
+    let rig = Rig::start(&format!(
+        "[devices.sonar]\nkind = \"imagenex_deltat\"\nudp_listen = \"{host}\"\n"
+    ));
     for _ in 0..5 {
         let (scan, _) = rig.next_scan();
         assert_eq!(scan.ranges_m.len(), 480);
-        assert!((f64::from(scan.angle_min_rad) + FRAC_PI_2 / 1.5).abs() < 1e-6, "-60°");
+        assert!(
+            (f64::from(scan.angle_min_rad) + FRAC_PI_2 / 1.5).abs() < 1e-6,
+            "-60°"
+        );
         let steps = |range: &f32| (range / 0.06).round() as u16;
         let ping = u32::from(steps(&scan.ranges_m[0]) - 100);
         for (beam, range) in scan.ranges_m.iter().enumerate() {
