@@ -8,17 +8,20 @@ pub(crate) use other::SerialPort;
 #[cfg(target_os = "linux")]
 mod linux {
     use std::io;
-    use std::os::fd::OwnedFd;
     use std::path::Path;
 
     use rustix::fs::{FlockOperation, Mode, OFlags};
     use rustix::io::Errno;
     use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSelector};
-    use tokio::io::unix::AsyncFd;
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+    use tokio::net::unix::pipe::{Receiver, Sender};
 
-    /// An open port.
+    /// An open port. To tokio it is a pair of pipes: it has no type for terminals.
     #[derive(Debug)]
-    pub(crate) struct SerialPort(AsyncFd<OwnedFd>);
+    pub(crate) struct SerialPort {
+        input: Receiver,
+        output: Sender,
+    }
 
     impl SerialPort {
         /// 8 data bits, no parity, 1 stop bit, no flow control. It waits for no carrier. The port is
@@ -41,31 +44,18 @@ mod linux {
             settings.set_speed(baud)?;
             termios::tcsetattr(&port, OptionalActions::Now, &settings)?;
             termios::tcflush(&port, QueueSelector::IOFlush)?;
-            AsyncFd::new(port).map(Self)
+            Ok(Self {
+                output: Sender::from_owned_fd_unchecked(port.try_clone()?)?,
+                input: Receiver::from_owned_fd_unchecked(port)?,
+            })
         }
 
         pub(crate) async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-            loop {
-                let mut ready = self.0.readable().await?;
-                match ready.try_io(|port| Ok(rustix::io::read(port, &mut *buffer)?)) {
-                    Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
-                    Ok(result) => return result,
-                    Err(_would_block) => {}
-                }
-            }
+            self.input.read(buffer).await
         }
 
-        pub(crate) async fn write(&mut self, mut bytes: &[u8]) -> io::Result<()> {
-            while !bytes.is_empty() {
-                let mut ready = self.0.writable().await?;
-                match ready.try_io(|port| Ok(rustix::io::write(port, bytes)?)) {
-                    Ok(Ok(written)) => bytes = bytes.get(written..).unwrap_or_default(),
-                    Ok(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
-                    Ok(Err(error)) => return Err(error),
-                    Err(_would_block) => {}
-                }
-            }
-            Ok(())
+        pub(crate) async fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.output.write_all(bytes).await
         }
     }
 }

@@ -50,7 +50,6 @@ const GLOBAL: u16 = 0x0010;
 const SERIAL_NUMBER: u16 = 0x0003;
 /// Everything but a direction and an echo for each distance.
 const FORMAT: u16 = 0x39FF;
-const MEASURED_SECTOR: u16 = 3;
 
 /// What a host asks of a scanner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -486,7 +485,7 @@ mod tests {
         }
         let sector = Sector {
             number: 2,
-            function: MEASURED_SECTOR,
+            function: 3,
             stop_ticks: 0x1680,
         };
         assert_eq!(
