@@ -50,10 +50,16 @@ impl Ticks {
         self.0 = 0;
     }
 
-    /// Numbers of the periods that have ended since the last call; at most 100 are made up for.
+    /// Periods have another length from now on.
+    pub(crate) fn change_period(&mut self, uptime: Duration, period: Duration) {
+        self.restart();
+        drop(self.due(uptime, period));
+    }
+
+    /// Numbers of the periods that have ended since the last call; at most 1000 are made up for.
     pub(crate) fn due(&mut self, uptime: Duration, period: Duration) -> std::ops::Range<u64> {
         let ended = (uptime.as_nanos() / period.as_nanos().max(1)) as u64;
-        let from = self.0.max(ended.saturating_sub(100));
+        let from = self.0.max(ended.saturating_sub(1000));
         self.0 = ended.max(self.0);
         from..ended.max(from)
     }

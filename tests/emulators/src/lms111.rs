@@ -11,6 +11,7 @@ use std::time::Duration;
 use crate::{Device, Ticks, take_request};
 
 /// A scanner.
+#[expect(clippy::struct_excessive_bools, reason = "what a test switches on")]
 #[derive(Debug)]
 pub struct Lms111 {
     /// Its serial number.

@@ -36,7 +36,7 @@ fn frame(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
 }
 
 impl Ublox {
-    fn set(&mut self, mut items: &[u8]) {
+    fn set(&mut self, mut items: &[u8], uptime: Duration) {
         while let [a, b, c, d, rest @ ..] = items {
             let key = u32::from_le_bytes([*a, *b, *c, *d]);
             let size = match key >> 28 {
@@ -50,8 +50,9 @@ impl Ublox {
             match key {
                 PVT_ON_UART1 => self.sends_pvt = value > 0,
                 MEASUREMENT_PERIOD => {
-                    self.period = Some(Duration::from_millis(value));
-                    self.ticks.restart();
+                    let period = Duration::from_millis(value);
+                    self.period = Some(period);
+                    self.ticks.change_period(uptime, period);
                 }
                 _ => {}
             }
@@ -106,7 +107,7 @@ impl Device for Ublox {
         Vec::new()
     }
 
-    fn receive(&mut self, bytes: &[u8], _uptime: Duration) -> Vec<u8> {
+    fn receive(&mut self, bytes: &[u8], uptime: Duration) -> Vec<u8> {
         self.buffer.extend_from_slice(bytes);
         let mut replies = Vec::new();
         loop {
@@ -121,7 +122,7 @@ impl Device for Ublox {
             };
             if [*class, *id] == [0x06, 0x8A] {
                 if !self.refuses {
-                    self.set(payload.get(4..).unwrap_or_default());
+                    self.set(payload.get(4..).unwrap_or_default(), uptime);
                 }
                 replies.extend(frame(0x05, u8::from(!self.refuses), &[*class, *id]));
             }

@@ -1,5 +1,6 @@
 //! Devices and their codecs in step, without a clock or a socket, on lines that damage bytes.
 
+#![cfg(test)]
 #![cfg(target_os = "linux")]
 
 use std::time::Duration;

@@ -141,7 +141,8 @@ fn every_device_comes_back_within_two_seconds() {
     };
     let mut resident = Vec::new();
     std::thread::scope(|scope| {
-        scope.spawn(|| {
+        let (is_over, newest) = (&is_over, &newest);
+        scope.spawn(move || {
             while !is_over.load(Ordering::Acquire) {
                 let Ok(reading) = readings.recv_timeout(Duration::from_millis(50)) else {
                     continue;

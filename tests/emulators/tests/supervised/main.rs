@@ -1,5 +1,6 @@
 //! Supervisors against emulated devices.
 
+#![cfg(test)]
 #![cfg(target_os = "linux")]
 
 mod endurance;

@@ -13,24 +13,24 @@ use measurement::time::Monotonic;
 use measurement::{MeasurementData, StreamId};
 
 /// So long tests wait for what must come.
-pub const PATIENCE: Duration = Duration::from_secs(10);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 /// A device that is back is used within this.
-pub const BACK_WITHIN: Duration = Duration::from_secs(2);
+pub(crate) const BACK_WITHIN: Duration = Duration::from_secs(2);
 
-pub struct Rig {
-    pub drivers: Drivers,
+pub(crate) struct Rig {
+    drivers: Drivers,
     readings: Receiver<Reading>,
 }
 
 /// Nanoseconds since the first call, after some hours.
-pub fn clock() -> Monotonic {
+pub(crate) fn clock() -> Monotonic {
     static START: OnceLock<Instant> = OnceLock::new();
     let start = START.get_or_init(emulators::now);
     Monotonic::from_nanos(0) + Duration::from_hours(3) + emulators::now().duration_since(*start)
 }
 
 impl Rig {
-    pub fn start(config: &str) -> Self {
+    pub(crate) fn start(config: &str) -> Self {
         let table: toml::Table = config.parse().unwrap();
         let devices = table["devices"].as_table().unwrap();
         let configs = DeviceConfig::read_all(devices).unwrap();
@@ -43,12 +43,12 @@ impl Rig {
 
     /// The next measurement.
     #[track_caller]
-    pub fn next(&self) -> Reading {
+    pub(crate) fn next(&self) -> Reading {
         self.next_within(PATIENCE)
     }
 
     #[track_caller]
-    pub fn next_within(&self, wait: Duration) -> Reading {
+    pub(crate) fn next_within(&self, wait: Duration) -> Reading {
         match self.readings.recv_timeout(wait) {
             Ok(reading) => reading,
             Err(_) => panic!("no measurement: {:#?}", self.statuses()),
@@ -57,7 +57,7 @@ impl Rig {
 
     /// The next measurement that is a scan, and its stamp, nanoseconds.
     #[track_caller]
-    pub fn next_scan(&self) -> (Scan, i64) {
+    pub(crate) fn next_scan(&self) -> (Scan, i64) {
         let reading = self.next();
         let stamp_ns = reading.measurement.stamp.as_nanos();
         match reading.measurement.data {
@@ -67,22 +67,22 @@ impl Rig {
     }
 
     /// All measurements that have come.
-    pub fn drain(&self) -> Vec<Reading> {
+    pub(crate) fn drain(&self) -> Vec<Reading> {
         self.readings.try_iter().collect()
     }
 
-    pub fn statuses(&self) -> Vec<(&str, DeviceStatus)> {
+    pub(crate) fn statuses(&self) -> Vec<(&str, DeviceStatus)> {
         self.drivers.statuses().collect()
     }
 
     /// Of the first device.
-    pub fn status(&self) -> DeviceStatus {
+    pub(crate) fn status(&self) -> DeviceStatus {
         self.statuses().remove(0).1
     }
 
     /// Waits until the first device is so.
     #[track_caller]
-    pub fn wait(&self, what: &str, is_so: impl Fn(&DeviceStatus) -> bool) -> DeviceStatus {
+    pub(crate) fn wait(&self, what: &str, is_so: impl Fn(&DeviceStatus) -> bool) -> DeviceStatus {
         let give_up_at = emulators::now() + PATIENCE;
         loop {
             let status = self.status();
@@ -95,7 +95,7 @@ impl Rig {
     }
 
     #[track_caller]
-    pub fn wait_until_measuring(&self) -> DeviceStatus {
+    pub(crate) fn wait_until_measuring(&self) -> DeviceStatus {
         self.wait("measuring", |status| {
             status.state == State::Measuring && status.measurements > 0
         })
@@ -103,7 +103,7 @@ impl Rig {
 
     /// Waits for measurements after a device came back; fails if they take longer than allowed.
     #[track_caller]
-    pub fn assert_back(&self) {
+    pub(crate) fn assert_back(&self) {
         self.drain();
         let back_at = clock();
         let reading = self.next_within(BACK_WITHIN);
@@ -113,7 +113,7 @@ impl Rig {
 }
 
 /// The age of a measurement when it arrived.
-pub fn age(reading: &Reading) -> Duration {
+pub(crate) fn age(reading: &Reading) -> Duration {
     let age_ns = reading.arrived.nanos() - reading.measurement.stamp.as_nanos();
     Duration::from_nanos(u64::try_from(age_ns).expect("a stamp in the future"))
 }
