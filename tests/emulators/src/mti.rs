@@ -67,7 +67,7 @@ fn message(identifier: u8, data: &[u8]) -> Vec<u8> {
 }
 
 impl Mti {
-    fn reply(&mut self, request: &[u8]) -> Vec<u8> {
+    fn reply(&mut self, request: &[u8], uptime: Duration) -> Vec<u8> {
         let data = &request[4..request.len() - 1];
         match (request[2], self.state) {
             (0x30, _) => {
@@ -86,6 +86,7 @@ impl Mti {
                     self.settings = entries
                         .map(|entry| (word(entry), word(&entry[2..])))
                         .collect();
+                    self.ticks.change_period(uptime, self.period());
                 }
                 let entries = self.settings.iter();
                 let words = entries.flat_map(|(id, rate)| [id.to_be_bytes(), rate.to_be_bytes()]);
@@ -94,6 +95,12 @@ impl Mti {
             // Invalid message.
             _ => message(0x42, &[4]),
         }
+    }
+
+    fn period(&self) -> Duration {
+        let rates = self.settings.iter().map(|(_, rate)| *rate);
+        let rate = rates.filter(|rate| *rate < 0xFFFF).max();
+        Duration::from_secs(1) / u32::from(rate.unwrap_or(100).max(1))
     }
 
     fn sample(&self, uptime: Duration) -> Vec<u8> {
@@ -142,12 +149,12 @@ impl Device for Mti {
         message(0x3E, &[])
     }
 
-    fn receive(&mut self, bytes: &[u8], _uptime: Duration) -> Vec<u8> {
+    fn receive(&mut self, bytes: &[u8], uptime: Duration) -> Vec<u8> {
         self.buffer.extend_from_slice(bytes);
         let mut replies = Vec::new();
         while let Some(request) = take_request(&mut self.buffer, find) {
             if !self.is_mute {
-                replies.extend(self.reply(&request));
+                replies.extend(self.reply(&request, uptime));
             }
         }
         replies
@@ -157,15 +164,7 @@ impl Device for Mti {
         if self.state == State::Starting && uptime >= START {
             self.state = State::Measuring;
         }
-        let rates = self
-            .settings
-            .iter()
-            .map(|(_, rate)| *rate)
-            .filter(|rate| *rate < 0xFFFF);
-        let rate = rates.max().unwrap_or(100).max(1);
-        let due = self
-            .ticks
-            .due(uptime, Duration::from_secs(1) / u32::from(rate));
+        let due = self.ticks.due(uptime, self.period());
         if self.state != State::Measuring {
             return Vec::new();
         }

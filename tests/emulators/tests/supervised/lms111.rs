@@ -92,7 +92,7 @@ fn stamps_are_those_of_the_first_beam() {
         let reading = rig.next();
         let age = age(&reading);
         assert!(age + Duration::from_micros(10) >= expected, "{age:?}");
-        assert!(age < expected + Duration::from_millis(100), "{age:?}");
+        assert!(age < expected + Duration::from_millis(200), "{age:?}");
     }
     let clock = rig.status().clock.unwrap();
     assert!(clock.spread_s < 0.2 && clock.resets == 0, "{clock:?}");
@@ -106,7 +106,7 @@ fn its_clock_may_wrap() {
     let stamps: Vec<i64> = (0..75).map(|_| rig.next_scan().1).collect();
     for pair in stamps.windows(2) {
         let step_ms = (pair[1] - pair[0]) as f64 / 1e6;
-        assert!((0.0..60.0).contains(&step_ms), "{step_ms} ms");
+        assert!((0.0..500.0).contains(&step_ms), "{step_ms} ms");
     }
     assert_eq!(rig.status().clock.unwrap().resets, 0);
 }

@@ -132,7 +132,7 @@ fn a_hokuyo_is_read() {
         }
         if let Some(last_ns) = last_ns {
             let step_ms = (stamp_ns - last_ns) as f64 / 1e6;
-            assert!((0.0..75.0).contains(&step_ms), "{step_ms}");
+            assert!((0.0..500.0).contains(&step_ms), "{step_ms}");
         }
         last_ns = Some(stamp_ns);
     }
