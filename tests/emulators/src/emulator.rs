@@ -44,6 +44,7 @@ struct Shared<D> {
     device: Mutex<D>,
     is_powered: AtomicBool,
     is_plugged: AtomicBool,
+    is_open: AtomicBool,
     is_over: AtomicBool,
 }
 
@@ -107,12 +108,18 @@ impl<D: Device> Emulator<D> {
             device: Mutex::new(device),
             is_powered: AtomicBool::new(true),
             is_plugged: AtomicBool::new(true),
+            is_open: AtomicBool::new(false),
             is_over: AtomicBool::new(false),
         });
         let thread = std::thread::spawn({
             let shared = Arc::clone(&shared);
             move || serve(&shared, line)
         });
+        let give_up_at = now() + Duration::from_secs(10);
+        while !shared.is_open.load(Ordering::Acquire) {
+            assert!(now() < give_up_at, "{address} cannot be opened");
+            std::thread::sleep(TICK);
+        }
         Self {
             shared,
             thread: Some(thread),
@@ -169,6 +176,7 @@ fn serve<D: Device>(shared: &Shared<D>, mut line: Line) {
             Some(since) => now().duration_since(since),
             None if line.open() => {
                 powered_at = Some(now());
+                shared.is_open.store(true, Ordering::Release);
                 held_back.push(device.power_on());
                 Duration::ZERO
             }
