@@ -66,7 +66,7 @@ pub struct ClockStatus {
 }
 
 impl ClockMapping {
-    /// A connection begins: the device may have started again, and what it sends is not old.
+    /// A connection begins, or the device has started again: what it sends now is not old.
     pub const fn reconnect(&mut self) {
         self.is_new_connection = true;
     }

@@ -293,6 +293,8 @@ impl<D: Device> Supervisor<D> {
                 (Event::Refused(why), _) => return Err(Trouble::Refused(why)),
                 (Event::Restarted, _) => {
                     *phase = Phase::begin(0);
+                    // Its clock has started again, too.
+                    self.mapping.reconnect();
                     self.status
                         .send_modify(|status| status.state = State::Configuring);
                 }
