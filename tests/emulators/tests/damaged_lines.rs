@@ -154,9 +154,9 @@ fn survives<D: Device, E: emulators::Device + Default>(
     let some = run(new(&config), E::default(), 10_000);
     assert!((least[1]..=whole).contains(&some), "{some} of {whole}");
     for odds in [300, 30] {
-        // A false start mark may make two sweeps of one.
+        // Nodes of an RPLIDAR have no sum: a false start mark makes two sweeps of one.
         let few = run(new(&config), E::default(), odds);
-        assert!(few <= whole + whole / 10, "{few} of {whole}");
+        assert!(few <= 2 * whole, "{few} of {whole}");
     }
 }
 
