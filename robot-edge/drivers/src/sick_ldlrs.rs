@@ -11,8 +11,6 @@
 //! bytes. A payload begins with a service; a reply has its highest bit set. Numbers are big-endian
 //! words of 16 bits; angles are 1/16°.
 
-#![expect(clippy::doc_markdown, reason = "names of devices are no code")]
-
 use measurement::scan::Scan;
 
 use crate::read_buffer::{Front, ReadBuffer, before_mark};

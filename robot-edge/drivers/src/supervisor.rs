@@ -243,9 +243,8 @@ impl<D: Device> Supervisor<D> {
                         attempt: attempt + 1,
                     };
                 }
-                Phase::Await { until, .. } => return Ok(until),
                 Phase::Pause { step, until } if until <= now => *phase = Phase::begin(step),
-                Phase::Pause { until, .. } => return Ok(until),
+                Phase::Await { until, .. } | Phase::Pause { until, .. } => return Ok(until),
                 Phase::Run {
                     max_silence,
                     alive_at,

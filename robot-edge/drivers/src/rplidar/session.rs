@@ -81,12 +81,13 @@ impl Device for Rplidar {
         let event = match (message, awaited) {
             (Message::Sweep(sweep), _) => self.sweep(&sweep),
             (Message::Info { model, serial, .. }, Some(INFO)) => {
-                let serial: String = serial.iter().map(|byte| format!("{byte:02X}")).collect();
-                let identity = format!("RPLIDAR model {model:#04X}, serial number {serial}");
+                let serial = u128::from_be_bytes(serial);
+                let identity = format!("RPLIDAR model {model:#04X}, serial number {serial:032X}");
                 events.push(Event::Identity(identity));
                 Event::Accepted
             }
-            (Message::Health { status: 0 | 1, .. }, Some(HEALTH)) => Event::Accepted,
+            (Message::Health { status: 0 | 1, .. }, Some(HEALTH))
+            | (Message::ScanBegins, Some(SCAN)) => Event::Accepted,
             (Message::Health { error_code, .. }, Some(HEALTH)) => Event::Refused(format!(
                 "it is faulty, error {error_code}: switch it off and on"
             )),
@@ -94,7 +95,6 @@ impl Device for Rplidar {
                 self.sample_s = scan_s;
                 Event::Accepted
             }
-            (Message::ScanBegins, Some(SCAN)) => Event::Accepted,
             _ => Event::Unexpected,
         };
         events.push(event);
