@@ -58,11 +58,11 @@ fn status(request: &str, status: &str) -> String {
 }
 
 fn texts(request: &str, lines: &[String]) -> String {
-    let lines: String = lines
+    let lines: Vec<String> = lines
         .iter()
         .map(|line| format!("{line};{}\n", sum(line)))
         .collect();
-    format!("{request}\n00P\n{lines}\n")
+    format!("{request}\n00P\n{}\n", lines.concat())
 }
 
 impl Hokuyo {
@@ -120,17 +120,17 @@ impl Hokuyo {
         }
     }
 
-    fn scan(&self, request: &str, turn: u64, time_ms: u32) -> Vec<u8> {
+    fn scan(request: &str, turn: u64, time_ms: u32) -> Vec<u8> {
         let distances: String = (0..STEPS)
             .map(|step| encode(Self::distance_mm(step, turn), 3))
             .collect();
         let time = encode(time_ms & 0xFF_FFFF, 4);
-        let mut text = format!("{request}\n99b\n{time}{}\n", sum(&time));
-        for block in distances.as_bytes().chunks(64) {
-            let block = String::from_utf8_lossy(block);
-            text += &format!("{block}{}\n", sum(&block));
-        }
-        (text + "\n").into_bytes()
+        let blocks = distances.as_bytes().chunks(64).map(String::from_utf8_lossy);
+        let blocks: Vec<String> = blocks
+            .map(|block| format!("{block}{}\n", sum(&block)))
+            .collect();
+        let head = format!("{request}\n99b\n{time}{}\n", sum(&time));
+        (head + &blocks.concat() + "\n").into_bytes()
     }
 }
 
@@ -170,7 +170,7 @@ impl Device for Hokuyo {
         let scan = |turn: u64| {
             let started = PERIOD * turn as u32;
             let time_ms = self.clock_start_ms.wrapping_add(started.as_millis() as u32);
-            self.scan(request, turn, time_ms)
+            Self::scan(request, turn, time_ms)
         };
         due.map(scan).collect()
     }

@@ -53,7 +53,7 @@ impl Ticks {
     /// Periods have another length from now on.
     pub(crate) fn change_period(&mut self, uptime: Duration, period: Duration) {
         self.restart();
-        drop(self.due(uptime, period));
+        self.due(uptime, period);
     }
 
     /// Numbers of the periods that have ended since the last call; at most 1000 are made up for.

@@ -6,6 +6,11 @@
 //! `DeviceIdent`, `LMPscancfg`, `mLMPsetscancfg` and `sFA`: these are from `LMS1xx.cpp` of
 //! clearpathrobotics/LMS1xx and from the tables.
 
+#![expect(
+    clippy::doc_markdown,
+    reason = "names of devices and of a protocol are no code"
+)]
+
 use std::time::Duration;
 
 use crate::{Device, Ticks, take_request};
@@ -96,15 +101,13 @@ impl Lms111 {
 
     fn telegram(&self, command: &str, values: &[Value]) -> Vec<u8> {
         if self.is_text {
-            let mut text = format!("\x02{command}");
-            for value in values {
-                match value {
-                    Value::Number(number, _) => text += &format!(" {number:X}"),
-                    Value::Name(name) => text += &format!(" {name}"),
-                    Value::Text(value) => text += &format!(" {:X} {value}", value.len()),
-                }
-            }
-            return (text + "\x03").into_bytes();
+            let token = |value: &Value| match value {
+                Value::Number(number, _) => format!(" {number:X}"),
+                Value::Name(name) => format!(" {name}"),
+                Value::Text(value) => format!(" {:X} {value}", value.len()),
+            };
+            let tokens: Vec<String> = values.iter().map(token).collect();
+            return format!("\x02{command}{}\x03", tokens.concat()).into_bytes();
         }
         let mut payload = command.as_bytes().to_vec();
         payload.push(b' ');
