@@ -31,7 +31,7 @@ impl Random {
     }
 
     fn one_in(&mut self, odds: u64) -> bool {
-        self.next() % odds == 0
+        self.next().is_multiple_of(odds)
     }
 }
 

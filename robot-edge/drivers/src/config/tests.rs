@@ -38,7 +38,7 @@ fn a_laser_with_a_sector_and_masks() {
     };
     assert_eq!(beams.sector, Some(range(-60.0, 60.0)));
     assert_eq!(beams.masks, [range(-60.0, -55.0), range(10.5, 12.0)]);
-    assert_eq!(laser.range_limits_m(0.5, 20.0), [0.5, 20.0]);
+    assert_eq!(laser.range_limits_m(0.5, 20.0).as_slice(), [0.5, 20.0]);
 }
 
 #[test]

@@ -113,12 +113,12 @@ fn every_device_comes_back_within_two_seconds() {
     let cycles: usize = std::env::var("CYCLES").map_or(1000, |text| text.parse().unwrap());
     let devices = all();
     let each = cycles.div_ceil(devices.len());
-    let text: String = devices
+    let texts: Vec<String> = devices
         .iter()
         .enumerate()
         .map(|(number, device)| format!("[d{number:02}]\n{}\n", device.config))
         .collect();
-    let configs = DeviceConfig::read_all(&text.parse().unwrap()).unwrap();
+    let configs = DeviceConfig::read_all(&texts.concat().parse().unwrap()).unwrap();
     let (sender, readings) = sync_channel::<Reading>(10_000);
     let drivers = Drivers::start(&configs, clock, &sender).unwrap();
     drop(sender);

@@ -51,7 +51,7 @@ impl Rig {
     pub(crate) fn next_within(&self, wait: Duration) -> Reading {
         match self.readings.recv_timeout(wait) {
             Ok(reading) => reading,
-            Err(_) => panic!("no measurement: {:#?}", self.statuses()),
+            Err(error) => panic!("{error}: {:#?}", self.statuses()),
         }
     }
 
