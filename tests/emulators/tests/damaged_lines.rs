@@ -153,10 +153,12 @@ fn survives<D: Device, E: emulators::Device + Default>(
     assert!(whole >= least[0], "{whole}");
     let some = run(new(&config), E::default(), 10_000);
     assert!((least[1]..=whole).contains(&some), "{some} of {whole}");
+    // Nodes of an RPLIDAR have no sum: a false angle makes two sweeps of one.
+    let has_sums = !std::any::type_name::<E>().ends_with("Rplidar");
+    let most = if has_sums { whole } else { 4 * whole };
     for odds in [300, 30] {
-        // Nodes of an RPLIDAR have no sum: a false start mark makes two sweeps of one.
         let few = run(new(&config), E::default(), odds);
-        assert!(few <= 2 * whole, "{few} of {whole}");
+        assert!(few <= most, "{few} of {whole}");
     }
 }
 
