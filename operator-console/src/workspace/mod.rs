@@ -372,6 +372,11 @@ impl Behavior<PanelId> for PanelTreeBehavior<'_> {
         28.0
     }
 
+    /// So that four tabs fit beside each other in the default layout.
+    fn tab_title_spacing(&self, _visuals: &Visuals) -> f32 {
+        4.0
+    }
+
     fn min_size(&self) -> f32 {
         80.0
     }

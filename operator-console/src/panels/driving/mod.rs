@@ -61,7 +61,9 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     }
     advice_ui(ui, data.advice.as_deref());
     ui.add_space(2.0);
-    ui.label(RichText::new(&data.driver).strong());
+    if data.driver != data.headline {
+        ui.label(RichText::new(&data.driver).strong());
+    }
     intent = intent.or(lease_ui(ui, data.lease, data.cannot_take_over));
     if let Some(notice) = &data.notice {
         let warning = Tone::Warning.color(ui.visuals());
