@@ -1,6 +1,7 @@
 //! Draws the map: layers, overlays, cards and buttons.
 
 use std::f64::consts::FRAC_PI_2;
+use std::time::Duration;
 
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
@@ -9,11 +10,13 @@ use eframe::egui::{
 };
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
+use protocol::message::CollisionMonitorState;
 
 use super::chunks::FrameTime;
 use super::grid::{self, COMPASS_SIZE, CompassData, ScaleBar};
-use super::legend_card::LegendPlace;
+use super::legend_card::{Drawn, LegendPlace};
 use super::map_layers::MapLayers;
+use super::marks::Mark;
 use super::probe::{self, ProbeData};
 use super::shores::ShoreMarks;
 use super::toolbar::{self, ToolbarData};
@@ -36,6 +39,12 @@ pub(super) const MIN_MAP_FOR_CARDS: [f32; 2] = [200.0, 160.0];
 const MIN_CARD_WIDTH: f32 = 330.0;
 /// On narrower maps the probe card has short texts, points.
 const NARROW: f32 = 480.0;
+/// Maximum number of drawn scan points; more are subsampled.
+const MAX_SCAN_POINTS: usize = 4_000;
+/// Scan points fade until this age.
+const SCAN_LIFETIME: Duration = Duration::from_secs(2);
+/// Large enough for the obstacle to be visible inside, points.
+const RING_RADIUS: f32 = 10.0;
 
 impl MapView {
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
@@ -68,11 +77,10 @@ impl MapView {
             let covered: Vec<_> = covered.chain([bar_place]).collect();
             grid::paint_grid(&painter, &lines, (screen, &covered), ink, paper);
         }
-        let vehicle_color = self.vehicle_color(is_position_old);
-        self.paint_sensors(&painter, model, vehicle_color);
+        self.paint_sensors(&painter, model);
         let marks = self.shore_marks(model);
         marks.paint_ground(&painter, ink, paper);
-        self.paint_vehicle(&painter, model, vehicle_color, is_position_old);
+        self.paint_vehicle(&painter, model, is_position_old);
         marks.paint_labels(&painter, ink, paper);
         // A draggable map is also hovered through its buttons.
         let pointer = response.hover_pos().filter(|at| !self.is_occluded(*at));
@@ -102,7 +110,7 @@ impl MapView {
             self.probe_ui(ui, probed_place, model, now);
         }
         if self.settings.has(Overlay::Legend) {
-            self.legend_ui(ui, model);
+            self.legend_ui(ui, model, is_position_old);
         }
         let from_buttons = self.buttons_ui(ui);
         let from_compass = self.compass_ui(ui, model);
@@ -211,71 +219,114 @@ impl MapView {
         ShoreMarks::new(inputs, &self.camera, &marked, vehicle_m(model))
     }
 
-    fn vehicle_color(&self, is_old: bool) -> Color32 {
-        if is_old {
-            theme::VEHICLE_STALE
-        } else {
-            self.robot_overlay.color.unwrap_or(theme::VEHICLE)
+    fn mark_color(&self, mark: Mark, is_old: bool) -> Color32 {
+        match mark {
+            Mark::Vehicle | Mark::Path if is_old => theme::VEHICLE_STALE,
+            Mark::Vehicle => self.robot_overlay.color.unwrap_or(mark.color()),
+            _ => mark.color(),
         }
     }
 
-    fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel, color: Color32) {
+    fn paint_sensors(&self, painter: &Painter, model: &ConsoleModel) {
         let Some(position_m) = vehicle_m(model).filter(|_| self.settings.has(Overlay::Sensors))
         else {
             return;
         };
         let view = &self.camera;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
-        for field in &self.robot_overlay.sensors {
-            let field_m = vehicle::field_m(field, position_m, heading_rad);
-            vehicle::paint_field(painter, &field_m, view, color);
-        }
+        let fields = self.robot_overlay.sensors.iter().map(|field| {
+            let outline_m = vehicle::field_m(field, position_m, heading_rad);
+            (view.line(&outline_m), true)
+        });
+        let in_sight = |(points, _): &(Vec<Pos2>, bool)| {
+            Rect::from_points(points).intersects(view.screen)
+        };
+        let fields: Vec<_> = fields.filter(in_sight).collect();
+        let mark = Mark::FieldOfView;
+        mark.paint_lines(painter, &fields, 1.0, mark.color());
         if let Some(scan) = &self.robot_overlay.scan {
-            vehicle::paint_scan(painter, scan, view, theme::SCAN);
+            let age = scan.age.as_secs_f32() / SCAN_LIFETIME.as_secs_f32();
+            let stride = scan.points_m.len() / MAX_SCAN_POINTS + 1;
+            let points = scan.points_m.iter().step_by(stride);
+            let points = points.map(|point_m| view.to_screen(*point_m));
+            let in_sight = points.filter(|at| view.screen.contains(*at));
+            Mark::Scan.paint_points(painter, in_sight, (1.0 - 0.7 * age).max(0.0));
         }
     }
 
-    fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, color: Color32, is_old: bool) {
+    fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {
         let lines = vehicle::trail_lines(model.vehicle().trail(), &self.camera);
-        let trail = if is_old {
-            theme::VEHICLE_STALE
-        } else {
-            theme::TRAIL
-        };
-        vehicle::paint_trail(painter, lines, trail, self.camera.points_per_m);
+        let lines: Vec<_> = lines.into_iter().map(|line| (line, false)).collect();
+        // Thinner on small scales, so that narrow passages stay visible.
+        let width = (0.06 * self.camera.points_per_m as f32).clamp(1.0, 2.2);
+        let color = self.mark_color(Mark::Path, is_old);
+        Mark::Path.paint_lines(painter, &lines, width, color);
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
         let view = &self.camera;
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
-        let footprint_m = model.info().map(|info| info.footprint_m);
-        let offset_m = model.info().map_or(0.0, |info| info.footprint_offset_m);
-        if let (Some(stopping), Some(footprint_m), false) =
-            (self.robot_overlay.stopping, footprint_m, is_old)
+        if let (Some(stopping), Some(info), false) =
+            (self.robot_overlay.stopping, model.info(), is_old)
         {
             let motion = Motion {
                 position_m: [x_m, y_m],
                 heading_rad,
                 speed_mps: f64::from(pose.speed_mps),
                 turn_rate_radps: f64::from(pose.turn_rate_radps),
-                footprint_m: footprint_m.map(f64::from),
-                footprint_offset_m: f64::from(offset_m),
+                footprint_m: info.footprint_m.map(f64::from),
+                footprint_offset_m: f64::from(info.footprint_offset_m),
             };
-            let swept_m = vehicle::swept_m(&motion, stopping);
-            vehicle::paint_stopping(painter, &swept_m, view, theme::STOPPING);
+            let swept = vehicle::swept_m(&motion, stopping);
+            let swept = swept.iter().map(|edges| edges.map(|edge_m| view.to_screen(edge_m)));
+            Mark::StoppingDistance.paint_area(painter, &swept.collect::<Vec<_>>());
         }
-        VehicleMark::new(
-            self.camera.to_screen([x_m, y_m]),
+        if let Some(vehicle) = self.vehicle_mark(model) {
+            vehicle.paint(painter, self.mark_color(Mark::Vehicle, is_old));
+        }
+        if let Some(barrier) = model.barrier().filter(|_| !is_old) {
+            let at = view.to_screen(barrier.position_m.map(f64::from));
+            if view.screen.expand(RING_RADIUS).contains(at) {
+                Mark::LimitingObstacle.paint_ring(painter, at, RING_RADIUS);
+            }
+        }
+    }
+
+    fn vehicle_mark(&self, model: &ConsoleModel) -> Option<VehicleMark> {
+        let heading_rad = model.vehicle().heading_rad()?;
+        let footprint_m = model.info().map(|info| info.footprint_m);
+        let offset_m = model.info().map_or(0.0, |info| info.footprint_offset_m);
+        Some(VehicleMark::new(
+            self.camera.to_screen(vehicle_m(model)?),
             self.camera.direction(heading_rad),
             (footprint_m, offset_m),
             self.camera.points_per_m,
-        )
-        .paint(painter, color);
-        if let Some(barrier) = model.barrier().filter(|_| !is_old) {
-            let position_m = barrier.position_m.map(f64::from);
-            vehicle::paint_barrier(painter, position_m, view, theme::STOPPING);
-        }
+        ))
+    }
+
+    /// Marks that are on the map of this robot, now or when it moves: the legend keeps its size.
+    fn marks(&self, model: &ConsoleModel) -> Vec<Mark> {
+        let overlay = &self.robot_overlay;
+        let has_pose = model.vehicle().pose().is_some();
+        let draws_sensors = has_pose && self.settings.has(Overlay::Sensors);
+        let teleop = model
+            .status()
+            .and_then(|(status, _)| status.teleop.as_ref());
+        let is_monitored = teleop.is_some_and(|teleop| {
+            !matches!(teleop.collision_monitor, CollisionMonitorState::Off)
+        });
+        let marks = [
+            (Mark::Vehicle, has_pose),
+            (Mark::Path, has_pose),
+            (Mark::Scan, draws_sensors && (overlay.scan.is_some() || !overlay.sensors.is_empty())),
+            (Mark::FieldOfView, draws_sensors && !overlay.sensors.is_empty()),
+            (Mark::StoppingDistance, has_pose && overlay.stopping.is_some()),
+            (Mark::LimitingObstacle, is_monitored || model.barrier().is_some()),
+            (Mark::Selection, self.shore_selection.selected.is_some()),
+        ];
+        let drawn = marks.into_iter().filter(|(_, is_drawn)| *is_drawn);
+        drawn.map(|(mark, _)| mark).collect()
     }
 
     fn probe_ui(
@@ -442,7 +493,7 @@ impl MapView {
         grid::compass_ui(ui, rect, data).then(|| Look::Up(self.settings.orientation.other()))
     }
 
-    pub(super) fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel) {
+    pub(super) fn legend_ui(&mut self, ui: &Ui, model: &ConsoleModel, is_old: bool) {
         let shown = MapLayers::shown(self.stack(), model.map().store());
         let palettes = shown.iter().rev();
         let palettes: Vec<_> = palettes
@@ -456,7 +507,9 @@ impl MapView {
             compass: self.compass_below(buttons),
         };
         let before = self.legends.place;
-        self.legends.show(ui, &map, &palettes);
+        let marks = self.marks(model).into_iter();
+        let marks: Vec<_> = marks.map(|mark| (mark, self.mark_color(mark, is_old))).collect();
+        self.legends.show(ui, &map, Drawn { palettes: &palettes, marks: &marks });
         let is_other = match (before, self.legends.place) {
             (Some(before), Some(now)) => (now.size() - before.size()).length() > 0.5,
             (before, now) => before.is_some() != now.is_some(),

@@ -8,6 +8,7 @@ mod grid;
 mod layer_compositing;
 mod legend_card;
 mod map_layers;
+mod marks;
 mod navigation;
 mod probe;
 mod ruler;
@@ -28,6 +29,7 @@ use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
+pub use marks::Mark;
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;

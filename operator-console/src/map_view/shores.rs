@@ -11,9 +11,9 @@ use protocol::shores::site_letters;
 
 use super::ShoreMark;
 use super::camera::Camera;
+use super::marks::Mark;
 use crate::model::Outline;
 use crate::panels::shores::Distance;
-use crate::theme;
 
 const FONT: f32 = 13.0;
 const PADDING: Vec2 = vec2(5.0, 2.0);
@@ -26,6 +26,8 @@ const ARROW: f32 = 30.0;
 const HEAD: f32 = 9.0;
 /// Length of the end lines of a marked docking site, points.
 const END: f32 = 12.0;
+/// Width of the outline of a marked shore, points.
+const SELECTION: f32 = 3.0;
 
 type ShoreInputs<'a> = (&'a Shores, &'a [Outline]);
 
@@ -94,17 +96,11 @@ impl ShoreMarks {
 
     /// Draws what is below the vehicle: outlines and arrows.
     pub(super) fn paint_ground(&self, painter: &Painter, ink: Color32, paper: Color32) {
-        let halo = Stroke::new(6.0, Color32::WHITE);
-        let line = Stroke::new(3.0, theme::MARKED);
-        // Halos first, so that none covers a line.
-        for stroke in [halo, line] {
-            for outline in &self.outlines {
-                painter.add(Shape::closed_line(outline.clone(), stroke));
-            }
-            for bracket_line in &self.brackets {
-                painter.add(Shape::line(bracket_line.clone(), stroke));
-            }
-        }
+        let outlines = self.outlines.iter().map(|line| (line.clone(), true));
+        let brackets = self.brackets.iter().map(|line| (line.clone(), false));
+        let lines: Vec<_> = outlines.chain(brackets).collect();
+        let mark = Mark::Selection;
+        mark.paint_lines(painter, &lines, SELECTION, mark.color());
         for (_, at, towards) in &self.sites {
             paint_arrow(painter, *at, *towards, ink, paper);
         }

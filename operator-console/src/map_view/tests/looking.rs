@@ -79,7 +79,7 @@ fn a_selected_shore_is_approached() {
 
 /// Marked shores and docking sites: whether the line is closed, and its corners in `odom`, whole metres.
 fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
-    let stroke = PathStroke::from(Stroke::new(3.0, theme::MARKED));
+    let stroke = PathStroke::from(Stroke::new(3.0, theme::SELECTION));
     let view = &window.state().view;
     let corner_m = |at: &Pos2| {
         let corner_m = view.camera.to_odom(*at);
@@ -286,7 +286,8 @@ fn the_limiting_obstacle_has_a_ring() {
                 return None;
             };
             let place_m = view.camera.to_odom(ring.center);
-            let is_it = ring.stroke.color == theme::STOPPING;
+            // Not the smaller one of the legend.
+            let is_it = ring.stroke.color == theme::MONITOR && ring.radius > 9.0;
             is_it.then(|| place_m.map(|metres| metres.round() as i32))
         });
         rings.collect()
