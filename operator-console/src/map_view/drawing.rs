@@ -85,7 +85,8 @@ impl MapView {
         // A draggable map is also hovered through its buttons.
         let pointer = response.hover_pos().filter(|at| !self.is_occluded(*at));
         let probed_place = self.probed_place(pointer);
-        let measured = self.paint_ruler(&painter, model, probed_place, &marks.labels, ink, paper);
+        let labels = marks.label_places();
+        let measured = self.paint_ruler(&painter, model, probed_place, &labels, ink, paper);
         if self.is_center_probed {
             probe::paint_pin(&painter, screen.center());
         }
@@ -216,7 +217,10 @@ impl MapView {
         };
         let inputs = (shores, model.shore_outlines().outlines());
         let marked = self.shore_selection.shown();
-        ShoreMarks::new(inputs, &self.camera, &marked, vehicle_m(model))
+        let vehicle = self.vehicle_mark(model).map(|vehicle| vehicle.bounds());
+        let taken: Vec<_> = self.fixed_cards().chain(vehicle).collect();
+        let marked = (&*marked, self.settings.has_labels);
+        ShoreMarks::new(inputs, &self.camera, marked, vehicle_m(model), &taken)
     }
 
     fn mark_color(&self, mark: Mark, is_old: bool) -> Color32 {
@@ -401,14 +405,18 @@ impl MapView {
         self.settings.has(Overlay::Compass).then_some(place)
     }
 
-    pub(super) fn is_occluded(&self, place: Pos2) -> bool {
-        let occluders = [
+    /// Buttons, compass and legends.
+    pub(super) fn fixed_cards(&self) -> impl Iterator<Item = Rect> {
+        let cards = [
             Some(self.buttons),
             self.compass_below(self.buttons.bottom()),
             self.legends_place(),
         ];
-        let mut occluders = occluders.into_iter().flatten();
-        occluders.any(|occluders| occluders.contains(place))
+        cards.into_iter().flatten()
+    }
+
+    pub(super) fn is_occluded(&self, place: Pos2) -> bool {
+        self.fixed_cards().any(|card| card.contains(place))
     }
 
     pub fn notice_room(&self) -> Option<NoticeRoom> {

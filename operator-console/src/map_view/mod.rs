@@ -5,6 +5,7 @@ mod chunks;
 mod coloring;
 mod drawing;
 mod grid;
+mod labels;
 mod layer_compositing;
 mod legend_card;
 mod map_layers;
@@ -201,6 +202,7 @@ impl MapView {
                 self.settings.stack.show_only(layer, &offered);
             }
             LayerCommand::Fit(layer) => self.layers.fit_colors(layer, model.map().store()),
+            LayerCommand::Labels(is_on) => self.settings.has_labels = is_on,
             _ => self.settings.stack.apply(command),
         }
     }

@@ -11,7 +11,7 @@ use crate::theme;
 
 /// A shorter footprint is drawn as an arrow of [`ARROW`] points.
 const MIN_LENGTH: f32 = 16.0;
-pub(super) const ARROW: f32 = 20.0;
+const ARROW: f32 = 20.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct VehicleMark {
@@ -47,6 +47,11 @@ impl VehicleMark {
             footprint,
             arrow: corners.map(|(x, y)| place(vec2(x, y) * length)),
         }
+    }
+
+    pub(super) fn bounds(&self) -> Rect {
+        let corners: Vec<_> = self.footprint.iter().chain(&self.arrow).copied().collect();
+        Rect::from_points(&corners)
     }
 
     /// With a light rim inside a dark one, because a robot's own colour may be dark or light.
