@@ -9,7 +9,7 @@ use eframe::egui::{
 };
 use protocol::layer::Palette;
 
-use super::drawing::MIN_MAP_FOR_CARDS;
+use super::cards::MIN_MAP_FOR_CARDS;
 use super::marks::Mark;
 use super::{CARD_MARGIN, card_frame};
 use crate::panels::layers::layer_name;
