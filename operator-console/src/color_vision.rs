@@ -54,7 +54,11 @@ impl ColorVision {
             }
         });
         let seen = self.matrix().map(|row| {
-            let channel: f64 = row.iter().zip(linear).map(|(factor, part)| factor * part).sum();
+            let channel: f64 = row
+                .iter()
+                .zip(linear)
+                .map(|(factor, part)| factor * part)
+                .sum();
             channel.clamp(0.0, 1.0)
         });
         0.2126 * seen[0] + 0.7152 * seen[1] + 0.0722 * seen[2]

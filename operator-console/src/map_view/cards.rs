@@ -126,7 +126,7 @@ impl MapView {
     }
 
     /// The longest scale bar, whose length changes with the scale, with its margins.
-    fn scale_bar_room(&self) -> Rect {
+    pub(super) fn scale_bar_room(&self) -> Rect {
         let corner = self.camera.screen.left_bottom();
         let width = SCALE_BAR.min(self.width_beside_legend() + CARD_MARGIN);
         Rect::from_two_pos(corner, corner + vec2(width, -OVER_SCALE_BAR))
@@ -137,9 +137,15 @@ impl MapView {
         let screen = self.camera.screen;
         let banner = screen.with_max_y(self.cards.map_top.max(screen.top()));
         let standing = [banner, self.scale_bar_room()].into_iter();
-        let standing = standing.chain(self.cards.pinned_probe);
+        let pinned = self
+            .cards
+            .pinned_probe
+            .filter(|_| self.has_room_for_cards());
+        let standing = standing.chain(pinned);
         let cards = standing.chain(self.fixed_cards());
-        cards.filter(|card| card.is_positive() && card.intersects(screen)).collect()
+        cards
+            .filter(|card| card.is_positive() && card.intersects(screen))
+            .collect()
     }
 
     pub fn notice_room(&self) -> Option<NoticeRoom> {
@@ -180,9 +186,8 @@ impl MapView {
             align.anchor_size(*corner, self.cards.probe_size)
         };
         anchors.retain(|anchor| !self.hides_vehicle(place(anchor)));
-        let is_clear = |anchor: &&(Pos2, Align2, f32)| {
-            !place(anchor).expand(POINTER).contains(point)
-        };
+        let is_clear =
+            |anchor: &&(Pos2, Align2, f32)| !place(anchor).expand(POINTER).contains(point);
         let anchor = anchors.iter().find(is_clear).or(anchors.first());
         let Some((corner, align, width)) = anchor.copied() else {
             return;
@@ -338,8 +343,13 @@ pub(super) fn free_parts(screen: Rect, cards: &[Rect]) -> Vec<Rect> {
     let rights = edges(screen.right(), Rect::left);
     let tops = edges(screen.top(), Rect::bottom);
     let bottoms = edges(screen.bottom(), Rect::top);
-    let columns = lefts.iter().flat_map(|left| rights.iter().map(move |right| (*left, *right)));
-    let rows = || tops.iter().flat_map(|top| bottoms.iter().map(move |bottom| (*top, *bottom)));
+    let columns = lefts
+        .iter()
+        .flat_map(|left| rights.iter().map(move |right| (*left, *right)));
+    let rows = || {
+        tops.iter()
+            .flat_map(|top| bottoms.iter().map(move |bottom| (*top, *bottom)))
+    };
     let parts = columns.flat_map(|(left, right)| {
         rows().map(move |(top, bottom)| Rect::from_min_max(pos2(left, top), pos2(right, bottom)))
     });
@@ -361,9 +371,8 @@ mod tests {
 
     #[test]
     fn largest_parts_without_cards() {
-        let rect = |left, top, right, bottom| {
-            Rect::from_min_max(pos2(left, top), pos2(right, bottom))
-        };
+        let rect =
+            |left, top, right, bottom| Rect::from_min_max(pos2(left, top), pos2(right, bottom));
         let screen = rect(0.0, 0.0, 400.0, 300.0);
         assert_eq!(free_parts(screen, &[]), [screen]);
         let legends = rect(250.0, 200.0, 400.0, 300.0);

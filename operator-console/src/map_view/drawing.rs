@@ -221,9 +221,8 @@ impl MapView {
             let outline_m = vehicle::field_m(field, position_m, heading_rad);
             (view.line(&outline_m), true)
         });
-        let in_sight = |(points, _): &(Vec<Pos2>, bool)| {
-            Rect::from_points(points).intersects(view.screen)
-        };
+        let in_sight =
+            |(points, _): &(Vec<Pos2>, bool)| Rect::from_points(points).intersects(view.screen);
         let fields: Vec<_> = fields.filter(in_sight).collect();
         let mark = Mark::FieldOfView;
         mark.paint_lines(painter, &fields, 1.0, mark.color());
@@ -262,7 +261,9 @@ impl MapView {
                 footprint_offset_m: f64::from(info.footprint_offset_m),
             };
             let swept = vehicle::swept_m(&motion, stopping);
-            let swept = swept.iter().map(|edges| edges.map(|edge_m| view.to_screen(edge_m)));
+            let swept = swept
+                .iter()
+                .map(|edges| edges.map(|edge_m| view.to_screen(edge_m)));
             Mark::StoppingDistance.paint_area(painter, &swept.collect::<Vec<_>>());
         }
         if let Some(vehicle) = self.vehicle_mark(model) {
@@ -296,16 +297,27 @@ impl MapView {
         let teleop = model
             .status()
             .and_then(|(status, _)| status.teleop.as_ref());
-        let is_monitored = teleop.is_some_and(|teleop| {
-            !matches!(teleop.collision_monitor, CollisionMonitorState::Off)
-        });
+        let is_monitored = teleop
+            .is_some_and(|teleop| !matches!(teleop.collision_monitor, CollisionMonitorState::Off));
         let marks = [
             (Mark::Vehicle, has_pose),
             (Mark::Path, has_pose),
-            (Mark::Scan, draws_sensors && (overlay.scan.is_some() || !overlay.sensors.is_empty())),
-            (Mark::FieldOfView, draws_sensors && !overlay.sensors.is_empty()),
-            (Mark::StoppingDistance, has_pose && overlay.stopping.is_some()),
-            (Mark::LimitingObstacle, is_monitored || model.barrier().is_some()),
+            (
+                Mark::Scan,
+                draws_sensors && (overlay.scan.is_some() || !overlay.sensors.is_empty()),
+            ),
+            (
+                Mark::FieldOfView,
+                draws_sensors && !overlay.sensors.is_empty(),
+            ),
+            (
+                Mark::StoppingDistance,
+                has_pose && overlay.stopping.is_some(),
+            ),
+            (
+                Mark::LimitingObstacle,
+                is_monitored || model.barrier().is_some(),
+            ),
             (Mark::Selection, self.shore_selection.selected.is_some()),
         ];
         let drawn = marks.into_iter().filter(|(_, is_drawn)| *is_drawn);

@@ -80,9 +80,8 @@ impl Label {
         let near = self.named.bounds.intersect(screen);
         let around = DISTANCES.iter().flat_map(|distance| {
             let reach = 0.5 * (near.size() + self.size) + Vec2::splat(*distance);
-            DIRECTIONS.map(|towards| {
-                Rect::from_center_size(near.center() + towards * reach, self.size)
-            })
+            DIRECTIONS
+                .map(|towards| Rect::from_center_size(near.center() + towards * reach, self.size))
         });
         self.preferred.into_iter().chain(around).collect()
     }
@@ -122,7 +121,9 @@ impl Area {
         ];
         let is_outside = |[from, to]: [Pos2; 2]| {
             let along = to - from;
-            let mut sides = corners.iter().map(|corner| along.rot90().dot(*corner - from));
+            let mut sides = corners
+                .iter()
+                .map(|corner| along.rot90().dot(*corner - from));
             sides.all(|side| side < 0.0)
         };
         self.bounds.intersects(place) && !self.edges().any(is_outside)
@@ -234,7 +235,10 @@ mod tests {
             panic!("no place");
         };
         assert!(screen().contains_rect(place), "{place}");
-        assert_eq!(places(&[label(pos2(200.0, 150.0), 4.0)], &[screen()]), [None]);
+        assert_eq!(
+            places(&[label(pos2(200.0, 150.0), 4.0)], &[screen()]),
+            [None]
+        );
     }
 
     #[test]
@@ -261,7 +265,10 @@ mod tests {
         let [Some(whole)] = &placed(&[whole], screen(), &[])[..] else {
             panic!("no place");
         };
-        assert_eq!((whole.place.center(), whole.leader), (pos2(200.0, 150.0), None));
+        assert_eq!(
+            (whole.place.center(), whole.leader),
+            (pos2(200.0, 150.0), None)
+        );
     }
 
     #[test]

@@ -4,8 +4,9 @@
 use eframe::egui::accesskit::Role;
 use eframe::egui::style::ScrollAnimation;
 use eframe::egui::{
-    Align2, Area, Button, Color32, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText, ScrollArea,
-    Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
+    Align2, Area, Button, Color32, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText,
+    ScrollArea, Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2,
+    vec2,
 };
 use protocol::layer::Palette;
 
@@ -149,12 +150,7 @@ struct Content {
 
 impl Content {
     /// `shown` legends, with the width of the button beside them.
-    fn new(
-        ui: &Ui,
-        screen: Rect,
-        drawn: Drawn<'_>,
-        (shown, beside): (usize, Option<f32>),
-    ) -> Self {
+    fn new(ui: &Ui, screen: Rect, drawn: Drawn<'_>, (shown, beside): (usize, Option<f32>)) -> Self {
         let width = inner_width(screen);
         let is_narrow = is_narrow(screen);
         let palettes = drawn.palettes.iter().copied();

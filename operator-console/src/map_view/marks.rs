@@ -159,7 +159,7 @@ impl Mark {
             }
             MarkShape::Line(corners) => {
                 let corners = corners.iter().copied().map(at).collect();
-                self.paint_lines(painter, &[(corners, false)], 1.5, color);
+                self.paint_lines(painter, &[(corners, false)], 1.2, color);
             }
             MarkShape::Points => {
                 let points = [[0.1, 0.6], [0.4, 0.3], [0.7, 0.4], [0.9, 0.8]];

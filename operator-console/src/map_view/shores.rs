@@ -58,7 +58,9 @@ impl ShoreMarks {
         let labels: Vec<_> = named.iter().map(|named| named.label.clone()).collect();
         let placed = placed(&labels, camera.screen, taken);
         let placed = named.iter().zip(placed);
-        let placed: Vec<_> = placed.filter_map(|(named, label)| Some((named, label?))).collect();
+        let placed: Vec<_> = placed
+            .filter_map(|(named, label)| Some((named, label?)))
+            .collect();
         let (mut outlines, mut brackets) = (Vec::new(), Vec::new());
         for mark in marked {
             let extent = camera.line(&extent_m(shores, *mark));
@@ -76,7 +78,10 @@ impl ShoreMarks {
         }
         Self {
             arrows: placed.iter().filter_map(|(named, _)| named.arrow).collect(),
-            labels: placed.into_iter().map(|(named, label)| (named.mark, label)).collect(),
+            labels: placed
+                .into_iter()
+                .map(|(named, label)| (named.mark, label))
+                .collect(),
             outlines,
             brackets,
         }
@@ -141,7 +146,7 @@ fn named(
         let tail = camera.to_screen(site.center_m.map(f64::from)) - towards * ARROW;
         let mark = ShoreMark::Site(site.number);
         let size = size(mark);
-        let reach = 0.5 * (towards.abs() * size).element_sum() + 1.0;
+        let reach = 0.5 * towards.abs().dot(size) + 1.0;
         let [left, right] = ends_m(site).map(|end_m| camera.to_screen(end_m));
         let label = Label {
             size,
@@ -163,7 +168,12 @@ fn named(
             preferred: None,
             is_important: false,
         };
-        (mark, label, None, Distance::of_shore(outline, vehicle_m).key())
+        (
+            mark,
+            label,
+            None,
+            Distance::of_shore(outline, vehicle_m).key(),
+        )
     });
     let all = sites.chain(clusters);
     let in_sight = all.filter(|(_, label, ..)| label.named.bounds().intersects(camera.screen));
@@ -178,7 +188,9 @@ fn named(
         .collect();
     named.sort_by(|a, b| a.away_m.total_cmp(&b.away_m));
     for is_site in [false, true] {
-        let mut of_kind = named.iter_mut().filter(|named| named.arrow.is_some() == is_site);
+        let mut of_kind = named
+            .iter_mut()
+            .filter(|named| named.arrow.is_some() == is_site);
         if let Some(nearest) = of_kind.next() {
             nearest.label.is_important = true;
         }
@@ -300,7 +312,13 @@ mod tests {
     fn marks_of(shores: &Shores, marked: &[ShoreMark], vehicle_m: Option<[f64; 2]>) -> ShoreMarks {
         let known = ShoreOutlines::of(shores);
         let inputs = (shores, known.outlines());
-        ShoreMarks::new(inputs, &Camera::on(screen()), (marked, true), vehicle_m, &[])
+        ShoreMarks::new(
+            inputs,
+            &Camera::on(screen()),
+            (marked, true),
+            vehicle_m,
+            &[],
+        )
     }
 
     fn texts(marks: &ShoreMarks) -> Vec<String> {
@@ -372,7 +390,10 @@ mod tests {
         let order = |marked: &[ShoreMark], vehicle_m| texts(&marks_of(&shores, marked, vehicle_m));
         let at_2 = Some([1.0, 1.5]);
         assert_eq!(order(&[], at_2), ["2", "B", "3", "1", "A"]);
-        assert_eq!(order(&[ShoreMark::Shore(1)], at_2), ["1", "2", "B", "3", "A"]);
+        assert_eq!(
+            order(&[ShoreMark::Shore(1)], at_2),
+            ["1", "2", "B", "3", "A"]
+        );
         // The vehicle's position is unknown: the best site and the largest shore.
         assert_eq!(order(&[], None), ["A", "2", "B", "3", "1"]);
     }

@@ -29,6 +29,7 @@ pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
             ui.spacing_mut().item_spacing.x = 4.0;
             let look = if is_folded {
                 let menu = ui.menu_button("Tools", |ui| entries_ui(ui, data));
+                menu.response.on_hover_text("Camera, grid and ruler");
                 menu.inner.flatten()
             } else {
                 entries_ui(ui, data)

@@ -306,6 +306,7 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     combo
         .response
         .widget_info(|| WidgetInfo::labeled(Role::ComboBox, true, &label));
+    combo.response.on_hover_text("Colours of this layer");
     if row.scheme == Scheme::Cividis {
         let fit = ui.button("Fit");
         if fit

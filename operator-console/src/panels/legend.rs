@@ -77,7 +77,11 @@ impl LegendsData {
             Legend {
                 title: legend.title,
                 ramp: legend.ramp,
-                entries: legend.swatches.into_iter().map(LegendEntry::Class).collect(),
+                entries: legend
+                    .swatches
+                    .into_iter()
+                    .map(LegendEntry::Class)
+                    .collect(),
             }
         };
         let mut legends: Vec<_> = palettes.into_iter().map(legend).collect();
@@ -103,7 +107,9 @@ impl LegendsData {
     }
 
     pub fn add_marks(&mut self, marks: &[(Mark, Color32)]) {
-        let marks = marks.iter().map(|(mark, color)| LegendEntry::Mark(*mark, *color));
+        let marks = marks
+            .iter()
+            .map(|(mark, color)| LegendEntry::Mark(*mark, *color));
         self.legends.push(Legend {
             title: String::new(),
             ramp: None,
@@ -364,7 +370,9 @@ mod tests {
             // Upper layers have the longest texts.
             let palettes = LayerId::ALL.map(|layer| (layer.default_palette(), true));
             let mut data = LegendsData::with_short_titles(palettes);
-            data.add_marks(&[Mark::Path, Mark::Scan, Mark::StoppingDistance].map(|mark| (mark, mark.color())));
+            data.add_marks(
+                &[Mark::Path, Mark::Scan, Mark::StoppingDistance].map(|mark| (mark, mark.color())),
+            );
             if width > 200.0 {
                 assert_ne!(data.take_first_title(), "");
             }

@@ -154,7 +154,12 @@ fn the_whole_map_is_beside_all_cards() {
             assert!(!map.intersects(card), "{screen}: {map} {card}");
         }
     };
-    for (width, height) in [(800.0, 600.0), (420.0, 700.0), (1200.0, 700.0), (280.0, 390.0)] {
+    for (width, height) in [
+        (800.0, 600.0),
+        (420.0, 700.0),
+        (1200.0, 700.0),
+        (280.0, 390.0),
+    ] {
         let mut window = window_of(width, height);
         // Buttons, compass, legends and scale bar.
         check(&window, 4);
@@ -194,7 +199,10 @@ fn cards_do_not_cover_the_vehicle() {
         window.run_steps(5);
         let view = &window.state().view;
         let vehicle = view.place_of([0.0, 0.0]);
-        assert!(vehicle.distance(covered.center()) < 0.1, "{vehicle} {covered}");
+        assert!(
+            vehicle.distance(covered.center()) < 0.1,
+            "{vehicle} {covered}"
+        );
         let cards = view.cards.occluders.iter().copied().chain(view.cards());
         for card in cards.filter(|card| *card != view.scale_bar_room()) {
             assert!(!card.contains(vehicle), "{card} covers {covered}");
@@ -202,8 +210,16 @@ fn cards_do_not_cover_the_vehicle() {
         // The buttons fold, the probe moves.
         assert!(window.query_by_label("+").is_some(), "{covered}");
         let is_folded = window.query_by_label("Tools").is_some();
-        assert_eq!(is_folded, covered == buttons || covered == zoom_in, "{covered}");
-        assert_eq!(view.legends_place().is_none(), covered == legends, "{covered}");
+        assert_eq!(
+            is_folded,
+            covered == buttons || covered == zoom_in,
+            "{covered}"
+        );
+        assert_eq!(
+            view.legends_place().is_none(),
+            covered == legends,
+            "{covered}"
+        );
         assert!(window.query_by_label("Tile changed").is_some(), "{covered}");
     }
 }
@@ -260,7 +276,12 @@ fn no_grid_number_is_partly_covered() {
         counts.push(numbers(&window));
         let view = &window.state().view;
         let bar = Rect::from_two_pos(corner + vec2(12.0, -12.0), corner + vec2(60.0, -40.0));
-        let standing = view.cards.occluders.iter().copied().chain(view.legends_place());
+        let standing = view
+            .cards
+            .occluders
+            .iter()
+            .copied()
+            .chain(view.legends_place());
         let standing: Vec<_> = standing.chain([bar]).collect();
         for (number, place) in written(&window, ["x ", "y "]) {
             let other = standing
@@ -366,7 +387,9 @@ fn ruler_labels_do_not_cover_shore_numbers() {
     look(&mut window, Look::Measure(true));
     let place = |window: &Harness<'_, Rig>, first: &str| {
         let texts = written(window, [first, first]);
-        let found = texts.iter().find(|(words, _)| words.len() == 1 || first == "total");
+        let found = texts
+            .iter()
+            .find(|(words, _)| words.len() == 1 || first == "total");
         found.map(|(_, place)| *place).expect("it is there")
     };
     // The total would be placed below the end of the line, over the number.
