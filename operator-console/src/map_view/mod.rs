@@ -1,13 +1,16 @@
 //! The map: the layers of the model, drawn one over the other, with a camera that the operator moves.
 
 mod camera;
+mod cards;
 mod chunks;
 mod coloring;
 mod drawing;
 mod grid;
+mod labels;
 mod layer_compositing;
 mod legend_card;
 mod map_layers;
+mod marks;
 mod navigation;
 mod probe;
 mod ruler;
@@ -28,6 +31,7 @@ use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
+pub use marks::Mark;
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;
@@ -39,6 +43,7 @@ use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::theme;
 
+use cards::Cards;
 use chunks::FrameTime;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
@@ -50,6 +55,7 @@ const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
 
 /// The map view. It stays when another robot is shown.
+#[derive(Default)]
 pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
@@ -65,34 +71,7 @@ pub struct MapView {
     ruler: Option<Ruler>,
     is_center_probed: bool,
     legends: LegendCard,
-    buttons: Rect,
-    /// Lower edge of the banner, or upper edge of the map.
-    map_top: f32,
-    /// Buttons and cards on the map in the last frame, without legends and scale bar.
-    occluders: Vec<Rect>,
-}
-
-impl Default for MapView {
-    fn default() -> Self {
-        Self {
-            camera: Camera::default(),
-            settings: ViewSettings::default(),
-            layers: MapLayers::default(),
-            texture_check: TextureCheck::default(),
-            is_behind: false,
-            has_chosen_layers: false,
-            robot_overlay: RobotOverlay::default(),
-            shore_selection: ShoreSelection::default(),
-            gestures: GestureTracker::default(),
-            pinned_m: None,
-            ruler: None,
-            is_center_probed: false,
-            legends: LegendCard::default(),
-            buttons: Rect::NOTHING,
-            map_top: 0.0,
-            occluders: Vec::new(),
-        }
-    }
+    cards: Cards,
 }
 
 impl MapView {
@@ -199,6 +178,7 @@ impl MapView {
                 self.settings.stack.show_only(layer, &offered);
             }
             LayerCommand::Fit(layer) => self.layers.fit_colors(layer, model.map().store()),
+            LayerCommand::Labels(is_on) => self.settings.has_labels = is_on,
             _ => self.settings.stack.apply(command),
         }
     }

@@ -6,13 +6,11 @@ use eframe::egui::{
 };
 
 use super::camera::around;
+use super::cards::free_parts;
 use super::drawing::vehicle_m;
 use super::shores::extent_m;
-use super::{CARD_MARGIN, CameraMode, MapView, Orientation, toolbar};
+use super::{CameraMode, MapView, Orientation};
 use crate::model::ConsoleModel;
-
-/// Minimum scale of a map that is fitted beside the legends, relative to one fitted below them.
-const LEAST_PART: f64 = 0.5;
 
 impl MapView {
     pub(super) fn handle_pointer(&mut self, ui: &Ui, response: &Response) {
@@ -136,31 +134,20 @@ impl MapView {
         }
     }
 
-    /// Fits the whole map. If legends would cover it, beside or above them, whichever is larger.
+    /// Fits the whole map beside all cards, where it is largest.
     fn fit(&mut self, bounds_m: [f64; 4]) {
-        // Without scale bar, buttons and edges.
-        let edges = vec2(0.0, toolbar::HEIGHT + CARD_MARGIN);
-        let whole = self.camera.screen.shrink2(edges);
+        let screen = self.camera.screen;
         let fitted = |part: Rect| {
             let mut camera = self.camera;
             camera.fit(part, bounds_m);
-            camera
+            (camera, part.area())
         };
-        let under = fitted(whole);
-        let covers = |legends: &Rect| under.place_of(bounds_m).intersects(*legends);
-        let Some(legends) = self.legends_place().filter(covers) else {
-            self.camera = under;
-            return;
-        };
-        let [right, bottom] = [legends.left(), legends.top()].map(|edge| edge - CARD_MARGIN);
-        let parts = [whole.with_max_x(right), whole.with_max_y(bottom)];
-        let parts = parts.into_iter().filter(Rect::is_positive);
-        let least = LEAST_PART * under.points_per_m;
-        let beside = parts
-            .map(fitted)
-            .filter(|camera| camera.points_per_m >= least)
-            .max_by(|a, b| a.points_per_m.total_cmp(&b.points_per_m));
-        self.camera = beside.unwrap_or(under);
+        let parts = free_parts(screen, &self.cards()).into_iter().map(fitted);
+        let largest = parts.max_by(|(a, a_area), (b, b_area)| {
+            let by_scale = a.points_per_m.total_cmp(&b.points_per_m);
+            by_scale.then(a_area.total_cmp(b_area))
+        });
+        (self.camera, _) = largest.unwrap_or_else(|| fitted(screen));
     }
 }
 

@@ -176,7 +176,7 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     };
     let heading = RichText::new(format!("{words} ({})", quiet.len())).small();
     let heading = CollapsingHeader::new(heading);
-    heading.id_salt("remembered addresses").show(ui, |ui| {
+    let shown = heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {
             ui.horizontal(|ui| {
                 ui.label(RichText::new(&listed.address).small());
@@ -186,6 +186,9 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
             });
         }
     });
+    shown
+        .header_response
+        .on_hover_text("Addresses that are searched at every start");
     command
 }
 

@@ -134,7 +134,7 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
             .hint_text("Filter: words")
             .char_limit(100)
             .desired_width(ui.available_width().min(180.0));
-        let text = ui.add(text);
+        let text = ui.add(text).on_hover_text("List events with these words");
         ui.ctx()
             .accesskit_node_builder(text.id, |node| node.set_label("Filter"));
         if let Some(left_out) = left_out.filter(|_| !is_narrow) {
