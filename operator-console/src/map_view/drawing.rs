@@ -232,7 +232,7 @@ impl MapView {
             let points = scan.points_m.iter().step_by(stride);
             let points = points.map(|point_m| view.to_screen(*point_m));
             let in_sight = points.filter(|at| view.screen.contains(*at));
-            Mark::Scan.paint_points(painter, in_sight, (1.0 - 0.7 * age).max(0.0));
+            Mark::Scan.paint_points(painter, &in_sight, (1.0 - 0.7 * age).max(0.0));
         }
     }
 

@@ -107,7 +107,7 @@ impl Mark {
     pub(super) fn paint_points(
         self,
         painter: &Painter,
-        points: impl Iterator<Item = Pos2> + Clone,
+        points: &(impl Iterator<Item = Pos2> + Clone),
         strength: f32,
     ) {
         let Style { color, rim, .. } = self.style();
@@ -163,7 +163,7 @@ impl Mark {
             }
             MarkShape::Points => {
                 let points = [[0.1, 0.6], [0.4, 0.3], [0.7, 0.4], [0.9, 0.8]];
-                self.paint_points(painter, points.into_iter().map(at), 1.0);
+                self.paint_points(painter, &points.into_iter().map(at), 1.0);
             }
             MarkShape::Area => {
                 let edges = [0.0, 0.9].map(|x| [at([x, 0.15]), at([x, 0.85])]);

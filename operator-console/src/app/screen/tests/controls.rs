@@ -276,16 +276,16 @@ fn every_control_has_a_tooltip() {
         rig.link.recording = Some("rooms.mcap".to_owned());
         rig
     };
-    let rigs = [
-        Rig::new(),
-        two_robots(),
-        driven(),
-        Rig::on_water(Some(shores())),
-        recording(),
+    let rigs: [&dyn Fn() -> Rig; 5] = [
+        &Rig::new,
+        &two_robots,
+        &driven,
+        &|| Rig::on_water(Some(shores())),
+        &recording,
     ];
     let mut without_tooltip = std::collections::BTreeSet::new();
     for rig in rigs {
-        let mut window = rig.window();
+        let mut window = rig().window();
         for panel in PanelId::ALL {
             window.state_mut().screen.workspace.set_wanted(panel, true);
             window.run_steps(2);
