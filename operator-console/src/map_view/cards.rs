@@ -132,18 +132,25 @@ impl MapView {
         Rect::from_two_pos(corner, corner + vec2(width, -OVER_SCALE_BAR))
     }
 
-    /// Cards that do not follow the pointer.
+    /// Cards that do not follow the pointer, without the banner, whose appearance must not move the map.
     pub(super) fn cards(&self) -> Vec<Rect> {
         let screen = self.camera.screen;
-        let banner = screen.with_max_y(self.cards.map_top.max(screen.top()));
-        let standing = [banner, self.scale_bar_room()].into_iter();
+        let banner = (self.cards.map_top - screen.top()).max(0.0);
+        let buttons = self.cards.buttons.translate(vec2(0.0, -banner));
         let pinned = self
             .cards
             .pinned_probe
             .filter(|_| self.has_room_for_cards());
-        let standing = standing.chain(pinned);
-        let cards = standing.chain(self.fixed_cards());
+        let cards = [
+            Some(self.scale_bar_room()),
+            pinned,
+            Some(buttons),
+            self.compass_below(buttons.bottom()),
+            self.legends_place(),
+        ];
         cards
+            .into_iter()
+            .flatten()
             .filter(|card| card.is_positive() && card.intersects(screen))
             .collect()
     }

@@ -246,7 +246,7 @@ mod tests {
 
     #[test]
     fn only_danger_is_red() {
-        let is_red = |color: Color32| color.r() > 2 * color.g().max(color.b());
+        let is_red = |color: Color32| color.r() / 2 > color.g().max(color.b());
         assert!(is_red(theme::DANGER[0]));
         for mark in ALL {
             assert!(!is_red(mark.color()), "{mark:?}");

@@ -122,7 +122,8 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
             .show_ui(ui, |ui| {
                 for severity in Severity::ALL {
                     let words = filter_label(severity);
-                    ui.selectable_value(&mut filter.least, severity, words);
+                    ui.selectable_value(&mut filter.least, severity, words)
+                        .on_hover_text("Shows events of this severity and above");
                 }
             });
         let chosen = filter_label(filter.least);

@@ -235,10 +235,11 @@ fn controls(window: &Harness<'_, Rig>) -> Controls {
         let label = node.label().or_else(|| node.value());
         let label = label.filter(|label| !label.trim().is_empty());
         let place = format!("{:?} at {:?}", node.role(), node.raw_bounds());
-        // The cross of a tab is its library's. After "Request control" the pointer rests on "Release control".
+        // The crosses of tabs and dialogs are their libraries'. After "Request control" the pointer rests on "Release
+        // control".
         let is_exempt = label
             .as_ref()
-            .is_some_and(|label| ["Close", "Release control"].contains(&&**label));
+            .is_some_and(|label| ["Close", "Close window", "Release control"].contains(&&**label));
         if !is_exempt && !node.is_disabled() && node.description().is_none() {
             controls.without_tooltip.push(format!("{label:?}, {place}"));
         }
