@@ -6,6 +6,8 @@
 pub mod alerts;
 pub mod app;
 pub mod cli;
+#[cfg(test)]
+mod color_vision;
 pub mod command;
 pub mod demo;
 pub mod event_log;

@@ -236,6 +236,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
         },
         barrier: None,
         ground_age_ms: [None; 4],
+        battery_v: None,
     }
 }
 

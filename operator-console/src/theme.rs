@@ -84,13 +84,18 @@ pub fn card(visuals: &Visuals) -> Color32 {
     visuals.panel_fill.gamma_multiply(0.93)
 }
 
-pub const VEHICLE: Color32 = rgb(0xd5_5e_00);
+// Marks on the map. Red is for danger only: no mark is red.
+pub const VEHICLE: Color32 = rgb(0x00_72_b2);
+/// Vehicle and path of an old position.
 pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
-/// Trajectory. No layer has this colour.
-pub const TRAIL: Color32 = rgb(0x8e_24_aa);
-pub const SCAN: Color32 = rgb(0xe0_20_20);
-pub const STOPPING: Color32 = rgb(0xf0_a8_20);
-pub const MARKED: Color32 = rgb(0xcc_00_7a);
+pub const PATH: Color32 = rgb(0xa0_40_c0);
+pub const SCAN: Color32 = rgb(0x00_e5_ff);
+pub const FIELD_OF_VIEW: Color32 = rgb(0x10_14_18);
+/// The collision monitor: stopping distance, and the obstacle that limits the vehicle.
+pub const MONITOR: Color32 = rgb(0xf0_a8_20);
+pub const SELECTION: Color32 = rgb(0xff_ff_ff);
+/// Rims of dark and of light marks, for contrast on every layer.
+pub const RIMS: [Color32; 2] = [rgb(0xff_ff_ff), rgb(0x10_14_18)];
 /// Drawn over an outdated map: halves its colours.
 pub const STALE_OVERLAY: Color32 = Color32::from_rgba_premultiplied(0x38, 0x38, 0x38, 0x80);
 pub const BANNER: [Color32; 2] = [rgb(0xf0_a8_20), rgb(0x1a_12_00)];
@@ -163,23 +168,10 @@ fn marked_ui(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Relative luminance, WCAG 2.
-    fn luminance(color: Color32) -> f64 {
-        let channel = |byte: u8| {
-            let part = f64::from(byte) / 255.0;
-            if part <= 0.04045 {
-                part / 12.92
-            } else {
-                libm::pow((part + 0.055) / 1.055, 2.4)
-            }
-        };
-        0.2126 * channel(color.r()) + 0.7152 * channel(color.g()) + 0.0722 * channel(color.b())
-    }
+    use crate::color_vision::ColorVision;
 
     fn contrast(a: Color32, b: Color32) -> f64 {
-        let (a, b) = (luminance(a), luminance(b));
-        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+        ColorVision::Normal.contrast(a, b)
     }
 
     #[test]

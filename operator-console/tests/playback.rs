@@ -45,7 +45,11 @@ struct Rig {
 
 impl Rig {
     fn open(path: &Path, rate: Rate) -> Self {
-        let playback = Playback::open(path, &VehicleOptions::default(), rate).unwrap();
+        Self::open_with(path, &VehicleOptions::default(), rate)
+    }
+
+    fn open_with(path: &Path, setup: &VehicleOptions, rate: Rate) -> Self {
+        let playback = Playback::open(path, setup, rate).unwrap();
         let settings = ModelSettings {
             robot: playback.robot().robot.clone(),
             session: BootId([5; 16]),
@@ -74,7 +78,7 @@ impl Rig {
         let started = clock::now();
         loop {
             if let Some(why) = self.playback.failure() {
-                panic!("{what}: {why}");
+                panic!("{what}: {}", why.text);
             }
             let status = self.playback.status();
             let mut model = self.session.model();
@@ -289,8 +293,8 @@ fn a_damaged_recording_is_refused_in_words() {
         sleep(Duration::from_millis(10));
     };
     assert!(
-        why.contains("torn.mcap") && why.contains("can be read"),
-        "{why}"
+        why.text.contains("torn.mcap") && why.text.contains("can be read"),
+        "{why:?}"
     );
 }
 
@@ -328,4 +332,50 @@ fn winding_takes_so_long() {
             times.len()
         );
     }
+}
+
+/// A log with a front and a rear laser.
+fn two_lasers(path: &Path) {
+    let ranges = (0..180).map(|beam| format!("{:.2} ", 2.0 + 0.01 * f64::from(beam)));
+    let ranges = ranges.collect::<String>();
+    let scan = |laser: &str, secs: u32| {
+        let x_m = 0.1 * f64::from(secs);
+        format!("{laser} 180 {ranges}{x_m} 0 0 {x_m} 0 0 {secs} robot {secs}\n")
+    };
+    let log: String = (1..=5)
+        .map(|secs| scan("FLASER", secs) + &scan("RLASER", secs))
+        .collect();
+    fs::write(path, log).unwrap();
+}
+
+#[test]
+fn a_recording_with_two_lasers_is_mapped_after_a_choice() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("two.log");
+    two_lasers(&path);
+    let mut asked = Playback::open(&path, &VehicleOptions::default(), Rate::Max).unwrap();
+    let started = clock::now();
+    let failure = loop {
+        if let Some(failure) = asked.failure() {
+            break failure.clone();
+        }
+        assert!(clock::elapsed(started) < TIMEOUT, "it asks nothing");
+        sleep(Duration::from_millis(20));
+    };
+    assert_eq!(failure.text, "Which topic is the laser?");
+    let labels: Vec<_> = failure
+        .choices
+        .iter()
+        .map(|choice| &*choice.label)
+        .collect();
+    assert_eq!(labels, ["FLASER", "RLASER"]);
+    for choice in 0..2 {
+        let setup = asked.setup_with(choice).unwrap();
+        let mut rig = Rig::open_with(&path, &setup, Rate::Max);
+        rig.wait("it is mapped", |status, model| {
+            status.state == ReplayState::Ended
+                && model.map().store().tiles(LayerId::Occupancy).count() > 0
+        });
+    }
+    assert_eq!(asked.setup_with(2), None);
 }

@@ -99,6 +99,15 @@ def tile_of_key(key: str) -> tuple[str, tuple[int, int]] | None:
     return (layer, at) if all(-(1 << 31) <= n < 1 << 31 for n in at) else None
 
 
+def site_letters(number: int) -> str:
+    """The name of a docking site: letters without I and O, as columns of a spreadsheet."""
+    alphabet, letters = "ABCDEFGHJKLMNPQRSTUVWXYZ", ""
+    while number > 0:
+        letters = alphabet[(number - 1) % len(alphabet)] + letters
+        number = (number - 1) // len(alphabet)
+    return letters
+
+
 class Query:
     """A question under way, and what has come of its answer."""
 
@@ -137,7 +146,7 @@ class Client:
         self.map = MapCopy()
         self.pose = self.status = None
         self.ended = None  # header of the first status of this boot that said that the data has ended
-        self.info_query = self.map_query = None
+        self.info_query = self.map_query = self.shores_query = None
         self.next_view = -math.inf
         self.control, self.bulk = open_sessions([endpoint, bulk_endpoint(endpoint)], timeout_s)
         self.alive = self.control.liveliness().declare_subscriber(
@@ -179,6 +188,7 @@ class Client:
         """Lets go of all that belongs to a boot before: questions under way and what is known of it."""
         self.healing, self.map_query = self.map.healing(time.monotonic), None
         self.info_query, self.info_backoff = None, Backoff()
+        self.shores_query = self.shores = None
         self.pose = self.status = self.ended = None
 
     # ---- what comes in: each is given a header and a body that could be read
@@ -205,6 +215,10 @@ class Client:
                 self.ended = None
             elif self.ended is None:
                 self.ended = header
+
+    def take_shores(self, header, reply, key):
+        if self.map.is_current_boot(header) and reply["shores"] is not None:
+            self.shores = reply["shores"]
 
     def take_event(self, header, event, key):
         if self.map.is_current_boot(header):
@@ -265,6 +279,17 @@ class Client:
                 self.take(wire.INFO, wire.MAX_MESSAGE, payload, self.take_info)
             if self.map.info is None:
                 self.info_backoff.failed(time.monotonic())
+
+    def request_shores(self) -> bool:
+        """Asks for the shores until they came; whether they did."""
+        if self.shores is None and self.shores_query is None:
+            body = self.message(wire.SHORES_REQUEST, {"newer_than": 0})
+            self.shores_query = Query(self.bulk, self.key("shores"), body)
+        elif self.shores is None and self.shores_query.poll():
+            replies, self.shores_query = self.shores_query.replies, None
+            for payload in replies[:1]:
+                self.take(wire.SHORES_REPLY, wire.MAX_MESSAGE, payload, self.take_shores)
+        return self.shores is not None
 
     def heal(self):
         """Drives `MapCopy.healing`: at most one question about the map is under way."""
@@ -418,6 +443,11 @@ def run(args: argparse.Namespace):
             print(f"synchronized: {layer.name} {layer.known_cells()} cells known, root {layer.root().hex()}", flush=True)
             if args.out:
                 write_layer(layer, args.out)
+        if any(layer.name == "shore" for layer in client.map.mapped()):
+            follow_until(client.request_shores, "in possession of the shores")
+            clusters = [f"{shore['number']} {shore['class'].lower()}" for shore in client.shores["clusters"]]
+            sites = [site_letters(site["number"]) for site in client.shores["sites"]]
+            print(f"shores: {', '.join(clusters)}; docking sites: {', '.join(sites)}", flush=True)
         if args.compare:
             occupancy = client.map.layers["occupancy"]
             grid = follow_until(export, f"in possession of a new, readable {args.compare / 'occupancy.tif'}")

@@ -289,6 +289,7 @@ TELEOP_STATUS = Struct(
     settings=Struct(budget_kbps=U32, collision_monitor=BOOL, recording=BOOL),
     barrier=Option(BARRIER),
     ground_age_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
+    battery_v=Option(F32),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -323,6 +324,7 @@ STATUS = Struct(
             lost=U64,
         )
     ),
+    depth_under_keel_m=Option(F32),
 )
 EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use edge::cli::VehicleOptions;
 use edge::pacer::Rate;
 use eframe::egui::ViewportCommand;
 use measurement::time::Monotonic;
@@ -18,7 +19,7 @@ use crate::command::Command;
 use crate::event_log::Severity;
 use crate::link::{FleetState, FoundRobot, RobotSession, SEEN_RECENTLY};
 use crate::model::{LastContact, ModelSettings, SILENT_AFTER_UNSTEADY};
-use crate::playback::{Playback, in_words};
+use crate::playback::{Playback, PlaybackCommand, in_words};
 use crate::teleop_client::{EStopState, TeleopClientState};
 use crate::teleop_handle::TeleopSession;
 use crate::teleop_input::InputEvent;
@@ -129,6 +130,14 @@ impl ConsoleApp {
                 self.open_dialog.open(folder);
             }
             Command::Open(path) => self.open_recording(&path, Rate::Times(1.0)),
+            Command::Playback(PlaybackCommand::Choose(choice)) => {
+                if let Some(playback) = &self.playback
+                    && let Some(setup) = playback.setup_with(choice)
+                {
+                    let (path, rate) = (playback.path().to_owned(), playback.status().rate);
+                    self.open_with(&path, &setup, rate);
+                }
+            }
             Command::Playback(command) => {
                 let stays = self
                     .playback
@@ -202,7 +211,11 @@ impl ConsoleApp {
         // The options of the command line apply whenever that file is opened.
         let setup = self.to_open.as_ref().filter(|said| said.path == path);
         let setup = setup.map(|said| said.setup.clone()).unwrap_or_default();
-        match Playback::open(path, &setup, rate) {
+        self.open_with(path, &setup, rate);
+    }
+
+    fn open_with(&mut self, path: &Path, setup: &VehicleOptions, rate: Rate) {
+        match Playback::open(path, setup, rate) {
             Ok(playback) => {
                 self.open_dialog.close();
                 self.close_recording();

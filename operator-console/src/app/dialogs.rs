@@ -187,6 +187,7 @@ impl ExportDialog {
                 .char_limit(4096)
                 .desired_width(f32::INFINITY);
             let field = ui.add(field).labelled_by(label.id);
+            let field = field.on_hover_text("Folder of the files; it is made if it is missing");
             if !self.has_keyboard {
                 field.request_focus();
                 self.has_keyboard = true;
@@ -211,7 +212,8 @@ impl ExportDialog {
                     opens_folder: *opens_folder,
                 }));
             }
-            if is_running && ui.button("Cancel export").clicked() {
+            let hint = "Files that are complete stay";
+            if is_running && ui.button("Cancel export").on_hover_text(hint).clicked() {
                 command = Some(Command::CancelExport);
             }
             if let Some(lacking) = lacking.filter(|_| !is_running) {
@@ -242,7 +244,9 @@ impl ExportDialog {
         let words = part_words(part);
         ui.add_enabled_ui(is_there, |ui| {
             ui.horizontal_wrapped(|ui| {
-                if ui.checkbox(&mut is_chosen, words).clicked() {
+                let check = ui.checkbox(&mut is_chosen, words);
+                let check = check.on_hover_text(format!("Write {}", part.files()));
+                if check.clicked() {
                     if is_chosen {
                         self.parts.insert(part);
                     } else {
@@ -309,6 +313,7 @@ fn doing(progress: &ExportProgress) -> String {
 
 fn open_folder_ui(ui: &mut Ui, progress: &ExportProgress) -> Option<Command> {
     let button = ui.button("Open folder");
+    let button = button.on_hover_text(progress.folder.display().to_string());
     if let Some(why) = &progress.unopened {
         let color = Tone::Warning.color(ui.visuals());
         ui.label(RichText::new(why).color(color));

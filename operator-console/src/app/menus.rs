@@ -24,7 +24,7 @@ pub(super) enum Choice {
 
 pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
     let mut choice = None;
-    ui.menu_button("File", |ui| {
+    let file = ui.menu_button("File", |ui| {
         for action in [Action::OpenRecording, Action::Export, Action::Screenshot] {
             let is_possible = action != Action::Export || state.has_robot;
             entry_ui(ui, action, is_possible, &mut choice);
@@ -32,7 +32,9 @@ pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
         ui.separator();
         entry_ui(ui, Action::Quit, true, &mut choice);
     });
-    ui.menu_button("View", |ui| {
+    file.response
+        .on_hover_text("Recordings, exports and screenshots");
+    let view = ui.menu_button("View", |ui| {
         for panel in PanelId::ALL {
             if panel.can_be_closed() {
                 choice = choice.or(panel_ui(ui, panel, state));
@@ -43,7 +45,8 @@ pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
         for theme in ThemeChoice::ALL {
             let is_chosen = state.appearance.theme == theme;
             let words = format!("Theme: {}", theme.label().to_lowercase());
-            if ui.radio(is_chosen, words).clicked() {
+            let radio = ui.radio(is_chosen, words);
+            if radio.on_hover_text("Colours of the window").clicked() {
                 choice = Some(Choice::Theme(theme));
                 ui.close();
             }
@@ -54,11 +57,14 @@ pub(super) fn menus_ui(ui: &mut Ui, state: &MenuState<'_>) -> Option<Choice> {
             entry_ui(ui, action, true, &mut choice);
         }
     });
-    ui.menu_button("Help", |ui| {
+    view.response
+        .on_hover_text("Panels, colours and scale of the window");
+    let help = ui.menu_button("Help", |ui| {
         for action in [Action::ShortcutSheet, Action::About] {
             entry_ui(ui, action, true, &mut choice);
         }
     });
+    help.response.on_hover_text("Keys and version");
     choice
 }
 
@@ -66,7 +72,9 @@ fn panel_ui(ui: &mut Ui, panel: PanelId, state: &MenuState<'_>) -> Option<Choice
     let unavailable_reason = (state.unavailable_reason)(panel);
     let mut is_wanted = state.workspace.is_wanted(panel) && unavailable_reason.is_none();
     let tick = Checkbox::new(&mut is_wanted, panel.title());
-    let mut tick = ui.add_enabled(unavailable_reason.is_none(), tick);
+    let mut tick = ui
+        .add_enabled(unavailable_reason.is_none(), tick)
+        .on_hover_text(panel.hint());
     if let Some(unavailable_reason) = unavailable_reason {
         tick = tick.on_disabled_hover_text(unavailable_reason);
     }
@@ -78,9 +86,27 @@ fn panel_ui(ui: &mut Ui, panel: PanelId, state: &MenuState<'_>) -> Option<Choice
 
 fn entry_ui(ui: &mut Ui, action: Action, is_possible: bool, choice: &mut Option<Choice>) {
     let button = Button::new(action.words()).shortcut_text(action.keys());
-    if ui.add_enabled(is_possible, button).clicked() {
+    let button = ui.add_enabled(is_possible, button);
+    if button.on_hover_text(hint(action)).clicked() {
         *choice = Some(Choice::Act(action));
         ui.close();
+    }
+}
+
+const fn hint(action: Action) -> &'static str {
+    match action {
+        Action::OpenRecording => "Map a recording in this window",
+        Action::Export => "Write maps, trajectory and voxels as files",
+        Action::Screenshot => "Write this window as a PNG file",
+        Action::Quit => "Close this window; the robot goes on",
+        Action::ResetLayout => "Show all panels at their first places",
+        Action::ScaleUp => "Larger texts and controls",
+        Action::ScaleDown => "Smaller texts and controls",
+        Action::ScaleReset => "Texts and controls at 100 %",
+        Action::ShortcutSheet => "List all keys",
+        Action::About => "Version and licence of this program",
+        Action::TypeAddress => "Search an address for robots",
+        _ => "",
     }
 }
 
@@ -109,7 +135,7 @@ pub(super) fn first_run_ui(ui: &mut Ui, robots: &RobotsData) -> Option<Action> {
                 ui.horizontal_wrapped(|ui| {
                     ui.label(words);
                     let button = Button::new(action.words()).shortcut_text(action.keys());
-                    if ui.add(button).clicked() {
+                    if ui.add(button).on_hover_text(hint(action)).clicked() {
                         asked = Some(action);
                     }
                 });

@@ -35,7 +35,9 @@ use crate::panels::connection::LinkStatus;
 use crate::panels::driving::labels;
 use crate::panels::robots::{RobotEntry, RobotsData};
 use crate::panels::timeline::{TimelineData, timeline_ui};
-use crate::playback::{OpenDialog, Playback, PlaybackCommand, ToOpen, drop_hint_ui, is_recording};
+use crate::playback::{
+    Failure, OpenDialog, Playback, PlaybackCommand, ToOpen, drop_hint_ui, is_recording,
+};
 use crate::settings::{Read, Settings, SettingsWriter, WindowPlace};
 use crate::shortcuts::has_space_after_text;
 use crate::teleop_handle::TeleopHandle;
@@ -247,10 +249,9 @@ impl eframe::App for ConsoleApp {
                     is_connected: session.is_connected(),
                     problem: session.problem(),
                     recording: self.playback.as_ref().map(Playback::file_name),
-                    failure: self
-                        .playback
-                        .as_mut()
-                        .and_then(|playback| playback.failure().map(str::to_owned)),
+                    failure: self.playback.as_mut().and_then(|playback| {
+                        playback.failure().map(|failure| failure.text.clone())
+                    }),
                     transport: session.transport(),
                     recordings: self
                         .recordings
@@ -371,9 +372,14 @@ impl ConsoleApp {
                     format!("{name} is {damage}"),
                 ));
             }
-            if let Some(why) = playback.take_failure() {
-                let text = format!("{name} cannot be shown: {why}");
-                notes.push((Severity::Alarm, "recording", text));
+            if let Some(Failure { text, choices }) = playback.take_failure() {
+                notes.push(if choices.is_empty() {
+                    let text = format!("{name} cannot be shown: {text}");
+                    (Severity::Alarm, "recording", text)
+                } else {
+                    let text = format!("{name} needs a choice: {text}");
+                    (Severity::Info, "recording", text)
+                });
             }
         }
         notes.extend(self.teleop_notes());

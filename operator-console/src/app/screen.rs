@@ -18,7 +18,7 @@ use crate::map_view::{CameraMode, LayerCommand, MapView, Overlay};
 use crate::model::ConsoleModel;
 use crate::panels::addresses::AddressEntry;
 use crate::panels::alerts::{AlertsData, alerts_ui};
-use crate::panels::connection::LinkStatus;
+use crate::panels::connection::{ConnectionData, LinkStatus};
 use crate::panels::driving::{DrivingData, DrivingEntry, LeaseButtons, driving_ui};
 use crate::panels::events::{EventFilter, EventsData, events_ui};
 use crate::panels::layers::{LayersData, layers_ui};
@@ -497,7 +497,11 @@ impl Panels<'_> {
             (PanelId::Map, None) => actions.extend(first_run_ui(ui, context.robots)),
             (_, None) => {}
             (PanelId::Map, Some((model, _))) => commands.extend(self.map_ui(ui, model, now)),
-            (PanelId::Robot, Some((model, _))) => robot_ui(ui, &RobotData::new(model, now)),
+            (PanelId::Robot, Some((model, link))) => {
+                let connection = ConnectionData::new(model, link, now);
+                let advice = connection.advice.as_deref();
+                robot_ui(ui, &RobotData::new(model, now), advice);
+            }
             (PanelId::Layers, Some((model, link))) => {
                 let layers = LayersData::new(model, link, self.map_view, now);
                 commands.extend(layers_ui(ui, &layers).map(Command::Layer));

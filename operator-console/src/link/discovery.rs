@@ -14,8 +14,9 @@ use std::thread::{self, ScopedJoinHandle};
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use network::certificate_probe::certificate_problem;
 use network::credentials::{Credentials, Identity};
-use network::endpoints::{Channel, bulk_endpoint};
+use network::endpoints::{Channel, bulk_endpoint, place};
 use network::sessions::{self, Endpoints, Side};
 use network::{LinkError, clock};
 use protocol::keys::{RobotId, Topic, every_robot_alive};
@@ -249,7 +250,7 @@ fn ask(state: &State, address: &str) -> Result<Round, AddressState> {
         // Only typed addresses get a diagnosis.
         let is_typed = lock(&state.typed).contains_key(address);
         if is_typed {
-            AddressState::of(&why, address)
+            AddressState::of(&why, address, state.credentials.as_ref())
         } else {
             AddressState::Silent
         }
@@ -286,7 +287,7 @@ fn robots_at(session: &Session, address: &str) -> Result<Round, AddressState> {
         .get(what.clone())
         .timeout(ASK_TIMEOUT)
         .wait()
-        .map_err(|why| AddressState::of(&LinkError::Declare { what, why }, address))?;
+        .map_err(|why| AddressState::Problem(LinkError::Declare { what, why }.to_string()))?;
     let mut robots = Round::new();
     let mut is_late = false;
     while let Ok(reply) = tokens.recv() {
@@ -374,14 +375,18 @@ pub enum AddressState {
     Silent,
     /// Something answers with another protocol, or with or without keys unlike this console.
     WrongProtocol,
+    /// Whose certificate is wrong, and why.
+    WrongCertificate(String),
     Problem(String),
 }
 
 impl AddressState {
     /// Diagnoses a failure at `address`. May resolve its name and try its port: takes seconds at most.
-    pub(super) fn of(why: &LinkError, address: &str) -> Self {
+    pub(super) fn of(why: &LinkError, address: &str, credentials: Option<&Credentials>) -> Self {
         match why {
-            LinkError::Open { .. } => place(address).map_or(Self::Silent, probe_port),
+            LinkError::Open { .. } => {
+                place(address).map_or(Self::Silent, |place| probe_port(place, credentials))
+            }
             _ => Self::Problem(why.to_string()),
         }
     }
@@ -433,26 +438,21 @@ impl AddressState {
             Self::WrongProtocol => Some(format!(
                 "what listens at {address} does not answer as a robot: keys on one side only, or of another fleet?"
             )),
+            Self::WrongCertificate(why) => Some(format!("{address}: {why}")),
             Self::Problem(why) => Some(why.clone()),
         }
     }
 }
 
-pub fn place(address: &str) -> Option<(&str, u16)> {
-    let address = address.split(['?', '#']).next()?;
-    let (_protocol, place) = address.split_once('/')?;
-    let (host, port) = place.rsplit_once(':')?;
-    let host = host.trim_start_matches('[').trim_end_matches(']');
-    Some((host, port.parse().ok()?))
-}
-
 /// Tries the port by TCP, which every robot has open: with keys it offers TLS beside QUIC.
-fn probe_port((host, port): (&str, u16)) -> AddressState {
+fn probe_port((host, port): (&str, u16), credentials: Option<&Credentials>) -> AddressState {
     let Some(found) = look_up(host, port) else {
         return AddressState::UnknownName;
     };
     match TcpStream::connect_timeout(&found, PROBE_TIMEOUT) {
-        Ok(_closed_at_once) => AddressState::WrongProtocol,
+        Ok(stream) => credentials
+            .and_then(|credentials| certificate_problem(stream, host, credentials))
+            .map_or(AddressState::WrongProtocol, AddressState::WrongCertificate),
         Err(why) if why.kind() == ErrorKind::ConnectionRefused => AddressState::Refused,
         Err(_) => AddressState::Silent,
     }
@@ -489,7 +489,7 @@ mod tests {
             endpoints: address.to_owned(),
             why: "no".into(),
         };
-        AddressState::of(&why, address)
+        AddressState::of(&why, address, None)
     }
 
     #[test]
@@ -506,7 +506,7 @@ mod tests {
             endpoints: "quic/boat:7447".to_owned(),
             name: "eve".to_owned(),
         };
-        let AddressState::Problem(words) = AddressState::of(&why, "quic/boat:7447") else {
+        let AddressState::Problem(words) = AddressState::of(&why, "quic/boat:7447", None) else {
             panic!("a stranger is a problem");
         };
         assert!(words.contains("certificate of eve"), "{words}");

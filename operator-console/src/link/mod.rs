@@ -27,7 +27,7 @@ mod discovery;
 mod driving;
 mod known_robots;
 
-pub use discovery::{AddressState, Discovery, SEEN_RECENTLY, place};
+pub use discovery::{AddressState, Discovery, SEEN_RECENTLY};
 pub use driving::DrivingLink;
 pub use known_robots::{DiscoveredRobot, FleetState, FoundRobot};
 

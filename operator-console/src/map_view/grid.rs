@@ -243,11 +243,7 @@ pub(super) fn compass_ui(ui: &Ui, rect: Rect, data: CompassData) -> bool {
     let wing = |factor: f32| middle + side * factor * radius;
     let north_half = vec![middle + tip, wing(0.26), wing(-0.26)];
     let south_half = vec![middle + tail, wing(0.26), wing(-0.26)];
-    painter.add(Shape::convex_polygon(
-        north_half,
-        theme::VEHICLE,
-        Stroke::NONE,
-    ));
+    painter.add(Shape::convex_polygon(north_half, ink, Stroke::NONE));
     painter.add(Shape::convex_polygon(
         south_half,
         ui.visuals().weak_text_color(),

@@ -4,12 +4,14 @@
 use eframe::egui::accesskit::Role;
 use eframe::egui::style::ScrollAnimation;
 use eframe::egui::{
-    Align2, Area, Button, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText, ScrollArea,
-    Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
+    Align2, Area, Button, Color32, Id, Key, LayerId, Modifiers, Order, Pos2, Rect, RichText,
+    ScrollArea, Sense, StrokeKind, TextStyle, TextWrapMode, Ui, UiBuilder, Vec2, WidgetInfo, pos2,
+    vec2,
 };
 use protocol::layer::Palette;
 
-use super::drawing::MIN_MAP_FOR_CARDS;
+use super::cards::MIN_MAP_FOR_CARDS;
+use super::marks::Mark;
 use super::{CARD_MARGIN, card_frame};
 use crate::panels::layers::layer_name;
 use crate::panels::legend::{
@@ -34,8 +36,28 @@ const LEAST_OPENED: f32 = 60.0;
 const CARD_NAME: &str = "map legend";
 const BUTTON_NAME: &str = "more legends";
 
-/// Palette, and whether the layer is above another.
-type Drawn = (Palette, bool);
+/// What the legends explain.
+#[derive(Clone, Copy)]
+pub(super) struct Drawn<'a> {
+    /// Topmost first, with whether each layer is above another.
+    pub(super) palettes: &'a [(Palette, bool)],
+    pub(super) marks: &'a [(Mark, Color32)],
+}
+
+impl Drawn<'_> {
+    /// Number of legends: the marks have one.
+    fn count(self) -> usize {
+        self.palettes.len() + usize::from(!self.marks.is_empty())
+    }
+
+    /// Names of all legends after the first `shown`.
+    fn left_out(self, shown: usize) -> Vec<&'static str> {
+        let layers = self.palettes.iter();
+        let names = layers.map(|(palette, _)| layer_name(palette.layer()));
+        let marks = (!self.marks.is_empty()).then_some("Marks");
+        names.chain(marks).skip(shown).collect()
+    }
+}
 
 #[derive(Default)]
 pub(super) struct LegendCard {
@@ -46,21 +68,21 @@ pub(super) struct LegendCard {
 }
 
 impl LegendCard {
-    pub(super) fn show(&mut self, ui: &Ui, map: &LegendPlace, layers: &[Drawn]) {
+    pub(super) fn show(&mut self, ui: &Ui, map: &LegendPlace, drawn: Drawn<'_>) {
         self.place = None;
         let is_on_button = std::mem::take(&mut self.is_on_button);
-        if layers.is_empty() {
+        if drawn.count() == 0 {
             return;
         }
         let screen = map.screen;
-        let fitting = fitting(ui, map, layers);
-        let button = (fitting < layers.len()).then(|| button_width(ui, layers, fitting));
+        let fitting = fitting(ui, map, drawn);
+        let button = (fitting < drawn.count()).then(|| button_width(ui, drawn, fitting));
         let least = if fitting > 0 { 0.0 } else { LEAST_OPENED };
         let opened = button.and_then(|_| map.opened(vec2(width(screen), least)));
         let opened = opened.filter(|_| self.has_all);
-        let shown = opened.map_or(fitting, |_| layers.len());
+        let shown = opened.map_or(fitting, |_| drawn.count());
         if shown > 0 {
-            let content = Content::new(ui, screen, layers, (shown, button));
+            let content = Content::new(ui, screen, drawn, (shown, button));
             let corner = opened.unwrap_or_else(|| map.below()).right_bottom();
             let opened = opened.map(|room| {
                 let others = 2.0 * PADDING + content.head_height(ui);
@@ -100,7 +122,7 @@ impl LegendCard {
             .constrain_to(screen)
             .order(Order::Background)
             .show(ui.ctx(), |ui| {
-                more_ui(ui, (layers, fitting), is_alone, opened.is_some())
+                more_ui(ui, (drawn, fitting), is_alone, opened.is_some())
             });
         let (is_pressed, has_keyboard) = button.inner;
         if is_pressed {
@@ -128,17 +150,21 @@ struct Content {
 
 impl Content {
     /// `shown` legends, with the width of the button beside them.
-    fn new(ui: &Ui, screen: Rect, layers: &[Drawn], (shown, beside): (usize, Option<f32>)) -> Self {
+    fn new(ui: &Ui, screen: Rect, drawn: Drawn<'_>, (shown, beside): (usize, Option<f32>)) -> Self {
         let width = inner_width(screen);
         let is_narrow = is_narrow(screen);
+        let palettes = drawn.palettes.iter().copied();
         let mut legends = if is_narrow {
             // "Unknown" belongs to the lowest layer, shown or not.
-            let mut all = LegendsData::with_short_titles(layers.iter().copied());
+            let mut all = LegendsData::with_short_titles(palettes);
             all.legends.truncate(shown);
             all
         } else {
-            LegendsData::new(layers[..shown].iter().copied())
+            LegendsData::new(palettes.take(shown))
         };
+        if shown > drawn.palettes.len() {
+            legends.add_marks(drawn.marks);
+        }
         let head = beside.map(|button| {
             let left = (width - button - BUTTON_GAP).max(0.0);
             let is_beside = !is_narrow || legends.first_title_fits(ui, left);
@@ -209,17 +235,17 @@ pub(super) fn width(screen: Rect) -> f32 {
 }
 
 /// Number of legends that fit. At least one if the map is large enough; one on a narrow map.
-fn fitting(ui: &Ui, map: &LegendPlace, layers: &[Drawn]) -> usize {
+fn fitting(ui: &Ui, map: &LegendPlace, drawn: Drawn<'_>) -> usize {
     let screen = map.screen;
     let height = |count: usize| {
-        let beside = (count < layers.len()).then(|| button_width(ui, layers, count));
-        2.0 * PADDING + Content::new(ui, screen, layers, (count, beside)).height(ui)
+        let beside = (count < drawn.count()).then(|| button_width(ui, drawn, count));
+        2.0 * PADDING + Content::new(ui, screen, drawn, (count, beside)).height(ui)
     };
     let room = map.below().height();
     let most = MAP_SHARE * screen.area() / width(screen);
     let is_tiny = screen.width() < MIN_MAP_FOR_CARDS[0] || screen.height() < MIN_MAP_FOR_CARDS[1];
     let least = usize::from(!is_tiny && height(1) <= room);
-    let greatest = if is_narrow(screen) { 1 } else { layers.len() };
+    let greatest = if is_narrow(screen) { 1 } else { drawn.count() };
     let fits = |count: &usize| height(*count) <= most.min(room);
     (1..=greatest).rev().find(fits).unwrap_or(least)
 }
@@ -233,10 +259,10 @@ fn words(count: usize, are_all: bool) -> [String; 2] {
     [more, "Fewer".to_owned()]
 }
 
-fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
+fn button_width(ui: &Ui, drawn: Drawn<'_>, fitting: usize) -> f32 {
     let font = TextStyle::Small.resolve(ui.style());
     let ink = ui.visuals().text_color();
-    let widths = words(layers.len() - fitting, fitting == 0).map(|words| {
+    let widths = words(drawn.count() - fitting, fitting == 0).map(|words| {
         let text = ui.painter().layout_no_wrap(words, font.clone(), ink);
         text.size().x + 2.0 * PADDING
     });
@@ -246,17 +272,14 @@ fn button_width(ui: &Ui, layers: &[Drawn], fitting: usize) -> f32 {
 /// The button that opens and closes the legends. Returns whether it was pressed and whether it has the focus.
 fn more_ui(
     ui: &mut Ui,
-    (layers, fitting): (&[Drawn], usize),
+    (drawn, fitting): (Drawn<'_>, usize),
     is_alone: bool,
     are_opened: bool,
 ) -> (bool, bool) {
-    let left_out = &layers[fitting..];
+    let left_out = drawn.left_out(fitting);
     let (count, are_all) = (left_out.len(), fitting == 0);
     let [more, fewer] = words(count, are_all);
-    let names = left_out
-        .iter()
-        .map(|(palette, _)| layer_name(palette.layer()));
-    let names = names.collect::<Vec<_>>().join(", ");
+    let names = left_out.join(", ");
     let legends = if count == 1 { "legend" } else { "legends" };
     let hint = match (are_opened, are_all) {
         (true, _) => "Fewer legends".to_owned(),

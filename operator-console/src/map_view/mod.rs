@@ -1,14 +1,17 @@
 //! The map: the layers of the model, drawn one over the other, with a camera that the operator moves.
 
 mod camera;
+mod cards;
 mod chunks;
 mod coloring;
 mod drawing;
+mod gestures;
 mod grid;
+mod labels;
 mod layer_compositing;
 mod legend_card;
 mod map_layers;
-mod navigation;
+mod marks;
 mod probe;
 mod ruler;
 mod shores;
@@ -22,12 +25,13 @@ use std::collections::BTreeSet;
 use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
-use eframe::egui::{Color32, Frame, Pos2, Rect, Ui, vec2};
+use eframe::egui::{Color32, CursorIcon, Frame, PointerButton, Pos2, Rect, Response, Ui, vec2};
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
 pub use camera::Camera;
+pub use marks::Mark;
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;
@@ -39,17 +43,21 @@ use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::theme;
 
+use camera::around;
+use cards::{Cards, free_parts};
 use chunks::FrameTime;
+use drawing::vehicle_m;
+use gestures::GestureTracker;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
-use navigation::GestureTracker;
-use shores::is_listed;
+use shores::{extent_m, is_listed};
 use texture_check::TextureCheck;
 
 const ZOOM_STEP: f64 = 1.4;
 const CARD_MARGIN: f32 = 12.0;
 
 /// The map view. It stays when another robot is shown.
+#[derive(Default)]
 pub struct MapView {
     camera: Camera,
     settings: ViewSettings,
@@ -65,34 +73,7 @@ pub struct MapView {
     ruler: Option<Ruler>,
     is_center_probed: bool,
     legends: LegendCard,
-    buttons: Rect,
-    /// Lower edge of the banner, or upper edge of the map.
-    map_top: f32,
-    /// Buttons and cards on the map in the last frame, without legends and scale bar.
-    occluders: Vec<Rect>,
-}
-
-impl Default for MapView {
-    fn default() -> Self {
-        Self {
-            camera: Camera::default(),
-            settings: ViewSettings::default(),
-            layers: MapLayers::default(),
-            texture_check: TextureCheck::default(),
-            is_behind: false,
-            has_chosen_layers: false,
-            robot_overlay: RobotOverlay::default(),
-            shore_selection: ShoreSelection::default(),
-            gestures: GestureTracker::default(),
-            pinned_m: None,
-            ruler: None,
-            is_center_probed: false,
-            legends: LegendCard::default(),
-            buttons: Rect::NOTHING,
-            map_top: 0.0,
-            occluders: Vec::new(),
-        }
-    }
+    cards: Cards,
 }
 
 impl MapView {
@@ -199,6 +180,7 @@ impl MapView {
                 self.settings.stack.show_only(layer, &offered);
             }
             LayerCommand::Fit(layer) => self.layers.fit_colors(layer, model.map().store()),
+            LayerCommand::Labels(is_on) => self.settings.has_labels = is_on,
             _ => self.settings.stack.apply(command),
         }
     }
@@ -276,6 +258,154 @@ impl MapView {
             self.settings.stack.apply(LayerCommand::Show(first, true));
         }
     }
+}
+
+/// The camera follows pointer, gestures and keys, or the map and the vehicle.
+impl MapView {
+    pub(super) fn handle_pointer(&mut self, ui: &Ui, response: &Response) {
+        let drag = response.drag_delta();
+        let buttons = [
+            PointerButton::Primary,
+            PointerButton::Middle,
+            PointerButton::Secondary,
+        ];
+        let is_pulled = buttons.iter().any(|button| response.dragged_by(*button));
+        if is_pulled && drag != vec2(0.0, 0.0) {
+            self.camera.pan(drag);
+            self.settings.camera_mode = CameraMode::Free;
+            ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
+        } else if self.ruler.is_some() && response.hovered() {
+            ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
+        }
+        if response.hovered() && ui.input(|input| input.pointer.delta() != vec2(0.0, 0.0)) {
+            self.is_center_probed = false;
+        }
+        if let Some(at) = response.interact_pointer_pos()
+            && !self.is_occluded(at)
+        {
+            self.click(response, at);
+        }
+        if let Some(at) = response.hover_pos() {
+            let gesture = ui.input(|input| self.gestures.take(input));
+            if gesture.push != vec2(0.0, 0.0) {
+                self.camera.pan(gesture.push);
+                self.settings.camera_mode = CameraMode::Free;
+            }
+            if gesture.zooms() {
+                self.zoom(at, gesture.factor);
+            }
+        }
+    }
+
+    fn click(&mut self, response: &Response, at: Pos2) {
+        let point_m = self.camera.to_odom(at);
+        if self.ruler.is_none() && response.double_clicked() {
+            self.pinned_m = None;
+            self.camera.center_on(point_m);
+            self.settings.camera_mode = CameraMode::Free;
+        } else if response.clicked() {
+            self.point(point_m);
+        } else if self.ruler.is_some() && response.secondary_clicked() {
+            self.undo_point();
+        }
+    }
+
+    pub(super) fn point(&mut self, point_m: [f64; 2]) {
+        match &mut self.ruler {
+            Some(ruler) => ruler.add(point_m),
+            None => self.pinned_m = Some(point_m),
+        }
+    }
+
+    pub(super) fn undo_point(&mut self) {
+        match &mut self.ruler {
+            Some(ruler) => ruler.undo_point(),
+            None => self.pinned_m = None,
+        }
+    }
+
+    pub(super) fn probed_place(&self, pointer: Option<Pos2>) -> Option<Pos2> {
+        if self.is_center_probed {
+            Some(self.camera.screen.center())
+        } else {
+            pointer
+        }
+    }
+
+    /// In follow mode the vehicle stays centred; in fit mode zooming ends the mode.
+    pub(super) fn zoom(&mut self, at: Pos2, factor: f64) {
+        match self.settings.camera_mode {
+            CameraMode::FollowVehicle => {
+                self.camera.zoom_about(self.camera.screen.center(), factor);
+            }
+            CameraMode::FitMap | CameraMode::Free => {
+                self.settings.camera_mode = CameraMode::Free;
+                self.camera.zoom_about(at, factor);
+            }
+        }
+    }
+
+    pub(super) fn update_camera(&mut self, model: &ConsoleModel) {
+        let vehicle_m = vehicle_m(model);
+        if self.settings.orientation == Orientation::RobotUp
+            && let Some(heading_rad) = model.vehicle().heading_rad()
+        {
+            self.camera.turn_up(heading_rad);
+        }
+        self.approach(model);
+        match self.settings.camera_mode {
+            CameraMode::Free => {}
+            CameraMode::FollowVehicle => {
+                if let Some(vehicle_m) = vehicle_m {
+                    self.camera.center_on(vehicle_m);
+                }
+            }
+            CameraMode::FitMap => {
+                let map_m = self
+                    .layers
+                    .bounds_m(&self.settings.stack, model.map().store());
+                if let Some(bounds_m) = with_point(map_m, vehicle_m) {
+                    self.fit(bounds_m);
+                }
+            }
+        }
+    }
+
+    fn approach(&mut self, model: &ConsoleModel) {
+        if let Some(mark) = self.shore_selection.approach_target.take()
+            && let Some(shores) = model.shores()
+        {
+            let extent_m = extent_m(shores, mark);
+            // A removed shore has no extent.
+            if !extent_m.is_empty() {
+                self.camera.approach(around(&extent_m));
+            }
+        }
+    }
+
+    /// Fits the whole map beside all cards, where it is largest.
+    fn fit(&mut self, bounds_m: [f64; 4]) {
+        let screen = self.camera.screen;
+        let fitted = |part: Rect| {
+            let mut camera = self.camera;
+            camera.fit(part, bounds_m);
+            (camera, part.area())
+        };
+        let parts = free_parts(screen, &self.cards()).into_iter().map(fitted);
+        let largest = parts.max_by(|(a, a_area), (b, b_area)| {
+            let by_scale = a.points_per_m.total_cmp(&b.points_per_m);
+            by_scale.then(a_area.total_cmp(b_area))
+        });
+        (self.camera, _) = largest.unwrap_or_else(|| fitted(screen));
+    }
+}
+
+fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[f64; 4]> {
+    let Some([x, y]) = point_m else {
+        return bounds_m;
+    };
+    let [low_x, low_y, high_x, high_y] = bounds_m.unwrap_or([x, y, x, y]);
+    Some([low_x.min(x), low_y.min(y), high_x.max(x), high_y.max(y)])
 }
 
 fn card_frame(ui: &Ui, margin: f32) -> Frame {

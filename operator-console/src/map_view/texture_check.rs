@@ -7,6 +7,7 @@ use eframe::egui::{Color32, ColorImage, PaintCallback, Rect, Shape, TextureId};
 use eframe::egui_glow::{CallbackFn, Painter};
 use eframe::glow::{self, HasContext as _};
 use measurement::time::Monotonic;
+use network::clock;
 use protocol::layer::LayerId;
 
 use super::chunks::ChunkKey;
@@ -81,7 +82,10 @@ impl TextureCheck {
             }
         };
         let callback = CallbackFn::new(move |_, painter| {
+            let began = clock::now();
             *lock(&reading) = Some(compare(painter));
+            let took_us = clock::elapsed(began).as_micros();
+            tracing::trace!(took_us, "a tile was read back");
         });
         let callback = Arc::new(callback);
         PaintCallback {

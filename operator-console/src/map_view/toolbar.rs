@@ -14,19 +14,22 @@ pub struct ToolbarData {
     pub orientation: Orientation,
     pub has_grid: bool,
     pub is_measuring: bool,
+    /// A menu replaces most buttons.
+    pub is_folded: bool,
 }
 
-/// Narrower maps have a menu instead of most buttons, points.
+/// On narrower maps they are always folded, points.
 const NARROW: f32 = 460.0;
 
 pub(super) fn toolbar_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
-    let is_narrow = ui.available_width() < NARROW;
+    let is_folded = data.is_folded || ui.available_width() < NARROW;
     let shown = card_frame(ui, 4.0).show(ui, |ui| {
         // Laid out from the right, so the last button comes first.
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
-            let look = if is_narrow {
+            let look = if is_folded {
                 let menu = ui.menu_button("Tools", |ui| entries_ui(ui, data));
+                menu.response.on_hover_text("Camera, grid and ruler");
                 menu.inner.flatten()
             } else {
                 entries_ui(ui, data)
@@ -106,6 +109,7 @@ mod tests {
                 orientation: Orientation::NorthUp,
                 has_grid: false,
                 is_measuring: false,
+                is_folded: false,
             };
             let mut window = Harness::builder()
                 .with_size(vec2(width, 300.0))

@@ -1,17 +1,17 @@
-//! The vehicle on the map: footprint, stopping distance, trajectory, sensors, and the obstacle that limits it.
+//! The vehicle on the map: footprint, stopping distance, trajectory and fields of view.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
-use std::time::Duration;
 
-use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, Vec2, vec2};
+use eframe::egui::{Color32, Painter, Pos2, Rect, Shape, Stroke, Vec2, vec2};
 
 use super::camera::Camera;
-use super::{LastScan, SensorField, Stopping};
+use super::{SensorField, Stopping};
+use crate::theme;
 
 /// A shorter footprint is drawn as an arrow of [`ARROW`] points.
 const MIN_LENGTH: f32 = 16.0;
-pub(super) const ARROW: f32 = 20.0;
+const ARROW: f32 = 20.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct VehicleMark {
@@ -49,16 +49,24 @@ impl VehicleMark {
         }
     }
 
-    /// With an outline for contrast on any map.
+    pub(super) fn bounds(&self) -> Rect {
+        let corners: Vec<_> = self.footprint.iter().chain(&self.arrow).copied().collect();
+        Rect::from_points(&corners)
+    }
+
+    /// With a light rim inside a dark one, because a robot's own colour may be dark or light.
     pub(super) fn paint(&self, painter: &Painter, color: Color32) {
-        let halo = Stroke::new(3.5, Color32::WHITE);
+        let [light, dark] = theme::RIMS;
+        let (edge, halo) = (Stroke::new(5.0, dark), Stroke::new(3.5, light));
         let line = Stroke::new(1.8, color);
         if !self.footprint.is_empty() {
             let paper = Color32::from_white_alpha(150);
+            painter.add(Shape::closed_line(self.footprint.clone(), edge));
             painter.add(Shape::convex_polygon(self.footprint.clone(), paper, halo));
             painter.add(Shape::closed_line(self.footprint.clone(), line));
         }
         let [tip, rear_right, notch, rear_left] = self.arrow;
+        painter.add(Shape::closed_line(self.arrow.to_vec(), edge));
         painter.add(Shape::closed_line(self.arrow.to_vec(), halo));
         // The arrow is not convex, its halves are.
         for half in [[tip, rear_right, notch], [tip, notch, rear_left]] {
@@ -138,31 +146,6 @@ pub(super) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]>
     swept
 }
 
-pub(super) fn paint_stopping(
-    painter: &Painter,
-    swept_m: &[[[f64; 2]; 2]],
-    camera: &Camera,
-    color: Color32,
-) {
-    let mut mesh = Mesh::default();
-    let fill = color.gamma_multiply(0.38);
-    for edges_m in swept_m {
-        for edge_m in edges_m {
-            mesh.colored_vertex(camera.to_screen(*edge_m), fill);
-        }
-    }
-    for pair in 1..swept_m.len() as u32 {
-        let first = 2 * (pair - 1);
-        mesh.add_triangle(first, first + 1, first + 2);
-        mesh.add_triangle(first + 1, first + 3, first + 2);
-    }
-    painter.add(mesh);
-    if let Some([left_m, right_m]) = swept_m.last() {
-        let ends = [left_m, right_m].map(|edge_m| camera.to_screen(*edge_m));
-        painter.line_segment(ends, (3.0, color));
-    }
-}
-
 const STEP: f32 = 2.0;
 
 /// Visible parts of the trajectory, at screen resolution.
@@ -200,28 +183,6 @@ pub(super) fn trail_lines(trail_m: &VecDeque<[f64; 2]>, camera: &Camera) -> Vec<
     lines
 }
 
-/// Draws them with a halo; thinner on small scales, so that narrow passages stay visible.
-pub(super) fn paint_trail(
-    painter: &Painter,
-    lines: Vec<Vec<Pos2>>,
-    color: Color32,
-    points_per_m: f64,
-) {
-    let width = (0.06 * points_per_m as f32).clamp(1.0, 2.2);
-    let halo = Stroke::new(1.9 * width, Color32::from_white_alpha(170));
-    for line in &lines {
-        painter.add(Shape::line(line.clone(), halo));
-    }
-    for line in lines {
-        painter.add(Shape::line(line, Stroke::new(width, color)));
-    }
-}
-
-/// Maximum number of drawn scan points; more are subsampled.
-const MAX_SCAN_POINTS: usize = 4_000;
-/// Scan points fade out until this age.
-const LIFETIME: Duration = Duration::from_secs(2);
-const SCAN_POINT: f32 = 2.5;
 const STEP_RAD: f64 = 0.06;
 
 /// Closed outline of a sensor's field of view, m in `odom`. `heading_rad` is the vehicle's.
@@ -256,60 +217,6 @@ pub(super) fn field_m(field: &SensorField, [x, y]: [f64; 2], heading_rad: f64) -
     } else {
         arc(far_m).chain([at]).collect()
     }
-}
-
-pub(super) fn paint_field(
-    painter: &Painter,
-    field_m: &[[f64; 2]],
-    camera: &Camera,
-    color: Color32,
-) {
-    let points = camera.line(field_m);
-    if Rect::from_points(&points).intersects(camera.screen) {
-        let halo = Stroke::new(2.4, Color32::from_white_alpha(90));
-        painter.add(Shape::closed_line(points.clone(), halo));
-        painter.add(Shape::closed_line(points, Stroke::new(1.0, color)));
-    }
-}
-
-pub(super) fn paint_scan(painter: &Painter, scan: &LastScan, camera: &Camera, color: Color32) {
-    let age = scan.age.as_secs_f32() / LIFETIME.as_secs_f32();
-    if age >= 1.0 {
-        return;
-    }
-    let color = color.gamma_multiply(1.0 - 0.7 * age);
-    let stride = scan.points_m.len() / MAX_SCAN_POINTS + 1;
-    let mut mesh = Mesh::default();
-    for point_m in scan.points_m.iter().step_by(stride) {
-        let at = camera.to_screen(*point_m);
-        if camera.screen.contains(at) {
-            mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(SCAN_POINT)), color);
-        }
-    }
-    painter.add(mesh);
-}
-
-/// Large enough for the obstacle to be visible inside, points.
-const RING_RADIUS: f32 = 10.0;
-const RING_LINE: f32 = 2.5;
-
-pub(super) fn paint_barrier(
-    painter: &Painter,
-    position_m: [f64; 2],
-    camera: &Camera,
-    color: Color32,
-) {
-    let at = camera.to_screen(position_m);
-    if !camera.screen.expand(RING_RADIUS).contains(at) {
-        return;
-    }
-    // A dark outline for contrast on every palette.
-    painter.circle_stroke(
-        at,
-        RING_RADIUS,
-        (2.0 * RING_LINE, Color32::from_black_alpha(180)),
-    );
-    painter.circle_stroke(at, RING_RADIUS, (RING_LINE, color));
 }
 
 #[cfg(test)]

@@ -48,6 +48,8 @@ pub struct ViewSettings {
     pub camera_mode: CameraMode,
     pub orientation: Orientation,
     pub overlays: BTreeSet<Overlay>,
+    /// Numbers of shores and letters of docking sites.
+    pub has_labels: bool,
     pub stack: LayerStack,
 }
 
@@ -71,6 +73,7 @@ impl Default for ViewSettings {
             camera_mode: CameraMode::FitMap,
             orientation: Orientation::NorthUp,
             overlays: [Overlay::Compass, Overlay::Legend, Overlay::Sensors].into(),
+            has_labels: true,
             stack: LayerStack::default(),
         }
     }
@@ -98,6 +101,8 @@ pub enum LayerCommand {
     Below(LayerId, LayerId),
     Scheme(LayerId, Scheme),
     Fit(LayerId),
+    /// Draw numbers of shores and letters of docking sites.
+    Labels(bool),
 }
 
 const ORDER: [LayerId; LayerId::ALL.len()] = [
@@ -187,7 +192,7 @@ impl LayerStack {
         }
     }
 
-    /// Applies a command, except `Only` and `Fit`, which need the map.
+    /// Applies a command about layers alone: not `Only` and `Fit`, which need the map, nor `Labels`.
     pub fn apply(&mut self, command: LayerCommand) {
         match command {
             LayerCommand::Show(layer, is_shown) => {
@@ -203,7 +208,7 @@ impl LayerStack {
             }),
             LayerCommand::Above(layer, other) => self.put(layer, other, 1),
             LayerCommand::Below(layer, other) => self.put(layer, other, 0),
-            LayerCommand::Only(_) | LayerCommand::Fit(_) => {}
+            LayerCommand::Only(_) | LayerCommand::Fit(_) | LayerCommand::Labels(_) => {}
         }
     }
 

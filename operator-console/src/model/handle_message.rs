@@ -386,6 +386,7 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
         peak_age_ms: None,
         speed_allowed_mps: 0.0,
         ground_age_ms: [None; 4],
+        battery_v: None,
         collision_monitor: match teleop.collision_monitor {
             CollisionMonitorState::On(_) => CollisionMonitorState::On(no_limits),
             CollisionMonitorState::UnknownSpace(_) => {

@@ -76,6 +76,11 @@ impl Outline {
         }
     }
 
+    /// Counter-clockwise, x and y in `odom`, metres.
+    pub fn corners_m(&self) -> &[[f64; 2]] {
+        &self.corners_m
+    }
+
     /// Distance of a point (x and y in `odom`, metres) to the nearest edge, metres; 0 within it.
     pub fn away_m(&self, place_m: [f64; 2]) -> f64 {
         let count = self.corners_m.len();

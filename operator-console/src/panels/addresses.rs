@@ -8,11 +8,11 @@ use eframe::egui::text_edit::TextEditState;
 use eframe::egui::{
     Align, Button, CollapsingHeader, Id, Key, Label, Layout, RichText, TextEdit, TextStyle, Ui,
 };
-use network::endpoints::{DEFAULT_PORT, check_console};
+use network::endpoints::{DEFAULT_PORT, check_console, place};
 
 use super::formatting::with_monospace_options;
 use crate::command::Command;
-use crate::link::{AddressState, FoundRobot, place};
+use crate::link::{AddressState, FoundRobot};
 use crate::shortcuts::Action;
 use crate::theme::Tone;
 
@@ -110,6 +110,7 @@ impl ListedAddress {
                     "A robot with keys is asked at quic/{host}:{port}, by a console that was started with --keys."
                 ),
             ),
+            Some(AddressState::WrongCertificate(why)) => ("wrong certificate", why.clone()),
             Some(AddressState::Problem(why)) => ("cannot be asked", why.clone()),
         };
         (Tone::Warning, state, hint)
@@ -175,7 +176,7 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
     };
     let heading = RichText::new(format!("{words} ({})", quiet.len())).small();
     let heading = CollapsingHeader::new(heading);
-    heading.id_salt("remembered addresses").show(ui, |ui| {
+    let shown = heading.id_salt("remembered addresses").show(ui, |ui| {
         for listed in quiet {
             ui.horizontal(|ui| {
                 ui.label(RichText::new(&listed.address).small());
@@ -185,6 +186,9 @@ pub(super) fn remembered_ui(ui: &mut Ui, addresses: &[ListedAddress]) -> Option<
             });
         }
     });
+    shown
+        .header_response
+        .on_hover_text("Addresses that are searched at every start");
     command
 }
 

@@ -112,7 +112,8 @@ fn acknowledge_ui(ui: &mut Ui, line: &AlertLine) -> Option<Command> {
         ui.weak("Acknowledged");
         return None;
     }
-    let is_seen = ui.button("Acknowledge").clicked();
+    let button = ui.button("Acknowledge");
+    let is_seen = button.on_hover_text("You have seen this alert").clicked();
     is_seen.then(|| Command::Acknowledge(line.robot.clone(), line.alarm.clone()))
 }
 

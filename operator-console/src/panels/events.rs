@@ -122,7 +122,8 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
             .show_ui(ui, |ui| {
                 for severity in Severity::ALL {
                     let words = filter_label(severity);
-                    ui.selectable_value(&mut filter.least, severity, words);
+                    ui.selectable_value(&mut filter.least, severity, words)
+                        .on_hover_text("Shows events of this severity and above");
                 }
             });
         let chosen = filter_label(filter.least);
@@ -134,7 +135,7 @@ fn filter_ui(ui: &mut Ui, filter: &mut EventFilter, left_out: Option<&str>, is_n
             .hint_text("Filter: words")
             .char_limit(100)
             .desired_width(ui.available_width().min(180.0));
-        let text = ui.add(text);
+        let text = ui.add(text).on_hover_text("List events with these words");
         ui.ctx()
             .accesskit_node_builder(text.id, |node| node.set_label("Filter"));
         if let Some(left_out) = left_out.filter(|_| !is_narrow) {

@@ -34,6 +34,8 @@ pub struct LayerRow {
     pub tone: Tone,
     pub over: Option<LayerId>,
     pub under: Option<LayerId>,
+    /// Whether its labels are drawn; `None` if it has none.
+    pub has_labels: Option<bool>,
 }
 
 impl LayersData {
@@ -80,6 +82,7 @@ impl LayersData {
                 tone,
                 over: neighbour(index.checked_sub(1)),
                 under: neighbour(Some(index + 1)),
+                has_labels: (layer == LayerId::Shore).then_some(view.settings().has_labels),
             }
         });
         let rows: Vec<_> = rows.collect();
@@ -277,6 +280,13 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     {
         command = Some(LayerCommand::Opacity(layer, opacity));
     }
+    if let Some(mut has_labels) = row.has_labels {
+        let check = ui.checkbox(&mut has_labels, RichText::new("Labels").small());
+        let hint = "Draw the numbers of shores and the letters of docking sites";
+        if check.on_hover_text(hint).changed() {
+            command = Some(LayerCommand::Labels(has_labels));
+        }
+    }
     if let [only] = layer.schemes() {
         ui.label(RichText::new(scheme_name(*only)).small());
         return command;
@@ -296,6 +306,7 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
     combo
         .response
         .widget_info(|| WidgetInfo::labeled(Role::ComboBox, true, &label));
+    combo.response.on_hover_text("Colours of this layer");
     if row.scheme == Scheme::Cividis {
         let fit = ui.button("Fit");
         if fit
@@ -427,6 +438,7 @@ mod tests {
             tone: Tone::Good,
             over,
             under,
+            has_labels: (layer == LayerId::Shore).then_some(true),
         }
     }
 
@@ -491,6 +503,14 @@ mod tests {
         window.run_steps(2);
         let scheme = LayerCommand::Scheme(LayerId::Obstacle, Scheme::GreenRed);
         assert_eq!(window.state().asked, [scheme]);
+    }
+
+    #[test]
+    fn labels_of_shores_can_be_switched_off() {
+        let mut window = window_of(vec![row(LayerId::Shore, None, None)]);
+        window.get_by_label("Labels").click();
+        window.run_steps(2);
+        assert_eq!(window.state().asked, [LayerCommand::Labels(false)]);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Legends: a colour scale with numbers, or classes with names, for each drawn layer.
+//! Legends: a colour scale with numbers, or classes with names, for each drawn layer, and the marks on the map.
 
 use std::sync::Arc;
 
@@ -6,10 +6,11 @@ use eframe::egui::{
     Align2, Color32, Galley, Label, Mesh, Rangef, Rect, RichText, Sense, Shape, Stroke, StrokeKind,
     TextStyle, Ui, Vec2, pos2, vec2,
 };
-use protocol::layer::{LayerId, Legend, Palette, Ramp, Swatch};
+use protocol::layer::{LayerId, Palette, Ramp, Swatch};
 
 use super::formatting::capitalised;
 use super::layers::layer_name;
+use crate::map_view::Mark;
 use crate::theme;
 
 const BAR_HEIGHT: f32 = 10.0;
@@ -35,6 +36,29 @@ pub struct LegendsData {
     pub legends: Vec<Legend>,
 }
 
+#[derive(Clone, Debug, PartialEq)]
+pub struct Legend {
+    /// May be empty.
+    pub title: String,
+    pub ramp: Option<Ramp>,
+    pub entries: Vec<LegendEntry>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum LegendEntry {
+    Class(Swatch),
+    Mark(Mark, Color32),
+}
+
+impl LegendEntry {
+    fn name(&self) -> &str {
+        match self {
+            Self::Class(swatch) => &swatch.label,
+            Self::Mark(mark, _) => mark.name(),
+        }
+    }
+}
+
 impl LegendsData {
     /// `palettes`: topmost first, with whether each layer is above another.
     pub fn new(palettes: impl IntoIterator<Item = (Palette, bool)>) -> Self {
@@ -50,12 +74,20 @@ impl LegendsData {
             {
                 SEE_THROUGH.clone_into(&mut free.label);
             }
-            legend
+            Legend {
+                title: legend.title,
+                ramp: legend.ramp,
+                entries: legend
+                    .swatches
+                    .into_iter()
+                    .map(LegendEntry::Class)
+                    .collect(),
+            }
         };
         let mut legends: Vec<_> = palettes.into_iter().map(legend).collect();
         for index in 1..legends.len() {
-            let below = legends[index].swatches.last().cloned();
-            let above = &mut legends[index - 1].swatches;
+            let below = legends[index].entries.last().cloned();
+            let above = &mut legends[index - 1].entries;
             if above.last() == below.as_ref() {
                 above.pop();
             }
@@ -72,6 +104,17 @@ impl LegendsData {
             legend.title = layer_name(layer).to_owned() + &unit.unwrap_or_default();
         }
         data
+    }
+
+    pub fn add_marks(&mut self, marks: &[(Mark, Color32)]) {
+        let marks = marks
+            .iter()
+            .map(|(mark, color)| LegendEntry::Mark(*mark, *color));
+        self.legends.push(Legend {
+            title: String::new(),
+            ramp: None,
+            entries: marks.collect(),
+        });
     }
 
     pub fn first_title_fits(&self, ui: &Ui, width: f32) -> bool {
@@ -108,11 +151,11 @@ pub fn legends_height(ui: &Ui, data: &LegendsData, width: f32) -> f32 {
         let title = Some(&legend.title).filter(|title| !title.is_empty());
         let title = title.map(|title| title_height(ui, title, width));
         let ramp = legend.ramp.as_ref().map(|_| ramp_height(ui));
-        let rows = rows(ui, &legend.swatches, width);
+        let rows = rows(ui, &legend.entries, width);
         let rows = rows.iter().map(|row| {
-            let names = row.iter().map(|swatch| {
+            let names = row.iter().map(|entry| {
                 let width = name_width(row, width);
-                text(ui, &swatch.label, width).size().y
+                text(ui, entry.name(), width).size().y
             });
             names.fold(ROW, f32::max)
         });
@@ -139,45 +182,45 @@ fn legend_ui(ui: &mut Ui, legend: &Legend) {
         ramp_ui(ui, ramp);
     }
     let width = ui.available_width();
-    for row in rows(ui, &legend.swatches, width) {
+    for row in rows(ui, &legend.entries, width) {
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = SPACING;
-            for (index, swatch) in row.iter().enumerate() {
+            for (index, entry) in row.iter().enumerate() {
                 if index > 0 {
                     ui.add_space(GAP);
                 }
-                swatch_ui(ui, swatch, name_width(row, width).is_finite());
+                entry_ui(ui, entry, name_width(row, width).is_finite());
             }
         });
     }
 }
 
-/// Width of a name in a row, points. In a row of several swatches all names fit.
-fn name_width(row: &[Swatch], width: f32) -> f32 {
+/// Width of a name in a row, points. In a row of several entries all names fit.
+fn name_width(row: &[LegendEntry], width: f32) -> f32 {
     match row {
         [_alone] => width - SWATCH.x - SPACING,
         _several => f32::INFINITY,
     }
 }
 
-/// Distributes swatches over rows of this width. A long name has a row of its own.
-fn rows<'a>(ui: &Ui, swatches: &'a [Swatch], width: f32) -> Vec<&'a [Swatch]> {
-    let of = |swatch: &Swatch| {
-        let text = text(ui, &swatch.label, f32::INFINITY);
+/// Distributes entries over rows of this width. A long name has a row of its own.
+fn rows<'a>(ui: &Ui, entries: &'a [LegendEntry], width: f32) -> Vec<&'a [LegendEntry]> {
+    let of = |entry: &LegendEntry| {
+        let text = text(ui, entry.name(), f32::INFINITY);
         SWATCH.x + SPACING + text.size().x
     };
     let mut rows = Vec::new();
     let (mut first, mut taken) = (0, 0.0);
-    for (index, swatch) in swatches.iter().enumerate() {
-        let wanted = of(swatch);
+    for (index, entry) in entries.iter().enumerate() {
+        let wanted = of(entry);
         if index > first && taken + wanted > width {
-            rows.push(&swatches[first..index]);
+            rows.push(&entries[first..index]);
             (first, taken) = (index, 0.0);
         }
         taken += wanted + SPACING + GAP;
     }
-    if first < swatches.len() {
-        rows.push(&swatches[first..]);
+    if first < entries.len() {
+        rows.push(&entries[first..]);
     }
     rows
 }
@@ -216,10 +259,18 @@ pub(super) fn paint_swatch(ui: &Ui, rect: Rect, swatch: &Swatch) {
     frame(ui, rect);
 }
 
-fn swatch_ui(ui: &mut Ui, swatch: &Swatch, may_wrap: bool) {
+fn entry_ui(ui: &mut Ui, entry: &LegendEntry, may_wrap: bool) {
     let (rect, _) = ui.allocate_exact_size(SWATCH, Sense::hover());
-    paint_swatch(ui, rect, swatch);
-    let name = Label::new(RichText::new(capitalised(&swatch.label)).small());
+    match entry {
+        LegendEntry::Class(swatch) => paint_swatch(ui, rect, swatch),
+        LegendEntry::Mark(mark, color) => {
+            let painter = ui.painter().with_clip_rect(ui.clip_rect().intersect(rect));
+            painter.rect_filled(rect, 0.0, theme::ground(ui.visuals()));
+            mark.paint_sample(&painter, rect.shrink(1.0), *color);
+            frame(ui, rect);
+        }
+    }
+    let name = Label::new(RichText::new(capitalised(entry.name())).small());
     ui.add(if may_wrap { name.wrap() } else { name.extend() });
 }
 
@@ -305,8 +356,8 @@ mod tests {
                 .build_ui(|ui| legends_ui(ui, &data));
             let title = capitalised(&data.legends[0].title);
             assert!(harness.query_all_by_label(&title).next().is_some());
-            for swatch in &data.legends[0].swatches {
-                let name = capitalised(&swatch.label);
+            for entry in &data.legends[0].entries {
+                let name = capitalised(entry.name());
                 let place = harness.get_all_by_label(&name).last().unwrap().rect();
                 assert!(place.right() <= 236.0, "{name}: {place:?}");
             }
@@ -319,6 +370,9 @@ mod tests {
             // Upper layers have the longest texts.
             let palettes = LayerId::ALL.map(|layer| (layer.default_palette(), true));
             let mut data = LegendsData::with_short_titles(palettes);
+            data.add_marks(
+                &[Mark::Path, Mark::Scan, Mark::StoppingDistance].map(|mark| (mark, mark.color())),
+            );
             if width > 200.0 {
                 assert_ne!(data.take_first_title(), "");
             }
@@ -386,7 +440,7 @@ mod tests {
         ];
         let data = LegendsData::new(both);
         let labels = data.legends.iter().map(|legend| {
-            let labels = legend.swatches.iter().map(|swatch| swatch.label.as_str());
+            let labels = legend.entries.iter().map(LegendEntry::name);
             labels.collect::<Vec<_>>()
         });
         assert_eq!(
@@ -396,8 +450,9 @@ mod tests {
                 vec!["unknown"]
             ]
         );
-        let swatches = data.legends.iter().flat_map(|legend| &legend.swatches);
-        let see_through = swatches.map(is_see_through).collect::<Vec<_>>();
-        assert_eq!(see_through, [true, false, false]);
+        let entries = data.legends.iter().flat_map(|legend| &legend.entries);
+        let see_through = entries
+            .map(|entry| matches!(entry, LegendEntry::Class(swatch) if is_see_through(swatch)));
+        assert_eq!(see_through.collect::<Vec<_>>(), [true, false, false]);
     }
 }

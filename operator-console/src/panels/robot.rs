@@ -31,6 +31,13 @@ impl RobotData {
         }
         rows.extend(pose_rows(model));
         if let Some((status, _)) = model.status() {
+            rows.extend(
+                status
+                    .depth_under_keel_m
+                    .map(|depth_m| row("Under keel", format!("{} m", signed(depth_m.into(), 1)))),
+            );
+            let battery_v = status.teleop.as_ref().and_then(|teleop| teleop.battery_v);
+            rows.extend(battery_v.map(|volts| row("Battery", format!("{volts:.1} V"))));
             let [mapped, came] = [status.scans_mapped, status.scans_in].map(count);
             if is_recording(model.robot()) {
                 // A paused recording also maps the scans that wait for a pose, which its status does not count as
@@ -128,12 +135,13 @@ fn heading(angle_deg: f64, knows_north: bool) -> String {
     capitalised(&direction(angle_deg, knows_north, "map's x"))
 }
 
-pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
+/// `advice`: why the link is not live.
+pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) {
     if let Some(note) = &data.note {
         ui.strong(note);
     }
-    if data.rows.is_empty() {
-        ui.label("No data yet.");
+    if let Some(advice) = advice.or_else(|| data.rows.is_empty().then_some("No data yet.")) {
+        ui.label(advice);
     }
     rows_ui(ui, "robot", &data.rows);
 }
@@ -141,13 +149,14 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData) {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Info, Pose, Status};
+    use protocol::message::{Info, Pose, Status, TeleopStatus};
     use protocol::tile_store::TileStore;
 
     use super::*;
     use crate::model::RequestId;
     use crate::test_support::{
-        BOOT, announce_map, at, console, ended_status, inject, inject_reply, pose_at_rest, scout,
+        BOOT, announce_map, at, console, ended_status, idle_teleop_status, inject, inject_reply,
+        pose_at_rest, scout,
     };
 
     #[test]
@@ -220,6 +229,34 @@ mod tests {
         assert_eq!(names(true, 0.0), (standing, false, false));
         let moves = Some(row("Speed", "−0.50 m/s"));
         assert_eq!(names(true, -0.5), (moves, false, true));
+    }
+
+    #[test]
+    fn battery_and_depth_are_shown_where_known() {
+        let mut model = scout();
+        let teleop = TeleopStatus {
+            battery_v: Some(25.78),
+            ..idle_teleop_status()
+        };
+        for (depth_under_keel_m, teleop, expected) in [
+            (None, None, vec![]),
+            (Some(1.26), None, vec![row("Under keel", "1.3 m")]),
+            (
+                Some(-0.1),
+                Some(teleop),
+                vec![row("Under keel", "−0.1 m"), row("Battery", "25.8 V")],
+            ),
+        ] {
+            let status = Status {
+                depth_under_keel_m,
+                teleop,
+                ..Status::default()
+            };
+            inject(&mut model, Topic::Status, &status, at(1_000));
+            let mut rows = RobotData::new(&model, at(1_100)).rows;
+            rows.retain(|(name, _)| name == "Under keel" || name == "Battery");
+            assert_eq!(rows, expected);
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use edge::pacer::Rate;
 use edge::replay_control::{ReplayState, ReplayStatus, TimelineMark};
+use edge::runtime::choice::Choice;
 use eframe::egui::{
     Align, Align2, Button, ComboBox, FontId, Layout, Pos2, Rect, Response, RichText, Sense, Shape,
     Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
@@ -10,7 +11,7 @@ use measurement::time::RobotDuration;
 
 use super::formatting::with_monospace_options;
 use crate::event_log::kind_label;
-use crate::playback::{PlaybackCommand, RATES, is_playing};
+use crate::playback::{Failure, PlaybackCommand, RATES, is_playing};
 use crate::shortcuts::Action;
 use crate::theme::{Tone, state_ui};
 
@@ -42,22 +43,33 @@ pub fn timeline_ui(ui: &mut Ui, data: &TimelineData) -> Option<PlaybackCommand> 
     command
 }
 
-fn failure_ui(ui: &mut Ui, data: &TimelineData, failure: &str) -> Option<PlaybackCommand> {
+fn failure_ui(ui: &mut Ui, data: &TimelineData, failure: &Failure) -> Option<PlaybackCommand> {
+    let (tone, headline) = if failure.choices.is_empty() {
+        (Tone::Warning, "cannot be shown")
+    } else {
+        (Tone::Waiting, "needs a choice")
+    };
     ui.horizontal(|ui| {
-        state_ui(
-            ui,
-            Tone::Warning,
-            &format!("{} cannot be shown", data.name),
-            16.0,
-        );
+        state_ui(ui, tone, &format!("{} {headline}", data.name), 16.0);
         ui.with_layout(Layout::right_to_left(Align::Center), close_ui)
             .inner
     })
     .inner
     .or_else(|| {
         let ink = ui.visuals().text_color();
-        ui.label(with_monospace_options(ui, failure, &TextStyle::Body, ink));
-        None
+        let text = with_monospace_options(ui, &failure.text, &TextStyle::Body, ink);
+        ui.label(text);
+        let choices = failure.choices.iter().enumerate();
+        ui.horizontal_wrapped(|ui| {
+            let choose = |(n, choice): (usize, &Choice)| {
+                let hint = "Opens the recording again with this choice";
+                let button = ui.button(&choice.label).on_hover_text(hint);
+                button.clicked().then_some(PlaybackCommand::Choose(n))
+            };
+            // `last`: every button is drawn.
+            choices.filter_map(choose).last()
+        })
+        .inner
     })
 }
 
@@ -323,7 +335,7 @@ const NEARLY_REACHED: f64 = 0.9;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimelineData {
     pub name: String,
-    pub failure: Option<String>,
+    pub failure: Option<Failure>,
     pub tone: Tone,
     pub state: String,
     pub is_opening: bool,
@@ -346,15 +358,16 @@ pub struct DrawnMark {
 }
 
 impl TimelineData {
-    pub fn new(name: &str, status: &ReplayStatus, failure: Option<&str>) -> Self {
+    pub fn new(name: &str, status: &ReplayStatus, failure: Option<&Failure>) -> Self {
         let (tone, state) = state(name, status);
+        let known_length = status.length.filter(|_| !status.has_no_clock);
         let target = match status.state {
             ReplayState::Seeking { to } => Some(to),
             _ => None,
         };
         Self {
             name: name.to_owned(),
-            failure: failure.map(str::to_owned),
+            failure: failure.cloned(),
             tone,
             state,
             is_opening: status.state == ReplayState::Opening,
@@ -363,10 +376,8 @@ impl TimelineData {
             position: clock(status.position),
             target_s: target.map(RobotDuration::as_secs_f64),
             // A position beyond an estimated end is exact.
-            length_s: status
-                .length
-                .map(|length| length.duration.max(status.position).as_secs_f64()),
-            length: status.length.map(|length| {
+            length_s: known_length.map(|length| length.duration.max(status.position).as_secs_f64()),
+            length: known_length.map(|length| {
                 let words = clock(length.duration.max(status.position));
                 if length.is_estimate {
                     format!("about {words}")
@@ -383,6 +394,10 @@ impl TimelineData {
 
 fn state(name: &str, status: &ReplayStatus) -> (Tone, String) {
     match status.state {
+        ReplayState::Playing | ReplayState::Paused | ReplayState::Ended if status.has_no_clock => {
+            let words = "Its clock cannot be used: scans are mapped in the order of the file";
+            (Tone::Warning, words.to_owned())
+        }
         ReplayState::Opening => (Tone::Waiting, format!("Looking through {name}")),
         ReplayState::Paused => (Tone::Waiting, "Paused".to_owned()),
         ReplayState::Ended => (Tone::Waiting, "At the end".to_owned()),

@@ -16,6 +16,7 @@ use clap::Parser as _;
 use edge::cli::{Cli, Command, Replay, VehicleOptions};
 use edge::pacer::Rate;
 use edge::replay_control::{ReplayControl, ReplayState, ReplayStatus, TimelineMark};
+use edge::runtime::choice::{Choice, ChoiceNeeded};
 use eframe::egui::{
     Align2, Area, Context, Frame, HoveredFile, Id, Label, Order, RichText, TextWrapMode,
 };
@@ -44,14 +45,23 @@ pub struct ToOpen {
     pub rate: Rate,
 }
 
+/// Why a recording is not shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    pub text: String,
+    /// With one of these options it can be shown.
+    pub choices: Vec<Choice>,
+}
+
 /// An open recording. Dropping it closes it.
 pub struct Playback {
     path: PathBuf,
+    setup: VehicleOptions,
     robot: FoundRobot,
     control: ReplayControl,
     is_over: Arc<AtomicBool>,
     failed: Receiver<anyhow::Error>,
-    failure: Option<String>,
+    failure: Option<Failure>,
     is_failure_reported: bool,
     damage: Damage,
     trail: (u64, Vec<[f64; 2]>),
@@ -80,6 +90,7 @@ impl Playback {
         })?;
         Ok(Self {
             path: path.to_owned(),
+            setup: setup.clone(),
             robot: FoundRobot { robot, endpoint },
             control,
             is_over,
@@ -128,15 +139,21 @@ impl Playback {
         command.apply_to(&self.control)
     }
 
-    pub fn failure(&mut self) -> Option<&str> {
+    pub fn failure(&mut self) -> Option<&Failure> {
         if let Ok(why) = self.failed.try_recv() {
-            self.failure = Some(with_advice(in_words(&why)));
+            self.failure = Some(failure(&why));
         }
-        self.failure.as_deref()
+        self.failure.as_ref()
     }
 
-    pub fn take_failure(&mut self) -> Option<String> {
-        let failure = self.failure().map(str::to_owned);
+    /// The options with which the recording is opened after a choice.
+    pub fn setup_with(&self, choice: usize) -> Option<VehicleOptions> {
+        let choices = &self.failure.as_ref()?.choices;
+        Some(self.setup.with(choices.get(choice)?))
+    }
+
+    pub fn take_failure(&mut self) -> Option<Failure> {
+        let failure = self.failure().cloned();
         let is_reported = std::mem::replace(&mut self.is_failure_reported, failure.is_some());
         failure.filter(|_| !is_reported)
     }
@@ -145,6 +162,19 @@ impl Playback {
 impl Drop for Playback {
     fn drop(&mut self) {
         self.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+fn failure(why: &anyhow::Error) -> Failure {
+    match why.downcast_ref::<ChoiceNeeded>() {
+        Some(needed) => Failure {
+            text: needed.question.clone(),
+            choices: needed.choices.clone(),
+        },
+        None => Failure {
+            text: with_advice(in_words(why)),
+            choices: Vec::new(),
+        },
     }
 }
 
@@ -282,6 +312,8 @@ pub enum PlaybackCommand {
     ToggleLooping,
     Seek(RobotDuration),
     Step(RobotDuration),
+    /// Opens the recording again with the nth choice of its [`Failure`].
+    Choose(usize),
     Close,
 }
 
@@ -304,7 +336,7 @@ impl PlaybackCommand {
             Self::ToggleLooping => control.set_looping(!control.status().is_looping),
             Self::Seek(to) => control.seek(to),
             Self::Step(by) => control.step(by),
-            Self::Close => return false,
+            Self::Choose(_) | Self::Close => return false,
         }
         true
     }

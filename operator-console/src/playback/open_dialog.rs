@@ -107,6 +107,7 @@ impl OpenDialog {
                 ..EventFilter::default()
             });
         let field = ui.add(field).labelled_by(label.id);
+        let field = field.on_hover_text("Tab completes the path");
         let is_tab = |input: &mut InputState| input.consume_key(Modifiers::NONE, Key::Tab);
         if field.has_focus() && ui.input_mut(is_tab) {
             self.complete();
@@ -136,8 +137,12 @@ impl OpenDialog {
             let path = self.path.trim();
             let open = Button::new("Open");
             let open = ui.add_enabled(!path.is_empty() && !is_folder(path), open);
-            is_wanted |= open.on_hover_text("Enter").clicked();
-            if ui.button("Cancel").on_hover_text("Esc").clicked() {
+            is_wanted |= open.on_hover_text("Open this recording (Enter)").clicked();
+            if ui
+                .button("Cancel")
+                .on_hover_text("Close this window (Esc)")
+                .clicked()
+            {
                 self.close();
             }
         });
@@ -183,7 +188,9 @@ impl OpenDialog {
         let height = (ui.ctx().content_rect().height() - OTHERS).clamp(60.0, 220.0);
         ScrollArea::vertical().max_height(height).show(ui, |ui| {
             for path in &self.completions.offered {
-                if ui.selectable_label(false, path).clicked() {
+                let offered = ui.selectable_label(false, path);
+                let hint = "Open this recording, or list this folder";
+                if offered.on_hover_text(hint).clicked() {
                     chosen = Some(path.clone());
                 }
             }

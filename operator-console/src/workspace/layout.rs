@@ -353,9 +353,9 @@ mod tests {
             (1280.0, 800.0, 100.0, [false, false]),
             (1280.0, 800.0, 120.0, [false, false]),
             (1024.0, 600.0, 100.0, [false, false]),
-            // 580 of 967 points beside the map are three fifths; 190 of 490 points below it leave 300.
-            (968.0, 491.0 + BAR, 100.0, [false, false]),
-            (966.0, 489.0 + BAR, 100.0, [true, true]),
+            // 550 of 917 points beside the map are three fifths; 190 of 490 points below others leave 300.
+            (918.0, 491.0 + BAR, 100.0, [false, false]),
+            (916.0, 489.0 + BAR, 100.0, [true, true]),
             (1280.0, 800.0, 150.0, [true, false]),
             (700.0, 620.0, 100.0, [true, false]),
             (640.0, 480.0, 100.0, [true, true]),

@@ -5,8 +5,8 @@ mod layout;
 use std::collections::{BTreeMap, BTreeSet};
 
 use eframe::egui::{
-    Color32, CursorIcon, Frame, Id, Margin, Painter, Rect, ScrollArea, Sense, Stroke, StrokeKind,
-    Style, Ui, Visuals, WidgetText, vec2,
+    Color32, CursorIcon, Frame, Id, Margin, Painter, Rect, Response, ScrollArea, Sense, Stroke,
+    StrokeKind, Style, Ui, Visuals, WidgetText, vec2,
 };
 use egui_tiles::{
     Behavior, Container, EditAction, SimplificationOptions, TabState, Tabs, Tile, TileId, Tiles,
@@ -210,6 +210,23 @@ impl PanelId {
         }
     }
 
+    pub const fn hint(self) -> &'static str {
+        match self {
+            Self::Map => "The map with its layers and the vehicle",
+            Self::Robots => "Robots on the network, and addresses to search",
+            Self::Robot => "The shown robot: position, speed and heading",
+            Self::Layers => "Order, opacity and colours of the map's layers",
+            Self::Shores => "Shores and docking sites with their distances",
+            Self::Driving => "Control, speeds and limits of the vehicle",
+            Self::Link => "Delay, loss and data rate of the link",
+            Self::Sensors => "Rates and faults of the sensors",
+            Self::Recording => "The recording on the robot's disk",
+            Self::Events => "What happened, with its source",
+            Self::Alerts => "What needs attention, of all robots",
+            Self::Losses => "Dropped messages by reason",
+        }
+    }
+
     pub const fn can_be_closed(self) -> bool {
         !matches!(self, Self::Map)
     }
@@ -333,6 +350,18 @@ impl Behavior<PanelId> for PanelTreeBehavior<'_> {
         panel.title().into()
     }
 
+    fn on_tab_button(
+        &mut self,
+        tiles: &mut Tiles<PanelId>,
+        tile: TileId,
+        button: Response,
+    ) -> Response {
+        match tiles.get_pane(&tile) {
+            Some(panel) => button.on_hover_text(panel.hint()),
+            None => button,
+        }
+    }
+
     fn is_tab_closable(&self, tiles: &Tiles<PanelId>, tile: TileId) -> bool {
         matches!(tiles.get(tile), Some(Tile::Pane(panel)) if panel.can_be_closed())
     }
@@ -370,6 +399,11 @@ impl Behavior<PanelId> for PanelTreeBehavior<'_> {
 
     fn tab_bar_height(&self, _style: &Style) -> f32 {
         28.0
+    }
+
+    /// So that four tabs fit beside each other in the default layout.
+    fn tab_title_spacing(&self, _visuals: &Visuals) -> f32 {
+        4.0
     }
 
     fn min_size(&self) -> f32 {

@@ -53,7 +53,7 @@ const RIGIDITY: [Class; 2] = [
     class("rigid", 2, okabe_ito::VERMILLION, Pattern::Lattice),
 ];
 const SHORE: [Class; 4] = [
-    class("sparse", 1, okabe_ito::YELLOW, Pattern::Dots),
+    class("sparse", 1, okabe_ito::DARK_YELLOW, Pattern::Dots),
     class("dense", 2, okabe_ito::BLUISH_GREEN, Pattern::Hatching),
     class("solid", 3, okabe_ito::BLUE, Pattern::Lattice),
     class(

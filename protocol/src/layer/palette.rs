@@ -269,7 +269,8 @@ pub(super) mod okabe_ito {
     use super::Rgb;
 
     pub(in crate::layer) const BLUISH_GREEN: Rgb = [0x00, 0x9e, 0x73];
-    pub(in crate::layer) const YELLOW: Rgb = [0xf0, 0xe4, 0x42];
+    /// Darker than theirs, which is invisible on free ground and on slope cost 0.
+    pub(in crate::layer) const DARK_YELLOW: Rgb = [0x7a, 0x6b, 0x00];
     pub(in crate::layer) const BLUE: Rgb = [0x00, 0x72, 0xb2];
     pub(in crate::layer) const VERMILLION: Rgb = [0xd5, 0x5e, 0x00];
     pub(in crate::layer) const REDDISH_PURPLE: Rgb = [0xcc, 0x79, 0xa7];

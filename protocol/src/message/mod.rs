@@ -117,6 +117,7 @@ mod tests {
                 kind: BarrierKind::Mapped,
             }),
             ground_age_ms: [Some(300), None, Some(5), None],
+            battery_v: Some(1.0),
         }
     }
 
@@ -142,14 +143,17 @@ mod tests {
             &[ONE, MINUS_TWO].concat(),
             &[1],
             &[1, 0xAC, 2, 0, 1, 5, 0], // ground_age_ms
+            &[1],                      // battery_v
+            &ONE,
         ];
         assert_eq!(body(&teleop()), expected.concat());
         let nothing_in_the_way = TeleopStatus {
             barrier: None,
             ground_age_ms: [None; 4],
+            battery_v: None,
             ..teleop()
         };
-        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0]));
+        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0]));
     }
 
     #[test]
@@ -210,8 +214,8 @@ mod tests {
             },
             ..teleop()
         };
-        assert_eq!(body(&teleop()).len(), 91);
-        assert_eq!(body(&full).len(), 568);
+        assert_eq!(body(&teleop()).len(), 96);
+        assert_eq!(body(&full).len(), 573);
     }
 
     proptest! {

@@ -104,6 +104,9 @@ pub struct Status {
     pub sensors: Vec<SensorStatus>,
     /// `None` if operators cannot record.
     pub recording: Option<RecordingStatus>,
+    /// Of a boat: from its lowest point down to the highest part of the bed under it that the sonar measured in the
+    /// last two minutes, metres; `None` if it measured none.
+    pub depth_under_keel_m: Option<f32>,
 }
 
 /// A count and what it counts.

@@ -48,6 +48,8 @@ pub struct TeleopStatus {
     /// Age of the last observation of the ground just outside of the footprint, ms: ahead, left,
     /// behind, right; `None` if never observed, or if the collision monitor is off.
     pub ground_age_ms: [Option<u32>; 4],
+    /// Voltage of the battery, volts; `None` if the motor controller does not report it.
+    pub battery_v: Option<f32>,
 }
 
 /// State of the vehicle. Append-only.

@@ -4,6 +4,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use crate::config::ConfigError;
+use crate::runtime::choice::ChoiceNeeded;
 use network::LinkError;
 use network::credentials::CredentialsError;
 use recording::RecordingError;
@@ -34,6 +35,7 @@ impl Exit {
         let mut cause = Some(error);
         while let Some(error) = cause {
             if error.is::<UsageError>()
+                || error.is::<ChoiceNeeded>()
                 || error.is::<ConfigError>()
                 || error.is::<CredentialsError>()
                 || error.is::<clap::Error>()

@@ -237,6 +237,15 @@ pub fn is_loopback(endpoint: &str) -> bool {
     })
 }
 
+/// Host and port of an endpoint such as `quic/boat:7447`.
+pub fn place(address: &str) -> Option<(&str, u16)> {
+    let address = address.split(['?', '#']).next()?;
+    let (_protocol, place) = address.split_once('/')?;
+    let (host, port) = place.rsplit_once(':')?;
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    Some((host, port.parse().ok()?))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 pub mod audit;
+pub mod certificate_probe;
 pub mod clock;
 pub mod credentials;
 pub mod endpoints;

@@ -89,6 +89,7 @@ impl TokenRing {
         if token.nonce != slot.nonce {
             return Err(Refusal::WrongNonce);
         }
+        // The arbiter decides by the age; this only bounds how long a token is known.
         if now.since(slot.issued) > TOKEN_LIFETIME {
             return Err(Refusal::TooOld);
         }

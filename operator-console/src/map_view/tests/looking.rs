@@ -79,7 +79,7 @@ fn a_selected_shore_is_approached() {
 
 /// Marked shores and docking sites: whether the line is closed, and its corners in `odom`, whole metres.
 fn standing_out(window: &Harness<'_, Rig>) -> Vec<(bool, Vec<[i32; 2]>)> {
-    let stroke = PathStroke::from(Stroke::new(3.0, theme::MARKED));
+    let stroke = PathStroke::from(Stroke::new(3.0, theme::SELECTION));
     let view = &window.state().view;
     let corner_m = |at: &Pos2| {
         let corner_m = view.camera.to_odom(*at);
@@ -140,27 +140,88 @@ fn a_selected_shore_is_marked_until_it_is_gone() {
 }
 
 #[test]
-fn the_fitted_map_is_beside_or_above_the_legends() {
-    for (width, height) in [(800.0, 600.0), (420.0, 700.0), (1200.0, 700.0)] {
-        let window = window_of(width, height);
+fn the_whole_map_is_beside_all_cards() {
+    let check = |window: &Harness<'_, Rig>, cards: usize| {
         let view = &window.state().view;
         assert_eq!(view.camera_mode(), CameraMode::FitMap);
-        let legends = view.legends.place.unwrap();
         // Tiles (−1, 0), (0, 0) and (1, −1) of 6.4 m.
         let map = [[-6.4, 6.4], [12.8, 6.4], [12.8, -6.0], [-6.4, -6.0]];
         let map = Rect::from_points(&map.map(|corner_m| view.place_of(corner_m)));
-        let size = format!("{width} × {height}: {map} {legends}");
-        assert!(!map.intersects(legends), "{size}");
-        assert!(view.camera.screen.contains_rect(map), "{size}");
+        let screen = view.camera.screen;
+        assert!(screen.contains_rect(map), "{screen}: {map}");
+        assert_eq!(view.cards().len(), cards, "{screen}");
+        for card in view.cards() {
+            assert!(!map.intersects(card), "{screen}: {map} {card}");
+        }
+    };
+    for (width, height) in [
+        (800.0, 600.0),
+        (420.0, 700.0),
+        (1200.0, 700.0),
+        (280.0, 390.0),
+    ] {
+        let mut window = window_of(width, height);
+        // Buttons, compass, legends and scale bar.
+        check(&window, 4);
+        window.state_mut().view.pinned_m = Some([3.17, 4.55]);
+        window.run_steps(6);
+        check(&window, 5);
     }
-    // Without legends the map is centred.
     let mut window = window();
     let beside = window.state().view.camera.points_per_m;
     look(&mut window, Look::Draw(Overlay::Legend, false));
     window.run_steps(2);
-    let camera = window.state().view.camera;
-    assert!(camera.points_per_m > 1.2 * beside);
-    assert!((camera.center_m[0] - 3.2).abs() < 1e-6, "{camera:?}");
+    check(&window, 3);
+    assert!(window.state().view.camera.points_per_m > 1.1 * beside);
+}
+
+#[test]
+fn cards_do_not_cover_the_vehicle() {
+    let mut window = window();
+    let model = &mut window.state_mut().model;
+    inject(model, Topic::Pose, &pose_at_rest(), at(2_400));
+    look(&mut window, Look::At([2.0, 0.0]));
+    let pointer = window.state().view.place().center() + vec2(0.0, -100.0);
+    window.hover_at(pointer);
+    window.run_steps(4);
+    let before = window.state().view.cards.occluders.len();
+    assert_eq!(before, 3, "probe, buttons and compass");
+    let [probe, ..] = window.state().view.cards.occluders[..] else {
+        panic!("no card");
+    };
+    let [buttons, compass, legends] =
+        ["Grid", "Compass: y up", "Unknown"].map(|name| window.get_by_label(name).rect());
+    let zoom_in = window.get_by_label("+").rect();
+    for covered in [probe, buttons, zoom_in, compass, legends] {
+        let view = &mut window.state_mut().view;
+        let vehicle = view.place_of([0.0, 0.0]);
+        view.camera.pan(covered.center() - vehicle);
+        window.run_steps(5);
+        let view = &window.state().view;
+        let vehicle = view.place_of([0.0, 0.0]);
+        assert!(
+            vehicle.distance(covered.center()) < 0.1,
+            "{vehicle} {covered}"
+        );
+        let cards = view.cards.occluders.iter().copied().chain(view.cards());
+        for card in cards.filter(|card| *card != view.scale_bar_room()) {
+            assert!(!card.contains(vehicle), "{card} covers {covered}");
+        }
+        // The buttons fold, the probe moves.
+        assert!(window.query_by_label("+").is_some(), "{covered}");
+        let is_folded = window.query_by_label("Tools").is_some();
+        assert_eq!(
+            is_folded,
+            covered == buttons || covered == zoom_in,
+            "{covered}"
+        );
+        assert_eq!(
+            view.legends_place().is_none(),
+            covered == legends,
+            "{covered}"
+        );
+        assert!(window.query_by_label("Tile changed").is_some(), "{covered}");
+    }
 }
 
 #[test]
@@ -215,7 +276,12 @@ fn no_grid_number_is_partly_covered() {
         counts.push(numbers(&window));
         let view = &window.state().view;
         let bar = Rect::from_two_pos(corner + vec2(12.0, -12.0), corner + vec2(60.0, -40.0));
-        let standing = view.occluders.iter().copied().chain(view.legends_place());
+        let standing = view
+            .cards
+            .occluders
+            .iter()
+            .copied()
+            .chain(view.legends_place());
         let standing: Vec<_> = standing.chain([bar]).collect();
         for (number, place) in written(&window, ["x ", "y "]) {
             let other = standing
@@ -286,7 +352,8 @@ fn the_limiting_obstacle_has_a_ring() {
                 return None;
             };
             let place_m = view.camera.to_odom(ring.center);
-            let is_it = ring.stroke.color == theme::STOPPING;
+            // Not the smaller one of the legend.
+            let is_it = ring.stroke.color == theme::MONITOR && ring.radius > 9.0;
             is_it.then(|| place_m.map(|metres| metres.round() as i32))
         });
         rings.collect()
@@ -316,21 +383,25 @@ fn the_limiting_obstacle_has_a_ring() {
 fn ruler_labels_do_not_cover_shore_numbers() {
     let mut window = window();
     receive_shores(&mut window, shores(None));
+    look(&mut window, Look::At([36.0, 13.0]));
     look(&mut window, Look::Measure(true));
-    // The number is at (36, 13). The total would be placed below the end of the line, over the number.
-    let below_m = 24.0 / window.state().view.camera.points_per_m;
-    for point_m in [[30.0, 20.0], [36.0, 20.0], [36.0, 13.0 + below_m]] {
-        look(&mut window, Look::At(point_m));
-        look(&mut window, Look::Point);
-    }
-    window.run_steps(2);
-    let texts = written(&window, ["total", "3"]);
-    let place = |is_it: fn(&str) -> bool| {
-        let found = texts.iter().find(|(words, _)| is_it(words));
+    let place = |window: &Harness<'_, Rig>, first: &str| {
+        let texts = written(window, [first, first]);
+        let found = texts
+            .iter()
+            .find(|(words, _)| words.len() == 1 || first == "total");
         found.map(|(_, place)| *place).expect("it is there")
     };
-    let total = place(|words| words.starts_with("total"));
-    let number = place(|words| words == "3");
+    // The total would be placed below the end of the line, over the number.
+    let number = place(&window, "3").center();
+    let view = &mut window.state_mut().view;
+    let end_m = view.camera.to_odom(number - vec2(0.0, 24.0));
+    for point_m in [[30.0, 20.0], [36.0, 20.0], end_m] {
+        view.point(point_m);
+    }
+    window.run_steps(2);
+    let total = place(&window, "total");
+    let number = place(&window, "3");
     assert!(!total.intersects(number.expand(5.0)), "{total} {number}");
     assert!(
         total.distance_to_pos(number.center()) < 100.0,

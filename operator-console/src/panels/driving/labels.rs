@@ -446,7 +446,7 @@ fn unexpected_motion(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -
         _ => return None,
     };
     let advice = if teleop.state == TeleopState::Idle {
-        format!("Nobody drives it from here: {speed} m/s")
+        format!("No operator drives it: {speed} m/s")
     } else {
         format!("Commanded to stand, but moving: {speed} m/s")
     };

@@ -4,7 +4,7 @@ mod data;
 pub mod labels;
 mod limits;
 
-use eframe::egui::accesskit::Role;
+use eframe::egui::accesskit::{Node, Role};
 use eframe::egui::{
     Align, Align2, Button, CollapsingHeader, Color32, DragValue, FontId, Frame, Label, Layout,
     Rect, RectAlign, Response, RichText, ScrollArea, Sense, Stroke, TextStyle, Tooltip, Ui,
@@ -61,7 +61,9 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     }
     advice_ui(ui, data.advice.as_deref());
     ui.add_space(2.0);
-    ui.label(RichText::new(&data.driver).strong());
+    if data.driver != data.headline {
+        ui.label(RichText::new(&data.driver).strong());
+    }
     intent = intent.or(lease_ui(ui, data.lease, data.cannot_take_over));
     if let Some(notice) = &data.notice {
         let warning = Tone::Warning.color(ui.visuals());
@@ -89,18 +91,22 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     rows_ui(ui, "driving link", &data.link);
     if let Some(settings) = data.settings {
         ui.separator();
-        CollapsingHeader::new("Settings of the robot").show(ui, |ui| {
+        let shown = CollapsingHeader::new("Settings of the robot").show(ui, |ui| {
             ui.add_enabled_ui(!data.is_observer, |ui| {
                 intent = intent.take().or(settings_ui(ui, settings, entry));
             });
         });
+        let hint = "Data rate, collision monitor and recording of the robot";
+        shown.header_response.on_hover_text(hint);
     }
-    CollapsingHeader::new("Refused commands").show(ui, |ui| {
+    let shown = CollapsingHeader::new("Refused commands").show(ui, |ui| {
         if data.refused.is_empty() {
             ui.label("None");
         }
         rows_ui(ui, "refused commands", &data.refused);
     });
+    let hint = "Commands that the robot refused, by reason";
+    shown.header_response.on_hover_text(hint);
     intent
 }
 
@@ -129,11 +135,14 @@ fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Opt
             .range(BUDGET_KBPS)
             .suffix(" kbit/s");
         ui.label("Tiles");
-        if ui.add(field).changed() {
+        let hint = "Data rate of the map that the robot sends to its consoles";
+        if ui.add(field).on_hover_text(hint).changed() {
             entry.budget_kbps = Some(budget_kbps);
         }
         let is_new = budget_kbps != settings.budget_kbps;
-        if ui.add_enabled(is_new, Button::new("Set")).clicked() {
+        let set_button = ui.add_enabled(is_new, Button::new("Set"));
+        let hint = "Send this data rate to the robot";
+        if set_button.on_hover_text(hint).clicked() {
             set = Some(Setting::BudgetKbps(budget_kbps));
         }
     });
@@ -151,7 +160,8 @@ fn settings_ui(ui: &mut Ui, settings: Settings, entry: &mut DrivingEntry) -> Opt
     ] {
         let mut shown = is_on;
         // Shows the robot's state. A click only sends a request.
-        if ui.checkbox(&mut shown, name).clicked() {
+        let check = ui.checkbox(&mut shown, name);
+        if check.on_hover_text("Switch it on the robot").clicked() {
             set = Some(to);
         }
     }
@@ -186,6 +196,7 @@ fn estop_state_ui(ui: &mut Ui, button: &EStopButton, is_observer: bool) -> Optio
         "The emergency stop is not stored yet"
     };
     reset
+        .on_hover_text("The vehicle can be driven again, after control is requested")
         .on_disabled_hover_text(why_not)
         .clicked()
         .then_some(Intent::Reset(*number))
@@ -267,11 +278,19 @@ fn handover_request_ui(ui: &mut Ui, who: &OperatorId) -> Option<Intent> {
                     .color(ink),
             );
             ui.horizontal(|ui| {
-                for (label, request) in [
-                    ("Hand over", LeaseRequest::HandOver(who.clone())),
-                    ("Keep control", LeaseRequest::Refuse(who.clone())),
+                for (label, hint, request) in [
+                    (
+                        "Hand over",
+                        "The vehicle stops, and the other operator has control",
+                        LeaseRequest::HandOver(who.clone()),
+                    ),
+                    (
+                        "Keep control",
+                        "The other operator gets a refusal",
+                        LeaseRequest::Refuse(who.clone()),
+                    ),
                 ] {
-                    if ui.button(label).clicked() {
+                    if ui.button(label).on_hover_text(hint).clicked() {
                         answer = Some(Intent::Lease(request));
                     }
                 }
@@ -325,6 +344,8 @@ fn step_hint_ui(button: &Response, step: SpeedStep, top_speed_mps: f32) {
     if top_speed_mps > 0.0 {
         words = format!("{words}, {:.2} m/s", step.share() * top_speed_mps);
     }
+    let describe = |node: &mut Node| node.set_description(&*words);
+    button.ctx.accesskit_node_builder(button.id, describe);
     let mut tooltip = Tooltip::for_enabled(button);
     tooltip.popup = tooltip
         .popup

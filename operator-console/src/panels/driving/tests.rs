@@ -335,7 +335,7 @@ fn motion_without_command_is_shown() {
     boat.assert_headline("Drifting", Tone::Warning);
     boat.velocity = [1.5, 0.0];
     boat.assert_headline("Moves or drifts", Tone::Warning);
-    let advice = "Nobody drives it from here: 1.50 m/s";
+    let advice = "No operator drives it: 1.50 m/s";
     assert_eq!(boat.data().advice.as_deref(), Some(advice));
     boat.teleop.state = TeleopState::Held;
     assert_eq!(boat.data().headline, "Drifting");

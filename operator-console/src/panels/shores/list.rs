@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eframe::egui::accesskit::Role;
+use eframe::egui::accesskit::{Node, Role};
 use eframe::egui::{
     Align2, Color32, FontId, FontSelection, Galley, Id, Rect, RectAlign, Response, RichText,
     ScrollArea, Sense, Tooltip, Ui, WidgetInfo, pos2, vec2,
@@ -304,6 +304,8 @@ fn row_ui(
 
 /// Hover text beside the panel, so that it does not cover the next rows.
 fn hint_ui(response: &Response, hint: &str) {
+    let describe = |node: &mut Node| node.set_description(hint);
+    response.ctx.accesskit_node_builder(response.id, describe);
     let mut tooltip = Tooltip::for_enabled(response)
         .gap(HINT_GAP)
         .width(HINT_WIDTH);

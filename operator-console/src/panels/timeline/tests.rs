@@ -1,3 +1,4 @@
+use edge::cli::VehicleOptions;
 use edge::pacer::Rate;
 use edge::replay_control::{Length, ReplayState, ReplayStatus, TimelineMark};
 use eframe::egui::{Modifiers, PointerButton, Pos2, pos2, vec2};
@@ -19,6 +20,7 @@ fn status() -> ReplayStatus {
             duration: seconds(116.0),
             is_estimate: false,
         }),
+        has_no_clock: false,
         rate: Rate::Times(1.0),
         rate_reached: Some(1.0),
         is_paused: false,
@@ -69,6 +71,10 @@ fn replay_states() {
     check(
         &|s| (s.rate, s.rate_reached) = (Rate::Max, Some(312.4)),
         "Playing at 312× | 0:29.0 / 1:56.0",
+    );
+    check(
+        &|s| s.has_no_clock = true,
+        "Its clock cannot be used: scans are mapped in the order of the file | 0:29.0 / ?",
     );
     check(
         &|s| s.state = ReplayState::Paused,
@@ -249,11 +255,33 @@ fn no_seek_before_the_recording_is_open() {
 #[test]
 fn a_failure_replaces_the_timeline() {
     let why = "rooms.mcap: damaged at byte 8: nothing can be read";
-    let mut harness = harness(TimelineData::new("rooms.mcap", &status(), Some(why)));
+    let failure = Failure {
+        text: why.to_owned(),
+        choices: Vec::new(),
+    };
+    let mut harness = harness(TimelineData::new("rooms.mcap", &status(), Some(&failure)));
     harness.get_by_label("rooms.mcap cannot be shown");
     harness.get_by_label(why);
     assert!(harness.query_by_label("Pause").is_none());
     harness.get_by_label("Close recording").click();
     harness.run();
     assert_eq!(harness.state().commands, [PlaybackCommand::Close]);
+}
+
+#[test]
+fn a_choice_has_buttons() {
+    let choice = |label: &str| Choice {
+        label: label.to_owned(),
+        setup: VehicleOptions::default(),
+    };
+    let failure = Failure {
+        text: "Which topic is the laser?".to_owned(),
+        choices: vec![choice("/front"), choice("/rear")],
+    };
+    let mut harness = harness(TimelineData::new("rooms.mcap", &status(), Some(&failure)));
+    harness.get_by_label("rooms.mcap needs a choice");
+    harness.get_by_label("Which topic is the laser?");
+    harness.get_by_label("/rear").click();
+    harness.run();
+    assert_eq!(harness.state().commands, [PlaybackCommand::Choose(1)]);
 }

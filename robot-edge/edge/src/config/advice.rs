@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-use super::layer::join;
+use super::config_layer::join;
 use super::{Config, ConfigError, Override, load};
 
 /// No range sensor of a ground robot or boat measures farther, metres.

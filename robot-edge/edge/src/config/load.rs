@@ -8,8 +8,8 @@ use serde::Deserialize;
 use toml::{Table, Value};
 
 use super::Config;
+use super::config_layer::{ConfigLayer, join, quoted};
 use super::error::{ConfigError, ConfigIssue, Problem};
-use super::layer::{ConfigLayer, join, quoted};
 use super::overrides::Override;
 use super::presets::{self, GENERIC, Preset};
 use super::schema::{Expected, Schema, SensorKinds};

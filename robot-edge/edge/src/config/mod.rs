@@ -19,7 +19,7 @@ pub mod overrides;
 pub mod presets;
 pub mod sensors;
 
-mod layer;
+mod config_layer;
 mod schema;
 mod validate;
 

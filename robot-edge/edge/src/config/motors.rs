@@ -2,8 +2,8 @@
 
 use serde::Deserialize;
 
+use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
-use super::layer::{join, quoted};
 use crate::actuators::roboteq::RoboteqConfig;
 
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]

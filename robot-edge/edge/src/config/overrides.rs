@@ -6,8 +6,8 @@ use serde::Deserialize;
 use toml::de::ValueDeserializer;
 use toml::{Table, Value};
 
+use super::config_layer::{ConfigLayer, Origins, is_bare, join, quoted};
 use super::error::Origin;
-use super::layer::{ConfigLayer, Origins, is_bare, join, quoted};
 
 /// Parts of a dotted key; no key that exists has as many.
 const MAX_KEY_PARTS: usize = 16;

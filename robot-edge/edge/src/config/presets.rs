@@ -1,7 +1,7 @@
 //! Vehicles that come with the program.
 
+use super::config_layer::ConfigLayer;
 use super::error::{ConfigError, suggest};
-use super::layer::ConfigLayer;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preset {
@@ -57,7 +57,7 @@ pub fn get(name: &str) -> Result<Preset, ConfigError> {
 
 pub(super) fn unknown(name: &str) -> ConfigError {
     ConfigError::UnknownVehicle {
-        name: super::layer::quoted(name),
+        name: super::config_layer::quoted(name),
         suggestion: suggest(name, PRESETS.iter().map(|preset| preset.name))
             .filter(|hint| hint.is_close),
         presets: PRESETS.iter().map(|preset| preset.name).collect(),

@@ -138,7 +138,7 @@ impl Schema {
         paths: &mut Vec<(String, Expected)>,
     ) {
         let mut child = |key: &str, schema: &Self| {
-            let path = super::layer::join(prefix, key);
+            let path = super::config_layer::join(prefix, key);
             paths.push((path.clone(), schema.expected()));
             schema.collect_paths(&path, sensor, paths);
         };

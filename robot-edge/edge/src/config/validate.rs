@@ -4,8 +4,8 @@ use std::fmt;
 
 use toml::{Table, Value};
 
+use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
-use super::layer::{join, quoted};
 use super::{Config, FixesAndAttitude, LinkConfig, SensorConfig, VehicleConfig, WheelsAndAttitude};
 use localization::{LocalizationConfig, PoseSource};
 use mapping::MappingConfig;

@@ -274,6 +274,7 @@ impl DriveLoop {
             .0;
         }
         self.motor_check.readiness = motors.readiness;
+        self.runtime_settings.battery_v = motors.battery_v;
         for action in actions.iter() {
             match action {
                 Action::PublishToken(token) => self.drive_state.publish_token(token),

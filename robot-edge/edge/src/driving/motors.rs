@@ -33,6 +33,7 @@ pub enum Motors {
 pub struct MotorState {
     pub readiness: MotorReadiness,
     pub measured: Option<Velocity>,
+    pub battery_v: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,10 +63,12 @@ impl Motors {
             Self::None => MotorState {
                 readiness: MotorReadiness::Absent,
                 measured: None,
+                battery_v: None,
             },
             Self::Simulated(motors) => MotorState {
                 readiness: MotorReadiness::Ready,
                 measured: motors.command(velocity, now),
+                battery_v: None,
             },
             Self::Published(motors) => MotorState {
                 readiness: if motors.apply(velocity, now) {
@@ -74,6 +77,7 @@ impl Motors {
                     MotorReadiness::Starting
                 },
                 measured: None,
+                battery_v: None,
             },
             #[cfg(target_os = "linux")]
             Self::Guarded(motors) => match motors.apply(velocity, now) {
@@ -84,10 +88,12 @@ impl Motors {
                         Readiness::Holding(_) | Readiness::Active => MotorReadiness::Ready,
                     },
                     measured: report.measured,
+                    battery_v: report.battery_v,
                 },
                 Err(fault) => MotorState {
                     readiness: MotorReadiness::Faulty(fault),
                     measured: None,
+                    battery_v: None,
                 },
             },
         }

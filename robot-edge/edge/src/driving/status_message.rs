@@ -16,8 +16,8 @@ use teleop::{
     TeleopReport, Velocity,
 };
 
-/// Settings and counters outside the arbiter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Settings, counters and measurements outside the arbiter.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RuntimeSettings {
     pub budget_kbps: u32,
     pub collision_monitor: bool,
@@ -26,6 +26,7 @@ pub(super) struct RuntimeSettings {
     /// Messages dropped because the inbox was full.
     pub dropped: u64,
     pub last_stop: Option<StopReason>,
+    pub battery_v: Option<f64>,
 }
 
 pub(super) fn token(stamp: &CommandHeader) -> AgeToken {
@@ -107,6 +108,7 @@ pub(super) fn status(
             kind: barrier.kind,
         }),
         ground_age_ms: detail.side_ground_ages.map(|age| age.map(ms)),
+        battery_v: runtime_settings.battery_v.map(|volts| volts as f32),
     }
 }
 

@@ -33,6 +33,7 @@ struct State {
     progress: ReplayProgress,
     rate_reached: Option<f64>,
     length: Option<Length>,
+    has_no_clock: bool,
     marks: TimelineMarks,
     trail: ReplayTrail,
     restarts: u64,
@@ -85,11 +86,17 @@ pub struct Length {
 }
 
 #[derive(Clone, Debug, PartialEq)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "they are independent of each other"
+)]
 pub struct ReplayStatus {
     pub state: ReplayState,
     /// Time of the data in the map, since the first scan.
     pub position: RobotDuration,
     pub length: Option<Length>,
+    /// The stamps of the scans cannot be used: they are mapped in the order of the file, without times.
+    pub has_no_clock: bool,
     pub rate: Rate,
     /// Time of the data per wall time, over the last second; `None` while paused.
     pub rate_reached: Option<f64>,
@@ -125,6 +132,7 @@ impl ReplayControl {
                 },
                 rate_reached: None,
                 length: None,
+                has_no_clock: false,
                 marks: TimelineMarks::default(),
                 trail: ReplayTrail::default(),
                 restarts: 0,
@@ -187,6 +195,7 @@ impl ReplayControl {
             state: now,
             position: progress.position,
             length: state.length,
+            has_no_clock: state.has_no_clock,
             rate: commands.rate,
             rate_reached: state.rate_reached.filter(|_| is_going),
             is_paused: commands.is_paused,
@@ -263,6 +272,10 @@ impl ReplayControl {
         if !(is_known && length.is_estimate) {
             state.length = Some(length);
         }
+    }
+
+    pub(crate) fn set_no_clock(&self) {
+        self.lock().has_no_clock = true;
     }
 
     pub(crate) fn restart(&self) {

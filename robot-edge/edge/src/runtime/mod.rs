@@ -1,6 +1,7 @@
 //! The commands of the program, and the threads and channels of a run.
 
 mod batching_channel;
+pub mod choice;
 mod driving;
 mod live;
 mod live_recording;
@@ -23,8 +24,6 @@ mod simulate;
 mod source;
 mod source_reader;
 mod state_publisher;
-#[cfg(test)]
-mod test_recording;
 
 use std::io::Write;
 use std::sync::Arc;

@@ -21,6 +21,7 @@ use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::driving::{Driving, MonitorMapInput, OperatorListWatcher, Operators};
 use crate::events::event;
 use crate::export::voxels::{PublishedClasses, pack_voxels};
+use crate::publishing::keel_depth::KeelDepth;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::sensor_monitor::{SensorMonitor, descriptors};
 use crate::server::edge::{EdgeLink, EdgeSettings};
@@ -146,6 +147,10 @@ impl Network {
                     } else {
                         SPEED_WINDOW_LAND
                     }),
+                    keel_depth: config
+                        .teleop
+                        .is_boat
+                        .then(|| KeelDepth::new(config.vehicle.clone())),
                     sensors: SensorMonitor::new(descriptors(config, description.localization)),
                     since: description.is_live.then(clock::now),
                     published_sensors: None,

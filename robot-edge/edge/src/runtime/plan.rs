@@ -1,6 +1,7 @@
 //! Chooses the range sensors and the source of poses of a recording, before the replay.
 
 use self::streams::FoundSensor;
+use super::choice::{Choice, ChoiceNeeded};
 use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
@@ -24,7 +25,7 @@ pub(super) struct Plan {
 
 /// Chooses by the contents of the recording and the configuration. An error lists the candidates and the options to
 /// choose one.
-pub(super) fn plan(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
+pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     let (found, missing) = streams::find_sensors(survey, config)?;
     let ChosenPoses {
         origin,
@@ -141,7 +142,7 @@ fn choose_origin(
     survey: &Survey,
     found: &[FoundSensor<'_>],
     config: &Config,
-) -> Result<ChosenPoses, UsageError> {
+) -> anyhow::Result<ChosenPoses> {
     let localization = &config.localization;
     let wheels = || poses_by_wheels(survey, config);
     let fixes = || poses_by_fixes(survey, config);
@@ -182,12 +183,13 @@ fn choose_origin(
             survey.path.display(),
             streams::join_names(found),
             describe_pose_sources(survey)
-        )));
+        ))
+        .into());
     }
     chosen.ok_or_else(|| no_pose_source(survey, found, localization.source))
 }
 
-fn poses_by_wheels(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
+fn poses_by_wheels(survey: &Survey, config: &Config) -> anyhow::Result<Option<ChosenPoses>> {
     match WheelsAndAttitude::of(&config.sensors) {
         Ok(sensors) if !survey.joints.is_empty() && !survey.attitudes.is_empty() => {
             Ok(Some(ChosenPoses {
@@ -203,7 +205,7 @@ fn poses_by_wheels(survey: &Survey, config: &Config) -> Result<Option<ChosenPose
     }
 }
 
-fn poses_by_fixes(survey: &Survey, config: &Config) -> Result<Option<ChosenPoses>, UsageError> {
+fn poses_by_fixes(survey: &Survey, config: &Config) -> anyhow::Result<Option<ChosenPoses>> {
     match FixesAndAttitude::of(&config.sensors) {
         Ok(sensors) if !survey.fixes.is_empty() && !survey.attitudes.is_empty() => {
             Ok(Some(ChosenPoses {
@@ -232,7 +234,18 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
     }
 }
 
-fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource) -> UsageError {
+const SOURCE: &str = "localization.source=";
+
+fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource) -> anyhow::Error {
+    let choice = |question, message, label: &str, source| {
+        let choice = Choice::new(label.to_owned(), SOURCE, source);
+        ChoiceNeeded {
+            message,
+            question,
+            choices: choice.into_iter().collect(),
+        }
+        .into()
+    };
     let path = survey.path.display();
     let there_is = describe_pose_sources(survey);
     let lasers = streams::join_names(found);
@@ -266,16 +279,22 @@ fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource
             };
             let wheels = streams::describe_available(survey)
                 .map_or(String::new(), |there_are| format!(". {there_are}"));
-            return UsageError(format!(
+            let question =
+                format!("Nothing in it says where {lasers} was: {there_is}{leads}{wheels}.");
+            let message = format!(
                 "{path}: nothing in it says where {lasers} was: {there_is}{leads}{wheels}. If the vehicle \
-                 stood still, map it with --set localization.source=static"
-            ));
+                 stood still, map it with --set {SOURCE}static"
+            );
+            return choice(question, message, "The vehicle stood still", "static");
         }
     };
-    UsageError(format!(
+    let question =
+        format!("The settings want poses of source {wanted:?}, but {lacks}; {there_is}.");
+    let message = format!(
         "{path}: nothing in it says where {lasers} was, as localization.source = {wanted:?} wants it: \
-         {lacks}; {there_is}. --set localization.source=auto takes what there is"
-    ))
+         {lacks}; {there_is}. --set {SOURCE}auto takes what there is"
+    );
+    choice(question, message, "Use what there is", "auto")
 }
 
 /// The fixed frame above a range sensor, or above the vehicle that carries it, if a transform between them moves.

@@ -338,12 +338,44 @@ impl SyncThread {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
     use super::*;
-    use crate::runtime::test_recording::{stamps, stream, transform};
+    use measurement::pose::Pose;
+    use measurement::{MeasurementData, StreamId};
     use recording::new_file::DiskSpace;
+    use recording::{Selection, open};
+
+    pub(in crate::runtime) fn transform(nanos: i64, child: &str, is_static: bool) -> Measurement {
+        Measurement {
+            stamp: RobotTime::from_nanos(nanos),
+            stream: StreamId(0),
+            frame: "odom".into(),
+            data: MeasurementData::Transform {
+                child: child.into(),
+                parent_from_child: Pose::translation(1.0, 2.0, 3.0),
+                is_static,
+            },
+        }
+    }
+
+    pub(in crate::runtime) fn stream() -> Stream {
+        Stream {
+            name: "/tf".into(),
+            type_name: "tf2_msgs/TFMessage".into(),
+        }
+    }
+
+    /// Of all that can be read of a recording, ended or not.
+    pub(in crate::runtime) fn stamps(path: &Path) -> Vec<i64> {
+        let mut reader = open(path, Selection::default()).unwrap();
+        let mut stamps = Vec::new();
+        while let Some(measurement) = reader.next_measurement().unwrap() {
+            stamps.push(measurement.stamp.as_nanos());
+        }
+        stamps
+    }
 
     #[test]
     #[cfg_attr(

@@ -58,7 +58,9 @@ pub fn play(
     };
     let (survey, config, plan) = survey_recording(command)?;
     let (run, mut source) = create_run(command, true, &survey, &config, plan)?;
-    if let Some(length) = length(&survey, &mut source)? {
+    if survey.has_no_clock() {
+        control.set_no_clock();
+    } else if let Some(length) = length(&survey, &mut source)? {
         control.set_length(length);
     }
     player::play(&run, source, control, interrupt)

@@ -13,6 +13,7 @@ use crate::config::Config;
 use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::driving::{MonitorSensorInput, SharedDriveState};
 use crate::events::event;
+use crate::publishing::keel_depth::KeelDepth;
 use crate::publishing::scan_downsampling::downsample_scan;
 use crate::sensor_monitor::{FaultChange, SensorMonitor};
 use crate::server::publish_state::PublishState;
@@ -34,6 +35,8 @@ pub(super) struct StatePublisher {
     pub(super) on_jump: OnJump,
     pub(super) velocity_estimator: VelocityEstimator,
     pub(super) sensors: SensorMonitor,
+    /// Of a boat.
+    pub(super) keel_depth: Option<KeelDepth>,
     /// Start of the program in a live run; otherwise sensors are monitored by the time of the data.
     pub(super) since: Option<Monotonic>,
     pub(super) published_sensors: Option<u32>,
@@ -44,6 +47,7 @@ impl StatePublisher {
     /// The clock of the data was reset; `is_repeated`: the same data follows again.
     pub(super) fn reset_clock(&mut self, is_repeated: bool) {
         self.last_pose_stamp = None;
+        self.clear_keel_depth();
         if is_repeated {
             self.sensors.on_replay_restart();
         }
@@ -83,6 +87,7 @@ impl StatePublisher {
 
     /// Handles a jump before the next scan. Returns the earliest time, because a jump has no time of measurement.
     pub(super) fn on_pose_jump(&mut self) -> Monotonic {
+        self.clear_keel_depth();
         if let Some(monitor_input) = &mut self.monitor_input {
             monitor_input.on_pose_jump();
             if self.on_jump == OnJump::Reset {
@@ -90,6 +95,12 @@ impl StatePublisher {
             }
         }
         Monotonic::default()
+    }
+
+    fn clear_keel_depth(&mut self) {
+        if let Some(keel_depth) = &mut self.keel_depth {
+            keel_depth.clear();
+        }
     }
 
     /// Publishes a scan. Returns its latest possible time of measurement, on the clock of this machine.
@@ -104,6 +115,11 @@ impl StatePublisher {
         let is_blocked = |monitor_input: &MonitorSensorInput| monitor_input.is_blocked(scan.sensor);
         let is_blocked = self.monitor_input.as_ref().is_some_and(is_blocked);
         self.sensors.on_registered_scan(scan, is_blocked);
+        if let Some(keel_depth) = &mut self.keel_depth
+            && self.sensors.is_sonar(scan.sensor)
+        {
+            keel_depth.add_scan(scan);
+        }
         if self.publish_state.wants_scan()
             && let Some(name) = self.sensors.name(scan.sensor)
             && let Some(shown) = downsample_scan(name, scan)
@@ -129,6 +145,11 @@ impl StatePublisher {
         self.publish_state.set_status(Status {
             sensors: self.sensors.statuses(now),
             recording,
+            depth_under_keel_m: self
+                .keel_depth
+                .as_ref()
+                .and_then(KeelDepth::depth_m)
+                .map(|depth_m| depth_m as f32),
             ..build_status(maps, counts, clock, lost)
         });
     }
@@ -311,6 +332,7 @@ mod tests {
             on_jump,
             velocity_estimator: VelocityEstimator::new(RobotDuration::from_millis(100)),
             sensors: SensorMonitor::new(Vec::new()),
+            keel_depth: None,
             since: None,
             published_sensors: None,
             last_pose_stamp: None,

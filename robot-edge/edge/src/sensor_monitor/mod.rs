@@ -175,6 +175,12 @@ impl SensorMonitor {
         Some(&found.info.name)
     }
 
+    pub fn is_sonar(&self, id: SensorId) -> bool {
+        self.sensors
+            .iter()
+            .any(|sensor| sensor.range_sensor == Some(id) && sensor.info.kind == SensorKind::Sonar)
+    }
+
     pub fn statuses(&self, now: Duration) -> Vec<SensorStatus> {
         let status = |sensor: &MonitoredSensor| SensorStatus {
             name: sensor.info.name.clone(),

@@ -21,6 +21,8 @@ use crate::driving::operators::PendingOperatorList;
 use crate::driving::{Inbox, SharedDriveState};
 use crate::events::event;
 use network::LinkError;
+use network::audit::Audit;
+use network::certificate_probe::certificate_problem_at;
 use network::clock;
 use network::credentials::OperatorList;
 use network::sessions::Endpoints;
@@ -104,6 +106,29 @@ impl Drop for EdgeLink {
 }
 
 impl LinkServer {
+    /// In a thread of its own: looking up a name and trying TLS take seconds.
+    fn report_missing_router(&self) {
+        let publish_state = Arc::clone(&self.publish_state);
+        let Endpoints {
+            connect,
+            credentials,
+            audit,
+            ..
+        } = self.settings.endpoints.clone();
+        thread::spawn(move || {
+            let wrong = connect.iter().find_map(|endpoint| {
+                let why = certificate_problem_at(endpoint, credentials.as_ref()?)?;
+                Some(format!("{endpoint}: {why}"))
+            });
+            let reason =
+                wrong.unwrap_or_else(|| format!("nobody answers at {} yet", connect.join(", ")));
+            let message =
+                format!("{reason}: until a router does, no console reaches this robot there");
+            tracing::warn!("{message}");
+            publish_event(audit.as_ref(), &publish_state, "router_missing", message);
+        });
+    }
+
     /// Keeps the sessions open, with the access control of the newest list.
     fn serve(mut self, sessions: OpenSessions) {
         let mut sessions = Some(sessions);
@@ -118,12 +143,7 @@ impl LinkServer {
                 && let Some(sessions) = &sessions
                 && !sessions.is_router_connected()
             {
-                let connect = self.settings.endpoints.connect.join(", ");
-                let message = format!(
-                    "nobody answers at {connect} yet: until a router does, no console reaches this robot there"
-                );
-                tracing::warn!("{message}");
-                self.publish_event("router_missing", message);
+                self.report_missing_router();
             }
             let Some(newer) = self.settings.newer_operators.take() else {
                 continue;
@@ -183,11 +203,21 @@ impl LinkServer {
     }
 
     fn publish_event(&self, kind: &'static str, message: String) {
-        if let Some(audit) = &self.settings.endpoints.audit {
-            audit.write(kind, message.clone());
-        }
-        self.publish_state.publish_event(event(kind, message));
+        let audit = self.settings.endpoints.audit.as_ref();
+        publish_event(audit, &self.publish_state, kind, message);
     }
+}
+
+fn publish_event(
+    audit: Option<&Audit>,
+    publish_state: &PublishState,
+    kind: &'static str,
+    message: String,
+) {
+    if let Some(audit) = audit {
+        audit.write(kind, message.clone());
+    }
+    publish_state.publish_event(event(kind, message));
 }
 
 /// Closes sessions, with a limit for peers that do not receive. Listeners close first and free their ports.

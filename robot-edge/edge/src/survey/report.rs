@@ -301,7 +301,7 @@ impl Survey {
     }
 
     /// Whether the stamps of no stream of scans can be used.
-    fn has_no_clock(&self) -> bool {
+    pub(crate) fn has_no_clock(&self) -> bool {
         let mut stamps = self.scans.iter().map(|(_, scan)| &scan.stamps);
         !self.scans.is_empty() && stamps.all(|stamps| stamps.is_clock_unusable(stamps.count))
     }

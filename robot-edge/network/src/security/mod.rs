@@ -4,14 +4,10 @@
 //! it: commands are signed ([`protocol::signed`]), and the vehicle's list of operators has the last word.
 
 mod access;
-mod connection_audit;
-mod peer_check;
-mod router;
+mod links;
 mod tls;
 
-pub use router::RouterConfig;
-
-pub use connection_audit::audit_closed_links;
-pub(super) use connection_audit::audit_links;
-pub(super) use peer_check::check_peers;
+pub use links::audit_closed_links;
+pub(super) use links::{audit_links, check_peers};
+pub use tls::RouterConfig;
 pub(super) use tls::{SettingsOfTls, console_settings, edge_settings};

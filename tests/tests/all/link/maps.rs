@@ -367,3 +367,76 @@ fn the_python_client_agrees_with_the_edge() {
         "{printed}"
     );
 }
+
+/// "1 sparse, 2 solid; docking sites: B, A", as the Python client prints it.
+fn names_of_shores(geojson: &Path) -> String {
+    let json: serde_json::Value = serde_json::from_slice(&std::fs::read(geojson).unwrap()).unwrap();
+    let (mut clusters, mut sites) = (Vec::new(), Vec::new());
+    for feature in json["features"].as_array().unwrap() {
+        let properties = &feature["properties"];
+        match properties["name"].as_str() {
+            Some(letters) => sites.push(letters.to_owned()),
+            None => clusters.push(format!(
+                "{} {}",
+                properties["number"],
+                properties["class"].as_str().unwrap()
+            )),
+        }
+    }
+    format!(
+        "{}; docking sites: {}",
+        clusters.join(", "),
+        sites.join(", ")
+    )
+}
+
+#[test]
+fn shores_have_the_same_names_everywhere() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let endpoint = tcp(port);
+    let robot = start(&format!(
+        "robot-edge simulate lake --duration 30 --rate max --keep-serving --robot scout --listen {endpoint} \
+         --export {}",
+        at("edge").display()
+    ));
+    let console = |name: &str| {
+        start(&format!(
+            "operator-console --connect {endpoint} --robot scout --headless --for 60 --export {}",
+            at(name).display()
+        ))
+    };
+    for console in ["first", "second"].map(console) {
+        console.ends_well();
+    }
+    console("restarted").ends_well();
+    let python_names = python().map(|python| {
+        let mut command = Command::new(&python);
+        command
+            .arg("-B")
+            .arg(client_folder().join("foreshore_client.py"));
+        command.args(["--connect", &endpoint, "--until-ended", "--timeout", "60"]);
+        let printed = Running::start(&mut command, "the Python client").ends_well();
+        let line = printed
+            .lines()
+            .find_map(|line| line.strip_prefix("shores: "));
+        line.unwrap_or_else(|| panic!("{printed}")).to_owned()
+    });
+    robot.interrupt();
+    let names = names_of_shores(&at("edge/shores.geojson"));
+    assert!(
+        names.starts_with("1 ") && names.contains("docking sites: "),
+        "{names}"
+    );
+    for console in ["first", "second", "restarted"] {
+        assert_eq!(
+            names_of_shores(&at(console).join("shores.geojson")),
+            names,
+            "{console}"
+        );
+    }
+    if let Some(python_names) = python_names {
+        assert_eq!(python_names, names);
+    }
+}

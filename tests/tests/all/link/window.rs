@@ -63,7 +63,9 @@ impl Colors {
         let colors = Self {
             free: count(&|[r, g, b]| r > 235 && g > 235 && b > 235),
             walls: count(&|[r, g, b]| r < 8 && g < 8 && b < 8),
-            vehicle: count(&|[r, g, b]| r > 180 && (60..140).contains(&g) && b < 60),
+            vehicle: count(&|[r, g, b]| {
+                r < 40 && (90..140).contains(&g) && (150..200).contains(&b)
+            }),
         };
         println!("{colors:?}");
         colors

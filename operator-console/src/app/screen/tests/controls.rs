@@ -203,9 +203,17 @@ fn another_robot_begins_with_an_empty_map() {
     assert!(delay.min().unwrap() >= Duration::from_millis(100));
 }
 
-fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
-    let mut named = Vec::new();
-    let mut unnamed = Vec::new();
+#[derive(Default)]
+struct Controls {
+    named: Vec<String>,
+    unnamed: Vec<String>,
+    /// Disabled ones show the reason instead.
+    without_tooltip: Vec<String>,
+}
+
+/// Hover texts are the descriptions of the controls.
+fn controls(window: &Harness<'_, Rig>) -> Controls {
+    let mut controls = Controls::default();
     let mut waiting = vec![window.root()];
     while let Some(node) = waiting.pop() {
         waiting.extend(node.children());
@@ -224,12 +232,23 @@ fn controls(window: &Harness<'_, Rig>) -> (Vec<String>, Vec<String>) {
         if !is_control {
             continue;
         }
-        match node.label().or_else(|| node.value()) {
-            Some(label) if !label.trim().is_empty() => named.push(label),
-            Some(_) | None => unnamed.push(format!("{:?} at {:?}", node.role(), node.raw_bounds())),
+        let label = node.label().or_else(|| node.value());
+        let label = label.filter(|label| !label.trim().is_empty());
+        let place = format!("{:?} at {:?}", node.role(), node.raw_bounds());
+        // The crosses of tabs and dialogs are their libraries'. After "Request control" the pointer rests on "Release
+        // control".
+        let is_exempt = label
+            .as_ref()
+            .is_some_and(|label| ["Close", "Close window", "Release control"].contains(&&**label));
+        if !is_exempt && !node.is_disabled() && node.description().is_none() {
+            controls.without_tooltip.push(format!("{label:?}, {place}"));
+        }
+        match label {
+            Some(label) => controls.named.push(label),
+            None => controls.unnamed.push(place),
         }
     }
-    (named, unnamed)
+    controls
 }
 
 #[test]
@@ -239,11 +258,57 @@ fn every_control_has_a_name() {
         for panel in PanelId::ALL {
             window.state_mut().screen.workspace.set_wanted(panel, true);
             window.run_steps(2);
-            let (named, unnamed) = controls(&window);
+            let Controls { named, unnamed, .. } = controls(&window);
             assert_eq!(unnamed, [""; 0], "{panel:?}");
             assert!(named.len() >= 5, "{named:?}");
         }
     }
+}
+
+#[test]
+fn every_control_has_a_tooltip() {
+    let shores = || {
+        let clusters = vec![crate::test_support::shore(1, [4.0, 1.5])];
+        let sites = vec![crate::test_support::docking_site([13.0, -2.5])];
+        Shores::gather(0.3, None, clusters, sites)
+    };
+    let recording = || {
+        let mut rig = Rig::live();
+        rig.link.recording = Some("rooms.mcap".to_owned());
+        rig
+    };
+    let rigs: [&dyn Fn() -> Rig; 5] = [
+        &Rig::new,
+        &two_robots,
+        &driven,
+        &|| Rig::on_water(Some(shores())),
+        &recording,
+    ];
+    let mut without_tooltip = std::collections::BTreeSet::new();
+    for rig in rigs {
+        let mut window = rig().window();
+        for panel in PanelId::ALL {
+            window.state_mut().screen.workspace.set_wanted(panel, true);
+            window.run_steps(2);
+            if let Some(settings) = window.query_by_label("Settings of the robot") {
+                settings.click();
+                window.run_steps(4);
+            }
+            without_tooltip.extend(controls(&window).without_tooltip);
+        }
+        for menu in ["File", "View", "Help"] {
+            window.get_by_label(menu).click();
+            window.run_steps(3);
+            without_tooltip.extend(controls(&window).without_tooltip);
+            window.key_press(Key::Escape);
+            window.run_steps(2);
+        }
+        window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+        window.run_steps(4);
+        without_tooltip.extend(controls(&window).without_tooltip);
+    }
+    let without_tooltip: Vec<_> = without_tooltip.into_iter().collect();
+    assert_eq!(without_tooltip, [""; 0], "{without_tooltip:#?}");
 }
 
 #[test]
@@ -261,8 +326,7 @@ fn keys_open_and_close_dialogs() {
         window.key_press_modifiers(modifiers, key);
         window.run_steps(4);
         check(&window, &[says], &[]);
-        let (_, unnamed) = controls(&window);
-        assert_eq!(unnamed, [""; 0], "{says}");
+        assert_eq!(controls(&window).unnamed, [""; 0], "{says}");
         window.key_press(Key::Escape);
         window.run_steps(4);
         check(&window, &[], &[says]);

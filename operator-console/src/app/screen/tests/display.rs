@@ -246,7 +246,6 @@ fn synchronized_robot_is_shown_with_values() {
         &[
             "Live",
             "Synchronized",
-            "< 0.2 s ago",
             "rover",
             "world rooms",
             "x\u{a0}1.00  y\u{a0}−2.50\u{a0}m",
@@ -259,6 +258,9 @@ fn synchronized_robot_is_shown_with_values() {
         ],
         &["Link lost", "Silent", "missing"],
     );
+    window.get_by_label("Link").click();
+    window.run_steps(4);
+    check(&window, &["< 0.2 s ago"], &[]);
     window.get_by_label("Losses").click();
     window.run_steps(4);
     check(&window, &["no pose"], &["The pose jumped 3 m"]);

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use super::source::LiveSource;
+use super::LiveSource;
 use crate::config::Config;
 use crate::exit::{Interrupted, UsageError};
 use crate::ros2::{Inbox, RosEndpoint, RosLink, RosLinkError};
@@ -101,18 +101,19 @@ fn connect(
     }
 }
 
-fn decide(survey: &Survey, config: &Config) -> Result<Plan, UsageError> {
+fn decide(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     if survey.scans.is_empty() {
         return Err(UsageError(format!(
             "{}: no scans (sensor_msgs/LaserScan) came",
             survey.path.display()
-        )));
+        ))
+        .into());
     }
     plan(survey, config)
 }
 
 fn with_topics(
-    error: &UsageError,
+    error: &anyhow::Error,
     discovery: &TopicDiscovery<'_>,
     live: &LiveSource,
     survey: &Survey,

@@ -1,8 +1,395 @@
-//! Live sensors of a ROS 2 system as a source.
+//! The live source: ROS 2 messages in, measurements nearly in the order of their stamps out.
 
 mod delay_estimator;
 mod discovery;
-mod source;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Duration;
+
+use self::delay_estimator::DelayEstimator;
+use crate::ros2::{Inbox, RosLink, RosMessage};
+use crate::runtime::mapping_stage::MAX_QUEUE_DELAY;
+use crate::runtime::source::{Source, SourceItem, SourceLosses};
+use crate::survey::Survey;
+use measurement::drops::{DropCounts, DropReason};
+use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use measurement::{Measurement, MeasurementData, Stream};
+use network::clock;
+use recording::messages::{Messages, Reading};
+use recording::ros::{Encoding, MessageType};
+use recording::time_sequencer::{Ordered, TimeSequencer};
+use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
 pub(super) use discovery::{TopicDiscovery, find};
-pub(super) use source::{LiveSource, StreamSelection};
+
+/// Time that a measurement waits for older ones. A longer wait corrects more and delays the map. Later ones are mapped
+/// out of order.
+const REORDER_WINDOW: RobotDuration = RobotDuration::from_millis(50);
+const MAX_REORDER_WAIT: Duration = Duration::from_millis(50);
+
+/// Longest wait for a message, so that an interrupt takes effect.
+const POLL_TIMEOUT: Duration = Duration::from_millis(20);
+
+/// Limits of the measurements that are kept during discovery, and of the bytes of their ranges.
+const MAX_PROBE_MEASUREMENTS: usize = 50_000;
+const MAX_PROBE_BYTES: usize = 64 << 20;
+
+/// Maximum number of stamps with a known arrival time.
+const MAX_ARRIVAL_TIMES: usize = 50_000;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::runtime) struct StreamSelection {
+    pub(in crate::runtime) mapped: Vec<String>,
+    /// Whether unmapped streams are recorded.
+    pub(in crate::runtime) others: bool,
+}
+
+pub(in crate::runtime) struct LiveSource {
+    link: RosLink,
+    inbox: Inbox,
+    messages: Messages,
+    stream_selection: StreamSelection,
+    selection: Selection,
+    order: TimeSequencer,
+    delay_estimator: DelayEstimator,
+    /// Arrival times of the waiting measurements, by stamp.
+    arrival_times: BTreeMap<RobotTime, Monotonic>,
+    probe_buffer: VecDeque<Measurement>,
+    probe_bytes: usize,
+    /// Arrival times of `probe_buffer`.
+    received_at: VecDeque<Monotonic>,
+    probe_dropped: u64,
+    /// Scans that were dropped because mapping was too slow.
+    scans_skipped: u64,
+    /// Items were returned since the last `Idle`.
+    is_busy: bool,
+}
+
+impl LiveSource {
+    pub(super) fn new(link: RosLink, inbox: Inbox) -> Self {
+        Self {
+            link,
+            inbox,
+            messages: Messages::default(),
+            stream_selection: StreamSelection {
+                mapped: Vec::new(),
+                others: true,
+            },
+            selection: Selection::All,
+            order: TimeSequencer::live(REORDER_WINDOW),
+            delay_estimator: DelayEstimator::default(),
+            arrival_times: BTreeMap::new(),
+            probe_buffer: VecDeque::new(),
+            probe_bytes: 0,
+            received_at: VecDeque::new(),
+            probe_dropped: 0,
+            scans_skipped: 0,
+            is_busy: false,
+        }
+    }
+
+    /// Starts the run. Measurements of the discovery are returned first.
+    pub(in crate::runtime) fn begin(&mut self, stream_selection: StreamSelection) {
+        self.selection = if stream_selection.others {
+            Selection::All
+        } else {
+            Selection::Named(stream_selection.mapped.clone())
+        };
+        self.stream_selection = stream_selection;
+    }
+
+    /// Collects measurements for `wait`. Returns whether there were any.
+    pub(super) fn probe(&mut self, wait: Duration) -> bool {
+        let until = clock::now() + wait;
+        let mut has_data = false;
+        loop {
+            self.subscribe();
+            let rest = until.since(clock::now());
+            let Ok(message) = self.inbox.take(rest.min(POLL_TIMEOUT)) else {
+                if rest.is_zero() {
+                    return has_data;
+                }
+                continue;
+            };
+            let received_at = message.received_at;
+            self.read(&message);
+            while let Some(measurement) = self.messages.pop() {
+                has_data = true;
+                self.buffer_measurement(measurement, received_at);
+            }
+        }
+    }
+
+    /// A survey of the collected measurements; `place` names them in errors.
+    pub(super) fn survey(&self, place: &str) -> Result<Survey, RecordingError> {
+        let probe_buffer = ProbeBuffer {
+            measurements: self.probe_buffer.iter(),
+            streams: self.messages.streams(),
+            losses: self.messages.loss_counts(),
+            loss_notes: self.messages.losses().notes(),
+        };
+        probe_buffer.survey(place)
+    }
+
+    pub(in crate::runtime) const fn link(&self) -> &RosLink {
+        &self.link
+    }
+
+    pub(super) fn has_static_transforms(&self) -> bool {
+        self.probe_buffer
+            .iter()
+            .any(Measurement::is_static_transform)
+    }
+
+    fn buffer_measurement(&mut self, measurement: Measurement, received_at: Monotonic) {
+        let bytes = match &measurement.data {
+            MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * size_of::<f32>(),
+            MeasurementData::Transform { .. }
+            | MeasurementData::Odometry { .. }
+            | MeasurementData::Imu(_)
+            | MeasurementData::Joints(_)
+            | MeasurementData::Fix(_)
+            | MeasurementData::Twist(_)
+            | MeasurementData::PointCloud(_) => 0,
+        };
+        if self.probe_buffer.len() >= MAX_PROBE_MEASUREMENTS
+            || self.probe_bytes + bytes > MAX_PROBE_BYTES
+        {
+            self.probe_dropped += 1;
+            return;
+        }
+        self.probe_bytes += bytes;
+        self.probe_buffer.push_back(measurement);
+        self.received_at.push_back(received_at);
+    }
+
+    fn subscribe(&self) {
+        if let Err(error) = self.link.subscribe_to_announced() {
+            tracing::warn!(%error, "a topic is not listened to");
+        }
+    }
+
+    fn read(&mut self, message: &RosMessage) {
+        let kind = MessageType::from_type_name(&message.stream.type_name);
+        let Some(stream) = self.messages.stream(&message.stream, kind.is_some()) else {
+            return self.messages.losses_mut().add(DropReason::Undecodable, || {
+                format!("{}: there are too many topics", message.stream.name)
+            });
+        };
+        let reading = kind
+            .filter(|_| self.selection.contains(&message.stream.name))
+            .map(|kind| Reading {
+                kind,
+                encoding: Encoding::Cdr,
+                is_static: message.stream.name.ends_with("tf_static"),
+            });
+        self.messages
+            .take(stream, reading, message.published, &message.payload);
+    }
+
+    /// If mapping cannot keep up, scans are dropped, and poses never. This drops scans that were not read in time;
+    /// the mapping stage drops those that waited in its channel.
+    fn is_expired(message: &RosMessage) -> bool {
+        let is_scan = matches!(
+            MessageType::from_type_name(&message.stream.type_name),
+            Some(MessageType::LaserScan | MessageType::MultiEchoLaserScan)
+        );
+        is_scan && clock::elapsed(message.received_at) > MAX_QUEUE_DELAY
+    }
+
+    /// Returns a measurement that does not wait to be ordered.
+    fn classify(&mut self, measurement: Measurement, received_at: Monotonic) -> Option<SourceItem> {
+        if !self.is_mapped(&measurement) {
+            return self
+                .stream_selection
+                .others
+                .then_some(SourceItem::Unmapped(measurement));
+        }
+        if measurement.is_static_transform() {
+            return Some(SourceItem::Immediate(measurement));
+        }
+        self.arrival_times
+            .entry(measurement.stamp)
+            .and_modify(|known| *known = received_at.min(*known))
+            .or_insert(received_at);
+        if self.arrival_times.len() > MAX_ARRIVAL_TIMES {
+            // Stamps far in the future stay longest and are most likely wrong.
+            self.arrival_times.pop_last();
+        }
+        self.order.push(measurement);
+        None
+    }
+
+    /// Messages that found no room or waited too long.
+    fn dropped(&self) -> u64 {
+        self.inbox.dropped() + self.probe_dropped + self.scans_skipped
+    }
+
+    fn is_mapped(&self, measurement: &Measurement) -> bool {
+        let streams = self.messages.streams();
+        let stream = streams.get(usize::from(measurement.stream.0));
+        stream.is_some_and(|summary| self.stream_selection.mapped.contains(&summary.stream.name))
+    }
+
+    /// Releases measurements that have waited long enough.
+    fn release(&mut self, now: Monotonic) {
+        while let Some(first) = self.order.oldest_buffered_stamp()
+            && self
+                .arrival_times
+                .get(&first)
+                .is_none_or(|&received_at| now.since(received_at) >= MAX_REORDER_WAIT)
+        {
+            self.order.release_until(first);
+        }
+    }
+
+    fn next_ordered(&mut self) -> Option<SourceItem> {
+        let ordered = self.order.pop()?;
+        let measured_at = match &ordered {
+            Ordered::Measurement(measurement) => {
+                let stamp = &measurement.stamp;
+                let received_at = self.arrival_times.get(stamp).copied();
+                while self
+                    .arrival_times
+                    .first_key_value()
+                    .is_some_and(|(first, _)| first < stamp)
+                {
+                    self.arrival_times.pop_first();
+                }
+                // The stamp is trusted only after ordering. A measurement without arrival time must not
+                // appear new.
+                received_at.map_or(Monotonic::from_nanos(0), |received_at| {
+                    self.delay_estimator
+                        .measured_at(measurement.stream, *stamp, received_at)
+                })
+            }
+            Ordered::ClockReset { .. } => {
+                self.delay_estimator.reset_clock();
+                clock::now()
+            }
+        };
+        Some(SourceItem::Live {
+            ordered,
+            measured_at,
+        })
+    }
+
+    fn next_available(&mut self) -> Option<SourceItem> {
+        loop {
+            if let Some(item) = self.next_ordered() {
+                return Some(item);
+            }
+            let (measurement, received_at) = self
+                .probe_buffer
+                .pop_front()
+                .zip(self.received_at.pop_front())?;
+            if let Some(item) = self.classify(measurement, received_at) {
+                return Some(item);
+            }
+        }
+    }
+}
+
+impl Source for LiveSource {
+    fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
+        loop {
+            if let Some(item) = self.next_available() {
+                self.is_busy = true;
+                return Ok(Some(item));
+            }
+            let wait = if self.is_busy {
+                Duration::ZERO
+            } else {
+                POLL_TIMEOUT
+            };
+            match self.inbox.take(wait) {
+                Ok(message) if Self::is_expired(&message) => self.scans_skipped += 1,
+                Ok(message) => {
+                    let received_at = message.received_at;
+                    self.read(&message);
+                    while let Some(measurement) = self.messages.pop() {
+                        self.probe_buffer.push_back(measurement);
+                        self.received_at.push_back(received_at);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    self.subscribe();
+                    self.release(clock::now());
+                    if let Some(item) = self.next_ordered() {
+                        self.is_busy = true;
+                        return Ok(Some(item));
+                    }
+                    self.is_busy = false;
+                    return Ok(Some(SourceItem::Idle));
+                }
+                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            }
+        }
+    }
+
+    fn streams_from(&self, from: usize) -> Vec<Stream> {
+        let streams = self.messages.streams().iter().skip(from);
+        streams.map(|summary| summary.stream.clone()).collect()
+    }
+
+    fn position(&self) -> Option<Position> {
+        None
+    }
+
+    fn lost_total(&self) -> u64 {
+        self.messages.loss_counts().total() + self.order.drops().total() + self.dropped()
+    }
+
+    fn lost(&self) -> SourceLosses {
+        let mut lost = SourceLosses {
+            counts: self.messages.loss_counts().clone(),
+            late_scans: self.order.late_scans(),
+            notes: self.messages.losses().notes().to_vec(),
+            ..SourceLosses::default()
+        };
+        lost.counts.merge(self.order.drops());
+        lost.counts.add_many(DropReason::QueueFull, self.dropped());
+        lost
+    }
+}
+
+pub(super) struct ProbeBuffer<'a> {
+    pub(super) measurements: std::collections::vec_deque::Iter<'a, Measurement>,
+    pub(super) streams: &'a [StreamSummary],
+    pub(super) losses: &'a DropCounts,
+    pub(super) loss_notes: &'a [String],
+}
+
+impl ProbeBuffer<'_> {
+    pub(super) fn survey(mut self, place: &str) -> Result<Survey, RecordingError> {
+        // They are ROS 2 messages in CDR, as in an MCAP file.
+        Survey::of_reader(Path::new(place), Format::Mcap, &mut self)
+    }
+}
+
+impl RecordingReader for ProbeBuffer<'_> {
+    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
+        Ok(self.measurements.next().cloned())
+    }
+
+    fn streams(&self) -> &[StreamSummary] {
+        self.streams
+    }
+
+    fn losses(&self) -> &DropCounts {
+        self.losses
+    }
+
+    fn loss_notes(&self) -> &[String] {
+        self.loss_notes
+    }
+
+    fn position(&self) -> Position {
+        Position {
+            bytes_read: 0,
+            bytes_total: 0,
+        }
+    }
+}

@@ -1,7 +1,7 @@
 use protocol::message;
 
 use super::*;
-use crate::runtime::test_recording::{stamps, stream, transform};
+use crate::runtime::recorder::tests::{stamps, stream, transform};
 
 #[expect(clippy::unnecessary_wraps, reason = "disks may refuse to say")]
 fn enough_space(_folder: &Path) -> io::Result<DiskSpace> {

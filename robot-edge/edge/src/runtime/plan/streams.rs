@@ -2,6 +2,7 @@
 
 use crate::config::{Config, GpsConfig, ImuConfig, RangeSensor, TiltConfig, WheelEncodersConfig};
 use crate::exit::UsageError;
+use crate::runtime::choice::{Choice, ChoiceNeeded};
 use crate::runtime::localization_plan::{PlannedSensor, range_sensors};
 use crate::survey::Survey;
 use crate::survey::range_sensors::Unassigned;
@@ -20,19 +21,11 @@ pub(super) struct FoundSensor<'a> {
 pub(super) fn find_sensors<'a>(
     survey: &'a Survey,
     config: &'a Config,
-) -> Result<(Vec<FoundSensor<'a>>, Vec<&'a str>), UsageError> {
+) -> anyhow::Result<(Vec<FoundSensor<'a>>, Vec<&'a str>)> {
     let sensors = range_sensors(config)?;
-    let assigned = survey.assign_scans(&sensors).map_err(|error| {
-        let path = survey.path.display();
-        UsageError(match error {
-            Unassigned::NoScans => {
-                format!("{path}: {error}; `robot-edge info {path}` lists what it holds")
-            }
-            Unassigned::NoSuchStream { .. }
-            | Unassigned::SeveralStreams { .. }
-            | Unassigned::SeveralSensors { .. } => format!("{path}: {error}"),
-        })
-    })?;
+    let assigned = survey
+        .assign_scans(&sensors)
+        .map_err(|unassigned| explain(survey, &unassigned))?;
     let (mut found, mut missing) = (Vec::new(), Vec::new());
     for (sensor, scans) in sensors.into_iter().zip(assigned) {
         match scans {
@@ -47,13 +40,51 @@ pub(super) fn find_sensors<'a>(
     Ok((found, missing))
 }
 
+fn explain(survey: &Survey, unassigned: &Unassigned) -> anyhow::Error {
+    let path = survey.path.display();
+    let choice = |sensor: &String, stream: &String, label: String| {
+        Choice::new(label, &format!("--topic {sensor}="), stream)
+    };
+    let (question, choices): (_, Vec<_>) = match unassigned {
+        Unassigned::NoScans => {
+            return UsageError(format!(
+                "{path}: {unassigned}; `robot-edge info {path}` lists what it holds"
+            ))
+            .into();
+        }
+        Unassigned::NoSuchStream {
+            sensor, streams, ..
+        }
+        | Unassigned::SeveralStreams { sensor, streams } => {
+            let choices = streams.iter();
+            let choices = choices.filter_map(|stream| choice(sensor, stream, stream.clone()));
+            (format!("Which topic is the {sensor}?"), choices.collect())
+        }
+        Unassigned::SeveralSensors { sensors, streams } => {
+            let pairs = sensors
+                .iter()
+                .flat_map(|sensor| streams.iter().map(move |stream| (sensor, stream)));
+            let choices = pairs.filter_map(|(sensor, stream)| {
+                choice(sensor, stream, format!("{stream} is the {sensor}"))
+            });
+            ("Whose scans are these?".to_owned(), choices.collect())
+        }
+    };
+    ChoiceNeeded {
+        message: format!("{path}: {unassigned}"),
+        question,
+        choices,
+    }
+    .into()
+}
+
 /// Chooses the mounting pose of each sensor if poses come from `origin`.
 pub(super) fn place(
     survey: &Survey,
     found: &[FoundSensor<'_>],
     origin: &PoseOrigin,
     config: &Config,
-) -> Result<Vec<PlannedSensor>, UsageError> {
+) -> anyhow::Result<Vec<PlannedSensor>> {
     let is_alone = found.len() == 1;
     let plan = |found: &FoundSensor<'_>| {
         let sensor = &found.sensor;
@@ -107,7 +138,7 @@ fn mount_origin(
     )))
 }
 
-fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> Result<StreamId, UsageError> {
+fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> anyhow::Result<StreamId> {
     let streams = survey.streams_with_joints(&[&tilt.joint]);
     if !streams.is_empty() {
         let option = format!("--set sensors.{sensor}.tilt.topic=");
@@ -123,7 +154,8 @@ fn tilt_stream(survey: &Survey, sensor: &str, tilt: &TiltConfig) -> Result<Strea
          sensors.{sensor}.tilt.joint names: {there_are}",
         survey.path.display(),
         tilt.joint
-    )))
+    ))
+    .into())
 }
 
 /// "the laser", "the laser and the sonar".
@@ -189,7 +221,7 @@ pub(super) fn describe_available(survey: &Survey) -> Option<String> {
 pub(super) fn encoders(
     survey: &Survey,
     (sensor, config): (&str, &WheelEncodersConfig),
-) -> Result<StreamId, UsageError> {
+) -> anyhow::Result<StreamId> {
     let [left, right] = [&config.left_joint, &config.right_joint];
     let has_wheels = survey.streams_with_joints(&[left, right]);
     if has_wheels.is_empty() {
@@ -198,7 +230,8 @@ pub(super) fn encoders(
              right_joint name: {}",
             survey.path.display(),
             describe_joints(survey)
-        )));
+        ))
+        .into());
     }
     let (option, carried) = (format!("--topic {sensor}="), "angles of both wheels");
     choose_one(
@@ -213,7 +246,7 @@ pub(super) fn encoders(
 pub(super) fn attitude(
     survey: &Survey,
     (sensor, config): (&str, &ImuConfig),
-) -> Result<StreamId, UsageError> {
+) -> anyhow::Result<StreamId> {
     let oriented = survey.streams_with_orientation();
     if oriented.is_empty() {
         let all = all(&survey.attitudes);
@@ -221,7 +254,8 @@ pub(super) fn attitude(
             "{}: {} gives turn rates and accelerations but no orientation, from which poses are reckoned",
             survey.path.display(),
             names(survey, &all[..all.len().min(MAX_LISTED)]).join(", ")
-        )));
+        ))
+        .into());
     }
     let (option, carried) = (format!("--topic {sensor}="), "orientations");
     choose_one(survey, &option, carried, &oriented, config.topic.as_deref())
@@ -234,14 +268,15 @@ fn all<T>(streams: &[(StreamId, T)]) -> Vec<StreamId> {
 pub(super) fn fixes(
     survey: &Survey,
     (sensor, config): (&str, &GpsConfig),
-) -> Result<StreamId, UsageError> {
+) -> anyhow::Result<StreamId> {
     let with_fix = survey.streams_with_fix();
     if with_fix.is_empty() {
         return Err(UsageError(format!(
             "{}: the receiver of {} never had a fix, so nothing says where the vehicle was",
             survey.path.display(),
             names(survey, &all(&survey.fixes)).join(", ")
-        )));
+        ))
+        .into());
     }
     let (option, carried) = (format!("--topic {sensor}="), "satellite fixes");
     choose_one(survey, &option, carried, &with_fix, config.topic.as_deref())
@@ -257,7 +292,7 @@ fn choose_one(
     carried: &str,
     streams: &[StreamId],
     topic: Option<&str>,
-) -> Result<StreamId, UsageError> {
+) -> anyhow::Result<StreamId> {
     let path = survey.path.display();
     let listed = || names(survey, streams).join(", ");
     match (topic, streams) {
@@ -270,16 +305,25 @@ fn choose_one(
                     "{path}: no {carried} on {topic:?}, which `{option}` or the configuration names; it has {}",
                     listed()
                 ))
+                .into()
             })
         }
         (None, &[only]) => Ok(only),
-        (None, streams) => Err(UsageError(format!(
-            "{path}: several topics carry {carried}: {}. Choose one, for example {option}{}",
-            listed(),
-            streams
-                .first()
-                .map_or("", |&stream| survey.topic_name(stream))
-        ))),
+        (None, streams) => {
+            let named = names(survey, streams);
+            let choices = named.iter();
+            let choices = choices.filter_map(|name| Choice::new(name.clone(), option, name));
+            Err(ChoiceNeeded {
+                message: format!(
+                    "{path}: several topics carry {carried}: {}. Choose one, for example {option}{}",
+                    named.join(", "),
+                    named.first().map_or("", String::as_str)
+                ),
+                question: format!("Several topics carry {carried}. Which one?"),
+                choices: choices.collect(),
+            }
+            .into())
+        }
     }
 }
 

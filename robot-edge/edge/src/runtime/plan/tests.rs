@@ -1,4 +1,5 @@
 use super::*;
+use crate::cli::VehicleOptions;
 use crate::config::{Override, load};
 use crate::survey::tests::{Recorded, Topic};
 use localization::dead_reckoning::WheelSettings;
@@ -134,6 +135,61 @@ fn auto_uses_wheels_only_without_better_poses() {
          the vehicle's configuration has a sensor of kind \"wheel_encoders\" and one of kind \"imu\". If the \
          vehicle stood still, map it with --set localization.source=static"
     );
+}
+
+/// Labels, and whether the recording can be mapped with that choice.
+#[track_caller]
+fn choices(topics: &[Topic], settings: &[&str], question: &str) -> Vec<(String, bool)> {
+    let settings = SENSORS.iter().chain(settings);
+    let overrides: Vec<Override> = settings.map(|set| set.parse().unwrap()).collect();
+    let planned = |added: &[Override]| {
+        let config = load("generic2d", &[&overrides, added].concat()).unwrap();
+        plan(&survey(topics), &config)
+    };
+    let error = planned(&[]).unwrap_err();
+    let needed = error.downcast_ref::<ChoiceNeeded>().unwrap();
+    assert_eq!(needed.question, question);
+    let choices = needed.choices.iter().map(|choice| {
+        let setup = VehicleOptions::default().with(choice);
+        let added = [setup.settings, setup.topics].concat();
+        (choice.label.clone(), planned(&added).is_ok())
+    });
+    choices.collect()
+}
+
+#[test]
+fn every_choice_can_be_mapped() {
+    let both = |labels: [&str; 2]| labels.map(|label| (label.to_owned(), true));
+    let lasers = [scan_on("/front"), scan_on("/rear"), odometry()];
+    assert_eq!(
+        choices(&lasers, &[], "Which topic is the laser?"),
+        both(["/front", "/rear"])
+    );
+    assert_eq!(
+        choices(
+            &lasers,
+            &["sensors.laser.topic=/scan"],
+            "Which topic is the laser?"
+        ),
+        both(["/front", "/rear"])
+    );
+    let wheel_topics = [scan(), wheels("/front"), wheels("/rear"), ahrs("/imu")];
+    assert_eq!(
+        choices(
+            &wheel_topics,
+            &[WHEELS],
+            "Several topics carry angles of both wheels. Which one?"
+        ),
+        both(["/front", "/rear"])
+    );
+    let question =
+        "Nothing in it says where the laser was: there are neither transforms nor odometry.";
+    let stood_still = choices(&[scan()], &[], question);
+    assert_eq!(stood_still, [("The vehicle stood still".to_owned(), true)]);
+    let question = "The settings want poses of source \"wheels\", but there are neither angles of wheels nor \
+                    attitudes; there is odometry (/odom in odom).";
+    let others = choices(&[scan(), odometry()], &[WHEELS], question);
+    assert_eq!(others, [("Use what there is".to_owned(), true)]);
 }
 
 #[test]
