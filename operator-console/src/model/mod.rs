@@ -27,8 +27,8 @@ use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Barrier, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status, StopReason,
-    TeleopState, TeleopStatus,
+    Barrier, DeviceStatus, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status,
+    StopReason, TeleopState, TeleopStatus,
 };
 use protocol::tile::{BootId, TileKey};
 
@@ -247,6 +247,11 @@ impl ConsoleModel {
 
     pub fn sensor_statuses(&self) -> &[SensorStatus] {
         self.status().map_or(&[], |(status, _)| &status.sensors)
+    }
+
+    /// Devices that the robot reads without a middleware.
+    pub fn device_statuses(&self) -> &[DeviceStatus] {
+        self.status().map_or(&[], |(status, _)| &status.devices)
     }
 
     /// The recording on the robot; `None` if operators cannot start one.

@@ -13,7 +13,8 @@ pub use mapping::{
 };
 use tools::INSTALLED_KEYS;
 pub use tools::{
-    Check, Completions, Experiments, Info, InstallKeys, Keys, MotorGuard, Recover, Vehicles,
+    Calibrate, Check, Completions, Devices, Experiments, Info, InstallKeys, Keys, MotorGuard,
+    Recover, Vehicles,
 };
 
 const EXIT_CODES: &str = "\
@@ -21,7 +22,8 @@ Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration;
 3 the recording could not be read; 130 interrupted.";
 
 const LIVE: &str = "\
-The sensors are those of a ROS 2 system that speaks Zenoh: by rmw_zenoh, or over zenoh-bridge-ros2dds. Topics are
+The sensors are those of [devices] in the vehicle's configuration, which are read without a middleware. One that is off
+is waited for. Without [devices] they are those of a ROS 2 system that speaks Zenoh: by rmw_zenoh, or over zenoh-bridge-ros2dds. Topics are
 found by their types; the vehicle's configuration or --topic says which one is meant where several fit.
 
 The system's own router has port 7447 of this machine. Consoles are therefore expected at 7449 (tiles at 7450) unless
@@ -70,7 +72,7 @@ impl Verbosity {
 /// The commands.
 #[derive(Clone, Debug, PartialEq, Subcommand)]
 pub enum Command {
-    /// Map what the sensors of a ROS 2 robot see, live, and drive it where it has motors of ours
+    /// Map what a vehicle's sensors see, live, and drive it where it has motors of ours
     #[command(after_help = LIVE)]
     Run(RunLive),
     /// Map a recording
@@ -85,6 +87,11 @@ pub enum Command {
     Vehicles(Vehicles),
     /// Validate a configuration and say exactly what is wrong
     Check(Check),
+    /// Say which sensors are connected
+    Devices(Devices),
+    /// Learn a part of the configuration from the sensors
+    #[command(subcommand)]
+    Calibrate(Calibrate),
     /// Make a certificate authority, certificates for each role, and signing keys
     Keys(Keys),
     /// Put a vehicle's keys where it reads them, in the place of those that are there
@@ -153,13 +160,13 @@ mod tests {
             run
         };
         let default = run("run");
-        assert_eq!(default.ros, "tcp/localhost:7447");
+        assert_eq!(default.ros, None);
         assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
         let named =
             run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
         assert_eq!(
-            (named.ros.as_str(), named.ros_domain),
-            ("tcp/bot:7447", Some(232))
+            (named.ros.as_deref(), named.ros_domain),
+            (Some("tcp/bot:7447"), Some(232))
         );
         assert_eq!(named.driving.state_dir, Some(PathBuf::from("s")));
     }

@@ -7,7 +7,6 @@ use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use drivers::Drivers;
-use drivers::config::DeviceConfig;
 use drivers::supervisor::Reading;
 use emulators::deltat::Deltat;
 use emulators::dynamixel::XSeries;
@@ -118,7 +117,7 @@ fn every_device_comes_back_within_two_seconds() {
         .enumerate()
         .map(|(number, device)| format!("[d{number:02}]\n{}\n", device.config))
         .collect();
-    let configs = DeviceConfig::read_all(&texts.concat().parse().unwrap()).unwrap();
+    let configs = toml::from_str(&texts.concat()).unwrap();
     let (sender, readings) = sync_channel::<Reading>(10_000);
     let drivers = Drivers::start(&configs, clock, &sender).unwrap();
     drop(sender);
@@ -133,7 +132,7 @@ fn every_device_comes_back_within_two_seconds() {
             assert!(
                 waited < patience,
                 "{what} in vain: {:#?}",
-                drivers.statuses().collect::<Vec<_>>()
+                drivers.statuses().now().collect::<Vec<_>>()
             );
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -172,7 +171,15 @@ fn every_device_comes_back_within_two_seconds() {
                         } else {
                             &device.plug
                         };
-                        let lost = || drivers.statuses().nth(number).unwrap().1.lost_connections;
+                        let lost = || {
+                            drivers
+                                .statuses()
+                                .now()
+                                .nth(number)
+                                .unwrap()
+                                .1
+                                .lost_connections
+                        };
                         let before = lost();
                         take(false);
                         wait_for("waited for the loss", PATIENCE, &|| lost() > before);
