@@ -146,6 +146,9 @@ const PICTURE: [usize; 2] = [60, 24];
 
 /// A sweep from above in dots, the sensor's x axis up.
 fn write_sweep(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
+    if let [range_m] = scan.ranges_m[..] {
+        return writeln!(out, "  {range_m:.2} m");
+    }
     let angles = (0..scan.ranges_m.len())
         .map(|beam| scan.angle_min_rad + beam as f32 * scan.angle_increment_rad);
     let hits: Vec<(f32, f32)> = angles
@@ -171,7 +174,11 @@ fn write_sweep(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
             *cell |= dot;
         }
     }
-    for line in cells {
+    // Without the empty rows on both sides.
+    let is_drawn = |line: &[u8; PICTURE[0]]| line.iter().any(|dots| *dots != 0);
+    let first = cells.iter().position(is_drawn).unwrap_or(0);
+    let last = cells.iter().rposition(is_drawn).unwrap_or(0);
+    for line in &cells[first..=last] {
         let line: String = line
             .iter()
             .filter_map(|dots| char::from_u32(0x2800 + u32::from(*dots)))
@@ -180,7 +187,7 @@ fn write_sweep(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
     }
     writeln!(
         out,
-        "  {} of {} beams hit; ahead is up, the edges are {reach_m:.1} m away",
+        "  {} of {} beams hit, the farthest {reach_m:.1} m ahead or aside; ahead is up",
         hits.len(),
         scan.ranges_m.len()
     )
@@ -380,11 +387,11 @@ mod tests {
         let text = String::from_utf8(text).unwrap();
         let lines: Vec<_> = text.lines().collect();
         let at = |row: usize, column: usize| lines[row].chars().nth(2 + column);
-        // 0.1 m a dot: ahead 47 dots up, 10 dots to the right.
-        assert_eq!(lines.len(), 25);
+        // 0.1 m a dot: ahead 47 dots up, 10 dots to the right; the sensor's row is the last one.
+        assert_eq!(lines.len(), 14);
         assert_eq!(at(0, 30), Some('\u{2802}'), "{text}");
         assert_eq!(at(12, 30), Some('\u{2801}'), "{text}");
         assert_eq!(at(12, 35), Some('\u{2801}'), "{text}");
-        assert!(lines[24].contains("2 of 3 beams hit"), "{text}");
+        assert!(lines[13].contains("2 of 3 beams hit"), "{text}");
     }
 }
