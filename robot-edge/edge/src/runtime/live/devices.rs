@@ -73,6 +73,9 @@ impl DeviceSource {
             return None;
         }
         measurement.stamp = measurement.stamp + self.to_wall_clock;
+        if is_scan {
+            tracing::trace!(stamp = %measurement.stamp, at_ns = reading.arrived.nanos(), "scan has arrived");
+        }
         let stream = self.streams.get(usize::from(measurement.stream.0))?;
         if self.selection.mapped.contains(&stream.name) {
             self.order.push(measurement, reading.arrived);
