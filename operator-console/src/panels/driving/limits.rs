@@ -120,7 +120,8 @@ pub(crate) fn is_stopped_by_monitor(teleop: &TeleopStatus) -> bool {
 }
 
 /// Text of the collision monitor's row. `greatest` are the vehicle's speed limits, m/s and rad/s. It names the
-/// requested direction, or ahead if there is no request. In states that stop the motors it names no direction.
+/// requested direction, or ahead if there is no request. In states that stop the motors it names no direction. Nothing
+/// limits a vehicle that moves by its own program, so without a driver the limit is that of operators.
 pub(super) fn monitor_text(
     teleop: &TeleopStatus,
     StrictestLimit {
@@ -129,10 +130,13 @@ pub(super) fn monitor_text(
     }: StrictestLimit,
     greatest: [f32; 2],
 ) -> (Tone, String) {
-    let limits = match teleop.state {
+    let mut limits = match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => String::new(),
         _ => limits_text(teleop, monitor, is_intermittent, greatest),
     };
+    if teleop.state == TeleopState::Idle && !limits.is_empty() {
+        limits += " for operators";
+    }
     // An idle vehicle may move by its own program, or drift.
     let nothing = match teleop.state {
         TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => ": nothing moves",
