@@ -185,7 +185,8 @@ mod tests {
     use super::*;
     use crate::model::{ConsoleModel, RequestId};
     use crate::test_support::{
-        announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout, status_of,
+        STORED_ESTOP, announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest,
+        scout, status_of,
     };
 
     fn robot(is_boat: bool) -> ConsoleModel {
@@ -277,7 +278,10 @@ mod tests {
             };
             inject_reply(&mut boat, RequestId(0), Topic::Info, &info, at(0));
             if is_stopped {
-                hears(&mut boat, 1_000, TeleopState::EStop, [1.5, 0.0]);
+                let mut teleop = idle_teleop_status();
+                teleop.state = TeleopState::EStop;
+                teleop.estop = Some(STORED_ESTOP);
+                inject(&mut boat, Topic::Status, &status_of(teleop), at(1_000));
             }
             inject(&mut boat, Topic::Pose, &pose(1.5), at(1_500));
             let mut teleop = idle_teleop_status();
