@@ -130,13 +130,10 @@ pub(super) fn monitor_text(
     }: StrictestLimit,
     greatest: [f32; 2],
 ) -> (Tone, String) {
-    let mut limits = match teleop.state {
+    let limits = match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => String::new(),
         _ => limits_text(teleop, monitor, is_intermittent, greatest),
     };
-    if teleop.state == TeleopState::Idle && !limits.is_empty() {
-        limits += " for operators";
-    }
     // An idle vehicle may move by its own program, or drift.
     let nothing = match teleop.state {
         TeleopState::Held | TeleopState::Driving | TeleopState::Stopping(_) => ": nothing moves",
@@ -195,13 +192,18 @@ fn limits_text(
     } else {
         ""
     };
+    let for_whom = if teleop.state == TeleopState::Idle {
+        " for operators"
+    } else {
+        ""
+    };
     if allowed < least {
-        format!(", {way} is blocked{at_times}")
+        format!(", {way} is blocked{at_times}{for_whom}")
     } else if of_turn {
         let deg = signed(f64::from(allowed.to_degrees()), 0);
         format!(", {way} ≤ {deg} °/s{at_times}")
     } else {
-        format!(", {way} ≤ {allowed:.2} m/s{at_times}")
+        format!(", {way} ≤ {allowed:.2} m/s{at_times}{for_whom}")
     }
 }
 
