@@ -154,7 +154,7 @@ impl Run<'_> {
         let opened = match &self.network {
             Some(plan) => {
                 let description = RobotDescription {
-                    source: &self.title,
+                    source: if self.is_live { "" } else { &self.title },
                     is_live: self.is_live,
                     localization: &self.registration,
                     can_record: self.drive.can_record(),
