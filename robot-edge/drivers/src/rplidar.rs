@@ -359,24 +359,47 @@ fn front_of_data(bytes: &[u8], answer: Answer, is_aligned: &Cell<bool>) -> Front
     } else {
         length
     };
-    // Another reply may begin in the data. That data looks like a whole descriptor is improbable.
+    let data = |bytes: &[u8]| front_of_whole_data(bytes, answer, needed, is_aligned);
+    // Another reply may begin in the data. That data looks like a whole descriptor is improbable. What is
+    // wrong before it is skipped first, as if it had come alone.
     let mut at = 0;
     while at < bytes.len().min(needed) {
         at += before_mark(&bytes[at..], MARK);
         let rest = bytes.get(at..).unwrap_or_default();
-        match rest.first_chunk() {
+        let begun = match rest.first_chunk() {
             _ if at >= needed => break,
             Some(descriptor) if Answer::of_descriptor(*descriptor).is_ok() => {
-                return if at == 0 {
-                    front_of_descriptor(bytes)
-                } else {
-                    Front::Skip(DropReason::CutOff, at)
-                };
+                if at == 0 {
+                    return front_of_descriptor(bytes);
+                }
+                Front::Skip(DropReason::CutOff, at)
             }
-            None if repeats && !rest.is_empty() => return Front::Incomplete,
-            _ => at += 1,
-        }
+            None if repeats && !rest.is_empty() => Front::Incomplete,
+            _ => {
+                at += 1;
+                continue;
+            }
+        };
+        return match bytes
+            .get(..at)
+            .filter(|before| !before.is_empty())
+            .map(data)
+        {
+            Some(wrong @ Front::Skip(..)) => wrong,
+            _ => begun,
+        };
     }
+    data(bytes)
+}
+
+/// No other reply begins in the data.
+fn front_of_whole_data(
+    bytes: &[u8],
+    answer: Answer,
+    needed: usize,
+    is_aligned: &Cell<bool>,
+) -> Front<Piece> {
+    let length = answer.layout().1;
     let is_sync = match answer {
         Answer::Express | Answer::Ultra | Answer::Dense => {
             bytes[0] >> 4 == 0xA && bytes.get(1).is_none_or(|byte| byte >> 4 == 0x5)

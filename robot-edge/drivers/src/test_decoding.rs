@@ -94,6 +94,7 @@ impl Damage {
         }
         let whole = decode(new(), &bytes);
         let in_parts = decode_in(new(), &bytes, &self.lengths);
+        assert_eq!(whole.1, in_parts.1);
         // Debug text: NaN is not equal to itself.
         assert_eq!(format!("{whole:?}"), format!("{in_parts:?}"));
         whole.0
