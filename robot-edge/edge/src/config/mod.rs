@@ -27,6 +27,7 @@ pub use error::{ConfigError, ConfigIssue, Origin, Problem};
 pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
+pub(crate) use schema::words_of;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude,

@@ -153,6 +153,14 @@ impl Schema {
     pub(super) const SENSOR: &str = sensors::MAIN_LASER;
 }
 
+/// The words of `T`, an enum.
+pub(crate) fn words_of<'de, T: Deserialize<'de>>() -> &'static [&'static str] {
+    match Schema::of::<T>() {
+        Ok(Schema::Value(Expected::OneOf(words))) => words,
+        _ => &[],
+    }
+}
+
 /// A deserializer without data.
 struct SchemaProbe<'a>(&'a mut Schema);
 

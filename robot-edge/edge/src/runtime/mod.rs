@@ -25,7 +25,7 @@ mod source;
 mod source_reader;
 mod state_publisher;
 
-use std::io::Write;
+use std::io::{self, BufRead, IsTerminal as _, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -34,6 +34,7 @@ use anyhow::Context as _;
 use crate::cli::{Cli, Command, MotorGuard, Recover};
 use crate::config::presets;
 use crate::exit::{Exit, UsageError};
+use crate::setup::setup;
 use crate::survey::Survey;
 use crate::vehicle_commands;
 use recording::Format;
@@ -54,10 +55,12 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
+        | Command::Setup(_)
         | Command::Check(_)
         | Command::Keys(_)
         | Command::InstallKeys(_)
         | Command::Completions(_)
+        | Command::Man(_)
         | Command::MotorGuard(_) => run_until(cli, &AtomicBool::new(false), out),
     }
 }
@@ -84,12 +87,23 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             }
             Ok(Exit::Done)
         }
+        Command::Setup(command) => {
+            let input = io::stdin();
+            let mut input = input.is_terminal().then(|| input.lock());
+            let input = input.as_mut().map(|input| input as &mut dyn BufRead);
+            setup(command, input, out)
+        }
         Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
         Command::Keys(command) => vehicle_commands::keys(command, out),
         Command::InstallKeys(command) => vehicle_commands::install_keys(command, out),
         Command::Experiments(_) => Err(not_built("experiments")),
         Command::Completions(command) => {
             command.print(out)?;
+            Ok(Exit::Done)
+        }
+        Command::Man(command) => {
+            let folder = command.out.display();
+            command.write().with_context(|| folder.to_string())?;
             Ok(Exit::Done)
         }
         Command::MotorGuard(command) => guard_motors(command),
