@@ -72,13 +72,21 @@ impl ColorVision {
 }
 
 #[test]
-fn red_is_dark_to_protanopes_and_white_is_white_to_all() {
-    let red = Color32::from_rgb(255, 0, 0);
-    let darkness = |vision: ColorVision| vision.contrast(red, Color32::BLACK);
-    assert!((darkness(ColorVision::Normal) - 5.252).abs() < 1e-3);
-    assert!((darkness(ColorVision::Protanopia) - 3.285).abs() < 1e-3);
-    for vision in ColorVision::ALL {
-        let white = vision.contrast(Color32::WHITE, Color32::BLACK);
-        assert!((white - 21.0).abs() < 1e-3, "{vision:?}: {white}");
+fn red_is_dark_to_protanopes_and_greys_are_grey_to_all() {
+    let colors = [[255, 0, 0], [0, 0, 255], [119; 3], [255; 3]];
+    for (vision, expected) in [
+        (ColorVision::Normal, [5.252, 2.444, 4.689, 21.0]),
+        (ColorVision::Protanopia, [3.285, 3.863, 4.689, 21.0]),
+        (ColorVision::Deuteranopia, [6.568, 3.077, 4.689, 21.0]),
+        (ColorVision::Tritanopia, [5.259, 3.550, 4.689, 21.0]),
+    ] {
+        for ([red, green, blue], expected) in colors.into_iter().zip(expected) {
+            let color = Color32::from_rgb(red, green, blue);
+            let ratio = vision.contrast(color, Color32::BLACK);
+            assert!(
+                (ratio - expected).abs() < 1e-3,
+                "{vision:?} {color:?}: {ratio}"
+            );
+        }
     }
 }

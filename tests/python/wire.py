@@ -325,6 +325,19 @@ STATUS = Struct(
         )
     ),
     depth_under_keel_m=Option(F32),
+    devices=List(
+        Struct(
+            name=TEXT,
+            state=Enum(Connecting=None, Configuring=None, Measuring=None),
+            trouble=TEXT,
+            identity=TEXT,
+            rate_hz=F32,
+            age_ms=Option(U32),
+            reconnects=U32,
+            lost=U64,
+            clock=Option(Struct(offset_s=F64, spread_s=F32, resets=U32)),
+        )
+    ),
 )
 EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))

@@ -393,6 +393,8 @@ mod tests {
         let parts = free_parts(screen, &cards);
         assert!(parts.contains(&rect(0.0, 40.0, 400.0, 200.0)), "{parts:?}");
         assert!(parts.contains(&rect(0.0, 0.0, 100.0, 240.0)), "{parts:?}");
+        let between = rect(190.0, 40.0, 250.0, 300.0);
+        assert!(parts.contains(&between), "{parts:?}");
         for part in &parts {
             assert!(screen.contains_rect(*part), "{part}");
             let card = cards.iter().find(|card| card.shrink(0.5).intersects(*part));

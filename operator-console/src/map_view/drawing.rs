@@ -12,7 +12,7 @@ use super::cards::knows_north;
 use super::chunks::FrameTime;
 use super::grid::{self, ScaleBar};
 use super::map_layers::MapLayers;
-use super::marks::Mark;
+use super::marks::{Mark, point_size};
 use super::shores::ShoreMarks;
 use super::vehicle::{self, Motion, VehicleMark};
 use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, probe, ruler};
@@ -232,7 +232,8 @@ impl MapView {
             let points = scan.points_m.iter().step_by(stride);
             let points = points.map(|point_m| view.to_screen(*point_m));
             let in_sight = points.filter(|at| view.screen.contains(*at));
-            Mark::Scan.paint_points(painter, &in_sight, (1.0 - 0.7 * age).max(0.0));
+            let size = point_size(view.points_per_m);
+            Mark::Scan.paint_points(painter, &in_sight, size, (1.0 - 0.7 * age).max(0.0));
         }
     }
 

@@ -252,6 +252,7 @@ mod tests {
         assert_eq!(of_small, None);
         let important = Label {
             is_important: true,
+            preferred: Some(Rect::from_center_size(pos2(200.0, 150.0), SIZE)),
             ..small
         };
         let [Some(of_large), Some(of_small)] = places(&[large.clone(), important.clone()], &[])[..]

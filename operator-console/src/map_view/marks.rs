@@ -62,7 +62,12 @@ impl Mark {
         match self {
             Self::Vehicle => style("Vehicle", MarkShape::Arrow, theme::VEHICLE, light),
             Self::Path => style("Path", WAY, theme::PATH, light),
-            Self::Scan => style("Last scan", MarkShape::Points, theme::SCAN, dark),
+            Self::Scan => style(
+                "Last scan: hits on any surface",
+                MarkShape::Points,
+                theme::SCAN,
+                dark,
+            ),
             Self::FieldOfView => style("Field of view", FAN, theme::FIELD_OF_VIEW, light),
             Self::StoppingDistance => {
                 style("Stopping distance", MarkShape::Area, theme::MONITOR, dark)
@@ -103,16 +108,17 @@ impl Mark {
         }
     }
 
-    /// Draws points, which fade with `strength` from 1 to 0.
+    /// Draws points of this size, which fade with `strength` from 1 to 0.
     pub(super) fn paint_points(
         self,
         painter: &Painter,
         points: &(impl Iterator<Item = Pos2> + Clone),
+        size: f32,
         strength: f32,
     ) {
         let Style { color, rim, .. } = self.style();
         let mut mesh = Mesh::default();
-        for (size, color) in [(POINT + 2.0, rim), (POINT, color)] {
+        for (size, color) in [(1.8 * size, rim), (size, color)] {
             let color = color.gamma_multiply(strength);
             for at in points.clone() {
                 mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(size)), color);
@@ -163,7 +169,7 @@ impl Mark {
             }
             MarkShape::Points => {
                 let points = [[0.1, 0.6], [0.4, 0.3], [0.7, 0.4], [0.9, 0.8]];
-                self.paint_points(painter, &points.into_iter().map(at), 1.0);
+                self.paint_points(painter, &points.into_iter().map(at), POINT, 1.0);
             }
             MarkShape::Area => {
                 let edges = [0.0, 0.9].map(|x| [at([x, 0.15]), at([x, 0.85])]);
@@ -176,6 +182,13 @@ impl Mark {
 
 /// Side of a point, points.
 const POINT: f32 = 2.5;
+/// A smaller one on scales below 10 points per metre: many points side by side would look like a barrier.
+const POINT_M: f32 = 0.25;
+const MIN_POINT: f32 = 1.0;
+
+pub(super) fn point_size(points_per_m: f64) -> f32 {
+    (POINT_M * points_per_m as f32).clamp(MIN_POINT, POINT)
+}
 const RING_LINE: f32 = 2.5;
 
 #[cfg(test)]
@@ -241,6 +254,14 @@ mod tests {
                 let ratio = ratios[0].max(ratios[1]);
                 assert!(ratio >= LEAST_CONTRAST, "{cell:?}, {vision:?}: {ratios:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_scan_is_thin_on_small_scales() {
+        for (points_per_m, size) in [(0.5, 1.0), (2.7, 1.0), (6.0, 1.5), (10.0, 2.5), (80.0, 2.5)] {
+            let error = (point_size(points_per_m) - size).abs();
+            assert!(error < 1e-6, "{points_per_m}: {error}");
         }
     }
 

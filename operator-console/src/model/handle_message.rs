@@ -4,9 +4,10 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    CollisionMonitorState, CommandCounters, Digests, Event, Info, LayerHead, MAX_SENSORS, MapHead,
-    Pong, Pose, RecordingStatus, Scan, SensorInfo, SensorStatus, ShoresReply, SpeedLimits, Status,
-    TeleopStatus, TileBand, TilesReply, TrajectoryPart, VoxelsReply,
+    CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event, Info, LayerHead,
+    MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus, Scan, SensorInfo, SensorStatus,
+    ShoresReply, SpeedLimits, Status, TeleopStatus, TileBand, TilesReply, TrajectoryPart,
+    VoxelsReply,
 };
 use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};
@@ -316,8 +317,18 @@ fn is_sensor_valid(sensor: &SensorInfo) -> bool {
 }
 
 pub(super) fn is_status_valid(status: &Status) -> bool {
+    let clocks = || {
+        status
+            .devices
+            .iter()
+            .filter_map(|device| device.clock.as_ref())
+    };
     status.sensors.len() <= MAX_SENSORS
+        && status.devices.len() <= MAX_DEVICES
         && all_finite(status.sensors.iter().map(|sensor| &sensor.rate_hz))
+        && all_finite(status.devices.iter().map(|device| &device.rate_hz))
+        && all_finite(clocks().map(|clock| &clock.spread_s))
+        && clocks().all(|clock| clock.offset_s.is_finite())
 }
 
 fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
@@ -356,12 +367,20 @@ fn without_counters(status: &Status) -> Status {
         dropped: 0,
         ..sensor.clone()
     };
+    let device = |device: &DeviceStatus| DeviceStatus {
+        rate_hz: 0.0,
+        age_ms: None,
+        lost: 0,
+        clock: None,
+        ..device.clone()
+    };
     let recording = status.recording.as_ref();
     Status {
         has_ended: status.has_ended,
         consoles: status.consoles,
         info_revision: status.info_revision,
         sensors: status.sensors.iter().map(sensor).collect(),
+        devices: status.devices.iter().map(device).collect(),
         recording: recording.map(|recording| RecordingStatus {
             duration_s: 0,
             bytes: 0,

@@ -27,8 +27,8 @@ use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Barrier, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status, StopReason,
-    TeleopState, TeleopStatus,
+    Barrier, DeviceStatus, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status,
+    StopReason, TeleopState, TeleopStatus,
 };
 use protocol::tile::{BootId, TileKey};
 
@@ -249,6 +249,11 @@ impl ConsoleModel {
         self.status().map_or(&[], |(status, _)| &status.sensors)
     }
 
+    /// Devices that the robot reads without a middleware.
+    pub fn device_statuses(&self) -> &[DeviceStatus] {
+        self.status().map_or(&[], |(status, _)| &status.devices)
+    }
+
     /// The recording on the robot; `None` if operators cannot start one.
     pub fn recording(&self) -> Option<&RecordingStatus> {
         self.status()?.0.recording.as_ref()
@@ -308,6 +313,16 @@ impl ConsoleModel {
         self.moves().is_some() && !self.floats() && self.robot.motion.braking.may_move(now)
     }
 
+    /// Whether a simulated vehicle follows the route of its world, as it does until an operator drives or stops it.
+    pub fn is_on_simulated_route(&self) -> bool {
+        let is_simulated = self.info().is_some_and(|info| !info.source.is_empty());
+        let is_undriven = self
+            .robot
+            .teleop()
+            .is_some_and(|teleop| teleop.state == TeleopState::Idle && teleop.lease.epoch == 0);
+        is_simulated && is_undriven && self.robot.stop_before_estop.is_none()
+    }
+
     /// Why the vehicle moves although nobody drives it. `None` if it does not, or if its data is not recent.
     pub fn uncommanded_motion(&self, now: Monotonic) -> Option<UncommandedMotion> {
         let teleop = self.robot.teleop()?;
@@ -318,7 +333,7 @@ impl ConsoleModel {
             && !self.awaits_status();
         let is_undriven = teleop.state == TeleopState::Idle && !self.brakes(now);
         let speed_mps = self.moves().filter(|_| is_fresh && is_undriven)?;
-        if self.floats() {
+        if self.floats() && !self.is_on_simulated_route() {
             (speed_mps.abs() > DRIFTING_MPS).then_some(UncommandedMotion::MaybeDrifting)
         } else {
             Some(UncommandedMotion::Autonomous)

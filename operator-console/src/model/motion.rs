@@ -18,7 +18,7 @@ const LONGEST_RAMP: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UncommandedMotion {
-    /// Its own program, or a simulated tour.
+    /// Its own program, or the route of a simulated world.
     Autonomous,
     /// Of a boat: its own program or an unusually fast current.
     MaybeDrifting,
@@ -185,7 +185,8 @@ mod tests {
     use super::*;
     use crate::model::{ConsoleModel, RequestId};
     use crate::test_support::{
-        announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest, scout, status_of,
+        STORED_ESTOP, announce_boot, at, idle_teleop_status, inject, inject_reply, pose_at_rest,
+        scout, status_of,
     };
 
     fn robot(is_boat: bool) -> ConsoleModel {
@@ -262,6 +263,33 @@ mod tests {
         assert_eq!(moved_by(true, idle, [0.4, 0.0], 1_600), None, "it drifts");
         let or_adrift = Some(UncommandedMotion::MaybeDrifting);
         assert_eq!(moved_by(true, idle, [1.5, 0.0], 1_600), or_adrift);
+        // A simulated boat on the route of its world, until an operator drives or stops it.
+        for (source, epoch, is_stopped, expected) in [
+            ("lake", 0, false, by_itself),
+            ("", 0, false, or_adrift),
+            ("lake", 1, false, or_adrift),
+            ("lake", 0, true, or_adrift),
+        ] {
+            let mut boat = scout();
+            let info = Info {
+                is_boat: true,
+                source: source.to_owned(),
+                ..Info::default()
+            };
+            inject_reply(&mut boat, RequestId(0), Topic::Info, &info, at(0));
+            if is_stopped {
+                let mut teleop = idle_teleop_status();
+                teleop.state = TeleopState::EStop;
+                teleop.estop = Some(STORED_ESTOP);
+                inject(&mut boat, Topic::Status, &status_of(teleop), at(1_000));
+            }
+            inject(&mut boat, Topic::Pose, &pose(1.5), at(1_500));
+            let mut teleop = idle_teleop_status();
+            teleop.lease.epoch = epoch;
+            inject(&mut boat, Topic::Status, &status_of(teleop), at(1_500));
+            let moved_by = boat.uncommanded_motion(at(1_600));
+            assert_eq!(moved_by, expected, "{source} {epoch} {is_stopped}");
+        }
         // A vehicle that brakes after a release is not autonomous.
         let mut left = robot(false);
         hears(&mut left, 1_000, TeleopState::Driving, [1.0, 1.0]);

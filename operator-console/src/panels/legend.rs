@@ -365,6 +365,20 @@ mod tests {
     }
 
     #[test]
+    fn a_scan_is_not_called_an_obstacle() {
+        let marks = [Mark::Path, Mark::Scan, Mark::LimitingObstacle];
+        let mut data = LegendsData::new([]);
+        data.add_marks(&marks.map(|mark| (mark, mark.color())));
+        let harness = Harness::builder()
+            .with_size(vec2(236.0, 100.0))
+            .build_ui(|ui| legends_ui(ui, &data));
+        for name in ["Last scan: hits on any surface", "Limiting obstacle"] {
+            let place = harness.get_by_label(name).rect();
+            assert!(place.right() <= 236.0, "{name}: {place:?}");
+        }
+    }
+
+    #[test]
     fn legends_have_their_computed_size() {
         for width in [95.0, 150.0, 220.0] {
             // Upper layers have the longest texts.

@@ -1,10 +1,12 @@
-//! Sensors: rate, last message and faults.
+//! Sensors: rate, last message and faults; and the connections with devices.
 
 use std::time::Duration;
 
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Ui};
 use measurement::time::Monotonic;
-use protocol::message::{SensorFault, SensorInfo, SensorKind, SensorStatus};
+use protocol::message::{
+    DeviceState, DeviceStatus, SensorFault, SensorInfo, SensorKind, SensorStatus,
+};
 
 use super::data_age::DataAge;
 use super::formatting::{age, count};
@@ -19,6 +21,22 @@ const NARROW: f32 = 640.0;
 pub struct SensorsData {
     pub note: Option<String>,
     pub sensors: Vec<SensorLine>,
+    pub devices: Vec<DeviceLine>,
+}
+
+/// The connection with a device that the robot reads without a middleware.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DeviceLine {
+    pub tone: Tone,
+    pub state: &'static str,
+    pub trouble: String,
+    pub name: String,
+    pub rate: String,
+    pub last_seen: String,
+    pub reconnects: String,
+    pub clock: String,
+    pub lost: String,
+    pub identity: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,7 +79,44 @@ impl SensorsData {
             (false, Some(since)) if is_silent => Some(format!("As of {} ago", age(since))),
             (false, _) => None,
         };
-        Self { note, sensors }
+        let devices = model.device_statuses().iter();
+        let devices = devices.map(|status| DeviceLine::new(status, status_delay, is_silent));
+        Self {
+            note,
+            sensors,
+            devices: devices.collect(),
+        }
+    }
+}
+
+impl DeviceLine {
+    fn new(status: &DeviceStatus, since_update: Duration, is_silent: bool) -> Self {
+        let (tone, state) = match status.state {
+            DeviceState::Measuring if is_silent => (Tone::Waiting, "Was measuring"),
+            DeviceState::Measuring => (Tone::Good, "Measuring"),
+            DeviceState::Configuring => (Tone::Waiting, "Starting"),
+            DeviceState::Connecting => (Tone::Warning, "Not connected"),
+        };
+        let last_seen = status.age_ms.map(|ms| {
+            let before = Duration::from_millis(ms.into());
+            format!("{} ago", age(before.saturating_add(since_update)))
+        });
+        let clock = status.clock.map(|clock| {
+            let spread_ms = 1e3 * clock.spread_s;
+            format!("{:+.3} s, late by up to {spread_ms:.0} ms", clock.offset_s)
+        });
+        Self {
+            tone,
+            state,
+            trouble: status.trouble.clone(),
+            name: status.name.clone(),
+            rate: format!("{:.1} Hz", status.rate_hz),
+            last_seen: last_seen.unwrap_or_else(|| "never".to_owned()),
+            reconnects: count(status.reconnects.into()),
+            clock: clock.unwrap_or_else(|| "–".to_owned()),
+            lost: count(status.lost),
+            identity: status.identity.clone(),
+        }
     }
 }
 
@@ -180,41 +235,120 @@ pub fn sensors_ui(ui: &mut Ui, data: &SensorsData) {
     if let Some(note) = &data.note {
         ui.strong(note);
     }
-    if data.sensors.is_empty() {
-        return;
-    }
-    if ui.available_width() < NARROW {
-        ScrollArea::vertical()
-            .id_salt("sensors in lines")
-            .auto_shrink([false, true])
-            .show(ui, |ui| {
-                for sensor in &data.sensors {
-                    narrow_sensor_ui(ui, sensor);
-                }
-            });
-        return;
-    }
+    let is_narrow = ui.available_width() < NARROW;
     ScrollArea::both()
         .id_salt("sensors")
         .auto_shrink([false, true])
         .show(ui, |ui| {
-            Grid::new("sensors")
-                .num_columns(6)
-                .min_row_height(22.0)
-                .spacing([18.0, 4.0])
-                .show(ui, |ui| {
-                    for (heading, hint) in HEADINGS {
-                        let weak = ui.visuals().weak_text_color();
-                        ui.label(RichText::new(heading).small().color(weak))
-                            .on_hover_text(hint);
-                    }
-                    ui.end_row();
-                    for sensor in &data.sensors {
-                        sensor_ui(ui, sensor);
-                        ui.end_row();
-                    }
-                });
+            if is_narrow {
+                data.sensors
+                    .iter()
+                    .for_each(|line| narrow_sensor_ui(ui, line));
+                data.devices
+                    .iter()
+                    .for_each(|line| narrow_device_ui(ui, line));
+                return;
+            }
+            if !data.sensors.is_empty() {
+                table(ui, "sensors", &HEADINGS, &data.sensors, sensor_ui);
+            }
+            if !data.devices.is_empty() {
+                ui.separator();
+                table(ui, "devices", &DEVICE_HEADINGS, &data.devices, device_ui);
+            }
         });
+}
+
+fn table<T>(
+    ui: &mut Ui,
+    id: &str,
+    headings: &[(&str, &str)],
+    lines: &[T],
+    line_ui: fn(&mut Ui, &T),
+) {
+    Grid::new(id)
+        .num_columns(headings.len())
+        .min_row_height(22.0)
+        .spacing([18.0, 4.0])
+        .show(ui, |ui| {
+            for (heading, hint) in headings {
+                let weak = ui.visuals().weak_text_color();
+                ui.label(RichText::new(*heading).small().color(weak))
+                    .on_hover_text(*hint);
+            }
+            ui.end_row();
+            for line in lines {
+                line_ui(ui, line);
+                ui.end_row();
+            }
+        });
+}
+
+const DEVICE_HEADINGS: [(&str, &str); 8] = [
+    ("State", "The robot's connection with the device"),
+    ("Device", "Its name in the vehicle's configuration"),
+    ("Rate", "Measurements a second over the last second"),
+    ("Last seen", "When its last measurement came"),
+    (
+        "Reconnects",
+        "Connections that ended after it had measured, since the robot started",
+    ),
+    (
+        "Clock",
+        "What its clock lacks of the robot's, and the delay of its slowest recent message",
+    ),
+    (
+        "Lost",
+        "What was received and not used: damaged, late or repeated",
+    ),
+    ("Identity", "Which device it says it is"),
+];
+
+fn device_ui(ui: &mut Ui, device: &DeviceLine) {
+    device_state_ui(ui, device);
+    for text in [
+        &device.name,
+        &device.rate,
+        &device.last_seen,
+        &device.reconnects,
+        &device.clock,
+        &device.lost,
+        &device.identity,
+    ] {
+        ui.add(Label::new(text).extend());
+    }
+}
+
+fn device_state_ui(ui: &mut Ui, device: &DeviceLine) {
+    let state = ui.scope(|ui| state_ui(ui, device.tone, device.state, 15.0));
+    state.response.on_hover_text(match device.trouble.as_str() {
+        "" => "The robot is connected with it.",
+        trouble => trouble,
+    });
+}
+
+/// Two lines: name and state, then the trouble or values.
+fn narrow_device_ui(ui: &mut Ui, device: &DeviceLine) {
+    let weak = ui.visuals().weak_text_color();
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing.y = 0.0;
+        ui.spacing_mut().interact_size.y = 0.0;
+        ui.horizontal_wrapped(|ui| {
+            device_state_ui(ui, device);
+            let name = Label::new(RichText::new(&device.name).strong());
+            ui.add(name).on_hover_text(&device.identity);
+        });
+        let values = format!(
+            "{}, seen {}, {} reconnects, clock {}",
+            device.rate, device.last_seen, device.reconnects, device.clock
+        );
+        let text = if device.trouble.is_empty() {
+            &values
+        } else {
+            &device.trouble
+        };
+        ui.add(Label::new(RichText::new(text).small().color(weak)).wrap());
+    });
 }
 
 const HEADINGS: [(&str, &str); 6] = [
@@ -296,7 +430,7 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
     use protocol::keys::Topic;
-    use protocol::message::{Info, Status};
+    use protocol::message::{DeviceClock, Info, Status};
 
     use super::*;
     use crate::model::RequestId;
@@ -391,6 +525,83 @@ mod tests {
              Warning Clock jump | imu | Attitude | 50.0 Hz | 0.0 s ago | 0\n\
              Waiting Waiting | not described | – | 0.0 Hz | never | 0"
         );
+    }
+
+    #[test]
+    fn device_states() {
+        let device = |name: &str, state, trouble: &str| DeviceStatus {
+            name: name.to_owned(),
+            state,
+            trouble: trouble.to_owned(),
+            identity: "LMS111".to_owned(),
+            rate_hz: 25.04,
+            age_ms: Some(40),
+            reconnects: 2,
+            lost: 1234,
+            clock: Some(DeviceClock {
+                offset_s: -1.25,
+                spread_s: 0.0125,
+                resets: 1,
+            }),
+        };
+        let reported = Status {
+            devices: vec![
+                device("laser", DeviceState::Measuring, ""),
+                device("imu", DeviceState::Configuring, "no reply"),
+                DeviceStatus {
+                    age_ms: None,
+                    clock: None,
+                    ..device("gps", DeviceState::Connecting, "nothing answers")
+                },
+            ],
+            ..Status::default()
+        };
+        let mut model = scout();
+        inject(&mut model, Topic::Status, &reported, at(1_000));
+        let data = SensorsData::new(&model, at(1_100));
+        let lines: Vec<_> = data
+            .devices
+            .iter()
+            .map(|line| {
+                [
+                    line.state,
+                    &line.name,
+                    &line.trouble,
+                    &line.rate,
+                    &line.last_seen,
+                    &line.reconnects,
+                    &line.clock,
+                    &line.lost,
+                ]
+                .join(" | ")
+            })
+            .collect();
+        assert_eq!(
+            lines,
+            [
+                "Measuring | laser |  | 25.0 Hz | 0.0 s ago | 2 | -1.250 s, late by up to 12 ms | 1\u{a0}234",
+                "Starting | imu | no reply | 25.0 Hz | 0.0 s ago | 2 | -1.250 s, late by up to 12 ms | 1\u{a0}234",
+                "Not connected | gps | nothing answers | 25.0 Hz | never | 2 | – | 1\u{a0}234",
+            ]
+        );
+        let silent = SensorsData::new(&model, at(6_000));
+        assert_eq!(silent.devices[0].state, "Was measuring");
+        for (width, labels) in [
+            (300.0, ["laser", "nothing answers"]),
+            (900.0, ["Reconnects", "LMS111"]),
+        ] {
+            let data = SensorsData::new(&model, at(1_100));
+            let mut panel = Harness::builder()
+                .with_size(vec2(width, 400.0))
+                .build_ui(move |ui| sensors_ui(ui, &data));
+            panel.run_steps(3);
+            for label in labels {
+                assert!(
+                    panel.query_all_by_label(label).next().is_some(),
+                    "{width}, {label}"
+                );
+            }
+        }
     }
 
     #[test]

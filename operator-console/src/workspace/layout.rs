@@ -62,8 +62,8 @@ impl Default for Layout {
         ]);
         let left = Place::Column(vec![part(430.0, layers), part(330.0, robot)]);
         let right = Place::Column(vec![
-            part(540.0, tabs(&[PanelId::Driving])),
-            part(220.0, reports),
+            part(560.0, tabs(&[PanelId::Driving])),
+            part(200.0, reports),
         ]);
         Self {
             root: Place::Row(vec![

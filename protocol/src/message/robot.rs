@@ -107,6 +107,56 @@ pub struct Status {
     /// Of a boat: from its lowest point down to the highest part of the bed under it that the sonar measured in the
     /// last two minutes, metres; `None` if it measured none.
     pub depth_under_keel_m: Option<f32>,
+    /// Devices that are read without a middleware, at most [`MAX_DEVICES`], in the order of their names.
+    pub devices: Vec<DeviceStatus>,
+}
+
+/// Limit of the devices in one [`Status`].
+pub const MAX_DEVICES: usize = 16;
+
+/// Connection with one device, in [`Status`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceStatus {
+    /// Its name in the vehicle's configuration.
+    pub name: String,
+    /// State of the connection.
+    pub state: DeviceState,
+    /// Why it does not measure; empty while it does.
+    pub trouble: String,
+    /// Which device it says it is; empty if it has not said it.
+    pub identity: String,
+    /// Measurements per second, over the last second.
+    pub rate_hz: f32,
+    /// Time since the last measurement; `None` before the first.
+    pub age_ms: Option<u32>,
+    /// Connections that ended after it had measured, since the boot.
+    pub reconnects: u32,
+    /// What was received and not used, since the boot.
+    pub lost: u64,
+    /// Its clock; `None` if it has none.
+    pub clock: Option<DeviceClock>,
+}
+
+/// State of the connection with a device. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DeviceState {
+    /// The robot waits until it answers.
+    Connecting,
+    /// It answers, and is configured or starts to measure.
+    Configuring,
+    /// It measures.
+    Measuring,
+}
+
+/// Clock of a device against that of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceClock {
+    /// What is added to its time to give the robot's, seconds.
+    pub offset_s: f64,
+    /// Greatest delay of the last messages over the promptest one, seconds.
+    pub spread_s: f32,
+    /// How often it was set or started again, since the boot.
+    pub resets: u32,
 }
 
 /// A count and what it counts.

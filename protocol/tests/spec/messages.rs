@@ -71,7 +71,7 @@ const EXAMPLES: [(&str, Check); 41] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 39] = [
+const PARTS: [&str; 42] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -79,6 +79,9 @@ const PARTS: [&str; 39] = [
     "FieldOfView",
     "SensorStatus",
     "SensorFault",
+    "DeviceStatus",
+    "DeviceState",
+    "DeviceClock",
     "RecordingStatus",
     "RecordingState",
     "Severity",

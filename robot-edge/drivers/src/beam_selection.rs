@@ -1,6 +1,7 @@
 //! Which beams of a sweep are used: a sector, without those that hit the vehicle itself.
 
 use std::f64::consts::TAU;
+use std::fmt;
 
 use measurement::scan::Scan;
 use measurement::time::RobotDuration;
@@ -63,6 +64,72 @@ impl BeamSelection {
         Some(RobotDuration::from_secs_f64(
             first as f64 * f64::from(scan.time_increment_s),
         ))
+    }
+}
+
+impl fmt::Display for AngleRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [from_deg, to_deg] = [self.from_rad, self.to_rad].map(f64::to_degrees);
+        write!(f, "{from_deg:.1}..{to_deg:.1}")
+    }
+}
+
+/// Learns which beams hit the vehicle itself: those that hit something near in nearly every sweep.
+#[derive(Clone, Debug, Default)]
+pub struct SelfHits {
+    /// Of the first sweep: first angle and step, radians.
+    angles_rad: (f64, f64),
+    /// Sweeps in which each beam hit something near.
+    near: Vec<u32>,
+    sweeps: u32,
+}
+
+/// Fewer sweeps say nothing.
+const MIN_SWEEPS: u32 = 50;
+/// A cable or a thin pole is missed sometimes.
+const MIN_SHARE: f64 = 0.5;
+
+impl SelfHits {
+    /// Adds a sweep; sweeps of another size than the first are left out.
+    pub fn add(&mut self, scan: &Scan, reach_m: f32) {
+        if self.sweeps == 0 {
+            self.angles_rad = (scan.angle_min_rad.into(), scan.angle_increment_rad.into());
+            self.near = vec![0; scan.ranges_m.len()];
+        }
+        if scan.ranges_m.len() != self.near.len() {
+            return;
+        }
+        self.sweeps += 1;
+        for (near, range_m) in self.near.iter_mut().zip(&scan.ranges_m) {
+            *near += u32::from(*range_m < reach_m);
+        }
+    }
+
+    /// The angles of these beams, with half a beam on both sides. `None` after too few sweeps.
+    pub fn masks(&self) -> Option<Vec<AngleRange>> {
+        if self.sweeps < MIN_SWEEPS {
+            return None;
+        }
+        let (first_rad, step_rad) = self.angles_rad;
+        let is_hit =
+            |beam: &usize| f64::from(self.near[*beam]) >= MIN_SHARE * f64::from(self.sweeps);
+        let mut masks: Vec<[usize; 2]> = Vec::new();
+        for beam in (0..self.near.len()).filter(is_hit) {
+            match masks.last_mut() {
+                // A single beam between is of the same thing.
+                Some([_, last]) if beam - *last <= 2 => *last = beam,
+                _ => masks.push([beam, beam]),
+            }
+        }
+        let angle_rad = |beam: f64| first_rad + beam * step_rad;
+        let range = |[from, to]: [usize; 2]| {
+            let ends = [angle_rad(from as f64 - 0.5), angle_rad(to as f64 + 0.5)];
+            AngleRange {
+                from_rad: ends[0].min(ends[1]),
+                to_rad: ends[0].max(ends[1]),
+            }
+        };
+        Some(masks.into_iter().map(range).collect())
     }
 }
 
@@ -141,6 +208,35 @@ mod tests {
         };
         let masked = selected(&selection, scan(-30.0, 7));
         assert_eq!(masked, Some((-20, 1, vec![1, -1, -1, 4, 5])));
+    }
+
+    #[test]
+    fn beams_that_hit_the_vehicle_are_learnt() {
+        // Beams 1 and 3 see a pole and a cable behind it, which is missed now and then; a person passes beam 6.
+        let sweep = |number: u16| {
+            let mut scan = scan(-30.0, 8);
+            scan.ranges_m = vec![5.0; 8];
+            scan.ranges_m[1] = 0.3;
+            scan.ranges_m[3] = if number % 3 == 0 { f32::NAN } else { 0.4 };
+            scan.ranges_m[6] = if number < 20 { 0.5 } else { 5.0 };
+            scan
+        };
+        let mut hits = SelfHits::default();
+        (0..49).for_each(|number| hits.add(&sweep(number), 1.0));
+        assert_eq!(hits.masks(), None);
+        hits.add(&scan(0.0, 7), 1.0);
+        hits.add(&sweep(49), 1.0);
+        let masks = hits.masks().unwrap();
+        let text: Vec<_> = masks.iter().map(ToString::to_string).collect();
+        assert_eq!(text, ["-25.0..5.0"]);
+        let mut scan = sweep(50);
+        let selection = BeamSelection {
+            sector: None,
+            masks,
+        };
+        selection.apply(&mut scan).unwrap();
+        assert!(scan.ranges_m[1..=3].iter().all(|range_m| range_m.is_nan()));
+        assert_eq!((scan.ranges_m[0], scan.ranges_m[4]), (5.0, 5.0));
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! Settings of `[devices.<name>]`: a device that is read without a middleware.
 //!
-//! One table for all kinds. A key that a kind does not have is refused, and so is an unknown one, with
-//! the nearest that exists.
+//! One table for all kinds; a key that a kind does not have is refused.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -28,8 +27,6 @@ pub struct DeviceConfig {
     pub serial: Option<String>,
     /// Bits per second of the serial port; where absent, as the device is delivered.
     pub baud: Option<u32>,
-    /// The sensor in `[sensors]` whose mount this device has; where absent, that of its own name.
-    pub mount: Option<String>,
     /// What the device's identity must contain (a serial number), so that no other is taken for it.
     pub identity: Option<String>,
     /// First angle that is used, counter-clockwise from the sensor's x axis.
@@ -86,6 +83,29 @@ pub enum Kind {
     Dynamixel,
 }
 
+/// What a kind of device measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Sweeps, or single beams.
+    Scans,
+    /// Orientation and rates.
+    Attitudes,
+    /// Positions.
+    Fixes,
+    /// Positions of a receiver, or single beams of an echo sounder.
+    FixesOrDepths,
+    /// The angle of a joint.
+    Angles,
+    /// It works for another device.
+    Nothing,
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}
+
 /// How a SICK scanner talks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -113,6 +133,17 @@ pub struct Problem {
     pub key: String,
     /// The problem, and what is allowed.
     pub text: String,
+}
+
+impl Problem {
+    /// `key`: of the device, empty for the device itself.
+    pub(crate) fn new(device: &str, key: &str, text: String) -> Self {
+        let dot = if key.is_empty() { "" } else { "." };
+        Self {
+            key: format!("devices.{device}{dot}{key}"),
+            text,
+        }
+    }
 }
 
 impl fmt::Display for Problem {
@@ -146,7 +177,6 @@ const COMMON: &[&str] = &[
 ];
 /// Keys of what gives scans.
 const SCANS: &[&str] = &[
-    "mount",
     "sector_from_deg",
     "sector_to_deg",
     "masks_deg",
@@ -157,30 +187,98 @@ const SCANS: &[&str] = &[
 /// What a kind has.
 struct Traits {
     addresses: u8,
-    gives_scans: bool,
     keys: &'static [&'static str],
 }
 
 impl Kind {
     const fn traits(self) -> Traits {
-        let (addresses, gives_scans, keys): (u8, bool, &[&str]) = match self {
-            Self::SickCola => (TCP, true, &["coding", "rate_hz", "resolution_deg"]),
-            Self::SickLdlrs => (TCP, true, &[]),
-            Self::Hokuyo => (TCP | SERIAL, true, &[]),
-            Self::Rplidar => (SERIAL, true, &[]),
-            Self::Xsens => (SERIAL, false, &["mount", "rate_hz"]),
-            Self::Nmea => (TCP | UDP_LISTEN | SERIAL, true, &["corrections"]),
-            Self::Ublox => (SERIAL | TCP, false, &["mount", "rate_hz", "corrections"]),
-            Self::Ntrip => (TCP, false, &["mountpoint", "user", "password"]),
-            Self::Imagenex852 => (SERIAL, true, &["rate_hz", "sound_speed_mps"]),
-            Self::ImagenexDeltat => (UDP_LISTEN, true, &[]),
-            Self::Ping1d => (UDP | SERIAL, true, &["rate_hz", "sound_speed_mps"]),
-            Self::Dynamixel => (SERIAL, false, &["rate_hz", "servo", "servo_id", "joint"]),
+        let (addresses, keys): (u8, &[&str]) = match self {
+            Self::SickCola => (TCP, &["coding", "rate_hz", "resolution_deg"]),
+            Self::SickLdlrs => (TCP, &[]),
+            Self::Hokuyo => (TCP | SERIAL, &[]),
+            Self::Rplidar => (SERIAL, &[]),
+            Self::Xsens => (SERIAL, &["rate_hz"]),
+            Self::Nmea => (TCP | UDP_LISTEN | SERIAL, &["corrections"]),
+            Self::Ublox => (SERIAL | TCP, &["rate_hz", "corrections"]),
+            Self::Ntrip => (TCP, &["mountpoint", "user", "password"]),
+            Self::Imagenex852 => (SERIAL, &["rate_hz", "sound_speed_mps"]),
+            Self::ImagenexDeltat => (UDP_LISTEN, &[]),
+            Self::Ping1d => (UDP | SERIAL, &["rate_hz", "sound_speed_mps"]),
+            Self::Dynamixel => (SERIAL, &["rate_hz", "servo", "servo_id", "joint"]),
         };
-        Traits {
-            addresses,
-            gives_scans,
-            keys,
+        Traits { addresses, keys }
+    }
+
+    /// All kinds.
+    pub const ALL: [Self; 12] = [
+        Self::SickCola,
+        Self::SickLdlrs,
+        Self::Hokuyo,
+        Self::Rplidar,
+        Self::Xsens,
+        Self::Nmea,
+        Self::Ublox,
+        Self::Ntrip,
+        Self::Imagenex852,
+        Self::ImagenexDeltat,
+        Self::Ping1d,
+        Self::Dynamixel,
+    ];
+
+    /// Its name in a configuration.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SickCola => "sick_cola",
+            Self::SickLdlrs => "sick_ldlrs",
+            Self::Hokuyo => "hokuyo",
+            Self::Rplidar => "rplidar",
+            Self::Xsens => "xsens",
+            Self::Nmea => "nmea",
+            Self::Ublox => "ublox",
+            Self::Ntrip => "ntrip",
+            Self::Imagenex852 => "imagenex852",
+            Self::ImagenexDeltat => "imagenex_deltat",
+            Self::Ping1d => "ping1d",
+            Self::Dynamixel => "dynamixel",
+        }
+    }
+
+    /// What shows that its codec is right.
+    pub const fn evidence(self) -> &'static str {
+        match self {
+            Self::SickCola => "recorded sessions of an LMS111 and a TiM781S",
+            Self::Xsens => "recorded messages",
+            Self::Nmea => "recorded logs",
+            Self::Ntrip => "a recorded reply",
+            Self::Imagenex852 => "recorded shots",
+            Self::Hokuyo => "replies in manuals and other projects",
+            Self::Rplidar | Self::Ublox => "bytes of other projects",
+            Self::Ping1d => "bytes of the documentation",
+            Self::Dynamixel => "bytes of the manual",
+            Self::SickLdlrs | Self::ImagenexDeltat => "not proved on hardware",
+        }
+    }
+
+    /// Whether it gives scans, or single beams.
+    pub const fn gives_scans(self) -> bool {
+        matches!(self.output(), Output::Scans | Output::FixesOrDepths)
+    }
+
+    /// Its measurements.
+    pub const fn output(self) -> Output {
+        match self {
+            Self::SickCola
+            | Self::SickLdlrs
+            | Self::Hokuyo
+            | Self::Rplidar
+            | Self::Imagenex852
+            | Self::ImagenexDeltat
+            | Self::Ping1d => Output::Scans,
+            Self::Xsens => Output::Attitudes,
+            Self::Nmea => Output::FixesOrDepths,
+            Self::Ublox => Output::Fixes,
+            Self::Dynamixel => Output::Angles,
+            Self::Ntrip => Output::Nothing,
         }
     }
 
@@ -204,86 +302,43 @@ impl Kind {
 }
 
 impl DeviceConfig {
-    /// The table `[devices]` of a configuration. All problems are found, not the first alone.
-    pub fn read_all(devices: &toml::Table) -> Result<BTreeMap<String, Self>, Vec<Problem>> {
-        let mut configs = BTreeMap::new();
-        let mut problems = Vec::new();
-        for (name, value) in devices {
-            match Self::read(name, value) {
-                Ok(config) => drop(configs.insert(name.clone(), config)),
-                Err(of_device) => problems.extend(of_device),
-            }
-        }
-        for (name, config) in &configs {
-            problems.extend(config.check_corrections(name, &configs));
-        }
-        if problems.is_empty() {
-            Ok(configs)
-        } else {
-            Err(problems)
-        }
+    /// All problems of the devices, not the first alone. `given`: the keys that were set of a device.
+    pub fn check_all<'a, K: Iterator<Item = &'a str>>(
+        devices: &BTreeMap<String, Self>,
+        given: impl Fn(&str) -> K,
+    ) -> Vec<Problem> {
+        let problems = devices.iter().flat_map(|(name, config)| {
+            let found = config.check(given(name)).into_iter();
+            let problems = found.map(move |(key, text)| Problem::new(name, key, text));
+            problems.chain(config.check_corrections(name, devices))
+        });
+        problems.collect()
     }
 
-    fn read(name: &str, value: &toml::Value) -> Result<Self, Vec<Problem>> {
-        let problem = |key: &str, text: String| Problem {
-            key: if key.is_empty() {
-                format!("devices.{name}")
-            } else {
-                format!("devices.{name}.{key}")
-            },
-            text,
-        };
-        let Some(table) = value.as_table() else {
-            let text = "expected a table of settings, as [devices.NAME] begins one";
-            return Err(vec![problem("", text.to_owned())]);
-        };
-        let unknown: Vec<Problem> = table
-            .keys()
-            .filter(|key| !KEYS.contains(&key.as_str()))
-            .map(|key| problem(key, format!("unknown key{}", suggestion(key))))
-            .collect();
-        if !unknown.is_empty() {
-            return Err(unknown);
-        }
-        if !table.contains_key("kind") {
-            return Err(vec![problem("kind", "missing: what is it?".to_owned())]);
-        }
-        // One key alone, so that an error names it.
-        for (key, value) in table {
-            let alone = toml::Table::from_iter([(key.clone(), value.clone())]);
-            if let Err(error) = alone.try_into::<Self>() {
-                return Err(vec![problem(key, error.message().to_owned())]);
-            }
-        }
-        let config: Self = (table.clone().try_into())
-            .map_err(|error: toml::de::Error| vec![problem("", error.message().to_owned())])?;
+    fn check<'a>(&self, given: impl Iterator<Item = &'a str>) -> Vec<(&'a str, String)> {
+        let traits = self.kind.traits();
         let mut problems = Vec::new();
-        let traits = config.kind.traits();
-        for key in table.keys().map(String::as_str) {
-            let has_key = COMMON.contains(&key)
-                || (traits.gives_scans && SCANS.contains(&key))
+        let mut has_kind = false;
+        for key in given {
+            has_kind |= key == "kind";
+            let is_of_kind = COMMON.contains(&key)
+                || (self.kind.gives_scans() && SCANS.contains(&key))
                 || traits.keys.contains(&key);
-            if !has_key {
-                let kind = &table["kind"];
-                problems.push(problem(
-                    key,
-                    format!("a device of kind {kind} has no such key"),
-                ));
+            if !is_of_kind {
+                problems.push((key, "this kind of device has no such key".to_owned()));
             }
+        }
+        if !has_kind {
+            return vec![("kind", "missing: what is it?".to_owned())];
         }
         let checks = [
-            config.address().map(drop),
-            config.beams().map(drop),
-            config.check_numbers(),
-            config.check_required(),
+            self.address().map(drop),
+            self.beams().map(drop),
+            self.check_numbers(),
+            self.check_required(),
         ];
-        let failed = checks.into_iter().filter_map(Result::err);
-        problems.extend(failed.map(|(key, text)| problem(key, text)));
-        if problems.is_empty() {
-            Ok(config)
-        } else {
-            Err(problems)
-        }
+        problems.extend(checks.into_iter().filter_map(Result::err));
+        problems
     }
 
     /// Where the device is. Fails with a key and what is wrong.
@@ -457,47 +512,8 @@ impl DeviceConfig {
         } else {
             return None;
         };
-        Some(Problem {
-            key: format!("devices.{name}.corrections"),
-            text,
-        })
+        Some(Problem::new(name, "corrections", text))
     }
-}
-
-/// All keys.
-const KEYS: &[&str] = &[
-    "kind",
-    "tcp",
-    "udp",
-    "udp_listen",
-    "serial",
-    "baud",
-    "mount",
-    "identity",
-    "sector_from_deg",
-    "sector_to_deg",
-    "masks_deg",
-    "range_min_m",
-    "range_max_m",
-    "rate_hz",
-    "resolution_deg",
-    "coding",
-    "sound_speed_mps",
-    "corrections",
-    "mountpoint",
-    "user",
-    "password",
-    "servo",
-    "servo_id",
-    "joint",
-];
-
-/// The nearest key, as `: did you mean ...?`.
-fn suggestion(typed: &str) -> String {
-    let typed: String = typed.chars().take(80).collect::<String>().to_lowercase();
-    let distance = |key: &&&str| strsim::damerau_levenshtein(&typed, key);
-    let nearest = KEYS.iter().min_by_key(distance);
-    nearest.map_or_else(String::new, |key| format!(": did you mean `{key}`?"))
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ use crate::ping::Ping1d;
 use crate::rplidar::Rplidar;
 use crate::sick_cola::SickCola;
 use crate::sick_ldlrs::SickLdlrs;
-use crate::status::DeviceStatus;
+use crate::status::{DeviceStatus, DeviceStatuses};
 use crate::supervisor::{Clock, Link, Reading, Settings, Supervisor};
 use crate::ublox::Ublox;
 use crate::xsens::Xsens;
@@ -31,7 +31,7 @@ const LINK_CAPACITY: usize = 64;
 /// The running tasks. They end when this is dropped.
 #[derive(Debug)]
 pub struct Drivers {
-    statuses: Vec<(String, watch::Receiver<DeviceStatus>)>,
+    statuses: DeviceStatuses,
     _runtime: Runtime,
 }
 
@@ -62,11 +62,8 @@ impl Drivers {
         let mut links = links(configs);
         let mut statuses = Vec::new();
         for (number, (name, config)) in configs.iter().enumerate() {
-            let problem = |(key, text): (&str, String)| {
-                let dot = if key.is_empty() { "" } else { "." };
-                let key = format!("devices.{name}{dot}{key}");
-                StartError::Config(Problem { key, text })
-            };
+            let problem =
+                |(key, text): (&str, String)| StartError::Config(Problem::new(name, key, text));
             let settings = Settings {
                 name: name.as_str().into(),
                 stream: StreamId(number as u16),
@@ -105,15 +102,14 @@ impl Drivers {
             statuses.push((name.clone(), status));
         }
         Ok(Self {
-            statuses,
+            statuses: DeviceStatuses(statuses.into()),
             _runtime: runtime,
         })
     }
 
-    /// Names of the devices, and what is known of them now.
-    pub fn statuses(&self) -> impl Iterator<Item = (&str, DeviceStatus)> {
-        let statuses = self.statuses.iter();
-        statuses.map(|(name, status)| (name.as_str(), status.borrow().clone()))
+    /// What is known of the devices.
+    pub const fn statuses(&self) -> &DeviceStatuses {
+        &self.statuses
     }
 }
 

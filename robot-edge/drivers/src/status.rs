@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use tokio::sync::watch;
 
 use crate::DropReason;
 use crate::clock_mapping::ClockStatus;
@@ -32,6 +34,18 @@ pub struct DeviceStatus {
     pub losses: BTreeMap<Loss, u64>,
     /// Its clock, if it has one.
     pub clock: Option<ClockStatus>,
+}
+
+/// All devices, for any thread.
+#[derive(Clone, Debug)]
+pub struct DeviceStatuses(pub(crate) Arc<[(String, watch::Receiver<DeviceStatus>)]>);
+
+impl DeviceStatuses {
+    /// Names of the devices, and what is known of them now.
+    pub fn now(&self) -> impl Iterator<Item = (&str, DeviceStatus)> {
+        let statuses = self.0.iter();
+        statuses.map(|(name, status)| (name.as_str(), status.borrow().clone()))
+    }
 }
 
 /// What the supervisor does with a device.

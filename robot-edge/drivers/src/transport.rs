@@ -1,5 +1,6 @@
 //! Bytes to and from a device: TCP, UDP or a serial line.
 
+use std::fmt;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -25,6 +26,17 @@ pub enum Address {
         /// Bits per second.
         baud: u32,
     },
+}
+
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp(address) => write!(f, "tcp {address}"),
+            Self::Udp(address) => write!(f, "udp {address}"),
+            Self::UdpListen(address) => write!(f, "udp_listen {address}"),
+            Self::Serial { path, baud } => write!(f, "serial {} with {baud} bit/s", path.display()),
+        }
+    }
 }
 
 /// An open connection.

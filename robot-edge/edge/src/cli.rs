@@ -15,7 +15,8 @@ pub use mapping::{
 use setup::{QUESTIONS, Setup};
 use tools::INSTALLED_KEYS;
 pub use tools::{
-    Check, Completions, Experiments, Info, InstallKeys, Keys, Man, MotorGuard, Recover, Vehicles,
+    Calibrate, Check, Completions, Devices, Experiments, Info, InstallKeys, Keys, Man, MotorGuard,
+    Recover, Vehicles,
 };
 
 const EXIT_CODES: &str = "\
@@ -23,7 +24,8 @@ Exit codes: 0 done; 1 it failed while running; 2 wrong usage or configuration;
 3 the recording could not be read; 130 interrupted.";
 
 const LIVE: &str = "\
-The sensors are those of a ROS 2 system that speaks Zenoh: by rmw_zenoh, or over zenoh-bridge-ros2dds. Topics are
+The sensors are those of [devices] in the vehicle's configuration, which are read without a middleware. One that is off
+is waited for. Without [devices] they are those of a ROS 2 system that speaks Zenoh: by rmw_zenoh, or over zenoh-bridge-ros2dds. Topics are
 found by their types; the vehicle's configuration or --topic says which one is meant where several fit.
 
 The system's own router has port 7447 of this machine. Consoles are therefore expected at 7449 (tiles at 7450) unless
@@ -72,7 +74,7 @@ impl Verbosity {
 /// The commands.
 #[derive(Clone, Debug, PartialEq, Subcommand)]
 pub enum Command {
-    /// Map what the sensors of a ROS 2 robot see, live, and drive it where it has motors of ours
+    /// Map what a vehicle's sensors see, live, and drive it where it has motors of ours
     #[command(after_help = LIVE)]
     Run(RunLive),
     /// Map a recording
@@ -90,6 +92,11 @@ pub enum Command {
     Setup(Setup),
     /// Validate a configuration and say exactly what is wrong
     Check(Check),
+    /// Say which sensors are connected
+    Devices(Devices),
+    /// Learn a part of the configuration from the sensors
+    #[command(subcommand)]
+    Calibrate(Calibrate),
     /// Make a certificate authority, certificates for each role, and signing keys
     Keys(Keys),
     /// Put a vehicle's keys where it reads them, in the place of those that are there
@@ -161,13 +168,13 @@ mod tests {
             run
         };
         let default = run("run");
-        assert_eq!(default.ros, "tcp/localhost:7447");
+        assert_eq!(default.ros, None);
         assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
         let named =
             run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
         assert_eq!(
-            (named.ros.as_str(), named.ros_domain),
-            ("tcp/bot:7447", Some(232))
+            (named.ros.as_deref(), named.ros_domain),
+            (Some("tcp/bot:7447"), Some(232))
         );
         assert_eq!(named.driving.state_dir, Some(PathBuf::from("s")));
     }
@@ -264,9 +271,11 @@ mod tests {
         let out = folder.path().join("man");
         Man { out: out.clone() }.write().unwrap();
         let command = Cli::command();
-        let mut expected = vec!["robot-edge.1".to_owned()];
         let shown = command.get_subcommands().filter(|each| !each.is_hide_set());
-        expected.extend(shown.map(|each| format!("robot-edge-{}.1", each.get_name())));
+        let mut expected: Vec<String> = shown
+            .map(|each| format!("robot-edge-{}.1", each.get_name()))
+            .collect();
+        expected.extend(["robot-edge.1", "robot-edge-calibrate-self-hits.1"].map(str::to_owned));
         expected.sort();
         let pages = std::fs::read_dir(&out).unwrap();
         let mut pages: Vec<String> = pages

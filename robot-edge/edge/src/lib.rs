@@ -10,6 +10,7 @@ pub mod pacer;
 pub mod actuators;
 pub mod cli;
 pub mod config;
+mod device_commands;
 pub mod driving;
 pub mod events;
 pub mod exit;

@@ -12,7 +12,7 @@ use toml::{Table, Value};
 
 use crate::cli::setup::{NamedDevice, NamedMount, Setup, Size, device_settings, mount};
 use crate::config::presets::{self, GENERIC, Preset};
-use crate::config::{self, Config, words_of};
+use crate::config::{self, Config, ConfigError};
 use crate::exit::{Exit, UsageError};
 use crate::vehicle_commands;
 
@@ -80,11 +80,11 @@ impl Dialog<'_, '_> {
                 let mut fitting = sensors.iter().filter(|(_, sensor)| sensor.kind() == kind);
                 fitting.next().map(|(name, _)| name.clone())
             };
-            self.devices(named)?
+            self.devices(vehicle, named)?
         } else {
             command.devices.clone()
         };
-        check_devices(&devices).map_err(UsageError)?;
+        check_devices(vehicle, &devices).map_err(UsageError)?;
 
         let mut added = Table::new();
         for NamedDevice { name, settings } in &devices {
@@ -171,9 +171,10 @@ impl Dialog<'_, '_> {
     /// `named` is the vehicle's first sensor of a kind.
     fn devices(
         &mut self,
+        vehicle: Preset,
         named: impl Fn(&str) -> Option<String>,
     ) -> anyhow::Result<Vec<NamedDevice>> {
-        let words = words_of::<Kind>();
+        let words = Kind::ALL.map(Kind::name);
         writeln!(self.out, "Devices: {}", words.join(", "))?;
         let ports = SERIAL_PORTS
             .iter()
@@ -226,7 +227,7 @@ impl Dialog<'_, '_> {
                     name: name.clone(),
                     settings: device_settings(&kind, text)?,
                 });
-                check_devices(&all).map(|()| all)
+                check_devices(vehicle, &all).map(|()| all)
             })?;
             devices = all;
         }
@@ -332,22 +333,27 @@ const fn sensor_kinds(kind: Kind) -> &'static [&'static str] {
     }
 }
 
-fn check_devices(devices: &[NamedDevice]) -> Result<(), String> {
+fn check_devices(vehicle: Preset, devices: &[NamedDevice]) -> Result<(), String> {
     let mut table = Table::new();
     for NamedDevice { name, settings } in devices {
-        if table
-            .insert(name.clone(), Value::Table(settings.clone()))
-            .is_some()
-        {
+        let settings = Value::Table(settings.clone());
+        if table.insert(name.clone(), settings).is_some() {
             return Err(format!("there are two devices of the name {name}"));
         }
     }
-    DeviceConfig::read_all(&table)
-        .map(drop)
-        .map_err(|problems| {
-            let problems: Vec<String> = problems.iter().map(ToString::to_string).collect();
-            problems.join("\n")
-        })
+    let table = Table::from_iter([
+        ("preset".to_owned(), Value::String(vehicle.name.to_owned())),
+        ("devices".to_owned(), Value::Table(table)),
+    ]);
+    let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+    let loaded = config::load::load_text(Path::new("--device"), &text);
+    loaded.map(drop).map_err(|mut error| {
+        if let ConfigError::Issues(issues) = &mut error {
+            // No file has these lines yet.
+            issues.iter_mut().for_each(|issue| issue.origin = None);
+        }
+        error.to_string()
+    })
 }
 
 /// What is written, and the commands that come next.

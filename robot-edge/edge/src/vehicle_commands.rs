@@ -72,6 +72,12 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
             sensor_essentials(sensor)
         )?;
     }
+    for (name, device) in &config.devices {
+        let address = device
+            .address()
+            .map_err(|(_, text)| io::Error::other(text))?;
+        writeln!(out, "device {name}: {} at {address}", device.kind)?;
+    }
     let (mapping, streaming) = (&config.mapping, &config.streaming);
     writeln!(
         out,

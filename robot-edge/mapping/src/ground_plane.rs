@@ -227,8 +227,8 @@ impl GroundTracker {
         self.plane.map(|taken| taken.plane)
     }
 
-    /// The next pose sets a new plane.
-    pub fn reset(&mut self) {
+    /// Forgets the plane and the way; the next pose sets a new plane.
+    pub fn clear(&mut self) {
         self.plane = None;
         self.last = None;
         self.steady_m = 0.0;

@@ -54,7 +54,7 @@ impl Terrain {
 
     /// Erases the maps and the ground plane; the next scan sets a new one.
     pub fn reset(&mut self) {
-        self.ground.reset();
+        self.ground.clear();
         self.erase_maps();
     }
 

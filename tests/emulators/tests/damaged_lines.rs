@@ -8,10 +8,14 @@ use std::time::Duration;
 use drivers::Decoder;
 use drivers::config::DeviceConfig;
 use drivers::device::{Device, Event, Step};
+use drivers::dynamixel::Dynamixel;
 use drivers::hokuyo::Hokuyo;
 use drivers::imagenex::Imagenex852;
+use drivers::imagenex_deltat::ImagenexDeltat;
 use drivers::nmea::Nmea;
+use drivers::ntrip::Ntrip;
 use drivers::ping::Ping1d;
+use drivers::roboteq_encoders::{RoboteqEncoders, WheelEncoder};
 use drivers::rplidar::Rplidar;
 use drivers::sick_cola::SickCola;
 use drivers::sick_ldlrs::SickLdlrs;
@@ -53,8 +57,14 @@ fn damage(bytes: &[u8], odds: u64, random: &mut Random) -> Vec<u8> {
     damaged
 }
 
-/// Samples of 10 s, each checked; as the supervisor does it, without its time-outs.
-fn run<D: Device, E: emulators::Device>(mut device: D, mut emulator: E, odds: u64) -> usize {
+/// Samples of 10 s, each checked; as the supervisor does it, without its time-outs. `sent` gets what the
+/// emulator sent.
+fn run<D: Device, E: emulators::Device>(
+    device: &mut D,
+    mut emulator: E,
+    odds: u64,
+    sent: &mut Vec<Vec<u8>>,
+) -> usize {
     const TICK: Duration = Duration::from_millis(5);
     let mut random = Random(0x1234_5678_9ABC_DEF0);
     let mut decoder = device.connect();
@@ -63,6 +73,7 @@ fn run<D: Device, E: emulators::Device>(mut device: D, mut emulator: E, odds: u6
     let (mut step, mut is_asked, mut asked_at, mut samples) = (0, false, 0, 0);
     for tick in 0..2000_u32 {
         let uptime = tick * TICK;
+        let before = sent.len();
         let mut to_device = Vec::new();
         if !is_asked || tick - asked_at > 100 {
             is_asked = true;
@@ -88,8 +99,10 @@ fn run<D: Device, E: emulators::Device>(mut device: D, mut emulator: E, odds: u6
         if is_done && device.poll_period().is_some() && tick % 20 == 0 {
             to_device.extend(device.poll());
         }
-        line.extend(emulator.receive(&damage(&to_device, odds, &mut random), uptime));
-        line.extend(emulator.run(uptime).concat());
+        sent.push(emulator.receive(&damage(&to_device, odds, &mut random), uptime));
+        sent.extend(emulator.run(uptime));
+        sent.retain(|bytes| !bytes.is_empty());
+        line.extend(sent[before..].concat());
         decoder.push(&damage(&std::mem::take(&mut line), odds, &mut random));
         while let Some(message) = decoder.next_message() {
             let awaited = (is_asked && device.step(step) != Step::Done).then_some(step);
@@ -139,8 +152,120 @@ fn check(data: &MeasurementData) {
         MeasurementData::Fix(fix) => {
             assert!(fix.latitude_deg.abs() <= 90.0 && fix.longitude_deg.abs() <= 180.0);
         }
+        MeasurementData::Joints(joints) => {
+            assert!(joints.iter().all(|(_, angle_rad)| angle_rad.is_finite()));
+        }
         other => panic!("{other:?}"),
     }
+}
+
+/// What the device sends, whole or in pieces, in order or not, damaged much, little or not, to a codec and a session
+/// in any state.
+fn fuzz<D: Device>(name: &str, device: &mut D, sent: &[Vec<u8>]) {
+    let inputs = std::env::var("FUZZ_INPUTS").map_or(10_000_000, |text| text.parse().unwrap());
+    let mut random = Random(0x0FED_CBA9_8765_4321);
+    let mut decoder = device.connect();
+    let mut events = Vec::new();
+    let (mut messages, mut next) = (0_u64, 0);
+    for input in 0..inputs {
+        if input % 4096 == 0 {
+            decoder = device.connect();
+        }
+        next += 1;
+        if next >= sent.len() || random.one_in(8) {
+            next = random.next() as usize % sent.len();
+        }
+        let mut piece = sent[next].as_slice();
+        if random.one_in(4) {
+            let from = random.next() as usize % piece.len();
+            piece = &piece[from..piece.len().min(from + 1 + random.next() as usize % 50)];
+        }
+        let odds = [10, 300, u64::MAX][random.next() as usize % 3];
+        decoder.push(&damage(piece, odds, &mut random));
+        while let Some(message) = decoder.next_message() {
+            let awaited = random.one_in(2).then(|| random.next() as usize % 12);
+            device.take(message, awaited, &mut events);
+            for event in events.drain(..) {
+                if let Event::Sample(sample) = event {
+                    check(&sample.data);
+                }
+            }
+            messages += 1;
+        }
+    }
+    println!("{name}: {inputs} inputs, {messages} messages");
+}
+
+fn fuzz_with<D: Device, E: emulators::Device>(name: &str, mut device: D, emulator: E) {
+    let mut sent = Vec::new();
+    run(&mut device, emulator, u64::MAX, &mut sent);
+    fuzz(name, &mut device, &sent);
+}
+
+#[test]
+#[ignore = "takes minutes; `FUZZ_INPUTS` for each codec, ten million if not set"]
+fn no_input_panics_a_codec() {
+    let config = |text: &str| toml::from_str::<DeviceConfig>(text).unwrap();
+    let any = DeviceConfig::default();
+    for coding in ["a", "b"] {
+        let config = config(&format!("kind = 'sick_cola'\ncoding = '{coding}'"));
+        let device = SickCola::new(&config);
+        fuzz_with(
+            &format!("sick_cola {coding}"),
+            device,
+            emulators::lms111::Lms111::default(),
+        );
+    }
+    fuzz_with(
+        "sick_ldlrs",
+        SickLdlrs::new(&any),
+        emulators::ldlrs::LdLrs::default(),
+    );
+    fuzz_with(
+        "hokuyo",
+        Hokuyo::default(),
+        emulators::hokuyo::Hokuyo::default(),
+    );
+    fuzz_with(
+        "rplidar",
+        Rplidar::new(&any),
+        emulators::rplidar::Rplidar::default(),
+    );
+    fuzz_with("xsens", Xsens::new(&any), emulators::mti::Mti::default());
+    fuzz_with("nmea", Nmea::new(&any), emulators::nmea::Nmea::default());
+    fuzz_with(
+        "ublox",
+        Ublox::new(&any),
+        emulators::ublox::Ublox::default(),
+    );
+    fuzz_with(
+        "ping1d",
+        Ping1d::new(&any),
+        emulators::ping1d::Ping1d::default(),
+    );
+    let sounder = Imagenex852::new(&any).unwrap();
+    fuzz_with(
+        "imagenex852",
+        sounder,
+        emulators::imagenex852::Imagenex852::default(),
+    );
+    fuzz_with(
+        "imagenex_deltat",
+        ImagenexDeltat::default(),
+        emulators::deltat::Deltat::default(),
+    );
+    let servo = config("kind = 'dynamixel'\nservo = 'x_series'\nservo_id = 1\njoint = 'tilt'");
+    let servo = Dynamixel::new(&servo).unwrap();
+    fuzz_with("dynamixel", servo, emulators::dynamixel::XSeries::default());
+    let caster = Ntrip::new(&config("kind = 'ntrip'\ntcp = 'a:1'\nmountpoint = 'M'")).unwrap();
+    fuzz_with("ntrip", caster, emulators::ntrip::Caster::new("M"));
+    let encoder = WheelEncoder::new(100.0, 0).unwrap();
+    let mut wheels = RoboteqEncoders::new([("left", encoder), ("right", encoder)]);
+    let lines = [
+        "OK", "?Q0", "0012FB64", "?Q1", "FFFFFF38", "?Z", "05", "FB", "+", "-", "W", "!A7F",
+    ];
+    let lines = lines.map(|line| format!("{line}\r").into_bytes());
+    fuzz("roboteq_encoders", &mut wheels, &lines);
 }
 
 /// Without damage nearly all comes; with one bad byte of 10,000 enough; with one of 30, nothing wrong.
@@ -149,15 +274,16 @@ fn survives<D: Device, E: emulators::Device + Default>(
     least: [usize; 2],
 ) {
     let config = DeviceConfig::default();
-    let whole = run(new(&config), E::default(), u64::MAX);
+    let run = |odds| run(&mut new(&config), E::default(), odds, &mut Vec::new());
+    let whole = run(u64::MAX);
     assert!(whole >= least[0], "{whole}");
-    let some = run(new(&config), E::default(), 10_000);
+    let some = run(10_000);
     assert!((least[1]..=whole).contains(&some), "{some} of {whole}");
     // Nodes of an RPLIDAR have no sum: a false angle makes two sweeps of one.
     let has_sums = !std::any::type_name::<E>().ends_with("Rplidar");
     let most = if has_sums { whole } else { 4 * whole };
     for odds in [300, 30] {
-        let few = run(new(&config), E::default(), odds);
+        let few = run(odds);
         assert!(few <= most, "{few} of {whole}");
     }
 }

@@ -191,8 +191,8 @@ fn cards_do_not_cover_the_vehicle() {
     };
     let [buttons, compass, legends] =
         ["Grid", "Compass: y up", "Unknown"].map(|name| window.get_by_label(name).rect());
-    let zoom_in = window.get_by_label("+").rect();
-    for covered in [probe, buttons, zoom_in, compass, legends] {
+    let [zoom_in, whole_map] = ["+", "Whole map"].map(|name| window.get_by_label(name).rect());
+    for covered in [probe, buttons, zoom_in, whole_map, compass, legends] {
         let view = &mut window.state_mut().view;
         let vehicle = view.place_of([0.0, 0.0]);
         view.camera.pan(covered.center() - vehicle);
@@ -212,7 +212,7 @@ fn cards_do_not_cover_the_vehicle() {
         let is_folded = window.query_by_label("Tools").is_some();
         assert_eq!(
             is_folded,
-            covered == buttons || covered == zoom_in,
+            [buttons, zoom_in, whole_map].contains(&covered),
             "{covered}"
         );
         assert_eq!(

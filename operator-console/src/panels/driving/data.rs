@@ -341,9 +341,10 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
              obstacles of its sensors or its map, and before unknown ground. When its \
              data is late, the vehicle stops. Unknown ground has not been observed yet, or \
              not recently: there the vehicle may only creep, or not move at all. \
-             That ends when its sensors have observed it. Obstacles are among the red \
-             points of the last scans (of a sonar: under water), or lethal on the map. When \
-             the limit alternates, this is the least of the last 1.5 s, at times.",
+             That ends when its sensors have observed it. Obstacles are among the \
+             points of the last scans (of a sonar: under water), or lethal on the map. It limits \
+             operators, not a vehicle that moves by itself. When the limit alternates, this is \
+             the least of the last 1.5 s, at times.",
         ),
         OBSTACLE => Some(
             "The obstacle for which the collision monitor limits the commanded motion; an amber ring on the map is \

@@ -20,8 +20,10 @@ const AGROUND: &str = "Commanded but not moving: aground, held, or its motors do
 /// The longest advice that a key press can cause: the panel reserves its height.
 pub(super) const LONGEST_KEY_ADVICE: &str = AGROUND;
 const WITHOUT_COMMAND: &str = "Moves without command";
+const ON_ROUTE: &str =
+    "A simulated vehicle follows the route of its world until an operator drives or stops it.";
 const WITHOUT_OPERATOR: &str =
-    "Something other than an operator moves it, such as its own program or a simulated tour.";
+    "Something other than an operator moves it: its own program, a slope or a push.";
 const ADRIFT: &str = "Something other than an operator moves it: its own program, or a current that is faster than usual. \
                       From here both look the same.";
 const AGAINST_COMMAND: &str =
@@ -295,7 +297,7 @@ fn live(
     // Commanded to stop a moment ago, within its braking time.
     let brakes = !is_stuck && model.brakes(now);
     let is_still = !is_stuck && !brakes && model.is_still();
-    if !brakes && let Some(headline) = unexpected_motion(teleop, model.moves(), is_boat) {
+    if !brakes && let Some(headline) = unexpected_motion(model, teleop) {
         return headline;
     }
     let (tone, words) = match teleop.state {
@@ -423,33 +425,50 @@ pub(super) fn opposing_keys(teleop_client: &TeleopClientState) -> bool {
             .any(|[one, other]| is_held(one) && is_held(other))
 }
 
-/// Warning text for motion without an operator command; `moves` is the forward speed, m/s. A boat without thrust drifts
-/// slowly, which is no reason to warn. Each message has exactly one tone.
-fn unexpected_motion(teleop: &TeleopStatus, moves: Option<f32>, is_boat: bool) -> Option<Headline> {
-    let speed_mps = moves?;
+/// Text for motion without an operator command: what moves the vehicle, as far as it is known. A boat without thrust
+/// drifts slowly, which is no reason to warn. Each message has exactly one tone.
+fn unexpected_motion(model: &ConsoleModel, teleop: &TeleopStatus) -> Option<Headline> {
+    const BY_ITSELF: &str = "Moves by itself";
+    const COMMANDED_TO_STAND: &str = "Commanded to stand, but moving";
+    let speed_mps = model.moves()?;
     let speed = signed(f64::from(speed_mps), 2);
-    let (tone, words, hint) = match (teleop.state, is_boat || teleop.is_drifting) {
+    let (tone, words, cause, hint) = match (teleop.state, model.is_boat() || teleop.is_drifting) {
+        _ if model.is_on_simulated_route() => (
+            Tone::Waiting,
+            BY_ITSELF.to_owned(),
+            "Follows the simulation's route",
+            ON_ROUTE,
+        ),
         (TeleopState::Idle, false) => (
             Tone::Waiting,
-            "Moves by itself".to_owned(),
+            BY_ITSELF.to_owned(),
+            "Its own program moves it, or it rolls",
             WITHOUT_OPERATOR,
         ),
-        (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING_MPS => {
-            (Tone::Warning, "Moves or drifts".to_owned(), ADRIFT)
-        }
-        (TeleopState::EStop | TeleopState::Fault(_), false) => {
-            (Tone::Warning, state(teleop.state), AGAINST_COMMAND)
-        }
-        (TeleopState::SafeBoot | TeleopState::Held, false) => {
-            (Tone::Warning, WITHOUT_COMMAND.to_owned(), AGAINST_COMMAND)
-        }
+        (TeleopState::Idle, true) if speed_mps.abs() > DRIFTING_MPS => (
+            Tone::Warning,
+            "Moves or drifts".to_owned(),
+            "Its own program moves it, or it coasts or drifts",
+            ADRIFT,
+        ),
+        (TeleopState::EStop | TeleopState::Fault(_), false) => (
+            Tone::Warning,
+            state(teleop.state),
+            COMMANDED_TO_STAND,
+            AGAINST_COMMAND,
+        ),
+        (TeleopState::SafeBoot | TeleopState::Held, false) => (
+            Tone::Warning,
+            WITHOUT_COMMAND.to_owned(),
+            COMMANDED_TO_STAND,
+            AGAINST_COMMAND,
+        ),
         _ => return None,
     };
-    let advice = if teleop.state == TeleopState::Idle {
-        format!("No operator drives it: {speed} m/s")
-    } else {
-        format!("Commanded to stand, but moving: {speed} m/s")
-    };
+    let mut advice = format!("{cause}: {speed} m/s");
+    if teleop.state == TeleopState::Idle {
+        advice += ". No operator drives it.";
+    }
     let without_driver = match teleop.state {
         TeleopState::EStop | TeleopState::Fault(_) => WITHOUT_COMMAND.to_owned(),
         _ => words.clone(),

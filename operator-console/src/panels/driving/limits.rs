@@ -120,7 +120,8 @@ pub(crate) fn is_stopped_by_monitor(teleop: &TeleopStatus) -> bool {
 }
 
 /// Text of the collision monitor's row. `greatest` are the vehicle's speed limits, m/s and rad/s. It names the
-/// requested direction, or ahead if there is no request. In states that stop the motors it names no direction.
+/// requested direction, or ahead if there is no request. In states that stop the motors it names no direction. Nothing
+/// limits a vehicle that moves by its own program, so without a driver the limit is that of operators.
 pub(super) fn monitor_text(
     teleop: &TeleopStatus,
     StrictestLimit {
@@ -191,13 +192,18 @@ fn limits_text(
     } else {
         ""
     };
+    let for_whom = if teleop.state == TeleopState::Idle {
+        " for operators"
+    } else {
+        ""
+    };
     if allowed < least {
-        format!(", {way} is blocked{at_times}")
+        format!(", {way} is blocked{at_times}{for_whom}")
     } else if of_turn {
         let deg = signed(f64::from(allowed.to_degrees()), 0);
         format!(", {way} ≤ {deg} °/s{at_times}")
     } else {
-        format!(", {way} ≤ {allowed:.2} m/s{at_times}")
+        format!(", {way} ≤ {allowed:.2} m/s{at_times}{for_whom}")
     }
 }
 

@@ -53,6 +53,8 @@ struct Rig {
     teleop: TeleopStatus,
     teleop_client: TeleopClientState,
     is_boat: bool,
+    /// Recording or simulated world; empty on a real vehicle.
+    source: &'static str,
     velocity: [f32; 2],
     now: Monotonic,
 }
@@ -63,6 +65,7 @@ impl Rig {
             teleop: idle_teleop_status(),
             teleop_client: idle_teleop_client(),
             is_boat: false,
+            source: "",
             velocity: [0.0; 2],
             now: at(1_100),
         }
@@ -89,7 +92,7 @@ impl Rig {
         let mut model = scout();
         let info = Info {
             vehicle: "rover".to_owned(),
-            source: String::new(),
+            source: self.source.to_owned(),
             footprint_m: [0.6, 0.4],
             limits: [1.0, 5.0],
             is_boat: self.is_boat,
@@ -335,10 +338,37 @@ fn motion_without_command_is_shown() {
     boat.assert_headline("Drifting", Tone::Warning);
     boat.velocity = [1.5, 0.0];
     boat.assert_headline("Moves or drifts", Tone::Warning);
-    let advice = "No operator drives it: 1.50 m/s";
-    assert_eq!(boat.data().advice.as_deref(), Some(advice));
     boat.teleop.state = TeleopState::Held;
     assert_eq!(boat.data().headline, "Drifting");
+}
+
+#[test]
+fn the_panel_says_what_moves_a_vehicle_without_an_operator() {
+    let route = "Follows the simulation's route: 1.62 m/s. No operator drives it.";
+    let program = "Its own program moves it, or it rolls: 1.62 m/s. No operator drives it.";
+    let adrift =
+        "Its own program moves it, or it coasts or drifts: 1.62 m/s. No operator drives it.";
+    for (source, is_boat, epoch, headline, tone, advice) in [
+        ("lake", true, 0, "Moves by itself", Tone::Waiting, route),
+        ("rooms", false, 0, "Moves by itself", Tone::Waiting, route),
+        // An operator took it off the route.
+        ("lake", true, 1, "Moves or drifts", Tone::Warning, adrift),
+        ("rooms", false, 1, "Moves by itself", Tone::Waiting, program),
+        ("", true, 0, "Moves or drifts", Tone::Warning, adrift),
+        ("", false, 0, "Moves by itself", Tone::Waiting, program),
+    ] {
+        let mut rig = Rig::new();
+        rig.source = source;
+        rig.is_boat = is_boat;
+        rig.teleop.is_drifting = is_boat;
+        rig.teleop.lease.epoch = epoch;
+        rig.velocity = [1.62, 0.0];
+        rig.assert_headline(headline, tone);
+        let data = rig.data();
+        assert_eq!(data.driver, headline);
+        let shown = data.advice.as_deref();
+        assert_eq!(shown, Some(advice), "{source} {is_boat} {epoch}");
+    }
 }
 
 #[test]

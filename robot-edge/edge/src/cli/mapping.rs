@@ -13,14 +13,14 @@ use recording::ros::middleware::MAX_DOMAIN;
 /// `run`.
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct RunLive {
-    /// The ROS 2 system's Zenoh router or bridge
-    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:7447", value_parser = NonEmptyStringValueParser::new())]
-    pub ros: String,
+    /// The ROS 2 system's Zenoh router or bridge [default: tcp/localhost:7447, unless the vehicle has devices of its own]
+    #[arg(long, value_name = "ENDPOINT", value_parser = NonEmptyStringValueParser::new())]
+    pub ros: Option<String>,
     /// Its domain [default: what `ROS_DOMAIN_ID` says, or 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_DOMAIN)))]
     pub ros_domain: Option<u32>,
     /// Look so long for the sensors, seconds
-    #[arg(long = "wait", value_name = "S", default_value = "10", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    #[arg(long = "wait", value_name = "S", default_value = "10", value_parser = above_zero, allow_negative_numbers = true)]
     pub wait_s: f64,
     /// How it is driven.
     #[command(flatten)]
@@ -45,7 +45,7 @@ pub struct Replay {
     #[arg(long = "start", value_name = "S", default_value = "0", value_parser = seconds_from_zero, allow_negative_numbers = true)]
     pub start_s: f64,
     /// Stop after this much of the recording, seconds
-    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    #[arg(long = "duration", value_name = "S", value_parser = above_zero, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Options of every command that maps.
     #[command(flatten)]
@@ -62,7 +62,7 @@ pub struct Simulate {
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
     /// Stop after this much simulated time, seconds
-    #[arg(long = "duration", value_name = "S", value_parser = seconds_above_zero, allow_negative_numbers = true)]
+    #[arg(long = "duration", value_name = "S", value_parser = above_zero, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Times as fast as real time, or `max`
     #[arg(long, value_name = "1|max", default_value = "1", value_parser = str::parse::<Rate>, allow_negative_numbers = true)]
@@ -173,10 +173,10 @@ fn seconds_from_zero(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "seconds are a number, 0 or more".to_owned())
 }
 
-fn seconds_above_zero(text: &str) -> Result<f64, String> {
+pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     finite(text)
         .filter(|&secs| secs > 0.0)
-        .ok_or_else(|| "seconds are a number above 0".to_owned())
+        .ok_or_else(|| "expected a number above 0".to_owned())
 }
 
 fn finite(text: &str) -> Option<f64> {

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use clap::builder::NonEmptyStringValueParser;
-use clap::{Args, CommandFactory as _};
+use clap::{Args, CommandFactory as _, Subcommand};
 use clap_complete::Shell;
 use protocol::keys::{OperatorId, RobotId};
 
@@ -66,11 +66,49 @@ pub struct Vehicles {
 }
 
 /// `check`.
-#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[derive(Clone, Debug, PartialEq, Args)]
 pub struct Check {
     /// Configuration file, or name of a preset
     #[arg(value_name = "CONFIG", value_parser = NonEmptyStringValueParser::new())]
     pub config: String,
+    /// Open every device of [devices], and say what it is and how it measures
+    #[arg(long)]
+    pub connect: bool,
+    /// How long to listen to the devices, seconds
+    #[arg(long, value_name = "S", default_value = "5", requires = "connect", value_parser = super::mapping::above_zero)]
+    pub seconds: f64,
+}
+
+/// `devices`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Devices {
+    /// Write requests to serial ports, not only listen: not for the port of a motor controller
+    #[arg(long)]
+    pub ask: bool,
+    /// Another serial port; may be repeated
+    #[arg(long = "port", value_name = "PATH")]
+    pub ports: Vec<PathBuf>,
+}
+
+/// `calibrate`.
+#[derive(Clone, Debug, PartialEq, Subcommand)]
+pub enum Calibrate {
+    /// Find the beams that hit the vehicle itself, and print them as `masks_deg`
+    SelfHits(CalibrateSelfHits),
+}
+
+/// `calibrate self-hits`.
+#[derive(Clone, Debug, PartialEq, Args)]
+pub struct CalibrateSelfHits {
+    /// Configuration file with [devices]
+    #[arg(value_name = "CONFIG", value_parser = NonEmptyStringValueParser::new())]
+    pub config: String,
+    /// How long to look; the vehicle stands
+    #[arg(long, value_name = "S", default_value = "60", value_parser = super::mapping::above_zero)]
+    pub seconds: f64,
+    /// Only the vehicle is so near to a scanner, metres [default: its diagonal and 0.2 m]
+    #[arg(long = "within", value_name = "M", value_parser = super::mapping::above_zero)]
+    pub within_m: Option<f64>,
 }
 
 /// `keys`.

@@ -119,7 +119,10 @@ impl ConfigLayer {
             let known = schema.get(key, all.kinds).filter(|_| is_bare(key));
             let issue = match (known, value) {
                 (None, _) => Some(unknown_key(&path, value, all)),
-                (Some(inner @ (Schema::Table(_) | Schema::Sensors(_))), Value::Table(table)) => {
+                (
+                    Some(inner @ (Schema::Table(_) | Schema::Sensors(_) | Schema::Devices(_))),
+                    Value::Table(table),
+                ) => {
                     self.check_table(table, inner, &path, all, issues);
                     None
                 }
@@ -183,11 +186,15 @@ fn unknown_key(path: &str, value: &Value, all: &KnownKeys<'_>) -> (String, Probl
     }
     let sensor = path
         .strip_prefix("sensors.")
+        .or_else(|| path.strip_prefix("devices."))
         .and_then(|rest| rest.split('.').next())
         .unwrap_or(Schema::SENSOR);
     let known = all.root.paths(sensor, all.kinds.get(sensor).copied());
+    // The key of a sensor is not meant for a device of the same name.
+    let of_sensor = path.starts_with("sensors.");
     let candidates = known
         .iter()
+        .filter(|(known, _)| !(of_sensor && known.starts_with("devices.")))
         .filter(|(_, expected)| value.is_table() || *expected != Expected::Table)
         .map(|(path, _)| path.as_str());
     let suggestion = suggest(&path, candidates);

@@ -27,12 +27,12 @@ pub use error::{ConfigError, ConfigIssue, Origin, Problem};
 pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
-pub(crate) use schema::words_of;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
 };
 
+use drivers::config::DeviceConfig;
 use localization::LocalizationConfig;
 use mapping::MappingConfig;
 use mapping::octree::RangeSensorModel;
@@ -46,6 +46,8 @@ pub struct Config {
     pub vehicle: VehicleConfig,
     /// Sensors by name; the main laser is named `laser`.
     pub sensors: BTreeMap<String, SensorConfig>,
+    /// Devices that are read without a middleware, by name.
+    pub devices: BTreeMap<String, DeviceConfig>,
     pub localization: LocalizationConfig,
     pub mapping: MappingConfig,
     pub streaming: StreamingConfig,
@@ -85,6 +87,7 @@ impl Default for Config {
         Self {
             vehicle: VehicleConfig::default(),
             sensors: BTreeMap::from([(sensors::MAIN_LASER.to_owned(), laser)]),
+            devices: BTreeMap::new(),
             localization: LocalizationConfig::default(),
             mapping: MappingConfig::default(),
             streaming: StreamingConfig::default(),

@@ -12,6 +12,8 @@ use serde::de::value::Error;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IntoDeserializer, MapAccess, Visitor};
 use serde::forward_to_deserialize_any;
 
+use drivers::config::DeviceConfig;
+
 use super::sensors::{GpsConfig, ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig};
 use super::{Config, sensors};
 
@@ -24,6 +26,8 @@ pub(super) enum Schema {
     Table(BTreeMap<&'static str, Schema>),
     /// A table of sensors, which the user names; the keys of each depend on its `kind`.
     Sensors(SensorSchemas),
+    /// A table of devices, which the user names.
+    Devices(Box<Schema>),
     Value(Expected),
 }
 
@@ -98,6 +102,10 @@ impl Schema {
         let mut config = Self::of::<Config>()?;
         if let Self::Table(keys) = &mut config {
             keys.insert("sensors", Self::Sensors(SensorSchemas::of_config()?));
+            keys.insert(
+                "devices",
+                Self::Devices(Box::new(Self::of::<DeviceConfig>()?)),
+            );
         }
         Ok(config)
     }
@@ -113,18 +121,19 @@ impl Schema {
         match self {
             Self::Table(keys) => keys.get(key),
             Self::Sensors(shapes) => Some(shapes.of_kind(kinds.get(key).copied())),
+            Self::Devices(schema) => Some(schema),
             Self::Value(_) => None,
         }
     }
 
     pub(super) const fn expected(&self) -> Expected {
         match self {
-            Self::Table(_) | Self::Sensors(_) => Expected::Table,
+            Self::Table(_) | Self::Sensors(_) | Self::Devices(_) => Expected::Table,
             Self::Value(expected) => *expected,
         }
     }
 
-    /// Paths of all keys, tables included, with the sensor `name`, of this kind, for all sensors.
+    /// Paths of all keys, tables included, with the sensor or device `name`, a sensor of this kind, for all.
     pub(super) fn paths(&self, name: &str, kind: Option<&str>) -> Vec<(String, Expected)> {
         let mut paths = Vec::new();
         self.collect_paths("", (name, kind), &mut paths);
@@ -145,20 +154,13 @@ impl Schema {
         match self {
             Self::Table(keys) => keys.iter().for_each(|(key, schema)| child(key, schema)),
             Self::Sensors(shapes) => child(sensor.0, shapes.of_kind(sensor.1)),
+            Self::Devices(schema) => child(sensor.0, schema),
             Self::Value(_) => {}
         }
     }
 
     /// Name that stands in for sensors a path does not name.
     pub(super) const SENSOR: &str = sensors::MAIN_LASER;
-}
-
-/// The words of `T`, an enum.
-pub(crate) fn words_of<'de, T: Deserialize<'de>>() -> &'static [&'static str] {
-    match Schema::of::<T>() {
-        Ok(Schema::Value(Expected::OneOf(words))) => words,
-        _ => &[],
-    }
 }
 
 /// A deserializer without data.

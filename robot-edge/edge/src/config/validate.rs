@@ -7,6 +7,7 @@ use toml::{Table, Value};
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
 use super::{Config, FixesAndAttitude, LinkConfig, SensorConfig, VehicleConfig, WheelsAndAttitude};
+use drivers::config::DeviceConfig;
 use localization::{LocalizationConfig, PoseSource};
 use mapping::MappingConfig;
 use mapping::occupancy_grid::OccupancyConfig;
@@ -422,6 +423,7 @@ pub(super) fn validate(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
     let mut issues = checks.0;
     issues.extend(config.teleop.check().into_iter().map(ConfigIssue::from));
     issues.extend(config.motors.check());
+    issues.extend(devices(config, merged));
     issues
 }
 
@@ -663,6 +665,21 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
     }
 }
 
+fn devices(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
+    let given = |name: &str| {
+        let table = merged.get("devices").and_then(|devices| devices.get(name));
+        let table = table.and_then(Value::as_table);
+        table.into_iter().flatten().map(|(key, _)| key.as_str())
+    };
+    let problems = DeviceConfig::check_all(&config.devices, given);
+    let issue = |problem: drivers::config::Problem| ConfigIssue {
+        origin: None,
+        key: problem.key,
+        problem: Problem::Other(problem.text),
+    };
+    problems.into_iter().map(issue).collect()
+}
+
 fn link(checks: &mut Checks, link: &LinkConfig) {
     let endpoints = [
         ("link.listen", link.listen.as_ref()),
@@ -699,7 +716,8 @@ mod tests {
             });
         let of_sensors: Vec<_> = of_sensors.collect();
         let mut of_config = schema.paths("s", None);
-        of_config.retain(|(path, _)| !path.starts_with("sensors"));
+        // The crate of the devices checks theirs.
+        of_config.retain(|(path, _)| !path.starts_with("sensors") && !path.starts_with("devices"));
         let by_code = [
             "vehicle.footprint_offset_m",
             "vehicle.wheelbase_m",

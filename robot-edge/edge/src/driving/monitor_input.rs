@@ -125,7 +125,7 @@ impl MonitorSensorInput {
     /// The next scan gives a new ground: where the vehicle was before says nothing of where it is.
     pub fn reset_ground(&mut self) {
         if let Some(ground) = &mut self.ground {
-            ground.reset();
+            ground.clear();
         }
     }
 

@@ -125,6 +125,7 @@ impl MappingStage {
     }
 
     fn map(&mut self, scan: &RegisteredScan, measured_at: Monotonic) -> Result<(), PublishError> {
+        tracing::trace!(stamp = %scan.stamp, at_ns = clock::now().nanos(), "scan is mapped");
         self.maps.integrate(scan);
         self.trajectory.lock().add(scan);
         if let Some(timeline) = &self.timeline {

@@ -28,11 +28,13 @@ mod state_publisher;
 use std::io::{self, BufRead, IsTerminal as _, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::Context as _;
 
 use crate::cli::{Cli, Command, MotorGuard, Recover};
-use crate::config::presets;
+use crate::config::{self, presets};
+use crate::device_commands;
 use crate::exit::{Exit, UsageError};
 use crate::setup::setup;
 use crate::survey::Survey;
@@ -49,14 +51,17 @@ pub use simulate::simulated_localization_plan;
 /// Runs one command. Results go to `out`, progress and warnings to standard error.
 pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
     match &cli.command {
-        Command::Run(_) | Command::Replay(_) | Command::Simulate(_) | Command::Experiments(_) => {
-            run_until(cli, &*interrupt_flag()?, out)
-        }
+        Command::Run(_)
+        | Command::Replay(_)
+        | Command::Simulate(_)
+        | Command::Check(_)
+        | Command::Devices(_)
+        | Command::Calibrate(_)
+        | Command::Experiments(_) => run_until(cli, &*interrupt_flag()?, out),
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
         | Command::Setup(_)
-        | Command::Check(_)
         | Command::Keys(_)
         | Command::InstallKeys(_)
         | Command::Completions(_)
@@ -93,7 +98,17 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             let input = input.as_mut().map(|input| input as &mut dyn BufRead);
             setup(command, input, out)
         }
-        Command::Check(command) => Ok(vehicle_commands::check(&command.config, out)?),
+        Command::Check(command) => {
+            let checked = vehicle_commands::check(&command.config, out)?;
+            if checked != Exit::Done || !command.connect {
+                return Ok(checked);
+            }
+            let config = config::load(&command.config, &[])?;
+            let time = Duration::from_secs_f64(command.seconds);
+            device_commands::connect(&config, time, interrupt, out)
+        }
+        Command::Devices(command) => device_commands::devices(command, interrupt, out),
+        Command::Calibrate(command) => device_commands::calibrate(command, interrupt, out),
         Command::Keys(command) => vehicle_commands::keys(command, out),
         Command::InstallKeys(command) => vehicle_commands::install_keys(command, out),
         Command::Experiments(_) => Err(not_built("experiments")),
@@ -188,6 +203,6 @@ pub fn interrupt_flag() -> anyhow::Result<Arc<AtomicBool>> {
     Ok(flag)
 }
 
-fn is_set(flag: &AtomicBool) -> bool {
+pub(crate) fn is_set(flag: &AtomicBool) -> bool {
     flag.load(Ordering::Relaxed)
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
+use drivers::status::DeviceStatuses;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::Shores;
@@ -54,6 +55,7 @@ pub(super) struct RobotDescription<'a> {
     pub(super) is_live: bool,
     pub(super) localization: &'a RegistrationSettings,
     pub(super) can_record: bool,
+    pub(super) devices: Option<&'a DeviceStatuses>,
 }
 
 pub(super) struct Network {
@@ -153,6 +155,7 @@ impl Network {
                         .then(|| KeelDepth::new(config.vehicle.clone())),
                     sensors: SensorMonitor::new(descriptors(config, description.localization)),
                     since: description.is_live.then(clock::now),
+                    devices: description.devices.cloned(),
                     published_sensors: None,
                     last_pose_stamp: None,
                 };

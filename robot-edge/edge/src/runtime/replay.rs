@@ -129,6 +129,7 @@ pub(super) fn create_run<'a>(
         quiet,
         earliest: survey.stamps.iter().filter_map(|stamps| stamps.first).min(),
         events: events.collect(),
+        devices: None,
     };
     let what = source::Replay {
         own_poses: plan.localization_plan.origin == PoseOrigin::Log,

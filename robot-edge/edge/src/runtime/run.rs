@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, anyhow};
+use drivers::status::DeviceStatuses;
 use protocol::tile::BootId;
 
 use super::driving::DrivePlan;
@@ -52,6 +53,8 @@ pub(super) struct Run<'a> {
     pub(super) earliest: Option<RobotTime>,
     /// Decisions before the run.
     pub(super) events: Vec<Event>,
+    /// Devices that are read without a middleware.
+    pub(super) devices: Option<DeviceStatuses>,
 }
 
 struct Files {
@@ -151,10 +154,11 @@ impl Run<'_> {
         let opened = match &self.network {
             Some(plan) => {
                 let description = RobotDescription {
-                    source: &self.title,
+                    source: if self.is_live { "" } else { &self.title },
                     is_live: self.is_live,
                     localization: &self.registration,
                     can_record: self.drive.can_record(),
+                    devices: self.devices.as_ref(),
                 };
                 Network::open(
                     plan,

@@ -1,4 +1,4 @@
-//! `run`: the sensors of a ROS 2 robot as the source, and its motors.
+//! `run`: the sensors of a vehicle as the source, its own devices or those of a ROS 2 system, and its motors.
 
 use std::env;
 use std::io::{self, Write};
@@ -6,23 +6,30 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use drivers::status::DeviceStatuses;
 use protocol::keys::RobotId;
 
 use super::driving::{DrivePlan, MotorsPlan};
-use super::live::{LiveSource, StreamSelection, TopicDiscovery, find};
+use super::live::devices::{self, DeviceSource, name_topics};
+use super::live::{StreamSelection, TopicDiscovery, find};
 use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
+use super::plan::{Plan, plan};
 use super::run::Run;
+use super::source::Source;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
 use crate::config::advice::advise;
 use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::pacer::Rate;
-use crate::ros2::RosEndpoint;
+use crate::ros2::{RosEndpoint, RosLink};
 use crate::summary::Event;
 use recording::ros::middleware::MAX_DOMAIN;
+
+/// The router of `rmw_zenoh` on this machine.
+const DEFAULT_ROS: &str = "tcp/localhost:7447";
 
 /// Default endpoint for consoles. It differs from that of the router of `rmw_zenoh`.
 const DEFAULT_LISTEN: &str = "tcp/127.0.0.1:7449";
@@ -41,7 +48,9 @@ pub(super) fn run_live(
             "nobody says which vehicle it is; --vehicle does",
         ),
     };
-    let config = config::load(vehicle, &options.setup.overrides())?;
+    let mut config = config::load(vehicle, &options.setup.overrides())?;
+    name_topics(&mut config);
+    let config = config;
     range_sensors(&config)?;
     // Unwritable outputs are reported before the sensors are found.
     outputs::prepare(options.export.as_deref(), options.summary.as_deref())?;
@@ -54,29 +63,20 @@ pub(super) fn run_live(
         Some(network) => driving_options(command, &config, network.robot())?,
         None => None,
     };
-    let at = RosEndpoint {
-        endpoint: command.ros.clone(),
-        domain: match command.ros_domain {
-            Some(domain) => domain,
-            None => ros_domain_id(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
-        },
+    let others = options.record.is_some() || command.driving.recordings.is_some();
+    let Sensors {
+        mut source,
+        place,
+        plan,
+        link,
+        devices,
+    } = if config.devices.is_empty() {
+        ros_sensors(command, &config, others, quiet, interrupt)?
+    } else {
+        own_devices(command, &config, others)?
     };
-    if !quiet {
-        writeln!(
-            io::stderr(),
-            "{SETUP}: looking for sensors at {}, domain {}",
-            at.endpoint,
-            at.domain
-        )?;
-    }
-    let discovery = TopicDiscovery {
-        at: &at,
-        wait: Duration::from_secs_f64(command.wait_s.min(1e6)),
-        config: &config,
-    };
-    let (mut live, plan) = find(discovery, interrupt)?;
     let drive = match &driving {
-        Some(options) => DrivePlan::new(motors(&config, &live)?, options),
+        Some(options) => DrivePlan::new(motors(&config, link)?, options),
         None => DrivePlan::none(),
     };
 
@@ -106,7 +106,7 @@ pub(super) fn run_live(
         message,
     });
     let run = Run {
-        source: at.endpoint.clone(),
+        source: place,
         title: config.vehicle.name.clone(),
         config: &config,
         registration: registration_settings(&config, &plan.localization_plan),
@@ -121,12 +121,89 @@ pub(super) fn run_live(
         quiet,
         earliest: None,
         events: events.collect(),
+        devices,
     };
+    run.execute(&mut *source, interrupt, out)
+}
+
+/// Where measurements come from.
+struct Sensors {
+    source: Box<dyn Source>,
+    /// For summaries and errors.
+    place: String,
+    plan: Plan,
+    /// The ROS 2 system, if there is one.
+    link: Option<RosLink>,
+    devices: Option<DeviceStatuses>,
+}
+
+/// The devices of the configuration; they need not be there yet.
+fn own_devices(command: &RunLive, config: &Config, others: bool) -> anyhow::Result<Sensors> {
+    if let Some(ros) = &command.ros {
+        return Err(UsageError(format!(
+            "--ros {ros}: the vehicle's configuration has devices of its own ([devices]), which are read without ROS 2: \
+             leave out one of both"
+        ))
+        .into());
+    }
+    let plan = plan(&devices::survey(config)?, config)?;
+    let selection = StreamSelection {
+        mapped: plan.streams.clone(),
+        others,
+    };
+    let source = DeviceSource::start(config, selection)?;
+    Ok(Sensors {
+        devices: Some(source.statuses().clone()),
+        source: Box::new(source),
+        place: "[devices]".to_owned(),
+        plan,
+        link: None,
+    })
+}
+
+/// The sensors of a ROS 2 system, once they are there.
+fn ros_sensors(
+    command: &RunLive,
+    config: &Config,
+    others: bool,
+    quiet: bool,
+    interrupt: &AtomicBool,
+) -> anyhow::Result<Sensors> {
+    let at = RosEndpoint {
+        endpoint: command
+            .ros
+            .clone()
+            .unwrap_or_else(|| DEFAULT_ROS.to_owned()),
+        domain: match command.ros_domain {
+            Some(domain) => domain,
+            None => ros_domain_id(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
+        },
+    };
+    if !quiet {
+        writeln!(
+            io::stderr(),
+            "{SETUP}: looking for sensors at {}, domain {}",
+            at.endpoint,
+            at.domain
+        )?;
+    }
+    let discovery = TopicDiscovery {
+        at: &at,
+        wait: Duration::from_secs_f64(command.wait_s.min(1e6)),
+        config,
+    };
+    let (mut live, plan) = find(discovery, interrupt)?;
     live.begin(StreamSelection {
-        mapped: plan.streams,
-        others: options.record.is_some() || command.driving.recordings.is_some(),
+        mapped: plan.streams.clone(),
+        others,
     });
-    run.execute(&mut live, interrupt, out)
+    Ok(Sensors {
+        link: Some(live.link().clone()),
+        source: Box::new(live),
+        place: at.endpoint,
+        plan,
+        devices: None,
+    })
 }
 
 /// Without options, the robot listens beside the router of ROS 2, which uses the default port.
@@ -181,12 +258,16 @@ fn driving_options(
     target_os = "linux",
     expect(clippy::unnecessary_wraps, reason = "elsewhere no hardware is driven")
 )]
-fn motors(config: &Config, live: &LiveSource) -> Result<MotorsPlan, UsageError> {
+fn motors(config: &Config, link: Option<RosLink>) -> Result<MotorsPlan, UsageError> {
     if let Some(twist) = &config.motors.ros2_twist {
-        return Ok(MotorsPlan::Ros2Twist(
-            live.link().clone(),
-            twist.topic.clone(),
-        ));
+        let link = link.ok_or_else(|| {
+            UsageError(
+                "[motors.ros2_twist]: velocities are published to a ROS 2 system, but this vehicle's sensors are its own \
+                 ([devices])"
+                    .to_owned(),
+            )
+        })?;
+        return Ok(MotorsPlan::Ros2Twist(link, twist.topic.clone()));
     }
     match &config.motors.roboteq {
         None => Ok(MotorsPlan::None),

@@ -102,6 +102,7 @@ pub(super) fn simulate(
                 message,
             })
             .collect(),
+        devices: None,
     };
     run.execute(&mut SimulatedRun { source, motors }, interrupt, out)
 }

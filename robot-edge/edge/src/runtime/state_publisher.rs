@@ -3,7 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use protocol::message::{self, DropCount, Info, LayerInfo, RecordingStatus, SensorFault, Status};
+use drivers::status::{DeviceStatus, DeviceStatuses};
+use protocol::message::{
+    self, DeviceClock, DeviceState, DropCount, Info, LayerInfo, MAX_DEVICES, RecordingStatus,
+    SensorFault, Status,
+};
 
 use super::mapping_stage::MapStats;
 use super::maps::Maps;
@@ -35,6 +39,8 @@ pub(super) struct StatePublisher {
     pub(super) on_jump: OnJump,
     pub(super) velocity_estimator: VelocityEstimator,
     pub(super) sensors: SensorMonitor,
+    /// Devices that are read without a middleware.
+    pub(super) devices: Option<DeviceStatuses>,
     /// Of a boat.
     pub(super) keel_depth: Option<KeelDepth>,
     /// Start of the program in a live run; otherwise sensors are monitored by the time of the data.
@@ -144,6 +150,7 @@ impl StatePublisher {
         self.sensors.count(&counts);
         self.publish_state.set_status(Status {
             sensors: self.sensors.statuses(now),
+            devices: self.devices.as_ref().map_or_else(Vec::new, device_statuses),
             recording,
             depth_under_keel_m: self
                 .keel_depth
@@ -228,6 +235,34 @@ impl StatePublisher {
 
 pub(super) fn since_data_start(elapsed: RobotDuration) -> Duration {
     Duration::from_nanos(u64::try_from(elapsed.as_nanos()).unwrap_or_default())
+}
+
+fn device_statuses(statuses: &DeviceStatuses) -> Vec<message::DeviceStatus> {
+    let statuses = statuses.now().take(MAX_DEVICES);
+    let status = |(name, status): (&str, DeviceStatus)| message::DeviceStatus {
+        name: name.to_owned(),
+        state: match status.state {
+            drivers::status::State::Connecting => DeviceState::Connecting,
+            drivers::status::State::Configuring => DeviceState::Configuring,
+            drivers::status::State::Measuring => DeviceState::Measuring,
+        },
+        trouble: status
+            .trouble
+            .map_or_else(String::new, |trouble| trouble.to_string()),
+        identity: status.identity.unwrap_or_default(),
+        rate_hz: status.rate_hz as f32,
+        age_ms: status
+            .measured_at
+            .map(|at| u32::try_from(clock::elapsed(at).as_millis()).unwrap_or(u32::MAX)),
+        reconnects: u32::try_from(status.lost_connections).unwrap_or(u32::MAX),
+        lost: status.losses.values().sum(),
+        clock: status.clock.map(|clock| DeviceClock {
+            offset_s: clock.offset_s,
+            spread_s: clock.spread_s as f32,
+            resets: u32::try_from(clock.resets).unwrap_or(u32::MAX),
+        }),
+    };
+    statuses.map(status).collect()
 }
 
 const fn fault_kind(fault: SensorFault) -> &'static str {
@@ -332,6 +367,7 @@ mod tests {
             on_jump,
             velocity_estimator: VelocityEstimator::new(RobotDuration::from_millis(100)),
             sensors: SensorMonitor::new(Vec::new()),
+            devices: None,
             keel_depth: None,
             since: None,
             published_sensors: None,

@@ -7,7 +7,6 @@ use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use drivers::Drivers;
-use drivers::config::DeviceConfig;
 use drivers::supervisor::Reading;
 use emulators::deltat::Deltat;
 use emulators::dynamixel::XSeries;
@@ -21,6 +20,7 @@ use emulators::ping1d::Ping1d;
 use emulators::rplidar::Rplidar;
 use emulators::ublox::Ublox;
 use emulators::{Device, Emulator};
+use measurement::MeasurementData;
 use measurement::time::Monotonic;
 
 use crate::rig::{BACK_WITHIN, PATIENCE, age, clock};
@@ -118,7 +118,7 @@ fn every_device_comes_back_within_two_seconds() {
         .enumerate()
         .map(|(number, device)| format!("[d{number:02}]\n{}\n", device.config))
         .collect();
-    let configs = DeviceConfig::read_all(&texts.concat().parse().unwrap()).unwrap();
+    let configs = toml::from_str(&texts.concat()).unwrap();
     let (sender, readings) = sync_channel::<Reading>(10_000);
     let drivers = Drivers::start(&configs, clock, &sender).unwrap();
     drop(sender);
@@ -133,7 +133,7 @@ fn every_device_comes_back_within_two_seconds() {
             assert!(
                 waited < patience,
                 "{what} in vain: {:#?}",
-                drivers.statuses().collect::<Vec<_>>()
+                drivers.statuses().now().collect::<Vec<_>>()
             );
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -172,7 +172,15 @@ fn every_device_comes_back_within_two_seconds() {
                         } else {
                             &device.plug
                         };
-                        let lost = || drivers.statuses().nth(number).unwrap().1.lost_connections;
+                        let lost = || {
+                            drivers
+                                .statuses()
+                                .now()
+                                .nth(number)
+                                .unwrap()
+                                .1
+                                .lost_connections
+                        };
                         let before = lost();
                         take(false);
                         wait_for("waited for the loss", PATIENCE, &|| lost() > before);
@@ -211,5 +219,71 @@ fn every_device_comes_back_within_two_seconds() {
         );
     } else {
         println!("{} cycles, slowest return {slowest:?}", waits.len());
+    }
+}
+
+/// Ticks of processor time that the threads of this name took; 100 in a second.
+fn processor_ticks(thread: &str) -> u64 {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    let ticks = tasks.map(|task| {
+        let stat = std::fs::read_to_string(task.unwrap().path().join("stat")).unwrap_or_default();
+        let (name, rest) = stat.rsplit_once(')').unwrap_or_default();
+        let fields = rest.split_whitespace().skip(11).take(2);
+        let ticks: u64 = fields.map(|field| field.parse::<u64>().unwrap()).sum();
+        if name.ends_with(thread) { ticks } else { 0 }
+    });
+    ticks.sum()
+}
+
+/// Four lidars at their full rates and all others: processor time, and from the arrival of a sweep to its receiver.
+#[test]
+#[ignore = "measures"]
+fn load_of_all_devices() {
+    let devices = all();
+    let texts: Vec<String> = devices
+        .iter()
+        .enumerate()
+        .map(|(number, device)| format!("[d{number:02}]\n{}\n", device.config))
+        .collect();
+    let configs = toml::from_str(&texts.concat().replace("rate_hz = 25", "rate_hz = 50")).unwrap();
+    let (sender, readings) = sync_channel::<Reading>(10_000);
+    let drivers = Drivers::start(&configs, clock, &sender).unwrap();
+    let is_measuring = || {
+        drivers
+            .statuses()
+            .now()
+            .all(|(_, status)| status.rate_hz > 0.0)
+    };
+    let since = clock();
+    while !is_measuring() {
+        assert!(clock().since(since) < PATIENCE, "{:?}", drivers.statuses());
+        drop(readings.recv_timeout(Duration::from_millis(1)));
+    }
+    const TIME: Duration = Duration::from_secs(30);
+    let (since, ticks) = (clock(), processor_ticks("devices"));
+    let (mut delays, mut sweeps, mut beams) = (Vec::new(), 0, 0);
+    while clock().since(since) < TIME {
+        let Ok(reading) = readings.recv_timeout(Duration::from_millis(100)) else {
+            continue;
+        };
+        delays.push(clock().since(reading.arrived));
+        if let MeasurementData::Scan { scan, .. } = &reading.measurement.data {
+            sweeps += 1;
+            beams += scan.ranges_m.len();
+        }
+    }
+    let load = (processor_ticks("devices") - ticks) as f64 / TIME.as_secs_f64();
+    delays.sort();
+    println!(
+        "{load:.1} % of a core; {} measurements, {sweeps} sweeps, {beams} beams in {TIME:?}; arrival to receiver: median \
+         {:?}, 99 % {:?}, greatest {:?}",
+        delays.len(),
+        delays[delays.len() / 2],
+        delays[delays.len() * 99 / 100],
+        delays.last().unwrap()
+    );
+    for (name, status) in drivers.statuses().now() {
+        println!("{name}: {:.1} Hz, lost {:?}", status.rate_hz, status.losses);
+        assert!(status.losses.is_empty(), "{name}: {:?}", status.losses);
     }
 }

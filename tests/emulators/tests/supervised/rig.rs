@@ -5,7 +5,6 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant};
 
 use drivers::Drivers;
-use drivers::config::DeviceConfig;
 use drivers::status::{DeviceStatus, State};
 use drivers::supervisor::Reading;
 use measurement::scan::Scan;
@@ -32,8 +31,7 @@ pub(crate) fn clock() -> Monotonic {
 impl Rig {
     pub(crate) fn start(config: &str) -> Self {
         let table: toml::Table = config.parse().unwrap();
-        let devices = table["devices"].as_table().unwrap();
-        let configs = DeviceConfig::read_all(devices).unwrap();
+        let configs = table["devices"].clone().try_into().unwrap();
         let (sender, readings) = sync_channel(10_000);
         Self {
             drivers: Drivers::start(&configs, clock, &sender).unwrap(),
@@ -72,7 +70,7 @@ impl Rig {
     }
 
     pub(crate) fn statuses(&self) -> Vec<(&str, DeviceStatus)> {
-        self.drivers.statuses().collect()
+        self.drivers.statuses().now().collect()
     }
 
     /// Of the first device.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use foreshore_tests::operator::connected;
 use network::clock::{self, sleep_until};
 use protocol::keys::Topic;
-use protocol::message::Status;
+use protocol::message::{Info, Status};
 use protocol::wire;
 use serde_json::Value;
 use tempfile::tempdir;
@@ -180,6 +180,14 @@ fn the_edge_reconnects_to_a_restarted_router() {
     let seen = scans_in(10);
     let next = first.sweep_until(0, || seen.is_finished());
     seen.join().unwrap();
+    // Consoles take a vehicle with a source for a replay or a simulation.
+    let session = connected(&tcp(listen), None);
+    let key = Topic::Info.key(&"live".parse().unwrap());
+    let replies = session.get(key).wait().unwrap();
+    let reply = replies.recv_timeout(TIMEOUT).unwrap().unwrap();
+    let sample = reply.into_result().unwrap();
+    let (_, info): (_, Info) = wire::decode(&sample.payload().to_bytes()).unwrap();
+    assert_eq!(info.source, "");
     drop(first);
     let mut second = system();
     let seen = scans_in(u64::from(next) + 10);

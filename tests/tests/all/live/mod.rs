@@ -1,5 +1,6 @@
 //! `robot-edge run` with a ROS 2 system over Zenoh, played by these tests, and a motor controller at a terminal.
 
+mod devices;
 mod driven;
 mod live_rig;
 mod mapped;

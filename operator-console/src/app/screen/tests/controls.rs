@@ -277,9 +277,18 @@ fn every_control_has_a_tooltip() {
         rig.link.recording = Some("rooms.mcap".to_owned());
         rig
     };
-    let rigs: [&dyn Fn() -> Rig; 5] = [
+    let held_by_other = || {
+        let mut rig = Rig::drivable();
+        let mut teleop = crate::test_support::idle_teleop_status();
+        teleop.lease.holder = Some("bert".parse().unwrap());
+        rig.say(Topic::Status, &status_of(teleop));
+        rig
+    };
+    let rigs: [&dyn Fn() -> Rig; 7] = [
         &Rig::new,
         &two_robots,
+        &Rig::drivable,
+        &held_by_other,
         &driven,
         &|| Rig::on_water(Some(shores())),
         &recording,

@@ -101,7 +101,7 @@ fn presets_list_every_key_and_their_examples_are_valid() {
             .sensors
             .iter()
             .flat_map(|(name, sensor)| schema.paths(name, Some(sensor.kind())))
-            .filter(|(_, expected)| *expected != Expected::Table)
+            .filter(|(path, expected)| *expected != Expected::Table && !path.starts_with("devices"))
             .map(|(path, _)| path)
             .collect();
         known.sort();

@@ -1,33 +1,32 @@
 //! The live source: ROS 2 messages in, measurements nearly in the order of their stamps out.
 
+mod arrival_order;
 mod delay_estimator;
+pub(super) mod devices;
 mod discovery;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
-use self::delay_estimator::DelayEstimator;
+use self::arrival_order::ArrivalOrder;
 use crate::ros2::{Inbox, RosLink, RosMessage};
 use crate::runtime::mapping_stage::MAX_QUEUE_DELAY;
 use crate::runtime::source::{Source, SourceItem, SourceLosses};
 use crate::survey::Survey;
 use measurement::drops::{DropCounts, DropReason};
-use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use measurement::time::Monotonic;
 use measurement::{Measurement, MeasurementData, Stream};
 use network::clock;
 use recording::messages::{Messages, Reading};
 use recording::ros::{Encoding, MessageType};
-use recording::time_sequencer::{Ordered, TimeSequencer};
 use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
 pub(super) use discovery::{TopicDiscovery, find};
 
-/// Time that a measurement waits for older ones. A longer wait corrects more and delays the map. Later ones are mapped
-/// out of order.
-const REORDER_WINDOW: RobotDuration = RobotDuration::from_millis(50);
-const MAX_REORDER_WAIT: Duration = Duration::from_millis(50);
+/// Messages of one moment come over different connections.
+const REORDER_WAIT: Duration = Duration::from_millis(50);
 
 /// Longest wait for a message, so that an interrupt takes effect.
 const POLL_TIMEOUT: Duration = Duration::from_millis(20);
@@ -35,9 +34,6 @@ const POLL_TIMEOUT: Duration = Duration::from_millis(20);
 /// Limits of the measurements that are kept during discovery, and of the bytes of their ranges.
 const MAX_PROBE_MEASUREMENTS: usize = 50_000;
 const MAX_PROBE_BYTES: usize = 64 << 20;
-
-/// Maximum number of stamps with a known arrival time.
-const MAX_ARRIVAL_TIMES: usize = 50_000;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::runtime) struct StreamSelection {
@@ -52,10 +48,7 @@ pub(in crate::runtime) struct LiveSource {
     messages: Messages,
     stream_selection: StreamSelection,
     selection: Selection,
-    order: TimeSequencer,
-    delay_estimator: DelayEstimator,
-    /// Arrival times of the waiting measurements, by stamp.
-    arrival_times: BTreeMap<RobotTime, Monotonic>,
+    order: ArrivalOrder,
     probe_buffer: VecDeque<Measurement>,
     probe_bytes: usize,
     /// Arrival times of `probe_buffer`.
@@ -78,9 +71,7 @@ impl LiveSource {
                 others: true,
             },
             selection: Selection::All,
-            order: TimeSequencer::live(REORDER_WINDOW),
-            delay_estimator: DelayEstimator::default(),
-            arrival_times: BTreeMap::new(),
+            order: ArrivalOrder::new(REORDER_WAIT),
             probe_buffer: VecDeque::new(),
             probe_bytes: 0,
             received_at: VecDeque::new(),
@@ -210,15 +201,7 @@ impl LiveSource {
         if measurement.is_static_transform() {
             return Some(SourceItem::Immediate(measurement));
         }
-        self.arrival_times
-            .entry(measurement.stamp)
-            .and_modify(|known| *known = received_at.min(*known))
-            .or_insert(received_at);
-        if self.arrival_times.len() > MAX_ARRIVAL_TIMES {
-            // Stamps far in the future stay longest and are most likely wrong.
-            self.arrival_times.pop_last();
-        }
-        self.order.push(measurement);
+        self.order.push(measurement, received_at);
         None
     }
 
@@ -233,52 +216,9 @@ impl LiveSource {
         stream.is_some_and(|summary| self.stream_selection.mapped.contains(&summary.stream.name))
     }
 
-    /// Releases measurements that have waited long enough.
-    fn release(&mut self, now: Monotonic) {
-        while let Some(first) = self.order.oldest_buffered_stamp()
-            && self
-                .arrival_times
-                .get(&first)
-                .is_none_or(|&received_at| now.since(received_at) >= MAX_REORDER_WAIT)
-        {
-            self.order.release_until(first);
-        }
-    }
-
-    fn next_ordered(&mut self) -> Option<SourceItem> {
-        let ordered = self.order.pop()?;
-        let measured_at = match &ordered {
-            Ordered::Measurement(measurement) => {
-                let stamp = &measurement.stamp;
-                let received_at = self.arrival_times.get(stamp).copied();
-                while self
-                    .arrival_times
-                    .first_key_value()
-                    .is_some_and(|(first, _)| first < stamp)
-                {
-                    self.arrival_times.pop_first();
-                }
-                // The stamp is trusted only after ordering. A measurement without arrival time must not
-                // appear new.
-                received_at.map_or(Monotonic::from_nanos(0), |received_at| {
-                    self.delay_estimator
-                        .measured_at(measurement.stream, *stamp, received_at)
-                })
-            }
-            Ordered::ClockReset { .. } => {
-                self.delay_estimator.reset_clock();
-                clock::now()
-            }
-        };
-        Some(SourceItem::Live {
-            ordered,
-            measured_at,
-        })
-    }
-
     fn next_available(&mut self) -> Option<SourceItem> {
         loop {
-            if let Some(item) = self.next_ordered() {
+            if let Some(item) = self.order.next() {
                 return Some(item);
             }
             let (measurement, received_at) = self
@@ -316,8 +256,8 @@ impl Source for LiveSource {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     self.subscribe();
-                    self.release(clock::now());
-                    if let Some(item) = self.next_ordered() {
+                    self.order.release(clock::now());
+                    if let Some(item) = self.order.next() {
                         self.is_busy = true;
                         return Ok(Some(item));
                     }
@@ -339,17 +279,16 @@ impl Source for LiveSource {
     }
 
     fn lost_total(&self) -> u64 {
-        self.messages.loss_counts().total() + self.order.drops().total() + self.dropped()
+        self.messages.loss_counts().total() + self.order.lost_total() + self.dropped()
     }
 
     fn lost(&self) -> SourceLosses {
         let mut lost = SourceLosses {
             counts: self.messages.loss_counts().clone(),
-            late_scans: self.order.late_scans(),
             notes: self.messages.losses().notes().to_vec(),
             ..SourceLosses::default()
         };
-        lost.counts.merge(self.order.drops());
+        self.order.add_losses(&mut lost);
         lost.counts.add_many(DropReason::QueueFull, self.dropped());
         lost
     }

@@ -1,0 +1,167 @@
+//! A vehicle whose devices are read without a middleware: emulated devices on real sockets and terminals.
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use emulators::Emulator;
+use emulators::lms111::Lms111;
+use emulators::mti::Mti;
+use foreshore_tests::operator::connected;
+use network::clock;
+use protocol::keys::Topic;
+use protocol::message::{DeviceState, DeviceStatus, Status};
+use protocol::wire;
+use tempfile::{TempDir, tempdir};
+use zenoh::Wait as _;
+
+use crate::processes::{free_port, start, tcp};
+
+/// Longer than any step takes.
+const TIMEOUT: Duration = Duration::from_mins(1);
+
+/// A laser and an attitude sensor, and the configuration of a vehicle that has them.
+struct Devices {
+    laser: Emulator<Lms111>,
+    _imu: Emulator<Mti>,
+    folder: TempDir,
+}
+
+impl Devices {
+    fn new() -> Self {
+        let laser = Emulator::on_tcp(Lms111::default());
+        let imu = Emulator::on_serial(Mti::default());
+        let folder = tempdir().unwrap();
+        let text = format!(
+            "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
+             [devices.laser]\nkind = \"sick_cola\"\ntcp = \"{}\"\n\
+             [devices.imu]\nkind = \"xsens\"\nserial = \"{}\"\n",
+            laser.address, imu.address
+        );
+        fs::write(folder.path().join("rover.toml"), text).unwrap();
+        Self {
+            laser,
+            _imu: imu,
+            folder,
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn vehicle(&self) -> String {
+        self.path("rover.toml").display().to_string()
+    }
+}
+
+fn device<'a>(status: &'a Status, name: &str) -> &'a DeviceStatus {
+    let found = status.devices.iter().find(|device| device.name == name);
+    found.unwrap_or_else(|| panic!("no {name} in {:?}", status.devices))
+}
+
+#[test]
+fn devices_are_mapped_recorded_and_come_back() {
+    let devices = Devices::new();
+    let port = free_port();
+    let [recording, summary] = ["run.mcap", "run.json"].map(|name| devices.path(name));
+    let edge = start(&format!(
+        "robot-edge run --vehicle {} --robot rover --quiet --listen {} --record {} --summary {}",
+        devices.vehicle(),
+        tcp(port),
+        recording.display(),
+        summary.display()
+    ));
+    let session = connected(&tcp(port), None);
+    let key = Topic::Status.key(&"rover".parse().unwrap());
+    let statuses = session.declare_subscriber(key).wait().unwrap();
+    let wait_for = |what: &str, is_so: &dyn Fn(&Status) -> bool| {
+        let started = clock::now();
+        let mut last = None;
+        loop {
+            assert!(
+                clock::elapsed(started) < TIMEOUT,
+                "{what} in vain: {last:?}"
+            );
+            let Ok(Some(sample)) = statuses.recv_timeout(Duration::from_secs(1)) else {
+                continue;
+            };
+            let (_, status): (_, Status) = wire::decode(&sample.payload().to_bytes()).unwrap();
+            if is_so(&status) {
+                return status;
+            }
+            last = Some(status);
+        }
+    };
+    let measures = |status: &Status| {
+        let is_ready =
+            |device: &DeviceStatus| device.state == DeviceState::Measuring && device.rate_hz > 0.0;
+        status.scans_mapped > 20 && status.devices.iter().all(is_ready)
+    };
+    let status = wait_for("maps", &measures);
+    let laser = device(&status, "laser");
+    assert!(laser.identity.contains("1234567"), "{laser:?}");
+    assert!((40.0..60.0).contains(&laser.rate_hz), "{laser:?}");
+    assert!(
+        laser.clock.is_some() && laser.trouble.is_empty(),
+        "{laser:?}"
+    );
+    assert_eq!(laser.reconnects, 0);
+
+    devices.laser.power(false);
+    let status = wait_for("loses the laser", &|status| {
+        device(status, "laser").state == DeviceState::Connecting
+    });
+    assert!(!device(&status, "laser").trouble.is_empty());
+    assert_eq!(device(&status, "imu").state, DeviceState::Measuring);
+    let before = status.scans_mapped;
+    devices.laser.power(true);
+    let status = wait_for("gets it back", &|status| {
+        status.scans_mapped > before + 20 && device(status, "laser").state == DeviceState::Measuring
+    });
+    assert_eq!(device(&status, "laser").reconnects, 1);
+
+    edge.signal("INT");
+    edge.ends_with(130);
+    let summary: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(summary).unwrap()).unwrap();
+    let replayed = devices.path("replay.json");
+    start(&format!(
+        "robot-edge replay {} --vehicle {} --no-network --quiet --summary {}",
+        recording.display(),
+        devices.vehicle(),
+        replayed.display()
+    ))
+    .ends_well();
+    let replayed: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(replayed).unwrap()).unwrap();
+    assert_eq!(replayed["scans"]["mapped"], summary["scans"]["mapped"]);
+    assert_eq!(replayed["layers"], summary["layers"], "digests");
+}
+
+#[test]
+fn a_check_says_what_each_device_is() {
+    let devices = Devices::new();
+    let check = |seconds: u32| {
+        let vehicle = devices.vehicle();
+        start(&format!(
+            "robot-edge check {vehicle} --connect --seconds {seconds}"
+        ))
+        .end()
+    };
+    let (code, text) = check(3);
+    assert_eq!(code, Some(0), "{text}");
+    for said in [
+        "device laser: sick_cola, measures, 50.0 Hz",
+        "serial number 1234567",
+        "device imu: xsens, measures",
+        "beams hit; ahead is up",
+    ] {
+        assert!(text.contains(said), "{said}: {text}");
+    }
+    devices.laser.power(false);
+    let (code, text) = check(2);
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("device laser: sick_cola, no: "), "{text}");
+    assert!(text.contains("no measurements from laser"), "{text}");
+}
