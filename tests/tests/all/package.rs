@@ -172,7 +172,7 @@ fn the_package_installs_on_a_fresh_debian() {
     );
     let completed = debian.run(
         "bash -c '. /usr/share/bash-completion/completions/robot-edge; COMP_WORDS=(robot-edge se); COMP_CWORD=1; \
-         _robot-edge robot-edge se robot-edge; echo ${COMPREPLY[@]}'",
+         _robot__edge robot-edge se robot-edge; echo ${COMPREPLY[@]}'",
     );
     assert_eq!(completed, "setup");
 
