@@ -1,6 +1,7 @@
 //! The command line. Names are a contract with scripts; what does not work yet is not offered.
 
 mod mapping;
+pub mod setup;
 mod tools;
 
 use clap::{ArgAction, Args, Parser, Subcommand};
@@ -11,9 +12,10 @@ use network::LOG_FILTER;
 pub use mapping::{
     DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate, VehicleOptions,
 };
+use setup::{QUESTIONS, Setup};
 use tools::INSTALLED_KEYS;
 pub use tools::{
-    Calibrate, Check, Completions, Devices, Experiments, Info, InstallKeys, Keys, MotorGuard,
+    Calibrate, Check, Completions, Devices, Experiments, Info, InstallKeys, Keys, Man, MotorGuard,
     Recover, Vehicles,
 };
 
@@ -85,6 +87,9 @@ pub enum Command {
     Recover(Recover),
     /// List vehicles that come with the program, or print one as a configuration to edit
     Vehicles(Vehicles),
+    /// Ask what a vehicle has, and write its configuration
+    #[command(after_help = QUESTIONS)]
+    Setup(Setup),
     /// Validate a configuration and say exactly what is wrong
     Check(Check),
     /// Say which sensors are connected
@@ -101,6 +106,9 @@ pub enum Command {
     Experiments(Experiments),
     /// Print completions for a shell
     Completions(Completions),
+    /// Write the manual pages, as packages need them
+    #[command(hide = true)]
+    Man(Man),
     /// Own the motors for the process that has started this one
     #[command(name = MOTOR_GUARD_COMMAND, hide = true)]
     MotorGuard(MotorGuard),
@@ -207,6 +215,11 @@ mod tests {
             ("keys d --host tcp/boat", "boat.example"),
             ("keys d --days 0", "0 is not in 1..=3650"),
             ("replay a --keys d --insecure", "cannot be used with"),
+            ("setup --vehicle pionear", "did you mean `pioneer`?"),
+            ("setup --size 1,2", "length, width, height"),
+            ("setup --device laser", "laser=sick_cola,tcp="),
+            ("setup --device laser=hokuyo,serial", "no KEY=VALUE"),
+            ("setup --mount laser=1,2", "x,y,z,roll,pitch,yaw"),
             ("experiments", "--out"),
             ("experiments --out d --seeds 0", "0 is not in 1..=1000"),
         ] {
@@ -250,6 +263,28 @@ mod tests {
             let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
             assert_eq!(cli.verbosity.log_filter(), filter, "{line}");
         }
+    }
+
+    #[test]
+    fn every_command_but_hidden_ones_has_a_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("man");
+        Man { out: out.clone() }.write().unwrap();
+        let command = Cli::command();
+        let shown = command.get_subcommands().filter(|each| !each.is_hide_set());
+        let mut expected: Vec<String> = shown
+            .map(|each| format!("robot-edge-{}.1", each.get_name()))
+            .collect();
+        expected.extend(["robot-edge.1", "robot-edge-calibrate-self-hits.1"].map(str::to_owned));
+        expected.sort();
+        let pages = std::fs::read_dir(&out).unwrap();
+        let mut pages: Vec<String> = pages
+            .map(|page| page.unwrap().file_name().into_string().unwrap())
+            .collect();
+        pages.sort();
+        assert_eq!(pages, expected);
+        let page = std::fs::read_to_string(out.join("robot-edge-setup.1")).unwrap();
+        assert!(page.contains("192.168.0.1:2111"), "{page}");
     }
 
     #[test]

@@ -24,6 +24,7 @@ pub mod runtime;
 pub mod sensor_monitor;
 pub mod server;
 pub mod service_manager;
+pub mod setup;
 pub mod summary;
 pub mod survey;
 pub mod vehicle_commands;

@@ -18,6 +18,8 @@ mod fleet;
 mod killed_run;
 mod link;
 mod live;
+#[cfg(target_os = "linux")]
+mod package;
 mod processes;
 mod security;
 mod teleop;

@@ -187,6 +187,22 @@ impl Completions {
     }
 }
 
+/// `man`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct Man {
+    /// Folder to write them to; made where there is none
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+impl Man {
+    /// A page for the program and one for each command.
+    pub fn write(&self) -> io::Result<()> {
+        std::fs::create_dir_all(&self.out)?;
+        clap_mangen::generate_to(Cli::command(), &self.out)
+    }
+}
+
 /// A host name (RFC 1123) or an address.
 fn host(text: &str) -> Result<String, String> {
     if let Ok(address) = text.parse::<std::net::IpAddr>() {

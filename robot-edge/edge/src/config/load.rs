@@ -26,6 +26,11 @@ pub fn load(vehicle: &str, overrides: &[Override]) -> Result<Config, ConfigError
     build(&layers(vehicle, overrides)?)
 }
 
+/// The configuration that a file of this `text` at `path` would be.
+pub(crate) fn load_text(path: &Path, text: &str) -> Result<Config, ConfigError> {
+    build(&text_layers(path, text)?)
+}
+
 /// The preset, the file and the overrides, in order of precedence.
 pub(super) fn layers(
     vehicle: &str,
@@ -33,15 +38,14 @@ pub(super) fn layers(
 ) -> Result<Vec<ConfigLayer>, ConfigError> {
     let mut layers = match presets::find(vehicle) {
         Some(preset) => vec![preset.layer()?],
-        None => file_layers(Path::new(vehicle))?,
+        None => text_layers(Path::new(vehicle), &read(Path::new(vehicle))?)?,
     };
     layers.extend(overrides.iter().map(Override::layer));
     Ok(layers)
 }
 
-fn file_layers(path: &Path) -> Result<Vec<ConfigLayer>, ConfigError> {
-    let text = read(path)?;
-    let mut file = ConfigLayer::file(path, &text)?;
+fn text_layers(path: &Path, text: &str) -> Result<Vec<ConfigLayer>, ConfigError> {
+    let mut file = ConfigLayer::file(path, text)?;
     let named = file.table.remove(PRESET_KEY);
     let mut base = named_preset(&file, named.as_ref())?.layer()?;
     if let (None, Some(Value::Table(own))) = (&named, file.table.get("sensors"))

@@ -92,7 +92,8 @@ fn key_parts(key: &str) -> Result<Vec<String>, OverrideError> {
     Ok(parts)
 }
 
-fn parse_value(text: &str) -> Result<Value, OverrideError> {
+/// TOML, or text without quotes.
+pub(crate) fn parse_value(text: &str) -> Result<Value, OverrideError> {
     let parsed = ValueDeserializer::parse(text).and_then(Value::deserialize);
     match parsed {
         Ok(value) => Ok(value),

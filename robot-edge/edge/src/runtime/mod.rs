@@ -25,7 +25,7 @@ mod source;
 mod source_reader;
 mod state_publisher;
 
-use std::io::Write;
+use std::io::{self, BufRead, IsTerminal as _, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -36,6 +36,7 @@ use crate::cli::{Cli, Command, MotorGuard, Recover};
 use crate::config::{self, presets};
 use crate::device_commands;
 use crate::exit::{Exit, UsageError};
+use crate::setup::setup;
 use crate::survey::Survey;
 use crate::vehicle_commands;
 use recording::Format;
@@ -60,9 +61,11 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
+        | Command::Setup(_)
         | Command::Keys(_)
         | Command::InstallKeys(_)
         | Command::Completions(_)
+        | Command::Man(_)
         | Command::MotorGuard(_) => run_until(cli, &AtomicBool::new(false), out),
     }
 }
@@ -89,6 +92,12 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             }
             Ok(Exit::Done)
         }
+        Command::Setup(command) => {
+            let input = io::stdin();
+            let mut input = input.is_terminal().then(|| input.lock());
+            let input = input.as_mut().map(|input| input as &mut dyn BufRead);
+            setup(command, input, out)
+        }
         Command::Check(command) => {
             let checked = vehicle_commands::check(&command.config, out)?;
             if checked != Exit::Done || !command.connect {
@@ -105,6 +114,11 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
         Command::Experiments(_) => Err(not_built("experiments")),
         Command::Completions(command) => {
             command.print(out)?;
+            Ok(Exit::Done)
+        }
+        Command::Man(command) => {
+            let folder = command.out.display();
+            command.write().with_context(|| folder.to_string())?;
             Ok(Exit::Done)
         }
         Command::MotorGuard(command) => guard_motors(command),
