@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::sync::mpsc::SyncSender;
+#[cfg(target_os = "linux")]
+use std::{os::fd::OwnedFd, sync::Arc};
 
 use measurement::StreamId;
 use tokio::runtime::{Builder, Runtime};
@@ -24,6 +26,12 @@ use crate::status::{DeviceStatus, DeviceStatuses};
 use crate::supervisor::{Clock, Link, Reading, Settings, Supervisor};
 use crate::ublox::Ublox;
 use crate::xsens::Xsens;
+#[cfg(target_os = "linux")]
+use crate::{
+    beam_selection::BeamSelection,
+    roboteq_encoders::RoboteqEncoders,
+    transport::{Address, PipeEnd},
+};
 
 /// Messages that wait at a link between two devices.
 const LINK_CAPACITY: usize = 64;
@@ -31,8 +39,8 @@ const LINK_CAPACITY: usize = 64;
 /// The running tasks. They end when this is dropped.
 #[derive(Debug)]
 pub struct Drivers {
-    statuses: DeviceStatuses,
-    _runtime: Runtime,
+    statuses: Vec<(String, watch::Receiver<DeviceStatus>)>,
+    runtime: Runtime,
 }
 
 /// Why devices cannot be started. A device that is not there is no reason.
@@ -101,15 +109,39 @@ impl Drivers {
             };
             statuses.push((name.clone(), status));
         }
-        Ok(Self {
-            statuses: DeviceStatuses(statuses.into()),
-            _runtime: runtime,
-        })
+        Ok(Self { statuses, runtime })
     }
 
-    /// What is known of the devices.
-    pub const fn statuses(&self) -> &DeviceStatuses {
-        &self.statuses
+    /// Adds encoders whose controller another process owns: it forwards what it receives through the pipe with this
+    /// read end. Their number is the next one.
+    #[cfg(target_os = "linux")]
+    pub fn add_encoders(
+        &mut self,
+        name: &str,
+        (encoders, read_end): (RoboteqEncoders, OwnedFd),
+        clock: Clock,
+        readings: &SyncSender<Reading>,
+    ) {
+        let task = Task {
+            runtime: &self.runtime,
+            settings: Settings {
+                name: name.into(),
+                stream: StreamId(self.statuses.len() as u16),
+                address: Address::Pipe(PipeEnd(Arc::new(read_end))),
+                beams: BeamSelection::default(),
+                identity: None,
+            },
+            clock,
+            readings: readings.clone(),
+            link: None,
+        };
+        let status = task.spawn(encoders);
+        self.statuses.push((name.to_owned(), status));
+    }
+
+    /// What is known of the devices that were started so far.
+    pub fn statuses(&self) -> DeviceStatuses {
+        DeviceStatuses(self.statuses.as_slice().into())
     }
 }
 

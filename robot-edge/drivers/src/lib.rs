@@ -48,3 +48,5 @@ pub mod xsens;
 pub use drivers::{Drivers, StartError};
 pub use frames::{Decoder, DropReason, Dropped};
 pub use transport::Address;
+#[cfg(target_os = "linux")]
+pub use transport::PipeEnd;

@@ -361,6 +361,10 @@ mod tests {
             ("?Q1\r", DropReason::CutOff, 1),
             ("?Q1\r1", DropReason::CutOff, 1),
             ("?Q1", DropReason::Garbage, 3),
+            // The guard's sign for bytes that were lost.
+            ("?Q0\r12\0\r34\r", DropReason::Field, 1),
+            ("?Q0\0\r12\r", DropReason::Field, 0),
+            ("?Q0\r\0\r12\r", DropReason::Field, 1),
             ("?Q0\r-\r", DropReason::UnknownKind, 1),
             ("?Q1\r-", DropReason::UnknownKind, 1),
             ("12\r", DropReason::Garbage, 2),

@@ -1,9 +1,11 @@
-//! Bytes to and from a device: TCP, UDP or a serial line.
+//! Bytes to and from a device: TCP, UDP, a serial line or a pipe.
 
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+#[cfg(target_os = "linux")]
+use std::{os::fd::OwnedFd, sync::Arc};
 
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpStream, UdpSocket};
@@ -26,6 +28,9 @@ pub enum Address {
         /// Bits per second.
         baud: u32,
     },
+    /// The read end of a pipe. The device that writes to it may go, and another one come.
+    #[cfg(target_os = "linux")]
+    Pipe(PipeEnd),
 }
 
 impl fmt::Display for Address {
@@ -35,16 +40,38 @@ impl fmt::Display for Address {
             Self::Udp(address) => write!(f, "udp {address}"),
             Self::UdpListen(address) => write!(f, "udp_listen {address}"),
             Self::Serial { path, baud } => write!(f, "serial {} with {baud} bit/s", path.display()),
+            #[cfg(target_os = "linux")]
+            Self::Pipe(_) => f.write_str("pipe"),
         }
     }
 }
+
+/// An open read end of a pipe.
+#[cfg(target_os = "linux")]
+#[derive(Clone, Debug)]
+pub struct PipeEnd(pub Arc<OwnedFd>);
+
+#[cfg(target_os = "linux")]
+impl PartialEq for PipeEnd {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl Eq for PipeEnd {}
 
 /// An open connection.
 #[derive(Debug)]
 pub(crate) enum Transport {
     Tcp(TcpStream),
-    Udp { socket: UdpSocket, has_peer: bool },
+    Udp {
+        socket: UdpSocket,
+        has_peer: bool,
+    },
     Serial(SerialPort),
+    #[cfg(target_os = "linux")]
+    Pipe(tokio::net::unix::pipe::Receiver),
 }
 
 impl Transport {
@@ -73,6 +100,14 @@ impl Transport {
                 Ok(Self::Udp { socket, has_peer })
             }
             Address::Serial { path, baud } => SerialPort::open(path, *baud).map(Self::Serial),
+            #[cfg(target_os = "linux")]
+            Address::Pipe(PipeEnd(read_end)) => {
+                let receiver = read_end.try_clone()?;
+                let receiver = tokio::net::unix::pipe::Receiver::from_owned_fd(receiver)?;
+                // Bytes that came before are dropped, as on a serial line. It does not block any more.
+                while let Ok(1..) = rustix::io::read(read_end, &mut [0; 4096]) {}
+                Ok(Self::Pipe(receiver))
+            }
         }
     }
 
@@ -94,6 +129,8 @@ impl Transport {
                 Ok(length)
             }
             Self::Serial(port) => port.read(buffer).await,
+            #[cfg(target_os = "linux")]
+            Self::Pipe(receiver) => receiver.read(buffer).await,
         }
     }
 
@@ -102,6 +139,8 @@ impl Transport {
             Self::Tcp(stream) => stream.write_all(bytes).await,
             Self::Udp { socket, .. } => socket.send(bytes).await.map(drop),
             Self::Serial(port) => port.write(bytes).await,
+            #[cfg(target_os = "linux")]
+            Self::Pipe(_) => Err(io::ErrorKind::Unsupported.into()),
         }
     }
 }

@@ -299,9 +299,9 @@ fn the_motor_guard_tells_what_it_knows_and_ends_when_its_pipe_closes() {
         .output()
         .unwrap();
     assert!(ended.status.success());
-    // Frames of 88 bytes, the first of which begins like this.
+    // Frames of 92 bytes, the first of which begins like this.
     assert_eq!(ended.stdout.get(..4), Some([0xF5, b'M', 1, 2].as_slice()));
-    assert_eq!(ended.stdout.len() % 88, 0);
+    assert_eq!(ended.stdout.len() % 92, 0);
     assert!(
         ended.stderr.is_empty(),
         "a terminal that is stopped would stop it"

@@ -1,8 +1,9 @@
 //! How the encoders of an AX3500 are read: through the motor guard, which owns the port.
 //!
 //! The guard asks `?Q0`, `?Q1` and `?Z` between its commands and forwards what it receives, unparsed,
-//! through a pipe that it never waits for: a full pipe loses bytes, and the decoder counts it. Nothing
-//! goes the other way, so that a fault here cannot reach the motors.
+//! through a pipe that it never waits for: a full pipe loses bytes, which the guard counts, and in
+//! their place is a character that no line has. Nothing goes the other way, so that a fault here
+//! cannot reach the motors.
 
 use std::time::Duration;
 

@@ -112,6 +112,8 @@ pub struct Counters {
     /// Bytes that belong to no valid frame.
     pub garbage: u32,
     pub reconnects: u32,
+    /// Bytes of the controller that the reader of encoders did not take in time.
+    pub lost_encoder_bytes: u32,
 }
 
 impl Counters {
@@ -120,6 +122,7 @@ impl Counters {
         stale: 0,
         garbage: 0,
         reconnects: 0,
+        lost_encoder_bytes: 0,
     };
 }
 

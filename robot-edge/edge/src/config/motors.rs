@@ -128,6 +128,59 @@ mod tests {
     }
 
     #[test]
+    fn encoders_of_a_roboteq_need_pulses_and_two_joints() {
+        let encoders = format!(
+            "{ROBOTEQ}[motors.roboteq.encoders]\nleft_pulses_per_turn = -500.0\nright_pulses_per_turn = 500.0\n"
+        );
+        assert_eq!(
+            check(ROBOTEQ, &[])
+                .unwrap()
+                .motors
+                .roboteq
+                .unwrap()
+                .encoders,
+            None
+        );
+        let config = check(&encoders, &[]).unwrap();
+        let roboteq = config.motors.roboteq.unwrap();
+        assert!(roboteq.encoders().is_some());
+        let joints = roboteq.encoders.unwrap();
+        assert_eq!(
+            [joints.left_joint, joints.right_joint],
+            ["left_wheel_joint", "right_wheel_joint"]
+        );
+        for (set, key, why) in [
+            (
+                "left_pulses_per_turn=0",
+                "left_pulses_per_turn",
+                "1 to 10000000",
+            ),
+            (
+                "right_pulses_per_turn=nan",
+                "right_pulses_per_turn",
+                "1 to 10000000",
+            ),
+            ("left_joint=''", "left_joint", "it names a wheel"),
+            (
+                "left_joint=right_wheel_joint",
+                "right_joint",
+                "a joint other than left_joint",
+            ),
+            ("joint=a", "joint", "left_joint"),
+        ] {
+            let error = check(&encoders, &[&format!("motors.roboteq.encoders.{set}")]).unwrap_err();
+            let key = format!("motors.roboteq.encoders.{key}");
+            assert!(
+                error.contains(&key) && error.contains(why),
+                "{set}: {error}"
+            );
+        }
+        let one = encoders.replace("right_pulses_per_turn = 500.0\n", "");
+        let error = check(&one, &[]).unwrap_err();
+        assert!(error.contains("right_pulses_per_turn"), "{error}");
+    }
+
+    #[test]
     fn ros2_twist_needs_a_topic_and_excludes_other_motors() {
         let config = check("[motors.ros2_twist]\n", &[]).unwrap();
         assert_eq!(config.motors.ros2_twist.unwrap().topic, "/cmd_vel");

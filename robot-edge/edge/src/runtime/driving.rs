@@ -1,17 +1,20 @@
 //! The motors of a run, and the rules of driving it.
 
 use std::path::{Path, PathBuf};
+#[cfg(target_os = "linux")]
+use std::{io, os::fd::OwnedFd, sync::Arc};
 
 use anyhow::Context as _;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 
+use super::live::devices::EncoderInput;
 use super::live_recording::LiveRecording;
 #[cfg(target_os = "linux")]
 use crate::actuators::motor_guard::{GuardCommand, GuardedMotors};
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
-use crate::actuators::roboteq::RoboteqConfig;
+use crate::actuators::roboteq::{RoboteqConfig, encoder_pipe};
 use crate::cli::DrivingOptions;
 use crate::config::{Config, ConfigIssue};
 #[cfg(feature = "simulation")]
@@ -23,6 +26,7 @@ use crate::driving::{
 use crate::exit::UsageError;
 use crate::ros2::RosLink;
 use crate::service_manager::ServiceManager;
+#[cfg(target_os = "linux")]
 use mapping::ground_plane::GroundTracker;
 use network::audit::Audit;
 use recording::new_file::{self, NewFile};
@@ -45,31 +49,13 @@ pub(super) enum MotorsPlan {
     Roboteq(RoboteqConfig),
 }
 
-impl MotorsPlan {
-    fn start(&self) -> anyhow::Result<Motors> {
-        Ok(match self {
-            Self::None => Motors::None,
-            #[cfg(feature = "simulation")]
-            Self::Simulated(motors) => Motors::Simulated(motors.clone()),
-            Self::Ros2Twist(link, topic) => {
-                let publisher = link.twist_publisher(topic)?;
-                let motors = PublishedVelocity::start(Box::new(publisher));
-                Motors::Published(motors.context("no thread can be had to publish velocities")?)
-            }
-            #[cfg(target_os = "linux")]
-            Self::Roboteq(config) => {
-                let guarded = GuardCommand::this_program(config)
-                    .and_then(|command| GuardedMotors::start(command, config.clone()));
-                Motors::Guarded(guarded.context("the motors' guard cannot be started")?)
-            }
-        })
-    }
-}
-
 /// The motors of a run, and the files of driving.
 #[derive(Clone, Debug)]
 pub(super) struct DrivePlan {
     motors: MotorsPlan,
+    /// Write end of the pipe through which the motor guard forwards what encoders say.
+    #[cfg(target_os = "linux")]
+    encoder_pipe: Option<Arc<OwnedFd>>,
     log: Option<PathBuf>,
     state: Option<PathBuf>,
     recordings: Option<PathBuf>,
@@ -79,6 +65,8 @@ impl DrivePlan {
     pub(super) const fn none() -> Self {
         Self {
             motors: MotorsPlan::None,
+            #[cfg(target_os = "linux")]
+            encoder_pipe: None,
             log: None,
             state: None,
             recordings: None,
@@ -88,10 +76,47 @@ impl DrivePlan {
     pub(super) fn new(motors: MotorsPlan, options: &DrivingOptions) -> Self {
         Self {
             motors,
+            #[cfg(target_os = "linux")]
+            encoder_pipe: None,
             log: options.drive_log.clone(),
             state: options.state_dir.clone(),
             recordings: options.recordings.clone(),
         }
+    }
+
+    /// What reads the encoders of the motor controller, if they are configured, and the pipe that it reads. Once, before
+    /// the motors are started: the guard asks for counts if this was called. For [`drivers::Drivers::add_encoders`].
+    #[cfg(target_os = "linux")]
+    #[expect(dead_code, reason = "for the source of devices without a middleware")]
+    pub(super) fn encoder_input(&mut self) -> io::Result<Option<EncoderInput>> {
+        let MotorsPlan::Roboteq(config) = &self.motors else {
+            return Ok(None);
+        };
+        let Some(encoders) = config.encoders() else {
+            return Ok(None);
+        };
+        let (read_end, write_end) = encoder_pipe::pipe()?;
+        self.encoder_pipe = Some(Arc::new(write_end));
+        Ok(Some((encoders, read_end)))
+    }
+
+    fn start_motors(&self) -> anyhow::Result<Motors> {
+        Ok(match &self.motors {
+            MotorsPlan::None => Motors::None,
+            #[cfg(feature = "simulation")]
+            MotorsPlan::Simulated(motors) => Motors::Simulated(motors.clone()),
+            MotorsPlan::Ros2Twist(link, topic) => {
+                let publisher = link.twist_publisher(topic)?;
+                let motors = PublishedVelocity::start(Box::new(publisher));
+                Motors::Published(motors.context("no thread can be had to publish velocities")?)
+            }
+            #[cfg(target_os = "linux")]
+            MotorsPlan::Roboteq(config) => {
+                let guarded = GuardCommand::this_program(config, self.encoder_pipe.clone())
+                    .and_then(|command| GuardedMotors::start(command, config.clone()));
+                Motors::Guarded(guarded.context("the motors' guard cannot be started")?)
+            }
+        })
     }
 
     pub(super) const fn can_drive(&self) -> bool {
@@ -187,7 +212,7 @@ impl DrivePlan {
             rules,
             operators,
             audit,
-            motors: self.motors.start()?,
+            motors: self.start_motors()?,
             local_commands: LocalCommands::by_signals().context("signals cannot be taken")?,
             budget_kbps: config.streaming.budget_kbps,
             monitor_runner,

@@ -10,7 +10,7 @@ use drivers::status::DeviceStatuses;
 use protocol::keys::RobotId;
 
 use super::driving::{DrivePlan, MotorsPlan};
-use super::live::devices::{self, DeviceSource, name_topics};
+use super::live::devices::{self, DeviceSource, EncoderInput, name_topics};
 use super::live::{StreamSelection, TopicDiscovery, find};
 use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
@@ -64,21 +64,26 @@ pub(super) fn run_live(
         None => None,
     };
     let others = options.record.is_some() || command.driving.recordings.is_some();
+    let drive_by = |link| match &driving {
+        Some(options) => Ok(DrivePlan::new(motors(&config, link)?, options)),
+        None => Ok::<_, UsageError>(DrivePlan::none()),
+    };
+    let (sensors, drive) = if config.devices.is_empty() {
+        let sensors = ros_sensors(command, &config, others, quiet, interrupt)?;
+        let drive = drive_by(sensors.link.clone())?;
+        (sensors, drive)
+    } else {
+        let mut drive = drive_by(None)?;
+        let encoders = drive.encoder_input()?;
+        (own_devices(command, &config, encoders, others)?, drive)
+    };
     let Sensors {
         mut source,
         place,
         plan,
-        link,
         devices,
-    } = if config.devices.is_empty() {
-        ros_sensors(command, &config, others, quiet, interrupt)?
-    } else {
-        own_devices(command, &config, others)?
-    };
-    let drive = match &driving {
-        Some(options) => DrivePlan::new(motors(&config, link)?, options),
-        None => DrivePlan::none(),
-    };
+        ..
+    } = sensors;
 
     let mut notes = vec![format!("{vehicle} ({why})")];
     let sensors = plan.sensors.iter();
@@ -138,7 +143,12 @@ struct Sensors {
 }
 
 /// The devices of the configuration; they need not be there yet.
-fn own_devices(command: &RunLive, config: &Config, others: bool) -> anyhow::Result<Sensors> {
+fn own_devices(
+    command: &RunLive,
+    config: &Config,
+    encoders: Option<EncoderInput>,
+    others: bool,
+) -> anyhow::Result<Sensors> {
     if let Some(ros) = &command.ros {
         return Err(UsageError(format!(
             "--ros {ros}: the vehicle's configuration has devices of its own ([devices]), which are read without ROS 2: \
@@ -146,12 +156,12 @@ fn own_devices(command: &RunLive, config: &Config, others: bool) -> anyhow::Resu
         ))
         .into());
     }
-    let plan = plan(&devices::survey(config)?, config)?;
+    let plan = plan(&devices::survey(config, encoders.is_some())?, config)?;
     let selection = StreamSelection {
         mapped: plan.streams.clone(),
         others,
     };
-    let source = DeviceSource::start(config, selection)?;
+    let source = DeviceSource::start(config, encoders, selection)?;
     Ok(Sensors {
         devices: Some(source.statuses().clone()),
         source: Box::new(source),

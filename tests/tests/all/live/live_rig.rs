@@ -80,7 +80,10 @@ impl LiveRig {
 
     /// With the emulated controller.
     pub(super) fn with_roboteq(set_up: impl FnOnce(&mut Emulator)) -> (Self, EmulatorOnTerminal) {
-        let controller = EmulatorOnTerminal::start(set_up);
+        let controller = EmulatorOnTerminal::start(|emulator| {
+            emulator.full_speed_counts = Some([1000.0; 2]);
+            set_up(emulator);
+        });
         let configuration = format!("{BLIND_VEHICLE}{}", roboteq(&controller));
         let system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
         let laser = |system: &mut RosSystem, is_over: &dyn Fn() -> bool| {
@@ -168,7 +171,8 @@ impl Drop for LiveRig {
 pub(super) fn roboteq(controller: &EmulatorOnTerminal) -> String {
     format!(
         "[motors.roboteq]\nport = \"{}\"\nleft_channel = \"one\"\n\
-         drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n",
+         drive = {{ track_width_m = 0.5, full_speed_mps = 1.0 }}\n\
+         encoders = {{ left_pulses_per_turn = 250.0, right_pulses_per_turn = 250.0 }}\n",
         controller.path().display()
     )
 }

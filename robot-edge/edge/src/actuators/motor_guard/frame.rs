@@ -3,7 +3,7 @@
 //! Frames have a fixed length in each direction, so that no length field can be corrupted. All numbers are little
 //! endian; `crc` is CRC-32 (IEEE 802.3) of everything before it.
 //!
-//! | command, 40 bytes | | report, 88 bytes | |
+//! | command, 40 bytes | | report, 92 bytes | |
 //! | --- | --- | --- | --- |
 //! | 0 | `F5 4D`, version 1, kind 1 | 0 | `F5 4D`, version 1, kind 2 |
 //! | 4 | sequence number, u64 | 4 | sequence number of the newest velocity that was taken, u64 |
@@ -14,8 +14,8 @@
 //! | | | 60 | which of the three are known: bits 0 to 2 |
 //! | | | 61 | readiness, fault, detail of the fault, controller's flags, its watchdog: 5 × u8 |
 //! | | | 66 | the detail's second and third byte |
-//! | | | 68 | lapses, stale, garbage, reconnects: 4 × u32 |
-//! | | | 84 | crc |
+//! | | | 68 | lapses, stale, garbage, reconnects, lost bytes of encoders: 5 × u32 |
+//! | | | 88 | crc |
 
 use crate::actuators::report::{
     ControllerFault, ControllerFlags, ControllerWatchdog, Counters, Hold, Readiness, Report,
@@ -28,7 +28,7 @@ const CRC_BYTES: usize = 4;
 
 pub const COMMAND_BYTES: usize = 40;
 
-pub const REPORT_BYTES: usize = 88;
+pub const REPORT_BYTES: usize = 92;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorCommand {
@@ -238,8 +238,9 @@ impl Frame<REPORT_BYTES> for MotorReport {
             stale,
             garbage,
             reconnects,
+            lost_encoder_bytes,
         } = report.counters;
-        for counter in [dropouts, stale, garbage, reconnects] {
+        for counter in [dropouts, stale, garbage, reconnects, lost_encoder_bytes] {
             body.put(&counter.to_le_bytes());
         }
     }
@@ -258,6 +259,7 @@ impl Frame<REPORT_BYTES> for MotorReport {
             stale: counter()?,
             garbage: counter()?,
             reconnects: counter()?,
+            lost_encoder_bytes: counter()?,
         };
         let velocity = |bit: u8, velocity: Velocity| {
             (known & bit != 0 && velocity.is_finite()).then_some(velocity)
@@ -425,6 +427,7 @@ mod tests {
                     stale: 2,
                     garbage: 3,
                     reconnects: u32::MAX,
+                    lost_encoder_bytes: 4,
                 },
                 ..Report::unknown(Monotonic::from_nanos(99))
             },
@@ -456,8 +459,8 @@ mod tests {
         for at in [61, 62, 65] {
             let mut bytes = motor_report(Readiness::Starting, None).encode();
             bytes[at] = 200;
-            let crc = crc32fast::hash(&bytes[..84]).to_le_bytes();
-            bytes[84..].copy_from_slice(&crc);
+            let crc = crc32fast::hash(&bytes[..88]).to_le_bytes();
+            bytes[88..].copy_from_slice(&crc);
             assert_eq!(MotorReport::decode(&bytes), None, "{at}");
         }
     }

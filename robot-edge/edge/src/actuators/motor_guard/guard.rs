@@ -18,6 +18,7 @@ use crate::actuators::motor_guard::{REPORT_PERIOD, WATCHDOG};
 use crate::actuators::report::{ControllerFault, Counters, Hold, Readiness, Report};
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::{State, Status};
+use crate::actuators::roboteq::encoder_pipe::EncoderPipe;
 use crate::actuators::roboteq::serial_link::{SerialLink, Sharing};
 use measurement::time::Monotonic;
 use network::clock;
@@ -41,8 +42,8 @@ pub fn ignore_signals() -> io::Result<()> {
 /// be reached.
 ///
 /// `commands` are frames of [`super::frame::MotorCommand`], `reports` gets frames of [`MotorReport`]; both must be
-/// pipes of their own: they are made not to block. It writes nothing to standard error: a stopped terminal would block
-/// it.
+/// pipes of their own: they are made not to block. A third may be inherited: [`EncoderPipe`]. It writes nothing to
+/// standard error: a stopped terminal would block it.
 pub fn run(commands: impl AsFd, reports: impl AsFd, config: &RoboteqConfig) -> io::Result<()> {
     ignore_signals()?;
     Guard::new(commands.as_fd(), reports.as_fd(), config)?.run();
@@ -80,7 +81,12 @@ impl<'a> Guard<'a> {
             signalled,
             decoder: Decoder::new(),
             gate: Gate::new(),
-            serial_link: SerialLink::new(config.clone(), Sharing::Exclusive, clock::now()),
+            serial_link: SerialLink::new(
+                config.clone(),
+                Sharing::Exclusive,
+                EncoderPipe::inherited(),
+                clock::now(),
+            ),
             last_report: None,
             ending: None,
         })
@@ -177,7 +183,10 @@ impl<'a> Guard<'a> {
                 battery_v: status.battery_v,
                 controller: status.flags,
                 watchdog: status.watchdog,
-                counters: self.gate.counters(status.reconnects),
+                counters: Counters {
+                    lost_encoder_bytes: self.serial_link.lost_encoder_bytes(),
+                    ..self.gate.counters(status.reconnects)
+                },
                 at: now,
             },
             fault,
@@ -305,6 +314,7 @@ impl Gate {
             stale: self.stale,
             garbage: self.garbage,
             reconnects,
+            lost_encoder_bytes: 0,
         }
     }
 

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::io;
 use std::io::Write as _;
+use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering, fence};
@@ -23,22 +24,28 @@ use teleop::Velocity;
 /// every 50 ms; a busy computer must not make a fault of that, and the motors' own watchdog acts after 1 s.
 const SILENCE: Duration = Duration::from_millis(500);
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct GuardCommand {
     pub program: PathBuf,
     pub arguments: Vec<OsString>,
     /// Added to its environment.
     pub environment: Vec<(OsString, OsString)>,
+    /// Write end of the pipe for what the controller sends ([`crate::actuators::roboteq::encoder_pipe`]).
+    pub encoder_pipe: Option<Arc<OwnedFd>>,
 }
 
 impl GuardCommand {
     /// This program, as a guard of motors that hang on `config`: it gets the configuration as one argument, in JSON.
-    pub fn this_program(config: &RoboteqConfig) -> io::Result<Self> {
+    pub fn this_program(
+        config: &RoboteqConfig,
+        encoder_pipe: Option<Arc<OwnedFd>>,
+    ) -> io::Result<Self> {
         let config = serde_json::to_string(config)?;
         Ok(Self {
             program: std::env::current_exe()?,
             arguments: vec![MOTOR_GUARD_COMMAND.into(), config.into()],
             environment: Vec::new(),
+            encoder_pipe,
         })
     }
 }

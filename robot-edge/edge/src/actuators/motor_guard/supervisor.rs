@@ -1,7 +1,7 @@
 //! The thread beside the teleop loop: it may wait for processes and ports, the loop may not.
 
 use std::io;
-use std::os::fd::{AsFd as _, BorrowedFd};
+use std::os::fd::{AsFd as _, AsRawFd as _, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt as _;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -19,6 +19,7 @@ use crate::actuators::motor_guard::frame::MotorReport;
 use crate::actuators::report::{FallbackStop, Fault, Report};
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::driver::State;
+use crate::actuators::roboteq::encoder_pipe;
 use crate::actuators::roboteq::serial_link::SerialLink;
 use crate::actuators::roboteq::serial_link::{Port, Sharing};
 use crate::lock;
@@ -103,10 +104,19 @@ impl Supervisor {
     }
 
     fn spawn(&self) -> io::Result<Guard> {
+        // `exec` does not close it, unlike one of `try_clone`: the guard inherits it, as does any other program that is
+        // started meanwhile, which does not know it. If it cannot be had, the vehicle drives without.
+        let encoder_pipe = self.command.encoder_pipe.as_ref();
+        let encoder_pipe = encoder_pipe.and_then(|pipe| rustix::io::dup(pipe).ok());
+        let number = encoder_pipe
+            .as_ref()
+            .map(|pipe| pipe.as_raw_fd().to_string());
         let mut child = Command::new(&self.command.program)
             .args(&self.command.arguments)
             // The service manager is notified by the edge alone.
             .env_remove(service_manager::SOCKET)
+            .env_remove(encoder_pipe::VARIABLE)
+            .envs(number.map(|number| (encoder_pipe::VARIABLE, number)))
             .envs(self.command.environment.iter().cloned())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -200,7 +210,7 @@ impl Supervisor {
     fn fallback_stop(&self, mut child: Option<Child>, why: &io::Error) {
         let since = clock::now();
         let mut is_said = false;
-        let mut serial_link = SerialLink::new(self.config.clone(), Sharing::Shared, since);
+        let mut serial_link = SerialLink::new(self.config.clone(), Sharing::Shared, None, since);
         let mut until = None;
         loop {
             let now = clock::now();

@@ -22,6 +22,8 @@ use measurement::time::Monotonic;
 use network::clock;
 use teleop::Velocity;
 
+mod encoders;
+
 /// Longest wait for what must happen.
 const PATIENCE: Duration = Duration::from_mins(3);
 
@@ -66,6 +68,7 @@ fn this_test_as(name: &str, variable: &str, config: &RoboteqConfig) -> GuardComm
             variable.into(),
             serde_json::to_string(config).unwrap().into(),
         )],
+        encoder_pipe: None,
     }
 }
 

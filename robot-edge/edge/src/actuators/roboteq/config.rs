@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::wire::{Channel, Power};
 use crate::actuators::differential_drive::{DifferentialDrive, SideSpeeds};
-use crate::config::{ConfigIssue, Problem};
+use crate::config::{ConfigIssue, Problem, WheelEncodersConfig};
+use drivers::roboteq_encoders::{RoboteqEncoders, WheelEncoder};
 use teleop::Velocity;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +28,9 @@ pub struct RoboteqConfig {
     /// the motor then turns at 127·58593.75 / ((time base + 1)·pulses per revolution) turns per minute.
     #[serde(default)]
     pub encoder_full_speed_mps: Option<f64>,
+    /// Counts of the encoders as angles of wheels.
+    #[serde(default)]
+    pub encoders: Option<EncodersConfig>,
     /// Refuse to drive if the controller would not stop by itself without communication.
     #[serde(default = "yes")]
     pub require_watchdog: bool,
@@ -34,6 +38,74 @@ pub struct RoboteqConfig {
 
 const fn yes() -> bool {
     true
+}
+
+/// A wheel's encoder counts up while its channel runs ahead, or backwards where the side is inverted; the sign of its
+/// pulses says otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncodersConfig {
+    /// Pulses in one turn of the wheel, with the gear; four counts are a pulse.
+    pub left_pulses_per_turn: f64,
+    pub right_pulses_per_turn: f64,
+    /// The joint in measurements, as a sensor of kind `wheel_encoders` names it.
+    #[serde(default = "left_joint")]
+    pub left_joint: String,
+    #[serde(default = "right_joint")]
+    pub right_joint: String,
+}
+
+fn left_joint() -> String {
+    WheelEncodersConfig::default().left_joint
+}
+
+fn right_joint() -> String {
+    WheelEncodersConfig::default().right_joint
+}
+
+impl EncodersConfig {
+    fn check(&self) -> Vec<ConfigIssue> {
+        let mut faults = Vec::new();
+        let mut fault = |key: &str, value: String, why, allowed: &str| {
+            faults.push(ConfigIssue {
+                origin: None,
+                key: format!("encoders.{key}"),
+                problem: Problem::NotAllowed {
+                    value,
+                    why,
+                    allowed: allowed.to_owned(),
+                },
+            });
+        };
+        for (key, pulses) in [
+            ("left_pulses_per_turn", self.left_pulses_per_turn),
+            ("right_pulses_per_turn", self.right_pulses_per_turn),
+        ] {
+            if wheel_encoder(pulses).is_none() {
+                let allowed = "1 to 10000000; negative where it counts against its channel";
+                fault(key, pulses.to_string(), "angles follow from it", allowed);
+            }
+        }
+        for (key, joint) in [
+            ("left_joint", &self.left_joint),
+            ("right_joint", &self.right_joint),
+        ] {
+            if joint.is_empty() {
+                fault(key, "\"\"".to_owned(), "it names a wheel", "a name");
+            }
+        }
+        if self.left_joint == self.right_joint {
+            let why = "the vehicle moves by the mean of two wheels";
+            let value = format!("\"{}\"", self.right_joint);
+            fault("right_joint", value, why, "a joint other than left_joint");
+        }
+        faults
+    }
+}
+
+/// Without a time base, which only speeds have.
+fn wheel_encoder(pulses_per_turn: f64) -> Option<WheelEncoder> {
+    WheelEncoder::new(pulses_per_turn, 0)
 }
 
 impl RoboteqConfig {
@@ -76,6 +148,7 @@ impl RoboteqConfig {
                 "measured speeds are fractions of it",
             );
         }
+        faults.extend(self.encoders.iter().flat_map(EncodersConfig::check));
         if self.port.as_os_str().is_empty() {
             faults.push(ConfigIssue {
                 origin: None,
@@ -88,6 +161,20 @@ impl RoboteqConfig {
             });
         }
         faults
+    }
+
+    /// The reader of the encoders, where counts are wanted.
+    pub fn encoders(&self) -> Option<RoboteqEncoders> {
+        let config = self.encoders.as_ref()?;
+        let signed = |pulses: f64, is_inverted| if is_inverted { -pulses } else { pulses };
+        let left = signed(config.left_pulses_per_turn, self.left_is_inverted);
+        let right = signed(config.right_pulses_per_turn, self.right_is_inverted);
+        let left = (config.left_joint.as_str(), wheel_encoder(left)?);
+        let right = (config.right_joint.as_str(), wheel_encoder(right)?);
+        Some(RoboteqEncoders::new(match self.left_channel {
+            Channel::One => [left, right],
+            Channel::Two => [right, left],
+        }))
     }
 
     pub fn powers(&self, velocity: Velocity) -> [Power; 2] {
@@ -179,6 +266,12 @@ mod tests {
         bad.drive.track_width_m = 0.0;
         bad.drive.full_speed_mps = f64::NAN;
         bad.encoder_full_speed_mps = Some(-1.0);
+        bad.encoders = Some(EncodersConfig {
+            left_pulses_per_turn: 0.5,
+            right_pulses_per_turn: -1e8,
+            left_joint: String::new(),
+            right_joint: String::new(),
+        });
         bad.port = PathBuf::new();
         let keys: Vec<String> = bad.check().into_iter().map(|fault| fault.key).collect();
         assert_eq!(
@@ -187,6 +280,11 @@ mod tests {
                 "drive.track_width_m",
                 "drive.full_speed_mps",
                 "encoder_full_speed_mps",
+                "encoders.left_pulses_per_turn",
+                "encoders.right_pulses_per_turn",
+                "encoders.left_joint",
+                "encoders.right_joint",
+                "encoders.right_joint",
                 "port"
             ]
         );

@@ -61,6 +61,13 @@ pub struct Transmission {
     pub flush: bool,
 }
 
+/// What is asked of encoders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderQueries {
+    pub speeds: bool,
+    pub counts: bool,
+}
+
 #[derive(Clone, Debug)]
 pub struct Driver {
     require_watchdog: bool,
@@ -105,7 +112,7 @@ enum Phase {
 }
 
 impl Driver {
-    pub fn new(has_encoders: bool, require_watchdog: bool, now: Monotonic) -> Self {
+    pub fn new(queries: EncoderQueries, require_watchdog: bool, now: Monotonic) -> Self {
         Self {
             require_watchdog,
             phase: Phase::StopWithoutReply,
@@ -118,7 +125,7 @@ impl Driver {
             failures: 0,
             wanted: [Power::ZERO; 2],
             acknowledged: [None; 2],
-            scheduler: Scheduler::new(has_encoders, now),
+            scheduler: Scheduler::new(queries, now),
             takes_pairs: false,
             stops_singly: false,
             input_mode: None,
@@ -252,7 +259,13 @@ impl Driver {
         let may_run = match self.exchange.map(|exchange| exchange.command) {
             Some(Command::StopBoth) => return false,
             Some(Command::Run(_, power)) => power != Power::ZERO,
-            Some(Command::Read(_) | Command::Voltages | Command::EncoderSpeeds) | None => false,
+            Some(
+                Command::Read(_)
+                | Command::Voltages
+                | Command::EncoderSpeeds
+                | Command::EncoderCount(_),
+            )
+            | None => false,
         };
         self.phase == Phase::Ready
             && self.wanted == [Power::ZERO; 2]
@@ -268,7 +281,9 @@ impl Driver {
             Task::RunTwo => Command::Run(Channel::Two, two),
             Task::Status => Command::Read(Parameter::Status),
             Task::Voltages => Command::Voltages,
-            Task::Encoders => Command::EncoderSpeeds,
+            Task::Speeds => Command::EncoderSpeeds,
+            Task::CountOne => Command::EncoderCount(Channel::One),
+            Task::CountTwo => Command::EncoderCount(Channel::Two),
         }
     }
 
@@ -339,6 +354,8 @@ impl Driver {
             Command::Read(Parameter::Status) => self.flags = ControllerFlags(values[0]),
             Command::Voltages => self.battery_v = Some(wire::battery_v(values[0])),
             Command::EncoderSpeeds => self.encoders = Some((values.map(Power::from_bits), now)),
+            // Read elsewhere.
+            Command::EncoderCount(_) => {}
         }
     }
 
@@ -357,12 +374,16 @@ impl Driver {
             }
             // It has none of these; that is not dangerous.
             Command::Read(Parameter::Status) | Command::Voltages | Command::EncoderSpeeds => {}
+            Command::EncoderCount(_) => self.scheduler.postpone_counts(now),
         }
     }
 
     fn fail(&mut self, command: Command, fault: ControllerFault, now: Monotonic) {
         if self.phase == Phase::ZeroBoth {
             return self.enter(Phase::Zero(Channel::One), now);
+        }
+        if matches!(command, Command::EncoderCount(_)) {
+            self.scheduler.postpone_counts(now);
         }
         self.stops_singly |= command == Command::StopBoth;
         self.failures = self.failures.saturating_add(1);
@@ -427,7 +448,29 @@ const MIN_PAUSE: Duration = Duration::from_millis(10);
 
 const STATUS_EVERY: Duration = Duration::from_millis(200);
 const VOLTAGES_EVERY: Duration = Duration::from_secs(1);
-const ENCODERS_EVERY: Duration = Duration::from_millis(100);
+const SPEEDS_EVERY: Duration = Duration::from_millis(100);
+
+/// Beside counts.
+const SPEEDS_SELDOM_EVERY: Duration = Duration::from_millis(250);
+
+/// What is wanted of the count of each encoder; 6 to 8 a second are had.
+///
+/// 9600 baud are 960 characters a second (start, 7 data, parity, stop bit) in each direction. With a pair of motor
+/// commands every 50 ms and a question after each, 20 of each a second:
+///
+/// | | sent, characters | received |
+/// | --- | --- | --- |
+/// | 40 × `!Ann` | 200 | echo and `+`: 280 |
+/// | 13 × `?Q0`, `?Q1` | 52 | echo and up to 8 digits: 169 |
+/// | 4 × `^89`, 3 × `?Z`, 1 × `?E` | 28 | 64 |
+/// | of 960 | 280 | 513 |
+///
+/// The controller's loop of 16 ms, in which it is taken to handle one line, is the narrower limit: 62 lines a second, of
+/// which these are 60. So they do not all get what they want: the one that is most overdue is asked.
+const COUNTS_EVERY: Duration = Duration::from_millis(100);
+
+/// A controller without encoders, or without an answer, must not fill the line.
+const COUNTS_RETRY: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Task {
@@ -435,7 +478,9 @@ pub(super) enum Task {
     RunTwo,
     Status,
     Voltages,
-    Encoders,
+    Speeds,
+    CountOne,
+    CountTwo,
 }
 
 /// Motor commands in pairs, and at most one question between two pairs.
@@ -447,7 +492,7 @@ pub(super) struct Scheduler {
     may_poll: bool,
     pair_at: Monotonic,
     must_repeat: bool,
-    polls: [Poll; 3],
+    polls: [Poll; 5],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -459,7 +504,12 @@ struct Poll {
 }
 
 impl Scheduler {
-    pub(super) fn new(has_encoders: bool, now: Monotonic) -> Self {
+    pub(super) fn new(queries: EncoderQueries, now: Monotonic) -> Self {
+        let speeds_every = if queries.counts {
+            SPEEDS_SELDOM_EVERY
+        } else {
+            SPEEDS_EVERY
+        };
         let poll = |task, every, is_asked: bool| Poll {
             task,
             every,
@@ -472,7 +522,9 @@ impl Scheduler {
             must_repeat: true,
             polls: [
                 poll(Task::Status, STATUS_EVERY, true),
-                poll(Task::Encoders, ENCODERS_EVERY, has_encoders),
+                poll(Task::Speeds, speeds_every, queries.speeds),
+                poll(Task::CountOne, COUNTS_EVERY, queries.counts),
+                poll(Task::CountTwo, COUNTS_EVERY, queries.counts),
                 poll(Task::Voltages, VOLTAGES_EVERY, true),
             ],
         }
@@ -491,10 +543,11 @@ impl Scheduler {
         }
         let is_acknowledged = acknowledged == wanted.map(Some);
         let is_stop = wanted == [Power::ZERO; 2];
-        // No question delays a stop.
-        if self.may_poll && (is_acknowledged || !is_stop) {
+        // No question delays a stop, or the repetition of what has failed.
+        if self.may_poll && !self.must_repeat && (is_acknowledged || !is_stop) {
             let due = |poll: &&mut Poll| poll.due.is_some_and(|due| now >= due);
-            if let Some(poll) = self.polls.iter_mut().find(due) {
+            let polls = self.polls.iter_mut().filter(due);
+            if let Some(poll) = polls.min_by_key(|poll| poll.due) {
                 poll.due = Some(now + poll.every);
                 self.may_poll = false;
                 return Some(poll.task);
@@ -526,6 +579,14 @@ impl Scheduler {
         self.is_half = false;
         self.must_repeat = true;
         self.pair_at = now;
+    }
+
+    pub(super) fn postpone_counts(&mut self, now: Monotonic) {
+        for poll in &mut self.polls {
+            if matches!(poll.task, Task::CountOne | Task::CountTwo) {
+                poll.due = Some(now + COUNTS_RETRY);
+            }
+        }
     }
 
     /// When there is something to say at the latest, or it must be asked whether there is.

@@ -23,6 +23,8 @@ pub(crate) struct Emulator {
     pub(crate) battery: u8,
     /// As measured; absent: there is no encoder module.
     pub(crate) encoders: Option<[i8; 2]>,
+    /// Counts of each encoder in a second at command 127; absent: there is no encoder module.
+    pub(crate) full_speed_counts: Option<[f64; 2]>,
     pub(crate) watchdog_after: Duration,
     /// Where it acts sooner when it is tried at the start, right after parameters were read: tests need not wait, and
     /// what stops the motors later is not the watchdog.
@@ -32,6 +34,10 @@ pub(crate) struct Emulator {
     pub(crate) fault: EmulatedFault,
     pub(crate) outputs: Vec<Output>,
     pub(crate) executed: usize,
+    /// Counts that were asked for.
+    pub(crate) counts_asked: usize,
+    /// When the counters were zero.
+    counts_since: Monotonic,
     watchdog_is_on: bool,
     is_watchdog_tried: bool,
     last_received: Monotonic,
@@ -76,6 +82,7 @@ impl Emulator {
             status: 0,
             battery: 0x78,
             encoders: None,
+            full_speed_counts: None,
             watchdog_after: Duration::from_secs(1),
             watchdog_trial_after: None,
             has_line_timing: false,
@@ -85,6 +92,8 @@ impl Emulator {
                 motors: [0, 0],
             }],
             executed: 0,
+            counts_asked: 0,
+            counts_since: now,
             watchdog_is_on: true,
             is_watchdog_tried: false,
             last_received: now,
@@ -93,12 +102,13 @@ impl Emulator {
         }
     }
 
-    /// As by its button: motors off, the modes by its parameters.
+    /// As by its button: motors off, counters at zero, the modes by its parameters.
     pub(crate) fn reset(&mut self, now: Monotonic) -> Vec<u8> {
         self.is_in_rc_mode = matches!(self.input_mode, 0 | 3);
         self.watchdog_is_on = self.input_mode == 2;
         self.line.clear();
         self.output([0, 0], now);
+        self.counts_since = now;
         if self.is_in_rc_mode {
             Vec::new()
         } else {
@@ -210,8 +220,30 @@ impl Emulator {
                 Some(speeds) => values(speeds.map(i8::cast_unsigned)),
                 None => b"-\r".to_vec(),
             },
+            [b'?', b'Q' | b'q', encoder @ (b'0' | b'1')] => {
+                self.counts_asked += 1;
+                match self.counts(now) {
+                    Some(counts) => shortened(counts[usize::from(encoder - b'0')]).into_bytes(),
+                    None => b"-\r".to_vec(),
+                }
+            }
             _ => b"-\r".to_vec(),
         }
+    }
+
+    /// Absolute counts of both encoders, 32 bits, which wrap (manual, p. 159); the wheels turn as commanded, at once.
+    pub(crate) fn counts(&self, now: Monotonic) -> Option<[i32; 2]> {
+        let full_speed_counts = self.full_speed_counts?;
+        let ends = self.outputs.iter().skip(1).map(|output| output.at);
+        let mut counts = [0.0; 2];
+        for (output, end) in self.outputs.iter().zip(ends.chain([now])) {
+            let seconds = end.since(output.at.max(self.counts_since)).as_secs_f64();
+            for (channel, count) in counts.iter_mut().enumerate() {
+                let speed = f64::from(output.motors[channel]) / 127.0;
+                *count += speed * full_speed_counts[channel] * seconds;
+            }
+        }
+        Some(counts.map(|count| count as i64 as i32))
     }
 
     fn output(&mut self, motors: [i8; 2], now: Monotonic) {
@@ -219,6 +251,14 @@ impl Emulator {
             self.outputs.push(Output { at: now, motors });
         }
     }
+}
+
+/// The fewest hexadecimal digits whose first tells the sign, 8 to F that of a negative number (manual, p. 167).
+fn shortened(count: i32) -> String {
+    let holds = |digits: &u32| (i64::from(count) + (8 << (4 * (digits - 1)))) >> (4 * digits) == 0;
+    let digits = (1..8).find(holds).unwrap_or(8);
+    let bits = u64::from(count.cast_unsigned()) & ((1 << (4 * digits)) - 1);
+    format!("{bits:0width$X}\r", width = digits as usize)
 }
 
 fn byte_of(high: u8, low: u8) -> Option<u8> {

@@ -15,7 +15,8 @@ use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSele
 use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
 use crate::actuators::roboteq::config::RoboteqConfig;
-use crate::actuators::roboteq::driver::{Driver, State, Status, Transmission};
+use crate::actuators::roboteq::driver::{Driver, EncoderQueries, State, Status, Transmission};
+use crate::actuators::roboteq::encoder_pipe::EncoderPipe;
 use crate::actuators::roboteq::wire;
 use measurement::time::Monotonic;
 use teleop::Velocity;
@@ -39,6 +40,8 @@ pub struct SerialLink {
     config: RoboteqConfig,
     sharing: Sharing,
     connection: Connection,
+    /// Gets what is received; without it no counts are asked for.
+    encoder_pipe: Option<EncoderPipe>,
     /// Times that a port was lost that was open, and what its drivers lost before.
     reconnects: u32,
     locked: Option<Locked>,
@@ -66,10 +69,16 @@ enum Connection {
 
 impl SerialLink {
     /// Not open yet; the first [`Self::step`] tries it.
-    pub const fn new(config: RoboteqConfig, sharing: Sharing, now: Monotonic) -> Self {
+    pub const fn new(
+        config: RoboteqConfig,
+        sharing: Sharing,
+        encoder_pipe: Option<EncoderPipe>,
+        now: Monotonic,
+    ) -> Self {
         Self {
             config,
             sharing,
+            encoder_pipe,
             connection: Connection::Closed {
                 retry: now,
                 fault: None,
@@ -82,7 +91,12 @@ impl SerialLink {
     /// Opens the port, reads input and sends `velocity`, as due. Call it when the port has
     /// something to read, when `velocity` has changed, and at [`Self::deadline`]. It does not wait.
     pub fn step(&mut self, velocity: Velocity, now: Monotonic) {
-        if let Err(lost) = self.try_step(velocity, now) {
+        let outcome = self.try_step(velocity, now);
+        // After everything that the motors wait for.
+        if let Some(pipe) = &mut self.encoder_pipe {
+            pipe.flush();
+        }
+        if let Err(lost) = outcome {
             if let Connection::Open { driver, .. } = &self.connection {
                 let before = driver.status(now).reconnects;
                 self.reconnects = self.reconnects.saturating_add(before).saturating_add(1);
@@ -106,8 +120,11 @@ impl SerialLink {
             }
             self.locked = None;
             let port = opened?;
-            let has_encoders = self.config.encoder_full_speed_mps.is_some();
-            let driver = Driver::new(has_encoders, self.config.require_watchdog, now);
+            let queries = EncoderQueries {
+                speeds: self.config.encoder_full_speed_mps.is_some(),
+                counts: self.encoder_pipe.is_some(),
+            };
+            let driver = Driver::new(queries, self.config.require_watchdog, now);
             self.connection = Connection::Open {
                 port,
                 driver: Box::new(driver),
@@ -127,6 +144,9 @@ impl SerialLink {
                 break;
             }
             driver.receive(bytes, now);
+            if let Some(pipe) = &mut self.encoder_pipe {
+                pipe.push(bytes);
+            }
         }
         driver.command(self.config.powers(velocity));
         while let Some(transmission) = driver.transmit(now) {
@@ -204,6 +224,13 @@ impl SerialLink {
             Connection::Closed { .. } => false,
             Connection::Open { driver, .. } => driver.has_stopped_since(since),
         }
+    }
+
+    /// Of those that were to be forwarded.
+    pub fn lost_encoder_bytes(&self) -> u32 {
+        self.encoder_pipe
+            .as_ref()
+            .map_or(0, EncoderPipe::lost_bytes)
     }
 
     /// What the vehicle does where the channels do what they have acknowledged.

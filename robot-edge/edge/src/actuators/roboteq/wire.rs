@@ -80,6 +80,8 @@ pub enum Command {
     Voltages,
     /// `?z`: speeds by the encoders (p. 160).
     EncoderSpeeds,
+    /// `?q0`, `?q1`: count of an encoder (p. 159).
+    EncoderCount(Channel),
 }
 
 /// Parameters that are read; none is ever written.
@@ -99,6 +101,8 @@ pub enum Answer {
     /// With `+`.
     Acknowledgement,
     Values(usize),
+    /// 1 to 8 digits on one line, which are not read here.
+    Count,
 }
 
 impl Command {
@@ -123,6 +127,8 @@ impl Command {
             }
             Self::Voltages => line.extend(b"?E"),
             Self::EncoderSpeeds => line.extend(b"?Z"),
+            Self::EncoderCount(Channel::One) => line.extend(b"?Q0"),
+            Self::EncoderCount(Channel::Two) => line.extend(b"?Q1"),
         }
         line
     }
@@ -138,6 +144,7 @@ impl Command {
             Self::Run(..) | Self::StopBoth => Answer::Acknowledgement,
             Self::Read(_) => Answer::Values(1),
             Self::Voltages | Self::EncoderSpeeds => Answer::Values(2),
+            Self::EncoderCount(_) => Answer::Count,
         }
     }
 }
@@ -175,6 +182,8 @@ pub enum Reply {
     Echo(Line),
     /// Two hexadecimal digits.
     Value(u8),
+    /// Another number of them, 8 at most.
+    Digits,
     Noise,
 }
 
@@ -224,6 +233,9 @@ impl ReplyParser {
                 (Some(high), Some(low)) => Reply::Value(high << 4 | low),
                 _ => Reply::Noise,
             }),
+            digits if digits.len() <= 8 && digits.iter().all(u8::is_ascii_hexdigit) => {
+                Some(Reply::Digits)
+            }
             _ => Some(Reply::Noise),
         }
     }
@@ -274,7 +286,7 @@ fn digit(byte: u8) -> Option<u8> {
         .and_then(|digit| u8::try_from(digit).ok())
 }
 
-/// Longest wait for the end of an answer. The longest exchange (`?E`) is 3 + 9 characters of 1.04 ms, the controller
+/// Longest wait for the end of an answer. The longest exchange (`?Q0`) is 4 + 13 characters of 1.04 ms, the controller
 /// looks every 16 ms (manual, p. 156), and an adapter on USB may hold characters back for 16 ms.
 pub(super) const REPLY_TIMEOUT: Duration = Duration::from_millis(100);
 
@@ -364,12 +376,18 @@ impl Exchange {
                         Outcome::Done(self.values)
                     }
                 }
-                Answer::Values(_) => Outcome::Waiting,
+                Answer::Values(_) | Answer::Count => Outcome::Waiting,
             },
+            Reply::Value(_) | Reply::Digits
+                if self.echoes > 0 && self.command.answer() == Answer::Count =>
+            {
+                Outcome::Done(self.values)
+            }
             Reply::Value(value) if self.echoes > 0 => self.take_value(value),
             Reply::Refused
             | Reply::Acknowledged
             | Reply::Value(_)
+            | Reply::Digits
             | Reply::WatchdogTripped
             | Reply::Prompt
             | Reply::Noise => Outcome::Waiting,
@@ -405,7 +423,11 @@ impl Exchange {
     const fn lines(&self) -> usize {
         match self.command {
             Command::StopBoth => 2,
-            Command::Run(..) | Command::Read(_) | Command::Voltages | Command::EncoderSpeeds => 1,
+            Command::Run(..)
+            | Command::Read(_)
+            | Command::Voltages
+            | Command::EncoderSpeeds
+            | Command::EncoderCount(_) => 1,
         }
     }
 
@@ -458,6 +480,9 @@ mod tests {
             (Command::Read(Parameter::Status), "^89\r"),
             (Command::Voltages, "?E\r"),
             (Command::EncoderSpeeds, "?Z\r"),
+            // Syntax of p. 159.
+            (Command::EncoderCount(Channel::One), "?Q0\r"),
+            (Command::EncoderCount(Channel::Two), "?Q1\r"),
         ] {
             assert_eq!(command.bytes().as_bytes(), bytes.as_bytes());
         }
@@ -595,6 +620,33 @@ mod tests {
             receive(Command::Voltages, b"11\r?E\r8A\rW6B\r"),
             Outcome::Done([0x8A, 0x6B])
         );
+    }
+
+    /// Counts of table 33 (p. 168), and what is none.
+    #[test]
+    fn a_count_is_one_line_of_1_to_8_digits() {
+        let count = Command::EncoderCount(Channel::Two);
+        for (line, is_done) in [
+            ("?Q1\r5\r", true),
+            ("?Q1\rF0\r", true),
+            ("?Q1\r0FA\r", true),
+            ("?Q1\rW56CB872\r", true),
+            ("?Q1\r80000000\r", true),
+            ("?Q1\r123456789\r", false),
+            ("?Q1\r5G\r", false),
+            ("?Q1\r5G0\r", false),
+            ("?Q1\r\r+", false),
+            ("5\r?Q1\r", false),
+        ] {
+            let outcome = receive(count, line.as_bytes());
+            assert_eq!(outcome == Outcome::Done([0; 2]), is_done, "{line}");
+        }
+        assert_eq!(receive(count, b"?Q1\r-"), Outcome::Refused);
+        assert_eq!(receive(count, b"?Q0\r5\r"), Outcome::Garbled);
+        // Late, it is no answer to another command.
+        let status = Command::Read(Parameter::Status);
+        assert_eq!(receive(status, b"^89\r123\r"), Outcome::Waiting);
+        assert_eq!(receive(RUN, b"!A00\r123\r"), Outcome::Waiting);
     }
 
     #[test]

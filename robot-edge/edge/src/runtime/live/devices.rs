@@ -24,8 +24,22 @@ use recording::{Position, RecordingError, StreamSummary};
 /// Readings that wait: two seconds of fast sensors.
 const MAX_READINGS: usize = 4096;
 
+/// The encoders of the motor controller, which the motor guard reads, as a device.
+const ENCODERS: &str = "encoders";
+const JOINTS: &str = "sensor_msgs/JointState";
+
+#[cfg(target_os = "linux")]
+pub(in crate::runtime) type EncoderInput = (
+    drivers::roboteq_encoders::RoboteqEncoders,
+    std::os::fd::OwnedFd,
+);
+#[cfg(not(target_os = "linux"))]
+pub(in crate::runtime) type EncoderInput = std::convert::Infallible;
+
 pub(in crate::runtime) struct DeviceSource {
-    drivers: Drivers,
+    /// They end with it.
+    _drivers: Drivers,
+    statuses: DeviceStatuses,
     readings: Receiver<Reading>,
     streams: Vec<Stream>,
     selection: StreamSelection,
@@ -42,16 +56,23 @@ impl DeviceSource {
     /// Starts the devices. One that is not there is waited for.
     pub(in crate::runtime) fn start(
         config: &Config,
+        encoders: Option<EncoderInput>,
         selection: StreamSelection,
     ) -> Result<Self, StartError> {
         let (sender, readings) = sync_channel(MAX_READINGS);
-        let drivers = Drivers::start(&config.devices, clock::now, &sender)?;
+        let streams = outputs(config, encoders.is_some()).map(|(stream, _)| stream);
+        let streams = streams.collect();
+        let mut drivers = Drivers::start(&config.devices, clock::now, &sender)?;
+        #[cfg(target_os = "linux")]
+        if let Some(encoders) = encoders {
+            drivers.add_encoders(ENCODERS, encoders, clock::now, &sender);
+        }
         let wall_ns = i64::try_from(clock::seconds_since_1970()).unwrap_or(0) * 1_000_000_000;
-        let streams = outputs(config).map(|(stream, _)| stream);
         Ok(Self {
-            drivers,
+            statuses: drivers.statuses(),
+            _drivers: drivers,
             readings,
-            streams: streams.collect(),
+            streams,
             selection,
             // Their stamps are of one clock, and each stream is in order.
             order: ArrivalOrder::new(Duration::ZERO),
@@ -62,7 +83,7 @@ impl DeviceSource {
     }
 
     pub(in crate::runtime) const fn statuses(&self) -> &DeviceStatuses {
-        self.drivers.statuses()
+        &self.statuses
     }
 
     fn take(&mut self, reading: Reading) -> Option<SourceItem> {
@@ -174,8 +195,22 @@ fn topic_of(device: &str) -> String {
 }
 
 /// The streams of the devices, in the order of their numbers, and what each measures.
-fn outputs(config: &Config) -> impl Iterator<Item = (Stream, Option<MeasurementData>)> {
-    config.devices.iter().map(|(name, device)| {
+fn outputs(
+    config: &Config,
+    has_encoders: bool,
+) -> impl Iterator<Item = (Stream, Option<MeasurementData>)> {
+    let encoders = config.motors.roboteq.as_ref().filter(|_| has_encoders);
+    let encoders = encoders.and_then(|roboteq| roboteq.encoders.as_ref());
+    let encoders = encoders.map(|encoders| {
+        let joints = [&encoders.left_joint, &encoders.right_joint];
+        let joints = joints.map(|joint| (joint.clone(), 0.0)).to_vec();
+        let stream = Stream {
+            name: topic_of(ENCODERS),
+            type_name: JOINTS.to_owned(),
+        };
+        (stream, Some(MeasurementData::Joints(joints)))
+    });
+    let of_devices = config.devices.iter().map(|(name, device)| {
         let topic = topic_of(name);
         let of_topic = |sensor: &&SensorConfig| sensor.topic() == Some(&topic);
         let sensor = config.sensors.values().find(of_topic);
@@ -202,10 +237,7 @@ fn outputs(config: &Config) -> impl Iterator<Item = (Stream, Option<MeasurementD
             ),
             Output::Angles => {
                 let joint = device.joint.iter().map(|joint| (joint.clone(), 0.0));
-                (
-                    "sensor_msgs/JointState",
-                    Some(MeasurementData::Joints(joint.collect())),
-                )
+                (JOINTS, Some(MeasurementData::Joints(joint.collect())))
             }
             Output::Nothing => ("", None),
         };
@@ -217,7 +249,8 @@ fn outputs(config: &Config) -> impl Iterator<Item = (Stream, Option<MeasurementD
             },
             data,
         )
-    })
+    });
+    of_devices.chain(encoders)
 }
 
 fn scan() -> (&'static str, Option<MeasurementData>) {
@@ -229,15 +262,18 @@ fn scan() -> (&'static str, Option<MeasurementData>) {
 }
 
 /// What the devices of a vehicle will measure, as a survey of a recording of it would find it.
-pub(in crate::runtime) fn survey(config: &Config) -> Result<Survey, RecordingError> {
+pub(in crate::runtime) fn survey(
+    config: &Config,
+    has_encoders: bool,
+) -> Result<Survey, RecordingError> {
     let mut streams = Vec::new();
     let mut measurements = VecDeque::new();
-    for ((stream, data), number) in outputs(config).zip(0..) {
+    for ((stream, data), number) in outputs(config, has_encoders).zip(0..) {
         let name = config.devices.keys().nth(streams.len());
         measurements.extend(data.map(|data| Measurement {
             stamp: RobotTime::from_nanos(0),
             stream: StreamId(number),
-            frame: name.map_or("", String::as_str).into(),
+            frame: name.map_or(ENCODERS, String::as_str).into(),
             data,
         }));
         streams.push(StreamSummary {

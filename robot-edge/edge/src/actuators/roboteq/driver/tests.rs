@@ -11,7 +11,14 @@ struct Bench {
     now: Monotonic,
     to_driver: Vec<(Monotonic, Vec<u8>)>,
     to_emulator: Vec<(Monotonic, Vec<u8>)>,
-    sent: Vec<(Monotonic, usize)>,
+    sent: Vec<(Monotonic, Line)>,
+}
+
+fn queries(has_encoders: bool) -> EncoderQueries {
+    EncoderQueries {
+        speeds: has_encoders,
+        counts: has_encoders,
+    }
 }
 
 impl Bench {
@@ -20,7 +27,7 @@ impl Bench {
         let mut emulator = Emulator::new(now);
         set_up(&mut emulator);
         Self {
-            driver: Driver::new(has_encoders, true, now),
+            driver: Driver::new(queries(has_encoders), true, now),
             emulator,
             now,
             to_driver: Vec::new(),
@@ -30,10 +37,24 @@ impl Bench {
     }
 
     fn ready() -> Self {
-        let mut bench = Self::new(false, |_| {});
+        Self::ready_with(false)
+    }
+
+    fn ready_with(has_encoders: bool) -> Self {
+        let mut bench = Self::new(has_encoders, |emulator| {
+            emulator.encoders = Some([20, -3]);
+            emulator.full_speed_counts = Some([2000.0, -2000.0]);
+        });
         bench.run_ms(4000);
         assert_eq!(bench.status().state, State::Ready);
         bench
+    }
+
+    /// How many of these were sent since `from`.
+    fn sent_since(&self, from: usize, line: &str) -> usize {
+        let sent = self.sent[from..].iter();
+        sent.filter(|(_, sent)| sent.as_bytes() == line.as_bytes())
+            .count()
     }
 
     fn status(&self) -> Status {
@@ -56,7 +77,7 @@ impl Bench {
             let now = self.now;
             while let Some(transmission) = self.driver.transmit(now) {
                 let bytes = transmission.bytes.as_bytes();
-                self.sent.push((now, bytes.len()));
+                self.sent.push((now, transmission.bytes));
                 if transmission.flush {
                     self.to_emulator.clear();
                     self.to_driver.clear();
@@ -125,7 +146,12 @@ fn motors_that_run_at_the_start_are_stopped_at_once() {
 
 #[test]
 fn commands_are_done_and_a_stop_is_quick() {
-    let mut bench = Bench::ready();
+    for has_encoders in [false, true] {
+        obeys_quickly(Bench::ready_with(has_encoders));
+    }
+}
+
+fn obeys_quickly(mut bench: Bench) {
     bench.command(64, -10);
     bench.run_ms(50);
     assert_eq!(bench.emulator.motors(), [64, -10]);
@@ -148,14 +174,19 @@ fn commands_are_done_and_a_stop_is_quick() {
 
 #[test]
 fn a_stop_is_one_write_for_both_motors_whatever_is_on_its_way() {
-    let mut bench = Bench::ready();
+    for has_encoders in [false, true] {
+        stops_in_one_write(Bench::ready_with(has_encoders));
+    }
+}
+
+fn stops_in_one_write(mut bench: Bench) {
     for ms in 0..80 {
         bench.command(100, -100);
         bench.run_ms(150 + ms);
         let (asked, sent) = (bench.now, bench.sent.len());
         bench.command(0, 0);
         bench.run_ms(1);
-        assert_eq!(bench.sent[sent..], [(bench.now, "!A00\r!B00\r".len())]);
+        assert_eq!(bench.sent[sent..], [(bench.now, Command::StopBoth.bytes())]);
         bench.run_ms(6);
         assert_eq!(bench.emulator.motors(), [0, 0]);
         assert!(
@@ -212,6 +243,127 @@ fn speeds_are_repeated_with_one_command_in_flight() {
         gaps.min().unwrap() >= ON_THE_WAY * 2,
         "each waits for its answer"
     );
+}
+
+/// Counts of table 33 (p. 168), after a second at full speed.
+#[test]
+fn the_emulator_counts_as_the_manual_says() {
+    for (count, text) in [
+        (0.0, "0"),
+        (5.0, "5"),
+        (8.0, "08"),
+        (250.0, "0FA"),
+        (-1.0, "F"),
+        (-6.0, "A"),
+        (-9.0, "F7"),
+        (-235.0, "F15"),
+        (91_011_186.0, "56CB872"),
+        (-7_986_091.0, "862455"),
+        (-2_147_483_648.0, "80000000"),
+        (2_147_483_648.0, "80000000"),
+    ] {
+        let mut emulator = Emulator::new(at(0));
+        emulator.watchdog_after = Duration::from_hours(1);
+        emulator.full_speed_counts = Some([0.0, count]);
+        emulator.receive(b"!B7F\r", at(0));
+        let reply = emulator.receive(b"?Q1\r", at(1000));
+        assert_eq!(String::from_utf8(reply).unwrap(), format!("?Q1\r{text}\r"));
+        assert_eq!(emulator.receive(b"?Q0\r", at(1000)), b"?Q0\r0\r");
+        // It stands, and comes back.
+        emulator.receive(b"!B00\r", at(1000));
+        emulator.receive(b"!b7F\r", at(3000));
+        assert_eq!(emulator.counts(at(4000)), Some([0, 0]));
+    }
+}
+
+#[test]
+fn both_counts_are_asked_several_times_a_second_beside_everything_else() {
+    for (has_encoders, counts, speeds) in [(false, 0..=0, 0..=0), (true, 6..=10, 3..=5)] {
+        let mut bench = Bench::ready_with(has_encoders);
+        for is_steady in [true, false] {
+            let sent = bench.sent.len();
+            for round in 0..500_u64 {
+                let steps = if is_steady {
+                    60
+                } else {
+                    (round % 100) as i8 + 1
+                };
+                bench.command(steps, steps);
+                bench.run_ms(20);
+            }
+            let each_second = |line| bench.sent_since(sent, line) / 10;
+            for (line, expected) in [
+                ("?Q0\r", &counts),
+                ("?Q1\r", &counts),
+                ("?Z\r", &speeds),
+                ("^89\r", &(3..=5)),
+                ("?E\r", &(0..=1)),
+            ] {
+                let rate = each_second(line);
+                assert!(
+                    expected.contains(&rate),
+                    "{line:?} {rate} {is_steady} {has_encoders}"
+                );
+            }
+            let pairs = bench.sent_since(sent, "!A3C\r") / 10;
+            assert!(pairs >= 9 || !is_steady, "{pairs}");
+        }
+        assert_eq!(
+            (bench.status().state, bench.status().reconnects),
+            (State::Ready, 0)
+        );
+    }
+}
+
+/// At every moment of the line's turn.
+#[test]
+fn a_new_command_waits_for_one_question_at_most() {
+    let mut bench = Bench::ready_with(true);
+    for ms in 0..400 {
+        bench.command(30, 30);
+        bench.run_ms(150 + ms % 110);
+        let is_asking = bench.driver.exchange.is_some_and(|exchange| {
+            !matches!(exchange.command, Command::Run(..) | Command::StopBoth)
+        });
+        let sent = bench.sent.len();
+        bench.command(90, 90);
+        bench.run_ms(80);
+        let own = Command::Run(Channel::One, Power::from_bits(90)).bytes();
+        let before = bench.sent[sent..]
+            .iter()
+            .take_while(|(_, line)| *line != own);
+        let questions = before
+            .filter(|(_, line)| line.as_bytes()[0] != b'!')
+            .count();
+        assert!(usize::from(is_asking) + questions <= 1, "{ms}");
+        assert!(bench.sent_since(sent, "!A5A\r") > 0);
+    }
+}
+
+#[test]
+fn counts_that_nobody_answers_do_not_fill_the_line() {
+    for is_refused in [true, false] {
+        let mut bench = Bench::ready_with(true);
+        if is_refused {
+            bench.emulator.full_speed_counts = None;
+        }
+        let sent = bench.sent.len();
+        for _ in 0..500 {
+            bench.command(60, 60);
+            bench.run_ms_with(20, |bytes| match bytes {
+                [b'?', b'Q', ..] if !is_refused => Vec::new(),
+                _ => bytes.to_vec(),
+            });
+        }
+        let asked = bench.sent_since(sent, "?Q0\r") + bench.sent_since(sent, "?Q1\r");
+        assert!((10..=25).contains(&asked), "{asked}");
+        assert!(bench.sent_since(sent, "!A3C\r") >= 100);
+        assert_eq!(
+            (bench.status().state, bench.status().reconnects),
+            (State::Ready, 0)
+        );
+        assert_eq!(bench.emulator.motors(), [60, 60]);
+    }
 }
 
 #[test]
@@ -450,8 +602,9 @@ proptest! {
     fn a_bad_line_ends_in_a_stop_and_heals(
         faults in prop::collection::vec((0..12u8, any::<u8>()), 200..400),
         speeds in prop::collection::vec(any::<(i8, i8)>(), 20),
+        has_encoders in any::<bool>(),
     ) {
-        let mut bench = Bench::ready();
+        let mut bench = Bench::ready_with(has_encoders);
         let mut faults = faults.into_iter().cycle();
         for &(one, two) in &speeds {
             bench.command(one, two);
@@ -502,7 +655,7 @@ fn ahead() -> [Power; 2] {
 
 /// With every question due, and a pair just said.
 fn busy() -> Scheduler {
-    let mut scheduler = Scheduler::new(true, at(0));
+    let mut scheduler = Scheduler::new(queries(true), at(0));
     let tasks = [10, 11].map(|ms| scheduler.next(ahead(), [None; 2], at(ms)));
     assert_eq!(tasks, [Some(Task::RunOne), Some(Task::RunTwo)]);
     scheduler
@@ -521,7 +674,7 @@ fn one_question_comes_between_two_pairs() {
         .filter(|task| !matches!(task, Task::RunOne | Task::RunTwo));
     assert_eq!(tasks[0], Task::Status);
     assert_eq!(tasks[1..3], [Task::RunOne, Task::RunTwo]);
-    assert_eq!(tasks[3], Task::Encoders);
+    assert_eq!(tasks[3], Task::Speeds);
     assert!(polls.count() >= 4, "{tasks:?}");
 }
 
@@ -547,6 +700,11 @@ fn no_question_delays_a_stop() {
         scheduler.next(ahead(), [None; 2], at(20)),
         Some(Task::Status)
     );
+    // Nor the repetition of what has failed.
+    let mut scheduler = busy();
+    scheduler.repeat(at(12));
+    let tasks = [21, 22, 23].map(|ms| scheduler.next(ahead(), [None; 2], at(ms)));
+    assert_eq!(tasks, [None, Some(Task::RunOne), Some(Task::RunTwo)]);
 }
 
 #[test]
