@@ -39,7 +39,7 @@ const LINK_CAPACITY: usize = 64;
 /// The running tasks. They end when this is dropped.
 #[derive(Debug)]
 pub struct Drivers {
-    statuses: Vec<(String, watch::Receiver<DeviceStatus>)>,
+    statuses: DeviceStatuses,
     runtime: Runtime,
 }
 
@@ -109,7 +109,10 @@ impl Drivers {
             };
             statuses.push((name.clone(), status));
         }
-        Ok(Self { statuses, runtime })
+        Ok(Self {
+            statuses: DeviceStatuses(statuses),
+            runtime,
+        })
     }
 
     /// Adds encoders whose controller another process owns: it forwards what it receives through the pipe with this
@@ -126,7 +129,7 @@ impl Drivers {
             runtime: &self.runtime,
             settings: Settings {
                 name: name.into(),
-                stream: StreamId(self.statuses.len() as u16),
+                stream: StreamId(self.statuses.0.len() as u16),
                 address: Address::Pipe(PipeEnd(Arc::new(read_end))),
                 beams: BeamSelection::default(),
                 identity: None,
@@ -136,12 +139,12 @@ impl Drivers {
             link: None,
         };
         let status = task.spawn(encoders);
-        self.statuses.push((name.to_owned(), status));
+        self.statuses.0.push((name.to_owned(), status));
     }
 
     /// What is known of the devices that were started so far.
-    pub fn statuses(&self) -> DeviceStatuses {
-        DeviceStatuses(self.statuses.as_slice().into())
+    pub const fn statuses(&self) -> &DeviceStatuses {
+        &self.statuses
     }
 }
 

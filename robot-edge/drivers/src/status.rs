@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::sync::Arc;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
@@ -38,7 +37,7 @@ pub struct DeviceStatus {
 
 /// All devices, for any thread.
 #[derive(Clone, Debug)]
-pub struct DeviceStatuses(pub(crate) Arc<[(String, watch::Receiver<DeviceStatus>)]>);
+pub struct DeviceStatuses(pub(crate) Vec<(String, watch::Receiver<DeviceStatus>)>);
 
 impl DeviceStatuses {
     /// Names of the devices, and what is known of them now.

@@ -87,7 +87,6 @@ impl DrivePlan {
     /// What reads the encoders of the motor controller, if they are configured, and the pipe that it reads. Once, before
     /// the motors are started: the guard asks for counts if this was called. For [`drivers::Drivers::add_encoders`].
     #[cfg(target_os = "linux")]
-    #[expect(dead_code, reason = "for the source of devices without a middleware")]
     pub(super) fn encoder_input(&mut self) -> io::Result<Option<EncoderInput>> {
         let MotorsPlan::Roboteq(config) = &self.motors else {
             return Ok(None);
@@ -98,6 +97,11 @@ impl DrivePlan {
         let (read_end, write_end) = encoder_pipe::pipe()?;
         self.encoder_pipe = Some(Arc::new(write_end));
         Ok(Some((encoders, read_end)))
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub(super) const fn encoder_input(&mut self) -> std::io::Result<Option<EncoderInput>> {
+        Ok(None)
     }
 
     fn start_motors(&self) -> anyhow::Result<Motors> {

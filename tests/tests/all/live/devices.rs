@@ -1,5 +1,6 @@
 //! A vehicle whose devices are read without a middleware: emulated devices on real sockets and terminals.
 
+use std::f64::consts::TAU;
 use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -7,15 +8,17 @@ use std::time::Duration;
 use emulators::Emulator;
 use emulators::lms111::Lms111;
 use emulators::mti::Mti;
-use foreshore_tests::operator::connected;
+use foreshore_tests::operator::{Input, Operator, connected};
 use network::clock;
 use protocol::keys::Topic;
-use protocol::message::{DeviceState, DeviceStatus, Status};
+use protocol::message::{DeviceState, DeviceStatus, Status, TeleopState};
 use protocol::wire;
 use tempfile::{TempDir, tempdir};
 use zenoh::Wait as _;
 
-use crate::processes::{free_port, start, tcp};
+use super::emulator::on_terminal::EmulatorOnTerminal;
+use super::live_rig::roboteq;
+use crate::processes::{Running, command, free_port, start, tcp};
 
 /// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(1);
@@ -164,4 +167,48 @@ fn a_check_says_what_each_device_is() {
     assert_eq!(code, Some(1), "{text}");
     assert!(text.contains("device laser: sick_cola, no: "), "{text}");
     assert!(text.contains("no measurements from laser"), "{text}");
+}
+
+/// The wheels of an emulated AX3500 turn as an operator drives, and its counts, which the motor guard forwards, move
+/// the vehicle on the map. The attitude sensor turns all the time.
+#[test]
+fn counts_of_the_motor_controller_move_the_vehicle_on_the_map() {
+    /// Counts of a wheel of 0.125 m with 1000 counts a turn, at 1 m/s.
+    const FULL_SPEED: f64 = 1000.0 / (TAU * 0.125);
+    let controller = EmulatorOnTerminal::start(|emulator| {
+        emulator.full_speed_counts = Some([FULL_SPEED; 2]);
+    });
+    let devices = Devices::new();
+    let text = fs::read_to_string(devices.path("rover.toml")).unwrap();
+    let text = text.replace("source = \"static\"", "source = \"wheels\"");
+    let text = format!(
+        "{text}[sensors.laser]\n[sensors.wheels]\nkind = \"wheel_encoders\"\n[sensors.imu]\nkind = \"imu\"\n\
+         [teleop.collision_monitor]\nenabled = false\n{}",
+        roboteq(&controller)
+    );
+    fs::write(devices.path("rover.toml"), text).unwrap();
+    let port = free_port();
+    let mut edge = command(&format!(
+        "robot-edge run --vehicle {} --robot rover --quiet --listen {}",
+        devices.vehicle(),
+        tcp(port)
+    ));
+    edge.env("STATE_DIRECTORY", devices.path("state"));
+    let _edge = Running::start(&mut edge, "edge");
+    let mut anna = Operator::ready(&tcp(port), "rover", "anna");
+    anna.wait_for_status("ready", |teleop| teleop.state == TeleopState::Idle);
+    let input = Input::of(0.3, 0.0);
+    anna.start_driving(input);
+    let mut way_m = 0.0;
+    let mut before = anna.pose().position_m;
+    let started = clock::now();
+    while clock::elapsed(started) < Duration::from_secs(6) {
+        anna.hold(input, Duration::from_millis(250));
+        let now = anna.pose().position_m;
+        way_m += (now[0] - before[0]).hypot(now[1] - before[1]);
+        before = now;
+    }
+    // Six seconds at 0.3 m/s less the start; a quarter of a turn a second is a little shorter by its chords.
+    assert!((1.2..=2.0).contains(&way_m), "{way_m} m");
+    assert_eq!(anna.teleop().unwrap().last_stop, None);
 }

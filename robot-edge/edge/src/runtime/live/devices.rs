@@ -69,7 +69,7 @@ impl DeviceSource {
         }
         let wall_ns = i64::try_from(clock::seconds_since_1970()).unwrap_or(0) * 1_000_000_000;
         Ok(Self {
-            statuses: drivers.statuses(),
+            statuses: drivers.statuses().clone(),
             _drivers: drivers,
             readings,
             streams,

@@ -116,7 +116,7 @@ fn counts_arrive_as_angles_of_wheels_and_go_on_with_the_next_guard() {
     let report = motors.apply(Velocity::ZERO, clock::now()).unwrap();
     assert!(report.measured.is_some(), "speeds are asked as well");
     assert_angles_arrive(&controller, &readings);
-    let (_, status) = drivers.statuses().next().unwrap();
+    let (_, status) = drivers.statuses().now().next().unwrap();
     println!("{:.1} angles a second", status.rate_hz);
     // A busy computer may have fewer.
     assert!((3.0..=10.5).contains(&status.rate_hz), "{status:?}");
