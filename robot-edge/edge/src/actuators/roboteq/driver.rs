@@ -453,7 +453,7 @@ const SPEEDS_EVERY: Duration = Duration::from_millis(100);
 /// Beside counts.
 const SPEEDS_SELDOM_EVERY: Duration = Duration::from_millis(250);
 
-/// What is wanted of the count of each encoder; 6 to 8 a second are had.
+/// What is wanted of the count of each encoder; 5 to 8 a second are had.
 ///
 /// 9600 baud are 960 characters a second (start, 7 data, parity, stop bit) in each direction. With a pair of motor
 /// commands every 50 ms and a question after each, 20 of each a second:

@@ -112,12 +112,16 @@ fn counts_arrive_as_angles_of_wheels_and_go_on_with_the_next_guard() {
     let write_end = Arc::new(write_end);
     let (drivers, readings) = read(&controller, read_end);
     let mut motors = start(&controller, &write_end);
+    // Angles begin with the first counts.
+    wait_until("counts", || {
+        motors.apply(Velocity::ZERO, clock::now()).ok();
+        readings.try_recv().is_ok()
+    });
     drive_for(&mut motors, 200);
     let report = motors.apply(Velocity::ZERO, clock::now()).unwrap();
     assert!(report.measured.is_some(), "speeds are asked as well");
     assert_angles_arrive(&controller, &readings);
     let (_, status) = drivers.statuses().now().next().unwrap();
-    println!("{:.1} angles a second", status.rate_hz);
     // A busy computer may have fewer.
     assert!((3.0..=10.5).contains(&status.rate_hz), "{status:?}");
     drop(motors);
@@ -171,7 +175,6 @@ fn assert_obeys(controller: &EmulatorOnTerminal, motors: &mut GuardedMotors) {
         let at = controller.outputs().last().unwrap().at;
         silent.push(at.since(decided + WATCHDOG));
     }
-    println!("both motors at zero after {asked:?}; after silence {silent:?}");
     for times in [&mut asked, &mut silent] {
         times.sort();
         // The middle one: a busy computer may be late now and then.

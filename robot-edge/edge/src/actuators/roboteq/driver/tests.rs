@@ -278,7 +278,7 @@ fn the_emulator_counts_as_the_manual_says() {
 
 #[test]
 fn both_counts_are_asked_several_times_a_second_beside_everything_else() {
-    for (has_encoders, counts, speeds) in [(false, 0..=0, 0..=0), (true, 6..=10, 3..=5)] {
+    for (has_encoders, counts, speeds) in [(false, 0..=0, 0..=0), (true, 5..=10, 3..=5)] {
         let mut bench = Bench::ready_with(has_encoders);
         for is_steady in [true, false] {
             let sent = bench.sent.len();
