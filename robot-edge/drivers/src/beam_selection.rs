@@ -217,7 +217,11 @@ mod tests {
             let mut scan = scan(-30.0, 8);
             scan.ranges_m = vec![5.0; 8];
             scan.ranges_m[1] = 0.3;
-            scan.ranges_m[3] = if number % 3 == 0 { f32::NAN } else { 0.4 };
+            scan.ranges_m[3] = if number.is_multiple_of(3) {
+                f32::NAN
+            } else {
+                0.4
+            };
             scan.ranges_m[6] = if number < 20 { 0.5 } else { 5.0 };
             scan
         };

@@ -28,7 +28,7 @@ const POLL_TIMEOUT: Duration = Duration::from_millis(20);
 /// Time for a device to say which one it is.
 const ANSWER_TIME: Duration = Duration::from_millis(2500);
 
-/// Where devices are when they are delivered (manuals of the LMS1xx, TiM, LD-LRS and UST).
+/// Where devices are when they are delivered (manuals of the `LMS1xx`, `TiM`, LD-LRS and UST).
 const FACTORY_ADDRESSES: [(Kind, &str); 4] = [
     (Kind::SickCola, "192.168.0.1:2111"),
     (Kind::SickCola, "192.168.0.1:2112"),
@@ -338,7 +338,7 @@ pub(crate) fn calibrate(
     for name in scanners.keys() {
         match hits.get(name).and_then(SelfHits::masks) {
             Some(masks) if masks.is_empty() => {
-                writeln!(out, "[devices.{name}] no beam hits the vehicle")?
+                writeln!(out, "[devices.{name}] no beam hits the vehicle")?;
             }
             Some(masks) => {
                 let masks: Vec<_> = masks.iter().map(ToString::to_string).collect();
@@ -365,7 +365,7 @@ pub(crate) fn calibrate(
 
 /// From a corner to the opposite one, and a little more: whatever the vehicle carries is nearer to a scanner on it.
 fn default_reach_m(config: &Config) -> f64 {
-    config.vehicle.length_m.hypot(config.vehicle.width_m) + 0.2
+    libm::hypot(config.vehicle.length_m, config.vehicle.width_m) + 0.2
 }
 
 #[cfg(test)]

@@ -350,7 +350,9 @@ fn check_devices(vehicle: Preset, devices: &[NamedDevice]) -> Result<(), String>
     loaded.map(drop).map_err(|mut error| {
         if let ConfigError::Issues(issues) = &mut error {
             // No file has these lines yet.
-            issues.iter_mut().for_each(|issue| issue.origin = None);
+            for issue in issues {
+                issue.origin = None;
+            }
         }
         error.to_string()
     })

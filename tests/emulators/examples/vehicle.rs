@@ -11,7 +11,7 @@ use emulators::lms111::Lms111;
 use emulators::mti::Mti;
 use emulators::nmea::Nmea;
 
-fn main() {
+fn main() -> ! {
     let front = Emulator::on_tcp(Lms111::default());
     let mast = Emulator::on_tcp(LdLrs::default());
     let imu = Emulator::on_serial(Mti::default());

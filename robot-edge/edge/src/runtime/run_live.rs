@@ -264,10 +264,6 @@ fn driving_options(
     }))
 }
 
-#[cfg_attr(
-    target_os = "linux",
-    expect(clippy::unnecessary_wraps, reason = "elsewhere no hardware is driven")
-)]
 fn motors(config: &Config, link: Option<RosLink>) -> Result<MotorsPlan, UsageError> {
     if let Some(twist) = &config.motors.ros2_twist {
         let link = link.ok_or_else(|| {

@@ -127,7 +127,7 @@ fn the_next_commands_are_named() {
 fn what_is_missing_or_wrong_is_named_and_nothing_is_written() {
     const LISTEN: &str = "--listen quic/[::]:7447";
     for (options, says) in [
-        ("".to_owned(), "--vehicle is missing"),
+        (String::new(), "--vehicle is missing"),
         (
             "--vehicle pioneer".to_owned(),
             "--listen or --connect is missing",

@@ -239,6 +239,7 @@ fn processor_ticks(thread: &str) -> u64 {
 #[test]
 #[ignore = "measures"]
 fn load_of_all_devices() {
+    const TIME: Duration = Duration::from_secs(30);
     let devices = all();
     let texts: Vec<String> = devices
         .iter()
@@ -259,7 +260,6 @@ fn load_of_all_devices() {
         assert!(clock().since(since) < PATIENCE, "{:?}", drivers.statuses());
         drop(readings.recv_timeout(Duration::from_millis(1)));
     }
-    const TIME: Duration = Duration::from_secs(30);
     let (since, ticks) = (clock(), processor_ticks("devices"));
     let (mut delays, mut sweeps, mut beams) = (Vec::new(), 0, 0);
     while clock().since(since) < TIME {
