@@ -71,7 +71,7 @@ pub struct Check {
     /// Configuration file, or name of a preset
     #[arg(value_name = "CONFIG", value_parser = NonEmptyStringValueParser::new())]
     pub config: String,
-    /// Open every device of [devices], and say what it is and how it measures
+    /// Open every device, and say what it is and how it measures
     #[arg(long)]
     pub connect: bool,
     /// How long to listen to the devices, seconds
@@ -100,7 +100,7 @@ pub enum Calibrate {
 /// `calibrate self-hits`.
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct CalibrateSelfHits {
-    /// Configuration file with [devices]
+    /// Configuration file that has devices
     #[arg(value_name = "CONFIG", value_parser = NonEmptyStringValueParser::new())]
     pub config: String,
     /// How long to look; the vehicle stands
