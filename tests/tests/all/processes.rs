@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
+use std::thread::{panicking, sleep};
 use std::time::Duration;
 
 use foreshore_tests::rig::free_pair;
@@ -187,6 +187,13 @@ impl Drop for Running {
         // It may have ended already.
         drop(self.child.kill());
         drop(self.child.wait());
+        if panicking()
+            && let Some(err) = &mut self.child.stderr
+        {
+            let mut printed = String::new();
+            drop(err.read_to_string(&mut printed));
+            eprintln!("{}: {printed}", self.name);
+        }
     }
 }
 

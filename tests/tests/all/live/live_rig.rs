@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use emulators::lms111::Lms111;
 use foreshore_tests::operator::{Input, Operator};
 use network::clock;
 use protocol::message::TeleopState;
@@ -37,12 +38,14 @@ const BLIND_VEHICLE: &str = "preset = \"generic2d\"\n[localization]\nsource = \"
 /// The environment of an edge; it outlives the edge.
 pub(super) struct LiveRig {
     port: u16,
-    ros: String,
+    /// What says where measurements come from, on the command line.
+    source: String,
     folder: TempDir,
     configuration: String,
     scans: Arc<AtomicU32>,
     is_over: Arc<AtomicBool>,
     sensors: Option<JoinHandle<()>>,
+    _laser: Option<emulators::Emulator<Lms111>>,
 }
 
 impl LiveRig {
@@ -57,7 +60,7 @@ impl LiveRig {
             Arc::new(AtomicBool::new(false)),
         );
         system.announce("/scan", "sensor_msgs/msg/LaserScan");
-        let ros = system.endpoint();
+        let source = format!("--ros {} --ros-domain 0 --wait 60", system.endpoint());
         let sensors = std::thread::spawn({
             let (scans, is_over) = (Arc::clone(&scans), Arc::clone(&is_over));
             move || {
@@ -69,21 +72,19 @@ impl LiveRig {
         });
         Self {
             port: free_port(),
-            ros,
+            source,
             folder: tempdir().unwrap(),
             configuration,
             scans,
             is_over,
             sensors: Some(sensors),
+            _laser: None,
         }
     }
 
     /// With the emulated controller.
     pub(super) fn with_roboteq(set_up: impl FnOnce(&mut Emulator)) -> (Self, EmulatorOnTerminal) {
-        let controller = EmulatorOnTerminal::start(|emulator| {
-            emulator.full_speed_counts = Some([1000.0; 2]);
-            set_up(emulator);
-        });
+        let controller = controller(set_up);
         let configuration = format!("{BLIND_VEHICLE}{}", roboteq(&controller));
         let system = RosSystem::start(free_port(), RosMiddleware::Rmw { domain: 0 });
         let laser = |system: &mut RosSystem, is_over: &dyn Fn() -> bool| {
@@ -95,11 +96,29 @@ impl LiveRig {
     /// With the timing of a real line and a controller whose watchdog acts at the start only: it does not stop
     /// these motors.
     pub(super) fn on_a_real_line() -> (Self, EmulatorOnTerminal) {
-        Self::with_roboteq(|emulator| {
-            emulator.has_line_timing = true;
-            emulator.watchdog_after = Duration::from_hours(1);
-            emulator.watchdog_trial_after = Some(Duration::from_millis(100));
-        })
+        Self::with_roboteq(time_as_a_real_line)
+    }
+
+    /// The same without ROS 2: the edge reads a laser itself, and the encoders through the motor guard.
+    pub(super) fn with_devices() -> (Self, EmulatorOnTerminal) {
+        let controller = controller(time_as_a_real_line);
+        let laser = emulators::Emulator::on_tcp(Lms111::default());
+        let configuration = format!(
+            "{BLIND_VEHICLE}{}[devices.laser]\nkind = \"sick_cola\"\ntcp = \"{}\"\n",
+            roboteq(&controller),
+            laser.address
+        );
+        let live_rig = Self {
+            port: free_port(),
+            source: String::new(),
+            folder: tempdir().unwrap(),
+            configuration,
+            scans: Arc::default(),
+            is_over: Arc::default(),
+            sensors: None,
+            _laser: Some(laser),
+        };
+        (live_rig, controller)
     }
 
     pub(super) fn configuration(&self) -> &str {
@@ -107,9 +126,9 @@ impl LiveRig {
     }
 
     pub(super) fn arguments(&self, configuration: &Path) -> String {
-        let (ros, port) = (&self.ros, self.port);
+        let (source, port) = (&self.source, self.port);
         format!(
-            "run --ros {ros} --ros-domain 0 --wait 60 --robot {NAME} --quiet --vehicle {} --listen tcp/127.0.0.1:{port}",
+            "run {source} --robot {NAME} --quiet --vehicle {} --listen tcp/127.0.0.1:{port}",
             configuration.display()
         )
     }
@@ -150,9 +169,14 @@ impl LiveRig {
         anna.start_driving(AHEAD);
         let started = clock::now();
         anna.hold_until(AHEAD, || {
-            assert!(clock::elapsed(started) < TIMEOUT, "the motors never turn");
             controller.with(|emulator| emulator.motors().iter().all(|&power| power > 0))
+                || clock::elapsed(started) >= TIMEOUT
         });
+        assert!(
+            clock::elapsed(started) < TIMEOUT,
+            "the motors never turn: {:?}",
+            anna.teleop()
+        );
         anna
     }
 }
@@ -165,6 +189,19 @@ impl Drop for LiveRig {
             drop(sensors.join());
         }
     }
+}
+
+fn controller(set_up: impl FnOnce(&mut Emulator)) -> EmulatorOnTerminal {
+    EmulatorOnTerminal::start(|emulator| {
+        emulator.full_speed_counts = Some([1000.0; 2]);
+        set_up(emulator);
+    })
+}
+
+const fn time_as_a_real_line(emulator: &mut Emulator) {
+    emulator.has_line_timing = true;
+    emulator.watchdog_after = Duration::from_hours(1);
+    emulator.watchdog_trial_after = Some(Duration::from_millis(100));
 }
 
 /// The configuration of motors at the emulated controller.

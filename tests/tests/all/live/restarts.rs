@@ -74,8 +74,8 @@ fn table(what: &str, times: &mut [Duration]) {
     );
 }
 
-fn restarts_in_a_row(count: usize) {
-    let (live_rig, controller) = LiveRig::on_a_real_line();
+/// Returns how often counts of encoders were asked for.
+fn restarts_in_a_row(count: usize, (live_rig, controller): (LiveRig, EmulatorOnTerminal)) -> usize {
     let mut rng = SeededRng::new(count as u64);
     let mut edge = live_rig.start_edge(|_| ());
     let mut times = Vec::new();
@@ -90,17 +90,31 @@ fn restarts_in_a_row(count: usize) {
     live_rig.start_driving(&controller);
     table("both motors at zero after a kill", &mut times);
     assert!(times.iter().all(|time| *time < ZERO_WITHIN), "{times:?}");
+    controller.with(|emulator| emulator.counts_asked)
 }
 
 #[test]
 fn a_killed_edge_is_restarted_and_drives_5_times() {
-    restarts_in_a_row(5);
+    assert_eq!(restarts_in_a_row(5, LiveRig::on_a_real_line()), 0);
+}
+
+#[test]
+fn a_killed_edge_that_asks_encoders_is_restarted_and_drives_5_times() {
+    let asked = restarts_in_a_row(5, LiveRig::with_devices());
+    assert!(asked > 0);
 }
 
 #[test]
 #[ignore = "100 restarts take some 5 minutes"]
 fn a_killed_edge_is_restarted_and_drives_100_times() {
-    restarts_in_a_row(100);
+    assert_eq!(restarts_in_a_row(100, LiveRig::on_a_real_line()), 0);
+}
+
+#[test]
+#[ignore = "100 restarts take some 5 minutes"]
+fn a_killed_edge_that_asks_encoders_is_restarted_and_drives_100_times() {
+    let asked = restarts_in_a_row(100, LiveRig::with_devices());
+    assert!(asked > 0);
 }
 
 #[test]
@@ -112,7 +126,6 @@ fn a_stopped_guard_stops_both_motors_when_its_edge_is_killed() {
     signal(guard, Signal::STOP);
     let killed = clock::now();
     signal(edge.id(), Signal::KILL);
-    // The kernel sends SIGHUP and SIGCONT to a stopped process group that has lost its last parent.
     let zero = zero_after(&controller, killed);
     println!("both motors at zero after {zero:?}");
     assert!(zero < ZERO_WITHIN, "{zero:?}");

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use rustix::process::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2};
 
 use crate::actuators::motor_guard::frame::Frame as _;
@@ -28,8 +29,8 @@ use teleop::Velocity;
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(600);
 
 /// Ignores what is meant for the edge: `kill -USR2` sent to all of a service's processes, or the end of a terminal. The
-/// kernel, too, sends SIGHUP, before SIGCONT, to a guard that is stopped when its edge dies. Before anything else in
-/// the process: until then they end it.
+/// kernel, too, may send SIGHUP to a guard that is stopped when its edge dies. Before anything else in the process:
+/// until then they end it.
 pub fn ignore_signals() -> io::Result<()> {
     for signal in [SIGUSR1, SIGUSR2, SIGHUP] {
         // A handler without effect; the standard library ignores SIGPIPE.
@@ -46,6 +47,9 @@ pub fn ignore_signals() -> io::Result<()> {
 /// standard error: a stopped terminal would block it.
 pub fn run(commands: impl AsFd, reports: impl AsFd, config: &RoboteqConfig) -> io::Result<()> {
     ignore_signals()?;
+    // A guard that is stopped when its edge dies must continue, to send zero. Of itself the kernel continues only a
+    // process group that has stopped already and has no other member.
+    rustix::process::set_parent_process_death_signal(Some(Signal::CONT))?;
     Guard::new(commands.as_fd(), reports.as_fd(), config)?.run();
     Ok(())
 }

@@ -3,6 +3,7 @@
 //!
 //! Nothing here must be fast. Where motors must stop, they must do so at some time, and then never move again.
 
+use std::os::unix::process::CommandExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
@@ -306,6 +307,32 @@ fn an_edge_that_is_killed_leaves_standing_motors() {
     edge.0.kill().unwrap();
     controller.assert_stops_for_good();
     wait_until_the_port_is_free(controller.path());
+}
+
+/// Its only child.
+fn guard_of(edge: &Edge) -> u32 {
+    let threads = std::fs::read_dir(format!("/proc/{}/task", edge.0.id())).unwrap();
+    let children = threads
+        .map(|thread| std::fs::read_to_string(thread.unwrap().path().join("children")).unwrap());
+    children.collect::<String>().trim().parse().unwrap()
+}
+
+#[test]
+fn a_guard_that_is_stopped_as_its_edge_is_killed_stops_the_motors() {
+    let controller = on_a_real_line();
+    let mut edge = Edge::drive(&controller);
+    let guard = guard_of(&edge);
+    // For the kernel, a group with this member is not orphaned by the death of the edge: it does not continue it.
+    let mut member = Command::new("sleep")
+        .arg("600")
+        .process_group(guard.cast_signed())
+        .spawn()
+        .unwrap();
+    signal(guard, Signal::STOP);
+    edge.0.kill().unwrap();
+    controller.assert_stops_for_good();
+    member.kill().unwrap();
+    member.wait().unwrap();
 }
 
 #[test]
