@@ -13,8 +13,8 @@ use std::ops::RangeInclusive;
 
 use measurement::scan::Scan;
 
-use crate::read_buffer::{Front, ReadBuffer};
-use crate::{Decoder, DropReason, Dropped};
+use crate::DropReason;
+use crate::read_buffer::{Framed, Front, StreamDecoder};
 
 mod session;
 
@@ -315,42 +315,27 @@ fn echo(bytes: &[u8]) -> Echo<'_> {
 }
 
 /// Decodes replies.
-#[derive(Debug, Default)]
-pub struct HokuyoDecoder(ReadBuffer);
+pub type HokuyoDecoder = StreamDecoder<Message>;
 
-impl Decoder for HokuyoDecoder {
-    type Message = Message;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Message> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
-    }
-}
-
-fn front(bytes: &[u8]) -> Front<Message> {
-    match echo(bytes) {
-        Echo::Begun => Front::Incomplete,
-        Echo::None => {
-            let starts = |at: &usize| !matches!(echo(&bytes[*at..]), Echo::None);
-            let next = (1..bytes.len()).find(starts).unwrap_or(bytes.len());
-            Front::Skip(DropReason::Garbage, next)
-        }
-        Echo::Complete(name, digits) => {
-            let mut lines = Lines {
-                bytes,
-                at: name.len() + digits.len() + 1,
-            };
-            match reply(name, digits, &mut lines) {
-                Ok(message) => Front::Message(message, lines.at),
-                Err(Stop::Incomplete) => Front::Incomplete,
-                Err(Stop::Drop(reason)) => Front::Skip(reason, 1),
+impl Framed for Message {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        match echo(bytes) {
+            Echo::Begun => Front::Incomplete,
+            Echo::None => {
+                let starts = |at: &usize| !matches!(echo(&bytes[*at..]), Echo::None);
+                let next = (1..bytes.len()).find(starts).unwrap_or(bytes.len());
+                Front::Skip(DropReason::Garbage, next)
+            }
+            Echo::Complete(name, digits) => {
+                let mut lines = Lines {
+                    bytes,
+                    at: name.len() + digits.len() + 1,
+                };
+                match reply(name, digits, &mut lines) {
+                    Ok(message) => Front::Message(message, lines.at),
+                    Err(Stop::Incomplete) => Front::Incomplete,
+                    Err(Stop::Drop(reason)) => Front::Skip(reason, 1),
+                }
             }
         }
     }

@@ -11,8 +11,8 @@
 
 use measurement::scan::Scan;
 
-use crate::read_buffer::{Front, ReadBuffer, before_mark};
-use crate::{Decoder, DropReason, Dropped};
+use crate::DropReason;
+use crate::read_buffer::{Framed, Front, StreamDecoder, before_mark};
 
 mod session;
 
@@ -61,54 +61,39 @@ pub struct Attitude {
 }
 
 /// Decodes datagrams or a file.
-#[derive(Debug, Default)]
-pub struct DeltatDecoder(ReadBuffer);
+pub type DeltatDecoder = StreamDecoder<Ping>;
 
-impl Decoder for DeltatDecoder {
-    type Message = Ping;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Ping> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
-    }
-}
-
-fn front(bytes: &[u8]) -> Front<Ping> {
-    let garbage = before_mark(bytes, MARK);
-    if garbage > 0 {
-        return Front::Skip(DropReason::Garbage, garbage);
-    }
-    let Some(header) = bytes.first_chunk::<HEADER>() else {
-        // The next datagram, if this one was cut off in its header.
-        return match (1..bytes.len()).find(|at| is_start(&bytes[*at..])) {
-            Some(next) => Front::Skip(DropReason::CutOff, next),
-            None => Front::Incomplete,
+impl Framed for Ping {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        let garbage = before_mark(bytes, MARK);
+        if garbage > 0 {
+            return Front::Skip(DropReason::Garbage, garbage);
+        }
+        let Some(header) = bytes.first_chunk::<HEADER>() else {
+            // The next datagram, if this one was cut off in its header.
+            return match (1..bytes.len()).find(|at| is_start(&bytes[*at..])) {
+                Some(next) => Front::Skip(DropReason::CutOff, next),
+                None => Front::Incomplete,
+            };
         };
-    };
-    if let Some(next) = (1..HEADER).find(|at| is_start(&bytes[*at..])) {
-        return Front::Skip(DropReason::CutOff, next);
-    }
-    let total = match total(header) {
-        Ok(total) => total,
-        Err(reason) => return Front::Skip(reason, 1),
-    };
-    let received = &bytes[..bytes.len().min(total)];
-    if let Some(next) = (HEADER..received.len()).find(|at| is_start(&received[*at..])) {
-        return Front::Skip(DropReason::CutOff, next);
-    }
-    match received.get(HEADER..total) {
-        None => Front::Incomplete,
-        Some(beams) => match ping(header, beams) {
-            Some(ping) => Front::Message(ping, total),
-            None => Front::Skip(DropReason::Field, 1),
-        },
+        if let Some(next) = (1..HEADER).find(|at| is_start(&bytes[*at..])) {
+            return Front::Skip(DropReason::CutOff, next);
+        }
+        let total = match total(header) {
+            Ok(total) => total,
+            Err(reason) => return Front::Skip(reason, 1),
+        };
+        let received = &bytes[..bytes.len().min(total)];
+        if let Some(next) = (HEADER..received.len()).find(|at| is_start(&received[*at..])) {
+            return Front::Skip(DropReason::CutOff, next);
+        }
+        match received.get(HEADER..total) {
+            None => Front::Incomplete,
+            Some(beams) => match ping(header, beams) {
+                Some(ping) => Front::Message(ping, total),
+                None => Front::Skip(DropReason::Field, 1),
+            },
+        }
     }
 }
 
@@ -228,6 +213,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::Dropped;
     use crate::test_decoding::*;
 
     /// By the manual: version 1.10, beams 0.25° apart from −60° on, range scale 30 m, steps of 60 mm,

@@ -9,8 +9,8 @@ use std::f64::consts::TAU;
 
 use measurement::GeodeticFix;
 
-use crate::read_buffer::{Front, ReadBuffer};
-use crate::{Decoder, DropReason, Dropped};
+use crate::DropReason;
+use crate::read_buffer::{Framed, Front, StreamDecoder};
 
 mod session;
 
@@ -177,22 +177,37 @@ pub struct Dpt {
 }
 
 /// Decoder of a line with any number of talkers.
-#[derive(Debug, Default)]
-pub struct NmeaDecoder(ReadBuffer);
+pub type NmeaDecoder = StreamDecoder<Message>;
 
-impl Decoder for NmeaDecoder {
-    type Message = Message;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Message> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
+impl Framed for Message {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        let ends_line = |byte: &u8| matches!(byte, b'\r' | b'\n');
+        let line_ends = bytes.iter().take_while(|byte| ends_line(byte)).count();
+        if line_ends > 0 {
+            return Front::Blank(line_ends);
+        }
+        let starts = |byte: &u8| *byte == b'$' || ends_line(byte);
+        let garbage = bytes.iter().position(starts).unwrap_or(bytes.len());
+        if garbage > 0 {
+            return Front::Skip(DropReason::Garbage, garbage);
+        }
+        let ends = |byte: &u8| !(b' '..=b'~').contains(byte) || *byte == b'$';
+        let line = &bytes[1..bytes.len().min(MAX_LENGTH)];
+        let Some(length) = line.iter().position(ends) else {
+            return if bytes.len() < MAX_LENGTH {
+                Front::Incomplete
+            } else {
+                Front::Skip(DropReason::Length, 1)
+            };
+        };
+        let (line, end) = (&line[..length], 1 + length);
+        if !ends_line(&bytes[end]) {
+            return Front::Skip(DropReason::CutOff, end);
+        }
+        match message(line) {
+            Ok(message) => Front::Message(message, end),
+            Err(reason) => Front::Skip(reason, end),
+        }
     }
 }
 
@@ -232,36 +247,6 @@ pub(crate) fn checksum(body: &[u8]) -> u8 {
 }
 
 /// Judges received bytes.
-fn front(bytes: &[u8]) -> Front<Message> {
-    let ends_line = |byte: &u8| matches!(byte, b'\r' | b'\n');
-    let line_ends = bytes.iter().take_while(|byte| ends_line(byte)).count();
-    if line_ends > 0 {
-        return Front::Blank(line_ends);
-    }
-    let starts = |byte: &u8| *byte == b'$' || ends_line(byte);
-    let garbage = bytes.iter().position(starts).unwrap_or(bytes.len());
-    if garbage > 0 {
-        return Front::Skip(DropReason::Garbage, garbage);
-    }
-    let ends = |byte: &u8| !(b' '..=b'~').contains(byte) || *byte == b'$';
-    let line = &bytes[1..bytes.len().min(MAX_LENGTH)];
-    let Some(length) = line.iter().position(ends) else {
-        return if bytes.len() < MAX_LENGTH {
-            Front::Incomplete
-        } else {
-            Front::Skip(DropReason::Length, 1)
-        };
-    };
-    let (line, end) = (&line[..length], 1 + length);
-    if !ends_line(&bytes[end]) {
-        return Front::Skip(DropReason::CutOff, end);
-    }
-    match message(line) {
-        Ok(message) => Front::Message(message, end),
-        Err(reason) => Front::Skip(reason, end),
-    }
-}
-
 /// A message out of a line without `$` and line end.
 fn message(line: &[u8]) -> Result<Message, DropReason> {
     let (body, sum) = line

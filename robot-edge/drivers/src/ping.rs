@@ -5,8 +5,8 @@
 //! `BR`, length of the payload, message id, sender, receiver, payload, sum of all bytes before;
 //! numbers are little-endian. Distances are from the transducer along its axis.
 
-use crate::read_buffer::{Front, ReadBuffer, before_mark};
-use crate::{Decoder, DropReason, Dropped};
+use crate::DropReason;
+use crate::read_buffer::{Framed, Front, StreamDecoder, before_mark};
 
 mod session;
 
@@ -122,64 +122,49 @@ fn sum_of(bytes: &[u8]) -> u16 {
 }
 
 /// Decodes messages.
-#[derive(Debug, Default)]
-pub struct PingDecoder(ReadBuffer);
+pub type PingDecoder = StreamDecoder<Message>;
 
-impl Decoder for PingDecoder {
-    type Message = Message;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Message> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
-    }
-}
-
-fn front(bytes: &[u8]) -> Front<Message> {
-    let garbage = before_mark(bytes, MARK);
-    if garbage > 0 {
-        return Front::Skip(DropReason::Garbage, garbage);
-    }
-    let Some((id, length)) = header(bytes) else {
-        return Front::Incomplete;
-    };
-    let fits = match id {
-        ACK => length == 2,
-        NACK => length >= 2,
-        DEVICE_INFORMATION => (5..=6).contains(&length),
-        DISTANCE_SIMPLE => length == 5,
-        DISTANCE => length == 24,
-        PROFILE => length >= 26,
-        _ => true,
-    };
-    if length > MAX_PAYLOAD || !fits {
-        return Front::Skip(DropReason::Length, 1);
-    }
-    let total = HEADER + length + 2;
-    let received = &bytes[..bytes.len().min(total)];
-    if let Some(at) = (1..received.len()).find(|at| is_message(&received[*at..])) {
-        return Front::Skip(DropReason::CutOff, at);
-    }
-    if received.len() < total {
-        return Front::Incomplete;
-    }
-    if !is_message(received) {
-        return Front::Skip(DropReason::Checksum, 1);
-    }
-    match id {
-        ACK | NACK | DEVICE_INFORMATION | DISTANCE_SIMPLE | DISTANCE | PROFILE => {
-            match message(id, &received[HEADER..HEADER + length]) {
-                Some(message) => Front::Message(message, total),
-                None => Front::Skip(DropReason::Field, total),
-            }
+impl Framed for Message {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        let garbage = before_mark(bytes, MARK);
+        if garbage > 0 {
+            return Front::Skip(DropReason::Garbage, garbage);
         }
-        _ => Front::Skip(DropReason::UnknownKind, total),
+        let Some((id, length)) = header(bytes) else {
+            return Front::Incomplete;
+        };
+        let fits = match id {
+            ACK => length == 2,
+            NACK => length >= 2,
+            DEVICE_INFORMATION => (5..=6).contains(&length),
+            DISTANCE_SIMPLE => length == 5,
+            DISTANCE => length == 24,
+            PROFILE => length >= 26,
+            _ => true,
+        };
+        if length > MAX_PAYLOAD || !fits {
+            return Front::Skip(DropReason::Length, 1);
+        }
+        let total = HEADER + length + 2;
+        let received = &bytes[..bytes.len().min(total)];
+        if let Some(at) = (1..received.len()).find(|at| is_message(&received[*at..])) {
+            return Front::Skip(DropReason::CutOff, at);
+        }
+        if received.len() < total {
+            return Front::Incomplete;
+        }
+        if !is_message(received) {
+            return Front::Skip(DropReason::Checksum, 1);
+        }
+        match id {
+            ACK | NACK | DEVICE_INFORMATION | DISTANCE_SIMPLE | DISTANCE | PROFILE => {
+                match message(id, &received[HEADER..HEADER + length]) {
+                    Some(message) => Front::Message(message, total),
+                    None => Front::Skip(DropReason::Field, total),
+                }
+            }
+            _ => Front::Skip(DropReason::UnknownKind, total),
+        }
     }
 }
 
@@ -258,6 +243,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::Dropped;
     use crate::test_decoding::*;
 
     /// README, "Pack and unpack example": 7515 mm, 100 %.

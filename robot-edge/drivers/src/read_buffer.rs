@@ -1,12 +1,14 @@
 //! Received bytes that wait for the rest of their message.
 
-use crate::{DropReason, Dropped};
+use std::marker::PhantomData;
+
+use crate::{Decoder, DropReason, Dropped};
 
 /// Largest number of bytes that are kept.
 pub(crate) const CAPACITY: usize = 64 * 1024;
 
 /// What is at the front of the buffer.
-pub(crate) enum Front<M> {
+pub enum Front<M> {
     /// The beginning of a message.
     Incomplete,
     /// This many bytes that the protocol allows between messages.
@@ -61,6 +63,39 @@ impl ReadBuffer {
             }
         }
         None
+    }
+}
+
+/// A message that is understood without those before it.
+pub trait Framed: Sized {
+    /// What is at the front of `bytes`, of which there is at least one. With more bytes it must not revoke what it
+    /// said of fewer.
+    fn front(bytes: &[u8]) -> Front<Self>;
+}
+
+/// Decodes a stream of such messages.
+#[derive(Debug)]
+pub struct StreamDecoder<M>(ReadBuffer, PhantomData<M>);
+
+impl<M> Default for StreamDecoder<M> {
+    fn default() -> Self {
+        Self(ReadBuffer::default(), PhantomData)
+    }
+}
+
+impl<M: Framed> Decoder for StreamDecoder<M> {
+    type Message = M;
+
+    fn push(&mut self, bytes: &[u8]) {
+        self.0.push(bytes);
+    }
+
+    fn next_message(&mut self) -> Option<M> {
+        self.0.next_message(M::front)
+    }
+
+    fn dropped(&self) -> &Dropped {
+        &self.0.dropped
     }
 }
 

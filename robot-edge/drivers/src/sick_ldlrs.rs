@@ -5,7 +5,7 @@
 //! `trunk/src/laser360/ldTelegramCodes.h` of BackupTheBerlios/miro-middleware-svn. No bytes of a device
 //! were at hand: **not proved on hardware**. That angles grow counter-clockwise as seen from above, and
 //! that a distance of 0 is no range, is how `ros/sickld/sickld.cpp` of ros-drivers/sicktoolbox_wrapper
-//! at cca88ac takes them.
+//! at cca88ac takes them. The device sends 0 both without an echo and for an error.
 //!
 //! A telegram is STX, `USP`, the length of the payload (u32), the payload and the exclusive or of its
 //! bytes. A payload begins with a service; a reply has its highest bit set. Numbers are big-endian
@@ -13,8 +13,8 @@
 
 use measurement::scan::Scan;
 
-use crate::read_buffer::{Front, ReadBuffer, before_mark};
-use crate::{Decoder, DropReason, Dropped};
+use crate::DropReason;
+use crate::read_buffer::{Framed, Front, StreamDecoder, before_mark};
 
 mod session;
 
@@ -225,7 +225,8 @@ pub struct SectorData {
 
 impl SectorData {
     /// The scan in SI units, in the sensor's frame. The device sends neither its limits nor its speed:
-    /// they are those of the data sheet and of [`Global`]. `None` if an argument is impossible.
+    /// they are those of the data sheet and of [`Global`]. A distance of 0 is range 0, whose meaning is a
+    /// setting of the vehicle. `None` if an argument is impossible.
     pub fn to_scan(&self, motor_hz: u16, range_min_m: f32, range_max_m: f32) -> Option<Scan> {
         let is_possible = (1..=100).contains(&motor_hz)
             && (0.0..range_max_m).contains(&range_min_m)
@@ -233,7 +234,7 @@ impl SectorData {
         let range_m = |distance: &u16| {
             let range_m = f32::from(*distance) / 256.0;
             match distance {
-                0 => f32::NAN,
+                0 => 0.0,
                 _ if range_m < range_min_m => f32::NAN,
                 _ if range_m >= range_max_m => f32::INFINITY,
                 _ => range_m,
@@ -253,51 +254,36 @@ impl SectorData {
 }
 
 /// Decodes what scanners send.
-#[derive(Debug, Default)]
-pub struct LdlrsDecoder(ReadBuffer);
+pub type LdlrsDecoder = StreamDecoder<Message>;
 
-impl Decoder for LdlrsDecoder {
-    type Message = Message;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Message> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
-    }
-}
-
-fn front(bytes: &[u8]) -> Front<Message> {
-    let garbage = before_mark(bytes, MARK);
-    if garbage > 0 {
-        return Front::Skip(DropReason::Garbage, garbage);
-    }
-    let Some((header, rest)) = bytes.split_first_chunk::<HEADER>() else {
-        return Front::Incomplete;
-    };
-    let [.., a, b, c, d] = *header;
-    let length = u32::from_be_bytes([a, b, c, d]) as usize;
-    if !(2..=MAX_PAYLOAD).contains(&length) {
-        return Front::Skip(DropReason::Length, 1);
-    }
-    let total = HEADER + length + 1;
-    let received = &bytes[..bytes.len().min(total)];
-    if let Some(next) = (1..received.len()).find(|at| received[*at..].starts_with(MARK)) {
-        return Front::Skip(DropReason::CutOff, next);
-    }
-    match (rest.get(..length), rest.get(length)) {
-        (Some(payload), Some(sum)) if checksum(payload) == *sum => match message(payload) {
-            Ok(message) => Front::Message(message, total),
-            Err(DropReason::UnknownKind) => Front::Skip(DropReason::UnknownKind, total),
-            Err(reason) => Front::Skip(reason, 1),
-        },
-        (Some(_), Some(_)) => Front::Skip(DropReason::Checksum, 1),
-        _ => Front::Incomplete,
+impl Framed for Message {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        let garbage = before_mark(bytes, MARK);
+        if garbage > 0 {
+            return Front::Skip(DropReason::Garbage, garbage);
+        }
+        let Some((header, rest)) = bytes.split_first_chunk::<HEADER>() else {
+            return Front::Incomplete;
+        };
+        let [.., a, b, c, d] = *header;
+        let length = u32::from_be_bytes([a, b, c, d]) as usize;
+        if !(2..=MAX_PAYLOAD).contains(&length) {
+            return Front::Skip(DropReason::Length, 1);
+        }
+        let total = HEADER + length + 1;
+        let received = &bytes[..bytes.len().min(total)];
+        if let Some(next) = (1..received.len()).find(|at| received[*at..].starts_with(MARK)) {
+            return Front::Skip(DropReason::CutOff, next);
+        }
+        match (rest.get(..length), rest.get(length)) {
+            (Some(payload), Some(sum)) if checksum(payload) == *sum => match message(payload) {
+                Ok(message) => Front::Message(message, total),
+                Err(DropReason::UnknownKind) => Front::Skip(DropReason::UnknownKind, total),
+                Err(reason) => Front::Skip(reason, 1),
+            },
+            (Some(_), Some(_)) => Front::Skip(DropReason::Checksum, 1),
+            _ => Front::Incomplete,
+        }
     }
 }
 
@@ -446,6 +432,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::Dropped;
     use crate::test_decoding::*;
 
     /// A reply apart from the code under test.
@@ -558,7 +545,8 @@ mod tests {
         assert!((f64::from(scan.angle_min_rad) - std::f64::consts::FRAC_PI_2).abs() < 1e-6);
         assert!((f64::from(scan.angle_increment_rad) - 0.25_f64.to_radians()).abs() < 1e-9);
         assert!((scan.time_increment_s - 0.2 / 1440.0).abs() < 1e-9);
-        assert!(scan.ranges_m[0].is_nan() && scan.ranges_m[1].is_nan());
+        assert_eq!(scan.ranges_m[0], 0.0, "no echo or an error");
+        assert!(scan.ranges_m[1].is_nan(), "nearer than the device measures");
         assert_eq!(scan.ranges_m[2..3], [10.0]);
         assert!(scan.ranges_m[3].is_infinite(), "250 m");
         let second = profile.sectors[1].to_scan(5, 0.5, 250.0).unwrap();
@@ -616,7 +604,7 @@ mod tests {
                 if let Message::Profile(profile) = message {
                     for sector in &profile.sectors {
                         let scan = sector.to_scan(5, 0.5, 250.0).unwrap();
-                        let possible = |range: &f32| range.is_nan() || *range >= 0.5;
+                        let possible = |range: &f32| range.is_nan() || *range == 0.0 || *range >= 0.5;
                         prop_assert!(scan.ranges_m.iter().all(possible));
                         if !scan.ranges_m.is_empty() {
                             prop_assert!(scan.sweep_duration().is_some());

@@ -45,6 +45,14 @@ impl DeviceStatuses {
         let statuses = self.0.iter();
         statuses.map(|(name, status)| (name.as_str(), status.borrow().clone()))
     }
+
+    /// Losses of all devices.
+    pub fn lost_total(&self) -> u64 {
+        let of_device = |(_, status): &(_, watch::Receiver<DeviceStatus>)| -> u64 {
+            status.borrow().losses.values().sum()
+        };
+        self.0.iter().map(of_device).sum()
+    }
 }
 
 /// What the supervisor does with a device.

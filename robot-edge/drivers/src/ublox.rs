@@ -8,9 +8,9 @@
 
 use measurement::GeodeticFix;
 
+use crate::DropReason;
 use crate::gnss::{GnssPosition, GnssVelocity, Utc, is_on_earth};
-use crate::read_buffer::{Front, ReadBuffer, before_mark};
-use crate::{Decoder, DropReason, Dropped};
+use crate::read_buffer::{Framed, Front, StreamDecoder, before_mark};
 
 mod session;
 
@@ -228,68 +228,53 @@ pub struct RelativePosition {
 }
 
 /// Decodes what a receiver sends.
-#[derive(Debug, Default)]
-pub struct UbloxDecoder(ReadBuffer);
+pub type UbloxDecoder = StreamDecoder<Message>;
 
-impl Decoder for UbloxDecoder {
-    type Message = Message;
-
-    fn push(&mut self, bytes: &[u8]) {
-        self.0.push(bytes);
-    }
-
-    fn next_message(&mut self) -> Option<Message> {
-        self.0.next_message(front)
-    }
-
-    fn dropped(&self) -> &Dropped {
-        &self.0.dropped
-    }
-}
-
-fn front(bytes: &[u8]) -> Front<Message> {
-    let garbage = before_mark(bytes, MARK);
-    if garbage > 0 {
-        return Front::Skip(DropReason::Garbage, garbage);
-    }
-    let Some((kind, length)) = header(bytes) else {
-        return Front::Incomplete;
-    };
-    let fits = match kind {
-        NAV_PVT => length == 92,
-        NAV_RELPOSNED => matches!(length, 40 | 64),
-        ACK_ACK | ACK_NAK => length == 2,
-        _ => length <= MAX_PAYLOAD,
-    };
-    if !fits {
-        return Front::Skip(DropReason::Length, 1);
-    }
-    let total = HEADER + length + 2;
-    let received = &bytes[..bytes.len().min(total)];
-    if let Some(at) = (1..received.len()).find(|at| is_message(&received[*at..])) {
-        return Front::Skip(DropReason::CutOff, at);
-    }
-    if received.len() < total {
-        return Front::Incomplete;
-    }
-    if !is_message(received) {
-        return Front::Skip(DropReason::Checksum, 1);
-    }
-    let mut fields = Fields(&received[HEADER..HEADER + length]);
-    let message = match kind {
-        NAV_PVT => fields.pvt().map(|pvt| Message::Pvt(Box::new(pvt))),
-        NAV_RELPOSNED => fields
-            .relative_position(length)
-            .map(Message::RelativePosition),
-        ACK_ACK | ACK_NAK => Some(Message::Reply {
-            request: fields.take(),
-            is_accepted: kind == ACK_ACK,
-        }),
-        _ => return Front::Skip(DropReason::UnknownKind, total),
-    };
-    match message {
-        Some(message) => Front::Message(message, total),
-        None => Front::Skip(DropReason::Field, total),
+impl Framed for Message {
+    fn front(bytes: &[u8]) -> Front<Self> {
+        let garbage = before_mark(bytes, MARK);
+        if garbage > 0 {
+            return Front::Skip(DropReason::Garbage, garbage);
+        }
+        let Some((kind, length)) = header(bytes) else {
+            return Front::Incomplete;
+        };
+        let fits = match kind {
+            NAV_PVT => length == 92,
+            NAV_RELPOSNED => matches!(length, 40 | 64),
+            ACK_ACK | ACK_NAK => length == 2,
+            _ => length <= MAX_PAYLOAD,
+        };
+        if !fits {
+            return Front::Skip(DropReason::Length, 1);
+        }
+        let total = HEADER + length + 2;
+        let received = &bytes[..bytes.len().min(total)];
+        if let Some(at) = (1..received.len()).find(|at| is_message(&received[*at..])) {
+            return Front::Skip(DropReason::CutOff, at);
+        }
+        if received.len() < total {
+            return Front::Incomplete;
+        }
+        if !is_message(received) {
+            return Front::Skip(DropReason::Checksum, 1);
+        }
+        let mut fields = Fields(&received[HEADER..HEADER + length]);
+        let message = match kind {
+            NAV_PVT => fields.pvt().map(|pvt| Message::Pvt(Box::new(pvt))),
+            NAV_RELPOSNED => fields
+                .relative_position(length)
+                .map(Message::RelativePosition),
+            ACK_ACK | ACK_NAK => Some(Message::Reply {
+                request: fields.take(),
+                is_accepted: kind == ACK_ACK,
+            }),
+            _ => return Front::Skip(DropReason::UnknownKind, total),
+        };
+        match message {
+            Some(message) => Front::Message(message, total),
+            None => Front::Skip(DropReason::Field, total),
+        }
     }
 }
 

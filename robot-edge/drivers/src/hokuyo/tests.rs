@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::Dropped;
 use crate::test_decoding::*;
 
 /// Manual, section 8.12, without the spaces of its typography.

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use serde_json::Value;
 
 use super::*;
+use crate::Dropped;
 use crate::shared_data::shared_data;
 use crate::test_decoding::*;
 

@@ -4,9 +4,11 @@ use std::path::Path;
 
 use proptest::prelude::*;
 
+use super::telegram::{MAX_CHANNELS, MAX_ENCODERS, MAX_PAYLOAD};
 use super::*;
 use crate::shared_data::shared_data;
 use crate::test_decoding::*;
+use crate::{DropReason, Dropped};
 
 fn scan_of(bytes: &[u8]) -> ScanData {
     match decode_one(SickColaDecoder::default(), bytes) {

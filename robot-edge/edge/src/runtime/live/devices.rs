@@ -144,11 +144,7 @@ impl Source for DeviceSource {
     }
 
     fn lost_total(&self) -> u64 {
-        let statuses = self.statuses().now();
-        let of_devices: u64 = statuses
-            .flat_map(|(_, status)| status.losses.into_values())
-            .sum();
-        of_devices + self.order.lost_total() + self.scans_skipped
+        self.statuses.lost_total() + self.order.lost_total() + self.scans_skipped
     }
 
     fn lost(&self) -> SourceLosses {
