@@ -1,17 +1,24 @@
-//! The Debian package, installed into a fresh Debian. It needs root, cargo-deb, mmdebstrap and Debian's packages.
+//! The Debian package, installed into a fresh Debian. It needs root, cargo-deb, mmdebstrap and Debian's packages; that for
+//! arm64 cargo-zigbuild, zig, the target's standard library and qemu-user.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use emulators::Emulator;
+use emulators::lms111::Lms111;
+use emulators::mti::Mti;
+use serde_json::Value;
 use tempfile::tempdir;
 
+use crate::fleet::quic;
+use crate::link::desktop::Screen;
+use crate::link::window::{Colors, Pixels};
+use crate::processes::{Running, command, free_port, rooms};
 use crate::skip::skip;
 
 const RELEASE: &str = "bookworm";
-const SETUP: &str = "robot-edge setup --vehicle introbot --listen quic/[::]:7447 \
-    --device laser=sick_cola,tcp=192.168.0.1:2111 --device ahrs=xsens,serial=/dev/foreshore/xsens";
-
 /// A Debian in a folder.
 struct Debian(PathBuf);
 
@@ -40,17 +47,43 @@ impl Debian {
         printed
     }
 
+    /// Shows a folder of this machine at the same place inside.
+    fn mount(&self, folder: &str) -> Mount {
+        let inside = self.path(folder);
+        let mounted = Command::new("mount")
+            .arg("--bind")
+            .arg(folder)
+            .arg(&inside)
+            .status();
+        assert!(mounted.unwrap().success(), "{folder}");
+        Mount(inside)
+    }
+
     fn path(&self, inside: &str) -> PathBuf {
         self.0.join(inside.trim_start_matches('/'))
     }
 }
 
-/// The package, built in the folder of this test's own program.
-fn package() -> PathBuf {
+struct Mount(PathBuf);
+
+impl Drop for Mount {
+    fn drop(&mut self) {
+        let unmounted = Command::new("umount").arg(&self.0).status();
+        assert!(
+            unmounted.is_ok_and(|status| status.success()),
+            "{:?}",
+            self.0
+        );
+    }
+}
+
+/// The package for this machine, or for another target, built in the folder of this test's own program.
+fn package(target_name: Option<&str>) -> PathBuf {
     let program = std::env::current_exe().unwrap();
     let target = program.ancestors().nth(3).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../robot-edge/deploy/package");
     let output = Command::new(script)
+        .args(target_name)
         .env("CARGO_TARGET_DIR", target)
         .stderr(Stdio::inherit())
         .output()
@@ -60,21 +93,26 @@ fn package() -> PathBuf {
     PathBuf::from(printed.lines().last().unwrap())
 }
 
-fn has(program: &str) -> bool {
-    let asked = Command::new(program).arg("--version").output();
-    asked.is_ok_and(|output| output.status.success())
+/// Whether all of these programs are installed; else the test says that it is skipped.
+fn has_all(programs_and_remedies: &[(&str, &str)]) -> bool {
+    programs_and_remedies.iter().all(|(program, remedy)| {
+        let asked = Command::new(program).arg("--version").output();
+        let has = asked.is_ok_and(|output| output.status.success());
+        if !has {
+            skip(&format!("there is no {program}"), remedy);
+        }
+        has
+    })
 }
+
+const CARGO_DEB: (&str, &str) = ("cargo-deb", "cargo install cargo-deb");
+const MMDEBSTRAP: (&str, &str) = ("mmdebstrap", "package mmdebstrap");
 
 #[test]
 #[ignore = "builds for ten minutes and installs a Debian"]
 fn the_package_installs_on_a_fresh_debian() {
-    for (program, remedy) in [
-        ("cargo-deb", "cargo install cargo-deb"),
-        ("mmdebstrap", "package mmdebstrap"),
-    ] {
-        if !has(program) {
-            return skip(&format!("there is no {program}"), remedy);
-        }
+    if !has_all(&[CARGO_DEB, MMDEBSTRAP]) {
+        return;
     }
     let folder = tempdir().unwrap();
     let debian = Debian(folder.path().join("root"));
@@ -92,7 +130,7 @@ fn the_package_installs_on_a_fresh_debian() {
         made.success(),
         "mmdebstrap: it needs root and Debian's packages"
     );
-    fs::copy(package(), debian.path("/tmp/robot-edge.deb")).unwrap();
+    fs::copy(package(None), debian.path("/tmp/robot-edge.deb")).unwrap();
     debian.run("apt-get update && apt-get install -y /tmp/robot-edge.deb");
 
     assert_eq!(
@@ -106,15 +144,25 @@ fn the_package_installs_on_a_fresh_debian() {
     assert_eq!(enabled, "disabled\ndisabled");
 
     // The vehicle's configuration and keys, as docs/deployment.md says.
-    let printed = debian.run(SETUP);
+    let (laser, ahrs) = (
+        Emulator::on_tcp(Lms111::default()),
+        Emulator::on_serial(Mti::default()),
+    );
+    let endpoint = quic(free_port());
+    let setup = format!(
+        "robot-edge setup --vehicle generic2d --listen {endpoint} --device laser=sick_cola,tcp={} \
+         --device ahrs=xsens,serial=/dev/foreshore/xsens",
+        laser.address
+    );
+    let printed = debian.run(&setup);
     assert!(
         printed.contains("/etc/foreshore/vehicle.toml: written"),
         "{printed}"
     );
-    let (is_ok, printed) = debian.try_run(SETUP);
+    let (is_ok, printed) = debian.try_run(&setup);
     assert!(!is_ok && printed.contains("--force"), "{printed}");
     debian.run(
-        "cd /root; robot-edge keys fleet --robot scout --host boat.example --operator anna; \
+        "cd /root; robot-edge keys fleet --robot scout --host localhost --operator anna; \
          robot-edge install-keys fleet/vehicles/scout /etc/foreshore/keys",
     );
     for config in ["vehicle.toml", "example.toml"] {
@@ -176,6 +224,39 @@ fn the_package_installs_on_a_fresh_debian() {
     );
     assert_eq!(completed, "setup");
 
+    // It runs as the service does, and a console elsewhere shows its map.
+    let _terminals = debian.mount("/dev/pts");
+    fs::create_dir(debian.path("/dev/foreshore")).unwrap();
+    let terminal = fs::canonicalize(&ahrs.address).unwrap();
+    fs::set_permissions(&terminal, Permissions::from_mode(0o666)).unwrap();
+    symlink(terminal, debian.path("/dev/foreshore/xsens")).unwrap();
+    debian.run("echo '[localization]\nsource = \"static\"' >> /etc/foreshore/vehicle.toml");
+    let printed = debian
+        .run("runuser -u foreshore -- robot-edge check /etc/foreshore/vehicle.toml --connect");
+    for identity in ["LMS111", "MTi"] {
+        assert!(printed.contains(identity), "{printed}");
+    }
+    let mut edge = Command::new("chroot");
+    edge.args(["--userspec=foreshore", "--groups=dialout"])
+        .arg(&debian.0);
+    edge.args(
+        "robot-edge run --vehicle /etc/foreshore/vehicle.toml --keys /etc/foreshore/keys"
+            .split(' '),
+    );
+    let _edge = Running::start(&mut edge, "edge");
+    let picture = folder.path().join("console.png");
+    if let Some(screen) = Screen::open() {
+        let mut console = command(&format!(
+            "operator-console --connect {endpoint} --keys {} --screenshot {} --after 15",
+            debian.path("/root/fleet/people/anna").display(),
+            picture.display()
+        ));
+        screen.show(&mut console);
+        Running::start(&mut console, "console").ends_well();
+        let colors = Colors::of(&Pixels::of(&picture));
+        assert!(colors.free > 20_000 && colors.walls > 500, "{colors:?}");
+    }
+
     // Another package keeps what its owner changed; a purge keeps configuration and keys.
     debian.run("echo '# mine' >> /etc/foreshore/robot-edge.env; dpkg -i --force-confdef /tmp/robot-edge.deb");
     assert!(
@@ -185,4 +266,72 @@ fn the_package_installs_on_a_fresh_debian() {
     );
     debian.run("apt-get purge -y robot-edge");
     assert_eq!(debian.run("ls /etc/foreshore"), "keys\nvehicle.toml");
+}
+
+/// What a replay says of its maps, with their digests.
+fn layers(program: &mut Command, folder: &Path) -> Value {
+    let summary = folder.join("summary.json");
+    let replayed = program
+        .args(["replay", &rooms(), "--no-network", "--quiet", "--summary"])
+        .arg(&summary)
+        .status();
+    assert!(replayed.unwrap().success());
+    let summary: Value = serde_json::from_slice(&fs::read(summary).unwrap()).unwrap();
+    assert!(
+        summary["layers"]["occupancy"]["digest"].is_string(),
+        "{summary}"
+    );
+    summary["layers"].clone()
+}
+
+#[test]
+#[ignore = "builds for twenty minutes"]
+fn the_arm64_package_maps_the_same() {
+    const TARGET: &str = "aarch64-unknown-linux-gnu";
+    let zig = (
+        "cargo-zigbuild",
+        "cargo install cargo-zigbuild; pip install ziglang",
+    );
+    let qemu = ("qemu-aarch64-static", "package qemu-user-static");
+    if !has_all(&[CARGO_DEB, MMDEBSTRAP, zig, qemu]) {
+        return;
+    }
+    let folder = tempdir().unwrap();
+    let root = folder.path().join("root");
+    // Unpacked only: nothing of it must run here.
+    let made = Command::new("mmdebstrap")
+        .args([
+            "--quiet",
+            "--arch=arm64",
+            "--variant=extract",
+            "--include=libgcc-s1",
+            RELEASE,
+        ])
+        .arg(&root)
+        .status();
+    assert!(made.unwrap().success());
+    let unpacked = Command::new("dpkg-deb")
+        .arg("-x")
+        .arg(package(Some(TARGET)))
+        .arg(&root)
+        .status();
+    assert!(unpacked.unwrap().success());
+    let robot_edge = || {
+        let mut command = Command::new("qemu-aarch64-static");
+        command
+            .arg("-L")
+            .arg(&root)
+            .arg(root.join("usr/bin/robot-edge"));
+        command
+    };
+    let checked = robot_edge()
+        .arg("check")
+        .arg(root.join("etc/foreshore/example.toml"))
+        .output()
+        .unwrap();
+    assert!(checked.stdout.starts_with(b"ok\n"), "{checked:?}");
+    assert_eq!(
+        layers(&mut robot_edge(), folder.path()),
+        layers(&mut command("robot-edge"), folder.path())
+    );
 }

@@ -11,7 +11,7 @@ mod map_pictures;
 mod maps;
 mod sensors;
 pub(crate) mod shaped;
-mod window;
+pub(crate) mod window;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU8, Ordering};

@@ -22,21 +22,21 @@ pub(super) fn lacks_a_library(printed: &str) -> bool {
 
 /// Number of pixels in the colours of free space, walls and the vehicle.
 #[derive(Debug)]
-pub(super) struct Colors {
-    pub(super) free: usize,
-    pub(super) walls: usize,
+pub(crate) struct Colors {
+    pub(crate) free: usize,
+    pub(crate) walls: usize,
     vehicle: usize,
 }
 
 /// A picture of a window.
-pub(super) struct Pixels {
+pub(crate) struct Pixels {
     /// Width and height.
     pub(super) size: [usize; 2],
     rgb: Vec<[u8; 3]>,
 }
 
 impl Pixels {
-    pub(super) fn of(picture: &Path) -> Self {
+    pub(crate) fn of(picture: &Path) -> Self {
         let file = std::io::BufReader::new(std::fs::File::open(picture).unwrap());
         let mut reader = png::Decoder::new(file).read_info().unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
@@ -56,7 +56,7 @@ impl Pixels {
 }
 
 impl Colors {
-    pub(super) fn of(pixels: &Pixels) -> Self {
+    pub(crate) fn of(pixels: &Pixels) -> Self {
         let count = |is_such: &dyn Fn([u8; 3]) -> bool| {
             pixels.rgb.iter().filter(|pixel| is_such(**pixel)).count()
         };
