@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{Read as _, Write as _};
 use std::os::fd::AsFd as _;
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -12,6 +13,7 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::OpenptFlags;
+use tempfile::{TempDir, tempdir};
 
 use super::{Emulator, LineTiming, Output};
 use network::clock::{self, sleep_until};
@@ -19,12 +21,14 @@ use network::clock::{self, sleep_until};
 const PATIENCE: Duration = Duration::from_mins(3);
 
 pub(crate) struct EmulatorOnTerminal {
-    pub(crate) path: PathBuf,
+    /// Of its own: the system gives the terminal's number to others later, for whom an edge of this test may still look.
+    path: PathBuf,
     emulator: Arc<Mutex<Emulator>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     /// Held open, or the terminal would hang up between two owners.
     _line: File,
+    _folder: TempDir,
 }
 
 impl EmulatorOnTerminal {
@@ -34,7 +38,9 @@ impl EmulatorOnTerminal {
         rustix::pty::grantpt(&far_end).unwrap();
         rustix::pty::unlockpt(&far_end).unwrap();
         let name = rustix::pty::ptsname(&far_end, Vec::new()).unwrap();
-        let path = PathBuf::from(name.into_string().unwrap());
+        let folder = tempdir().unwrap();
+        let path = folder.path().join("port");
+        symlink(name.to_str().unwrap(), &path).unwrap();
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
         let line = rustix::fs::open(&path, flags, Mode::empty()).unwrap();
         let mut settings = rustix::termios::tcgetattr(&line).unwrap();
@@ -58,6 +64,7 @@ impl EmulatorOnTerminal {
             is_over,
             thread: Some(thread),
             _line: File::from(line),
+            _folder: folder,
         }
     }
 
