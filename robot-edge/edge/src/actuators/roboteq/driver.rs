@@ -190,10 +190,10 @@ impl Driver {
             Phase::Check(parameter) => Some(self.start_exchange(Command::Read(parameter), now)),
             Phase::AwaitWatchdog => {
                 self.check_watchdog(ControllerWatchdog::Absent, now);
-                None
+                self.transmit(now)
             }
             Phase::Ready | Phase::Refused(_) => {
-                let acknowledged = self.acknowledged.map(|last| last.map(|(power, _)| power));
+                let acknowledged = self.acknowledged_powers();
                 let task = self.scheduler.next(self.wanted, acknowledged, now)?;
                 Some(self.start_exchange(self.command_of(task), now))
             }
@@ -204,9 +204,15 @@ impl Driver {
     pub fn deadline(&self) -> Monotonic {
         match (self.exchange, self.phase) {
             (Some(exchange), _) => exchange.deadline(),
-            (None, Phase::Ready | Phase::Refused(_)) => self.scheduler.deadline(),
+            (None, Phase::Ready | Phase::Refused(_)) => self
+                .scheduler
+                .deadline(self.wanted, self.acknowledged_powers()),
             (None, _) => self.due,
         }
+    }
+
+    fn acknowledged_powers(&self) -> [Option<Power>; 2] {
+        self.acknowledged.map(|last| last.map(|(power, _)| power))
     }
 
     pub fn status(&self, now: Monotonic) -> Status {
@@ -541,10 +547,7 @@ impl Scheduler {
             self.may_poll = true;
             return Some(Task::RunTwo);
         }
-        let is_acknowledged = acknowledged == wanted.map(Some);
-        let is_stop = wanted == [Power::ZERO; 2];
-        // No question delays a stop, or the repetition of what has failed.
-        if self.may_poll && !self.must_repeat && (is_acknowledged || !is_stop) {
+        if self.may_ask(wanted, acknowledged) {
             let due = |poll: &&mut Poll| poll.due.is_some_and(|due| now >= due);
             let polls = self.polls.iter_mut().filter(due);
             if let Some(poll) = polls.min_by_key(|poll| poll.due) {
@@ -553,12 +556,7 @@ impl Scheduler {
                 return Some(poll.task);
             }
         }
-        let pause = if is_acknowledged && !self.must_repeat {
-            REPEAT
-        } else {
-            MIN_PAUSE
-        };
-        if now < self.pair_at + pause {
+        if now < self.next_pair(wanted, acknowledged) {
             return None;
         }
         self.pair_at = now;
@@ -589,12 +587,37 @@ impl Scheduler {
         }
     }
 
-    /// When there is something to say at the latest, or it must be asked whether there is.
-    pub(super) fn deadline(&self) -> Monotonic {
+    /// No question delays a stop, or the repetition of what has failed.
+    fn may_ask(&self, wanted: [Power; 2], acknowledged: [Option<Power>; 2]) -> bool {
+        let is_stop = wanted == [Power::ZERO; 2];
+        self.may_poll && !self.must_repeat && (acknowledged == wanted.map(Some) || !is_stop)
+    }
+
+    fn next_pair(&self, wanted: [Power; 2], acknowledged: [Option<Power>; 2]) -> Monotonic {
+        let is_acknowledged = acknowledged == wanted.map(Some);
+        let pause = if is_acknowledged && !self.must_repeat {
+            REPEAT
+        } else {
+            MIN_PAUSE
+        };
+        self.pair_at + pause
+    }
+
+    /// When there is something to send, while `wanted` stays as it is.
+    pub(super) fn deadline(
+        &self,
+        wanted: [Power; 2],
+        acknowledged: [Option<Power>; 2],
+    ) -> Monotonic {
         if self.is_half {
             return self.pair_at;
         }
-        self.pair_at + MIN_PAUSE
+        let next_pair = self.next_pair(wanted, acknowledged);
+        if !self.may_ask(wanted, acknowledged) {
+            return next_pair;
+        }
+        let polls = self.polls.iter().filter_map(|poll| poll.due);
+        polls.fold(next_pair, Monotonic::min)
     }
 }
 

@@ -75,7 +75,9 @@ impl Bench {
         for _ in 0..ms {
             self.now = self.now + Duration::from_millis(1);
             let now = self.now;
+            let is_due = self.driver.deadline() <= now || self.driver.must_stop();
             while let Some(transmission) = self.driver.transmit(now) {
+                assert!(is_due, "nobody would have woken it: {transmission:?}");
                 let bytes = transmission.bytes.as_bytes();
                 self.sent.push((now, transmission.bytes));
                 if transmission.flush {
@@ -85,6 +87,7 @@ impl Bench {
                 self.to_emulator
                     .push((now + ON_THE_WAY, on_the_line(bytes)));
             }
+            assert!(self.driver.deadline() > now, "it would be woken at once");
             let response = self
                 .emulator
                 .receive(&arrived(&mut self.to_emulator, now), now);
