@@ -11,7 +11,7 @@ use network::endpoints::{check, is_loopback};
 use toml::{Table, Value};
 
 use crate::cli::setup::{NamedDevice, NamedMount, Setup, Size, device_settings, mount};
-use crate::config::presets::{self, GENERIC, Preset};
+use crate::config::presets::{self, GENERIC, PRESETS, Preset};
 use crate::config::{self, Config, ConfigError};
 use crate::exit::{Exit, UsageError};
 use crate::vehicle_commands;
@@ -146,7 +146,9 @@ impl Dialog<'_, '_> {
 
     fn vehicle(&mut self) -> anyhow::Result<Preset> {
         if self.input.is_some() {
-            vehicle_commands::list(self.out)?;
+            let mut vehicles = PRESETS.to_vec();
+            vehicles.retain(|preset| !preset.is_document());
+            vehicle_commands::list(&vehicles, self.out)?;
         }
         self.ask(
             "--vehicle",

@@ -5,20 +5,17 @@ use std::io::{self, Write};
 
 use crate::cli::{InstallKeys, Keys};
 use crate::config::advice::{doubts, idle_settings};
-use crate::config::presets::{PRESETS, Preset};
+use crate::config::presets::Preset;
 use crate::config::{self, Config, SensorConfig};
 use crate::exit::{Exit, UsageError};
 use network::credentials::{Installed, IssueRequest, install, issue};
 use teleop::Role;
 
 /// `vehicles`: one line for each preset.
-pub fn list(out: &mut dyn Write) -> io::Result<()> {
-    let width = PRESETS
-        .iter()
-        .map(|preset| preset.name.len())
-        .max()
-        .unwrap_or(0);
-    for preset in PRESETS {
+pub fn list(presets: &[Preset], out: &mut dyn Write) -> io::Result<()> {
+    let names = presets.iter().map(|preset| preset.name.len());
+    let width = names.max().unwrap_or(0);
+    for preset in presets {
         writeln!(out, "{:width$}  {}", preset.name, preset.title())?;
     }
     Ok(())
@@ -174,6 +171,7 @@ pub fn install_keys(command: &InstallKeys, out: &mut dyn Write) -> anyhow::Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::presets::PRESETS;
 
     fn checked(text: &str) -> (Exit, String) {
         let directory = tempfile::tempdir().unwrap();
@@ -242,13 +240,16 @@ mod tests {
     #[test]
     fn presets_are_listed_and_printed_verbatim() {
         let mut out = Vec::new();
-        list(&mut out).unwrap();
+        list(PRESETS, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
         assert!(
-            text.starts_with("generic2d   One horizontal laser"),
+            text.starts_with("generic2d            One horizontal laser"),
             "{text}"
         );
-        assert!(text.contains("\npioneer     Pioneer 3-DX"), "{text}");
+        assert!(
+            text.contains("\npioneer              Pioneer 3-DX"),
+            "{text}"
+        );
 
         for preset in PRESETS {
             let mut out = Vec::new();

@@ -16,7 +16,7 @@ use crate::height_columns::{
 };
 use crate::octree::{BrickColumn, Octree, SurfaceVoxel};
 use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap};
-use crate::slope::{Beach, slopes};
+use crate::slope::{Beach, greatest_differences, slopes};
 use crate::vehicle::VehicleShape;
 
 /// Settings of `[mapping.cost]`.
@@ -31,6 +31,8 @@ pub struct CostConfig {
     pub box_half_height_m: f64,
     /// Slope of cost 1, degrees (\[HYB\] §5.1: 45 on land, 30 for docking).
     pub critical_slope_deg: f64,
+    /// How the slope of a column is measured.
+    pub slope: SlopeRule,
     /// Surface that the vehicle moves on.
     pub surface: Surface,
     /// Period of updates in time of the data, seconds.
@@ -47,6 +49,17 @@ pub enum Surface {
     Water,
 }
 
+/// How the slope of a column is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SlopeRule {
+    /// That of a plane through the hits around it, where one fits; else as `Difference`.
+    Plane,
+    /// The greatest difference of levels in the 7×7 columns around it (\[HYB\] §5.1, equations 5.1
+    /// and 5.2).
+    Difference,
+}
+
 impl Default for CostConfig {
     fn default() -> Self {
         Self {
@@ -54,6 +67,7 @@ impl Default for CostConfig {
             box_m: 40.0,
             box_half_height_m: 4.0,
             critical_slope_deg: 45.0,
+            slope: SlopeRule::Plane,
             surface: Surface::Land,
             period_s: 0.2,
         }
@@ -225,7 +239,12 @@ impl CostMap {
 
     fn costs(&self, at: BrickColumn, beach: Option<&Beach>) -> [f32; TILE_COLUMNS] {
         let cost = |slope: f32| (slope / self.steepest).clamp(0.0, 1.0); // NaN stays
-        slopes(&self.window.patch(at), self.cell_m as f32, beach).map(cost)
+        let (patch, cell_m) = (self.window.patch(at), self.cell_m as f32);
+        let slopes = match self.config.slope {
+            SlopeRule::Plane => slopes(&patch, cell_m, beach),
+            SlopeRule::Difference => greatest_differences(&patch),
+        };
+        slopes.map(cost)
     }
 
     /// Levels for a vehicle at height `z_m`; the previous ones unless the vehicle has moved away

@@ -21,6 +21,8 @@ pub struct GroundConfig {
     /// η: and if pitch changed from scan to scan by less than this at 25 Hz, degrees (\[LOD\] §5.3:
     /// 0.1), over a wheelbase.
     pub eta_deg: f64,
+    /// How long the pitch must stay before the plane is reset.
+    pub reset: GroundReset,
     /// Reference of the obstacle map's thresholds.
     pub reference: GroundReference,
     /// With `reference = "local"`: steepest ground that is no obstacle, degrees.
@@ -28,6 +30,16 @@ pub struct GroundConfig {
     /// Whether heights are compensated for pitch and roll; `false` only for comparison (experiment
     /// e5).
     pub compensation: bool,
+}
+
+/// How long the pitch must stay before the ground plane is reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GroundReset {
+    /// Over a wheelbase of travel; the plane is averaged over attitudes.
+    Wheelbase,
+    /// From one scan to the next, and the plane is that of one attitude (\[LOD\] §4.6).
+    Scan,
 }
 
 /// Reference of the obstacle map's thresholds.
@@ -45,6 +57,7 @@ impl Default for GroundConfig {
         Self {
             epsilon_deg: 0.5,
             eta_deg: 0.1,
+            reset: GroundReset::Wheelbase,
             reference: GroundReference::Plane,
             max_slope_deg: 8.0,
             compensation: true,
@@ -81,14 +94,15 @@ impl GroundPlane {
 /// Decides when the ground plane is reset (docs/methods.md, section 1).
 ///
 /// \[LOD\] §5.3 resets if pitch differs from that at the last reset by more than ε and from that of
-/// the last scan by less than η. Literally this fires one scan after a bump. Here every change per
-/// scan must stay below η, and the pitch within ε/2, over a wheelbase of travel. Neither a shorter
-/// object nor standing on one can cause it.
+/// the last scan by less than η ([`GroundReset::Scan`]). Literally this fires one scan after a bump.
+/// With [`GroundReset::Wheelbase`] every change per scan must stay below η, and the pitch within
+/// ε/2, over a wheelbase of travel. Neither a shorter object nor standing on one can cause it.
 #[derive(Clone, Debug)]
 pub struct GroundTracker {
     epsilon_rad: f64,
     /// η as a rate; the source gives it per scan at 25 Hz.
     eta_radps: f64,
+    reset: GroundReset,
     wheelbase_m: f64,
     plane: Option<AveragedPlane>,
     last: Option<Sample>,
@@ -178,6 +192,7 @@ impl GroundTracker {
         Self {
             epsilon_rad: config.epsilon_deg.to_radians(),
             eta_radps: config.eta_deg.to_radians() * SOURCE_RATE_HZ,
+            reset: config.reset,
             wheelbase_m,
             plane: None,
             last: None,
@@ -198,18 +213,22 @@ impl GroundTracker {
             position: Point3::from(odom_from_base.translation.vector),
             pitch_rad: pose::pitch_rad(odom_from_base),
         };
-        self.follow_pitch(now);
+        let is_steady = self.follow_pitch(now);
         let taken = AveragedPlane::new(odom_from_base, now.pitch_rad);
         let Some(before) = &mut self.plane else {
             self.plane = Some(taken);
             return (taken.plane, None);
         };
         let is_tilted = (now.pitch_rad - before.pitch_rad).abs() > self.epsilon_rad;
-        if !is_tilted {
+        if !is_tilted && self.reset == GroundReset::Wheelbase {
             before.average_in(odom_from_base, now.pitch_rad);
         }
         let before = *before;
-        if !is_tilted || self.steady_m < self.wheelbase_m {
+        let stays = match self.reset {
+            GroundReset::Wheelbase => self.steady_m >= self.wheelbase_m,
+            GroundReset::Scan => is_steady,
+        };
+        if !is_tilted || !stays {
             return (before.plane, None);
         }
         self.plane = Some(taken);
@@ -234,20 +253,23 @@ impl GroundTracker {
         self.steady_m = 0.0;
     }
 
-    fn follow_pitch(&mut self, now: Sample) {
+    /// Whether the pitch has changed by less than η since the last scan.
+    fn follow_pitch(&mut self, now: Sample) -> bool {
         let Some(before) = self.last.replace(now) else {
-            return;
+            return false;
         };
         let elapsed_s = now.stamp.since(before.stamp).as_secs_f64();
         let change_rad = (now.pitch_rad - before.pitch_rad).abs();
         // On the way onto a ramp each change may be below η: the pitch must also stay in place.
         let drift_rad = (now.pitch_rad - self.steady_pitch_rad).abs();
-        if change_rad <= self.eta_radps * elapsed_s && drift_rad <= 0.5 * self.epsilon_rad {
+        let is_steady = change_rad <= self.eta_radps * elapsed_s;
+        if is_steady && drift_rad <= 0.5 * self.epsilon_rad {
             self.steady_m += (now.position - before.position).norm();
         } else {
             self.steady_m = 0.0;
             self.steady_pitch_rad = now.pitch_rad;
         }
+        is_steady
     }
 }
 

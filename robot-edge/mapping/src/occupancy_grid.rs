@@ -40,12 +40,7 @@ impl OccupancyGrid {
         Self {
             cell_m: config.cell_m,
             miss: config.miss,
-            update: LogOddsUpdate::new(
-                config.p_free,
-                config.p_occupied,
-                config.p_min,
-                config.p_max,
-            ),
+            update: LogOddsUpdate::new(config),
             tile_limit: config.memory_limit_mb as usize * 1_000_000 / tile_bytes,
             grid,
             marks: ScanMarks::default(),
@@ -206,6 +201,8 @@ pub struct OccupancyConfig {
     pub p_free: f64,
     /// Probability that a cell with a hit is occupied (\[LRF\]: 0.6).
     pub p_occupied: f64,
+    /// p₀, the prior: probability that a cell is occupied before it is observed.
+    pub p_prior: f64,
     /// Least probability of a cell, so that the map can change again.
     pub p_min: f64,
     /// Greatest probability of a cell.
@@ -233,6 +230,7 @@ impl Default for OccupancyConfig {
             cell_m: 0.1,
             p_free: 0.3,
             p_occupied: 0.6,
+            p_prior: 0.5,
             p_min: 0.02,
             p_max: 0.98,
             miss: Miss::Unknown,
@@ -274,10 +272,11 @@ impl LogOdds {
     }
 }
 
-/// Equation (3) of docs/methods.md as a sum of log-odds, with clamps: with p₀ = 0.5 it is `L ← L +
-/// l_z`.
+/// Equation (3) of docs/methods.md as a sum of log-odds, with clamps: `L ← L + l_z − l₀`.
 #[derive(Clone, Copy, Debug)]
 pub struct LogOddsUpdate {
+    prior: i16,
+    /// Less the prior, as is the next.
     free: i16,
     occupied: i16,
     min: i16,
@@ -295,14 +294,16 @@ pub mod mark {
 }
 
 impl LogOddsUpdate {
-    /// All arguments are probabilities.
-    pub fn new(p_free: f64, p_occupied: f64, p_min: f64, p_max: f64) -> Self {
+    /// With the probabilities of `config`.
+    pub fn new(config: &OccupancyConfig) -> Self {
         let steps = |p| LogOdds::from_probability(p).steps();
+        let prior = steps(config.p_prior);
         Self {
-            free: steps(p_free),
-            occupied: steps(p_occupied),
-            min: steps(p_min),
-            max: steps(p_max),
+            prior,
+            free: steps(config.p_free).saturating_sub(prior),
+            occupied: steps(config.p_occupied).saturating_sub(prior),
+            min: steps(config.p_min),
+            max: steps(config.p_max),
         }
     }
 
@@ -312,13 +313,14 @@ impl LogOddsUpdate {
         const UNKNOWN: i16 = i16::MIN;
         // Local copies; otherwise it is not vectorised.
         let Self {
+            prior,
             free,
             occupied,
             min,
             max,
         } = *self;
         for (cell, &mark) in cells.iter_mut().zip(marks) {
-            let before = if *cell == UNKNOWN { 0 } else { *cell };
+            let before = if *cell == UNKNOWN { prior } else { *cell };
             let evidence = if mark == mark::OCCUPIED {
                 occupied
             } else {
@@ -344,20 +346,25 @@ mod log_odds_tests {
 
     #[test]
     fn log_odds_sum_equals_equation_3() {
-        let update = LogOddsUpdate::new(0.3, 0.6, 0.02, 0.98);
-        let mut cells = [i16::MIN];
-        let mut p = 0.5;
-        for mark in [2, 2, 1, 2, 1, 1, 1, 2, 2, 2, 2] {
-            update.apply(&mut cells, &[mark]);
-            p = bayes(if mark == 2 { 0.6 } else { 0.3 }, p, 0.5);
-            let got = LogOdds::from_steps(cells[0]).probability().unwrap();
-            assert!((got - p).abs() < 5e-4, "{got} instead of {p}");
+        for p_prior in [0.5, 0.4, 0.55] {
+            let update = LogOddsUpdate::new(&OccupancyConfig {
+                p_prior,
+                ..OccupancyConfig::default()
+            });
+            let mut cells = [i16::MIN];
+            let mut p = p_prior;
+            for mark in [2, 2, 1, 2, 1, 1, 1, 2, 2, 2, 2] {
+                update.apply(&mut cells, &[mark]);
+                p = bayes(if mark == 2 { 0.6 } else { 0.3 }, p, p_prior);
+                let got = LogOdds::from_steps(cells[0]).probability().unwrap();
+                assert!((got - p).abs() < 5e-4, "{got} instead of {p}");
+            }
         }
     }
 
     #[test]
     fn cells_are_clamped_and_unmarked_cells_stay() {
-        let update = LogOddsUpdate::new(0.3, 0.6, 0.02, 0.98);
+        let update = LogOddsUpdate::new(&OccupancyConfig::default());
         let mut cells = [i16::MIN, 17, i16::MIN, i16::MIN];
         for _ in 0..100 {
             update.apply(&mut cells, &[0, 0, 1, 2]);

@@ -20,8 +20,10 @@ pub struct MetricsConfig {
     pub intra_width_m: f64,
     /// Range difference between scans of value 1, metres.
     pub inter_full_m: f64,
-    /// Weight of the newest value in a voxel's moving average.
-    pub weight: f64,
+    /// α, weight of the newest `IntraScan` value in a voxel's moving average (\[HYB\] equation 6.2).
+    pub intra_weight: f64,
+    /// θ, weight of the newest `InterScan` value in it (\[HYB\] equation 6.4).
+    pub inter_weight: f64,
 }
 
 impl Default for MetricsConfig {
@@ -31,7 +33,8 @@ impl Default for MetricsConfig {
             intra_sigma_m: 0.09,
             intra_width_m: 0.55,
             inter_full_m: 0.255,
-            weight: 0.3,
+            intra_weight: 0.3,
+            inter_weight: 0.3,
         }
     }
 }

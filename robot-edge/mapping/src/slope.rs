@@ -63,6 +63,31 @@ pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32;
     })
 }
 
+/// Slopes of the columns of a tile by the levels of voxels alone, rise over run; NaN if unknown, or
+/// if no column around is known (\[HYB\] §5.1): the greatest of `(top_i − ground_j) / distance`.
+pub(super) fn greatest_differences(patch: &Patch) -> [f32; TILE_COLUMNS] {
+    std::array::from_fn(|column| {
+        let window = Window {
+            x: column % TILE_EDGE,
+            y: column / TILE_EDGE,
+        };
+        let own = window.middle();
+        if patch[own].kind == ColumnKind::Unknown {
+            return f32::NAN;
+        }
+        let around = window
+            .columns()
+            .filter(|&n| n != own && patch[n].kind != ColumnKind::Unknown);
+        let rises = around.map(|n| {
+            let [dx, dy] = [n % PATCH_EDGE, n / PATCH_EDGE];
+            let [dx, dy] = [dx.abs_diff(own % PATCH_EDGE), dy.abs_diff(own / PATCH_EDGE)];
+            let rise = (patch[own].top_z - patch[n].ground_z) as f32;
+            rise / libm::sqrtf((dx * dx + dy * dy) as f32)
+        });
+        rises.fold(f32::NAN, f32::max)
+    })
+}
+
 /// Where land that a boat can land on rises out of the water.
 pub(super) struct Beach {
     /// Height of the water, z of `odom`, metres.

@@ -23,7 +23,7 @@ pub struct VoxelLayers {
     intra: IntraScan,
     inter: InterScan,
     metrics: Metrics,
-    weight: f32,
+    weights: [f32; 2],
     cost: Option<CostMap>,
     cost_timer: UpdateTimer,
     shore: Option<ShoreLayer>,
@@ -81,7 +81,8 @@ impl VoxelLayers {
             intra: IntraScan::new(&config.metrics),
             inter: InterScan::new(&config.metrics),
             metrics: Metrics::default(),
-            weight: config.metrics.weight as f32,
+            weights: [config.metrics.intra_weight, config.metrics.inter_weight]
+                .map(|weight| weight as f32),
             cost: cost
                 .enabled
                 .then(|| CostMap::new(cost, &config.rigidity, vehicle, cell_m, config.threads)),
@@ -231,7 +232,7 @@ impl VoxelLayers {
                     intra,
                     inter,
                 };
-                self.octree.add_surface(&hit, self.weight);
+                self.octree.add_surface(&hit, self.weights);
             }
         }
     }

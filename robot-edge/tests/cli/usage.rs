@@ -130,14 +130,27 @@ fn a_printed_preset_is_a_configuration() {
         .collect();
     assert_eq!(
         names,
-        ["generic2d", "holos", "introbot", "pioneer", "riverwatch"]
+        [
+            "generic2d",
+            "holos",
+            "holos-document",
+            "introbot",
+            "introbot-document",
+            "pioneer",
+            "pioneer-document",
+            "riverwatch",
+            "riverwatch-document"
+        ]
     );
     for name in names {
         let printed = run(robot_edge("vehicles").arg(name)).succeeds().stdout;
         fs::write(&mine, printed).unwrap();
         let checked = run(robot_edge("check").arg(&mine)).succeeds().stdout;
         assert!(
-            checked.starts_with(&format!("ok\nvehicle: {name}, ")),
+            checked.starts_with(&format!(
+                "ok\nvehicle: {}, ",
+                name.trim_end_matches("-document")
+            )),
             "{checked}"
         );
         assert_eq!(

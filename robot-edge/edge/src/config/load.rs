@@ -11,13 +11,11 @@ use super::Config;
 use super::config_layer::{ConfigLayer, join, quoted};
 use super::error::{ConfigError, ConfigIssue, Problem};
 use super::overrides::Override;
-use super::presets::{self, GENERIC, Preset};
+use super::presets::{self, GENERIC, PRESET_KEY, Preset};
 use super::schema::{Expected, Schema, SensorKinds};
 use super::validate::{MAX_SENSORS, validate};
 
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Key of a file that names the preset it starts from.
-const PRESET_KEY: &str = "preset";
 /// What a file without a preset must say of its vehicle: obstacles are judged by it.
 const SIZE_KEYS: [&str; 3] = ["length_m", "width_m", "height_m"];
 
@@ -37,7 +35,7 @@ pub(super) fn layers(
     overrides: &[Override],
 ) -> Result<Vec<ConfigLayer>, ConfigError> {
     let mut layers = match presets::find(vehicle) {
-        Some(preset) => vec![preset.layer()?],
+        Some(preset) => preset.layers()?,
         None => text_layers(Path::new(vehicle), &read(Path::new(vehicle))?)?,
     };
     layers.extend(overrides.iter().map(Override::layer));
@@ -47,7 +45,9 @@ pub(super) fn layers(
 fn text_layers(path: &Path, text: &str) -> Result<Vec<ConfigLayer>, ConfigError> {
     let mut file = ConfigLayer::file(path, text)?;
     let named = file.table.remove(PRESET_KEY);
-    let mut base = named_preset(&file, named.as_ref())?.layer()?;
+    let mut layers = named_preset(&file, named.as_ref())?.layers()?;
+    // Without a name, of a single layer.
+    let base = &mut layers[0];
     if let (None, Some(Value::Table(own))) = (&named, file.table.get("sensors"))
         && let Some(Value::Table(sensors)) = base.table.get_mut("sensors")
     {
@@ -58,7 +58,8 @@ fn text_layers(path: &Path, text: &str) -> Result<Vec<ConfigLayer>, ConfigError>
     {
         vehicle.retain(|key, _| !SIZE_KEYS.contains(&key));
     }
-    Ok(vec![base, file])
+    layers.push(file);
+    Ok(layers)
 }
 
 fn named_preset(file: &ConfigLayer, named: Option<&Value>) -> Result<Preset, ConfigError> {

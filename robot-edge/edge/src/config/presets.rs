@@ -1,7 +1,12 @@
 //! Vehicles that come with the program.
 
+use toml::Value;
+
 use super::config_layer::ConfigLayer;
 use super::error::{ConfigError, suggest};
+
+/// Key that names the preset to start from.
+pub(super) const PRESET_KEY: &str = "preset";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preset {
@@ -16,34 +21,44 @@ impl Preset {
         line.trim_start_matches(['#', ' '])
     }
 
-    pub(super) fn layer(&self) -> Result<ConfigLayer, ConfigError> {
-        ConfigLayer::preset(self.name, self.text)
+    /// Whether it judges as a document says, for comparison with the vehicle's own preset.
+    pub fn is_document(&self) -> bool {
+        self.name.ends_with("-document")
+    }
+
+    /// Its own layer, after those of the preset that it starts from.
+    pub(super) fn layers(&self) -> Result<Vec<ConfigLayer>, ConfigError> {
+        let mut layer = ConfigLayer::preset(self.name, self.text)?;
+        let mut layers = match layer.table.remove(PRESET_KEY) {
+            Some(Value::String(base)) => get(&base)?.layers()?,
+            _ => Vec::new(),
+        };
+        layers.push(layer);
+        Ok(layers)
     }
 }
 
-pub const GENERIC: Preset = Preset {
-    name: "generic2d",
-    text: include_str!("../../../vehicles/generic2d.toml"),
-};
+macro_rules! preset {
+    ($name:literal) => {
+        Preset {
+            name: $name,
+            text: include_str!(concat!("../../../vehicles/", $name, ".toml")),
+        }
+    };
+}
+
+pub const GENERIC: Preset = preset!("generic2d");
 
 pub const PRESETS: &[Preset] = &[
     GENERIC,
-    Preset {
-        name: "holos",
-        text: include_str!("../../../vehicles/holos.toml"),
-    },
-    Preset {
-        name: "introbot",
-        text: include_str!("../../../vehicles/introbot.toml"),
-    },
-    Preset {
-        name: "pioneer",
-        text: include_str!("../../../vehicles/pioneer.toml"),
-    },
-    Preset {
-        name: "riverwatch",
-        text: include_str!("../../../vehicles/riverwatch.toml"),
-    },
+    preset!("holos"),
+    preset!("holos-document"),
+    preset!("introbot"),
+    preset!("introbot-document"),
+    preset!("pioneer"),
+    preset!("pioneer-document"),
+    preset!("riverwatch"),
+    preset!("riverwatch-document"),
 ];
 
 pub(super) fn find(name: &str) -> Option<Preset> {
@@ -60,7 +75,11 @@ pub(super) fn unknown(name: &str) -> ConfigError {
         name: super::config_layer::quoted(name),
         suggestion: suggest(name, PRESETS.iter().map(|preset| preset.name))
             .filter(|hint| hint.is_close),
-        presets: PRESETS.iter().map(|preset| preset.name).collect(),
+        presets: PRESETS
+            .iter()
+            .filter(|preset| !preset.is_document())
+            .map(|preset| preset.name)
+            .collect(),
     }
 }
 

@@ -211,7 +211,10 @@ const RULES: &[Rule] = &[
         "it is a length of the things that are distinguished",
     ),
     (
-        &["mapping.metrics.weight"],
+        &[
+            "mapping.metrics.intra_weight",
+            "mapping.metrics.inter_weight",
+        ],
         Within(0.001, 1.0),
         "it is the share of the newest value in the average",
     ),
@@ -598,10 +601,18 @@ fn occupancy(checks: &mut Checks, occupancy: &OccupancyConfig) {
     let OccupancyConfig {
         p_free,
         p_occupied,
+        p_prior,
         p_min,
         p_max,
         ..
     } = *occupancy;
+    let is_ordered = p_free < 0.5 && p_occupied > 0.5;
+    if is_ordered && !Between(p_free, p_occupied).contains(p_prior) {
+        let why =
+            "a beam through a cell must make it less likely to be occupied, and a hit more likely";
+        let allowed = format!("between p_free = {p_free} and p_occupied = {p_occupied}");
+        checks.issue("mapping.occupancy.p_prior", as_toml(p_prior), why, allowed);
+    }
     let clamp = "at the limit one scan must still count, and the map must be able to forget";
     if !Between(0.0, p_free).contains(p_min) {
         let allowed = format!("above 0, below p_free = {p_free}");
@@ -723,6 +734,7 @@ mod tests {
             "vehicle.wheelbase_m",
             "mapping.occupancy.p_min",
             "mapping.occupancy.p_max",
+            "mapping.occupancy.p_prior",
             "mapping.obstacle.cells",
             "mapping.cost.box_m",
             "mapping.shore.sparse_below",

@@ -88,7 +88,7 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
         Command::Vehicles(command) => {
             match &command.name {
                 Some(name) => vehicle_commands::print(&presets::get(name)?, out)?,
-                None => vehicle_commands::list(out)?,
+                None => vehicle_commands::list(presets::PRESETS, out)?,
             }
             Ok(Exit::Done)
         }

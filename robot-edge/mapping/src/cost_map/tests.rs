@@ -39,6 +39,17 @@ fn map(surface: Surface) -> CostMap {
     CostMap::new(&config(surface), &rigidity, CAR, CELL_M, 1)
 }
 
+/// The costs of equations 5.1 and 5.2.
+fn costs_by_difference(octree: &mut Octree) -> Vec<(CellIndex, f32)> {
+    let config = CostConfig {
+        slope: SlopeRule::Difference,
+        ..config(Surface::Land)
+    };
+    let mut map = CostMap::new(&config, &RigidityConfig::default(), CAR, CELL_M, 1);
+    map.update(octree, Point3::new(0.0, 0.0, 0.5));
+    costs(&map)
+}
+
 /// A map around a vehicle at this height, updated once.
 fn updated(surface: Surface, octree: &mut Octree, z_m: f64) -> CostMap {
     let mut map = map(surface);
@@ -71,7 +82,7 @@ fn hit_by_spots(
             intra: 0.3,
             inter: 0.1,
         };
-        octree.add_surface(&hit, 0.3);
+        octree.add_surface(&hit, [0.3; 2]);
     }
 }
 
@@ -146,6 +157,42 @@ fn cost_of_planes_matches_their_slope() {
 }
 
 /// Height of a step of two voxels at x = 1 m, and its face.
+#[test]
+fn by_differences_a_column_costs_its_greatest_rise_over_the_grounds_around() {
+    // Ground in voxel layer 0, a wall four voxels high in the columns of x = 0; one column alone far away.
+    let wall = [0.15, 0.25, 0.35].map(|z| [0.05, 0.05, z]);
+    let ground = surface(|_, _| 0.05).into_iter().filter(|[x, ..]| *x < 1.0);
+    let mut octree = octree();
+    hit(&mut octree, [0.0, 0.0, 2.0], ground.chain(wall));
+    let costs = costs_by_difference(&mut octree);
+    let cost = |x, y| {
+        let at = CellIndex { x, y };
+        costs
+            .iter()
+            .find(|(cell, _)| *cell == at)
+            .map(|(_, cost)| *cost)
+    };
+    // Three voxels over an adjacent column are lethal; level ground is free also beside the wall.
+    assert_eq!(cost(0, 0), Some(1.0));
+    assert_eq!(
+        (cost(1, 0), cost(-2, 0), cost(5, 5)),
+        (Some(0.0), Some(0.0), Some(0.0))
+    );
+    // A single voxel up from the fourth column away is not in the window; from the third it is 1/3.
+    let stair = surface(|x, _| if x < 0.0 { 0.05 } else { 0.15 });
+    let mut octree = self::octree();
+    hit(&mut octree, [0.0, 0.0, 2.0], stair);
+    let costs = costs_by_difference(&mut octree);
+    for (x, expected) in [(0, 1.0), (1, 0.5), (2, 1.0 / 3.0), (3, 0.0), (-1, 0.0)] {
+        let at = CellIndex { x, y: 10 };
+        let found = costs.iter().find(|(cell, _)| *cell == at).unwrap().1;
+        assert!(
+            (found - expected).abs() < 1e-6,
+            "column {x}: {found} instead of {expected}"
+        );
+    }
+}
+
 fn step_m(x: f64, _: f64) -> f64 {
     if x < 1.0 { 0.02 } else { 0.22 }
 }
@@ -467,7 +514,7 @@ proptest! {
             for (point, metric) in &ends {
                 let hit = SurfaceHit {
                     point: (*point).into(), spot_m: *metric * 0.2, intra: *metric * 0.08, inter: *metric };
-                octree.add_surface(&hit, 0.3);
+                octree.add_surface(&hit, [0.3; 2]);
             }
             let mut whole = octree.clone();
             let vehicle = Point3::new(origin[0], origin[1], origin[2] * 0.5);

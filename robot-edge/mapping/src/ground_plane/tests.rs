@@ -16,7 +16,15 @@ fn pitched(x_m: f64, pitch_deg: f64) -> Pose {
 
 /// Drives with the given pitch per scan, 8 mm and 40 ms apart; returns the scans with a reset.
 fn changes(pitches_deg: &[f64], speed_mps: f64) -> Vec<usize> {
-    let mut tracker = GroundTracker::new(&GroundConfig::default(), 0.55);
+    changes_by(GroundReset::Wheelbase, pitches_deg, speed_mps)
+}
+
+fn changes_by(reset: GroundReset, pitches_deg: &[f64], speed_mps: f64) -> Vec<usize> {
+    let config = GroundConfig {
+        reset,
+        ..GroundConfig::default()
+    };
+    let mut tracker = GroundTracker::new(&config, 0.55);
     let mut changed = Vec::new();
     let mut stamp = RobotTime::from_nanos(0);
     for (scan, &pitch_deg) in pitches_deg.iter().enumerate() {
@@ -42,6 +50,17 @@ fn climb(level: usize, steps: usize, pitch_deg: f64, rest: usize) -> Vec<f64> {
 fn a_ramp_changes_the_ground_once_after_a_wheelbase() {
     // 8 mm per scan: a wheelbase of 0.55 m is 69 scans.
     assert_eq!(changes(&climb(50, 10, 4.0, 200), 0.2), [50 + 9 + 69]);
+}
+
+#[test]
+fn by_scans_the_first_steady_one_changes_it_also_beyond_a_bump() {
+    let by_scan = |pitches_deg: &[f64]| changes_by(GroundReset::Scan, pitches_deg, 0.2);
+    // 0.4° per scan up to scan 59; scan 60 is the first with the pitch of the one before.
+    assert_eq!(by_scan(&climb(50, 10, 4.0, 200)), [60]);
+    // One more scan on top of a bump, and two changes.
+    let mut bump = climb(50, 10, 4.0, 1);
+    bump.extend(climb(0, 10, -4.0, 5).iter().map(|pitch| pitch + 4.0));
+    assert_eq!(by_scan(&bump), [60, 71]);
 }
 
 #[test]

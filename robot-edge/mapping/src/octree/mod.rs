@@ -120,15 +120,15 @@ impl Octree {
         unplaced
     }
 
-    /// Adds the position and metrics of a hit to its voxel; `weight` is that of the newest metric
-    /// in the moving average.
+    /// Adds the position and metrics of a hit to its voxel; `weights` are those of the newest
+    /// `intra` and `inter` in the moving averages.
     ///
     /// It has no effect before the scan of the hit was integrated.
-    pub fn add_surface(&mut self, hit: &SurfaceHit, weight: f32) {
+    pub fn add_surface(&mut self, hit: &SurfaceHit, weights: [f32; 2]) {
         let voxel = VoxelIndex::containing(hit.point, self.cell_m);
         let (index, address) = split(voxel);
         self.shards[index.shard()].with_surface(index, address, |surface| {
-            surface.add(hit, voxel, self.cell_m, weight);
+            surface.add(hit, voxel, self.cell_m, weights);
         });
     }
 

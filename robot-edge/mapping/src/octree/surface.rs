@@ -53,10 +53,16 @@ impl SurfaceVoxel {
         inter: f32::NAN,
     };
 
-    /// Adds a hit in the voxel; `weight` is that of the newest metric.
-    pub(super) fn add(&mut self, hit: &SurfaceHit, voxel: VoxelIndex, cell_m: f64, weight: f32) {
+    /// Adds a hit in the voxel; `weights` are those of the newest `intra` and `inter`.
+    pub(super) fn add(
+        &mut self,
+        hit: &SurfaceHit,
+        voxel: VoxelIndex,
+        cell_m: f64,
+        weights: [f32; 2],
+    ) {
         self.add_point(hit, voxel, cell_m);
-        let average = |value: &mut f32, new: f32| {
+        let average = |value: &mut f32, new: f32, weight: f32| {
             if !new.is_nan() {
                 *value = if value.is_nan() {
                     new
@@ -65,8 +71,8 @@ impl SurfaceVoxel {
                 };
             }
         };
-        average(&mut self.intra, hit.intra);
-        average(&mut self.inter, hit.inter);
+        average(&mut self.intra, hit.intra, weights[0]);
+        average(&mut self.inter, hit.inter, weights[1]);
     }
 
     /// Adds a position unless finer ones exist; replaces coarser ones.
@@ -130,12 +136,12 @@ mod tests {
             inter,
         };
         for z_m in [0.01, 0.03] {
-            surface.add(&hit(z_m, 0.5), voxel, 0.1, 0.3);
+            surface.add(&hit(z_m, 0.5), voxel, 0.1, [0.3; 2]);
         }
         assert!((surface.mean() - Vector3::new(0.5, 0.2, 0.2)).amax() < 1e-3);
         assert_eq!((surface.intra(), surface.inter()), (None, Some(0.5)));
         for _ in 0..400 {
-            surface.add(&hit(0.09, 1.0), voxel, 0.1, 0.3);
+            surface.add(&hit(0.09, 1.0), voxel, 0.1, [0.3; 2]);
         }
         assert!((surface.mean().z - 0.9).abs() < 0.01);
         assert!(surface.inter().unwrap() > 0.99);
@@ -159,7 +165,7 @@ mod tests {
                 intra: f32::NAN,
                 inter: f32::NAN,
             };
-            surface.add(&hit, VoxelIndex { x: 0, y: 0, z: 0 }, 0.1, 0.3);
+            surface.add(&hit, VoxelIndex { x: 0, y: 0, z: 0 }, 0.1, [0.3; 2]);
             assert!((surface.spot() - voxels).abs() < 2e-3, "{}", surface.spot());
             assert!((surface.mean().z - mean).abs() < 2e-3, "{}", surface.mean());
         }
@@ -168,15 +174,18 @@ mod tests {
     #[test]
     fn the_first_value_sets_a_metric_and_the_next_ones_weigh_less() {
         let mut surface = SurfaceVoxel::NONE;
-        for intra in [1.0, 0.0, f32::NAN] {
+        for (intra, inter) in [(1.0, 0.0), (0.0, 1.0), (f32::NAN, f32::NAN)] {
             let hit = SurfaceHit {
                 point: Point3::origin(),
                 spot_m: 0.0,
                 intra,
-                inter: f32::NAN,
+                inter,
             };
-            surface.add(&hit, VoxelIndex { x: 0, y: 0, z: 0 }, 0.3, 0.25);
+            surface.add(&hit, VoxelIndex { x: 0, y: 0, z: 0 }, 0.3, [0.25, 0.125]);
         }
-        assert_eq!(surface.intra(), Some(0.75));
+        assert_eq!(
+            (surface.intra(), surface.inter()),
+            (Some(0.75), Some(0.125))
+        );
     }
 }

@@ -359,7 +359,7 @@ fn hits_set_the_surface() {
         intra: 0.5,
         inter: f32::NAN,
     };
-    octree.add_surface(&hit, 0.3);
+    octree.add_surface(&hit, [0.3; 2]);
     assert_eq!(
         octree.surface(voxel(10, 0, 0)),
         None,
@@ -367,7 +367,7 @@ fn hits_set_the_surface() {
     );
     octree.integrate(SENSOR, [ray([0.0; 3], end, true)]);
     octree.take_changed();
-    octree.add_surface(&hit, 0.3);
+    octree.add_surface(&hit, [0.3; 2]);
     let surface = octree.surface(voxel(10, 0, 0)).unwrap();
     let mean = surface.mean();
     assert!(

@@ -83,7 +83,8 @@ fn flattened(prefix: &str, table: &Table, keys: &mut Vec<String>) {
 fn presets_load_and_the_generic_one_is_the_default() {
     for preset in PRESETS {
         let config = load(preset.name, &[]).unwrap();
-        assert_eq!(config.vehicle.name, preset.name);
+        let vehicle = preset.name.trim_end_matches("-document");
+        assert_eq!(config.vehicle.name, vehicle);
     }
     assert_eq!(load("generic2d", &[]).unwrap(), Config::default());
 }
@@ -91,7 +92,7 @@ fn presets_load_and_the_generic_one_is_the_default() {
 #[test]
 fn presets_list_every_key_and_their_examples_are_valid() {
     let schema = Schema::of_config().unwrap();
-    for preset in PRESETS {
+    for preset in PRESETS.iter().filter(|preset| !preset.is_document()) {
         let text = uncommented(preset.text);
         let mut listed = Vec::new();
         flattened("", &text.parse().unwrap(), &mut listed);
@@ -505,6 +506,10 @@ fn values_that_make_no_sense_are_refused() {
         ("mapping.occupancy.p_occupied=0.5", "above 0.5, below 1"),
         ("mapping.occupancy.p_min=0.3", "above 0, below p_free = 0.3"),
         ("mapping.occupancy.p_min=0", "above 0, below p_free = 0.3"),
+        (
+            "mapping.occupancy.p_prior=0.6",
+            "between p_free = 0.3 and p_occupied = 0.6",
+        ),
         (
             "mapping.occupancy.p_max=1",
             "above p_occupied = 0.6, below 1",
