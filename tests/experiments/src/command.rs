@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use crate::outcome::Verdict;
+use crate::report::Compared;
 use crate::{EXPERIMENTS, Experiment, Outcome, Session, report};
 use edge::cli::Experiments;
 use edge::exit::{Exit, Interrupted, UsageError};
@@ -36,20 +37,28 @@ pub fn run(
     let mut outcomes = Vec::new();
     for experiment in EXPERIMENTS.iter().filter(is_chosen) {
         let started = clock::now();
-        let outcome = (experiment.run)(&session).map_err(|error| {
-            if error.is::<Interrupted>() {
-                error
-            } else {
-                error.context(format!("{} could not be run", experiment.id))
-            }
-        })?;
+        let run = |session| {
+            (experiment.run)(session).map_err(|error| {
+                if error.is::<Interrupted>() {
+                    error
+                } else {
+                    error.context(format!("{} could not be run", experiment.id))
+                }
+            })
+        };
+        let outcome = run(&session)?;
         progress.print_outcome(experiment, &outcome, clock::elapsed(started).as_secs_f64());
-        outcomes.push((experiment, outcome));
+        let by_document = run(&session.by_document())?;
+        outcomes.push(Compared {
+            experiment,
+            outcome,
+            by_document,
+        });
     }
     progress.bar.finish_and_clear();
     let page = report::write(&command.out, &outcomes, &session)?;
     writeln!(out, "{}", page.display())?;
-    let passed = outcomes.iter().all(|(_, outcome)| outcome.passed());
+    let passed = outcomes.iter().all(|compared| compared.outcome.passed());
     Ok(if passed { Exit::Done } else { Exit::Failed })
 }
 

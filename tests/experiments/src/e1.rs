@@ -29,7 +29,7 @@ const BUILD: &str = if cfg!(debug_assertions) {
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     session.step("E1: the truth of the hall")?;
-    let hall = TerrainWorld::load("hall", Some(DURATION_S))?;
+    let hall = TerrainWorld::load("hall", Some(DURATION_S), session.rules())?;
     let plane = hall.plane_at(0.0);
     let sweep = Sweep::of(&hall, &plane, |_| true)?;
     let mut outcome = Outcome::default();
@@ -99,7 +99,7 @@ fn mapped(hall: &TerrainWorld, cell_m: f64, cells: u32, seed: u64) -> anyhow::Re
         ..SimulationOptions::default()
     };
     let settings = settings.each_ref().map(String::as_str);
-    let mut run = SimulatedRun::with_settings(&hall.world, options, &settings)?;
+    let mut run = SimulatedRun::new(&hall.world, options, &hall.config_with(&settings)?)?;
     run.advance_to(DURATION_S)?;
     Ok(run)
 }

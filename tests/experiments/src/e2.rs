@@ -26,7 +26,7 @@ struct Floor {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let floor = TerrainWorld::load("floor", None)?;
+    let floor = TerrainWorld::load("floor", None, session.rules())?;
     let plane = floor.plane_at(0.0);
     let sweep = Sweep::of(&floor, &plane, |_| true)?;
     let floors = session.for_each_seed("E2: floor", |seed| {

@@ -33,7 +33,7 @@ struct Drive {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let ramp = TerrainWorld::load("ramp", None)?;
+    let ramp = TerrainWorld::load("ramp", None, session.rules())?;
     let drives = session.for_each_seed("E3: ramp", |seed| drive(&ramp, seed))?;
     session.step("E3: what was swept")?;
     let first = drives.iter().filter_map(|drive| drive.changes_s.first());

@@ -56,7 +56,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     outcome.parts.push(Part::text(include_str!("notes/e4.md")));
     for track in [
         Track {
-            world: TerrainWorld::load("hall", Some(21.0))?,
+            world: TerrainWorld::load("hall", Some(21.0), session.rules())?,
             sides: ["left wall", "right wall"],
             sides_label: "the walls",
             landmarks: ["first pillar", "second pillar"],
@@ -65,7 +65,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
             name: "hall",
         },
         Track {
-            world: TerrainWorld::load("street", None)?,
+            world: TerrainWorld::load("street", None, session.rules())?,
             sides: ["left pavement", "right pavement"],
             sides_label: "the kerbs",
             landmarks: ["car on the left", "van on the left"],

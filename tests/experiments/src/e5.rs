@@ -77,7 +77,7 @@ struct Drive {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let bumps = TerrainWorld::load("bumps", None)?;
+    let bumps = TerrainWorld::load("bumps", None, session.rules())?;
     let plane = bumps.plane_at(0.0);
     let sweep = Sweep::of(&bumps, &plane, |_| true)?;
     let motion = Motion::new(&bumps.world);

@@ -34,7 +34,7 @@ struct Drive {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let turn = TerrainWorld::load("turn", None)?;
+    let turn = TerrainWorld::load("turn", None, session.rules())?;
     let plane = turn.plane_at(0.0);
     let sweep = Sweep::of(&turn, &plane, |_| true)?;
     let begins_s = time_of_yaw_s(&turn, TURNING_DEG)?;

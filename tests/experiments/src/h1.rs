@@ -40,7 +40,7 @@ enum Encoder {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let meadow = LandWorld::load("meadow")?;
+    let meadow = LandWorld::load("meadow", session.rules())?;
     session.step("H1: the truth")?;
     let open = OpenGround::of(&meadow)?;
     let drives = session.for_each_seed("H1: meadow", |seed| {

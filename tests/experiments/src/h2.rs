@@ -20,7 +20,7 @@ const FOUND_MIN_PERCENT: f64 = 95.0;
 const CELLS_MIN: f64 = 500.0;
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let yard = LandWorld::load("yard")?;
+    let yard = LandWorld::load("yard", session.rules())?;
     session.step("H2: the truth")?;
     let truth = YardTruth::of(&yard)?;
     let drives = session.for_each_seed("H2: yard", |seed| {

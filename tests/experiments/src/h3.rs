@@ -25,7 +25,7 @@ const RIGID_MIN_PERCENT: f64 = 50.0;
 type Drive = BTreeMap<String, Columns>;
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let meadow = LandWorld::load("meadow")?;
+    let meadow = LandWorld::load("meadow", session.rules())?;
     session.step("H3: the truth")?;
     let objects = Objects::of(&meadow)?;
     let drives = session.for_each_seed("H3: meadow", |seed| {

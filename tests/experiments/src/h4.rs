@@ -3,7 +3,6 @@
 use std::collections::BTreeSet;
 
 use super::outcome::{Check, Outcome, Part, Spread, Table};
-use super::run::vehicle_config;
 use super::session::{SEED, Session};
 use super::shores::{self, MatchedCluster, MetricColumns, WaterWorld};
 use mapping::shore::ShoreClass;
@@ -19,7 +18,7 @@ const SAMPLES: u32 = 4;
 type Drive = Vec<MatchedCluster>;
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let lake = WaterWorld::load("lake")?;
+    let lake = WaterWorld::load("lake", session.rules())?;
     let drives = session.for_each_seed("H4: lake", |seed| drive(&lake, seed))?;
     let mut parts = vec![Part::text(include_str!("notes/h4.md"))];
     if let Some(first) = drives.first() {
@@ -173,13 +172,13 @@ fn stretches(lake: &WaterWorld, drives: &[Drive]) -> Table {
 }
 
 fn pictures(lake: &WaterWorld) -> anyhow::Result<Vec<Part>> {
-    let shore = vehicle_config(&lake.world, &[])?.mapping.shore;
+    let shore = &lake.config.mapping.shore;
     let mut run = lake.run(SEED)?;
     let mut metrics = MetricColumns::default();
     let mut parts = Vec::new();
     for sample in 1..=SAMPLES {
         run.advance_to(run.duration_s() * f64::from(sample) / f64::from(SAMPLES))?;
-        metrics.gather(&lake.maps(run.pipeline())?, &shore);
+        metrics.gather(&lake.maps(run.pipeline())?, shore);
         if 2 * sample == SAMPLES {
             let maps = shores::octree_and_cost(lake, run.pipeline(), "h4")?;
             parts.push(Part::Pictures(maps));

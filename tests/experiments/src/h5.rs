@@ -35,7 +35,7 @@ impl Site {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let dock = WaterWorld::load("dock")?;
+    let dock = WaterWorld::load("dock", session.rules())?;
     let drives = session.for_each_seed("H5: dock", |seed| drive(&dock, seed))?;
     let mut parts = vec![Part::text(include_str!("notes/h5.md"))];
     if let Some(first) = drives.first() {

@@ -40,7 +40,7 @@ struct WalkerPath {
 }
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let walker = TerrainWorld::load("walker", None)?;
+    let walker = TerrainWorld::load("walker", None, session.rules())?;
     let plane = walker.plane_at(0.0);
     let walker_path = WalkerPath::of(&walker, &plane)?;
     let sweep = Sweep::of(&walker, &plane, |_| true)?;

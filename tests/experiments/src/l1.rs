@@ -37,7 +37,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let world = rooms::without_reflections()?;
     let truth = rooms::truth_of(&world)?;
     let runs = session.for_each_seed("L1: rooms", |seed| {
-        let pipeline = rooms::run(&world, seed, &[])?.finish()?;
+        let pipeline = rooms::run(&world, session.rules(), seed, &[])?.finish()?;
         let confusion = truth.compare(&pipeline.publisher().store());
         Ok((confusion, pipeline.report().scans_mapped))
     })?;
@@ -145,7 +145,7 @@ fn seed_one(session: &Session<'_>, world: &World, truth: &Truth) -> anyhow::Resu
     let mut pictures = Vec::new();
     for set in SETTINGS {
         session.step(&format!("L1: {}", label(set)))?;
-        let pipeline = rooms::run(world, SEED, set)?.finish()?;
+        let pipeline = rooms::run(world, session.rules(), SEED, set)?.finish()?;
         let store = pipeline.publisher().store();
         let confusion = truth.compare(&store);
         settings.push([

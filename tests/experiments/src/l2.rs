@@ -9,7 +9,7 @@
 use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::pictures::Picture;
 use super::rooms::{self, Expected, Truth};
-use super::session::{SEED, Session};
+use super::session::{Rules, SEED, Session};
 use crate::truth::outline::Outline;
 use nalgebra::Point2;
 use protocol::export::Trinary;
@@ -27,7 +27,9 @@ const TIMES_S: [f64; 10] = [5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 60.0, 90.0, 95.0,
 
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let truth = rooms::truth_of(&rooms::rooms()?)?;
-    let drives = session.for_each_seed("L2: three drives", |seed| Drives::of(&truth, seed))?;
+    let rules = session.rules();
+    let drives =
+        session.for_each_seed("L2: three drives", |seed| Drives::of(&truth, rules, seed))?;
     let mut parts = vec![
         Part::text(include_str!("notes/l2.md")),
         Part::text(format!("Seed {SEED}:")),
@@ -37,7 +39,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     parts.push(Part::Table(over_seeds(&drives)));
     parts.push(Part::text(include_str!("notes/l2_holes.md")));
     session.step("L2: pictures")?;
-    parts.push(Part::Pictures(pictures(&truth)?));
+    parts.push(Part::Pictures(pictures(&truth, rules)?));
     Ok(Outcome {
         checks: checks(&drives),
         parts,
@@ -137,10 +139,10 @@ fn over_seeds(drives: &[Drives]) -> Table {
     }))
 }
 
-fn pictures(truth: &Truth) -> anyhow::Result<Vec<Picture>> {
+fn pictures(truth: &Truth, rules: Rules) -> anyhow::Result<Vec<Picture>> {
     let picture =
         |store: &_, name: &str, caption: &str| rooms::error_map(truth, store, name, caption);
-    let mut run = rooms::run(&rooms::rooms()?, SEED, &[])?;
+    let mut run = rooms::run(&rooms::rooms()?, rules, SEED, &[])?;
     // The vehicle is about to leave the room with the mirror.
     run.advance_to(20.0)?;
     let before = picture(
@@ -150,7 +152,7 @@ fn pictures(truth: &Truth) -> anyhow::Result<Vec<Picture>> {
     );
     let pipeline = run.finish()?;
     let after = picture(&pipeline.publisher().store(), "l2-after", "at the end");
-    let one_room = rooms::run(&rooms::seen_from_one()?, SEED, &[])?.finish()?;
+    let one_room = rooms::run(&rooms::seen_from_one()?, rules, SEED, &[])?.finish()?;
     let one_room = picture(
         &one_room.publisher().store(),
         "l2-one-room",
@@ -179,9 +181,9 @@ struct Course {
 
 impl Course {
     /// Drives through `world`.
-    fn of(world: &World, truth: &Truth, seed: u64) -> anyhow::Result<Self> {
+    fn of(world: &World, truth: &Truth, rules: Rules, seed: u64) -> anyhow::Result<Self> {
         let mirror = rooms::mirror_of(world);
-        let mut run = rooms::run(world, seed, &[])?;
+        let mut run = rooms::run(world, rules, seed, &[])?;
         let end_s = run.duration_s();
         let counts = (end_s / PERIOD_S) as u32;
         let mut samples = Vec::new();
@@ -255,11 +257,11 @@ struct Drives {
 }
 
 impl Drives {
-    fn of(truth: &Truth, seed: u64) -> anyhow::Result<Self> {
+    fn of(truth: &Truth, rules: Rules, seed: u64) -> anyhow::Result<Self> {
         Ok(Self {
-            mirror: Course::of(&rooms::rooms()?, truth, seed)?,
-            scattering: Course::of(&rooms::without_reflections()?, truth, seed)?,
-            one_room: Course::of(&rooms::seen_from_one()?, truth, seed)?,
+            mirror: Course::of(&rooms::rooms()?, truth, rules, seed)?,
+            scattering: Course::of(&rooms::without_reflections()?, truth, rules, seed)?,
+            one_room: Course::of(&rooms::seen_from_one()?, truth, rules, seed)?,
         })
     }
 }

@@ -7,7 +7,8 @@ use nalgebra::{Point2, Point3};
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
-use super::run::{SimulatedRun, known_cells, vehicle_config};
+use super::run::{SimulatedRun, config_by, known_cells};
+use super::session::Rules;
 use super::terrain::extent_m;
 use super::truth::TerrainTruth;
 use edge::config::Config;
@@ -27,6 +28,7 @@ pub(super) type Cell = [i64; 2];
 pub(super) struct LandWorld {
     pub(super) world: World,
     pub(super) config: Config,
+    rules: Rules,
 }
 
 /// What the attitude's noise does to the poses, of which there are a hundred a second.
@@ -42,10 +44,14 @@ pub(super) enum Poses {
 
 impl LandWorld {
     /// The built-in world `name`.
-    pub(super) fn load(name: &str) -> anyhow::Result<Self> {
+    pub(super) fn load(name: &str, rules: Rules) -> anyhow::Result<Self> {
         let world = World::load(name)?;
-        let config = vehicle_config(&world, &[])?;
-        Ok(Self { world, config })
+        let config = config_by(&world, rules, &[])?;
+        Ok(Self {
+            world,
+            config,
+            rules,
+        })
     }
 
     /// Side of a voxel, metres.
@@ -83,7 +89,8 @@ impl LandWorld {
         poses: Poses,
     ) -> anyhow::Result<SimulatedRun> {
         let options = SimulationOptions { seed, ..options };
-        let run = SimulatedRun::with_settings(&self.world, options, settings)?;
+        let config = config_by(&self.world, self.rules, settings)?;
+        let run = SimulatedRun::new(&self.world, options, &config)?;
         let rate_hz = self.world.simulated_vehicle().odometry_rate_hz;
         let window_s = self.config.localization.attitude_smoothing_s;
         Ok(match poses {

@@ -10,7 +10,8 @@ use protocol::tile_store::TileStore;
 
 use super::outcome::Table;
 use super::pictures::Picture;
-use super::run::{SimulatedRun, known_cells, vehicle_config};
+use super::run::{SimulatedRun, config_by, known_cells, vehicle_config};
+use super::session::Rules;
 use super::truth::outline::Outline;
 use super::truth::{self, Bounds, CellKind, TruthCell, TruthGrid};
 use super::voxel_views::Canvas;
@@ -77,13 +78,18 @@ pub(super) fn mirror_of(world: &World) -> Outline {
 
 /// A run with the vehicle's own configuration and `settings` (`key=value`) over it, for as long as the
 /// vehicle drives through all rooms.
-pub(super) fn run(world: &World, seed: u64, settings: &[&str]) -> anyhow::Result<SimulatedRun> {
+pub(super) fn run(
+    world: &World,
+    rules: Rules,
+    seed: u64,
+    settings: &[&str],
+) -> anyhow::Result<SimulatedRun> {
     let options = SimulationOptions {
         seed,
         duration_s: Some(rooms()?.path().duration_s()),
         ..SimulationOptions::default()
     };
-    SimulatedRun::with_settings(world, options, settings)
+    SimulatedRun::new(world, options, &config_by(world, rules, settings)?)
 }
 
 /// The truth of a world, and how well a laser could see it.
@@ -311,7 +317,7 @@ pub(super) struct Erosion {
 impl Erosion {
     /// Of one run through `world`.
     pub(super) fn of(world: &World, truth: &Truth, seed: u64) -> anyhow::Result<Self> {
-        let mut run = run(world, seed, &[])?;
+        let mut run = run(world, Rules::Own, seed, &[])?;
         let (mut scans, mut last_occupied) = (Vec::new(), HashMap::new());
         for second in 1..=run.duration_s() as u32 {
             run.advance_with(f64::from(second), |_, scan| scans.push(scan.clone()))?;

@@ -7,6 +7,7 @@ use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{BootId, TILE_SIDE};
 use protocol::tile_store::TileStore;
 
+use super::session::Rules;
 use edge::config::{self, Config, Override};
 use edge::runtime::{self, MapEvent, Pipeline, localization_plan};
 use mapping::registered_scan::RegisteredScan;
@@ -179,9 +180,18 @@ pub fn pipeline(config: &Config, streams: &[Stream]) -> anyhow::Result<Pipeline>
 
 /// The configuration of the world's vehicle, with `settings` (`key=value`) over it.
 pub fn vehicle_config(world: &World, settings: &[&str]) -> anyhow::Result<Config> {
+    config_by(world, Rules::Own, settings)
+}
+
+/// The same, by the rules of the vehicle's own preset or of its document.
+pub(super) fn config_by(world: &World, rules: Rules, settings: &[&str]) -> anyhow::Result<Config> {
     let overrides: Result<Vec<Override>, _> =
         settings.iter().map(|setting| setting.parse()).collect();
-    Ok(config::load(world.vehicle(), &overrides?)?)
+    let preset = match rules {
+        Rules::Own => world.vehicle().to_owned(),
+        Rules::Document => format!("{}-document", world.vehicle()),
+    };
+    Ok(config::load(&preset, &overrides?)?)
 }
 
 /// Index and code of every known cell of a published layer.

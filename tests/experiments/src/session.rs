@@ -8,8 +8,18 @@ use std::thread;
 
 use edge::exit::Interrupted;
 
+/// By which preset maps are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rules {
+    /// The vehicle's own.
+    Own,
+    /// That with the rules of its document, `NAME-document`.
+    Document,
+}
+
 /// What all experiments of one call share.
 pub struct Session<'a> {
+    rules: Rules,
     seeds: u64,
     interrupt: &'a AtomicBool,
     progress: &'a (dyn Fn(&str) + Sync),
@@ -23,10 +33,24 @@ impl<'a> Session<'a> {
     /// experiment before its next run.
     pub fn new(seeds: u64, interrupt: &'a AtomicBool, progress: &'a (dyn Fn(&str) + Sync)) -> Self {
         Self {
+            rules: Rules::Own,
             seeds: seeds.max(1),
             interrupt,
             progress,
         }
+    }
+
+    /// The same by the rules of the documents.
+    #[must_use]
+    pub fn by_document(&self) -> Self {
+        Self {
+            rules: Rules::Document,
+            ..*self
+        }
+    }
+
+    pub(super) fn rules(&self) -> Rules {
+        self.rules
     }
 
     pub fn seeds(&self) -> RangeInclusive<u64> {

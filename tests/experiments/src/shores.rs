@@ -9,6 +9,9 @@ use protocol::layer::LayerId;
 
 use super::pictures::{Image, Picture, elevation, store_of};
 use super::run::SimulatedRun;
+use super::run::config_by;
+use super::session::Rules;
+use edge::config::Config;
 use edge::runtime::Pipeline;
 use mapping::cost_map::CostMap;
 use mapping::grid::CellIndex;
@@ -21,6 +24,7 @@ use simulation::{Motion, SimulationOptions, World};
 /// A world with water.
 pub(super) struct WaterWorld {
     pub(super) world: World,
+    pub(super) config: Config,
     /// Where `odom` has its origin: at the antenna's first fix. Both frames point east and north.
     origin_in_world: Vector3<f64>,
 }
@@ -37,7 +41,7 @@ pub(super) struct BoatMaps<'a> {
 
 impl WaterWorld {
     /// The built-in world `name`.
-    pub(super) fn load(name: &str) -> anyhow::Result<Self> {
+    pub(super) fn load(name: &str, rules: Rules) -> anyhow::Result<Self> {
         let world = World::load(name)?;
         let receiver = world.simulated_vehicle().gps.with_context(|| {
             let name = world.name();
@@ -46,6 +50,7 @@ impl WaterWorld {
         let world_from_base = Motion::new(&world).world_from_base(0.0);
         let origin_in_world = (world_from_base * receiver.antenna_m).coords;
         Ok(Self {
+            config: config_by(&world, rules, &[])?,
             world,
             origin_in_world,
         })
@@ -57,7 +62,7 @@ impl WaterWorld {
             seed,
             ..SimulationOptions::default()
         };
-        SimulatedRun::with_settings(&self.world, options, &[])
+        SimulatedRun::new(&self.world, options, &self.config)
     }
 
     /// Where a point of `odom` is in the world.

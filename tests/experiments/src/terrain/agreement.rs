@@ -145,6 +145,7 @@ pub(crate) fn checks<'a>(
 mod tests {
     use super::*;
     use crate::outcome::Verdict;
+    use crate::session::Rules;
     use crate::terrain::obstacle_map;
 
     /// Long enough for the laser to have looked at the hall.
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn whatever_is_wrong_in_a_map_is_found() {
-        let hall = TerrainWorld::load("hall", Some(DURATION_S)).unwrap();
+        let hall = TerrainWorld::load("hall", Some(DURATION_S), Rules::Own).unwrap();
         let plane = hall.plane_at(0.0);
         let sweep = Sweep::of(&hall, &plane, |_| true).unwrap();
         let errorless = hall.errorless_run().unwrap().finish().unwrap();
@@ -201,7 +202,7 @@ mod tests {
 
     #[test]
     fn a_map_of_nothing_agrees_with_nothing() {
-        let floor = TerrainWorld::load("floor", Some(0.5)).unwrap();
+        let floor = TerrainWorld::load("floor", Some(0.5), Rules::Own).unwrap();
         let plane = floor.plane_at(0.0);
         let sweep = Sweep::of(&floor, &plane, |_| false).unwrap();
         assert_eq!(sweep.cells().count(), 0);

@@ -11,7 +11,8 @@ use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
 
 use super::pictures::{Picture, document_elevation, elevation, obstacle, store_of};
-use super::run::{SimulatedRun, known_cells, vehicle_config};
+use super::run::{SimulatedRun, config_by, known_cells};
+use super::session::Rules;
 use super::truth::{self, Bounds, GroundPlane, HeightTruth, Thresholds, Verdict};
 use edge::config::Config;
 use edge::runtime::Pipeline;
@@ -28,6 +29,7 @@ pub(super) type Cell = [i64; 2];
 pub(super) struct TerrainWorld {
     pub(super) world: World,
     pub(super) config: Config,
+    rules: Rules,
     duration_s: f64,
     /// Glass does not count: what is under and behind it does.
     heights: HeightTruth,
@@ -40,9 +42,9 @@ const PATH_STEP_S: f64 = 0.5;
 
 impl TerrainWorld {
     /// The built-in world `name` for at most `duration_s` of its path.
-    pub(super) fn load(name: &str, duration_s: Option<f64>) -> anyhow::Result<Self> {
+    pub(super) fn load(name: &str, duration_s: Option<f64>, rules: Rules) -> anyhow::Result<Self> {
         let world = World::load(name)?;
-        let config = vehicle_config(&world, &[])?;
+        let config = config_by(&world, rules, &[])?;
         let whole_s = world.path().duration_s();
         let duration_s = duration_s.map_or(whole_s, |duration_s| duration_s.min(whole_s));
         let elevation = &config.mapping.elevation;
@@ -57,8 +59,14 @@ impl TerrainWorld {
             heights_with_glass,
             duration_s,
             config,
+            rules,
             world,
         })
+    }
+
+    /// The vehicle's configuration with `settings` (`key=value`) over it.
+    pub(super) fn config_with(&self, settings: &[&str]) -> anyhow::Result<Config> {
+        config_by(&self.world, self.rules, settings)
     }
 
     /// Side of a cell, metres.
@@ -101,7 +109,8 @@ impl TerrainWorld {
             joint_lag_s: Some(0.0),
             fix_noise_m: Some(0.0),
         };
-        SimulatedRun::with_settings(&self.world, options, &["localization.source=tf"])
+        let config = self.config_with(&["localization.source=tf"])?;
+        SimulatedRun::new(&self.world, options, &config)
     }
 
     /// The plane that the vehicle truly stands on at a time, seconds.
