@@ -101,7 +101,8 @@ impl SelfHits {
         }
         self.sweeps += 1;
         for (near, range_m) in self.near.iter_mut().zip(&scan.ranges_m) {
-            *near += u32::from(*range_m < reach_m);
+            // 0 is no echo, or an error.
+            *near += u32::from(*range_m > 0.0 && *range_m < reach_m);
         }
     }
 

@@ -18,6 +18,14 @@ pub struct DeviceTime {
 }
 
 impl DeviceTime {
+    /// The vehicle's own clock.
+    pub const fn own(time: Monotonic) -> Self {
+        Self {
+            nanos: time.nanos(),
+            period_ns: i64::MAX,
+        }
+    }
+
     /// A counter of `bits` bits (at most 32) with ticks of `tick_ns`, at most 2²⁴ ns.
     pub const fn counter(ticks: u32, tick_ns: u32, bits: u32) -> Self {
         Self {

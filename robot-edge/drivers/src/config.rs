@@ -59,6 +59,12 @@ pub struct DeviceConfig {
     pub servo: Option<Servo>,
     /// Number of a servo on its line.
     pub servo_id: Option<u32>,
+    /// One end of what a servo sweeps to and fro, degrees from its middle; together with the next two.
+    pub sweep_from_deg: Option<f64>,
+    /// The other end, greater.
+    pub sweep_to_deg: Option<f64>,
+    /// How fast it sweeps, degrees per second.
+    pub sweep_degps: Option<f64>,
     /// The joint that a servo turns.
     pub joint: Option<String>,
 }
@@ -204,7 +210,18 @@ impl Kind {
             Self::Imagenex852 => (SERIAL, &["rate_hz", "sound_speed_mps"]),
             Self::ImagenexDeltat => (UDP_LISTEN, &[]),
             Self::Ping1d => (UDP | SERIAL, &["rate_hz", "sound_speed_mps"]),
-            Self::Dynamixel => (SERIAL, &["rate_hz", "servo", "servo_id", "joint"]),
+            Self::Dynamixel => (
+                SERIAL,
+                &[
+                    "rate_hz",
+                    "servo",
+                    "servo_id",
+                    "joint",
+                    "sweep_from_deg",
+                    "sweep_to_deg",
+                    "sweep_degps",
+                ],
+            ),
         };
         Traits { addresses, keys }
     }
@@ -458,6 +475,9 @@ impl DeviceConfig {
             ("resolution_deg", self.resolution_deg, 0.01..=10.0),
             ("sound_speed_mps", self.sound_speed_mps, 1300.0..=1700.0),
             ("servo_id", self.servo_id.map(f64::from), 0.0..=252.0),
+            ("sweep_from_deg", self.sweep_from_deg, -150.0..=150.0),
+            ("sweep_to_deg", self.sweep_to_deg, -150.0..=150.0),
+            ("sweep_degps", self.sweep_degps, 1.0..=360.0),
         ] {
             if let Some(value) = value.filter(|value| !allowed.contains(value)) {
                 let (least, greatest) = (allowed.start(), allowed.end());
@@ -466,6 +486,13 @@ impl DeviceConfig {
                     format!("{value} is not allowed; allowed: {least} to {greatest}"),
                 ));
             }
+        }
+        if let (Some(from), Some(to)) = (self.sweep_from_deg, self.sweep_to_deg)
+            && from >= to
+        {
+            let why =
+                format!("{to} is not allowed: it must be more than `sweep_from_deg` ({from})");
+            return Err(("sweep_to_deg", why));
         }
         match (self.range_min_m, self.range_max_m) {
             (Some(min), Some(max)) if min >= max => Err((
@@ -476,6 +503,12 @@ impl DeviceConfig {
         }
     }
 
+    fn sweeps(&self) -> bool {
+        [self.sweep_from_deg, self.sweep_to_deg, self.sweep_degps]
+            .iter()
+            .any(Option::is_some)
+    }
+
     /// Keys that a kind cannot do without.
     fn check_required(&self) -> Result<(), (&'static str, String)> {
         let missing = match self.kind {
@@ -484,6 +517,9 @@ impl DeviceConfig {
             Kind::Dynamixel if self.servo.is_none() => "servo",
             Kind::Dynamixel if self.servo_id.is_none() => "servo_id",
             Kind::Dynamixel if self.joint.is_none() => "joint",
+            Kind::Dynamixel if self.sweeps() && self.sweep_from_deg.is_none() => "sweep_from_deg",
+            Kind::Dynamixel if self.sweeps() && self.sweep_to_deg.is_none() => "sweep_to_deg",
+            Kind::Dynamixel if self.sweeps() && self.sweep_degps.is_none() => "sweep_degps",
             _ => return Ok(()),
         };
         Err((missing, "missing: such a device needs it".to_owned()))

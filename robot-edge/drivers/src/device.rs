@@ -35,6 +35,11 @@ pub trait Device: Send + 'static {
         Vec::new()
     }
 
+    /// It measures in the moment in which it is asked, and replies at once.
+    fn measures_when_asked(&self) -> bool {
+        false
+    }
+
     /// A device that measures nothing for longer is lost.
     fn max_silence(&self) -> Duration {
         Duration::from_secs(1)
@@ -98,6 +103,8 @@ pub enum Event {
     Sample(Sample),
     /// Bytes for the device that this one works for, or the other way round.
     Forward(Vec<u8>),
+    /// A request while it measures was obeyed.
+    Done,
     /// The same scan again.
     Repeated,
     /// A message without a use, the reply to another request for one.

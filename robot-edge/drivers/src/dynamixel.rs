@@ -60,6 +60,10 @@ pub struct Item {
 pub struct Model {
     /// How it is spoken to.
     pub protocol: Protocol,
+    /// Whether it holds and turns.
+    pub torque_enable: Item,
+    /// Greatest velocity on the way to an angle, in position mode.
+    pub profile_velocity: Item,
     /// The angle to go to.
     pub goal_position: Item,
     /// The velocity to turn with in wheel or velocity mode, if it is one.
@@ -89,6 +93,8 @@ const fn item(address: u16, length: u16) -> Item {
 /// AX-12A: 300° in 1024 positions.
 pub const AX_12A: Model = Model {
     protocol: Protocol::One,
+    torque_enable: item(24, 1),
+    profile_velocity: item(32, 2),
     goal_position: item(30, 2),
     goal_velocity: None,
     present_position: item(36, 2),
@@ -104,6 +110,8 @@ pub const AX_12A: Model = Model {
 /// MX-28 with protocol 1.0, resolution divider 1, also in multi-turn mode.
 pub const MX_28: Model = Model {
     protocol: Protocol::One,
+    torque_enable: item(24, 1),
+    profile_velocity: item(32, 2),
     goal_position: item(30, 2),
     goal_velocity: Some(item(32, 2)),
     present_position: item(36, 2),
@@ -119,6 +127,8 @@ pub const MX_28: Model = Model {
 /// X series (XL430, XM430, XH430, XM540 and others), also in extended position mode.
 pub const X_SERIES: Model = Model {
     protocol: Protocol::Two,
+    torque_enable: item(64, 1),
+    profile_velocity: item(112, 4),
     goal_position: item(116, 4),
     goal_velocity: Some(item(104, 4)),
     present_position: item(132, 4),
@@ -152,6 +162,20 @@ impl Model {
         let steps = whole(angle_rad / self.step_rad + self.middle)?;
         let is_possible = self.goals.contains(&steps);
         let write = || self.protocol.write(id, self.goal_position, steps);
+        is_possible.then(write).flatten()
+    }
+
+    /// Holds and turns.
+    pub fn write_torque_enable(&self, id: u8) -> Option<Vec<u8>> {
+        self.protocol.write(id, self.torque_enable, 1)
+    }
+
+    /// Goes to angles with at most this velocity, in position mode. `None` if the servo cannot be asked so.
+    pub fn write_profile_velocity(&self, id: u8, velocity_radps: f64) -> Option<Vec<u8>> {
+        // 0 is no limit.
+        let steps = whole(velocity_radps / self.velocity_step_radps)?.max(1);
+        let is_possible = steps <= self.max_velocity;
+        let write = || self.protocol.write(id, self.profile_velocity, steps);
         is_possible.then(write).flatten()
     }
 

@@ -111,7 +111,8 @@ pub enum Trouble {
 pub enum Loss {
     /// The decoder dropped it.
     Decoder(DropReason),
-    /// Older than [`MAX_AGE`](crate::clock_mapping::MAX_AGE) when it arrived.
+    /// Older than [`MAX_AGE`](crate::clock_mapping::MAX_AGE) when it arrived; of a device that measures when it is
+    /// asked, later than the promptest reply by over a quarter of the time between two requests.
     Stale,
     /// Sent before the last one, or the same again.
     Repeated,

@@ -13,7 +13,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::{sleep, timeout};
 
 use crate::beam_selection::BeamSelection;
-use crate::clock_mapping::{ClockMapping, MAX_AGE};
+use crate::clock_mapping::{ClockMapping, DeviceTime, MAX_AGE};
 use crate::device::{Device, Event, MessageOf, Sample, Step};
 use crate::status::{DeviceStatus, Loss, State, Trouble};
 use crate::transport::{Address, Transport};
@@ -24,6 +24,8 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(800);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const MAX_PAUSE: Duration = Duration::from_millis(500);
 const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
+/// After so long a reply to a request for a measurement is lost, and the next one is sent.
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 /// Sending of a request.
 const ATTEMPTS: u32 = 3;
 const BUSY_PAUSE: Duration = Duration::from_millis(200);
@@ -221,6 +223,7 @@ impl<D: Device> Supervisor<D> {
                             max_silence: self.device.max_warm_up(),
                             alive_at: now,
                             poll_at: now,
+                            asked: None,
                         },
                     };
                 }
@@ -249,6 +252,7 @@ impl<D: Device> Supervisor<D> {
                     max_silence,
                     alive_at,
                     ref mut poll_at,
+                    ref mut asked,
                 } => {
                     let silent_at = alive_at + max_silence;
                     if silent_at <= now {
@@ -257,11 +261,19 @@ impl<D: Device> Supervisor<D> {
                     let Some(period) = self.device.poll_period() else {
                         return Ok(silent_at);
                     };
-                    if *poll_at <= now {
+                    // On a line for both directions a request would meet the reply to the last one.
+                    let is_awaited = asked.is_some_and(|at| now.since(at) < POLL_TIMEOUT)
+                        && self.device.measures_when_asked();
+                    if *poll_at <= now && !is_awaited {
                         *poll_at = now + period;
+                        *asked = Some(now);
                         write(transport, &self.device.poll()).await?;
                     }
-                    return Ok(silent_at.min(*poll_at));
+                    let next = match *asked {
+                        Some(at) if *poll_at <= now => at + POLL_TIMEOUT,
+                        _ => *poll_at,
+                    };
+                    return Ok(silent_at.min(next));
                 }
             }
         }
@@ -289,6 +301,7 @@ impl<D: Device> Supervisor<D> {
                 (Event::Accepted | Event::NotYet | Event::Unexpected, _) => {
                     self.lose(Loss::Unexpected);
                 }
+                (Event::Done, _) => drop(phase.take_asked()),
                 (Event::Refused(why), _) => return Err(Trouble::Refused(why)),
                 (Event::Restarted, _) => {
                     *phase = Phase::begin(0);
@@ -311,6 +324,13 @@ impl<D: Device> Supervisor<D> {
                     self.alive(arrived, phase);
                     // What comes before the device is configured is not what was asked for.
                     if matches!(phase, Phase::Run { .. }) {
+                        let asked = phase.take_asked();
+                        let sample = if self.device.measures_when_asked() {
+                            let sent = asked.map(DeviceTime::own);
+                            Sample { sent, ..sample }
+                        } else {
+                            sample
+                        };
                         self.pass(sample, arrived);
                     }
                 }
@@ -371,9 +391,16 @@ impl<D: Device> Supervisor<D> {
         let Some(sent) = sent else {
             return self.lose(Loss::Repeated);
         };
-        if arrived.since(sent) > MAX_AGE {
+        let late = arrived.since(sent);
+        let polled = self
+            .device
+            .poll_period()
+            .filter(|_| self.device.measures_when_asked());
+        if late > polled.map_or(MAX_AGE, |period| period / 4) {
             return self.lose(Loss::Stale);
         }
+        // The request or the reply was late: in the middle the error is at most half of it.
+        let sent = sent + polled.map_or(Duration::ZERO, |_| late / 2);
         let mut data = sample.data;
         let mut stamp = RobotTime::from_nanos(sent.nanos()) - duration(sample.age);
         if let MeasurementData::Scan { scan, .. } = &mut data {
@@ -477,12 +504,21 @@ enum Phase {
         max_silence: Duration,
         alive_at: Monotonic,
         poll_at: Monotonic,
+        /// The last request, until its reply comes.
+        asked: Option<Monotonic>,
     },
 }
 
 impl Phase {
     const fn begin(step: usize) -> Self {
         Self::Send { step, attempt: 0 }
+    }
+
+    const fn take_asked(&mut self) -> Option<Monotonic> {
+        match self {
+            Self::Run { asked, .. } => asked.take(),
+            Self::Send { .. } | Self::Await { .. } | Self::Pause { .. } => None,
+        }
     }
 }
 

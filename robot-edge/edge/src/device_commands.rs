@@ -153,7 +153,7 @@ fn write_sweep(scan: &Scan, out: &mut dyn Write) -> io::Result<()> {
         .map(|beam| scan.angle_min_rad + beam as f32 * scan.angle_increment_rad);
     let hits: Vec<(f32, f32)> = angles
         .zip(&scan.ranges_m)
-        .filter(|(_, range_m)| range_m.is_finite() && **range_m < scan.range_max_m)
+        .filter(|(_, range_m)| **range_m > 0.0 && **range_m < scan.range_max_m)
         .map(|(angle, range_m)| (range_m * angle.cos(), range_m * angle.sin()))
         .collect();
     let reach = |size: f32, (x, y): &(f32, f32)| size.max(x.abs()).max(y.abs());

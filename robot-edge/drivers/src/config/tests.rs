@@ -48,6 +48,32 @@ fn a_laser_with_a_sector_and_masks() {
 }
 
 #[test]
+fn a_sweep_is_whole_or_absent() {
+    let servo = "serial = \"/dev/servo\"\nservo = \"mx28\"\nservo_id = 1\njoint = \"tilt\"\n";
+    let sweep = |more: &str| device("dynamixel", &format!("{servo}{more}"));
+    let whole = "sweep_from_deg = 0\nsweep_to_deg = 19\nsweep_degps = 20";
+    assert_eq!(sweep(whole).unwrap().sweep_to_deg, Some(19.0));
+    for (more, problem) in [
+        (
+            "sweep_from_deg = 0\nsweep_to_deg = 19",
+            "sweep_degps`: missing",
+        ),
+        ("sweep_degps = 20", "sweep_from_deg`: missing"),
+        (
+            "sweep_from_deg = 19\nsweep_to_deg = 19\nsweep_degps = 20",
+            "it must be more than `sweep_from_deg`",
+        ),
+        (
+            "sweep_from_deg = 0\nsweep_to_deg = 190\nsweep_degps = 20",
+            "190 is not allowed; allowed: -150 to 150",
+        ),
+    ] {
+        let found = sweep(more).unwrap_err();
+        assert!(found.contains(problem), "{found}");
+    }
+}
+
+#[test]
 fn addresses_of_all_kinds() {
     let serial = |path: &str, baud| Address::Serial {
         path: path.into(),

@@ -1,4 +1,5 @@
-//! How a connection with a Dynamixel servo goes: it is asked for its angle.
+//! How a connection with a Dynamixel servo goes: it is asked for its angle, and told to turn to the other end of its sweep
+//! once it is at one.
 
 use std::time::Duration;
 
@@ -9,6 +10,8 @@ use crate::config::{DeviceConfig, Servo};
 use crate::device::{Device, Event, Sample, Step};
 
 const RATE_HZ: f64 = 50.0;
+/// A servo under load stops a little before its goal.
+const REACHED_RAD: f64 = 0.02;
 
 /// A servo that tilts a sensor.
 #[derive(Debug)]
@@ -17,11 +20,37 @@ pub struct Dynamixel {
     id: u8,
     joint: String,
     period: Duration,
+    sweep: Option<Sweep>,
+}
+
+/// To and fro.
+#[derive(Debug)]
+struct Sweep {
+    ends_rad: [f64; 2],
+    velocity_radps: f64,
+    /// The end that it turns to.
+    goal: usize,
+    /// It has not confirmed that goal.
+    is_new: bool,
 }
 
 impl Dynamixel {
     /// As configured. `None` if the configuration lacks something.
     pub fn new(config: &DeviceConfig) -> Option<Self> {
+        let sweep = (
+            config.sweep_from_deg,
+            config.sweep_to_deg,
+            config.sweep_degps,
+        );
+        let sweep = match sweep {
+            (Some(from_deg), Some(to_deg), Some(degps)) => Some(Sweep {
+                ends_rad: [from_deg, to_deg].map(f64::to_radians),
+                velocity_radps: degps.to_radians(),
+                goal: 0,
+                is_new: true,
+            }),
+            _ => None,
+        };
         Some(Self {
             model: match config.servo? {
                 Servo::Ax12a => AX_12A,
@@ -31,6 +60,7 @@ impl Dynamixel {
             id: u8::try_from(config.servo_id?).ok()?,
             joint: config.joint.clone()?,
             period: Duration::from_secs_f64(1.0 / config.rate_hz.unwrap_or(RATE_HZ)),
+            sweep,
         })
     }
 }
@@ -39,30 +69,53 @@ impl Device for Dynamixel {
     type Decoder = DynamixelDecoder;
 
     fn connect(&mut self) -> DynamixelDecoder {
+        if let Some(sweep) = &mut self.sweep {
+            sweep.is_new = true;
+        }
         DynamixelDecoder::new(self.model.protocol)
     }
 
     fn step(&self, step: usize) -> Step {
-        match step {
-            0 => Step::ask(
+        match (step, &self.sweep) {
+            (0, _) => Step::ask(
                 "ping",
                 self.model.protocol.ping(self.id).unwrap_or_default(),
+            ),
+            (1, Some(_)) => Step::ask(
+                "torque enable",
+                self.model.write_torque_enable(self.id).unwrap_or_default(),
+            ),
+            (2, Some(sweep)) => Step::ask(
+                "profile velocity",
+                self.model
+                    .write_profile_velocity(self.id, sweep.velocity_radps)
+                    .unwrap_or_default(),
             ),
             _ => Step::Done,
         }
     }
 
     fn take(&mut self, status: Status, awaited: Option<usize>, events: &mut Vec<Event>) {
+        let sweep = self.sweep.as_mut();
         let event = if status.id != self.id {
             Event::Unexpected
-        } else if awaited == Some(0) {
+        } else if awaited.is_some() {
             Event::Accepted
         } else if let Some(angle_rad) = self.model.position_rad(&status) {
+            if let Some(sweep) = sweep
+                && (angle_rad - sweep.ends_rad[sweep.goal]).abs() < REACHED_RAD
+            {
+                sweep.goal = 1 - sweep.goal;
+                sweep.is_new = true;
+            }
             Event::Sample(Sample {
                 sent: None,
                 age: Duration::ZERO,
                 data: MeasurementData::Joints(vec![(self.joint.clone(), angle_rad)]),
             })
+        } else if let Some(sweep) = sweep.filter(|_| status.parameters.is_empty()) {
+            sweep.is_new = false;
+            Event::Done
         } else {
             Event::Unexpected
         };
@@ -73,7 +126,17 @@ impl Device for Dynamixel {
         Some(self.period)
     }
 
+    fn measures_when_asked(&self) -> bool {
+        true
+    }
+
     fn poll(&mut self) -> Vec<u8> {
-        self.model.read_position(self.id).unwrap_or_default()
+        let goal = self.sweep.as_ref().filter(|sweep| sweep.is_new);
+        let goal_rad = goal.map(|sweep| sweep.ends_rad[sweep.goal]);
+        let request = match goal_rad {
+            Some(goal_rad) => self.model.write_goal_position(self.id, goal_rad),
+            None => self.model.read_position(self.id),
+        };
+        request.unwrap_or_default()
     }
 }

@@ -74,6 +74,10 @@ fn bytes_of_the_manual_for_protocol_2() {
             "FF FF FD 00 01 07 00 02 84 00 04 00 1D 15",
         ),
         (
+            X_SERIES.write_torque_enable(1),
+            "FF FF FD 00 01 06 00 03 40 00 01 DB 66",
+        ),
+        (
             X_SERIES.write_goal_position(1, to_512),
             "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
         ),
@@ -203,6 +207,24 @@ fn goals() {
     ] {
         assert_eq!(model.write_goal_velocity(1, radps(rpm)), expected, "{rpm}");
     }
+    for (model, rpm, expected) in [
+        (&AX_12A, 11.1, ONE.packet(1, WRITE, &[32, 100, 0])),
+        (&MX_28, 0.0, ONE.packet(1, WRITE, &[32, 1, 0])),
+        (
+            &X_SERIES,
+            22.9,
+            TWO.packet(1, WRITE, &[112, 0, 100, 0, 0, 0]),
+        ),
+        (&X_SERIES, 300.0, None),
+    ] {
+        assert_eq!(
+            model.write_profile_velocity(1, radps(rpm)),
+            expected,
+            "{rpm}"
+        );
+    }
+    let torque = AX_12A.write_torque_enable(1);
+    assert_eq!(torque, ONE.packet(1, WRITE, &[24, 1]));
     for (model, angle_rad) in [
         (&AX_12A, 2.7),
         (&AX_12A, -2.7),
