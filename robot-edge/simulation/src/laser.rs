@@ -24,6 +24,8 @@ pub struct PlanarLaser {
     pub rate_hz: f64,
     pub range_min_m: f32,
     pub range_max_m: f32,
+    /// Readings are whole multiples of this, metres; 0 where they are not rounded.
+    pub range_step_m: f64,
     /// Full angle of a beam's cone, radians; 0 is a line. It matters where [`LaserErrors::mixed_pixels`]
     /// are on.
     pub beam_divergence_rad: f64,
@@ -73,6 +75,7 @@ impl PlanarLaser {
             rate_hz: 10.0,
             range_min_m: 0.02,
             range_max_m: 5.6,
+            range_step_m: 0.0,
             // Data sheet: a spot of 40 mm at 4 m.
             beam_divergence_rad: 0.01,
         }
@@ -91,6 +94,7 @@ impl PlanarLaser {
             rate_hz: 25.0,
             range_min_m: 0.5,
             range_max_m: 20.0,
+            range_step_m: 0.0,
             beam_divergence_rad: 0.015,
         }
     }
@@ -119,6 +123,7 @@ impl PlanarLaser {
             rate_hz: 5.0,
             range_min_m: 0.5,
             range_max_m: 250.0,
+            range_step_m: 0.0,
             beam_divergence_rad: 0.0035,
         }
     }
@@ -138,6 +143,7 @@ impl PlanarLaser {
             rate_hz: 10.0,
             range_min_m: 0.5,
             range_max_m: 300.0,
+            range_step_m: 0.0,
             beam_divergence_rad: 3.0_f64.to_radians(),
         }
     }
@@ -202,7 +208,10 @@ impl PlanarLaser {
         Vector3::new(libm::cos(angle_rad), libm::sin(angle_rad), 0.0)
     }
 
-    pub(crate) fn reading(&self, range_m: f64) -> f32 {
+    pub(crate) fn reading(&self, mut range_m: f64) -> f32 {
+        if self.range_step_m > 0.0 {
+            range_m = libm::round(range_m / self.range_step_m) * self.range_step_m;
+        }
         let range_m = range_m as f32;
         if range_m < self.range_min_m {
             f32::NEG_INFINITY

@@ -3,17 +3,26 @@
 //! Written from the ROBOTIS e-Manual, `protocol2.md` and `x/xh430-w210.md`: FF FF FD 00, id, length,
 //! instruction, parameters, CRC-16 (polynomial 8005).
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use crate::{Device, take_request};
 
 /// A servo.
-#[derive(Debug)]
 pub struct XSeries {
     /// Its number on the line.
     pub id: u8,
     /// Where it is; 2048 is the middle, 4096 a turn.
     pub position: i32,
+    /// Where it is at an uptime, radians from the middle; then [`Self::position`] does not matter.
+    pub angle_rad: Option<Box<dyn Fn(Duration) -> f64 + Send>>,
+    /// Goals that it was given.
+    pub goals: Vec<i32>,
+    has_torque: bool,
+    /// Units of 0.229 turns per minute.
+    profile_velocity: u32,
+    /// Where it was when it got its last goal, and when.
+    began: (i32, Duration),
     buffer: Vec<u8>,
 }
 
@@ -22,6 +31,11 @@ impl Default for XSeries {
         Self {
             id: 1,
             position: 2048,
+            angle_rad: None,
+            goals: Vec::new(),
+            has_torque: false,
+            profile_velocity: 0,
+            began: (2048, Duration::ZERO),
             buffer: Vec::new(),
         }
     }
@@ -43,6 +57,19 @@ fn crc(bytes: &[u8]) -> u16 {
 }
 
 impl XSeries {
+    /// Turns towards its goal.
+    fn turn(&mut self, uptime: Duration) {
+        if let Some(angle_rad) = &self.angle_rad {
+            self.position = 2048 + (angle_rad(uptime) * 4096.0 / TAU).round() as i32;
+        } else if let Some(goal) = self.goals.last().filter(|_| self.has_torque) {
+            let (from, since) = self.began;
+            let turns_per_s = f64::from(self.profile_velocity) * 0.229 / 60.0;
+            let steps = uptime.saturating_sub(since).as_secs_f64() * turns_per_s * 4096.0;
+            let way = f64::from(goal - from).clamp(-steps, steps);
+            self.position = from + way as i32;
+        }
+    }
+
     fn status(&self, parameters: &[u8]) -> Vec<u8> {
         let length = parameters.len() as u16 + 4;
         let mut packet = vec![0xFF, 0xFF, 0xFD, 0x00, self.id];
@@ -69,7 +96,8 @@ impl Device for XSeries {
         Vec::new()
     }
 
-    fn receive(&mut self, bytes: &[u8], _uptime: Duration) -> Vec<u8> {
+    fn receive(&mut self, bytes: &[u8], uptime: Duration) -> Vec<u8> {
+        self.turn(uptime);
         self.buffer.extend_from_slice(bytes);
         let mut replies = Vec::new();
         while let Some(packet) = take_request(&mut self.buffer, find) {
@@ -82,6 +110,20 @@ impl Device for XSeries {
                 [0x01] => replies.extend(self.status(&[0xFC, 0x03, 45])),
                 // Read 4 bytes at 132: present position.
                 [0x02, 132, 0, 4, 0] => replies.extend(self.status(&self.position.to_le_bytes())),
+                // Write: torque, profile velocity, goal position.
+                [0x03, 64, 0, torque] => {
+                    self.has_torque = *torque == 1;
+                    replies.extend(self.status(&[]));
+                }
+                [0x03, 112, 0, a, b, c, d] => {
+                    self.profile_velocity = u32::from_le_bytes([*a, *b, *c, *d]);
+                    replies.extend(self.status(&[]));
+                }
+                [0x03, 116, 0, a, b, c, d] => {
+                    self.goals.push(i32::from_le_bytes([*a, *b, *c, *d]));
+                    self.began = (self.position, uptime);
+                    replies.extend(self.status(&[]));
+                }
                 _ => {}
             }
         }

@@ -6,13 +6,16 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
+use rustix::process::setpriority_process;
 use rustix::pty::OpenptFlags;
 use rustix::termios::{self, OptionalActions};
+use rustix::thread::gettid;
 use tempfile::TempDir;
 
 use crate::Device;
@@ -42,6 +45,7 @@ pub struct Emulator<D> {
 #[derive(Debug)]
 struct Shared<D> {
     device: Mutex<D>,
+    powered_at: Mutex<Option<Instant>>,
     is_powered: AtomicBool,
     is_plugged: AtomicBool,
     is_open: AtomicBool,
@@ -106,6 +110,7 @@ impl<D: Device> Emulator<D> {
     fn start(device: D, address: String, line: Line) -> Self {
         let shared = Arc::new(Shared {
             device: Mutex::new(device),
+            powered_at: Mutex::new(None),
             is_powered: AtomicBool::new(true),
             is_plugged: AtomicBool::new(true),
             is_open: AtomicBool::new(false),
@@ -140,11 +145,12 @@ impl<D: Device> Emulator<D> {
 
     /// Looks at the device, or changes it.
     pub fn with<T>(&self, act: impl FnOnce(&mut D) -> T) -> T {
-        act(&mut self
-            .shared
-            .device
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner))
+        act(&mut lock(&self.shared.device))
+    }
+
+    /// Time since power came; 0 without power.
+    pub fn uptime(&self) -> Duration {
+        lock(&self.shared.powered_at).map_or(Duration::ZERO, |since| now().duration_since(since))
     }
 }
 
@@ -157,25 +163,31 @@ impl<D> Drop for Emulator<D> {
     }
 }
 
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn serve<D: Device>(shared: &Shared<D>, mut line: Line) {
-    let mut powered_at: Option<Instant> = None;
+    // A real device does not wait for this machine's processor; without the right, this one does.
+    setpriority_process(Some(gettid()), -15).ok();
     let mut held_back: Vec<Vec<u8>> = Vec::new();
     while !shared.is_over.load(Ordering::Acquire) {
-        std::thread::sleep(TICK);
+        line.wait();
         let is_powered = shared.is_powered.load(Ordering::Acquire);
-        let mut device = shared.device.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut device = lock(&shared.device);
         if !is_powered {
-            if powered_at.take().is_some() {
+            if lock(&shared.powered_at).take().is_some() {
                 line.cut();
                 held_back.clear();
             }
             line.discard();
             continue;
         }
+        let powered_at = *lock(&shared.powered_at);
         let uptime = match powered_at {
             Some(since) => now().duration_since(since),
             None if line.open() => {
-                powered_at = Some(now());
+                *lock(&shared.powered_at) = Some(now());
                 shared.is_open.store(true, Ordering::Release);
                 held_back.push(device.power_on());
                 Duration::ZERO
@@ -216,6 +228,24 @@ enum Line {
 }
 
 impl Line {
+    /// For a tick, or until bytes come on a serial line: a servo replies at once.
+    fn wait(&self) {
+        let Self::Terminal(Terminal {
+            ends: Some((far_end, _)),
+            ..
+        }) = self
+        else {
+            return std::thread::sleep(TICK);
+        };
+        let tick = Timespec {
+            tv_sec: 0,
+            tv_nsec: TICK.subsec_nanos().into(),
+        };
+        let mut events = [PollFd::new(far_end, PollFlags::IN)];
+        // Without it, the next tick comes sooner.
+        poll(&mut events, Some(&tick)).ok();
+    }
+
     /// With the power. Whether it is open.
     fn open(&mut self) -> bool {
         match self {

@@ -5,6 +5,7 @@
 
 use std::time::Duration;
 
+use crate::feed::Feed;
 use crate::{Device, Ticks, take_request};
 
 /// A scanner.
@@ -21,6 +22,10 @@ pub struct LdLrs {
     is_sending: bool,
     buffer: Vec<u8>,
     ticks: Ticks,
+    /// Distances, 1/256 m.
+    feed: Feed<Vec<u16>>,
+    /// Turns of it so far.
+    fed: u64,
 }
 
 impl Default for LdLrs {
@@ -34,6 +39,8 @@ impl Default for LdLrs {
             is_sending: false,
             buffer: Vec::new(),
             ticks: Ticks::default(),
+            feed: Feed::default(),
+            fed: 0,
         }
     }
 }
@@ -44,6 +51,10 @@ const MEASURE: u8 = 3;
 /// Five turns per second, 0.25°, a whole turn.
 const PERIOD: Duration = Duration::from_millis(200);
 const POINTS: u16 = 1440;
+/// Directions, 1/16°.
+const STEP: u16 = 4;
+const TURN: u16 = 5760;
+const ASTERN: u16 = 2880;
 
 fn telegram(words: &[u16], text: &str) -> Vec<u8> {
     let mut payload: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
@@ -69,6 +80,21 @@ impl LdLrs {
             return 0;
         }
         2560 + beam + turn % 20
+    }
+
+    /// Gives it a turn from astern counter-clockwise whose first beam leaves at `at`: 1440 ranges. What is no range is 0,
+    /// with or without an echo.
+    pub fn feed(&mut self, at: Duration, ranges_m: &[f32]) {
+        let distance = |range_m: &f32| match *range_m {
+            range_m if range_m.is_finite() && range_m > 0.0 => (range_m * 256.0).round() as u16,
+            _ => 0,
+        };
+        self.feed.push(at, ranges_m.iter().map(distance).collect());
+    }
+
+    /// It sends turns.
+    pub fn is_sending(&self) -> bool {
+        self.is_sending && self.mode == MEASURE
     }
 
     fn reply(&mut self, words: &[u16], uptime: Duration) -> Vec<u8> {
@@ -106,13 +132,13 @@ impl LdLrs {
         }
     }
 
-    fn turn(&self, turn: u64) -> Vec<u8> {
-        let start_ms = (PERIOD * turn as u32).as_millis() as u16;
-        let start_ms = self.clock_start_ms.wrapping_add(start_ms);
-        let mut words = vec![0x8301, 0x39FF, 1, turn as u16, turn as u16, 0];
-        words.extend_from_slice(&[0, 4, POINTS, start_ms, 0]);
-        words.extend((0..POINTS).map(|beam| Self::distance(beam, turn as u16)));
-        words.extend_from_slice(&[start_ms.wrapping_add(200), 5756, 0, u16::from(self.mode)]);
+    fn turn(&self, turn: u16, at: Duration, first: u16, distances: &[u16]) -> Vec<u8> {
+        let start_ms = self.clock_start_ms.wrapping_add(at.as_millis() as u16);
+        let last = (first + STEP * (POINTS - 1)) % TURN;
+        let mut words = vec![0x8301, 0x39FF, 1, turn, turn, 0];
+        words.extend_from_slice(&[0, STEP, POINTS, start_ms, first]);
+        words.extend_from_slice(distances);
+        words.extend_from_slice(&[start_ms.wrapping_add(200), last, 0, u16::from(self.mode)]);
         telegram(&words, "")
     }
 }
@@ -154,9 +180,23 @@ impl Device for LdLrs {
 
     fn run(&mut self, uptime: Duration) -> Vec<Vec<u8>> {
         let due = self.ticks.due(uptime, PERIOD);
-        if !self.is_sending || self.mode != MEASURE {
+        let fed = self.feed.take_until(uptime.saturating_sub(PERIOD));
+        if !self.is_sending() {
             return Vec::new();
         }
-        due.map(|turn| self.turn(turn)).collect()
+        let Some(fed) = fed else {
+            let turn = |turn: u64| {
+                let distances = (0..POINTS).map(|beam| Self::distance(beam, turn as u16));
+                let distances: Vec<u16> = distances.collect();
+                self.turn(turn as u16, PERIOD * turn as u32, 0, &distances)
+            };
+            return due.map(turn).collect();
+        };
+        let first = self.fed;
+        self.fed += fed.len() as u64;
+        let turns = fed.into_iter().zip(first..);
+        turns
+            .map(|((at, distances), turn)| self.turn(turn as u16, at, ASTERN, &distances))
+            .collect()
     }
 }

@@ -1,5 +1,8 @@
 //! Devices that talk like the real ones, over TCP, UDP and pseudo-terminals.
 //!
+//! Most make their measurements up; a simulation can give them to some (`feed`), and they send them as the device
+//! would: in its units and steps, by its own clock and after its own delay.
+//!
 //! Each is written from the documents that it names, not from the codecs in `robot-edge/drivers`. An
 //! [`Emulator`] gives it power and a cable, and takes them away.
 
@@ -9,6 +12,7 @@
 pub mod deltat;
 pub mod dynamixel;
 mod emulator;
+mod feed;
 pub mod hokuyo;
 pub mod imagenex852;
 pub mod ldlrs;

@@ -13,6 +13,7 @@
 
 use std::time::Duration;
 
+use crate::feed::Feed;
 use crate::{Device, Ticks, take_request};
 
 /// A scanner.
@@ -46,6 +47,10 @@ pub struct Lms111 {
     content: Vec<u32>,
     buffer: Vec<u8>,
     ticks: Ticks,
+    /// Distances, mm.
+    feed: Feed<Vec<u16>>,
+    /// Sweeps of it so far.
+    fed: u64,
 }
 
 impl Default for Lms111 {
@@ -68,12 +73,16 @@ impl Default for Lms111 {
             content: FACTORY_CONTENT.to_vec(),
             buffer: Vec::new(),
             ticks: Ticks::default(),
+            feed: Feed::default(),
+            fed: 0,
         }
     }
 }
 
 /// With signal strengths of 8 bits.
 const FACTORY_CONTENT: [u32; 12] = [1, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1];
+/// A code below 16 is an error.
+const ERROR: u16 = 1;
 /// From the end of a sweep to its telegram, in the recorded session.
 const SEND_DELAY_US: u32 = 3100;
 
@@ -96,7 +105,32 @@ impl Lms111 {
     /// Beams that are sent.
     pub fn beams(&self) -> usize {
         let [start, stop] = self.output;
-        (start.abs_diff(stop) / self.resolution) as usize + 1
+        // The start is not quite on a beam.
+        ((start.abs_diff(stop) + self.resolution / 2) / self.resolution) as usize + 1
+    }
+
+    /// Gives it a sweep whose first beam leaves at `at`; as many ranges as it sends. Infinite is no echo, what is no
+    /// range an error.
+    pub fn feed(&mut self, at: Duration, ranges_m: &[f32]) {
+        let distance_mm = |range_m: &f32| match *range_m {
+            f32::INFINITY => 0,
+            range_m if range_m > 0.0 => (range_m * 1000.0).round() as u16,
+            _ => ERROR,
+        };
+        self.feed
+            .push(at, ranges_m.iter().map(distance_mm).collect());
+    }
+
+    /// A host has asked for scans.
+    pub fn is_subscribed(&self) -> bool {
+        self.is_subscribed
+    }
+
+    /// From the first beam to the zero index, which is opposite of the middle beam, at 270°: in the recorded session
+    /// its time is [`SEND_DELAY_US`] before that of the telegram.
+    fn to_index(&self) -> Duration {
+        let first_deg = f64::from(self.output[0]) / 10_000.0;
+        Duration::from_secs_f64((270.0 - first_deg) / 360.0 * 100.0 / f64::from(self.frequency))
     }
 
     fn telegram(&self, command: &str, values: &[Value]) -> Vec<u8> {
@@ -260,7 +294,7 @@ impl Lms111 {
         })
     }
 
-    fn scan(&self, scan: u16, sent_us: u32) -> Vec<u8> {
+    fn scan(&self, scan: u16, sent_us: u32, distances_mm: &[u16]) -> Vec<u8> {
         let number = |number: u32, width| Value::Number(number, width);
         let mut values = vec![number(1, 2), number(1, 2), number(self.serial_number, 4)];
         values.extend([number(0, 1), number(0, 1)]);
@@ -283,16 +317,16 @@ impl Lms111 {
                 number(self.output[0].cast_unsigned(), 4),
                 number(self.resolution, 2),
             ]);
-            values.push(number(self.beams() as u32, 2));
+            values.push(number(distances_mm.len() as u32, 2));
         };
         channel(&mut values, "DIST1");
-        let distances = (0..self.beams()).map(|beam| Self::distance_mm(beam, scan));
-        values.extend(distances.map(|distance| number(distance.into(), 2)));
+        let distances = distances_mm.iter();
+        values.extend(distances.map(|distance| number((*distance).into(), 2)));
         let has_strengths = self.content[2] == 1;
         values.push(number(has_strengths.into(), 2)); // Channels of 8 bits.
         if has_strengths {
             channel(&mut values, "RSSI1");
-            values.extend((0..self.beams()).map(|_| number(200, 1)));
+            values.extend(distances_mm.iter().map(|_| number(200, 1)));
         }
         // Position, name, comment, time, event.
         values.extend([0; 5].map(|flag| number(flag, 2)));
@@ -355,14 +389,33 @@ impl Device for Lms111 {
         let period = Duration::from_secs_f64(100.0 / f64::from(self.frequency));
         let delay = Duration::from_micros(SEND_DELAY_US.into());
         let due = self.ticks.due(uptime.saturating_sub(delay), period);
+        let to_telegram = self.to_index() + delay;
+        let fed = self.feed.take_until(uptime.saturating_sub(to_telegram));
         if !self.is_subscribed {
             return Vec::new();
         }
+        let sweeps: Vec<(u16, Duration, Vec<u16>)> = match fed {
+            Some(fed) => {
+                let first = self.fed;
+                self.fed += fed.len() as u64;
+                let sweeps = fed.into_iter().zip(first..);
+                sweeps
+                    .map(|((at, distances), scan)| (scan as u16, at + to_telegram, distances))
+                    .collect()
+            }
+            None => due
+                .map(|scan| {
+                    let beams = 0..self.beams();
+                    let distances = beams.map(|beam| Self::distance_mm(beam, scan as u16));
+                    let at = period * (scan as u32 + 1) + delay;
+                    (scan as u16, at, distances.collect())
+                })
+                .collect(),
+        };
         let mut sent = Vec::new();
-        for scan in due {
-            let at = period * (scan as u32 + 1) + delay;
+        for (scan, at, distances) in sweeps {
             let sent_us = self.clock_start_us.wrapping_add(at.as_micros() as u32);
-            let telegram = self.scan(scan as u16, sent_us);
+            let telegram = self.scan(scan, sent_us, &distances);
             if self.has_garbage {
                 sent.push(vec![0xFF, 2, b's', b'S', 2, 2, 2, 2, 0xFF]);
             }

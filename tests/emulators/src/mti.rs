@@ -7,6 +7,7 @@
 
 use std::time::Duration;
 
+use crate::feed::Feed;
 use crate::{Device, Ticks, take_request};
 
 /// An attitude sensor.
@@ -24,6 +25,18 @@ pub struct Mti {
     counter: u16,
     buffer: Vec<u8>,
     ticks: Ticks,
+    feed: Feed<Sample>,
+}
+
+/// What it measures.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Quaternion (w, x, y, z) that turns vectors from the sensor's frame to east, north, up.
+    pub attitude_wxyz: [f32; 4],
+    /// Specific force, m/s².
+    pub force_mps2: [f32; 3],
+    /// Turn rates, rad/s.
+    pub rates_radps: [f32; 3],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +58,7 @@ impl Default for Mti {
             counter: 0,
             buffer: Vec::new(),
             ticks: Ticks::default(),
+            feed: Feed::default(),
         }
     }
 }
@@ -67,6 +81,26 @@ fn message(identifier: u8, data: &[u8]) -> Vec<u8> {
 }
 
 impl Mti {
+    /// Gives it a sample of `at`.
+    pub fn feed(&mut self, at: Duration, sample: Sample) {
+        self.feed.push(at, sample);
+    }
+
+    /// It is configured and sends samples.
+    pub fn is_measuring(&self) -> bool {
+        self.state == State::Measuring && !self.settings.is_empty()
+    }
+
+    /// What it makes up.
+    fn made_up(&self) -> Sample {
+        let half = yaw_rad(self.counter) / 2.0;
+        Sample {
+            attitude_wxyz: [half.cos(), 0.0, 0.0, half.sin()],
+            force_mps2: [0.1, -0.2, 9.81],
+            rates_radps: [0.01, 0.02, -0.03],
+        }
+    }
+
     fn reply(&mut self, request: &[u8], uptime: Duration) -> Vec<u8> {
         let data = &request[4..request.len() - 1];
         match (request[2], self.state) {
@@ -103,9 +137,8 @@ impl Mti {
         Duration::from_secs(1) / u32::from(rate.unwrap_or(100).max(1))
     }
 
-    fn sample(&self, uptime: Duration) -> Vec<u8> {
+    fn message(&self, at: Duration, sample: &Sample) -> Vec<u8> {
         let mut data = Vec::new();
-        let half = yaw_rad(self.counter) / 2.0;
         let reals = |values: &[f32]| -> Vec<u8> {
             values
                 .iter()
@@ -116,10 +149,10 @@ impl Mti {
             let content = match id {
                 0x1020 => self.counter.to_be_bytes().to_vec(),
                 // Ticks of 10 kHz.
-                0x1060 => ((uptime.as_micros() / 100) as u32).to_be_bytes().to_vec(),
-                0x2010 => reals(&[half.cos(), 0.0, 0.0, half.sin()]),
-                0x4020 => reals(&[0.1, -0.2, 9.81]),
-                0x8020 => reals(&[0.01, 0.02, -0.03]),
+                0x1060 => ((at.as_micros() / 100) as u32).to_be_bytes().to_vec(),
+                0x2010 => reals(&sample.attitude_wxyz),
+                0x4020 => reals(&sample.force_mps2),
+                0x8020 => reals(&sample.rates_radps),
                 // Self-test and filter are good.
                 0xE020 => vec![0, 0, 0, 3],
                 _ => continue,
@@ -165,16 +198,25 @@ impl Device for Mti {
             self.state = State::Measuring;
         }
         let due = self.ticks.due(uptime, self.period());
+        let fed = self.feed.take_until(uptime);
         if self.state != State::Measuring {
             return Vec::new();
         }
         let mut sent = Vec::new();
-        for _ in due {
+        let fed: Vec<(Duration, Option<Sample>)> = match fed {
+            Some(fed) => fed
+                .into_iter()
+                .map(|(at, sample)| (at, Some(sample)))
+                .collect(),
+            None => due.map(|_| (uptime, None)).collect(),
+        };
+        for (at, sample) in fed {
             self.counter = self.counter.wrapping_add(1);
+            let sample = sample.unwrap_or_else(|| self.made_up());
             if self.has_garbage {
                 sent.push(vec![0xFA, 0xFF, 0x36, 5, 0xFA, 1, 2]);
             }
-            sent.push(self.sample(uptime));
+            sent.push(self.message(at, &sample));
         }
         sent
     }

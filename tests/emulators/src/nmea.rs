@@ -5,6 +5,7 @@
 
 use std::time::Duration;
 
+use crate::feed::Feed;
 use crate::{Device, Ticks};
 
 /// A receiver and an echo sounder on one line.
@@ -17,6 +18,53 @@ pub struct Nmea {
     /// Checksums are wrong.
     pub has_wrong_sums: bool,
     ticks: Ticks,
+    feed: Feed<Position>,
+}
+
+/// Where a receiver is.
+#[derive(Clone, Copy, Debug)]
+pub struct Position {
+    /// On WGS-84.
+    pub latitude_deg: f64,
+    /// On WGS-84.
+    pub longitude_deg: f64,
+    /// Above the ellipsoid.
+    pub height_m: f64,
+}
+
+impl Nmea {
+    /// Gives it a position of `at`, fixed by corrections.
+    pub fn feed(&mut self, at: Duration, position: Position) {
+        self.feed.push(at, position);
+    }
+}
+
+/// Of the mean sea level above the ellipsoid, metres.
+const GEOID_M: f64 = 48.0;
+
+/// Time of day, with hundredths of a second.
+fn time_of_day(hundredths: u128) -> String {
+    let (minutes, rest) = (hundredths / 6000, hundredths % 6000);
+    let (hours, minutes) = (minutes / 60 % 24, minutes % 60);
+    format!("{hours:02}{minutes:02}{:02}.{:02}", rest / 100, rest % 100)
+}
+
+/// Degrees and minutes to 10⁻⁷′, as RTK receivers send them, and the letter of the half of the Earth.
+fn angle(degrees: f64, digits: usize, [positive, negative]: [char; 2]) -> String {
+    const PER_DEGREE: u64 = 600_000_000;
+    let parts = (degrees.abs() * PER_DEGREE as f64).round() as u64;
+    let minutes = (parts % PER_DEGREE) as f64 / 1e7;
+    let half = if degrees < 0.0 { negative } else { positive };
+    format!("{:0digits$}{minutes:010.7},{half}", parts / PER_DEGREE)
+}
+
+fn gga(time: &str, position: &Position, quality: u8) -> String {
+    let latitude = angle(position.latitude_deg, 2, ['N', 'S']);
+    let longitude = angle(position.longitude_deg, 3, ['E', 'W']);
+    let altitude_m = position.height_m - GEOID_M;
+    format!(
+        "GPGGA,{time},{latitude},{longitude},{quality},12,0.8,{altitude_m:.3},M,{GEOID_M:.3},M,1.0,0001"
+    )
 }
 
 /// Five positions per second.
@@ -43,14 +91,23 @@ impl Device for Nmea {
     /// Its day begins with its power; 47° 22.5′ N, 8° 32.25′ E.
     fn run(&mut self, uptime: Duration) -> Vec<Vec<u8>> {
         let mut sent = Vec::new();
-        for tick in self.ticks.due(uptime, PERIOD) {
-            let tenths = 2 * (tick + 1);
-            let (minutes, seconds) = (tenths / 600, tenths % 600);
-            let time = format!("00{minutes:02}{:02}.{}0", seconds / 10, seconds % 10);
-            let quality = if self.has_no_fix { 0 } else { 4 };
-            let gga = format!(
-                "GPGGA,{time},4722.5000,N,00832.2500,E,{quality},12,0.8,410.0,M,48.0,M,1.0,0001"
-            );
+        let quality = if self.has_no_fix { 0 } else { 4 };
+        let due = self.ticks.due(uptime, PERIOD);
+        if let Some(fed) = self.feed.take_until(uptime) {
+            for (at, position) in fed {
+                let gga = gga(&time_of_day(at.as_millis() / 10), &position, quality);
+                sent.push(sentence(&gga, self.has_wrong_sums));
+            }
+            return sent;
+        }
+        for tick in due {
+            let time = time_of_day(20 * (u128::from(tick) + 1));
+            let place = Position {
+                latitude_deg: 47.375,
+                longitude_deg: 8.5375,
+                height_m: 458.0,
+            };
+            let gga = gga(&time, &place, quality);
             let depth = format!("SDDPT,{}.{},0.5", 3 + tick % 4, tick % 10);
             let same_depth = "SDDBT,9.8,f,3.0,M,1.6,F";
             for body in [&gga, &depth, same_depth] {

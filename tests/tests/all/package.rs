@@ -71,8 +71,8 @@ impl Drop for Mount {
         let unmounted = Command::new("umount").arg(&self.0).status();
         assert!(
             unmounted.is_ok_and(|status| status.success()),
-            "{:?}",
-            self.0
+            "{}",
+            self.0.display()
         );
     }
 }
@@ -150,7 +150,7 @@ fn the_package_installs_on_a_fresh_debian() {
     );
     let endpoint = quic(free_port());
     let setup = format!(
-        "robot-edge setup --vehicle generic2d --listen {endpoint} --device laser=sick_cola,tcp={} \
+        "robot-edge setup --vehicle generic2d --size 0.6,0.5,0.4 --listen {endpoint} --device laser=sick_cola,tcp={} \
          --device ahrs=xsens,serial=/dev/foreshore/xsens",
         laser.address
     );

@@ -192,7 +192,7 @@ impl Drop for Running {
         {
             let mut printed = String::new();
             drop(err.read_to_string(&mut printed));
-            eprintln!("{}: {printed}", self.name);
+            println!("{}: {printed}", self.name);
         }
     }
 }

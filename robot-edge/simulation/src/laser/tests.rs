@@ -94,6 +94,21 @@ fn readings_outside_the_range_follow_rep_117() {
 }
 
 #[test]
+fn readings_are_multiples_of_the_range_step() {
+    let mut laser = laser();
+    let read =
+        |laser: &PlanarLaser| [1.031, 5.58, 5.595, 0.005].map(|range_m| laser.reading(range_m));
+    assert_eq!(read(&laser), [1.031, 5.58, 5.595, f32::NEG_INFINITY]);
+    laser.range_step_m = 0.06;
+    assert_eq!(read(&laser), [1.02, 5.58, 5.58, f32::NEG_INFINITY]);
+    laser.range_step_m = 0.1;
+    assert_eq!(
+        read(&laser),
+        [1.0, f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY]
+    );
+}
+
+#[test]
 fn noise_and_dropouts_have_the_configured_size() {
     let errors = LaserErrors {
         range_noise_m: 0.01,

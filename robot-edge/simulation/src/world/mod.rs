@@ -205,6 +205,11 @@ impl World {
         &self.vehicle
     }
 
+    /// The same, to give its sensors the steps of other devices.
+    pub fn simulated_vehicle_mut(&mut self) -> &mut SimulatedVehicle {
+        &mut self.vehicle
+    }
+
     /// Errors of its laser, unless the options override them.
     pub fn laser_errors(&self) -> LaserErrors {
         self.errors.laser

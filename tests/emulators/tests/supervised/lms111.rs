@@ -61,8 +61,8 @@ fn it_is_set_once_and_cut_to_its_sector() {
     assert!((scan.angle_min_rad.to_degrees() + 59.9997).abs() < 0.001);
     assert!((scan.angle_increment_rad.to_degrees() - 0.25).abs() < 1e-5);
     assert!((scan.time_increment_s - 0.04 / 1440.0).abs() < 1e-9);
-    assert_eq!(scan.ranges_m.len(), 480);
-    let masked: Vec<usize> = (0..480)
+    assert_eq!(scan.ranges_m.len(), 481);
+    let masked: Vec<usize> = (0..481)
         .filter(|beam| scan.ranges_m[*beam].is_nan())
         .collect();
     assert_eq!(masked, (236..244).collect::<Vec<_>>());

@@ -4,6 +4,7 @@
 #![cfg(target_os = "linux")]
 
 mod endurance;
+mod fed;
 mod lms111;
 mod others;
 mod outages;

@@ -8,6 +8,7 @@ mod notified;
 mod restarts;
 mod ros_system;
 mod service;
+mod simulated_devices;
 
 /// From the edge's own tests: an emulator is no part of the program.
 #[path = "../../../../robot-edge/edge/src/actuators/roboteq/emulator.rs"]
