@@ -318,6 +318,9 @@ impl Kind {
     }
 }
 
+/// A servo turns when it is about 1° from an end.
+const LEAST_SWEEP_DEG: f64 = 5.0;
+
 impl DeviceConfig {
     /// All problems of the devices, not the first alone. `given`: the keys that were set of a device.
     pub fn check_all<'a, K: Iterator<Item = &'a str>>(
@@ -488,10 +491,11 @@ impl DeviceConfig {
             }
         }
         if let (Some(from), Some(to)) = (self.sweep_from_deg, self.sweep_to_deg)
-            && from >= to
+            && to - from < LEAST_SWEEP_DEG
         {
-            let why =
-                format!("{to} is not allowed: it must be more than `sweep_from_deg` ({from})");
+            let why = format!(
+                "{to} is not allowed: it must be at least {LEAST_SWEEP_DEG} more than `sweep_from_deg` ({from})"
+            );
             return Err(("sweep_to_deg", why));
         }
         match (self.range_min_m, self.range_max_m) {

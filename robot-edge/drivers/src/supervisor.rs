@@ -262,11 +262,10 @@ impl<D: Device> Supervisor<D> {
                         return Ok(silent_at);
                     };
                     // On a line for both directions a request would meet the reply to the last one.
-                    let is_awaited = asked.is_some_and(|at| now.since(at) < POLL_TIMEOUT)
-                        && self.device.measures_when_asked();
+                    let is_awaited = asked.is_some_and(|at| now.since(at) < POLL_TIMEOUT);
                     if *poll_at <= now && !is_awaited {
                         *poll_at = now + period;
-                        *asked = Some(now);
+                        *asked = self.device.measures_when_asked().then_some(now);
                         write(transport, &self.device.poll()).await?;
                     }
                     let next = match *asked {
@@ -324,14 +323,7 @@ impl<D: Device> Supervisor<D> {
                     self.alive(arrived, phase);
                     // What comes before the device is configured is not what was asked for.
                     if matches!(phase, Phase::Run { .. }) {
-                        let asked = phase.take_asked();
-                        let sample = if self.device.measures_when_asked() {
-                            let sent = asked.map(DeviceTime::own);
-                            Sample { sent, ..sample }
-                        } else {
-                            sample
-                        };
-                        self.pass(sample, arrived);
+                        self.pass(sample, phase.take_asked(), arrived);
                     }
                 }
             }
@@ -382,9 +374,9 @@ impl<D: Device> Supervisor<D> {
         }
     }
 
-    /// Gives data to the receiver, unless it is old.
-    fn pass(&mut self, sample: Sample, arrived: Monotonic) {
-        let sent = match sample.sent {
+    /// Gives data to the receiver, unless it is old. `asked`: the request that it was measured at.
+    fn pass(&mut self, sample: Sample, asked: Option<Monotonic>, arrived: Monotonic) {
+        let sent = match asked.map(DeviceTime::own).or(sample.sent) {
             Some(time) => self.mapping.map(time, arrived),
             None => Some(arrived),
         };
@@ -392,15 +384,15 @@ impl<D: Device> Supervisor<D> {
             return self.lose(Loss::Repeated);
         };
         let late = arrived.since(sent);
-        let polled = self
-            .device
-            .poll_period()
-            .filter(|_| self.device.measures_when_asked());
-        if late > polled.map_or(MAX_AGE, |period| period / 4) {
+        // The request or the reply was late: in the middle the error is at most half of it.
+        let (max_late, delay) = match self.device.poll_period().filter(|_| asked.is_some()) {
+            Some(period) => (period / 4, late / 2),
+            None => (MAX_AGE, Duration::ZERO),
+        };
+        if late > max_late {
             return self.lose(Loss::Stale);
         }
-        // The request or the reply was late: in the middle the error is at most half of it.
-        let sent = sent + polled.map_or(Duration::ZERO, |_| late / 2);
+        let sent = sent + delay;
         let mut data = sample.data;
         let mut stamp = RobotTime::from_nanos(sent.nanos()) - duration(sample.age);
         if let MeasurementData::Scan { scan, .. } = &mut data {
@@ -504,7 +496,7 @@ enum Phase {
         max_silence: Duration,
         alive_at: Monotonic,
         poll_at: Monotonic,
-        /// The last request, until its reply comes.
+        /// The last request of a device that measures when it is asked, until its reply comes.
         asked: Option<Monotonic>,
     },
 }

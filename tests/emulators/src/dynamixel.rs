@@ -16,6 +16,8 @@ pub struct XSeries {
     pub position: i32,
     /// Where it is at an uptime, radians from the middle; then [`Self::position`] does not matter.
     pub angle_rad: Option<Box<dyn Fn(Duration) -> f64 + Send>>,
+    /// What its status packets say is wrong: 0x80 is a hardware error.
+    pub error: u8,
     /// Goals that it was given.
     pub goals: Vec<i32>,
     has_torque: bool,
@@ -32,6 +34,7 @@ impl Default for XSeries {
             id: 1,
             position: 2048,
             angle_rad: None,
+            error: 0,
             goals: Vec::new(),
             has_torque: false,
             profile_velocity: 0,
@@ -74,7 +77,7 @@ impl XSeries {
         let length = parameters.len() as u16 + 4;
         let mut packet = vec![0xFF, 0xFF, 0xFD, 0x00, self.id];
         packet.extend_from_slice(&length.to_le_bytes());
-        packet.extend_from_slice(&[0x55, 0]);
+        packet.extend_from_slice(&[0x55, self.error]);
         packet.extend_from_slice(parameters);
         let crc = crc(&packet);
         packet.extend_from_slice(&crc.to_le_bytes());

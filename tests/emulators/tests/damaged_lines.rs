@@ -138,6 +138,7 @@ fn check(data: &MeasurementData) {
         MeasurementData::Scan { scan, .. } => {
             assert!(scan.sweep_duration().is_some(), "{scan:?}");
             for range in &scan.ranges_m {
+                // Both ends belong to it (REP-117; of a DeltaT the manual has one at the end).
                 let is_range = (scan.range_min_m..=scan.range_max_m).contains(range);
                 // An LD-LRS says 0 where it has none.
                 let is_none = range.is_nan() || [0.0, f32::INFINITY].contains(range);

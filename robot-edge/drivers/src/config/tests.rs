@@ -61,7 +61,7 @@ fn a_sweep_is_whole_or_absent() {
         ("sweep_degps = 20", "sweep_from_deg`: missing"),
         (
             "sweep_from_deg = 19\nsweep_to_deg = 19\nsweep_degps = 20",
-            "it must be more than `sweep_from_deg`",
+            "it must be at least 5 more than `sweep_from_deg`",
         ),
         (
             "sweep_from_deg = 0\nsweep_to_deg = 190\nsweep_degps = 20",

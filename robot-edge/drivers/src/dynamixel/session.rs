@@ -99,6 +99,9 @@ impl Device for Dynamixel {
         let sweep = self.sweep.as_mut();
         let event = if status.id != self.id {
             Event::Unexpected
+        } else if let (Some(fault), true) = (status.faults.first(), status.parameters.is_empty()) {
+            // Of a reply to a write: it does not turn.
+            Event::Refused(format!("the servo has a fault: {fault:?}"))
         } else if awaited.is_some() {
             Event::Accepted
         } else if let Some(angle_rad) = self.model.position_rad(&status) {

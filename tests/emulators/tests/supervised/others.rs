@@ -466,4 +466,11 @@ fn a_servo_sweeps_between_its_ends_and_its_latency_is_measured() {
     );
     let latency_s = status.clock.unwrap().offset_s;
     assert!((1e-5..0.05).contains(&latency_s), "{latency_s}");
+
+    // Overheated: it holds no more.
+    emulator.with(|device| device.error = 0x80);
+    rig.wait("refused", |status| {
+        let text = status.trouble.as_ref().map(ToString::to_string);
+        text.is_some_and(|text| text.contains("the servo has a fault: Hardware"))
+    });
 }
