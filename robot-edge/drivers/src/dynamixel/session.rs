@@ -1,4 +1,4 @@
-//! How a connection with a Dynamixel servo goes: it is asked for its angle, and told to turn to the other end of its sweep
+//! How a connection with a Dynamixel servo goes: it is asked for its angle, and turned to the other end of its sweep
 //! once it is at one.
 
 use std::time::Duration;
