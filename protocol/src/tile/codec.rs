@@ -237,7 +237,8 @@ impl PartialTile {
 }
 
 impl Decoder {
-    /// With these settings.
+    /// # Errors
+    /// Without memory for zstd.
     pub fn new() -> io::Result<Self> {
         Ok(Self {
             decompressor: Decompressor::new()?,

@@ -54,7 +54,8 @@ impl AttitudeFilter {
 
     /// Takes a message; appends the attitudes that are complete now to `out`, in order.
     ///
-    /// # Errors [`DropReason::BadPose`] if it has no rotation, [`DropReason::Late`] if it is not
+    /// # Errors
+    /// [`DropReason::BadPose`] if it has no rotation, [`DropReason::Late`] if it is not
     /// newer than the last one.
     pub fn push(
         &mut self,

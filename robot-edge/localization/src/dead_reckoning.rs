@@ -222,7 +222,8 @@ impl WheelOdometer {
     /// Takes the joint angles of one message, radians; returns the displacement since the first,
     /// metres, negative backwards; `None` unless the message holds both wheels.
     ///
-    /// # Errors [`DropReason::Late`] if it is not newer than the last one.
+    /// # Errors
+    /// [`DropReason::Late`] if it is not newer than the last one.
     /// [`DropReason::WheelJump`] if an angle is not finite or turned farther than the wheel can, as
     /// after a counter wrap or reset; later displacements count from there.
     pub fn push(

@@ -47,7 +47,8 @@ impl<A, B> Default for SampleSynchronizer<A, B> {
 impl<A: Copy, B: Copy> SampleSynchronizer<A, B> {
     /// Takes a sample of the first sensor; stamps must increase.
     ///
-    /// # Errors [`DropReason::QueueFull`] if too many samples wait for the other sensor.
+    /// # Errors
+    /// [`DropReason::QueueFull`] if too many samples wait for the other sensor.
     pub(crate) fn push_a(&mut self, sample: Stamped<A>) -> Result<(), DropReason> {
         self.a.push(sample, self.at.is_some())
     }

@@ -25,7 +25,8 @@ impl TiltSettings {
     /// Stamp and pose of the sensor by the joint angles of one message, radians; `base_from_sensor`
     /// is its mounting before it is tilted. `None` without the joint.
     ///
-    /// # Errors [`DropReason::BadPose`] if the angle is not finite.
+    /// # Errors
+    /// [`DropReason::BadPose`] if the angle is not finite.
     pub fn pose(
         &self,
         stamp: RobotTime,
