@@ -193,7 +193,7 @@ fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         vehicle: "bench".to_owned(),
         source: String::new(),
         footprint_m: [1.2, 0.8],
-        limits: [1.0, 1.0],
+        limits: [1.0, 0.0, 1.0],
         layers: layers
             .iter()
             .map(|&layer| LayerInfo {
@@ -221,6 +221,7 @@ fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         position_m: [middle_m, middle_m, 0.0],
         quaternion_xyzw: [0.0, 0.0, 0.3, 0.953_94],
         speed_mps: 0.0,
+        lateral_mps: 0.0,
         turn_rate_radps: 0.0,
         token: None,
     };

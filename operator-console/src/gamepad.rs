@@ -65,6 +65,7 @@ mod gilrs_pads {
             let reading = PadReading {
                 is_deadman_held: pad.is_pressed(DEADMAN),
                 forward: pad.value(Axis::LeftStickY),
+                sideways: -pad.value(Axis::RightStickX),
                 left: -pad.value(Axis::LeftStickX),
             };
             if self.last_reading != Some(reading) {

@@ -228,7 +228,7 @@ enum TeleopKey {
     EStop,
 }
 
-const DRIVE: [(KeyCode, DriveKey); 8] = [
+const DRIVE: [(KeyCode, DriveKey); 10] = [
     (KeyCode::KeyW, DriveKey::W),
     (KeyCode::KeyA, DriveKey::A),
     (KeyCode::KeyS, DriveKey::S),
@@ -237,6 +237,8 @@ const DRIVE: [(KeyCode, DriveKey); 8] = [
     (KeyCode::ArrowLeft, DriveKey::Left),
     (KeyCode::ArrowDown, DriveKey::Down),
     (KeyCode::ArrowRight, DriveKey::Right),
+    (KeyCode::KeyQ, DriveKey::Q),
+    (KeyCode::KeyE, DriveKey::E),
 ];
 
 const STEPS: [[KeyCode; 2]; SpeedStep::COUNT as usize] = [

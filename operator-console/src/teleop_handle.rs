@@ -186,6 +186,7 @@ mod tests {
     fn deadman_held_while_robot_changes_moves_nothing() {
         let pad = |is_deadman_held, forward| {
             InputEvent::Pad(PadReading {
+                sideways: 0.0,
                 is_deadman_held,
                 forward,
                 left: 0.0,

@@ -193,6 +193,7 @@ pub(crate) fn pose_at_rest() -> Pose {
         position_m: [0.0; 3],
         quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
         speed_mps: 0.0,
+        lateral_mps: 0.0,
         turn_rate_radps: 0.0,
         token: None,
     }
@@ -248,7 +249,7 @@ pub(crate) fn idle_teleop_client() -> TeleopClientState {
         lease: Lease::None,
         last_grant: None,
         step: SpeedStep::default(),
-        limits: [1.0, 1.5],
+        limits: [1.0, 0.0, 1.5],
         drive_input: DriveInput::NEUTRAL,
         keys: Vec::new(),
         ignored: None,

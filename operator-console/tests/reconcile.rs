@@ -354,7 +354,7 @@ impl Edge {
                     vehicle: "v".to_owned(),
                     source: "s".to_owned(),
                     footprint_m: [1.0; 2],
-                    limits: [1.0; 2],
+                    limits: [1.0, 0.0, 1.0],
                     layers,
                     ..Info::default()
                 };

@@ -82,7 +82,7 @@ fn info() -> Info {
         vehicle: "riverwatch".to_owned(),
         source: String::new(),
         footprint_m: [3.0, 1.6],
-        limits: [2.0, 1.0],
+        limits: [2.0, 0.0, 1.0],
         layers: vec![LayerInfo {
             layer: LayerId::Shore,
             cell_m: CELL_M,

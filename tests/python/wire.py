@@ -11,7 +11,7 @@ from typing import NamedTuple
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-PROTOCOL = 3
+PROTOCOL = 4
 MAX_MESSAGE = 65536
 MAX_TILE_MESSAGE = 8192
 MAX_SIGNED = 256
@@ -228,7 +228,7 @@ INFO = Struct(
     vehicle=TEXT,
     source=TEXT,
     footprint_m=Tuple(F32, F32),
-    limits=Tuple(F32, F32),
+    limits=Tuple(F32, F32, F32),
     layers=List(Struct(layer=LAYER, cell_m=F64)),
     revision=U32,
     program=TEXT,
@@ -253,6 +253,7 @@ POSE = Struct(
     position_m=Tuple(F64, F64, F64),
     quaternion_xyzw=Tuple(F32, F32, F32, F32),
     speed_mps=F32,
+    lateral_mps=F32,
     turn_rate_radps=F32,
     token=Option(Struct(n=U64, nonce=Raw(8))),
 )
@@ -266,8 +267,8 @@ REFUSAL = Enum(
 LEASE_END = Enum(**dict.fromkeys("Released Expired Renewed HandedOver TakenOver Revoked Reset Fault".split()))
 STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END)
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
-VELOCITY = Struct(linear_mps=F32, angular_radps=F32)
-SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_radps=F32, right_radps=F32)
+VELOCITY = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32)
+SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_mps=F32, right_mps=F32, left_radps=F32, right_radps=F32)
 BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None))
 TELEOP_STATUS = Struct(
     state=Enum(
@@ -282,7 +283,7 @@ TELEOP_STATUS = Struct(
     speed_allowed_mps=F32,
     requested=VELOCITY,
     applied=VELOCITY,
-    clamp=Option(Enum(Speed=None, Ramp=None, Age=None, CollisionMonitor=None, Stop=None)),
+    clamp=Option(Enum(Speed=None, Ramp=None, Age=None, CollisionMonitor=None, Stop=None, Locomotion=None)),
     collision_monitor=Enum(Silent=None, Off=None, On=SPEED_LIMITS, UnknownSpace=SPEED_LIMITS, Stale=None),
     estop=Option(Struct(number=U64, is_stored=BOOL)),
     counters=Struct(accepted=U64, involuntary_stops=U64, refused=List(Struct(reason=REFUSAL, count=U64))),
@@ -391,7 +392,7 @@ VOXELS_REPLY = Enum(
     ),
 )
 ESTOP = Struct(press=U64)
-DRIVE = Struct(linear_mps=F32, angular_radps=F32, estop=Option(ESTOP))
+DRIVE = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32, estop=Option(ESTOP))
 RESET = Struct(estop=U64)
 LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
 SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL)

@@ -8,11 +8,11 @@ use measurement::time::Monotonic;
 
 use crate::operator::{Input, Journal, Sent};
 
-const COLUMNS: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
-                       age_ms,epoch,seq,clamp,collision_monitor";
+const COLUMNS: &str = "t_ns,mode,requested_linear_mps,requested_lateral_mps,requested_angular_radps,\
+                       output_linear_mps,output_lateral_mps,output_angular_radps,age_ms,epoch,seq,clamp,collision_monitor";
 
-/// Speeds of `base_link`: along x, m/s, and about z, rad/s.
-pub type Speeds = [f64; 2];
+/// Speeds of `base_link`: along x and y, m/s, and about z, rad/s.
+pub type Speeds = [f64; 3];
 
 /// The end of one round of the loop.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,13 +100,15 @@ impl DriveLog {
 }
 
 fn parse_round(line: &str) -> Option<Round> {
-    let fields: [&str; 11] = line.split(',').collect::<Vec<_>>().try_into().ok()?;
+    let fields: [&str; 13] = line.split(',').collect::<Vec<_>>().try_into().ok()?;
     let [
         at,
         mode,
         requested_x,
+        requested_y,
         requested_z,
         output_x,
+        output_y,
         output_z,
         age,
         epoch,
@@ -114,7 +116,8 @@ fn parse_round(line: &str) -> Option<Round> {
         clamp,
         collision_monitor,
     ] = fields;
-    let speeds = |x: &str, z: &str| Some([x.parse().ok()?, z.parse().ok()?]);
+    let speeds =
+        |x: &str, y: &str, z: &str| Some([x.parse().ok()?, y.parse().ok()?, z.parse().ok()?]);
     let age = match age {
         "" => None,
         age => {
@@ -129,8 +132,8 @@ fn parse_round(line: &str) -> Option<Round> {
     Some(Round {
         at: Monotonic::from_nanos(at.parse().ok()?),
         mode: mode.to_owned(),
-        requested: speeds(requested_x, requested_z)?,
-        output: speeds(output_x, output_z)?,
+        requested: speeds(requested_x, requested_y, requested_z)?,
+        output: speeds(output_x, output_y, output_z)?,
         age,
         epoch: epoch.parse().ok()?,
         seq,
@@ -182,7 +185,7 @@ pub struct Limits {
     /// Greatest age of a command that has an effect.
     pub max_age: Duration,
     /// The stopping ramp: m/s² and rad/s².
-    pub stop_decel: [f64; 2],
+    pub stop_decel: [f64; 3],
 }
 
 /// A stop because commands had become too old.
@@ -291,7 +294,7 @@ fn old_commands_stop(before: &Round, round: &Round, limits: &Limits) -> Option<S
         return None;
     }
     let elapsed_s = round.at.since(before.at).as_secs_f64();
-    let is_too_fast = (0..2).any(|axis| {
+    let is_too_fast = (0..3).any(|axis| {
         let (was, is) = (before.output[axis], round.output[axis]);
         let most = (was.abs() - limits.stop_decel[axis] * elapsed_s).max(0.0);
         is.abs() > most + SPEED_STEP || is * was < 0.0
@@ -314,10 +317,11 @@ fn matches_request(round: &Round, sent: Option<&Sent>) -> Option<String> {
     };
     let Input {
         linear_mps,
+        lateral_mps,
         angular_radps,
     } = sent.input;
-    let asked = [linear_mps, angular_radps].map(f64::from);
-    let differs = (0..2).any(|axis| (asked[axis] - round.requested[axis]).abs() > REQUEST_STEP);
+    let asked = [linear_mps, lateral_mps, angular_radps].map(f64::from);
+    let differs = (0..3).any(|axis| (asked[axis] - round.requested[axis]).abs() > REQUEST_STEP);
     differs.then(|| format!("{asked:?} was requested"))
 }
 
@@ -364,7 +368,7 @@ fn stops(log: &DriveLog, limits: &Limits) -> Vec<Stop> {
             .iter()
             .find(|later| later.is_stopped() || !is_old(later))
             .filter(|later| later.is_stopped());
-        let ramp_s = (0..2)
+        let ramp_s = (0..3)
             .map(|axis| before.output[axis].abs() / limits.stop_decel[axis])
             .fold(0.0, f64::max);
         stops.push(Stop {
@@ -383,7 +387,7 @@ mod tests {
 
     const LIMITS: Limits = Limits {
         max_age: Duration::from_millis(400),
-        stop_decel: [1.0, 4.0],
+        stop_decel: [1.0, 1.0, 4.0],
     };
 
     const PRESSED: Input = Input::of(0.2, 0.0);
@@ -436,9 +440,9 @@ mod tests {
             rounds.push(Round {
                 at: at_ms(at),
                 mode: mode.to_owned(),
-                requested: [asked, 0.0],
+                requested: [asked, 0.0, 0.0],
                 // As the log rounds it.
-                output: [(is * 1e6).round() / 1e6, 0.0],
+                output: [(is * 1e6).round() / 1e6, 0.0, 0.0],
                 age: Some(Duration::from_millis(age)),
                 epoch: 5,
                 seq: Some(arrived),
@@ -491,8 +495,8 @@ mod tests {
         // 19 mm/s less in a round that must take 20 mm/s off.
         is_faulted(1365, |round| round.output[0] += 0.001, "moves it");
         is_faulted(1425, |round| round.output[0] = -0.01, "moves it");
-        is_faulted(1425, |round| round.output[1] = 0.5, "moves it");
-        is_faulted(705, |round| round.requested[1] = 0.3, "was requested");
+        is_faulted(1425, |round| round.output[2] = 0.5, "moves it");
+        is_faulted(705, |round| round.requested[2] = 0.3, "was requested");
         is_faulted(705, |round| round.seq = Some(999), "no operator sent that");
         is_faulted(705, |round| round.epoch = 4, "no operator sent that");
         is_faulted(

@@ -56,6 +56,8 @@ pub const NEUTRAL: Duration = Duration::from_millis(400);
 pub struct Input {
     /// Along x.
     pub linear_mps: f32,
+    /// Along y.
+    pub lateral_mps: f32,
     /// About z.
     pub angular_radps: f32,
 }
@@ -66,6 +68,7 @@ impl Input {
     pub const fn of(linear_mps: f32, angular_radps: f32) -> Self {
         Self {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
         }
     }
@@ -314,6 +317,7 @@ impl Operator {
             newest,
             &Drive {
                 linear_mps: input.linear_mps,
+                lateral_mps: input.lateral_mps,
                 angular_radps: input.angular_radps,
                 estop: None,
             },
@@ -491,7 +495,7 @@ fn lock(received: &Mutex<Received>) -> MutexGuard<'_, Received> {
 }
 
 /// The first line of a journal as CSV.
-const COLUMNS: &str = "t_ns,seq,epoch,token,token_t_ns,linear_mps,angular_radps";
+const COLUMNS: &str = "t_ns,seq,epoch,token,token_t_ns,linear_mps,lateral_mps,angular_radps";
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sent {
@@ -552,9 +556,12 @@ impl Journal {
         let [at, received] = [*at, *token_received].map(nanos);
         let Input {
             linear_mps,
+            lateral_mps,
             angular_radps,
         } = input;
-        let line = format!("{at},{seq},{epoch},{token},{received},{linear_mps},{angular_radps}\n");
+        let line = format!(
+            "{at},{seq},{epoch},{token},{received},{linear_mps},{lateral_mps},{angular_radps}\n"
+        );
         out.write_all(line.as_bytes())
     }
 
@@ -584,7 +591,11 @@ fn parse_line(line: &str) -> Option<Sent> {
     let (at, seq, epoch) = (whole()?, whole()?, whole()?);
     let (token, received) = (whole()?, whole()?);
     let mut speed = || fields.next()?.parse::<f32>().ok();
-    let input = Input::of(speed()?, speed()?);
+    let input = Input {
+        linear_mps: speed()?,
+        lateral_mps: speed()?,
+        angular_radps: speed()?,
+    };
     fields.next().is_none().then(|| Sent {
         at: Monotonic::from_nanos(at),
         seq,

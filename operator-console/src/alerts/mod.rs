@@ -521,6 +521,7 @@ mod tests {
             state: TeleopState::Driving,
             applied: Velocity {
                 linear_mps: commanded_mps,
+                lateral_mps: 0.0,
                 angular_radps: 0.0,
             },
             ..idle_teleop_status()

@@ -65,7 +65,7 @@ impl Tap {
         let newest = LatestPose {
             boot: header.boot,
             token: pose.token,
-            velocity: [pose.speed_mps, pose.turn_rate_radps],
+            velocity: [pose.speed_mps, pose.lateral_mps, pose.turn_rate_radps],
             at: clock::now(),
         };
         let mut slot = lock(&self.newest);

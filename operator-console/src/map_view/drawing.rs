@@ -257,6 +257,7 @@ impl MapView {
                 position_m: [x_m, y_m],
                 heading_rad,
                 speed_mps: f64::from(pose.speed_mps),
+                lateral_mps: f64::from(pose.lateral_mps),
                 turn_rate_radps: f64::from(pose.turn_rate_radps),
                 footprint_m: info.footprint_m.map(f64::from),
                 footprint_offset_m: f64::from(info.footprint_offset_m),

@@ -87,12 +87,37 @@ pub(super) struct Motion {
     /// m in `odom`, and radians counter-clockwise from x.
     pub(super) position_m: [f64; 2],
     pub(super) heading_rad: f64,
-    /// Along x and about z of `base`.
+    /// Along x and y and about z of `base`.
     pub(super) speed_mps: f64,
+    pub(super) lateral_mps: f64,
     pub(super) turn_rate_radps: f64,
     /// Length and width, and offset of the middle ahead of the position, m.
     pub(super) footprint_m: [f64; 2],
     pub(super) footprint_offset_m: f64,
+}
+
+impl Motion {
+    /// The same motion straight ahead, of a vehicle with axes along its way: its footprint is the rectangle around the
+    /// turned one.
+    fn along_its_way(&self) -> Self {
+        let way_rad = libm::atan2(self.lateral_mps, self.speed_mps);
+        let (sin, cos) = libm::sincos(way_rad);
+        let [length_m, width_m] = self.footprint_m;
+        let extent = |along: f64, across: f64| length_m * along.abs() + width_m * across.abs();
+        let heading_rad = self.heading_rad + way_rad;
+        let aside_m = -self.footprint_offset_m * sin;
+        let (heading_sin, heading_cos) = libm::sincos(heading_rad);
+        let [x_m, y_m] = self.position_m;
+        Self {
+            position_m: [x_m - aside_m * heading_sin, y_m + aside_m * heading_cos],
+            heading_rad,
+            speed_mps: libm::hypot(self.speed_mps, self.lateral_mps),
+            lateral_mps: 0.0,
+            turn_rate_radps: self.turn_rate_radps,
+            footprint_m: [extent(cos, sin), extent(sin, cos)],
+            footprint_offset_m: self.footprint_offset_m * cos,
+        }
+    }
 }
 
 /// Stopping distance, m: the commanded speed for the reaction time, then braking.
@@ -110,6 +135,9 @@ pub(super) fn stopping_distance_m(speed_mps: f64, stopping: Stopping) -> Option<
 
 /// Left and right edges of the area swept until it stops, m in `odom`; empty if the vehicle stands.
 pub(super) fn swept_m(motion: &Motion, stopping: Stopping) -> Vec<[[f64; 2]; 2]> {
+    if motion.lateral_mps.abs() > 0.0 {
+        return swept_m(&motion.along_its_way(), stopping);
+    }
     let Some(way_m) = stopping_distance_m(motion.speed_mps, stopping) else {
         return Vec::new();
     };
@@ -270,6 +298,7 @@ mod tests {
             position_m: [10.0, 0.0],
             heading_rad: 0.0,
             speed_mps,
+            lateral_mps: 0.0,
             turn_rate_radps,
             footprint_m: [2.0, 1.0],
             footprint_offset_m: 0.0,
@@ -304,6 +333,25 @@ mod tests {
         let back = swept_m(&motion(-1.0, 0.0), STOPPING);
         assert!((back.last().unwrap()[0][0] - 7.8).abs() < 1e-9);
         assert!(swept_m(&motion(0.001, 1.0), STOPPING).is_empty());
+    }
+
+    #[test]
+    fn swept_area_beside_a_vehicle_that_goes_sideways() {
+        let sideways = Motion {
+            lateral_mps: -1.0,
+            footprint_offset_m: 0.75,
+            ..motion(0.0, 0.0)
+        };
+        let swept = swept_m(&sideways, STOPPING);
+        // From its right side, 0.5 m from the middle, 1.2 m on; from its front to its rear.
+        for (edges, y_m) in [(swept[0], -0.5), (*swept.last().unwrap(), -1.7)] {
+            let expected = [[11.75, y_m], [9.75, y_m]];
+            let off = edges.as_flattened().iter().zip(expected.as_flattened());
+            assert!(
+                off.clone().all(|(one, other)| (one - other).abs() < 1e-9),
+                "{edges:?}"
+            );
+        }
     }
 
     #[test]

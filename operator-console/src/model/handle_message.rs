@@ -351,6 +351,7 @@ pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
     is_moved
         || is_turned
         || differ(before.speed_mps, now.speed_mps, SPEED)
+        || differ(before.lateral_mps, now.lateral_mps, SPEED)
         || differ(before.turn_rate_radps, now.turn_rate_radps, SPEED)
 }
 
@@ -397,6 +398,8 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
     let no_limits = SpeedLimits {
         forward_mps: 0.0,
         reverse_mps: 0.0,
+        left_mps: 0.0,
+        right_mps: 0.0,
         left_radps: 0.0,
         right_radps: 0.0,
     };
@@ -440,6 +443,8 @@ mod tests {
         CollisionMonitorState::On(SpeedLimits {
             forward_mps: limit,
             reverse_mps: limit,
+            left_mps: 0.0,
+            right_mps: 0.0,
             left_radps: limit,
             right_radps: limit,
         })

@@ -301,11 +301,12 @@ impl ConsoleModel {
         self.is_boat() || self.robot.teleop().is_some_and(|teleop| teleop.is_drifting)
     }
 
-    /// Forward speed of a moving vehicle, m/s; `None` if it stands still.
+    /// Speed of a moving vehicle, m/s, negative backwards; `None` if it stands still.
     pub fn moves(&self) -> Option<f32> {
         let (pose, _) = self.vehicle.pose()?;
-        let is_moving = pose.speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
-        is_moving.then_some(pose.speed_mps)
+        let speed_mps = pose.ground_speed_mps();
+        let is_moving = speed_mps.abs() >= MOVING || pose.turn_rate_radps.abs() >= MOVING;
+        is_moving.then_some(speed_mps)
     }
 
     /// Whether the vehicle still moves because its stop command is recent. A boat does not brake.

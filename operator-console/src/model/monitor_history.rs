@@ -56,10 +56,11 @@ impl MonitorHistory {
 }
 
 /// Signs of the requested motion: 1 forward and left, −1 backward and right, 0 neither.
-pub fn direction_signs(asked: Velocity) -> [i8; 2] {
+pub fn direction_signs(asked: Velocity) -> [i8; 3] {
     let sign = |speed: f32, least: f32| i8::from(speed >= least) - i8::from(speed <= -least);
     [
         sign(asked.linear_mps, MIN_SHOWN_MPS),
+        sign(asked.lateral_mps, MIN_SHOWN_MPS),
         sign(asked.angular_radps, MIN_SHOWN_RADPS),
     ]
 }

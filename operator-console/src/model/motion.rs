@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use measurement::time::Monotonic;
-use protocol::message::{Info, Pose, Status, TeleopState};
+use protocol::message::{Info, Pose, Status, TeleopState, Velocity};
 
 use super::monitor_history::TimeWindow;
 
@@ -62,7 +62,9 @@ impl Braking {
     ) {
         let applied = status.teleop.as_ref().map(|teleop| teleop.applied);
         let is_commanded = applied.is_some_and(|commanded| {
-            commanded.linear_mps.abs() > 0.0 || commanded.angular_radps.abs() > 0.0
+            commanded.linear_mps.abs() > 0.0
+                || commanded.lateral_mps.abs() > 0.0
+                || commanded.angular_radps.abs() > 0.0
         });
         let was_commanded = std::mem::replace(&mut self.is_commanded, is_commanded);
         if is_commanded {
@@ -81,7 +83,7 @@ impl Braking {
 /// Time to stop from the present speed with the deceleration of stops.
 fn ramp(pose: &Pose, info: &Info) -> Duration {
     let axes = [
-        (pose.speed_mps, info.stop_decel_mps2),
+        (pose.ground_speed_mps(), info.stop_decel_mps2),
         (pose.turn_rate_radps, info.stop_decel_radps2),
     ];
     let ramps = axes.map(|(speed, decel)| {
@@ -119,7 +121,7 @@ impl StandstillDetector {
             dx_m * dx_m + dy_m * dy_m < MAX_DRIFT_M * MAX_DRIFT_M
         });
         // Without enough positions the measured speed decides.
-        let is_slow = pose.speed_mps.abs() < MOVING || self.places_m.spans(MIN_TIME);
+        let is_slow = pose.ground_speed_mps().abs() < MOVING || self.places_m.spans(MIN_TIME);
         self.is_still = has_stayed && is_slow && pose.turn_rate_radps.abs() < MOVING;
     }
 }
@@ -147,13 +149,22 @@ impl StuckDetector {
     fn update(&mut self, status: &Status, pose: Option<&Pose>, now: Monotonic) {
         let driven = status.teleop.as_ref();
         let driven = driven.filter(|teleop| teleop.state == TeleopState::Driving);
-        let commanded = driven.map(|teleop| teleop.applied.linear_mps);
-        let commanded = commanded.filter(|commanded_mps| commanded_mps.abs() >= MIN_COMMAND_MPS);
-        let Some((commanded_mps, pose)) = commanded.zip(pose) else {
+        let commanded = driven.map(|teleop| {
+            let Velocity {
+                linear_mps,
+                lateral_mps,
+                ..
+            } = teleop.applied;
+            (linear_mps.hypot(lateral_mps), linear_mps, lateral_mps)
+        });
+        let commanded = commanded.filter(|(speed_mps, ..)| *speed_mps >= MIN_COMMAND_MPS);
+        let Some(((commanded_mps, linear_mps, lateral_mps), pose)) = commanded.zip(pose) else {
             return self.speed_excess.clear();
         };
-        let goes_mps = pose.speed_mps * commanded_mps.signum();
-        let least_mps = SHARE * commanded_mps.abs();
+        // In the direction of the command.
+        let goes_mps =
+            (pose.speed_mps * linear_mps + pose.lateral_mps * lateral_mps) / commanded_mps;
+        let least_mps = SHARE * commanded_mps;
         // A vehicle that moves the other way is not stuck; it has to turn about.
         if goes_mps >= least_mps.max(NOISE_MPS) || goes_mps <= -NOISE_MPS {
             return self.speed_excess.clear();
@@ -179,7 +190,6 @@ impl StuckDetector {
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::Velocity;
     use protocol::tile::BootId;
 
     use super::*;
@@ -356,6 +366,7 @@ mod tests {
         teleop.state = state;
         teleop.applied = Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
         };
         status_of(teleop)

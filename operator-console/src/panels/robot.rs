@@ -96,7 +96,7 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
     let speed = if is_still {
         "standing".to_owned()
     } else {
-        format!("{} m/s", signed(f64::from(pose.speed_mps), 2))
+        format!("{} m/s", signed(f64::from(pose.ground_speed_mps()), 2))
     };
     let mut rows = vec![
         // Narrow panels break the line between x and y.
@@ -191,6 +191,7 @@ mod tests {
             position_m: [1.0, 2.0, 0.0],
             quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
             speed_mps: -0.5,
+            lateral_mps: 0.0,
             turn_rate_radps: -0.21,
             token: None,
         };

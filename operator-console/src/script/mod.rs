@@ -365,6 +365,7 @@ mod tests {
     fn driven(applied_mps: f32) -> TeleopStatus {
         let going = |linear_mps| Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
         };
         TeleopStatus {

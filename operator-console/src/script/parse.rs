@@ -166,6 +166,7 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         }
         ["pad", "off"] => Action::Input(vec![InputEvent::PadGone]),
         ["pad", forward, left] => Action::Input(vec![InputEvent::Pad(PadReading {
+            sideways: 0.0,
             is_deadman_held: true,
             forward: deflection_of(forward)?,
             left: deflection_of(left)?,
@@ -224,7 +225,13 @@ fn key_of(word: &str) -> Result<DriveKey, String> {
         "back" => DriveKey::S,
         "left" => DriveKey::A,
         "right" => DriveKey::D,
-        other => return Err(format!("{other:?} is no key: forward, back, left or right")),
+        "sideways-left" => DriveKey::Q,
+        "sideways-right" => DriveKey::E,
+        other => {
+            return Err(format!(
+                "{other:?} is no key: forward, back, left, right, sideways-left or sideways-right"
+            ));
+        }
     })
 }
 
@@ -325,7 +332,7 @@ mod tests {
             ("1 estop\n0.5 estop", "line 2: 0.5 is earlier"),
             ("1", "no action behind the time"),
             ("1 honk", "\"honk\" is no action"),
-            ("1 press up", "forward, back, left or right"),
+            ("1 press up", "forward, back, left, right, sideways-left"),
             ("1 speed 6", "1 to 5"),
             ("1 pad 2 0", "−1 to 1"),
             ("1 lease steal", "take-over"),

@@ -83,6 +83,7 @@ fn driving_ui(ui: &mut Ui) {
         "Driving, while you hold the lease",
         &[
             ("W A S D, arrows".to_owned(), "Drive while held"),
+            ("Q E".to_owned(), "Go sideways while held, if the robot can"),
             (steps, "How fast keys drive"),
             ("Space".to_owned(), "Emergency stop, always"),
         ],

@@ -70,6 +70,7 @@ impl DriveCommands {
         };
         let is_changed = input.is_neutral() != self.sent.is_neutral()
             || (input.forward - self.sent.forward).abs() >= CHANGE
+            || (input.sideways - self.sent.sideways).abs() >= CHANGE
             || (input.left - self.sent.left).abs() >= CHANGE;
         if !self.send_rate.is_due(now, is_changed) {
             return None;
@@ -111,13 +112,13 @@ pub(super) fn moving_until(
     );
     let Velocity {
         linear_mps,
+        lateral_mps,
         angular_radps,
     } = status.applied;
-    // Either axis prolongs the stop.
-    let braking_s = f32::max(
-        linear_mps.abs() / stop_decel.linear_mps,
-        angular_radps.abs() / stop_decel.angular_radps,
-    );
+    // Each axis prolongs the stop.
+    let braking_s = (linear_mps.abs() / stop_decel.linear_mps)
+        .max(lateral_mps.abs() / stop_decel.lateral_mps)
+        .max(angular_radps.abs() / stop_decel.angular_radps);
     let braking = Duration::try_from_secs_f32(braking_s).ok()?;
     // The age of a command is the delay of its token plus its own: the delays of this status and of the next press.
     let ways = Duration::from_millis(status.peak_age_ms?.into());
@@ -198,6 +199,7 @@ mod tests {
 
     const STOP_DECEL: Velocity = Velocity {
         linear_mps: 1.0,
+        lateral_mps: 0.0,
         angular_radps: 4.0,
     };
 
@@ -206,6 +208,7 @@ mod tests {
             state: TeleopState::Driving,
             applied: Velocity {
                 linear_mps: -0.5,
+                lateral_mps: 0.0,
                 angular_radps: 0.0,
             },
             peak_age_ms: Some(60),
@@ -228,6 +231,7 @@ mod tests {
             let actual = after(|status| {
                 status.applied = Velocity {
                     linear_mps: nonsense,
+                    lateral_mps: 0.0,
                     angular_radps: nonsense,
                 };
             });

@@ -17,7 +17,7 @@ pub struct LatestPose {
     /// `None` if the robot cannot be driven.
     pub token: Option<AgeToken>,
     /// Speed along x, m/s, and turn rate, rad/s.
-    pub velocity: [f32; 2],
+    pub velocity: [f32; 3],
     pub at: Monotonic,
 }
 

@@ -49,8 +49,8 @@ pub struct TeleopClient {
     robot: RobotId,
     identity: Identity,
     input: TeleopInput,
-    /// Greatest requested speed, m/s, and turn rate, rad/s; zero until the robot has sent its limits.
-    limits: [f32; 2],
+    /// Greatest requested speeds: linear and lateral, m/s, and angular, rad/s; zero until the robot has sent its limits.
+    limits: [f32; 3],
     /// Deceleration of stops; zero until known.
     stop_decel: Velocity,
     /// The newest pose before the events of this iteration.
@@ -93,7 +93,7 @@ pub struct TeleopClientState {
     /// In this run of the robot. A status with this grant may be older than its end here.
     pub last_grant: Option<u64>,
     pub step: SpeedStep,
-    pub limits: [f32; 2],
+    pub limits: [f32; 3],
     pub drive_input: DriveInput,
     pub keys: Vec<DriveKey>,
     /// Why pressed keys and sticks do not count.
@@ -131,7 +131,7 @@ impl TeleopClient {
             robot,
             identity,
             input: TeleopInput::default(),
-            limits: [0.0; 2],
+            limits: [0.0; 3],
             stop_decel: Velocity::default(),
             newest: None,
             looked_at: None,
@@ -156,16 +156,18 @@ impl TeleopClient {
     }
 
     pub fn set_robot_info(&mut self, info: &Info) {
-        let [speed_mps, turn_rate_radps] = info.limits.map(|limit| {
+        let [speed_mps, lateral_mps, turn_rate_radps] = info.limits.map(|limit| {
             if limit.is_finite() {
                 limit.max(0.0)
             } else {
                 0.0
             }
         });
-        self.limits = [speed_mps, turn_rate_radps.min(MAX_TURN_RADPS)];
+        self.limits = [speed_mps, lateral_mps, turn_rate_radps.min(MAX_TURN_RADPS)];
+        self.input.set_goes_sideways(lateral_mps > 0.0);
         self.stop_decel = Velocity {
             linear_mps: info.stop_decel_mps2,
+            lateral_mps: info.stop_decel_mps2,
             angular_radps: info.stop_decel_radps2,
         };
     }
@@ -415,9 +417,10 @@ impl TeleopClient {
     }
 
     fn command(&self, drive_input: DriveInput) -> Drive {
-        let [speed_mps, turn_rate_radps] = self.limits;
+        let [speed_mps, lateral_mps, turn_rate_radps] = self.limits;
         Drive {
             linear_mps: drive_input.forward * speed_mps,
+            lateral_mps: drive_input.sideways * lateral_mps,
             angular_radps: drive_input.left * turn_rate_radps,
             estop: self.estop.as_ref().map(PendingEStop::body),
         }

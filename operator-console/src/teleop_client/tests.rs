@@ -22,9 +22,9 @@ enum Read {
 }
 
 /// A robot with the deceleration of the presets.
-fn able(limits: [f32; 2]) -> Info {
+fn able([speed_mps, turn_rate_radps]: [f32; 2]) -> Info {
     Info {
-        limits,
+        limits: [speed_mps, 0.0, turn_rate_radps],
         stop_decel_mps2: 1.0,
         stop_decel_radps2: 4.0,
         ..Info::default()
@@ -37,7 +37,7 @@ struct Rig {
     ms: u64,
     boot: BootId,
     speaks: bool,
-    velocity: [f32; 2],
+    velocity: [f32; 3],
     last_seq: u64,
     sent: Vec<(u64, CommandHeader, Read)>,
 }
@@ -54,7 +54,7 @@ impl Rig {
             ms: 1000,
             boot: BOOT,
             speaks: true,
-            velocity: [0.0; 2],
+            velocity: [0.0; 3],
             last_seq: 0,
             sent: Vec::new(),
         }
@@ -234,6 +234,7 @@ fn after_the_grant_neutral_is_sent_at_50_hz() {
     for (ms, stamp, read) in sent {
         let neutral = Drive {
             linear_mps: 0.0,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
             estop: None,
         };
@@ -311,7 +312,7 @@ fn early_press_is_delayed_and_not_lost() {
     // zero.
     for (applied_mps, is_taken) in [(0.5, true), (0.0, false)] {
         rig.turn(&[NO_W]);
-        rig.velocity = [0.5, 0.0];
+        rig.velocity = [0.5, 0.0, 0.0];
         rig.status(|status| {
             status.state = TeleopState::Driving;
             status.applied.linear_mps = applied_mps;

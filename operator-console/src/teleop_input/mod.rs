@@ -8,12 +8,16 @@
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveInput {
     pub forward: f32,
+    /// Sideways, positive to the left.
+    pub sideways: f32,
+    /// Turn, positive to the left.
     pub left: f32,
 }
 
 impl DriveInput {
     pub const NEUTRAL: Self = Self {
         forward: 0.0,
+        sideways: 0.0,
         left: 0.0,
     };
 
@@ -71,6 +75,8 @@ pub struct TeleopInput {
     keys: [KeyState; DriveKey::ALL.len()],
     deadman: KeyState,
     stick: DriveInput,
+    /// Whether the robot can.
+    goes_sideways: bool,
     step: SpeedStep,
     input_focus: InputFocus,
     /// Why presses do not count; `None` while they do.
@@ -85,6 +91,7 @@ impl Default for TeleopInput {
             keys: [KeyState::Up; DriveKey::ALL.len()],
             deadman: KeyState::Up,
             stick: DriveInput::NEUTRAL,
+            goes_sideways: false,
             step: SpeedStep::default(),
             input_focus: InputFocus {
                 has_focus: false,
@@ -167,16 +174,24 @@ impl TeleopInput {
         }
         let mut live = self.keys().peekable();
         let direction = if live.peek().is_some() {
-            let sum = live.map(DriveKey::direction).fold([0.0; 2], add);
+            let sum = live.map(DriveKey::direction).fold([0.0; 3], add);
             // Two forward keys count as one.
             sum.map(|direction: f32| direction.clamp(-1.0, 1.0))
         } else if self.deadman == KeyState::Active {
-            [self.stick.forward, self.stick.left]
+            [self.stick.forward, self.stick.sideways, self.stick.left]
         } else {
-            [0.0; 2]
+            [0.0; 3]
         };
-        let [forward, left] = direction.map(|direction| direction * self.step.share());
-        DriveInput { forward, left }
+        let [forward, sideways, left] = direction.map(|direction| direction * self.step.share());
+        DriveInput {
+            forward,
+            sideways: if self.goes_sideways { sideways } else { 0.0 },
+            left,
+        }
+    }
+
+    pub const fn set_goes_sideways(&mut self, goes_sideways: bool) {
+        self.goes_sideways = goes_sideways;
     }
 
     pub fn keys(&self) -> impl Iterator<Item = DriveKey> {
@@ -203,6 +218,7 @@ impl TeleopInput {
     fn take_pad(&mut self, reading: PadReading) {
         self.stick = DriveInput {
             forward: without_dead_zone(reading.forward),
+            sideways: without_dead_zone(reading.sideways),
             left: without_dead_zone(reading.left),
         };
         self.deadman = match (reading.is_deadman_held, self.deadman) {
@@ -232,11 +248,11 @@ impl TeleopInput {
     }
 }
 
-fn add([a, b]: [f32; 2], [c, d]: [f32; 2]) -> [f32; 2] {
-    [a + c, b + d]
+fn add(one: [f32; 3], other: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|axis| one[axis] + other[axis])
 }
 
-/// A drive key by its position: W A S D of a QWERTY keyboard, whatever their labels, and the arrows.
+/// A drive key by its position: W A S D of a QWERTY keyboard, whatever their labels, and the arrows; Q and E go sideways.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum DriveKey {
     W,
@@ -247,10 +263,12 @@ pub enum DriveKey {
     Left,
     Down,
     Right,
+    Q,
+    E,
 }
 
 impl DriveKey {
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::W,
         Self::A,
         Self::S,
@@ -259,18 +277,23 @@ impl DriveKey {
         Self::Left,
         Self::Down,
         Self::Right,
+        Self::Q,
+        Self::E,
     ];
 
     pub const fn is_arrow(self) -> bool {
         matches!(self, Self::Up | Self::Left | Self::Down | Self::Right)
     }
 
-    const fn direction(self) -> [f32; 2] {
+    /// Forward, sideways to the left, turning to the left.
+    const fn direction(self) -> [f32; 3] {
         match self {
-            Self::W | Self::Up => [1.0, 0.0],
-            Self::S | Self::Down => [-1.0, 0.0],
-            Self::A | Self::Left => [0.0, 1.0],
-            Self::D | Self::Right => [0.0, -1.0],
+            Self::W | Self::Up => [1.0, 0.0, 0.0],
+            Self::S | Self::Down => [-1.0, 0.0, 0.0],
+            Self::A | Self::Left => [0.0, 0.0, 1.0],
+            Self::D | Self::Right => [0.0, 0.0, -1.0],
+            Self::Q => [0.0, 1.0, 0.0],
+            Self::E => [0.0, -1.0, 0.0],
         }
     }
 }
@@ -293,8 +316,9 @@ pub enum InputEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PadReading {
     pub is_deadman_held: bool,
-    /// Raw deflection of the stick, −1 … 1.
+    /// Raw deflections of the sticks, −1 … 1.
     pub forward: f32,
+    pub sideways: f32,
     pub left: f32,
 }
 

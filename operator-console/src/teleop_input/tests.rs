@@ -21,7 +21,12 @@ fn after(events: &[InputEvent]) -> TeleopInput {
 }
 
 fn drive_input(events: &[InputEvent]) -> [f32; 2] {
-    let DriveInput { forward, left } = after(events).drive_input();
+    let DriveInput {
+        forward,
+        sideways,
+        left,
+    } = after(events).drive_input();
+    assert_eq!(sideways, 0.0);
     [forward, left]
 }
 
@@ -29,6 +34,7 @@ const fn pad(is_deadman_held: bool, forward: f32) -> InputEvent {
     InputEvent::Pad(PadReading {
         is_deadman_held,
         forward,
+        sideways: forward,
         left: 0.0,
     })
 }
@@ -51,6 +57,19 @@ fn keys_drive_while_they_are_held() {
         drive_input(&[Press(DriveKey::Down), Press(DriveKey::D)]),
         [-1.0, -1.0]
     );
+    // Only a robot that can goes sideways.
+    assert_eq!(drive_input(&[Press(DriveKey::Q)]), [0.0, 0.0]);
+    for (keys, expected) in [
+        (&[DriveKey::Q][..], [0.0, 1.0]),
+        (&[DriveKey::E], [0.0, -1.0]),
+        (&[DriveKey::E, DriveKey::W], [1.0, -1.0]),
+    ] {
+        let presses: Vec<_> = keys.iter().map(|&key| Press(key)).collect();
+        let mut input = after(&presses);
+        input.set_goes_sideways(true);
+        let drive = input.drive_input();
+        assert_eq!([drive.forward, drive.sideways], expected, "{keys:?}");
+    }
     let both_hands = [Press(DriveKey::W), Press(DriveKey::Up)];
     assert_eq!(drive_input(&both_hands), [1.0, 0.0]);
     assert_eq!(
@@ -218,17 +237,18 @@ fn may_move(history: &[TestEvent]) -> bool {
         .iter()
         .rposition(is_loss)
         .map_or(0, |index| index + 1);
+    const PAD: usize = DriveKey::ALL.len();
     let (mut focus, mut visible, mut typing) = (false, true, false);
-    let mut down = [false; 9];
+    let mut down = [false; PAD + 1];
     let mut all_let_go = false;
-    let mut pressed_anew = [false; 9];
+    let mut pressed_anew = [false; PAD + 1];
     for (index, test_event) in history.iter().enumerate() {
         if let TestEvent::Input(input) = test_event {
             match input {
                 Focus(is) => {
                     focus = *is;
                     if !is {
-                        down[..8].fill(false);
+                        down[..PAD].fill(false);
                     }
                 }
                 Visible(is) => visible = *is,
@@ -243,27 +263,27 @@ fn may_move(history: &[TestEvent]) -> bool {
                 StillDown(key) => down[*key as usize] = true,
                 Release(key) => down[*key as usize] = false,
                 InputEvent::Pad(reading) => {
-                    let is_new = reading.is_deadman_held && !down[8];
-                    down[8] = reading.is_deadman_held;
+                    let is_new = reading.is_deadman_held && !down[PAD];
+                    down[PAD] = reading.is_deadman_held;
                     if is_new {
-                        pressed_anew[8] = all_let_go && index >= since_loss;
+                        pressed_anew[PAD] = all_let_go && index >= since_loss;
                     }
                 }
                 InputEvent::PadGone => {
                     // Removal of a gamepad in use also locks the input; requiring it here would be stricter than the
                     // code.
-                    down[8] = false;
+                    down[PAD] = false;
                 }
                 InputEvent::EStop | InputEvent::Step(_) => {}
             }
         }
         let is_attended = focus && visible && !typing;
-        if index + 1 >= since_loss && is_attended && down == [false; 9] {
+        if index + 1 >= since_loss && is_attended && down == [false; PAD + 1] {
             all_let_go = true;
         }
     }
     let is_attended = focus && visible && !typing;
-    is_attended && (0..9).any(|key| down[key] && pressed_anew[key])
+    is_attended && (0..=PAD).any(|key| down[key] && pressed_anew[key])
 }
 
 proptest! {
@@ -274,13 +294,18 @@ proptest! {
         history in prop::collection::vec(test_event(), 0..60)
     ) {
         let mut input = TeleopInput::default();
+        input.set_goes_sideways(true);
         for (index, test_event) in history.iter().enumerate() {
             match *test_event {
                 TestEvent::Input(event) => input.apply(event),
                 TestEvent::Lock(loss) => input.lock_input(loss),
             }
-            let DriveInput { forward, left } = input.drive_input();
-            prop_assert!(forward.abs() <= 1.0 && left.abs() <= 1.0);
+            let DriveInput {
+                forward,
+                sideways,
+                left,
+            } = input.drive_input();
+            prop_assert!(forward.abs() <= 1.0 && sideways.abs() <= 1.0 && left.abs() <= 1.0);
             if !input.drive_input().is_neutral() {
                 prop_assert!(may_move(&history[..=index]), "{:?}", &history[..=index]);
             }

@@ -86,12 +86,15 @@ mod tests {
             requested: Velocity::default(),
             applied: Velocity {
                 linear_mps: 1.0,
+                lateral_mps: 0.0,
                 angular_radps: -2.0,
             },
             clamp: Some(Clamp::Ramp),
             collision_monitor: CollisionMonitorState::UnknownSpace(SpeedLimits {
                 forward_mps: 1.0,
                 reverse_mps: f32::INFINITY,
+                left_mps: 0.0,
+                right_mps: 0.0,
                 left_radps: -2.0,
                 right_radps: 0.0,
             }),
@@ -133,9 +136,9 @@ mod tests {
             &[0xAC, 2, 0, 1, 4],     // lease: epoch, holder, next
             b"anna",
             &[0, 2, 0, 1, 0xAC, 2], // waiting, arming, age_ms, peak_age_ms
-            &[ONE, ZERO, ZERO, ONE, MINUS_TWO].concat(),
+            &[ONE, ZERO, ZERO, ZERO, ONE, ZERO, MINUS_TWO].concat(),
             &[1, 1, 3], // clamp, guard
-            &[ONE, [0, 0, 0x80, 0x7F], MINUS_TWO, ZERO].concat(),
+            &[ONE, [0, 0, 0x80, 0x7F], ZERO, ZERO, MINUS_TWO, ZERO].concat(),
             &[1, 0xAC, 2, 1],       // estop
             &[0xAC, 2, 2, 1, 5, 7], // counters
             &[0x80, 2, 0, 1],       // settings
@@ -160,6 +163,7 @@ mod tests {
     fn neutral_is_next_to_nothing() {
         let drive = |linear_mps, angular_radps| Drive {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
             estop: None,
         };
@@ -176,13 +180,14 @@ mod tests {
             position_m: [1.0; 3],
             quaternion_xyzw: [0.5; 4],
             speed_mps: 1.0,
+            lateral_mps: 0.0,
             turn_rate_radps: 1.0,
             token: Some(AgeToken {
                 n: 50 * 3600 * 24,
                 nonce: u64::MAX,
             }),
         };
-        assert_eq!(BEHIND_HEADER + body(&pose).len(), 95);
+        assert_eq!(BEHIND_HEADER + body(&pose).len(), 99);
         let view = View {
             rectangle_m: [-1e6, -1e6, 1e6, 1e6],
             layers: u32::MAX,
@@ -214,8 +219,8 @@ mod tests {
             },
             ..teleop()
         };
-        assert_eq!(body(&teleop()).len(), 96);
-        assert_eq!(body(&full).len(), 573);
+        assert_eq!(body(&teleop()).len(), 112);
+        assert_eq!(body(&full).len(), 589);
     }
 
     proptest! {

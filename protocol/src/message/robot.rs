@@ -14,8 +14,8 @@ pub struct Info {
     pub source: String,
     /// Extent along x and y, metres; its middle is [`Self::footprint_offset_m`] ahead of `base_link`.
     pub footprint_m: [f32; 2],
-    /// Greatest speed, m/s, and turn rate, rad/s.
-    pub limits: [f32; 2],
+    /// Greatest speed along x and along y (0 where it cannot go sideways), m/s, and turn rate, rad/s.
+    pub limits: [f32; 3],
     /// Enabled layers.
     pub layers: Vec<LayerInfo>,
     /// Number of changes since the boot; [`Status::info_revision`] has the newest.
@@ -56,10 +56,20 @@ pub struct Pose {
     pub quaternion_xyzw: [f32; 4],
     /// Along the vehicle's x axis, m/s, positive forward.
     pub speed_mps: f32,
+    /// Along the vehicle's y axis, m/s, positive to the left; 0 for a vehicle that cannot go sideways on command.
+    pub lateral_mps: f32,
     /// About the vehicle's z axis, rad/s, positive to the left.
     pub turn_rate_radps: f32,
     /// Newest token; `None` if the robot cannot be driven.
     pub token: Option<AgeToken>,
+}
+
+impl Pose {
+    /// Speed over ground, m/s, negative backwards.
+    pub fn ground_speed_mps(&self) -> f32 {
+        let towards = if self.speed_mps < 0.0 { -1.0 } else { 1.0 };
+        self.speed_mps.hypot(self.lateral_mps) * towards
+    }
 }
 
 /// Measures the age of a command with the robot's clock only: a command carries the newest token

@@ -163,6 +163,8 @@ pub enum Arming {
 pub struct Velocity {
     /// Along x, m/s, negative backwards.
     pub linear_mps: f32,
+    /// Along y, m/s, positive to the left.
+    pub lateral_mps: f32,
     /// About z, rad/s, positive to the left.
     pub angular_radps: f32,
 }
@@ -180,6 +182,9 @@ pub enum Clamp {
     CollisionMonitor,
     /// The vehicle stops or must stay stationary.
     Stop,
+    /// Locomotion modes: the vehicle stands while its wheels are set for another motion, or it cannot do a part of what
+    /// is requested.
+    Locomotion,
 }
 
 /// State of the collision monitor. Append-only.
@@ -204,6 +209,10 @@ pub struct SpeedLimits {
     pub forward_mps: f32,
     /// m/s, backwards.
     pub reverse_mps: f32,
+    /// m/s along y; zero unless it goes or is to go sideways.
+    pub left_mps: f32,
+    /// m/s; zero as `left_mps`.
+    pub right_mps: f32,
     /// rad/s.
     pub left_radps: f32,
     /// rad/s.
@@ -280,6 +289,8 @@ pub struct Settings {
 pub struct Drive {
     /// Along x of `base_link`, m/s, negative backwards.
     pub linear_mps: f32,
+    /// Along y of `base_link`, m/s, positive to the left.
+    pub lateral_mps: f32,
     /// About z of `base_link`, rad/s, positive to the left.
     pub angular_radps: f32,
     /// Unacknowledged emergency stop, repeated here in case `estop` does not arrive.
@@ -348,7 +359,7 @@ impl Drive {
 
     /// Whether the velocity is zero. NaN is not neutral.
     pub fn is_neutral(&self) -> bool {
-        [self.linear_mps, self.angular_radps]
+        [self.linear_mps, self.lateral_mps, self.angular_radps]
             .iter()
             .all(|speed| speed.abs() < Self::NEUTRAL_BELOW)
     }

@@ -46,6 +46,7 @@ const HEADER: CommandHeader = CommandHeader {
 
 const DRIVE: Drive = Drive {
     linear_mps: 0.5,
+    lateral_mps: 0.0,
     angular_radps: -0.25,
     estop: None,
 };
@@ -74,7 +75,7 @@ fn every_kind_of_command_fits_and_survives() {
     }
     let press = u64::MAX;
     let estop = Some(EStop { press });
-    assert_eq!(check(Drive { estop, ..DRIVE }), 19);
+    assert_eq!(check(Drive { estop, ..DRIVE }), 23);
     assert_eq!(check(EStop { press }), 10);
     assert_eq!(check(Reset { estop: 1 }), 1);
     assert_eq!(check(LeaseRequest::Request), 1);
@@ -242,6 +243,7 @@ fn drives() -> impl Strategy<Value = Drive> {
     let estop = prop::option::of(any::<u64>().prop_map(|press| EStop { press }));
     (speed(), speed(), estop).prop_map(|(linear_mps, angular_radps, estop)| Drive {
         linear_mps,
+        lateral_mps: 0.0,
         angular_radps,
         estop,
     })

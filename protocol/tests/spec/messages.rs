@@ -335,7 +335,7 @@ fn signature_covers_the_specified_bytes() {
     let (robot, operator) = names(&stated);
     let topic = Drive::TOPIC;
     let key = operator_key(&robot, &operator, topic);
-    let domain = "foreshore signed message, protocol 3";
+    let domain = "foreshore signed message, protocol 4";
     let parts: [&[u8]; 9] = [
         domain.as_bytes(),
         robot.as_str().as_bytes(),

@@ -45,7 +45,8 @@ fn lag_share(lag_s: f64, duration_s: f64) -> f64 {
 /// Wheels of two sides, each with a motor and a controller of its speed: differential drives and skid drives.
 ///
 /// The controller makes up for what skidding takes, so that a skid drive differs by slower turning only. Wheels
-/// do not slip sideways. A hill does not slow it.
+/// do not slip sideways: it goes sideways only where it is commanded to, with wheels that are set for it. A hill does not
+/// slow it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WheelDrive {
     /// Of speed along the ground, metres.
@@ -79,7 +80,7 @@ impl WheelDrive {
         let (linear, angular) = (&self.linear, &self.angular);
         PlanarVelocity {
             forward_mps: linear.after(velocity.forward_mps, command.linear_mps, duration_s),
-            left_mps: 0.0,
+            left_mps: linear.after(velocity.left_mps, command.lateral_mps, duration_s),
             turn_rate_radps: angular.after(
                 velocity.turn_rate_radps,
                 command.angular_radps,

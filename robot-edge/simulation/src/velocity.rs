@@ -9,6 +9,8 @@ use crate::path::PlanarPose;
 pub struct CommandedVelocity {
     /// Along x, m/s; negative backwards.
     pub linear_mps: f64,
+    /// Along y, m/s; positive to the left.
+    pub lateral_mps: f64,
     /// About z, rad/s; positive to the left.
     pub angular_radps: f64,
 }
@@ -28,21 +30,26 @@ impl CommandedVelocity {
     /// Stop; for a boat, no thrust.
     pub const ZERO: Self = Self {
         linear_mps: 0.0,
+        lateral_mps: 0.0,
         angular_radps: 0.0,
     };
 
     pub(crate) fn is_zero(self) -> bool {
-        self.linear_mps.abs() <= 0.0 && self.angular_radps.abs() <= 0.0
+        self.parts().iter().all(|speed| speed.abs() <= 0.0)
     }
 
-    /// The same where both parts are finite; otherwise standing still, which is what a drive makes of nonsense.
+    /// The same where all parts are finite; otherwise standing still, which is what a drive makes of nonsense.
     #[must_use]
     pub(crate) fn or_zero(self) -> Self {
-        if self.linear_mps.is_finite() && self.angular_radps.is_finite() {
+        if self.parts().iter().all(|speed| speed.is_finite()) {
             self
         } else {
             Self::ZERO
         }
+    }
+
+    const fn parts(self) -> [f64; 3] {
+        [self.linear_mps, self.lateral_mps, self.angular_radps]
     }
 
     /// No faster than these, m/s and rad/s, in either direction.
@@ -50,6 +57,7 @@ impl CommandedVelocity {
     pub(crate) fn at_most(self, linear_mps: f64, angular_radps: f64) -> Self {
         Self {
             linear_mps: self.linear_mps.clamp(-linear_mps, linear_mps),
+            lateral_mps: self.lateral_mps.clamp(-linear_mps, linear_mps),
             angular_radps: self.angular_radps.clamp(-angular_radps, angular_radps),
         }
     }
@@ -135,12 +143,14 @@ mod tests {
         for linear_mps in [f64::NAN, f64::INFINITY] {
             let command = CommandedVelocity {
                 linear_mps,
+                lateral_mps: 0.0,
                 angular_radps: 1.0,
             };
             assert_eq!(command.or_zero(), CommandedVelocity::ZERO);
         }
         let back = CommandedVelocity {
             linear_mps: -2.0,
+            lateral_mps: 0.0,
             angular_radps: 0.1,
         };
         assert!(!back.is_zero() && CommandedVelocity::ZERO.is_zero());

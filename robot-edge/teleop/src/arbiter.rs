@@ -9,7 +9,8 @@ use crate::command_stream::{ArmingState, CommandStream, DriveCommand};
 use crate::config::Rules;
 use crate::interface::{Action, Actions, ArbiterEvent, ArbiterInput, CollisionMonitorOutput};
 use crate::lease::{EStop, EStopId, EStopSource, Lease, RequestId, Role};
-use crate::motion::{Caps, Motion, MotionTarget, Velocity};
+use crate::locomotion::LocomotionMode;
+use crate::motion::{Caps, Motion, MotionCaps, MotionTarget, Velocity};
 use crate::report::Counters;
 use crate::token::TokenRing;
 use measurement::time::Monotonic;
@@ -83,6 +84,10 @@ pub struct ArbiterState {
     pub(super) lease: Lease,
     pub(super) stream: CommandStream,
     pub(super) motion: Motion,
+    /// How the wheels are set; `None` before the first motion.
+    pub(super) locomotion: Option<LocomotionMode>,
+    /// Since when the output is zero; `None` while it is not.
+    pub(super) standing_since: Option<Monotonic>,
     pub(super) clamp: Option<Clamp>,
     pub(super) collision_monitor: Option<(CollisionMonitorOutput, Monotonic)>,
     pub(super) measured: Option<Velocity>,
@@ -102,6 +107,8 @@ impl ArbiterState {
             lease: Lease::default(),
             stream: CommandStream::default(),
             motion: Motion::default(),
+            locomotion: None,
+            standing_since: None,
             clamp: None,
             collision_monitor: None,
             measured: None,
@@ -119,6 +126,13 @@ impl ArbiterState {
     /// The tokens issued so far.
     pub const fn tokens(&self) -> &TokenRing {
         &self.tokens
+    }
+
+    /// What is requested, as far as the wheels are set for it: what the collision monitor is to judge.
+    pub fn possible_request(&self) -> Velocity {
+        let requested = self.stream.requested;
+        self.locomotion
+            .map_or(requested, |mode| mode.part_of(requested))
     }
 
     pub(super) fn clamp_time(&self, now: Monotonic) -> Monotonic {
@@ -260,6 +274,19 @@ impl ArbiterState {
     }
 }
 
+/// What a limit of the speed over ground leaves for each of the axes x and y, metres per second: where both are in use,
+/// they stay below it together.
+pub(crate) fn axis_cap_mps(cap_mps: f64, motion: Velocity, target: Velocity) -> f64 {
+    let is_used = |one: f64, other: f64| one.abs().max(other.abs()) > 0.0;
+    if is_used(motion.linear_mps, target.linear_mps)
+        && is_used(motion.lateral_mps, target.lateral_mps)
+    {
+        cap_mps * std::f64::consts::FRAC_1_SQRT_2
+    } else {
+        cap_mps
+    }
+}
+
 impl Step<'_> {
     pub(super) fn tick(&mut self) {
         let last_tick = self.state.last_tick.replace(self.now);
@@ -279,14 +306,16 @@ impl Step<'_> {
             }
             Mode::Driving => self.drive(dt),
             Mode::Stopping { .. } => {
-                let limits = (&self.rules.linear, &self.rules.angular);
-                self.state.motion = self.state.motion.stopping(dt, limits);
+                self.state.motion = self.state.motion.stopping(dt, &self.rules.limits);
                 self.state.clamp = None;
                 if self.state.motion.is_zero() {
                     self.enter_standstill();
                 }
             }
         }
+        let is_standing = self.state.motion.is_zero();
+        self.state.standing_since =
+            is_standing.then(|| self.state.standing_since.unwrap_or(self.now));
         self.retry_estop_store();
     }
 
@@ -318,7 +347,7 @@ impl Step<'_> {
 
     /// Moves one tick towards the requested velocity, within all limits.
     fn drive(&mut self, dt: Duration) {
-        let limits = (&self.rules.linear, &self.rules.angular);
+        let limits = &self.rules.limits;
         let output = self
             .state
             .monitor_output(self.now)
@@ -326,20 +355,26 @@ impl Step<'_> {
         let monitor_caps = output.caps();
         let age_cap = self.state.speed_allowed_mps(self.rules, self.now);
         let requested = self.state.stream.requested;
+        let possible = self.choose_mode(requested);
 
-        let (mut target, mut clamp) = (requested, None);
-        for (cause, caps) in [
-            (
-                Clamp::Speed,
-                (
-                    Caps::NONE.at_most(limits.0.speed),
-                    Caps::NONE.at_most(limits.1.speed),
-                ),
-            ),
-            (Clamp::Age, (Caps::NONE.at_most(age_cap), Caps::NONE)),
-            (Clamp::CollisionMonitor, monitor_caps),
+        let (mut target, mut clamp) = (possible, None);
+        if differ(requested, possible) {
+            clamp = Some(Clamp::Locomotion);
+        }
+        let most_radps = MotionCaps {
+            angular: Caps::NONE.at_most(limits.angular.speed),
+            ..MotionCaps::all(Caps::NONE)
+        };
+        for (cause, ground_speed_mps, caps) in [
+            (Clamp::Speed, limits.linear.speed, most_radps),
+            (Clamp::Age, age_cap, MotionCaps::all(Caps::NONE)),
+            (Clamp::CollisionMonitor, f64::INFINITY, monitor_caps),
         ] {
-            let factor = factor_within(target, caps);
+            let speed_mps = target.ground_speed_mps();
+            let mut factor = factor_within(target, caps);
+            if speed_mps > ground_speed_mps {
+                factor = factor.min(ground_speed_mps / speed_mps);
+            }
             if factor < 1.0 {
                 let slower = target.scaled(factor);
                 // Rounding on the wire can exceed a limit slightly.
@@ -350,12 +385,46 @@ impl Step<'_> {
             }
         }
 
+        let mode = self
+            .state
+            .locomotion
+            .unwrap_or(LocomotionMode::Differential);
+        let turn_rate_at = (self.rules.locomotion, mode);
+        let max_turn_rate = turn_rate_at.0.max_turn_rate_radps(mode, target.linear_mps);
+        if target.angular_radps.abs() > max_turn_rate {
+            target.angular_radps = max_turn_rate.copysign(target.angular_radps);
+            clamp = clamp.or(Some(Clamp::Locomotion));
+        }
+        let age_cap = axis_cap_mps(age_cap, self.state.motion.velocity(), possible);
         let aim = MotionTarget {
             target,
-            caps: (monitor_caps.0.at_most(age_cap), monitor_caps.1),
+            caps: MotionCaps {
+                linear: monitor_caps.linear.at_most(age_cap),
+                lateral: monitor_caps.lateral.at_most(age_cap),
+                angular: monitor_caps.angular,
+            },
+            turn_rate_at,
         };
         self.state.motion = self.state.motion.towards(&aim, dt, limits);
         self.state.clamp = active_clamp(clamp, target, self.state.motion.velocity());
+    }
+
+    /// The part of the request that is possible now. For another mode the vehicle stands first, and a while longer.
+    fn choose_mode(&mut self, requested: Velocity) -> Velocity {
+        let locomotion = self.rules.locomotion;
+        let present = self.state.locomotion;
+        let Some(mode) = locomotion.mode_for(requested, present) else {
+            return Velocity::ZERO;
+        };
+        let has_stood = self
+            .state
+            .standing_since
+            .is_some_and(|since| self.now.since(since) >= locomotion.change);
+        if present != Some(mode) && !(present.is_none() || has_stood) {
+            return Velocity::ZERO;
+        }
+        self.state.locomotion = Some(mode);
+        mode.part_of(requested)
     }
 
     /// The output has become zero: the next holder gets the lease, or the present holder may press again.
@@ -381,7 +450,9 @@ impl Step<'_> {
 
 fn differ(one: Velocity, other: Velocity) -> bool {
     let differ = |one: f64, other: f64| (one - other).abs() > SPEED_TOLERANCE;
-    differ(one.linear_mps, other.linear_mps) || differ(one.angular_radps, other.angular_radps)
+    differ(one.linear_mps, other.linear_mps)
+        || differ(one.lateral_mps, other.lateral_mps)
+        || differ(one.angular_radps, other.angular_radps)
 }
 
 /// Why the output differs from the request in this tick. `limit` is the reason for `target`: it applies once the output
@@ -391,6 +462,7 @@ fn active_clamp(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Op
     let missing = |target: f64, applied: f64| target.abs() - applied * 1.0_f64.copysign(target);
     let missing = [
         missing(target.linear_mps, applied.linear_mps),
+        missing(target.lateral_mps, applied.lateral_mps),
         missing(target.angular_radps, applied.angular_radps),
     ];
     let is_braking = missing.iter().any(|missing| *missing < -SPEED_TOLERANCE);
@@ -402,9 +474,8 @@ fn active_clamp(limit: Option<Clamp>, target: Velocity, applied: Velocity) -> Op
     }
 }
 
-/// The factor that brings `velocity` within `caps`, linear and angular. Both parts get the same factor, so that the arc
-/// keeps the shape that the collision monitor checked.
-pub(crate) fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
+/// The factor that brings `velocity` within `caps`. All parts get the same factor, so that the path keeps the shape that the collision monitor checked.
+pub(crate) fn factor_within(velocity: Velocity, caps: MotionCaps) -> f64 {
     let within = |speed: f64, caps: Caps| {
         let cap = caps.towards(speed);
         if speed.abs() > cap {
@@ -413,7 +484,9 @@ pub(crate) fn factor_within(velocity: Velocity, caps: (Caps, Caps)) -> f64 {
             1.0
         }
     };
-    within(velocity.linear_mps, caps.0).min(within(velocity.angular_radps, caps.1))
+    within(velocity.linear_mps, caps.linear)
+        .min(within(velocity.lateral_mps, caps.lateral))
+        .min(within(velocity.angular_radps, caps.angular))
 }
 
 impl ArbiterState {

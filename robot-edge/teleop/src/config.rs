@@ -6,7 +6,8 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::collision_monitor::CollisionMonitorConfig;
-use super::motion::AxisLimits;
+use super::locomotion::{Locomotion, LocomotionConfig};
+use super::motion::{AxisLimits, MotionLimits};
 use mapping::vehicle::VehicleConfig;
 
 /// How long a request for the lease waits for the holder's consent: a person reads it and decides.
@@ -155,8 +156,8 @@ pub struct Rules {
     pub(super) lease: Duration,
     pub(super) neutral: Duration,
     pub(super) max_latency_travel_m: f64,
-    pub(super) linear: AxisLimits,
-    pub(super) angular: AxisLimits,
+    pub(super) limits: MotionLimits,
+    pub(super) locomotion: Locomotion,
     pub(super) is_boat: bool,
     pub(super) request_timeout: Duration,
 }
@@ -168,8 +169,13 @@ impl Rules {
     }
 
     /// The rules of a vehicle, or what is wrong with its settings.
-    pub fn new(teleop: &TeleopConfig, vehicle: &VehicleConfig) -> Result<Self, Vec<SettingError>> {
+    pub fn new(
+        teleop: &TeleopConfig,
+        vehicle: &VehicleConfig,
+        locomotion: &LocomotionConfig,
+    ) -> Result<Self, Vec<SettingError>> {
         let mut faults = teleop.check();
+        faults.extend(locomotion.check(teleop));
         for (name, value) in [
             ("max_speed_mps", vehicle.max_speed_mps),
             ("max_turn_rate_radps", vehicle.max_turn_rate_radps),
@@ -191,18 +197,21 @@ impl Rules {
             lease: Duration::from_secs_f64(teleop.lease_s),
             neutral: Duration::from_millis(teleop.neutral_ms.into()),
             max_latency_travel_m: teleop.max_latency_travel_m,
-            linear: AxisLimits {
-                speed: vehicle.max_speed_mps,
-                accel: teleop.accel_mps2,
-                jerk: teleop.jerk_mps3,
-                stop_decel: teleop.stop_decel_mps2,
+            limits: MotionLimits {
+                linear: AxisLimits {
+                    speed: vehicle.max_speed_mps,
+                    accel: teleop.accel_mps2,
+                    jerk: teleop.jerk_mps3,
+                    stop_decel: teleop.stop_decel_mps2,
+                },
+                angular: AxisLimits {
+                    speed: vehicle.max_turn_rate_radps,
+                    accel: teleop.accel_radps2,
+                    jerk: teleop.jerk_radps3,
+                    stop_decel: teleop.stop_decel_radps2,
+                },
             },
-            angular: AxisLimits {
-                speed: vehicle.max_turn_rate_radps,
-                accel: teleop.accel_radps2,
-                jerk: teleop.jerk_radps3,
-                stop_decel: teleop.stop_decel_radps2,
-            },
+            locomotion: Locomotion::new(locomotion),
             is_boat: teleop.is_boat,
             request_timeout: REQUEST_TIMEOUT,
         })
@@ -215,7 +224,12 @@ mod tests {
 
     #[test]
     fn the_defaults_are_those_of_the_design() {
-        let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap();
+        let rules = Rules::new(
+            &TeleopConfig::default(),
+            &VehicleConfig::default(),
+            &LocomotionConfig::default(),
+        )
+        .unwrap();
         assert_eq!(rules.max_age, Duration::from_millis(400));
         assert_eq!(rules.lease, Duration::from_secs(2));
         assert_eq!(rules.neutral, Duration::from_millis(200));
@@ -246,7 +260,7 @@ mod tests {
             max_turn_rate_radps: f64::NAN,
             ..VehicleConfig::default()
         };
-        let faults = Rules::new(&teleop, &vehicle).unwrap_err();
+        let faults = Rules::new(&teleop, &vehicle, &LocomotionConfig::default()).unwrap_err();
         let keys: Vec<_> = faults.iter().map(|fault| fault.key.as_str()).collect();
         assert_eq!(
             keys,

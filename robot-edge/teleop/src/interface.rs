@@ -5,7 +5,7 @@ use crate::command_stream::DriveCommand;
 use crate::lease::{
     Caller, EStopId, EStopSource, GrantReason, OperatorId, RequestId, Role, StoredEStop,
 };
-use crate::motion::{Caps, Velocity};
+use crate::motion::{Caps, MotionCaps, Velocity};
 use crate::token::AgeToken;
 use protocol::keys::OperatorTopic;
 use protocol::message::{Answer, LeaseEnd, Refusal};
@@ -111,6 +111,10 @@ pub struct SpeedLimits {
     pub forward_mps: f64,
     /// Metres per second, positive.
     pub reverse_mps: f64,
+    /// Metres per second to the left, along y; zero unless the vehicle goes or is to go sideways.
+    pub left_mps: f64,
+    /// Metres per second to the right, positive; zero as `left_mps`.
+    pub right_mps: f64,
     /// Radians per second.
     pub left_radps: f64,
     /// Radians per second, positive.
@@ -123,20 +127,18 @@ pub struct SpeedLimits {
 }
 
 impl CollisionMonitorOutput {
-    /// The greatest linear and angular speeds allowed, metres and radians per second; infinite if the monitor is off.
-    pub const fn caps(self) -> (Caps, Caps) {
+    /// The greatest speeds allowed, metres and radians per second; infinite if the monitor is off.
+    pub const fn caps(self) -> MotionCaps {
         match self {
-            Self::Off => (Caps::NONE, Caps::NONE),
-            Self::Stale => (Caps::STOP, Caps::STOP),
+            Self::Off => MotionCaps::all(Caps::NONE),
+            Self::Stale => MotionCaps::all(Caps::STOP),
             Self::Limits(limits) => {
-                let Velocity {
-                    linear_mps,
-                    angular_radps,
-                } = limits.overspeed;
-                (
-                    thrust(limits.forward_mps, limits.reverse_mps, linear_mps),
-                    thrust(limits.left_radps, limits.right_radps, angular_radps),
-                )
+                let over = limits.overspeed;
+                MotionCaps {
+                    linear: thrust(limits.forward_mps, limits.reverse_mps, over.linear_mps),
+                    lateral: thrust(limits.left_mps, limits.right_mps, over.lateral_mps),
+                    angular: thrust(limits.left_radps, limits.right_radps, over.angular_radps),
+                }
             }
         }
     }

@@ -22,6 +22,7 @@ mod command_stream;
 mod config;
 mod interface;
 mod lease;
+mod locomotion;
 mod motion;
 mod report;
 mod token;
@@ -39,6 +40,7 @@ pub use lease::{
     Caller, EStop, EStopId, EStopSource, GrantReason, Lease, LeaseHolder, OperatorId, RequestId,
     Role, StoredEStop, Waiting,
 };
+pub use locomotion::{LocomotionConfig, LocomotionMode, LocomotionModes};
 pub use motion::Velocity;
 pub use report::{Counters, TeleopReport};
 pub use token::{AgeToken, TokenRing};

@@ -5,6 +5,8 @@
 
 use std::time::Duration;
 
+use crate::locomotion::{Locomotion, LocomotionMode};
+
 /// Speed and acceleration closer to what is asked than this are that, metres or radians per second.
 const CONVERGED: f64 = 1e-9;
 
@@ -36,6 +38,8 @@ pub(crate) struct Axis {
 pub(crate) struct Motion {
     /// Along x, metres.
     pub(crate) linear: Axis,
+    /// Along y, metres.
+    pub(crate) lateral: Axis,
     /// About z, radians.
     pub(crate) angular: Axis,
 }
@@ -47,14 +51,34 @@ pub struct Caps {
     negative: f64,
 }
 
+/// The greatest speeds of all axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionCaps {
+    /// Along x.
+    pub linear: Caps,
+    /// Along y.
+    pub lateral: Caps,
+    /// About z.
+    pub angular: Caps,
+}
+
+/// Limits of the axes of a vehicle; lateral motion has those of linear motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MotionLimits {
+    pub(crate) linear: AxisLimits,
+    pub(crate) angular: AxisLimits,
+}
+
 /// What the next tick of [`Motion`] is to come nearer to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MotionTarget {
     /// What is asked, within every limit.
     pub(crate) target: Velocity,
-    /// Greatest linear and angular speeds, which the jerk limit does not stretch. Where it is faster, it brakes as in a
-    /// stop: that is what these limits were computed with.
-    pub(crate) caps: (Caps, Caps),
+    /// Greatest speeds, which the jerk limit does not stretch. Where it is faster, it brakes as in a stop: that is what
+    /// these limits were computed with.
+    pub(crate) caps: MotionCaps,
+    /// Greatest turn rate at a linear speed.
+    pub(crate) turn_rate_at: (Locomotion, LocomotionMode),
 }
 
 impl Caps {
@@ -155,38 +179,61 @@ impl Axis {
     }
 }
 
+impl MotionCaps {
+    /// The same for every axis.
+    pub const fn all(caps: Caps) -> Self {
+        Self {
+            linear: caps,
+            lateral: caps,
+            angular: caps,
+        }
+    }
+}
+
 impl Motion {
     pub(crate) const fn velocity(self) -> Velocity {
-        Velocity::new(self.linear.speed, self.angular.speed)
+        Velocity {
+            linear_mps: self.linear.speed,
+            lateral_mps: self.lateral.speed,
+            angular_radps: self.angular.speed,
+        }
     }
 
     pub(crate) fn is_zero(self) -> bool {
-        self.linear.speed.abs() <= 0.0 && self.angular.speed.abs() <= 0.0
+        let axes = [self.linear, self.lateral, self.angular];
+        axes.iter().all(|axis| axis.speed.abs() <= 0.0)
     }
 
     /// The motion `dt` later, nearer to `aim`.
     #[must_use]
-    pub(crate) fn towards(
-        self,
-        aim: &MotionTarget,
-        dt: Duration,
-        limits: (&AxisLimits, &AxisLimits),
-    ) -> Self {
-        let MotionTarget { target, caps } = aim;
+    pub(crate) fn towards(self, aim: &MotionTarget, dt: Duration, limits: &MotionLimits) -> Self {
+        let MotionTarget { target, caps, .. } = aim;
+        let [linear, lateral] = [
+            (self.linear, target.linear_mps, caps.linear),
+            (self.lateral, target.lateral_mps, caps.lateral),
+        ]
+        .map(|(axis, target, caps)| axis.towards(target, caps, dt, &limits.linear));
+        let (locomotion, mode) = aim.turn_rate_at;
+        let turn_rate = locomotion.max_turn_rate_radps(mode, linear.speed);
+        let caps = caps.angular.at_most(turn_rate);
+        let angular = self
+            .angular
+            .towards(target.angular_radps, caps, dt, &limits.angular);
         Self {
-            linear: self.linear.towards(target.linear_mps, caps.0, dt, limits.0),
-            angular: self
-                .angular
-                .towards(target.angular_radps, caps.1, dt, limits.1),
+            linear,
+            lateral,
+            angular,
         }
     }
 
     /// The motion `dt` later on the stopping ramp: zero after `speed / stop_decel`.
     #[must_use]
-    pub(crate) fn stopping(self, dt: Duration, limits: (&AxisLimits, &AxisLimits)) -> Self {
+    pub(crate) fn stopping(self, dt: Duration, limits: &MotionLimits) -> Self {
+        let dt_s = dt.as_secs_f64();
         Self {
-            linear: self.linear.brake(0.0, dt.as_secs_f64(), limits.0),
-            angular: self.angular.brake(0.0, dt.as_secs_f64(), limits.1),
+            linear: self.linear.brake(0.0, dt_s, &limits.linear),
+            lateral: self.lateral.brake(0.0, dt_s, &limits.linear),
+            angular: self.angular.brake(0.0, dt_s, &limits.angular),
         }
     }
 }
@@ -201,45 +248,59 @@ const STANDING: f64 = 1e-6;
 pub struct Velocity {
     /// Along x, metres per second; negative backwards.
     pub linear_mps: f64,
+    /// Along y, metres per second; positive to the left.
+    pub lateral_mps: f64,
     /// About z, radians per second; positive to the left.
     pub angular_radps: f64,
 }
 
 impl Velocity {
     /// Standing still, as far as that can be asked for.
-    pub const ZERO: Self = Self {
-        linear_mps: 0.0,
-        angular_radps: 0.0,
-    };
+    pub const ZERO: Self = Self::new(0.0, 0.0);
 
-    /// Metres per second along x, radians per second about z.
+    /// Metres per second along x, radians per second about z; nothing along y.
     pub const fn new(linear_mps: f64, angular_radps: f64) -> Self {
         Self {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
         }
     }
 
+    /// The speed over ground, metres per second.
+    pub fn ground_speed_mps(self) -> f64 {
+        libm::hypot(self.linear_mps, self.lateral_mps)
+    }
+
     /// Neither infinite nor not-a-number.
     pub const fn is_finite(self) -> bool {
-        self.linear_mps.is_finite() && self.angular_radps.is_finite()
+        self.linear_mps.is_finite()
+            && self.lateral_mps.is_finite()
+            && self.angular_radps.is_finite()
     }
 
     /// Nothing is pressed.
     pub const fn is_neutral(self) -> bool {
-        self.linear_mps.abs() < NEUTRAL && self.angular_radps.abs() < NEUTRAL
+        self.is_below(NEUTRAL)
     }
 
     /// Nothing is asked of motors; never true of what is not a number.
     pub const fn is_zero(self) -> bool {
-        self.linear_mps.abs() < STANDING && self.angular_radps.abs() < STANDING
+        self.is_below(STANDING)
     }
 
-    /// Both parts times `factor`, so that the arc keeps its shape.
+    const fn is_below(self, speed: f64) -> bool {
+        self.linear_mps.abs() < speed
+            && self.lateral_mps.abs() < speed
+            && self.angular_radps.abs() < speed
+    }
+
+    /// All parts times `factor`, so that the path keeps its shape.
     #[must_use]
     pub const fn scaled(self, factor: f64) -> Self {
         Self {
             linear_mps: self.linear_mps * factor,
+            lateral_mps: self.lateral_mps * factor,
             angular_radps: self.angular_radps * factor,
         }
     }

@@ -69,7 +69,9 @@ impl ArbiterState {
             last_seq: self.stream.last_seq,
             age: self.stream.age(now),
             peak_age: self.stream.ages.peak(now),
-            speed_allowed_mps: self.speed_allowed_mps(rules, now).min(rules.linear.speed),
+            speed_allowed_mps: self
+                .speed_allowed_mps(rules, now)
+                .min(rules.limits.linear.speed),
             requested: self.stream.requested,
             applied: self.motion.velocity(),
             clamp: self.clamp,

@@ -98,7 +98,7 @@ impl Rig {
             vehicle: "rover".to_owned(),
             source: "world rooms".to_owned(),
             footprint_m: [0.6, 0.4],
-            limits: [1.0, 1.0],
+            limits: [1.0, 0.0, 1.0],
             layers: vec![layer(LAYER), layer(LayerId::Elevation)],
             ..Info::default()
         };
@@ -124,7 +124,7 @@ impl Rig {
             vehicle: "boat".to_owned(),
             source: String::new(),
             footprint_m: [3.0, 1.6],
-            limits: [1.0, 1.0],
+            limits: [1.0, 0.0, 1.0],
             layers: vec![LayerInfo {
                 layer: LayerId::Shore,
                 cell_m: 0.3,
@@ -151,6 +151,7 @@ impl Rig {
                 position_m: [1.0, -2.5, 0.0],
                 quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
                 speed_mps: 0.55,
+                lateral_mps: 0.0,
                 turn_rate_radps: 0.0,
                 token: None,
             },

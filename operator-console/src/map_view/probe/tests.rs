@@ -22,7 +22,7 @@ pub(in crate::map_view) fn model_of(store: &TileStore) -> ConsoleModel {
         vehicle: String::new(),
         source: String::new(),
         footprint_m: [1.0, 1.0],
-        limits: [1.0, 1.0],
+        limits: [1.0, 0.0, 1.0],
         layers: grids
             .iter()
             .map(|grid| LayerInfo {

@@ -48,7 +48,7 @@ pub struct DrivingData {
     pub step: SpeedStep,
     /// m/s; 0 if unknown.
     pub top_speed_mps: f32,
-    pub gauges: Option<[Gauge; 2]>,
+    pub gauges: Option<Vec<Gauge>>,
     pub clamp: Option<String>,
     pub rows: Vec<(Tone, Row)>,
     pub link: Vec<Row>,

@@ -10,7 +10,7 @@ use protocol::message::{
 
 use super::limits::is_stopped_by_monitor;
 use crate::identity::OBSERVER_HINT;
-use crate::model::{ConsoleModel, DRIFTING_MPS, LinkState, MIN_SHOWN_MPS, MIN_SHOWN_RADPS};
+use crate::model::{ConsoleModel, DRIFTING_MPS, LinkState, direction_signs};
 use crate::panels::formatting::{age, capitalised, signed};
 use crate::teleop_client::{NotSentReason, RequestKind, TeleopClientState, TeleopNotification};
 use crate::teleop_input::{DriveKey, InputLockReason};
@@ -87,6 +87,7 @@ pub(crate) const fn clamp(clamp: Clamp) -> &'static str {
         Clamp::Age => "the age of commands",
         Clamp::CollisionMonitor => "the collision monitor",
         Clamp::Stop => "its state",
+        Clamp::Locomotion => "its wheels, which must stand to be set for it",
     }
 }
 
@@ -378,10 +379,10 @@ fn advice(
         }
         (TeleopState::Driving, _) if is_stopped_by_monitor(teleop) => {
             // The monitor scales both alike: one of them alone may be free.
-            let requests_both = teleop.requested.linear_mps.abs() >= MIN_SHOWN_MPS
-                && teleop.requested.angular_radps.abs() >= MIN_SHOWN_RADPS;
+            let axes = direction_signs(teleop.requested);
+            let requests_both = axes.iter().filter(|sign| **sign != 0).count() > 1;
             match (is_mine && requests_both, is_boat) {
-                (true, _) => "Stopped by the collision monitor: try driving or turning alone",
+                (true, _) => "Stopped by the collision monitor: try one direction alone",
                 (false, true) => "No thrust: stopped by the collision monitor",
                 (false, false) => "Stopped by the collision monitor",
             }
@@ -393,7 +394,11 @@ fn advice(
             "No thrust: it coasts, and wind and current move it"
         }
         (TeleopState::Held | TeleopState::Driving, _) if is_mine => {
-            "W A S D or arrows drive while held"
+            if teleop_client.limits[1] > 0.0 {
+                "W A S D or arrows drive while held, Q and E go sideways"
+            } else {
+                "W A S D or arrows drive while held"
+            }
         }
         _ => return None,
     };
@@ -417,12 +422,16 @@ const fn follows_keys(teleop: &TeleopStatus) -> bool {
 
 /// Whether the held keys cancel each other out: the command is neutral although keys are held in opposite directions.
 pub(super) fn opposing_keys(teleop_client: &TeleopClientState) -> bool {
-    use DriveKey::{A, D, Down, Left, Right, S, Up, W};
+    use DriveKey::{A, D, Down, E, Left, Q, Right, S, Up, W};
     let is_held = |keys: [DriveKey; 2]| keys.iter().any(|key| teleop_client.keys.contains(key));
     teleop_client.drive_input.is_neutral()
-        && [[[W, Up], [S, Down]], [[A, Left], [D, Right]]]
-            .into_iter()
-            .any(|[one, other]| is_held(one) && is_held(other))
+        && [
+            [[W, Up], [S, Down]],
+            [[A, Left], [D, Right]],
+            [[Q; 2], [E; 2]],
+        ]
+        .into_iter()
+        .any(|[one, other]| is_held(one) && is_held(other))
 }
 
 /// Text for motion without an operator command: what moves the vehicle, as far as it is known. A boat without thrust

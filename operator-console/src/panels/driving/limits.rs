@@ -41,14 +41,14 @@ impl Gauge {
     }
 }
 
-/// Gauges of linear and angular speed; `limits` are m/s and rad/s.
-pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -> [Gauge; 2] {
+/// Gauges of linear and angular speed, and of lateral speed where it can go sideways; `limits` are m/s, m/s and rad/s.
+pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 3], is_driven: bool) -> Vec<Gauge> {
     let [requested, applied] = [teleop.requested, teleop.applied];
-    let [speed_mps, turn_rate_radps] = limits;
+    let [speed_mps, lateral_mps, turn_rate_radps] = limits;
     let figures = |words: String| if is_driven { words } else { "–".to_owned() };
     // Left turns are on the left side of the gauge.
     let to_the_right = |velocity: Velocity| -velocity.angular_radps.to_degrees();
-    [
+    let mut gauges = vec![
         Gauge {
             name: "Linear speed",
             figures: figures(format!(
@@ -71,7 +71,23 @@ pub(super) fn gauges(teleop: &TeleopStatus, limits: [f32; 2], is_driven: bool) -
             decimals: 0,
             ends: ["left", "right"],
         },
-    ]
+    ];
+    if lateral_mps > 0.0 {
+        gauges.push(Gauge {
+            name: "Lateral speed",
+            figures: figures(format!(
+                "{} of {} m/s to the left",
+                signed(f64::from(applied.lateral_mps), 2),
+                signed(f64::from(requested.lateral_mps), 2)
+            )),
+            requested: -requested.lateral_mps,
+            applied: -applied.lateral_mps,
+            limit: lateral_mps,
+            decimals: 2,
+            ends: ["left", "right"],
+        });
+    }
+    gauges
 }
 
 /// "Applied of requested" in °/s. The direction is written once if both are the same.
@@ -86,14 +102,21 @@ fn turn_of(applied_radps: f32, requested_radps: f32) -> String {
     }
 }
 
-/// Limits in the directions of `velocity`, m/s and rad/s; infinite if there is no limit.
-const fn allowed(monitor: CollisionMonitorState, velocity: Velocity) -> [f32; 2] {
+/// Limits in the directions of `velocity`: linear, lateral, angular; infinite if there is no limit.
+const fn allowed(monitor: CollisionMonitorState, velocity: Velocity) -> [f32; 3] {
     match monitor {
         CollisionMonitorState::On(limits) | CollisionMonitorState::UnknownSpace(limits) => [
             if velocity.linear_mps <= -MIN_SHOWN_MPS {
                 limits.reverse_mps
             } else {
                 limits.forward_mps
+            },
+            if velocity.lateral_mps.abs() < MIN_SHOWN_MPS {
+                f32::INFINITY
+            } else if velocity.lateral_mps > 0.0 {
+                limits.left_mps
+            } else {
+                limits.right_mps
             },
             if velocity.angular_radps > 0.0 {
                 limits.left_radps
@@ -103,23 +126,18 @@ const fn allowed(monitor: CollisionMonitorState, velocity: Velocity) -> [f32; 2]
         ],
         CollisionMonitorState::Silent
         | CollisionMonitorState::Off
-        | CollisionMonitorState::Stale => [f32::INFINITY; 2],
+        | CollisionMonitorState::Stale => [f32::INFINITY; 3],
     }
 }
 
 /// Whether the collision monitor stops a driven vehicle completely.
 pub(crate) fn is_stopped_by_monitor(teleop: &TeleopStatus) -> bool {
-    let Velocity {
-        linear_mps,
-        angular_radps,
-    } = teleop.applied;
     teleop.state == TeleopState::Driving
         && teleop.clamp == Some(Clamp::CollisionMonitor)
-        && linear_mps.abs() < MIN_SHOWN_MPS
-        && angular_radps.abs() < MIN_SHOWN_RADPS
+        && direction_signs(teleop.applied) == [0; 3]
 }
 
-/// Text of the collision monitor's row. `greatest` are the vehicle's speed limits, m/s and rad/s. It names the
+/// Text of the collision monitor's row. `greatest` are the vehicle's speed limits: linear, lateral, angular. It names the
 /// requested direction, or ahead if there is no request. In states that stop the motors it names no direction. Nothing
 /// limits a vehicle that moves by its own program, so without a driver the limit is that of operators.
 pub(super) fn monitor_text(
@@ -128,7 +146,7 @@ pub(super) fn monitor_text(
         monitor,
         is_intermittent,
     }: StrictestLimit,
-    greatest: [f32; 2],
+    greatest: [f32; 3],
 ) -> (Tone, String) {
     let limits = match teleop.state {
         TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => String::new(),
@@ -153,24 +171,28 @@ pub(super) fn monitor_text(
 fn limits_text(
     teleop: &TeleopStatus,
     monitor: CollisionMonitorState,
-    is_intermittent: [bool; 2],
-    [speed_mps, turn_radps]: [f32; 2],
+    is_intermittent: [bool; 3],
+    greatest: [f32; 3],
 ) -> String {
-    let Velocity {
-        linear_mps,
-        angular_radps,
-    } = teleop.requested;
-    let [going, turning] = allowed(monitor, teleop.requested);
-    let goes = linear_mps.abs() >= MIN_SHOWN_MPS;
-    let turns = angular_radps.abs() >= MIN_SHOWN_RADPS;
-    let is_turn_bound = going >= FREE * linear_mps.abs() && turning < FREE * angular_radps.abs();
-    let of_turn = turns && (!goes || is_turn_bound);
-    let (way, allowed, greatest) = match (of_turn, linear_mps <= -MIN_SHOWN_MPS) {
-        (true, _) if angular_radps > 0.0 => ("turning left", turning, turn_radps),
-        (true, _) => ("turning right", turning, turn_radps),
-        (false, true) => ("behind", going, speed_mps),
-        (false, false) => ("ahead", going, speed_mps),
+    let (allowed, speeds) = (allowed(monitor, teleop.requested), parts(teleop.requested));
+    let signs = direction_signs(teleop.requested);
+    // The axis that binds most, else the first one in use.
+    let is_bound = |axis: usize| allowed[axis] < FREE * speeds[axis];
+    let in_use = || (0..3).filter(|axis| signs[*axis] != 0);
+    let axis = in_use()
+        .find(|&axis| is_bound(axis))
+        .or_else(|| in_use().next())
+        .unwrap_or(0);
+    let way = match (axis, signs[axis] < 0) {
+        (0, false) => "ahead",
+        (0, true) => "behind",
+        (1, false) => "to the left",
+        (1, true) => "to the right",
+        (_, false) => "turning left",
+        (_, true) => "turning right",
     };
+    let of_turn = axis == 2;
+    let (allowed, greatest) = (allowed[axis], greatest[axis]);
     let least = if of_turn {
         MIN_SHOWN_RADPS
     } else {
@@ -187,7 +209,7 @@ fn limits_text(
             String::new()
         };
     }
-    let at_times = if is_intermittent[usize::from(of_turn)] {
+    let at_times = if is_intermittent[axis] {
         " at times"
     } else {
         ""
@@ -211,7 +233,7 @@ fn limits_text(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StrictestLimit {
     pub(super) monitor: CollisionMonitorState,
-    pub(super) is_intermittent: [bool; 2],
+    pub(super) is_intermittent: [bool; 3],
 }
 
 /// Of the `recent` reports (oldest first), those with the same requested direction count.
@@ -222,7 +244,7 @@ pub(super) fn strictest_limit<'a>(
     let Some((is_blind, now)) = limits(teleop.collision_monitor) else {
         return StrictestLimit {
             monitor: teleop.collision_monitor,
-            is_intermittent: [false; 2],
+            is_intermittent: [false; 3],
         };
     };
     let asked = direction_signs(teleop.requested);
@@ -233,15 +255,18 @@ pub(super) fn strictest_limit<'a>(
         least(strictest_limit, recent)
     });
     let of = |limits: SpeedLimits| allowed(CollisionMonitorState::On(limits), teleop.requested);
-    let is_intermittent =
-        [(0, MIN_SHOWN_MPS), (1, MIN_SHOWN_RADPS)].map(|(axis, nothing): (usize, f32)| {
+    let is_intermittent = [(0, MIN_SHOWN_MPS), (1, MIN_SHOWN_MPS), (2, MIN_SHOWN_RADPS)].map(
+        |(axis, nothing): (usize, f32)| {
             let bound = LOOSER_FACTOR * of(tight)[axis].max(nothing);
             alternates(recent.clone().map(|(_, recent)| of(recent)[axis] <= bound))
-        });
-    let [going, turning] = is_intermittent.map(|is_so| if is_so { tight } else { now });
+        },
+    );
+    let [going, sideways, turning] = is_intermittent.map(|is_so| if is_so { tight } else { now });
     let limits = SpeedLimits {
         forward_mps: going.forward_mps,
         reverse_mps: going.reverse_mps,
+        left_mps: sideways.left_mps,
+        right_mps: sideways.right_mps,
         left_radps: turning.left_radps,
         right_radps: turning.right_radps,
     };
@@ -273,6 +298,8 @@ const fn least(one: SpeedLimits, other: SpeedLimits) -> SpeedLimits {
     SpeedLimits {
         forward_mps: one.forward_mps.min(other.forward_mps),
         reverse_mps: one.reverse_mps.min(other.reverse_mps),
+        left_mps: one.left_mps.min(other.left_mps),
+        right_mps: one.right_mps.min(other.right_mps),
         left_radps: one.left_radps.min(other.left_radps),
         right_radps: one.right_radps.min(other.right_radps),
     }
@@ -287,7 +314,7 @@ pub(super) fn is_transient(words: &str) -> bool {
 pub(super) fn limit_reason(
     teleop: &TeleopStatus,
     strictest_limit: StrictestLimit,
-    gauges: &[Gauge; 2],
+    gauges: &[Gauge],
     is_stuck: bool,
 ) -> Option<String> {
     let is_held_back = gauges.iter().any(Gauge::is_held_back);
@@ -299,13 +326,17 @@ pub(super) fn limit_reason(
     }
     // The monitor brakes no harder than a stop does: meanwhile the applied speed is above its limit.
     if teleop.state == TeleopState::Driving && exceeds_limit(teleop) {
-        let asked = parts(teleop.requested).map(|speed| speed > 0.0);
-        let [going, turning] = strictest_limit.is_intermittent;
-        return Some(if going && asked[0] || turning && asked[1] {
-            limited_by(Clamp::CollisionMonitor)
-        } else {
-            approaching_limit(SLOWING_DOWN, Clamp::CollisionMonitor)
-        });
+        let mut asked = strictest_limit
+            .is_intermittent
+            .iter()
+            .zip(parts(teleop.requested));
+        return Some(
+            if asked.any(|(is_intermittent, speed)| *is_intermittent && speed > 0.0) {
+                limited_by(Clamp::CollisionMonitor)
+            } else {
+                approaching_limit(SLOWING_DOWN, Clamp::CollisionMonitor)
+            },
+        );
     }
     match clamp? {
         Clamp::Stop => None,
@@ -326,6 +357,7 @@ fn approaching_limit(how: &str, to: Clamp) -> String {
 fn acceleration_reason(teleop: &TeleopStatus, monitor: CollisionMonitorState) -> String {
     let (asked, applied) = (teleop.requested, teleop.applied);
     let turns_round = asked.linear_mps * applied.linear_mps < 0.0
+        || asked.lateral_mps * applied.lateral_mps < 0.0
         || asked.angular_radps * applied.angular_radps < 0.0;
     if turns_round {
         return CHANGING_DIRECTION.to_owned();
@@ -351,10 +383,11 @@ fn strictest_share(teleop: &TeleopStatus, monitor: CollisionMonitorState) -> Opt
             1.0
         }
     };
-    let [goes, turns] = parts(teleop.requested);
-    let [going, turning] = allowed(monitor, teleop.requested);
-    let by_monitor = share(goes, going).min(share(turns, turning));
-    let by_age = share(goes, teleop.speed_allowed_mps);
+    let asked = parts(teleop.requested);
+    let allowed = allowed(monitor, teleop.requested);
+    let by_monitor = (0..3).map(|axis| share(asked[axis], allowed[axis]));
+    let by_monitor = by_monitor.fold(1.0, f32::min);
+    let by_age = share(asked[0].hypot(asked[1]), teleop.speed_allowed_mps);
     let strictest_share = if by_monitor < by_age {
         (Clamp::CollisionMonitor, by_monitor)
     } else {
@@ -370,18 +403,24 @@ fn exceeds_limit(teleop: &TeleopStatus) -> bool {
     )
 }
 
-/// Absolute linear and angular speed, m/s and rad/s.
-const fn parts(velocity: Velocity) -> [f32; 2] {
-    [velocity.linear_mps.abs(), velocity.angular_radps.abs()]
+/// Absolute linear, lateral and angular speed.
+const fn parts(velocity: Velocity) -> [f32; 3] {
+    [
+        velocity.linear_mps.abs(),
+        velocity.lateral_mps.abs(),
+        velocity.angular_radps.abs(),
+    ]
 }
 
-/// Whether one is faster than the other on an axis after rounding for display, m/s and rad/s.
-fn exceeds(one: [f32; 2], other: [f32; 2]) -> bool {
+/// Whether one is faster than the other on an axis after rounding for display: linear, lateral, angular.
+fn exceeds(one: [f32; 3], other: [f32; 3]) -> bool {
     let is_more = |one: f32, other: f32, decimals| {
         let figure = |speed: f32| signed(f64::from(speed), decimals);
         one > other && figure(one) != figure(other)
     };
-    is_more(one[0], other[0], 2) || is_more(one[1].to_degrees(), other[1].to_degrees(), 0)
+    is_more(one[0], other[0], 2)
+        || is_more(one[1], other[1], 2)
+        || is_more(one[2].to_degrees(), other[2].to_degrees(), 0)
 }
 
 #[cfg(test)]
@@ -399,7 +438,9 @@ mod tests {
             let mut teleop = idle_teleop_status();
             teleop.applied.angular_radps = applied;
             teleop.requested.angular_radps = requested;
-            let [_, turning] = gauges(&teleop, [1.0, 0.5], true);
+            let [_, turning] = &gauges(&teleop, [1.0, 0.0, 0.5], true)[..] else {
+                unreachable!()
+            };
             assert_eq!(turning.figures, figures);
             assert_eq!(turning.is_held_back(), is_held_back, "{figures}");
         }

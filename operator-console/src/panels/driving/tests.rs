@@ -29,6 +29,8 @@ use crate::test_support::{
 const UNLIMITED: SpeedLimits = SpeedLimits {
     forward_mps: f32::INFINITY,
     reverse_mps: f32::INFINITY,
+    left_mps: 0.0,
+    right_mps: 0.0,
     left_radps: f32::INFINITY,
     right_radps: f32::INFINITY,
 };
@@ -94,7 +96,7 @@ impl Rig {
             vehicle: "rover".to_owned(),
             source: self.source.to_owned(),
             footprint_m: [0.6, 0.4],
-            limits: [1.0, 5.0],
+            limits: [1.0, 0.0, 5.0],
             is_boat: self.is_boat,
             ..Info::default()
         };
@@ -103,6 +105,7 @@ impl Rig {
             position_m: [0.0; 3],
             quaternion_xyzw: [0.0, 0.0, 0.0, 1.0],
             speed_mps,
+            lateral_mps: 0.0,
             turn_rate_radps,
             token: None,
         };
@@ -157,6 +160,7 @@ impl Rig {
     fn request(&mut self, [linear_mps, angular_radps]: [f32; 2]) {
         self.teleop.requested = Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
         };
     }
@@ -198,7 +202,9 @@ fn requested_and_applied_speed_and_limit_are_shown() {
         data.clamp.as_deref(),
         Some("Limited by the collision monitor")
     );
-    let [speed, turning] = data.gauges.as_ref().unwrap();
+    let [speed, turning] = &data.gauges.as_ref().unwrap()[..] else {
+        panic!("{:?}", data.gauges)
+    };
     assert_eq!(
         (speed.requested, speed.applied, speed.limit),
         (0.8, 0.4, 1.0)
@@ -208,7 +214,7 @@ fn requested_and_applied_speed_and_limit_are_shown() {
     let mut left = Rig::driving();
     left.teleop.requested.angular_radps = 0.5;
     left.teleop.applied.angular_radps = 0.25;
-    let [_, turning] = left.data().gauges.unwrap();
+    let turning = left.data().gauges.unwrap().remove(1);
     assert_eq!(turning.figures, "14 of 29 °/s left");
     assert!(turning.applied < -14.0 && turning.requested < -28.0);
     assert!((turning.limit - 1.5_f32.to_degrees()).abs() < 1e-3);
@@ -325,7 +331,8 @@ fn motion_without_command_is_shown() {
         };
         assert_eq!(data.driver, driver);
         assert!(data.advice.unwrap().contains("−0.55 m/s"));
-        let figures = data.gauges.unwrap().map(|gauge| gauge.figures);
+        let gauges = data.gauges.unwrap();
+        let figures: Vec<_> = gauges.into_iter().map(|gauge| gauge.figures).collect();
         if state == TeleopState::Idle {
             assert_eq!(figures, ["–", "–"]);
         } else {
@@ -703,10 +710,10 @@ fn only_supervisors_can_take_over() {
 fn speed_steps_explain_their_speed() {
     let mut rig = Rig::new();
     for (limits, step, text) in [
-        ([1.2, 1.5], "1", "1: 20 % of its top speed, 0.24 m/s"),
-        ([1.2, 1.5], "3", "3: 60 % of its top speed, 0.72 m/s"),
-        ([1.2, 1.5], "5", "5: 100 % of its top speed, 1.20 m/s"),
-        ([0.0; 2], "3", "3: 60 % of its top speed"),
+        ([1.2, 0.0, 1.5], "1", "1: 20 % of its top speed, 0.24 m/s"),
+        ([1.2, 0.0, 1.5], "3", "3: 60 % of its top speed, 0.72 m/s"),
+        ([1.2, 0.0, 1.5], "5", "5: 100 % of its top speed, 1.20 m/s"),
+        ([0.0; 3], "3", "3: 60 % of its top speed"),
     ] {
         rig.teleop_client.limits = limits;
         let mut window = rig.window([560.0, 800.0]);

@@ -59,7 +59,12 @@ impl Shore {
         };
         let mut shore = Self {
             teleop_client,
-            rules: Rules::new(&teleop, &VehicleConfig::default()).unwrap(),
+            rules: Rules::new(
+                &teleop,
+                &VehicleConfig::default(),
+                &teleop::LocomotionConfig::default(),
+            )
+            .unwrap(),
             boat: ArbiterState::new(BOOT_ID),
             monitor,
             way_ms,
@@ -145,6 +150,7 @@ impl Shore {
             peak_age_ms: report.peak_age.map(|age| age.as_millis() as u32),
             applied: Velocity {
                 linear_mps: report.applied.linear_mps as f32,
+                lateral_mps: 0.0,
                 angular_radps: report.applied.angular_radps as f32,
             },
             ..idle_teleop_status()
@@ -192,6 +198,7 @@ impl Shore {
                 token,
                 requested: teleop::Velocity {
                     linear_mps: drive.linear_mps.into(),
+                    lateral_mps: 0.0,
                     angular_radps: drive.angular_radps.into(),
                 },
                 estop: false,
@@ -249,7 +256,7 @@ impl Shore {
                 self.newest = Some(LatestPose {
                     boot: BOOT,
                     token: Some(token),
-                    velocity: [COASTS_MPS, 0.0],
+                    velocity: [COASTS_MPS, 0.0, 0.0],
                     at: now,
                 });
             }
@@ -276,6 +283,8 @@ fn reeds(forward_mps: f64) -> CollisionMonitorOutput {
     CollisionMonitorOutput::Limits(SpeedLimits {
         forward_mps,
         reverse_mps: 1.0,
+        left_mps: 0.0,
+        right_mps: 0.0,
         left_radps: 1.0,
         right_radps: 1.0,
         in_unknown_space: false,

@@ -15,7 +15,7 @@ fn teleop_client(role: Option<Role>) -> TeleopClient {
     let newest = LatestPose {
         boot: BOOT,
         token: Some(AgeToken { n: 1, nonce: 2 }),
-        velocity: [0.0; 2],
+        velocity: [0.0; 3],
         at: at(1_000),
     };
     teleop_client.begin(Some(newest), at(1_000));

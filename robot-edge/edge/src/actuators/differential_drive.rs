@@ -51,10 +51,10 @@ impl DifferentialDrive {
 
     /// The vehicle's velocity where its sides move like this, without slip.
     pub fn velocity(&self, sides: SideSpeeds) -> Velocity {
-        Velocity {
-            linear_mps: f64::midpoint(sides.left_mps, sides.right_mps),
-            angular_radps: (sides.right_mps - sides.left_mps) / self.track_width_m,
-        }
+        Velocity::new(
+            f64::midpoint(sides.left_mps, sides.right_mps),
+            (sides.right_mps - sides.left_mps) / self.track_width_m,
+        )
     }
 }
 
@@ -72,6 +72,7 @@ mod tests {
     fn velocity(linear_mps: f64, angular_radps: f64) -> Velocity {
         Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
         }
     }

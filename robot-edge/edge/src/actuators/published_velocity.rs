@@ -132,6 +132,7 @@ mod tests {
 
     const AHEAD: Velocity = Velocity {
         linear_mps: 0.5,
+        lateral_mps: 0.0,
         angular_radps: 0.1,
     };
 

@@ -5,10 +5,15 @@ use serde::Deserialize;
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
 use crate::actuators::roboteq::RoboteqConfig;
+use teleop::{LocomotionConfig, LocomotionModes};
 
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorsConfig {
+    /// How the wheels can be set; a boat has the mode `differential`.
+    pub modes: LocomotionModes,
+    pub min_turn_radius_m: f64,
+    pub mode_change_s: f64,
     /// A Roboteq AX3500 on a serial line.
     pub roboteq: Option<RoboteqConfig>,
     /// Motors of a ROS 2 system, by velocity messages.
@@ -30,7 +35,32 @@ impl Default for TwistConfig {
     }
 }
 
+impl Default for MotorsConfig {
+    fn default() -> Self {
+        let LocomotionConfig {
+            modes,
+            min_turn_radius_m,
+            mode_change_s,
+        } = LocomotionConfig::default();
+        Self {
+            modes,
+            min_turn_radius_m,
+            mode_change_s,
+            roboteq: None,
+            ros2_twist: None,
+        }
+    }
+}
+
 impl MotorsConfig {
+    pub(crate) const fn locomotion(&self) -> LocomotionConfig {
+        LocomotionConfig {
+            modes: self.modes,
+            min_turn_radius_m: self.min_turn_radius_m,
+            mode_change_s: self.mode_change_s,
+        }
+    }
+
     pub(super) fn check(&self) -> Vec<ConfigIssue> {
         let of_roboteq = self.roboteq.iter().flat_map(RoboteqConfig::check);
         let mut issues: Vec<_> = of_roboteq
@@ -50,6 +80,14 @@ impl MotorsConfig {
                 },
             });
         };
+        if self.roboteq.is_some() && self.modes != LocomotionModes::DIFFERENTIAL {
+            issue(
+                "motors.modes",
+                "other modes",
+                "motors.roboteq drives the wheels of two sides",
+                "differential = true alone",
+            );
+        }
         if let Some(TwistConfig { topic }) = &self.ros2_twist {
             if self.roboteq.is_some() {
                 issue(
@@ -178,6 +216,26 @@ mod tests {
         let one = encoders.replace("right_pulses_per_turn = 500.0\n", "");
         let error = check(&one, &[]).unwrap_err();
         assert!(error.contains("right_pulses_per_turn"), "{error}");
+    }
+
+    #[test]
+    fn a_roboteq_has_wheels_of_two_sides_and_a_vehicle_has_a_mode() {
+        assert!(!load("introbot", &[]).unwrap().motors.modes.differential);
+        let error = check(ROBOTEQ, &["motors.modes.crab=true"]).unwrap_err();
+        assert!(error.contains("wheels of two sides"), "{error}");
+        check("", &["motors.modes.crab=true"]).unwrap();
+        let error = check("", &["motors.modes.differential=false"]).unwrap_err();
+        assert!(error.contains("at least one mode"), "{error}");
+        // 1 m/s² over 4 rad/s².
+        let error = check(
+            "",
+            &[
+                "motors.min_turn_radius_m=0.2",
+                "motors.modes.double_ackermann=true",
+            ],
+        )
+        .unwrap_err();
+        assert!(error.contains("0.25 to 1000"), "{error}");
     }
 
     #[test]

@@ -425,6 +425,8 @@ pub(super) fn validate(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
     link(&mut checks, &config.link);
     let mut issues = checks.0;
     issues.extend(config.teleop.check().into_iter().map(ConfigIssue::from));
+    let locomotion = config.motors.locomotion().check(&config.teleop);
+    issues.extend(locomotion.into_iter().map(ConfigIssue::from));
     issues.extend(config.motors.check());
     issues.extend(devices(config, merged));
     issues

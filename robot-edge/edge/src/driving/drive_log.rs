@@ -21,8 +21,8 @@ const FILE_BYTES: u64 = 64 << 20;
 /// The file is put on the disk this often, and the disk is looked at.
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 
-const HEADER: &str = "t_ns,mode,requested_linear_mps,requested_angular_radps,output_linear_mps,output_angular_radps,\
-                      age_ms,epoch,seq,clamp,collision_monitor";
+const HEADER: &str = "t_ns,mode,requested_linear_mps,requested_lateral_mps,requested_angular_radps,\
+                      output_linear_mps,output_lateral_mps,output_angular_radps,age_ms,epoch,seq,clamp,collision_monitor";
 
 /// Where the loop leaves its rounds. A thread of its own writes them as lines of comma-separated values; what it writes
 /// is complete up to the last round whatever becomes of the process.
@@ -177,12 +177,14 @@ fn write_round(round: &Round, file: &mut impl Write) -> io::Result<()> {
     let age_ms = report.age.map(|age| age.as_secs_f64() * 1e3);
     writeln!(
         file,
-        "{},{},{:.4},{:.4},{:.6},{:.6},{},{},{},{},{}",
+        "{},{},{:.4},{:.4},{:.4},{:.6},{:.6},{:.6},{},{},{},{},{}",
         at.since(Monotonic::default()).as_nanos(),
         mode(report.mode),
         report.requested.linear_mps,
+        report.requested.lateral_mps,
         report.requested.angular_radps,
         report.applied.linear_mps,
+        report.applied.lateral_mps,
         report.applied.angular_radps,
         OrEmpty(age_ms.map(|age_ms| format!("{age_ms:.3}"))),
         report.lease.epoch,
@@ -219,6 +221,7 @@ const fn clamp(clamp: Clamp) -> &'static str {
         Clamp::CollisionMonitor => "collision_monitor",
         Clamp::Ramp => "ramp",
         Clamp::Stop => "stop",
+        Clamp::Locomotion => "locomotion",
     }
 }
 
@@ -240,12 +243,18 @@ mod tests {
     use teleop::{ArbiterState, Rules, TeleopConfig};
 
     fn report() -> TeleopReport {
-        let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap();
+        let rules = Rules::new(
+            &TeleopConfig::default(),
+            &VehicleConfig::default(),
+            &teleop::LocomotionConfig::default(),
+        )
+        .unwrap();
         ArbiterState::new(1).report(&rules, AT)
     }
 
     const AT: Monotonic = Monotonic::from_nanos(7_000_000_000);
-    const LINE: &str = "7000000000,safe_boot,0.0000,0.0000,0.000000,0.000000,,0,,,silent";
+    const LINE: &str =
+        "7000000000,safe_boot,0.0000,0.0000,0.0000,0.000000,0.000000,0.000000,,0,,,silent";
 
     #[test]
     fn every_round_is_a_line_and_what_is_missing_is_said() {

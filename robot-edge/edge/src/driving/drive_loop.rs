@@ -244,7 +244,8 @@ impl DriveLoop {
         match &mut self.monitor_runner {
             // Also while it is switched off: its history must be complete when it is switched on again.
             Some(monitor_runner) => {
-                let output = monitor_runner.output((report.applied, report.requested), now);
+                let output =
+                    monitor_runner.output((report.applied, self.state.possible_request()), now);
                 if self.runtime_settings.collision_monitor {
                     output
                 } else {

@@ -155,6 +155,7 @@ mod tests {
         let mut motors = Motors::Simulated(simulated.clone());
         let ahead = Velocity {
             linear_mps: 1.0,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
         };
         let decided = clock::now();

@@ -40,6 +40,7 @@ pub(super) fn token(stamp: &CommandHeader) -> AgeToken {
 pub(super) fn velocity(drive: &Drive) -> Velocity {
     Velocity {
         linear_mps: drive.linear_mps.into(),
+        lateral_mps: drive.lateral_mps.into(),
         angular_radps: drive.angular_radps.into(),
     }
 }
@@ -121,6 +122,8 @@ fn collision_monitor(output: Option<CollisionMonitorOutput>) -> CollisionMonitor
             let shown = message::SpeedLimits {
                 forward_mps: limits.forward_mps as f32,
                 reverse_mps: limits.reverse_mps as f32,
+                left_mps: limits.left_mps as f32,
+                right_mps: limits.right_mps as f32,
                 left_radps: limits.left_radps as f32,
                 right_radps: limits.right_radps as f32,
             };
@@ -153,6 +156,7 @@ fn counters(report: &TeleopReport, dropped: u64) -> CommandCounters {
 const fn wire_velocity(velocity: Velocity) -> message::Velocity {
     message::Velocity {
         linear_mps: velocity.linear_mps as f32,
+        lateral_mps: velocity.lateral_mps as f32,
         angular_radps: velocity.angular_radps as f32,
     }
 }

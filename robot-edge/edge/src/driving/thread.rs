@@ -316,7 +316,11 @@ mod tests {
         let Ok(how) = std::env::var(FAILS) else {
             return;
         };
-        let rules = Rules::new(&TeleopConfig::default(), &VehicleConfig::default());
+        let rules = Rules::new(
+            &TeleopConfig::default(),
+            &VehicleConfig::default(),
+            &teleop::LocomotionConfig::default(),
+        );
         let driving = Driving::start(DrivingSettings {
             robot: "scout".parse().unwrap(),
             boot: BootId([1; 16]),

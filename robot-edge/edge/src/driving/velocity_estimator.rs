@@ -61,10 +61,12 @@ impl VelocityEstimator {
 fn between(last: &Pose, next: &Pose, elapsed_s: f64) -> Velocity {
     let gone = next.translation.vector - last.translation.vector;
     let yaw_rad = pose::yaw_rad(next);
-    let (sin, cos) = libm::sincos(yaw_rad);
     let turned_rad = libm::remainder(yaw_rad - pose::yaw_rad(last), std::f64::consts::TAU);
+    // The chord of an arc has the direction of its middle.
+    let (sin, cos) = libm::sincos(yaw_rad - 0.5 * turned_rad);
     Velocity {
         linear_mps: (gone.x * cos + gone.y * sin) / elapsed_s,
+        lateral_mps: (gone.y * cos - gone.x * sin) / elapsed_s,
         angular_radps: turned_rad / elapsed_s,
     }
 }

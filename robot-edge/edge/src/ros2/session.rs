@@ -336,7 +336,7 @@ impl VelocitySink for TwistPublisher {
             gid: self.gid,
         };
         let payload = twist_message(&Twist {
-            linear_mps: [velocity.linear_mps, 0.0, 0.0],
+            linear_mps: [velocity.linear_mps, velocity.lateral_mps, 0.0],
             angular_radps: [0.0, 0.0, velocity.angular_radps],
         });
         for publisher in &self.publishers {

@@ -178,7 +178,8 @@ impl DrivePlan {
         if !self.can_drive() {
             return Ok(None);
         }
-        let rules = Rules::new(&config.teleop, &config.vehicle).map_err(usage_error)?;
+        let rules = Rules::new(&config.teleop, &config.vehicle, &config.motors.locomotion())
+            .map_err(usage_error)?;
         let monitor_rules = CollisionMonitorRules::new(
             &config.teleop.collision_monitor,
             &config.teleop,

@@ -149,6 +149,7 @@ impl Network {
                     } else {
                         SPEED_WINDOW_LAND
                     }),
+                    goes_sideways: config.motors.modes.goes_sideways(),
                     keel_depth: config
                         .teleop
                         .is_boat

@@ -227,14 +227,17 @@ impl SimulatedRun {
         let true_velocity = self.source.velocity(at);
         let command = motors.exchange(Velocity {
             linear_mps: true_velocity.forward_mps,
+            lateral_mps: true_velocity.left_mps,
             angular_radps: true_velocity.turn_rate_radps,
         });
         let Velocity {
             linear_mps,
+            lateral_mps,
             angular_radps,
         } = command.velocity;
         let velocity = CommandedVelocity {
             linear_mps,
+            lateral_mps,
             angular_radps,
         };
         let stopped = if command.is_engaged && !self.source.is_driven() {

@@ -38,6 +38,7 @@ pub(super) struct StatePublisher {
     /// A jump that resets the maps also resets the ground plane of the collision monitor.
     pub(super) on_jump: OnJump,
     pub(super) velocity_estimator: VelocityEstimator,
+    pub(super) goes_sideways: bool,
     pub(super) sensors: SensorMonitor,
     /// Devices that are read without a middleware.
     pub(super) devices: Option<DeviceStatuses>,
@@ -85,6 +86,12 @@ impl StatePublisher {
                 position_m: pose.translation.vector.into(),
                 quaternion_xyzw: [q.i, q.j, q.k, q.w].map(|part| part as f32),
                 speed_mps: measured.linear_mps as f32,
+                // Else it is noise or leeway.
+                lateral_mps: if self.goes_sideways {
+                    measured.lateral_mps as f32
+                } else {
+                    0.0
+                },
                 turn_rate_radps: measured.angular_radps as f32,
                 token: None,
             },
@@ -282,7 +289,16 @@ pub(super) fn build_info(config: &Config, description: &RobotDescription<'_>, ma
         vehicle: vehicle.name.clone(),
         source: description.source.to_owned(),
         footprint_m: [vehicle.length_m, vehicle.width_m].map(|metres| metres as f32),
-        limits: [vehicle.max_speed_mps, vehicle.max_turn_rate_radps].map(|limit| limit as f32),
+        limits: [
+            vehicle.max_speed_mps,
+            if config.motors.modes.goes_sideways() {
+                vehicle.max_speed_mps
+            } else {
+                0.0
+            },
+            vehicle.max_turn_rate_radps,
+        ]
+        .map(|limit| limit as f32),
         layers: maps
             .publisher()
             .store()
@@ -366,6 +382,7 @@ mod tests {
             monitor_input: Some(monitor_input),
             on_jump,
             velocity_estimator: VelocityEstimator::new(RobotDuration::from_millis(100)),
+            goes_sideways: false,
             sensors: SensorMonitor::new(Vec::new()),
             devices: None,
             keel_depth: None,

@@ -13,6 +13,7 @@ fn commands() -> impl Strategy<Value = Vec<(CommandedVelocity, usize)>> {
         (-9.0..9.0, -9.0..9.0, 1..400_usize).prop_map(|(linear_mps, angular_radps, steps)| {
             let command = CommandedVelocity {
                 linear_mps,
+                lateral_mps: 0.0,
                 angular_radps,
             };
             (command, steps)
@@ -74,6 +75,7 @@ fn riverwatch() -> TwinThrusters {
 fn command(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
     CommandedVelocity {
         linear_mps,
+        lateral_mps: 0.0,
         angular_radps,
     }
 }

@@ -189,6 +189,7 @@ impl Driver {
     ) -> ([f64; 3], PlanarVelocity) {
         self.motion.set_command(CommandedVelocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps,
         });
         self.step += libm::round(duration_s / POSTURE_STEP_S) as i64;

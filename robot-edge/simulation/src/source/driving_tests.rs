@@ -11,6 +11,7 @@ use measurement::pose::{self, Pose};
 fn command(linear_mps: f64, angular_radps: f64) -> CommandedVelocity {
     CommandedVelocity {
         linear_mps,
+        lateral_mps: 0.0,
         angular_radps,
     }
 }

@@ -6,6 +6,7 @@ use super::*;
 use crate::config::TeleopConfig;
 use crate::interface::{LeaseVerb, SpeedLimits};
 use crate::lease::{Caller, GrantReason, OperatorId, StoredEStop};
+use crate::locomotion::{LocomotionConfig, LocomotionModes};
 use crate::report::TeleopReport;
 use crate::token::AgeToken;
 use mapping::vehicle::VehicleConfig;
@@ -79,7 +80,12 @@ impl Vehicle {
 
     fn with(teleop: &TeleopConfig) -> Self {
         let mut vehicle = Self {
-            rules: Rules::new(teleop, &VehicleConfig::default()).unwrap(),
+            rules: Rules::new(
+                teleop,
+                &VehicleConfig::default(),
+                &LocomotionConfig::default(),
+            )
+            .unwrap(),
             state: ArbiterState::new(7),
             now: Monotonic::from_nanos(1_000_000_000),
             token: NO_TOKEN,
@@ -879,6 +885,8 @@ const fn ahead(forward_mps: f64) -> SpeedLimits {
 const OPEN: SpeedLimits = SpeedLimits {
     forward_mps: 1.0,
     reverse_mps: 1.0,
+    left_mps: 0.0,
+    right_mps: 0.0,
     left_radps: 1.0,
     right_radps: 1.0,
     in_unknown_space: false,
@@ -1087,4 +1095,60 @@ fn measured_speed_is_passed_on_unless_it_is_none() {
     assert_eq!(vehicle.report().measured, Some(FORWARD));
     vehicle.input(ArbiterInput::Measured(FORWARD.scaled(f64::NAN)));
     assert_eq!(vehicle.report().measured, None);
+}
+
+#[test]
+fn between_two_locomotion_modes_it_stands() {
+    let mut vehicle = Vehicle::held();
+    let teleop = TeleopConfig::default();
+    let locomotion = LocomotionConfig {
+        modes: LocomotionModes {
+            differential: false,
+            double_ackermann: true,
+            turn_on_spot: true,
+            lateral: false,
+            crab: true,
+        },
+        min_turn_radius_m: 2.0,
+        mode_change_s: 1.0,
+    };
+    vehicle.rules = Rules::new(&teleop, &VehicleConfig::default(), &locomotion).unwrap();
+    let sideways = |linear_mps, lateral_mps| Velocity {
+        lateral_mps,
+        ..Velocity::new(linear_mps, 0.0)
+    };
+    vehicle.hold(Velocity::ZERO, 11);
+    // It turns with the radius that it can.
+    vehicle.hold(Velocity::new(0.3, 0.5), 60);
+    assert_eq!(vehicle.output(), Velocity::new(0.3, 0.15));
+    assert_eq!(vehicle.report().clamp, Some(Clamp::Locomotion));
+    assert_eq!(vehicle.state.possible_request(), Velocity::new(0.3, 0.5));
+    // From 0.3 m/s it needs about 0.8 s to stand, and a second more.
+    vehicle.hold(sideways(0.2, 0.2), 60);
+    assert_eq!(vehicle.output(), Velocity::ZERO);
+    assert_eq!(vehicle.report().clamp, Some(Clamp::Locomotion));
+    assert_eq!(vehicle.state.mode, Mode::Driving);
+    vehicle.hold(sideways(0.2, 0.2), 75);
+    assert_eq!(vehicle.output(), sideways(0.2, 0.2));
+    // Straight on it need not change.
+    vehicle.hold(sideways(0.2, 0.0), 60);
+    assert_eq!(vehicle.output(), sideways(0.2, 0.0));
+    // No mode can do all three: it keeps its own.
+    let all = Velocity {
+        angular_radps: 0.5,
+        ..sideways(0.1, -0.1)
+    };
+    vehicle.hold(all, 60);
+    assert_eq!(vehicle.output(), sideways(0.1, -0.1));
+    assert_eq!(vehicle.report().clamp, Some(Clamp::Locomotion));
+    // Both axes together stay below the speed that age allows, and the vehicle's greatest.
+    vehicle.hold(sideways(1.0, 1.0), 200);
+    let speed_mps = vehicle.output().ground_speed_mps();
+    assert!((speed_mps - 1.0).abs() < 1e-6, "{speed_mps}");
+    // After a stop the other mode takes its time, too.
+    vehicle.hold(Velocity::ZERO, 60);
+    vehicle.hold(Velocity::new(0.0, 0.5), 20);
+    assert_eq!(vehicle.output(), Velocity::ZERO);
+    vehicle.hold(Velocity::new(0.0, 0.5), 60);
+    assert_eq!(vehicle.output(), Velocity::new(0.0, 0.5));
 }

@@ -80,7 +80,7 @@ impl SpeedLimitContext<'_> {
     }
 
     pub(super) fn bounds(&self, direction: MotionDirection) -> SpeedBounds {
-        let travel_mps = direction.along.abs() + direction.swing;
+        let travel_mps = libm::hypot(direction.along, direction.across) + direction.swing;
         let creep_mps = self.rules.creep_mps / travel_mps;
         let mut side_share = 1.0;
         let mut before_obstacles_mps =

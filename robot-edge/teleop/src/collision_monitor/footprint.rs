@@ -20,7 +20,7 @@ pub(crate) struct Footprint {
 /// Space around the footprint that is to stay free, metres, not negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Margins {
-    /// Ahead of the end that leads, where the vehicle only goes; where it only turns, none.
+    /// Ahead of the end or side that leads, where the vehicle only goes; where it only turns, none.
     pub(crate) ahead_m: f64,
     /// On every side, ahead included.
     pub(crate) side_m: f64,
@@ -64,7 +64,8 @@ impl Footprint {
 
     /// Grown by the margins as they are on a heading.
     fn with_margins(&self, margins: Margins, direction: MotionDirection) -> Self {
-        let ahead = margins.side_m.max(margins.ahead_m * direction.along.abs());
+        let [ahead, beside] = [direction.along, direction.across]
+            .map(|share| margins.side_m.max(margins.ahead_m * share.abs()));
         let (front, rear) = if direction.along >= 0.0 {
             (ahead, margins.side_m)
         } else {
@@ -73,7 +74,7 @@ impl Footprint {
         Self {
             front_m: self.front_m + front,
             rear_m: self.rear_m - rear,
-            half_width_m: self.half_width_m + margins.side_m,
+            half_width_m: self.half_width_m + beside,
         }
     }
 
@@ -103,7 +104,10 @@ impl Footprint {
             near: grown.grown(TOUCH_M),
             direction,
         };
-        if direction.along.abs() >= STRAIGHT_RADIUS_M * direction.turn_per_m.abs() {
+        // A vehicle that goes sideways does not turn.
+        if direction.along.abs().max(direction.across.abs())
+            >= STRAIGHT_RADIUS_M * direction.turn_per_m.abs()
+        {
             let nearest = points.iter().map(|&point| swept.straight_m(point));
             return nearest.fold(f64::INFINITY, f64::min);
         }
@@ -130,13 +134,27 @@ impl SweptFootprint {
         } else {
             &self.grown
         };
-        let gap_m = if self.direction.along >= 0.0 {
-            x - footprint.front_m
-        } else {
-            footprint.rear_m - x
+        // Travel between which the point is within the rectangle, along each axis.
+        let within = |at: f64, share: f64, [least, greatest]: [f64; 2]| {
+            if share.abs() > 0.0 {
+                let ends = [(at - greatest) / share, (at - least) / share];
+                [ends[0].min(ends[1]), ends[0].max(ends[1])]
+            } else if at > least && at < greatest {
+                [f64::NEG_INFINITY, f64::INFINITY]
+            } else {
+                [f64::INFINITY; 2]
+            }
         };
-        if y.abs() < footprint.half_width_m && gap_m >= 0.0 {
-            gap_m
+        let along = within(
+            x,
+            self.direction.along,
+            [footprint.rear_m, footprint.front_m],
+        );
+        let half_width_m = footprint.half_width_m;
+        let across = within(y, self.direction.across, [-half_width_m, half_width_m]);
+        let enters_m = along[0].max(across[0]);
+        if enters_m >= 0.0 && enters_m < along[1].min(across[1]) {
+            enters_m
         } else {
             f64::INFINITY
         }
@@ -174,7 +192,7 @@ impl SweptFootprint {
         } = self.bare;
         // The point as seen from the vehicle.
         let velocity_x = self.direction.turn_per_m * y - self.direction.along;
-        let velocity_y = -self.direction.turn_per_m * x;
+        let velocity_y = -self.direction.turn_per_m * x - self.direction.across;
         let ends = if x - front_m >= rear_m - x {
             (x - front_m, velocity_x)
         } else {
@@ -284,19 +302,31 @@ fn angle_of(entry: f64) -> f64 {
     }
 }
 
-/// A direction of motion of a vehicle that goes along its x axis and turns about its origin.
+/// A direction of motion of a vehicle that goes along its x axis and turns about its origin, or goes along its x and y
+/// axes and does not turn.
 ///
-/// Keeping it, the vehicle drives an arc: straight on at 0, to the left on the spot at π/2, straight back at π. How far
-/// it has moved along is its *travel*, metres: it has then gone `travel · along`, and turned by `travel · turn_per_m`.
-/// No point of the body moves farther than √2 times that.
+/// Keeping it, the vehicle drives an arc or a straight line. How far it has moved along is its *travel*, metres: it has
+/// then gone `travel · along` and `travel · across`, and turned by `travel · turn_per_m`. No point of the body moves
+/// farther than √2 times that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MotionDirection {
     /// Metres gone per metre of travel, −1 to 1.
     pub(crate) along: f64,
+    /// Metres gone to the left per metre of travel, −1 to 1; zero where it turns.
+    pub(crate) across: f64,
     /// Radians turned per metre of travel, positive to the left.
     pub(crate) turn_per_m: f64,
     /// Metres that the outermost point of the body moves sideways per metre of travel, 0 to 1.
     pub(crate) swing: f64,
+}
+
+/// The two axes of a motion: x, and this one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum MotionPlane {
+    /// Turning: how far the outermost point of the body swings, which is `radius_m` (above 0) from the origin.
+    Turning { radius_m: f64 },
+    /// y.
+    Sideways,
 }
 
 /// How hard a vehicle brakes, and when it begins to.
@@ -311,20 +341,34 @@ pub(crate) struct Braking {
 }
 
 impl MotionDirection {
-    /// The heading of a motion that goes `along_m` while its outermost point, `radius_m` from the origin, swings
-    /// `swing_m` to the left; and the length of both. Nothing where it does not move, or a number is not finite.
-    pub(crate) fn of(along_m: f64, swing_m: f64, radius_m: f64) -> Option<(Self, f64)> {
-        let length = (along_m * along_m + swing_m * swing_m).sqrt();
-        let moves = length > 0.0 && length.is_finite() && radius_m > 0.0;
+    /// The direction of a motion that goes `first_m` along x and `second_m` along the second axis of `plane`; and the
+    /// length of both. `None` where it does not move, or a number is not finite.
+    pub(crate) fn of(first_m: f64, second_m: f64, plane: MotionPlane) -> Option<(Self, f64)> {
+        let length = (first_m * first_m + second_m * second_m).sqrt();
+        let moves = length > 0.0 && length.is_finite();
         moves.then(|| {
-            let swing = swing_m / length;
-            let direction = Self {
-                along: along_m / length,
-                turn_per_m: swing / radius_m,
-                swing: swing.abs(),
-            };
+            let direction = Self::in_plane(first_m / length, second_m / length, plane);
             (direction, length)
         })
+    }
+
+    /// The direction with these shares, whose squares sum up to 1.
+    pub(crate) fn in_plane(first: f64, second: f64, plane: MotionPlane) -> Self {
+        let (across, swing, radius_m) = match plane {
+            MotionPlane::Turning { radius_m } => (0.0, second, radius_m),
+            MotionPlane::Sideways => (second, 0.0, 1.0),
+        };
+        Self {
+            along: first,
+            across,
+            turn_per_m: swing / radius_m,
+            swing: swing.abs(),
+        }
+    }
+
+    /// The share of the second axis of its plane, 0 to 1.
+    pub(crate) const fn second_share(self) -> f64 {
+        self.swing + self.across.abs()
     }
 
     /// The greatest speed of travel, metres per second, from which it stands within a travel: `v·t + v²/2a`
@@ -343,7 +387,7 @@ impl MotionDirection {
 
     /// `k` of `v²·k`, the travel while it brakes.
     fn seconds_per_speed(self, braking: &Braking) -> f64 {
-        let going = self.along.abs() / braking.decel_mps2;
+        let going = self.along.abs().max(self.across.abs()) / braking.decel_mps2;
         let turning = self.turn_per_m.abs() / braking.decel_radps2;
         0.5 * going.max(turning)
     }

@@ -1,11 +1,12 @@
-//! From the allowed speeds in single directions to the limits of linear and angular speed.
+//! From the allowed speeds in single directions to the limits of the two axes in use: linear speed, and angular or
+//! lateral speed.
 //!
-//! The arbiter changes linear and angular speed independently. The path is therefore not one arc: the mixture of the
+//! The arbiter changes both independently. The path is therefore not one arc: the mixture of the
 //! two changes, and the vehicle must be able to stop from each mixture that may occur.
 
 use crate::collision_monitor::allowed_speed::{AllowedSpeed, SpeedLimitContext};
 use crate::collision_monitor::config::CollisionMonitorRules;
-use crate::collision_monitor::footprint::MotionDirection;
+use crate::collision_monitor::footprint::{MotionDirection, MotionPlane};
 use crate::interface::SpeedLimits;
 use crate::motion::Velocity;
 use protocol::message::BarrierKind;
@@ -26,7 +27,6 @@ const SOLVER_STEPS: usize = 3;
 pub(super) struct LimitSolver<'a> {
     context: SpeedLimitContext<'a>,
     directions: &'a DirectionTable,
-    radius_m: f64,
     allowed: [Option<AllowedSpeed>; ALL_DIRECTIONS],
     /// Greatest speeds along each axis so far, metres of travel per second.
     most_mps: [f64; 4],
@@ -39,18 +39,19 @@ impl<'a> LimitSolver<'a> {
     /// Starts with the limits along each axis alone.
     pub(super) fn new(context: SpeedLimitContext<'a>, directions: &'a DirectionTable) -> Self {
         let rules = context.rules;
-        let radius_m = rules.footprint.radius_m();
-        let turning_mps = rules.max_turn_rate_radps * radius_m;
+        let second_mps = match directions.plane {
+            MotionPlane::Turning { radius_m } => rules.max_turn_rate_radps * radius_m,
+            MotionPlane::Sideways => rules.max_speed_mps,
+        };
         let mut solver = Self {
             context,
             directions,
-            radius_m,
             allowed: [None; ALL_DIRECTIONS],
             most_mps: [
                 rules.max_speed_mps,
-                turning_mps,
+                second_mps,
                 rules.max_speed_mps,
-                turning_mps,
+                second_mps,
             ],
             in_unknown_space: context.is_stale,
             limiting_direction: None,
@@ -65,12 +66,12 @@ impl<'a> LimitSolver<'a> {
     /// Scales the request so that the vehicle can stop from every mixture of its linear and angular speed.
     pub(super) fn limit_request(&mut self, requested: AxisSpeeds) {
         let exact = requested
-            .direction(self.radius_m)
+            .direction(self.directions.plane)
             .map(|(direction, _)| (direction, self.context.allowed(direction)));
         let mut share = 1.0_f64;
         for step in 0..=STEPS {
             let (direction, allowed) =
-                self.allowed(requested.going.axis.towards(requested.turning.axis, step));
+                self.allowed(requested.first.axis.towards(requested.second.axis, step));
             share = self.tighten_share(share, &requested, direction, allowed);
         }
         if let Some((direction, allowed)) = exact {
@@ -86,7 +87,7 @@ impl<'a> LimitSolver<'a> {
 
     /// Limits a motion from which the vehicle could no longer stop.
     pub(super) fn limit_motion(&mut self, motion: AxisSpeeds) {
-        if let Some((direction, speed_mps)) = motion.direction(self.radius_m)
+        if let Some((direction, speed_mps)) = motion.direction(self.directions.plane)
             && speed_mps >= STANDSTILL_MPS
         {
             let allowed = self.context.allowed(direction);
@@ -101,12 +102,12 @@ impl<'a> LimitSolver<'a> {
             speed_mps: part.speed_mps.min(self.most_mps[part.axis as usize]),
             ..part
         };
-        let (going, turning) = (capped(requested.going), capped(requested.turning));
-        if motion.going.speed_mps > going.speed_mps {
-            self.limit_beside(motion.going, turning);
+        let (first, second) = (capped(requested.first), capped(requested.second));
+        if motion.first.speed_mps > first.speed_mps {
+            self.limit_beside(motion.first, second);
         }
-        if motion.turning.speed_mps > turning.speed_mps {
-            self.limit_beside(motion.turning, going);
+        if motion.second.speed_mps > second.speed_mps {
+            self.limit_beside(motion.second, first);
         }
     }
 
@@ -119,11 +120,18 @@ impl<'a> LimitSolver<'a> {
                 most_mps
             }
         };
+        let second = [DriveAxis::Left, DriveAxis::Right].map(most);
+        let ([left_mps, right_mps], [left_radps, right_radps]) = match self.directions.plane {
+            MotionPlane::Turning { radius_m } => ([0.0; 2], second.map(|speed| speed / radius_m)),
+            MotionPlane::Sideways => (second, [0.0; 2]),
+        };
         SpeedLimits {
             forward_mps: most(DriveAxis::Forward),
             reverse_mps: most(DriveAxis::Back),
-            left_radps: most(DriveAxis::Left) / self.radius_m,
-            right_radps: most(DriveAxis::Right) / self.radius_m,
+            left_mps,
+            right_mps,
+            left_radps,
+            right_radps,
             in_unknown_space: self.in_unknown_space,
             overspeed: Velocity::ZERO,
         }
@@ -216,10 +224,10 @@ impl<'a> LimitSolver<'a> {
     fn safe_beside_mps(&mut self, kept: AxisSpeed, axis: DriveAxis) -> f64 {
         for step in 1..STEPS {
             let (direction, allowed) = self.allowed(kept.axis.towards(axis, step));
-            let (along, swing) = (direction.along.abs(), direction.swing);
+            let (first, second) = (direction.along.abs(), direction.second_share());
             let (kept_share, share) = match kept.axis {
-                DriveAxis::Forward | DriveAxis::Back => (along, swing),
-                DriveAxis::Left | DriveAxis::Right => (swing, along),
+                DriveAxis::Forward | DriveAxis::Back => (first, second),
+                DriveAxis::Left | DriveAxis::Right => (second, first),
             };
             let speed_mps = kept.speed_mps / kept_share;
             if speed_mps > allowed.speed_mps {
@@ -237,11 +245,12 @@ impl<'a> LimitSolver<'a> {
     /// The speed of a motion along two axes, and the allowed speed in its direction, metres of travel per second. `None`
     /// if it does not move.
     fn mixture(&self, one: AxisSpeed, other: AxisSpeed) -> Option<(f64, f64)> {
-        let (going, turning) = match one.axis {
+        let (first, second) = match one.axis {
             DriveAxis::Forward | DriveAxis::Back => (one, other),
             DriveAxis::Left | DriveAxis::Right => (other, one),
         };
-        let (direction, mixed_mps) = AxisSpeeds { going, turning }.direction(self.radius_m)?;
+        let (direction, mixed_mps) =
+            AxisSpeeds { first, second }.direction(self.directions.plane)?;
         Some((mixed_mps, self.context.allowed(direction).speed_mps))
     }
 
@@ -254,7 +263,7 @@ impl<'a> LimitSolver<'a> {
 
     fn scale(&mut self, motion: &AxisSpeeds, share: f64) {
         if share < 1.0 {
-            for part in [motion.going, motion.turning] {
+            for part in [motion.first, motion.second] {
                 if part.speed_mps >= STANDSTILL_MPS {
                     self.limit(part.axis, part.speed_mps * share);
                 }
@@ -284,14 +293,15 @@ pub(super) enum DriveAxis {
 /// Headings from forward over left, each by its number.
 #[derive(Clone, Debug)]
 pub(super) struct DirectionTable {
+    pub(super) plane: MotionPlane,
     headings: [MotionDirection; ALL_DIRECTIONS],
 }
 
-/// A motion in metres per second of travel: how fast it goes, and how fast its outermost point swings.
+/// A motion in metres per second of travel: along x, and along the second axis of its plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct AxisSpeeds {
-    pub(super) going: AxisSpeed,
-    pub(super) turning: AxisSpeed,
+    pub(super) first: AxisSpeed,
+    pub(super) second: AxisSpeed,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -314,24 +324,20 @@ impl DriveAxis {
 }
 
 impl DirectionTable {
-    pub(super) fn new(radius_m: f64) -> Self {
+    pub(super) fn new(plane: MotionPlane) -> Self {
         let headings = std::array::from_fn(|number| {
             let angle = std::f64::consts::FRAC_PI_2 * (number % STEPS) as f64 / STEPS as f64;
             let (cos, sin) = (libm::cos(angle), libm::sin(angle));
             // Axes are exact: their headings neither drift to a side nor along.
-            let (along, swing) = match number / STEPS {
+            let (first, second) = match number / STEPS {
                 0 => (cos, sin),
                 1 => (-sin, cos),
                 2 => (-cos, -sin),
                 _ => (sin, -cos),
             };
-            MotionDirection {
-                along,
-                turn_per_m: swing / radius_m,
-                swing: swing.abs(),
-            }
+            MotionDirection::in_plane(first, second, plane)
         });
-        Self { headings }
+        Self { plane, headings }
     }
 
     pub(super) const fn direction(&self, number: usize) -> MotionDirection {
@@ -340,35 +346,42 @@ impl DirectionTable {
 }
 
 impl AxisSpeeds {
-    /// A motion, at most as fast as the vehicle can be.
-    pub(super) fn of(velocity: Velocity, rules: &CollisionMonitorRules) -> Self {
-        let Velocity {
-            linear_mps,
-            angular_radps,
-        } = velocity;
-        let turning_radps = angular_radps.abs().min(rules.max_turn_rate_radps);
+    /// A motion in a plane, at most as fast as the vehicle can be.
+    pub(super) fn of(
+        velocity: Velocity,
+        plane: MotionPlane,
+        rules: &CollisionMonitorRules,
+    ) -> Self {
+        let axis = |speed: f64, [positive, negative]: [DriveAxis; 2], most: f64, radius_m: f64| {
+            AxisSpeed {
+                axis: if speed < 0.0 { negative } else { positive },
+                speed_mps: speed.abs().min(most) * radius_m,
+            }
+        };
+        let second = [DriveAxis::Left, DriveAxis::Right];
         Self {
-            going: AxisSpeed {
-                axis: if linear_mps < 0.0 {
-                    DriveAxis::Back
-                } else {
-                    DriveAxis::Forward
-                },
-                speed_mps: linear_mps.abs().min(rules.max_speed_mps),
-            },
-            turning: AxisSpeed {
-                axis: if angular_radps < 0.0 {
-                    DriveAxis::Right
-                } else {
-                    DriveAxis::Left
-                },
-                speed_mps: turning_radps * rules.footprint.radius_m(),
+            first: axis(
+                velocity.linear_mps,
+                [DriveAxis::Forward, DriveAxis::Back],
+                rules.max_speed_mps,
+                1.0,
+            ),
+            second: match plane {
+                MotionPlane::Turning { radius_m } => axis(
+                    velocity.angular_radps,
+                    second,
+                    rules.max_turn_rate_radps,
+                    radius_m,
+                ),
+                MotionPlane::Sideways => {
+                    axis(velocity.lateral_mps, second, rules.max_speed_mps, 1.0)
+                }
             },
         }
     }
 
-    /// Its heading and speed of travel; nothing where it does not move.
-    pub(super) fn direction(&self, radius_m: f64) -> Option<(MotionDirection, f64)> {
+    /// Its direction and speed of travel; `None` where it does not move.
+    pub(super) fn direction(&self, plane: MotionPlane) -> Option<(MotionDirection, f64)> {
         let signed = |part: AxisSpeed, negative: DriveAxis| {
             if part.axis == negative {
                 -part.speed_mps
@@ -376,14 +389,12 @@ impl AxisSpeeds {
                 part.speed_mps
             }
         };
-        let (along_m, swing_m) = (
-            signed(self.going, DriveAxis::Back),
-            signed(self.turning, DriveAxis::Right),
-        );
-        MotionDirection::of(along_m, swing_m, radius_m)
+        let first_m = signed(self.first, DriveAxis::Back);
+        let second_m = signed(self.second, DriveAxis::Right);
+        MotionDirection::of(first_m, second_m, plane)
     }
 
-    /// The greatest speed on a heading between its axes that is a mixture of at most its going and its turning.
+    /// The greatest speed on a heading between its axes that is a mixture of at most its two parts.
     pub(super) fn mixed_mps(&self, direction: MotionDirection) -> f64 {
         let most = |part: AxisSpeed, share: f64| {
             if share > 0.0 {
@@ -392,7 +403,7 @@ impl AxisSpeeds {
                 f64::INFINITY
             }
         };
-        most(self.going, direction.along.abs()).min(most(self.turning, direction.swing))
+        most(self.first, direction.along.abs()).min(most(self.second, direction.second_share()))
     }
 }
 

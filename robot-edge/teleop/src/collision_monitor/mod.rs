@@ -35,6 +35,7 @@ use std::time::Duration;
 use crate::interface::{CollisionMonitorOutput, SpeedLimits};
 use crate::motion::Velocity;
 use allowed_speed::SpeedLimitContext;
+use footprint::MotionPlane;
 use limit_solver::{AxisSpeeds, DirectionTable, LimitSolver};
 use local_environment::LocalEnvironment;
 use measurement::time::Monotonic;
@@ -58,7 +59,8 @@ pub struct CollisionMonitorInput<'a> {
     pub odometry: Option<OdometrySample>,
     /// The velocity sent to the motors in the last round.
     pub commanded: Velocity,
-    /// The velocity requested by the operator now.
+    /// The velocity requested by the operator now, as far as the vehicle can do it: not both a lateral and an angular
+    /// part.
     pub requested: Velocity,
 }
 
@@ -66,7 +68,8 @@ pub struct CollisionMonitorInput<'a> {
 #[derive(Clone, Debug)]
 pub struct CollisionMonitor {
     rules: CollisionMonitorRules,
-    directions: DirectionTable,
+    /// For turning, and for going sideways.
+    directions: [DirectionTable; 2],
     environment: LocalEnvironment,
     commanded: CommandHistory,
     last_round: Option<Monotonic>,
@@ -79,7 +82,13 @@ impl CollisionMonitor {
     pub fn new(rules: CollisionMonitorRules) -> Self {
         Self {
             rules,
-            directions: DirectionTable::new(rules.footprint.radius_m()),
+            directions: [
+                MotionPlane::Turning {
+                    radius_m: rules.footprint.radius_m(),
+                },
+                MotionPlane::Sideways,
+            ]
+            .map(DirectionTable::new),
             environment: LocalEnvironment::new(&rules),
             commanded: CommandHistory::new(MAX_POSE_AGE + rules.actuator_delay),
             last_round: None,
@@ -153,13 +162,17 @@ impl CollisionMonitor {
             environment: &self.environment,
             is_stale,
         };
-        let mut solver = LimitSolver::new(context, &self.directions);
         let requested = if input.requested.is_finite() {
             input.requested
         } else {
             Velocity::ZERO
         };
-        let travel = |velocity| AxisSpeeds::of(velocity, &self.rules);
+        // Between turning and going sideways the vehicle stands.
+        let goes_sideways =
+            requested.lateral_mps.abs() > 0.0 || input.commanded.lateral_mps.abs() > 0.0;
+        let directions = &self.directions[usize::from(goes_sideways)];
+        let mut solver = LimitSolver::new(context, directions);
+        let travel = |velocity| AxisSpeeds::of(velocity, directions.plane, &self.rules);
         solver.limit_request(travel(requested));
         self.barrier = solver.barrier().map(|(kind, point)| Barrier {
             position_in_odom: vehicle.to_odom(point),
@@ -224,6 +237,7 @@ fn overspeed(limits: &SpeedLimits, measured: Velocity, rules: &CollisionMonitorR
             measured.linear_mps,
             rules.max_speed_mps,
         ),
+        // A boat has no lateral thrust.
         beyond(
             (limits.left_radps, limits.right_radps),
             measured.angular_radps,

@@ -72,17 +72,23 @@ impl OdometrySample {
             } else {
                 libm::sin(half) / half
             };
-            position_in_odom += direction(yaw_rad + half) * (velocity.linear_mps * time_s * chord);
+            let ahead = direction(yaw_rad + half);
+            let left = Vector2::new(-ahead.y, ahead.x);
+            position_in_odom +=
+                (ahead * velocity.linear_mps + left * velocity.lateral_mps) * (time_s * chord);
             yaw_rad += turned_rad;
         };
         if coasts || commanded.at(now).is_none() {
             advance(self.measured, (age + delay).as_secs_f64());
         } else {
             for (velocity, time_s) in commanded.between(obeyed, now).filter(|part| part.1 > 0.0) {
-                let since = Velocity::new(
-                    self.measured.linear_mps + velocity.linear_mps - then.linear_mps,
-                    self.measured.angular_radps + velocity.angular_radps - then.angular_radps,
-                );
+                let measured = self.measured;
+                let since = Velocity {
+                    linear_mps: measured.linear_mps + velocity.linear_mps - then.linear_mps,
+                    lateral_mps: measured.lateral_mps + velocity.lateral_mps - then.lateral_mps,
+                    angular_radps: measured.angular_radps + velocity.angular_radps
+                        - then.angular_radps,
+                };
                 advance(since, time_s);
             }
         }
@@ -305,10 +311,7 @@ mod tests {
     }
 
     fn going(linear_mps: f64) -> Velocity {
-        Velocity {
-            linear_mps,
-            angular_radps: 0.0,
-        }
+        Velocity::new(linear_mps, 0.0)
     }
 
     fn gone_m(commanded: &CommandHistory, from: u64, to: u64) -> f64 {

@@ -18,6 +18,7 @@ use crate::collision_monitor::{
 };
 use crate::config::{Rules, TeleopConfig};
 use crate::interface::{CollisionMonitorOutput, SpeedLimits};
+use crate::locomotion::{LocomotionConfig, LocomotionMode};
 use crate::motion::{Motion, MotionTarget, Velocity};
 use mapping::ground_plane::GroundPlane;
 use mapping::obstacle::ObstacleConfig;
@@ -361,14 +362,20 @@ impl Drive {
     /// the vehicle does what it was commanded some time ago.
     fn round(&mut self, requested: Option<Velocity>) {
         self.evaluate(requested.unwrap_or_default());
-        let rules = Rules::new(&self.setup.teleop, &self.setup.vehicle).unwrap();
-        let limits = (&rules.linear, &rules.angular);
+        let locomotion = LocomotionConfig::default();
+        let rules = Rules::new(&self.setup.teleop, &self.setup.vehicle, &locomotion).unwrap();
+        let limits = &rules.limits;
+        let turn_rate_at = (rules.locomotion, LocomotionMode::Differential);
         self.motion = match requested {
             Some(requested) if self.output != CollisionMonitorOutput::Stale => {
                 let caps = self.output.caps();
                 let target = requested.scaled(factor_within(requested, caps));
-                self.motion
-                    .towards(&MotionTarget { target, caps }, TICK, limits)
+                let aim = MotionTarget {
+                    target,
+                    caps,
+                    turn_rate_at,
+                };
+                self.motion.towards(&aim, TICK, limits)
             }
             Some(_) | None => self.motion.stopping(TICK, limits),
         };
@@ -377,7 +384,7 @@ impl Drive {
         let tick_s = TICK.as_secs_f64();
         for _ in 0..20 {
             let step = moves.scaled(tick_s / 20.0);
-            self.pose *= planar(step.linear_mps, 0.0, step.angular_radps);
+            self.pose *= planar(step.linear_mps, step.lateral_mps, step.angular_radps);
         }
         self.pose.rotation.renormalize();
         self.round += 1;

@@ -7,14 +7,15 @@
 use std::time::Duration;
 
 use super::millis;
-use crate::arbiter::{ArbiterState, Mode, step};
+use crate::arbiter::{ArbiterState, Mode, axis_cap_mps, step};
 use crate::command_stream::DriveCommand;
 use crate::config::Rules;
 use crate::interface::{
     Action, Actions, ArbiterEvent, ArbiterInput, CollisionMonitorOutput, LeaseVerb,
 };
 use crate::lease::{EStopId, OperatorId, Role, StoredEStop};
-use crate::motion::{AxisLimits, Caps, Velocity};
+use crate::locomotion::LocomotionMode;
+use crate::motion::{AxisLimits, Caps, MotionLimits, Velocity};
 use crate::token::AgeToken;
 use measurement::time::Monotonic;
 use protocol::message::{Answer, LeaseEnd};
@@ -141,6 +142,8 @@ pub(super) struct Monitor {
     pub(super) has_fault: bool,
     pub(super) collision_monitor: Option<(CollisionMonitorOutput, Monotonic)>,
     pub(super) last_tick: Option<Monotonic>,
+    /// In which mode it moved last, and when.
+    pub(super) moved_in: Option<(LocomotionMode, Monotonic)>,
     /// Accelerations of the last tick that was free of stops.
     pub(super) accel: Velocity,
 }
@@ -488,16 +491,66 @@ impl Monitor {
         let output = self
             .collision_monitor
             .map_or(CollisionMonitorOutput::Stale, |(output, _)| output);
+        let age_cap = after.speed_allowed_mps(rules, now);
+        ensure(
+            is.ground_speed_mps() <= age_cap.max(was.ground_speed_mps()) + ROUNDING,
+            "P1: the axes together are faster than age allows",
+        )?;
+        self.observe_mode(transition, is)?;
+        let mode = after.locomotion.unwrap_or(LocomotionMode::Differential);
         let caps = output.caps();
-        let caps = (caps.0.at_most(after.speed_allowed_mps(rules, now)), caps.1);
-        let linear = AxisTick::new(was.linear_mps, is.linear_mps, caps.0);
-        let angular = AxisTick::new(was.angular_radps, is.angular_radps, caps.1);
-        let accel = self.accel;
-        self.accel = Velocity::new(
-            linear.judge(&rules.linear, dt, may_grow, accel.linear_mps)?,
-            angular.judge(&rules.angular, dt, may_grow, accel.angular_radps)?,
+        // With two axes in use each gets less; with one, all of it.
+        let target = after.possible_request();
+        let axis_cap = axis_cap_mps(age_cap, was, target);
+        let linear = AxisTick::new(was.linear_mps, is.linear_mps, caps.linear.at_most(axis_cap));
+        let lateral = AxisTick::new(
+            was.lateral_mps,
+            is.lateral_mps,
+            caps.lateral.at_most(axis_cap),
         );
+        let turn_rate = rules.locomotion.max_turn_rate_radps(mode, is.linear_mps);
+        let angular_caps = caps.angular.at_most(turn_rate);
+        let angular = AxisTick::new(was.angular_radps, is.angular_radps, angular_caps);
+        let accel = self.accel;
+        let MotionLimits {
+            linear: along,
+            angular: about,
+        } = &rules.limits;
+        self.accel = Velocity {
+            linear_mps: linear.judge(along, dt, may_grow, accel.linear_mps)?,
+            lateral_mps: lateral.judge(along, dt, may_grow, accel.lateral_mps)?,
+            angular_radps: angular.judge(about, dt, may_grow, accel.angular_radps)?,
+        };
         compare_without_monitor(transition, was, is)
+    }
+
+    /// P13: every motion is one of a locomotion mode, and between two modes the vehicle stands long enough.
+    fn observe_mode(&mut self, transition: &Transition<'_>, is: Velocity) -> Result<(), Violation> {
+        if is == Velocity::ZERO {
+            return Ok(());
+        }
+        let (now, rules) = (transition.now, transition.rules);
+        let mode = transition
+            .after
+            .locomotion
+            .ok_or("P13: it moves without a mode")?;
+        let part = mode.part_of(is);
+        let off = [
+            part.linear_mps - is.linear_mps,
+            part.lateral_mps - is.lateral_mps,
+            part.angular_radps - is.angular_radps,
+        ];
+        ensure(
+            off.iter().all(|off| off.abs() < ROUNDING),
+            "P13: its wheels are not set for that motion",
+        )?;
+        if let Some((last, at)) = self.moved_in.replace((mode, now)) {
+            ensure(
+                last == mode || now.since(at) >= rules.locomotion.change,
+                "P13: between two modes it does not stand long enough",
+            )?;
+        }
+        Ok(())
     }
 }
 
@@ -528,6 +581,7 @@ fn compare_without_monitor(
     let is_slower = |is: f64, free: f64, was: f64| is.abs() <= free.abs().max(was.abs()) + ROUNDING;
     ensure(
         is_slower(is.linear_mps, free.linear_mps, was.linear_mps)
+            && is_slower(is.lateral_mps, free.lateral_mps, was.lateral_mps)
             && is_slower(is.angular_radps, free.angular_radps, was.angular_radps),
         "P9: the collision monitor makes it faster",
     )

@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use super::config::{Rules, TeleopConfig};
 use crate::lease::{Caller, OperatorId, RequestId, Role};
+use crate::locomotion::LocomotionConfig;
 use mapping::vehicle::VehicleConfig;
 
 /// Operator, supervisor and a stranger who may only watch.
@@ -29,7 +30,8 @@ fn caller(who: u8) -> Caller {
 
 /// The rules of the defaults, for a vehicle of 1 m/s and 1 rad/s.
 fn rules() -> Rules {
-    Rules::new(&TeleopConfig::default(), &VehicleConfig::default()).unwrap()
+    let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
+    Rules::new(&teleop, &vehicle, &LocomotionConfig::default()).unwrap()
 }
 
 const fn millis(millis: u64) -> Duration {

@@ -24,7 +24,8 @@ use crate::command_stream::{ArmingState, DriveCommand};
 use crate::config::Rules;
 use crate::interface::{ArbiterInput, CollisionMonitorOutput, LeaseVerb};
 use crate::lease::{EStop, EStopId, Lease, LeaseHolder, OperatorId, Role, StoredEStop, Waiting};
-use crate::motion::{AxisLimits, Velocity};
+use crate::locomotion::{Locomotion, LocomotionConfig, LocomotionMode};
+use crate::motion::{AxisLimits, MotionLimits, Velocity};
 use crate::token::{AgeToken, TokenRing};
 use measurement::time::Monotonic;
 
@@ -60,8 +61,11 @@ fn rules() -> Rules {
         neutral: 2 * UNIT,
         // No limit: the age of commands is to decide only whether they count.
         max_latency_travel_m: 1e9,
-        linear: axis,
-        angular: axis,
+        limits: MotionLimits {
+            linear: axis,
+            angular: axis,
+        },
+        locomotion: Locomotion::new(&LocomotionConfig::default()),
         is_boat: false,
         request_timeout: 2 * UNIT,
     }
@@ -394,6 +398,7 @@ impl Pressed {
         };
         Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
         }
     }
@@ -538,6 +543,7 @@ impl Small {
             state.stream.requested = Pressed::Key.velocity();
         }
         state.motion.linear.speed = self.speed_um as f64 / 1e6;
+        state.locomotion = Some(LocomotionMode::Differential);
         state.collision_monitor = Some((collision_monitor, PRESENT));
         state.estop = self.estop;
         state.last_estop = ESTOP;

@@ -10,7 +10,9 @@ use super::{caller, rules};
 use crate::config::{Rules, TeleopConfig};
 use crate::interface::{ArbiterInput, CollisionMonitorOutput, LeaseVerb, SpeedLimits};
 use crate::lease::{EStopId, OperatorId, StoredEStop};
+use crate::locomotion::{LocomotionConfig, LocomotionModes};
 use crate::motion::Velocity;
+use mapping::vehicle::VehicleConfig;
 use measurement::time::Monotonic;
 
 /// Thousands of events: what needs a long history.
@@ -30,8 +32,12 @@ fn config(cases: u32) -> ProptestConfig {
 }
 
 fn velocity(part: impl Strategy<Value = f64> + Clone) -> impl Strategy<Value = Velocity> {
-    (part.clone(), part)
-        .prop_map(|(linear_mps, angular_radps)| Velocity::new(linear_mps, angular_radps))
+    let lateral = prop_oneof![2 => Just(0.0), 1 => part.clone()];
+    (part.clone(), lateral, part).prop_map(|(linear_mps, lateral_mps, angular_radps)| Velocity {
+        linear_mps,
+        lateral_mps,
+        angular_radps,
+    })
 }
 
 fn sane_speed() -> impl Strategy<Value = Velocity> {
@@ -56,12 +62,12 @@ fn fate() -> impl Strategy<Value = Fate> {
 fn output() -> impl Strategy<Value = CollisionMonitorOutput> {
     let limit = || prop_oneof![3 => 0.0..1.5, 1 => Just(0.0), 1 => any::<f64>()];
     let overspeed = prop_oneof![3 => Just(Velocity::ZERO), 1 => velocity(-1.0..1.0)];
-    let limits = (limit(), limit(), limit(), limit(), any::<bool>(), overspeed);
+    let limits = (prop::array::uniform6(limit()), any::<bool>(), overspeed);
     prop_oneof![
         1 => Just(CollisionMonitorOutput::Off),
         1 => Just(CollisionMonitorOutput::Stale),
-        6 => limits.prop_map(|(forward_mps, reverse_mps, left_radps, right_radps, in_unknown_space, overspeed)| {
-            CollisionMonitorOutput::Limits(SpeedLimits { forward_mps, reverse_mps, left_radps, right_radps, in_unknown_space, overspeed })
+        6 => limits.prop_map(|([forward_mps, reverse_mps, left_mps, right_mps, left_radps, right_radps], in_unknown_space, overspeed)| {
+            CollisionMonitorOutput::Limits(SpeedLimits { forward_mps, reverse_mps, left_mps, right_mps, left_radps, right_radps, in_unknown_space, overspeed })
         }),
     ]
 }
@@ -147,6 +153,18 @@ fn moves(count: usize) -> impl Strategy<Value = Vec<Move>> {
     prop::collection::vec(one_move(), count)
 }
 
+fn modes() -> impl Strategy<Value = LocomotionModes> {
+    any::<[bool; 4]>().prop_map(
+        |[double_ackermann, turn_on_spot, lateral, crab]| LocomotionModes {
+            differential: ![double_ackermann, turn_on_spot, lateral, crab].contains(&true),
+            double_ackermann,
+            turn_on_spot,
+            lateral,
+            crab,
+        },
+    )
+}
+
 /// The design's defaults, and rules at the edges of what is allowed.
 fn any_rules() -> impl Strategy<Value = Rules> {
     let parts = (
@@ -154,10 +172,16 @@ fn any_rules() -> impl Strategy<Value = Rules> {
         1.0..3.0,
         0.05..2.0,
         200_u32..400,
-        any::<bool>(),
+        (any::<bool>(), modes(), 0.3..2.0),
     );
     let made = parts.prop_map(
-        |(max_command_age_ms, lease_s, max_latency_travel_m, neutral_ms, is_boat)| {
+        |(
+            max_command_age_ms,
+            lease_s,
+            max_latency_travel_m,
+            neutral_ms,
+            (is_boat, modes, mode_change_s),
+        )| {
             let teleop = TeleopConfig {
                 max_command_age_ms,
                 lease_s,
@@ -166,7 +190,12 @@ fn any_rules() -> impl Strategy<Value = Rules> {
                 is_boat,
                 ..TeleopConfig::default()
             };
-            Rules::new(&teleop, &mapping::vehicle::VehicleConfig::default()).unwrap()
+            let locomotion = LocomotionConfig {
+                modes,
+                min_turn_radius_m: mode_change_s,
+                mode_change_s,
+            };
+            Rules::new(&teleop, &VehicleConfig::default(), &locomotion).unwrap()
         },
     );
     prop_oneof![Just(rules()), made]

@@ -10,6 +10,7 @@ use super::world::{Fate, Move, World};
 use crate::config::{Rules, TeleopConfig};
 use crate::interface::{ArbiterInput, LeaseVerb};
 use crate::lease::StoredEStop;
+use crate::locomotion::LocomotionConfig;
 use mapping::vehicle::VehicleConfig;
 use measurement::time::Monotonic;
 
@@ -31,7 +32,12 @@ fn drive(max_command_age_ms: u32, minutes: usize) -> Drive {
         max_command_age_ms,
         ..TeleopConfig::default()
     };
-    let rules = Rules::new(&teleop, &VehicleConfig::default()).unwrap();
+    let rules = Rules::new(
+        &teleop,
+        &VehicleConfig::default(),
+        &LocomotionConfig::default(),
+    )
+    .unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     // In rounds; absent if lost.
     let mut delay = || {

@@ -366,10 +366,15 @@ impl World {
         let dt = before
             .last_tick
             .map_or(Duration::ZERO, |last| self.now.since(last));
-        let was = before.motion.velocity().linear_mps.abs();
-        let braked = was - self.rules.linear.stop_decel * dt.as_secs_f64();
-        if output.linear_mps.abs() > allowed.max(braked) + 1e-9 {
-            return Err("P1: faster than the age of commands allows");
+        let was = before.motion.velocity();
+        for (was, is) in [
+            (was.linear_mps, output.linear_mps),
+            (was.lateral_mps, output.lateral_mps),
+        ] {
+            let braked = was.abs() - self.rules.limits.linear.stop_decel * dt.as_secs_f64();
+            if is.abs() > allowed.max(braked) + 1e-9 {
+                return Err("P1: faster than the age of commands allows");
+            }
         }
         Ok(())
     }

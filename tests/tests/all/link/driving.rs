@@ -7,7 +7,8 @@ use std::time::Duration;
 use foreshore_tests::operator::{Input, NEUTRAL, Operator, refused};
 use foreshore_tests::rig::relay::Relay;
 use protocol::message::{
-    Answer, EStop, LeaseRequest, Refusal, Reset, Setting, StopReason, TeleopState, TeleopStatus,
+    Answer, Clamp, EStop, LeaseRequest, Refusal, Reset, Setting, StopReason, TeleopState,
+    TeleopStatus,
 };
 use protocol::signed::SecretKey;
 use tempfile::tempdir;
@@ -76,6 +77,47 @@ fn silence_old_commands_and_held_keys_move_nothing() {
     anna.wait_for_status("turning right", |teleop| {
         teleop.applied.angular_radps < -0.3
     });
+}
+
+#[test]
+fn wheels_are_set_while_it_stands_and_it_goes_sideways_to_a_wall() {
+    let port = free_port();
+    let _edge = simulate(&format!(
+        "--listen {} --set motors.modes.crab=true",
+        tcp(port)
+    ));
+    let mut anna = operator(port, "anna");
+    anna.take_lease();
+    anna.hold(Input::NEUTRAL, NEUTRAL);
+    // Of its two modes the first one does what it can.
+    anna.hold(Input::of(0.2, 0.0), Duration::from_millis(1200));
+    anna.wait_for_status("ahead", |teleop| teleop.applied.linear_mps > 0.15);
+    let sideways = Input {
+        lateral_mps: -0.3,
+        ..Input::NEUTRAL
+    };
+    anna.hold(sideways, Duration::from_millis(800));
+    let waiting = anna.wait_for_status("waiting", |teleop| teleop.clamp == Some(Clamp::Locomotion));
+    assert_eq!(waiting.applied.lateral_mps, 0.0);
+    anna.hold(sideways, Duration::from_millis(2500));
+    let going = anna.wait_for_status("sideways", |teleop| teleop.applied.lateral_mps < -0.25);
+    assert_eq!(going.applied.angular_radps, 0.0);
+    assert!(anna.pose().lateral_mps < -0.2, "{:?}", anna.pose());
+    let is_before_a_wall = |teleop: &TeleopStatus| {
+        teleop.clamp == Some(Clamp::CollisionMonitor) && teleop.applied.lateral_mps.abs() < 0.01
+    };
+    let stopped = (0..40).find_map(|_| {
+        anna.hold(sideways, Duration::from_secs(1));
+        Some(anna.wait_for_status("shown", |_| true)).filter(is_before_a_wall)
+    });
+    let barrier = stopped.expect("a wall").barrier.unwrap();
+    let pose = anna.pose();
+    let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
+    let yaw = f64::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
+    let to = [0, 1].map(|axis| f64::from(barrier.position_m[axis]) - pose.position_m[axis]);
+    let left_m = to[1] * yaw.cos() - to[0] * yaw.sin();
+    // Half of its width of 0.381 m, and the margin of 0.1 m.
+    assert!((left_m + 0.29).abs() < 0.05, "{left_m} {to:?}");
 }
 
 #[test]

@@ -18,6 +18,7 @@ use crate::processes::free_port;
 
 const ON: Drive = Drive {
     linear_mps: 0.0,
+    lateral_mps: 0.0,
     angular_radps: 0.5,
     estop: None,
 };

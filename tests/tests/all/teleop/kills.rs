@@ -93,7 +93,10 @@ fn a_hanging_operator_process_stops_the_vehicle() {
     let log = robot.log();
     let rounds = stood(&log, stands_by(stopped), clock::now());
     let last = rounds.last().unwrap();
-    assert_eq!((last.mode.as_str(), last.requested), ("held", [0.15, 1.0]));
+    assert_eq!(
+        (last.mode.as_str(), last.requested),
+        ("held", [0.15, 0.0, 1.0])
+    );
     let journal = anna.journal();
     let taken = journal.find(last.seq.unwrap()).unwrap();
     assert!(taken.at > woken, "commands are accepted and move nothing");

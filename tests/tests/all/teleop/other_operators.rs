@@ -103,6 +103,7 @@ fn drive_through_floods() -> [(f64, Lateness); 2] {
     let key = |name: &str| format!("foreshore/{NAME}/op/{name}/drive");
     let full_speed = Drive {
         linear_mps: 1.0,
+        lateral_mps: 0.0,
         angular_radps: 3.0,
         estop: None,
     };
@@ -235,6 +236,7 @@ fn tampered_commands_move_nothing() {
     let mut rng = SeededRng::new(8);
     let full_speed = Drive {
         linear_mps: 1.0,
+        lateral_mps: 0.0,
         angular_radps: 3.0,
         estop: None,
     };

@@ -23,7 +23,7 @@ pub(super) const CIRCLE: Input = Input::of(0.15, 1.0);
 /// Limits of the vehicle of `rooms`.
 pub(super) const LIMITS: Limits = Limits {
     max_age: Duration::from_millis(400),
-    stop_decel: [1.0, 4.0],
+    stop_decel: [1.0, 1.0, 4.0],
 };
 
 pub(super) struct Robot {

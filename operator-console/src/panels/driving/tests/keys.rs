@@ -9,7 +9,11 @@ fn holding(keys: &[DriveKey], [forward, left]: [f32; 2]) -> Rig {
     let mut rig = Rig::driving();
     rig.velocity = [0.0; 2];
     rig.teleop_client.keys = keys.to_vec();
-    rig.teleop_client.drive_input = DriveInput { forward, left };
+    rig.teleop_client.drive_input = DriveInput {
+        forward,
+        sideways: 0.0,
+        left,
+    };
     rig
 }
 
@@ -48,7 +52,7 @@ fn opposing_keys_hide_no_other_reason() {
 
 #[test]
 fn a_blocked_arc_suggests_driving_or_turning_alone() {
-    let alone = "Stopped by the collision monitor: try driving or turning alone";
+    let alone = "Stopped by the collision monitor: try one direction alone";
     for (requested, is_boat, advice) in [
         ([0.4, 0.4], false, alone),
         ([-0.4, -0.4], true, alone),

@@ -15,6 +15,8 @@ const FREE: f32 = f32::INFINITY;
 const BOAT: SpeedLimits = SpeedLimits {
     forward_mps: 3.0,
     reverse_mps: 3.0,
+    left_mps: 0.0,
+    right_mps: 0.0,
     left_radps: 0.2,
     right_radps: 0.2,
 };
@@ -82,6 +84,8 @@ fn monitor_row_names_the_requested_direction() {
         rig.teleop.collision_monitor = On(SpeedLimits {
             forward_mps,
             reverse_mps,
+            left_mps: 0.0,
+            right_mps: 0.0,
             left_radps,
             right_radps,
         });
@@ -183,7 +187,7 @@ fn boat(
 ) -> Rig {
     let mut rig = Rig::driving();
     rig.is_boat = true;
-    rig.teleop_client.limits = [3.0, 0.2];
+    rig.teleop_client.limits = [3.0, 0.0, 0.2];
     rig.request(requested);
     [
         rig.teleop.applied.linear_mps,

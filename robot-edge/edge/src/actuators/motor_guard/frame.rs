@@ -182,10 +182,7 @@ impl Reader<'_> {
     }
 
     pub(super) fn take_velocity(&mut self) -> Option<Velocity> {
-        Some(Velocity {
-            linear_mps: self.take_f64()?,
-            angular_radps: self.take_f64()?,
-        })
+        Some(Velocity::new(self.take_f64()?, self.take_f64()?))
     }
 
     pub(super) fn take_f64(&mut self) -> Option<f64> {
@@ -375,6 +372,7 @@ mod tests {
             decided_at: Monotonic::from_nanos(123_456_789_012),
             velocity: Velocity {
                 linear_mps,
+                lateral_mps: 0.0,
                 angular_radps: -0.25,
             },
         }
@@ -514,6 +512,7 @@ mod tests {
                 decided_at: Monotonic::from_nanos(at),
                 velocity: Velocity {
                     linear_mps: f64::from_bits(linear),
+                    lateral_mps: 0.0,
                     angular_radps: f64::from_bits(angular),
                 },
             };

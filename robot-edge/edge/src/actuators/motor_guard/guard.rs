@@ -374,6 +374,7 @@ mod tests {
             decided_at: at(decided_ms),
             velocity: Velocity {
                 linear_mps,
+                lateral_mps: 0.0,
                 angular_radps: 0.0,
             },
         };

@@ -201,6 +201,7 @@ impl LatestCommand {
             let decided_at = Monotonic::from_nanos(self.decided_at.load(Ordering::Relaxed));
             let velocity = Velocity {
                 linear_mps: f64::from_bits(self.linear.load(Ordering::Relaxed)),
+                lateral_mps: 0.0,
                 angular_radps: f64::from_bits(self.angular.load(Ordering::Relaxed)),
             };
             fence(Ordering::Acquire);
@@ -227,6 +228,7 @@ mod tests {
         assert!(latest.newer_than(0).is_none());
         let velocity = Velocity {
             linear_mps: 1.0,
+            lateral_mps: 0.0,
             angular_radps: -2.0,
         };
         latest.put(Velocity::ZERO, Monotonic::from_nanos(1));
@@ -256,6 +258,7 @@ mod tests {
                 for number in 1.. {
                     let velocity = Velocity {
                         linear_mps: number as f64,
+                        lateral_mps: 0.0,
                         angular_radps: -(number as f64),
                     };
                     latest.put(velocity, Monotonic::from_nanos(number));

@@ -35,6 +35,7 @@ const TICK: Duration = Duration::from_millis(10);
 
 const AHEAD: Velocity = Velocity {
     linear_mps: 0.5,
+    lateral_mps: 0.0,
     angular_radps: 0.0,
 };
 
@@ -43,6 +44,7 @@ const AHEAD_POWERS: [i8; 2] = [64, 64];
 
 const FASTER: Velocity = Velocity {
     linear_mps: 1.0,
+    lateral_mps: 0.0,
     angular_radps: 0.0,
 };
 
@@ -248,6 +250,7 @@ fn what_is_not_a_number_stops_the_motors() {
     let (controller, mut motors) = driving();
     let nonsense = Velocity {
         linear_mps: f64::NAN,
+        lateral_mps: 0.0,
         angular_radps: 0.0,
     };
     assert_eq!(motors.apply(nonsense, clock::now()), Err(Fault::NotANumber));

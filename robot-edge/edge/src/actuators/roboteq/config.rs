@@ -243,6 +243,7 @@ mod tests {
     fn channels_and_directions_are_those_of_the_vehicle() {
         let velocity = Velocity {
             linear_mps: 1.0,
+            lateral_mps: 0.0,
             angular_radps: 1.0,
         };
         // Left 0.75 m/s on channel 2, right 1.25 m/s on channel 1 and inverted.
@@ -294,7 +295,7 @@ mod tests {
         #[test]
         fn powers_mean_the_velocity_within_their_step(linear_mps in -1.0..1.0f64, angular_radps in -2.0..2.0f64) {
             let config = config();
-            let done = config.velocity_of_powers(config.powers(Velocity { linear_mps, angular_radps }));
+            let done = config.velocity_of_powers(config.powers(Velocity { linear_mps, lateral_mps: 0.0, angular_radps }));
             let step_mps = 2.0 / 127.0;
             prop_assert!((done.linear_mps - linear_mps).abs() <= step_mps / 2.0 + 1e-9);
             prop_assert!((done.angular_radps - angular_radps).abs() <= step_mps / 0.5 + 1e-9);

@@ -38,7 +38,7 @@ fn monitored(now: Monotonic) -> DriveLoop {
     let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
     let mut drive_loop = DriveLoop::new(
         ("scout".parse().unwrap(), BootId([1; 16])),
-        Rules::new(&teleop, &vehicle).unwrap(),
+        Rules::new(&teleop, &vehicle, &teleop::LocomotionConfig::default()).unwrap(),
         Operators::open(),
         Motors::Simulated(SimulatedMotors::default()),
         Arc::new(SharedDriveState::default()),
@@ -125,6 +125,7 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
         token: drive_loop.state.tokens().newest().unwrap(),
         requested: Velocity {
             linear_mps,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
         },
         estop: false,
@@ -206,6 +207,7 @@ fn an_emergency_stop_of_an_observer_is_refused_each_time() {
         let estop = EStop { press };
         let drive = Drive {
             linear_mps: 0.0,
+            lateral_mps: 0.0,
             angular_radps: 0.0,
             estop: Some(estop),
         };
@@ -339,6 +341,7 @@ mod monitor_reenabled {
             for linear_mps in [0.0, 0.5] {
                 let drive = Drive {
                     linear_mps,
+                    lateral_mps: 0.0,
                     angular_radps: 0.0,
                     estop: None,
                 };

@@ -11,6 +11,10 @@ const BARE: Margins = Margins {
     side_m: 0.0,
 };
 
+const fn turning(radius_m: f64) -> MotionPlane {
+    MotionPlane::Turning { radius_m }
+}
+
 fn footprint() -> impl Strategy<Value = Footprint> {
     // The base frame may lie within, or up to half a length before or behind.
     (0.1..2.0, -1.0..1.0, 0.1..0.8).prop_map(|(length_m, offset, half_width_m): (f64, f64, f64)| {
@@ -18,15 +22,20 @@ fn footprint() -> impl Strategy<Value = Footprint> {
     })
 }
 
-/// Every direction, the axes themselves and very wide arcs among them.
+/// Every direction, turning or sideways, the axes themselves and very wide arcs among them.
 fn direction(radius_m: f64) -> impl Strategy<Value = MotionDirection> {
+    let plane = prop::sample::select(vec![
+        MotionPlane::Turning { radius_m },
+        MotionPlane::Turning { radius_m },
+        MotionPlane::Sideways,
+    ]);
     let angle = prop_oneof![
         8 => -PI..PI,
         1 => prop::sample::select(vec![0.0, FRAC_PI_2, PI, -FRAC_PI_2]),
         1 => -1e-6..1e-6,
     ];
-    angle.prop_map(move |angle: f64| {
-        MotionDirection::of(libm::cos(angle), libm::sin(angle), radius_m)
+    (angle, plane).prop_map(move |(angle, plane): (f64, _)| {
+        MotionDirection::of(libm::cos(angle), libm::sin(angle), plane)
             .unwrap()
             .0
     })
@@ -38,7 +47,7 @@ fn moved([x, y]: [f64; 2], direction: MotionDirection, travel_m: f64) -> [f64; 2
     let (sin, cos) = (libm::sin(turned), libm::cos(turned));
     let (ahead, left) = if turned.abs() < 1e-5 {
         let gone = travel_m * direction.along;
-        (gone, 0.5 * gone * turned)
+        (gone, 0.5 * gone * turned + travel_m * direction.across)
     } else {
         let radius_m = direction.along / direction.turn_per_m;
         (radius_m * sin, radius_m * (1.0 - cos))
@@ -145,10 +154,14 @@ proptest! {
 #[test]
 fn distances_that_are_known() {
     let footprint = Footprint::centred(0.8, 0.6);
-    let free_m = |along, swing, point| {
-        let (direction, _) = MotionDirection::of(along, swing, footprint.radius_m()).unwrap();
+    let plane = MotionPlane::Turning {
+        radius_m: footprint.radius_m(),
+    };
+    let free_in_m = |first, second, plane, point| {
+        let (direction, _) = MotionDirection::of(first, second, plane).unwrap();
         footprint.free_travel_m(BARE, direction, &[point])
     };
+    let free_m = |along, swing, point| free_in_m(along, swing, plane, point);
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
     close(free_m(1.0, 0.0, [1.4, 0.29]), 1.0);
     assert_eq!(free_m(1.0, 0.0, [1.4, 0.31]), f64::INFINITY);
@@ -160,8 +173,15 @@ fn distances_that_are_known() {
         FRAC_PI_2 - libm::asin(0.3 / 0.45),
     );
     assert_eq!(free_m(0.0, 1.0, [0.0, 0.51]), f64::INFINITY);
+    // To the right, and ahead to the left, where the side comes before the front.
+    let sideways_m = |first, second, point| free_in_m(first, second, MotionPlane::Sideways, point);
+    close(sideways_m(0.0, -1.0, [0.39, -1.3]), 1.0);
+    assert_eq!(sideways_m(0.0, -1.0, [0.41, -1.3]), f64::INFINITY);
+    close(sideways_m(0.6, 0.8, [0.5, 1.1]), 1.0);
+    close(sideways_m(0.6, 0.8, [1.0, 0.9]), 1.0);
+    assert_eq!(sideways_m(0.6, 0.8, [0.0, 1.2]), f64::INFINITY);
     // About a point 0.5 m to the left, the front reaches one that is 0.6 m to the right of that.
-    let (direction, _) = MotionDirection::of(0.5, 0.5, footprint.radius_m()).unwrap();
+    let (direction, _) = MotionDirection::of(0.5, 0.5, plane).unwrap();
     let point = [0.6, 0.5];
     let turned_rad = footprint.free_travel_m(BARE, direction, &[point]) * direction.turn_per_m;
     close(turned_rad, FRAC_PI_2 - libm::asin(0.4 / 0.6));
@@ -171,7 +191,7 @@ fn distances_that_are_known() {
 fn what_is_no_number_is_not_there() {
     let footprint = Footprint::centred(0.8, 0.6);
     for (along, swing) in [(1.0, 0.0), (1.0, 0.5), (0.0, -1.0)] {
-        let (direction, _) = MotionDirection::of(along, swing, 0.5).unwrap();
+        let (direction, _) = MotionDirection::of(along, swing, turning(0.5)).unwrap();
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             for point in [[bad, 0.0], [0.5, bad], [bad, bad]] {
                 let free_m = footprint.free_travel_m(BARE, direction, &[point]);
@@ -197,9 +217,9 @@ const BRAKING: Braking = Braking {
 
 #[test]
 fn straight_on_it_is_the_formula_of_the_design() {
-    let (ahead, _) = MotionDirection::of(2.0, 0.0, 0.8).unwrap();
+    let (ahead, _) = MotionDirection::of(2.0, 0.0, turning(0.8)).unwrap();
     assert!((ahead.stopping_travel_m(1.0, &BRAKING) - (0.12 + 0.5)).abs() < 1e-12);
-    let (left, _) = MotionDirection::of(0.0, 1.0, 0.5).unwrap();
+    let (left, _) = MotionDirection::of(0.0, 1.0, turning(0.5)).unwrap();
     // 2 rad/s: the outermost point at 1 m/s.
     let turned_rad = left.stopping_travel_m(1.0, &BRAKING) * left.turn_per_m;
     assert!((turned_rad - (2.0 * 0.12 + 4.0 / 8.0)).abs() < 1e-12);
@@ -208,9 +228,8 @@ fn straight_on_it_is_the_formula_of_the_design() {
 #[test]
 fn what_does_not_move_has_no_heading() {
     for (along_m, swing_m) in [(0.0, 0.0), (f64::NAN, 1.0), (1.0, f64::INFINITY)] {
-        assert_eq!(MotionDirection::of(along_m, swing_m, 0.5), None);
+        assert_eq!(MotionDirection::of(along_m, swing_m, turning(0.5)), None);
     }
-    assert_eq!(MotionDirection::of(1.0, 1.0, 0.0), None);
 }
 
 proptest! {
@@ -218,7 +237,7 @@ proptest! {
     fn the_speed_is_the_one_that_needs_the_travel(
         along in -1.0..1.0, swing in -1.0..1.0, travel_m in 1e-6..50.0
     ) {
-        let (direction, _) = MotionDirection::of(along, swing, 0.7).unwrap();
+        let (direction, _) = MotionDirection::of(along, swing, turning(0.7)).unwrap();
         let speed = direction.speed_for_mps(travel_m, &BRAKING);
         let needed = direction.stopping_travel_m(speed, &BRAKING);
         prop_assert!((needed - travel_m).abs() < 1e-9 * (1.0 + travel_m));

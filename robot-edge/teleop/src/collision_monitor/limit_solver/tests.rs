@@ -15,7 +15,9 @@ impl Scene {
     fn new(setup: &Setup) -> Self {
         let rules = setup.rules();
         Self {
-            directions: DirectionTable::new(rules.footprint.radius_m()),
+            directions: DirectionTable::new(MotionPlane::Turning {
+                radius_m: rules.footprint.radius_m(),
+            }),
             environment: LocalEnvironment::new(&rules),
             rules,
         }
@@ -56,10 +58,22 @@ impl Scene {
         LimitSolver::new(context, &self.directions)
     }
 
-    /// Metres per second ahead and of the outermost point to the left.
-    fn travel(&self, [going_mps, turning_mps]: [f64; 2]) -> AxisSpeeds {
-        let velocity = Velocity::new(going_mps, turning_mps / self.rules.footprint.radius_m());
-        AxisSpeeds::of(velocity, &self.rules)
+    fn sideways(mut self) -> Self {
+        self.directions = DirectionTable::new(MotionPlane::Sideways);
+        self
+    }
+
+    /// Metres per second ahead; and to the left, of the vehicle or of its outermost point.
+    fn travel(&self, [first_mps, second_mps]: [f64; 2]) -> AxisSpeeds {
+        let plane = self.directions.plane;
+        let velocity = match plane {
+            MotionPlane::Turning { radius_m } => Velocity::new(first_mps, second_mps / radius_m),
+            MotionPlane::Sideways => Velocity {
+                lateral_mps: second_mps,
+                ..Velocity::new(first_mps, 0.0)
+            },
+        };
+        AxisSpeeds::of(velocity, plane, &self.rules)
     }
 }
 
@@ -116,9 +130,12 @@ proptest! {
         hits in prop::collection::vec((-3.0..3.0, -3.0..3.0), 0..30),
         (going_mps, turning_mps) in (mps(), mps()),
         (asked_going_mps, asked_turning_mps) in (mps(), mps()),
-        is_boat in any::<bool>(),
+        (is_boat, is_sideways) in any::<(bool, bool)>(),
     ) {
         let mut scene = if is_boat { Scene::boat() } else { Scene::on_land() };
+        if is_sideways {
+            scene = scene.sideways();
+        }
         let scale = if is_boat { 4.0 } else { 1.0 };
         scene.environment.hits = hits.into_iter().map(|(x, y)| [scale * x, scale * y]).collect();
         let motion = scene.travel([going_mps, turning_mps]);
@@ -128,8 +145,8 @@ proptest! {
         let most_mps = solver.most_mps;
         solver.limit_change(motion, requested);
         for (kept, asked_beside, changing) in [
-            (motion.going, requested.going, requested.turning),
-            (motion.turning, requested.turning, requested.going),
+            (motion.first, requested.first, requested.second),
+            (motion.second, requested.second, requested.first),
         ] {
             let [before_mps, left_mps] = [most_mps, solver.most_mps]
                 .map(|most_mps| changing.speed_mps.min(most_mps[changing.axis as usize]));
@@ -145,7 +162,7 @@ proptest! {
 
 #[test]
 fn headings_lie_between_their_axes() {
-    let directions = DirectionTable::new(0.5);
+    let directions = DirectionTable::new(MotionPlane::Turning { radius_m: 0.5 });
     for (axis, along, turn) in [
         (DriveAxis::Forward, 1.0, 0.0),
         (DriveAxis::Left, 0.0, 2.0),

@@ -44,6 +44,22 @@ fn it_stops_before_a_wall_at_any_speed_and_delay() {
     }
 }
 
+#[test]
+fn it_stops_beside_a_wall_to_which_it_goes() {
+    for side in [1.0, -1.0] {
+        let walls = vec![wall([-5.0, 3.0 * side], [5.0, 3.0 * side])];
+        let mut drive = Drive::new(Setup::default(), walls, 2);
+        let mut top_mps = 0.0_f64;
+        for _ in 0..700 {
+            drive.round(Some(sideways(Velocity::new(0.0, side))));
+            top_mps = top_mps.max(drive.motion.lateral.speed.abs());
+            assert!(drive.gap_m() > 0.095, "{}", drive.gap_m());
+        }
+        assert!(top_mps > 0.95, "{top_mps}");
+        assert!((drive.gap_m() - 0.1).abs() < 0.005, "{}", drive.gap_m());
+    }
+}
+
 /// With the base frame at the rear axle, and at the front axle.
 #[test]
 fn an_offset_footprint_stops_equally_near_to_a_wall() {
@@ -134,6 +150,14 @@ fn scene() -> impl Strategy<Value = Walls> {
     })
 }
 
+/// Sideways as fast as it should turn.
+fn sideways(velocity: Velocity) -> Velocity {
+    Velocity {
+        lateral_mps: velocity.angular_radps,
+        ..Velocity::new(velocity.linear_mps, 0.0)
+    }
+}
+
 /// What is asked, each for some rounds; nothing where the arbiter stops.
 fn requests() -> impl Strategy<Value = Vec<(Option<Velocity>, u32)>> {
     let velocity = prop_oneof![
@@ -161,7 +185,7 @@ proptest! {
     #[test]
     fn whatever_is_asked_nothing_is_touched(
         scene in scene(), requests in requests(),
-        length_m in 0.3..1.0, width_m in 0.3..0.8, lag in 0_usize..3,
+        length_m in 0.3..1.0, width_m in 0.3..0.8, lag in 0_usize..3, is_sideways in any::<bool>(),
     ) {
         let setup = Setup {
             vehicle: agile(length_m, width_m, 1.5),
@@ -170,6 +194,7 @@ proptest! {
         let mut drive = Drive::new(setup, scene, lag);
         prop_assume!(drive.gap_m() > 0.0);
         for (requested, rounds) in requests {
+            let requested = requested.map(|velocity| if is_sideways { sideways(velocity) } else { velocity });
             for _ in 0..rounds {
                 drive.round(requested);
                 prop_assert!(drive.gap_m() > 0.0, "{:?} {:?} {:?} {:?}", drive.pose, drive.motion, drive.output, requested);

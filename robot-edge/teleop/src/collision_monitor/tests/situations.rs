@@ -243,7 +243,10 @@ fn switched_off_it_says_so() {
 
 /// The greatest speed ahead that the motors get.
 fn thrust_mps(limits: SpeedLimits) -> f64 {
-    CollisionMonitorOutput::Limits(limits).caps().0.towards(1.0)
+    CollisionMonitorOutput::Limits(limits)
+        .caps()
+        .linear
+        .towards(1.0)
 }
 
 #[test]

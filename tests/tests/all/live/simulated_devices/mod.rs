@@ -76,7 +76,15 @@ impl Vehicle {
             track_m: 0.65,
             full_speed_mps: 1.5,
             own_poses: None,
-            settings: &["mapping.cost.period_s=0.18"],
+            // A Roboteq drives the wheels of two sides.
+            settings: &[
+                "mapping.cost.period_s=0.18",
+                "motors.modes.differential=true",
+                "motors.modes.double_ackermann=false",
+                "motors.modes.turn_on_spot=false",
+                "motors.modes.lateral=false",
+                "motors.modes.crab=false",
+            ],
         }
     }
 
@@ -119,6 +127,7 @@ impl Vehicle {
         let [left, right] = powers.map(|power| self.full_speed_mps * f64::from(power) / 127.0);
         CommandedVelocity {
             linear_mps: 0.5 * (left + right),
+            lateral_mps: 0.0,
             angular_radps: (right - left) / self.track_m,
         }
     }

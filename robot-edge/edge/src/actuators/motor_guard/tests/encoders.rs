@@ -81,6 +81,7 @@ fn drive_for(motors: &mut GuardedMotors, ticks: u32) {
     for _ in 0..ticks {
         let curve = Velocity {
             linear_mps: 0.5,
+            lateral_mps: 0.0,
             angular_radps: -0.4,
         };
         motors.apply(curve, clock::now()).ok();
