@@ -25,6 +25,8 @@ const MONITOR_TIMEOUT: Duration = millis(300);
 const RESUME_WINDOW: Duration = millis(200);
 const MAX_STEP: Duration = millis(40);
 const ROUNDING: f64 = 1e-9;
+/// Of two axes whose speed together is above a limit, as a share of the deceleration of stops: (1 − ½)/√2.
+const SLOWEST_BRAKING: f64 = 0.353;
 /// Of an acceleration that is found by dividing what ended at a target by a small `dt`.
 const ACCEL_ROUNDING: f64 = 1e-3;
 
@@ -492,10 +494,15 @@ impl Monitor {
             .collision_monitor
             .map_or(CollisionMonitorOutput::Stale, |(output, _)| output);
         let age_cap = after.speed_allowed_mps(rules, now);
-        ensure(
-            is.ground_speed_mps() <= age_cap.max(was.ground_speed_mps()) + ROUNDING,
-            "P1: the axes together are faster than age allows",
-        )?;
+        if was.linear_mps.abs() > 0.0 && was.lateral_mps.abs() > 0.0 {
+            // One axis brakes as in a stop, while the other may speed up by half of that.
+            let brakes_mps = SLOWEST_BRAKING * rules.limits.linear.stop_decel * dt.as_secs_f64();
+            ensure(
+                is.ground_speed_mps()
+                    <= age_cap.max(was.ground_speed_mps() - brakes_mps) + ROUNDING,
+                "P1: both axes together are faster than age allows, and do not brake",
+            )?;
+        }
         self.observe_mode(transition, is)?;
         let mode = after.locomotion.unwrap_or(LocomotionMode::Differential);
         let caps = output.caps();

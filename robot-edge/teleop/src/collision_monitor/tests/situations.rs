@@ -539,3 +539,24 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn while_it_goes_sideways_that_axis_has_limits_whatever_is_asked() {
+    let walls = [wall([-5.0, 2.0], [5.0, 2.0])].to_vec();
+    for (commanded_mps, requested_mps) in [(0.0, 0.5), (0.5, 0.5), (0.5, 0.0)] {
+        let sideways = |lateral_mps| Velocity {
+            lateral_mps,
+            ..Velocity::ZERO
+        };
+        let mut scene = Scene::new(Setup::default(), Laser::ALL_DIRECTIONS, &walls)
+            .driving(sideways(commanded_mps));
+        let limits = scene.limits(sideways(requested_mps));
+        assert!(
+            limits.left_mps > 0.5 && limits.right_mps > 0.5,
+            "{limits:?}"
+        );
+        assert!(limits.left_radps + limits.right_radps < 1e-9, "{limits:?}");
+    }
+    let limits = Scene::new(Setup::default(), Laser::ALL_DIRECTIONS, &walls).limits(Velocity::ZERO);
+    assert!(limits.left_mps + limits.right_mps < 1e-9, "{limits:?}");
+}
