@@ -54,9 +54,9 @@ impl eframe::App for Bench {
         if let Some(command) = self.steps.take_command() {
             self.view.look(command);
         }
-        if self.steps.current() == Some(Step::Update) {
-            self.robot
-                .change_elevation(&mut self.model, self.steps.index(), now);
+        if let Some(Step::Update(cells)) = self.steps.current() {
+            let turn = self.steps.index() + 1;
+            self.robot.change_elevation(&mut self.model, cells, turn);
         }
         let started = clock::now();
         self.view.update(&mut self.model);
@@ -138,8 +138,6 @@ const LAYER: LayerId = LayerId::Elevation;
 const CELL_M: f64 = 0.1;
 /// 10,000 cells.
 const SIDE_TILES: i32 = 157;
-/// Small elevation map that changes completely: 401 cells.
-const SMALL_TILES: i32 = 7;
 const BOOT: BootId = BootId([7; 16]);
 /// As in the console.
 const STORE_MB: u32 = 256;
@@ -147,6 +145,8 @@ const STORE_MB: u32 = 256;
 struct Robot {
     encoder: Encoder,
     seq: u64,
+    /// Of the newest tile that has changed.
+    revision: u64,
 }
 
 /// Optional layer over the heights: free except for walls.
@@ -182,6 +182,7 @@ fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
     let mut robot = Robot {
         encoder: Encoder::new().unwrap(),
         seq: 0,
+        revision: 1_000_000,
     };
     let mut store = TileStore::new(BOOT, tile_store_mb);
     for &layer in layers {
@@ -293,13 +294,14 @@ impl Robot {
         }
     }
 
-    /// Changes the height of all 401 × 401 cells around the vehicle.
-    fn change_elevation(&mut self, model: &mut ConsoleModel, turn: usize, _now: Monotonic) {
-        let first = (SIDE_TILES - SMALL_TILES) / 2;
-        for index in 0..SMALL_TILES * SMALL_TILES {
-            let tile = (first + index % SMALL_TILES, first + index / SMALL_TILES);
-            let revision = 1_000_000 + turn as u64 * 100 + u64::from(index.unsigned_abs());
-            self.push_tile(model, LAYER, tile, (revision, turn + 1));
+    /// Changes the height of all `cells` × `cells` cells around the vehicle, in whole tiles.
+    fn change_elevation(&mut self, model: &mut ConsoleModel, cells: i32, turn: usize) {
+        let tiles = (cells + 63) / 64;
+        let first = (SIDE_TILES - tiles) / 2;
+        for index in 0..tiles * tiles {
+            let tile = (first + index % tiles, first + index / tiles);
+            self.revision += 1;
+            self.push_tile(model, LAYER, tile, (self.revision, turn));
         }
     }
 }
@@ -318,10 +320,12 @@ enum Step {
     PanTurned,
     Zoom,
     Still,
-    Update,
+    /// So many cells along an edge, all new.
+    Update(i32),
 }
 
-const ORDER: [(Step, &str); 8] = [
+/// The last four are the sizes of \[LOD\] table 5.4.
+const ORDER: [(Step, &str); 11] = [
     (Step::Rest, "whole map, nothing moves"),
     (Step::PanWhole, "pan, whole map"),
     (Step::PanMiddle, "pan, 1 pixel = 4 cells"),
@@ -329,7 +333,10 @@ const ORDER: [(Step, &str); 8] = [
     (Step::PanTurned, "pan, 1 pixel = 1 cell, robot up"),
     (Step::Zoom, "zoom in and out by the wheel"),
     (Step::Still, "elevation 401x401, no change"),
-    (Step::Update, "elevation 401x401, all new"),
+    (Step::Update(41), "elevation 41x41, all new"),
+    (Step::Update(101), "elevation 101x101, all new"),
+    (Step::Update(201), "elevation 201x201, all new"),
+    (Step::Update(401), "elevation 401x401, all new"),
 ];
 
 #[derive(Default)]
@@ -393,7 +400,7 @@ impl Steps {
                     modifiers: Modifiers::NONE,
                 });
             }
-            Step::Rest | Step::Still | Step::Update => {}
+            Step::Rest | Step::Still | Step::Update(_) => {}
         }
         self.index += 1;
         if self.index >= FRAMES {
@@ -436,7 +443,7 @@ impl Steps {
                 zoom(1.0);
                 self.commands.push(Look::Follow(true));
             }
-            Step::Rest | Step::PanWhole | Step::Update => {}
+            Step::Rest | Step::PanWhole | Step::Update(_) => {}
         }
     }
 

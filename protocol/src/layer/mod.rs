@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::layer::palette::{GROUND_M, Rgb, okabe_ito, round_step};
+use crate::layer::palette::{Rgb, okabe_ito, round_step};
 pub use palette::{Palette, Pattern, Scheme};
 
 /// A map layer. Closed and append-only: the position of a variant is its number on the wire.
@@ -232,14 +232,14 @@ impl Legend {
             None => layer.meaning().to_owned(),
         };
         let ramp = layer.classes().is_empty().then(|| Ramp::of(palette));
-        let ground = if palette.scheme() == Scheme::GroundPlane {
+        let ground = if let Some(ground_m) = palette.scheme().ground_m() {
             let swatch = |value: f32, label: String| {
                 let [red, green, blue] = palette.ramp_color(value);
                 Swatch::plain([red, green, blue, 255], label)
             };
             vec![
-                swatch(0.0, format!("ground, ± {GROUND_M}")),
-                swatch(-1.0, format!("below −{GROUND_M}")),
+                swatch(0.0, format!("ground, ± {ground_m}")),
+                swatch(-1.0, format!("below −{ground_m}")),
             ]
         } else {
             Vec::new()
@@ -278,7 +278,7 @@ impl Ramp {
         // A bounded quantity ends with its range; heights may exceed the scale.
         let (at_least, at_most) = match palette.scheme() {
             Scheme::Cividis => ("≥ ", "≤ "),
-            Scheme::GroundPlane => ("≥ ", ""),
+            scheme if scheme.ground_m().is_some() => ("≥ ", ""),
             _ => ("", ""),
         };
         let tick = |value: f32, prefix: &str| Tick {
@@ -292,7 +292,7 @@ impl Ramp {
             .take_while(|value| high - value > 0.4 * step)
             .map(|value| tick(value, ""));
         let mut bottom = tick(low, at_most);
-        if palette.scheme() == Scheme::GroundPlane {
+        if palette.scheme().ground_m().is_some() {
             bottom.label = number(low, 2);
         }
         let ticks = [bottom]

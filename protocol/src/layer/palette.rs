@@ -21,6 +21,10 @@ pub enum Scheme {
     /// Elevation colours of \[LOD\] §5: the ground plane ± 3 cm blue, below yellow, above black to
     /// grey.
     GroundPlane,
+    /// The same with a ground plane of ± 5 cm (\[LOD\] §5.6).
+    GroundPlane5,
+    /// And of ± 6 cm (\[LOD\] §5.2, §5.4).
+    GroundPlane6,
     /// Magma reversed: light is easy, dark is lethal.
     Magma,
     /// A colour of Okabe and Ito for each class.
@@ -38,8 +42,6 @@ pub struct Palette {
     high: f32,
 }
 
-/// Half the thickness of the ground in [`Scheme::GroundPlane`].
-pub(super) const GROUND_M: f32 = 0.03;
 const TRANSPARENT: [u8; 4] = [0; 4];
 const MAP_SERVER_UNKNOWN: [u8; 4] = [205, 205, 205, 255];
 /// Marks on light and on dark classes.
@@ -47,12 +49,29 @@ const DARK_MARK: [u8; 4] = [24, 28, 34, 255];
 const LIGHT_MARK: [u8; 4] = [255, 255, 255, 255];
 const LADAR_GREY: [Rgb; 2] = [[0, 0, 0], [200, 200, 200]];
 
+impl Scheme {
+    /// Half the thickness of the ground plane, metres, in the colours of \[LOD\] that have one.
+    pub const fn ground_m(self) -> Option<f32> {
+        match self {
+            Self::GroundPlane => Some(0.03),
+            Self::GroundPlane5 => Some(0.05),
+            Self::GroundPlane6 => Some(0.06),
+            _ => None,
+        }
+    }
+}
+
 impl LayerId {
     /// Schemes of this layer; the first is the default.
     pub const fn schemes(self) -> &'static [Scheme] {
         match self {
             Self::Occupancy => &[Scheme::Grey, Scheme::MapServer],
-            Self::Elevation => &[Scheme::Cividis, Scheme::GroundPlane],
+            Self::Elevation => &[
+                Scheme::Cividis,
+                Scheme::GroundPlane,
+                Scheme::GroundPlane5,
+                Scheme::GroundPlane6,
+            ],
             Self::Obstacle => &[Scheme::OkabeIto, Scheme::GreenRed],
             Self::Cost => &[Scheme::Magma],
             Self::Rigidity | Self::Shore => &[Scheme::OkabeIto],
@@ -84,9 +103,9 @@ impl LayerId {
 
 impl Palette {
     fn new(layer: LayerId, scheme: Scheme) -> Self {
-        let (low, high) = match scheme {
-            Scheme::Cividis => (-0.5, 1.5),
-            Scheme::GroundPlane => (GROUND_M, 2.0),
+        let (low, high) = match (scheme, scheme.ground_m()) {
+            (Scheme::Cividis, _) => (-0.5, 1.5),
+            (_, Some(ground_m)) => (ground_m, 2.0),
             _ => (0.0, 1.0),
         };
         Self {
@@ -99,7 +118,7 @@ impl Palette {
 
     /// Whether these are the colours of \[LOD\] §5.
     pub fn is_document_palette(&self) -> bool {
-        matches!(self.scheme, Scheme::GroundPlane | Scheme::GreenRed)
+        self.scheme == Scheme::GreenRed || self.scheme.ground_m().is_some()
     }
 
     /// Its layer.
@@ -192,14 +211,22 @@ impl Palette {
     /// Colour of a value of a continuous layer.
     pub(super) fn ramp_color(&self, value: f32) -> Rgb {
         let part = (value - self.low) / (self.high - self.low);
+        if let Some(ground_m) = self.scheme.ground_m() {
+            return match value {
+                value if value < -ground_m => [240, 205, 0],
+                value if value <= ground_m => [40, 80, 220],
+                _ => interpolate(&LADAR_GREY, part),
+            };
+        }
         match self.scheme {
             Scheme::Grey | Scheme::MapServer => interpolate(&[[254; 3], [0; 3]], part),
             Scheme::Cividis => interpolate(&CIVIDIS, part),
             Scheme::Magma => interpolate(&MAGMA_REVERSED, part),
-            Scheme::GroundPlane if value < -GROUND_M => [240, 205, 0],
-            Scheme::GroundPlane if value <= GROUND_M => [40, 80, 220],
-            Scheme::GroundPlane => interpolate(&LADAR_GREY, part),
-            Scheme::OkabeIto | Scheme::GreenRed => [0; 3],
+            Scheme::OkabeIto
+            | Scheme::GreenRed
+            | Scheme::GroundPlane
+            | Scheme::GroundPlane5
+            | Scheme::GroundPlane6 => [0; 3],
         }
     }
 }
@@ -349,13 +376,26 @@ mod tests {
 
     #[test]
     fn ground_plane_colours_are_the_documents() {
-        let document = palette(LayerId::Elevation, Scheme::GroundPlane);
-        let color = |height_m| document.color(Quantisation::HEIGHT.encode(height_m));
-        assert_eq!(color(0.03), color(-0.03));
-        assert_eq!(color(0.0), [40, 80, 220, 255]);
-        assert_eq!(color(-0.035), [240, 205, 0, 255]);
-        assert!(color(0.035)[0] < 3, "black just above the ground");
-        assert_eq!(color(2.0), [200, 200, 200, 255]);
+        for (scheme, ground_m) in [
+            (Scheme::GroundPlane, 0.03),
+            (Scheme::GroundPlane5, 0.05),
+            (Scheme::GroundPlane6, 0.06),
+        ] {
+            let document = palette(LayerId::Elevation, scheme);
+            let color = |height_m| document.color(Quantisation::HEIGHT.encode(height_m));
+            for height_m in [-ground_m, 0.0, ground_m] {
+                assert_eq!(color(height_m), [40, 80, 220, 255], "{scheme:?} {height_m}");
+            }
+            assert_eq!(color(-ground_m - 0.005), [240, 205, 0, 255], "{scheme:?}");
+            let [red, ..] = color(ground_m + 0.005);
+            assert!(red < 3, "{scheme:?}: black just above the ground");
+            assert_eq!(color(2.0), [200, 200, 200, 255]);
+        }
+        let exported = LayerId::Elevation.document_palette();
+        assert_eq!(
+            exported.map(|palette| palette.scheme()),
+            Some(Scheme::GroundPlane)
+        );
     }
 
     #[test]

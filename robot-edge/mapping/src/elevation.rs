@@ -12,7 +12,7 @@ use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::{Point2, Point3};
 use serde::Deserialize;
 
-use crate::grid::CellIndex;
+use crate::grid::{CellIndex, CellSize};
 use crate::ground_plane::{GroundConfig, GroundPlane, GroundReference, LocalGround};
 use crate::obstacle::{ObstacleConfig, ObstacleRule};
 use crate::ray_clearing::{RayClearing, around, rises_from_ground};
@@ -25,10 +25,14 @@ use crate::rolling_grid::{RollingGrid, Slot};
 pub struct ElevationConfig {
     /// Enables the elevation map and the obstacle map.
     pub enabled: bool,
-    /// Side of a cell of both maps, metres.
+    /// Side of a cell along x of `odom`, metres; of the obstacle map too, unless it has its own.
     pub cell_m: f64,
-    /// Cells along an edge of the window around the vehicle.
+    /// Side of a cell along y, metres; else `cell_m`.
+    pub cell_y_m: Option<f64>,
+    /// Cells along x of the window around the vehicle.
     pub cells: u32,
+    /// Cells along y; else `cells`.
+    pub cells_y: Option<u32>,
     /// Time after which an obstacle observed in fewer than 5 scans is forgotten, seconds.
     pub forget_s: f64,
 }
@@ -39,16 +43,31 @@ impl Default for ElevationConfig {
         Self {
             enabled: false,
             cell_m: 0.2,
+            cell_y_m: None,
             cells: 101,
+            cells_y: None,
             forget_s: 10.0,
         }
+    }
+}
+
+impl ElevationConfig {
+    /// Size of a cell.
+    pub fn size(&self) -> CellSize {
+        CellSize::new(self.cell_m, self.cell_y_m.unwrap_or(self.cell_m))
+    }
+
+    /// Columns and rows of the window.
+    pub fn sides(&self) -> [u32; 2] {
+        [self.cells, self.cells_y.unwrap_or(self.cells)]
     }
 }
 
 /// Rolling elevation map.
 #[derive(Clone, Debug)]
 pub struct ElevationMap {
-    cell_m: f64,
+    size: CellSize,
+    /// Along x.
     cells_per_m: f64,
     rule: ObstacleRule,
     h_pos_m: f32,
@@ -98,17 +117,17 @@ impl ElevationMap {
         ground: &GroundConfig,
     ) -> Self {
         Self {
-            cell_m: elevation.cell_m,
+            size: elevation.size(),
             cells_per_m: 1.0 / elevation.cell_m,
             rule: obstacle.rule,
             h_pos_m: obstacle.h_pos_m as f32,
             h_neg_m: obstacle.h_neg_m as f32,
             local_ground: (ground.reference == GroundReference::Local)
-                .then(|| LocalGround::new(elevation.cell_m, ground.max_slope_deg)),
+                .then(|| LocalGround::new(elevation.size(), ground.max_slope_deg)),
             compensation: ground.compensation,
-            grid: RollingGrid::new(elevation.cells, ElevationCell::UNKNOWN),
+            grid: RollingGrid::new(elevation.sides(), ElevationCell::UNKNOWN),
             hits: ScanHits::default(),
-            ray_clearing: RayClearing::new(elevation.cells, elevation.cell_m),
+            ray_clearing: RayClearing::new(elevation.sides(), elevation.size()),
             forget_ms: (1000.0 * elevation.forget_s) as u32,
             unconfirmed: VecDeque::new(),
             last_position: None,
@@ -157,7 +176,7 @@ impl ElevationMap {
         if let Some(last) = self.last_position.replace(position) {
             self.travel_m += (position - last).norm() as f32;
         }
-        let center = CellIndex::containing(position.xy(), self.cell_m);
+        let center = self.size.containing(position.xy());
         self.ray_clearing.center_on(center);
         self.grid.center_on(center);
     }
@@ -174,7 +193,7 @@ impl ElevationMap {
             .filter(|beam| beam.outcome == BeamOutcome::Hit);
         for beam in hits {
             let (position, height_m) = project(beam.end_in_odom);
-            let cell = CellIndex::near(position, self.cells_per_m);
+            let cell = CellIndex::near(self.size.squared(position), self.cells_per_m);
             let Some(slot) = self.grid.slot(cell) else {
                 report.outside += 1;
                 continue;
@@ -229,7 +248,7 @@ impl ElevationMap {
     /// or touches a cell that was grounded half a cell of travel ago. The delay excludes a person
     /// who passes close to a wall.
     fn is_grounded(&self, hit: &HitCell, now_ms: u32) -> bool {
-        let known_before_m = self.travel_m - 0.5 * self.cell_m as f32;
+        let known_before_m = self.travel_m - 0.5 * self.size.shorter_m() as f32;
         let touches_grounded = || {
             around(hit.cell).any(|at| {
                 let near = self.grid.get(at);
@@ -289,9 +308,9 @@ impl ElevationMap {
         self.reclassified.clear();
     }
 
-    /// Side of a cell, metres.
-    pub const fn cell_m(&self) -> f64 {
-        self.cell_m
+    /// Size of a cell.
+    pub const fn size(&self) -> CellSize {
+        self.size
     }
 
     /// The cells.

@@ -1,6 +1,7 @@
 //! Cells, tiles, voxels, and an unbounded sparse grid of tiles.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use nalgebra::{Point2, Point3};
 
@@ -87,6 +88,78 @@ impl CellIndex {
             (f64::from(self.y) + 0.5) * cell_m,
         )
     }
+}
+
+/// Sides of the cells of a map fixed in `odom`: cell (x, y) covers `[x, x+1)·x_m` by `[y, y+1)·y_m`
+/// (\[LOD\] §4.2.2: cw and ch).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellSize {
+    x_m: f64,
+    y_m: f64,
+    /// 1 for squares.
+    x_over_y: f64,
+}
+
+/// Share of a cell below which an overlap is rounding.
+const OVERLAP_MIN: f64 = 1e-6;
+
+impl CellSize {
+    /// Sides along x and y of `odom`, metres.
+    pub fn new(x_m: f64, y_m: f64) -> Self {
+        Self {
+            x_m,
+            y_m,
+            x_over_y: x_m / y_m,
+        }
+    }
+
+    /// Sides along x and y of `odom`, metres.
+    pub const fn sides_m(self) -> [f64; 2] {
+        [self.x_m, self.y_m]
+    }
+
+    /// The shorter side, metres.
+    pub const fn shorter_m(self) -> f64 {
+        self.x_m.min(self.y_m)
+    }
+
+    /// The point with its y stretched so that cells are squares of `x_m`; squares leave it as it is.
+    pub(crate) fn squared(self, point: Point2<f64>) -> Point2<f64> {
+        Point2::new(point.x, point.y * self.x_over_y)
+    }
+
+    /// The cell that contains `point`, metres in `odom`.
+    pub fn containing(self, point: Point2<f64>) -> CellIndex {
+        CellIndex::containing(self.squared(point), self.x_m)
+    }
+
+    /// The squares of the shorter side whose centres are in `cell`: at least one, and each is in one
+    /// cell only.
+    pub fn squares(self, cell: CellIndex) -> impl Iterator<Item = CellIndex> {
+        let ends = |index: i32, side_m: f64| {
+            let squares = side_m / self.shorter_m();
+            let first = |index: i32| libm::ceil(f64::from(index) * squares - 0.5) as i32;
+            first(index)..first(index.saturating_add(1))
+        };
+        cells_of(ends(cell.x, self.x_m), ends(cell.y, self.y_m))
+    }
+
+    /// The cells of size `other` that share area with `cell`.
+    pub fn overlapping(self, cell: CellIndex, other: Self) -> impl Iterator<Item = CellIndex> {
+        let ends = |index: i32, ratio: f64| {
+            let at = |index: i32| f64::from(index) * ratio;
+            let first = libm::floor(at(index) + OVERLAP_MIN) as i32;
+            first..libm::ceil(at(index.saturating_add(1)) - OVERLAP_MIN) as i32
+        };
+        cells_of(
+            ends(cell.x, self.x_m / other.x_m),
+            ends(cell.y, self.y_m / other.y_m),
+        )
+    }
+}
+
+fn cells_of(columns: Range<i32>, rows: Range<i32>) -> impl Iterator<Item = CellIndex> {
+    rows.flat_map(move |y| columns.clone().map(move |x| CellIndex { x, y }))
 }
 
 /// One tile of a [`TiledGrid`].
@@ -257,6 +330,46 @@ mod grid_tests {
         assert_eq!(cell, CellIndex { x: -1, y: 64 });
         assert_eq!(cell.split(), (TileIndex { x: -1, y: 1 }, 63));
         assert!((cell.centre(0.1) - Point2::new(-0.05, 6.45)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn oblong_cells_are_made_of_squares_and_overlap_cells_of_other_sizes() {
+        let cell = |x, y| CellIndex { x, y };
+        let oblong = CellSize::new(0.2, 0.5);
+        assert_eq!(oblong.containing(Point2::new(-0.1, 1.1)), cell(-1, 2));
+        assert!((oblong.shorter_m() - 0.2).abs() < 1e-12);
+        // Rows of 0.2 m whose middles, at 0.1 m, 0.3 m, ..., are in rows of 0.5 m.
+        let rows = |y| -> Vec<_> { oblong.squares(cell(3, y)).collect() };
+        assert_eq!(rows(0), [cell(3, 0), cell(3, 1)]);
+        assert_eq!(rows(1), [cell(3, 2), cell(3, 3), cell(3, 4)]);
+        assert_eq!(rows(-1), [cell(3, -3), cell(3, -2), cell(3, -1)]);
+        let square = |side_m| CellSize::new(side_m, side_m);
+        for (from, to, index, expected) in [
+            (square(0.1), square(0.1), cell(-7, 9), vec![cell(-7, 9)]),
+            (
+                square(0.2),
+                square(0.1),
+                cell(-1, 0),
+                vec![cell(-2, 0), cell(-1, 0), cell(-2, 1), cell(-1, 1)],
+            ),
+            (square(0.1), square(0.2), cell(-1, 3), vec![cell(-1, 1)]),
+            (
+                oblong,
+                square(0.3),
+                cell(1, 0),
+                vec![cell(0, 0), cell(1, 0), cell(0, 1), cell(1, 1)],
+            ),
+        ] {
+            let found: Vec<_> = from.overlapping(index, to).collect();
+            assert_eq!(found, expected, "{from:?} {to:?} {index:?}");
+        }
+        for side_m in [0.05, 0.1, 0.2, 0.3, 1.7] {
+            for index in [cell(-100_001, 3), cell(0, 0), cell(7, 99_999)] {
+                let size = square(side_m);
+                assert_eq!(size.squares(index).collect::<Vec<_>>(), [index]);
+                assert_eq!(size.overlapping(index, size).collect::<Vec<_>>(), [index]);
+            }
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 
 use crate::elevation::{Bounds, CellClass, ElevationCell};
-use crate::grid::CellIndex;
+use crate::grid::{CellIndex, CellSize};
 use crate::rolling_grid::RollingGrid;
 
 /// Settings of `[mapping.ground]`.
@@ -309,15 +309,18 @@ pub(super) struct LocalGround {
 }
 
 impl LocalGround {
-    pub(super) fn new(cell_m: f64, max_slope_deg: f64) -> Self {
+    pub(super) fn new(size: CellSize, max_slope_deg: f64) -> Self {
         let slope = libm::tan(max_slope_deg.to_radians());
         // At least the adjacent cells.
-        let reach = ((REACH_M / cell_m) as i32).max(1);
+        let reach = size
+            .sides_m()
+            .map(|side_m| ((REACH_M / side_m) as i32).max(1));
+        let [x_m, y_m] = size.sides_m();
         let mut around = Vec::new();
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                let distance_m = libm::hypot(f64::from(dx), f64::from(dy)) * cell_m;
-                let is_near = distance_m <= REACH_M.max(1.5 * cell_m);
+        for dy in -reach[1]..=reach[1] {
+            for dx in -reach[0]..=reach[0] {
+                let distance_m = libm::hypot(f64::from(dx), f64::from(dy) * (y_m / x_m)) * x_m;
+                let is_near = distance_m <= REACH_M.max(1.5 * x_m.max(y_m));
                 if (dx, dy) != (0, 0) && is_near {
                     around.push((dx, dy, (slope * distance_m) as f32));
                 }

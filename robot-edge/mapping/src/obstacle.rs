@@ -4,8 +4,8 @@
 use nalgebra::Point2;
 use serde::Deserialize;
 
-use crate::elevation::{CellClass, ElevationMap};
-use crate::grid::CellIndex;
+use crate::elevation::{CellClass, ElevationConfig, ElevationMap};
+use crate::grid::{CellIndex, CellSize};
 use crate::rolling_grid::{RollingGrid, difference};
 
 /// Settings of `[mapping.obstacle]`.
@@ -18,8 +18,30 @@ pub struct ObstacleConfig {
     pub h_pos_m: f64,
     /// Greatest depth below the ground that is no obstacle, metres (\[LOD\] ch. 5: 0.10).
     pub h_neg_m: f64,
-    /// Cells along an edge of the window, at most those of the elevation map.
+    /// Side of a cell along x of `odom`, metres; else as the elevation map has it.
+    pub cell_m: Option<f64>,
+    /// Side of a cell along y, metres; else `cell_m`, or as the elevation map has it.
+    pub cell_y_m: Option<f64>,
+    /// Cells along x of the window, which is no larger than the elevation map's.
     pub cells: u32,
+    /// Cells along y; else `cells`.
+    pub cells_y: Option<u32>,
+}
+
+impl ObstacleConfig {
+    /// Size of a cell.
+    pub fn size(&self, elevation: &ElevationConfig) -> CellSize {
+        let [x_m, y_m] = elevation.size().sides_m();
+        CellSize::new(
+            self.cell_m.unwrap_or(x_m),
+            self.cell_y_m.or(self.cell_m).unwrap_or(y_m),
+        )
+    }
+
+    /// Columns and rows of the window.
+    pub fn sides(&self) -> [u32; 2] {
+        [self.cells, self.cells_y.unwrap_or(self.cells)]
+    }
 }
 
 /// Rule for obstacles.
@@ -39,51 +61,69 @@ impl Default for ObstacleConfig {
             rule: ObstacleRule::Points,
             h_pos_m: 0.1,
             h_neg_m: 0.1,
+            cell_m: None,
+            cell_y_m: None,
             cells: 101,
+            cells_y: None,
         }
     }
 }
 
-/// A window of the elevation map at the same cell size, in three classes.
+/// A window of the elevation map in three classes. A cell of a size of its own has the worst class of
+/// the cells of the elevation map that it overlaps: obstacle, else free, else unknown.
 #[derive(Clone, Debug)]
 pub struct ObstacleMap {
+    size: CellSize,
     grid: RollingGrid<CellClass>,
 }
 
 impl ObstacleMap {
     /// An empty map; the settings must be valid.
-    pub fn new(config: &ObstacleConfig) -> Self {
+    pub fn new(config: &ObstacleConfig, elevation: &ElevationConfig) -> Self {
         Self {
-            grid: RollingGrid::new(config.cells, CellClass::Unknown),
+            size: config.size(elevation),
+            grid: RollingGrid::new(config.sides(), CellClass::Unknown),
         }
     }
 
-    /// Moves with the vehicle; copies the cells that the last scan reclassified and those that
-    /// enter the window.
+    /// Moves with the vehicle; updates the cells that the last scan reclassified and those that enter
+    /// the window.
     pub fn update(&mut self, elevation: &ElevationMap, vehicle: Point2<f64>) {
         let before = self.grid.first();
-        let center = CellIndex::containing(vehicle, elevation.cell_m());
-        self.grid.center_on(center);
-        let (after, side) = (self.grid.first(), self.grid.side());
+        self.grid.center_on(self.size.containing(vehicle));
+        let (after, sides) = (self.grid.first(), self.grid.sides());
+        // What enters a window of the same size is unknown to the elevation map, too.
+        let is_same = sides == elevation.grid().sides() && self.size == elevation.size();
         if let (Some(before), Some(after)) = (before, after)
-            && side < elevation.grid().side()
+            && !is_same
         {
-            for cell in difference(after, before, side) {
-                self.set(cell, elevation.class(cell));
+            for cell in difference(after, before, sides) {
+                self.update_cell(cell, elevation);
             }
         }
-        for &cell in elevation.reclassified() {
-            self.set(cell, elevation.class(cell));
+        for &changed in elevation.reclassified() {
+            for cell in elevation.size().overlapping(changed, self.size) {
+                self.update_cell(cell, elevation);
+            }
         }
     }
 
-    fn set(&mut self, cell: CellIndex, class: CellClass) {
-        if let Some(slot) = self.grid.slot(cell)
-            && *self.grid.at(cell, slot) != class
-        {
+    fn update_cell(&mut self, cell: CellIndex, elevation: &ElevationMap) {
+        let Some(slot) = self.grid.slot(cell) else {
+            return;
+        };
+        let classes = self.size.overlapping(cell, elevation.size());
+        let classes = classes.map(|cell| elevation.class(cell));
+        let class = classes.max().unwrap_or(CellClass::Unknown);
+        if *self.grid.at(cell, slot) != class {
             *self.grid.at_mut(cell, slot) = class;
             self.grid.mark_changed(cell, slot);
         }
+    }
+
+    /// Size of a cell.
+    pub const fn size(&self) -> CellSize {
+        self.size
     }
 
     /// Erases every cell.

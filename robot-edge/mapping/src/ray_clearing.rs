@@ -14,7 +14,7 @@
 use nalgebra::Point2;
 
 use crate::elevation::{ElevationCell, ScanHits};
-use crate::grid::CellIndex;
+use crate::grid::{CellIndex, CellSize};
 use crate::ground_plane::GroundPlane;
 use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use crate::rolling_grid::{RollingGrid, Slot};
@@ -49,6 +49,8 @@ const QUARTER_M: f64 = 1.6;
 /// quarter, to skip empty parts.
 #[derive(Clone, Debug)]
 pub(super) struct RayClearing {
+    size: CellSize,
+    /// Along x, metres; y is stretched so that cells are squares.
     cell_m: f64,
     blocks: RollingGrid<u64>,
     quarter_blocks: i32,
@@ -60,11 +62,14 @@ pub(super) struct RayClearing {
 }
 
 impl RayClearing {
-    pub(super) fn new(cells: u32, cell_m: f64) -> Self {
-        let blocks = cells.div_ceil(BLOCK.unsigned_abs()) + 2;
+    /// For a window of so many columns and rows.
+    pub(super) fn new(cells: [u32; 2], size: CellSize) -> Self {
+        let [cell_m, _] = size.sides_m();
+        let blocks = cells.map(|cells| cells.div_ceil(BLOCK.unsigned_abs()) + 2);
         let quarter_blocks = ((QUARTER_M / (f64::from(BLOCK) * cell_m)) as i32).max(1);
-        let quarters = blocks.div_ceil(quarter_blocks.unsigned_abs()) + 2;
+        let quarters = blocks.map(|blocks| blocks.div_ceil(quarter_blocks.unsigned_abs()) + 2);
         Self {
+            size,
             cell_m,
             blocks: RollingGrid::new(blocks, 0),
             quarter_blocks,
@@ -154,12 +159,11 @@ impl RayClearing {
         travel_m: f32,
     ) {
         let quarter_m = f64::from(BLOCK * self.quarter_blocks) * self.cell_m;
-        let (from, to) = (beam.origin_in_odom, beam.end_in_odom);
-        let fixed = |x: f64, y: f64| FixedPoint::from_metres(x, y, quarter_m);
-        let (Some(start), Some(end)) = (fixed(from.x, from.y), fixed(to.x, to.y)) else {
+        let line = Line::new(beam, plane, self.size);
+        let fixed = |point: Point2<f64>| FixedPoint::from_metres(point.x, point.y, quarter_m);
+        let (Some(start), Some(end)) = (fixed(line.from), fixed(line.to)) else {
             return;
         };
-        let line = Line::new(beam, plane);
         // Greatest descent of the beam between the middle of a quarter and its farthest corner.
         let fall_m = (line.rise_per_m.abs() * quarter_m) as f32;
         let walk = RayWalk::new(start, end);
@@ -254,9 +258,11 @@ impl RayClearing {
     }
 }
 
-/// A beam in plan view, with its height above the ground plane.
+/// A beam in plan view, its y stretched so that cells are squares, with its height above the ground
+/// plane.
 struct Line {
     from: Point2<f64>,
+    to: Point2<f64>,
     /// Unit vector.
     along: nalgebra::Vector2<f64>,
     length_m: f64,
@@ -266,14 +272,15 @@ struct Line {
 }
 
 impl Line {
-    fn new(beam: &RegisteredBeam, plane: &GroundPlane) -> Self {
-        let (from, to) = (beam.origin_in_odom.xy(), beam.end_in_odom.xy());
+    fn new(beam: &RegisteredBeam, plane: &GroundPlane, size: CellSize) -> Self {
+        let [from, to] = [beam.origin_in_odom, beam.end_in_odom].map(|end| size.squared(end.xy()));
         // Faster than nalgebra's norm, whose software square root takes ten times as long.
         let length_m = libm::sqrt((to - from).norm_squared()).max(1e-9);
         let from_height_m = plane.height_m(&beam.origin_in_odom);
         let to_height_m = plane.height_m(&beam.end_in_odom);
         Self {
             from,
+            to,
             along: (to - from) / length_m,
             length_m,
             from_height_m,

@@ -31,7 +31,7 @@ impl Terrain {
         Self {
             ground: GroundTracker::new(&config.ground, wheelbase_m),
             elevation: ElevationMap::new(&config.elevation, &config.obstacle, &config.ground),
-            obstacle: ObstacleMap::new(&config.obstacle),
+            obstacle: ObstacleMap::new(&config.obstacle, &config.elevation),
             epoch: 0,
         }
     }

@@ -105,7 +105,7 @@ impl McapWriter {
 
     /// Writes one measurement as a message on the topic `stream.name`.
     pub fn write(&mut self, stream: &Stream, measurement: &Measurement) -> Result<(), WriteError> {
-        let Some((kind, data)) = ros::encode(measurement) else {
+        let Some((kind, data)) = ros::encode(measurement, &stream.type_name) else {
             self.not_written += 1;
             return Ok(());
         };

@@ -3,12 +3,15 @@
 use std::collections::BTreeMap;
 
 use super::outcome::{Check, Outcome, Part, Spread, Table};
-use super::session::{SEED, Session};
+use super::session::{Rules, SEED, Session};
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{self, Cell, TerrainWorld, extent_m, faces, front_m, obstacle_map};
 use crate::truth::GroundPlane;
 use mapping::elevation::CellClass;
+use nalgebra::{Point3, Vector3};
+use protocol::layer::Scheme;
+use simulation::World;
 
 /// Shares by which encoders read too far [LOD §5.4]: not at all, 4.2 m as 4.4 m, 20 m as 21.4 m.
 const ENCODER_ERRORS: [f64; 3] = [0.0, 0.048, 0.07];
@@ -51,6 +54,44 @@ struct Distances {
     landmarks_m: Option<f64>,
 }
 
+const STREET: &str = include_str!("../../../robot-edge/simulation/worlds/street.toml");
+/// Between the vehicle's lane and the left pavement, which is raised, the road rises by 4° from y = 0.87 m. The
+/// document's lane rolled by −2° and the surface beside it lay "slightly above"; heights refer to the plane
+/// that the vehicle stands on, so that only the angle between the two counts.
+const SLOPING: [(&str, &str); 4] = [
+    (
+        "name = \"street\"\nvehicle",
+        "name = \"sloping street\"\nvehicle",
+    ),
+    (
+        "centre_m = [27.0, 1.57, -0.25]\nsize_m = [68.06, 5.0, 0.5]\n",
+        "centre_m = [27.0, -0.03, -0.25]\nsize_m = [68.06, 1.8, 0.5]\n\n[[solids]]\nname = \"sloping surface\"\n\
+         shape = \"box\"\ncentre_m = [27.0, 2.52344, -0.13499]\nsize_m = [68.06, 3.3, 0.5]\nroll_deg = 4.0\n",
+    ),
+    (
+        "centre_m = [27.0, 5.45, -0.1]",
+        "centre_m = [27.0, 5.45, 0.12]",
+    ),
+    (
+        "centre_m = [19.6, 8.9, -0.1]",
+        "centre_m = [19.6, 8.9, 0.12]",
+    ),
+];
+/// From there to the pavement the surface slopes, metres along y.
+const SLOPE_M: [f64; 2] = [0.87, 4.07];
+const SLOPE_DEG: f64 = 4.0;
+/// ε of the document's second experiment, and heights above the ground around each cell.
+const DOCUMENT: &[&str] = &["mapping.ground.epsilon_deg=0.7"];
+const LOCAL: &[&str] = &[
+    "mapping.ground.epsilon_deg=0.7",
+    "mapping.ground.reference=local",
+];
+/// False obstacles that must be there for their absence to mean anything: 1 m².
+const FALSE_OBSTACLES_MIN: f64 = 25.0;
+/// Per cent of the surface's cells that may be false obstacles where heights are above the ground around each:
+/// where the beams meet the surface first no free cell is near.
+const FALSE_OBSTACLES_MAX: f64 = 2.0;
+
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     let mut outcome = Outcome::default();
     outcome.parts.push(Part::text(include_str!("notes/e4.md")));
@@ -77,7 +118,78 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     ] {
         track.run(session, &mut outcome)?;
     }
+    beside_a_slope(session, &mut outcome)?;
     Ok(outcome)
+}
+
+/// Along a street whose left half rises, with the document's ε: how much of it is an obstacle.
+fn beside_a_slope(session: &Session<'_>, outcome: &mut Outcome) -> anyhow::Result<()> {
+    outcome
+        .parts
+        .push(Part::text(include_str!("notes/e4_slope.md")));
+    let street = World::parse("sloping street", &terrain::changed(STREET, &SLOPING)?)?;
+    let (sin, cos) = libm::sincos(SLOPE_DEG.to_radians());
+    let surface = GroundPlane {
+        point_m: Point3::new(0.0, SLOPE_M[0], 0.0),
+        normal: Vector3::new(0.0, -sin, cos),
+    };
+    // The document knows no other reference than the plane.
+    let references = match session.rules() {
+        Rules::Own => &[DOCUMENT, LOCAL][..],
+        Rules::Document => &[DOCUMENT],
+    };
+    for &settings in references {
+        let (label, name) = if settings == LOCAL {
+            ("beside a slope, reference = \"local\"", "e4-slope-local")
+        } else {
+            ("beside a slope", "e4-slope")
+        };
+        let street = TerrainWorld::new(street.clone(), None, session.rules(), settings)?;
+        let is_slope = |cell: &&Cell| {
+            let [from_m, to_m] = [cell[1], cell[1] + 1].map(|row| row as f64 * street.cell_m());
+            from_m >= SLOPE_M[0] && to_m <= SLOPE_M[1] && street.is_drivable(**cell, &surface)
+        };
+        // The last row of cells before the raised pavement's face holds its edge.
+        let kerb = street.cell_at([0.0, SLOPE_M[1]])[1];
+        let counts = session.for_each_seed(&format!("E4: {label}"), |seed| {
+            let map = obstacle_map(&street.run(seed, 0.0)?.finish()?.publisher().store());
+            let slope = map.iter().filter(|(cell, _)| is_slope(cell));
+            let obstacles = slope
+                .clone()
+                .filter(|(_, class)| **class == CellClass::Obstacle);
+            let kerbs = map.iter().filter(|(cell, _)| cell[1] == kerb);
+            let shown = kerbs
+                .clone()
+                .filter(|(_, class)| **class == CellClass::Obstacle);
+            let share = shown.count() as f64 / kerbs.count().max(1) as f64;
+            Ok((slope.count(), obstacles.count(), 100.0 * share))
+        })?;
+        let obstacles = Spread::count(&counts, |(_, obstacles, _)| *obstacles);
+        let share = Spread::over(&counts, |(known, obstacles, _)| {
+            100.0 * *obstacles as f64 / (*known).max(1) as f64
+        });
+        outcome.checks.push(if settings == LOCAL {
+            let what = format!("{label}: cells of it that are false obstacles");
+            Check::at_most(what, (share, 1, " %"), FALSE_OBSTACLES_MAX)
+        } else {
+            let what = format!("{label}: false obstacles on it, as in the document");
+            Check::at_least(what, (obstacles, 0, ""), FALSE_OBSTACLES_MIN)
+        });
+        let known = Spread::count(&counts, |(known, ..)| *known);
+        let kerb = Spread::over(&counts, |(.., share)| *share);
+        outcome.checks.extend([
+            Check::shown(format!("{label}: known cells of it"), known.text(0, "")),
+            Check::shown(
+                format!("{label}: known cells of the kerb that are obstacles"),
+                kerb.text(0, " %"),
+            ),
+        ]);
+        session.step("E4: pictures beside a slope")?;
+        let pipeline = street.run(SEED, 0.0)?.finish()?;
+        let maps = terrain::maps_in(Scheme::GroundPlane6, &pipeline, name, label)?;
+        outcome.parts.push(Part::Pictures(maps));
+    }
+    Ok(())
 }
 
 impl Track {

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use protocol::layer::LayerId;
+use protocol::layer::{LayerId, Scheme};
 
 use super::outcome::{Check, Outcome, Part, Spread, Table};
-use super::pictures::{Picture, document_elevation, obstacle, store_of};
+use super::pictures::{Picture, elevation_in, obstacle, store_of};
 use super::session::{SEED, Session};
 use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
@@ -188,11 +188,15 @@ fn pictures(map: &ElevationMap, name: &str, caption: &str) -> anyhow::Result<Vec
         cells.map(|(index, cell)| ([i64::from(index.x), i64::from(index.y)], cell))
     };
     let heights = known().map(|(index, cell)| (index, CellCoder::elevation(cell)));
-    let heights = store_of(LayerId::Elevation, map.cell_m(), heights)?;
+    let cell_m = map.size().shorter_m();
+    let heights = store_of(LayerId::Elevation, cell_m, heights)?;
     let classes = known().map(|(index, cell)| (index, CellCoder::obstacle(cell.class())));
-    let classes = store_of(LayerId::Obstacle, map.cell_m(), classes)?;
+    let classes = store_of(LayerId::Obstacle, cell_m, classes)?;
     let mut pictures = Vec::new();
-    for (store, palette) in [(heights, document_elevation()), (classes, obstacle())] {
+    for (store, palette) in [
+        (heights, elevation_in(Scheme::GroundPlane)),
+        (classes, obstacle()),
+    ] {
         let name = format!("{name}-{}", palette.layer());
         pictures.extend(Picture::of_layer(&store, palette, None, &name, caption)?);
     }

@@ -10,7 +10,8 @@ use super::terrain::agreement::{self, Agreement};
 use super::terrain::sweep::Sweep;
 use super::terrain::{self, Cell, TerrainWorld, extent_m, obstacle_map};
 use mapping::elevation::CellClass;
-use simulation::Motion;
+use protocol::layer::Scheme;
+use simulation::{Motion, World};
 
 /// By how much the walls may grow.
 const GROWTH_MAX: f64 = 1.05;
@@ -30,54 +31,80 @@ struct Drive {
     before: f64,
     after: f64,
     beyond_glass: [f64; 2],
+    resets: usize,
     agreement: Agreement,
 }
 
+/// [LOD §5.6], "so that the maps were not deleted".
+const DOCUMENT: &[&str] = &["mapping.ground.epsilon_deg=0.9"];
+
 pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
-    let turn = TerrainWorld::load("turn", None, session.rules())?;
+    let mut outcome = Outcome::default();
+    outcome.parts.push(Part::text(include_str!("notes/e6.md")));
+    for (settings, label, name, heights) in [
+        (&[][..], "", "e6", Scheme::GroundPlane),
+        (DOCUMENT, "ε 0.9°: ", "e6-document", Scheme::GroundPlane5),
+    ] {
+        let world = World::load("turn")?;
+        let turn = TerrainWorld::new(world, None, session.rules(), settings)?;
+        drive(session, &turn, (label, name, heights), &mut outcome)?;
+    }
+    Ok(outcome)
+}
+
+/// One turn with all seeds; `label` stands before each check, `name` before each picture.
+fn drive(
+    session: &Session<'_>,
+    turn: &TerrainWorld,
+    (label, name, heights): (&str, &str, Scheme),
+    outcome: &mut Outcome,
+) -> anyhow::Result<()> {
     let plane = turn.plane_at(0.0);
-    let sweep = Sweep::of(&turn, &plane, |_| true)?;
-    let begins_s = time_of_yaw_s(&turn, TURNING_DEG)?;
+    let sweep = Sweep::of(turn, &plane, |_| true)?;
+    let begins_s = time_of_yaw_s(turn, TURNING_DEG)?;
     let drives = session.for_each_seed("E6: turn", |seed| {
         let mut run = turn.run(seed, 0.0)?;
         run.advance_to(begins_s)?;
         let before = obstacle_map(&run.store());
-        let pipeline = run.finish()?;
+        let mut pipeline = run.finish()?;
+        let resets = pipeline.take_map_events().len();
         let after = obstacle_map(&pipeline.publisher().store());
-        let (walls_before, walls_after) = walls(&turn, &before, &after)?;
+        let (walls_before, walls_after) = walls(turn, &before, &after)?;
         Ok(Drive {
             before: walls_before as f64,
             after: walls_after as f64,
             beyond_glass: [
-                beyond_glass(&turn, &before)? as f64,
-                beyond_glass(&turn, &after)? as f64,
+                beyond_glass(turn, &before)? as f64,
+                beyond_glass(turn, &after)? as f64,
             ],
-            agreement: Agreement::of(&turn, &plane, &after, &sweep),
+            resets,
+            agreement: Agreement::of(turn, &plane, &after, &sweep),
         })
     })?;
-    let mut parts = vec![
-        Part::text(include_str!("notes/e6.md")),
-        Part::Pictures(terrain::world_from_above(&turn, &plane, "e6-world")?),
-    ];
+    let mut checks = checks(&drives);
+    for check in &mut checks {
+        check.what.insert_str(0, label);
+    }
+    outcome.checks.extend(checks);
+    let parts = &mut outcome.parts;
+    if label.is_empty() {
+        let world = terrain::world_from_above(turn, &plane, &format!("{name}-world"))?;
+        parts.push(Part::Pictures(world));
+    }
     session.step("E6: pictures")?;
     let mut run = turn.run(SEED, 0.0)?;
-    for (until_s, name, caption) in [
+    for (until_s, moment, caption) in [
         (begins_s, "beginning", "before the turn"),
-        (time_of_yaw_s(&turn, 0.5 * TURN_DEG)?, "middle", "halfway"),
+        (time_of_yaw_s(turn, 0.5 * TURN_DEG)?, "middle", "halfway"),
         (turn.duration_s(), "end", "after it"),
     ] {
         run.advance_to(until_s)?;
-        let name = format!("e6-{name}");
-        parts.push(Part::Pictures(terrain::maps(
-            run.pipeline(),
-            &name,
-            caption,
-        )?));
+        let name = format!("{name}-{moment}");
+        let caption = format!("{label}{caption}");
+        let maps = terrain::maps_in(heights, run.pipeline(), &name, &caption)?;
+        parts.push(Part::Pictures(maps));
     }
-    Ok(Outcome {
-        checks: checks(&drives),
-        parts,
-    })
+    Ok(())
 }
 
 fn checks(drives: &[Drive]) -> Vec<Check> {
@@ -100,6 +127,10 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
         Check::shown(
             "known cells beyond the glass before the turn",
             beyond_before.text(0, ""),
+        ),
+        Check::shown(
+            "changes of the ground plane",
+            Spread::count(drives, |drive| drive.resets).text(0, ""),
         ),
     ];
     let agreements = drives.iter().map(|drive| &drive.agreement);

@@ -177,6 +177,7 @@ fn seed_one(session: &Session<'_>, world: &World, truth: &Truth) -> anyhow::Resu
         Part::Pictures(pictures),
         Part::text(heading),
         Part::text(why),
+        Part::Table(erosion.table()),
         Part::text(explanation),
         Part::Table(settings),
     ])

@@ -113,9 +113,9 @@ impl Drawing {
     }
 }
 
-/// The elevation colours of the document [LOD ch. 5].
-pub(super) fn document_elevation() -> Palette {
-    palette(LayerId::Elevation, Scheme::GroundPlane)
+/// Elevation colours; [`Scheme::GroundPlane`] and its like are those of the document [LOD ch. 5].
+pub(super) fn elevation_in(scheme: Scheme) -> Palette {
+    palette(LayerId::Elevation, scheme)
 }
 
 /// The default elevation colours over the heights that matter to a vehicle, the same in every picture.

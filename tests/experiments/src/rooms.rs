@@ -309,10 +309,41 @@ pub(super) struct Erosion {
     pub(super) undone: usize,
     /// They never were.
     pub(super) never: usize,
+    /// The same by [`Place`]: known cells that must be occupied, those undone, those that never were.
+    pub(super) places: [[usize; 3]; 3],
     /// Of the beams that undid it, crossing such a cell without a hit in it after it was last occupied: angle
     /// to the nearest surface, degrees, ascending; nowhere but in an empty world not-a-number.
     pub(super) angles_deg: Vec<f64>,
 }
+
+/// What a cell that must be occupied holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// A corner or an end of a surface within a cell's side of its centre.
+    Corner,
+    /// A face that is at an angle to the grid.
+    Askew,
+    /// A face along the grid.
+    Along,
+}
+
+impl Place {
+    fn of(outline: &Outline, cell: Square) -> Self {
+        let Some([a, b]) = nearest_segment(outline, cell.centre_m) else {
+            return Self::Along;
+        };
+        let is_near = |end: Point2<f64>| (end - cell.centre_m).norm() < cell.side_m;
+        let along = (b - a).normalize();
+        match (is_near(a) || is_near(b), along.x.abs().max(along.y.abs())) {
+            (true, _) => Self::Corner,
+            (false, cosine) if cosine < ASKEW => Self::Askew,
+            (false, _) => Self::Along,
+        }
+    }
+}
+
+/// Cosine of 2°.
+const ASKEW: f64 = 0.9994;
 
 impl Erosion {
     /// Of one run through `world`.
@@ -329,9 +360,10 @@ impl Erosion {
         }
         let pipeline = run.finish()?;
         let store = pipeline.publisher().store();
+        let must_be = |cell: &KnownCell| cell.expected == Expected::Occupied;
         let (undone, never): (Vec<_>, Vec<_>) = truth
             .known_cells(&store)
-            .filter(|cell| cell.expected == Expected::Occupied && cell.map != Trinary::Occupied)
+            .filter(|cell| must_be(cell) && cell.map != Trinary::Occupied)
             .map(|cell| (cell.index, last_occupied.get(&cell.index)))
             .partition(|(_, last)| last.is_some());
         let height_m = world
@@ -341,6 +373,18 @@ impl Erosion {
             .translation
             .z;
         let outline = Outline::at_height(world.solids(), height_m);
+        let mut places = [[0; 3]; 3];
+        for cell in truth.known_cells(&store).filter(must_be) {
+            let counts = &mut places[Place::of(&outline, Square::new(truth, cell.index)) as usize];
+            counts[0] += 1;
+            if cell.map != Trinary::Occupied {
+                counts[if last_occupied.contains_key(&cell.index) {
+                    1
+                } else {
+                    2
+                }] += 1;
+            }
+        }
         let mut angles_deg: Vec<f64> = undone
             .iter()
             .flat_map(|&(index, last)| {
@@ -356,8 +400,23 @@ impl Erosion {
         Ok(Self {
             undone: undone.len(),
             never: never.len(),
+            places,
             angles_deg,
         })
+    }
+
+    /// A row for each [`Place`].
+    pub(super) fn table(&self) -> Table {
+        let mut table = Table::new(&["cells that hold", "known", "lost again", "never occupied"]);
+        for (place, name) in [
+            (Place::Corner, "a corner or an end of a surface"),
+            (Place::Askew, "a face at an angle to the grid"),
+            (Place::Along, "a face along the grid"),
+        ] {
+            let counts = self.places[place as usize].map(|count| count.to_string());
+            table.push([name.to_owned()].into_iter().chain(counts));
+        }
+        table
     }
 
     /// The angle below which this share of the beams is, degrees.
@@ -423,17 +482,20 @@ impl Square {
     }
 }
 
-fn angle_to_surface_deg(outline: &Outline, beam: &RegisteredBeam, point_m: Point2<f64>) -> f64 {
+fn nearest_segment(outline: &Outline, point_m: Point2<f64>) -> Option<[Point2<f64>; 2]> {
     let distance_m = |&[a, b]: &[Point2<f64>; 2]| {
         let along = b - a;
         let t = ((point_m - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
         (point_m - (a + along * t)).norm()
     };
-    let nearest = outline
-        .segments()
-        .iter()
-        .min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
-    let Some([a, b]) = nearest else {
+    let segments = outline.segments().iter();
+    segments
+        .min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)))
+        .copied()
+}
+
+fn angle_to_surface_deg(outline: &Outline, beam: &RegisteredBeam, point_m: Point2<f64>) -> f64 {
+    let Some([a, b]) = nearest_segment(outline, point_m) else {
         return f64::NAN;
     };
     let beam = (beam.end_in_odom - beam.origin_in_odom).xy().normalize();

@@ -195,10 +195,7 @@ pub(super) fn config_by(world: &World, rules: Rules, settings: &[&str]) -> anyho
 }
 
 /// Index and code of every known cell of a published layer.
-pub(super) fn known_cells(
-    store: &TileStore,
-    layer: LayerId,
-) -> impl Iterator<Item = ([i64; 2], u16)> {
+pub fn known_cells(store: &TileStore, layer: LayerId) -> impl Iterator<Item = ([i64; 2], u16)> {
     let cells = store.tiles(layer).flat_map(|(key, stored)| {
         let (x, y) = key.first_cell();
         let rows = stored.cells().into_iter();

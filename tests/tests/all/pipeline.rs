@@ -110,6 +110,62 @@ fn the_map_does_not_depend_on_how_often_it_is_published() {
 }
 
 #[test]
+fn oblong_cells_are_published_as_squares_of_their_shorter_side() {
+    let world = World::load("hall").unwrap();
+    let settings = [
+        "mapping.elevation.cell_y_m=0.4",
+        "mapping.elevation.cells_y=51",
+        "mapping.obstacle.cell_m=0.3",
+        "mapping.obstacle.cells=61",
+    ];
+    let options = SimulationOptions {
+        seed: 1,
+        duration_s: Some(3.0),
+        ..SimulationOptions::default()
+    };
+    let mut pipeline = pipeline(&vehicle_config(&world, &settings));
+    for measurement in measurements(&world, options) {
+        pipeline.push(measurement).unwrap();
+    }
+    pipeline.finish().unwrap();
+    let terrain = pipeline.mapper().terrain().unwrap();
+    let store = pipeline.publisher().store();
+    assert_eq!(store.cell_m(LayerId::Elevation), Some(0.2));
+    assert_eq!(store.cell_m(LayerId::Obstacle), Some(0.3));
+    let heights: BTreeMap<_, _> = run::known_cells(&store, LayerId::Elevation).collect();
+    let cells = terrain
+        .elevation()
+        .grid()
+        .iter()
+        .filter(|(_, cell)| cell.is_known());
+    let mut squares = 0;
+    for (cell, value) in cells {
+        let code = cells_to_tiles::CellCoder::elevation(value);
+        for y in [2 * cell.y, 2 * cell.y + 1] {
+            assert_eq!(
+                heights.get(&[cell.x.into(), y.into()]),
+                Some(&code),
+                "{cell:?}"
+            );
+            squares += 1;
+        }
+    }
+    assert_eq!(squares, heights.len());
+    let classes: BTreeMap<_, _> = run::known_cells(&store, LayerId::Obstacle).collect();
+    let obstacles = terrain.obstacle().grid().iter();
+    for (cell, &class) in obstacles {
+        let code = classes.get(&[cell.x.into(), cell.y.into()]);
+        let expected = cells_to_tiles::CellCoder::obstacle(class);
+        assert_eq!(code.copied().unwrap_or(UNKNOWN), expected, "{cell:?}");
+    }
+    assert!(
+        squares > 500 && classes.len() > 100,
+        "{squares} {}",
+        classes.len()
+    );
+}
+
+#[test]
 fn the_map_depends_on_the_seed_alone() {
     let world = World::load("rooms").unwrap();
     let map = |seed| map_of(&world, measured(&world, seed), &[]);

@@ -10,6 +10,7 @@ use super::{Config, FixesAndAttitude, LinkConfig, SensorConfig, VehicleConfig, W
 use drivers::config::DeviceConfig;
 use localization::{LocalizationConfig, PoseSource};
 use mapping::MappingConfig;
+use mapping::grid::CellSize;
 use mapping::occupancy_grid::OccupancyConfig;
 use network::endpoints::bulk_endpoint;
 
@@ -19,6 +20,10 @@ pub(super) const MAX_SENSORS: usize = 32;
 
 const MAX_NAME_BYTES: usize = 255;
 
+/// Sides of cells, metres.
+const CELL_M: Allowed = Within(0.01, 10.0);
+/// Cells along an edge of a window: 2001² cells take some 60 bytes each.
+const CELLS_MAX: u32 = 2001;
 /// Sides of voxels, metres.
 const VOXEL_M: Allowed = Within(0.01, 10.0);
 
@@ -105,8 +110,14 @@ const RULES: &[Rule] = &[
         "nothing is gained by more",
     ),
     (
-        &["mapping.occupancy.cell_m", "mapping.elevation.cell_m"],
-        Within(0.01, 10.0),
+        &[
+            "mapping.occupancy.cell_m",
+            "mapping.elevation.cell_m",
+            "mapping.elevation.cell_y_m",
+            "mapping.obstacle.cell_m",
+            "mapping.obstacle.cell_y_m",
+        ],
+        CELL_M,
         "smaller cells are finer than lasers measure, larger ones than robots move",
     ),
     (
@@ -124,10 +135,9 @@ const RULES: &[Rule] = &[
         Whole(1, 1 << 20),
         "the grid must hold something, and the machine must hold the grid",
     ),
-    // 2001² cells of some 60 bytes.
     (
-        &["mapping.elevation.cells"],
-        Whole(5, 2001),
+        &["mapping.elevation.cells", "mapping.elevation.cells_y"],
+        Whole(5, CELLS_MAX),
         "the window holds the vehicle, and the machine holds the window",
     ),
     (
@@ -635,15 +645,7 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
             "true, here, in mapping.elevation.enabled or in mapping.octree.enabled".to_owned(),
         );
     }
-    let (cells, most) = (mapping.obstacle.cells, mapping.elevation.cells);
-    if !(1..=most).contains(&cells) {
-        checks.issue(
-            "mapping.obstacle.cells",
-            cells.to_string(),
-            "it is a part of the elevation map",
-            format!("1 to {most}"),
-        );
-    }
+    obstacle_window(checks, mapping);
     let voxel_m = mapping.octree.cell_m;
     // A voxel that is itself not allowed does not limit the box.
     if VOXEL_M.contains(voxel_m) {
@@ -673,6 +675,35 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
                 "true".to_owned(),
                 "it is made of another layer, which is not mapped",
                 format!("false, or true in mapping.{needed}.enabled, too"),
+            );
+        }
+    }
+}
+
+/// Along each axis, in metres, it is at most that of the elevation map.
+fn obstacle_window(checks: &mut Checks, mapping: &MappingConfig) {
+    let (elevation, obstacle) = (&mapping.elevation, &mapping.obstacle);
+    let [whole, own] = [elevation.size(), obstacle.size(elevation)].map(CellSize::sides_m);
+    let mut is_too_large = false;
+    for (axis, key) in ["mapping.obstacle.cells", "mapping.obstacle.cells_y"]
+        .iter()
+        .enumerate()
+    {
+        // A side that is itself not allowed limits nothing.
+        if !CELL_M.contains(whole[axis]) || !CELL_M.contains(own[axis]) {
+            continue;
+        }
+        let fit = f64::from(elevation.sides()[axis]) * whole[axis] / own[axis] + 1e-6;
+        let (cells, most) = (obstacle.sides()[axis], (fit as u32).min(CELLS_MAX));
+        // One number for both axes is refused once.
+        let is_repeated = is_too_large && obstacle.cells_y.is_none();
+        if !(1..=most).contains(&cells) && !is_repeated {
+            is_too_large = true;
+            checks.issue(
+                key,
+                cells.to_string(),
+                "it is a part of the elevation map",
+                format!("1 to {most}"),
             );
         }
     }
@@ -738,6 +769,7 @@ mod tests {
             "mapping.occupancy.p_max",
             "mapping.occupancy.p_prior",
             "mapping.obstacle.cells",
+            "mapping.obstacle.cells_y",
             "mapping.cost.box_m",
             "mapping.shore.sparse_below",
         ];

@@ -215,7 +215,7 @@ impl MonitorMapInput {
             .voxels()
             .and_then(|voxels| Some((voxels.cost()?, voxels.octree().cell_m())));
         if let Some(terrain) = mapper.terrain() {
-            map.copy_obstacles(terrain.obstacle(), terrain.elevation().cell_m(), request);
+            map.copy_obstacles(terrain.obstacle(), request);
         } else if let Some((costs, cell_m)) = costs {
             map.copy_costs(costs, cell_m, request);
         } else if let Some(occupancy) = mapper.occupancy() {

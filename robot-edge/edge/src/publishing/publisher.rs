@@ -12,7 +12,7 @@ use super::cells_to_tiles::{CellCoder, fill_unknown, key, set_code};
 use crate::lock;
 use mapping::Mapper;
 use mapping::cost_map::{CostCell, CostMap};
-use mapping::grid::{CellIndex, TileIndex};
+use mapping::grid::{CellIndex, CellSize, TileIndex};
 use mapping::terrain::Terrain;
 use mapping::voxel_layers::VoxelLayers;
 use measurement::time::RobotTime;
@@ -98,12 +98,14 @@ impl Publisher {
             }
         }
         if let Some(terrain) = mapper.terrain_mut() {
+            let size = terrain.elevation().size();
             let heights = terrain.elevation_mut().take_changed().into_iter();
             let heights = heights.map(|(cell, value)| (cell, CellCoder::elevation(&value)));
-            self.publish_cells(LayerId::Elevation, heights)?;
+            self.publish_cells(LayerId::Elevation, in_squares(size, heights))?;
+            let size = terrain.obstacle().size();
             let classes = terrain.obstacle_mut().take_changed().into_iter();
             let classes = classes.map(|(cell, class)| (cell, CellCoder::obstacle(class)));
-            self.publish_cells(LayerId::Obstacle, classes)?;
+            self.publish_cells(LayerId::Obstacle, in_squares(size, classes))?;
         }
         if let Some(voxels) = mapper.voxels_mut() {
             self.publish_voxel_layers(voxels)?;
@@ -244,6 +246,14 @@ fn stamped_cells(stored: &StoredTile) -> Option<StampedCells> {
     Some((stored.stamp_ns(), stored.cells()?.clone()))
 }
 
+/// Tiles have square cells: a cell whose sides differ is published as squares of the shorter one.
+fn in_squares(
+    size: CellSize,
+    cells: impl Iterator<Item = (CellIndex, u16)>,
+) -> impl Iterator<Item = (CellIndex, u16)> {
+    cells.flat_map(move |(cell, code)| size.squares(cell).map(move |square| (square, code)))
+}
+
 fn grids(mapper: &Mapper) -> Vec<LayerGrid> {
     let mut grids = Vec::new();
     if let Some(occupancy) = mapper.occupancy() {
@@ -253,10 +263,14 @@ fn grids(mapper: &Mapper) -> Vec<LayerGrid> {
         });
     }
     if let Some(terrain) = mapper.terrain() {
-        let cell_m = terrain.elevation().cell_m();
-        grids.extend(
-            [LayerId::Elevation, LayerId::Obstacle].map(|layer| LayerGrid { layer, cell_m }),
-        );
+        let sizes = [
+            (LayerId::Elevation, terrain.elevation().size()),
+            (LayerId::Obstacle, terrain.obstacle().size()),
+        ];
+        grids.extend(sizes.map(|(layer, size)| LayerGrid {
+            layer,
+            cell_m: size.shorter_m(),
+        }));
     }
     grids.extend(mapper.voxels().into_iter().flat_map(voxel_grids));
     grids

@@ -81,6 +81,41 @@ fn points_become_statistics_and_classes() {
 }
 
 #[test]
+fn the_window_and_its_cells_may_be_oblong() {
+    let elevation = ElevationConfig {
+        cell_y_m: Some(0.5),
+        cells: 51,
+        cells_y: Some(11),
+        ..ElevationConfig::default()
+    };
+    let settings = (ObstacleConfig::default(), GroundConfig::default());
+    let mut map = ElevationMap::new(&elevation, &settings.0, &settings.1);
+    // x from -5.0 to 5.2, y from -2.5 to 3.0.
+    let person = [[3.1, 2.6, 0.3], [3.1, 2.9, 0.7]];
+    let outside = [[5.3, 0.0, 0.0], [0.0, -2.6, 0.0], [0.0, 3.1, 0.0]];
+    let report = map.integrate(
+        &scan(0.0, 0.0, &[&person[..], &outside].concat()),
+        &ground(),
+    );
+    assert_eq!((report.points, report.outside), (2, 3));
+    let cell = CellIndex { x: 15, y: 5 };
+    assert_eq!(map.grid().get(cell).unwrap().points(), 2);
+    assert_eq!(map.class(cell), CellClass::Obstacle);
+    // Beams through the cell, to the ground behind it, clear it; those through the next row do not.
+    for (through_y_m, expected) in [(2.2, CellClass::Obstacle), (2.75, CellClass::Unknown)] {
+        for n in 1..=80 {
+            let x_m = ground_behind(3.1, 0.3);
+            let y_m = through_y_m * (x_m - SENSOR.x) / (3.1 - SENSOR.x);
+            map.integrate(
+                &scan(f64::from(n) * 0.04, 0.0, &[[x_m, y_m, 0.0]]),
+                &ground(),
+            );
+        }
+        assert_eq!(map.class(cell), expected, "{through_y_m}");
+    }
+}
+
+#[test]
 fn stationary_vehicle_clears_a_person_who_left() {
     let mut map = map(101);
     let ground_m = ground_behind(4.1, 0.5);

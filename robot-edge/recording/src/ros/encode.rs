@@ -9,8 +9,10 @@ use super::MessageType;
 
 /// The message of a measurement; `None` for a cloud, which is not recorded.
 ///
-/// A scan's own pose is not part of a `LaserScan`: write it as transforms beside it.
-pub fn encode(measurement: &Measurement) -> Option<(MessageType, Vec<u8>)> {
+/// `type_name` is that of its stream: a pose of a stream of `PoseStamped` becomes one again. A scan's own pose is
+/// not part of a `LaserScan`: write it as transforms beside it.
+pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType, Vec<u8>)> {
+    let of_stream = MessageType::from_type_name(type_name);
     let mut out = CdrWriter::new();
     if matches!(measurement.data, MeasurementData::Transform { .. }) {
         out.length(1);
@@ -29,6 +31,12 @@ pub fn encode(measurement: &Measurement) -> Option<(MessageType, Vec<u8>)> {
             out.string(child);
             out.pose(parent_from_child);
             MessageType::TfMessage
+        }
+        MeasurementData::Odometry { odom_from_base, .. }
+            if of_stream == Some(MessageType::PoseStamped) =>
+        {
+            out.pose(odom_from_base);
+            MessageType::PoseStamped
         }
         MeasurementData::Odometry {
             child,
@@ -211,6 +219,10 @@ pub(crate) const fn ros2msg(kind: MessageType) -> Option<(&'static str, &'static
         MessageType::Odometry => (
             "nav_msgs/msg/Odometry",
             include_str!("ros2msg/Odometry.msg"),
+        ),
+        MessageType::PoseStamped => (
+            "geometry_msgs/msg/PoseStamped",
+            include_str!("ros2msg/PoseStamped.msg"),
         ),
         MessageType::Imu => ("sensor_msgs/msg/Imu", include_str!("ros2msg/Imu.msg")),
         MessageType::JointState => (

@@ -40,9 +40,11 @@ pub struct CopyRequest {
 }
 
 impl LocalMap {
-    /// Copies the obstacle map; `cell_m` is the elevation map's.
-    pub fn copy_obstacles(&mut self, map: &ObstacleMap, cell_m: f64, request: CopyRequest) {
-        self.copy(cell_m, request, |cell| {
+    /// Copies the obstacle map, cells whose sides differ as squares of the shorter one.
+    pub fn copy_obstacles(&mut self, map: &ObstacleMap, request: CopyRequest) {
+        let cell_m = map.size().shorter_m();
+        self.copy(cell_m, request, |square| {
+            let cell = map.size().containing(square.centre(cell_m));
             map.grid().get(cell).copied().unwrap_or(CellClass::Unknown)
         });
     }

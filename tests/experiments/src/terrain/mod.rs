@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 
 use anyhow::Context as _;
 use nalgebra::{Point3, Vector3};
-use protocol::layer::LayerId;
+use protocol::layer::{LayerId, Scheme};
 use protocol::tile_store::TileStore;
 
-use super::pictures::{Picture, document_elevation, elevation, obstacle, store_of};
+use super::pictures::{Picture, elevation, elevation_in, obstacle, store_of};
 use super::run::{SimulatedRun, config_by, known_cells};
 use super::session::Rules;
 use super::truth::{self, Bounds, GroundPlane, HeightTruth, Thresholds, Verdict};
@@ -30,6 +30,7 @@ pub(super) struct TerrainWorld {
     pub(super) world: World,
     pub(super) config: Config,
     rules: Rules,
+    settings: Vec<String>,
     duration_s: f64,
     /// Glass does not count: what is under and behind it does.
     heights: HeightTruth,
@@ -43,8 +44,17 @@ const PATH_STEP_S: f64 = 0.5;
 impl TerrainWorld {
     /// The built-in world `name` for at most `duration_s` of its path.
     pub(super) fn load(name: &str, duration_s: Option<f64>, rules: Rules) -> anyhow::Result<Self> {
-        let world = World::load(name)?;
-        let config = config_by(&world, rules, &[])?;
+        Self::new(World::load(name)?, duration_s, rules, &[])
+    }
+
+    /// The same of a world, its vehicle with `settings` (`key=value`).
+    pub(super) fn new(
+        world: World,
+        duration_s: Option<f64>,
+        rules: Rules,
+        settings: &[&str],
+    ) -> anyhow::Result<Self> {
+        let config = config_by(&world, rules, settings)?;
         let whole_s = world.path().duration_s();
         let duration_s = duration_s.map_or(whole_s, |duration_s| duration_s.min(whole_s));
         let elevation = &config.mapping.elevation;
@@ -60,13 +70,16 @@ impl TerrainWorld {
             duration_s,
             config,
             rules,
+            settings: settings.iter().map(|&setting| setting.to_owned()).collect(),
             world,
         })
     }
 
     /// The vehicle's configuration with `settings` (`key=value`) over it.
     pub(super) fn config_with(&self, settings: &[&str]) -> anyhow::Result<Config> {
-        config_by(&self.world, self.rules, settings)
+        let own = self.settings.iter().map(String::as_str);
+        let settings: Vec<&str> = own.chain(settings.iter().copied()).collect();
+        config_by(&self.world, self.rules, &settings)
     }
 
     /// Side of a cell, metres.
@@ -136,6 +149,12 @@ impl TerrainWorld {
         self.heights.get(cell)?.verdict(plane, self.thresholds())
     }
 
+    /// Whether a cell is ground to a vehicle on `surface`.
+    pub(super) fn is_drivable(&self, cell: Cell, surface: &GroundPlane) -> bool {
+        let verdict = self.verdict(cell, surface);
+        verdict.is_some_and(|verdict| !verdict.is_obstacle && verdict.margin_m > agreement::ASIDE_M)
+    }
+
     /// Whether glass decides what the cell is.
     pub(super) fn is_glass(&self, cell: Cell, plane: &GroundPlane) -> bool {
         let glass = self.heights_with_glass.as_ref();
@@ -165,6 +184,17 @@ impl TerrainWorld {
             format!("the world `{world}` has no solid named `{name}`")
         })
     }
+}
+
+/// The text of a world with each first text, which is in it once, replaced by the second.
+pub(super) fn changed(text: &str, changes: &[(&str, &str)]) -> anyhow::Result<String> {
+    let mut text = text.to_owned();
+    for (from, to) in changes {
+        let found = text.matches(from).count();
+        anyhow::ensure!(found == 1, "the world has {found} times: {from}");
+        text = text.replace(from, to);
+    }
+    Ok(text)
 }
 
 /// The rectangle around all places that the vehicle passes, `reach_m` to every side.
@@ -299,10 +329,20 @@ pub(super) fn world_from_above(
 
 /// Elevation and obstacles as published, the former in the document's colours.
 pub(super) fn maps(pipeline: &Pipeline, name: &str, caption: &str) -> anyhow::Result<Vec<Picture>> {
+    maps_in(Scheme::GroundPlane, pipeline, name, caption)
+}
+
+/// The same in other colours of heights.
+pub(super) fn maps_in(
+    heights: Scheme,
+    pipeline: &Pipeline,
+    name: &str,
+    caption: &str,
+) -> anyhow::Result<Vec<Picture>> {
     let vehicle = pipeline.mapper().vehicle_in_odom();
     let store = pipeline.publisher().store();
     let mut pictures = Vec::new();
-    for palette in [document_elevation(), obstacle()] {
+    for palette in [elevation_in(heights), obstacle()] {
         let layer = palette.layer();
         if store.cell_m(layer).is_some() {
             let name = format!("{name}-{layer}");

@@ -76,4 +76,5 @@ experiments! {
     h6_a_person_leaves_no_trail: "H6",
     l1_occupied_and_free_cells_agree_with_the_truth: "L1",
     l2_what_a_mirror_shows_vanishes_with_further_observations: "L2",
+    l3_a_recording_with_motion_capture_is_mapped: "L3",
 }

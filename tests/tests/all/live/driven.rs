@@ -87,7 +87,7 @@ fn message(stamp: RobotTime, frame: &str, data: MeasurementData) -> Vec<u8> {
         frame: frame.into(),
         data,
     };
-    ros::encode(&measurement).unwrap().1
+    ros::encode(&measurement, "").unwrap().1
 }
 
 fn odometry(stamp: RobotTime, pose: Isometry2<f64>) -> Vec<u8> {

@@ -261,5 +261,5 @@ fn scan_message(tick: u32) -> Vec<u8> {
             own_pose: None,
         },
     };
-    ros::encode(&scan).unwrap().1
+    ros::encode(&scan, "").unwrap().1
 }
