@@ -110,6 +110,8 @@ const ORDER: [LayerId; LayerId::ALL.len()] = [
     LayerId::Elevation,
     LayerId::Cost,
     LayerId::Obstacle,
+    LayerId::Intra,
+    LayerId::Inter,
     LayerId::Rigidity,
     LayerId::Shore,
 ];
@@ -118,8 +120,8 @@ impl StackLayer {
     fn new(layer: LayerId) -> Self {
         Self {
             layer,
-            // Rigidity and shores colour the same voxels: both at once are not readable.
-            is_shown: layer != LayerId::Rigidity,
+            // These colour the voxels of the shores and of the slope cost: both at once are not readable.
+            is_shown: !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
             // Heights are visible through obstacles.
             opacity: if layer == LayerId::Obstacle {
                 0.75
@@ -269,6 +271,8 @@ mod tests {
             LayerId::Cost,
             LayerId::Obstacle,
             LayerId::Elevation,
+            LayerId::Intra,
+            LayerId::Inter,
             LayerId::Rigidity,
         ];
         assert_eq!(order(&stack), moved);

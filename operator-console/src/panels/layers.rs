@@ -146,6 +146,8 @@ pub const fn layer_name(layer: LayerId) -> &'static str {
         LayerId::Cost => "Slope cost",
         LayerId::Rigidity => "Rigidity",
         LayerId::Shore => "Shore",
+        LayerId::Intra => "IntraScan",
+        LayerId::Inter => "InterScan",
     }
 }
 

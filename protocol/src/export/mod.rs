@@ -421,7 +421,11 @@ mod tests {
             let (image, .., no_data) = read_tiff(&path);
             match (layer, image) {
                 (
-                    LayerId::Occupancy | LayerId::Elevation | LayerId::Cost,
+                    LayerId::Occupancy
+                    | LayerId::Elevation
+                    | LayerId::Cost
+                    | LayerId::Intra
+                    | LayerId::Inter,
                     DecodingResult::F32(values),
                 ) => {
                     let expected = layer.quantisation().decode(max).unwrap();

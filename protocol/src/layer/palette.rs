@@ -21,7 +21,7 @@ pub enum Scheme {
     /// Elevation colours of \[LOD\] §5: the ground plane ± 3 cm blue, below yellow, above black to
     /// grey.
     GroundPlane,
-    /// Magma reversed: light is easy, dark is lethal.
+    /// Magma reversed: light is easy, dark is lethal or rigid.
     Magma,
     /// A colour of Okabe and Ito for each class.
     OkabeIto,
@@ -54,7 +54,7 @@ impl LayerId {
             Self::Occupancy => &[Scheme::Grey, Scheme::MapServer],
             Self::Elevation => &[Scheme::Cividis, Scheme::GroundPlane],
             Self::Obstacle => &[Scheme::OkabeIto, Scheme::GreenRed],
-            Self::Cost => &[Scheme::Magma],
+            Self::Cost | Self::Intra | Self::Inter => &[Scheme::Magma],
             Self::Rigidity | Self::Shore => &[Scheme::OkabeIto],
         }
     }
@@ -195,6 +195,7 @@ impl Palette {
         match self.scheme {
             Scheme::Grey | Scheme::MapServer => interpolate(&[[254; 3], [0; 3]], part),
             Scheme::Cividis => interpolate(&CIVIDIS, part),
+            Scheme::Magma if self.layer.least_decides() => interpolate(&MAGMA_REVERSED, 1.0 - part),
             Scheme::Magma => interpolate(&MAGMA_REVERSED, part),
             Scheme::GroundPlane if value < -GROUND_M => [240, 205, 0],
             Scheme::GroundPlane if value <= GROUND_M => [40, 80, 220],
@@ -348,6 +349,24 @@ mod tests {
     }
 
     #[test]
+    fn what_is_rigid_is_dark() {
+        let [intra, inter] = [LayerId::Intra, LayerId::Inter].map(LayerId::default_palette);
+        let code = |value| Quantisation::UNIT_INTERVAL.encode(value);
+        for (wide_or_still, thin_or_changing) in [(1.0, 0.0), (0.75, 0.25)] {
+            assert_eq!(
+                intra.color(code(wide_or_still)),
+                inter.color(code(1.0 - wide_or_still))
+            );
+            assert_eq!(
+                intra.color(code(thin_or_changing)),
+                inter.color(code(1.0 - thin_or_changing))
+            );
+        }
+        assert_eq!(intra.color(code(1.0)), [0, 0, 4, 255]);
+        assert_eq!(inter.color(code(1.0)), [252, 253, 191, 255]);
+    }
+
+    #[test]
     fn ground_plane_colours_are_the_documents() {
         let document = palette(LayerId::Elevation, Scheme::GroundPlane);
         let color = |height_m| document.color(Quantisation::HEIGHT.encode(height_m));
@@ -360,7 +379,8 @@ mod tests {
 
     #[test]
     fn ramps_get_monotonously_lighter_or_darker() {
-        for layer in [LayerId::Occupancy, LayerId::Elevation, LayerId::Cost] {
+        let is_continuous = |layer: &LayerId| layer.classes().is_empty();
+        for layer in LayerId::ALL.into_iter().filter(is_continuous) {
             let palette = layer.default_palette();
             let (low, high) = palette.range();
             let lightness: Vec<f32> = (0..=64_u8)

@@ -28,6 +28,7 @@ pub struct VoxelLayers {
     cost_timer: UpdateTimer,
     shore: Option<ShoreLayer>,
     shore_timer: UpdateTimer,
+    maps_metrics: bool,
     vehicle_in_odom: Point3<f64>,
     /// Boats only.
     waterline: Option<Waterline>,
@@ -92,6 +93,7 @@ impl VoxelLayers {
                 .enabled
                 .then(|| ShoreLayer::new(&config.shore, vehicle, cell_m)),
             shore_timer: UpdateTimer::every(config.shore.period_s),
+            maps_metrics: cost.enabled && (config.rigidity.enabled || config.shore.enabled),
             vehicle_in_odom: Point3::origin(),
             waterline: (cost.enabled && cost.surface == Surface::Water).then(Waterline::default),
             epoch: 0,
@@ -197,6 +199,11 @@ impl VoxelLayers {
     /// For taking its changes.
     pub const fn cost_mut(&mut self) -> Option<&mut CostMap> {
         self.cost.as_mut()
+    }
+
+    /// Whether the metrics of the cost map's cells are layers: where a class is made of them.
+    pub const fn maps_metrics(&self) -> bool {
+        self.maps_metrics
     }
 
     /// `None` if disabled.

@@ -171,6 +171,8 @@ fn values_have_units_or_names() {
     check(LayerId::Obstacle, 1.0, "obstacle");
     check(LayerId::Obstacle, -1.0, "free");
     check(LayerId::Shore, 4.0, "docking site");
+    check(LayerId::Intra, 0.2, "IntraScan 0.20");
+    check(LayerId::Inter, 0.39, "InterScan 0.39");
     let unknown = ProbedCell {
         value: None,
         ..cell(LayerId::Cost, 0.5)
@@ -271,7 +273,9 @@ fn layers_name_the_sensors_that_feed_them() {
         assert_eq!(words.as_deref(), expected);
     };
     check(&sensors, LayerId::Cost, Some("from laser and sonar"));
-    check(&sensors, LayerId::Rigidity, Some("from laser"));
+    for layer in [LayerId::Rigidity, LayerId::Intra, LayerId::Inter] {
+        check(&sensors, layer, Some("from laser"));
+    }
     check(&sensors[..1], LayerId::Cost, None);
     check(&[], LayerId::Occupancy, None);
     for name in ["left", "right"] {

@@ -86,7 +86,7 @@ pub struct Label {
 /// Writes `raster` in the colours of `palette`.
 ///
 /// Small maps are magnified by an integer factor. In maps of more than 4096 cells per side each
-/// pixel shows the highest code of a square of cells, so that walls stay visible.
+/// pixel shows the code of a square of cells that decides, so that walls stay visible.
 pub fn write_picture(
     path: &Path,
     raster: &Raster,
@@ -436,10 +436,10 @@ impl Magnification {
     /// Draws the map with its upper left corner at `at`, where its patterns start; up is greater y.
     fn draw(self, canvas: &mut Canvas, at: (u32, u32), raster: &Raster, palette: &Palette) {
         let (cells, side_px) = (self.cells_per_pixel, self.pixels_per_cell as u32);
-        let (mut row, mut highest) = (Vec::new(), Vec::new());
+        let (mut row, mut deciding) = (Vec::new(), Vec::new());
         for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
-            highest_codes(raster, block_y, cells, &mut row, &mut highest);
-            for (&code, column) in highest.iter().zip(0_u32..) {
+            deciding_codes(raster, block_y, cells, &mut row, &mut deciding);
+            for (&code, column) in deciding.iter().zip(0_u32..) {
                 let square = Rect::new(
                     at.0 + column * side_px,
                     at.1 + file_row * side_px,
@@ -476,21 +476,22 @@ fn over_background([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
     })
 }
 
-/// Sets `highest` to the highest code of each square of `cells` by `cells`, whose upper row is `y`
+/// Sets `deciding` to the deciding code of each square of `cells` by `cells`, whose upper row is `y`
 /// from the top; `row` is scratch memory.
-fn highest_codes(
+fn deciding_codes(
     raster: &Raster,
     y: usize,
     cells: usize,
     row: &mut Vec<u16>,
-    highest: &mut Vec<u16>,
+    deciding: &mut Vec<u16>,
 ) {
-    highest.clear();
-    highest.resize(raster.width().div_ceil(cells), UNKNOWN);
+    deciding.clear();
+    deciding.resize(raster.width().div_ceil(cells), UNKNOWN);
     for y in y..(y + cells).min(raster.height()) {
         raster.read_row(raster.height() - 1 - y, row);
-        for (highest, square) in highest.iter_mut().zip(row.chunks(cells)) {
-            *highest = square.iter().copied().fold(*highest, u16::max);
+        for (deciding, square) in deciding.iter_mut().zip(row.chunks(cells)) {
+            let decides = |a, b| raster.layer().deciding(a, b);
+            *deciding = square.iter().copied().fold(*deciding, decides);
         }
     }
 }

@@ -97,7 +97,12 @@ fn agreement_percent(layer: LayerId, a: &Mapped, b: &Mapped) -> f64 {
                 / a.config.mapping.octree.cell_m
                 / nalgebra::ComplexField::tan(cost.critical_slope_deg.to_radians())
         }
-        LayerId::Occupancy | LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => 0.0,
+        LayerId::Occupancy
+        | LayerId::Obstacle
+        | LayerId::Rigidity
+        | LayerId::Shore
+        | LayerId::Intra
+        | LayerId::Inter => 0.0,
     };
     let (a, b) = (a.cells(layer), b.cells(layer));
     let in_both = a
