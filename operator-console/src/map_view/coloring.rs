@@ -106,7 +106,8 @@ fn cover(layer: LayerId, code: u16) -> f32 {
         | LayerId::Rigidity
         | LayerId::Shore
         | LayerId::Intra
-        | LayerId::Inter => 1.0,
+        | LayerId::Inter
+        | LayerId::Depth => 1.0,
     }
 }
 

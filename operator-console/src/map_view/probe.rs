@@ -110,6 +110,7 @@ impl ProbedCell {
             LayerId::Cost => "slope cost",
             LayerId::Intra => "IntraScan",
             LayerId::Inter => "InterScan",
+            LayerId::Depth => "depth",
             LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => return self.text(),
         };
         format!("{name} {}", self.text())
@@ -130,6 +131,7 @@ impl ProbedCell {
             LayerId::Shore => "voxels, clusters",
             LayerId::Intra => "voxels, width within a scan",
             LayerId::Inter => "voxels, change between scans",
+            LayerId::Depth => "sonar, shoalest hit that two pings agree on",
         };
         let parts = [
             self.changed(),
@@ -221,10 +223,10 @@ fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration)
     }
 }
 
-/// All range sensors feed all layers, except that a sonar has no metrics.
+/// All range sensors feed all layers, except that a sonar has no metrics, and that only a sonar measures in water.
 const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
-        SensorKind::PlanarLaser | SensorKind::TiltingLaser => true,
+        SensorKind::PlanarLaser | SensorKind::TiltingLaser => !matches!(layer, LayerId::Depth),
         SensorKind::Sonar => !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
         _ => false,
     }

@@ -108,6 +108,7 @@ pub enum LayerCommand {
 const ORDER: [LayerId; LayerId::ALL.len()] = [
     LayerId::Occupancy,
     LayerId::Elevation,
+    LayerId::Depth,
     LayerId::Cost,
     LayerId::Obstacle,
     LayerId::Intra,
@@ -268,6 +269,7 @@ mod tests {
         let moved = [
             LayerId::Shore,
             LayerId::Occupancy,
+            LayerId::Depth,
             LayerId::Cost,
             LayerId::Obstacle,
             LayerId::Elevation,
@@ -290,7 +292,12 @@ mod tests {
         stack.show_only(LayerId::Cost, &of_a_boat.into());
         let shown = stack.layers().iter().filter(|held| held.is_shown);
         let shown: Vec<_> = shown.map(|held| held.layer).collect();
-        let expected = [LayerId::Elevation, LayerId::Cost, LayerId::Obstacle];
+        let expected = [
+            LayerId::Elevation,
+            LayerId::Depth,
+            LayerId::Cost,
+            LayerId::Obstacle,
+        ];
         assert_eq!(shown, expected);
     }
 

@@ -34,6 +34,8 @@ pub enum LayerId {
     Intra,
     /// `InterScan`: 0 still … 1 changing.
     Inter,
+    /// Least depth of the water.
+    Depth,
 }
 
 /// One class of a class layer.
@@ -79,7 +81,7 @@ const fn class(name: &'static str, value: i8, color: Rgb, pattern: Pattern) -> C
 
 impl LayerId {
     /// Every layer, in wire order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Occupancy,
         Self::Elevation,
         Self::Obstacle,
@@ -88,6 +90,7 @@ impl LayerId {
         Self::Shore,
         Self::Intra,
         Self::Inter,
+        Self::Depth,
     ];
 
     /// Name in file names, keys, summaries and configuration.
@@ -101,6 +104,7 @@ impl LayerId {
             Self::Shore => "shore",
             Self::Intra => "intra",
             Self::Inter => "inter",
+            Self::Depth => "depth",
         }
     }
 
@@ -115,13 +119,14 @@ impl LayerId {
             Self::Shore => "shore",
             Self::Intra => "IntraScan: 0 thin, 1 wide",
             Self::Inter => "InterScan: 0 still, 1 changing",
+            Self::Depth => "depth of the water",
         }
     }
 
     /// Unit of a value; `None` for a pure number or a class.
     pub const fn unit(self) -> Option<&'static str> {
         match self {
-            Self::Elevation => Some("m"),
+            Self::Elevation | Self::Depth => Some("m"),
             Self::Occupancy
             | Self::Obstacle
             | Self::Cost
@@ -137,6 +142,7 @@ impl LayerId {
         match self {
             Self::Occupancy | Self::Cost | Self::Intra | Self::Inter => Quantisation::UNIT_INTERVAL,
             Self::Elevation => Quantisation::HEIGHT,
+            Self::Depth => Quantisation::DEPTH,
             Self::Obstacle => Quantisation::Classes(&OBSTACLE),
             Self::Rigidity => Quantisation::Classes(&RIGIDITY),
             Self::Shore => Quantisation::Classes(&SHORE),
@@ -145,7 +151,7 @@ impl LayerId {
 
     /// Whether low values are the dangerous ones.
     pub(crate) const fn least_decides(self) -> bool {
-        matches!(self, Self::Inter)
+        matches!(self, Self::Inter | Self::Depth)
     }
 
     /// Of two cells the code that stands for both, where cells are drawn as one: that of the more
@@ -177,7 +183,7 @@ impl fmt::Display for LayerId {
 /// An unknown layer name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "unknown layer {0:?}: layers are occupancy, elevation, obstacle, cost, rigidity, shore, intra and inter"
+    "unknown layer {0:?}: layers are occupancy, elevation, obstacle, cost, rigidity, shore, intra, inter and depth"
 )]
 pub struct UnknownLayer(pub String);
 
@@ -312,7 +318,7 @@ impl Ramp {
         // A bounded quantity ends with its range; heights may exceed the scale.
         let (at_least, at_most) = match palette.scheme() {
             Scheme::Cividis => ("≥ ", "≤ "),
-            Scheme::GroundPlane => ("≥ ", ""),
+            Scheme::GroundPlane | Scheme::Deep => ("≥ ", ""),
             _ => ("", ""),
         };
         let tick = |value: f32, prefix: &str| Tick {
@@ -385,6 +391,13 @@ impl Quantisation {
     pub const HEIGHT: Self = Self::Linear {
         steps_per_unit: 200,
         zero_code: 32768,
+        max_code: u16::MAX,
+    };
+
+    /// Metres in steps of 1 cm: 0 … 655.34 m, saturating beyond.
+    pub const DEPTH: Self = Self::Linear {
+        steps_per_unit: 100,
+        zero_code: 1,
         max_code: u16::MAX,
     };
 
@@ -475,6 +488,7 @@ mod tests {
             for (a, b) in [(a, b), (b, a)] {
                 assert_eq!(LayerId::Intra.deciding(a, b), greatest);
                 assert_eq!(LayerId::Inter.deciding(a, b), least);
+                assert_eq!(LayerId::Depth.deciding(a, b), least);
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Colours and patterns of cell codes.
 //!
-//! Colour tables have 17 equidistant sRGB stops, interpolated linearly. Patterns distinguish
+//! Colour tables have equidistant sRGB stops, interpolated linearly. Patterns distinguish
 //! classes without colour. They are drawn over pixels, not over cells, so that they look the same
 //! at any magnification.
 
@@ -23,6 +23,9 @@ pub enum Scheme {
     GroundPlane,
     /// Magma reversed: light is easy, dark is lethal or rigid.
     Magma,
+    /// Deep of cmocean from pale yellow (shoal) to dark blue (deep), over a range from 0 that can be
+    /// fitted to the map.
+    Deep,
     /// A colour of Okabe and Ito for each class.
     OkabeIto,
     /// Obstacle colours of \[LOD\] §5: free green, obstacle red. Not safe for the colour-blind.
@@ -47,6 +50,13 @@ const DARK_MARK: [u8; 4] = [24, 28, 34, 255];
 const LIGHT_MARK: [u8; 4] = [255, 255, 255, 255];
 const LADAR_GREY: [Rgb; 2] = [[0, 0, 0], [200, 200, 200]];
 
+impl Scheme {
+    /// Whether its range is fitted to the map; the others have fixed values.
+    pub const fn is_fitted(self) -> bool {
+        matches!(self, Self::Cividis | Self::Deep)
+    }
+}
+
 impl LayerId {
     /// Schemes of this layer; the first is the default.
     pub const fn schemes(self) -> &'static [Scheme] {
@@ -56,6 +66,7 @@ impl LayerId {
             Self::Obstacle => &[Scheme::OkabeIto, Scheme::GreenRed],
             Self::Cost | Self::Intra | Self::Inter => &[Scheme::Magma],
             Self::Rigidity | Self::Shore => &[Scheme::OkabeIto],
+            Self::Depth => &[Scheme::Deep],
         }
     }
 
@@ -87,6 +98,7 @@ impl Palette {
         let (low, high) = match scheme {
             Scheme::Cividis => (-0.5, 1.5),
             Scheme::GroundPlane => (GROUND_M, 2.0),
+            Scheme::Deep => (0.0, 10.0),
             _ => (0.0, 1.0),
         };
         Self {
@@ -119,16 +131,20 @@ impl Palette {
 
     /// The same colours over a range that covers `low` … `high` and ends on round numbers.
     ///
-    /// Only [`Scheme::Cividis`] can be fitted; other schemes have fixed values and are returned
-    /// unchanged, as for an invalid `low` … `high`. The range is at least 0.2 wide, so that a flat
-    /// floor does not show its noise.
+    /// Schemes that do not [fit](Scheme::is_fitted) are returned unchanged, as for an invalid `low`
+    /// … `high`. The range is at least 0.2 wide, so that a flat floor does not show its noise. That
+    /// of depths begins at 0.
     #[must_use]
     pub fn fitted(self, low: f32, high: f32) -> Self {
-        if self.scheme != Scheme::Cividis || !(low <= high && (high - low).is_finite()) {
+        if !self.scheme.is_fitted() || !(low <= high && (high - low).is_finite()) {
             return self;
         }
-        let spare = (0.2 - (high - low)).max(0.0) / 2.0;
-        let (low, high) = (low - spare, high + spare);
+        let (low, high) = if self.scheme == Scheme::Deep {
+            (0.0, high.max(0.2))
+        } else {
+            let spare = (0.2 - (high - low)).max(0.0) / 2.0;
+            (low - spare, high + spare)
+        };
         let step = round_step(high - low);
         Self {
             low: (low / step + 1e-3).floor() * step,
@@ -195,6 +211,7 @@ impl Palette {
         match self.scheme {
             Scheme::Grey | Scheme::MapServer => interpolate(&[[254; 3], [0; 3]], part),
             Scheme::Cividis => interpolate(&CIVIDIS, part),
+            Scheme::Deep => interpolate(&DEEP, part),
             Scheme::Magma if self.layer.least_decides() => interpolate(&MAGMA_REVERSED, 1.0 - part),
             Scheme::Magma => interpolate(&MAGMA_REVERSED, part),
             Scheme::GroundPlane if value < -GROUND_M => [240, 205, 0],
@@ -263,6 +280,23 @@ pub(super) const MAGMA_REVERSED: [Rgb; 17] = [
     [29, 17, 70],
     [10, 8, 34],
     [0, 0, 4],
+];
+
+/// Deep of cmocean (Thyng et al. 2016), for bathymetry: perceptually uniform. Twelve of its 256
+/// entries.
+pub(super) const DEEP: [Rgb; 12] = [
+    [253, 253, 204],
+    [206, 236, 179],
+    [156, 219, 165],
+    [111, 201, 163],
+    [86, 177, 163],
+    [76, 153, 160],
+    [68, 130, 155],
+    [62, 108, 150],
+    [62, 82, 143],
+    [64, 60, 115],
+    [54, 43, 77],
+    [39, 26, 44],
 ];
 
 /// Colours of Okabe and Ito (2008), safe for every kind of colour vision.
@@ -352,7 +386,7 @@ mod tests {
     fn what_is_rigid_is_dark() {
         let [intra, inter] = [LayerId::Intra, LayerId::Inter].map(LayerId::default_palette);
         let code = |value| Quantisation::UNIT_INTERVAL.encode(value);
-        for (wide_or_still, thin_or_changing) in [(1.0, 0.0), (0.75, 0.25)] {
+        for (wide_or_still, thin_or_changing) in [(1.0, 0.0), (0.8, 0.2)] {
             assert_eq!(
                 intra.color(code(wide_or_still)),
                 inter.color(code(1.0 - wide_or_still))
@@ -445,6 +479,14 @@ mod tests {
         assert_eq!(elevation.fitted(low, high), elevation);
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
+        let depth = LayerId::Depth.default_palette();
+        for (low, high, expected) in [(2.1, 5.8, 6.0), (0.6, 0.6, 0.6), (0.01, 0.05, 0.2)] {
+            let range = depth.fitted(low, high).range();
+            assert!(
+                range.0 == 0.0 && (range.1 - expected).abs() < 1e-4,
+                "{range:?}"
+            );
+        }
     }
 
     /// Two periods, `#` for a mark.

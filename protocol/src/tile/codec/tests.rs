@@ -30,6 +30,7 @@ fn pattern(layer: LayerId) -> TileCells {
                     1 + (x as u16 * 5) % 40
                 }
             }
+            LayerId::Depth => 301 + (x * x / 10) as u16 - 250 * u16::from(wall),
             LayerId::Inter => {
                 if wall {
                     1
@@ -104,7 +105,7 @@ proptest! {
     }
 }
 
-const GOLDEN: [(LayerId, &[u8]); 8] = [
+const GOLDEN: [(LayerId, &[u8]); 9] = [
     (
         LayerId::Occupancy,
         include_bytes!("../../../golden/tile_v1_occupancy.bin"),
@@ -136,6 +137,10 @@ const GOLDEN: [(LayerId, &[u8]); 8] = [
     (
         LayerId::Inter,
         include_bytes!("../../../golden/tile_v1_inter.bin"),
+    ),
+    (
+        LayerId::Depth,
+        include_bytes!("../../../golden/tile_v1_depth.bin"),
     ),
 ];
 

@@ -58,6 +58,10 @@ impl CellCoder {
         (cell, LayerId::Intra.quantisation().encode(value))
     }
 
+    pub fn depth(depth_m: f32) -> u16 {
+        LayerId::Depth.quantisation().encode(depth_m)
+    }
+
     pub const fn rigidity(rigidity: Rigidity) -> u16 {
         match rigidity {
             Rigidity::Unlabelled => UNKNOWN,

@@ -133,6 +133,11 @@ impl Publisher {
                 self.publish_cells(LayerId::Inter, inter.map(CellCoder::metric))?;
             }
         }
+        if let Some(depth) = voxels.depth_mut() {
+            let changed = depth.take_changed().into_iter();
+            let depths = changed.map(|(cell, depth_m)| (cell, CellCoder::depth(depth_m)));
+            self.publish_cells(LayerId::Depth, depths)?;
+        }
         if let Some(shore) = voxels.shore_mut() {
             let changed = shore.take_changed().into_iter();
             let cells = changed.map(|(cell, class)| (cell, CellCoder::shore(class)));
@@ -282,6 +287,7 @@ fn voxel_grids(voxels: &VoxelLayers) -> Vec<LayerGrid> {
         (LayerId::Shore, voxels.shore().is_some()),
         (LayerId::Intra, voxels.maps_metrics()),
         (LayerId::Inter, voxels.maps_metrics()),
+        (LayerId::Depth, voxels.depth().is_some()),
     ];
     let mapped = layers.into_iter().filter(|(_, is_mapped)| *is_mapped);
     mapped

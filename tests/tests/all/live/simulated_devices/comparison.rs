@@ -91,7 +91,7 @@ fn agreement_percent(layer: LayerId, a: &Mapped, b: &Mapped) -> f64 {
     const HEIGHT_M: f64 = 0.01;
     let cost = &a.config.mapping.cost;
     let most = match layer {
-        LayerId::Elevation => HEIGHT_M,
+        LayerId::Elevation | LayerId::Depth => HEIGHT_M,
         LayerId::Cost => {
             HEIGHT_M
                 / a.config.mapping.octree.cell_m
