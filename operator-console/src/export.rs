@@ -13,7 +13,7 @@ use protocol::export::{
     write_trajectory,
 };
 use protocol::layer::LayerId;
-use protocol::message::{Shores, VoxelFile};
+use protocol::message::{Datum, Shores, VoxelFile};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS};
 use protocol::packed_file::UnpackError;
 
@@ -57,12 +57,12 @@ impl ExportPart {
         match self {
             Self::Layer(LayerId::Occupancy) => "occupancy.tif, .png, .pgm and .yaml".to_owned(),
             Self::Layer(layer) => {
-                let document = if layer.document_palette().is_some() {
-                    ", .document.png"
-                } else {
-                    ""
+                let more = match layer {
+                    LayerId::Depth => ", .geojson",
+                    _ if layer.document_palette().is_some() => ", .document.png",
+                    _ => "",
                 };
-                format!("{layer}.tif, .png{document}")
+                format!("{layer}.tif, .png{more}")
             }
             Self::Trajectory => "trajectory.tum".to_owned(),
             Self::Shores => "shores.geojson".to_owned(),
@@ -97,6 +97,7 @@ enum Content {
         vehicle_m: Option<[f64; 2]>,
         path: Arc<[StampedPose]>,
         footprint: Option<Footprint>,
+        datum: Option<Datum>,
         labels: Vec<Label>,
     },
     Trajectory(Arc<[StampedPose]>),
@@ -126,6 +127,7 @@ impl Snapshot {
                             offset_m: f64::from(info.footprint_offset_m),
                         }
                     }),
+                    datum: model.shores().and_then(|shores| shores.datum),
                     labels: model.shores().map(shore_labels).unwrap_or_default(),
                 })
             }
@@ -160,6 +162,7 @@ impl Snapshot {
                 vehicle_m,
                 path,
                 footprint,
+                datum,
                 labels,
             } => {
                 let Some(raster) = tiles.into_raster(MAX_RASTER_CELLS)? else {
@@ -170,6 +173,7 @@ impl Snapshot {
                     vehicle_m,
                     path: &path,
                     footprint,
+                    datum,
                     labels: &labels,
                 };
                 Ok(export_raster(folder, &raster, &caption)?)

@@ -8,6 +8,7 @@
 
 #![warn(missing_docs)]
 
+pub mod contours;
 pub mod export;
 pub mod geodesy;
 pub mod keys;

@@ -190,15 +190,27 @@ impl Raster {
         (corner_m(self.extent.first), corner_m(self.extent.end))
     }
 
+    /// Columns and rows of the tiles, in rows from the lowest y.
+    pub fn tile_places(&self) -> impl Iterator<Item = (i32, i32)> {
+        self.tiles.iter().map(|(key, _)| (key.tx, key.ty))
+    }
+
+    /// A known tile.
+    pub fn tile(&self, (tx, ty): (i32, i32)) -> Option<&TileCells> {
+        let place = (i64::from(ty), i64::from(tx));
+        let found = self
+            .tiles
+            .binary_search_by_key(&place, |(key, _)| place_of_tile(*key));
+        self.tiles.get(found.ok()?).map(|(_, cells)| cells)
+    }
+
     /// Value at a point of `odom`; `None` if unknown or outside.
     pub fn value_at(&self, x_m: f64, y_m: f64) -> Option<f32> {
         self.cell_of(x_m, y_m)?;
         let [x, y] = [x_m, y_m].map(|position_m| (position_m / self.cell_m).floor() as i64);
-        let place = (y.div_euclid(SIDE), x.div_euclid(SIDE));
-        let found = self
-            .tiles
-            .binary_search_by_key(&place, |(key, _)| place_of_tile(*key));
-        let (_, cells) = self.tiles.get(found.ok()?)?;
+        let tile = [x, y].map(|cell| i32::try_from(cell.div_euclid(SIDE)));
+        let [Ok(tx), Ok(ty)] = tile else { return None };
+        let cells = self.tile((tx, ty))?;
         let code = cells.get(x.rem_euclid(SIDE) as usize, y.rem_euclid(SIDE) as usize)?;
         self.layer.quantisation().decode(code)
     }

@@ -12,7 +12,7 @@ from wire import LAYER_NAMES, Malformed
 SIDE = 64
 CELLS = SIDE * SIDE
 MAX_BAND = 8064
-GREATEST_CODE = dict(zip(LAYER_NAMES, [251, 65535, 2, 251, 2, 4], strict=True))
+GREATEST_CODE = dict(zip(LAYER_NAMES, [251, 65535, 2, 251, 2, 4, 251, 251, 65535], strict=True))
 UNKNOWN = blake3(bytes(2 * CELLS)).digest()  # digest of a tile without a known cell
 
 # A frame may name a window, not only a content, that is far larger than what it holds.

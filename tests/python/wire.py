@@ -215,7 +215,7 @@ class Enum:
 
 U16, U32, U64, I32, I64 = UInt(16), UInt(32), UInt(64), Int(32), Int(64)
 F32, F64, BOOL, BYTES, TEXT, DIGEST = Fixed("<f"), Fixed("<d"), Bool(), Raw(), Text(), Raw(32)
-LAYER_NAMES = ["occupancy", "elevation", "obstacle", "cost", "rigidity", "shore"]
+LAYER_NAMES = ["occupancy", "elevation", "obstacle", "cost", "rigidity", "shore", "intra", "inter", "depth"]
 LAYER = Enum(**dict.fromkeys(LAYER_NAMES))
 
 SENSOR_KIND = Enum(

@@ -2,7 +2,7 @@
 //! time of a frame.
 //!
 //! On level 0 a texel is a cell and a chunk 8×8 tiles; on level `l` a texel is 2ˡ × 2ˡ cells. The number of chunks on
-//! the screen is therefore nearly constant, and no texel is smaller than a pixel. A coarse texel shows the highest
+//! the screen is therefore nearly constant, and no texel is smaller than a pixel. A coarse texel shows the deciding
 //! code of its cells: a texture filter would make walls of one cell flicker. On levels below 0 a cell is 2 to 8
 //! texels wide, for layers with patterns.
 
@@ -127,12 +127,12 @@ impl ChunkKey {
 
 /// Codes of a tile's texels, or of its cells if these are larger. Row 0 has the greatest y.
 struct Codes<'a> {
-    highest: Cow<'a, [u16]>,
+    deciding: Cow<'a, [u16]>,
     /// Whether each is over known cells of a lower layer; empty if irrelevant.
     is_over_known: Vec<bool>,
 }
 
-/// Paints a tile into `texels` of row length `width`. A texel shows the highest code of its cells, so that walls stay
+/// Paints a tile into `texels` of row length `width`. A texel shows the deciding code of its cells, so that walls stay
 /// visible, as in exported pictures. `at` is the position in the chunk, so that patterns continue across tiles.
 fn paint_tile(
     texels: &mut [Color32],
@@ -147,19 +147,19 @@ fn paint_tile(
     let rows = texels.chunks_mut(width).take(level.tile_texels());
     for (y, row) in rows.enumerate() {
         let first = y / per_cell * side;
-        let highest = &codes.highest[first..][..side];
+        let deciding = &codes.deciding[first..][..side];
         let row = &mut row[..level.tile_texels()];
         if coloring.has_patterns() || per_cell > 1 {
             for (x, texel) in row.iter_mut().enumerate() {
-                *texel = coloring.color_at(highest[x / per_cell], at[0] + x, at[1] + y);
+                *texel = coloring.color_at(deciding[x / per_cell], at[0] + x, at[1] + y);
             }
         } else if codes.is_over_known.is_empty() {
-            for (texel, code) in row.iter_mut().zip(highest) {
+            for (texel, code) in row.iter_mut().zip(deciding) {
                 *texel = coloring.plain(*code);
             }
         } else {
             let is_over_known = &codes.is_over_known[first..][..side];
-            for ((texel, code), is_over) in row.iter_mut().zip(highest).zip(is_over_known) {
+            for ((texel, code), is_over) in row.iter_mut().zip(deciding).zip(is_over_known) {
                 *texel = if *is_over {
                     coloring.plain(*code)
                 } else {
@@ -247,7 +247,7 @@ impl LayerStyle<'_> {
             is_over_known = known_below(self.below, (tile, self.indexed.cell_m), step);
         }
         Some(Codes {
-            highest: self.indexed.codes(tile, step)?,
+            deciding: self.indexed.codes(tile, step)?,
             is_over_known,
         })
     }
@@ -349,7 +349,7 @@ mod tests {
     use protocol::layer::LayerId;
     use protocol::tile::TileCells;
 
-    use super::super::layer_compositing::max_codes;
+    use super::super::layer_compositing::deciding_codes;
 
     fn chunk(level: i8, tile: (i64, i64)) -> ChunkKey {
         ChunkKey::of_tile(Level(level), tile)
@@ -437,10 +437,15 @@ mod tests {
         coloring: &Coloring,
     ) -> ColorImage {
         let side = TILE_SIDE / level.cells_per_texel();
-        let mut highest = vec![0; side * side];
-        max_codes(cells, level.cells_per_texel(), &mut highest);
+        let mut deciding = vec![0; side * side];
+        deciding_codes(
+            coloring.palette.layer(),
+            cells,
+            level.cells_per_texel(),
+            &mut deciding,
+        );
         let codes = Codes {
-            highest: Cow::Owned(highest),
+            deciding: Cow::Owned(deciding),
             is_over_known: Vec::new(),
         };
         tile_image(&codes, level, at, coloring)

@@ -102,7 +102,12 @@ fn cover(layer: LayerId, code: u16) -> f32 {
         LayerId::Obstacle => f32::from(value > 0.0),
         LayerId::Occupancy => ((value - 0.25) / 0.5).clamp(0.0, 1.0),
         LayerId::Cost => (value / 0.3).clamp(0.0, 1.0),
-        LayerId::Elevation | LayerId::Rigidity | LayerId::Shore => 1.0,
+        LayerId::Elevation
+        | LayerId::Rigidity
+        | LayerId::Shore
+        | LayerId::Intra
+        | LayerId::Inter
+        | LayerId::Depth => 1.0,
     }
 }
 

@@ -29,7 +29,7 @@ pub(super) struct IndexedLayer<'a> {
 }
 
 impl IndexedLayer<'_> {
-    /// The highest codes of the squares of `step` cells of a known tile.
+    /// The deciding codes of the squares of `step` cells of a known tile.
     pub(super) fn codes(&self, tile: (i32, i32), step: usize) -> Option<Cow<'_, [u16]>> {
         if let Some(codes) = self.known.coarse_codes(tile, step) {
             return Some(Cow::Borrowed(codes));
@@ -38,7 +38,7 @@ impl IndexedLayer<'_> {
         let cells = self.store.get(TileKey { layer, tx, ty })?.cells()?;
         let side = TILE_SIDE / step;
         let mut codes = vec![0; side * side];
-        max_codes(cells, step, &mut codes);
+        deciding_codes(layer, cells, step, &mut codes);
         Some(Cow::Owned(codes))
     }
 }
@@ -166,7 +166,7 @@ impl TilePresence {
     pub(super) fn update(&mut self, store: &TileStore, key: TileKey) -> bool {
         let cells = store.get(key).and_then(|stored| stored.cells());
         let tile = cells.and_then(|cells| {
-            let (known, coarse) = (KnownBounds::of(cells)?, CodePyramid::of(cells));
+            let (known, coarse) = (KnownBounds::of(cells)?, CodePyramid::of(key.layer, cells));
             Some(IndexedTile {
                 known,
                 shape: shape(cells),
@@ -201,7 +201,7 @@ impl TilePresence {
         self.tiles.len()
     }
 
-    /// Highest codes of a tile's squares of `step` cells, if stored.
+    /// Deciding codes of a tile's squares of `step` cells, if stored.
     pub(super) fn coarse_codes(&self, tile: (i32, i32), step: usize) -> Option<&[u16]> {
         self.tiles.get(&tile)?.coarse.of_step(step)
     }
@@ -288,15 +288,15 @@ impl KnownBounds {
 const COARSE: [usize; 4] = [8, 16, 32, 64];
 const LEN: usize = 64 + 16 + 4 + 1;
 
-/// Highest codes of a tile at several resolutions. Row 0 has the greatest y.
+/// Deciding codes of a tile at several resolutions. Row 0 has the greatest y.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct CodePyramid([u16; LEN]);
 
 impl CodePyramid {
-    pub(super) fn of(cells: &TileCells) -> Self {
+    pub(super) fn of(layer: LayerId, cells: &TileCells) -> Self {
         let mut codes = [0; LEN];
         for step in COARSE {
-            max_codes(cells, step, &mut codes[Self::range(step)]);
+            deciding_codes(layer, cells, step, &mut codes[Self::range(step)]);
         }
         Self(codes)
     }
@@ -313,26 +313,26 @@ impl CodePyramid {
     }
 }
 
-/// Writes the highest code of each square of `step` cells to `highest`. Row 0 has the greatest y.
-pub(super) fn max_codes(cells: &TileCells, step: usize, highest: &mut [u16]) {
+/// Writes the deciding code of each square of `step` cells to `deciding`. Row 0 has the greatest y.
+pub(super) fn deciding_codes(layer: LayerId, cells: &TileCells, step: usize, deciding: &mut [u16]) {
     let texels = TILE_SIDE / step;
     if step == 1 {
-        for (texel_row, row) in highest.chunks_exact_mut(texels).zip((0..TILE_SIDE).rev()) {
+        for (texel_row, row) in deciding.chunks_exact_mut(texels).zip((0..TILE_SIDE).rev()) {
             texel_row.copy_from_slice(cells.row(row));
         }
         return;
     }
-    highest.fill(0);
+    deciding.fill(0);
     let mut columns = [0_u16; TILE_SIDE];
-    for (texel_row, top) in highest.chunks_exact_mut(texels).zip((0..texels).rev()) {
+    for (texel_row, top) in deciding.chunks_exact_mut(texels).zip((0..texels).rev()) {
         columns.copy_from_slice(cells.row(top * step));
         for row in top * step + 1..(top + 1) * step {
-            for (highest, code) in columns.iter_mut().zip(cells.row(row)) {
-                *highest = (*highest).max(*code);
+            for (deciding, code) in columns.iter_mut().zip(cells.row(row)) {
+                *deciding = layer.deciding(*deciding, *code);
             }
         }
         for (texel, codes) in texel_row.iter_mut().zip(columns.chunks_exact(step)) {
-            *texel = codes.iter().copied().max().unwrap_or(0);
+            *texel = codes.iter().fold(0, |a, b| layer.deciding(a, *b));
         }
     }
 }
@@ -464,19 +464,26 @@ mod tests {
     }
 
     #[test]
-    fn coarse_codes_equal_the_maximum_of_cells() {
+    fn coarse_codes_are_the_deciding_ones_of_cells() {
         let cells = TileCells::from_fn(|x, y| ((x * 7919 + y * 104_729) % 251) as u16);
-        let coarse = CodePyramid::of(&cells);
-        for step in [1, 2, 4, 8, 16, 32, 64] {
+        let steps = [1, 2, 4, 8, 16, 32, 64];
+        for (layer, step) in [LayerId::Cost, LayerId::Inter]
+            .into_iter()
+            .flat_map(|layer| steps.map(|step| (layer, step)))
+        {
+            let coarse = CodePyramid::of(layer, &cells);
             let side = TILE_SIDE / step;
             let mut found = vec![9; side * side];
-            max_codes(&cells, step, &mut found);
+            deciding_codes(layer, &cells, step, &mut found);
             for (index, code) in found.iter().enumerate() {
                 let (x, y) = (index % side * step, (side - 1 - index / side) * step);
-                let of_cells = (y..y + step)
-                    .flat_map(|row| &cells.row(row)[x..x + step])
-                    .max();
-                assert_eq!(Some(code), of_cells, "{step}: {x} {y}");
+                let of_cells = (y..y + step).flat_map(|row| &cells.row(row)[x..x + step]);
+                let known = of_cells.filter(|code| **code != 0);
+                let decides = match layer {
+                    LayerId::Inter => known.min(),
+                    _ => known.max(),
+                };
+                assert_eq!(*code, decides.copied().unwrap_or(0), "{step}: {x} {y}");
             }
             match coarse.of_step(step) {
                 Some(codes) => assert_eq!(codes, found, "{step}"),

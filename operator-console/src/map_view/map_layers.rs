@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use eframe::egui::{Context, Painter, TextureId};
-use protocol::layer::{LayerId, Palette, Scheme};
+use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 use protocol::tile_store::{StoredTile, TileStore};
 
 use super::camera::{Camera, around};
 use super::chunks::{ChunkKey, FrameTime, LayerStyle};
 use super::coloring::{Coloring, fitted_to, palette_of};
+use super::contour_lines::ContourLines;
 use super::layer_compositing::{IndexedLayer, TilePresence, tiles_above};
 use super::texture_check::Sample;
 use super::tile_textures::TileTextures;
@@ -34,6 +35,7 @@ struct MapLayer {
 pub(super) struct MapLayers {
     layers: BTreeMap<LayerId, MapLayer>,
     waiting: BTreeSet<TileKey>,
+    contours: ContourLines,
     is_other: bool,
 }
 
@@ -162,6 +164,7 @@ impl MapLayers {
             let is_known_elsewhere = held.known.update(store, key);
             held.textures.changed((key.tx, key.ty));
             held.update_newest(map, key);
+            self.contours.change(key);
             if is_known_elsewhere {
                 self.change_above(key, store);
             }
@@ -170,7 +173,7 @@ impl MapLayers {
             held.recheck_newest(map);
         }
         self.color(stack, store);
-        self.waiting.is_empty()
+        self.contours.update(store, time) && self.waiting.is_empty()
     }
 
     fn change_above(&mut self, key: TileKey, store: &TileStore) {
@@ -215,10 +218,10 @@ impl MapLayers {
                 held.recolor(Coloring::new(palette, *is_over));
             }
             held.set_below(seen_below(*layer, &shown, store));
-            // The range of heights is unknown in advance. It is fitted each time the map has doubled, so that colours
+            // The range of values is unknown in advance. It is fitted each time the map has doubled, so that colours
             // rarely change their meaning, and only when all waiting tiles are processed.
             let has_grown = held.known.len() >= 2 * held.fitted_at.max(1);
-            if wanted.scheme == Scheme::Cividis && has_grown && self.waiting.is_empty() {
+            if wanted.scheme.is_fitted() && has_grown && self.waiting.is_empty() {
                 held.fit(store);
             }
         }
@@ -334,6 +337,9 @@ impl MapLayers {
             let layer = self.layers.get(&held.layer);
             if let Some((layer, cell_m)) = layer.zip(store.cell_m(held.layer)) {
                 layer.textures.paint(painter, camera, cell_m, held.opacity);
+                if held.layer == LayerId::Depth {
+                    self.contours.paint(painter, camera, cell_m);
+                }
             }
         }
     }

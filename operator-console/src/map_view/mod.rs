@@ -4,6 +4,7 @@ mod camera;
 mod cards;
 mod chunks;
 mod coloring;
+mod contour_lines;
 mod drawing;
 mod gestures;
 mod grid;

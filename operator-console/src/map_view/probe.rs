@@ -108,6 +108,9 @@ impl ProbedCell {
             LayerId::Occupancy => "P(occupied)",
             LayerId::Elevation => "height",
             LayerId::Cost => "slope cost",
+            LayerId::Intra => "IntraScan",
+            LayerId::Inter => "InterScan",
+            LayerId::Depth => "depth",
             LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => return self.text(),
         };
         format!("{name} {}", self.text())
@@ -126,6 +129,9 @@ impl ProbedCell {
             LayerId::Cost => "voxels, slope around",
             LayerId::Rigidity => "voxels, scatter of beams",
             LayerId::Shore => "voxels, clusters",
+            LayerId::Intra => "voxels, width within a scan",
+            LayerId::Inter => "voxels, change between scans",
+            LayerId::Depth => "sonar, shoalest hit that two pings agree on",
         };
         let parts = [
             self.changed(),
@@ -217,11 +223,11 @@ fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration)
     }
 }
 
-/// All range sensors feed all layers, except that sonar is not used for rigidity.
+/// All range sensors feed all layers, except that a sonar has no metrics, and that only a sonar measures in water.
 const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
-        SensorKind::PlanarLaser | SensorKind::TiltingLaser => true,
-        SensorKind::Sonar => !matches!(layer, LayerId::Rigidity),
+        SensorKind::PlanarLaser | SensorKind::TiltingLaser => !matches!(layer, LayerId::Depth),
+        SensorKind::Sonar => !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
         _ => false,
     }
 }

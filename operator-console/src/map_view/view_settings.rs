@@ -108,8 +108,11 @@ pub enum LayerCommand {
 const ORDER: [LayerId; LayerId::ALL.len()] = [
     LayerId::Occupancy,
     LayerId::Elevation,
+    LayerId::Depth,
     LayerId::Cost,
     LayerId::Obstacle,
+    LayerId::Intra,
+    LayerId::Inter,
     LayerId::Rigidity,
     LayerId::Shore,
 ];
@@ -118,8 +121,8 @@ impl StackLayer {
     fn new(layer: LayerId) -> Self {
         Self {
             layer,
-            // Rigidity and shores colour the same voxels: both at once are not readable.
-            is_shown: layer != LayerId::Rigidity,
+            // These colour the voxels of the shores and of the slope cost: both at once are not readable.
+            is_shown: !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
             // Heights are visible through obstacles.
             opacity: if layer == LayerId::Obstacle {
                 0.75
@@ -266,9 +269,12 @@ mod tests {
         let moved = [
             LayerId::Shore,
             LayerId::Occupancy,
+            LayerId::Depth,
             LayerId::Cost,
             LayerId::Obstacle,
             LayerId::Elevation,
+            LayerId::Intra,
+            LayerId::Inter,
             LayerId::Rigidity,
         ];
         assert_eq!(order(&stack), moved);
@@ -286,7 +292,12 @@ mod tests {
         stack.show_only(LayerId::Cost, &of_a_boat.into());
         let shown = stack.layers().iter().filter(|held| held.is_shown);
         let shown: Vec<_> = shown.map(|held| held.layer).collect();
-        let expected = [LayerId::Elevation, LayerId::Cost, LayerId::Obstacle];
+        let expected = [
+            LayerId::Elevation,
+            LayerId::Depth,
+            LayerId::Cost,
+            LayerId::Obstacle,
+        ];
         assert_eq!(shown, expected);
     }
 

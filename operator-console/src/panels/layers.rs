@@ -146,6 +146,9 @@ pub const fn layer_name(layer: LayerId) -> &'static str {
         LayerId::Cost => "Slope cost",
         LayerId::Rigidity => "Rigidity",
         LayerId::Shore => "Shore",
+        LayerId::Intra => "IntraScan",
+        LayerId::Inter => "InterScan",
+        LayerId::Depth => "Depth",
     }
 }
 
@@ -158,6 +161,7 @@ pub const fn scheme_name(scheme: Scheme) -> &'static str {
         Scheme::GroundPlane5 => "Ground plane ± 5 cm",
         Scheme::GroundPlane6 => "Ground plane ± 6 cm",
         Scheme::Magma => "Light to dark",
+        Scheme::Deep => "Pale to deep blue",
         Scheme::OkabeIto => "Colour-blind safe",
         Scheme::GreenRed => "Green and red",
     }
@@ -309,10 +313,10 @@ fn colors_ui(ui: &mut Ui, row: &LayerRow) -> Option<LayerCommand> {
         .response
         .widget_info(|| WidgetInfo::labeled(Role::ComboBox, true, &label));
     combo.response.on_hover_text("Colours of this layer");
-    if row.scheme == Scheme::Cividis {
+    if row.scheme.is_fitted() {
         let fit = ui.button("Fit");
         if fit
-            .on_hover_text("Spread the colours over the heights of the map")
+            .on_hover_text("Spread the colours over the values of the map")
             .clicked()
         {
             command = Some(LayerCommand::Fit(layer));

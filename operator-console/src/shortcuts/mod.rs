@@ -152,8 +152,9 @@ impl Group {
 pub fn bindings() -> &'static [Binding] {
     static TABLE: LazyLock<Vec<Binding>> = LazyLock::new(|| {
         // Digits alone select the speed step.
-        const LAYER_KEYS: [&str; LayerId::ALL.len()] =
-            ["Alt+1", "Alt+2", "Alt+3", "Alt+4", "Alt+5", "Alt+6"];
+        const LAYER_KEYS: [&str; LayerId::ALL.len()] = [
+            "Alt+1", "Alt+2", "Alt+3", "Alt+4", "Alt+5", "Alt+6", "Alt+7", "Alt+8", "Alt+9",
+        ];
         let layers = LayerId::ALL.into_iter().zip(LAYER_KEYS);
         let layers = layers.map(|(layer, keys)| (Action::Layer(layer), keys, layer_name(layer)));
         let mut bindings = of_group(Group::Map, layers);

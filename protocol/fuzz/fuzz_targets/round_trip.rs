@@ -26,8 +26,8 @@ fuzz_target!(|input: &[u8]| {
     }
     let layer = LayerId::ALL[usize::from(layer) % LayerId::ALL.len()];
     let greatest = match layer {
-        LayerId::Elevation => u16::MAX,
-        LayerId::Occupancy | LayerId::Cost => 251,
+        LayerId::Elevation | LayerId::Depth => u16::MAX,
+        LayerId::Occupancy | LayerId::Cost | LayerId::Intra | LayerId::Inter => 251,
         LayerId::Obstacle | LayerId::Rigidity => 2,
         LayerId::Shore => 4,
     };

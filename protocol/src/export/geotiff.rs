@@ -1,7 +1,10 @@
 //! A raster as `GeoTIFF` (OGC 19-008r4): a layer's values in its sample type, placed in `odom` metres.
 //!
-//! Row 0 is the greatest y. The coordinate system is user-defined and local: metres, named `odom`. Values
-//! are deflated strip by strip, so memory beside the raster stays at one strip.
+//! Row 0 is the greatest y. Coordinates are metres in `odom`. With a datum `odom` is described as a
+//! projection of WGS 84: Transverse Mercator about the datum, which differs from the tangent plane by
+//! 2 cm at 10 km. UTM would turn the raster by the convergence of meridians, and resample it.
+//! Without, the coordinate system is user-defined and local. Values are deflated strip by strip, so
+//! memory beside the raster stays at one strip.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -16,6 +19,7 @@ use tiff::tags::{CompressionMethod, PhotometricInterpretation, SampleFormat, Tag
 use super::ExportError;
 use crate::export::write_atomically;
 use crate::layer::LayerId;
+use crate::message::Datum;
 use crate::mosaic::Raster;
 
 type Directory<'a> = DirectoryEncoder<'a, &'a mut BufWriter<File>, TiffKindStandard>;
@@ -25,12 +29,19 @@ const STRIP_BYTES: usize = 256 * 1024;
 /// GDAL's tag for item names and units as XML.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
-/// Writes `raster` as a `GeoTIFF` with the layer's values.
-pub fn write_geotiff(path: &Path, raster: &Raster) -> Result<(), ExportError> {
-    write_atomically(path, |writer| Ok(encode(writer, raster)?))
+/// Mean radius of the Earth.
+const EARTH_M: f64 = 6_371_000.0;
+
+/// Writes `raster` as a `GeoTIFF` with the layer's values. `datum` is where on Earth `odom` is.
+pub fn write_geotiff(
+    path: &Path,
+    raster: &Raster,
+    datum: Option<Datum>,
+) -> Result<(), ExportError> {
+    write_atomically(path, |writer| Ok(encode(writer, raster, datum)?))
 }
 
-fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
+fn encode(writer: &mut BufWriter<File>, raster: &Raster, datum: Option<Datum>) -> TiffResult<()> {
     let sample_bytes = if is_float(raster.layer()) { 4 } else { 1 };
     let row_bytes = raster.width() * sample_bytes;
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, raster.height());
@@ -63,7 +74,7 @@ fn encode(writer: &mut BufWriter<File>, raster: &Raster) -> TiffResult<()> {
     directory.write_tag(Tag::RowsPerStrip, u32::try_from(rows_per_strip)?)?;
     directory.write_tag(Tag::StripOffsets, offsets.as_slice())?;
     directory.write_tag(Tag::StripByteCounts, byte_counts.as_slice())?;
-    write_position(&mut directory, raster)?;
+    write_position(&mut directory, raster, datum)?;
     write_meaning(&mut directory, raster.layer())?;
     directory.finish()
 }
@@ -106,30 +117,61 @@ fn deflate_rows(raster: &Raster, file_rows: std::ops::Range<usize>) -> io::Resul
     encoder.finish()
 }
 
-fn write_position(directory: &mut Directory<'_>, raster: &Raster) -> TiffResult<()> {
+fn write_position(
+    directory: &mut Directory<'_>,
+    raster: &Raster,
+    datum: Option<Datum>,
+) -> TiffResult<()> {
     let ([x_min_m, _], [_, y_max_m]) = raster.corners_m();
     let cell_m = raster.cell_m();
     let citation = "odom|";
-    // Header: version 1.1.0 and the number of keys. Each key: id, location of its value (0 here,
-    // else a tag), count, value or offset.
-    let geo_keys: [[u16; 4]; 5] = [
-        [1, 1, 0, 4],
-        [1024, 0, 1, 32767], // GTModelType: user-defined
-        [1025, 0, 1, 1],     // GTRasterType: a pixel is an area
+    // Each key: id, location of its value (0 here, else a tag), count, value or place in the tag.
+    let here = |id: u16, value: u16| [id, 0, 1, value];
+    let double = |id: u16, place: u16| [id, Tag::GeoDoubleParamsTag.to_u16(), 1, place];
+    let mut keys = vec![
+        here(1024, if datum.is_some() { 1 } else { 32767 }), // GTModelType: projected or user-defined
+        here(1025, 1),                                       // GTRasterType: a pixel is an area
         [
             1026,
             Tag::GeoAsciiParamsTag.to_u16(),
             citation.len() as u16,
             0,
         ], // GTCitation
-        [3076, 0, 1, 9001],  // ProjLinearUnits: metre
     ];
+    if datum.is_some() {
+        keys.extend([
+            here(2048, 4326),  // GeodeticCRS: WGS 84
+            here(2054, 9102),  // GeogAngularUnits: degree
+            here(3072, 32767), // ProjectedCRS: user-defined
+            here(3074, 32767), // Projection: user-defined
+            here(3075, 1),     // ProjMethod: Transverse Mercator
+        ]);
+    }
+    keys.push(here(3076, 9001)); // ProjLinearUnits: metre
+    if datum.is_some() {
+        keys.extend([
+            double(3080, 0), // ProjNatOriginLong
+            double(3081, 1), // ProjNatOriginLat
+            double(3082, 2), // ProjFalseEasting
+            double(3083, 3), // ProjFalseNorthing
+            double(3092, 4), // ProjScaleAtNatOrigin
+        ]);
+    }
+    // Header: version 1.1.0 and the number of keys.
+    keys.insert(0, [1, 1, 0, keys.len() as u16]);
     directory.write_tag(Tag::ModelPixelScaleTag, [cell_m, cell_m, 0.0])?;
     directory.write_tag(
         Tag::ModelTiepointTag,
         [0.0, 0.0, 0.0, x_min_m, y_max_m, 0.0],
     )?;
-    directory.write_tag(Tag::GeoKeyDirectoryTag, geo_keys.as_flattened())?;
+    directory.write_tag(Tag::GeoKeyDirectoryTag, keys.as_flattened())?;
+    if let Some(datum) = datum {
+        // Metres at the datum's altitude are shorter on the ellipsoid.
+        let scale = 1.0 + datum.altitude_m / EARTH_M;
+        let origin = [datum.longitude_deg, datum.latitude_deg];
+        let doubles = [origin[0], origin[1], 0.0, 0.0, scale];
+        directory.write_tag(Tag::GeoDoubleParamsTag, doubles.as_slice())?;
+    }
     directory.write_tag(Tag::GeoAsciiParamsTag, citation)
 }
 

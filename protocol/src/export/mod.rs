@@ -4,7 +4,9 @@
 //! Every file is written under a temporary name and renamed when it is complete. A failed export
 //! leaves the previous file unchanged.
 
+mod contours;
 mod date;
+mod geojson;
 mod geotiff;
 mod picture;
 mod shores;
@@ -18,6 +20,7 @@ use std::{fs, io};
 use crate::layer::{LayerId, Palette};
 use crate::mosaic::{MAX_RASTER_CELLS, MosaicError, Raster};
 use crate::tile_store::TileStore;
+pub use contours::write_contours;
 pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
 pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
@@ -120,7 +123,8 @@ pub fn export_layer(
 
 /// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
 /// `occupancy.yaml`; for elevation and obstacle also `<layer>.document.png` in the colours of
-/// \[LOD\]. The labels of the caption are drawn on the shores only. Returns the paths.
+/// \[LOD\]; for depth also `depth.geojson`, its contours. The labels of the caption are drawn on the
+/// shores only. Returns the paths.
 pub fn export_raster(
     dir: &Path,
     raster: &Raster,
@@ -139,12 +143,15 @@ pub fn export_raster(
         dir.join(format!("{layer}.tif")),
         dir.join(format!("{layer}.png")),
     ];
-    write_geotiff(&files[0], raster)?;
+    write_geotiff(&files[0], raster, caption.datum)?;
     write_picture(&files[1], raster, &palette_for(raster), caption)?;
     if let Some(palette) = layer.document_palette() {
         let path = dir.join(format!("{layer}.document.png"));
         write_picture(&path, raster, &palette, caption)?;
         files.push(path);
+    }
+    if layer == LayerId::Depth {
+        files.push(write_contours(dir, raster, caption.datum)?);
     }
     if layer == LayerId::Occupancy {
         files.extend(write_map_server(dir, "occupancy", raster)?);
@@ -388,7 +395,7 @@ mod tests {
         });
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("elevation.tif");
-        write_geotiff(&path, &raster).unwrap();
+        write_geotiff(&path, &raster, None).unwrap();
         let (image, dimensions, scale, tie, no_data) = read_tiff(&path);
         assert_eq!(dimensions, (300, 401));
         assert_eq!(scale, [0.25, 0.25, 0.0]);
@@ -411,17 +418,68 @@ mod tests {
     }
 
     #[test]
+    fn geotiff_with_a_datum_is_on_earth() {
+        let raster = raster_of(LayerId::Depth, 0.3, 30, 20, |_, _| 200);
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("depth.tif");
+        let keys_of = |datum| {
+            write_geotiff(&path, &raster, datum).unwrap();
+            let (_, _, scale, tie, _) = read_tiff(&path);
+            // Coordinates stay metres in `odom`.
+            assert_eq!(scale, [0.3, 0.3, 0.0]);
+            assert_eq!(tie[3..5], [-20.0 * 0.3, 10.0 * 0.3]);
+            let mut decoder = Decoder::new(File::open(&path).unwrap()).unwrap();
+            let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap();
+            let keys: Vec<[u16; 4]> = keys.as_chunks::<4>().0.to_vec();
+            assert_eq!(keys[0], [1, 1, 0, keys.len() as u16 - 1]);
+            assert!(keys[1..].is_sorted_by_key(|key| key[0]));
+            let doubles = decoder.get_tag_f64_vec(Tag::GeoDoubleParamsTag);
+            (keys, doubles.unwrap_or_default())
+        };
+        let has = |keys: &[[u16; 4]], key, value| keys.contains(&[key, 0, 1, value]);
+        let (keys, doubles) = keys_of(None);
+        assert!(has(&keys, 1024, 32767) && doubles.is_empty(), "{keys:?}");
+        let (keys, doubles) = keys_of(Some(crate::message::Datum {
+            latitude_deg: 38.5,
+            longitude_deg: -9.1,
+            altitude_m: 637.1,
+        }));
+        // Projected, WGS 84, Transverse Mercator about the datum.
+        for (key, value) in [
+            (1024, 1),
+            (2048, 4326),
+            (3072, 32767),
+            (3075, 1),
+            (3076, 9001),
+        ] {
+            assert!(has(&keys, key, value), "{key} {keys:?}");
+        }
+        let value = |key| {
+            let [_, tag, count, at] = keys.iter().find(|found| found[0] == key).unwrap();
+            assert_eq!((*tag, *count), (Tag::GeoDoubleParamsTag.to_u16(), 1));
+            doubles[usize::from(*at)]
+        };
+        let values = [3080, 3081, 3082, 3083, 3092].map(value);
+        assert_eq!(values, [-9.1, 38.5, 0.0, 0.0, 1.0001]);
+    }
+
+    #[test]
     fn each_layer_has_its_sample_type() {
         let dir = tempfile::tempdir().unwrap();
         for layer in LayerId::ALL {
             let max = 1 + u16::from(layer == LayerId::Shore) * 2;
             let corner_only = |x: i64, y: i64| if (x, y) == (1, 1) { 0 } else { max };
             let path = dir.path().join(format!("{layer}.tif"));
-            write_geotiff(&path, &raster_of(layer, 0.1, 2, 2, corner_only)).unwrap();
+            write_geotiff(&path, &raster_of(layer, 0.1, 2, 2, corner_only), None).unwrap();
             let (image, .., no_data) = read_tiff(&path);
             match (layer, image) {
                 (
-                    LayerId::Occupancy | LayerId::Elevation | LayerId::Cost,
+                    LayerId::Occupancy
+                    | LayerId::Elevation
+                    | LayerId::Cost
+                    | LayerId::Intra
+                    | LayerId::Inter
+                    | LayerId::Depth,
                     DecodingResult::F32(values),
                 ) => {
                     let expected = layer.quantisation().decode(max).unwrap();
@@ -468,10 +526,13 @@ mod tests {
     #[test]
     fn every_known_layer_gets_its_files() {
         let mut store = store_of(LayerId::Occupancy, 0.1, 40, 30, |x, _| 1 + x as u16);
-        for layer in [LayerId::Elevation, LayerId::Shore] {
+        for layer in [LayerId::Elevation, LayerId::Shore, LayerId::Depth] {
             store.set_grid(LayerGrid { layer, cell_m: 0.2 }).unwrap();
         }
         fill(&mut store, LayerId::Shore, 10, 10, |x, _| 1 + x as u16 % 4);
+        fill(&mut store, LayerId::Depth, 10, 10, |x, _| {
+            150 + 10 * x as u16
+        });
         let dir = tempfile::tempdir().unwrap();
         let target = dir.path().join("made").join("for it");
         let exported = export_all(
@@ -492,6 +553,9 @@ mod tests {
         assert_eq!(
             names,
             [
+                "depth.geojson",
+                "depth.png",
+                "depth.tif",
                 "occupancy.pgm",
                 "occupancy.png",
                 "occupancy.tif",
@@ -500,7 +564,7 @@ mod tests {
                 "shore.tif"
             ]
         );
-        assert_eq!(exported.files.len(), 6);
+        assert_eq!(exported.files.len(), 9);
         let png = png::Decoder::new(std::io::BufReader::new(
             File::open(target.join("shore.png")).unwrap(),
         ));

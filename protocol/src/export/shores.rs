@@ -1,7 +1,4 @@
-//! Shores and docking sites as `GeoJSON` (RFC 7946), one feature per line.
-//!
-//! RFC 7946 allows WGS-84 coordinates only. Without a GNSS fix the coordinates are metres in
-//! `odom`, which the foreign member `coordinate_reference` states.
+//! Shores and docking sites as `GeoJSON`.
 
 use std::cmp::Reverse;
 use std::io::{self, Write};
@@ -9,29 +6,11 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::geojson::{Feature, Geometry, Projection, rounded, write_features};
 use super::{ExportError, Label};
 use crate::export::write_atomically;
-use crate::geodesy::LocalTangentPlane;
 use crate::message::{DockingSite, ShoreCluster, Shores};
 use crate::shores::site_letters;
-
-const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
-const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, because there was no satellite fix";
-
-#[derive(Serialize)]
-struct Feature<P> {
-    r#type: &'static str,
-    geometry: Geometry,
-    properties: P,
-}
-
-#[derive(Serialize)]
-#[serde(tag = "type", content = "coordinates")]
-enum Geometry {
-    Point([f64; 2]),
-    /// One outer ring, counter-clockwise and closed.
-    Polygon([Vec<[f64; 2]>; 1]),
-}
 
 #[derive(Serialize)]
 struct ClusterProperties {
@@ -60,21 +39,7 @@ struct SiteProperties {
     mean_cost: f64,
 }
 
-/// Converts points of `odom` to coordinates.
-struct Projection(Option<LocalTangentPlane>);
-
 impl Projection {
-    /// Degrees to 10⁻⁸ (a millimetre); metres to a millimetre.
-    fn coordinates(&self, point_m: [f64; 2]) -> [f64; 2] {
-        match &self.0 {
-            Some(plane) => {
-                let place = plane.geodetic_from_enu([point_m[0], point_m[1], 0.0]);
-                [place.longitude_deg, place.latitude_deg].map(|deg| rounded(deg, 1e8))
-            }
-            None => point_m.map(|m| rounded(m, 1e3)),
-        }
-    }
-
     fn cluster(&self, cluster: &ShoreCluster, cell_m: f64) -> Feature<ClusterProperties> {
         let center = self.coordinates(cluster.center_m.map(f64::from));
         let corner = |&(x, y): &(i32, i32)| self.coordinates([x, y].map(|n| f64::from(n) * cell_m));
@@ -85,19 +50,16 @@ impl Projection {
             }
             [] | [_] | [_, _] => Geometry::Point(center),
         };
-        Feature {
-            r#type: "Feature",
-            geometry,
-            properties: ClusterProperties {
-                kind: "shore",
-                number: cluster.number,
-                class: cluster.class.name(),
-                ratio: rounded(cluster.ratio(), 1e4),
-                voxels: cluster.voxels,
-                rigid_voxels: cluster.rigid_voxels,
-                center,
-            },
-        }
+        let properties = ClusterProperties {
+            kind: "shore",
+            number: cluster.number,
+            class: cluster.class.name(),
+            ratio: rounded(cluster.ratio(), 1e4),
+            voxels: cluster.voxels,
+            rigid_voxels: cluster.rigid_voxels,
+            center,
+        };
+        Feature::new(geometry, properties)
     }
 
     fn site(&self, site: &DockingSite, rank: usize) -> Feature<SiteProperties> {
@@ -107,19 +69,17 @@ impl Projection {
             // 360 after rounding is 0.
             if deg < 360.0 { deg } else { 0.0 }
         };
-        Feature {
-            r#type: "Feature",
-            geometry: Geometry::Point(self.coordinates(site.center_m.map(f64::from))),
-            properties: SiteProperties {
-                kind: "docking site",
-                name: site_letters(site.number),
-                rank,
-                heading_deg: turned(heading_deg),
-                bearing_deg: self.0.is_some().then(|| turned(90.0 - heading_deg)),
-                width_m: rounded(f64::from(site.width_m), 1e3),
-                mean_cost: rounded(f64::from(site.mean_cost), 1e4),
-            },
-        }
+        let properties = SiteProperties {
+            kind: "docking site",
+            name: site_letters(site.number),
+            rank,
+            heading_deg: turned(heading_deg),
+            bearing_deg: self.is_on_earth().then(|| turned(90.0 - heading_deg)),
+            width_m: rounded(f64::from(site.width_m), 1e3),
+            mean_cost: rounded(f64::from(site.mean_cost), 1e4),
+        };
+        let place = self.coordinates(site.center_m.map(f64::from));
+        Feature::new(Geometry::Point(place), properties)
     }
 }
 
@@ -149,37 +109,22 @@ pub fn write_shores(dir: &Path, shores: &Shores) -> Result<PathBuf, ExportError>
 }
 
 fn write_collection(writer: &mut impl Write, shores: &Shores) -> io::Result<()> {
-    let plane = shores.datum.map(LocalTangentPlane::new);
-    let reference = if plane.is_some() { ON_EARTH } else { IN_ODOM };
-    let projection = Projection(plane);
-    write!(
-        writer,
-        "{{\"type\":\"FeatureCollection\",\n\
-         \"coordinate_reference\":\"{reference}\",\n\
-         \"outlines\":\"convex, of 12 corners at most\",\n\
+    let projection = Projection::new(shores.datum);
+    let members = format!(
+        "\"outlines\":\"convex, of 12 corners at most\",\n\
          \"shores_left_out\":{},\n\
-         \"docking_sites_left_out\":{},\n\
-         \"features\":[",
+         \"docking_sites_left_out\":{},\n",
         shores.clusters_left_out, shores.sites_left_out
-    )?;
+    );
+    projection.begin(writer, &members)?;
     let mut separator = "\n";
-    for cluster in &shores.clusters {
-        let feature = projection.cluster(cluster, shores.cell_m);
-        write!(writer, "{separator}{}", serde_json::to_string(&feature)?)?;
-        separator = ",\n";
-    }
-    for (site, rank) in shores.sites.iter().zip(1..) {
-        let feature = projection.site(site, rank);
-        write!(writer, "{separator}{}", serde_json::to_string(&feature)?)?;
-        separator = ",\n";
-    }
+    let clusters = shores.clusters.iter();
+    let clusters = clusters.map(|cluster| projection.cluster(cluster, shores.cell_m));
+    write_features(writer, clusters, &mut separator)?;
+    let sites = shores.sites.iter().zip(1..);
+    let sites = sites.map(|(site, rank)| projection.site(site, rank));
+    write_features(writer, sites, &mut separator)?;
     writer.write_all(b"\n]}\n")
-}
-
-fn rounded(number: f64, per_unit: f64) -> f64 {
-    let rounded = (number * per_unit).round() / per_unit;
-    // No minus sign at zero.
-    rounded + 0.0
 }
 
 #[cfg(test)]
@@ -262,7 +207,8 @@ mod tests {
             altitude_m: 0.0,
         };
         let read: Value = serde_json::from_str(&text(&shores(Some(datum)))).unwrap();
-        assert_eq!(read["coordinate_reference"], ON_EARTH);
+        let reference = read["coordinate_reference"].as_str().unwrap();
+        assert!(reference.starts_with("WGS-84"), "{reference}");
         let site = &read["features"][2];
         // 10 m east and 20 m north; a second is 24.2313 m of longitude and 30.8350 m of latitude.
         let check = |place: &Value, expected: [f64; 2]| {

@@ -30,6 +30,12 @@ pub enum LayerId {
     Rigidity,
     /// Class of the shore, and docking sites.
     Shore,
+    /// `IntraScan`: 0 thin … 1 wide.
+    Intra,
+    /// `InterScan`: 0 still … 1 changing.
+    Inter,
+    /// Least depth of the water.
+    Depth,
 }
 
 /// One class of a class layer.
@@ -75,13 +81,16 @@ const fn class(name: &'static str, value: i8, color: Rgb, pattern: Pattern) -> C
 
 impl LayerId {
     /// Every layer, in wire order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 9] = [
         Self::Occupancy,
         Self::Elevation,
         Self::Obstacle,
         Self::Cost,
         Self::Rigidity,
         Self::Shore,
+        Self::Intra,
+        Self::Inter,
+        Self::Depth,
     ];
 
     /// Name in file names, keys, summaries and configuration.
@@ -93,6 +102,9 @@ impl LayerId {
             Self::Cost => "cost",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
+            Self::Intra => "intra",
+            Self::Inter => "inter",
+            Self::Depth => "depth",
         }
     }
 
@@ -105,25 +117,51 @@ impl LayerId {
             Self::Cost => "slope cost: 0 flat or clear, 1 lethal",
             Self::Rigidity => "rigidity",
             Self::Shore => "shore",
+            Self::Intra => "IntraScan: 0 thin, 1 wide",
+            Self::Inter => "InterScan: 0 still, 1 changing",
+            Self::Depth => "depth of the water",
         }
     }
 
     /// Unit of a value; `None` for a pure number or a class.
     pub const fn unit(self) -> Option<&'static str> {
         match self {
-            Self::Elevation => Some("m"),
-            Self::Occupancy | Self::Obstacle | Self::Cost | Self::Rigidity | Self::Shore => None,
+            Self::Elevation | Self::Depth => Some("m"),
+            Self::Occupancy
+            | Self::Obstacle
+            | Self::Cost
+            | Self::Rigidity
+            | Self::Shore
+            | Self::Intra
+            | Self::Inter => None,
         }
     }
 
     /// Conversion between values and codes.
     pub const fn quantisation(self) -> Quantisation {
         match self {
-            Self::Occupancy | Self::Cost => Quantisation::UNIT_INTERVAL,
+            Self::Occupancy | Self::Cost | Self::Intra | Self::Inter => Quantisation::UNIT_INTERVAL,
             Self::Elevation => Quantisation::HEIGHT,
+            Self::Depth => Quantisation::DEPTH,
             Self::Obstacle => Quantisation::Classes(&OBSTACLE),
             Self::Rigidity => Quantisation::Classes(&RIGIDITY),
             Self::Shore => Quantisation::Classes(&SHORE),
+        }
+    }
+
+    /// Whether low values are the dangerous ones.
+    pub(crate) const fn least_decides(self) -> bool {
+        matches!(self, Self::Inter | Self::Depth)
+    }
+
+    /// Of two cells the code that stands for both, where cells are drawn as one: that of the more
+    /// dangerous value, so that a wall stays visible. Any known code wins over [`UNKNOWN`].
+    pub fn deciding(self, a: u16, b: u16) -> u16 {
+        if self.least_decides() {
+            // Unknown is the greatest.
+            a.wrapping_sub(1).min(b.wrapping_sub(1)).wrapping_add(1)
+        } else {
+            a.max(b)
         }
     }
 
@@ -144,7 +182,9 @@ impl fmt::Display for LayerId {
 
 /// An unknown layer name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown layer {0:?}: layers are occupancy, elevation, obstacle, cost, rigidity and shore")]
+#[error(
+    "unknown layer {0:?}: layers are occupancy, elevation, obstacle, cost, rigidity, shore, intra, inter and depth"
+)]
 pub struct UnknownLayer(pub String);
 
 impl FromStr for LayerId {
@@ -278,6 +318,7 @@ impl Ramp {
         // A bounded quantity ends with its range; heights may exceed the scale.
         let (at_least, at_most) = match palette.scheme() {
             Scheme::Cividis => ("≥ ", "≤ "),
+            Scheme::Deep => ("≥ ", ""),
             scheme if scheme.ground_m().is_some() => ("≥ ", ""),
             _ => ("", ""),
         };
@@ -351,6 +392,13 @@ impl Quantisation {
     pub const HEIGHT: Self = Self::Linear {
         steps_per_unit: 200,
         zero_code: 32768,
+        max_code: u16::MAX,
+    };
+
+    /// Metres in steps of 1 cm: 0 … 655.34 m, saturating beyond.
+    pub const DEPTH: Self = Self::Linear {
+        steps_per_unit: 100,
+        zero_code: 1,
         max_code: u16::MAX,
     };
 
@@ -431,6 +479,18 @@ mod tests {
         let message = "ocupancy".parse::<LayerId>().unwrap_err().to_string();
         for layer in LayerId::ALL {
             assert!(message.contains(layer.name()), "{message}");
+        }
+    }
+
+    #[test]
+    fn the_more_dangerous_of_two_cells_decides() {
+        for (a, b, greatest, least) in [(1, 251, 251, 1), (0, 7, 7, 7), (0, 0, 0, 0), (4, 3, 4, 3)]
+        {
+            for (a, b) in [(a, b), (b, a)] {
+                assert_eq!(LayerId::Intra.deciding(a, b), greatest);
+                assert_eq!(LayerId::Inter.deciding(a, b), least);
+                assert_eq!(LayerId::Depth.deciding(a, b), least);
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! Colours and patterns of cell codes.
 //!
-//! Colour tables have 17 equidistant sRGB stops, interpolated linearly. Patterns distinguish
+//! Colour tables have equidistant sRGB stops, interpolated linearly. Patterns distinguish
 //! classes without colour. They are drawn over pixels, not over cells, so that they look the same
 //! at any magnification.
 
@@ -25,8 +25,11 @@ pub enum Scheme {
     GroundPlane5,
     /// And of ± 6 cm (\[LOD\] §5.2, §5.4).
     GroundPlane6,
-    /// Magma reversed: light is easy, dark is lethal.
+    /// Magma reversed: light is easy, dark is lethal or rigid.
     Magma,
+    /// Deep of cmocean from pale yellow (shoal) to dark blue (deep), over a range from 0 that can be
+    /// fitted to the map.
+    Deep,
     /// A colour of Okabe and Ito for each class.
     OkabeIto,
     /// Obstacle colours of \[LOD\] §5: free green, obstacle red. Not safe for the colour-blind.
@@ -59,6 +62,11 @@ impl Scheme {
             _ => None,
         }
     }
+
+    /// Whether its range is fitted to the map; the others have fixed values.
+    pub const fn is_fitted(self) -> bool {
+        matches!(self, Self::Cividis | Self::Deep)
+    }
 }
 
 impl LayerId {
@@ -73,8 +81,9 @@ impl LayerId {
                 Scheme::GroundPlane6,
             ],
             Self::Obstacle => &[Scheme::OkabeIto, Scheme::GreenRed],
-            Self::Cost => &[Scheme::Magma],
+            Self::Cost | Self::Intra | Self::Inter => &[Scheme::Magma],
             Self::Rigidity | Self::Shore => &[Scheme::OkabeIto],
+            Self::Depth => &[Scheme::Deep],
         }
     }
 
@@ -106,6 +115,7 @@ impl Palette {
         let (low, high) = match (scheme, scheme.ground_m()) {
             (Scheme::Cividis, _) => (-0.5, 1.5),
             (_, Some(ground_m)) => (ground_m, 2.0),
+            (Scheme::Deep, _) => (0.0, 10.0),
             _ => (0.0, 1.0),
         };
         Self {
@@ -138,16 +148,20 @@ impl Palette {
 
     /// The same colours over a range that covers `low` … `high` and ends on round numbers.
     ///
-    /// Only [`Scheme::Cividis`] can be fitted; other schemes have fixed values and are returned
-    /// unchanged, as for an invalid `low` … `high`. The range is at least 0.2 wide, so that a flat
-    /// floor does not show its noise.
+    /// Schemes that do not [fit](Scheme::is_fitted) are returned unchanged, as for an invalid `low`
+    /// … `high`. The range is at least 0.2 wide, so that a flat floor does not show its noise. That
+    /// of depths begins at 0.
     #[must_use]
     pub fn fitted(self, low: f32, high: f32) -> Self {
-        if self.scheme != Scheme::Cividis || !(low <= high && (high - low).is_finite()) {
+        if !self.scheme.is_fitted() || !(low <= high && (high - low).is_finite()) {
             return self;
         }
-        let spare = (0.2 - (high - low)).max(0.0) / 2.0;
-        let (low, high) = (low - spare, high + spare);
+        let (low, high) = if self.scheme == Scheme::Deep {
+            (0.0, high.max(0.2))
+        } else {
+            let spare = (0.2 - (high - low)).max(0.0) / 2.0;
+            (low - spare, high + spare)
+        };
         let step = round_step(high - low);
         Self {
             low: (low / step + 1e-3).floor() * step,
@@ -221,6 +235,8 @@ impl Palette {
         match self.scheme {
             Scheme::Grey | Scheme::MapServer => interpolate(&[[254; 3], [0; 3]], part),
             Scheme::Cividis => interpolate(&CIVIDIS, part),
+            Scheme::Deep => interpolate(&DEEP, part),
+            Scheme::Magma if self.layer.least_decides() => interpolate(&MAGMA_REVERSED, 1.0 - part),
             Scheme::Magma => interpolate(&MAGMA_REVERSED, part),
             Scheme::OkabeIto
             | Scheme::GreenRed
@@ -289,6 +305,23 @@ pub(super) const MAGMA_REVERSED: [Rgb; 17] = [
     [29, 17, 70],
     [10, 8, 34],
     [0, 0, 4],
+];
+
+/// Deep of cmocean (Thyng et al. 2016), for bathymetry: perceptually uniform. Twelve of its 256
+/// entries.
+pub(super) const DEEP: [Rgb; 12] = [
+    [253, 253, 204],
+    [206, 236, 179],
+    [156, 219, 165],
+    [111, 201, 163],
+    [86, 177, 163],
+    [76, 153, 160],
+    [68, 130, 155],
+    [62, 108, 150],
+    [62, 82, 143],
+    [64, 60, 115],
+    [54, 43, 77],
+    [39, 26, 44],
 ];
 
 /// Colours of Okabe and Ito (2008), safe for every kind of colour vision.
@@ -375,6 +408,24 @@ mod tests {
     }
 
     #[test]
+    fn what_is_rigid_is_dark() {
+        let [intra, inter] = [LayerId::Intra, LayerId::Inter].map(LayerId::default_palette);
+        let code = |value| Quantisation::UNIT_INTERVAL.encode(value);
+        for (wide_or_still, thin_or_changing) in [(1.0, 0.0), (0.8, 0.2)] {
+            assert_eq!(
+                intra.color(code(wide_or_still)),
+                inter.color(code(1.0 - wide_or_still))
+            );
+            assert_eq!(
+                intra.color(code(thin_or_changing)),
+                inter.color(code(1.0 - thin_or_changing))
+            );
+        }
+        assert_eq!(intra.color(code(1.0)), [0, 0, 4, 255]);
+        assert_eq!(inter.color(code(1.0)), [252, 253, 191, 255]);
+    }
+
+    #[test]
     fn ground_plane_colours_are_the_documents() {
         for (scheme, ground_m) in [
             (Scheme::GroundPlane, 0.03),
@@ -400,7 +451,8 @@ mod tests {
 
     #[test]
     fn ramps_get_monotonously_lighter_or_darker() {
-        for layer in [LayerId::Occupancy, LayerId::Elevation, LayerId::Cost] {
+        let is_continuous = |layer: &LayerId| layer.classes().is_empty();
+        for layer in LayerId::ALL.into_iter().filter(is_continuous) {
             let palette = layer.default_palette();
             let (low, high) = palette.range();
             let lightness: Vec<f32> = (0..=64_u8)
@@ -465,6 +517,14 @@ mod tests {
         assert_eq!(elevation.fitted(low, high), elevation);
         let cost = LayerId::Cost.default_palette();
         assert_eq!(cost.fitted(0.2, 0.3), cost);
+        let depth = LayerId::Depth.default_palette();
+        for (low, high, expected) in [(2.1, 5.8, 6.0), (0.6, 0.6, 0.6), (0.01, 0.05, 0.2)] {
+            let range = depth.fitted(low, high).range();
+            assert!(
+                range.0 == 0.0 && (range.1 - expected).abs() < 1e-4,
+                "{range:?}"
+            );
+        }
     }
 
     /// Two periods, `#` for a mark.

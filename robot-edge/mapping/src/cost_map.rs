@@ -12,9 +12,10 @@ use serde::Deserialize;
 
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::height_columns::{
-    ColumnKind, ColumnRules, ColumnTile, ColumnWindow, TILE_COLUMNS, WindowPart, read_columns,
+    Column, ColumnKind, ColumnRules, ColumnTile, ColumnWindow, TILE_COLUMNS, WindowPart,
+    read_columns,
 };
-use crate::octree::{BrickColumn, Octree, SurfaceVoxel};
+use crate::octree::{BrickColumn, Octree, SurfaceVoxel, VoxelState};
 use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap};
 use crate::slope::{Beach, greatest_differences, slopes};
 use crate::vehicle::VehicleShape;
@@ -88,6 +89,12 @@ pub struct CostCell {
     pub is_clear_water: bool,
     /// On water: the hits are above the water level.
     pub rises_from_water: bool,
+    /// Greatest `IntraScan` of the occupied voxels above the ground, no higher than the vehicle: one
+    /// wide voxel makes a column rigid. Without such voxels that of the ground, as the figures of
+    /// \[HYB\] §8.3 have every hit. NaN without a value.
+    pub intra: f32,
+    /// The least `InterScan`, likewise.
+    pub inter: f32,
 }
 
 impl CostCell {
@@ -97,11 +104,14 @@ impl CostCell {
         rigidity: Rigidity::Unlabelled,
         is_clear_water: false,
         rises_from_water: false,
+        intra: f32::NAN,
+        inter: f32::NAN,
     };
 
     /// Whether the published values differ.
     pub(super) fn differs(self, other: Self) -> bool {
-        self.cost.to_bits() != other.cost.to_bits() || self.rigidity != other.rigidity
+        let bits = |cell: Self| [cell.cost, cell.intra, cell.inter].map(f32::to_bits);
+        bits(self) != bits(other) || self.rigidity != other.rigidity
     }
 }
 
@@ -327,6 +337,7 @@ impl CostMap {
                 let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
                 let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
                 let read = &tile.columns[column];
+                let [intra, inter] = metrics(octree, cell, read);
                 CostCell {
                     cost: match rigidity {
                         Rigidity::Traversable => self.rigidity.traversable_vegetation_cost as f32,
@@ -337,6 +348,8 @@ impl CostMap {
                     rises_from_water: rules.surface == Surface::Water
                         && read.kind != ColumnKind::Unknown
                         && read.top_m[2] > water_m,
+                    intra,
+                    inter,
                 }
             });
             self.window.publish(at, &cells, &mut self.changed);
@@ -380,6 +393,25 @@ impl CostMap {
             }
         }
     }
+}
+
+/// [`CostCell::intra`] and [`CostCell::inter`] of a column.
+fn metrics(octree: &Octree, CellIndex { x, y }: CellIndex, column: &Column) -> [f32; 2] {
+    let deciding = match column.kind {
+        ColumnKind::Unknown => return [f32::NAN; 2],
+        _ if column.top_z > column.ground_z => column.ground_z + 1..=column.top_z,
+        _ => column.ground_z..=column.ground_z,
+    };
+    let occupied = deciding.map(|z| VoxelIndex { x, y, z });
+    let occupied = occupied.filter(|voxel| octree.state(*voxel) == VoxelState::Occupied);
+    let surfaces = occupied.filter_map(|voxel| octree.surface(voxel));
+    surfaces.fold([f32::NAN; 2], |[intra, inter], surface| {
+        // A number is greater and less than not-a-number.
+        [
+            intra.max(surface.intra().unwrap_or(f32::NAN)),
+            inter.min(surface.inter().unwrap_or(f32::NAN)),
+        ]
+    })
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 
 pub mod clustering;
 pub mod cost_map;
+pub mod depth;
 pub mod docking;
 mod docking_site_tracker;
 pub mod elevation;
@@ -34,7 +35,7 @@ use measurement::drops::{DropCounts, DropReason};
 use nalgebra::Point3;
 use serde::Deserialize;
 
-use crate::cost_map::CostConfig;
+use crate::cost_map::{CostConfig, Surface};
 use crate::elevation::ElevationConfig;
 use crate::ground_plane::{GroundConfig, GroundPlaneReset};
 use crate::obstacle::ObstacleConfig;
@@ -235,6 +236,14 @@ pub struct MappingConfig {
     pub rigidity: RigidityConfig,
     /// Shores and their vegetation.
     pub shore: ShoreConfig,
+}
+
+impl MappingConfig {
+    /// Whether depths of water are a layer: on a boat with a sonar.
+    pub fn maps_depth(&self, sensors: &[RangeSensorModel]) -> bool {
+        let is_on_water = self.cost.enabled && self.cost.surface == Surface::Water;
+        is_on_water && sensors.iter().any(|sensor| !sensor.has_metrics)
+    }
 }
 
 impl Default for MappingConfig {

@@ -1,11 +1,12 @@
-//! Layers from 3D sensors: octree, cost map with rigidity, shores (docs/methods.md, sections 3 to
-//! 6).
+//! Layers from 3D sensors: octree, cost map with rigidity and metrics, depth, shores
+//! (docs/methods.md, sections 3 to 6).
 
 use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::Point3;
 
 use crate::MappingConfig;
 use crate::cost_map::{CostMap, Surface};
+use crate::depth::DepthMap;
 use crate::octree::{Octree, RangeSensorModel, Ray, SurfaceHit};
 use crate::radial_filter::RadialFilter;
 use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
@@ -28,6 +29,9 @@ pub struct VoxelLayers {
     cost_timer: UpdateTimer,
     shore: Option<ShoreLayer>,
     shore_timer: UpdateTimer,
+    maps_metrics: bool,
+    /// Boats with a sonar.
+    depth: Option<DepthMap>,
     vehicle_in_odom: Point3<f64>,
     /// Boats only.
     waterline: Option<Waterline>,
@@ -92,8 +96,10 @@ impl VoxelLayers {
                 .enabled
                 .then(|| ShoreLayer::new(&config.shore, vehicle, cell_m)),
             shore_timer: UpdateTimer::every(config.shore.period_s),
+            maps_metrics: cost.enabled && (config.rigidity.enabled || config.shore.enabled),
             vehicle_in_odom: Point3::origin(),
             waterline: (cost.enabled && cost.surface == Surface::Water).then(Waterline::default),
+            depth: config.maps_depth(sensors).then(|| DepthMap::new(cell_m)),
             epoch: 0,
         }
     }
@@ -128,6 +134,14 @@ impl VoxelLayers {
                 is_hit: beam.outcome == BeamOutcome::Hit,
             });
         let out_of_bounds = self.octree.integrate(scan.sensor, rays);
+        let water_m = self.waterline.and_then(|waterline| waterline.height_m);
+        if let (Some(depth), Some(water_m), false) = (&mut self.depth, water_m, model.has_metrics) {
+            let beams = scan.beams.iter().zip(&self.isolated);
+            let hits =
+                beams.filter(|(beam, isolated)| beam.outcome == BeamOutcome::Hit && !**isolated);
+            let hits = hits.map(|(beam, _)| beam.end_in_odom);
+            depth.add_ping(hits, water_m, self.vehicle_in_odom);
+        }
         if self.cost.is_some() {
             self.add_surfaces(scan, model);
             if self.cost_timer.is_due(scan.stamp) {
@@ -176,6 +190,9 @@ impl VoxelLayers {
         if let Some(shore) = &mut self.shore {
             shore.erase();
         }
+        if let Some(depth) = &mut self.depth {
+            depth.erase();
+        }
         self.epoch += 1;
     }
 
@@ -197,6 +214,21 @@ impl VoxelLayers {
     /// For taking its changes.
     pub const fn cost_mut(&mut self) -> Option<&mut CostMap> {
         self.cost.as_mut()
+    }
+
+    /// Whether the metrics of the cost map's cells are layers: where a class is made of them.
+    pub const fn maps_metrics(&self) -> bool {
+        self.maps_metrics
+    }
+
+    /// `None` on land and without a sonar.
+    pub const fn depth(&self) -> Option<&DepthMap> {
+        self.depth.as_ref()
+    }
+
+    /// For taking its changes.
+    pub const fn depth_mut(&mut self) -> Option<&mut DepthMap> {
+        self.depth.as_mut()
     }
 
     /// `None` if disabled.

@@ -100,6 +100,10 @@ fn a_recorded_drive_gives_the_voxels_of_the_drive_with_one_thread_or_two() {
         [
             "cost.png",
             "cost.tif",
+            "inter.png",
+            "inter.tif",
+            "intra.png",
+            "intra.tif",
             "points.ply",
             "rigidity.png",
             "rigidity.tif",
@@ -142,11 +146,35 @@ fn a_boat_leaves_its_shores_behind_where_they_are_on_earth() {
         summary_of(robot_edge("simulate lake --duration 6 --rate max --export").arg(&maps));
     assert_eq!(driven["vehicle"], "riverwatch");
     let names = names_in(&maps);
-    for name in ["cost.tif", "shore.tif", "shores.geojson", "voxels.bt"] {
+    for name in [
+        "cost.tif",
+        "depth.geojson",
+        "depth.tif",
+        "intra.tif",
+        "shore.tif",
+        "shores.geojson",
+        "voxels.bt",
+    ] {
         assert!(
             names.iter().any(|found| found == name),
             "{name} is not among {names:?}"
         );
+    }
+    let depths = &driven["layers"]["depth"];
+    assert!(depths["cells_known"].as_u64().unwrap() > 1000, "{depths}");
+    let contours: Value =
+        serde_json::from_slice(&fs::read(maps.join("depth.geojson")).unwrap()).unwrap();
+    let contours = contours["features"].as_array().unwrap();
+    // The channel of the lake is 2 m to 6 m deep.
+    for depth_m in [3.0, 4.0, 5.0] {
+        let is_it = |contour: &&Value| contour["properties"]["depth_m"] == depth_m;
+        let contour = contours.iter().find(is_it).unwrap();
+        let [longitude, latitude] = [0, 1].map(|axis| {
+            contour["geometry"]["coordinates"][0][axis]
+                .as_f64()
+                .unwrap()
+        });
+        assert!((longitude + 9.17).abs() < 0.01 && (latitude - 38.51).abs() < 0.01);
     }
     let shores: Value =
         serde_json::from_slice(&fs::read(maps.join("shores.geojson")).unwrap()).unwrap();
@@ -231,6 +259,16 @@ fn senseless_settings_are_refused() {
             "mapping.rigidity.enabled",
         ),
         ("yard", "mapping.cost.box_m=500", "1 to 200"),
+        (
+            "yard",
+            "teleop.collision_monitor.min_depth_m=0.5",
+            "on a boat only",
+        ),
+        (
+            "lake",
+            "teleop.collision_monitor.min_depth_m=-1",
+            "0 to 100",
+        ),
         ("yard", "mapping.shore.sparse_below=0.9", "0 to 0.68"),
         (
             "yard",

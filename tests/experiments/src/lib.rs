@@ -28,6 +28,7 @@ mod h3;
 mod h4;
 mod h5;
 mod h6;
+mod h7;
 mod l1;
 mod l2;
 mod l3;
@@ -147,6 +148,13 @@ pub static EXPERIMENTS: [Experiment; 15] = [
         source: "[LOD 6]",
         criterion: "no trail 10 s after; walls stay",
         run: h6::run,
+    },
+    Experiment {
+        id: "H7",
+        title: "Sonar and laser at the waterline",
+        source: "[HYB 8.1.2]",
+        criterion: "a face below the waterline lies ≤ 5 cm off its part above",
+        run: h7::run,
     },
     Experiment {
         id: "L1",

@@ -42,7 +42,10 @@ pub(super) struct BoatMaps<'a> {
 impl WaterWorld {
     /// The built-in world `name`.
     pub(super) fn load(name: &str, rules: Rules) -> anyhow::Result<Self> {
-        let world = World::load(name)?;
+        Self::of(World::load(name)?, rules)
+    }
+
+    pub(super) fn of(world: World, rules: Rules) -> anyhow::Result<Self> {
         let receiver = world.simulated_vehicle().gps.with_context(|| {
             let name = world.name();
             format!("the vehicle of the world `{name}` has no satellite receiver")
@@ -68,6 +71,10 @@ impl WaterWorld {
     /// Where a point of `odom` is in the world.
     pub(super) fn in_world(&self, in_odom: Point2<f64>) -> Point2<f64> {
         in_odom + self.origin_in_world.xy()
+    }
+
+    pub(super) fn point_in_world(&self, in_odom: Point3<f64>) -> Point3<f64> {
+        in_odom + self.origin_in_world
     }
 
     /// Whether a point of the world is near a shore or a dock.

@@ -67,7 +67,7 @@ fn probe_and_export_have_equal_values() {
             .unwrap()
             .unwrap();
         let path = dir.path().join("layer.tif");
-        protocol::export::write_geotiff(&path, &raster).unwrap();
+        protocol::export::write_geotiff(&path, &raster, None).unwrap();
         let file = std::io::BufReader::new(File::open(&path).unwrap());
         let image = Decoder::new(file).unwrap().read_image().unwrap();
         let pixels: Vec<f32> = if let DecodingResult::F32(values) = image {
@@ -171,6 +171,9 @@ fn values_have_units_or_names() {
     check(LayerId::Obstacle, 1.0, "obstacle");
     check(LayerId::Obstacle, -1.0, "free");
     check(LayerId::Shore, 4.0, "docking site");
+    check(LayerId::Intra, 0.2, "IntraScan 0.20");
+    check(LayerId::Inter, 0.39, "InterScan 0.39");
+    check(LayerId::Depth, 2.35, "depth 2.350 m");
     let unknown = ProbedCell {
         value: None,
         ..cell(LayerId::Cost, 0.5)
@@ -271,7 +274,10 @@ fn layers_name_the_sensors_that_feed_them() {
         assert_eq!(words.as_deref(), expected);
     };
     check(&sensors, LayerId::Cost, Some("from laser and sonar"));
-    check(&sensors, LayerId::Rigidity, Some("from laser"));
+    for layer in [LayerId::Rigidity, LayerId::Intra, LayerId::Inter] {
+        check(&sensors, layer, Some("from laser"));
+    }
+    check(&sensors, LayerId::Depth, Some("from sonar"));
     check(&sensors[..1], LayerId::Cost, None);
     check(&[], LayerId::Occupancy, None);
     for name in ["left", "right"] {

@@ -6,10 +6,12 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+use crate::contours::contours;
 use crate::export::date::span_label;
 use crate::export::picture::canvas::{Canvas, Rect, TextRenderer};
 use crate::export::{ExportError, StampedPose, write_atomically};
-use crate::layer::{Legend, Palette, Pattern, Ramp, Swatch, UNKNOWN};
+use crate::layer::{LayerId, Legend, Palette, Pattern, Ramp, Swatch, UNKNOWN};
+use crate::message::Datum;
 use crate::mosaic::Raster;
 
 const PAGE_COLOR: [u8; 3] = [250, 250, 251];
@@ -22,6 +24,8 @@ const VEHICLE_COLOR: [u8; 3] = [255, 140, 0];
 const DOCUMENT_BAR_M: f64 = 1.0;
 /// Magenta, in no palette of a layer.
 const PATH_COLOR: [u8; 3] = [196, 0, 122];
+/// Grey, so that a path is not taken for one.
+const CONTOUR_COLOR: [u8; 3] = [70, 70, 70];
 const FAINT_TEXT_COLOR: [u8; 3] = [92, 98, 108];
 
 const MARGIN: u32 = 28;
@@ -48,7 +52,7 @@ const MAP_PADDING: u32 = 14;
 /// Minimum width of the background, for title and scale bar.
 const BACKGROUND_SIDE_MIN: u32 = 420;
 
-/// Text of a picture.
+/// What exports say beside the cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Caption<'a> {
     /// Printed above the map, for example the name of the recording.
@@ -59,6 +63,8 @@ pub struct Caption<'a> {
     pub path: &'a [StampedPose],
     /// Size of the vehicle, which is drawn at the end of the path.
     pub footprint: Option<Footprint>,
+    /// Where on Earth `odom` is, for the files that say so.
+    pub datum: Option<Datum>,
     /// Labels on the map, the most important first: one without free space is omitted.
     pub labels: &'a [Label],
 }
@@ -86,7 +92,7 @@ pub struct Label {
 /// Writes `raster` in the colours of `palette`.
 ///
 /// Small maps are magnified by an integer factor. In maps of more than 4096 cells per side each
-/// pixel shows the highest code of a square of cells, so that walls stay visible.
+/// pixel shows the code of a square of cells that decides, so that walls stay visible.
 pub fn write_picture(
     path: &Path,
     raster: &Raster,
@@ -169,7 +175,18 @@ fn draw(raster: &Raster, palette: &Palette, caption: &Caption<'_>) -> Canvas {
         pixels_per_m: magnification.pixels_per_m(raster.cell_m()),
     };
     view.draw_axes(&mut canvas, &text_renderer);
-    view.draw_path(&mut canvas, caption.path, px(PATH_WIDTH));
+    if raster.layer() == LayerId::Depth {
+        for contour in contours(raster) {
+            let points = contour.points.iter();
+            let points = points.map(|cells| cells.map(|n| n * raster.cell_m()));
+            view.draw_line(&mut canvas, points, px(1), CONTOUR_COLOR);
+        }
+    }
+    let path = caption.path.iter().map(|pose| {
+        let [x_m, y_m, _] = pose.position_m();
+        [x_m, y_m]
+    });
+    view.draw_line(&mut canvas, path, px(PATH_WIDTH), PATH_COLOR);
     if let Some(vehicle_m) = vehicle {
         match (caption.footprint, caption.path.last()) {
             (Some(footprint), Some(pose)) => {
@@ -274,10 +291,16 @@ impl View<'_> {
         }
     }
 
-    fn draw_path(&self, canvas: &mut Canvas, path: &[StampedPose], width: u32) {
-        let on_map = |pose: &StampedPose| {
-            let [x_m, y_m, _] = pose.position_m();
-            let [x, y] = self.pixel_of([x_m, y_m]);
+    /// Draws what is inside of the background.
+    fn draw_line(
+        &self,
+        canvas: &mut Canvas,
+        points_m: impl Iterator<Item = [f64; 2]>,
+        width: u32,
+        color: [u8; 3],
+    ) {
+        let on_map = |point_m| {
+            let [x, y] = self.pixel_of(point_m);
             let is_inside = x >= f64::from(self.ground.x)
                 && y >= f64::from(self.ground.y)
                 && x < f64::from(self.ground.right())
@@ -285,11 +308,11 @@ impl View<'_> {
             is_inside.then_some((x as u32, y as u32))
         };
         let mut before = None;
-        for point in path.iter().map(on_map) {
+        for point in points_m.map(on_map) {
             if let (Some(from), Some(to)) = (before, point)
                 && from != to
             {
-                canvas.line(from, to, width, PATH_COLOR);
+                canvas.line(from, to, width, color);
             }
             before = point;
         }
@@ -436,10 +459,10 @@ impl Magnification {
     /// Draws the map with its upper left corner at `at`, where its patterns start; up is greater y.
     fn draw(self, canvas: &mut Canvas, at: (u32, u32), raster: &Raster, palette: &Palette) {
         let (cells, side_px) = (self.cells_per_pixel, self.pixels_per_cell as u32);
-        let (mut row, mut highest) = (Vec::new(), Vec::new());
+        let (mut row, mut deciding) = (Vec::new(), Vec::new());
         for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
-            highest_codes(raster, block_y, cells, &mut row, &mut highest);
-            for (&code, column) in highest.iter().zip(0_u32..) {
+            deciding_codes(raster, block_y, cells, &mut row, &mut deciding);
+            for (&code, column) in deciding.iter().zip(0_u32..) {
                 let square = Rect::new(
                     at.0 + column * side_px,
                     at.1 + file_row * side_px,
@@ -476,21 +499,22 @@ fn over_background([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
     })
 }
 
-/// Sets `highest` to the highest code of each square of `cells` by `cells`, whose upper row is `y`
+/// Sets `deciding` to the deciding code of each square of `cells` by `cells`, whose upper row is `y`
 /// from the top; `row` is scratch memory.
-fn highest_codes(
+fn deciding_codes(
     raster: &Raster,
     y: usize,
     cells: usize,
     row: &mut Vec<u16>,
-    highest: &mut Vec<u16>,
+    deciding: &mut Vec<u16>,
 ) {
-    highest.clear();
-    highest.resize(raster.width().div_ceil(cells), UNKNOWN);
+    deciding.clear();
+    deciding.resize(raster.width().div_ceil(cells), UNKNOWN);
     for y in y..(y + cells).min(raster.height()) {
         raster.read_row(raster.height() - 1 - y, row);
-        for (highest, square) in highest.iter_mut().zip(row.chunks(cells)) {
-            *highest = square.iter().copied().fold(*highest, u16::max);
+        for (deciding, square) in deciding.iter_mut().zip(row.chunks(cells)) {
+            let decides = |a, b| raster.layer().deciding(a, b);
+            *deciding = square.iter().copied().fold(*deciding, decides);
         }
     }
 }

@@ -23,6 +23,21 @@ fn pattern(layer: LayerId) -> TileCells {
             LayerId::Cost => 1 + (y as u16) * 3,
             LayerId::Rigidity => 1 + u16::from((x / 16 + y / 16) % 2 == 0),
             LayerId::Shore => 1 + (x as u16 / 8) % 4,
+            LayerId::Intra => {
+                if wall {
+                    251
+                } else {
+                    1 + (x as u16 * 5) % 40
+                }
+            }
+            LayerId::Depth => 301 + (x * x / 10) as u16 - 250 * u16::from(wall),
+            LayerId::Inter => {
+                if wall {
+                    1
+                } else {
+                    251 - (y as u16 * 7) % 60
+                }
+            }
         }
     })
 }
@@ -90,7 +105,7 @@ proptest! {
     }
 }
 
-const GOLDEN: [(LayerId, &[u8]); 6] = [
+const GOLDEN: [(LayerId, &[u8]); 9] = [
     (
         LayerId::Occupancy,
         include_bytes!("../../../golden/tile_v1_occupancy.bin"),
@@ -114,6 +129,18 @@ const GOLDEN: [(LayerId, &[u8]); 6] = [
     (
         LayerId::Shore,
         include_bytes!("../../../golden/tile_v1_shore.bin"),
+    ),
+    (
+        LayerId::Intra,
+        include_bytes!("../../../golden/tile_v1_intra.bin"),
+    ),
+    (
+        LayerId::Inter,
+        include_bytes!("../../../golden/tile_v1_inter.bin"),
+    ),
+    (
+        LayerId::Depth,
+        include_bytes!("../../../golden/tile_v1_depth.bin"),
     ),
 ];
 

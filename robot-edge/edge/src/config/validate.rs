@@ -432,6 +432,7 @@ pub(super) fn validate(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
     pose_sensors(&mut checks, config);
     occupancy(&mut checks, &config.mapping.occupancy);
     layers(&mut checks, &config.mapping);
+    depth_limit(&mut checks, config);
     link(&mut checks, &config.link);
     let mut issues = checks.0;
     issues.extend(config.teleop.check().into_iter().map(ConfigIssue::from));
@@ -706,6 +707,23 @@ fn obstacle_window(checks: &mut Checks, mapping: &MappingConfig) {
                 format!("1 to {most}"),
             );
         }
+    }
+}
+
+fn depth_limit(checks: &mut Checks, config: &Config) {
+    let Some(min_depth_m) = config.teleop.collision_monitor.min_depth_m else {
+        return;
+    };
+    let maps_depth = config.mapping.maps_depth(&config.range_models());
+    if !(config.teleop.is_boat && maps_depth) {
+        checks.issue(
+            "teleop.collision_monitor.min_depth_m",
+            as_toml(min_depth_m),
+            "it is kept by a map of the depth of the water, and there is none",
+            "on a boat only: with teleop.is_boat = true, mapping.cost.enabled = true, \
+             mapping.cost.surface = \"water\" and a sensor of kind \"sonar\""
+                .to_owned(),
+        );
     }
 }
 

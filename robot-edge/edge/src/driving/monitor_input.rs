@@ -12,6 +12,7 @@ use triple_buffer::{Input, Output, triple_buffer};
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
 use mapping::registered_scan::{RegisteredScan, SensorId};
+use mapping::voxel_layers::VoxelLayers;
 use measurement::pose::{self, Pose};
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use teleop::collision_monitor::{
@@ -214,10 +215,16 @@ impl MonitorMapInput {
         let costs = mapper
             .voxels()
             .and_then(|voxels| Some((voxels.cost()?, voxels.octree().cell_m())));
+        let depth = mapper.voxels().and_then(VoxelLayers::depth);
         if let Some(terrain) = mapper.terrain() {
             map.copy_obstacles(terrain.obstacle(), request);
         } else if let Some((costs, cell_m)) = costs {
-            map.copy_costs(costs, cell_m, request);
+            map.copy_costs(
+                costs,
+                depth.zip(self.rules.least_water_m()),
+                cell_m,
+                request,
+            );
         } else if let Some(occupancy) = mapper.occupancy() {
             map.copy_occupancy(occupancy, request);
         } else {

@@ -9,7 +9,7 @@ use protocol::tile::{TileCells, TileKey};
 use mapping::cost_map::CostCell;
 use mapping::docking::DockingSite;
 use mapping::elevation::{CellClass, ElevationCell};
-use mapping::grid::{GridTile, TILE_EDGE, TileIndex};
+use mapping::grid::{CellIndex, GridTile, TILE_EDGE, TileIndex};
 use mapping::occupancy_grid::LogOdds;
 use mapping::rigidity::Rigidity;
 use mapping::shore::{ShoreCell, ShoreClass, ShoreCluster, ShoreLayer};
@@ -51,6 +51,15 @@ impl CellCoder {
 
     pub fn cost(cell: &CostCell) -> u16 {
         LayerId::Cost.quantisation().encode(cell.cost)
+    }
+
+    /// A cell with its code; both metrics have the same.
+    pub fn metric((cell, value): (CellIndex, f32)) -> (CellIndex, u16) {
+        (cell, LayerId::Intra.quantisation().encode(value))
+    }
+
+    pub fn depth(depth_m: f32) -> u16 {
+        LayerId::Depth.quantisation().encode(depth_m)
     }
 
     pub const fn rigidity(rigidity: Rigidity) -> u16 {

@@ -115,6 +115,7 @@ impl Publisher {
     }
 
     fn publish_voxel_layers(&mut self, voxels: &mut VoxelLayers) -> Result<(), PublishError> {
+        let maps_metrics = voxels.maps_metrics();
         if let Some(cost) = voxels.cost_mut() {
             let changed = cost.take_changed();
             let costs = changed
@@ -127,6 +128,17 @@ impl Publisher {
                 };
                 self.publish_cells(LayerId::Rigidity, changed.iter().map(rigid))?;
             }
+            if maps_metrics {
+                let intra = changed.iter().map(|(cell, value)| (*cell, value.intra));
+                self.publish_cells(LayerId::Intra, intra.map(CellCoder::metric))?;
+                let inter = changed.iter().map(|(cell, value)| (*cell, value.inter));
+                self.publish_cells(LayerId::Inter, inter.map(CellCoder::metric))?;
+            }
+        }
+        if let Some(depth) = voxels.depth_mut() {
+            let changed = depth.take_changed().into_iter();
+            let depths = changed.map(|(cell, depth_m)| (cell, CellCoder::depth(depth_m)));
+            self.publish_cells(LayerId::Depth, depths)?;
         }
         if let Some(shore) = voxels.shore_mut() {
             let changed = shore.take_changed().into_iter();
@@ -287,6 +299,9 @@ fn voxel_grids(voxels: &VoxelLayers) -> Vec<LayerGrid> {
             cost.is_some_and(CostMap::classifies_rigidity),
         ),
         (LayerId::Shore, voxels.shore().is_some()),
+        (LayerId::Intra, voxels.maps_metrics()),
+        (LayerId::Inter, voxels.maps_metrics()),
+        (LayerId::Depth, voxels.depth().is_some()),
     ];
     let mapped = layers.into_iter().filter(|(_, is_mapped)| *is_mapped);
     mapped

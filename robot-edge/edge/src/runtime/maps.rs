@@ -12,6 +12,7 @@ use localization::pose_buffer::PoseJump;
 use localization::registration::RegistrationOutput;
 use mapping::Mapper;
 use mapping::cost_map::CostMap;
+use mapping::depth::DepthMap;
 use mapping::occupancy_grid::OccupancyGrid;
 use mapping::octree::Octree;
 use mapping::registered_scan::RegisteredScan;
@@ -98,7 +99,9 @@ impl MapsCheckpoint {
         let terrain = self.mapper.terrain().map_or(0, Terrain::bytes);
         let voxels = self.mapper.voxels().map_or(0, |voxels| {
             let octree = voxels.octree();
-            octree.bytes() + octree.scratch_bytes() + voxels.cost().map_or(0, CostMap::bytes)
+            let cost = voxels.cost().map_or(0, CostMap::bytes);
+            let depth = voxels.depth().map_or(0, DepthMap::bytes);
+            octree.bytes() + octree.scratch_bytes() + cost + depth
         });
         occupancy + terrain + voxels + self.publisher.bytes()
     }

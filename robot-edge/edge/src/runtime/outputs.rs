@@ -43,6 +43,7 @@ pub(super) fn export(
         vehicle_m: Some(vehicle_position_m(pipeline)),
         path: trajectory,
         footprint: Some(footprint(vehicle)),
+        datum: shores.as_ref().and_then(|shores| shores.datum),
         labels: &labels,
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);

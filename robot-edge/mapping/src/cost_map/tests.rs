@@ -533,3 +533,43 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn metrics_of_a_column_are_those_of_the_voxel_that_decides() {
+    let mut octree = octree();
+    let origin = [0.0, 0.0, 2.0];
+    let ground = surface(|_, _| 0.05);
+    hit(&mut octree, origin, ground);
+    // Voxels over x = 1.05 m, the last one higher than the vehicle; then one that has no metrics.
+    let posts = [
+        (1.05, 0.25, 0.2, 0.8),
+        (1.05, 0.45, 0.6, 0.5),
+        (1.05, 0.65, 0.4, 0.7),
+        (1.05, 1.05, 1.0, 0.0),
+        (-1.05, 0.45, f32::NAN, f32::NAN),
+    ];
+    let point = |x_m, z_m| Point3::new(x_m, 0.05, z_m);
+    let rays = posts.map(|(x_m, z_m, ..)| Ray {
+        origin: Point3::new(x_m, -3.0, z_m),
+        end: point(x_m, z_m),
+        is_hit: true,
+    });
+    octree.integrate(SensorId(0), rays);
+    for (x_m, z_m, intra, inter) in posts {
+        let hit = SurfaceHit {
+            point: point(x_m, z_m),
+            spot_m: 0.0,
+            intra,
+            inter,
+        };
+        octree.add_surface(&hit, [0.3; 2]);
+    }
+    let map = updated(Surface::Land, &mut octree, 0.1);
+    let at = |x_m: f64| {
+        let cell = map.cell(VoxelIndex::containing(point(x_m, 0.0), CELL_M).column());
+        cell.map(|cell| (cell.intra, cell.inter)).unwrap()
+    };
+    assert_eq!(at(1.05), (0.6, 0.5), "the widest and the stillest");
+    assert_eq!(at(2.05), (0.3, 0.1), "of the ground where nothing stands");
+    assert!(at(-1.05).0.is_nan() && at(-1.05).1.is_nan());
+}

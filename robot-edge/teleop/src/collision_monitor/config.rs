@@ -46,6 +46,9 @@ pub struct CollisionMonitorConfig {
     /// Greatest speed where only beams without an echo say that the way is free, metres per second; 0 where they never
     /// do. They do while their sensor has had echoes of anything within the last second.
     pub no_return_speed_mps: f64,
+    /// Water that stays under the keel of a boat, metres: shallower water is an obstacle, seen now or mapped. Absent: what
+    /// a beam hits above the keel is one, and mapped depths are not asked.
+    pub min_depth_m: Option<f64>,
 }
 
 /// What the collision monitor does where nothing is known of what lies ahead.
@@ -71,6 +74,7 @@ impl Default for CollisionMonitorConfig {
             max_ground_age_s: None,
             treat_no_return_as_free: false,
             no_return_speed_mps: 0.5,
+            min_depth_m: None,
         }
     }
 }
@@ -84,6 +88,7 @@ impl CollisionMonitorConfig {
         let visible = "beams that are higher than this have not seen what lies on the ground";
         let age = "ground that was looked at longer ago may have changed";
         let no_return = "it is the speed where only beams without an echo say that the way is free";
+        let depth = "it is the water that stays under the keel";
         let age_s = self.max_ground_age_s.unwrap_or(MAX_GROUND_AGE_LAND_S);
         let below_m = self.ground_visible_below_m;
         out_of_range(
@@ -95,6 +100,12 @@ impl CollisionMonitorConfig {
                 ("actuator_delay_s", self.actuator_delay_s, 0.0..=5.0, delay),
                 ("ground_visible_below_m", below_m, 0.0..=10.0, visible),
                 ("max_ground_age_s", age_s, 0.2..=30.0, age),
+                (
+                    "min_depth_m",
+                    self.min_depth_m.unwrap_or_default(),
+                    0.0..=100.0,
+                    depth,
+                ),
                 (
                     "no_return_speed_mps",
                     self.no_return_speed_mps,
@@ -137,9 +148,15 @@ pub struct CollisionMonitorRules {
     pub(super) treat_no_return_as_free: bool,
     pub(super) no_return_speed_mps: f64,
     pub(super) is_boat: bool,
+    least_water_m: Option<f64>,
 }
 
 impl CollisionMonitorRules {
+    /// Depth of the water below which a mapped cell is an obstacle, metres; absent where none is.
+    pub const fn least_water_m(&self) -> Option<f64> {
+        self.least_water_m
+    }
+
     /// Whether the vehicle floats.
     pub const fn is_boat(&self) -> bool {
         self.is_boat
@@ -164,6 +181,7 @@ impl CollisionMonitorRules {
         if !faults.is_empty() {
             return Err(faults);
         }
+        let keel_m = vehicle.bottom_z_m - settings.min_depth_m.unwrap_or_default();
         Ok(Self {
             enabled: settings.enabled,
             unknown_space_policy: settings.unknown_space_policy,
@@ -186,7 +204,7 @@ impl CollisionMonitorRules {
                 h_pos_m: obstacle.h_pos_m,
                 top_m: vehicle.bottom_z_m + vehicle.height_m,
                 h_neg_m: obstacle.h_neg_m,
-                keel_m: teleop.is_boat.then_some(vehicle.bottom_z_m),
+                keel_m: teleop.is_boat.then_some(keel_m),
             },
             ground_visible_below_m: settings.ground_visible_below_m,
             max_ground_age: Duration::from_secs_f64(settings.max_ground_age_s.unwrap_or(
@@ -199,6 +217,7 @@ impl CollisionMonitorRules {
             treat_no_return_as_free: settings.treat_no_return_as_free,
             no_return_speed_mps: settings.no_return_speed_mps,
             is_boat: teleop.is_boat,
+            least_water_m: settings.min_depth_m.map(|_| -keel_m),
         })
     }
 

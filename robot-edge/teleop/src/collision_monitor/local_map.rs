@@ -6,6 +6,7 @@ use nalgebra::Point2;
 
 use super::obstacle_scan::is_stale;
 use mapping::cost_map::CostMap;
+use mapping::depth::DepthMap;
 use mapping::elevation::CellClass;
 use mapping::grid::CellIndex;
 use mapping::obstacle::ObstacleMap;
@@ -49,9 +50,23 @@ impl LocalMap {
         });
     }
 
-    /// Copies the cost map: what is lethal is an obstacle. `cell_m` is the octree's.
-    pub fn copy_costs(&mut self, map: &CostMap, cell_m: f64, request: CopyRequest) {
+    /// Copies the cost map: what is lethal is an obstacle, and so is water that is less deep than the given metres.
+    /// `cell_m` is the octree's.
+    pub fn copy_costs(
+        &mut self,
+        map: &CostMap,
+        depth: Option<(&DepthMap, f64)>,
+        cell_m: f64,
+        request: CopyRequest,
+    ) {
+        let is_shallow = |cell| {
+            depth.is_some_and(|(depth, least_m)| {
+                let depth_m = depth.depth_m(cell);
+                depth_m.is_some_and(|depth_m| f64::from(depth_m) < least_m)
+            })
+        };
         self.copy(cell_m, request, |cell| match map.cell(cell) {
+            _ if is_shallow(cell) => CellClass::Obstacle,
             Some(known) if known.cost >= 1.0 => CellClass::Obstacle,
             Some(known) if known.cost.is_finite() => CellClass::Free,
             Some(_) | None => CellClass::Unknown,

@@ -254,7 +254,7 @@ fn a_seek_restores_erased_heights_and_obstacles() {
 }
 
 #[test]
-fn a_seek_restores_costs_and_shores() {
+fn a_seek_restores_the_layers_of_a_boat() {
     let folder = tempfile::tempdir().unwrap();
     let lake = recorded("lake", "2", folder.path());
     with_player(&lake, |player, control| {
@@ -266,7 +266,14 @@ fn a_seek_restores_costs_and_shores() {
             .into_iter()
             .map(|(layer, _)| layer)
             .collect();
-        assert_eq!(layers, [LayerId::Cost, LayerId::Shore]);
+        let of_a_boat = [
+            LayerId::Cost,
+            LayerId::Shore,
+            LayerId::Intra,
+            LayerId::Inter,
+            LayerId::Depth,
+        ];
+        assert_eq!(layers, of_a_boat);
     });
 }
 

@@ -67,3 +67,66 @@ fn what_makes_no_sense_is_an_empty_map() {
     map.copy_occupancy(&grid, request(0.0, 0.0, -1.0));
     assert_eq!(map.len(), 1);
 }
+
+/// A boat that draws 0.6 m over a bed that rises along x.
+#[test]
+fn mapped_water_that_is_too_shallow_is_an_obstacle() {
+    use mapping::MappingConfig;
+    use mapping::cost_map::Surface;
+    use mapping::octree::RangeSensorModel;
+    use mapping::vehicle::VehicleShape;
+    use mapping::voxel_layers::VoxelLayers;
+
+    let mut config = MappingConfig::default();
+    config.octree.enabled = true;
+    config.octree.cell_m = 0.3;
+    config.octree.p_max = 0.6;
+    config.cost.enabled = true;
+    config.cost.surface = Surface::Water;
+    let sonar = RangeSensorModel {
+        min_neighbours: 0,
+        has_metrics: false,
+        ..RangeSensorModel::default()
+    };
+    let boat = VehicleShape {
+        height_m: 2.0,
+        bottom_z_m: -0.6,
+        length_m: 4.0,
+        width_m: 2.0,
+        wheelbase_m: 4.0,
+    };
+    let mut voxels = VoxelLayers::new(&config, boat, &[sonar]);
+    let bed = |cell: u32| {
+        nalgebra::Point3::new(
+            0.15 + 0.3 * f64::from(cell),
+            0.15,
+            -2.0 + 0.1 * f64::from(cell),
+        )
+    };
+    let beam = |index: u32| RegisteredBeam {
+        origin_in_odom: nalgebra::Point3::new(0.15, 0.15, -0.5),
+        end_in_odom: bed(index),
+        outcome: BeamOutcome::Hit,
+        index,
+        range_m: 2.0,
+    };
+    voxels.integrate(&RegisteredScan {
+        stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: 0.01,
+        own_body_hits: 0,
+        odom_from_base: planar(0.0, 0.0, 0.0),
+        beams: (0..13).map(beam).collect(),
+    });
+    let shallow = |least_m: Option<f64>| {
+        let mut map = LocalMap::default();
+        let depth = voxels.depth().zip(least_m);
+        map.copy_costs(voxels.cost().unwrap(), depth, 0.3, request(2.0, 0.0, 3.0));
+        let is_obstacle = |cell: &u32| map.class_at(bed(*cell).xy()) == CellClass::Obstacle;
+        (0..13).filter(is_obstacle).collect::<Vec<_>>()
+    };
+    // The bed is 2.0 m, 1.9 m … 0.8 m deep.
+    assert_eq!(shallow(None), [0_u32; 0]);
+    assert_eq!(shallow(Some(0.75)), [0_u32; 0]);
+    assert_eq!(shallow(Some(1.05)), [10, 11, 12]);
+}

@@ -100,6 +100,12 @@ fn under_a_boat_the_bottom_is_not_in_the_way_and_shoals_are() {
             assert_eq!(point.is_some(), is_obstacle, "{hit_m}");
         }
     }
+    // Half a metre of water stays under the keel.
+    setup.monitor.min_depth_m = Some(0.5);
+    for (hit_m, is_obstacle) in [(-1.25, false), (-1.15, true)] {
+        let point = point_of(&setup, -0.5, hit_m);
+        assert_eq!(point.is_some(), is_obstacle, "{hit_m}");
+    }
 }
 
 #[test]

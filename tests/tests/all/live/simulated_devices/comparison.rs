@@ -91,13 +91,18 @@ fn agreement_percent(layer: LayerId, a: &Mapped, b: &Mapped) -> f64 {
     const HEIGHT_M: f64 = 0.01;
     let cost = &a.config.mapping.cost;
     let most = match layer {
-        LayerId::Elevation => HEIGHT_M,
+        LayerId::Elevation | LayerId::Depth => HEIGHT_M,
         LayerId::Cost => {
             HEIGHT_M
                 / a.config.mapping.octree.cell_m
                 / nalgebra::ComplexField::tan(cost.critical_slope_deg.to_radians())
         }
-        LayerId::Occupancy | LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => 0.0,
+        LayerId::Occupancy
+        | LayerId::Obstacle
+        | LayerId::Rigidity
+        | LayerId::Shore
+        | LayerId::Intra
+        | LayerId::Inter => 0.0,
     };
     let (a, b) = (a.cells(layer), b.cells(layer));
     let in_both = a
