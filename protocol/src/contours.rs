@@ -52,13 +52,12 @@ pub fn contours_of_tile<'a>(
     let corners = corners((tx, ty), cells);
     let first = [tx, ty].map(|tile| i64::from(tile) * SIDE);
     let mut pieces = Vec::new();
-    for row in 0..TILE_SIDE {
-        for column in 0..TILE_SIDE {
+    for (row, lowest_y) in (first[1]..).enumerate().take(TILE_SIDE) {
+        for (column, lowest_x) in (first[0]..).enumerate().take(TILE_SIDE) {
             let at = row * CORNERS + column;
             // Counter-clockwise.
             let square = [at, at + 1, at + CORNERS + 1, at + CORNERS].map(|at| corners[at]);
-            let lowest = [first[0] + column as i64, first[1] + row as i64];
-            add_pieces(lowest, square, &mut pieces);
+            add_pieces([lowest_x, lowest_y], square, &mut pieces);
         }
     }
     pieces
@@ -72,21 +71,20 @@ fn corners<'a>(
     const REACH: usize = 1;
     const WINDOW: usize = CORNERS + 2 * REACH;
     let quantisation = LayerId::Depth.quantisation();
-    let around = |offset: i64| {
-        (
-            offset.div_euclid(SIDE) as i32,
-            offset.rem_euclid(SIDE) as usize,
-        )
+    // Tile before, at or after this one, and place in it.
+    let around = |at: usize| {
+        let at = at + TILE_SIDE - REACH;
+        (at / TILE_SIDE, at % TILE_SIDE)
     };
     let beside = |tile: i32, offset: i32| tile.checked_add(offset);
     let tiles: [[Option<&TileCells>; 3]; 3] = [-1, 0, 1]
         .map(|dy| [-1, 0, 1].map(|dx| beside(tx, dx).zip(beside(ty, dy)).and_then(&cells)));
     let mut window = vec![f32::NAN; WINDOW * WINDOW];
     for (row, values) in window.chunks_exact_mut(WINDOW).enumerate() {
-        let (dy, y) = around(row as i64 - REACH as i64);
+        let (tile_row, y) = around(row);
         for (column, value) in values.iter_mut().enumerate() {
-            let (dx, x) = around(column as i64 - REACH as i64);
-            let tile = tiles[(dy + 1) as usize][(dx + 1) as usize];
+            let (tile_column, x) = around(column);
+            let tile = tiles[tile_row][tile_column];
             let code = tile.and_then(|cells| cells.get(x, y));
             *value = code
                 .and_then(|code| quantisation.decode(code))

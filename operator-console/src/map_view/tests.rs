@@ -428,7 +428,7 @@ fn a_button_opens_more_legends_on_small_maps() {
 
 #[test]
 fn a_narrow_map_has_one_legend() {
-    window_of(294.0, 1_200.0).get_by_label_contains("4 more legends");
+    window_of(294.0, 1_200.0).get_by_label_contains("5 more legends");
     let wide = window_of(900.0, 1_200.0);
     assert!(wide.query_by_label_contains("more legend").is_none());
 }
@@ -450,7 +450,7 @@ fn a_narrow_map_has_the_button_beside_the_title() {
         let found = window.query_by_label(name).is_some();
         assert_eq!(found, is_there, "{name}");
     }
-    let button = window.get_by_label_contains("4 more legends: Obstacles");
+    let button = window.get_by_label_contains("5 more legends: ");
     let button = button.rect();
     let title = window.get_by_label("Shore").rect();
     let card = window.state().view.legends.place.unwrap();

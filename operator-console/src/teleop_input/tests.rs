@@ -222,6 +222,9 @@ fn test_event() -> impl Strategy<Value = TestEvent> {
     ]
 }
 
+/// Place of the gamepad behind the keys.
+const PAD: usize = DriveKey::ALL.len();
+
 /// The rule computed from the whole history instead of a state.
 fn may_move(history: &[TestEvent]) -> bool {
     let is_loss = |test_event: &TestEvent| {
@@ -237,7 +240,6 @@ fn may_move(history: &[TestEvent]) -> bool {
         .iter()
         .rposition(is_loss)
         .map_or(0, |index| index + 1);
-    const PAD: usize = DriveKey::ALL.len();
     let (mut focus, mut visible, mut typing) = (false, true, false);
     let mut down = [false; PAD + 1];
     let mut all_let_go = false;

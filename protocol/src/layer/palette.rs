@@ -153,7 +153,7 @@ impl Palette {
     /// of depths begins at 0.
     #[must_use]
     pub fn fitted(self, low: f32, high: f32) -> Self {
-        if !self.scheme.is_fitted() || !(low <= high && (high - low).is_finite()) {
+        if !(self.scheme.is_fitted() && low <= high && (high - low).is_finite()) {
             return self;
         }
         let (low, high) = if self.scheme == Scheme::Deep {

@@ -26,6 +26,10 @@ pub enum LocomotionMode {
 /// is kept, else the first is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "a configuration has no lists: each mode is a key"
+)]
 pub struct LocomotionModes {
     /// [`LocomotionMode::Differential`].
     pub differential: bool,

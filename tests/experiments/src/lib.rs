@@ -62,7 +62,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 15] = [
+pub static EXPERIMENTS: [Experiment; 16] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
