@@ -217,11 +217,12 @@ fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration)
     }
 }
 
-/// All range sensors feed all layers, except that sonar is not used for rigidity.
+/// All range sensors feed all layers, except that sonar is not used for rigidity, and ultrasound only for obstacles.
 const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
         SensorKind::PlanarLaser | SensorKind::TiltingLaser => true,
         SensorKind::Sonar => !matches!(layer, LayerId::Rigidity),
+        SensorKind::Ultrasonic => matches!(layer, LayerId::Obstacle),
         _ => false,
     }
 }

@@ -289,6 +289,11 @@ impl ElevationMap {
         self.reclassified.clear();
     }
 
+    /// Time after which an unconfirmed obstacle is forgotten.
+    pub const fn forget(&self) -> RobotDuration {
+        RobotDuration::from_millis(self.forget_ms as i64)
+    }
+
     /// Side of a cell, metres.
     pub const fn cell_m(&self) -> f64 {
         self.cell_m

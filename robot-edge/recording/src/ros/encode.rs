@@ -12,8 +12,13 @@ use super::MessageType;
 /// A scan's own pose is not part of a `LaserScan`: write it as transforms beside it.
 pub fn encode(measurement: &Measurement) -> Option<(MessageType, Vec<u8>)> {
     let mut out = CdrWriter::new();
-    if matches!(measurement.data, MeasurementData::Transform { .. }) {
-        out.length(1);
+    match measurement.data {
+        MeasurementData::Transform { .. } => out.length(1),
+        MeasurementData::Bool(value) => {
+            out.number([u8::from(value)]);
+            return Some((MessageType::Bool, out.bytes));
+        }
+        _ => {}
     }
     out.header(measurement);
     let kind = match &measurement.data {
@@ -56,7 +61,18 @@ pub fn encode(measurement: &Measurement) -> Option<(MessageType, Vec<u8>)> {
             out.twist(twist);
             MessageType::TwistStamped
         }
-        MeasurementData::PointCloud(_) => return None,
+        MeasurementData::Range(reading) => {
+            out.number([reading.radiation_type]);
+            out.f32s(&[
+                reading.field_of_view_rad,
+                reading.range_min_m,
+                reading.range_max_m,
+                reading.range_m,
+            ]);
+            MessageType::Range
+        }
+        // The latter is encoded above.
+        MeasurementData::PointCloud(_) | MeasurementData::Bool(_) => return None,
     };
     Some((kind, out.bytes))
 }
@@ -225,6 +241,8 @@ pub(crate) const fn ros2msg(kind: MessageType) -> Option<(&'static str, &'static
             "geometry_msgs/msg/TwistStamped",
             include_str!("ros2msg/TwistStamped.msg"),
         ),
+        MessageType::Range => ("sensor_msgs/msg/Range", include_str!("ros2msg/Range.msg")),
+        MessageType::Bool => ("std_msgs/msg/Bool", "bool data\n"),
         _ => return None,
     })
 }

@@ -7,7 +7,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use crate::collision_monitor::blockage::{BlockageCounts, BlockageDetector};
 use crate::collision_monitor::config::{CollisionMonitorRules, Heights};
 use mapping::ground_plane::GroundPlane;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind};
 use measurement::pose::Pose;
 use measurement::time::Monotonic;
 
@@ -25,6 +25,7 @@ const MIN_STALE_AGE: Duration = Duration::from_millis(300);
 pub struct ObstacleScan {
     measured_at: Monotonic,
     period: Duration,
+    kind: ScanKind,
     /// Those in the water last.
     points_in_odom: Vec<[f64; 2]>,
     shallows: usize,
@@ -52,6 +53,7 @@ impl ObstacleScan {
     ) {
         self.measured_at = measured_at;
         self.period = period;
+        self.kind = scan.kind;
         self.points_in_odom.clear();
         self.shallows = 0;
         self.blockage_counts = blockage.blockage_counts();
@@ -72,10 +74,18 @@ impl ObstacleScan {
         };
         for beam in &scan.beams {
             let beam_result = at.evaluate(beam);
-            let along = (beam.end_in_odom - beam.origin_in_odom).xy();
-            self.coverage
-                .add_beam(along, BEAM_STEPS * scan.beam_step_rad, beam_result.visible);
-            if let Some((point, is_shallow)) = beam_result.obstacle_in_odom
+            if scan.kind == ScanKind::Beams {
+                let along = (beam.end_in_odom - beam.origin_in_odom).xy();
+                let width_rad = BEAM_STEPS * scan.beam_step_rad;
+                self.coverage
+                    .add_beam(along, width_rad, beam_result.visible);
+            }
+            // A bumper touches what is in the way at any height, and at the edge of the footprint.
+            let obstacle_in_odom = match scan.kind {
+                ScanKind::Contact { .. } => Some((beam.end_in_odom, false)),
+                ScanKind::Beams | ScanKind::Arc => beam_result.obstacle_in_odom,
+            };
+            if let Some((point, is_shallow)) = obstacle_in_odom
                 && self.points_in_odom.len() < MAX_POINTS
             {
                 self.points_in_odom.push([point.x, point.y]);
@@ -103,9 +113,19 @@ impl ObstacleScan {
         self.points_in_odom.split_at(first)
     }
 
-    /// Whether it is too old to use.
+    /// Whether it shows no free ground: it is too old, or no scan of beams.
     pub fn is_stale(&self, now: Monotonic) -> bool {
-        is_stale(self.measured_at, self.period, now)
+        self.kind != ScanKind::Beams || is_stale(self.measured_at, self.period, now)
+    }
+
+    pub(super) const fn is_contact(&self) -> bool {
+        matches!(self.kind, ScanKind::Contact { .. })
+    }
+
+    /// Whether its obstacles are no longer there. Those of beams remain until the next scan: without one, the vehicle
+    /// has no business there. A dead ultrasonic sensor must not hold it for ever.
+    pub(super) fn is_forgotten(&self, max_age: Duration, now: Monotonic) -> bool {
+        self.kind == ScanKind::Arc && now.since(self.measured_at) > max_age
     }
 
     /// All obstacle points, metres in `odom`.

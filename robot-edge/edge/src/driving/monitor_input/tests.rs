@@ -3,7 +3,7 @@ use nalgebra::{Point3, Translation3};
 use super::*;
 use mapping::MappingConfig;
 use mapping::obstacle::ObstacleConfig;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, ScanKind, SensorId};
 use mapping::vehicle::VehicleConfig;
 use teleop::TeleopConfig;
 use teleop::collision_monitor::CollisionMonitorConfig;
@@ -48,6 +48,7 @@ fn scan(
         stamp: RobotTime::from_nanos(1_000_000 * millis),
         sensor: SensorId(sensor),
         beam_step_rad: 0.01,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base,
         beams: vec![beam],
