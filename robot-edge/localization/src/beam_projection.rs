@@ -208,9 +208,9 @@ fn hits(
     let last = (scan.ranges_m.len() - 1).max(1) as f64;
     let mut hits = Vec::new();
     for (beam, (&range_m, &(cos, sin))) in scan.ranges_m.iter().zip(directions).enumerate() {
-        // REP 117: an echo from nearer than the sensor measures, or a detection by a fixed-distance ranger.
+        // REP 117: nearer than the sensor measures, or within a fixed-distance ranger's reach. It may touch the sensor.
         let range_m = if range_m == f32::NEG_INFINITY {
-            rule.range_min_m
+            0.0
         } else if rule.classify(range_m)? == BeamOutcome::Miss {
             continue;
         } else {

@@ -204,7 +204,8 @@ impl MonitorMapInput {
         let is_due = self.copied.is_none_or(|copied| {
             scan.stamp < copied || scan.stamp.since(copied) >= MAP_COPY_PERIOD
         });
-        if !is_due {
+        // What arcs and contacts add comes with the next sweep: without sweeps the map is not renewed.
+        if !is_due || scan.kind != ScanKind::Beams {
             return;
         }
         self.copied = Some(scan.stamp);

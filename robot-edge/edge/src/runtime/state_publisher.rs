@@ -364,7 +364,7 @@ mod tests {
     use std::path::Path;
 
     use clap::Parser as _;
-    use nalgebra::Translation3;
+    use nalgebra::{Point3, Translation3};
 
     use super::*;
     use crate::cli::{Cli, Command};
@@ -375,7 +375,7 @@ mod tests {
     use mapping::ground_plane::GroundConfig;
     use mapping::ground_plane::{GroundPlane, GroundTracker};
     use mapping::obstacle::ObstacleConfig;
-    use mapping::registered_scan::{ScanKind, SensorId};
+    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, ScanKind, SensorId};
     use mapping::vehicle::VehicleConfig;
     use teleop::TeleopConfig;
     use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
@@ -417,6 +417,33 @@ mod tests {
             odom_from_base,
             beams: Vec::new(),
         })
+    }
+
+    #[test]
+    fn contact_and_release_are_one_event_each() {
+        let mut publisher = state_publisher(OnJump::Keep);
+        let mut events = Vec::new();
+        for (millis, is_pressed) in (0..)
+            .step_by(50)
+            .zip([false, true, true, true, false, false])
+        {
+            let RegistrationOutput::Scan(mut contact) = scan(millis, at_height(0.0)) else {
+                unreachable!("it is one");
+            };
+            contact.kind = ScanKind::Contact { width_m: 0.5 };
+            contact.beams.extend(is_pressed.then_some(RegisteredBeam {
+                origin_in_odom: Point3::origin(),
+                end_in_odom: Point3::origin(),
+                outcome: BeamOutcome::Hit,
+                index: 0,
+                range_m: 0.0,
+            }));
+            publisher.publish_scan(&contact);
+            let published = publisher.publish_state.take_events().into_iter();
+            events.extend(published.map(|event| (millis, event.kind, event.message)));
+        }
+        let expected = |millis, change: &str| (millis, "contact".to_owned(), format!(": {change}"));
+        assert_eq!(events, [expected(50, "contact"), expected(200, "released")]);
     }
 
     /// The collision monitor's ground plane restarts with the maps: otherwise a pose jump would look like a step in the floor.

@@ -70,6 +70,7 @@ impl ObstacleScan {
             base_from_odom,
             first_origin: first.origin_in_odom,
             vehicle: Point2::from(scan.odom_from_base.translation.vector.xy()),
+            kind: scan.kind,
             window_m2: rules.window_m() * rules.window_m(),
         };
         for beam in &scan.beams {
@@ -151,6 +152,7 @@ struct BeamEvaluator<'a> {
     base_from_odom: Pose,
     first_origin: Point3<f64>,
     vehicle: Point2<f64>,
+    kind: ScanKind,
     window_m2: f64,
 }
 
@@ -180,7 +182,9 @@ impl BeamEvaluator<'_> {
             to_height_m,
             self.rules.ground_visible_below_m,
         );
-        let hits = !is_miss && !self.is_own_body(beam);
+        // What is nearer than a cone measures lies at the sensor, at the edge of the footprint.
+        let is_own_body = self.kind == ScanKind::Beams && self.is_own_body(beam);
+        let hits = !is_miss && !is_own_body;
         let height = self.rules.heights.of(from_height_m, to_height_m);
         let obstacle = match height {
             HeightClass::Clear => None,

@@ -63,6 +63,17 @@ fn an_arc_is_an_obstacle_that_the_laser_does_not_see() {
     assert!(scene.limits(BACK).reverse_mps >= 1.0);
 }
 
+/// Nearer than the sensor measures: at the sensor, which may sit within the footprint.
+#[test]
+fn what_may_touch_the_sensor_allows_no_motion_towards_it() {
+    for x_m in [0.4, 0.38] {
+        let mut scene = scene_with(&points(ScanKind::Arc, &[[x_m, 0.0]; 3]));
+        let limits = scene.limits(AHEAD);
+        assert!(limits.forward_mps.abs() < 1e-9, "{limits:?}");
+        assert!(scene.limits(BACK).reverse_mps >= 1.0);
+    }
+}
+
 #[test]
 fn an_arc_holds_until_the_next_reading_or_until_ground_is_too_old() {
     let near = ARC.map(|[x, y]| [x - 0.6, y]);
