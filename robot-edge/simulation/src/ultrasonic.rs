@@ -118,7 +118,8 @@ mod tests {
             (2.5, 0.0, 0.0, f32::NEG_INFINITY), // within it
         ] {
             let range_m = read(x_m, y_m, yaw_deg);
-            let is_expected = range_m == expected_m || (range_m - expected_m).abs() < 2e-3;
+            let is_expected =
+                range_m.total_cmp(&expected_m).is_eq() || (range_m - expected_m).abs() < 2e-3;
             assert!(is_expected, "{x_m} {y_m} {yaw_deg}: {range_m}");
         }
     }
