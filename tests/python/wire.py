@@ -221,7 +221,7 @@ LAYER = Enum(**dict.fromkeys(LAYER_NAMES))
 SENSOR_KIND = Enum(
     **dict.fromkeys(
         "PlanarLaser TiltingLaser Sonar WheelEncoders Attitude SatelliteReceiver Odometry Transforms"
-        " TiltEncoder".split()
+        " TiltEncoder Ultrasonic Bumper".split()
     )
 )
 INFO = Struct(
@@ -269,7 +269,7 @@ STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStal
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32)
 SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_mps=F32, right_mps=F32, left_radps=F32, right_radps=F32)
-BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None))
+BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None, Contact=None))
 TELEOP_STATUS = Struct(
     state=Enum(
         SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON

@@ -223,11 +223,13 @@ fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration)
     }
 }
 
-/// All range sensors feed all layers, except that a sonar has no metrics, and that only a sonar measures in water.
+/// All range sensors feed all layers, except that a sonar has no metrics, that only a sonar measures in water, and
+/// that ultrasound feeds obstacles only.
 const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
         SensorKind::PlanarLaser | SensorKind::TiltingLaser => !matches!(layer, LayerId::Depth),
         SensorKind::Sonar => !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
+        SensorKind::Ultrasonic => matches!(layer, LayerId::Obstacle),
         _ => false,
     }
 }

@@ -228,6 +228,8 @@ pub const fn kind_label(kind: SensorKind) -> &'static str {
         SensorKind::Odometry => "Odometry",
         SensorKind::Transforms => "Transforms",
         SensorKind::TiltEncoder => "Tilt encoder",
+        SensorKind::Ultrasonic => "Ultrasonic",
+        SensorKind::Bumper => "Bumper",
     }
 }
 

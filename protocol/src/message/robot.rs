@@ -243,6 +243,10 @@ pub enum SensorKind {
     Transforms,
     /// The encoder of a servo that tilts another sensor.
     TiltEncoder,
+    /// An ultrasonic or infrared sensor that gives the nearest range in a cone.
+    Ultrasonic,
+    /// A bumper.
+    Bumper,
 }
 
 /// Mounting of a sensor in `base_link`.

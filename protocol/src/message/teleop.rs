@@ -241,6 +241,8 @@ pub enum BarrierKind {
     Shallow,
     /// Ground that is free only by beams without a return.
     NoReturn,
+    /// A bumper touches it.
+    Contact,
 }
 
 /// Emergency stop in force.

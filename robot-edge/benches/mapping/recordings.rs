@@ -14,7 +14,7 @@ use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationOutput,
     RegistrationSettings, ScanRegistration,
 };
-use mapping::registered_scan::{BeamOutcome, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredScan, ScanKind, SensorId};
 use measurement::pose::Pose;
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData};
@@ -141,6 +141,7 @@ impl Prepared {
                 stream: None,
                 beams: SensorSettings {
                     id: SensorId(0),
+                    kind: ScanKind::Beams,
                     range_min_m: None,
                     range_max_m: scans.inferred_miss_range_m(),
                     zero_range: ZeroRange::Invalid,

@@ -19,6 +19,7 @@ pub fn severity(kind: &str) -> Severity {
         | "sensor_clock"
         | "sensor_invalid"
         | "pose_jump"
+        | "contact"
         | "overload"
         | "voxels_evicted"
         | "involuntary_stop"

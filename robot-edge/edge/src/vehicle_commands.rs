@@ -8,6 +8,7 @@ use crate::config::advice::{doubts, idle_settings};
 use crate::config::presets::Preset;
 use crate::config::{self, Config, SensorConfig};
 use crate::exit::{Exit, UsageError};
+use mapping::registered_scan::ScanKind;
 use network::credentials::{Installed, IssueRequest, install, issue};
 use teleop::Role;
 
@@ -86,7 +87,9 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
 
 fn sensor_essentials(sensor: &SensorConfig) -> String {
     match sensor {
-        SensorConfig::LaserScan(sensor) | SensorConfig::Sonar(sensor) => {
+        SensorConfig::LaserScan(sensor)
+        | SensorConfig::Sonar(sensor)
+        | SensorConfig::Ultrasonic(sensor) => {
             let range = |range_m: Option<f64>| {
                 range_m.map_or("as its messages say".to_owned(), |range_m| {
                     format!("{range_m} m")
@@ -98,6 +101,10 @@ fn sensor_essentials(sensor: &SensorConfig) -> String {
             });
             format!("ranges from {from} to {to}{tilted}")
         }
+        SensorConfig::Bumper(sensor) => match sensor.scan_kind {
+            ScanKind::Contact { width_m } => format!("{width_m} m wide"),
+            ScanKind::Beams | ScanKind::Arc => String::new(),
+        },
         SensorConfig::WheelEncoders(encoders) => format!(
             "joints {} and {}, wheels of radius {} m",
             encoders.left_joint, encoders.right_joint, encoders.wheel_radius_m

@@ -5,7 +5,7 @@
 
 use localization::beam_projection::{BeamProjector, BodyBox, SensorSettings, ZeroRange};
 use localization::pose_buffer::{InterpolationLimits, JumpLimit, PoseBuffer};
-use mapping::registered_scan::SensorId;
+use mapping::registered_scan::{ScanKind, SensorId};
 use measurement::drops::DropReason;
 use measurement::pose::planar;
 use measurement::scan::Scan;
@@ -27,6 +27,7 @@ fn main() -> Result<(), DropReason> {
 
     let sensor = SensorSettings {
         id: SensorId(0),
+        kind: ScanKind::Beams,
         range_min_m: None,
         range_max_m: None,
         zero_range: ZeroRange::Invalid,

@@ -1,7 +1,7 @@
 //! Projects the beams of a scan to `odom`, each with the sensor's pose at its own time
 //! (docs/methods.md, section 0).
 
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
@@ -13,6 +13,8 @@ use nalgebra::{Point3, Vector3};
 pub struct SensorSettings {
     /// Index of the sensor.
     pub id: SensorId,
+    /// What its scans show.
+    pub kind: ScanKind,
     /// Replaces the scans' smallest range, metres.
     pub range_min_m: Option<f32>,
     /// Replaces the scans' greatest range, metres.
@@ -115,6 +117,11 @@ impl BeamProjector {
         let directions = self.fan.directions(scan);
         let sweeps = scan.time_increment_s > 0.0;
         let mut odom_from_sensor = odom_from_sensor_at(first_beam)?;
+        if self.sensor.kind != ScanKind::Beams {
+            let beams = hits(self.sensor.kind, scan, &rule, directions, &odom_from_sensor)
+                .ok_or(DropReason::InvalidRange)?;
+            return Ok(self.registered(scan, first_beam, odom_from_base, (beams, 0)));
+        }
         let base_from_odom = odom_from_base.inverse();
         let sensor_in_base = base_from_odom * Point3::from(odom_from_sensor.translation.vector);
         let body = self.body.up_to_sensor(sensor_in_base.z);
@@ -157,14 +164,26 @@ impl BeamProjector {
         self.dropped_beams
             .add_many(DropReason::InvalidRange, invalid);
         self.dropped_beams.add_many(DropReason::OwnBody, own_body);
-        Ok(RegisteredScan {
-            stamp: first_beam,
+        let own_body = own_body as u32;
+        Ok(self.registered(scan, first_beam, odom_from_base, (beams, own_body)))
+    }
+
+    fn registered(
+        &self,
+        scan: &Scan,
+        stamp: RobotTime,
+        odom_from_base: Pose,
+        (beams, own_body_hits): (Vec<RegisteredBeam>, u32),
+    ) -> RegisteredScan {
+        RegisteredScan {
+            stamp,
             sensor: self.sensor.id,
+            kind: self.sensor.kind,
             beam_step_rad: f64::from(scan.angle_increment_rad.abs()),
-            own_body_hits: own_body as u32,
+            own_body_hits,
             odom_from_base,
             beams,
-        })
+        }
     }
 
     /// Beams of the registered scans.
@@ -176,6 +195,43 @@ impl BeamProjector {
     pub const fn dropped_beams(&self) -> &DropCounts {
         &self.dropped_beams
     }
+}
+
+/// The hits of an arc, or along the y axis of a pressed bumper; `None` where a range is invalid.
+fn hits(
+    kind: ScanKind,
+    scan: &Scan,
+    rule: &RangeLimits,
+    directions: &[(f64, f64)],
+    odom_from_sensor: &Pose,
+) -> Option<Vec<RegisteredBeam>> {
+    let last = (scan.ranges_m.len() - 1).max(1) as f64;
+    let mut hits = Vec::new();
+    for (beam, (&range_m, &(cos, sin))) in scan.ranges_m.iter().zip(directions).enumerate() {
+        // REP 117: nearer than the sensor measures, or within a fixed-distance ranger's reach. It may touch the sensor.
+        let range_m = if range_m == f32::NEG_INFINITY {
+            0.0
+        } else if rule.classify(range_m)? == BeamOutcome::Miss {
+            continue;
+        } else {
+            range_m
+        };
+        let length_m = f64::from(range_m);
+        let end_in_sensor = match kind {
+            ScanKind::Beams | ScanKind::Arc => Point3::new(length_m * cos, length_m * sin, 0.0),
+            ScanKind::Contact { width_m } => {
+                Point3::new(0.0, f64::from(width_m) * (beam as f64 / last - 0.5), 0.0)
+            }
+        };
+        hits.push(RegisteredBeam {
+            origin_in_odom: Point3::from(odom_from_sensor.translation.vector),
+            end_in_odom: odom_from_sensor * end_in_sensor,
+            outcome: BeamOutcome::Hit,
+            index: beam as u32,
+            range_m,
+        });
+    }
+    Some(hits)
 }
 
 /// Limits for classifying ranges.

@@ -3,7 +3,7 @@
 
 mod scan_queue;
 
-use mapping::registered_scan::{RegisteredScan, SensorId};
+use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
@@ -98,8 +98,19 @@ impl ScanRegistration {
         } = measurement;
         match data {
             MeasurementData::Scan { scan, own_pose } => {
-                if let Some(sensor) = self.sensors.iter().position(|s| s.accepts(stream)) {
+                if let Some(sensor) = self.sensor_of(stream, |kind| kind == ScanKind::Beams) {
                     self.take_scan(sensor, stamp, frame, scan, own_pose, out);
+                }
+            }
+            MeasurementData::Range(reading) => {
+                if let Some(sensor) = self.sensor_of(stream, |kind| kind == ScanKind::Arc) {
+                    self.take_scan(sensor, stamp, frame, reading.arc(), None, out);
+                }
+            }
+            MeasurementData::Bool(is_pressed) => {
+                let is_bumper = |kind| matches!(kind, ScanKind::Contact { .. });
+                if let Some(sensor) = self.sensor_of(stream, is_bumper) {
+                    self.take_scan(sensor, stamp, frame, contact(is_pressed), None, out);
                 }
             }
             MeasurementData::Transform {
@@ -186,6 +197,11 @@ impl ScanRegistration {
         let stamp = chain.newest()?.min(self.newest);
         let pose = chain.sampler().pose_at(stamp).ok()?;
         Some((stamp, pose))
+    }
+
+    fn sensor_of(&self, stream: StreamId, is_kind: impl Fn(ScanKind) -> bool) -> Option<usize> {
+        let mut sensors = self.sensors.iter();
+        sensors.position(|sensor| is_kind(sensor.kind()) && sensor.accepts(stream))
     }
 
     fn take_scan(
@@ -350,6 +366,23 @@ impl ScanRegistration {
             .project(&scan.scan, scan.first_beam, odom_from_base, |stamp| {
                 Ok(sampler.pose_at(stamp)? * mount)
             })
+    }
+}
+
+/// Points along a pressed bumper, so many that no cell between two is left out.
+const CONTACT_POINTS: usize = 64;
+
+/// The state of a bumper as that of a fixed-distance ranger (REP 117).
+fn contact(is_pressed: bool) -> Scan {
+    let range_m = if is_pressed {
+        f32::NEG_INFINITY
+    } else {
+        f32::INFINITY
+    };
+    Scan {
+        range_max_m: f32::MIN_POSITIVE,
+        ranges_m: vec![range_m; CONTACT_POINTS],
+        ..Scan::default()
     }
 }
 

@@ -5,7 +5,7 @@
 
 use mapping::grid::CellIndex;
 use mapping::occupancy_grid::{OccupancyConfig, OccupancyGrid};
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
 use measurement::{pose, time::RobotTime};
 use nalgebra::Point3;
 
@@ -26,6 +26,7 @@ fn main() {
         sensor: SensorId(0),
         beam_step_rad: f64::to_radians(1.0),
         odom_from_base: pose::planar(0.0, 0.0, 0.0),
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         beams: beams.collect(),
     };

@@ -313,6 +313,11 @@ impl ElevationMap {
         self.size
     }
 
+    /// Time after which an unconfirmed obstacle is forgotten.
+    pub const fn forget(&self) -> RobotDuration {
+        RobotDuration::from_millis(self.forget_ms as i64)
+    }
+
     /// The cells.
     pub const fn grid(&self) -> &RollingGrid<ElevationCell> {
         &self.grid

@@ -41,7 +41,7 @@ use crate::ground_plane::{GroundConfig, GroundPlaneReset};
 use crate::obstacle::ObstacleConfig;
 use crate::occupancy_grid::{OccupancyConfig, OccupancyGrid};
 use crate::octree::{OctreeConfig, RangeSensorModel};
-use crate::registered_scan::RegisteredScan;
+use crate::registered_scan::{RegisteredScan, ScanKind};
 use crate::rigidity::RigidityConfig;
 use crate::scan_metrics::MetricsConfig;
 use crate::shore::ShoreConfig;
@@ -87,7 +87,7 @@ impl Mapper {
             terrain: config
                 .elevation
                 .enabled
-                .then(|| Terrain::new(config, vehicle.wheelbase_m)),
+                .then(|| Terrain::new(config, vehicle)),
             voxels: config
                 .octree
                 .enabled
@@ -97,8 +97,28 @@ impl Mapper {
         }
     }
 
-    /// Adds one scan to every layer.
+    /// Adds one scan to every layer; an arc only to the obstacle map.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> MapReport {
+        match scan.kind {
+            ScanKind::Beams => self.integrate_beams(scan),
+            ScanKind::Arc => {
+                if let Some(terrain) = &mut self.terrain {
+                    terrain.mark_arc(scan);
+                }
+                MapReport::default()
+            }
+            // Points that touch are no beams to count.
+            ScanKind::Contact { .. } if !scan.beams.is_empty() => MapReport {
+                hits: 0,
+                misses: 0,
+                dropped_beams: DropCounts::default(),
+                ..self.integrate_beams(scan)
+            },
+            ScanKind::Contact { .. } => MapReport::default(),
+        }
+    }
+
+    fn integrate_beams(&mut self, scan: &RegisteredScan) -> MapReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let mut report = MapReport::default();
         if let Some(occupancy) = &mut self.occupancy {

@@ -1,6 +1,9 @@
 //! Obstacle map: the classes of the elevation map's cells (docs/methods.md, section 1; \[LOD\]
-//! §4.3, §4.4).
+//! §4.3, §4.4), and what only ultrasound detects.
 
+use std::collections::BTreeMap;
+
+use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::Point2;
 use serde::Deserialize;
 
@@ -75,6 +78,8 @@ impl Default for ObstacleConfig {
 pub struct ObstacleMap {
     size: CellSize,
     grid: RollingGrid<CellClass>,
+    /// Obstacles whatever the elevation map says, and when they were marked last.
+    marked: BTreeMap<CellIndex, RobotTime>,
 }
 
 impl ObstacleMap {
@@ -83,6 +88,7 @@ impl ObstacleMap {
         Self {
             size: config.size(elevation),
             grid: RollingGrid::new(config.sides(), CellClass::Unknown),
+            marked: BTreeMap::new(),
         }
     }
 
@@ -108,14 +114,49 @@ impl ObstacleMap {
         }
     }
 
+    /// Makes the cells of points, metres in `odom`, obstacles for the elevation map's `forget_s`.
+    ///
+    /// No laser beam clears them: what sound meets and light does not is glass.
+    pub fn mark(
+        &mut self,
+        points: impl Iterator<Item = Point2<f64>>,
+        now: RobotTime,
+        elevation: &ElevationMap,
+    ) {
+        for point in points {
+            let cell = self.size.containing(point);
+            self.marked.insert(cell, now);
+            self.set(cell, CellClass::Obstacle);
+        }
+        self.expire(now, elevation);
+    }
+
+    /// Forgets marks that are too old.
+    pub fn expire(&mut self, now: RobotTime, elevation: &ElevationMap) {
+        let fresh = RobotDuration::ZERO..=elevation.forget();
+        let is_old = |at: &RobotTime| !fresh.contains(&now.since(*at));
+        let marks = self.marked.iter().filter(|(_, at)| is_old(at));
+        for cell in marks.map(|(cell, _)| *cell).collect::<Vec<_>>() {
+            self.marked.remove(&cell);
+            self.update_cell(cell, elevation);
+        }
+    }
+
     fn update_cell(&mut self, cell: CellIndex, elevation: &ElevationMap) {
-        let Some(slot) = self.grid.slot(cell) else {
-            return;
-        };
         let classes = self.size.overlapping(cell, elevation.size());
         let classes = classes.map(|cell| elevation.class(cell));
-        let class = classes.max().unwrap_or(CellClass::Unknown);
-        if *self.grid.at(cell, slot) != class {
+        self.set(cell, classes.max().unwrap_or(CellClass::Unknown));
+    }
+
+    fn set(&mut self, cell: CellIndex, class: CellClass) {
+        let class = if self.marked.contains_key(&cell) {
+            CellClass::Obstacle
+        } else {
+            class
+        };
+        if let Some(slot) = self.grid.slot(cell)
+            && *self.grid.at(cell, slot) != class
+        {
             *self.grid.at_mut(cell, slot) = class;
             self.grid.mark_changed(cell, slot);
         }
@@ -129,6 +170,7 @@ impl ObstacleMap {
     /// Erases every cell.
     pub fn erase(&mut self) {
         self.grid.erase();
+        self.marked.clear();
     }
 
     /// The cells.

@@ -93,7 +93,7 @@ impl RadialFilter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::registered_scan::RegisteredBeam;
+    use crate::registered_scan::{RegisteredBeam, ScanKind};
     use measurement::pose::Pose;
     use measurement::time::RobotTime;
 
@@ -114,6 +114,7 @@ mod tests {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 0.004,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base: Pose::identity(),
             beams: beams.collect(),

@@ -28,6 +28,21 @@ pub struct RegisteredBeam {
     pub range_m: f32,
 }
 
+/// What a scan shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ScanKind {
+    /// Each beam ends at a hit, and what it crosses is free.
+    #[default]
+    Beams,
+    /// The nearest echo of a cone lies anywhere on the arc of the hits; nothing is known to be free.
+    Arc,
+    /// A pressed bumper touches something anywhere along its width; without hits it is released.
+    Contact {
+        /// Width of the bumper, metres.
+        width_m: f32,
+    },
+}
+
 /// Index of a range sensor, in the order of their names in the configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SensorId(pub u8);
@@ -39,6 +54,8 @@ pub struct RegisteredScan {
     pub stamp: RobotTime,
     /// The sensor.
     pub sensor: SensorId,
+    /// What its beams show.
+    pub kind: ScanKind,
     /// Angle between neighbouring beams, radians, positive.
     pub beam_step_rad: f64,
     /// Pose of the vehicle at that time.

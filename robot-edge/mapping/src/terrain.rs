@@ -5,6 +5,7 @@ use crate::elevation::{ElevationMap, ElevationReport};
 use crate::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
 use crate::obstacle::ObstacleMap;
 use crate::registered_scan::RegisteredScan;
+use crate::vehicle::VehicleShape;
 
 /// Ground plane, elevation map and obstacle map of one vehicle.
 #[derive(Clone, Debug)]
@@ -12,6 +13,7 @@ pub struct Terrain {
     ground: GroundTracker,
     elevation: ElevationMap,
     obstacle: ObstacleMap,
+    vehicle_width_m: f64,
     /// Number of erasures.
     epoch: u32,
 }
@@ -27,11 +29,12 @@ pub struct TerrainReport {
 
 impl Terrain {
     /// Empty maps; the settings must be valid.
-    pub fn new(config: &MappingConfig, wheelbase_m: f64) -> Self {
+    pub fn new(config: &MappingConfig, vehicle: VehicleShape) -> Self {
         Self {
-            ground: GroundTracker::new(&config.ground, wheelbase_m),
+            ground: GroundTracker::new(&config.ground, vehicle.wheelbase_m),
             elevation: ElevationMap::new(&config.elevation, &config.obstacle, &config.ground),
             obstacle: ObstacleMap::new(&config.obstacle, &config.elevation),
+            vehicle_width_m: vehicle.width_m,
             epoch: 0,
         }
     }
@@ -46,10 +49,23 @@ impl Terrain {
         let elevation = self.elevation.integrate(scan, &plane);
         self.obstacle
             .update(&self.elevation, pose.translation.vector.xy().into());
+        self.obstacle.expire(scan.stamp, &self.elevation);
         TerrainReport {
             elevation,
             ground_plane_reset,
         }
+    }
+
+    /// Marks the arc of a cone in the obstacle map. An arc wider than the vehicle is left out: it could close a
+    /// passage.
+    pub fn mark_arc(&mut self, scan: &RegisteredScan) {
+        let ends = scan.beams.first().zip(scan.beams.last());
+        let is_narrow = ends.is_some_and(|(first, last)| {
+            (last.end_in_odom - first.end_in_odom).norm() <= self.vehicle_width_m
+        });
+        let beams = scan.beams.iter().filter(|_| is_narrow);
+        let points = beams.map(|beam| beam.end_in_odom.xy());
+        self.obstacle.mark(points, scan.stamp, &self.elevation);
     }
 
     /// Erases the maps and the ground plane; the next scan sets a new one.

@@ -93,6 +93,10 @@ pub enum MeasurementData {
     Twist(Twist),
     /// `sensor_msgs/PointCloud2` that is organised or has a ring field.
     PointCloud(PointCloud),
+    /// `sensor_msgs/Range`.
+    Range(RangeReading),
+    /// `std_msgs/Bool`; of a bumper, whether it is pressed.
+    Bool(bool),
 }
 
 /// Poses in a CARMEN laser line for its own sweep.
@@ -135,6 +139,36 @@ pub struct Twist {
     pub linear_mps: [f64; 3],
     /// About x, y, z, rad/s.
     pub angular_radps: [f64; 3],
+}
+
+/// One reading of an ultrasonic or infrared sensor: the nearest echo from anywhere in a cone about its x axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeReading {
+    /// `sensor_msgs/Range`: 0 ultrasound, 1 infrared.
+    pub radiation_type: u8,
+    /// Full angle of the cone, radians, 0 to π.
+    pub field_of_view_rad: f32,
+    /// Smallest range that is a measurement, metres.
+    pub range_min_m: f32,
+    /// Ranges at or above this are no echo, metres; of a fixed-distance ranger equal to `range_min_m`.
+    pub range_max_m: f32,
+    /// Metres; +∞ no echo, −∞ nearer than `range_min_m` (REP 117).
+    pub range_m: f32,
+}
+
+impl RangeReading {
+    /// The arc on which the echo lies: a scan of equal ranges at most 1° apart.
+    pub fn arc(&self) -> Scan {
+        let steps = libm::ceilf(self.field_of_view_rad.to_degrees()).max(1.0);
+        Scan {
+            angle_min_rad: -0.5 * self.field_of_view_rad,
+            angle_increment_rad: self.field_of_view_rad / steps,
+            time_increment_s: 0.0,
+            range_min_m: self.range_min_m,
+            range_max_m: self.range_max_m,
+            ranges_m: vec![self.range_m; steps as usize + 1],
+        }
+    }
 }
 
 /// A cloud in the sensor's order.

@@ -22,6 +22,20 @@ pub struct Body {
     pub highest_m: f64,
 }
 
+/// A switch along one side of the body, which what touches the body there presses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ContactSensor {
+    pub stream: &'static str,
+    /// The middle of its face, x outwards; it is as high as the body.
+    pub base_from_face: Pose,
+    /// Along y, metres.
+    pub width_m: f64,
+    pub rate_hz: f64,
+}
+
+/// What is nearer presses it, metres: a vehicle that something stops ends within a step's way of it.
+const PRESS_M: f64 = 0.02;
+
 /// A body among what it can run into: solids, and plants that do not give way.
 #[derive(Clone)]
 pub(crate) struct Bumper {
@@ -68,16 +82,38 @@ impl Bumper {
         free_m
     }
 
+    /// Whether something presses a switch of a vehicle at `world_from_base`.
+    pub(crate) fn presses(
+        &self,
+        sensor: &ContactSensor,
+        world_from_base: &Pose,
+        time_s: f64,
+    ) -> bool {
+        let mut base_from_face = sensor.base_from_face;
+        base_from_face.translation.z = self.middle_m();
+        let face_from_box = Translation3::new(0.5 * PRESS_M, 0.0, 0.0);
+        let size_m = Vector3::new(PRESS_M, sensor.width_m, self.size_m().z);
+        let world_from_box = world_from_base * base_from_face * face_from_box;
+        self.touches_box(size_m, &world_from_box, time_s)
+    }
+
     fn touches_inside(&self, inset_m: f64, world_from_base: &Pose, time_s: f64) -> bool {
-        let middle_m = 0.5 * (self.body.lowest_m + self.body.highest_m);
-        let world_from_body = world_from_base * Translation3::new(0.0, 0.0, middle_m);
+        let world_from_body = world_from_base * Translation3::new(0.0, 0.0, self.middle_m());
         let size_m = self.size_m().add_scalar(-2.0 * inset_m);
+        self.touches_box(size_m, &world_from_body, time_s)
+    }
+
+    fn touches_box(&self, size_m: Vector3<f64>, world_from_box: &Pose, time_s: f64) -> bool {
         self.scene
-            .touches_placed_box(size_m, &world_from_body, time_s)
+            .touches_placed_box(size_m, world_from_box, time_s)
             || self
                 .scene
                 .growth()
-                .is_some_and(|growth| growth.vegetation.has_rigid_in(size_m, &world_from_body))
+                .is_some_and(|growth| growth.vegetation.has_rigid_in(size_m, world_from_box))
+    }
+
+    fn middle_m(&self) -> f64 {
+        0.5 * (self.body.lowest_m + self.body.highest_m)
     }
 
     fn size_m(&self) -> Vector3<f64> {
@@ -132,6 +168,27 @@ mod tests {
         assert!(at_a_wall(0.11).touches(&near, 0.0));
         let below = near * Translation3::new(0.0, 0.0, -0.51);
         assert!(!at_a_wall(2.0).touches(&below, 0.0));
+    }
+
+    #[test]
+    fn what_touches_a_side_presses_the_switch_there_and_no_other() {
+        let bumper = at_a_wall(2.0);
+        let switch = |x_m, yaw_rad| ContactSensor {
+            stream: "/bumper",
+            base_from_face: pose::planar(x_m, 0.0, yaw_rad),
+            width_m: 0.6,
+            rate_hz: 20.0,
+        };
+        let (front, rear) = (switch(0.5, 0.0), switch(-0.5, 2.0 * FRAC_PI_2));
+        for (x_m, yaw_rad, expected) in [
+            (0.47, 0.0, [false, false]),
+            (0.495, 0.0, [true, false]),
+            (0.495, 2.0 * FRAC_PI_2, [false, true]),
+        ] {
+            let at = pose::planar(x_m, 0.0, yaw_rad);
+            let pressed = [&front, &rear].map(|switch| bumper.presses(switch, &at, 0.0));
+            assert_eq!(pressed, expected, "{x_m} {yaw_rad}");
+        }
     }
 
     #[test]

@@ -35,6 +35,7 @@ pub mod noise;
 pub mod scene;
 pub mod source;
 pub mod tilt_servo;
+mod ultrasonic;
 mod wheel_encoders;
 
 #[cfg(test)]

@@ -31,9 +31,10 @@ pub const START: RobotTime = RobotTime::from_nanos(946_684_800_000_000_000);
 /// of further range sensors come at theirs. `/joint_states` holds how far the left and the right wheels have turned
 /// where they have encoders, and, in messages of its own, the angle of a sensor that tilts; its mount is not in
 /// `/tf`. `/imu/data` is the attitude in the world where there is an AHRS; `/fix` is the place of the antenna where
-/// there is a satellite receiver, the world's x being east and y north.
+/// there is a satellite receiver, the world's x being east and y north. `/ultrasonic/…` and `/bumper/…` are the ranges
+/// and contacts of a vehicle that has such sensors; their mounts are not in `/tf_static`.
 ///
-/// Of equal stamps poses come first, then wheels, tilts, attitude, fixes and scans. A scan's stamp is that of
+/// Of equal stamps poses come first, then wheels, tilts, attitude, fixes, scans, ranges and contacts. A scan's stamp is that of
 /// beam 0, so the poses of its later beams follow it. The last scan is one whose last beam still has a pose
 /// after it.
 ///
@@ -251,6 +252,8 @@ struct Frames {
     base: FrameId,
     imu: FrameId,
     gps: FrameId,
+    /// Of messages without one.
+    none: FrameId,
 }
 
 impl Run {
@@ -266,6 +269,7 @@ impl Run {
                 base: FrameId::from("base_link"),
                 imu: FrameId::from("imu_link"),
                 gps: FrameId::from("gps_link"),
+                none: FrameId::from(""),
             },
         }
     }

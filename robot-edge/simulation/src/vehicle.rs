@@ -1,17 +1,20 @@
 //! The vehicles that can be simulated, by the names of their presets.
 
+use std::f64::consts::PI;
+
 use measurement::pose;
 use measurement::pose::Pose;
 use nalgebra::{Point3, Translation3};
 
 use crate::attitude::Attitude;
 use crate::attitude_sensor::AttitudeSensor;
-use crate::bumper::Body;
+use crate::bumper::{Body, ContactSensor};
 use crate::chassis::Chassis;
 use crate::dynamics::{Axis, Drag, Drive, TwinThrusters, WheelDrive};
 use crate::gps::GpsReceiver;
 use crate::laser::{PlanarLaser, Post, RangeSensor};
 use crate::tilt_servo::TiltServo;
+use crate::ultrasonic::UltrasonicSensor;
 use crate::waves::Hull;
 use crate::wheel_encoders::WheelEncoders;
 
@@ -36,6 +39,10 @@ pub struct SimulatedVehicle {
     pub laser: RangeSensor,
     /// Its other range sensors.
     pub further_range_sensors: Vec<RangeSensor>,
+    /// Its ring of ultrasonic sensors.
+    pub ultrasonic_sensors: Vec<UltrasonicSensor>,
+    /// Its bumpers.
+    pub contact_sensors: Vec<ContactSensor>,
 }
 
 /// Wheels or hull of a vehicle.
@@ -109,6 +116,8 @@ fn pioneer() -> SimulatedVehicle {
         gps: None,
         laser: main_laser(PlanarLaser::urg_04lx_ug01(), base_from_laser, None),
         further_range_sensors: Vec::new(),
+        ultrasonic_sensors: Vec::new(),
+        contact_sensors: Vec::new(),
     }
 }
 
@@ -151,6 +160,8 @@ fn holos() -> SimulatedVehicle {
         gps: None,
         laser: main_laser(PlanarLaser::lms111(), base_from_laser, None),
         further_range_sensors: Vec::new(),
+        ultrasonic_sensors: Vec::new(),
+        contact_sensors: Vec::new(),
     }
 }
 
@@ -161,7 +172,8 @@ fn holos() -> SimulatedVehicle {
 /// laser's optics on the tilt axis, on top of the front end, 0.65 m high; a tilt of 30° up
 /// and down in 4 s, which the encoder reads to 0.01° a hundred times a second. The MTi-G's attitude errs like
 /// the `MTi`'s of the other robot. Its position is `/odom`; the wheels have no encoders. Invented: 1 rad/s, as its
-/// preset has it; 1.5 m/s² with a lag of 0.2 s, and 2 rad/s² with one of 0.3 s, since its wheels skid in turns.
+/// preset has it; 1.5 m/s² with a lag of 0.2 s, and 2 rad/s² with one of 0.3 s, since its wheels skid in turns; of its
+/// "additional ultrasonic sensors" all numbers; the bumpers, which the document has not (§9.1 wishes for one).
 fn introbot() -> SimulatedVehicle {
     let servo = TiltServo {
         joint: LASER_TILT_JOINT,
@@ -198,6 +210,64 @@ fn introbot() -> SimulatedVehicle {
             Some(servo),
         ),
         further_range_sensors: Vec::new(),
+        ultrasonic_sensors: RING.map(ultrasonic_sensor).into(),
+        contact_sensors: vec![
+            bumper("/bumper/front", pose::planar(0.75, 0.0, 0.0)),
+            bumper("/bumper/rear", pose::planar(-0.75, 0.0, PI)),
+        ],
+    }
+}
+
+/// Name, stream, place and direction: x, y in metres, yaw in degrees.
+type Place = (&'static str, &'static str, [f64; 3]);
+
+/// Two ahead, one to each side, two astern.
+const RING: [Place; 6] = [
+    (
+        "ultrasonic_front_left",
+        "/ultrasonic/front_left",
+        [0.75, 0.25, 0.0],
+    ),
+    (
+        "ultrasonic_front_right",
+        "/ultrasonic/front_right",
+        [0.75, -0.25, 0.0],
+    ),
+    ("ultrasonic_left", "/ultrasonic/left", [0.3, 0.4, 90.0]),
+    ("ultrasonic_right", "/ultrasonic/right", [0.3, -0.4, -90.0]),
+    (
+        "ultrasonic_rear_left",
+        "/ultrasonic/rear_left",
+        [-0.75, 0.25, 180.0],
+    ),
+    (
+        "ultrasonic_rear_right",
+        "/ultrasonic/rear_right",
+        [-0.75, -0.25, 180.0],
+    ),
+];
+
+/// 0.4 m above the ground, a cone of 30°, 0.2 to 3 m, ten readings a second.
+fn ultrasonic_sensor((name, stream, [x_m, y_m, yaw_deg]): Place) -> UltrasonicSensor {
+    let mut base_from_sensor = pose::planar(x_m, y_m, yaw_deg.to_radians());
+    base_from_sensor.translation.z = 0.4;
+    UltrasonicSensor {
+        name,
+        stream,
+        base_from_sensor,
+        field_of_view_rad: 30.0_f32.to_radians(),
+        range_min_m: 0.2,
+        range_max_m: 3.0,
+        rate_hz: 10.0,
+    }
+}
+
+fn bumper(stream: &'static str, base_from_face: Pose) -> ContactSensor {
+    ContactSensor {
+        stream,
+        base_from_face,
+        width_m: 0.8,
+        rate_hz: 20.0,
     }
 }
 
@@ -284,6 +354,8 @@ fn riverwatch() -> SimulatedVehicle {
             tilt: None,
             own_posts: &[],
         }],
+        ultrasonic_sensors: Vec::new(),
+        contact_sensors: Vec::new(),
     }
 }
 

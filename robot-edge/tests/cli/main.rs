@@ -14,6 +14,7 @@ mod recordings;
 mod shared_data;
 #[path = "../../../tests/tests/all/skip.rs"]
 mod skip;
+mod ultrasound;
 mod usage;
 mod wheels;
 mod worlds;

@@ -74,6 +74,8 @@ fn without_poses(path: &Path) {
             | MeasurementData::Joints(_)
             | MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
+            | MeasurementData::Range(_)
+            | MeasurementData::Bool(_)
             | MeasurementData::PointCloud(_) => {}
         }
     }

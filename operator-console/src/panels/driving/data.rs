@@ -312,6 +312,7 @@ fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
         Some(BarrierKind::Mapped) => (Tone::Warning, "on the map (ringed)"),
         Some(BarrierKind::Unknown) => (Tone::Warning, "unknown ground (ringed)"),
         Some(BarrierKind::NoReturn) => (Tone::Warning, "no echo (ringed)"),
+        Some(BarrierKind::Contact) => (Tone::Warning, "touched (ringed)"),
     };
     (tone, row(OBSTACLE, words))
 }

@@ -14,7 +14,10 @@ use serde::forward_to_deserialize_any;
 
 use drivers::config::DeviceConfig;
 
-use super::sensors::{GpsConfig, ImuConfig, RangeSensorConfig, SensorConfig, WheelEncodersConfig};
+use super::sensors::{
+    BumperConfig, GpsConfig, ImuConfig, RangeSensorConfig, SensorConfig, UltrasonicConfig,
+    WheelEncodersConfig,
+};
 use super::{Config, sensors};
 
 /// The kind of each sensor, by name, as far as it is named.
@@ -47,6 +50,8 @@ impl SensorSchemas {
             ("wheel_encoders", Schema::of::<WheelEncodersConfig>()?),
             ("imu", Schema::of::<ImuConfig>()?),
             ("gps", Schema::of::<GpsConfig>()?),
+            ("ultrasonic", Schema::of::<UltrasonicConfig>()?),
+            ("bumper", Schema::of::<BumperConfig>()?),
         ]);
         let mut any = BTreeMap::new();
         for schema in by_kind.values_mut() {
@@ -316,7 +321,7 @@ mod tests {
         assert_eq!(expected("sensors.laser.mount"), Expected::Table);
         assert_eq!(
             expected("sensors.laser.kind"),
-            Expected::OneOf(&["laser_scan", "sonar", "wheel_encoders", "imu", "gps"])
+            Expected::OneOf(SensorConfig::KINDS)
         );
         assert_eq!(
             expected("mapping.occupancy.miss"),
@@ -345,6 +350,8 @@ mod tests {
         assert_eq!(only_of("sonar"), [true, false, true]);
         assert_eq!(only_of("imu"), [false, false, true]);
         assert_eq!(only_of("gps"), [false, false, true]);
+        assert_eq!(only_of("ultrasonic"), [false, false, true]);
+        assert_eq!(only_of("bumper"), [false, false, true]);
         for kind in SensorConfig::KINDS {
             let sensor: SensorConfig = toml::from_str(&format!("kind = \"{kind}\"")).unwrap();
             assert_eq!(sensor.kind(), *kind);

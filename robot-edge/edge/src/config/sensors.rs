@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
 use localization::beam_projection::ZeroRange;
 use mapping::octree::RangeSensorModel;
-use mapping::registered_scan::SensorId;
+use mapping::registered_scan::{ScanKind, SensorId};
 use measurement::mount::Mount;
 
 pub const MAIN_LASER: &str = "laser";
@@ -24,6 +24,12 @@ pub enum SensorConfig {
     Imu(ImuConfig),
     /// A satellite receiver, whose positions come as `sensor_msgs/NavSatFix`.
     Gps(GpsConfig),
+    /// An ultrasonic or infrared sensor, whose readings come as `sensor_msgs/Range`.
+    #[serde(deserialize_with = "range_sensor_of::<UltrasonicConfig, _>")]
+    Ultrasonic(RangeSensorConfig),
+    /// A bumper, whose state comes as `std_msgs/Bool`.
+    #[serde(deserialize_with = "range_sensor_of::<BumperConfig, _>")]
+    Bumper(RangeSensorConfig),
 }
 
 /// A sensor whose scans are mapped.
@@ -37,7 +43,15 @@ pub struct RangeSensor<'a> {
 }
 
 impl SensorConfig {
-    pub(super) const KINDS: &[&str] = &["laser_scan", "sonar", "wheel_encoders", "imu", "gps"];
+    pub(super) const KINDS: &[&str] = &[
+        "laser_scan",
+        "sonar",
+        "wheel_encoders",
+        "imu",
+        "gps",
+        "ultrasonic",
+        "bumper",
+    ];
 
     pub const fn kind(&self) -> &'static str {
         match self {
@@ -46,13 +60,18 @@ impl SensorConfig {
             Self::WheelEncoders(_) => "wheel_encoders",
             Self::Imu(_) => "imu",
             Self::Gps(_) => "gps",
+            Self::Ultrasonic(_) => "ultrasonic",
+            Self::Bumper(_) => "bumper",
         }
     }
 
     /// Topic or message name; where absent, the only stream whose type fits.
     pub fn topic(&self) -> Option<&str> {
         match self {
-            Self::LaserScan(range) | Self::Sonar(range) => range.topic.as_deref(),
+            Self::LaserScan(range)
+            | Self::Sonar(range)
+            | Self::Ultrasonic(range)
+            | Self::Bumper(range) => range.topic.as_deref(),
             Self::WheelEncoders(encoders) => encoders.topic.as_deref(),
             Self::Imu(imu) => imu.topic.as_deref(),
             Self::Gps(gps) => gps.topic.as_deref(),
@@ -61,7 +80,10 @@ impl SensorConfig {
 
     pub const fn range_sensor(&self) -> Option<&RangeSensorConfig> {
         match self {
-            Self::LaserScan(range) | Self::Sonar(range) => Some(range),
+            Self::LaserScan(range)
+            | Self::Sonar(range)
+            | Self::Ultrasonic(range)
+            | Self::Bumper(range) => Some(range),
             Self::WheelEncoders(_) | Self::Imu(_) | Self::Gps(_) => None,
         }
     }
@@ -70,6 +92,8 @@ impl SensorConfig {
         let (range, of_kind) = match self {
             Self::LaserScan(range) => (range, RangeSensorModel::default()),
             Self::Sonar(range) => (range, SONAR),
+            // Arcs do not reach the octree.
+            Self::Ultrasonic(range) | Self::Bumper(range) => (range, BUMPER),
             Self::WheelEncoders(_) | Self::Imu(_) | Self::Gps(_) => return None,
         };
         let min_neighbours = range.min_neighbours.and_then(|least| least.try_into().ok());
@@ -94,9 +118,21 @@ const SONAR: RangeSensorModel = RangeSensorModel {
     has_metrics: false,
 };
 
+/// What a bumper touches is there; nothing beside it confirms it.
+const BUMPER: RangeSensorModel = RangeSensorModel {
+    p_hit: 0.95,
+    p_miss: 0.49,
+    min_neighbours: 0,
+    divergence_rad: 0.0,
+    has_metrics: false,
+};
+
 #[derive(Clone, Debug, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RangeSensorConfig {
+    /// What its scans show, which is not a setting but follows from the kind of sensor.
+    #[serde(skip)]
+    pub scan_kind: ScanKind,
     /// Topic or message name; where absent, the only stream whose type fits that no other sensor names.
     pub topic: Option<String>,
     /// Replaces the message's smallest range, metres.
@@ -128,6 +164,72 @@ pub struct RangeSensorConfig {
     pub field_of_view_deg: Option<f64>,
     /// Sweeps per second, for simulation.
     pub rate_hz: Option<f64>,
+}
+
+/// Each has its own topic: there are several of them, and a topic without messages yet must be known.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UltrasonicConfig {
+    pub topic: Option<String>,
+    /// Replaces the message's smallest range, metres.
+    pub range_min_m: Option<f64>,
+    /// Replaces the message's greatest range, metres; ranges at or above it are no echo.
+    pub range_max_m: Option<f64>,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+    /// Where the sensor sits on the vehicle, where no transform of the source says so.
+    pub mount: Mount,
+    /// Readings per second.
+    pub rate_hz: Option<f64>,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BumperConfig {
+    pub topic: Option<String>,
+    /// Along its y axis, metres.
+    pub width_m: f64,
+    /// The middle of its face, at a height at which things stand in the way; its x axis points outwards.
+    pub mount: Mount,
+    /// Messages per second; where absent, they come only when the state changes, and silence is no fault.
+    pub rate_hz: Option<f64>,
+}
+
+impl From<UltrasonicConfig> for RangeSensorConfig {
+    fn from(config: UltrasonicConfig) -> Self {
+        Self {
+            scan_kind: ScanKind::Arc,
+            topic: config.topic,
+            range_min_m: config.range_min_m,
+            range_max_m: config.range_max_m,
+            time_offset_s: config.time_offset_s,
+            mount: config.mount,
+            rate_hz: config.rate_hz,
+            ..Self::default()
+        }
+    }
+}
+
+impl From<BumperConfig> for RangeSensorConfig {
+    fn from(config: BumperConfig) -> Self {
+        Self {
+            scan_kind: ScanKind::Contact {
+                width_m: config.width_m as f32,
+            },
+            topic: config.topic,
+            mount: config.mount,
+            rate_hz: config.rate_hz,
+            ..Self::default()
+        }
+    }
+}
+
+fn range_sensor_of<'de, T, D>(deserializer: D) -> Result<RangeSensorConfig, D::Error>
+where
+    T: Deserialize<'de> + Into<RangeSensorConfig>,
+    D: Deserializer<'de>,
+{
+    T::deserialize(deserializer).map(Into::into)
 }
 
 /// A servo that turns a sensor about its own y axis, and whose angle comes as `sensor_msgs/JointState`.

@@ -12,6 +12,7 @@ use localization::{LocalizationConfig, PoseSource};
 use mapping::MappingConfig;
 use mapping::grid::CellSize;
 use mapping::occupancy_grid::OccupancyConfig;
+use mapping::registered_scan::ScanKind;
 use network::endpoints::bulk_endpoint;
 
 use Allowed::{Between, Name, PositiveUpTo, Whole, Within};
@@ -290,6 +291,11 @@ const SENSOR_RULES: &[Rule] = &[
     ),
     (&["rate_hz"], PositiveUpTo(1000.0), "sweeps take time"),
     (
+        &["width_m"],
+        PositiveUpTo(10.0),
+        "what a bumper touches lies along its width",
+    ),
+    (
         &["p_hit"],
         Within(0.501, 0.999),
         "a hit must make a voxel more likely to be occupied",
@@ -514,6 +520,22 @@ fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
                 as_toml(range_max_m),
                 "no range could be a hit",
                 format!("above range_min_m = {range_min_m}"),
+            );
+        }
+        if range.scan_kind != ScanKind::Beams && range.topic.is_none() {
+            checks.issue(
+                &key("topic"),
+                "nothing".to_owned(),
+                "several streams may have its type, and it may be silent when streams are chosen",
+                "the name of its topic".to_owned(),
+            );
+        }
+        if range.scan_kind == (ScanKind::Contact { width_m: 0.0 }) {
+            checks.issue(
+                &key("width_m"),
+                "nothing".to_owned(),
+                "what a bumper touches lies along its width",
+                "above 0, up to 10".to_owned(),
             );
         }
         if let Some(tilt) = &range.tilt

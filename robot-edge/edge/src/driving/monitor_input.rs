@@ -11,7 +11,7 @@ use triple_buffer::{Input, Output, triple_buffer};
 
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
-use mapping::registered_scan::{RegisteredScan, SensorId};
+use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
 use mapping::voxel_layers::VoxelLayers;
 use measurement::pose::{self, Pose};
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
@@ -151,7 +151,10 @@ impl MonitorSensorInput {
         let plane = self.plane_below(scan);
         if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
             let period = sensor.period_at(scan.stamp);
-            sensor.blockage.update(scan, measured_at);
+            // A cone without an echo is no covered window.
+            if scan.kind == ScanKind::Beams {
+                sensor.blockage.update(scan, measured_at);
+            }
             let obstacle_scan = sensor.obstacle_scans.input_buffer_mut();
             let times = (measured_at, period);
             obstacle_scan.read(scan, &plane, &self.rules, &sensor.blockage, times);
@@ -187,7 +190,9 @@ impl MonitorSensorInput {
             return GroundPlane::under(&upright(pose));
         }
         let before = self.ground_plane();
-        if let Some(ground) = &mut self.ground {
+        if let Some(ground) = &mut self.ground
+            && scan.kind == ScanKind::Beams
+        {
             ground.update(scan.stamp, pose);
         }
         before.unwrap_or_else(|| GroundPlane::under(pose))
@@ -200,7 +205,8 @@ impl MonitorMapInput {
         let is_due = self.copied.is_none_or(|copied| {
             scan.stamp < copied || scan.stamp.since(copied) >= MAP_COPY_PERIOD
         });
-        if !is_due {
+        // What arcs and contacts add comes with the next sweep: without sweeps the map is not renewed.
+        if !is_due || scan.kind != ScanKind::Beams {
             return;
         }
         self.copied = Some(scan.stamp);

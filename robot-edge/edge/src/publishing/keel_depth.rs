@@ -81,7 +81,7 @@ impl KeelDepth {
 
 #[cfg(test)]
 mod tests {
-    use mapping::registered_scan::{RegisteredBeam, SensorId};
+    use mapping::registered_scan::{RegisteredBeam, ScanKind, SensorId};
 
     use super::*;
 
@@ -103,6 +103,7 @@ mod tests {
             sensor: SensorId(1),
             beam_step_rad: 0.01,
             odom_from_base: Pose::translation(x_m, 0.0, 0.0),
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             beams: hits.iter().enumerate().map(beam).collect(),
         }

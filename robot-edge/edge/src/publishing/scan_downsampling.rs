@@ -38,7 +38,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use mapping::registered_scan::{RegisteredBeam, SensorId};
+    use mapping::registered_scan::{RegisteredBeam, ScanKind, SensorId};
     use measurement::pose::Pose;
     use measurement::time::RobotTime;
 
@@ -68,6 +68,7 @@ mod tests {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 1e-3,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base: Pose::identity(),
             beams: (0..beams).map(beam).collect(),

@@ -152,7 +152,9 @@ mod tests {
     use super::super::mapping_stage::MAX_QUEUE_DELAY;
     use super::*;
     use localization::pose_buffer::PoseJump;
-    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+    use mapping::registered_scan::{
+        BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId,
+    };
     use measurement::pose::planar;
     use measurement::time::RobotTime;
     use nalgebra::Point3;
@@ -170,6 +172,7 @@ mod tests {
                 stamp: RobotTime::from_nanos(0),
                 sensor: SensorId(0),
                 beam_step_rad: 0.01,
+                kind: ScanKind::Beams,
                 own_body_hits: 0,
                 odom_from_base: planar(0.0, 0.0, 0.0),
                 beams: vec![beam; beams],

@@ -148,6 +148,7 @@ fn range_sensor(planned: &PlannedSensor, config: &RangeSensorConfig) -> RangeSen
         stream: planned.stream,
         beams: SensorSettings {
             id: planned.id,
+            kind: config.scan_kind,
             range_min_m: range_m(config.range_min_m),
             range_max_m: range_m(config.range_max_m).or(planned.range_max_m),
             zero_range: config.zero_range,

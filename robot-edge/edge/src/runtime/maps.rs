@@ -411,7 +411,9 @@ mod tests {
     use localization::pose_buffer::PoseJump;
     use mapping::grid::VoxelIndex;
     use mapping::octree::VoxelState;
-    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+    use mapping::registered_scan::{
+        BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId,
+    };
     use measurement::pose::Pose;
 
     /// Hit of the scan in the map, and of the scan that waits, metres.
@@ -452,6 +454,7 @@ mod tests {
             stamp: RobotTime::from_nanos(stamp_ns),
             sensor: SensorId(0),
             beam_step_rad: 0.005,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base: Pose::identity(),
             beams: beams.collect(),

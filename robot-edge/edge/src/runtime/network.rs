@@ -1,5 +1,6 @@
 //! The network of a run: opens it and passes the state of the maps on.
 
+use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::sync::Arc;
 use std::thread;
@@ -159,6 +160,7 @@ impl Network {
                     devices: description.devices.cloned(),
                     published_sensors: None,
                     last_pose_stamp: None,
+                    pressed: BTreeSet::new(),
                 };
                 let network = Self {
                     driving,

@@ -6,6 +6,7 @@ use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wh
 use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::exit::UsageError;
 use crate::survey::Survey;
+use crate::survey::topics::ScanSurvey;
 use localization::registration::{MountOrigin, ODOMETRY_FRAME, PoseOrigin, PoseStreams};
 use localization::{LocalizationConfig, PoseSource};
 use recording::Format;
@@ -93,7 +94,8 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     let is_alone = found.len() == 1;
     for (found, planned) in found.iter().zip(&mut sensors) {
         let is_carmen = survey.format == Format::Carmen;
-        let unsaid = found.scans.inferred_miss_range_m().filter(|_| is_carmen);
+        let unsaid = found.scans.and_then(ScanSurvey::inferred_miss_range_m);
+        let unsaid = unsaid.filter(|_| is_carmen);
         let Some(range_m) = unsaid else { continue };
         // The reader has one limit, so that several lasers get theirs here.
         if is_alone {
@@ -152,7 +154,8 @@ fn choose_origin(
     };
     let tf = || poses_by_tf(survey, found, localization);
     let log = || {
-        let all = found.iter().all(|found| found.scans.has_own_poses);
+        let has_own = |scans: &ScanSurvey| scans.has_own_poses;
+        let all = found.iter().all(|found| found.scans.is_some_and(has_own));
         all.then_some(PoseOrigin::Log)
     };
     let odometry = || (!survey.odometry.is_empty()).then_some(PoseOrigin::Odometry);
@@ -273,7 +276,7 @@ fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource
             let leads = match survey.frames.edges().next() {
                 Some(_) => format!(
                     ", and none leads from {} up to a frame in which it moves",
-                    found.first().map_or("", |found| &*found.scans.frame)
+                    found.first().map_or("", |found| found.frame)
                 ),
                 None => String::new(),
             };
@@ -305,9 +308,7 @@ fn poses_by_tf(
 ) -> Option<PoseOrigin> {
     let base_frame = localization.base_frame.as_str();
     let wanted = localization.fixed_frame.as_deref();
-    let starts = found
-        .iter()
-        .flat_map(|found| [&*found.scans.frame, base_frame]);
+    let starts = found.iter().flat_map(|found| [found.frame, base_frame]);
     starts
         .filter_map(|start| survey.frames.fixed_ancestor(start, base_frame, wanted))
         .map(|fixed_frame| PoseOrigin::Tf { fixed_frame })

@@ -18,9 +18,10 @@ use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttit
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::summary::Event;
-use crate::survey::range_sensors::assign;
+use crate::survey::range_sensors::assign_streams;
 use localization::PoseSource;
 use localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
+use mapping::registered_scan::ScanKind;
 use measurement::{Stream, StreamId};
 use recording::time_sequencer::Ordered;
 use recording::{Position, RecordingError};
@@ -120,26 +121,23 @@ pub fn simulated_localization_plan(
             .collect()
     };
     let scans = ids_of("sensor_msgs/LaserScan");
-    let scan_names: Vec<_> = scans
-        .iter()
-        .filter_map(|scan| streams.get(usize::from(scan.0)))
-        .map(|stream| stream.name.as_str())
-        .collect();
     let sensors = range_sensors(config)?;
     // If no stream is known yet, a single sensor accepts all scans.
     let takes_all = scans.is_empty() && sensors.len() == 1;
     let assigned = if takes_all {
         vec![None]
     } else {
-        assign(&sensors, &scan_names)
+        assign_streams(&sensors, streams.iter(), &scans)
             .map_err(|error| UsageError(format!("the simulated vehicle: {error}")))?
     };
     // There is no transform of a tilting sensor: its joint gives the angle.
     let joints = ids_of("sensor_msgs/JointState").first().copied();
-    let planned = sensors.iter().zip(assigned).filter_map(|(sensor, scan)| {
+    let planned = sensors.iter().zip(assigned).filter_map(|(sensor, stream)| {
         let tilt_stream = joints.filter(|_| sensor.config.tilt.is_some());
-        let is_in_tree = matches!(origin, PoseOrigin::Tf { .. }) && tilt_stream.is_none();
-        let stream = scan.and_then(|scan| scans.get(scan)).copied();
+        // Of the sensors with a frame of their own.
+        let is_in_tree = matches!(origin, PoseOrigin::Tf { .. })
+            && tilt_stream.is_none()
+            && sensor.config.scan_kind == ScanKind::Beams;
         (takes_all || stream.is_some()).then_some(PlannedSensor {
             id: sensor.id,
             stream,

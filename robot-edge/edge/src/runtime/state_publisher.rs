@@ -1,5 +1,6 @@
 //! Sends poses, scans, sensor health and status to consoles and the collision monitor, independently of mapping.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,7 +24,7 @@ use crate::sensor_monitor::{FaultChange, SensorMonitor};
 use crate::server::publish_state::PublishState;
 use localization::OnJump;
 use localization::registration::RegistrationCounts;
-use mapping::registered_scan::RegisteredScan;
+use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
 use measurement::Measurement;
 use measurement::drops::DropCounts;
 use measurement::pose::Pose;
@@ -48,6 +49,8 @@ pub(super) struct StatePublisher {
     pub(super) since: Option<Monotonic>,
     pub(super) published_sensors: Option<u32>,
     pub(super) last_pose_stamp: Option<RobotTime>,
+    /// Bumpers that touch something.
+    pub(super) pressed: BTreeSet<SensorId>,
 }
 
 impl StatePublisher {
@@ -128,6 +131,7 @@ impl StatePublisher {
         let is_blocked = |monitor_input: &MonitorSensorInput| monitor_input.is_blocked(scan.sensor);
         let is_blocked = self.monitor_input.as_ref().is_some_and(is_blocked);
         self.sensors.on_registered_scan(scan, is_blocked);
+        self.report_contact(scan);
         if let Some(keel_depth) = &mut self.keel_depth
             && self.sensors.is_sonar(scan.sensor)
         {
@@ -140,6 +144,29 @@ impl StatePublisher {
             self.publish_state.set_scan(scan.sensor, scan.stamp, shown);
         }
         measured_at
+    }
+
+    /// Publishes an event where a bumper is newly pressed or released.
+    fn report_contact(&mut self, scan: &RegisteredScan) {
+        if !matches!(scan.kind, ScanKind::Contact { .. }) {
+            return;
+        }
+        let is_pressed = !scan.beams.is_empty();
+        let was_pressed = self.pressed.contains(&scan.sensor);
+        if is_pressed == was_pressed {
+            return;
+        }
+        let change = if is_pressed {
+            self.pressed.insert(scan.sensor);
+            "contact"
+        } else {
+            self.pressed.remove(&scan.sensor);
+            "released"
+        };
+        let name = self.sensors.name(scan.sensor).unwrap_or_default();
+        let message = format!("{name}: {change}");
+        tracing::warn!(kind = "contact", message);
+        self.publish_event("contact", &message);
     }
 
     pub(super) fn publish_status(
@@ -353,7 +380,7 @@ mod tests {
     use std::path::Path;
 
     use clap::Parser as _;
-    use nalgebra::Translation3;
+    use nalgebra::{Point3, Translation3};
 
     use super::*;
     use crate::cli::{Cli, Command};
@@ -364,7 +391,7 @@ mod tests {
     use mapping::ground_plane::GroundConfig;
     use mapping::ground_plane::{GroundPlane, GroundTracker};
     use mapping::obstacle::ObstacleConfig;
-    use mapping::registered_scan::SensorId;
+    use mapping::registered_scan::{BeamOutcome, RegisteredBeam, ScanKind, SensorId};
     use mapping::vehicle::VehicleConfig;
     use teleop::TeleopConfig;
     use teleop::collision_monitor::{CollisionMonitorConfig, CollisionMonitorRules};
@@ -389,6 +416,7 @@ mod tests {
             since: None,
             published_sensors: None,
             last_pose_stamp: None,
+            pressed: BTreeSet::new(),
         }
     }
 
@@ -401,10 +429,38 @@ mod tests {
             stamp: RobotTime::from_nanos(1_000_000 * millis),
             sensor: SensorId(0),
             beam_step_rad: 0.01,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base,
             beams: Vec::new(),
         })
+    }
+
+    #[test]
+    fn contact_and_release_are_one_event_each() {
+        let mut publisher = state_publisher(OnJump::Keep);
+        let mut events = Vec::new();
+        for (millis, is_pressed) in (0..)
+            .step_by(50)
+            .zip([false, true, true, true, false, false])
+        {
+            let RegistrationOutput::Scan(mut contact) = scan(millis, at_height(0.0)) else {
+                unreachable!("it is one");
+            };
+            contact.kind = ScanKind::Contact { width_m: 0.5 };
+            contact.beams.extend(is_pressed.then_some(RegisteredBeam {
+                origin_in_odom: Point3::origin(),
+                end_in_odom: Point3::origin(),
+                outcome: BeamOutcome::Hit,
+                index: 0,
+                range_m: 0.0,
+            }));
+            publisher.publish_scan(&contact);
+            let published = publisher.publish_state.take_events().into_iter();
+            events.extend(published.map(|event| (millis, event.kind, event.message)));
+        }
+        let expected = |millis, change: &str| (millis, "contact".to_owned(), format!(": {change}"));
+        assert_eq!(events, [expected(50, "contact"), expected(200, "released")]);
     }
 
     /// The collision monitor's ground plane restarts with the maps: otherwise a pose jump would look like a step in the floor.

@@ -10,7 +10,7 @@ use localization::beam_projection::{RangeLimits, ZeroRange};
 use localization::registration::{
     MountOrigin, PoseOrigin, RangeSensorSettings, RegistrationSettings,
 };
-use mapping::registered_scan::SensorId;
+use mapping::registered_scan::{ScanKind, SensorId};
 use measurement::mount::Mount;
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 
@@ -34,6 +34,8 @@ pub enum MeasurementSelector {
         /// Meaning of a range below the smallest one.
         zero_range: ZeroRange,
     },
+    Ranges(Option<StreamId>),
+    Contacts(Option<StreamId>),
     Wheels {
         stream: Option<StreamId>,
         joint: String,
@@ -75,6 +77,10 @@ impl MeasurementSelector {
                         .any(|range_m| rule.classify(*range_m).is_some()),
                 )
             }
+            (Self::Ranges(stream), MeasurementData::Range(reading)) if is_of(stream) => {
+                Some(!reading.range_m.is_nan())
+            }
+            (Self::Contacts(stream), MeasurementData::Bool(_)) if is_of(stream) => Some(true),
             (
                 Self::Wheels { stream, joint } | Self::Tilt { stream, joint },
                 MeasurementData::Joints(joints),
@@ -98,6 +104,8 @@ impl MeasurementSelector {
             ) if measurement.frame == *fixed_frame => Some(true),
             (
                 Self::Scans { .. }
+                | Self::Ranges(_)
+                | Self::Contacts(_)
                 | Self::Wheels { .. }
                 | Self::Tilt { .. }
                 | Self::Attitudes(_)
@@ -111,7 +119,9 @@ impl MeasurementSelector {
                 | MeasurementData::Joints(_)
                 | MeasurementData::Fix(_)
                 | MeasurementData::Twist(_)
-                | MeasurementData::PointCloud(_),
+                | MeasurementData::PointCloud(_)
+                | MeasurementData::Range(_)
+                | MeasurementData::Bool(_),
             ) => None,
         }
     }
@@ -141,6 +151,8 @@ const fn range_kind(config: &SensorConfig) -> SensorKind {
         SensorConfig::WheelEncoders(_) => SensorKind::WheelEncoders,
         SensorConfig::Imu(_) => SensorKind::Attitude,
         SensorConfig::Gps(_) => SensorKind::SatelliteReceiver,
+        SensorConfig::Ultrasonic(_) => SensorKind::Ultrasonic,
+        SensorConfig::Bumper(_) => SensorKind::Bumper,
     }
 }
 
@@ -172,11 +184,15 @@ fn range_sensor(
             view,
             rate_hz: config.rate_hz.map(|rate_hz| rate_hz as f32),
         },
-        own: MeasurementSelector::Scans {
-            stream: settings.stream,
-            range_min_m: settings.beams.range_min_m,
-            range_max_m: settings.beams.range_max_m,
-            zero_range: settings.beams.zero_range,
+        own: match settings.beams.kind {
+            ScanKind::Beams => MeasurementSelector::Scans {
+                stream: settings.stream,
+                range_min_m: settings.beams.range_min_m,
+                range_max_m: settings.beams.range_max_m,
+                zero_range: settings.beams.zero_range,
+            },
+            ScanKind::Arc => MeasurementSelector::Ranges(settings.stream),
+            ScanKind::Contact { .. } => MeasurementSelector::Contacts(settings.stream),
         },
         range_sensor: Some(settings.beams.id),
         geometry: DetectedGeometry::of_range_sensor(

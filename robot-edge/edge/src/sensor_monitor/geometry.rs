@@ -57,8 +57,10 @@ impl DetectedGeometry {
 
     /// Processes a measurement. Returns whether `info` changed.
     pub(super) fn measured(&mut self, measurement: &Measurement, info: &mut SensorInfo) -> bool {
-        let MeasurementData::Scan { scan, .. } = &measurement.data else {
-            return false;
+        let scan = match &measurement.data {
+            MeasurementData::Scan { scan, .. } => scan,
+            MeasurementData::Range(reading) => &reading.arc(),
+            _ => return false,
         };
         if self.is_non_ranging || self.fan.is_some() || scan.sweep_duration().is_none() {
             return false;

@@ -145,7 +145,9 @@ impl SensorMonitor {
         };
         for sensor in &mut self.sensors {
             sensor.dropped = match &sensor.own {
-                MeasurementSelector::Scans { .. } => {
+                MeasurementSelector::Scans { .. }
+                | MeasurementSelector::Ranges(_)
+                | MeasurementSelector::Contacts(_) => {
                     let own = |of: &&SensorCounts| Some(of.sensor) == sensor.range_sensor;
                     let own = counts.sensors.iter().find(own);
                     own.map_or(0, |own| own.dropped_scans.total())
@@ -191,16 +193,23 @@ impl SensorMonitor {
                 .age(now)
                 .map(|age| u32::try_from(age.as_millis()).unwrap_or(u32::MAX)),
             dropped: sensor.dropped,
-            fault: sensor.health.fault(now),
+            fault: sensor.fault(now),
         };
         self.sensors.iter().map(status).collect()
     }
 }
 
 impl MonitoredSensor {
+    /// A bumper without a rate sends only when its state changes.
+    fn fault(&self, now: Duration) -> Option<SensorFault> {
+        let is_on_change =
+            matches!(self.own, MeasurementSelector::Contacts(_)) && self.info.rate_hz.is_none();
+        self.health.fault(now).filter(|_| !is_on_change)
+    }
+
     fn check(&mut self, now: Duration) -> Option<FaultChange> {
         let sensor = self.info.name.clone();
-        match (self.health.fault(now), self.reported) {
+        match (self.fault(now), self.reported) {
             // A less severe fault is not reported again: an intermittent sensor would report all the time.
             (Some(fault), Some((reported, _))) if fault >= reported => {
                 self.reported = Some((reported, now));
@@ -239,6 +248,8 @@ impl MonitoredSensor {
                         .to_owned()
                 }
                 MeasurementSelector::Scans { .. }
+                | MeasurementSelector::Ranges(_)
+                | MeasurementSelector::Contacts(_)
                 | MeasurementSelector::Wheels { .. }
                 | MeasurementSelector::Attitudes(_)
                 | MeasurementSelector::Odometry

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::config::{Config, load};
 use localization::registration::{MountOrigin, PoseOrigin, PoseStreams, RegistrationSettings};
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, ScanKind};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
@@ -163,6 +163,7 @@ fn what_the_configuration_does_not_know_the_first_scan_shows() {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: 0.5,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base: Pose::translation(9.5, 1.0, 0.25),
             beams: [1, 2, 3].map(beam).into(),

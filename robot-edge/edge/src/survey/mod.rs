@@ -33,6 +33,8 @@ pub struct Survey {
     pub streams: Vec<StreamSummary>,
     pub stamps: Vec<StampSurvey>,
     pub scans: ByStream<ScanSurvey>,
+    /// Frames of the streams of `sensor_msgs/Range`.
+    pub range_frames: ByStream<FrameId>,
     pub frames: FrameSurvey,
     pub odometry: ByStream<OdometrySurvey>,
     pub joints: ByStream<JointSurvey>,
@@ -79,6 +81,7 @@ impl Survey {
             streams: Vec::new(),
             stamps: Vec::new(),
             scans: Vec::new(),
+            range_frames: Vec::new(),
             frames: FrameSurvey::default(),
             odometry: Vec::new(),
             joints: Vec::new(),
@@ -206,7 +209,12 @@ impl Survey {
                     survey.add(fix);
                 }
             }
-            MeasurementData::Twist(_) | MeasurementData::PointCloud(_) => {}
+            MeasurementData::Range(_) => {
+                of_stream(&mut self.range_frames, *stream, || frame.clone());
+            }
+            MeasurementData::Twist(_)
+            | MeasurementData::PointCloud(_)
+            | MeasurementData::Bool(_) => {}
         }
         if !measurement.is_static_transform() {
             self.stamps[index].add(*stamp);

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use super::Survey;
-use super::topics::ScanSurvey;
 use crate::config::RangeSensor;
-use measurement::StreamId;
+use mapping::registered_scan::ScanKind;
+use measurement::{Stream, StreamId};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unassigned {
@@ -73,10 +73,7 @@ impl fmt::Display for Unassigned {
 /// Assigns scan streams by name. For each of `sensors`: the index of the stream on its topic, or of the only stream
 /// that no other sensor names. `None` for a sensor without scans, if another sensor has some and no stream is left
 /// over.
-pub fn assign(
-    sensors: &[RangeSensor<'_>],
-    streams: &[&str],
-) -> Result<Vec<Option<usize>>, Unassigned> {
+fn assign(sensors: &[RangeSensor<'_>], streams: &[&str]) -> Result<Vec<Option<usize>>, Unassigned> {
     let stream_of = |topic: &str| streams.iter().position(|&name| name == topic);
     let mut assigned: Vec<Option<usize>> = sensors
         .iter()
@@ -128,19 +125,54 @@ pub fn assign(
     }
 }
 
+/// The stream of an ultrasonic sensor or a bumper, as its topic and type name it; `None` for one that sweeps.
+pub fn expected_stream(sensor: &RangeSensor<'_>) -> Option<Stream> {
+    let type_name = match sensor.config.scan_kind {
+        ScanKind::Beams => return None,
+        ScanKind::Arc => "sensor_msgs/Range",
+        ScanKind::Contact { .. } => "std_msgs/Bool",
+    };
+    Some(Stream {
+        name: sensor.config.topic.clone()?,
+        type_name: type_name.to_owned(),
+    })
+}
+
+/// The stream of each of `sensors` among `streams`, which are numbered as they are; those that sweep share `scans` as
+/// [`assign`] does.
+pub fn assign_streams<'a>(
+    sensors: &[RangeSensor<'_>],
+    streams: impl Iterator<Item = &'a Stream> + Clone,
+    scans: &[StreamId],
+) -> Result<Vec<Option<StreamId>>, Unassigned> {
+    let numbered = (0..=u16::MAX).map(StreamId).zip(streams);
+    let name = |scan: &StreamId| {
+        let mut streams = numbered.clone();
+        let found = streams.find(|(id, _)| id == scan);
+        found.map_or("", |(_, stream)| stream.name.as_str())
+    };
+    let names: Vec<_> = scans.iter().map(name).collect();
+    let sweeps = |sensor: &RangeSensor<'_>| sensor.config.scan_kind == ScanKind::Beams;
+    let sweeping: Vec<_> = sensors.iter().copied().filter(sweeps).collect();
+    let mut of_sweeping = assign(&sweeping, &names)?.into_iter();
+    let stream = |sensor: &RangeSensor<'_>| {
+        if sweeps(sensor) {
+            return scans.get(of_sweeping.next().flatten()?).copied();
+        }
+        let expected = expected_stream(sensor)?;
+        let mut streams = numbered.clone();
+        let found = streams.find(|(_, stream)| **stream == expected);
+        found.map(|(id, _)| id)
+    };
+    Ok(sensors.iter().map(stream).collect())
+}
+
 impl Survey {
-    pub fn assign_scans(
-        &self,
-        sensors: &[RangeSensor<'_>],
-    ) -> Result<Vec<Option<&(StreamId, ScanSurvey)>>, Unassigned> {
-        let names = self
-            .scans
-            .iter()
-            .map(|(stream, _)| self.topic_name(*stream));
-        let streams: Vec<_> = names.collect();
-        let assigned = assign(sensors, &streams)?;
-        let scans = assigned.into_iter().map(|stream| self.scans.get(stream?));
-        Ok(scans.collect())
+    /// [`assign_streams`] of the recording.
+    pub fn assign(&self, sensors: &[RangeSensor<'_>]) -> Result<Vec<Option<StreamId>>, Unassigned> {
+        let scans: Vec<_> = self.scans.iter().map(|(stream, _)| *stream).collect();
+        let streams = self.streams.iter().map(|summary| &summary.stream);
+        assign_streams(sensors, streams, &scans)
     }
 }
 

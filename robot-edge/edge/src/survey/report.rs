@@ -437,9 +437,9 @@ impl Survey {
     fn sensors_of_vehicle(&self) -> Option<Vec<(String, StreamId)>> {
         let config = self.config_of_vehicle()?;
         let sensors = config.range_sensors();
-        let assigned = self.assign_scans(&sensors).ok()?;
+        let assigned = self.assign(&sensors).ok()?;
         let named = sensors.iter().zip(assigned);
-        let named = named.filter_map(|(sensor, scans)| Some((sensor.name.to_owned(), scans?.0)));
+        let named = named.filter_map(|(sensor, stream)| Some((sensor.name.to_owned(), stream?)));
         Some(named.collect())
     }
 

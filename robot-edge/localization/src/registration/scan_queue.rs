@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use mapping::registered_scan::RegisteredScan;
+use mapping::registered_scan::{RegisteredScan, ScanKind};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
@@ -55,6 +55,10 @@ impl ScanQueue {
             dropped_scans: DropCounts::default(),
             settings,
         }
+    }
+
+    pub(super) fn kind(&self) -> ScanKind {
+        self.settings.beams.kind
     }
 
     pub(super) fn accepts(&self, stream: StreamId) -> bool {

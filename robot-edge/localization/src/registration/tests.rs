@@ -1,7 +1,8 @@
+mod arcs_and_contacts;
 mod many_sensors;
 
 use super::*;
-use mapping::registered_scan::{BeamOutcome, SensorId};
+use mapping::registered_scan::{BeamOutcome, ScanKind, SensorId};
 use measurement::StreamId;
 use measurement::pose::{Pose, planar};
 use nalgebra::{Point3, UnitQuaternion};
@@ -24,6 +25,7 @@ fn settings(origin: PoseOrigin) -> RegistrationSettings {
             stream: None,
             beams: SensorSettings {
                 id: SensorId(0),
+                kind: ScanKind::Beams,
                 range_min_m: None,
                 range_max_m: None,
                 zero_range: ZeroRange::Invalid,

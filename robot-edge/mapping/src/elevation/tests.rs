@@ -2,7 +2,7 @@ use super::*;
 use nalgebra::Translation3;
 
 use crate::elevation::CellClass;
-use crate::registered_scan::{RegisteredBeam, SensorId};
+use crate::registered_scan::{RegisteredBeam, ScanKind, SensorId};
 
 const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
 
@@ -29,6 +29,7 @@ fn scan(time_s: f64, x_m: f64, points: &[[f64; 3]]) -> RegisteredScan {
         stamp: RobotTime::from_secs_f64(time_s).unwrap(),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base,
         beams: points

@@ -6,7 +6,7 @@ use measurement::time::RobotTime;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
-use crate::registered_scan::{RegisteredBeam, SensorId};
+use crate::registered_scan::{RegisteredBeam, ScanKind, SensorId};
 
 /// Start, end and outcome of a beam.
 type Beam = ((f64, f64), (f64, f64), BeamOutcome);
@@ -17,6 +17,7 @@ fn scan(beams: &[Beam]) -> RegisteredScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.004,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base: Pose::identity(),
         beams: beams

@@ -4,7 +4,7 @@ use measurement::time::RobotTime;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
-use crate::registered_scan::SensorId;
+use crate::registered_scan::{ScanKind, SensorId};
 
 /// A scan of 0.25° with these ranges: infinity is a miss, NaN is omitted.
 fn scan_of(stamp_s: f64, ranges_m: &[f32]) -> RegisteredScan {
@@ -24,6 +24,7 @@ fn scan_of(stamp_s: f64, ranges_m: &[f32]) -> RegisteredScan {
         stamp: RobotTime::from_secs_f64(stamp_s).unwrap(),
         sensor: SensorId(0),
         beam_step_rad: 0.25_f64.to_radians(),
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base: Pose::identity(),
         beams: beams.collect(),

@@ -3,7 +3,9 @@
 use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
-use measurement::{FrameId, GeodeticFix, ImuSample, MeasurementData, PointCloud, Twist, pose};
+use measurement::{
+    FrameId, GeodeticFix, ImuSample, MeasurementData, PointCloud, RangeReading, Twist, pose,
+};
 
 use super::{DecodeError, Decoded, Encoding, MessageType};
 
@@ -32,8 +34,12 @@ fn one(
     kind: MessageType,
     fields: &mut Cursor<'_>,
 ) -> Result<Result<Decoded, DecodeError>, DecodeError> {
-    if kind == MessageType::Twist {
-        let data = MeasurementData::Twist(twist(fields)?);
+    let unstamped = match kind {
+        MessageType::Twist => Some(MeasurementData::Twist(twist(fields)?)),
+        MessageType::Bool => Some(MeasurementData::Bool(fields.u8()? != 0)),
+        _ => None,
+    };
+    if let Some(data) = unstamped {
         return Ok(Ok(Decoded {
             stamp: None,
             frame: "".into(),
@@ -56,11 +62,12 @@ fn one(
         MessageType::PoseStamped | MessageType::PoseWithCovarianceStamped => {
             odometry("base_link".into(), pose(fields)?)
         }
-        MessageType::TwistStamped | MessageType::Twist => {
-            Ok(MeasurementData::Twist(twist(fields)?))
+        MessageType::TwistStamped => Ok(MeasurementData::Twist(twist(fields)?)),
+        MessageType::Range => range(fields)?.map(MeasurementData::Range),
+        // Without a stamp: see above. Several measurements: see `decode`.
+        MessageType::Twist | MessageType::Bool | MessageType::TfMessage => {
+            Err(DecodeError::TooShort)
         }
-        // Several measurements: see `decode`.
-        MessageType::TfMessage => Err(DecodeError::TooShort),
     };
     Ok(data.map(|data| Decoded { stamp, frame, data }))
 }
@@ -202,6 +209,22 @@ fn twist(fields: &mut Cursor<'_>) -> Result<Twist, DecodeError> {
         linear_mps: fields.f64s()?,
         angular_radps: fields.f64s()?,
     })
+}
+
+/// ROS 2 since Jazzy ends it with a variance, which is not read.
+fn range(fields: &mut Cursor<'_>) -> Result<Result<RangeReading, DecodeError>, DecodeError> {
+    let reading = RangeReading {
+        radiation_type: fields.u8()?,
+        field_of_view_rad: fields.f32()?,
+        range_min_m: fields.f32()?,
+        range_max_m: fields.f32()?,
+        range_m: fields.f32()?,
+    };
+    let is_cone = (0.0..=std::f32::consts::PI).contains(&reading.field_of_view_rad)
+        && reading.range_min_m >= 0.0
+        && reading.range_max_m > 0.0
+        && reading.range_max_m >= reading.range_min_m;
+    Ok(is_cone.then_some(reading).ok_or(DecodeError::BadCone))
 }
 
 /// A place in a message's bytes.

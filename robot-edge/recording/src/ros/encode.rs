@@ -14,8 +14,13 @@ use super::MessageType;
 pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType, Vec<u8>)> {
     let of_stream = MessageType::from_type_name(type_name);
     let mut out = CdrWriter::new();
-    if matches!(measurement.data, MeasurementData::Transform { .. }) {
-        out.length(1);
+    match measurement.data {
+        MeasurementData::Transform { .. } => out.length(1),
+        MeasurementData::Bool(value) => {
+            out.number([u8::from(value)]);
+            return Some((MessageType::Bool, out.bytes));
+        }
+        _ => {}
     }
     out.header(measurement);
     let kind = match &measurement.data {
@@ -64,7 +69,18 @@ pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType
             out.twist(twist);
             MessageType::TwistStamped
         }
-        MeasurementData::PointCloud(_) => return None,
+        MeasurementData::Range(reading) => {
+            out.number([reading.radiation_type]);
+            out.f32s(&[
+                reading.field_of_view_rad,
+                reading.range_min_m,
+                reading.range_max_m,
+                reading.range_m,
+            ]);
+            MessageType::Range
+        }
+        // The latter is encoded above.
+        MeasurementData::PointCloud(_) | MeasurementData::Bool(_) => return None,
     };
     Some((kind, out.bytes))
 }
@@ -237,6 +253,8 @@ pub(crate) const fn ros2msg(kind: MessageType) -> Option<(&'static str, &'static
             "geometry_msgs/msg/TwistStamped",
             include_str!("ros2msg/TwistStamped.msg"),
         ),
+        MessageType::Range => ("sensor_msgs/msg/Range", include_str!("ros2msg/Range.msg")),
+        MessageType::Bool => ("std_msgs/msg/Bool", "bool data\n"),
         _ => return None,
     })
 }

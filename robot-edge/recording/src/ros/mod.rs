@@ -58,6 +58,11 @@ pub enum DecodeError {
     /// A cloud whose fields do not fit its layout.
     #[error("the cloud's fields do not fit its points")]
     BadCloud,
+    /// A cone or limits of range that cannot be.
+    #[error(
+        "its field of view is not from 0 to π, or its limits of range are not in order from 0 up"
+    )]
+    BadCone,
 }
 
 impl DecodeError {
@@ -97,10 +102,14 @@ pub enum MessageType {
     Twist,
     /// `geometry_msgs/TwistStamped`.
     TwistStamped,
+    /// `sensor_msgs/Range`.
+    Range,
+    /// `std_msgs/Bool`.
+    Bool,
 }
 
 impl MessageType {
-    const NAMES: [(Self, &'static str); 12] = [
+    const NAMES: [(Self, &'static str); 14] = [
         (Self::LaserScan, "sensor_msgs/LaserScan"),
         (Self::MultiEchoLaserScan, "sensor_msgs/MultiEchoLaserScan"),
         (Self::PointCloud2, "sensor_msgs/PointCloud2"),
@@ -116,6 +125,8 @@ impl MessageType {
         ),
         (Self::Twist, "geometry_msgs/Twist"),
         (Self::TwistStamped, "geometry_msgs/TwistStamped"),
+        (Self::Range, "sensor_msgs/Range"),
+        (Self::Bool, "std_msgs/Bool"),
     ];
 
     /// All of them, with their names in ROS 1 form (`sensor_msgs/Imu`).

@@ -1,5 +1,5 @@
 use measurement::scan::Scan;
-use measurement::{GeodeticFix, ImuSample, Measurement, StreamId, Twist, pose};
+use measurement::{GeodeticFix, ImuSample, Measurement, RangeReading, StreamId, Twist, pose};
 use proptest::prelude::*;
 
 use super::*;
@@ -13,6 +13,14 @@ fn measurement(data: MeasurementData) -> Measurement {
         data,
     }
 }
+
+const CONE: RangeReading = RangeReading {
+    radiation_type: 1,
+    field_of_view_rad: 0.5,
+    range_min_m: 0.2,
+    range_max_m: 3.0,
+    range_m: 1.25,
+};
 
 fn samples() -> Vec<Measurement> {
     let scan = Scan {
@@ -62,6 +70,7 @@ fn samples() -> Vec<Measurement> {
         MeasurementData::Joints(vec![("tilt".to_owned(), 0.3), ("pan".to_owned(), -1.0)]),
         MeasurementData::Fix(fix),
         MeasurementData::Twist(twist),
+        MeasurementData::Range(CONE),
     ]
     .map(measurement)
     .to_vec()
@@ -275,7 +284,7 @@ proptest! {
 
     #[test]
     fn nothing_panics_on_changed_messages(
-        sample in 0usize..8,
+        sample in 0usize..9,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
         let (kind, mut bytes) = encode(&samples()[sample], "").unwrap();
@@ -312,6 +321,109 @@ fn a_twist_without_a_stamp_is_six_numbers() {
     let decoded = decoded.into_iter().next().unwrap().unwrap();
     assert_eq!(decoded.stamp, None);
     assert_eq!(decoded.data, MeasurementData::Twist(twist));
+}
+
+/// A `sensor_msgs/Range` as `roscpp` serialises it, with these numbers from the field of view on.
+fn ros1_range(numbers: [f32; 4]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for word in [7u32, 12, 500_000_000, 4] {
+        bytes.extend(word.to_le_bytes());
+    }
+    bytes.extend(b"/us1");
+    bytes.push(1); // infrared
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    bytes
+}
+
+#[test]
+fn a_range_is_read_as_both_systems_write_it() {
+    let numbers = [0.5f32, 0.2, 3.0, 1.25];
+    let mut jazzy = vec![0, 1, 0, 0];
+    for word in [12u32, 500_000_000, 4] {
+        jazzy.extend(word.to_le_bytes());
+    }
+    jazzy.extend(b"us1\0\x01\0\0\0"); // the frame, infrared, padding
+    jazzy.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+    jazzy.extend(0.01f32.to_le_bytes()); // the variance
+    let mut humble = jazzy.clone();
+    humble.truncate(jazzy.len() - 4);
+    for (encoding, bytes) in [
+        (Encoding::Ros1, ros1_range(numbers)),
+        (Encoding::Cdr, jazzy),
+        (Encoding::Cdr, humble),
+    ] {
+        let decoded = decode(MessageType::Range, encoding, false, &bytes).unwrap();
+        let decoded = decoded.into_iter().next().unwrap().unwrap();
+        assert_eq!(decoded.stamp, Some(RobotTime::from_nanos(12_500_000_000)));
+        assert_eq!(&*decoded.frame, "us1");
+        assert_eq!(decoded.data, MeasurementData::Range(CONE));
+    }
+}
+
+#[test]
+fn cones_that_cannot_be_are_refused_and_any_range_is_read() {
+    let read = |numbers: [f32; 4]| {
+        let decoded = decode(
+            MessageType::Range,
+            Encoding::Ros1,
+            false,
+            &ros1_range(numbers),
+        );
+        decoded.unwrap().remove(0).map(|decoded| decoded.data)
+    };
+    let pi = std::f32::consts::PI;
+    for [field_of_view, range_min, range_max] in [
+        [f32::NAN, 0.2, 3.0],
+        [-0.1, 0.2, 3.0],
+        [pi + 0.01, 0.2, 3.0],
+        [f32::INFINITY, 0.2, 3.0],
+        [0.5, -0.2, 3.0],
+        [0.5, f32::NAN, 3.0],
+        [0.5, 0.2, f32::NAN],
+        [0.5, 3.0, 0.2],
+        [0.5, 0.0, 0.0],
+    ] {
+        let refused = read([field_of_view, range_min, range_max, 1.0]);
+        assert_eq!(
+            refused,
+            Err(DecodeError::BadCone),
+            "{field_of_view} {range_min} {range_max}"
+        );
+    }
+    // What a range means is not a question of its bytes; a fixed-distance ranger has equal limits.
+    for numbers in [
+        [0.0, 0.2, 3.0, f32::NEG_INFINITY],
+        [pi, 0.8, 0.8, f32::INFINITY],
+        [0.5, 0.2, f32::INFINITY, 99.0],
+    ] {
+        let Ok(MeasurementData::Range(reading)) = read(numbers) else {
+            panic!("{numbers:?}")
+        };
+        assert_eq!(reading.range_m.to_bits(), numbers[3].to_bits());
+    }
+}
+
+#[test]
+fn a_bool_without_a_stamp_is_one_byte() {
+    for value in [false, true] {
+        let sample = measurement(MeasurementData::Bool(value));
+        let (kind, bytes) = encode(&sample).unwrap();
+        assert_eq!(
+            (kind, &bytes[..]),
+            (MessageType::Bool, &[0, 1, 0, 0, u8::from(value)][..])
+        );
+        assert!(ros2msg(kind).is_some());
+        for (encoding, bytes) in [(Encoding::Cdr, &bytes[..]), (Encoding::Ros1, &bytes[4..])] {
+            let decoded = decode(kind, encoding, false, bytes).unwrap().remove(0);
+            let expected = Decoded {
+                stamp: None,
+                frame: "".into(),
+                data: MeasurementData::Bool(value),
+            };
+            assert_eq!(decoded, Ok(expected));
+        }
+        assert!(decode(kind, Encoding::Cdr, false, &bytes[..4]).is_err());
+    }
 }
 
 #[test]

@@ -1,10 +1,14 @@
 //! Sensors of a simulated vehicle and their measurements.
 
 use super::{ALWAYS, ODOM, Run, START, TF, Ticks, stream_called};
+use std::sync::Arc;
+
 use crate::attitude_sensor::{AttitudeNoise, AttitudeSensor};
+use crate::bumper::{Bumper, ContactSensor};
 use crate::gps::{FixNoise, GpsReceiver};
 use crate::laser::{LaserNoise, RangeSensor};
 use crate::tilt_servo::TiltServo;
+use crate::ultrasonic::UltrasonicSensor;
 use crate::wheel_encoders::{WheelEncoders, WheelTurns};
 use measurement::time::RobotTime;
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
@@ -39,6 +43,16 @@ pub(super) enum Sensor {
         sensor: RangeSensor,
         noise: Box<LaserNoise>,
         frame: FrameId,
+        stream: StreamId,
+    },
+    Ultrasonic {
+        sensor: UltrasonicSensor,
+        frame: FrameId,
+        stream: StreamId,
+    },
+    Contact {
+        sensor: ContactSensor,
+        bumper: Bumper,
         stream: StreamId,
     },
 }
@@ -94,6 +108,21 @@ impl Sensor {
             });
         }
         sensors.extend(range_sensors);
+        sensors.extend(
+            vehicle
+                .ultrasonic_sensors
+                .iter()
+                .map(|sensor| Self::Ultrasonic {
+                    frame: FrameId::from(sensor.name),
+                    stream: stream_called(&mut streams, sensor.stream, "sensor_msgs/Range"),
+                    sensor: sensor.clone(),
+                }),
+        );
+        sensors.extend(vehicle.contact_sensors.iter().map(|sensor| Self::Contact {
+            bumper: Bumper::new(vehicle.body, Arc::clone(&run.scene)),
+            stream: stream_called(&mut streams, sensor.stream, "std_msgs/Bool"),
+            sensor: sensor.clone(),
+        }));
         (sensors, streams)
     }
 
@@ -106,6 +135,8 @@ impl Sensor {
             Self::Tilt { servo, .. } => Ticks::until(last_pose_s, servo.encoder_rate_hz),
             Self::Attitude { sensor, .. } => Ticks::until(last_pose_s, sensor.rate_hz),
             Self::Position { receiver, .. } => Ticks::until(last_pose_s, receiver.rate_hz),
+            Self::Ultrasonic { sensor, .. } => Ticks::until(last_pose_s, sensor.rate_hz),
+            Self::Contact { sensor, .. } => Ticks::until(last_pose_s, sensor.rate_hz),
             Self::Range { sensor, .. } => {
                 let last_place_s = sensor.tilt.map_or(last_pose_s, |servo| {
                     Ticks::until(last_pose_s, servo.encoder_rate_hz).last_s()
@@ -119,7 +150,12 @@ impl Sensor {
     /// How far past its stamp a reading looks, seconds.
     pub(super) fn lookahead_s(&self) -> f64 {
         match self {
-            Self::Pose | Self::Wheels { .. } | Self::Tilt { .. } | Self::Position { .. } => 0.0,
+            Self::Pose
+            | Self::Wheels { .. }
+            | Self::Tilt { .. }
+            | Self::Position { .. }
+            | Self::Ultrasonic { .. }
+            | Self::Contact { .. } => 0.0,
             Self::Attitude { sensor, .. } => sensor.period_s(),
             Self::Range { sensor, .. } => sensor.planar.sweep_duration_s(),
         }
@@ -204,6 +240,25 @@ impl Sensor {
                     own_pose: None,
                 };
                 (*stream, &*frame, data)
+            }
+            Self::Ultrasonic {
+                sensor,
+                frame,
+                stream,
+            } => {
+                let world_from_sensor =
+                    run.motion.world_from_base(time_s) * sensor.base_from_sensor;
+                let reading = sensor.read(&run.scene, &world_from_sensor, time_s);
+                (*stream, &*frame, MeasurementData::Range(reading))
+            }
+            Self::Contact {
+                sensor,
+                bumper,
+                stream,
+            } => {
+                let world_from_base = run.motion.world_from_base(time_s);
+                let is_pressed = bumper.presses(sensor, &world_from_base, time_s);
+                (*stream, &frames.none, MeasurementData::Bool(is_pressed))
             }
         };
         vec![measured(stream, frame, data)]

@@ -269,6 +269,8 @@ fn bits(measurement: &Measurement) -> Vec<u64> {
             joints.iter().map(|(_, angle)| angle.to_bits()).collect()
         }
         MeasurementData::Fix(fix) => of(&[fix.latitude_deg, fix.longitude_deg, fix.altitude_m]),
+        MeasurementData::Range(reading) => vec![u64::from(reading.range_m.to_bits())],
+        MeasurementData::Bool(is_pressed) => vec![u64::from(*is_pressed)],
         MeasurementData::Twist(_) | MeasurementData::PointCloud(_) => {
             panic!("a simulated vehicle gives none: {measurement:?}")
         }

@@ -232,7 +232,9 @@ impl SpeedLimitContext<'_> {
 
     fn kind_of_hit(&self, point: [f64; 2]) -> BarrierKind {
         let (hits, shallows) = (&self.environment.hits, self.environment.shallows);
-        if hits[hits.len() - shallows..].contains(&point) {
+        if hits[..self.environment.contacts].contains(&point) {
+            BarrierKind::Contact
+        } else if hits[hits.len() - shallows..].contains(&point) {
             BarrierKind::Shallow
         } else {
             BarrierKind::Detected

@@ -75,8 +75,10 @@ impl ObservationTimes {
 /// Points in the base frame, metres. Buffers are reused from round to round.
 #[derive(Clone, Debug)]
 pub(super) struct LocalEnvironment {
-    /// Hits of beams; the bottom of the water last.
+    /// Hits of beams; contacts first, the bottom of the water last.
     pub(super) hits: Vec<[f64; 2]>,
+    /// How many of the hits are contacts of bumpers.
+    pub(super) contacts: usize,
     /// How many of the hits are the bottom of the water.
     pub(super) shallows: usize,
     /// Centres of mapped obstacle cells without a hit now.
@@ -109,6 +111,7 @@ impl LocalEnvironment {
         let side = (2 * reach_cells + 1) as usize;
         Self {
             hits: Vec::new(),
+            contacts: 0,
             shallows: 0,
             mapped: Vec::new(),
             mapped_cell_m: 0.0,
@@ -133,7 +136,7 @@ impl LocalEnvironment {
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
-        self.update_hits(scans, vehicle);
+        self.update_hits(rules, scans, vehicle, now);
         self.update_mapped(rules, (scans, map), vehicle, now);
         let fresh_map = map.filter(|map| !map.is_stale(now));
         self.record_observations(rules, scans, vehicle, now);
@@ -144,9 +147,23 @@ impl LocalEnvironment {
         x * x + y * y <= self.reach_m * self.reach_m
     }
 
-    fn update_hits(&mut self, scans: &[ObstacleScan], vehicle: PredictedPose) {
+    fn update_hits(
+        &mut self,
+        rules: &CollisionMonitorRules,
+        scans: &[ObstacleScan],
+        vehicle: PredictedPose,
+        now: Monotonic,
+    ) {
         self.hits.clear();
-        let parts = scans.iter().map(ObstacleScan::obstacles_and_shallows);
+        for scan in scans.iter().filter(|scan| scan.is_contact()) {
+            self.add_near(scan.points_in_odom(), vehicle);
+        }
+        self.contacts = self.hits.len();
+        let is_there = |scan: &&ObstacleScan| {
+            !scan.is_contact() && !scan.is_forgotten(rules.max_ground_age, now)
+        };
+        let parts = scans.iter().filter(is_there);
+        let parts = parts.map(ObstacleScan::obstacles_and_shallows);
         for (obstacles, _) in parts.clone() {
             self.add_near(obstacles, vehicle);
         }

@@ -7,7 +7,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use crate::collision_monitor::blockage::{BlockageCounts, BlockageDetector};
 use crate::collision_monitor::config::{CollisionMonitorRules, Heights};
 use mapping::ground_plane::GroundPlane;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind};
 use measurement::pose::Pose;
 use measurement::time::Monotonic;
 
@@ -25,6 +25,7 @@ const MIN_STALE_AGE: Duration = Duration::from_millis(300);
 pub struct ObstacleScan {
     measured_at: Monotonic,
     period: Duration,
+    kind: ScanKind,
     /// Those in the water last.
     points_in_odom: Vec<[f64; 2]>,
     shallows: usize,
@@ -52,6 +53,7 @@ impl ObstacleScan {
     ) {
         self.measured_at = measured_at;
         self.period = period;
+        self.kind = scan.kind;
         self.points_in_odom.clear();
         self.shallows = 0;
         self.blockage_counts = blockage.blockage_counts();
@@ -68,14 +70,23 @@ impl ObstacleScan {
             base_from_odom,
             first_origin: first.origin_in_odom,
             vehicle: Point2::from(scan.odom_from_base.translation.vector.xy()),
+            kind: scan.kind,
             window_m2: rules.window_m() * rules.window_m(),
         };
         for beam in &scan.beams {
             let beam_result = at.evaluate(beam);
-            let along = (beam.end_in_odom - beam.origin_in_odom).xy();
-            self.coverage
-                .add_beam(along, BEAM_STEPS * scan.beam_step_rad, beam_result.visible);
-            if let Some((point, is_shallow)) = beam_result.obstacle_in_odom
+            if scan.kind == ScanKind::Beams {
+                let along = (beam.end_in_odom - beam.origin_in_odom).xy();
+                let width_rad = BEAM_STEPS * scan.beam_step_rad;
+                self.coverage
+                    .add_beam(along, width_rad, beam_result.visible);
+            }
+            // A bumper touches what is in the way at any height, and at the edge of the footprint.
+            let obstacle_in_odom = match scan.kind {
+                ScanKind::Contact { .. } => Some((beam.end_in_odom, false)),
+                ScanKind::Beams | ScanKind::Arc => beam_result.obstacle_in_odom,
+            };
+            if let Some((point, is_shallow)) = obstacle_in_odom
                 && self.points_in_odom.len() < MAX_POINTS
             {
                 self.points_in_odom.push([point.x, point.y]);
@@ -103,9 +114,19 @@ impl ObstacleScan {
         self.points_in_odom.split_at(first)
     }
 
-    /// Whether it is too old to use.
+    /// Whether it shows no free ground: it is too old, or no scan of beams.
     pub fn is_stale(&self, now: Monotonic) -> bool {
-        is_stale(self.measured_at, self.period, now)
+        self.kind != ScanKind::Beams || is_stale(self.measured_at, self.period, now)
+    }
+
+    pub(super) const fn is_contact(&self) -> bool {
+        matches!(self.kind, ScanKind::Contact { .. })
+    }
+
+    /// Whether its obstacles are no longer there. Those of beams remain until the next scan: without one, the vehicle
+    /// has no business there. A dead ultrasonic sensor must not hold it for ever.
+    pub(super) fn is_forgotten(&self, max_age: Duration, now: Monotonic) -> bool {
+        self.kind == ScanKind::Arc && now.since(self.measured_at) > max_age
     }
 
     /// All obstacle points, metres in `odom`.
@@ -131,6 +152,7 @@ struct BeamEvaluator<'a> {
     base_from_odom: Pose,
     first_origin: Point3<f64>,
     vehicle: Point2<f64>,
+    kind: ScanKind,
     window_m2: f64,
 }
 
@@ -160,7 +182,9 @@ impl BeamEvaluator<'_> {
             to_height_m,
             self.rules.ground_visible_below_m,
         );
-        let hits = !is_miss && !self.is_own_body(beam);
+        // What is nearer than a cone measures lies at the sensor, at the edge of the footprint.
+        let is_own_body = self.kind == ScanKind::Beams && self.is_own_body(beam);
+        let hits = !is_miss && !is_own_body;
         let height = self.rules.heights.of(from_height_m, to_height_m);
         let obstacle = match height {
             HeightClass::Clear => None,

@@ -1,6 +1,7 @@
 //! The collision monitor in worlds of flat walls and pillars: of a vehicle that stands ([`Scene`]), and of one that obeys
 //! with a delay ([`Drive`]).
 
+mod arcs_and_contacts;
 mod closed_loop;
 mod situations;
 mod unknown_space;
@@ -23,7 +24,7 @@ use crate::motion::{Motion, MotionTarget, Velocity};
 use mapping::ground_plane::GroundPlane;
 use mapping::obstacle::ObstacleConfig;
 use mapping::occupancy_grid::{OccupancyConfig, OccupancyGrid};
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::{Pose, planar};
 use measurement::time::{Monotonic, RobotTime};
@@ -119,6 +120,7 @@ impl Laser {
             stamp: RobotTime::from_nanos(0),
             sensor: SensorId(0),
             beam_step_rad: step,
+            kind: ScanKind::Beams,
             own_body_hits: 0,
             odom_from_base: *odom_from_base,
             beams: beams.collect(),

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use foreshore_tests::operator::{Input, NEUTRAL, Operator, refused};
 use foreshore_tests::rig::relay::Relay;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::message::{
     Answer, Clamp, EStop, LeaseRequest, Refusal, Reset, Setting, StopReason, TeleopState,
     TeleopStatus,
@@ -117,12 +118,12 @@ fn wheels_are_set_while_it_stands_and_it_goes_sideways_to_a_wall() {
     let barrier = stopped.barrier.expect("a wall");
     let pose = anna.pose();
     let [x, y, z, w] = pose.quaternion_xyzw.map(f64::from);
-    let yaw = libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z));
-    let (sin, cos) = libm::sincos(yaw);
-    let to = [0, 1].map(|axis| f64::from(barrier.position_m[axis]) - pose.position_m[axis]);
-    let left_m = to[1] * cos - to[0] * sin;
+    let odom_from_base = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+    let [at_x, at_y] =
+        [0, 1].map(|axis| f64::from(barrier.position_m[axis]) - pose.position_m[axis]);
+    let to = odom_from_base.inverse_transform_vector(&Vector3::new(at_x, at_y, 0.0));
     // Half of its width of 0.381 m, and the margin of 0.1 m.
-    assert!((left_m + 0.29).abs() < 0.05, "{left_m} {to:?}");
+    assert!((to.y + 0.29).abs() < 0.05, "{to:?}");
 }
 
 #[test]

@@ -8,3 +8,4 @@ mod kills;
 mod machine;
 mod other_operators;
 mod robot;
+mod touch;

@@ -383,6 +383,7 @@ fn obstacle_row_is_shown_to_the_driver_only() {
         (BarrierKind::Unknown, "unknown ground (ringed)"),
         (BarrierKind::Shallow, "too shallow (ringed)"),
         (BarrierKind::NoReturn, "no echo (ringed)"),
+        (BarrierKind::Contact, "touched (ringed)"),
     ] {
         let mut rig = Rig::driving();
         assert_eq!(rig.row("Obstacle"), Some((Tone::Waiting, "–".to_owned())));

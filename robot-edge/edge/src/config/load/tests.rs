@@ -132,7 +132,15 @@ fn the_generic_preset_shows_every_kind_of_sensor_with_its_defaults() {
     kinds.sort_unstable();
     assert_eq!(
         kinds,
-        ["gps", "imu", "laser_scan", "sonar", "wheel_encoders"]
+        [
+            "bumper",
+            "gps",
+            "imu",
+            "laser_scan",
+            "sonar",
+            "ultrasonic",
+            "wheel_encoders"
+        ]
     );
     let sensors = WheelsAndAttitude::of(&config.sensors).unwrap();
     let topic = |topic: &str| Some(topic.to_owned());

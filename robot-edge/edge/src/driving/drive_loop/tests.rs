@@ -12,7 +12,7 @@ use super::*;
 use crate::driving::monitor_input::monitor_input;
 use crate::driving::motors::SimulatedMotors;
 use mapping::obstacle::ObstacleConfig;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::planar;
 use measurement::time::RobotTime;
@@ -110,6 +110,7 @@ fn scan_of_a_wall() -> RegisteredScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: std::f64::consts::TAU / 720.0,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base: planar(2.0, 1.0, 0.0),
         beams: beams.collect(),

@@ -3,7 +3,7 @@ use nalgebra::{Point3, Translation3};
 use super::*;
 use mapping::MappingConfig;
 use mapping::obstacle::ObstacleConfig;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, ScanKind, SensorId};
 use mapping::vehicle::VehicleConfig;
 use teleop::TeleopConfig;
 use teleop::collision_monitor::CollisionMonitorConfig;
@@ -48,6 +48,7 @@ fn scan(
         stamp: RobotTime::from_nanos(1_000_000 * millis),
         sensor: SensorId(sensor),
         beam_step_rad: 0.01,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base,
         beams: vec![beam],
@@ -273,4 +274,30 @@ fn what_waits_grows_older() {
     assert_eq!(receive_times.0.len(), CAPACITY);
     receive_times.clear();
     assert_eq!(receive_times.received_at(stamp(10), at(300)), at(300));
+}
+
+/// A cone without an echo is no covered window, and its scans are not those that ground and map are renewed by.
+#[test]
+fn arcs_change_neither_the_ground_nor_the_map_nor_the_belief_in_the_window() {
+    let (mut input, mut map_input, mut runner) = monitor_input(rules(false), 2, Some(tracker()));
+    let mapper = Mapper::new(
+        &MappingConfig::default(),
+        VehicleConfig::default().shape(),
+        &[],
+    );
+    for millis in (0..4000).step_by(100) {
+        let mut arc = scan((1, millis), Pose::identity(), [2.0, 0.0, 1.0]);
+        arc.kind = ScanKind::Arc;
+        if millis > 2000 {
+            arc.beams.clear();
+        }
+        let measured_at = input.add_scan(&arc, Monotonic::from_nanos(1_000_000 * millis as u64));
+        map_input.update_map(&arc, &mapper, measured_at);
+    }
+    assert_eq!(input.ground_plane(), None);
+    assert!(!input.is_blocked(SensorId(1)));
+    assert!(!runner.map.update());
+    runner.newest_scans[1].update();
+    let obstacle_scan = runner.newest_scans[1].output_buffer_mut();
+    assert_eq!(obstacle_scan.points_in_odom().len(), 0);
 }

@@ -175,7 +175,10 @@ const fn drop_reason(loss: Loss) -> DropReason {
 pub(in crate::runtime) fn name_topics(config: &mut Config) {
     for (name, sensor) in &mut config.sensors {
         let topic = match sensor {
-            SensorConfig::LaserScan(range) | SensorConfig::Sonar(range) => &mut range.topic,
+            SensorConfig::LaserScan(range)
+            | SensorConfig::Sonar(range)
+            | SensorConfig::Ultrasonic(range)
+            | SensorConfig::Bumper(range) => &mut range.topic,
             SensorConfig::WheelEncoders(encoders) => &mut encoders.topic,
             SensorConfig::Imu(imu) => &mut imu.topic,
             SensorConfig::Gps(gps) => &mut gps.topic,

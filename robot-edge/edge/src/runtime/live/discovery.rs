@@ -40,7 +40,9 @@ pub(in crate::runtime) fn find(
     let mut live = LiveSource::new(link, inbox);
     let mut asked: Option<Monotonic> = None;
     let mut first: Option<Monotonic> = None;
-    let all = range_sensors(discovery.config)?.len();
+    let sensors = range_sensors(discovery.config)?;
+    live.expect_topics(&sensors);
+    let all = sensors.len();
     loop {
         let is_answered = live.has_static_transforms();
         if !is_answered && asked.is_none_or(|asked| clock::elapsed(asked) >= HISTORY_RETRY_INTERVAL)

@@ -11,10 +11,12 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use self::arrival_order::ArrivalOrder;
+use crate::config::RangeSensor;
 use crate::ros2::{Inbox, RosLink, RosMessage};
 use crate::runtime::mapping_stage::MAX_QUEUE_DELAY;
 use crate::runtime::source::{Source, SourceItem, SourceLosses};
 use crate::survey::Survey;
+use crate::survey::range_sensors::expected_stream;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::Monotonic;
 use measurement::{Measurement, MeasurementData, Stream};
@@ -124,6 +126,13 @@ impl LiveSource {
         probe_buffer.survey(place)
     }
 
+    /// Gives the topics of ultrasonic sensors and bumpers their streams: these may send nothing for long.
+    pub(super) fn expect_topics(&mut self, sensors: &[RangeSensor<'_>]) {
+        for stream in sensors.iter().filter_map(expected_stream) {
+            self.messages.stream(&stream, true);
+        }
+    }
+
     pub(in crate::runtime) const fn link(&self) -> &RosLink {
         &self.link
     }
@@ -143,7 +152,9 @@ impl LiveSource {
             | MeasurementData::Joints(_)
             | MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_) => 0,
+            | MeasurementData::PointCloud(_)
+            | MeasurementData::Range(_)
+            | MeasurementData::Bool(_) => 0,
         };
         if self.probe_buffer.len() >= MAX_PROBE_MEASUREMENTS
             || self.probe_bytes + bytes > MAX_PROBE_BYTES

@@ -14,7 +14,10 @@ use measurement::StreamId;
 pub(super) struct FoundSensor<'a> {
     pub(super) sensor: RangeSensor<'a>,
     pub(super) stream: StreamId,
-    pub(super) scans: &'a ScanSurvey,
+    /// Frame of its messages; empty where they have none.
+    pub(super) frame: &'a str,
+    /// `None` if it does not sweep.
+    pub(super) scans: Option<&'a ScanSurvey>,
 }
 
 /// The recorded sensors, in the order of their names, and the names of the others.
@@ -24,20 +27,31 @@ pub(super) fn find_sensors<'a>(
 ) -> anyhow::Result<(Vec<FoundSensor<'a>>, Vec<&'a str>)> {
     let sensors = range_sensors(config)?;
     let assigned = survey
-        .assign_scans(&sensors)
+        .assign(&sensors)
         .map_err(|unassigned| explain(survey, &unassigned))?;
     let (mut found, mut missing) = (Vec::new(), Vec::new());
-    for (sensor, scans) in sensors.into_iter().zip(assigned) {
-        match scans {
-            Some((stream, scans)) => found.push(FoundSensor {
-                sensor,
-                stream: *stream,
-                scans,
-            }),
-            None => missing.push(sensor.name),
-        }
+    for (sensor, stream) in sensors.into_iter().zip(assigned) {
+        let Some(stream) = stream else {
+            missing.push(sensor.name);
+            continue;
+        };
+        let scans = of_stream(&survey.scans, stream);
+        let frame = scans
+            .map(|scans| &scans.frame)
+            .or_else(|| of_stream(&survey.range_frames, stream));
+        found.push(FoundSensor {
+            sensor,
+            stream,
+            frame: frame.map_or("", |frame| frame),
+            scans,
+        });
     }
     Ok((found, missing))
+}
+
+fn of_stream<T>(known: &[(StreamId, T)], stream: StreamId) -> Option<&T> {
+    let (_, of) = known.iter().find(|(of, _)| *of == stream)?;
+    Some(of)
 }
 
 fn explain(survey: &Survey, unassigned: &Unassigned) -> anyhow::Error {
@@ -120,7 +134,7 @@ fn mount_origin(
     let PoseOrigin::Tf { fixed_frame } = origin else {
         return Ok(MountOrigin::Configured);
     };
-    let (frames, frame) = (&survey.frames, &*found.scans.frame);
+    let (frames, frame) = (&survey.frames, found.frame);
     let is_placed = frames.is_ancestor(fixed_frame, frame);
     let is_tilted_elsewhere =
         found.sensor.config.tilt.is_some() && !frames.moves_in(frame, base_frame);

@@ -1,6 +1,6 @@
 use super::*;
 use mapping::occupancy_grid::OccupancyConfig;
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, SensorId};
+use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
 use measurement::pose::planar;
 use measurement::time::RobotTime;
 
@@ -28,6 +28,7 @@ fn an_occupancy_grid_is_copied_around_the_vehicle() {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.01,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base: planar(-10.0, 4.0, 0.0),
         beams: vec![beam],
@@ -111,6 +112,7 @@ fn mapped_water_that_is_too_shallow_is_an_obstacle() {
         range_m: 2.0,
     };
     voxels.integrate(&RegisteredScan {
+        kind: mapping::registered_scan::ScanKind::Beams,
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.01,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::collision_monitor::tests::{Setup, vehicle};
-use mapping::registered_scan::SensorId;
+use mapping::registered_scan::{ScanKind, SensorId};
 use measurement::pose::planar;
 use measurement::time::RobotTime;
 
@@ -38,6 +38,7 @@ fn obstacle_scan(setup: &Setup, beams: Vec<RegisteredBeam>) -> ObstacleScan {
         stamp: RobotTime::from_nanos(0),
         sensor: SensorId(0),
         beam_step_rad: 0.01,
+        kind: ScanKind::Beams,
         own_body_hits: 0,
         odom_from_base: planar(0.0, 0.0, 0.0),
         beams,

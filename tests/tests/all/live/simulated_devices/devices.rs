@@ -233,6 +233,8 @@ impl Devices {
             MeasurementData::Transform { .. }
             | MeasurementData::Odometry { .. }
             | MeasurementData::Twist(_)
+            | MeasurementData::Range(_)
+            | MeasurementData::Bool(_)
             | MeasurementData::PointCloud(_) => {}
         }
     }
