@@ -407,7 +407,7 @@ fn cones_that_cannot_be_are_refused_and_any_range_is_read() {
 fn a_bool_without_a_stamp_is_one_byte() {
     for value in [false, true] {
         let sample = measurement(MeasurementData::Bool(value));
-        let (kind, bytes) = encode(&sample).unwrap();
+        let (kind, bytes) = encode(&sample, "").unwrap();
         assert_eq!(
             (kind, &bytes[..]),
             (MessageType::Bool, &[0, 1, 0, 0, u8::from(value)][..])
