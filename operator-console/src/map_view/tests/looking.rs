@@ -177,7 +177,8 @@ fn the_whole_map_is_beside_all_cards() {
 
 #[test]
 fn cards_do_not_cover_the_vehicle() {
-    let mut window = window();
+    // The probe of all layers at once needs more room than that of any vehicle.
+    let mut window = window_of(900.0, 720.0);
     let model = &mut window.state_mut().model;
     inject(model, Topic::Pose, &pose_at_rest(), at(2_400));
     look(&mut window, Look::At([2.0, 0.0]));
