@@ -5,7 +5,7 @@
 //! (nonces are inputs). A recorded sequence of inputs therefore gives the same decisions again, and a model checker can
 //! try all of them. Threads, sockets, disks and motors belong to the caller.
 //!
-//! States, limits and the properties P1 to P12, which the tests are named after, are described in `docs/methods.md`.
+//! States, limits and the properties P1 to P13, which the tests are named after, are described in `docs/safety.md`.
 //!
 //! A caller does this in each round, at the latest every 20 ms:
 //! 1. [`ArbiterInput::CollisionMonitor`] with the output of the collision monitor, or that it is off;

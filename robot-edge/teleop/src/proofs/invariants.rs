@@ -1,4 +1,4 @@
-//! The invariants P1 to P9 and P12: what must hold after every step, whatever the input. An independent reading of the
+//! The invariants P1 to P9, P12 and P13: what must hold after every step, whatever the input. An independent reading of the
 //! rules, which every sequence of the property tests and every transition of the model checker is held against.
 //!
 //! The monitor believes the arbiter in nothing but the tokens (tested by themselves) and in whom it grants the lease to;

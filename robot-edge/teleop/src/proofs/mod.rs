@@ -1,4 +1,4 @@
-//! The properties P1 to P12 of `docs/methods.md`, held against the arbiter.
+//! The properties P1 to P13 of `docs/safety.md`, held against the arbiter.
 //!
 //! [`invariants`] is the one list of what must hold after every step. [`properties`] checks it over random sequences of
 //! inputs on an adversarial network ([`world`]), [`model`] over every sequence on a small one; [`shaped_link`] shows
