@@ -221,7 +221,12 @@ fn measurements_along_the_path_match_stored_digests() {
         };
         let options = seconds_of(1, duration_s.parse().unwrap());
         let mut source = SimulatedSource::new(&World::load(world).unwrap(), options).unwrap();
-        let measured: Vec<_> = std::iter::from_fn(|| source.next_measurement()).collect();
+        let mut measured: Vec<_> = std::iter::from_fn(|| source.next_measurement()).collect();
+        // Ultrasonic sensors and bumpers change nothing of the others.
+        let is_digested = |data: &MeasurementData| {
+            !matches!(data, MeasurementData::Range(_) | MeasurementData::Bool(_))
+        };
+        measured.retain(|measurement| is_digested(&measurement.data));
         format!("{world} {duration_s} {}", digest_of(&measured))
     });
     let expected: Vec<&str> = FIRST_SECONDS.lines().collect();

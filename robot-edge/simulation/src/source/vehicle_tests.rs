@@ -155,8 +155,15 @@ fn each_vehicle_has_its_streams_at_their_rates_in_the_order_of_stamps() {
             GROUND,
             40_000_000,
             "/tf /odom /joint_states /imu/data /scan",
-            "/imu/data imu_link 601, /joint_states base_link 601, /odom odom 601, /scan laser 150, \
-             /tf odom 601, /tf_static base_link 1",
+            "/bumper/front  121, /bumper/rear  121, \
+             /imu/data imu_link 601, /joint_states base_link 601, /odom odom 601, /scan laser 150, \
+             /tf odom 601, /tf_static base_link 1, \
+             /ultrasonic/front_left ultrasonic_front_left 61, \
+             /ultrasonic/front_right ultrasonic_front_right 61, \
+             /ultrasonic/left ultrasonic_left 61, \
+             /ultrasonic/rear_left ultrasonic_rear_left 61, \
+             /ultrasonic/rear_right ultrasonic_rear_right 61, \
+             /ultrasonic/right ultrasonic_right 61",
         ),
         (
             LAKE,

@@ -297,7 +297,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
 #[test]
 fn a_sensor_that_is_not_there_is_not_invented() {
     let expected = "the vehicle has no sensor of this name; it has: laser. \
-                    To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps)";
+                    To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps, ultrasonic, bumper)";
     assert_eq!(
         set_issue("sensors.lazer.range_max_m=5"),
         format!("--set: `sensors.lazer`: {expected}")
@@ -437,8 +437,8 @@ fn wrong_types_are_named_with_what_is_expected() {
         ),
         (
             "sensors.laser.kind=radar",
-            "expected one of \"laser_scan\", \"sonar\", \"wheel_encoders\", \"imu\", \"gps\", found the \
-             text \"radar\"",
+            "expected one of \"laser_scan\", \"sonar\", \"wheel_encoders\", \"imu\", \"gps\", \
+             \"ultrasonic\", \"bumper\", found the text \"radar\"",
         ),
     ] {
         let key = setting.split('=').next().unwrap().trim_end_matches(".x");
