@@ -123,11 +123,8 @@ fn oblong_cells_are_published_as_squares_of_their_shorter_side() {
         duration_s: Some(3.0),
         ..SimulationOptions::default()
     };
-    let mut pipeline = pipeline(&vehicle_config(&world, &settings));
-    for measurement in measurements(&world, options) {
-        pipeline.push(measurement).unwrap();
-    }
-    pipeline.finish().unwrap();
+    let run = SimulatedRun::with_settings(&world, options, &settings).unwrap();
+    let pipeline = run.finish().unwrap();
     let terrain = pipeline.mapper().terrain().unwrap();
     let store = pipeline.publisher().store();
     assert_eq!(store.cell_m(LayerId::Elevation), Some(0.2));
