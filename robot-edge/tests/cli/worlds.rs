@@ -199,9 +199,9 @@ fn senseless_settings_are_refused() {
     for (world, setting, says) in [
         ("hall", "mapping.elevation.cells=3000", "5 to 2001"),
         ("hall", "mapping.obstacle.cells=102", "1 to 101"),
-        ("hall", "mapping.obstacle.cell_m=0.4", "1 to 50"),
+        ("street", "mapping.obstacle.cell_m=0.4", "1 to 50"),
         ("hall", "mapping.obstacle.cell_y_m=0", "0.01 to 10"),
-        ("hall", "mapping.elevation.cells_y=51", "1 to 51"),
+        ("street", "mapping.elevation.cells_y=51", "1 to 51"),
         ("hall", "mapping.obstacle.h_pos_m=0", "above 0, up to 10"),
         (
             "hall",
