@@ -236,7 +236,7 @@ class Messages(unittest.TestCase):
             (wire.U64, "ff" * 9 + "02"),
             (wire.BOOL, "02"),
             (wire.Option(wire.U64), "02 00"),
-            (wire.LAYER, "06"),
+            (wire.LAYER, "09"),
             (wire.TEXT, "01 ff"),
             (wire.BYTES, "ff ff ff ff 0f 00"),
             (wire.MAP_HEAD, "ff ff ff ff 0f 00"),
@@ -245,13 +245,13 @@ class Messages(unittest.TestCase):
                 read(kind, data)
 
     def test_another_version_is_not_read_further(self):
-        for message in b"\2\0", b"\4\0" + unhex("Pong")[2:] + b"more":
+        for message in b"\3\0", b"\5\0" + unhex("Pong")[2:] + b"more":
             with self.assertRaises(wire.OtherVersion):
                 wire.decode(wire.PONG, message)
 
     def test_keys_and_endpoints(self):
         self.assertEqual(tile_of_key("foreshore/scout-1/map/elevation/-3/12"), ("elevation", (-3, 12)))
-        for rest in "elevation/-0/1", "elevation/+1/1", "elevation/01/1", "depth/1/1", "shore/1/2147483648":
+        for rest in "elevation/-0/1", "elevation/+1/1", "elevation/01/1", "height/1/1", "shore/1/2147483648":
             self.assertIsNone(tile_of_key("foreshore/scout-1/map/" + rest))
         self.assertEqual(bulk_endpoint("tcp/[::1]:7447#iface=eth0"), "tcp/[::1]:7448#iface=eth0")
 

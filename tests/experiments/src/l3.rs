@@ -9,6 +9,7 @@ use recording::Selection;
 use recording::writer::McapWriter;
 
 use super::outcome::{Check, Outcome, Part, Spread, Table};
+use super::pictures::Picture;
 use super::rooms::{self, Confusion, Truth};
 use super::run::{config_by, pipeline};
 use super::session::Session;
@@ -82,21 +83,24 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
         "occupied, %",
         "scans in the map",
     ]);
-    let mut outcome = Outcome::default();
+    let (mut outcome, mut pictures) = (Outcome::default(), Vec::new());
     for case in &CASES {
         let runs = session.for_each_seed(&format!("L3: {}", case.label), |seed| {
             let dir = tempfile::tempdir()?;
             let file = dir.path().join("mocap.mcap");
             record(&world, seed, case.stamped_late, &file)?;
-            map(&file, &world, session, case.settings, &truth)
+            map(&file, &world, session, case, &truth)
         })?;
+        if !case.stamped_late {
+            pictures.extend(runs.first().map(|(.., picture)| picture.clone()));
+        }
         let share = |figure: fn(&Confusion) -> f64| {
-            Spread::over(&runs, |(confusion, _)| 100.0 * figure(confusion))
+            Spread::over(&runs, |(confusion, ..)| 100.0 * figure(confusion))
         };
         let agreement = share(Confusion::agreement);
         let free = share(Confusion::free_agreement);
         let occupied = share(Confusion::occupied_agreement);
-        let scans = Spread::over(&runs, |(_, scans)| *scans as f64);
+        let scans = Spread::over(&runs, |(_, scans, _)| *scans as f64);
         table.push([
             case.label.to_owned(),
             agreement.text(2, ""),
@@ -126,7 +130,12 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
             )),
         }
     }
-    outcome.parts = vec![Part::text(include_str!("notes/l3.md")), Part::Table(table)];
+    outcome.parts = vec![
+        Part::text(include_str!("notes/l3.md")),
+        Part::Table(table),
+        Part::text("Colours as in L1, seed 1:"),
+        Part::Pictures(pictures),
+    ];
     Ok(outcome)
 }
 
@@ -188,9 +197,9 @@ fn map(
     file: &Path,
     world: &World,
     session: &Session<'_>,
-    settings: &[&str],
+    case: &Case,
     truth: &Truth,
-) -> anyhow::Result<(Confusion, u64)> {
+) -> anyhow::Result<(Confusion, u64, Picture)> {
     let mut reader = recording::open(file, Selection::All)?;
     let mut measurements = Vec::new();
     while let Some(measurement) = reader.next_measurement()? {
@@ -201,12 +210,22 @@ fn map(
         .iter()
         .map(|known| known.stream.clone())
         .collect();
-    let config = config_by(world, session.rules(), &[&MOCAP, settings].concat())?;
+    let config = config_by(world, session.rules(), &[&MOCAP, case.settings].concat())?;
     let mut pipeline = pipeline(&config, &streams)?;
     for measurement in measurements {
         pipeline.push(measurement)?;
     }
     pipeline.finish()?;
-    let confusion = truth.compare(&pipeline.publisher().store());
-    Ok((confusion, pipeline.report().scans_mapped))
+    let store = pipeline.publisher().store();
+    let name = if case.settings.is_empty() {
+        "l3-preset"
+    } else {
+        "l3-even"
+    };
+    let picture = rooms::error_map(truth, &store, name, case.label);
+    Ok((
+        truth.compare(&store),
+        pipeline.report().scans_mapped,
+        picture,
+    ))
 }

@@ -161,8 +161,8 @@ fn voxels_are_the_same_in_the_console() {
     for name in ["voxels.bt", "points.ply"] {
         assert!(at("console").join(name).exists(), "{name}");
     }
-    // Two files each of cost and rigidity, and of the octree, and the trajectory.
-    assert_same_files(&at("edge"), &at("console"), 7);
+    // Two files each of cost, rigidity, both metrics and the octree, and the trajectory.
+    assert_same_files(&at("edge"), &at("console"), 11);
 }
 
 fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &str) {
