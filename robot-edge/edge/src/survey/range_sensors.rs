@@ -139,7 +139,7 @@ pub fn expected_stream(sensor: &RangeSensor<'_>) -> Option<Stream> {
 }
 
 /// The stream of each of `sensors` among `streams`, which are numbered as they are; those that sweep share `scans` as
-/// [`assign`] does.
+/// `assign` does.
 pub fn assign_streams<'a>(
     sensors: &[RangeSensor<'_>],
     streams: impl Iterator<Item = &'a Stream> + Clone,
