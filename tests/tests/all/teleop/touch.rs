@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use foreshore_tests::operator::{Input, NEUTRAL, Operator};
-use protocol::message::{BarrierKind, TeleopStatus};
+use network::clock;
+use protocol::message::{BarrierKind, TeleopState, TeleopStatus};
 
 use super::robot::Robot;
 use crate::processes::free_endpoint;
@@ -17,6 +18,8 @@ const PANE_M: f64 = 3.0;
 /// The elevation map in place of the octree, which takes most of a processor.
 const MAPS: &str = "--set mapping.elevation.enabled=true --set mapping.octree.enabled=false \
                     --set mapping.cost.enabled=false --set mapping.rigidity.enabled=false";
+
+const TIMEOUT: Duration = Duration::from_secs(90);
 
 const AHEAD: Input = Input::of(0.3, 0.0);
 const BACK: Input = Input::of(-0.3, 0.0);
@@ -32,12 +35,22 @@ fn start(options: &str) -> (Robot, Operator, Operator) {
 
 /// Drives ahead until something of this kind holds the vehicle; returns the gap to the pane, metres.
 fn drive_to(kind: BarrierKind, anna: &mut Operator, bert: &Operator) -> f64 {
-    let is_held = |teleop: TeleopStatus| {
+    let is_held = |teleop: &TeleopStatus| {
         let is_of_kind = teleop.barrier.is_some_and(|barrier| barrier.kind == kind);
         is_of_kind && teleop.applied.linear_mps.abs() < 1e-3
     };
-    anna.start_driving(AHEAD);
-    anna.hold_until(AHEAD, || bert.teleop().is_some_and(is_held));
+    let started = clock::now();
+    // On a busy machine a command becomes too old, and it has to be pressed again.
+    while !bert.teleop().as_ref().is_some_and(is_held) {
+        assert!(clock::elapsed(started) < TIMEOUT, "{:?}", bert.teleop());
+        anna.start_driving(AHEAD);
+        let is_over = |teleop: &TeleopStatus| {
+            is_held(teleop)
+                || teleop.state != TeleopState::Driving
+                || clock::elapsed(started) > TIMEOUT
+        };
+        anna.hold_until(AHEAD, || bert.teleop().as_ref().is_some_and(is_over));
+    }
     anna.hold(AHEAD, Duration::from_secs(1));
     gap_m(anna)
 }
