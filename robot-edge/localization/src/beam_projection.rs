@@ -205,7 +205,7 @@ fn hits(
     directions: &[(f64, f64)],
     odom_from_sensor: &Pose,
 ) -> Option<Vec<RegisteredBeam>> {
-    let last = (scan.ranges_m.len() - 1).max(1) as f64;
+    let last = scan.ranges_m.len().saturating_sub(1).max(1) as f64;
     let mut hits = Vec::new();
     for (beam, (&range_m, &(cos, sin))) in scan.ranges_m.iter().zip(directions).enumerate() {
         // REP 117: nearer than the sensor measures, or within a fixed-distance ranger's reach. It may touch the sensor.

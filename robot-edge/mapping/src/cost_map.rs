@@ -122,6 +122,8 @@ pub struct CostMap {
     rigidity: RigidityConfig,
     vehicle: VehicleShape,
     cell_m: f64,
+    /// Cells have the metrics of their deciding voxels.
+    maps_metrics: bool,
     threads: usize,
     steepest: f32,
     window: ColumnWindow,
@@ -130,12 +132,13 @@ pub struct CostMap {
 }
 
 impl CostMap {
-    /// An empty map; the settings must be valid. The map does not depend on `threads`.
+    /// An empty map; the settings must be valid. Where `maps_metrics`, its cells have `intra` and `inter`. The map does
+    /// not depend on `threads`.
     pub fn new(
         config: &CostConfig,
         rigidity: &RigidityConfig,
         vehicle: VehicleShape,
-        cell_m: f64,
+        (cell_m, maps_metrics): (f64, bool),
         threads: usize,
     ) -> Self {
         Self {
@@ -143,6 +146,7 @@ impl CostMap {
             rigidity: rigidity.clone(),
             vehicle,
             cell_m,
+            maps_metrics,
             threads,
             steepest: libm::tan(config.critical_slope_deg.to_radians()) as f32,
             window: ColumnWindow::new(config.box_m, cell_m),
@@ -218,6 +222,11 @@ impl CostMap {
             }
         }
         voxels
+    }
+
+    /// Whether its cells have metrics.
+    pub const fn maps_metrics(&self) -> bool {
+        self.maps_metrics
     }
 
     /// Whether rigidity is enabled.
@@ -337,7 +346,11 @@ impl CostMap {
                 let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
                 let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
                 let read = &tile.columns[column];
-                let [intra, inter] = metrics(octree, cell, read);
+                let [intra, inter] = if self.maps_metrics {
+                    metrics(octree, cell, read)
+                } else {
+                    [f32::NAN; 2]
+                };
                 CostCell {
                     cost: match rigidity {
                         Rigidity::Traversable => self.rigidity.traversable_vegetation_cost as f32,

@@ -29,7 +29,6 @@ pub struct VoxelLayers {
     cost_timer: UpdateTimer,
     shore: Option<ShoreLayer>,
     shore_timer: UpdateTimer,
-    maps_metrics: bool,
     /// Boats with a sonar.
     depth: Option<DepthMap>,
     vehicle_in_odom: Point3<f64>,
@@ -87,16 +86,18 @@ impl VoxelLayers {
             metrics: Metrics::default(),
             weights: [config.metrics.intra_weight, config.metrics.inter_weight]
                 .map(|weight| weight as f32),
-            cost: cost
-                .enabled
-                .then(|| CostMap::new(cost, &config.rigidity, vehicle, cell_m, config.threads)),
+            cost: cost.enabled.then(|| {
+                // The metrics are those of which classes are made.
+                let maps_metrics = config.rigidity.enabled || config.shore.enabled;
+                let cells = (cell_m, maps_metrics);
+                CostMap::new(cost, &config.rigidity, vehicle, cells, config.threads)
+            }),
             cost_timer: UpdateTimer::every(cost.period_s),
             shore: config
                 .shore
                 .enabled
                 .then(|| ShoreLayer::new(&config.shore, vehicle, cell_m)),
             shore_timer: UpdateTimer::every(config.shore.period_s),
-            maps_metrics: cost.enabled && (config.rigidity.enabled || config.shore.enabled),
             vehicle_in_odom: Point3::origin(),
             waterline: (cost.enabled && cost.surface == Surface::Water).then(Waterline::default),
             depth: config.maps_depth(sensors).then(|| DepthMap::new(cell_m)),
@@ -217,8 +218,8 @@ impl VoxelLayers {
     }
 
     /// Whether the metrics of the cost map's cells are layers: where a class is made of them.
-    pub const fn maps_metrics(&self) -> bool {
-        self.maps_metrics
+    pub fn maps_metrics(&self) -> bool {
+        self.cost.as_ref().is_some_and(CostMap::maps_metrics)
     }
 
     /// `None` on land and without a sonar.

@@ -36,7 +36,7 @@ fn map(surface: Surface) -> CostMap {
         enabled: true,
         ..RigidityConfig::default()
     };
-    CostMap::new(&config(surface), &rigidity, CAR, CELL_M, 1)
+    CostMap::new(&config(surface), &rigidity, CAR, (CELL_M, true), 1)
 }
 
 /// The costs of equations 5.1 and 5.2.
@@ -45,7 +45,7 @@ fn costs_by_difference(octree: &mut Octree) -> Vec<(CellIndex, f32)> {
         slope: SlopeRule::Difference,
         ..config(Surface::Land)
     };
-    let mut map = CostMap::new(&config, &RigidityConfig::default(), CAR, CELL_M, 1);
+    let mut map = CostMap::new(&config, &RigidityConfig::default(), CAR, (CELL_M, true), 1);
     map.update(octree, Point3::new(0.0, 0.0, 0.5));
     costs(&map)
 }

@@ -56,7 +56,7 @@ fn a_shore_that_the_boat_leaves_stays_what_it_was() {
         surface: Surface::Water,
         ..CostConfig::default()
     };
-    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, CELL_M, 1);
+    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     let mut update = |x: f64| {
         costs.update(&mut octree, Point3::new(x, 0.0, 0.0));
@@ -109,7 +109,7 @@ fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
         surface: Surface::Water,
         ..CostConfig::default()
     };
-    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, CELL_M, 1);
+    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     // The water level is in the middle of its voxels.
     costs.update(&mut octree, Point3::new(0.0, 0.0, 0.5 * CELL_M));
