@@ -183,7 +183,9 @@ pub(crate) fn docking_site(center_m: [f32; 2]) -> DockingSite {
         center_m,
         heading_rad: 0.0,
         width_m: 2.0,
-        mean_cost: 0.2,
+        vegetation: None,
+        price: 0.2,
+        approach_m: [0.0; 2],
     }
 }
 
@@ -238,6 +240,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
         barrier: None,
         ground_age_ms: [None; 4],
         battery_v: None,
+        docking: None,
     }
 }
 
@@ -256,6 +259,7 @@ pub(crate) fn idle_teleop_client() -> TeleopClientState {
         is_ready: true,
         token_age: Some(Duration::from_millis(20)),
         is_asking: false,
+        docking: None,
         notice: None,
         estop: EStopState::Quiet,
     }

@@ -58,7 +58,9 @@ fn shores(voxels: u32) -> Shores {
         center_m: [4.0, -9.0],
         heading_rad: 1.0,
         width_m: 5.0,
-        mean_cost: 0.2,
+        vegetation: None,
+        price: 0.2,
+        approach_m: [0.0; 2],
     };
     let datum = Datum {
         latitude_deg: 38.5,

@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::layer::LayerId;
-use crate::message::{Datum, DockingSite, ShoreClass, ShoreCluster, Shores};
+use crate::message::{Datum, DockingChoice, DockingSite, ShoreClass, ShoreCluster, Shores};
 
 /// Limit of shores in one message. With [`MAX_SITES`] and [`MAX_CORNERS`] any such message is
 /// within [`MAX_MESSAGE_BYTES`](crate::wire::MAX_MESSAGE_BYTES).
@@ -50,10 +50,12 @@ impl Shores {
         };
         let numbers: BTreeSet<_> = self.sites.iter().map(|site| site.number).collect();
         let is_site = |site: &DockingSite| {
-            let [x_m, y_m] = site.center_m;
+            let [x_m, y_m] = site.approach_m;
             site.number > 0
-                && [x_m, y_m, site.heading_rad, site.width_m, site.mean_cost]
+                && site.vegetation != Some(ShoreClass::Solid)
+                && [x_m, y_m, site.heading_rad, site.width_m, site.price]
                     .iter()
+                    .chain(&site.center_m)
                     .all(is_number)
         };
         self.cell_m.is_finite()
@@ -77,6 +79,22 @@ impl ShoreCluster {
     /// Share of rigid voxels, 0 … 1.
     pub fn ratio(&self) -> f64 {
         f64::from(self.rigid_voxels) / f64::from(self.voxels.max(1))
+    }
+}
+
+impl DockingSite {
+    /// What it is made of, for people.
+    pub fn ground_name(&self) -> &'static str {
+        self.vegetation.map_or("gentle slope", ShoreClass::name)
+    }
+
+    /// The choice that lets its driver push into its vegetation; `None` for a slope.
+    pub fn choice(&self) -> Option<DockingChoice> {
+        let choice = |vegetation| DockingChoice {
+            site: self.number,
+            vegetation,
+        };
+        self.vegetation.map(choice)
     }
 }
 
@@ -215,7 +233,9 @@ mod tests {
             center_m: [3.0, 4.0],
             heading_rad: 0.5,
             width_m,
-            mean_cost: 0.2,
+            vegetation: None,
+            price: 0.2,
+            approach_m: [3.0, 0.0],
         }
     }
 
@@ -262,6 +282,7 @@ mod tests {
         let clusters = (0..1_000).map(|n| cluster(u32::MAX - n)).collect();
         let sites = (0..1_000).map(|n| DockingSite {
             number: u32::MAX - n,
+            vegetation: Some(ShoreClass::Dense),
             ..site(1.0)
         });
         let mut shores = Shores::gather(0.3, Some(datum), clusters, sites.collect());
@@ -277,7 +298,7 @@ mod tests {
             shores: Some(shores),
         };
         let bytes = encode(&header, &news).unwrap();
-        assert_eq!((bytes.len(), MAX_MESSAGE_BYTES), (60_591, 65_536));
+        assert_eq!((bytes.len(), MAX_MESSAGE_BYTES), (61_591, 65_536));
     }
 
     #[test]
@@ -302,6 +323,10 @@ mod tests {
         ));
         assert!(!spoil(|shores| shores.sites[0].heading_rad = f32::INFINITY));
         assert!(!spoil(|shores| shores.sites = vec![site(1.0); 101]));
+        assert!(!spoil(|shores| shores.sites[0].approach_m[1] = f32::NAN));
+        assert!(!spoil(
+            |shores| shores.sites[0].vegetation = Some(ShoreClass::Solid)
+        ));
         assert!(!spoil(|shores| shores.cell_m = f64::NAN));
         let datum = |latitude_deg, altitude_m| {
             let datum = Datum {

@@ -269,7 +269,9 @@ STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStal
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32)
 SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_mps=F32, right_mps=F32, left_radps=F32, right_radps=F32)
-BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None, Contact=None))
+SHORE_CLASS = Enum(Sparse=None, Dense=None, Solid=None)
+DOCKING_CHOICE = Struct(site=U32, vegetation=SHORE_CLASS)
+BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None, Contact=None, Vegetation=None))
 TELEOP_STATUS = Struct(
     state=Enum(
         SafeBoot=None, Idle=None, Held=None, Driving=None, Stopping=STOP_REASON, EStop=None, Fault=FAULT_REASON
@@ -291,6 +293,7 @@ TELEOP_STATUS = Struct(
     barrier=Option(BARRIER),
     ground_age_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
     battery_v=Option(F32),
+    docking=Option(DOCKING_CHOICE),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -360,7 +363,7 @@ SHORES = Struct(
     clusters=List(
         Struct(
             number=U32,
-            **{"class": Enum(Sparse=None, Dense=None, Solid=None)},
+            **{"class": SHORE_CLASS},
             voxels=U32,
             rigid_voxels=U32,
             center_m=Tuple(F32, F32),
@@ -368,7 +371,17 @@ SHORES = Struct(
         )
     ),
     clusters_left_out=U32,
-    sites=List(Struct(number=U32, center_m=Tuple(F32, F32), heading_rad=F32, width_m=F32, mean_cost=F32)),
+    sites=List(
+        Struct(
+            number=U32,
+            center_m=Tuple(F32, F32),
+            heading_rad=F32,
+            width_m=F32,
+            vegetation=Option(SHORE_CLASS),
+            price=F32,
+            approach_m=Tuple(F32, F32),
+        )
+    ),
     sites_left_out=U32,
 )
 SHORES_REPLY = Struct(revision=U64, shores=Option(SHORES))
@@ -392,7 +405,9 @@ VOXELS_REPLY = Enum(
     ),
 )
 ESTOP = Struct(press=U64)
-DRIVE = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32, estop=Option(ESTOP))
+DRIVE = Struct(
+    linear_mps=F32, lateral_mps=F32, angular_radps=F32, estop=Option(ESTOP), docking=Option(DOCKING_CHOICE)
+)
 RESET = Struct(estop=U64)
 LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
 SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL)

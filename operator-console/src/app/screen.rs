@@ -29,7 +29,7 @@ use crate::panels::recording::{RecordingData, recording_ui};
 use crate::panels::robot::{RobotData, robot_ui};
 use crate::panels::robots::{RobotsData, robots_ui};
 use crate::panels::sensors::{SensorsData, sensors_ui};
-use crate::panels::shores::{ShoresData, shores_ui};
+use crate::panels::shores::{DockingOffer, ShoresData, docking_ui, shores_ui};
 use crate::panels::top_bar::{TopBarData, right_bar_ui, robot_bar_ui};
 use crate::playback::PlaybackCommand;
 use crate::settings::{Appearance, Settings, ThemeChoice};
@@ -508,6 +508,9 @@ impl Panels<'_> {
             }
             (PanelId::Shores, Some((model, _))) => {
                 self.draws_shores = true;
+                let offer = DockingOffer::new(model, self.map_view, teleop_client);
+                let intent = offer.and_then(|offer| docking_ui(ui, offer));
+                commands.extend(intent.map(Command::Drive));
                 if let Some(shores) = ShoresData::new(model, self.map_view) {
                     commands.extend(shores_ui(ui, &shores).map(Command::Look));
                 }

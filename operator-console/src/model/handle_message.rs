@@ -409,6 +409,7 @@ fn teleop(teleop: &TeleopStatus) -> TeleopStatus {
         speed_allowed_mps: 0.0,
         ground_age_ms: [None; 4],
         battery_v: None,
+        docking: None,
         collision_monitor: match teleop.collision_monitor {
             CollisionMonitorState::On(_) => CollisionMonitorState::On(no_limits),
             CollisionMonitorState::UnknownSpace(_) => {

@@ -2,14 +2,15 @@
 
 mod list;
 
-use eframe::egui::{Id, Rect, Ui};
+use eframe::egui::{Button, Id, Rect, Ui};
 use protocol::layer::{LayerId, Swatch};
-use protocol::message::{DockingSite, ShoreCluster};
+use protocol::message::{DockingChoice, DockingSite, ShoreClass, ShoreCluster};
 use protocol::shores::{DOCKING_SITE_CODE, site_letters};
 
 use super::formatting::{count, signed};
 use crate::map_view::{MapView, ShoreMark};
 use crate::model::{ConsoleModel, Neighbour, Outline};
+use crate::teleop_client::{Intent, TeleopClientState};
 
 pub use list::shores_ui;
 
@@ -39,6 +40,53 @@ pub struct ShoreRow {
     pub center_m: [f64; 2],
     /// Sort keys: number or rank, share, size, distance.
     keys: [f64; 4],
+}
+
+/// Docking in vegetation, offered to who drives for the marked site.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DockingOffer {
+    choice: DockingChoice,
+    is_chosen: bool,
+}
+
+impl DockingOffer {
+    pub fn new(
+        model: &ConsoleModel,
+        view: &MapView,
+        teleop_client: Option<&TeleopClientState>,
+    ) -> Option<Self> {
+        let teleop_client = teleop_client.filter(|client| client.lease.held().is_some())?;
+        if let Some(choice) = teleop_client.docking {
+            let is_chosen = true;
+            return Some(Self { choice, is_chosen });
+        }
+        let sites = &model.shores()?.sites;
+        let site = sites
+            .iter()
+            .find(|site| view.marked() == Some(ShoreMark::Site(site.number)))?;
+        Some(Self {
+            choice: site.choice()?,
+            is_chosen: false,
+        })
+    }
+}
+
+pub fn docking_ui(ui: &mut Ui, offer: DockingOffer) -> Option<Intent> {
+    let DockingOffer { choice, is_chosen } = offer;
+    let site = site_letters(choice.site);
+    let words = if is_chosen {
+        format!("End docking at {site}")
+    } else {
+        format!("Dock at {site}, {}", choice.vegetation.name())
+    };
+    let hint = "While you drive, the collision monitor lets the vehicle creep into the vegetation of this site, and into \
+                nothing else. It ends with the control of the vehicle, or where the robot changes the site's class.";
+    let response = ui
+        .add(Button::selectable(is_chosen, words))
+        .on_hover_text(hint);
+    response
+        .clicked()
+        .then_some(Intent::Dock(Some(choice).filter(|_| !is_chosen)))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -175,23 +223,24 @@ fn shore_row(
 fn site_row(site: &DockingSite, rank: u32, vehicle_m: Option<[f64; 2]>) -> ShoreRow {
     let name = site_letters(site.number);
     let away = Distance::of_site(site, vehicle_m);
-    let share = format!("{:.2}", site.mean_cost);
+    let share = format!("{:.2}", site.price);
     let size = format!("{} m", signed(site.width_m.into(), 1));
     ShoreRow {
         mark: ShoreMark::Site(site.number),
         reason: None,
         keys: [
             f64::from(rank),
-            f64::from(site.mean_cost),
+            f64::from(site.price),
             f64::from(site.width_m),
             away.key(),
         ],
         sentence: format!(
-            "Docking site {name}, cost {share}, {size} wide, {}",
+            "Docking site {name}, {}, price {share}, {size} wide, {}",
+            site.ground_name(),
             away.words()
         ),
         name,
-        class: class_swatch(DOCKING_SITE_CODE),
+        class: class_swatch(site.vegetation.map_or(DOCKING_SITE_CODE, ShoreClass::code)),
         share,
         size,
         distance: away.column(),

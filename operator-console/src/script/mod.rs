@@ -10,7 +10,8 @@ use anyhow::{Context as _, anyhow};
 use edge::exit::{Exit, Interrupted, UsageError};
 use measurement::time::Monotonic;
 use network::clock;
-use protocol::message::{Clamp, Info, TeleopStatus};
+use protocol::message::{Clamp, DockingChoice, Info, TeleopStatus};
+use protocol::shores::site_letters;
 
 use crate::identity::{Identity, OBSERVER_HINT, is_observer};
 use crate::link::RobotSession;
@@ -209,6 +210,18 @@ impl ScriptRunner<'_> {
                     }
                 }
                 Action::Intent(intent) => self.teleop_session.client.submit(intent, now),
+                Action::Dock(site) => {
+                    if let Some(choice) = self.docking_choice(&site) {
+                        let intent = Intent::Dock(Some(choice));
+                        self.teleop_session.client.submit(intent, now);
+                    } else {
+                        let words = format!(
+                            "line {}: there is no docking site {site} in vegetation",
+                            step.line
+                        );
+                        self.fail(&words)?;
+                    }
+                }
                 Action::Reset => {
                     if let Some(estop) = self.teleop().and_then(|teleop| teleop.estop) {
                         self.teleop_session
@@ -263,6 +276,15 @@ impl ScriptRunner<'_> {
             self.fail(&format!("line {line}: waited in vain for {state}{rest}"))?;
         }
         Ok(is_so || is_late)
+    }
+
+    fn docking_choice(&self, letters: &str) -> Option<DockingChoice> {
+        let model = self.session.model();
+        let sites = &model.shores()?.sites;
+        let site = sites
+            .iter()
+            .find(|site| site_letters(site.number) == letters)?;
+        site.choice()
     }
 
     fn teleop(&self) -> Option<TeleopStatus> {

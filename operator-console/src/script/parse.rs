@@ -17,6 +17,7 @@ A script has one action a line, behind the second at which it happens; `#` begin
   3.0 pad 0.5 -0.2              a gamepad's stick, forwards and to the left; pad off
   3.5 focus off                 as if the window lost focus; focus on
   4.0 freeze 1.5                the program stands still for so many seconds
+  4.5 dock B                    creeps into the vegetation of docking site B while it drives; dock off
   5.0 estop
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
@@ -50,6 +51,8 @@ pub struct Step {
 pub enum Action {
     Input(Vec<InputEvent>),
     Intent(Intent),
+    /// Letters of a docking site in vegetation.
+    Dock(String),
     Reset,
     Freeze(Duration),
     Await(State, Duration),
@@ -173,6 +176,8 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         })]),
         ["focus", switch] => Action::Input(vec![InputEvent::Focus(switch_of(switch)?)]),
         ["freeze", time] => Action::Freeze(time_of(time)?),
+        ["dock", "off"] => Action::Intent(Intent::Dock(None)),
+        ["dock", site] => Action::Dock((*site).to_owned()),
         ["estop"] => Action::Intent(Intent::EStop),
         ["reset"] => Action::Reset,
         ["await", state] => Action::Await(state_of(state)?, AWAIT),
@@ -276,12 +281,13 @@ mod tests {
         });
         let examples: String = examples.collect();
         let steps = parse(&examples).unwrap();
-        assert_eq!(steps.len(), 11, "{examples}");
+        assert_eq!(steps.len(), 12, "{examples}");
+        assert_eq!(steps[7].action, Action::Dock("B".to_owned()));
         assert_eq!(steps[1].at, Duration::from_millis(500));
         let press = Action::Input(vec![InputEvent::Press(DriveKey::W)]);
         assert_eq!((steps[1].line, &steps[1].action), (2, &press));
         assert_eq!(
-            steps[8].action,
+            steps[9].action,
             Action::Await(State::EStop, Duration::from_secs(5))
         );
     }

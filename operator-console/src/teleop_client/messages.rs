@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
-use protocol::message::{AgeToken, Answer, LeaseRequest, Refusal, Setting, TeleopStatus};
+use protocol::message::{
+    AgeToken, Answer, DockingChoice, LeaseRequest, Refusal, Setting, TeleopStatus,
+};
 use protocol::tile::BootId;
 
 use crate::teleop_input::InputLockReason;
@@ -50,6 +52,8 @@ pub enum Intent {
     Lease(LeaseRequest),
     Set(Setting),
     Step(crate::teleop_input::SpeedStep),
+    /// Steer into the vegetation of this docking site, while this console has the lease.
+    Dock(Option<DockingChoice>),
 }
 
 /// A message to send now and once. Sending it later or twice is an error.

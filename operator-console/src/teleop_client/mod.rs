@@ -16,7 +16,9 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::keys::{OperatorId, RobotId, operator_key};
-use protocol::message::{AgeToken, Drive, Info, LeaseRequest, Refusal, TeleopStatus, Velocity};
+use protocol::message::{
+    AgeToken, DockingChoice, Drive, Info, LeaseRequest, Refusal, TeleopStatus, Velocity,
+};
 use protocol::signed::{Command, CommandHeader, Route, sign};
 use protocol::tile::BootId;
 use teleop::Role;
@@ -71,6 +73,7 @@ pub struct TeleopClient {
     estop_refused: Option<protocol::message::Refusal>,
     next_press: u64,
     drive_commands: DriveCommands,
+    docking: Option<DockingChoice>,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
     /// Whether an observer has tried to drive since the last iteration.
@@ -103,6 +106,8 @@ pub struct TeleopClientState {
     pub is_asking: bool,
     pub notice: Option<TeleopNotification>,
     pub estop: EStopState,
+    /// The docking site that its commands name.
+    pub docking: Option<DockingChoice>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,6 +152,7 @@ impl TeleopClient {
             estop_refused: None,
             next_press: random,
             drive_commands: DriveCommands::new(Monotonic::default()),
+            docking: None,
             last_end: None,
             is_link_lost: false,
             has_attempted_to_drive: false,
@@ -246,6 +252,10 @@ impl TeleopClient {
         let asked = match intent {
             Intent::EStop => return self.input.apply(InputEvent::EStop),
             Intent::Step(step) => return self.input.apply(InputEvent::Step(step)),
+            Intent::Dock(choice) => {
+                self.docking = choice;
+                return;
+            }
             Intent::Reset(estop) => RequestKind::Reset(estop),
             Intent::Set(setting) => RequestKind::Set(setting),
             Intent::Lease(request) => {
@@ -294,6 +304,7 @@ impl TeleopClient {
         }
         if !is_held {
             self.input.lock_input(InputLockReason::Lease);
+            self.docking = None;
         }
         if let Some(asked) = self.requests.take_overdue(now) {
             self.warn(now, TeleopNotification::RequestTimedOut(asked));
@@ -423,6 +434,7 @@ impl TeleopClient {
             lateral_mps: drive_input.sideways * lateral_mps,
             angular_radps: drive_input.left * turn_rate_radps,
             estop: self.estop.as_ref().map(PendingEStop::body),
+            docking: self.docking,
         }
     }
 
@@ -487,6 +499,7 @@ impl TeleopClient {
             keys: self.input.keys().collect(),
             ignored: self.input.lock_reason(),
             is_ready: self.input.is_ready(),
+            docking: self.docking,
             token_age: token.map(|newest| now.since(newest.at)),
             is_asking: self.requests.is_busy(),
             notice: self

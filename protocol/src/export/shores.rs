@@ -36,7 +36,11 @@ struct SiteProperties {
     #[serde(skip_serializing_if = "Option::is_none")]
     bearing_deg: Option<f64>,
     width_m: f64,
-    mean_cost: f64,
+    /// Gentle slope, sparse or dense.
+    class: &'static str,
+    price: f64,
+    /// Where the way in begins.
+    approach: [f64; 2],
 }
 
 impl Projection {
@@ -76,7 +80,9 @@ impl Projection {
             heading_deg: turned(heading_deg),
             bearing_deg: self.is_on_earth().then(|| turned(90.0 - heading_deg)),
             width_m: rounded(f64::from(site.width_m), 1e3),
-            mean_cost: rounded(f64::from(site.mean_cost), 1e4),
+            class: site.ground_name(),
+            price: rounded(f64::from(site.price), 1e4),
+            approach: self.coordinates(site.approach_m.map(f64::from)),
         };
         let place = self.coordinates(site.center_m.map(f64::from));
         Feature::new(Geometry::Point(place), properties)
@@ -153,7 +159,9 @@ mod tests {
             center_m: [10.0, 20.0],
             heading_rad: std::f32::consts::FRAC_PI_2,
             width_m: 6.3,
-            mean_cost: 0.12345,
+            vegetation: Some(ShoreClass::Dense),
+            price: 1.12345,
+            approach_m: [10.0, 15.5],
             number: 2,
         };
         let mut shores = Shores::gather(0.25, datum, vec![point, dense], vec![site]);
@@ -188,7 +196,7 @@ mod tests {
              \"rigid_voxels\":1,\"center\":[0.5,-0.25]}},\n\
              {\"type\":\"Feature\",\"geometry\":{\"type\":\"Point\",\"coordinates\":[10.0,20.0]},\
              \"properties\":{\"kind\":\"docking site\",\"name\":\"B\",\"rank\":1,\"heading_deg\":90.0,\"width_m\":6.3,\
-             \"mean_cost\":0.1235}}\n\
+             \"class\":\"dense\",\"price\":1.1235,\"approach\":[10.0,15.5]}}\n\
              ]}\n"
         );
         let read: Value = serde_json::from_str(&text).unwrap();

@@ -252,7 +252,7 @@ pub struct ShoreCluster {
 }
 
 /// Class of a shore by the share of rigid voxels. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum ShoreClass {
     /// Scattered canes.
     Sparse,
@@ -262,7 +262,8 @@ pub enum ShoreClass {
     Solid,
 }
 
-/// A gentle slope that rises from clear water and holds the boat.
+/// A gentle slope that rises from clear water and holds the boat, or, for an emergency, vegetation
+/// that gives way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DockingSite {
     /// From 1; constant for a place while the maps last. Shown as [letters](crate::shores::site_letters).
@@ -273,8 +274,12 @@ pub struct DockingSite {
     pub heading_rad: f32,
     /// Across the heading, metres.
     pub width_m: f32,
-    /// Mean slope cost of its cells, 0 … 1.
-    pub mean_cost: f32,
+    /// The vegetation that the boat pushes into, never Solid; `None` for a gentle slope.
+    pub vegetation: Option<ShoreClass>,
+    /// Of a slope its mean cost, 0 … 1; of vegetation 1 plus the share of rigid voxels, at most 2.
+    pub price: f32,
+    /// Where the way in along the heading begins, x and y in `odom`, metres.
+    pub approach_m: [f32; 2],
 }
 
 /// Limit of poses in one [`TrajectoryPart`].

@@ -121,6 +121,10 @@ mod tests {
             }),
             ground_age_ms: [Some(300), None, Some(5), None],
             battery_v: Some(1.0),
+            docking: Some(DockingChoice {
+                site: 300,
+                vegetation: ShoreClass::Dense,
+            }),
         }
     }
 
@@ -148,15 +152,17 @@ mod tests {
             &[1, 0xAC, 2, 0, 1, 5, 0], // ground_age_ms
             &[1],                      // battery_v
             &ONE,
+            &[1, 0xAC, 2, 1], // docking
         ];
         assert_eq!(body(&teleop()), expected.concat());
         let nothing_in_the_way = TeleopStatus {
             barrier: None,
             ground_age_ms: [None; 4],
             battery_v: None,
+            docking: None,
             ..teleop()
         };
-        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0]));
+        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0, 0]));
     }
 
     #[test]
@@ -166,6 +172,7 @@ mod tests {
             lateral_mps: 0.0,
             angular_radps,
             estop: None,
+            docking: None,
         };
         assert!(drive(0.0, -0.0).is_neutral() && drive(9e-4, -9e-4).is_neutral());
         for speed in [1e-3, -0.5, f32::NAN, f32::INFINITY] {
@@ -219,8 +226,8 @@ mod tests {
             },
             ..teleop()
         };
-        assert_eq!(body(&teleop()).len(), 112);
-        assert_eq!(body(&full).len(), 589);
+        assert_eq!(body(&teleop()).len(), 116);
+        assert_eq!(body(&full).len(), 593);
     }
 
     proptest! {

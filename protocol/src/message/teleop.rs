@@ -6,6 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::ShoreClass;
 use crate::keys::OperatorId;
 
 /// State of driving, in [`Status`](super::Status).
@@ -50,6 +51,8 @@ pub struct TeleopStatus {
     pub ground_age_ms: [Option<u32>; 4],
     /// Voltage of the battery, volts; `None` if the motor controller does not report it.
     pub battery_v: Option<f32>,
+    /// The docking site whose vegetation is no obstacle now, by the last command.
+    pub docking: Option<DockingChoice>,
 }
 
 /// State of the vehicle. Append-only.
@@ -243,6 +246,8 @@ pub enum BarrierKind {
     NoReturn,
     /// A bumper touches it.
     Contact,
+    /// Vegetation of the chosen docking site: creeping speed.
+    Vegetation,
 }
 
 /// Emergency stop in force.
@@ -297,6 +302,18 @@ pub struct Drive {
     pub angular_radps: f32,
     /// Unacknowledged emergency stop, repeated here in case `estop` does not arrive.
     pub estop: Option<EStop>,
+    /// The docking site into whose vegetation the operator steers on purpose, while it has this
+    /// class.
+    pub docking: Option<DockingChoice>,
+}
+
+/// A docking site in vegetation, as its driver knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct DockingChoice {
+    /// Number of the site.
+    pub site: u32,
+    /// Its vegetation. If the robot calls it another class, the choice has no effect.
+    pub vegetation: ShoreClass,
 }
 
 /// `op/<operator>/estop`: emergency stop.

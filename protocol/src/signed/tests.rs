@@ -1,6 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::message::{DockingChoice, ShoreClass};
 
 /// The keys of RFC 8410, section 10, as `openssl` writes them too.
 const SECRET_PEM: &str = "-----BEGIN PRIVATE KEY-----
@@ -49,6 +50,7 @@ const DRIVE: Drive = Drive {
     lateral_mps: 0.0,
     angular_radps: -0.25,
     estop: None,
+    docking: None,
 };
 
 fn drive_of_anna() -> Vec<u8> {
@@ -75,7 +77,16 @@ fn every_kind_of_command_fits_and_survives() {
     }
     let press = u64::MAX;
     let estop = Some(EStop { press });
-    assert_eq!(check(Drive { estop, ..DRIVE }), 23);
+    let docking = Some(DockingChoice {
+        site: u32::MAX,
+        vegetation: ShoreClass::Dense,
+    });
+    let longest_drive = Drive {
+        estop,
+        docking,
+        ..DRIVE
+    };
+    assert_eq!(check(longest_drive), 30);
     assert_eq!(check(EStop { press }), 10);
     assert_eq!(check(Reset { estop: 1 }), 1);
     assert_eq!(check(LeaseRequest::Request), 1);
@@ -246,6 +257,7 @@ fn drives() -> impl Strategy<Value = Drive> {
         lateral_mps: 0.0,
         angular_radps,
         estop,
+        docking: None,
     })
 }
 

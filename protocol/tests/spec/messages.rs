@@ -93,6 +93,7 @@ const PARTS: [&str; 42] = [
     "ShoreCluster",
     "ShoreClass",
     "DockingSite",
+    "DockingChoice",
     "VoxelFile",
     "VoxelsPart",
     "AgeToken",

@@ -1,8 +1,7 @@
 //! What telling obstacles apart costs: votes, clusters, shores and docking sites of maps that are made up.
 
 use mapping::clustering::euclidean_clusters;
-use mapping::docking::{BoatFootprint, find_docking_sites};
-use mapping::docking::{DockingColumn, DockingGrid};
+use mapping::docking::{BoatFootprint, DockingColumn, find_docking_sites};
 use mapping::grid::CellIndex;
 use mapping::grid::VoxelIndex;
 use mapping::rigidity::RigidityConfig;
@@ -49,12 +48,11 @@ pub(crate) fn print() -> anyhow::Result<()> {
     });
     row(&maps, "docking sites", |map| {
         let first = CellIndex { x: 0, y: 0 };
-        let window = DockingGrid::new(first, SIDE as usize, CELL_M, &map.columns);
         let boat = BoatFootprint {
             length_m: 4.5,
             width_m: 2.44,
         };
-        find_docking_sites(&window, &boat).len()
+        find_docking_sites(first, SIDE as usize, CELL_M, &map.columns, &boat).len()
     });
     Ok(())
 }
@@ -132,6 +130,7 @@ fn map(mut is_occupied: impl FnMut(i32, i32, f64) -> bool) -> Map {
             cost,
             is_clear_water,
             rises_from_water: !is_clear_water,
+            vegetation: None,
         }
     });
     let mut columns: Vec<_> = columns.collect();

@@ -1,7 +1,7 @@
 //! Dead reckoning by wheel encoders and an attitude sensor (docs/methods.md, section 0, pose source (b);
 //! \[LOD\] §5.4).
 //!
-//! The source projects the mean displacement of both wheels by yaw. Here it follows the whole attitude: with yaw
+//! The document projects the mean displacement of both wheels by yaw. Here it follows the whole attitude: with yaw
 //! alone a vehicle that drives up a ramp of 10° stays at z = 0 and runs 1.5 % too far. Neither sensor measures
 //! sideways slip, which remains an error of the poses.
 //!

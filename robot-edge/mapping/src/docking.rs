@@ -1,17 +1,24 @@
-//! Docking sites: gentle slopes that rise out of clear water and hold the boat's footprint
-//! (docs/methods.md, section 4, "Docking sites").
+//! Docking sites: gentle slopes that rise out of clear water and hold the boat's footprint, and, for
+//! an emergency, vegetation that gives way (docs/methods.md, section 4, "Docking sites";
+//! \[HYB\] §7.2, §8.2.2, §8.4.2).
 //!
 //! A *docking pose* is a position and heading at which the footprint covers cells of moderate cost
 //! (above 0, below 1), an area of the same size right behind it is clear water, and land is below
 //! the boat or right ahead, so that a shoal does not count. A site is a connected set of cells that
 //! docking poses cover. Overgrown shores have moderate cells too, but no boat-sized rectangle of
 //! them.
+//!
+//! In Sparse or Dense vegetation a docking pose needs vegetation of at least the boat's width below
+//! it, no other lethal cell, and open water behind; what no beam has reached between the plants may
+//! be unknown. A site is what docking poses cover of one shore, and costs more than any slope.
 
+use std::collections::BTreeMap;
 use std::f64::consts::{SQRT_2, TAU};
 
 use nalgebra::{Point2, Vector2};
 
 use crate::grid::CellIndex;
+use crate::shore::ShoreClass;
 
 /// Footprint of a boat.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,8 +40,17 @@ pub struct DockingSite {
     pub centre_in_odom: Point2<f64>,
     /// Direction of the bow on the way in, radians in `odom`, counter-clockwise from x.
     pub heading_rad: f64,
-    /// Mean cost of its cells, above 0 and below 1.
-    pub mean_cost: f64,
+    /// The vegetation that the boat pushes into, Sparse or Dense; `None` for a gentle slope.
+    pub vegetation: Option<ShoreClass>,
+    /// Mean over its cells: of a slope the cost, above 0 and below 1; of vegetation 1 plus the share
+    /// of rigid voxels of its shore, below 2.
+    pub price: f64,
+    /// Where the way in along the heading begins, metres in `odom`: a boat's length before the
+    /// centre.
+    pub approach_in_odom: Point2<f64>,
+    /// Columns of vegetation no denser than the site's that a boat on the way in may touch,
+    /// ascending: the site and the boat's width beside it. Empty for a slope.
+    pub passable: Vec<CellIndex>,
     /// Extent across the heading of all docking poses of the site, metres: at least the boat's
     /// width.
     pub width_m: f64,
@@ -49,17 +65,35 @@ const HEADINGS_BESIDE: usize = 2;
 
 /// Docking sites of a window, the best first.
 ///
-/// A lower mean cost is better, in steps of 0.05, because the hulls bear the slope; then the wider
+/// A lower price is better, in steps of 0.05, because the hulls bear the slope; then the wider
 /// site, then the lesser first cell.
-pub fn find_docking_sites(window: &DockingGrid<'_>, boat: &BoatFootprint) -> Vec<DockingSite> {
-    let shapes = DockingTemplates::new(boat, window.cell_m());
-    let docking_poses = shapes.docking_poses(window);
-    let mut sites: Vec<_> = connected(&covered(window, &shapes, &docking_poses), window)
-        .into_iter()
-        .filter_map(|cells| site(window, &shapes, boat, &cells, &docking_poses))
-        .collect();
+pub fn find_docking_sites(
+    first: CellIndex,
+    width: usize,
+    cell_m: f64,
+    columns: &[DockingColumn],
+    boat: &BoatFootprint,
+) -> Vec<DockingSite> {
+    let mut sites = Vec::new();
+    for vegetation in [None, Some(ShoreClass::Sparse), Some(ShoreClass::Dense)] {
+        let is_class =
+            |column: &DockingColumn| column.vegetation.map(|found| found.class) == vegetation;
+        if vegetation.is_some() && !columns.iter().any(is_class) {
+            continue;
+        }
+        let window = DockingGrid::new(first, width, cell_m, columns, vegetation);
+        let shapes = DockingTemplates::new(boat, &window);
+        let docking_poses = shapes.docking_poses(&window);
+        let marked = covered(&window, &shapes, &docking_poses);
+        let sets = match vegetation {
+            None => connected(&marked, &window),
+            Some(_) => by_shore(&marked, &window),
+        };
+        let sets = sets.into_iter();
+        sites.extend(sets.filter_map(|cells| site(&window, &shapes, boat, &cells, &docking_poses)));
+    }
     sites.sort_by(|a, b| {
-        let rank = |site: &DockingSite| (site.mean_cost / COST_RANK) as u32;
+        let rank = |site: &DockingSite| (site.price / COST_RANK) as u32;
         let by_width = b.width_m.total_cmp(&a.width_m);
         let by_rank = rank(a).cmp(&rank(b));
         by_rank.then(by_width).then(a.cells.cmp(&b.cells))
@@ -76,7 +110,7 @@ fn covered(
     let mut covered = vec![false; window.columns().len()];
     for docking_pose in docking_poses {
         for at in shapes.cells(window, *docking_pose) {
-            covered[at] = window.ground(at) == Ground::Moderate;
+            covered[at] = window.is_sought(at);
         }
     }
     covered
@@ -106,6 +140,17 @@ fn connected(marked: &[bool], window: &DockingGrid<'_>) -> Vec<Vec<usize>> {
     sets
 }
 
+/// Marked columns of one shore each, ascending: scattered plants do not touch.
+fn by_shore(marked: &[bool], window: &DockingGrid<'_>) -> Vec<Vec<usize>> {
+    let mut sets: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for at in (0..marked.len()).filter(|&at| marked[at]) {
+        if let Some(vegetation) = window.columns()[at].vegetation {
+            sets.entry(vegetation.shore).or_default().push(at);
+        }
+    }
+    sets.into_values().collect()
+}
+
 fn site(
     window: &DockingGrid<'_>,
     shapes: &DockingTemplates,
@@ -132,16 +177,31 @@ fn site(
     };
     let mut cells: Vec<_> = places.iter().map(|&at| window.cell(at)).collect();
     cells.sort_unstable();
+    let centre = Point2::new(
+        mean(&|at| window.centre(at).x),
+        mean(&|at| window.centre(at).y),
+    );
+    let width_m = greatest_m - least_m + boat.width_m;
+    let middle = heading * centre.coords.dot(&heading) + across * (0.5 * (least_m + greatest_m));
+    let reach = Vector2::new(boat.length_m, 0.5 * width_m + boat.width_m);
+    let is_near = |at: usize| {
+        let offset = window.centre(at).coords - middle;
+        offset.dot(&heading).abs() <= reach.x && offset.dot(&across).abs() <= reach.y
+    };
+    let passable =
+        (0..window.columns().len()).filter(|&at| window.is_vegetation(at) && is_near(at));
+    let mut passable: Vec<_> = passable.map(|at| window.cell(at)).collect();
+    passable.sort_unstable();
     Some(DockingSite {
         number: 0,
         cells,
-        centre_in_odom: Point2::new(
-            mean(&|at| window.centre(at).x),
-            mean(&|at| window.centre(at).y),
-        ),
+        centre_in_odom: centre,
         heading_rad: libm::atan2(heading.y, heading.x),
-        mean_cost: mean(&|at| window.columns()[at].cost.into()),
-        width_m: greatest_m - least_m + boat.width_m,
+        vegetation: window.vegetation,
+        price: mean(&|at| window.columns()[at].price()),
+        approach_in_odom: centre - heading * boat.length_m,
+        passable,
+        width_m,
     })
 }
 
@@ -175,6 +235,26 @@ pub struct DockingColumn {
     pub is_clear_water: bool,
     /// The hits are above the water level; false for a shoal.
     pub rises_from_water: bool,
+    /// What grows there, if it gives way.
+    pub vegetation: Option<Vegetation>,
+}
+
+/// Vegetation of a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vegetation {
+    /// Sparse or Dense.
+    pub class: ShoreClass,
+    /// Share of rigid voxels of its shore.
+    pub ratio: f32,
+    /// Number of its shore.
+    pub shore: u32,
+}
+
+impl DockingColumn {
+    fn price(&self) -> f64 {
+        let price = self.vegetation.map(|found| 1.0 + found.ratio);
+        price.unwrap_or(self.cost).into()
+    }
 }
 
 /// A rectangle of columns.
@@ -184,6 +264,8 @@ pub struct DockingGrid<'a> {
     width: usize,
     cell_m: f64,
     columns: &'a [DockingColumn],
+    /// The densest vegetation that counts as moderate; `None` if none does.
+    vegetation: Option<ShoreClass>,
     /// Per row: number of columns of each kind before each column, and in the whole row.
     before: Vec<Counts>,
 }
@@ -211,8 +293,14 @@ pub(super) struct Counts {
 
 impl<'a> DockingGrid<'a> {
     /// `columns` are row by row, y upwards, `width` in a row; the first is cell `first`. An
-    /// incomplete last row is ignored.
-    pub fn new(first: CellIndex, width: usize, cell_m: f64, columns: &'a [DockingColumn]) -> Self {
+    /// incomplete last row is ignored. Vegetation up to `vegetation` counts as moderate.
+    pub fn new(
+        first: CellIndex,
+        width: usize,
+        cell_m: f64,
+        columns: &'a [DockingColumn],
+        vegetation: Option<ShoreClass>,
+    ) -> Self {
         let rows = columns.len().checked_div(width).unwrap_or(0);
         let columns = &columns[..rows * width];
         let mut before = Vec::with_capacity(rows * (width + 1));
@@ -220,7 +308,7 @@ impl<'a> DockingGrid<'a> {
             let mut counts = Counts::default();
             before.push(counts);
             for column in row {
-                counts.add(*column);
+                counts.add(*column, vegetation);
                 before.push(counts);
             }
         }
@@ -229,6 +317,7 @@ impl<'a> DockingGrid<'a> {
             width,
             cell_m,
             columns,
+            vegetation,
             before,
         }
     }
@@ -242,7 +331,21 @@ impl<'a> DockingGrid<'a> {
     }
 
     pub(super) fn ground(&self, at: usize) -> Ground {
-        Ground::of(self.columns[at])
+        Ground::of(self.columns[at], self.vegetation)
+    }
+
+    /// Whether a site may be made of this column: of a gentle slope, or of the densest vegetation
+    /// that counts.
+    fn is_sought(&self, at: usize) -> bool {
+        let found = self.columns[at].vegetation.map(|found| found.class);
+        self.ground(at) == Ground::Moderate
+            && (self.vegetation.is_none() || found == self.vegetation)
+    }
+
+    /// Whether vegetation that counts grows there.
+    fn is_vegetation(&self, at: usize) -> bool {
+        let found = self.columns[at].vegetation.map(|found| found.class);
+        found.is_some() && found <= self.vegetation
     }
 
     pub(super) const fn width(&self) -> usize {
@@ -286,7 +389,7 @@ impl<'a> DockingGrid<'a> {
     /// across corners).
     pub(super) fn steps_to(&self, ground: Ground) -> Vec<u32> {
         let start = |column: &DockingColumn| {
-            let is_there = Ground::of(*column) == ground;
+            let is_there = Ground::of(*column, self.vegetation) == ground;
             if is_there { 0 } else { u32::MAX }
         };
         let mut steps: Vec<u32> = self.columns.iter().map(start).collect();
@@ -332,8 +435,11 @@ impl<'a> DockingGrid<'a> {
 }
 
 impl Ground {
-    fn of(column: DockingColumn) -> Self {
-        if column.is_clear_water {
+    fn of(column: DockingColumn, vegetation: Option<ShoreClass>) -> Self {
+        let found = column.vegetation.map(|found| found.class);
+        if found.is_some() && found <= vegetation {
+            Self::Moderate
+        } else if column.is_clear_water {
             Self::ClearWater
         } else if column.cost >= 1.0 {
             Self::Lethal
@@ -346,8 +452,8 @@ impl Ground {
 }
 
 impl Counts {
-    fn add(&mut self, column: DockingColumn) {
-        match Ground::of(column) {
+    fn add(&mut self, column: DockingColumn, vegetation: Option<ShoreClass>) {
+        match Ground::of(column, vegetation) {
             Ground::ClearWater => self.water += 1,
             Ground::Lethal => self.lethal += 1,
             Ground::Moderate => {
@@ -410,6 +516,8 @@ struct DockingTemplate {
     min_moderate: u32,
     /// Minimum clear water behind the footprint.
     min_water: u32,
+    /// Minimum moderate cells behind that make it no open water.
+    min_closed: u32,
     /// Minimum land cells below the footprint or ahead: the boat's width, so that stray hits are no
     /// land.
     min_land: u32,
@@ -433,8 +541,8 @@ struct RowSpan {
 }
 
 impl DockingTemplates {
-    pub(super) fn new(boat: &BoatFootprint, cell_m: f64) -> Self {
-        let cells = |metres: f64| metres / cell_m;
+    pub(super) fn new(boat: &BoatFootprint, window: &DockingGrid<'_>) -> Self {
+        let cells = |metres: f64| metres / window.cell_m();
         let (length, width) = (cells(boat.length_m), cells(boat.width_m));
         let fits = |size: f64| size > 0.0 && size <= MAX_CELLS;
         if !(fits(length) && fits(width)) {
@@ -445,12 +553,19 @@ impl DockingTemplates {
             let direction = Vector2::new(libm::cos(angle_rad), libm::sin(angle_rad));
             let rectangle = |ahead: f64| CellMask::rectangle(direction, ahead, length, width);
             let [footprint_mask, water, ahead] = [0.0, -length, length].map(rectangle);
+            let min_land = libm::ceil(width) as u32;
+            let is_slope = window.vegetation.is_none();
             DockingTemplate {
                 direction,
-                min_moderate: footprint_mask.share(MIN_MODERATE_SHARE),
+                min_moderate: if is_slope {
+                    footprint_mask.share(MIN_MODERATE_SHARE)
+                } else {
+                    min_land
+                },
+                min_closed: if is_slope { u32::MAX } else { min_land },
                 // A boat shorter than a cell has no cell behind it.
                 min_water: water.share(MIN_WATER_SHARE).max(1),
-                min_land: libm::ceil(width) as u32,
+                min_land,
                 max_water_ahead: ahead.cells - ahead.share(MIN_WATER_SHARE),
                 footprint_mask,
                 water,
@@ -483,7 +598,7 @@ impl DockingTemplates {
         let to_lethal = window.steps_to(Ground::Lethal);
         for (centre, (to_water, to_lethal)) in to_water.into_iter().zip(to_lethal).enumerate() {
             // Cheap tests first.
-            if window.ground(centre) != Ground::Moderate
+            if !window.is_sought(centre)
                 || to_water > self.max_steps_to_water
                 || to_lethal <= self.lethal_clearance
             {
@@ -517,7 +632,9 @@ impl DockingTemplate {
             return false;
         };
         let behind = self.water.counts(window, centre);
-        behind.is_some_and(|behind| behind.water >= self.min_water)
+        let is_open =
+            |behind: Counts| behind.water >= self.min_water && behind.moderate < self.min_closed;
+        behind.is_some_and(is_open)
             && (below.land >= self.min_land || self.leads_to_land(window, centre))
     }
 
@@ -619,7 +736,6 @@ mod docking_pose_tests {
             width_m in 0.5..5.0_f64,
         ) {
             let boat = BoatFootprint { length_m, width_m };
-            let shapes = DockingTemplates::new(&boat, 1.0);
             // Patches of 4 × 4 columns.
             let columns: Vec<_> = (0..256)
                 .map(|at| kinds[at / 64 * 4 + at % 16 / 4])
@@ -627,9 +743,11 @@ mod docking_pose_tests {
                     cost,
                     is_clear_water,
                     rises_from_water,
+                    vegetation: None,
                 })
                 .collect();
-            let window = DockingGrid::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns);
+            let window = DockingGrid::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns, None);
+            let shapes = DockingTemplates::new(&boat, &window);
             let all = (0..256).flat_map(|centre| {
                 let headings = 0..shapes.headings();
                 headings.map(move |heading| DockingPose { centre, heading })

@@ -159,7 +159,10 @@ mod tests {
             cells: Vec::new(),
             centre_in_odom: Point2::new(x_m, y_m),
             heading_rad: 1.0,
-            mean_cost: 0.2,
+            vegetation: None,
+            price: 0.2,
+            approach_in_odom: Point2::origin(),
+            passable: Vec::new(),
             width_m,
         };
         let mut sites: Vec<_> = sites.iter().map(site).collect();

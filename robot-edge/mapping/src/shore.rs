@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use crate::clustering::{ClusterTracker, euclidean_clusters};
 use crate::cost_map::CostMap;
-use crate::docking::{BoatFootprint, DockingColumn, DockingGrid, DockingSite, find_docking_sites};
+use crate::docking::{BoatFootprint, DockingColumn, DockingSite, Vegetation, find_docking_sites};
 use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::Octree;
@@ -282,16 +282,30 @@ impl ShoreLayer {
             within(cell.x, first.x) && within(cell.y, first.y)
         };
         let found = self.find_shores(costs.obstacle_voxels(octree), is_inside);
-        let columns: Vec<_> = window
+        let mut columns: Vec<_> = window
             .iter()
             .map(|cell| DockingColumn {
                 cost: cell.cost,
                 is_clear_water: cell.is_clear_water,
                 rises_from_water: cell.rises_from_water,
+                vegetation: None,
             })
             .collect();
-        let docking = DockingGrid::new(first, width, self.cell_m, &columns);
-        self.sites = find_docking_sites(&docking, &self.boat);
+        // Of two shores in a column the denser one counts.
+        let mut by_class: Vec<_> = found.clusters.iter().collect();
+        by_class.sort_by_key(|cluster| cluster.class);
+        for cluster in by_class {
+            let vegetation = (cluster.class != ShoreClass::Solid).then_some(Vegetation {
+                class: cluster.class,
+                ratio: cluster.ratio as f32,
+                shore: cluster.number,
+            });
+            for cell in cluster.columns.iter().filter(|cell| is_inside(**cell)) {
+                let [x, y] = [cell.x - first.x, cell.y - first.y];
+                columns[y as usize * width + x as usize].vegetation = vegetation;
+            }
+        }
+        self.sites = find_docking_sites(first, width, self.cell_m, &columns, &self.boat);
         self.site_tracker.assign(&mut self.sites);
         let mut cells = BTreeMap::new();
         for site in &self.sites {

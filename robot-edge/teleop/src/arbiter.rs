@@ -14,7 +14,9 @@ use crate::motion::{Caps, Motion, MotionCaps, MotionTarget, Velocity};
 use crate::report::Counters;
 use crate::token::TokenRing;
 use measurement::time::Monotonic;
-use protocol::message::{Answer, Clamp, FaultReason, LeaseEnd, Refusal, StopReason, TeleopState};
+use protocol::message::{
+    Answer, Clamp, DockingChoice, FaultReason, LeaseEnd, Refusal, StopReason, TeleopState,
+};
 
 mod requests;
 
@@ -133,6 +135,12 @@ impl ArbiterState {
         let requested = self.stream.requested;
         self.locomotion
             .map_or(requested, |mode| mode.part_of(requested))
+    }
+
+    /// The docking site into whose vegetation the vehicle may push now: while it is driven, and as long as the last
+    /// command names it.
+    pub fn docking(&self) -> Option<DockingChoice> {
+        self.stream.docking.filter(|_| self.mode == Mode::Driving)
     }
 
     pub(super) fn clamp_time(&self, now: Monotonic) -> Monotonic {
@@ -550,6 +558,7 @@ impl Step<'_> {
         }
         stream.ages.record(self.now, age);
         stream.requested = command.requested;
+        stream.docking = command.docking;
         // The issue time that the token ring stores; `now - age` could saturate.
         stream.issued = self.state.tokens.issued(command.token, self.now).ok();
 

@@ -6,6 +6,7 @@ use crate::lease::OperatorId;
 use crate::motion::Velocity;
 use crate::token::AgeToken;
 use measurement::time::Monotonic;
+use protocol::message::DockingChoice;
 
 /// One iteration of a console's input loop, as the vehicle knows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,6 +23,8 @@ pub struct DriveCommand {
     pub requested: Velocity,
     /// Stop at once and stay stopped. Obeyed whatever epoch, sequence number and token are.
     pub estop: bool,
+    /// The docking site into whose vegetation the operator steers on purpose.
+    pub docking: Option<DockingChoice>,
 }
 
 /// Arming: after a loss, a reconnect or a stop, a pressed key has no effect until it was released and pressed again
@@ -105,6 +108,7 @@ pub(super) struct CommandStream {
     /// When the token of the last command taken was issued.
     pub(super) issued: Option<Monotonic>,
     pub(super) requested: Velocity,
+    pub(super) docking: Option<DockingChoice>,
     pub(super) arming: ArmingState,
     pub(super) ages: AgeWindow,
 }

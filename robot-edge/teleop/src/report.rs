@@ -9,7 +9,7 @@ use crate::interface::CollisionMonitorOutput;
 use crate::lease::{EStop, Lease};
 use crate::motion::Velocity;
 use measurement::time::Monotonic;
-use protocol::message::{Arming, Clamp, Refusal};
+use protocol::message::{Arming, Clamp, DockingChoice, Refusal};
 
 /// What an operator needs to know: the driver, the age of commands, the requested and the applied velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +42,8 @@ pub struct TeleopReport {
     pub measured: Option<Velocity>,
     /// The emergency stop in force.
     pub estop: Option<EStop>,
+    /// The docking site into whose vegetation the vehicle may push.
+    pub docking: Option<DockingChoice>,
     /// What was obeyed and what was refused.
     pub counters: Counters,
 }
@@ -78,6 +80,7 @@ impl ArbiterState {
             collision_monitor: self.monitor_output(now),
             measured: self.measured,
             estop: self.estop,
+            docking: self.docking(),
             counters: self.counters,
         }
     }

@@ -117,7 +117,7 @@ fn checks(drives: &[Drive]) -> Vec<Check> {
         .iter()
         .filter_map(|drive| drive.sites.first())
         .collect();
-    let cost = Spread::over(&best, |site| site.found.mean_cost);
+    let cost = Spread::over(&best, |site| site.found.price);
     let heading = Spread::over(&best, |site| site.found.heading_rad.to_degrees());
     let width = Spread::over(&best, |site| site.found.width_m);
     let found = Spread::of(drives.iter().filter_map(|drive| drive.found_s));
@@ -176,7 +176,7 @@ fn sites(dock: &WaterWorld, drive: &Drive) -> Table {
         table.push([
             format!("{number}"),
             site.cells.len().to_string(),
-            format!("{:.2}", site.mean_cost),
+            format!("{:.2}", site.price),
             format!("{:.1}", site.width_m),
             format!("{:.0}", site.heading_rad.to_degrees()),
             format!("({:.1}, {:.1})", centre.x, centre.y),

@@ -22,6 +22,7 @@ mod e3;
 mod e4;
 mod e5;
 mod e6;
+mod e7;
 mod h1;
 mod h2;
 mod h3;
@@ -62,7 +63,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 16] = [
+pub static EXPERIMENTS: [Experiment; 17] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
@@ -106,6 +107,14 @@ pub static EXPERIMENTS: [Experiment; 16] = [
         criterion: "the walls that were mapped before the turn cover ≤ 1.05 × as many cells after it (no drag); \
                     glass lets beams through, as in the document",
         run: e6::run,
+    },
+    Experiment {
+        id: "E7",
+        title: "Gentle slopes",
+        source: "[LOD 6.2]",
+        criterion: "above the local ground ≤ 2 % of a ramp, a bank and a crowned road are obstacles, and every block on \
+                    them is; above one plane more",
+        run: e7::run,
     },
     Experiment {
         id: "H1",

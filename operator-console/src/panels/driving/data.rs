@@ -8,6 +8,7 @@ use protocol::message::{
     Arming, BarrierKind, Clamp, CollisionMonitorState, Event, LeaseStatus, Settings, StopReason,
     TeleopState, TeleopStatus,
 };
+use protocol::shores::site_letters;
 
 use super::labels::{self, opposing_keys};
 use super::limits::{
@@ -290,6 +291,14 @@ fn rows(
         }
     }
     let events = model.events().iter().map(|(event, _)| event);
+    if let Some(docking) = teleop.docking {
+        let words = format!(
+            "{}: pushes into {} vegetation",
+            site_letters(docking.site),
+            docking.vegetation.name()
+        );
+        rows.push((Tone::Warning, row("Docking", words)));
+    }
     if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
     }
@@ -313,6 +322,7 @@ fn obstacle_row(model: &ConsoleModel) -> (Tone, Row) {
         Some(BarrierKind::Unknown) => (Tone::Warning, "unknown ground (ringed)"),
         Some(BarrierKind::NoReturn) => (Tone::Warning, "no echo (ringed)"),
         Some(BarrierKind::Contact) => (Tone::Warning, "touched (ringed)"),
+        Some(BarrierKind::Vegetation) => (Tone::Warning, "vegetation of the site (ringed)"),
     };
     (tone, row(OBSTACLE, words))
 }
@@ -351,7 +361,8 @@ pub(super) fn hint(name: &str) -> Option<&'static str> {
             "The obstacle for which the collision monitor limits the commanded motion; an amber ring on the map is \
              around it. Detected: hit by a beam of the last scans; too shallow: hit by a sonar; on the map: an obstacle \
              hit before; unknown ground: not observed, or too long ago; no echo: only beams \
-             without a return cover it.",
+             without a return cover it; vegetation: of the docking site that the driver has chosen, entered at creeping \
+             speed.",
         ),
         LAST_OBSERVED => Some(
             "How long ago a sensor observed the ground on each side, at the oldest place. The monitor lets the vehicle \

@@ -97,14 +97,15 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
     let sites = List {
         name: "docking sites",
         heading_text: "Docking sites, called by letter",
-        why: "Lowest mean slope cost first, in steps of 0.05; within a step, the widest. A letter stays with its \
-              place, also on the map, when the order changes. The robot searches for sites in the window around it: sites \
+        why: "Lowest price first, in steps of 0.05; within a step, the widest. The price of a gentle slope is its mean \
+              cost, below 1; that of vegetation, for an emergency, is 1 and the share of its rigid voxels. A letter stays \
+              with its place, also on the map, when the order changes. The robot searches for sites in the window around it: sites \
               outside keep their class on the map, without a letter.",
-        titles: ["Site", "", "Cost", "Width", "Away"],
+        titles: ["Site", "", "Price", "Width", "Away"],
         hints: ["", "", "", "", TO_SITES],
         first: "rank",
         usual: SortBy::Number,
-        usually: "the gentlest first by steps of 0.05, then the widest",
+        usually: "the least price first by steps of 0.05, then the widest",
         rows: &data.sites,
     };
     let lists = [shores, sites];

@@ -7,7 +7,10 @@ use protocol::message::{Info, LayerInfo, ShoreCluster, Shores, ShoresReply};
 use super::*;
 use crate::command::Look;
 use crate::model::{RequestId, ShoreOutlines};
-use crate::test_support::{at, docking_site, inject, inject_reply, scout, shore};
+use crate::teleop_client::Lease;
+use crate::test_support::{
+    at, docking_site, idle_teleop_client, inject, inject_reply, scout, shore,
+};
 
 fn cluster(number: u32, voxels: u32, center_m: [f32; 2]) -> ShoreCluster {
     ShoreCluster {
@@ -159,12 +162,12 @@ fn headings_explain_names_and_order() {
         .build_ui_state(|ui, data| _ = shores_ui(ui, data), data());
     let top = |window: &Harness<'_, ShoresData>, label| window.get_by_label(label).rect().top();
     let (best, wider) = (
-        "Docking site B, cost 0.20, 4.0 m wide, 8.0 m away",
-        "Docking site A, cost 0.20, 9.0 m wide, 20 m away",
+        "Docking site B, gentle slope, price 0.20, 4.0 m wide, 8.0 m away",
+        "Docking site A, gentle slope, price 0.20, 9.0 m wide, 20 m away",
     );
     let heading = top(
         &window,
-        "Docking sites, called by letter, the gentlest first by steps of 0.05, then the widest",
+        "Docking sites, called by letter, the least price first by steps of 0.05, then the widest",
     );
     assert!(top(&window, "Shores, called by number, the nearest first") < heading);
     assert!(heading < top(&window, best));
@@ -435,4 +438,52 @@ fn selected_and_hovered_rows_differ() {
     assert_eq!(marks(&view), (Some(two), None));
     view.forget();
     assert_eq!(marks(&view), (None, None));
+}
+
+#[test]
+fn who_drives_can_choose_marked_vegetation_and_end_it() {
+    let mut model = scout();
+    let reeds = DockingSite {
+        vegetation: Some(ShoreClass::Dense),
+        price: 1.5,
+        ..site()
+    };
+    let slope = DockingSite {
+        number: 3,
+        ..site()
+    };
+    let news = ShoresReply {
+        revision: 1,
+        shores: Some(Shores::gather(0.3, None, Vec::new(), vec![reeds, slope])),
+    };
+    inject(&mut model, Topic::Shores, &news, at(0));
+    let choice = DockingChoice {
+        site: 2,
+        vegetation: ShoreClass::Dense,
+    };
+    let mut client = idle_teleop_client();
+    let offer = |marked: u32, client: &TeleopClientState| {
+        let mut view = MapView::default();
+        view.look(Look::Mark(ShoreMark::Site(marked), [0.0; 2]));
+        DockingOffer::new(&model, &view, Some(client))
+    };
+    assert_eq!(offer(2, &client), None, "without the lease");
+    client.lease = Lease::Held(1);
+    assert_eq!(offer(3, &client), None, "a slope needs no choice");
+    let clicked = |label: &str, offer: Option<DockingOffer>| {
+        let mut window = Harness::builder().build_ui_state(
+            |ui, (offer, asked): &mut (DockingOffer, Vec<Intent>)| {
+                asked.extend(docking_ui(ui, *offer));
+            },
+            (offer.unwrap(), Vec::new()),
+        );
+        window.get_by_label(label).click();
+        window.run_steps(2);
+        std::mem::take(&mut window.state_mut().1)
+    };
+    let asked = clicked("Dock at B, dense", offer(2, &client));
+    assert_eq!(asked, [Intent::Dock(Some(choice))]);
+    client.docking = Some(choice);
+    let asked = clicked("End docking at B", offer(3, &client));
+    assert_eq!(asked, [Intent::Dock(None)]);
 }

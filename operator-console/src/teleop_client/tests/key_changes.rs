@@ -202,6 +202,7 @@ impl Shore {
                     angular_radps: drive.angular_radps.into(),
                 },
                 estop: false,
+                docking: drive.docking,
             };
             let role = teleop::Role::Operator;
             let arrives = self.ms + self.way_ms;

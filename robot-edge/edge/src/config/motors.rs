@@ -20,6 +20,13 @@ pub struct MotorsConfig {
     pub ros2_twist: Option<TwistConfig>,
 }
 
+impl MotorsConfig {
+    /// Whether real motors are configured.
+    pub const fn has_motors(&self) -> bool {
+        self.roboteq.is_some() || self.ros2_twist.is_some()
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TwistConfig {

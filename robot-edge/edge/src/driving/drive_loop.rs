@@ -244,8 +244,8 @@ impl DriveLoop {
         match &mut self.monitor_runner {
             // Also while it is switched off: its history must be complete when it is switched on again.
             Some(monitor_runner) => {
-                let output =
-                    monitor_runner.output((report.applied, self.state.possible_request()), now);
+                let velocities = (report.applied, self.state.possible_request());
+                let output = monitor_runner.output(velocities, self.state.docking(), now);
                 if self.runtime_settings.collision_monitor {
                     output
                 } else {
@@ -401,6 +401,7 @@ impl DriveLoop {
             token: status_message::token(&header),
             requested: status_message::velocity(&claimed),
             estop: press.is_some(),
+            docking: claimed.docking,
         };
         if !command.estop {
             self.state

@@ -12,9 +12,11 @@ use triple_buffer::{Input, Output, triple_buffer};
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
 use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
+use mapping::shore::ShoreLayer;
 use mapping::voxel_layers::VoxelLayers;
 use measurement::pose::{self, Pose};
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use protocol::message::DockingChoice;
 use teleop::collision_monitor::{
     Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
     CopyRequest, LocalMap, ObstacleScan, OdometrySample, UnavailableReason,
@@ -222,12 +224,14 @@ impl MonitorMapInput {
             .voxels()
             .and_then(|voxels| Some((voxels.cost()?, voxels.octree().cell_m())));
         let depth = mapper.voxels().and_then(VoxelLayers::depth);
+        let shore = mapper.voxels().and_then(VoxelLayers::shore);
         if let Some(terrain) = mapper.terrain() {
             map.copy_obstacles(terrain.obstacle(), request);
         } else if let Some((costs, cell_m)) = costs {
             map.copy_costs(
                 costs,
                 depth.zip(self.rules.least_water_m()),
+                shore.map_or(&[], ShoreLayer::docking_sites),
                 cell_m,
                 request,
             );
@@ -276,6 +280,7 @@ impl MonitorRunner {
     pub(super) fn output(
         &mut self,
         (commanded, requested): (Velocity, Velocity),
+        docking: Option<DockingChoice>,
         now: Monotonic,
     ) -> CollisionMonitorOutput {
         for (obstacle_scan, newest) in self.obstacle_scans.iter_mut().zip(&mut self.newest_scans) {
@@ -290,6 +295,7 @@ impl MonitorRunner {
             odometry: *self.odometry.read(),
             commanded,
             requested,
+            docking,
         };
         self.monitor.output(&input, now)
     }

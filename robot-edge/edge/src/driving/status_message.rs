@@ -110,6 +110,7 @@ pub(super) fn status(
         }),
         ground_age_ms: detail.side_ground_ages.map(|age| age.map(ms)),
         battery_v: runtime_settings.battery_v.map(|volts| volts as f32),
+        docking: report.docking,
     }
 }
 

@@ -129,11 +129,7 @@ pub fn shores(layer: &ShoreLayer, cell_m: f64, datum: Option<GeodeticPoint>) -> 
 fn cluster(cluster: &ShoreCluster) -> message::ShoreCluster {
     message::ShoreCluster {
         number: cluster.number,
-        class: match cluster.class {
-            ShoreClass::Sparse => message::ShoreClass::Sparse,
-            ShoreClass::Dense => message::ShoreClass::Dense,
-            ShoreClass::Solid => message::ShoreClass::Solid,
-        },
+        class: shore_class(cluster.class),
         voxels: cluster.voxels,
         rigid_voxels: cluster.rigid_voxels,
         center_m: cluster
@@ -145,13 +141,23 @@ fn cluster(cluster: &ShoreCluster) -> message::ShoreCluster {
     }
 }
 
+const fn shore_class(class: ShoreClass) -> message::ShoreClass {
+    match class {
+        ShoreClass::Sparse => message::ShoreClass::Sparse,
+        ShoreClass::Dense => message::ShoreClass::Dense,
+        ShoreClass::Solid => message::ShoreClass::Solid,
+    }
+}
+
 fn site(site: &DockingSite) -> message::DockingSite {
     message::DockingSite {
         number: site.number,
         center_m: site.centre_in_odom.map(|metres| metres as f32).into(),
         heading_rad: site.heading_rad as f32,
         width_m: site.width_m as f32,
-        mean_cost: site.mean_cost as f32,
+        vegetation: site.vegetation.map(shore_class),
+        price: site.price as f32,
+        approach_m: site.approach_in_odom.map(|metres| metres as f32).into(),
     }
 }
 

@@ -235,8 +235,7 @@ fn driving_options(
     robot: &RobotId,
 ) -> Result<Option<DrivingOptions>, UsageError> {
     let options = &command.driving;
-    let has_motors = config.motors.roboteq.is_some() || config.motors.ros2_twist.is_some();
-    if !has_motors {
+    if !config.motors.has_motors() {
         let wanted = [
             ("--drive-log", &options.drive_log),
             ("--recordings", &options.recordings),

@@ -14,7 +14,7 @@ use super::run::Run;
 use super::source::{Source, SourceItem, SourceLosses};
 use crate::cli::Simulate;
 use crate::config::advice::advise;
-use crate::config::{self, Config, FixesAndAttitude, MotorsConfig, WheelsAndAttitude};
+use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::summary::Event;
@@ -73,7 +73,7 @@ pub(super) fn simulate(
     )];
     let overrides = options.setup.overrides();
     notes.extend(advise(vehicle, &overrides, &config, true));
-    if config.motors != MotorsConfig::default() {
+    if config.motors.has_motors() {
         notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
     }
     let run = Run {

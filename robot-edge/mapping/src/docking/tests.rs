@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-use crate::docking::DockingColumn;
+use crate::docking::{DockingColumn, Vegetation};
 
 const SIDE: usize = 100;
 const CELL_M: f64 = 0.3;
@@ -21,6 +21,7 @@ const WATER: DockingColumn = DockingColumn {
     cost: 0.0,
     is_clear_water: true,
     rises_from_water: false,
+    vegetation: None,
 };
 
 const fn land(cost: f32) -> DockingColumn {
@@ -28,6 +29,19 @@ const fn land(cost: f32) -> DockingColumn {
         cost,
         is_clear_water: false,
         rises_from_water: true,
+        vegetation: None,
+    }
+}
+
+/// A plant of shore 1; lethal by its slope.
+const fn plant(class: ShoreClass, ratio: f32) -> DockingColumn {
+    DockingColumn {
+        vegetation: Some(Vegetation {
+            class,
+            ratio,
+            shore: 1,
+        }),
+        ..LETHAL
     }
 }
 
@@ -45,7 +59,7 @@ fn sites(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> 
     let columns: Vec<_> = (0..SIDE * SIDE)
         .map(|at| column(metres(at % SIDE), metres(at / SIDE)))
         .collect();
-    find_docking_sites(&DockingGrid::new(FIRST, SIDE, CELL_M, &columns), &BOAT)
+    find_docking_sites(FIRST, SIDE, CELL_M, &columns, &BOAT)
 }
 
 /// A shore along x = 0, land towards x, with a ramp `width_m` wide and 8 m deep around y = 0.
@@ -71,7 +85,8 @@ fn a_ramp_between_overgrown_shores_is_found() {
         panic!("{} sites", found.len());
     };
     assert!(site.heading_rad.abs() < 1e-9, "{}", site.heading_rad);
-    assert!((site.mean_cost - 0.5).abs() < 1e-6);
+    assert!((site.price - 0.5).abs() < 1e-6);
+    assert_eq!((site.vegetation, &site.passable), (None, &Vec::new()));
     // 4 m are 13 cells, all covered by docking poses, as far as the deepest reaches.
     assert!((site.width_m - 4.0).abs() < 0.5, "{}", site.width_m);
     assert!(
@@ -249,9 +264,79 @@ fn a_shoal_is_a_site_only_where_land_follows_it() {
 }
 
 #[test]
+fn vegetation_is_a_site_with_a_price() {
+    use ShoreClass::{Dense, Sparse};
+    // A gentle ramp, scattered canes of which a quarter of the cells is known, and a field.
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let found = sites(|x, y| match x {
+        _ if x < 0.0 => WATER,
+        _ if y > 5.0 => ramp(x, y - 9.0, 4.0, 0.5),
+        _ if y > 1.0 => LETHAL,
+        _ if y < -9.0 => LETHAL,
+        _ if y > -4.0 && chance(&mut random, 0.25) => plant(Sparse, 0.125),
+        _ if y > -4.0 => WATER,
+        _ if x < 1.5 => plant(Dense, 0.5),
+        _ => UNKNOWN,
+    });
+    let what: Vec<_> = found
+        .iter()
+        .map(|site| (site.vegetation, site.price))
+        .collect();
+    assert_eq!(
+        what,
+        [(None, 0.5), (Some(Sparse), 1.125), (Some(Dense), 1.5)]
+    );
+    for site in &found[1..] {
+        assert!(site.heading_rad.abs() < 0.1, "{}", site.heading_rad);
+        let ahead_m = site.centre_in_odom - site.approach_in_odom;
+        assert!(
+            (ahead_m.norm() - BOAT.length_m).abs() < 1e-9 && ahead_m.x > 4.4,
+            "{ahead_m}"
+        );
+    }
+    // Into the denser plants a boat may push from their site alone, and into no rock from any.
+    let cells = |site: usize, y: std::ops::Range<f64>| {
+        let passable = found[site].passable.iter();
+        passable
+            .filter(|cell| y.contains(&cell.centre(CELL_M).y))
+            .count()
+    };
+    assert_eq!(cells(1, -20.0..-4.2), 0, "dense from the sparse site");
+    assert!(cells(1, -4.0..1.0) > 50 && cells(2, -9.0..-4.2) > 70);
+    assert_eq!(
+        cells(1, 1.2..20.0) + cells(2, 1.2..20.0) + cells(2, -20.0..-9.2),
+        0
+    );
+}
+
+#[test]
+fn what_does_not_give_way_makes_vegetation_no_site() {
+    use ShoreClass::Dense;
+    let field = |stone_m: f64, width_m: f64, behind: DockingColumn| {
+        let found = sites(|x, y| match x {
+            _ if x < 0.0 => behind,
+            _ if y.abs() > 0.5 * width_m => LETHAL,
+            _ if (x - 1.0).abs() < 0.15 && (y - stone_m).abs() < 0.15 => LETHAL,
+            _ => plant(Dense, 0.5),
+        });
+        found.len()
+    };
+    assert_eq!(field(20.0, 3.0, WATER), 1);
+    assert_eq!(field(20.0, 2.0, WATER), 0, "too narrow");
+    assert_eq!(field(0.15, 3.0, WATER), 0, "a stone in its middle");
+    assert_eq!(field(0.15, 12.0, WATER), 1, "beside the stone");
+    assert_eq!(field(20.0, 3.0, UNKNOWN), 0, "no water before it");
+    assert_eq!(
+        field(20.0, 3.0, plant(Dense, 0.5)),
+        0,
+        "no open water before it"
+    );
+}
+
+#[test]
 fn odd_windows_and_boats_have_no_sites() {
     let window = |width: usize, columns: &[DockingColumn], boat: BoatFootprint| {
-        find_docking_sites(&DockingGrid::new(FIRST, width, CELL_M, columns), &boat).len()
+        find_docking_sites(FIRST, width, CELL_M, columns, &boat).len()
     };
     let gentle = [land(0.5); 12];
     assert_eq!(window(0, &gentle, BOAT), 0);

@@ -13,7 +13,7 @@ use mapping::vehicle::VehicleConfig;
 use protocol::keys::OperatorTopic;
 use protocol::message::Answer::{self, Done, Granted, Refused};
 use protocol::message::TeleopState::{self, Driving, EStop, Fault, Held, Idle, SafeBoot, Stopping};
-use protocol::message::{Arming, Refusal};
+use protocol::message::{Arming, DockingChoice, Refusal, ShoreClass};
 
 const ALICE: OperatorId = OperatorId(1);
 const BOB: OperatorId = OperatorId(2);
@@ -165,6 +165,7 @@ impl Vehicle {
             token: self.token,
             requested,
             estop: false,
+            docking: None,
         }
     }
 
@@ -1151,4 +1152,58 @@ fn between_two_locomotion_modes_it_stands() {
     assert_eq!(vehicle.output(), Velocity::ZERO);
     vehicle.hold(Velocity::new(0.0, 0.5), 60);
     assert_eq!(vehicle.output(), Velocity::new(0.0, 0.5));
+}
+
+#[test]
+fn a_docking_site_is_chosen_as_long_as_the_command_in_force_names_it() {
+    let choice = DockingChoice {
+        site: 2,
+        vegetation: ShoreClass::Sparse,
+    };
+    let push = |vehicle: &mut Vehicle, docking: Option<DockingChoice>| {
+        let command = DriveCommand {
+            docking,
+            ..vehicle.command(ALICE, FORWARD)
+        };
+        vehicle.send(command);
+        vehicle.round();
+        assert_eq!(vehicle.report().docking, vehicle.state.docking());
+        vehicle.state.docking()
+    };
+    let mut vehicle = Vehicle::driving();
+    assert_eq!(push(&mut vehicle, Some(choice)), Some(choice));
+    assert_eq!(push(&mut vehicle, None), None);
+
+    // A command of another, an older one, and one of another grant change nothing.
+    assert_eq!(push(&mut vehicle, Some(choice)), Some(choice));
+    let forged = DriveCommand {
+        docking: None,
+        ..vehicle.command(BOB, FORWARD)
+    };
+    vehicle.send(forged);
+    assert_eq!(vehicle.state.docking(), Some(choice));
+
+    vehicle.hold(Velocity::ZERO, 1);
+    assert_eq!(vehicle.state.docking(), None, "no key is pressed");
+    let mut vehicle = Vehicle::driving();
+    push(&mut vehicle, Some(choice));
+    vehicle.silence(1000);
+    assert_eq!(vehicle.state.docking(), None, "commands are too old");
+    let mut vehicle = Vehicle::driving();
+    push(&mut vehicle, Some(choice));
+    assert_eq!(vehicle.lease(ALICE, LeaseVerb::Release), Answer::Done);
+    assert_eq!(vehicle.state.docking(), None, "the lease has ended");
+    vehicle.silence(5000);
+    assert_eq!(vehicle.lease(BOB, LeaseVerb::Request), Answer::Granted(2));
+    for (requested, rounds) in [(Velocity::ZERO, 11), (FORWARD, 5)] {
+        for _ in 0..rounds {
+            let command = vehicle.command(BOB, requested);
+            vehicle.send(command);
+            vehicle.round();
+        }
+    }
+    assert_eq!(
+        (vehicle.state.mode, vehicle.state.docking()),
+        (Mode::Driving, None)
+    );
 }

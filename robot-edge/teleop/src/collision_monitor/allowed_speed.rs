@@ -28,6 +28,8 @@ pub(super) struct SpeedBounds {
     creep_mps: f64,
     /// The vehicle stops before the first obstacle.
     before_obstacles_mps: f64,
+    /// It creeps where it touches passable vegetation.
+    before_vegetation_mps: f64,
     /// It stops before the first ground that no beam with a return has crossed.
     before_unconfirmed_ground_mps: f64,
     /// It stops before the first ground that no beam has crossed.
@@ -43,9 +45,9 @@ pub(super) struct SpeedBounds {
 impl SpeedBounds {
     fn allowed(self) -> AllowedSpeed {
         AllowedSpeed {
-            speed_mps: self.before_obstacles_mps.min(self.for_the_ground_mps()),
+            speed_mps: self.before_known_mps().min(self.for_the_ground_mps()),
             in_unknown_space: self.for_known_ground_mps() < self.creep_mps
-                && self.for_known_ground_mps() < self.before_obstacles_mps,
+                && self.for_known_ground_mps() < self.before_known_mps(),
         }
     }
 
@@ -55,9 +57,17 @@ impl SpeedBounds {
             && self.before_unknown_ground_mps >= self.before_unconfirmed_ground_mps
     }
 
-    /// Whether the limit is an obstacle, not the ground.
+    /// Whether the limit is an obstacle or vegetation, not the ground.
     pub(super) fn is_limited_by_obstacle(self) -> bool {
-        self.before_obstacles_mps <= self.for_the_ground_mps()
+        self.before_known_mps() <= self.for_the_ground_mps()
+    }
+
+    fn is_limited_by_vegetation(self) -> bool {
+        self.before_vegetation_mps < self.before_obstacles_mps
+    }
+
+    fn before_known_mps(self) -> f64 {
+        self.before_obstacles_mps.min(self.before_vegetation_mps)
     }
 
     fn for_the_ground_mps(self) -> f64 {
@@ -96,6 +106,9 @@ impl SpeedLimitContext<'_> {
             }
             before_obstacles_mps = before_obstacles_mps.max(beside_mps.min(creep_mps));
         }
+        let [_, mapped] = self.obstacle_margins(1.0);
+        let to_vegetation_m = self.free_m(mapped, direction, &self.environment.vegetation);
+        let before_vegetation_mps = self.speed_mps(direction, to_vegetation_m).max(creep_mps);
         let before_unconfirmed_ground_mps =
             self.speed_before_mps(direction, &self.environment.unconfirmed);
         let before_unknown_ground_mps = self.speed_before_mps(direction, &self.environment.unknown);
@@ -106,6 +119,7 @@ impl SpeedLimitContext<'_> {
         SpeedBounds {
             creep_mps,
             before_obstacles_mps,
+            before_vegetation_mps,
             before_unconfirmed_ground_mps,
             before_unknown_ground_mps,
             on_unconfirmed_ground_mps: self.rules.no_return_speed_mps / travel_mps,
@@ -199,6 +213,12 @@ impl SpeedLimitContext<'_> {
         let bounds = self.bounds(direction);
         if bounds.is_limited_by_obstacle() {
             let [hits, mapped] = self.obstacle_margins(bounds.side_share);
+            if bounds.is_limited_by_vegetation() {
+                let vegetation = &self.environment.vegetation;
+                let [_, mapped] = self.obstacle_margins(1.0);
+                let contact = self.first_contact(mapped, direction, vegetation)?;
+                return Some((BarrierKind::Vegetation, contact.point));
+            }
             let hit = self.first_contact(hits, direction, &self.environment.hits);
             let mapped = self.first_contact(mapped, direction, &self.environment.mapped);
             let contact = match (hit, mapped) {

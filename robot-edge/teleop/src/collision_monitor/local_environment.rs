@@ -12,6 +12,7 @@ use super::predicted_pose::PredictedPose;
 use crate::collision_monitor::footprint::Footprint;
 use mapping::elevation::CellClass;
 use measurement::time::Monotonic;
+use protocol::message::DockingChoice;
 
 /// Greatest number of cells from the vehicle to the edge of the window for unknown ground.
 const MAX_CELLS: i32 = 40;
@@ -84,6 +85,8 @@ pub(super) struct LocalEnvironment {
     /// Centres of mapped obstacle cells without a hit now.
     pub(super) mapped: Vec<[f64; 2]>,
     pub(super) mapped_cell_m: f64,
+    /// Hits and centres of mapped cells in vegetation that may be pushed into.
+    pub(super) vegetation: Vec<[f64; 2]>,
     /// Centres of unknown cells at the border of known ones.
     pub(super) unknown: Vec<[f64; 2]>,
     /// Centres of cells without an observation by echo, at the border of cells with one.
@@ -101,6 +104,8 @@ pub(super) struct LocalEnvironment {
     recorded: Vec<(Monotonic, BlockageCounts)>,
     ground: Vec<GroundState>,
     is_hit: Vec<bool>,
+    /// Of the map: vegetation that may be pushed into.
+    is_passable: Vec<bool>,
 }
 
 impl LocalEnvironment {
@@ -115,6 +120,7 @@ impl LocalEnvironment {
             shallows: 0,
             mapped: Vec::new(),
             mapped_cell_m: 0.0,
+            vegetation: Vec::new(),
             unknown: Vec::new(),
             unconfirmed: Vec::new(),
             unknown_cell_m: cell_m,
@@ -125,6 +131,7 @@ impl LocalEnvironment {
             recorded: Vec::new(),
             ground: vec![GroundState::Unknown; side * side],
             is_hit: Vec::new(),
+            is_passable: Vec::new(),
         }
     }
 
@@ -133,12 +140,21 @@ impl LocalEnvironment {
         &mut self,
         rules: &CollisionMonitorRules,
         (scans, map): (&[ObstacleScan], Option<&LocalMap>),
+        docking: Option<DockingChoice>,
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
-        self.update_hits(rules, scans, vehicle, now);
-        self.update_mapped(rules, (scans, map), vehicle, now);
         let fresh_map = map.filter(|map| !map.is_stale(now));
+        self.vegetation.clear();
+        self.is_passable.clear();
+        self.is_passable.resize(map.map_or(0, LocalMap::len), false);
+        if let (Some(map), Some(docking)) = (fresh_map, docking) {
+            for index in map.passable(docking) {
+                self.is_passable[index] = true;
+            }
+        }
+        self.update_hits(rules, (scans, map), vehicle, now);
+        self.update_mapped(rules, (scans, map), vehicle, now);
         self.record_observations(rules, scans, vehicle, now);
         self.find_unknown(rules, fresh_map, vehicle, now);
     }
@@ -150,13 +166,13 @@ impl LocalEnvironment {
     fn update_hits(
         &mut self,
         rules: &CollisionMonitorRules,
-        scans: &[ObstacleScan],
+        (scans, map): (&[ObstacleScan], Option<&LocalMap>),
         vehicle: PredictedPose,
         now: Monotonic,
     ) {
         self.hits.clear();
         for scan in scans.iter().filter(|scan| scan.is_contact()) {
-            self.add_near(scan.points_in_odom(), vehicle);
+            self.add_near(scan.points_in_odom(), None, vehicle);
         }
         self.contacts = self.hits.len();
         let is_there = |scan: &&ObstacleScan| {
@@ -165,19 +181,32 @@ impl LocalEnvironment {
         let parts = scans.iter().filter(is_there);
         let parts = parts.map(ObstacleScan::obstacles_and_shallows);
         for (obstacles, _) in parts.clone() {
-            self.add_near(obstacles, vehicle);
+            self.add_near(obstacles, map, vehicle);
         }
         let obstacles = self.hits.len();
         for (_, shallows) in parts {
-            self.add_near(shallows, vehicle);
+            self.add_near(shallows, None, vehicle);
         }
         self.shallows = self.hits.len() - obstacles;
     }
 
-    fn add_near(&mut self, points_in_odom: &[[f64; 2]], vehicle: PredictedPose) {
+    /// Adds hits; those in passable vegetation of `map` count as such.
+    fn add_near(
+        &mut self,
+        points_in_odom: &[[f64; 2]],
+        map: Option<&LocalMap>,
+        vehicle: PredictedPose,
+    ) {
         for &[x, y] in points_in_odom {
-            let point = vehicle.to_base(Point2::new(x, y));
-            if self.is_near(point) {
+            let in_odom = Point2::new(x, y);
+            let point = vehicle.to_base(in_odom);
+            if !self.is_near(point) {
+                continue;
+            }
+            let index = map.and_then(|map| map.index_of(in_odom));
+            if index.is_some_and(|index| self.is_passable[index]) {
+                self.vegetation.push(point);
+            } else {
                 self.hits.push(point);
             }
         }
@@ -208,7 +237,12 @@ impl LocalEnvironment {
         for (index, centre) in map.obstacles() {
             let point = vehicle.to_base(centre);
             // There is no obstacle under the vehicle.
-            if !self.is_hit[index] && self.is_near(point) && !rules.footprint.contains(point) {
+            if self.is_hit[index] || !self.is_near(point) || rules.footprint.contains(point) {
+                continue;
+            }
+            if self.is_passable[index] {
+                self.vegetation.push(point);
+            } else {
                 self.mapped.push(point);
             }
         }

@@ -7,11 +7,14 @@ use nalgebra::Point2;
 use super::obstacle_scan::is_stale;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
+use mapping::docking::DockingSite;
 use mapping::elevation::CellClass;
 use mapping::grid::CellIndex;
 use mapping::obstacle::ObstacleMap;
 use mapping::occupancy_grid::OccupancyGrid;
+use mapping::shore::ShoreClass;
 use measurement::time::Monotonic;
+use protocol::message::{self, DockingChoice};
 
 const MAX_SIDE: i32 = 512;
 
@@ -25,6 +28,8 @@ pub struct LocalMap {
     side: i32,
     /// Row by row, y upwards.
     classes: Vec<CellClass>,
+    /// Places of the vegetation of each docking site that has some.
+    passable: Vec<(DockingChoice, usize)>,
 }
 
 /// When a map was copied, and which part of it.
@@ -56,6 +61,7 @@ impl LocalMap {
         &mut self,
         map: &CostMap,
         depth: Option<(&DepthMap, f64)>,
+        sites: &[DockingSite],
         cell_m: f64,
         request: CopyRequest,
     ) {
@@ -71,6 +77,15 @@ impl LocalMap {
             Some(known) if known.cost.is_finite() => CellClass::Free,
             Some(_) | None => CellClass::Unknown,
         });
+        for site in sites {
+            let Some(choice) = choice_of(site) else {
+                continue;
+            };
+            let cells = site.passable.iter().filter(|cell| !is_shallow(**cell));
+            let places = cells.filter_map(|cell| self.index_of(cell.centre(cell_m)));
+            let passable: Vec<_> = places.map(|place| (choice, place)).collect();
+            self.passable.extend(passable);
+        }
     }
 
     /// Copies the occupancy grid: what is more likely occupied than free is an obstacle.
@@ -89,6 +104,7 @@ impl LocalMap {
         self.period = request.period;
         self.cell_m = cell_m;
         self.classes.clear();
+        self.passable.clear();
         let reach = libm::ceil(request.reach_m / cell_m);
         let is_sensible = reach.is_finite()
             && cell_m > 0.0
@@ -131,6 +147,23 @@ impl LocalMap {
         self.classes.len()
     }
 
+    /// Replaces the vegetation of docking sites by the cells around these points.
+    #[cfg(test)]
+    pub(super) fn set_passable(
+        &mut self,
+        choice: DockingChoice,
+        points_in_odom: impl IntoIterator<Item = Point2<f64>>,
+    ) {
+        let points = points_in_odom.into_iter();
+        let places = points.filter_map(|point| self.index_of(point));
+        self.passable = places.map(|place| (choice, place)).collect();
+    }
+
+    #[cfg(test)]
+    pub(super) fn set_measured_at(&mut self, measured_at: Monotonic) {
+        self.measured_at = measured_at;
+    }
+
     #[cfg(test)]
     fn is_empty(&self) -> bool {
         self.classes.is_empty()
@@ -150,6 +183,15 @@ impl LocalMap {
             .map_or(CellClass::Unknown, |index_of| self.classes[index_of])
     }
 
+    /// Places of the vegetation of a docking site, while it has the chosen class.
+    pub(super) fn passable(&self, choice: DockingChoice) -> impl Iterator<Item = usize> {
+        let of_site = self
+            .passable
+            .iter()
+            .filter(move |(site, _)| *site == choice);
+        of_site.map(|(_, place)| *place)
+    }
+
     /// Places and centres, metres in `odom`, of the obstacles.
     pub(super) fn obstacles(&self) -> impl Iterator<Item = (usize, Point2<f64>)> {
         let side = self.side.max(1);
@@ -165,6 +207,19 @@ impl LocalMap {
                 (index_of as usize, cell.centre(self.cell_m))
             })
     }
+}
+
+/// What a driver calls the site; `None` for a slope.
+fn choice_of(site: &DockingSite) -> Option<DockingChoice> {
+    let vegetation = match site.vegetation? {
+        ShoreClass::Sparse => message::ShoreClass::Sparse,
+        ShoreClass::Dense => message::ShoreClass::Dense,
+        ShoreClass::Solid => return None,
+    };
+    Some(DockingChoice {
+        site: site.number,
+        vegetation,
+    })
 }
 
 #[cfg(test)]

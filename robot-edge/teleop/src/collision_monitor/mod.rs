@@ -15,7 +15,8 @@
 //!
 //! Limits of the guarantee: it covers static obstacles only, and not those that the sensors cannot detect (glass,
 //! objects below or above a level laser, objects thinner than the gap between beams). The vehicle must brake as
-//! configured. Obstacles known only from the map are passed no nearer than half a cell, at creep speed a sixth. A boat
+//! configured. In the vegetation of a docking site that the driver has chosen it only creeps, and what stands hidden there
+//! is no obstacle until it changes the site's class or a bumper touches it. Obstacles known only from the map are passed no nearer than half a cell, at creep speed a sixth. A boat
 //! cannot brake: thrust is cut, and the guarantee is that it coasts no farther than `teleop.stop_decel_mps2` says,
 //! without wind and current.
 
@@ -40,6 +41,7 @@ use limit_solver::{AxisSpeeds, DirectionTable, LimitSolver};
 use local_environment::LocalEnvironment;
 use measurement::time::Monotonic;
 use predicted_pose::{CommandHistory, MAX_POSE_AGE};
+use protocol::message::DockingChoice;
 
 pub use allowed_speed::Barrier;
 pub use blockage::BlockageDetector;
@@ -62,6 +64,8 @@ pub struct CollisionMonitorInput<'a> {
     /// The velocity requested by the operator now, as far as the vehicle can do it: not both a lateral and an angular
     /// part.
     pub requested: Velocity,
+    /// The docking site into whose vegetation the operator steers on purpose.
+    pub docking: Option<DockingChoice>,
 }
 
 /// The collision monitor of one vehicle. Of earlier rounds it uses only the velocities sent to the motors.
@@ -156,7 +160,8 @@ impl CollisionMonitor {
             return Err(UnavailableReason::ScansTooOld);
         }
         let known = (input.obstacle_scans, input.map);
-        self.environment.update(&self.rules, known, vehicle, now);
+        let (docking, rules) = (input.docking, &self.rules);
+        self.environment.update(rules, known, docking, vehicle, now);
         let context = SpeedLimitContext {
             rules: &self.rules,
             environment: &self.environment,

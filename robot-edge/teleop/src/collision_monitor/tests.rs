@@ -3,6 +3,7 @@
 
 mod arcs_and_contacts;
 mod closed_loop;
+mod docking;
 mod situations;
 mod unknown_space;
 
@@ -28,6 +29,7 @@ use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, Scan
 use mapping::vehicle::VehicleConfig;
 use measurement::pose::{Pose, planar};
 use measurement::time::{Monotonic, RobotTime};
+use protocol::message::DockingChoice;
 
 const TICK: Duration = Duration::from_millis(20);
 
@@ -231,6 +233,7 @@ struct Scene {
     map: Option<LocalMap>,
     odometry: Option<OdometrySample>,
     commanded: Velocity,
+    docking: Option<DockingChoice>,
     now: Monotonic,
     /// That of the last output.
     monitor: CollisionMonitor,
@@ -252,6 +255,7 @@ impl Scene {
                 measured_at: START,
             }),
             commanded: Velocity::ZERO,
+            docking: None,
             now: START,
             monitor: CollisionMonitor::new(setup.rules()),
             setup,
@@ -284,6 +288,7 @@ impl Scene {
             odometry: self.odometry,
             commanded: self.commanded,
             requested,
+            docking: self.docking,
         };
         self.monitor.output(&input, self.now)
     }
@@ -425,6 +430,7 @@ impl Drive {
                 odometry: Some(odometry),
                 commanded: self.motion.velocity(),
                 requested,
+                docking: None,
             },
             now,
         );

@@ -107,6 +107,7 @@ impl Scope {
                 token,
                 requested: Pressed::Key.velocity(),
                 estop,
+                docking: None,
             },
         };
         let lease = |verb| ArbiterInput::Lease {
@@ -214,6 +215,7 @@ impl Scope {
                         token: token(TOKENS - 1),
                         requested: Velocity::ZERO,
                         estop: true,
+                        docking: None,
                     },
                 }
             } else {
@@ -429,6 +431,7 @@ impl Message {
                 token: token(self.token),
                 requested: self.pressed.velocity(),
                 estop: false,
+                docking: None,
             },
         }
     }

@@ -262,6 +262,7 @@ impl World {
                 token,
                 requested: console.requested,
                 estop: false,
+                docking: None,
             };
             self.sent.push(command);
             match fate {
@@ -314,6 +315,7 @@ impl World {
             token,
             requested,
             estop,
+            docking: None,
         })
     }
 

@@ -21,6 +21,7 @@ const ON: Drive = Drive {
     lateral_mps: 0.0,
     angular_radps: 0.5,
     estop: None,
+    docking: None,
 };
 
 /// Sends commands that were changed, or signed for another time, robot or operator: none moves the vehicle.

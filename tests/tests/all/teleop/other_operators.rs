@@ -106,6 +106,7 @@ fn drive_through_floods() -> [(f64, Lateness); 2] {
         lateral_mps: 0.0,
         angular_radps: 3.0,
         estop: None,
+        docking: None,
     };
     let session = connected(&robot.endpoint, None);
     let quiet = quiet(&robot, &mut anna);
@@ -239,6 +240,7 @@ fn tampered_commands_move_nothing() {
         lateral_mps: 0.0,
         angular_radps: 3.0,
         estop: None,
+        docking: None,
     };
     anna.start_driving(CIRCLE);
     (model.epoch, model.seq) = (anna.epoch, 1_000_000);

@@ -96,10 +96,12 @@ fn click_on_listed_shore_centres_it() {
     let mut reeds = shore(7, ShoreClass::Dense, 492, [4.0, 1.5]);
     reeds.outline = vec![(12, -10), (16, -10), (16, 8), (12, 8)];
     let clusters = vec![shore(12, ShoreClass::Solid, 1_100, [61.0, 77.5]), reeds];
-    let site = |number, x_m, mean_cost| DockingSite {
+    let site = |number, x_m, price| DockingSite {
         number,
         width_m: 6.25,
-        mean_cost,
+        vegetation: None,
+        price,
+        approach_m: [0.0; 2],
         ..docking_site([x_m, -2.5])
     };
     let sites = vec![site(1, 13.0, 0.2), site(2, -19.0, 0.31)];
@@ -114,8 +116,8 @@ fn click_on_listed_shore_centres_it() {
             "Shores",
             "Shore 7, dense, 41 % rigid, 1\u{a0}200 voxels, 2.6 m away",
             "Shore 12, solid, 92 % rigid, 1\u{a0}200 voxels, 100 m away",
-            "Docking site A, cost 0.20, 6.2 m wide, 12 m away",
-            "Docking site B, cost 0.31, 6.2 m wide, 20 m away",
+            "Docking site A, gentle slope, price 0.20, 6.2 m wide, 12 m away",
+            "Docking site B, gentle slope, price 0.31, 6.2 m wide, 20 m away",
             // On the map.
             "Shores 1, 2 …; docking sites A, B …",
             "3 smaller shores are not listed.",

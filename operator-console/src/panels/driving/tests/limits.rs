@@ -384,6 +384,7 @@ fn obstacle_row_is_shown_to_the_driver_only() {
         (BarrierKind::Shallow, "too shallow (ringed)"),
         (BarrierKind::NoReturn, "no echo (ringed)"),
         (BarrierKind::Contact, "touched (ringed)"),
+        (BarrierKind::Vegetation, "vegetation of the site (ringed)"),
     ] {
         let mut rig = Rig::driving();
         assert_eq!(rig.row("Obstacle"), Some((Tone::Waiting, "–".to_owned())));

@@ -130,6 +130,7 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
             angular_radps: 0.0,
         },
         estop: false,
+        docking: None,
     };
     let role = Role::Operator;
     drive_loop.step(now, ArbiterInput::Command { role, command });
@@ -211,6 +212,7 @@ fn an_emergency_stop_of_an_observer_is_refused_each_time() {
             lateral_mps: 0.0,
             angular_radps: 0.0,
             estop: Some(estop),
+            docking: None,
         };
         let robot = "scout".parse().unwrap();
         let route = Route {
@@ -345,6 +347,7 @@ mod monitor_reenabled {
                     lateral_mps: 0.0,
                     angular_radps: 0.0,
                     estop: None,
+                    docking: None,
                 };
                 for _ in 0..15 {
                     self.sends(name, &drive);

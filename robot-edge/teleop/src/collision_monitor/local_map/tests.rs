@@ -123,7 +123,13 @@ fn mapped_water_that_is_too_shallow_is_an_obstacle() {
     let shallow = |least_m: Option<f64>| {
         let mut map = LocalMap::default();
         let depth = voxels.depth().zip(least_m);
-        map.copy_costs(voxels.cost().unwrap(), depth, 0.3, request(2.0, 0.0, 3.0));
+        map.copy_costs(
+            voxels.cost().unwrap(),
+            depth,
+            &[],
+            0.3,
+            request(2.0, 0.0, 3.0),
+        );
         let is_obstacle = |cell: &u32| map.class_at(bed(*cell).xy()) == CellClass::Obstacle;
         (0..13).filter(is_obstacle).collect::<Vec<_>>()
     };

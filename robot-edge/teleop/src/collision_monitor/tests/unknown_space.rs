@@ -193,6 +193,7 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
                 }),
                 commanded: Velocity::ZERO,
                 requested: FULL_SPEED,
+                docking: None,
             };
             limits_of(monitor.output(&input, now))
         };
