@@ -15,7 +15,7 @@ use super::map_layers::MapLayers;
 use super::marks::{Mark, point_size};
 use super::shores::ShoreMarks;
 use super::vehicle::{self, Motion, VehicleMark};
-use super::{CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, probe, ruler};
+use super::{Ahead, CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, probe, ruler};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::data_age::{StaleData, is_position_old};
@@ -27,6 +27,7 @@ const MAX_SCAN_POINTS: usize = 4_000;
 const SCAN_LIFETIME: Duration = Duration::from_secs(2);
 /// Large enough for the obstacle to be visible inside, points.
 const RING_RADIUS: f32 = 10.0;
+const CROSS_RADIUS: f32 = 6.0;
 
 impl MapView {
     pub fn show(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Look> {
@@ -277,6 +278,13 @@ impl MapView {
                 Mark::LimitingObstacle.paint_ring(painter, at, RING_RADIUS);
             }
         }
+        let ahead = Ahead::new(model).filter(|_| !is_old);
+        if let Some((point_m, _)) = ahead.and_then(|ahead| ahead.obstacle) {
+            let at = view.to_screen(point_m);
+            if view.screen.contains(at) {
+                Mark::FirstObstacle.paint_cross(painter, at, CROSS_RADIUS);
+            }
+        }
     }
 
     fn vehicle_mark(&self, model: &ConsoleModel) -> Option<VehicleMark> {
@@ -320,6 +328,7 @@ impl MapView {
                 Mark::LimitingObstacle,
                 is_monitored || model.barrier().is_some(),
             ),
+            (Mark::FirstObstacle, Ahead::new(model).is_some()),
             (Mark::Selection, self.shore_selection.selected.is_some()),
         ];
         let drawn = marks.into_iter().filter(|(_, is_drawn)| *is_drawn);

@@ -14,6 +14,7 @@ pub enum Mark {
     FieldOfView,
     StoppingDistance,
     LimitingObstacle,
+    FirstObstacle,
     Selection,
 }
 
@@ -26,6 +27,7 @@ enum MarkShape {
     Points,
     Area,
     Ring,
+    Cross,
 }
 
 struct Style {
@@ -75,6 +77,12 @@ impl Mark {
             Self::LimitingObstacle => {
                 style("Limiting obstacle", MarkShape::Ring, theme::MONITOR, dark)
             }
+            Self::FirstObstacle => style(
+                "First obstacle ahead",
+                MarkShape::Cross,
+                theme::DANGER[0],
+                light,
+            ),
             Self::Selection => style("Selected", OUTLINE, theme::SELECTION, dark),
         }
     }
@@ -153,6 +161,12 @@ impl Mark {
         painter.circle_stroke(at, radius, (RING_LINE, color));
     }
 
+    pub(super) fn paint_cross(self, painter: &Painter, at: Pos2, radius: f32) {
+        let line = |y: f32| vec![at - vec2(radius, y), at + vec2(radius, y)];
+        let lines = [radius, -radius].map(|y| (line(y), false));
+        self.paint_lines(painter, &lines, RING_LINE, self.color());
+    }
+
     /// Draws a sample for the legend.
     pub fn paint_sample(self, painter: &Painter, place: Rect, color: Color32) {
         let at = |[x, y]: [f32; 2]| place.lerp_inside(vec2(x, y));
@@ -176,6 +190,7 @@ impl Mark {
                 self.paint_area(painter, &edges);
             }
             MarkShape::Ring => self.paint_ring(painter, place.center(), 0.4 * place.height()),
+            MarkShape::Cross => self.paint_cross(painter, place.center(), 0.35 * place.height()),
         }
     }
 }
@@ -201,13 +216,14 @@ mod tests {
     use super::*;
     use crate::color_vision::ColorVision;
 
-    const ALL: [Mark; 7] = [
+    const ALL: [Mark; 8] = [
         Mark::Vehicle,
         Mark::Path,
         Mark::Scan,
         Mark::FieldOfView,
         Mark::StoppingDistance,
         Mark::LimitingObstacle,
+        Mark::FirstObstacle,
         Mark::Selection,
     ];
 
@@ -270,7 +286,8 @@ mod tests {
         let is_red = |color: Color32| color.r() / 2 > color.g().max(color.b());
         assert!(is_red(theme::DANGER[0]));
         for mark in ALL {
-            assert!(!is_red(mark.color()), "{mark:?}");
+            let is_danger = mark == Mark::FirstObstacle;
+            assert_eq!(is_red(mark.color()), is_danger, "{mark:?}");
         }
     }
 

@@ -1,5 +1,6 @@
 //! The map: the layers of the model, drawn one over the other, with a camera that the operator moves.
 
+mod ahead;
 mod camera;
 mod cards;
 mod chunks;
@@ -31,6 +32,7 @@ use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Palette};
 use protocol::tile::TileKey;
 
+pub use ahead::Ahead;
 pub use camera::Camera;
 pub use marks::Mark;
 pub use probe::{ProbeData, ProbedCell};

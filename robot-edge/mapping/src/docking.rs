@@ -259,7 +259,7 @@ impl DockingColumn {
 
 /// A rectangle of columns.
 #[derive(Debug)]
-pub struct DockingGrid<'a> {
+struct DockingGrid<'a> {
     first: CellIndex,
     width: usize,
     cell_m: f64,
@@ -294,7 +294,7 @@ pub(super) struct Counts {
 impl<'a> DockingGrid<'a> {
     /// `columns` are row by row, y upwards, `width` in a row; the first is cell `first`. An
     /// incomplete last row is ignored. Vegetation up to `vegetation` counts as moderate.
-    pub fn new(
+    fn new(
         first: CellIndex,
         width: usize,
         cell_m: f64,

@@ -108,6 +108,10 @@ impl ObstacleMap {
             }
         }
         for &changed in elevation.reclassified() {
+            if self.size == elevation.size() {
+                self.set(changed, elevation.class(changed));
+                continue;
+            }
             for cell in elevation.size().overlapping(changed, self.size) {
                 self.update_cell(cell, elevation);
             }

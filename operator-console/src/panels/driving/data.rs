@@ -14,6 +14,7 @@ use super::labels::{self, opposing_keys};
 use super::limits::{
     Gauge, gauges, is_stopped_by_monitor, limit_reason, monitor_text, strictest_limit,
 };
+use crate::map_view::Ahead;
 use crate::model::{ConsoleModel, LinkState, StopBeforeEStop, Stream};
 use crate::panels::connection::round_trip;
 use crate::panels::formatting::{age, capitalised, count};
@@ -41,6 +42,8 @@ pub struct DrivingData {
     pub hint: Option<&'static str>,
     pub estop: EStopButton,
     pub driver: String,
+    /// What lies straight ahead on the map, and whether that is an obstacle.
+    pub ahead: Option<(Tone, String)>,
     pub lease: LeaseButtons,
     pub is_observer: bool,
     pub cannot_take_over: bool,
@@ -121,6 +124,9 @@ impl DrivingData {
                 silence.is_some(),
                 headline.without_driver.as_deref(),
             ),
+            ahead: Ahead::new(model)
+                .filter(|_| silence.is_none())
+                .map(|ahead| (ahead_tone(ahead), ahead.text())),
             lease: lease_buttons(teleop, teleop_client, silence.is_some() || status.has_ended),
             is_observer: teleop_client.is_observer(),
             cannot_take_over: teleop_client.cannot_take_over(),
@@ -150,6 +156,14 @@ impl DrivingData {
             self.estop,
             EStopButton::Ready | EStopButton::ReadOnly | EStopButton::InForce { .. }
         )
+    }
+}
+
+const fn ahead_tone(ahead: Ahead) -> Tone {
+    if ahead.obstacle.is_some() {
+        Tone::Warning
+    } else {
+        Tone::Waiting
     }
 }
 

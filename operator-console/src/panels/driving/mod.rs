@@ -64,6 +64,12 @@ fn rest_ui(ui: &mut Ui, data: &DrivingData, entry: &mut DrivingEntry) -> Option<
     if data.driver != data.headline {
         ui.label(RichText::new(&data.driver).strong());
     }
+    if let Some((tone, words)) = &data.ahead {
+        let color = tone.color(ui.visuals());
+        let hint = "The first obstacle on the map straight ahead of the vehicle (a red cross on the map), within 20 m";
+        ui.label(RichText::new(words).strong().color(color))
+            .on_hover_text(hint);
+    }
     intent = intent.or(lease_ui(ui, data.lease, data.cannot_take_over));
     if let Some(notice) = &data.notice {
         let warning = Tone::Warning.color(ui.visuals());
