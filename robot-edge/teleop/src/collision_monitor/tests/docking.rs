@@ -9,16 +9,16 @@ const CHOICE: DockingChoice = DockingChoice {
 };
 const AHEAD: Velocity = Velocity::new(1.0, 0.0);
 
-/// A wall of canes 0.7 m ahead of the middle, mapped as a site 2 m wide, and more walls.
+/// A wall of canes 5 cm ahead of the front, mapped as a site 2 m wide, and more walls.
 fn scene(mut walls: Walls, docking: Option<DockingChoice>) -> Scene {
-    walls.push(wall([0.7, -1.0], [0.7, 1.0]));
+    walls.push(wall([0.45, -1.0], [0.45, 1.0]));
     let mut scene = Scene::new(Setup::default(), Laser::ALL_DIRECTIONS, &walls);
     let pose = planar(0.0, 0.0, 0.0);
     let mut map = scene.setup.map(&walls, &pose, (START, SCAN_PERIOD));
     // Middles of cells, one beyond the wall's ends.
     let canes = (0..20).flat_map(|x| (-11..11).map(move |y| (x, y)));
     let canes =
-        canes.map(|(x, y)| Point2::new(0.65 + 0.1 * f64::from(x), 0.05 + 0.1 * f64::from(y)));
+        canes.map(|(x, y)| Point2::new(0.45 + 0.1 * f64::from(x), 0.05 + 0.1 * f64::from(y)));
     map.set_passable(CHOICE, canes);
     scene.map = Some(map);
     scene.docking = docking;
@@ -38,10 +38,7 @@ fn only_the_chosen_site_of_this_class_is_entered_and_slowly() {
     assert_eq!(kind(&free), Some(BarrierKind::Vegetation));
 
     let without = scene(vec![], None).limits(AHEAD).forward_mps;
-    assert!(
-        (0.5..0.7).contains(&without),
-        "stops 0.1 m before it: {without}"
-    );
+    assert!(without < 1e-9, "it stops 0.1 m before them: {without}");
     for docking in [
         DockingChoice { site: 2, ..CHOICE },
         DockingChoice {
