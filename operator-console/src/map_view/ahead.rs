@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(text(FREE), "Ahead not mapped from 0.5 m");
         // Single unknown cells are no end of the map.
         let sieve = |column: usize, row: usize| {
-            if (column + row) % 3 == 0 {
+            if (column + row).is_multiple_of(3) {
                 UNKNOWN
             } else {
                 FREE

@@ -71,7 +71,7 @@ const EXAMPLES: [(&str, Check); 41] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 42] = [
+const PARTS: [&str; 43] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",

@@ -18,6 +18,7 @@ use std::f64::consts::{SQRT_2, TAU};
 use nalgebra::{Point2, Vector2};
 
 use crate::grid::CellIndex;
+use crate::rigidity::REACH;
 use crate::shore::ShoreClass;
 
 /// Footprint of a boat.
@@ -48,8 +49,9 @@ pub struct DockingSite {
     /// Where the way in along the heading begins, metres in `odom`: a boat's length before the
     /// centre.
     pub approach_in_odom: Point2<f64>,
-    /// Columns of vegetation no denser than the site's that a boat on the way in may touch,
-    /// ascending: the site and the boat's width beside it. Empty for a slope.
+    /// Columns that a boat on the way in may touch, ascending: vegetation no denser than the site's,
+    /// and two columns around it where nothing is lethal; as far as the boat's width beside the site.
+    /// Empty for a slope.
     pub passable: Vec<CellIndex>,
     /// Extent across the heading of all docking poses of the site, metres: at least the boat's
     /// width.
@@ -188,8 +190,7 @@ fn site(
         let offset = window.centre(at).coords - middle;
         offset.dot(&heading).abs() <= reach.x && offset.dot(&across).abs() <= reach.y
     };
-    let passable =
-        (0..window.columns().len()).filter(|&at| window.is_vegetation(at) && is_near(at));
+    let passable = (0..window.columns().len()).filter(|&at| is_near(at) && window.is_passable(at));
     let mut passable: Vec<_> = passable.map(|at| window.cell(at)).collect();
     passable.sort_unstable();
     Some(DockingSite {
@@ -272,7 +273,7 @@ struct DockingGrid<'a> {
 
 /// Kind of a column for a boat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Ground {
+enum Ground {
     ClearWater,
     /// Cost above 0 and below 1.
     Moderate,
@@ -283,12 +284,12 @@ pub(super) enum Ground {
 
 /// Number of columns of each kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Counts {
-    pub(super) water: u32,
-    pub(super) moderate: u32,
-    pub(super) lethal: u32,
+struct Counts {
+    water: u32,
+    moderate: u32,
+    lethal: u32,
     /// Above the water and not lethal.
-    pub(super) land: u32,
+    land: u32,
 }
 
 impl<'a> DockingGrid<'a> {
@@ -322,15 +323,15 @@ impl<'a> DockingGrid<'a> {
         }
     }
 
-    pub(super) const fn cell_m(&self) -> f64 {
+    const fn cell_m(&self) -> f64 {
         self.cell_m
     }
 
-    pub(super) const fn columns(&self) -> &[DockingColumn] {
+    const fn columns(&self) -> &[DockingColumn] {
         self.columns
     }
 
-    pub(super) fn ground(&self, at: usize) -> Ground {
+    fn ground(&self, at: usize) -> Ground {
         Ground::of(self.columns[at], self.vegetation)
     }
 
@@ -342,13 +343,21 @@ impl<'a> DockingGrid<'a> {
             && (self.vegetation.is_none() || found == self.vegetation)
     }
 
-    /// Whether vegetation that counts grows there.
-    fn is_vegetation(&self, at: usize) -> bool {
-        let found = self.columns[at].vegetation.map(|found| found.class);
-        found.is_some() && found <= self.vegetation
+    /// Whether vegetation that counts grows there, or close by and nothing else is in the way: stems
+    /// sway, and not each is mapped.
+    fn is_passable(&self, at: usize) -> bool {
+        let is_vegetation = |at: usize| {
+            let found = self.columns[at].vegetation.map(|found| found.class);
+            found.is_some() && found <= self.vegetation
+        };
+        let mut around = vec![at];
+        for _ in 0..REACH {
+            around = around.iter().flat_map(|&at| self.neighbours(at)).collect();
+        }
+        self.ground(at) != Ground::Lethal && around.into_iter().any(is_vegetation)
     }
 
-    pub(super) const fn width(&self) -> usize {
+    const fn width(&self) -> usize {
         self.width
     }
 
@@ -356,7 +365,7 @@ impl<'a> DockingGrid<'a> {
         self.columns.len().checked_div(self.width).unwrap_or(0)
     }
 
-    pub(super) fn cell(&self, at: usize) -> CellIndex {
+    fn cell(&self, at: usize) -> CellIndex {
         CellIndex {
             x: self
                 .first
@@ -370,12 +379,12 @@ impl<'a> DockingGrid<'a> {
     }
 
     /// Metres in `odom`.
-    pub(super) fn centre(&self, at: usize) -> Point2<f64> {
+    fn centre(&self, at: usize) -> Point2<f64> {
         self.cell(at).centre(self.cell_m)
     }
 
     /// Columns that touch one, also across corners, itself included.
-    pub(super) fn neighbours(&self, at: usize) -> impl Iterator<Item = usize> + use<> {
+    fn neighbours(&self, at: usize) -> impl Iterator<Item = usize> + use<> {
         let (x, y) = (at % self.width, at / self.width);
         let (width, rows) = (self.width, self.rows());
         let ys = y.saturating_sub(1)..(y + 2).min(rows);
@@ -387,7 +396,7 @@ impl<'a> DockingGrid<'a> {
 
     /// Distance of each column to the nearest one of a kind, in steps to adjacent columns (also
     /// across corners).
-    pub(super) fn steps_to(&self, ground: Ground) -> Vec<u32> {
+    fn steps_to(&self, ground: Ground) -> Vec<u32> {
         let start = |column: &DockingColumn| {
             let is_there = Ground::of(*column, self.vegetation) == ground;
             if is_there { 0 } else { u32::MAX }
@@ -405,7 +414,7 @@ impl<'a> DockingGrid<'a> {
     }
 
     /// Indices of columns `from .. to` of a row, clipped to the window.
-    pub(super) fn row_span(&self, y: isize, from: isize, to: isize) -> std::ops::Range<usize> {
+    fn row_span(&self, y: isize, from: isize, to: isize) -> std::ops::Range<usize> {
         if y < 0 || y.cast_unsigned() >= self.rows() {
             return 0..0;
         }
@@ -415,7 +424,7 @@ impl<'a> DockingGrid<'a> {
         row + from..row + within(to).max(from)
     }
 
-    pub(super) fn counts(&self, row_span: std::ops::Range<usize>) -> Counts {
+    fn counts(&self, row_span: std::ops::Range<usize>) -> Counts {
         if row_span.is_empty() {
             return Counts::default();
         }
@@ -486,16 +495,16 @@ const MIN_WATER_SHARE: f64 = 0.8;
 const MAX_CELLS: f64 = 256.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct DockingPose {
+struct DockingPose {
     /// Index of the middle cell of its footprint.
-    pub(super) centre: usize,
+    centre: usize,
     /// Index of the heading.
-    pub(super) heading: usize,
+    heading: usize,
 }
 
 /// Cells that a boat covers at each heading.
 #[derive(Clone, Debug, Default)]
-pub(super) struct DockingTemplates {
+struct DockingTemplates {
     /// One per heading; empty if the boat is too large.
     shapes: Vec<DockingTemplate>,
     /// Greatest distance of a docking pose from clear water, cells.
@@ -541,7 +550,7 @@ struct RowSpan {
 }
 
 impl DockingTemplates {
-    pub(super) fn new(boat: &BoatFootprint, window: &DockingGrid<'_>) -> Self {
+    fn new(boat: &BoatFootprint, window: &DockingGrid<'_>) -> Self {
         let cells = |metres: f64| metres / window.cell_m();
         let (length, width) = (cells(boat.length_m), cells(boat.width_m));
         let fits = |size: f64| size > 0.0 && size <= MAX_CELLS;
@@ -582,17 +591,17 @@ impl DockingTemplates {
         }
     }
 
-    pub(super) const fn headings(&self) -> usize {
+    const fn headings(&self) -> usize {
         self.shapes.len()
     }
 
     /// Direction of the bow.
-    pub(super) fn direction(&self, heading: usize) -> Vector2<f64> {
+    fn direction(&self, heading: usize) -> Vector2<f64> {
         self.shapes[heading].direction
     }
 
     /// All docking poses, by position and heading.
-    pub(super) fn docking_poses(&self, window: &DockingGrid<'_>) -> Vec<DockingPose> {
+    fn docking_poses(&self, window: &DockingGrid<'_>) -> Vec<DockingPose> {
         let mut docking_poses = Vec::new();
         let to_water = window.steps_to(Ground::ClearWater);
         let to_lethal = window.steps_to(Ground::Lethal);
@@ -614,7 +623,7 @@ impl DockingTemplates {
     }
 
     /// Indices of the cells below a boat.
-    pub(super) fn cells<'a>(
+    fn cells<'a>(
         &'a self,
         window: &'a DockingGrid<'_>,
         docking_pose: DockingPose,

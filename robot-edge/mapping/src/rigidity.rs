@@ -143,7 +143,7 @@ impl Rigidity {
 }
 
 /// Reach of a vote to each side, voxels (\[HYB\] §7.1: 5×5×5).
-const REACH: i32 = 2;
+pub(crate) const REACH: i32 = 2;
 
 /// Labels after a simultaneous majority vote of the labelled voxels up to two away along each axis,
 /// itself included. A tie keeps the label. Unlabelled voxels neither vote nor get a label.

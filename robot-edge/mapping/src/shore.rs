@@ -15,7 +15,7 @@ use crate::docking::{BoatFootprint, DockingColumn, DockingSite, Vegetation, find
 use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::Octree;
-use crate::rigidity::{ObstacleVoxel, Rigidity, majority_vote};
+use crate::rigidity::{ObstacleVoxel, REACH, Rigidity, majority_vote};
 use crate::vehicle::VehicleShape;
 
 /// Settings of `[mapping.shore]`.
@@ -227,6 +227,17 @@ pub enum ShoreCell {
     DockingSite,
 }
 
+/// The columns around one that have a vote in it, itself included.
+fn around(cell: CellIndex) -> impl Iterator<Item = CellIndex> {
+    let reach = -REACH..=REACH;
+    reach.clone().flat_map(move |dy| {
+        reach.clone().map(move |dx| CellIndex {
+            x: cell.x.saturating_add(dx),
+            y: cell.y.saturating_add(dy),
+        })
+    })
+}
+
 /// Limit of stored clusters; beyond it those with the least numbers are removed.
 const MAX_CLUSTERS: usize = 4096;
 /// Limit of stored voxels of shores that extend out of the window: 300 m of the densest of \[HYB\]
@@ -281,7 +292,10 @@ impl ShoreLayer {
             };
             within(cell.x, first.x) && within(cell.y, first.y)
         };
-        let found = self.find_shores(costs.obstacle_voxels(octree), is_inside);
+        let obstacles = costs.obstacle_voxels(octree);
+        let mut unlabelled: Vec<_> = obstacles.iter().map(|found| found.voxel.column()).collect();
+        unlabelled.dedup();
+        let found = self.find_shores(obstacles, is_inside);
         let mut columns: Vec<_> = window
             .iter()
             .map(|cell| DockingColumn {
@@ -291,19 +305,36 @@ impl ShoreLayer {
                 vegetation: None,
             })
             .collect();
+        let place_of = |cell: CellIndex| {
+            let [x, y] = [cell.x - first.x, cell.y - first.y].map(|at| at as usize);
+            is_inside(cell).then_some(y * width + x)
+        };
         // Of two shores in a column the denser one counts.
         let mut by_class: Vec<_> = found.clusters.iter().collect();
         by_class.sort_by_key(|cluster| cluster.class);
         for cluster in by_class {
-            let vegetation = (cluster.class != ShoreClass::Solid).then_some(Vegetation {
+            let vegetation = Vegetation {
                 class: cluster.class,
                 ratio: cluster.ratio as f32,
                 shore: cluster.number,
-            });
-            for cell in cluster.columns.iter().filter(|cell| is_inside(**cell)) {
-                let [x, y] = [cell.x - first.x, cell.y - first.y];
-                columns[y as usize * width + x as usize].vegetation = vegetation;
+            };
+            for place in cluster.columns.iter().filter_map(|&cell| place_of(cell)) {
+                columns[place].vegetation = Some(vegetation);
             }
+        }
+        // Obstacles without metrics are what is around them, as far as the vote reaches; the densest counts.
+        let adopted = unlabelled.into_iter().filter_map(|cell| {
+            let place = place_of(cell).filter(|&place| columns[place].vegetation.is_none())?;
+            let around = around(cell).filter_map(|cell| columns[place_of(cell)?].vegetation);
+            Some((place, around.max_by_key(|found| found.class)?))
+        });
+        for (place, vegetation) in adopted.collect::<Vec<_>>() {
+            columns[place].vegetation = Some(vegetation);
+        }
+        for column in &mut columns {
+            column.vegetation = column
+                .vegetation
+                .filter(|found| found.class != ShoreClass::Solid);
         }
         self.sites = find_docking_sites(first, width, self.cell_m, &columns, &self.boat);
         self.site_tracker.assign(&mut self.sites);
