@@ -83,13 +83,12 @@ impl Ahead {
     }
 
     pub fn text(self) -> String {
-        let unknown = |from_m: f64| format!("not mapped from {from_m:.1} m");
         match (self.obstacle, self.unknown_from_m) {
             (Some((_, at_m)), None) => format!("Obstacle {at_m:.1} m ahead"),
             (Some((_, at_m)), Some(from_m)) => {
-                format!("Obstacle {at_m:.1} m ahead, {}", unknown(from_m))
+                format!("Obstacle {at_m:.1} m ahead, not mapped from {from_m:.1} m")
             }
-            (None, Some(from_m)) => format!("Ahead {}", unknown(from_m)),
+            (None, Some(from_m)) => format!("Not mapped ahead, from {from_m:.1} m"),
             (None, None) => format!("Free for {REACH_M:.0} m ahead"),
         }
     }
@@ -164,7 +163,7 @@ mod tests {
         let first = ("Obstacle 1.6 m ahead".to_owned(), Some(31.0));
         assert_eq!(texts[..2], [first.clone(), first]);
         assert_eq!(texts[2].0, "Obstacle 0.2 m ahead", "backwards");
-        assert_eq!(texts[3].0, "Ahead not mapped from 2.7 m", "to the left");
+        assert_eq!(texts[3].0, "Not mapped ahead, from 2.7 m", "to the left");
         let beside = |column: usize, row: usize| {
             if column == 31 && !(26..38).contains(&row) {
                 OBSTACLE
@@ -192,7 +191,7 @@ mod tests {
             text(OBSTACLE),
             "Obstacle 2.5 m ahead, not mapped from 0.5 m"
         );
-        assert_eq!(text(FREE), "Ahead not mapped from 0.5 m");
+        assert_eq!(text(FREE), "Not mapped ahead, from 0.5 m");
         // Single unknown cells are no end of the map.
         let sieve = |column: usize, row: usize| {
             if (column + row).is_multiple_of(3) {

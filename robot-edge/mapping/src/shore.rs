@@ -307,7 +307,7 @@ impl ShoreLayer {
             .collect();
         let place_of = |cell: CellIndex| {
             let [x, y] = [cell.x - first.x, cell.y - first.y].map(|at| at as usize);
-            is_inside(cell).then_some(y * width + x)
+            is_inside(cell).then(|| y * width + x)
         };
         // Of two shores in a column the denser one counts.
         let mut by_class: Vec<_> = found.clusters.iter().collect();

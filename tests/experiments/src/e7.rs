@@ -25,8 +25,8 @@ struct Slopes {
     line_m: f64,
     /// Centres of the blocks, metres.
     blocks: &'static [[f64; 2]],
-    /// The vehicle's way: from x = 0 along this y, metres.
-    y_m: f64,
+    /// The vehicle drives along x from 0 to here, metres.
+    end_m: f64,
 }
 
 const WORLDS: [Slopes; 3] = [
@@ -35,8 +35,9 @@ const WORLDS: [Slopes; 3] = [
         slopes_deg: [0.0, 5.0],
         is_ahead: true,
         line_m: 12.03,
-        blocks: &[[9.0, 1.73], [15.0, -1.77], [18.0, 2.33], [21.0, -2.27]],
-        y_m: 0.0,
+        blocks: &[[9.0, 1.73], [13.5, -1.77], [15.5, 2.33], [17.5, -2.27]],
+        // Before its wheels reach the ramp, which is seen ahead.
+        end_m: 11.0,
     },
     Slopes {
         name: "bank of 8° beside the way",
@@ -44,23 +45,22 @@ const WORLDS: [Slopes; 3] = [
         is_ahead: false,
         line_m: 1.13,
         blocks: &[[10.0, 2.33], [13.0, -1.77], [16.0, 3.73], [19.0, -2.27]],
-        y_m: 0.0,
+        end_m: 22.0,
     },
     // Cross falls of 4 %, as of a country road.
     Slopes {
         name: "crowned road",
         slopes_deg: [2.29, -2.29],
         is_ahead: false,
-        line_m: 0.0,
-        blocks: &[[10.0, 0.73], [13.0, 3.23], [16.0, 2.33], [19.0, -3.27]],
-        y_m: -1.5,
+        line_m: 1.5,
+        blocks: &[[10.0, 2.23], [13.0, 4.73], [16.0, 3.83], [19.0, -1.77]],
+        end_m: 22.0,
     },
 ];
 /// Half the width of the ground, metres.
 const HALF_WIDTH_M: f64 = 6.0;
 /// Where it begins and ends along x, metres.
 const ENDS_M: [f64; 2] = [-3.0, 45.0];
-const END_OF_WAY_M: f64 = 22.0;
 const BLOCK_M: f64 = 0.3;
 
 /// What one drive gave.
@@ -120,12 +120,12 @@ impl Slopes {
         });
         let text = format!(
             "name = \"{}\"\nvehicle = \"holos\"\n[noise]\nrange_m = 0.01\ndropout = 0.005\n[start]\nx_m = 0.0\n\
-             y_m = {y}\nyaw_deg = 0.0\n[path]\nspeed_mps = 0.4\nturn_rate_degps = 30.0\n\
-             waypoints = [{{ x_m = {END_OF_WAY_M}, y_m = {y} }}]\n[[solids]]\nname = \"ground\"\nshape = \"mesh\"\n\
+             y_m = 0.0\nyaw_deg = 0.0\n[path]\nspeed_mps = 0.4\nturn_rate_degps = 30.0\n\
+             waypoints = [{{ x_m = {end}, y_m = 0.0 }}]\n[[solids]]\nname = \"ground\"\nshape = \"mesh\"\n\
              vertices_m = {vertices:?}\ntriangles = [[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]]\n{}",
             self.name,
             blocks.collect::<String>(),
-            y = self.y_m,
+            end = self.end_m,
         );
         Ok(World::parse(self.name, &text)?)
     }

