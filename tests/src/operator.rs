@@ -23,12 +23,12 @@ use network::endpoints::Channel;
 use network::sessions::{self, Endpoints, Side};
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
 use protocol::message::{
-    AgeToken, Answer, DockingChoice, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Shores,
-    ShoresReply, ShoresRequest, Status, TeleopState, TeleopStatus,
+    AgeToken, Answer, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Status, TeleopState,
+    TeleopStatus,
 };
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
 use protocol::tile::BootId;
-use protocol::wire::{self, Header};
+use protocol::wire;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
@@ -82,8 +82,6 @@ pub struct Operator {
     /// Number of the last signed message.
     pub seq: u64,
     pub journal: Journal,
-    /// The docking site that its commands name.
-    pub docking: Option<DockingChoice>,
     robot: RobotId,
     session: Session,
     drive: Publisher<'static>,
@@ -130,7 +128,6 @@ impl Operator {
             epoch: 0,
             seq: 0,
             journal: Journal::default(),
-            docking: None,
             robot,
             session,
             drive,
@@ -169,21 +166,6 @@ impl Operator {
 
     pub fn teleop(&self) -> Option<TeleopStatus> {
         self.received().status.as_ref()?.teleop.clone()
-    }
-
-    /// What the robot knows of shores.
-    pub fn shores(&self) -> Option<Shores> {
-        let header = Header {
-            boot: BootId([0; 16]),
-            seq: 0,
-            robot_time_ns: 0,
-        };
-        let request = wire::encode(&header, &ShoresRequest { newer_than: 0 }).unwrap();
-        let query = self.session.get(Topic::Shores.key(&self.robot));
-        let replies = query.payload(request).timeout(REPLY_TIMEOUT).wait().ok()?;
-        let reply = replies.recv().ok()?;
-        let payload = reply.result().ok()?.payload().to_bytes();
-        wire::decode::<ShoresReply>(&payload).unwrap().1.shores
     }
 
     pub fn sensors(&self) -> Vec<SensorStatus> {
@@ -338,7 +320,7 @@ impl Operator {
                 lateral_mps: input.lateral_mps,
                 angular_radps: input.angular_radps,
                 estop: None,
-                docking: self.docking,
+                docking: None,
             },
         );
         let sent = Sent {

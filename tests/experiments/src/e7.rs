@@ -35,7 +35,7 @@ const WORLDS: [Slopes; 3] = [
         slopes_deg: [0.0, 5.0],
         is_ahead: true,
         line_m: 12.03,
-        blocks: &[[9.0, 1.73], [13.5, -1.77], [15.5, 2.33], [17.5, -2.27]],
+        blocks: &[[9.0, 1.73], [13.5, -1.77], [14.7, 2.33], [15.9, -1.27]],
         // Before its wheels reach the ramp, which is seen ahead.
         end_m: 11.0,
     },

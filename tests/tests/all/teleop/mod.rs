@@ -3,7 +3,6 @@
 
 mod collision;
 mod cuts;
-mod docking;
 mod figures;
 mod kills;
 mod machine;
