@@ -100,6 +100,8 @@ fn evaluate(dock: &WaterWorld, pipeline: &edge::runtime::Pipeline) -> anyhow::Re
         .shore
         .docking_sites()
         .iter()
+        // Slopes: vegetation is for an emergency.
+        .filter(|site| site.vegetation.is_none())
         .map(evaluate_site)
         .collect())
 }
