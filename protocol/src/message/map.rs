@@ -276,7 +276,7 @@ pub struct DockingSite {
     pub width_m: f32,
     /// The vegetation that the boat pushes into, never Solid; `None` for a gentle slope.
     pub vegetation: Option<ShoreClass>,
-    /// Of a slope its mean cost, 0 … 1; of vegetation 1 plus the share of rigid voxels, at most 2.
+    /// Of a slope its mean cost, 0 … 1; of vegetation 1 plus its density, at most 2.
     pub price: f32,
     /// Where the way in along the heading begins, x and y in `odom`, metres.
     pub approach_m: [f32; 2],

@@ -43,8 +43,8 @@ pub struct DockingSite {
     pub heading_rad: f64,
     /// The vegetation that the boat pushes into, Sparse or Dense; `None` for a gentle slope.
     pub vegetation: Option<ShoreClass>,
-    /// Mean over its cells: of a slope the cost, above 0 and below 1; of vegetation 1 plus the share
-    /// of rigid voxels of its shore, below 2.
+    /// Mean over its cells: of a slope the cost, above 0 and below 1; of vegetation 1 plus the
+    /// density of its shore, at most 2.
     pub price: f64,
     /// Where the way in along the heading begins, metres in `odom`: a boat's length before the
     /// centre.
@@ -245,15 +245,15 @@ pub struct DockingColumn {
 pub struct Vegetation {
     /// Sparse or Dense.
     pub class: ShoreClass,
-    /// Share of rigid voxels of its shore.
-    pub ratio: f32,
+    /// Stems of its shore over those of a Solid one, or its share of rigid voxels: 0 … 1.
+    pub density: f32,
     /// Number of its shore.
     pub shore: u32,
 }
 
 impl DockingColumn {
     fn price(&self) -> f64 {
-        let price = self.vegetation.map(|found| 1.0 + found.ratio);
+        let price = self.vegetation.map(|found| 1.0 + found.density);
         price.unwrap_or(self.cost).into()
     }
 }

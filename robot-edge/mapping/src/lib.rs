@@ -27,6 +27,7 @@ pub mod scan_marks;
 pub mod scan_metrics;
 pub mod shore;
 mod slope;
+mod stem_density;
 pub mod terrain;
 pub mod vehicle;
 pub mod voxel_layers;

@@ -1,8 +1,8 @@
 //! Shores on water: clusters of the obstacles in lethal columns, their vegetation classes, and
 //! docking sites (docs/methods.md, sections 4 and 6; \[HYB\] §7.2).
 //!
-//! At a distance single plants cannot be separated, so a shore is classified as a whole, by its
-//! share of rigid voxels.
+//! At a distance single plants cannot be separated, so a shore is classified as a whole: by the
+//! density of its stems where it is greatest, or by its share of rigid voxels.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,10 @@ use crate::docking::{BoatFootprint, DockingColumn, DockingSite, Vegetation, find
 use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::Octree;
+use crate::registered_scan::RegisteredScan;
 use crate::rigidity::{ObstacleVoxel, REACH, Rigidity, majority_vote};
+pub use crate::stem_density::Densest;
+use crate::stem_density::StemDensity;
 use crate::vehicle::VehicleShape;
 
 /// Settings of `[mapping.shore]`.
@@ -24,6 +27,12 @@ use crate::vehicle::VehicleShape;
 pub struct ShoreConfig {
     /// Requires the cost map.
     pub enabled: bool,
+    /// What the class of a cluster is made of.
+    pub rule: ShoreRule,
+    /// Stems per square metre from which on a cluster is Dense.
+    pub dense_from_per_m2: f64,
+    /// Stems per square metre from which on a cluster is Solid.
+    pub solid_from_per_m2: f64,
     /// Rigid above this `IntraScan` (\[HYB\] §7.2: 0.20).
     pub intra_threshold: f64,
     /// Rigid below this `InterScan` (\[HYB\] §7.2: 0.39).
@@ -38,16 +47,56 @@ pub struct ShoreConfig {
     pub period_s: f64,
 }
 
+/// What the class of a cluster is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShoreRule {
+    /// The density of stems where it is greatest; surfaces are Solid. Without beams that tell it, as
+    /// `Ratio`.
+    Density,
+    /// The share of rigid voxels (\[HYB\] §7.2).
+    Ratio,
+}
+
 impl Default for ShoreConfig {
     fn default() -> Self {
         Self {
             enabled: false,
+            rule: ShoreRule::Density,
+            dense_from_per_m2: 17.5,
+            solid_from_per_m2: 45.0,
             intra_threshold: 0.20,
             inter_threshold: 0.39,
             cluster_m: 3.0,
             sparse_below: 0.25,
             solid_above: 0.68,
             period_s: 1.0,
+        }
+    }
+}
+
+impl ShoreConfig {
+    /// Class by the share of rigid voxels.
+    pub fn class_of_ratio(&self, ratio: f64) -> ShoreClass {
+        if ratio < self.sparse_below {
+            ShoreClass::Sparse
+        } else if ratio > self.solid_above {
+            ShoreClass::Solid
+        } else {
+            ShoreClass::Dense
+        }
+    }
+
+    /// Class by what a hull meets where it is densest.
+    fn class_of_densest(&self, densest: Densest) -> ShoreClass {
+        let is_rigid = densest.smooth >= SURFACE_SHARE || densest.tall >= TREE_HITS;
+        // What cannot be seen through may hide a wall.
+        if is_rigid || densest.open < OPEN_MIN || densest.stems_per_m2 >= self.solid_from_per_m2 {
+            ShoreClass::Solid
+        } else if densest.stems_per_m2 >= self.dense_from_per_m2 {
+            ShoreClass::Dense
+        } else {
+            ShoreClass::Sparse
         }
     }
 }
@@ -80,7 +129,10 @@ pub struct ShoreCluster {
     pub rigid_voxels: u32,
     /// ρ: share of rigid voxels.
     pub ratio: f64,
-    /// Class by `ratio`.
+    /// What was measured where its stems are densest; `None` by the rule `Ratio`, and where no
+    /// beam hit it below the tops of canes.
+    pub densest: Option<Densest>,
+    /// Class by the configured rule.
     pub class: ShoreClass,
     /// Mean of the voxels' centres, metres in `odom`.
     pub centre_in_odom: Point3<f64>,
@@ -172,19 +224,14 @@ impl Shores {
 
     fn cluster(&self, number: u32, part: &Part, columns: Vec<CellIndex>) -> ShoreCluster {
         let ratio = f64::from(part.rigid_voxels) / f64::from(part.voxels);
-        let class = if ratio < self.config.sparse_below {
-            ShoreClass::Sparse
-        } else if ratio > self.config.solid_above {
-            ShoreClass::Solid
-        } else {
-            ShoreClass::Dense
-        };
+        let class = self.config.class_of_ratio(ratio);
         let centre = |sum: i64| (sum as f64 / f64::from(part.voxels) + 0.5) * self.cell_m;
         ShoreCluster {
             number,
             voxels: part.voxels,
             rigid_voxels: part.rigid_voxels,
             ratio,
+            densest: None,
             class,
             centre_in_odom: Point3::from(part.sum.map(centre)),
             columns,
@@ -244,10 +291,21 @@ const MAX_CLUSTERS: usize = 4096;
 /// table 8.1. Beyond it, only the voxels in the window count.
 const MAX_VOXELS_OUTSIDE: usize = 65_536;
 
+/// Share of the hits on a tile from which on there is a surface among the canes.
+const SURFACE_SHARE: f64 = 0.35;
+
+/// Share of the parts of a cluster below which it is not seen through. Beams pass the ends of a wall.
+const OPEN_MIN: f64 = 0.4;
+
+/// Hits higher than any cane on a tile from which on there is a tree among them.
+const TREE_HITS: u32 = 10;
+
 /// Shores around the vehicle, and those it has left behind.
 #[derive(Clone, Debug)]
 pub struct ShoreLayer {
+    config: ShoreConfig,
     shores: Shores,
+    stems: StemDensity,
     boat: BoatFootprint,
     cell_m: f64,
     clusters: BTreeMap<u32, ShoreCluster>,
@@ -263,12 +321,15 @@ pub struct ShoreLayer {
 impl ShoreLayer {
     /// The settings must be valid.
     pub fn new(config: &ShoreConfig, boat: VehicleShape, cell_m: f64) -> Self {
+        let boat = BoatFootprint {
+            length_m: boat.length_m,
+            width_m: boat.width_m,
+        };
         Self {
+            config: config.clone(),
             shores: Shores::new(config, cell_m),
-            boat: BoatFootprint {
-                length_m: boat.length_m,
-                width_m: boat.width_m,
-            },
+            stems: StemDensity::new(&boat, cell_m),
+            boat,
             cell_m,
             clusters: BTreeMap::new(),
             voxels: Vec::new(),
@@ -278,6 +339,20 @@ impl ShoreLayer {
             changed: Vec::new(),
             updates: 0,
         }
+    }
+
+    /// Adds a scan of a laser whose beams diverge by that full angle, over water of that height, z of
+    /// `odom`.
+    pub fn add_scan(&mut self, scan: &RegisteredScan, divergence_rad: f64, water_m: f64) {
+        if self.config.rule == ShoreRule::Density {
+            self.stems.add(scan, divergence_rad, water_m);
+        }
+    }
+
+    /// Of a passable cluster, 0 … 1.
+    fn density(&self, cluster: &ShoreCluster) -> f32 {
+        let stems = |densest: Densest| densest.stems_per_m2 / self.config.solid_from_per_m2;
+        cluster.densest.map_or(cluster.ratio, stems).min(1.0) as f32
     }
 
     /// Updates the layer from the cost map and the octree.
@@ -295,7 +370,18 @@ impl ShoreLayer {
         let obstacles = costs.obstacle_voxels(octree);
         let mut unlabelled: Vec<_> = obstacles.iter().map(|found| found.voxel.column()).collect();
         unlabelled.dedup();
-        let found = self.find_shores(obstacles, is_inside);
+        let mut found = self.find_shores(obstacles, is_inside);
+        for cluster in &mut found.clusters {
+            cluster.densest = self.stems.densest(&cluster.columns);
+            if let Some(densest) = cluster.densest {
+                cluster.class = self.config.class_of_densest(densest);
+            }
+        }
+        // Tiles that the window has left are kept as long as voxels of their clusters are.
+        let columns = self.voxels.iter().map(|obstacle| obstacle.voxel.column());
+        let kept: BTreeSet<_> = columns.map(|column| self.stems.tile_of(column)).collect();
+        self.stems
+            .retain(|tile, first| is_inside(first) || kept.contains(&tile));
         let mut columns: Vec<_> = window
             .iter()
             .map(|cell| DockingColumn {
@@ -315,7 +401,7 @@ impl ShoreLayer {
         for cluster in by_class {
             let vegetation = Vegetation {
                 class: cluster.class,
-                ratio: cluster.ratio as f32,
+                density: self.density(cluster),
                 shore: cluster.number,
             };
             for place in cluster.columns.iter().filter_map(|&cell| place_of(cell)) {
@@ -390,6 +476,7 @@ impl ShoreLayer {
     pub fn erase(&mut self) {
         self.clusters.clear();
         self.voxels.clear();
+        self.stems.clear();
         self.sites.clear();
         self.cells.clear();
         self.changed.clear();
@@ -517,6 +604,29 @@ mod shore_tests {
             assert_eq!(cluster.rigid_voxels, rigid as u32);
             assert_eq!(cluster.voxels, 100);
             assert!((cluster.ratio - 0.01 * f64::from(rigid)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn density_makes_the_class_of_what_is_seen_through_and_neither_surface_nor_tree() {
+        use ShoreClass::{Dense, Solid, Sparse};
+        let config = ShoreConfig::default();
+        for (stems_per_m2, smooth, tall, open, class) in [
+            (17.4, 0.3, 9, 0.4, Sparse),
+            (17.5, 0.0, 0, 1.0, Dense),
+            (44.9, 0.0, 0, 1.0, Dense),
+            (45.0, 0.0, 0, 1.0, Solid),
+            (5.0, 0.35, 0, 1.0, Solid),
+            (5.0, 0.0, 10, 1.0, Solid),
+            (5.0, 0.0, 0, 0.39, Solid),
+        ] {
+            let densest = Densest {
+                stems_per_m2,
+                smooth,
+                tall,
+                open,
+            };
+            assert_eq!(config.class_of_densest(densest), class, "{densest:?}");
         }
     }
 

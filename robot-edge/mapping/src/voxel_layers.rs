@@ -145,6 +145,11 @@ impl VoxelLayers {
         }
         if self.cost.is_some() {
             self.add_surfaces(scan, model);
+            if let (Some(shore), Some(water_m), true) =
+                (&mut self.shore, water_m, model.has_metrics)
+            {
+                shore.add_scan(scan, model.divergence_rad, water_m);
+            }
             if self.cost_timer.is_due(scan.stamp) {
                 self.update_cost();
             }

@@ -292,7 +292,7 @@ fn what_is_no_experiment_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report");
     let ended = run(robot_edge("experiments E99").arg("--out").arg(&out));
-    ended.refuses(2, &["`E99`", "H7, L1, L2"]);
+    ended.refuses(2, &["`E99`", "H8, L1, L2"]);
     assert!(!out.exists());
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();

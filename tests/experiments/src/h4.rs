@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::session::{SEED, Session};
-use super::shores::{self, MatchedCluster, MetricColumns, WaterWorld};
+use super::shores::{self, MatchedCluster, MetricColumns, WaterWorld, main_cluster};
 use mapping::shore::ShoreClass;
 
 /// Share of the clusters that must be right.
@@ -42,14 +42,6 @@ fn drive(lake: &WaterWorld, seed: u64) -> anyhow::Result<Drive> {
     Ok(clusters
         .map(|cluster| MatchedCluster::of(lake, cell_m, cluster))
         .collect())
-}
-
-/// The cluster of a stretch that most of its voxels are in.
-fn main_cluster(drive: &Drive, stretch: usize) -> Option<&MatchedCluster> {
-    let of_stretch = drive
-        .iter()
-        .filter(|matched| matched.shore == Some(stretch));
-    of_stretch.max_by_key(|matched| matched.cluster.voxels)
 }
 
 fn checks(lake: &WaterWorld, drives: &[Drive]) -> Vec<Check> {

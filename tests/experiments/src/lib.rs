@@ -11,7 +11,9 @@ pub mod run;
 pub mod session;
 
 mod land;
+mod random_shores;
 mod rooms;
+mod shore_force;
 mod shores;
 mod terrain;
 mod truth;
@@ -30,6 +32,7 @@ mod h4;
 mod h5;
 mod h6;
 mod h7;
+mod h8;
 mod l1;
 mod l2;
 mod l3;
@@ -63,7 +66,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 17] = [
+pub static EXPERIMENTS: [Experiment; 18] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
@@ -164,6 +167,14 @@ pub static EXPERIMENTS: [Experiment; 17] = [
         source: "[HYB 8.1.2]",
         criterion: "a face below the waterline lies ≤ 5 cm off its part above",
         run: h7::run,
+    },
+    Experiment {
+        id: "H8",
+        title: "Shores at random",
+        source: "[HYB 8.4.2]",
+        criterion: "against the force of their stems on the hull: ≤ 1 % of Solid called passable; ≥ 90 % of 200 shores \
+                    right where canes can be seen through",
+        run: h8::run,
     },
     Experiment {
         id: "L1",

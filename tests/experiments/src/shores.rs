@@ -157,6 +157,14 @@ impl MatchedCluster {
     }
 }
 
+/// The cluster of a stretch that most of its voxels are in.
+pub(super) fn main_cluster(drive: &[MatchedCluster], stretch: usize) -> Option<&MatchedCluster> {
+    let of_stretch = drive
+        .iter()
+        .filter(|matched| matched.shore == Some(stretch));
+    of_stretch.max_by_key(|matched| matched.cluster.voxels)
+}
+
 /// What the metrics say of columns of obstacles, gathered while the boat drives: its window leaves them behind.
 #[derive(Default)]
 pub(super) struct MetricColumns {

@@ -98,7 +98,7 @@ fn lists_ui(ui: &mut Ui, data: &ShoresData) -> Option<Look> {
         name: "docking sites",
         heading_text: "Docking sites, called by letter",
         why: "Lowest price first, in steps of 0.05; within a step, the widest. The price of a gentle slope is its mean \
-              cost, below 1; that of vegetation, for an emergency, is 1 and the share of its rigid voxels. A letter stays \
+              cost, below 1; that of vegetation, for an emergency, is 1 plus its density. A letter stays \
               with its place, also on the map, when the order changes. The robot searches for sites in the window around it: sites \
               outside keep their class on the map, without a letter.",
         titles: ["Site", "", "Price", "Width", "Away"],
@@ -320,9 +320,8 @@ fn hint_ui(response: &Response, hint: &str) {
     });
 }
 
-const TO_RIGID: &str = "share of its rigid voxels, such as trunks and stones, not twigs. Below 25 % \
-                                   the shore is Sparse, above 68 % Solid, between them Dense; the first two are for docking in \
-                                   an emergency";
+const TO_RIGID: &str = "share of its rigid voxels, such as trunks and stones, not twigs. The vehicle may make the class of \
+                        other things, too; Sparse and Dense are for docking in an emergency";
 const TO_VOXELS: &str = "how many cubes of the voxel map it is made of";
 
 const CLASS: usize = 1;

@@ -234,6 +234,11 @@ const RULES: &[Rule] = &[
         "it is the gap between the voxels of one shore",
     ),
     (
+        &["mapping.shore.solid_from_per_m2"],
+        PositiveUpTo(10_000.0),
+        SPARSE_BEFORE_SOLID,
+    ),
+    (
         &["mapping.shore.solid_above"],
         Within(0.0, 1.0),
         SPARSE_BEFORE_SOLID,
@@ -691,6 +696,7 @@ mod tests {
             "mapping.obstacle.cells",
             "mapping.obstacle.cells_y",
             "mapping.cost.box_m",
+            "mapping.shore.dense_from_per_m2",
             "mapping.shore.sparse_below",
         ];
         for (rules, keys) in [(RULES, of_config), (SENSOR_RULES, of_sensors)] {

@@ -34,11 +34,11 @@ const fn land(cost: f32) -> DockingColumn {
 }
 
 /// A plant of shore 1; lethal by its slope.
-const fn plant(class: ShoreClass, ratio: f32) -> DockingColumn {
+const fn plant(class: ShoreClass, density: f32) -> DockingColumn {
     DockingColumn {
         vegetation: Some(Vegetation {
             class,
-            ratio,
+            density,
             shore: 1,
         }),
         ..LETHAL

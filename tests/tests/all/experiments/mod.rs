@@ -76,6 +76,8 @@ experiments! {
     h5_a_ramp_is_where_to_dock: "H5",
     h6_a_person_leaves_no_trail: "H6",
     h7_sonar_and_laser_meet_at_the_waterline: "H7",
+    #[ignore = "minutes"]
+    h8_shores_at_random_have_the_class_of_their_force: "H8",
     l1_occupied_and_free_cells_agree_with_the_truth: "L1",
     l2_what_a_mirror_shows_vanishes_with_further_observations: "L2",
     l3_a_recording_with_motion_capture_is_mapped: "L3",

@@ -61,12 +61,26 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
             "the box holds the vehicle and at most 2000 columns along an edge",
         );
     }
-    checks.number(
-        "mapping.shore.sparse_below",
-        mapping.shore.sparse_below,
-        Within(0.0, mapping.shore.solid_above),
-        SPARSE_BEFORE_SOLID,
-    );
+    let shore = &mapping.shore;
+    for (key, dense_from, solid_from) in [
+        (
+            "mapping.shore.dense_from_per_m2",
+            shore.dense_from_per_m2,
+            shore.solid_from_per_m2,
+        ),
+        (
+            "mapping.shore.sparse_below",
+            shore.sparse_below,
+            shore.solid_above,
+        ),
+    ] {
+        checks.number(
+            key,
+            dense_from,
+            Within(0.0, solid_from),
+            SPARSE_BEFORE_SOLID,
+        );
+    }
     let (cost, octree) = (mapping.cost.enabled, mapping.octree.enabled);
     for (layer, is_enabled, needed, is_there) in [
         ("cost", cost, "octree", octree),
