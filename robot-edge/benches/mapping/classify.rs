@@ -4,10 +4,10 @@ use mapping::clustering::euclidean_clusters;
 use mapping::docking::{BoatFootprint, DockingColumn, find_docking_sites};
 use mapping::grid::CellIndex;
 use mapping::grid::VoxelIndex;
-use mapping::rigidity::RigidityConfig;
 use mapping::rigidity::RigidityMap;
 use mapping::rigidity::majority_vote;
 use mapping::rigidity::{ObstacleVoxel, Rigidity};
+use mapping::rigidity::{RigidityConfig, RigidityRule};
 use mapping::shore::ShoreConfig;
 use mapping::shore::Shores;
 
@@ -35,11 +35,18 @@ pub(crate) fn print() -> anyhow::Result<()> {
         let clusters = euclidean_clusters(&map.voxels, CELL_M, 3.0);
         clusters.iter().max().map_or(0, |last| *last as usize + 1)
     });
-    row(&maps, "rigidity", |map| {
-        RigidityMap::of(&map.obstacles, &RigidityConfig::default())
-            .columns
-            .len()
-    });
+    for (part, rule) in [
+        ("rigidity by width", RigidityRule::Width),
+        ("rigidity by both metrics", RigidityRule::Metrics),
+    ] {
+        let config = RigidityConfig {
+            rule,
+            ..RigidityConfig::default()
+        };
+        row(&maps, part, |map| {
+            RigidityMap::of(&map.obstacles, &config).columns.len()
+        });
+    }
     row(&maps, "shores", |map| {
         Shores::new(&ShoreConfig::default(), CELL_M)
             .update(&map.obstacles)

@@ -1,7 +1,8 @@
 //! Vegetation on land: traversable or rigid (docs/methods.md, section 6; \[HYB\] §7.1).
 //!
-//! A voxel is rigid only if both metrics, each smoothed on its own, say so. A column with a rigid
-//! voxel is rigid.
+//! A voxel is rigid if what its hits lie on is smooth and wider than the laser spot, or, by the rule
+//! of the source, if both metrics, each smoothed on its own, say so. A column with a rigid voxel is
+//! rigid.
 //!
 //! The majority vote works on sorted voxels, which are runs along z, one per column. The votes of a
 //! neighbouring column are differences of running sums, found with pointers that only advance.
@@ -16,7 +17,11 @@ use crate::grid::{CellIndex, VoxelIndex};
 pub struct RigidityConfig {
     /// Requires the cost map.
     pub enabled: bool,
-    /// Rigid above this `IntraScan` (\[HYB\] §7.1: 0.04).
+    /// What makes a voxel rigid.
+    pub rule: RigidityRule,
+    /// Of [`RigidityRule::Width`]: least width of what is rigid, metres.
+    pub least_width_m: f64,
+    /// Of [`RigidityRule::Metrics`], as the next: rigid above this `IntraScan` (\[HYB\] §7.1: 0.04).
     pub intra_threshold: f64,
     /// Rigid below this `InterScan` (\[HYB\] §7.1: 0.39).
     pub inter_threshold: f64,
@@ -24,15 +29,44 @@ pub struct RigidityConfig {
     pub traversable_vegetation_cost: f64,
 }
 
+impl RigidityConfig {
+    /// Averaged `IntraScan` above which a voxel is rigid: by width, half of the full width.
+    pub const fn rigid_above(&self) -> f64 {
+        match self.rule {
+            RigidityRule::Width => 0.5,
+            RigidityRule::Metrics => self.intra_threshold,
+        }
+    }
+
+    /// Width of a body of value 1 where `IntraScan` is counted less the spot, metres: twice the least
+    /// width, so that a few wide segments do not outweigh many thin ones.
+    pub(super) fn full_width_m(&self) -> Option<f64> {
+        let is_width = self.enabled && self.rule == RigidityRule::Width;
+        is_width.then_some(2.0 * self.least_width_m)
+    }
+}
+
 impl Default for RigidityConfig {
     fn default() -> Self {
         Self {
             enabled: false,
+            rule: RigidityRule::Width,
+            least_width_m: 0.04,
             intra_threshold: 0.04,
             inter_threshold: 0.39,
             traversable_vegetation_cost: 0.7,
         }
     }
+}
+
+/// What makes a voxel rigid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RigidityRule {
+    /// `IntraScan` less the laser spot: most hits lie on a smooth body of the least width or wider.
+    Width,
+    /// `IntraScan` and `InterScan`, each above or below its threshold (\[HYB\] §7.1).
+    Metrics,
 }
 
 /// Rigidity of voxels and columns.
@@ -55,10 +89,13 @@ impl RigidityMap {
             let labels: Vec<_> = obstacles.iter().map(label).collect();
             majority_vote(&voxels, &labels)
         };
-        let by_intra = smoothed(&|obstacle| obstacle.by_intra(config.intra_threshold));
-        let by_inter = smoothed(&|obstacle| obstacle.by_inter(config.inter_threshold));
-        let labels = by_intra.iter().zip(by_inter);
-        let labels = labels.map(|(&intra, inter)| intra.both(inter));
+        let mut labels = smoothed(&|obstacle| obstacle.by_intra(config.rigid_above()));
+        if config.rule == RigidityRule::Metrics {
+            let by_inter = smoothed(&|obstacle| obstacle.by_inter(config.inter_threshold));
+            for (label, by_inter) in labels.iter_mut().zip(by_inter) {
+                *label = label.both(by_inter);
+            }
+        }
         let voxels: Vec<_> = voxels.iter().copied().zip(labels).collect();
         let columns = voxels
             .chunk_by(|(a, _), (b, _)| a.column() == b.column())
@@ -277,8 +314,15 @@ mod rigidity_tests {
         }
     }
 
+    fn by(rule: RigidityRule) -> RigidityConfig {
+        RigidityConfig {
+            rule,
+            ..RigidityConfig::default()
+        }
+    }
+
     fn columns(obstacles: &[ObstacleVoxel]) -> Vec<(i32, Rigidity)> {
-        let map = RigidityMap::of(obstacles, &RigidityConfig::default());
+        let map = RigidityMap::of(obstacles, &by(RigidityRule::Metrics));
         let columns = map
             .columns
             .iter()
@@ -318,6 +362,19 @@ mod rigidity_tests {
     }
 
     #[test]
+    fn width_alone_decides_by_its_rule() {
+        let voxels = [
+            obstacle(0, 0, Some(0.51), MOVING),
+            obstacle(10, 0, Some(0.5), STILL),
+            obstacle(20, 0, None, STILL),
+        ];
+        let map = RigidityMap::of(&voxels, &by(RigidityRule::Width));
+        let labels = map.columns.iter().map(|(_, rigidity)| *rigidity);
+        let labels: Vec<_> = labels.collect();
+        assert_eq!(labels, [Rigid, Traversable, Unlabelled]);
+    }
+
+    #[test]
     fn one_rigid_voxel_makes_a_column_rigid() {
         let column = [
             obstacle(0, 0, NARROW, STILL),
@@ -338,7 +395,7 @@ mod rigidity_tests {
             obstacle(0, 2, NARROW, STILL),
         ];
         assert_eq!(columns(&voxels), [(0, Rigid)]);
-        let map = RigidityMap::of(&voxels, &RigidityConfig::default());
+        let map = RigidityMap::of(&voxels, &by(RigidityRule::Metrics));
         assert!(map.voxels.iter().all(|(_, rigidity)| *rigidity == Rigid));
     }
 
@@ -355,7 +412,7 @@ mod rigidity_tests {
                 .iter()
                 .map(|(&(x, z), &(intra, inter))| obstacle(x, z, intra, inter))
                 .collect();
-            let config = RigidityConfig::default();
+            let config = by(RigidityRule::Metrics);
             let expected = RigidityMap::of(&obstacles, &config);
             obstacles.reverse();
             prop_assert_eq!(RigidityMap::of(&obstacles, &config), expected);

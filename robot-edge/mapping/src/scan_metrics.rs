@@ -42,7 +42,12 @@ impl Default for MetricsConfig {
 /// `IntraScan`; keeps nothing between scans.
 #[derive(Clone, Debug)]
 pub struct IntraScan {
-    config: MetricsConfig,
+    max_range_m: f64,
+    sigma_m: f64,
+    /// Width of value 1.
+    width_m: f64,
+    /// The laser spot is subtracted.
+    less_spot: bool,
 }
 
 /// A run of neighbouring beams with similar range differences.
@@ -57,54 +62,65 @@ struct Segment {
 }
 
 impl IntraScan {
-    /// With these settings.
-    pub fn new(config: &MetricsConfig) -> Self {
+    /// With these settings; with `full_width_m` widths are those less the laser spot, and that one has
+    /// the value 1.
+    pub fn new(config: &MetricsConfig, full_width_m: Option<f64>) -> Self {
         Self {
-            config: config.clone(),
+            max_range_m: config.max_range_m,
+            sigma_m: config.intra_sigma_m,
+            width_m: full_width_m.unwrap_or(config.intra_width_m),
+            less_spot: full_width_m.is_some(),
         }
     }
 
-    /// Fills `values` with one value, 0 to 1, per beam of the scan: Γ · r / γ, see equation (5) of
+    /// Fills `values` with one value, 0 to 1, per beam of the scan: Γ · r / γ, see equations (5) and (6) of
     /// docs/methods.md. 0.04 is an object 2.2 cm wide. A beam without a value is NaN: a miss, a hit
-    /// without neighbour, a hit beyond the greatest range.
+    /// without neighbour (less the spot it has the value 0 between two misses), a hit beyond the
+    /// greatest range. `divergence_rad` is the full angle of a beam.
     ///
     /// Hits beyond the greatest range still extend segments.
-    pub fn measure(&self, scan: &RegisteredScan, values: &mut Vec<f32>) {
+    pub fn measure(&self, scan: &RegisteredScan, divergence_rad: f64, values: &mut Vec<f32>) {
         values.clear();
         values.resize(scan.beams.len(), f32::NAN);
         // γ in beam·m; a value is Γ·r/γ.
-        let value_of_beam_m = scan.beam_step_rad / self.config.intra_width_m;
+        let value_of_beam_m = scan.beam_step_rad / self.width_m;
+        // Eq. (6): beams by which a rod looks wider than it is.
+        let spot = if self.less_spot {
+            divergence_rad / scan.beam_step_rad
+        } else {
+            0.0
+        };
+        let factors = [spot, value_of_beam_m];
         let mut segment = Segment::opening_at(0);
         for at in 1..scan.beams.len() {
             let difference_m = difference_m(&scan.beams[at - 1], &scan.beams[at]);
-            if !difference_m
-                .is_some_and(|difference| segment.takes(difference, self.config.intra_sigma_m))
-            {
-                self.close(segment, value_of_beam_m, &scan.beams, values);
+            if !difference_m.is_some_and(|difference| segment.takes(difference, self.sigma_m)) {
+                self.close(segment, factors, &scan.beams, values);
                 // Algorithm 1 of \[HYB\]: the beam that did not fit opens the next segment. The
                 // difference that did not fit belongs to neither, and no beam belongs to two.
                 segment = Segment::opening_at(at);
             }
         }
-        self.close(segment, value_of_beam_m, &scan.beams, values);
+        self.close(segment, factors, &scan.beams, values);
     }
 
     fn close(
         &self,
         segment: Segment,
-        value_of_beam_m: f64,
+        [spot, value_of_beam_m]: [f64; 2],
         beams: &[RegisteredBeam],
         values: &mut [f32],
     ) {
-        if segment.differences == 0 {
+        if segment.differences == 0 && !(self.less_spot && is_between_misses(beams, segment.first))
+        {
             return;
         }
+        let beams_wide = (f64::from(segment.differences) - spot).max(0.0);
         let all = segment.first..=segment.first + segment.differences as usize;
         for (beam, value) in beams[all.clone()].iter().zip(&mut values[all]) {
             let range_m = f64::from(beam.range_m);
-            if range_m <= self.config.max_range_m {
-                let width = f64::from(segment.differences) * range_m;
-                *value = (width * value_of_beam_m).min(1.0) as f32;
+            if range_m <= self.max_range_m {
+                *value = (beams_wide * range_m * value_of_beam_m).min(1.0) as f32;
             }
         }
     }
@@ -128,6 +144,15 @@ impl Segment {
         }
         fits
     }
+}
+
+/// Whether a hit's neighbours both have no return: it is no wider than the spot.
+fn is_between_misses(beams: &[RegisteredBeam], at: usize) -> bool {
+    let around = at.checked_sub(1).and_then(|first| beams.get(first..at + 2));
+    matches!(around, Some([before, hit, after])
+        if hit.outcome == BeamOutcome::Hit
+            && [before, after].map(|beam| beam.outcome) == [BeamOutcome::Miss; 2]
+            && after.index.checked_sub(before.index) == Some(2))
 }
 
 /// Range difference; `None` unless both are hits of neighbouring beams.

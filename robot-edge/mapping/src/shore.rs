@@ -63,8 +63,8 @@ impl Default for ShoreConfig {
         Self {
             enabled: false,
             rule: ShoreRule::Density,
-            dense_from_per_m2: 17.5,
-            solid_from_per_m2: 45.0,
+            dense_from_per_m2: 20.0,
+            solid_from_per_m2: 50.0,
             intra_threshold: 0.20,
             inter_threshold: 0.39,
             cluster_m: 3.0,
@@ -295,7 +295,7 @@ const MAX_VOXELS_OUTSIDE: usize = 65_536;
 const SURFACE_SHARE: f64 = 0.35;
 
 /// Share of the parts of a cluster below which it is not seen through. Beams pass the ends of a wall.
-const OPEN_MIN: f64 = 0.4;
+const OPEN_MIN: f64 = 0.35;
 
 /// Hits higher than any cane on a tile from which on there is a tree among them.
 const TREE_HITS: u32 = 10;
@@ -612,13 +612,13 @@ mod shore_tests {
         use ShoreClass::{Dense, Solid, Sparse};
         let config = ShoreConfig::default();
         for (stems_per_m2, smooth, tall, open, class) in [
-            (17.4, 0.3, 9, 0.4, Sparse),
-            (17.5, 0.0, 0, 1.0, Dense),
-            (44.9, 0.0, 0, 1.0, Dense),
-            (45.0, 0.0, 0, 1.0, Solid),
+            (19.9, 0.3, 9, 0.35, Sparse),
+            (20.0, 0.0, 0, 1.0, Dense),
+            (49.9, 0.0, 0, 1.0, Dense),
+            (50.0, 0.0, 0, 1.0, Solid),
             (5.0, 0.35, 0, 1.0, Solid),
             (5.0, 0.0, 10, 1.0, Solid),
-            (5.0, 0.0, 0, 0.39, Solid),
+            (5.0, 0.0, 0, 0.34, Solid),
         ] {
             let densest = Densest {
                 stems_per_m2,

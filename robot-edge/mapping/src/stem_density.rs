@@ -275,7 +275,8 @@ fn smooth_beams(scan: &RegisteredScan) -> Vec<bool> {
             beams.get(at..at + 2).is_some() && at > 0 && is_middle(&beams[at - 1..at + 2]);
         if !continues {
             let width_m = (at - first) as f64 * scan.beam_step_rad * f64::from(beams[at].range_m);
-            if width_m >= SURFACE_M {
+            // A run has a middle; a miss has none.
+            if at > first + 1 && width_m >= SURFACE_M {
                 smooth[first..=at].fill(true);
             }
             first = at;
@@ -373,8 +374,10 @@ mod tests {
         let wall = |angle_rad: f64| Some(10.0 / libm::cos(angle_rad));
         let found = densest([scan(0.5, wall), scan(0.6, wall)]);
         assert_eq!((found.stems_per_m2, found.smooth), (0.0, 1.0));
-        let found = densest(canes(10.0, 10.0));
-        assert!(found.smooth < 0.1, "{found:?}");
+        for stems_per_m2 in [0.1, 10.0] {
+            let found = densest(canes(10.0, stems_per_m2));
+            assert!(found.smooth < 0.1, "{stems_per_m2}: {found:?}");
+        }
         // A trunk of 0.4 m before them.
         let trunk = |angle_rad: f64| (angle_rad.abs() < 0.02).then(|| wall(angle_rad))?;
         let scans = canes(10.5, 10.0)

@@ -81,7 +81,7 @@ impl VoxelLayers {
             sensors: sensors.to_vec(),
             filter: RadialFilter::default(),
             isolated: Vec::new(),
-            intra: IntraScan::new(&config.metrics),
+            intra: IntraScan::new(&config.metrics, config.rigidity.full_width_m()),
             inter: InterScan::new(&config.metrics),
             metrics: Metrics::default(),
             weights: [config.metrics.intra_weight, config.metrics.inter_weight]
@@ -251,7 +251,7 @@ impl VoxelLayers {
         let spread = libm::tan(0.5 * model.divergence_rad) as f32;
         let Metrics { intra, inter } = &mut self.metrics;
         if model.has_metrics {
-            self.intra.measure(scan, intra);
+            self.intra.measure(scan, model.divergence_rad, intra);
             self.inter.measure(scan, inter);
         } else {
             for metric in [&mut *intra, &mut *inter] {

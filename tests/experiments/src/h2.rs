@@ -2,13 +2,14 @@
 
 mod evaluation;
 
-use super::land::{Hits, LandWorld, Poses, octree_and_cost, published};
+use super::land::{Found, Hits, LETHAL, LandWorld, Poses, TRAVERSABLE, octree_and_cost, published};
 use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::pictures::Picture;
+use super::run::known_cells;
 use super::session::{SEED, Session};
 use super::voxel_views;
 use edge::runtime::Pipeline;
-use evaluation::{Evaluation, Found, Kind, Plane, YardTruth};
+use evaluation::{Evaluation, Kind, Plane, YardTruth};
 use protocol::layer::LayerId;
 use simulation::SimulationOptions;
 
@@ -24,25 +25,22 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     session.step("H2: the truth")?;
     let truth = YardTruth::of(&yard)?;
     let drives = session.for_each_seed("H2: yard", |seed| {
-        evaluation(&yard, &truth, seed, SLOPES_ALONE, Poses::Averaged)
+        drive(&yard, &truth, seed, Poses::Averaged)
     })?;
+    let (drives, let_through): (Vec<_>, Vec<_>) = drives.into_iter().unzip();
     session.step("H2: pictures")?;
     let mut parts = vec![
         Part::text(include_str!("notes/h2.md")),
         Part::Table(by_slope(&drives)),
         Part::Table(by_object(&drives)),
         Part::text(include_str!("notes/h2_variants.md")),
-        Part::Table(variants(session, &yard, &truth, &drives)?),
+        Part::Table(variants(session, &yard, &truth, [&drives, &let_through])?),
     ];
     parts.extend(pictures(&yard, &truth)?);
-    Ok(Outcome {
-        checks: checks(&drives),
-        parts,
-    })
+    let mut all = checks(&drives);
+    all.extend(rigidity_checks(&let_through));
+    Ok(Outcome { checks: all, parts })
 }
-
-/// The cost of slopes alone: what gives way is not let through.
-const SLOPES_ALONE: &[&str] = &["mapping.rigidity.enabled=false"];
 
 fn mapped(
     yard: &LandWorld,
@@ -59,17 +57,22 @@ fn mapped(
     Ok((hits, run.finish()?))
 }
 
-fn evaluation(
+/// One drive by the cost of slopes alone, and with what gives way let through.
+fn drive(
     yard: &LandWorld,
     truth: &YardTruth<'_>,
     seed: u64,
-    settings: &[&str],
     poses: Poses,
-) -> anyhow::Result<Evaluation> {
-    let (hits, pipeline) = mapped(yard, truth, seed, settings, poses)?;
+) -> anyhow::Result<(Evaluation, Evaluation)> {
+    let (hits, pipeline) = mapped(yard, truth, seed, &[], poses)?;
     let store = pipeline.publisher().store();
-    let costs = published(&store, LayerId::Cost).collect();
-    Ok(Evaluation::of(truth, &hits, &costs))
+    let mut costs = published(&store, LayerId::Cost).collect();
+    let let_through = Evaluation::of(truth, &hits, &costs);
+    // Only lethal columns are let through.
+    let gives_way = known_cells(&store, LayerId::Rigidity);
+    let gives_way = gives_way.filter(|(_, code)| *code == TRAVERSABLE);
+    costs.extend(gives_way.map(|(cell, _)| (cell, LETHAL)));
+    Ok((Evaluation::of(truth, &hits, &costs), let_through))
 }
 
 /// What other poses and the document's next step make of the same drive.
@@ -77,7 +80,7 @@ fn variants(
     session: &Session<'_>,
     yard: &LandWorld,
     truth: &YardTruth<'_>,
-    drives: &[Evaluation],
+    [drives, let_through]: [&[Evaluation]; 2],
 ) -> anyhow::Result<Table> {
     let mut table = Table::new(&[
         "seed 1",
@@ -99,17 +102,15 @@ fn variants(
     if let Some(first) = drives.first() {
         row("attitudes of 0.1°, averaged (above)", first);
     }
-    for (name, settings, poses) in [
-        ("true poses", SLOPES_ALONE, Poses::True),
-        (
-            "attitudes of 0.1°, each by itself",
-            SLOPES_ALONE,
-            Poses::Raw,
-        ),
-        ("averaged, what gives way let through", &[], Poses::Averaged),
+    for (name, poses) in [
+        ("true poses", Poses::True),
+        ("attitudes of 0.1°, each by itself", Poses::Raw),
     ] {
         session.step(&format!("H2: {name}"))?;
-        row(name, &evaluation(yard, truth, SEED, settings, poses)?);
+        row(name, &drive(yard, truth, SEED, poses)?.0);
+    }
+    if let Some(first) = let_through.first() {
+        row("averaged, what gives way let through", first);
     }
     Ok(table)
 }
@@ -185,6 +186,16 @@ fn checks(drives: &[Evaluation]) -> Vec<Check> {
     checks
 }
 
+/// With rigidity, as the preset has it.
+fn rigidity_checks(drives: &[Evaluation]) -> impl Iterator<Item = Check> + '_ {
+    Kind::ALL.into_iter().map(move |kind| {
+        let found = |drive: &Evaluation| 100.0 * drive.of_kind(kind).found_share();
+        let found = Spread::over(drives, found);
+        let what = format!("{} that stay lethal with rigidity", kind.label());
+        Check::at_least(what, (found, 1, " %"), FOUND_MIN_PERCENT)
+    })
+}
+
 /// Each slope of the yard.
 fn by_slope(drives: &[Evaluation]) -> Table {
     let mut table = Table::new(&[
@@ -235,7 +246,8 @@ fn by_object(drives: &[Evaluation]) -> Table {
 }
 
 fn pictures(yard: &LandWorld, truth: &YardTruth<'_>) -> anyhow::Result<Vec<Part>> {
-    let (hits, pipeline) = mapped(yard, truth, SEED, SLOPES_ALONE, Poses::Averaged)?;
+    let slopes_alone = ["mapping.rigidity.enabled=false"];
+    let (hits, pipeline) = mapped(yard, truth, SEED, &slopes_alone, Poses::Averaged)?;
     let (octree, _) = octree_and_cost(&pipeline)?;
     let store = pipeline.publisher().store();
     let mut from_above = voxel_views::from_above(

@@ -21,6 +21,14 @@ use simulation::solid::Solid;
 use simulation::vegetation::Rigidity;
 use simulation::{SimulationOptions, World};
 
+/// A cost map's value of everything that cannot be driven on.
+pub(super) const LETHAL: f32 = 1.0;
+/// Hits in a column by which the laser has met what stands there.
+pub(super) const MIN_HITS: u32 = 3;
+/// Codes of the rigidity layer.
+pub(super) const TRAVERSABLE: u16 = 1;
+pub(super) const RIGID: u16 = 2;
+
 /// A column of voxels by its index: column (i, j) begins at (i, j) · `cell_m`.
 pub(super) type Cell = [i64; 2];
 
@@ -45,7 +53,11 @@ pub(super) enum Poses {
 impl LandWorld {
     /// The built-in world `name`.
     pub(super) fn load(name: &str, rules: Rules) -> anyhow::Result<Self> {
-        let world = World::load(name)?;
+        Self::of(World::load(name)?, rules)
+    }
+
+    /// Another world.
+    pub(super) fn of(world: World, rules: Rules) -> anyhow::Result<Self> {
         let config = config_by(&world, rules, &[])?;
         Ok(Self {
             world,
@@ -248,7 +260,7 @@ impl<'a> Ground<'a> {
 
     /// Δ of \[HYB\] §5.1 by exact geometry: from the lowest ground around up to the highest rigid thing of the
     /// column that is no higher than the vehicle.
-    pub(super) fn steepest(&self, cell: Cell) -> Option<f64> {
+    fn steepest(&self, cell: Cell) -> Option<f64> {
         let [_, high] = self.heights_m(cell)?;
         let above_m = [MARGIN_M, self.vehicle_height_m];
         let top_m = if self.standing(cell, 0.0, above_m) == Some(Rigidity::Rigid) {
@@ -268,6 +280,11 @@ impl<'a> Ground<'a> {
             Some((top_m - low) / libm::hypot(x, y).max(self.cell_m))
         };
         around(cell, REACH).filter_map(rise).max_by(f64::total_cmp)
+    }
+
+    /// Whether the document's formula makes a column lethal.
+    pub(super) fn is_steep(&self, cell: Cell) -> bool {
+        self.steepest(cell).is_some_and(|steepest| steepest >= 1.0)
     }
 
     fn centre_m(&self, cell: Cell) -> Point2<f64> {
@@ -342,6 +359,24 @@ impl Hits {
     /// Those of a column.
     pub(super) fn get(&self, cell: Cell) -> ColumnHits {
         self.columns.get(&cell).copied().unwrap_or_default()
+    }
+}
+
+/// Columns of things.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Found {
+    pub(super) seen: usize,
+    pub(super) lethal: usize,
+}
+
+impl Found {
+    pub(super) fn add(&mut self, is_lethal: bool) {
+        self.seen += 1;
+        self.lethal += usize::from(is_lethal);
+    }
+
+    pub(super) fn found_share(self) -> f64 {
+        self.lethal as f64 / self.seen.max(1) as f64
     }
 }
 

@@ -216,6 +216,7 @@ const RULES: &[Rule] = &[
             "mapping.metrics.intra_sigma_m",
             "mapping.metrics.intra_width_m",
             "mapping.metrics.inter_full_m",
+            "mapping.rigidity.least_width_m",
         ],
         PositiveUpTo(10.0),
         "it is a length of the things that are distinguished",

@@ -3,6 +3,7 @@ use proptest::prelude::*;
 
 use crate::octree::{OctreeConfig, RangeSensorModel, Ray, SurfaceHit};
 use crate::registered_scan::SensorId;
+use crate::rigidity::RigidityRule;
 
 const CELL_M: f64 = 0.1;
 
@@ -34,6 +35,7 @@ fn config(surface: Surface) -> CostConfig {
 fn map(surface: Surface) -> CostMap {
     let rigidity = RigidityConfig {
         enabled: true,
+        rule: RigidityRule::Metrics,
         ..RigidityConfig::default()
     };
     CostMap::new(&config(surface), &rigidity, CAR, (CELL_M, true), 1)

@@ -2,15 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::land::{Cell, Ground, Hits, LandWorld, RAISED_M, REACH, around, columns_of};
+use crate::land::{
+    Cell, Found, Ground, Hits, LETHAL, LandWorld, MIN_HITS, RAISED_M, REACH, around, columns_of,
+};
 use crate::outcome::Spread;
 use crate::pictures::Picture;
 use crate::voxel_views::{Canvas, PIXELS_PER_CELL};
 
-/// A cost map's value of everything that cannot be driven on.
-const LETHAL: f32 = 1.0;
-/// Hits in a column by which the laser has met what stands there.
-const MIN_HITS: u32 = 3;
 /// Columns beside a place at the pit's rim in which the laser met lower ground, for it to have seen below it.
 const MIN_COLUMNS_BELOW: usize = 3;
 
@@ -24,13 +22,6 @@ pub(super) struct Plane {
     pub(super) unknown: usize,
     /// Cost less the true one.
     errors: Vec<f64>,
-}
-
-/// Columns of things.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Found {
-    pub(super) seen: usize,
-    pub(super) lethal: usize,
 }
 
 /// What came out of one drive.
@@ -84,17 +75,6 @@ impl Plane {
 
     pub(super) fn median_error(&self) -> f64 {
         Spread::of(self.errors.iter().copied()).median
-    }
-}
-
-impl Found {
-    fn add(&mut self, is_lethal: bool) {
-        self.seen += 1;
-        self.lethal += usize::from(is_lethal);
-    }
-
-    pub(super) fn found_share(self) -> f64 {
-        self.lethal as f64 / self.seen.max(1) as f64
     }
 }
 
@@ -268,14 +248,14 @@ impl<'a> YardTruth<'a> {
                     beneath.insert(cell);
                 }
             }
-            if !ground.is_bare(cell, ASIDE_M) || is_steep(&ground, cell) {
+            if !ground.is_bare(cell, ASIDE_M) || ground.is_steep(cell) {
                 lethal.insert(cell);
             }
         }
         let objects = yard.world.solids().iter().filter_map(|solid| {
             let kind = Kind::of(&solid.name)?;
             let mut columns = columns_of(yard, &ground, solid);
-            columns.retain(|&cell| is_steep(&ground, cell));
+            columns.retain(|&cell| ground.is_steep(cell));
             Some(YardObject {
                 kind,
                 columns,
@@ -301,13 +281,6 @@ impl<'a> YardTruth<'a> {
     pub(super) fn ground(&self) -> &Ground<'a> {
         &self.ground
     }
-}
-
-/// Whether the document's formula makes a column lethal.
-fn is_steep(ground: &Ground<'_>, cell: Cell) -> bool {
-    ground
-        .steepest(cell)
-        .is_some_and(|steepest| steepest >= 1.0)
 }
 
 /// The pit's rim in steps of a cell.

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::land::{Cell, Ground, LandWorld, around, columns_of};
+use crate::land::{Cell, Ground, LETHAL, LandWorld, RIGID, TRAVERSABLE, around, columns_of};
 use simulation::vegetation::Stem;
 
 /// Where the objects are, metres.
@@ -11,11 +11,6 @@ const REGION_M: [[f64; 2]; 2] = [[0.0, -10.0], [34.0, 10.0]];
 const NOISE_CELLS: i64 = 1;
 /// Wind moves tops so far, 13 cm about where they lean by 10 cm; cells.
 const SWAY_CELLS: i64 = 2;
-/// The cost of everything that cannot be driven on.
-const LETHAL: f32 = 1.0;
-/// Codes of the rigidity layer.
-const TRAVERSABLE: u16 = 1;
-const RIGID: u16 = 2;
 /// Steps along a stem by which its columns are found, metres.
 const STEP_M: f64 = 0.02;
 

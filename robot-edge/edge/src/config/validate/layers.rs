@@ -6,6 +6,7 @@ use crate::config::Config;
 use mapping::MappingConfig;
 use mapping::grid::CellSize;
 use mapping::occupancy_grid::OccupancyConfig;
+use mapping::rigidity::RigidityRule;
 
 pub(super) fn check(checks: &mut Checks, config: &Config) {
     occupancy(checks, &config.mapping.occupancy);
@@ -79,6 +80,15 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
             dense_from,
             Within(0.0, solid_from),
             SPARSE_BEFORE_SOLID,
+        );
+    }
+    let rigidity = &mapping.rigidity;
+    if rigidity.enabled && rigidity.rule == RigidityRule::Width && mapping.shore.enabled {
+        checks.issue(
+            "mapping.rigidity.rule",
+            "width".to_owned(),
+            "shores are classified by IntraScan with the laser spot in it",
+            "\"metrics\", or false in mapping.shore.enabled".to_owned(),
         );
     }
     let (cost, octree) = (mapping.cost.enabled, mapping.octree.enabled);
