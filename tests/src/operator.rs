@@ -23,12 +23,12 @@ use network::endpoints::Channel;
 use network::sessions::{self, Endpoints, Side};
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
 use protocol::message::{
-    AgeToken, Answer, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Status, TeleopState,
-    TeleopStatus,
+    AgeToken, Answer, DockingChoice, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Shores,
+    ShoresReply, ShoresRequest, Status, TeleopState, TeleopStatus,
 };
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
 use protocol::tile::BootId;
-use protocol::wire;
+use protocol::wire::{self, Header};
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 use zenoh::{Session, Wait as _};
@@ -82,6 +82,8 @@ pub struct Operator {
     /// Number of the last signed message.
     pub seq: u64,
     pub journal: Journal,
+    /// The docking site that its commands name.
+    pub docking: Option<DockingChoice>,
     robot: RobotId,
     session: Session,
     drive: Publisher<'static>,
@@ -128,6 +130,7 @@ impl Operator {
             epoch: 0,
             seq: 0,
             journal: Journal::default(),
+            docking: None,
             robot,
             session,
             drive,
@@ -166,6 +169,21 @@ impl Operator {
 
     pub fn teleop(&self) -> Option<TeleopStatus> {
         self.received().status.as_ref()?.teleop.clone()
+    }
+
+    /// What the robot knows of shores; over a session to its port for maps.
+    pub fn shores(&self, bulk: &Session) -> Option<Shores> {
+        let header = Header {
+            boot: BootId([0; 16]),
+            seq: 0,
+            robot_time_ns: 0,
+        };
+        let request = wire::encode(&header, &ShoresRequest { newer_than: 0 }).unwrap();
+        let query = bulk.get(Topic::Shores.key(&self.robot));
+        let replies = query.payload(request).timeout(REPLY_TIMEOUT).wait().ok()?;
+        let reply = replies.recv().ok()?;
+        let payload = reply.result().ok()?.payload().to_bytes();
+        wire::decode::<ShoresReply>(&payload).unwrap().1.shores
     }
 
     pub fn sensors(&self) -> Vec<SensorStatus> {
@@ -320,7 +338,7 @@ impl Operator {
                 lateral_mps: input.lateral_mps,
                 angular_radps: input.angular_radps,
                 estop: None,
-                docking: None,
+                docking: self.docking,
             },
         );
         let sent = Sent {
@@ -420,6 +438,11 @@ pub fn refused(teleop: &TeleopStatus, reason: Refusal) -> u64 {
 
 /// A console's session; tries again until the endpoint answers.
 pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
+    connected_to(Channel::Control, endpoint, credentials)
+}
+
+/// The same to either port of the robot whose port for control is `endpoint`.
+pub fn connected_to(channel: Channel, endpoint: &str, credentials: Option<Credentials>) -> Session {
     let endpoints = Endpoints {
         connect: vec![endpoint.to_owned()],
         credentials,
@@ -427,7 +450,7 @@ pub fn connected(endpoint: &str, credentials: Option<Credentials>) -> Session {
     };
     let started = clock::now();
     loop {
-        match sessions::open(Side::Console, Channel::Control, &endpoints) {
+        match sessions::open(Side::Console, channel, &endpoints) {
             Ok(session) => return session,
             Err(why) => assert!(clock::elapsed(started) < TIMEOUT, "{why}"),
         }

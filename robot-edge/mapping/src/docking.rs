@@ -103,6 +103,23 @@ pub fn find_docking_sites(
     sites
 }
 
+/// A site in vegetation that the boat has entered, in the same window: between plants that it pushes
+/// aside no docking pose is found any more. What is lethal now, and no vegetation of the site's class
+/// or a lesser, is not passable.
+pub(crate) fn entered_site(
+    first: CellIndex,
+    width: usize,
+    cell_m: f64,
+    columns: &[DockingColumn],
+    mut site: DockingSite,
+) -> DockingSite {
+    let window = DockingGrid::new(first, width, cell_m, columns, site.vegetation);
+    let is_passable =
+        |cell: &CellIndex| window.place(*cell).is_some_and(|at| window.is_passable(at));
+    site.passable.retain(is_passable);
+    site
+}
+
 /// Marks the cells that a docking pose covers.
 fn covered(
     window: &DockingGrid<'_>,
@@ -376,6 +393,16 @@ impl<'a> DockingGrid<'a> {
                 .y
                 .saturating_add_unsigned((at / self.width) as u32),
         }
+    }
+
+    /// Index of a cell, `None` outside of the window.
+    fn place(&self, cell: CellIndex) -> Option<usize> {
+        let [x, y] = [(cell.x, self.first.x), (cell.y, self.first.y)].map(|(at, first)| {
+            let offset = at.checked_sub(first)?;
+            usize::try_from(offset).ok()
+        });
+        let (x, y) = (x?, y?);
+        (x < self.width && y < self.rows()).then_some(y * self.width + x)
     }
 
     /// Metres in `odom`.

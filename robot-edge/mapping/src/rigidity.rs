@@ -51,7 +51,7 @@ impl Default for RigidityConfig {
         Self {
             enabled: false,
             rule: RigidityRule::Width,
-            least_width_m: 0.04,
+            least_width_m: 0.02,
             intra_threshold: 0.04,
             inter_threshold: 0.39,
             traversable_vegetation_cost: 0.7,

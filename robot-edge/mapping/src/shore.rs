@@ -6,12 +6,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 use serde::Deserialize;
 
 use crate::clustering::{ClusterTracker, euclidean_clusters};
 use crate::cost_map::CostMap;
-use crate::docking::{BoatFootprint, DockingColumn, DockingSite, Vegetation, find_docking_sites};
+use crate::docking::{
+    BoatFootprint, DockingColumn, DockingSite, Vegetation, entered_site, find_docking_sites,
+};
 use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::Octree;
@@ -43,6 +45,9 @@ pub struct ShoreConfig {
     pub sparse_below: f64,
     /// Share of rigid voxels above which a cluster is Solid (\[HYB\] §7.2: 0.68).
     pub solid_above: f64,
+    /// Parts of a Solid shore that are no farther from the boat's middle have a class of their own,
+    /// metres; 0: never (\[HYB\] §7.2; §9.1 asks for it).
+    pub near_m: f64,
     /// Period of clustering in time of the data, seconds.
     pub period_s: f64,
 }
@@ -70,6 +75,7 @@ impl Default for ShoreConfig {
             cluster_m: 3.0,
             sparse_below: 0.25,
             solid_above: 0.68,
+            near_m: 10.0,
             period_s: 1.0,
         }
     }
@@ -351,8 +357,51 @@ impl ShoreLayer {
 
     /// Of a passable cluster, 0 … 1.
     fn density(&self, cluster: &ShoreCluster) -> f32 {
-        let stems = |densest: Densest| densest.stems_per_m2 / self.config.solid_from_per_m2;
-        cluster.densest.map_or(cluster.ratio, stems).min(1.0) as f32
+        cluster
+            .densest
+            .map_or(cluster.ratio as f32, |densest| self.stems_share(densest))
+    }
+
+    /// Stems over those of a Solid shore, at most 1.
+    fn stems_share(&self, densest: Densest) -> f32 {
+        (densest.stems_per_m2 / self.config.solid_from_per_m2).min(1.0) as f32
+    }
+
+    /// Of a Solid cluster the columns near the boat that give way, and their class: no tile that is
+    /// Solid by itself is among them, nor beside them.
+    fn passable_part(
+        &self,
+        cluster: &ShoreCluster,
+        boat_m: Point2<f64>,
+    ) -> Option<(Vec<CellIndex>, Densest)> {
+        let class = |columns: &[CellIndex]| {
+            let densest = self.stems.densest(columns)?;
+            Some((densest, self.config.class_of_densest(densest)))
+        };
+        if cluster.class != ShoreClass::Solid || cluster.densest.is_none() {
+            return None;
+        }
+        let mut known = BTreeMap::new();
+        let mut is_solid = |tile: CellIndex| {
+            *known.entry(tile).or_insert_with(|| {
+                let found = class(&[self.stems.first_column(tile)]);
+                found.is_some_and(|(_, class)| class == ShoreClass::Solid)
+            })
+        };
+        let mut part = cluster.columns.clone();
+        part.retain(|&cell| {
+            let is_near = (cell.centre(self.cell_m) - boat_m).norm() < self.config.near_m;
+            let CellIndex { x, y } = self.stems.tile_of(cell);
+            let mut beside = (-1..=1).flat_map(|dx| {
+                (-1..=1).map(move |dy| CellIndex {
+                    x: x.saturating_add(dx),
+                    y: y.saturating_add(dy),
+                })
+            });
+            is_near && !beside.any(&mut is_solid)
+        });
+        let (densest, class) = class(&part)?;
+        (class != ShoreClass::Solid).then_some((part, densest))
     }
 
     /// Updates the layer from the cost map and the octree.
@@ -408,6 +457,24 @@ impl ShoreLayer {
                 columns[place].vegetation = Some(vegetation);
             }
         }
+        let [x, y] =
+            [first.x, first.y].map(|first| first.saturating_add_unsigned((width / 2) as u32));
+        let boat_m = CellIndex { x, y }.centre(self.cell_m);
+        let parts = found.clusters.iter().filter_map(|cluster| {
+            let (part, densest) = self.passable_part(cluster, boat_m)?;
+            let vegetation = Vegetation {
+                class: self.config.class_of_densest(densest),
+                density: self.stems_share(densest),
+                shore: cluster.number,
+            };
+            Some((part, vegetation))
+        });
+        let parts: Vec<_> = parts.collect();
+        for (part, vegetation) in &parts {
+            for place in part.iter().filter_map(|&cell| place_of(cell)) {
+                columns[place].vegetation = Some(*vegetation);
+            }
+        }
         // Obstacles without metrics are what is around them, as far as the vote reaches; the densest counts.
         let adopted = unlabelled.into_iter().filter_map(|cell| {
             let place = place_of(cell).filter(|&place| columns[place].vegetation.is_none())?;
@@ -422,8 +489,19 @@ impl ShoreLayer {
                 .vegetation
                 .filter(|found| found.class != ShoreClass::Solid);
         }
-        self.sites = find_docking_sites(first, width, self.cell_m, &columns, &self.boat);
-        self.site_tracker.assign(&mut self.sites);
+        let mut sites = find_docking_sites(first, width, self.cell_m, &columns, &self.boat);
+        self.site_tracker.assign(&mut sites);
+        let before = std::mem::take(&mut self.sites).into_iter();
+        let entered = before.filter(|site| {
+            let is_near = (site.centre_in_odom - boat_m).norm() < self.boat.length_m;
+            let is_found = sites.iter().any(|found| found.number == site.number);
+            site.vegetation.is_some() && is_near && !is_found
+        });
+        let entered: Vec<_> = entered
+            .map(|site| entered_site(first, width, self.cell_m, &columns, site))
+            .collect();
+        sites.extend(entered);
+        self.sites = sites;
         let mut cells = BTreeMap::new();
         for site in &self.sites {
             cells.extend(
@@ -435,6 +513,10 @@ impl ShoreLayer {
         for cluster in &found.clusters {
             let class = ShoreCell::Cluster(cluster.class);
             cells.extend(cluster.columns.iter().map(|&cell| (cell, class)));
+        }
+        for (part, vegetation) in &parts {
+            let class = ShoreCell::Cluster(vegetation.class);
+            cells.extend(part.iter().map(|&cell| (cell, class)));
         }
         self.publish(cells, is_inside);
         // Clusters that were left behind are kept unchanged.
@@ -556,6 +638,7 @@ mod shore_tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::stem_density::tests::{DIVERGENCE_RAD, canes_and_a_trunk};
 
     const CELL_M: f64 = 0.3;
 
@@ -628,6 +711,49 @@ mod shore_tests {
             };
             assert_eq!(config.class_of_densest(densest), class, "{densest:?}");
         }
+    }
+
+    #[test]
+    fn near_the_boat_canes_beside_a_trunk_give_way() {
+        let config = ShoreConfig {
+            near_m: 20.0,
+            ..ShoreConfig::default()
+        };
+        let mut layer = ShoreLayer::new(&config, super::tests::BOAT, CELL_M);
+        for scan in canes_and_a_trunk() {
+            layer.add_scan(&scan, DIVERGENCE_RAD, 0.0);
+        }
+        let columns = (-40..40).flat_map(|x| (33..45).map(move |y| CellIndex { x, y }));
+        let columns: Vec<_> = columns.collect();
+        let densest = layer.stems.densest(&columns);
+        let cluster = ShoreCluster {
+            number: 1,
+            voxels: 1,
+            rigid_voxels: 0,
+            ratio: 0.0,
+            densest,
+            class: layer.config.class_of_densest(densest.unwrap()),
+            centre_in_odom: Point3::origin(),
+            columns,
+        };
+        assert_eq!(cluster.class, ShoreClass::Solid);
+        let (part, densest) = layer
+            .passable_part(&cluster, Point2::origin())
+            .expect("a part that gives way");
+        assert!(densest.smooth < SURFACE_SHARE, "{densest:?}");
+        let has = |x_m: f64, y_m: f64| {
+            part.binary_search(&CellIndex::containing(Point2::new(x_m, y_m), CELL_M))
+                .is_ok()
+        };
+        assert!(has(-5.0, 10.5) && has(5.0, 10.5), "canes");
+        assert!(
+            !has(0.0, 10.0) && !has(1.0, 10.5),
+            "the trunk and beside it"
+        );
+        let far = Point2::new(0.0, -20.0);
+        assert_eq!(layer.passable_part(&cluster, far), None, "too far");
+        layer.config.near_m = 0.0;
+        assert_eq!(layer.passable_part(&cluster, Point2::origin()), None);
     }
 
     #[test]

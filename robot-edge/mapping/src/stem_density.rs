@@ -130,17 +130,8 @@ impl StemDensity {
     /// Forgets the tiles that `is_kept` does not accept, of which it is given the first column, too.
     pub(crate) fn retain(&mut self, is_kept: impl Fn(CellIndex, CellIndex) -> bool) {
         let columns = self.columns;
-        self.tiles.retain(|&tile, _| {
-            let CellIndex { x, y } = tile;
-            let first = [x, y].map(|index| index.saturating_mul(columns));
-            is_kept(
-                tile,
-                CellIndex {
-                    x: first[0],
-                    y: first[1],
-                },
-            )
-        });
+        self.tiles
+            .retain(|&tile, _| is_kept(tile, first_column(tile, columns)));
     }
 
     /// Forgets everything.
@@ -181,12 +172,24 @@ impl StemDensity {
         })
     }
 
+    /// The least column of a tile.
+    pub(crate) const fn first_column(&self, tile: CellIndex) -> CellIndex {
+        first_column(tile, self.columns)
+    }
+
     /// The tile that a column is in.
     pub(crate) fn tile_of(&self, cell: CellIndex) -> CellIndex {
         CellIndex {
             x: cell.x.div_euclid(self.columns),
             y: cell.y.div_euclid(self.columns),
         }
+    }
+}
+
+const fn first_column(tile: CellIndex, columns: i32) -> CellIndex {
+    CellIndex {
+        x: tile.x.saturating_mul(columns),
+        y: tile.y.saturating_mul(columns),
     }
 }
 
@@ -286,7 +289,7 @@ fn smooth_beams(scan: &RegisteredScan) -> Vec<bool> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use measurement::pose::Pose;
     use measurement::time::RobotTime;
     use nalgebra::{Point3, Vector3};
@@ -300,7 +303,7 @@ mod tests {
         length_m: 4.5,
         width_m: 2.44,
     };
-    const DIVERGENCE_RAD: f64 = 0.0035;
+    pub(crate) const DIVERGENCE_RAD: f64 = 0.0035;
 
     /// A level scan of 200 beams about the y axis, 0.5 m above the water.
     fn scan(height_m: f64, mut range_m: impl FnMut(f64) -> Option<f64>) -> RegisteredScan {
@@ -356,6 +359,13 @@ mod tests {
         (0..400).map(|_| scan(0.5, &mut range_m)).collect()
     }
 
+    /// Canes with a trunk of 0.4 m before them, at x = 0.
+    pub(crate) fn canes_and_a_trunk() -> impl Iterator<Item = RegisteredScan> {
+        let trunk = |angle_rad: f64| (angle_rad.abs() < 0.02).then(|| 10.0 / libm::cos(angle_rad));
+        let trunk = (0..400).map(move |_| scan(0.5, trunk));
+        canes(10.5, 10.0).into_iter().chain(trunk)
+    }
+
     #[test]
     fn neighbouring_beams_tell_how_dense_canes_are_at_any_distance() {
         for (front_m, stems_per_m2) in [(4.0, 20.0), (10.0, 5.0), (10.0, 40.0), (20.0, 20.0)] {
@@ -378,12 +388,7 @@ mod tests {
             let found = densest(canes(10.0, stems_per_m2));
             assert!(found.smooth < 0.1, "{stems_per_m2}: {found:?}");
         }
-        // A trunk of 0.4 m before them.
-        let trunk = |angle_rad: f64| (angle_rad.abs() < 0.02).then(|| wall(angle_rad))?;
-        let scans = canes(10.5, 10.0)
-            .into_iter()
-            .chain((0..400).map(|_| scan(0.5, trunk)));
-        assert!(densest(scans).smooth > 0.5);
+        assert!(densest(canes_and_a_trunk()).smooth > 0.5);
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! Worlds of water whose shores are drawn at random: on either side of a straight run along x, five stretches each.
 
-use std::fmt::Write as _;
 use std::ops::Range;
 
 use anyhow::Context as _;
@@ -156,16 +155,13 @@ wind = {{ towards_deg = {towards_deg}, lean = {lean}, sway = {sway}, period_s = 
     }
 
     fn with_classes(&self, classes: &[ShoreClass]) -> String {
-        let mut text = self.text.clone();
-        for (number, (outline, class)) in self.outlines.iter().zip(classes).enumerate() {
+        let tables = self.outlines.iter().zip(classes).enumerate();
+        let tables = tables.map(|(number, (outline, class))| {
             let class = format!("{class:?}").to_lowercase();
-            let _ = write!(
-                text,
-                "\n[[shores]]\nname = \"{}\"\nclass = \"{class}\"\npolygon_m = {outline}\n",
-                number + 1
-            );
-        }
-        text
+            let name = number + 1;
+            format!("\n[[shores]]\nname = \"{name}\"\nclass = \"{class}\"\npolygon_m = {outline}\n")
+        });
+        std::iter::once(self.text.clone()).chain(tables).collect()
     }
 
     fn shore(&mut self, side: f64, x_m: Range<f64>) -> RandomShore {

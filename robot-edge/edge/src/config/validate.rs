@@ -230,6 +230,11 @@ const RULES: &[Rule] = &[
         "it is the share of the newest value in the average",
     ),
     (
+        &["mapping.shore.near_m"],
+        Within(0.0, 1000.0),
+        "it is the distance within which a Solid shore is divided; 0: never",
+    ),
+    (
         &["mapping.shore.cluster_m"],
         PositiveUpTo(100.0),
         "it is the gap between the voxels of one shore",

@@ -54,12 +54,14 @@ const fn bed(cost: f32) -> DockingColumn {
 }
 
 /// Sites of a square window around the origin; `column` takes x and y in metres.
-fn sites(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> {
+fn sites(column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingSite> {
+    find_docking_sites(FIRST, SIDE, CELL_M, &columns(column), &BOAT)
+}
+
+fn columns(mut column: impl FnMut(f64, f64) -> DockingColumn) -> Vec<DockingColumn> {
     let metres = |index: usize| (index as f64 + 0.5 - SIDE as f64 / 2.0) * CELL_M;
-    let columns: Vec<_> = (0..SIDE * SIDE)
-        .map(|at| column(metres(at % SIDE), metres(at / SIDE)))
-        .collect();
-    find_docking_sites(FIRST, SIDE, CELL_M, &columns, &BOAT)
+    let columns = (0..SIDE * SIDE).map(|at| column(metres(at % SIDE), metres(at / SIDE)));
+    columns.collect()
 }
 
 /// A shore along x = 0, land towards x, with a ramp `width_m` wide and 8 m deep around y = 0.
@@ -329,6 +331,44 @@ fn what_does_not_give_way_makes_vegetation_no_site() {
         0,
         "no open water before it"
     );
+}
+
+#[test]
+fn an_entered_site_stays_but_for_what_is_rigid_now() {
+    use ShoreClass::{Dense, Sparse};
+    let field = |deep: DockingColumn, is_stone: bool| {
+        move |x: f64, y: f64| match x {
+            _ if x < 0.0 => WATER,
+            _ if y.abs() > 3.0 || x > 4.0 => LETHAL,
+            _ if is_stone && (x - 1.0).abs() < 0.5 && (y - 1.0).abs() < 0.5 => LETHAL,
+            _ if x > 2.0 => deep,
+            _ => plant(Sparse, 0.25),
+        }
+    };
+    let found = sites(field(plant(Sparse, 0.25), false));
+    let [site] = found.as_slice() else {
+        panic!("{} sites", found.len());
+    };
+    let count = |site: &DockingSite, is: &dyn Fn(Point2<f64>) -> bool| {
+        let centres = site.passable.iter().map(|cell| cell.centre(CELL_M));
+        centres.filter(|centre| is(*centre)).count()
+    };
+    let now = columns(field(plant(Dense, 0.5), true));
+    let entered = entered_site(FIRST, SIDE, CELL_M, &now, site.clone());
+    assert_eq!(
+        (entered.number, entered.width_m),
+        (site.number, site.width_m)
+    );
+    let in_stone = |at: Point2<f64>| (at.x - 1.0).abs() < 0.5 && (at.y - 1.0).abs() < 0.5;
+    let beside = |at: Point2<f64>| (0.0..2.0).contains(&at.x) && (-1.0..0.0).contains(&at.y);
+    let deep = |at: Point2<f64>| at.x > 2.0;
+    assert!(count(site, &in_stone) > 8 && count(site, &deep) > 50);
+    assert_eq!(count(&entered, &in_stone), 0, "a stone");
+    assert_eq!(count(&entered, &deep), 0, "denser plants");
+    assert_eq!(count(&entered, &beside), count(site, &beside));
+    let elsewhere = CellIndex { x: 500, ..FIRST };
+    let gone = entered_site(elsewhere, SIDE, CELL_M, &now, site.clone());
+    assert_eq!(gone.passable, []);
 }
 
 #[test]

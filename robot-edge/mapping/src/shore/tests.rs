@@ -8,7 +8,7 @@ use crate::rigidity::RigidityConfig;
 
 const CELL_M: f64 = 0.3;
 
-const BOAT: VehicleShape = VehicleShape {
+pub(super) const BOAT: VehicleShape = VehicleShape {
     length_m: 4.5,
     width_m: 2.44,
     height_m: 2.6,

@@ -183,12 +183,12 @@ impl LocalMap {
             .map_or(CellClass::Unknown, |index_of| self.classes[index_of])
     }
 
-    /// Places of the vegetation of a docking site, while it has the chosen class.
+    /// Places of the vegetation of a docking site, while it is no denser than the chosen class.
     pub(super) fn passable(&self, choice: DockingChoice) -> impl Iterator<Item = usize> {
         let of_site = self
             .passable
             .iter()
-            .filter(move |(site, _)| *site == choice);
+            .filter(move |(now, _)| now.site == choice.site && now.vegetation <= choice.vegetation);
         of_site.map(|(_, place)| *place)
     }
 

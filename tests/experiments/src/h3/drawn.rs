@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::objects::{Columns, Objects};
-use crate::land::{Cell, Found, Ground, Hits, LETHAL, LandWorld, MIN_HITS, columns_of, published};
+use crate::land::{
+    Cell, Found, Ground, Hits, LETHAL, LandWorld, MIN_HITS, TRAVERSABLE, columns_of, published,
+};
 use crate::run::known_cells;
 use crate::session::Rules;
 use protocol::layer::LayerId;
@@ -21,9 +23,9 @@ const FIELD_M: [[f64; 2]; 2] = [[-2.0, -8.0], [32.0, 8.0]];
 
 /// What the maps of one field say.
 pub(super) struct Drive {
-    /// By how many columns the laser met, and are lethal.
-    pub(super) boxes: Found,
-    pub(super) branches: Found,
+    /// Columns that the laser met, lethal by their slope, and lethal with rigidity.
+    pub(super) boxes: [Found; 2],
+    pub(super) branches: [Found; 2],
     pub(super) plants: Columns,
 }
 
@@ -36,19 +38,23 @@ pub(super) fn drive(seed: u64, rules: Rules) -> anyhow::Result<Drive> {
     let pipeline = run.finish()?;
     let store = pipeline.publisher().store();
     let costs: BTreeMap<Cell, f32> = published(&store, LayerId::Cost).collect();
+    let rigidity: BTreeMap<Cell, u16> = known_cells(&store, LayerId::Rigidity).collect();
     let of_kind = |kind: &str| {
-        let mut found = Found::default();
+        let mut found = [Found::default(); 2];
         let solids = field.world.solids().iter();
         for solid in solids.filter(|solid| solid.name.ends_with(kind)) {
             let columns = columns_of(&field, &ground, solid).into_iter();
             let is_met = |cell: &Cell| ground.is_steep(*cell) && hits.get(*cell).raised >= MIN_HITS;
             for cell in columns.filter(is_met) {
-                found.add(costs.get(&cell).is_some_and(|cost| *cost >= LETHAL));
+                let is_lethal = costs.get(&cell).is_some_and(|cost| *cost >= LETHAL);
+                // Only lethal columns are let through.
+                let is_steep = is_lethal || rigidity.get(&cell) == Some(&TRAVERSABLE);
+                found[0].add(is_steep);
+                found[1].add(is_lethal);
             }
         }
         found
     };
-    let rigidity = known_cells(&store, LayerId::Rigidity).collect();
     let plants = Objects::of(&field)?.columns(&costs, &rigidity);
     Ok(Drive {
         boxes: of_kind("box"),

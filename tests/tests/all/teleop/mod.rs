@@ -3,6 +3,7 @@
 
 mod collision;
 mod cuts;
+mod docking;
 mod figures;
 mod kills;
 mod machine;

@@ -9,17 +9,19 @@ const CHOICE: DockingChoice = DockingChoice {
 };
 const AHEAD: Velocity = Velocity::new(1.0, 0.0);
 
+/// Middles of cells, one beyond the wall's ends.
+fn canes() -> impl Iterator<Item = Point2<f64>> {
+    let canes = (0..20).flat_map(|x| (-11..11).map(move |y| (x, y)));
+    canes.map(|(x, y)| Point2::new(0.45 + 0.1 * f64::from(x), 0.05 + 0.1 * f64::from(y)))
+}
+
 /// A wall of canes 5 cm ahead of the front, mapped as a site 2 m wide, and more walls.
 fn scene(mut walls: Walls, docking: Option<DockingChoice>) -> Scene {
     walls.push(wall([0.45, -1.0], [0.45, 1.0]));
     let mut scene = Scene::new(Setup::default(), Laser::ALL_DIRECTIONS, &walls);
     let pose = planar(0.0, 0.0, 0.0);
     let mut map = scene.setup.map(&walls, &pose, (START, SCAN_PERIOD));
-    // Middles of cells, one beyond the wall's ends.
-    let canes = (0..20).flat_map(|x| (-11..11).map(move |y| (x, y)));
-    let canes =
-        canes.map(|(x, y)| Point2::new(0.45 + 0.1 * f64::from(x), 0.05 + 0.1 * f64::from(y)));
-    map.set_passable(CHOICE, canes);
+    map.set_passable(CHOICE, canes());
     scene.map = Some(map);
     scene.docking = docking;
     scene
@@ -53,6 +55,17 @@ fn only_the_chosen_site_of_this_class_is_entered_and_slowly() {
         );
         assert_eq!(kind(&other), Some(BarrierKind::Detected));
     }
+
+    // Who takes Dense for granted takes Sparse, too.
+    let mut lighter = scene(vec![], Some(CHOICE));
+    let mut map = lighter.map.take().unwrap();
+    let sparse = DockingChoice {
+        vegetation: ShoreClass::Sparse,
+        ..CHOICE
+    };
+    map.set_passable(sparse, canes());
+    lighter.map = Some(map);
+    assert!((lighter.limits(AHEAD).forward_mps - CREEP_MPS).abs() < 1e-9);
 }
 
 /// In the canes, with the front 0.2 m behind their edge.
