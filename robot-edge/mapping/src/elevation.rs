@@ -15,9 +15,11 @@ use serde::Deserialize;
 use crate::grid::{CellIndex, CellSize};
 use crate::ground_plane::{GroundConfig, GroundPlane, GroundReference, LocalGround};
 use crate::obstacle::{ObstacleConfig, ObstacleRule};
+use crate::octree::RangeSensorModel;
 use crate::ray_clearing::{RayClearing, around, rises_from_ground};
 use crate::registered_scan::{BeamOutcome, RegisteredScan};
 use crate::rolling_grid::{RollingGrid, Slot};
+use crate::scan_metrics::{IntraScan, MetricsConfig};
 
 /// Settings of `[mapping.elevation]`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -74,6 +76,10 @@ pub struct ElevationMap {
     h_neg_m: f32,
     local_ground: Option<LocalGround>,
     compensation: bool,
+    /// Where grass is no obstacle.
+    grass: Option<Grass>,
+    /// Widths of what the beams of a scan hit, as shares of the full width.
+    widths: Vec<f32>,
     grid: RollingGrid<ElevationCell>,
     hits: ScanHits,
     ray_clearing: RayClearing,
@@ -103,11 +109,42 @@ pub struct ElevationReport {
     pub cleared: u32,
 }
 
+/// Tells grass: what is no wider than the laser spot by a least width.
+#[derive(Clone, Debug)]
+pub(crate) struct Grass {
+    widths: IntraScan,
+    /// Full angles of the sensors' beams, in their order, radians.
+    divergences_rad: Vec<f64>,
+}
+
+impl Grass {
+    /// With a least width of obstacles, metres.
+    pub(crate) fn new(
+        least_width_m: f64,
+        metrics: &MetricsConfig,
+        sensors: &[RangeSensorModel],
+    ) -> Self {
+        let divergences_rad = sensors.iter().map(|sensor| sensor.divergence_rad);
+        Self {
+            widths: IntraScan::new(metrics, Some(2.0 * least_width_m)),
+            divergences_rad: divergences_rad.collect(),
+        }
+    }
+
+    fn measure(&self, scan: &RegisteredScan, widths: &mut Vec<f32>) {
+        let divergence_rad = self.divergences_rad.get(usize::from(scan.sensor.0));
+        self.widths
+            .measure(scan, divergence_rad.copied().unwrap_or_default(), widths);
+    }
+}
+
 /// An obstacle observed in fewer scans is forgotten after `forget_s`.
 const CONFIRMING_SCANS: u16 = 5;
 /// Obstacles observed this soon after the map began are grounded: their approach could not be
 /// observed, milliseconds.
 const BEGINNING_MS: u32 = 1000;
+/// Share of the full width, which is twice the least one, up to which a body is too narrow to be an obstacle.
+const NARROW: f32 = 0.5;
 
 impl ElevationMap {
     /// An empty map; the settings must be valid.
@@ -125,6 +162,8 @@ impl ElevationMap {
             local_ground: (ground.reference == GroundReference::Local)
                 .then(|| LocalGround::new(elevation.size(), ground.max_slope_deg)),
             compensation: ground.compensation,
+            grass: None,
+            widths: Vec::new(),
             grid: RollingGrid::new(elevation.sides(), ElevationCell::UNKNOWN),
             hits: ScanHits::default(),
             ray_clearing: RayClearing::new(elevation.sides(), elevation.size()),
@@ -140,8 +179,16 @@ impl ElevationMap {
         }
     }
 
+    /// From now on, narrow bodies of these sensors' scans are no obstacles.
+    pub(crate) fn tell_grass(&mut self, grass: Grass) {
+        self.grass = Some(grass);
+    }
+
     /// Adds one scan; heights refer to `plane`.
     pub fn integrate(&mut self, scan: &RegisteredScan, plane: &GroundPlane) -> ElevationReport {
+        if let Some(grass) = &self.grass {
+            grass.measure(scan, &mut self.widths);
+        }
         self.reclassified.clear();
         self.hits.clear();
         let now_ms = self.advance_time(scan.stamp);
@@ -190,8 +237,9 @@ impl ElevationMap {
         let hits = scan
             .beams
             .iter()
-            .filter(|beam| beam.outcome == BeamOutcome::Hit);
-        for beam in hits {
+            .enumerate()
+            .filter(|(_, beam)| beam.outcome == BeamOutcome::Hit);
+        for (at, beam) in hits {
             let (position, height_m) = project(beam.end_in_odom);
             let cell = CellIndex::near(self.size.squared(position), self.cells_per_m);
             let Some(slot) = self.grid.slot(cell) else {
@@ -211,7 +259,11 @@ impl ElevationMap {
                 self.grid.at_mut(cell, slot).hit = self.hits.list(cell, slot, ground);
                 ground
             };
-            self.grid.at_mut(cell, slot).add(height_m as f32, ground);
+            // What has no width, because a beam beside it was dropped or it is far away, counts.
+            let is_narrow = self.widths.get(at).is_some_and(|width| *width <= NARROW);
+            self.grid
+                .at_mut(cell, slot)
+                .add(height_m as f32, ground, is_narrow);
         }
     }
 
@@ -388,6 +440,8 @@ pub struct ElevationCell {
     /// Counts of about the newest [`RECENT`] points.
     recent: u16,
     above: u16,
+    /// Above the ground on narrow bodies; not among `above`.
+    narrow: u16,
     below: u16,
     ground_points: u16,
     scans: u16,
@@ -441,6 +495,7 @@ impl ElevationCell {
         hit: 0,
         recent: 0,
         above: 0,
+        narrow: 0,
         below: 0,
         ground_points: 0,
         scans: 0,
@@ -518,7 +573,8 @@ impl ElevationCell {
         self.max_m - self.lowest_raised_m
     }
 
-    pub(super) fn add(&mut self, height_m: f32, ground: Bounds) {
+    /// Adds a point; one on a narrow body is no obstacle by being high.
+    pub(super) fn add(&mut self, height_m: f32, ground: Bounds, is_narrow: bool) {
         self.points = self.points.saturating_add(1);
         let deviation_m = height_m - self.mean_m;
         self.mean_m += deviation_m / self.points as f32;
@@ -528,14 +584,16 @@ impl ElevationCell {
         if self.recent >= RECENT {
             self.recent /= 2;
             self.above /= 2;
+            self.narrow /= 2;
             self.below /= 2;
         }
         self.recent += 1;
-        if height_m > ground.raised_above_m {
+        if height_m > ground.raised_above_m && !is_narrow {
             self.lowest_raised_m = self.lowest_raised_m.min(height_m);
         }
         if height_m > ground.highest_m {
-            self.above += 1;
+            self.above += u16::from(!is_narrow);
+            self.narrow += u16::from(is_narrow);
         } else if height_m < ground.lowest_m {
             self.below += 1;
         } else {
@@ -562,7 +620,8 @@ impl ElevationCell {
     /// (docs/methods.md, section 1).
     pub(super) fn classify_by_points(&mut self) {
         let beyond = |count: u16| count >= 2 && u32::from(count) * 20 >= u32::from(self.recent);
-        self.class = self.known_class(beyond(self.above) || beyond(self.below));
+        let is_raised = beyond(self.above) && self.above >= self.narrow;
+        self.class = self.known_class(is_raised || beyond(self.below));
     }
 
     fn known_class(&self, is_obstacle: bool) -> CellClass {
@@ -655,10 +714,26 @@ mod elevation_cell_tests {
     fn cell(points_m: &[f32]) -> ElevationCell {
         let mut cell = ElevationCell::UNKNOWN;
         for &height_m in points_m {
-            cell.add(height_m, GROUND);
+            cell.add(height_m, GROUND, false);
         }
         cell.classify_by_points();
         cell
+    }
+
+    #[test]
+    fn a_cell_is_grass_if_most_of_what_is_high_is_narrow() {
+        let with = |wide: usize, narrow: usize, height_m: f32| {
+            let mut cell = cell(&[0.0; 5]);
+            for is_narrow in [vec![false; wide], vec![true; narrow]].concat() {
+                cell.add(height_m, GROUND, is_narrow);
+            }
+            cell.classify_by_points();
+            cell
+        };
+        assert_eq!(with(3, 4, 0.5).class(), CellClass::Free);
+        assert_eq!(with(4, 4, 0.5).class(), CellClass::Obstacle);
+        assert_eq!(with(0, 4, -0.5).class(), CellClass::Obstacle, "a hole");
+        assert!((with(3, 4, 0.5).max_m() - 0.5).abs() < 1e-6);
     }
 
     #[test]
@@ -694,7 +769,7 @@ mod elevation_cell_tests {
         assert_eq!((cell.min_m(), cell.max_m()), (0.02, 0.02));
         assert_eq!(cell.class(), CellClass::Free);
         let mut never_ground = ElevationCell::UNKNOWN;
-        never_ground.add(0.5, GROUND);
+        never_ground.add(0.5, GROUND, false);
         never_ground.clear();
         assert_eq!(never_ground, ElevationCell::UNKNOWN);
     }
@@ -706,7 +781,7 @@ mod elevation_cell_tests {
         ) {
             let mut cell = ElevationCell::UNKNOWN;
             for &height_m in &heights_m {
-                cell.add(height_m, GROUND);
+                cell.add(height_m, GROUND, false);
             }
             let n = heights_m.len() as f64;
             let mean = heights_m.iter().map(|&z| f64::from(z)).sum::<f64>() / n;

@@ -88,7 +88,7 @@ impl Mapper {
             terrain: config
                 .elevation
                 .enabled
-                .then(|| Terrain::new(config, vehicle)),
+                .then(|| Terrain::new(config, vehicle, sensors)),
             voxels: config
                 .octree
                 .enabled

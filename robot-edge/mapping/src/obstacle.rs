@@ -21,6 +21,10 @@ pub struct ObstacleConfig {
     pub h_pos_m: f64,
     /// Greatest depth below the ground that is no obstacle, metres (\[LOD\] ch. 5: 0.10).
     pub h_neg_m: f64,
+    /// By the rule `Points`: a cell is grass and no obstacle if most of its points above the ground lie
+    /// on bodies that are no wider than the laser spot by this, metres; 0: no cell is (\[LOD\] §6.2
+    /// asks for it).
+    pub least_width_m: f64,
     /// Side of a cell along x of `odom`, metres; else as the elevation map has it.
     pub cell_m: Option<f64>,
     /// Side of a cell along y, metres; else `cell_m`, or as the elevation map has it.
@@ -64,6 +68,7 @@ impl Default for ObstacleConfig {
             rule: ObstacleRule::Points,
             h_pos_m: 0.1,
             h_neg_m: 0.1,
+            least_width_m: 0.0,
             cell_m: None,
             cell_y_m: None,
             cells: 101,

@@ -1,9 +1,10 @@
 //! Elevation map and obstacle map above one ground plane (docs/methods.md, section 1).
 
 use crate::MappingConfig;
-use crate::elevation::{ElevationMap, ElevationReport};
+use crate::elevation::{ElevationMap, ElevationReport, Grass};
 use crate::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
 use crate::obstacle::ObstacleMap;
+use crate::octree::RangeSensorModel;
 use crate::registered_scan::RegisteredScan;
 use crate::vehicle::VehicleShape;
 
@@ -28,11 +29,21 @@ pub struct TerrainReport {
 }
 
 impl Terrain {
-    /// Empty maps; the settings must be valid.
-    pub fn new(config: &MappingConfig, vehicle: VehicleShape) -> Self {
+    /// Empty maps; the settings must be valid. `sensors` are in the order of
+    /// [`SensorId`](crate::registered_scan::SensorId).
+    pub fn new(
+        config: &MappingConfig,
+        vehicle: VehicleShape,
+        sensors: &[RangeSensorModel],
+    ) -> Self {
+        let mut elevation = ElevationMap::new(&config.elevation, &config.obstacle, &config.ground);
+        let least_width_m = config.obstacle.least_width_m;
+        if least_width_m > 0.0 {
+            elevation.tell_grass(Grass::new(least_width_m, &config.metrics, sensors));
+        }
         Self {
             ground: GroundTracker::new(&config.ground, vehicle.wheelbase_m),
-            elevation: ElevationMap::new(&config.elevation, &config.obstacle, &config.ground),
+            elevation,
             obstacle: ObstacleMap::new(&config.obstacle, &config.elevation),
             vehicle_width_m: vehicle.width_m,
             epoch: 0,

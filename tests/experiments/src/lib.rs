@@ -25,6 +25,7 @@ mod e4;
 mod e5;
 mod e6;
 mod e7;
+mod e8;
 mod h1;
 mod h2;
 mod h3;
@@ -66,7 +67,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 18] = [
+pub static EXPERIMENTS: [Experiment; 19] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
@@ -118,6 +119,13 @@ pub static EXPERIMENTS: [Experiment; 18] = [
         criterion: "above the local ground ≤ 2 % of a ramp, a bank and a crowned road are obstacles, and every block on \
                     them is; above one plane more",
         run: e7::run,
+    },
+    Experiment {
+        id: "E8",
+        title: "Grass",
+        source: "[LOD 6.2]",
+        criterion: "grass is an obstacle, and with a least width of obstacles ≤ 20 % of it; blocks in it stay obstacles",
+        run: e8::run,
     },
     Experiment {
         id: "H1",

@@ -151,6 +151,11 @@ const RULES: &[Rule] = &[
         "an obstacle is higher than nothing and no higher than a house",
     ),
     (
+        &["mapping.obstacle.least_width_m"],
+        Within(0.0, 10.0),
+        "it is the width of what is no grass; 0: nothing is grass",
+    ),
+    (
         &["mapping.ground.epsilon_deg", "mapping.ground.eta_deg"],
         PositiveUpTo(45.0),
         PITCH,

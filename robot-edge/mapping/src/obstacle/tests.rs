@@ -91,7 +91,7 @@ fn terrain() -> Terrain {
         width_m: 0.8,
         ..VehicleConfig::default()
     };
-    Terrain::new(&config, shape.shape())
+    Terrain::new(&config, shape.shape(), &[])
 }
 
 /// A scan at `time_s` of a vehicle at the origin, from 0.4 m above it to `ends`.
