@@ -251,7 +251,7 @@ pub struct ShoreCluster {
     pub outline: Vec<(i32, i32)>,
 }
 
-/// Class of a shore by the share of rigid voxels. Append-only.
+/// Class of a shore: how it gives way to a hull. Append-only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum ShoreClass {
     /// Scattered canes.

@@ -301,7 +301,7 @@ const MAX_VOXELS_OUTSIDE: usize = 65_536;
 const SURFACE_SHARE: f64 = 0.35;
 
 /// Share of the parts of a cluster below which it is not seen through. Beams pass the ends of a wall.
-const OPEN_MIN: f64 = 0.35;
+const OPEN_MIN: f64 = 0.4;
 
 /// Hits higher than any cane on a tile from which on there is a tree among them.
 const TREE_HITS: u32 = 10;
@@ -695,13 +695,13 @@ mod shore_tests {
         use ShoreClass::{Dense, Solid, Sparse};
         let config = ShoreConfig::default();
         for (stems_per_m2, smooth, tall, open, class) in [
-            (19.9, 0.3, 9, 0.35, Sparse),
+            (19.9, 0.3, 9, 0.4, Sparse),
             (20.0, 0.0, 0, 1.0, Dense),
             (49.9, 0.0, 0, 1.0, Dense),
             (50.0, 0.0, 0, 1.0, Solid),
             (5.0, 0.35, 0, 1.0, Solid),
             (5.0, 0.0, 10, 1.0, Solid),
-            (5.0, 0.0, 0, 0.34, Solid),
+            (5.0, 0.0, 0, 0.39, Solid),
         ] {
             let densest = Densest {
                 stems_per_m2,

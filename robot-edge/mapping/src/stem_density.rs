@@ -124,9 +124,7 @@ impl StemDensity {
             }
         }
     }
-}
 
-impl StemDensity {
     /// Forgets the tiles that `is_kept` does not accept, of which it is given the first column, too.
     pub(crate) fn retain(&mut self, is_kept: impl Fn(CellIndex, CellIndex) -> bool) {
         let columns = self.columns;
