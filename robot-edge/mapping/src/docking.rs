@@ -33,7 +33,7 @@ pub struct BoatFootprint {
 /// Connected cells on which the boat can land.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DockingSite {
-    /// From 1; constant between updates of a [`ShoreLayer`](crate::shore::ShoreLayer), 0 before.
+    /// From 1; constant between updates of a [`ShoreLayer`](crate::shore_layer::ShoreLayer), 0 before.
     pub number: u32,
     /// Its cells, ascending.
     pub cells: Vec<CellIndex>,
@@ -66,9 +66,6 @@ const COST_RANK: f64 = 0.05;
 const HEADINGS_BESIDE: usize = 2;
 
 /// Docking sites of a window, the best first.
-///
-/// A lower price is better, in steps of 0.05, because the hulls bear the slope; then the wider
-/// site, then the lesser first cell.
 pub fn find_docking_sites(
     first: CellIndex,
     width: usize,
@@ -94,18 +91,26 @@ pub fn find_docking_sites(
         let sets = sets.into_iter();
         sites.extend(sets.filter_map(|cells| site(&window, &shapes, boat, &cells, &docking_poses)));
     }
+    rank(&mut sites);
+    sites
+}
+
+/// Puts the best first.
+///
+/// A lower price is better, in steps of 0.05, because the hulls bear the slope; then the wider
+/// site, then the lesser first cell.
+pub(crate) fn rank(sites: &mut [DockingSite]) {
     sites.sort_by(|a, b| {
         let rank = |site: &DockingSite| (site.price / COST_RANK) as u32;
         let by_width = b.width_m.total_cmp(&a.width_m);
         let by_rank = rank(a).cmp(&rank(b));
         by_rank.then(by_width).then(a.cells.cmp(&b.cells))
     });
-    sites
 }
 
-/// A site in vegetation that the boat has entered, in the same window: between plants that it pushes
-/// aside no docking pose is found any more. What is lethal now, and no vegetation of the site's class
-/// or a lesser, is not passable.
+/// A site in vegetation that the boat has entered, as it is now: among plants that it pushes aside no
+/// docking pose is found any more. What is lethal now, and no vegetation of the site's class or a
+/// lesser, is not passable.
 pub(crate) fn entered_site(
     first: CellIndex,
     width: usize,
@@ -114,9 +119,10 @@ pub(crate) fn entered_site(
     mut site: DockingSite,
 ) -> DockingSite {
     let window = DockingGrid::new(first, width, cell_m, columns, site.vegetation);
-    let is_passable =
-        |cell: &CellIndex| window.place(*cell).is_some_and(|at| window.is_passable(at));
-    site.passable.retain(is_passable);
+    site.passable.retain(|cell| {
+        let place = cell.place_in(first, width);
+        place.is_some_and(|at| at < columns.len() && window.is_passable(at))
+    });
     site
 }
 
@@ -393,16 +399,6 @@ impl<'a> DockingGrid<'a> {
                 .y
                 .saturating_add_unsigned((at / self.width) as u32),
         }
-    }
-
-    /// Index of a cell, `None` outside of the window.
-    fn place(&self, cell: CellIndex) -> Option<usize> {
-        let [x, y] = [(cell.x, self.first.x), (cell.y, self.first.y)].map(|(at, first)| {
-            let offset = at.checked_sub(first)?;
-            usize::try_from(offset).ok()
-        });
-        let (x, y) = (x?, y?);
-        (x < self.width && y < self.rows()).then_some(y * self.width + x)
     }
 
     /// Metres in `odom`.

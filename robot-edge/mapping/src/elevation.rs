@@ -78,7 +78,7 @@ pub struct ElevationMap {
     compensation: bool,
     /// Where grass is no obstacle.
     grass: Option<Grass>,
-    /// Widths of what the beams of a scan hit, as shares of the full width.
+    /// Of the beams of a scan, as [`IntraScan::less_spot`] has them.
     widths: Vec<f32>,
     grid: RollingGrid<ElevationCell>,
     hits: ScanHits,
@@ -109,7 +109,7 @@ pub struct ElevationReport {
     pub cleared: u32,
 }
 
-/// Tells grass: what is no wider than the laser spot by a least width.
+/// Measures what is grass: no wider than the laser spot by a least width.
 #[derive(Clone, Debug)]
 pub(crate) struct Grass {
     widths: IntraScan,
@@ -126,7 +126,7 @@ impl Grass {
     ) -> Self {
         let divergences_rad = sensors.iter().map(|sensor| sensor.divergence_rad);
         Self {
-            widths: IntraScan::new(metrics, Some(2.0 * least_width_m)),
+            widths: IntraScan::less_spot(metrics, least_width_m),
             divergences_rad: divergences_rad.collect(),
         }
     }
@@ -143,8 +143,6 @@ const CONFIRMING_SCANS: u16 = 5;
 /// Obstacles observed this soon after the map began are grounded: their approach could not be
 /// observed, milliseconds.
 const BEGINNING_MS: u32 = 1000;
-/// Share of the full width, which is twice the least one, up to which a body is too narrow to be an obstacle.
-const NARROW: f32 = 0.5;
 
 impl ElevationMap {
     /// An empty map; the settings must be valid.
@@ -180,7 +178,7 @@ impl ElevationMap {
     }
 
     /// From now on, narrow bodies of these sensors' scans are no obstacles.
-    pub(crate) fn tell_grass(&mut self, grass: Grass) {
+    pub(crate) fn ignore_grass(&mut self, grass: Grass) {
         self.grass = Some(grass);
     }
 
@@ -260,7 +258,10 @@ impl ElevationMap {
                 ground
             };
             // What has no width, because a beam beside it was dropped or it is far away, counts.
-            let is_narrow = self.widths.get(at).is_some_and(|width| *width <= NARROW);
+            let is_narrow = self
+                .widths
+                .get(at)
+                .is_some_and(|width| f64::from(*width) <= IntraScan::LEAST_WIDTH);
             self.grid
                 .at_mut(cell, slot)
                 .add(height_m as f32, ground, is_narrow);

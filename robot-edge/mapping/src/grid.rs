@@ -88,6 +88,14 @@ impl CellIndex {
             (f64::from(self.y) + 0.5) * cell_m,
         )
     }
+
+    /// Index of the cell where rows of `width` cells follow each other upwards from the cell `first`;
+    /// `None` beside and below them.
+    pub(crate) fn place_in(self, first: Self, width: usize) -> Option<usize> {
+        let offset = |at: i32, first: i32| usize::try_from(at.checked_sub(first)?).ok();
+        let x = offset(self.x, first.x).filter(|x| *x < width)?;
+        Some(offset(self.y, first.y)? * width + x)
+    }
 }
 
 /// Sides of the cells of a map fixed in `odom`: cell (x, y) covers `[x, x+1)·x_m` by `[y, y+1)·y_m`

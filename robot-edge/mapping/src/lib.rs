@@ -26,6 +26,7 @@ pub mod rolling_grid;
 pub mod scan_marks;
 pub mod scan_metrics;
 pub mod shore;
+pub mod shore_layer;
 mod slope;
 mod stem_density;
 pub mod terrain;

@@ -10,6 +10,7 @@
 use serde::Deserialize;
 
 use crate::grid::{CellIndex, VoxelIndex};
+use crate::scan_metrics::{IntraScan, MetricsConfig};
 
 /// Settings of `[mapping.rigidity]`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -30,19 +31,22 @@ pub struct RigidityConfig {
 }
 
 impl RigidityConfig {
-    /// Averaged `IntraScan` above which a voxel is rigid: by width, half of the full width.
+    /// Averaged `IntraScan` above which a voxel is rigid.
     pub const fn rigid_above(&self) -> f64 {
         match self.rule {
-            RigidityRule::Width => 0.5,
+            RigidityRule::Width => IntraScan::LEAST_WIDTH,
             RigidityRule::Metrics => self.intra_threshold,
         }
     }
 
-    /// Width of a body of value 1 where `IntraScan` is counted less the spot, metres: twice the least
-    /// width, so that a few wide segments do not outweigh many thin ones.
-    pub(super) fn full_width_m(&self) -> Option<f64> {
-        let is_width = self.enabled && self.rule == RigidityRule::Width;
-        is_width.then_some(2.0 * self.least_width_m)
+    /// `IntraScan` as the rule needs it.
+    pub(super) fn intra_scan(&self, metrics: &MetricsConfig) -> IntraScan {
+        match self.rule {
+            RigidityRule::Width if self.enabled => {
+                IntraScan::less_spot(metrics, self.least_width_m)
+            }
+            RigidityRule::Width | RigidityRule::Metrics => IntraScan::new(metrics),
+        }
     }
 }
 

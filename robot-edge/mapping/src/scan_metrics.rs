@@ -62,14 +62,25 @@ struct Segment {
 }
 
 impl IntraScan {
-    /// With these settings; with `full_width_m` widths are those less the laser spot, and that one has
-    /// the value 1.
-    pub fn new(config: &MetricsConfig, full_width_m: Option<f64>) -> Self {
+    /// Value of the least width: half, so that in an average a few wide segments do not outweigh many narrow ones.
+    pub const LEAST_WIDTH: f64 = 0.5;
+
+    /// With these settings, as the source has it.
+    pub fn new(config: &MetricsConfig) -> Self {
         Self {
             max_range_m: config.max_range_m,
             sigma_m: config.intra_sigma_m,
-            width_m: full_width_m.unwrap_or(config.intra_width_m),
-            less_spot: full_width_m.is_some(),
+            width_m: config.intra_width_m,
+            less_spot: false,
+        }
+    }
+
+    /// Widths less the laser spot; a body of the least width has the value [`Self::LEAST_WIDTH`].
+    pub fn less_spot(config: &MetricsConfig, least_width_m: f64) -> Self {
+        Self {
+            width_m: least_width_m / Self::LEAST_WIDTH,
+            less_spot: true,
+            ..Self::new(config)
         }
     }
 

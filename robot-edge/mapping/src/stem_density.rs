@@ -72,13 +72,13 @@ const HEIGHTS_M: [f64; 2] = [0.1, 1.2];
 const TALL_M: f64 = 4.0;
 /// Lower above the water than the walls that must be found, metres.
 const LOW_M: f64 = 0.8;
-/// Pairs below which two by two tiles do not tell whether they are seen through, and the share of them
-/// from which on they are: what beams pass at the ends of a wall is less.
+/// Two by two tiles count as open or closed from so many pairs on, and as open from this share of them
+/// on that see through: at the ends of a wall it is less.
 const SIGHTS_MIN: u32 = 50;
 const OPEN_SHARE: f64 = 0.005;
 /// Never divided by less.
 const AREA_MIN_M2: f64 = 1e-6;
-/// Pairs below which two by two tiles, and hits below which a tile, tell nothing.
+/// Two by two tiles with fewer pairs, and tiles with fewer hits, do not count.
 const PAIRS_MIN: u32 = 100;
 const HITS_MIN: u32 = 30;
 /// Of three neighbouring ranges on a surface, the second differs from the mean of the others by no
@@ -156,7 +156,7 @@ impl StemDensity {
         let seen = windows.iter().filter(|window| window.sights >= SIGHTS_MIN);
         let (open, closed): (Vec<&Tile>, Vec<&Tile>) = seen.partition(|window| window.is_open());
         (whole.hits > 0).then(|| Densest {
-            // Of a thin stand all of it tells more than a part.
+            // A thin stand has too few pairs in each part.
             stems_per_m2: dense
                 .chain([&whole])
                 .map(Tile::stems_per_m2)

@@ -39,7 +39,7 @@ impl Terrain {
         let mut elevation = ElevationMap::new(&config.elevation, &config.obstacle, &config.ground);
         let least_width_m = config.obstacle.least_width_m;
         if least_width_m > 0.0 {
-            elevation.tell_grass(Grass::new(least_width_m, &config.metrics, sensors));
+            elevation.ignore_grass(Grass::new(least_width_m, &config.metrics, sensors));
         }
         Self {
             ground: GroundTracker::new(&config.ground, vehicle.wheelbase_m),

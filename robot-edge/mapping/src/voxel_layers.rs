@@ -11,7 +11,7 @@ use crate::octree::{Octree, RangeSensorModel, Ray, SurfaceHit};
 use crate::radial_filter::RadialFilter;
 use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
 use crate::scan_metrics::{InterScan, IntraScan};
-use crate::shore::ShoreLayer;
+use crate::shore_layer::ShoreLayer;
 use crate::vehicle::VehicleShape;
 
 /// Octree of one vehicle and the maps derived from it.
@@ -81,7 +81,7 @@ impl VoxelLayers {
             sensors: sensors.to_vec(),
             filter: RadialFilter::default(),
             isolated: Vec::new(),
-            intra: IntraScan::new(&config.metrics, config.rigidity.full_width_m()),
+            intra: config.rigidity.intra_scan(&config.metrics),
             inter: InterScan::new(&config.metrics),
             metrics: Metrics::default(),
             weights: [config.metrics.intra_weight, config.metrics.inter_weight]
@@ -283,7 +283,7 @@ impl VoxelLayers {
 
     fn update_shore(&mut self) {
         if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
-            shore.update(cost, &self.octree);
+            shore.update(cost, &self.octree, self.vehicle_in_odom.xy());
         }
     }
 }

@@ -264,6 +264,17 @@ fn senseless_settings_are_refused() {
         ),
         ("yard", "mapping.cost.box_m=500", "1 to 200"),
         (
+            "lake",
+            "mapping.rigidity.enabled=true",
+            "or false in mapping.shore.enabled",
+        ),
+        (
+            "street",
+            "mapping.obstacle.least_width_m=0.04 --set mapping.obstacle.rule=mean",
+            "or \"points\" in mapping.obstacle.rule",
+        ),
+        ("lake", "mapping.shore.dense_from_per_m2=60", "0 to 50"),
+        (
             "yard",
             "teleop.collision_monitor.min_depth_m=0.5",
             "on a boat only",

@@ -10,7 +10,7 @@ use crate::truth::GroundPlane;
 use mapping::elevation::CellClass;
 use simulation::World;
 
-/// Per cent of the grass's known cells that may be obstacles where grass is told, and that must be where it is not.
+/// Per cent of the grass's known cells that may be obstacles where grass is recognised, and that must be where it is not.
 const OBSTACLES_MAX: f64 = 20.0;
 const OBSTACLES_MIN: f64 = 50.0;
 
@@ -31,7 +31,7 @@ const LEVEL: GroundPlane = GroundPlane {
     normal: Vector3::new(0.0, 0.0, 1.0),
 };
 
-/// How grass is told.
+/// How grass is recognised.
 const METHODS: [(&str, &[&str]); 2] = [
     ("all above the ground are obstacles", &[]),
     (
@@ -141,7 +141,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
     for (number, (method, settings)) in methods.iter().enumerate() {
         let world = TerrainWorld::new(world()?, None, session.rules(), settings)?;
         let drives = session.for_each_seed(&format!("E8: {method}"), |seed| drive(&world, seed))?;
-        let tells_grass = number > 0;
+        let recognises_grass = number > 0;
         for (patch, (_, height_m)) in PATCHES.into_iter().enumerate() {
             let share = Spread::over(&drives, |drive| {
                 100.0 * drive.obstacles[patch] as f64 / drive.known[patch].max(1) as f64
@@ -155,7 +155,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
                 share.text(1, ""),
             ]);
             let what = format!("grass of {height} cm that is an obstacle, {method}");
-            outcome.checks.push(match (tells_grass, patch) {
+            outcome.checks.push(match (recognises_grass, patch) {
                 (true, _) => Check::at_most(what, (share, 1, " %"), OBSTACLES_MAX),
                 (false, 0) => Check::shown(what, share.text(1, " %")),
                 (false, _) => Check::at_least(what, (share, 1, " %"), OBSTACLES_MIN),

@@ -68,7 +68,12 @@ const SWITCHES: &[Switch] = &[
     (
         "mapping.octree.enabled",
         |config| config.mapping.octree.enabled,
-        &["mapping.octree", "mapping.metrics"],
+        &["mapping.octree"],
+    ),
+    (
+        "mapping.octree.enabled",
+        |config| config.mapping.octree.enabled || config.mapping.obstacle.least_width_m > 0.0,
+        &["mapping.metrics"],
     ),
     (
         "mapping.cost.enabled",

@@ -12,7 +12,7 @@ use triple_buffer::{Input, Output, triple_buffer};
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
 use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
-use mapping::shore::ShoreLayer;
+use mapping::shore_layer::ShoreLayer;
 use mapping::voxel_layers::VoxelLayers;
 use measurement::pose::{self, Pose};
 use measurement::time::{Monotonic, RobotDuration, RobotTime};

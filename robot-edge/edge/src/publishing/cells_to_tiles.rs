@@ -12,7 +12,8 @@ use mapping::elevation::{CellClass, ElevationCell};
 use mapping::grid::{CellIndex, GridTile, TILE_EDGE, TileIndex};
 use mapping::occupancy_grid::LogOdds;
 use mapping::rigidity::Rigidity;
-use mapping::shore::{ShoreCell, ShoreClass, ShoreCluster, ShoreLayer};
+use mapping::shore::{ShoreClass, ShoreCluster};
+use mapping::shore_layer::{ShoreCell, ShoreLayer};
 
 /// Turns cells of the mapping core into the codes that are published.
 #[derive(Clone, Debug)]

@@ -35,7 +35,7 @@ fn scan_of(stamp_s: f64, ranges_m: &[f32]) -> RegisteredScan {
 fn segments(ranges_m: &[f32]) -> Vec<i32> {
     let scan = scan_of(0.0, ranges_m);
     let mut values = vec![7.0; 3];
-    IntraScan::new(&MetricsConfig::default(), None).measure(&scan, 0.0, &mut values);
+    IntraScan::new(&MetricsConfig::default()).measure(&scan, 0.0, &mut values);
     let beam_m = 0.55 / scan.beam_step_rad;
     let differences = scan.beams.iter().zip(&values).map(|(beam, value)| {
         if value.is_nan() {
@@ -81,7 +81,7 @@ fn thresholds_match_the_printed_widths() {
     let value = |differences: usize| {
         let mut values = Vec::new();
         let scan = scan_of(0.0, &vec![1.0; differences + 1]);
-        IntraScan::new(&MetricsConfig::default(), None).measure(&scan, 0.0, &mut values);
+        IntraScan::new(&MetricsConfig::default()).measure(&scan, 0.0, &mut values);
         values[0]
     };
     assert!(value(5) < 0.04 && 0.04 < value(6), "{}", value(5));
@@ -97,7 +97,7 @@ fn twice_the_step_is_half_the_beams() {
     let mut coarse = scan_of(0.0, &[2.0; 11]);
     coarse.beam_step_rad *= 2.0;
     let fine = scan_of(0.0, &[2.0; 21]);
-    let metric = IntraScan::new(&MetricsConfig::default(), None);
+    let metric = IntraScan::new(&MetricsConfig::default());
     let (mut of_coarse, mut of_fine) = (Vec::new(), Vec::new());
     metric.measure(&coarse, 0.0, &mut of_coarse);
     metric.measure(&fine, 0.0, &mut of_fine);
@@ -110,12 +110,12 @@ fn a_rod_is_no_wider_than_the_spot_that_lights_it() {
     let values_of = |hits: usize, behind_m: f32| {
         let mut ranges = vec![behind_m; 40];
         ranges[10..10 + hits].fill(4.0);
-        let metric = IntraScan::new(&MetricsConfig::default(), Some(0.08));
+        let metric = IntraScan::less_spot(&MetricsConfig::default(), 0.04);
         let mut values = Vec::new();
         metric.measure(&scan_of(0.0, &ranges), 0.015, &mut values);
         values[if behind_m.is_nan() { 0 } else { 10 }]
     };
-    // Between misses even a lone hit has a value, beside what tells nothing it has none.
+    // Between misses a lone hit has a value, beside invalid beams it has none.
     assert_eq!(values_of(1, f32::INFINITY).to_bits(), 0.0_f32.to_bits());
     assert!(values_of(1, f32::NAN).is_nan());
     for (hits, width_m) in [(2, 0.0), (4, 0.0), (6, 0.02727), (8, 0.06217), (20, 0.08)] {
@@ -129,7 +129,7 @@ fn far_hits_have_no_value_but_widen_what_near_ones_hit() {
     let slanting = [19.96, 20.0, 20.04, 20.08];
     let mut values = Vec::new();
     let scan = scan_of(0.0, &slanting);
-    IntraScan::new(&MetricsConfig::default(), None).measure(&scan, 0.0, &mut values);
+    IntraScan::new(&MetricsConfig::default()).measure(&scan, 0.0, &mut values);
     assert!((f64::from(values[0]) - 3.0 * 19.96 / 126.05).abs() < 1e-4);
     assert!(!values[1].is_nan() && values[2].is_nan() && values[3].is_nan());
 }

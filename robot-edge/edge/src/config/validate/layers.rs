@@ -5,6 +5,7 @@ use super::{CELL_M, CELLS_MAX, Checks, SPARSE_BEFORE_SOLID, VOXEL_M, as_toml};
 use crate::config::Config;
 use mapping::MappingConfig;
 use mapping::grid::CellSize;
+use mapping::obstacle::ObstacleRule;
 use mapping::occupancy_grid::OccupancyConfig;
 use mapping::rigidity::RigidityRule;
 
@@ -89,6 +90,15 @@ fn layers(checks: &mut Checks, mapping: &MappingConfig) {
             "width".to_owned(),
             "shores are classified by IntraScan with the laser spot in it",
             "\"metrics\", or false in mapping.shore.enabled".to_owned(),
+        );
+    }
+    let obstacle = &mapping.obstacle;
+    if obstacle.rule == ObstacleRule::Mean && obstacle.least_width_m > 0.0 {
+        checks.issue(
+            "mapping.obstacle.least_width_m",
+            obstacle.least_width_m.to_string(),
+            "the rule \"mean\" does not use it",
+            "0, or \"points\" in mapping.obstacle.rule".to_owned(),
         );
     }
     let (cost, octree) = (mapping.cost.enabled, mapping.octree.enabled);

@@ -56,7 +56,7 @@ fn only_the_chosen_site_of_this_class_is_entered_and_slowly() {
         assert_eq!(kind(&other), Some(BarrierKind::Detected));
     }
 
-    // Who takes Dense for granted takes Sparse, too.
+    // A driver who chose Dense may enter what is Sparse now.
     let mut lighter = scene(vec![], Some(CHOICE));
     let mut map = lighter.map.take().unwrap();
     let sparse = DockingChoice {

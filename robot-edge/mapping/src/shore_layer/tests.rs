@@ -5,10 +5,11 @@ use crate::cost_map::{CostConfig, Surface};
 use crate::octree::{OctreeConfig, RangeSensorModel, Ray, SurfaceHit};
 use crate::registered_scan::SensorId;
 use crate::rigidity::RigidityConfig;
+use crate::stem_density::tests::{DIVERGENCE_RAD, canes_and_a_trunk};
 
 const CELL_M: f64 = 0.3;
 
-pub(super) const BOAT: VehicleShape = VehicleShape {
+const BOAT: VehicleShape = VehicleShape {
     length_m: 4.5,
     width_m: 2.44,
     height_m: 2.6,
@@ -60,7 +61,7 @@ fn a_shore_that_the_boat_leaves_stays_what_it_was() {
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     let mut update = |x: f64| {
         costs.update(&mut octree, Point3::new(x, 0.0, 0.0));
-        layer.update(&costs, &octree);
+        layer.update(&costs, &octree, Point2::new(x, 0.0));
         let clusters = layer.clusters();
         clusters
             .map(|c| (c.number, c.voxels, c.class))
@@ -113,7 +114,7 @@ fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     // The water level is in the middle of its voxels.
     costs.update(&mut octree, Point3::new(0.0, 0.0, 0.5 * CELL_M));
-    layer.update(&costs, &octree);
+    layer.update(&costs, &octree, Point2::origin());
     let beside = CellIndex { x: 16, y: 0 };
     let cost = costs.cell(beside).unwrap().cost;
     assert!(cost > 0.01 && cost < 0.3, "{cost} is moderate");
@@ -134,4 +135,48 @@ fn bank_is_a_docking_site_and_shoal_is_not() {
     assert_eq!(bank.len(), 1);
     // The part under water belongs to the site.
     assert!(bank[0].cells.contains(&CellIndex { x: 12, y: 0 }));
+}
+
+#[test]
+fn near_the_boat_canes_beside_a_trunk_give_way() {
+    let config = ShoreConfig {
+        near_m: 20.0,
+        ..ShoreConfig::default()
+    };
+    let mut layer = ShoreLayer::new(&config, BOAT, CELL_M);
+    for scan in canes_and_a_trunk() {
+        layer.add_scan(&scan, DIVERGENCE_RAD, 0.0);
+    }
+    let columns = (-40..40).flat_map(|x| (33..45).map(move |y| CellIndex { x, y }));
+    let columns: Vec<_> = columns.collect();
+    let densest = layer.stems.densest(&columns);
+    let cluster = ShoreCluster {
+        number: 1,
+        voxels: 1,
+        rigid_voxels: 0,
+        ratio: 0.0,
+        densest,
+        class: layer.config.class_of_densest(densest.unwrap()),
+        centre_in_odom: Point3::origin(),
+        columns,
+    };
+    assert_eq!(cluster.class, ShoreClass::Solid);
+    let part = layer
+        .passable_part(&cluster, Point2::origin())
+        .expect("a part that gives way");
+    assert_eq!((part.number, part.class), (1, ShoreClass::Sparse));
+    let has = |x_m: f64, y_m: f64| {
+        part.columns
+            .binary_search(&CellIndex::containing(Point2::new(x_m, y_m), CELL_M))
+            .is_ok()
+    };
+    assert!(has(-5.0, 10.5) && has(5.0, 10.5), "canes");
+    assert!(
+        !has(0.0, 10.0) && !has(1.0, 10.5),
+        "the trunk and beside it"
+    );
+    let far = Point2::new(0.0, -20.0);
+    assert_eq!(layer.passable_part(&cluster, far), None, "too far");
+    layer.config.near_m = 0.0;
+    assert_eq!(layer.passable_part(&cluster, Point2::origin()), None);
 }
