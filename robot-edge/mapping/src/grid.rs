@@ -341,6 +341,23 @@ mod grid_tests {
     }
 
     #[test]
+    fn a_place_is_in_its_row() {
+        let place = |x, y| CellIndex { x, y }.place_in(CellIndex { x: -2, y: 5 }, 3);
+        assert_eq!(
+            [place(-2, 5), place(0, 5), place(-1, 7)],
+            [0, 2, 7].map(Some)
+        );
+        let outside = [
+            (-3, 5),
+            (1, 5),
+            (-2, 4),
+            (i32::MAX, 5),
+            (i32::MIN, i32::MIN),
+        ];
+        assert_eq!(outside.map(|(x, y)| place(x, y)), [None; 5]);
+    }
+
+    #[test]
     fn oblong_cells_are_made_of_squares_and_overlap_cells_of_other_sizes() {
         let cell = |x, y| CellIndex { x, y };
         let oblong = CellSize::new(0.2, 0.5);

@@ -308,3 +308,21 @@ fn reobserved_obstacles_can_still_be_cleared() {
     }
     assert_ne!(class_at(&map, 4.1, 0.1), CellClass::Obstacle);
 }
+
+#[test]
+fn grass_is_free_and_what_is_wider_than_the_spot_an_obstacle() {
+    let sensor = RangeSensorModel {
+        divergence_rad: 0.015,
+        ..RangeSensorModel::default()
+    };
+    for (next_m, class) in [(1.0, CellClass::Obstacle), (3.0, CellClass::Free)] {
+        let mut map = map(101);
+        map.ignore_grass(Grass::new(0.04, &MetricsConfig::default(), &[sensor]));
+        let mut scan = scan(0.0, 0.0, &[[6.1, 0.1, 0.5]; 20]);
+        for beam in scan.beams.iter_mut().skip(1).step_by(2) {
+            beam.range_m = next_m;
+        }
+        map.integrate(&scan, &ground());
+        assert_eq!(class_at(&map, 6.1, 0.1), class, "{next_m}");
+    }
+}

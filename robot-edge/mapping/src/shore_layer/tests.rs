@@ -180,3 +180,49 @@ fn near_the_boat_canes_beside_a_trunk_give_way() {
     layer.config.near_m = 0.0;
     assert_eq!(layer.passable_part(&cluster, Point2::origin()), None);
 }
+
+#[test]
+fn a_site_in_vegetation_stays_while_the_boat_is_near_one_of_its_cells() {
+    let octree = OctreeConfig {
+        enabled: true,
+        cell_m: CELL_M,
+        ..OctreeConfig::default()
+    };
+    let mut octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
+    let config = CostConfig {
+        enabled: true,
+        box_m: 40.0,
+        surface: Surface::Water,
+        ..CostConfig::default()
+    };
+    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
+    costs.update(&mut octree, Point3::origin());
+    let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
+    let cell = CellIndex { x: 20, y: 0 };
+    let site = |number, vegetation, price| DockingSite {
+        number,
+        cells: vec![CellIndex { x: 0, y: 0 }, cell],
+        centre_in_odom: Point2::new(-20.0, 0.0),
+        heading_rad: 0.0,
+        vegetation,
+        price,
+        approach_in_odom: Point2::origin(),
+        passable: vec![cell],
+        width_m: 3.0,
+    };
+    layer.sites = vec![
+        site(1, Some(ShoreClass::Dense), 1.5),
+        site(2, Some(ShoreClass::Sparse), 1.2),
+        site(3, None, 0.2),
+    ];
+    let numbers = |layer: &ShoreLayer| -> Vec<_> {
+        let sites = layer.docking_sites().iter();
+        sites
+            .map(|site| (site.number, site.passable.len()))
+            .collect()
+    };
+    layer.update(&costs, &octree, Point2::new(10.4, 0.15));
+    assert_eq!(numbers(&layer), [(2, 0), (1, 0)], "nothing grows there now");
+    layer.update(&costs, &octree, Point2::new(10.8, 0.15));
+    assert_eq!(numbers(&layer), []);
+}
