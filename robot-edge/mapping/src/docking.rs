@@ -213,7 +213,9 @@ fn site(
         let offset = window.centre(at).coords - middle;
         offset.dot(&heading).abs() <= reach.x && offset.dot(&across).abs() <= reach.y
     };
-    let passable = (0..window.columns().len()).filter(|&at| is_near(at) && window.is_passable(at));
+    // A slope has none: nothing is to be searched for.
+    let searched = window.vegetation.map_or(0, |_| window.columns().len());
+    let passable = (0..searched).filter(|&at| is_near(at) && window.is_passable(at));
     let mut passable: Vec<_> = passable.map(|at| window.cell(at)).collect();
     passable.sort_unstable();
     Some(DockingSite {
