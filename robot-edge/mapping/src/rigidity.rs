@@ -2,7 +2,7 @@
 //!
 //! A voxel is rigid if what its hits lie on is smooth and wider than the laser spot, or, by the rule
 //! of the source, if both metrics, each smoothed on its own, say so. A column with a rigid voxel is
-//! rigid.
+//! rigid; by the rule of widths also one among rigid ones.
 //!
 //! The majority vote works on sorted voxels, which are runs along z, one per column. The votes of a
 //! neighbouring column are differences of running sums, found with pointers that only advance.
@@ -105,9 +105,50 @@ impl RigidityMap {
             .chunk_by(|(a, _), (b, _)| a.column() == b.column())
             .filter_map(verdict)
             .collect();
-        Self { voxels, columns }
+        let mut map = Self { voxels, columns };
+        if config.rule == RigidityRule::Width {
+            map.fill_rims();
+        }
+        map
+    }
+
+    /// Makes traversable columns rigid that have [`RIGID_AROUND`] rigid ones around them.
+    fn fill_rims(&mut self) {
+        let rigidity = |CellIndex { x, y }, [dx, dy]: [i32; 2]| {
+            let cell = CellIndex {
+                x: x.saturating_add(dx),
+                y: y.saturating_add(dy),
+            };
+            let found = self.columns.binary_search_by_key(&cell, |(cell, _)| *cell);
+            found.map_or(Rigidity::Unlabelled, |place| self.columns[place].1)
+        };
+        let is_rim = |cell| {
+            let around = AROUND
+                .into_iter()
+                .filter(|&beside| rigidity(cell, beside) == Rigidity::Rigid);
+            around.count() >= RIGID_AROUND
+        };
+        let columns = self.columns.iter().map(|&(cell, rigidity)| match rigidity {
+            Rigidity::Traversable if is_rim(cell) => (cell, Rigidity::Rigid),
+            _ => (cell, rigidity),
+        });
+        self.columns = columns.collect();
     }
 }
+
+/// Beams graze the rim of a body, and then look as narrow as on a stem: so many rigid columns of the
+/// eight around decide.
+const RIGID_AROUND: usize = 4;
+const AROUND: [[i32; 2]; 8] = [
+    [-1, -1],
+    [-1, 0],
+    [-1, 1],
+    [0, -1],
+    [0, 1],
+    [1, -1],
+    [1, 0],
+    [1, 1],
+];
 
 /// The greatest label of a column, in the order of [`Rigidity`].
 fn verdict(column: &[(VoxelIndex, Rigidity)]) -> Option<(CellIndex, Rigidity)> {
@@ -376,6 +417,34 @@ mod rigidity_tests {
         let labels = map.columns.iter().map(|(_, rigidity)| *rigidity);
         let labels: Vec<_> = labels.collect();
         assert_eq!(labels, [Rigid, Traversable, Unlabelled]);
+    }
+
+    #[test]
+    fn a_narrow_column_among_wide_ones_is_their_rim() {
+        // So high above each other that none votes for another.
+        let voxel = |x, y, intra| ObstacleVoxel {
+            voxel: VoxelIndex {
+                x,
+                y,
+                z: 20 * (3 * x + y),
+            },
+            intra: Some(intra),
+            inter: None,
+        };
+        let rigidity = |rigid: usize, rule| {
+            let around = AROUND.into_iter().take(rigid);
+            let around = around.map(|[x, y]| voxel(x, y, 0.9));
+            let voxels: Vec<_> = around.chain([voxel(0, 0, 0.0)]).collect();
+            let map = RigidityMap::of(&voxels, &by(rule));
+            let middle = map
+                .columns
+                .iter()
+                .find(|(cell, _)| *cell == CellIndex { x: 0, y: 0 });
+            middle.unwrap().1
+        };
+        assert_eq!(rigidity(3, RigidityRule::Width), Traversable);
+        assert_eq!(rigidity(4, RigidityRule::Width), Rigid);
+        assert_eq!(rigidity(8, RigidityRule::Metrics), Traversable);
     }
 
     #[test]

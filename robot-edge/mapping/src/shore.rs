@@ -71,10 +71,10 @@ impl Default for ShoreConfig {
 }
 
 /// Share of the hits on a tile from which on there is a surface among the canes.
-const SURFACE_SHARE: f64 = 0.35;
+const SURFACE_SHARE: f64 = 0.3;
 
 /// Share of the parts of a cluster below which it is not seen through. Beams pass the ends of a wall.
-const OPEN_MIN: f64 = 0.4;
+const OPEN_MIN: f64 = 0.5;
 
 /// Hits higher than any cane on a tile from which on there is a tree among them.
 const TREE_HITS: u32 = 10;
@@ -330,13 +330,13 @@ mod tests {
         use ShoreClass::{Dense, Solid, Sparse};
         let config = ShoreConfig::default();
         for (stems_per_m2, smooth, tall, open, class) in [
-            (19.9, 0.3, 9, 0.4, Sparse),
+            (19.9, 0.29, 9, 0.5, Sparse),
             (20.0, 0.0, 0, 1.0, Dense),
             (49.9, 0.0, 0, 1.0, Dense),
             (50.0, 0.0, 0, 1.0, Solid),
-            (5.0, 0.35, 0, 1.0, Solid),
+            (5.0, 0.3, 0, 1.0, Solid),
             (5.0, 0.0, 10, 1.0, Solid),
-            (5.0, 0.0, 0, 0.39, Solid),
+            (5.0, 0.0, 0, 0.49, Solid),
         ] {
             let densest = Densest {
                 stems_per_m2,
