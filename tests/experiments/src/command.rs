@@ -1,18 +1,21 @@
 //! `experiments`: maps of simulated worlds against their truth, as a page.
 
+use std::hash::{DefaultHasher, Hasher as _};
 use std::io::{self, IsTerminal as _, Write};
 use std::sync::atomic::AtomicBool;
+use std::{env, fs};
 
 use indicatif::{ProgressBar, ProgressDrawTarget};
 
 use crate::outcome::Verdict;
-use crate::report::Compared;
-use crate::{EXPERIMENTS, Experiment, Outcome, Session, report};
+use crate::report::{Compared, Folder};
+use crate::{EXPERIMENTS, Experiment, Outcome, Session};
 use edge::cli::Experiments;
 use edge::exit::{Exit, Interrupted, UsageError};
 use network::clock;
 
-/// Runs the command. Progress goes to standard error, the path of the page to `out`.
+/// Runs the command. Progress goes to standard error, the path of the page to `out`. What the same program has finished in
+/// that folder with as many seeds is not run again.
 pub fn run(
     command: &Experiments,
     quiet: bool,
@@ -29,13 +32,17 @@ pub fn run(
         chosen.push(experiment.id);
     }
     let is_chosen = |experiment: &&Experiment| chosen.is_empty() || chosen.contains(&experiment.id);
-    report::prepare(&command.out)?;
-
     let progress = Progress::new(quiet);
     let watch = |what: &str| progress.bar.set_message(what.to_owned());
     let session = Session::new(command.seeds, interrupt, &watch);
-    let mut outcomes = Vec::new();
+    let folder = Folder::prepare(&command.out, program_digest()?, &session)?;
+    let mut sections = Vec::new();
     for experiment in EXPERIMENTS.iter().filter(is_chosen) {
+        if let Some(finished) = folder.section(experiment) {
+            progress.print(&format!("{}: finished before\n", experiment.id));
+            sections.push(finished);
+            continue;
+        }
         let started = clock::now();
         let run = |session| {
             (experiment.run)(session).map_err(|error| {
@@ -48,18 +55,25 @@ pub fn run(
         };
         let outcome = run(&session)?;
         progress.print_outcome(experiment, &outcome, clock::elapsed(started).as_secs_f64());
-        let by_document = run(&session.by_document())?;
-        outcomes.push(Compared {
+        let compared = Compared {
             experiment,
             outcome,
-            by_document,
-        });
+            by_document: run(&session.by_document())?,
+        };
+        sections.push(folder.keep(&compared, &session)?);
+        folder.write(&sections)?;
     }
     progress.bar.finish_and_clear();
-    let page = report::write(&command.out, &outcomes, &session)?;
-    writeln!(out, "{}", page.display())?;
-    let passed = outcomes.iter().all(|compared| compared.outcome.passed());
+    writeln!(out, "{}", folder.write(&sections)?.display())?;
+    let passed = sections.iter().all(|section| section.passed);
     Ok(if passed { Exit::Done } else { Exit::Failed })
+}
+
+/// Tells the figures of one program from those of another.
+fn program_digest() -> io::Result<u64> {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(&fs::read(env::current_exe()?)?);
+    Ok(hasher.finish())
 }
 
 /// Prints one line per finished experiment; on a terminal, also the current one.
@@ -79,9 +93,6 @@ impl Progress {
     }
 
     fn print_outcome(&self, experiment: &Experiment, outcome: &Outcome, took_s: f64) {
-        if self.quiet {
-            return;
-        }
         let verdict = if outcome.passed() { "pass" } else { "FAIL" };
         let failed = outcome
             .checks
@@ -93,6 +104,13 @@ impl Progress {
             });
         let first = format!("{} {verdict} ({took_s:.0} s)\n", experiment.id);
         let text: String = std::iter::once(first).chain(failed).collect();
+        self.print(&text);
+    }
+
+    fn print(&self, text: &str) {
+        if self.quiet {
+            return;
+        }
         // A failed write is ignored: the page is the result.
         self.bar
             .suspend(|| drop(io::stderr().write_all(text.as_bytes())));

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use serde::{Deserialize, Serialize};
 
 use super::outcome::{Outcome, Part, Table, Verdict};
 use super::pictures::Picture;
@@ -12,6 +13,8 @@ use super::{Experiment, Session};
 /// The page's name; its pictures are in a folder of the same name without the ending.
 pub const PAGE: &str = "experiments.md";
 const PICTURES: &str = "experiments";
+/// Folder of the sections of a page that is not finished.
+const FINISHED: &str = "finished";
 
 /// An experiment by the vehicle's own rules, and by those of its document.
 pub struct Compared {
@@ -20,64 +23,136 @@ pub struct Compared {
     pub by_document: Outcome,
 }
 
-/// Makes the folders of a page: what cannot be written should be known before the experiments are run.
-pub fn prepare(dir: &Path) -> anyhow::Result<()> {
-    let pictures = dir.join(PICTURES);
-    fs::create_dir_all(&pictures).with_context(|| pictures.display().to_string())
+/// What the page has of one experiment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Section {
+    id: String,
+    /// Row of the summary.
+    row: Vec<String>,
+    text: String,
+    pub passed: bool,
 }
 
-/// Writes the page and its pictures to `dir`, and returns the page's path. The page comes last and whole:
-/// what it shows is there.
-pub fn write(dir: &Path, outcomes: &[Compared], session: &Session<'_>) -> anyhow::Result<PathBuf> {
-    prepare(dir)?;
-    for picture in outcomes
-        .iter()
-        .flat_map(|compared| compared.outcome.pictures())
-    {
-        picture.write(&dir.join(PICTURES))?;
+/// A section on the disk, and of what program and seeds it is.
+#[derive(Serialize, Deserialize)]
+struct KeptSection {
+    program: u64,
+    seeds: u64,
+    section: Section,
+}
+
+/// Where the page, its pictures and finished sections are.
+#[derive(Clone, Copy, Debug)]
+pub struct Folder<'a> {
+    dir: &'a Path,
+    /// Digest of the program: sections of another one do not count.
+    program: u64,
+    seeds: u64,
+}
+
+impl<'a> Folder<'a> {
+    /// Makes the folders of a page: what cannot be written should be known before the experiments are run.
+    pub fn prepare(dir: &'a Path, program: u64, session: &Session<'_>) -> anyhow::Result<Self> {
+        for name in [PICTURES, FINISHED] {
+            let inner = dir.join(name);
+            fs::create_dir_all(&inner).with_context(|| inner.display().to_string())?;
+        }
+        let seeds = *session.seeds().end();
+        Ok(Self {
+            dir,
+            program,
+            seeds,
+        })
     }
-    let path = dir.join(PAGE);
-    let part = dir.join(format!(".{PAGE}.{}.part", std::process::id()));
-    fs::write(&part, page(outcomes, session))
-        .and_then(|()| fs::rename(&part, &path))
-        .inspect_err(|_| drop(fs::remove_file(&part)))
-        .with_context(|| path.display().to_string())?;
-    Ok(path)
+
+    fn finished(&self, id: &str) -> PathBuf {
+        self.dir.join(FINISHED).join(format!("{id}.json"))
+    }
+
+    /// The section that this program has finished with these seeds, if any.
+    pub fn section(&self, experiment: &Experiment) -> Option<Section> {
+        let kept = fs::read(self.finished(experiment.id)).ok()?;
+        let kept: KeptSection = serde_json::from_slice(&kept).ok()?;
+        (kept.program == self.program && kept.seeds == self.seeds).then_some(kept.section)
+    }
+
+    /// Writes the pictures of an experiment and keeps its section.
+    pub fn keep(&self, compared: &Compared, session: &Session<'_>) -> anyhow::Result<Section> {
+        for picture in compared.outcome.pictures() {
+            picture.write(&self.dir.join(PICTURES))?;
+        }
+        let kept = KeptSection {
+            program: self.program,
+            seeds: self.seeds,
+            section: Section::of(compared, session),
+        };
+        write_whole(
+            &self.finished(compared.experiment.id),
+            &serde_json::to_vec(&kept)?,
+        )?;
+        Ok(kept.section)
+    }
+
+    /// Writes the page and returns its path.
+    pub fn write(&self, sections: &[Section]) -> anyhow::Result<PathBuf> {
+        let path = self.dir.join(PAGE);
+        write_whole(&path, page(sections, self.seeds).as_bytes())?;
+        Ok(path)
+    }
 }
 
-pub fn page(outcomes: &[Compared], session: &Session<'_>) -> String {
-    let mut page = String::new();
-    page.push_str("# Experiments against a known truth\n\n");
-    page.push_str(include_str!("notes/introduction.md"));
-    page.push_str(&command(outcomes, session));
-    page.push_str(&markdown_table(&summary(outcomes)));
-    for compared in outcomes {
-        page.push_str(&heading(compared.experiment));
-        page.push_str(&markdown_table(&checks(compared, session)));
+/// A file is there whole or not at all.
+fn write_whole(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let part = path.with_extension(format!("{}.part", std::process::id()));
+    fs::write(&part, bytes)
+        .and_then(|()| fs::rename(&part, path))
+        .inspect_err(|_| drop(fs::remove_file(&part)))
+        .with_context(|| path.display().to_string())
+}
+
+impl Section {
+    fn of(compared: &Compared, session: &Session<'_>) -> Self {
+        let mut text = heading(compared.experiment);
+        text.push_str(&markdown_table(&checks(compared, session)));
         for part in &compared.outcome.parts {
-            page.push('\n');
+            text.push('\n');
             match part {
-                Part::Text(text) => {
-                    page.push_str(text);
-                    page.push('\n');
+                Part::Text(words) => {
+                    text.push_str(words);
+                    text.push('\n');
                 }
-                Part::Table(table) => page.push_str(&markdown_table(table)),
-                Part::Pictures(pictures) => page.push_str(&beside_each_other(pictures)),
+                Part::Table(table) => text.push_str(&markdown_table(table)),
+                Part::Pictures(pictures) => text.push_str(&beside_each_other(pictures)),
             }
         }
+        Self {
+            id: compared.experiment.id.to_owned(),
+            row: summary(compared),
+            text,
+            passed: compared.outcome.passed(),
+        }
     }
-    page
 }
 
-fn command(outcomes: &[Compared], session: &Session<'_>) -> String {
-    let ids: Vec<_> = outcomes
-        .iter()
-        .map(|compared| compared.experiment.id)
-        .collect();
+fn page(sections: &[Section], seeds: u64) -> String {
+    let mut summary = Table::new(&["id", "must show", "measured", ""]);
+    summary.rows = sections.iter().map(|section| section.row.clone()).collect();
+    let texts = sections.iter().map(|section| section.text.as_str());
+    let introduction = include_str!("notes/introduction.md");
+    let before = [
+        "# Experiments against a known truth\n\n",
+        introduction,
+        &command(sections, seeds),
+        &markdown_table(&summary),
+    ];
+    before.into_iter().chain(texts).collect()
+}
+
+fn command(sections: &[Section], seeds: u64) -> String {
+    let ids: Vec<_> = sections.iter().map(|section| section.id.as_str()).collect();
     format!(
-        "\nThis page was written by\n\n```sh\nrobot-edge experiments {} --seeds {} --out DIR\n```\n\n",
-        ids.join(" "),
-        session.seeds().end()
+        "\nThis page was written by\n\n```sh\nrobot-edge experiments {} --seeds {seeds} --out DIR\n```\n\n",
+        ids.join(" ")
     )
 }
 
@@ -88,27 +163,23 @@ fn heading(experiment: &Experiment) -> String {
     )
 }
 
-/// One row an experiment.
-fn summary(outcomes: &[Compared]) -> Table {
-    let mut table = Table::new(&["id", "must show", "measured", ""]);
-    for Compared {
+/// Its row of the first table.
+fn summary(compared: &Compared) -> Vec<String> {
+    let Compared {
         experiment,
         outcome,
         ..
-    } in outcomes
-    {
-        let summarized = outcome.checks.iter().take(SUMMARY_CHECKS);
-        let summarized: Vec<_> = summarized
-            .map(|check| format!("{}: {}", check.what, check.measured))
-            .collect();
-        table.push([
-            format!("{} {}", experiment.id, experiment.source),
-            experiment.criterion.to_owned(),
-            summarized.join("; "),
-            if outcome.passed() { "pass" } else { "**FAIL**" }.to_owned(),
-        ]);
-    }
-    table
+    } = compared;
+    let summarized = outcome.checks.iter().take(SUMMARY_CHECKS);
+    let summarized: Vec<_> = summarized
+        .map(|check| format!("{}: {}", check.what, check.measured))
+        .collect();
+    vec![
+        format!("{} {}", experiment.id, experiment.source),
+        experiment.criterion.to_owned(),
+        summarized.join("; "),
+        if outcome.passed() { "pass" } else { "**FAIL**" }.to_owned(),
+    ]
 }
 
 /// Checks in a row of the summary.
@@ -226,7 +297,7 @@ mod tests {
     fn a_page_says_what_was_asked_what_came_out_and_whether_it_passed() {
         let go = AtomicBool::new(false);
         let session = Session::new(20, &go, &|_| ());
-        let page = page(&[tiny()], &session);
+        let page = page(&[Section::of(&tiny(), &session)], 20);
         let (_, page) = page.split_once("This page ").unwrap();
         let expected = "\
 was written by
@@ -263,12 +334,22 @@ Words.
     }
 
     #[test]
-    fn the_page_and_its_pictures_are_written() {
+    fn the_page_and_its_pictures_are_written_and_what_is_finished_is_kept() {
         let go = AtomicBool::new(false);
-        let session = Session::new(1, &go, &|_| ());
-        let folder = tempfile::tempdir().unwrap();
-        let dir = folder.path().join("new");
-        let path = write(&dir, &[tiny()], &session).unwrap();
+        let session = Session::new(3, &go, &|_| ());
+        let temporary = tempfile::tempdir().unwrap();
+        let dir = temporary.path().join("new");
+        let folder = Folder::prepare(&dir, 1, &session).unwrap();
+        assert_eq!(folder.section(l1()), None);
+        let section = folder.keep(&tiny(), &session).unwrap();
+        assert!(!section.passed);
+        assert_eq!(folder.section(l1()), Some(section.clone()));
+        let of_another = Folder::prepare(&dir, 2, &session).unwrap();
+        assert_eq!(of_another.section(l1()), None, "another program");
+        let more = Session::new(4, &go, &|_| ());
+        assert_eq!(Folder::prepare(&dir, 1, &more).unwrap().section(l1()), None);
+
+        let path = folder.write(&[section]).unwrap();
         assert_eq!(path, dir.join("experiments.md"));
         assert!(fs::read_to_string(path).unwrap().contains("## L1: "));
         let decoder = png::Decoder::new(io::BufReader::new(
@@ -276,15 +357,14 @@ Words.
         ));
         let reader = decoder.read_info().unwrap();
         assert_eq!((reader.info().width, reader.info().height), (2, 3));
-        assert_eq!(
-            fs::read_dir(&dir).unwrap().count(),
-            2,
-            "nothing temporary is left"
-        );
+        for (inner, files) in [("", 3), ("finished", 1)] {
+            let found = fs::read_dir(dir.join(inner)).unwrap().count();
+            assert_eq!(found, files, "nothing temporary is left");
+        }
 
-        let file = folder.path().join("file");
+        let file = temporary.path().join("file");
         fs::write(&file, "").unwrap();
-        let error = prepare(&file).unwrap_err().to_string();
+        let error = Folder::prepare(&file, 1, &session).unwrap_err().to_string();
         assert!(error.contains("file"), "{error}");
     }
 }
