@@ -7,6 +7,7 @@ use std::sync::mpsc::SyncSender;
 use std::{os::fd::OwnedFd, sync::Arc};
 
 use measurement::StreamId;
+use measurement::joint_goal::JointGoal;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{mpsc, watch};
 
@@ -40,6 +41,7 @@ const LINK_CAPACITY: usize = 64;
 #[derive(Debug)]
 pub struct Drivers {
     statuses: DeviceStatuses,
+    goals: Vec<JointGoal>,
     runtime: Runtime,
 }
 
@@ -68,7 +70,7 @@ impl Drivers {
             .enable_all()
             .build()?;
         let mut links = links(configs);
-        let mut statuses = Vec::new();
+        let (mut statuses, mut goals) = (Vec::new(), Vec::new());
         for (number, (name, config)) in configs.iter().enumerate() {
             let problem =
                 |(key, text): (&str, String)| StartError::Config(Problem::new(name, key, text));
@@ -103,14 +105,18 @@ impl Drivers {
                 })?),
                 Kind::ImagenexDeltat => task.spawn(ImagenexDeltat::default()),
                 Kind::Ping1d => task.spawn(Ping1d::new(config)),
-                Kind::Dynamixel => task.spawn(
-                    Dynamixel::new(config).ok_or_else(|| missing("servo", "`servo`, `servo_id` and `joint` are needed"))?,
-                ),
+                Kind::Dynamixel => {
+                    let servo = Dynamixel::new(config)
+                        .ok_or_else(|| missing("servo", "`servo`, `servo_id` and `joint` are needed"))?;
+                    goals.extend(servo.goal().cloned());
+                    task.spawn(servo)
+                }
             };
             statuses.push((name.clone(), status));
         }
         Ok(Self {
             statuses: DeviceStatuses(statuses),
+            goals,
             runtime,
         })
     }
@@ -140,6 +146,11 @@ impl Drivers {
         };
         let status = task.spawn(encoders);
         self.statuses.0.push((name.to_owned(), status));
+    }
+
+    /// Of the joints that can be turned.
+    pub fn goals(&self) -> &[JointGoal] {
+        &self.goals
     }
 
     /// What is known of the devices that were started so far.

@@ -30,6 +30,7 @@ pub mod shore_layer;
 mod slope;
 mod stem_density;
 pub mod terrain;
+pub mod tilt_search;
 pub mod vehicle;
 pub mod voxel_layers;
 

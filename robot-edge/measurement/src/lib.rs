@@ -4,6 +4,7 @@
 
 pub mod delay_window;
 pub mod drops;
+pub mod joint_goal;
 pub mod mount;
 pub mod pose;
 pub mod scan;

@@ -7,6 +7,7 @@ use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
+use measurement::joint_goal::JointGoal;
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
@@ -193,6 +194,19 @@ impl SimulatedSource {
         }
         self.run.motion.advance_to(self.frontier);
         Ok(self.frontier())
+    }
+
+    /// Turns the servo of that joint to the goal's angle, if it has one, from [`SimulatedSource::frontier`] on.
+    pub fn turn(&mut self, goal: &JointGoal) {
+        let Some(goal_rad) = goal.angle_rad() else {
+            return;
+        };
+        let at_s = self.frontier().since(START).as_secs_f64();
+        let sensors = self.timetable.iter_mut().map(|(_, sensor)| sensor);
+        let servos = sensors.filter_map(Sensor::servo_mut);
+        for servo in servos.filter(|servo| servo.joint == goal.joint()) {
+            servo.turn_to(at_s, goal_rad);
+        }
     }
 
     /// The time up to which measurements have looked or commands were given: later commands take effect then at the

@@ -1,5 +1,7 @@
 //! A servo that tilts a planar range sensor, and its encoder.
 
+use std::collections::VecDeque;
+
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// A servo that turns its sensor about the sensor's own y axis, to and fro between two angles, positive nose
@@ -8,7 +10,9 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// It accelerates evenly, turns at an even rate, and brakes evenly: the trapezoidal profile that position
 /// servos drive between two set points. The sweeps of its sensor lie evenly apart but near the ends, where a
 /// sinusoid would crowd most of them; and unlike a triangle's its rate does not jump.
-#[derive(Clone, Copy, Debug, PartialEq)]
+///
+/// Once it was turned to an angle ([`TiltServo::turn_to`]) it stays there; it turns at the even rate.
+#[derive(Clone, Debug, PartialEq)]
 pub struct TiltServo {
     /// Its name in `/joint_states`.
     pub joint: &'static str,
@@ -22,14 +26,53 @@ pub struct TiltServo {
     pub encoder_rate_hz: f64,
     /// Resolution of the encoder, radians; above 0.
     pub encoder_step_rad: f64,
+    /// The last turns, in the order of their time.
+    pub turns: VecDeque<Turn>,
 }
+
+/// The servo was turned to an angle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    at_s: f64,
+    /// Where it was then, radians.
+    from_rad: f64,
+    goal_rad: f64,
+}
+
+/// Turns that are kept, so that its encoder finds where it was a lag ago.
+const TURNS: usize = 1024;
 
 /// Share of the way between the two angles, in time, that each of acceleration and braking takes.
 const RAMP_SHARE: f64 = 0.2;
 
 impl TiltServo {
+    /// Turns to this angle, or as far as it can, from a time on that is not before the last turn's.
+    pub(crate) fn turn_to(&mut self, time_s: f64, goal_rad: f64) {
+        let goal_rad = goal_rad.clamp(self.min_rad, self.max_rad);
+        if self
+            .turns
+            .back()
+            .is_some_and(|turn| turn.goal_rad.to_bits() == goal_rad.to_bits())
+        {
+            return;
+        }
+        let from_rad = self.angle_rad(time_s);
+        self.turns.push_back(Turn {
+            at_s: time_s,
+            from_rad,
+            goal_rad,
+        });
+        if self.turns.len() > TURNS {
+            self.turns.pop_front();
+        }
+    }
+
     /// Where it is, radians; at time 0 it leaves the least angle. It was at work before.
     pub fn angle_rad(&self, time_s: f64) -> f64 {
+        if let Some(turn) = self.turns.iter().rev().find(|turn| turn.at_s <= time_s) {
+            let way_rad = self.even_rate_radps() * (time_s - turn.at_s);
+            return turn.from_rad + (turn.goal_rad - turn.from_rad).clamp(-way_rad, way_rad);
+        }
         let phase = (time_s / self.period_s).rem_euclid(1.0);
         // From 0 at the least angle to 1 at the greatest; on the way back time runs backwards.
         let share = 2.0 * phase.min(1.0 - phase);
@@ -83,6 +126,7 @@ mod tests {
             period_s: 10.0,
             encoder_rate_hz: 50.0,
             encoder_step_rad: 0.1_f64.to_radians(),
+            turns: VecDeque::new(),
         }
     }
 
@@ -117,6 +161,31 @@ mod tests {
         assert!((ahead.z + libm::sin(servo().max_rad)).abs() < 1e-15);
         let left = servo().mount_from_sensor(5.0) * Vector3::y();
         assert!((left - Vector3::y()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn it_turns_to_an_angle_at_its_even_rate_and_stays() {
+        let mut servo = servo();
+        servo.turn_to(2.5, 14.0_f64.to_radians());
+        servo.turn_to(3.1, 30.0_f64.to_radians());
+        servo.turn_to(6.0, 15.0_f64.to_radians());
+        for (time_s, expected_deg) in [
+            (1.0, 2.5),
+            (2.5, 10.0),
+            (2.9, 12.0),
+            (3.1, 13.0),
+            (4.1, 18.0),
+            (5.0, 20.0),
+            (6.4, 18.0),
+            (7.0, 15.0),
+            (60.0, 15.0),
+        ] {
+            let angle_deg = servo.angle_rad(time_s).to_degrees();
+            assert!(
+                (angle_deg - expected_deg).abs() < 1e-9,
+                "{time_s} {angle_deg}"
+            );
+        }
     }
 
     #[test]

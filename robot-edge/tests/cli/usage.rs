@@ -20,7 +20,7 @@ fn wrong_options_say_what_is_right() {
             "--vehicle pionear",
             &[
                 "did you mean `pioneer`?",
-                "Presets: generic2d, holos, introbot, pioneer, riverwatch",
+                "Presets: generic2d, holos, holos-tilt, introbot, pioneer, riverwatch",
             ],
         ),
         ("--vehicle boat.toml", &["boat.toml: there is no such file"]),
@@ -134,6 +134,7 @@ fn a_printed_preset_is_a_configuration() {
             "generic2d",
             "holos",
             "holos-document",
+            "holos-tilt",
             "introbot",
             "introbot-document",
             "pioneer",

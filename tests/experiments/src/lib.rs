@@ -26,6 +26,7 @@ mod e5;
 mod e6;
 mod e7;
 mod e8;
+mod e9;
 mod h1;
 mod h2;
 mod h3;
@@ -67,7 +68,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 19] = [
+pub static EXPERIMENTS: [Experiment; 20] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
@@ -126,6 +127,14 @@ pub static EXPERIMENTS: [Experiment; 19] = [
         source: "[LOD 6.2]",
         criterion: "grass is an obstacle, and with a least width of obstacles ≤ 20 % of it; blocks in it stay obstacles",
         run: e8::run,
+    },
+    Experiment {
+        id: "E9",
+        title: "Looking where the map is blind",
+        source: "[LOD 6.2]",
+        criterion: "after a turn on the spot a laser that is turned to what is unknown finds ≥ 99 % of the way and every block \
+                    beside it in time",
+        run: e9::run,
     },
     Experiment {
         id: "H1",

@@ -9,8 +9,10 @@ use protocol::tile_store::TileStore;
 
 use super::session::Rules;
 use edge::config::{self, Config, Override};
+use edge::runtime::tilt_control::TiltControl;
 use edge::runtime::{self, MapEvent, Pipeline, localization_plan};
 use mapping::registered_scan::RegisteredScan;
+use measurement::joint_goal::JointGoal;
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData, Stream};
 use simulation::attitude::Attitude;
@@ -25,6 +27,7 @@ pub struct SimulatedRun {
     /// The first measurement that is not in the pipeline yet.
     next: Option<Measurement>,
     pipeline: Pipeline,
+    tilt_goal: Option<JointGoal>,
 }
 
 /// Noise on roll, pitch and yaw of the poses themselves.
@@ -44,8 +47,10 @@ impl SimulatedRun {
     /// At the start of the world's path.
     pub fn new(world: &World, options: SimulationOptions, config: &Config) -> anyhow::Result<Self> {
         let mut source = SimulatedSource::new(world, options)?;
+        let tilt = TiltControl::new(config);
         Ok(Self {
-            pipeline: pipeline(config, source.streams())?,
+            pipeline: pipeline(config, source.streams())?.with_tilt_control(tilt.clone()),
+            tilt_goal: tilt.map(|tilt| tilt.goal().clone()),
             next: source.next_measurement(),
             source,
             attitude_noise: None,
@@ -97,6 +102,9 @@ impl SimulatedRun {
         while let Some(measurement) = self.next.take_if(|next| next.stamp <= until) {
             for scan in self.pipeline.push(measurement)? {
                 mapped(&self.pipeline, &scan);
+            }
+            if let Some(goal) = &self.tilt_goal {
+                self.source.turn(goal);
             }
             self.next = self.source.next_measurement();
             if let (Some(noise), Some(next)) = (&mut self.attitude_noise, &mut self.next) {

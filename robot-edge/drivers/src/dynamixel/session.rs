@@ -1,9 +1,10 @@
 //! How a connection with a Dynamixel servo goes: it is asked for its angle, and turned to the other end of its sweep
-//! once it is at one.
+//! once it is at one, or to an angle between them once somebody has a goal for its joint.
 
 use std::time::Duration;
 
 use measurement::MeasurementData;
+use measurement::joint_goal::JointGoal;
 
 use super::{AX_12A, DynamixelDecoder, MX_28, Model, Status, X_SERIES};
 use crate::config::{DeviceConfig, Servo};
@@ -12,6 +13,8 @@ use crate::device::{Device, Event, Sample, Step};
 const RATE_HZ: f64 = 50.0;
 /// A servo under load stops a little before its goal.
 const REACHED_RAD: f64 = 0.02;
+/// Goals that differ by less are the same.
+const SAME_RAD: f64 = 0.002;
 
 /// A servo that tilts a sensor.
 #[derive(Debug)]
@@ -21,17 +24,37 @@ pub struct Dynamixel {
     joint: String,
     period: Duration,
     sweep: Option<Sweep>,
+    /// The last request was for an angle to turn to.
+    has_turned: bool,
 }
 
-/// To and fro.
+/// To and fro, or to the goal.
 #[derive(Debug)]
 struct Sweep {
     ends_rad: [f64; 2],
     velocity_radps: f64,
-    /// The end that it turns to.
-    goal: usize,
-    /// It has not confirmed that goal.
-    is_new: bool,
+    /// The end that it turns to where there is no goal.
+    end: usize,
+    goal: JointGoal,
+    /// The angle that it was asked to turn to, radians, once it has confirmed that.
+    confirmed_rad: Option<f64>,
+    asked_rad: f64,
+}
+
+impl Sweep {
+    fn goal_rad(&self) -> f64 {
+        let [from_rad, to_rad] = self.ends_rad;
+        let goal_rad = self.goal.angle_rad();
+        goal_rad.map_or(self.ends_rad[self.end], |goal_rad| {
+            goal_rad.clamp(from_rad, to_rad)
+        })
+    }
+
+    fn is_new(&self) -> bool {
+        let goal_rad = self.goal_rad();
+        self.confirmed_rad
+            .is_none_or(|confirmed_rad| (confirmed_rad - goal_rad).abs() > SAME_RAD)
+    }
 }
 
 impl Dynamixel {
@@ -46,8 +69,10 @@ impl Dynamixel {
             (Some(from_deg), Some(to_deg), Some(degps)) => Some(Sweep {
                 ends_rad: [from_deg, to_deg].map(f64::to_radians),
                 velocity_radps: degps.to_radians(),
-                goal: 0,
-                is_new: true,
+                end: 0,
+                goal: JointGoal::new(config.joint.as_deref()?),
+                confirmed_rad: None,
+                asked_rad: 0.0,
             }),
             _ => None,
         };
@@ -61,7 +86,13 @@ impl Dynamixel {
             joint: config.joint.clone()?,
             period: Duration::from_secs_f64(1.0 / config.rate_hz.unwrap_or(RATE_HZ)),
             sweep,
+            has_turned: false,
         })
+    }
+
+    /// That of its joint, where it can be turned.
+    pub fn goal(&self) -> Option<&JointGoal> {
+        self.sweep.as_ref().map(|sweep| &sweep.goal)
     }
 }
 
@@ -70,7 +101,7 @@ impl Device for Dynamixel {
 
     fn connect(&mut self) -> DynamixelDecoder {
         if let Some(sweep) = &mut self.sweep {
-            sweep.is_new = true;
+            sweep.confirmed_rad = None;
         }
         DynamixelDecoder::new(self.model.protocol)
     }
@@ -106,10 +137,9 @@ impl Device for Dynamixel {
             Event::Accepted
         } else if let Some(angle_rad) = self.model.position_rad(&status) {
             if let Some(sweep) = sweep
-                && (angle_rad - sweep.ends_rad[sweep.goal]).abs() < REACHED_RAD
+                && (angle_rad - sweep.ends_rad[sweep.end]).abs() < REACHED_RAD
             {
-                sweep.goal = 1 - sweep.goal;
-                sweep.is_new = true;
+                sweep.end = 1 - sweep.end;
             }
             Event::Sample(Sample {
                 sent: None,
@@ -117,7 +147,7 @@ impl Device for Dynamixel {
                 data: MeasurementData::Joints(vec![(self.joint.clone(), angle_rad)]),
             })
         } else if let Some(sweep) = sweep.filter(|_| status.parameters.is_empty()) {
-            sweep.is_new = false;
+            sweep.confirmed_rad = Some(sweep.asked_rad);
             Event::Done
         } else {
             Event::Unexpected
@@ -134,10 +164,17 @@ impl Device for Dynamixel {
     }
 
     fn poll(&mut self) -> Vec<u8> {
-        let goal = self.sweep.as_ref().filter(|sweep| sweep.is_new);
-        let goal_rad = goal.map(|sweep| sweep.ends_rad[sweep.goal]);
-        let request = match goal_rad {
-            Some(goal_rad) => self.model.write_goal_position(self.id, goal_rad),
+        // Between two goals its angle is read, however fast they change.
+        let turns = self
+            .sweep
+            .as_mut()
+            .filter(|sweep| sweep.is_new() && !self.has_turned);
+        self.has_turned = turns.is_some();
+        let request = match turns {
+            Some(sweep) => {
+                sweep.asked_rad = sweep.goal_rad();
+                self.model.write_goal_position(self.id, sweep.asked_rad)
+            }
             None => self.model.read_position(self.id),
         };
         request.unwrap_or_default()

@@ -53,6 +53,7 @@ pub const PRESETS: &[Preset] = &[
     GENERIC,
     preset!("holos"),
     preset!("holos-document"),
+    preset!("holos-tilt"),
     preset!("introbot"),
     preset!("introbot-document"),
     preset!("pioneer"),

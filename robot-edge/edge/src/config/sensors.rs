@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer};
 use localization::beam_projection::ZeroRange;
 use mapping::octree::RangeSensorModel;
 use mapping::registered_scan::{ScanKind, SensorId};
+use mapping::tilt_search::TiltSearchConfig;
 use measurement::mount::Mount;
 
 pub const MAIN_LASER: &str = "laser";
@@ -245,6 +246,8 @@ pub struct TiltConfig {
     pub offset_deg: f64,
     /// Added to the stamps of the angles to make up for the encoder's latency, seconds.
     pub time_offset_s: f64,
+    /// The servo is turned to where the obstacle map knows nothing ahead.
+    pub search: Option<TiltSearchConfig>,
 }
 
 impl Default for TiltConfig {
@@ -255,6 +258,7 @@ impl Default for TiltConfig {
             scale: 1.0,
             offset_deg: 0.0,
             time_offset_s: 0.0,
+            search: None,
         }
     }
 }

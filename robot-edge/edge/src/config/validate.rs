@@ -366,6 +366,11 @@ const SENSOR_RULES: &[Rule] = &[
         Within(-360.0, 360.0),
         "angles are degrees, at most one turn",
     ),
+    (
+        &["tilt.search.rest_deg", "tilt.search.lowest_deg"],
+        Within(1.0, 85.0),
+        "the beams are to meet the ground ahead",
+    ),
 ];
 
 const POSES_FARTHER_AWAY: &str = "poses farther away than that say nothing about a beam";
@@ -559,6 +564,16 @@ fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
                 as_toml(tilt.scale),
                 "the sensor would not tilt",
                 "-100 to 100, not 0".to_owned(),
+            );
+        }
+        if let Some(search) = range.tilt.as_ref().and_then(|tilt| tilt.search)
+            && search.lowest_deg <= search.rest_deg
+        {
+            checks.issue(
+                &key("tilt.search.lowest_deg"),
+                as_toml(search.lowest_deg),
+                "it is to look nearer than at rest",
+                format!("above rest_deg = {}", search.rest_deg),
             );
         }
     }

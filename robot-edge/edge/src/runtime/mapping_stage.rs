@@ -7,6 +7,7 @@ use super::batching_channel::{InputDelay, MappingInput};
 use super::maps::{MapEvent, MapUpdate, Maps, MapsReport, PausedSnapshot};
 use super::network::Network;
 use super::source::DataClock;
+use super::tilt_control::TiltControl;
 use crate::lock;
 use crate::overload::{OverloadChange, OverloadMonitor};
 use crate::publishing::publisher::PublishError;
@@ -40,6 +41,7 @@ pub(super) struct MappingStage {
     /// Present if the replay can seek: an event that is mapped again is not published again.
     pub(super) timeline: Option<TimelineRecorder>,
     pub(super) stats: SharedMapStats,
+    pub(super) tilt: Option<TiltControl>,
 }
 
 pub(super) struct TimelineRecorder {
@@ -71,6 +73,7 @@ impl MappingStage {
             is_dropping: false,
             timeline: None,
             stats: SharedMapStats::default(),
+            tilt: None,
         }
     }
 
@@ -135,6 +138,9 @@ impl MappingStage {
         // The collision monitor gets the map before publishing, which takes longer.
         if let Some(network) = &mut self.network {
             network.update_monitor(scan, self.maps.mapper(), measured_at);
+        }
+        if let Some(tilt) = &mut self.tilt {
+            tilt.update(scan, self.maps.mapper());
         }
         self.maps.publish_if_due()
     }

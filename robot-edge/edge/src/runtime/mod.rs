@@ -24,6 +24,7 @@ mod simulate;
 mod source;
 mod source_reader;
 mod state_publisher;
+pub mod tilt_control;
 
 use std::io::{self, BufRead, IsTerminal as _, Write};
 use std::sync::Arc;

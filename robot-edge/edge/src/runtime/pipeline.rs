@@ -15,6 +15,7 @@ use super::mapping_stage::MappingStage;
 use super::maps::{MapEvent, Maps, MapsCheckpoint, MapsReport, PausedSnapshot};
 use super::source::DataClock;
 use super::source_reader::{Batch, SourceEnd};
+use super::tilt_control::TiltControl;
 use crate::config::Config;
 use crate::publishing::publisher::{PublishError, Publisher};
 use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
@@ -58,6 +59,13 @@ impl Pipeline {
             mapping,
             localization,
         })
+    }
+
+    /// A servo is turned from the next scan on.
+    #[must_use]
+    pub fn with_tilt_control(mut self, tilt: Option<TiltControl>) -> Self {
+        self.mapping.tilt = tilt;
+        self
     }
 
     /// Registers and maps one measurement. Returns the scans that were mapped.

@@ -130,6 +130,7 @@ pub(super) fn create_run<'a>(
         earliest: survey.stamps.iter().filter_map(|stamps| stamps.first).min(),
         events: events.collect(),
         devices: None,
+        tilt: None,
     };
     let what = source::Replay {
         own_poses: plan.localization_plan.origin == PoseOrigin::Log,

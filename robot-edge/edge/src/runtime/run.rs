@@ -20,6 +20,7 @@ use super::pipeline::Pipeline;
 use super::recorder::{Recorder, SyncPolicy};
 use super::source::Source;
 use super::source_reader::{Batch, SourceEnd, read_source};
+use super::tilt_control::TiltControl;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
 use crate::pacer::Rate;
@@ -55,6 +56,7 @@ pub(super) struct Run<'a> {
     pub(super) events: Vec<Event>,
     /// Devices that are read without a middleware.
     pub(super) devices: Option<DeviceStatuses>,
+    pub(super) tilt: Option<TiltControl>,
 }
 
 struct Files {
@@ -150,7 +152,8 @@ impl Run<'_> {
         // Only the summary needs the encoded size.
         let encode = self.summary.is_some();
         let boot = BootId(random_id()?);
-        let mut pipeline = Pipeline::new(self.config, self.registration.clone(), boot, encode)?;
+        let mut pipeline = Pipeline::new(self.config, self.registration.clone(), boot, encode)?
+            .with_tilt_control(self.tilt.clone());
         let opened = match &self.network {
             Some(plan) => {
                 let description = RobotDescription {

@@ -18,6 +18,7 @@ use super::outputs::{self, SETUP};
 use super::plan::{Plan, plan};
 use super::run::Run;
 use super::source::Source;
+use super::tilt_control::TiltControl;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
 use crate::config::advice::advise;
 use crate::config::presets::GENERIC;
@@ -26,6 +27,7 @@ use crate::exit::{Exit, UsageError};
 use crate::pacer::Rate;
 use crate::ros2::{RosEndpoint, RosLink};
 use crate::summary::Event;
+use measurement::joint_goal::JointGoal;
 use recording::ros::middleware::MAX_DOMAIN;
 
 /// The router of `rmw_zenoh` on this machine.
@@ -68,7 +70,10 @@ pub(super) fn run_live(
         Some(options) => Ok(DrivePlan::new(motors(&config, link)?, options)),
         None => Ok::<_, UsageError>(DrivePlan::none()),
     };
+    let tilt = TiltControl::new(&config);
     let (sensors, drive) = if config.devices.is_empty() {
+        // Before its sensors are waited for.
+        tilt.clone().map(|tilt| turned_by(tilt, &[])).transpose()?;
         let sensors = ros_sensors(command, &config, others, quiet, interrupt)?;
         let drive = drive_by(sensors.link.clone())?;
         (sensors, drive)
@@ -82,8 +87,10 @@ pub(super) fn run_live(
         place,
         plan,
         devices,
+        goals,
         ..
     } = sensors;
+    let tilt = tilt.map(|tilt| turned_by(tilt, &goals)).transpose()?;
 
     let mut notes = vec![format!("{vehicle} ({why})")];
     let sensors = plan.sensors.iter();
@@ -127,6 +134,7 @@ pub(super) fn run_live(
         earliest: None,
         events: events.collect(),
         devices,
+        tilt,
     };
     run.execute(&mut *source, interrupt, out)
 }
@@ -140,6 +148,8 @@ struct Sensors {
     /// The ROS 2 system, if there is one.
     link: Option<RosLink>,
     devices: Option<DeviceStatuses>,
+    /// Of the joints that devices turn.
+    goals: Vec<JointGoal>,
 }
 
 /// The devices of the configuration; they need not be there yet.
@@ -164,10 +174,23 @@ fn own_devices(
     let source = DeviceSource::start(config, encoders, selection)?;
     Ok(Sensors {
         devices: Some(source.statuses().clone()),
+        goals: source.goals().to_vec(),
         source: Box::new(source),
         place: "[devices]".to_owned(),
         plan,
         link: None,
+    })
+}
+
+/// The servo that turns is that of a device.
+fn turned_by(tilt: TiltControl, goals: &[JointGoal]) -> Result<TiltControl, UsageError> {
+    let joint = tilt.goal().joint().to_owned();
+    let goal = goals.iter().find(|goal| goal.joint() == joint);
+    goal.map(|goal| tilt.with_goal(goal.clone())).ok_or_else(|| {
+        UsageError(format!(
+            "`tilt.search`: nothing turns the joint {joint:?}. A device of kind \"dynamixel\" does that has this `joint`, and \
+             `sweep_from_deg`, `sweep_to_deg` and `sweep_degps`, within which it turns: add one, or leave `tilt.search` out"
+        ))
     })
 }
 
@@ -213,6 +236,7 @@ fn ros_sensors(
         place: at.endpoint,
         plan,
         devices: None,
+        goals: Vec::new(),
     })
 }
 

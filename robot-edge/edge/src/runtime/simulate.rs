@@ -12,6 +12,7 @@ use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
 use super::run::Run;
 use super::source::{Source, SourceItem, SourceLosses};
+use super::tilt_control::TiltControl;
 use crate::cli::Simulate;
 use crate::config::advice::advise;
 use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude};
@@ -22,6 +23,7 @@ use crate::survey::range_sensors::assign_streams;
 use localization::PoseSource;
 use localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
 use mapping::registered_scan::ScanKind;
+use measurement::joint_goal::JointGoal;
 use measurement::{Stream, StreamId};
 use recording::time_sequencer::Ordered;
 use recording::{Position, RecordingError};
@@ -76,6 +78,12 @@ pub(super) fn simulate(
     if config.motors.has_motors() {
         notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
     }
+    let mut tilt = TiltControl::new(&config);
+    if tilt.is_some() && !command.rate.is_real_time() {
+        tilt = None;
+        notes.push("`tilt.search` is left alone: when it turns the laser depends on how fast maps are made, so it does at --rate 1 only".to_owned());
+    }
+    let tilt_goal = tilt.as_ref().map(|tilt| tilt.goal().clone());
     let run = Run {
         source: command.world.clone(),
         title: world.name().to_owned(),
@@ -104,8 +112,17 @@ pub(super) fn simulate(
             })
             .collect(),
         devices: None,
+        tilt,
     };
-    run.execute(&mut SimulatedRun { source, motors }, interrupt, out)
+    run.execute(
+        &mut SimulatedRun {
+            source,
+            motors,
+            tilt_goal,
+        },
+        interrupt,
+        out,
+    )
 }
 
 /// The registration of a simulated vehicle with these streams.
@@ -215,6 +232,7 @@ fn from_wheels(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageE
 struct SimulatedRun {
     source: SimulatedSource,
     motors: Option<SimulatedMotors>,
+    tilt_goal: Option<JointGoal>,
 }
 
 impl SimulatedRun {
@@ -253,6 +271,9 @@ impl SimulatedRun {
 impl Source for SimulatedRun {
     fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
         self.drive();
+        if let Some(goal) = &self.tilt_goal {
+            self.source.turn(goal);
+        }
         Ok(self.source.next_measurement().map(|measurement| {
             if measurement.is_static_transform() {
                 SourceItem::Immediate(measurement)

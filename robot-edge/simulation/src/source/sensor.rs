@@ -88,7 +88,9 @@ impl Sensor {
                 stream: joint_states(&mut streams),
             });
         }
-        let servos = vehicle.range_sensors().filter_map(|sensor| sensor.tilt);
+        let servos = vehicle
+            .range_sensors()
+            .filter_map(|sensor| sensor.tilt.clone());
         sensors.extend(servos.map(|servo| Self::Tilt {
             servo,
             stream: joint_states(&mut streams),
@@ -138,12 +140,21 @@ impl Sensor {
             Self::Ultrasonic { sensor, .. } => Ticks::until(last_pose_s, sensor.rate_hz),
             Self::Contact { sensor, .. } => Ticks::until(last_pose_s, sensor.rate_hz),
             Self::Range { sensor, .. } => {
-                let last_place_s = sensor.tilt.map_or(last_pose_s, |servo| {
+                let last_place_s = sensor.tilt.as_ref().map_or(last_pose_s, |servo| {
                     Ticks::until(last_pose_s, servo.encoder_rate_hz).last_s()
                 });
                 let end_s = last_place_s - sensor.planar.sweep_duration_s();
                 Ticks::until(end_s, sensor.planar.rate_hz)
             }
+        }
+    }
+
+    /// The servo that it reads or that tilts it.
+    pub(super) const fn servo_mut(&mut self) -> Option<&mut TiltServo> {
+        match self {
+            Self::Tilt { servo, .. } => Some(servo),
+            Self::Range { sensor, .. } => sensor.tilt.as_mut(),
+            _ => None,
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use measurement::joint_goal::JointGoal;
 use measurement::pose;
 use measurement::scan::Scan;
 use measurement::{GeodeticFix, ImuSample};
@@ -452,6 +453,48 @@ fn tilts(run: &[Named]) -> Vec<(f64, f64)> {
         Some((seconds(measurement), *angle_rad))
     };
     run.iter().filter_map(tilt).collect()
+}
+
+#[test]
+fn a_servo_turns_to_the_goal_of_its_joint_from_what_was_measured_on() {
+    let text = BUMP.replacen("vehicle = \"holos\"", "vehicle = \"holos-tilt\"", 1);
+    let text = text + "[[solids]]\nshape = \"plane\"\n";
+    let mut source = SimulatedSource::new(&world_of(&text, &[]), seeded(0)).unwrap();
+    let goal = JointGoal::new("laser_tilt_joint");
+    source.turn(&goal); // None yet: to and fro.
+    let mut angles_rad = Vec::new();
+    let (mut turned_at, mut ahead_m) = (None, f32::NAN);
+    while let Some(measurement) = source.next_measurement() {
+        match &measurement.data {
+            MeasurementData::Joints(joints) if joints[0].0 == goal.joint() => {
+                angles_rad.push((seconds(&measurement), joints[0].1));
+            }
+            MeasurementData::Scan { scan, .. } => ahead_m = scan.ranges_m[240],
+            _ => {}
+        }
+        if seconds(&measurement) > 0.5 && turned_at.is_none() {
+            goal.set(0.4);
+            source.turn(&goal);
+            turned_at = Some(source.frontier().since(START).as_secs_f64());
+        }
+        if seconds(&measurement) > 2.0 {
+            break;
+        }
+    }
+    let of = |at_s: f64| {
+        let found = angles_rad.iter().find(|(time_s, _)| *time_s >= at_s - 1e-6);
+        found.unwrap().1
+    };
+    let turned_at = turned_at.unwrap();
+    let rate_radps = (of(turned_at + 0.1) - of(turned_at)) / 0.1;
+    let swings = |at_s: f64| (of(at_s) - of(0.0)).abs();
+    assert!(swings(0.4) > 0.1, "to and fro before");
+    assert!(rate_radps.abs() < 95.0_f64.to_radians(), "{rate_radps}");
+    for at_s in [1.2, 1.6, 2.0] {
+        assert!((of(at_s) - 0.4).abs() < 1e-3, "{at_s} {}", of(at_s));
+    }
+    // 1.08 m / sin 0.4.
+    assert!((ahead_m - 2.77).abs() < 0.1, "{ahead_m}");
 }
 
 #[test]

@@ -436,6 +436,36 @@ fn a_servo_says_where_it_is() {
 }
 
 #[test]
+fn a_servo_turns_to_the_goal_of_its_joint_within_its_sweep() {
+    let emulator = Emulator::on_serial(XSeries::default());
+    let more = "servo = \"x_series\"\nservo_id = 1\njoint = \"tilt\"\n\
+                sweep_from_deg = 0\nsweep_to_deg = 45\nsweep_degps = 180\n";
+    let rig = serial("dynamixel", &emulator.address, more);
+    rig.wait_until_measuring();
+    let [goal] = rig.drivers.goals() else {
+        panic!("one joint");
+    };
+    assert_eq!(goal.joint(), "tilt");
+    for (goal_deg, reached_deg) in [(10.0_f64, 10.0), (30.0, 30.0), (80.0, 45.0), (-5.0, 0.0)] {
+        goal.set(goal_deg.to_radians());
+        rig.wait("there", |_| {
+            let position = emulator.with(|device| device.position);
+            (f64::from(position - 2048) * 360.0 / 4096.0 - reached_deg).abs() < 0.1
+        });
+    }
+    // It stays, and its angle is read.
+    rig.drain();
+    for _ in 0..10 {
+        let MeasurementData::Joints(joints) = rig.next().measurement.data else {
+            panic!("no angle");
+        };
+        assert!(joints[0].1.abs() < 0.002, "{joints:?}");
+    }
+    let goals = emulator.with(|device| device.goals.clone());
+    assert_eq!(goals[goals.len() - 4..], [2162, 2389, 2560, 2048]);
+}
+
+#[test]
 fn a_servo_sweeps_between_its_ends_and_its_latency_is_measured() {
     let emulator = Emulator::on_serial(XSeries::default());
     let more = "servo = \"x_series\"\nservo_id = 1\njoint = \"tilt\"\n\

@@ -17,7 +17,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 pub(crate) const BACK_WITHIN: Duration = Duration::from_secs(2);
 
 pub(crate) struct Rig {
-    drivers: Drivers,
+    pub(crate) drivers: Drivers,
     readings: Receiver<Reading>,
 }
 

@@ -109,7 +109,7 @@ impl Surfaces {
 impl<'a> OpenGround<'a> {
     pub(super) fn of(world: &'a LandWorld) -> anyhow::Result<Self> {
         let ground = Ground::of(world, REGION_M)?;
-        let servo = world.world.simulated_vehicle().laser.tilt;
+        let servo = world.world.simulated_vehicle().laser.tilt.clone();
         let servo = servo.ok_or_else(|| world.unsuitable("has no laser that tilts"))?;
         let open = ground.cells().filter(|&cell| ground.is_bare(cell, ASIDE_M));
         Ok(Self {

@@ -66,6 +66,7 @@ experiments! {
     e6_a_turn_drags_no_walls: "E6",
     e7_gentle_slopes_are_ground: "E7",
     e8_grass_is_distinguished_from_obstacles: "E8",
+    e9_a_laser_is_turned_to_what_is_unknown: "E9",
     h1_a_time_offset_makes_one_ground_of_two: "H1",
     #[ignore = "minutes"]
     h2_slopes_cost_what_they_are_and_canopies_nothing: "H2",

@@ -15,6 +15,7 @@ use drivers::status::{DeviceStatuses, Loss};
 use drivers::supervisor::Reading;
 use drivers::{Drivers, StartError};
 use measurement::drops::{DropCounts, DropReason};
+use measurement::joint_goal::JointGoal;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{GeodeticFix, ImuSample, Measurement, MeasurementData, Stream, StreamId};
@@ -38,7 +39,7 @@ pub(in crate::runtime) type EncoderInput = std::convert::Infallible;
 
 pub(in crate::runtime) struct DeviceSource {
     /// They end with it.
-    _drivers: Drivers,
+    drivers: Drivers,
     statuses: DeviceStatuses,
     readings: Receiver<Reading>,
     streams: Vec<Stream>,
@@ -70,7 +71,7 @@ impl DeviceSource {
         let wall_ns = i64::try_from(clock::seconds_since_1970()).unwrap_or(0) * 1_000_000_000;
         Ok(Self {
             statuses: drivers.statuses().clone(),
-            _drivers: drivers,
+            drivers,
             readings,
             streams,
             selection,
@@ -80,6 +81,11 @@ impl DeviceSource {
             scans_skipped: 0,
             is_busy: false,
         })
+    }
+
+    /// Of the joints that devices turn.
+    pub(in crate::runtime) fn goals(&self) -> &[JointGoal] {
+        self.drivers.goals()
     }
 
     pub(in crate::runtime) const fn statuses(&self) -> &DeviceStatuses {

@@ -89,7 +89,7 @@ impl Devices {
             boat_laser: is_boat.then(|| Fed::new(Emulator::on_tcp(LdLrs::default()))),
             sonar: is_boat.then(sonar),
             receiver: is_boat.then(|| Fed::new(Emulator::on_serial(receiver))),
-            servo: vehicle.laser.tilt.map(servo),
+            servo: vehicle.laser.tilt.clone().map(servo),
             asked_s: Arc::default(),
         }
     }

@@ -119,7 +119,7 @@ impl Vehicle {
 
     /// The servo that tilts its laser.
     fn tilt(&self) -> Option<TiltServo> {
-        self.world.simulated_vehicle().laser.tilt
+        self.world.simulated_vehicle().laser.tilt.clone()
     }
 
     /// Its velocity at these powers of the left and the right motor.
