@@ -58,7 +58,7 @@ impl Default for ShoreConfig {
             enabled: false,
             rule: ShoreRule::Density,
             dense_from_per_m2: 20.0,
-            solid_from_per_m2: 50.0,
+            solid_from_per_m2: 46.0,
             intra_threshold: 0.20,
             inter_threshold: 0.39,
             cluster_m: 3.0,
@@ -74,7 +74,11 @@ impl Default for ShoreConfig {
 const SURFACE_SHARE: f64 = 0.3;
 
 /// Share of the parts of a cluster below which it is not seen through. Beams pass the ends of a wall.
-const OPEN_MIN: f64 = 0.5;
+const OPEN_MIN: f64 = 0.4;
+
+/// So dense, the same share must be greater: patches that are denser still are not all met.
+const CROWDED_FROM_PER_M2: f64 = 40.0;
+const CROWDED_OPEN_MIN: f64 = 0.65;
 
 /// Hits higher than any cane on a tile from which on there is a tree among them.
 const TREE_HITS: u32 = 10;
@@ -95,7 +99,12 @@ impl ShoreConfig {
     pub(crate) fn class_of_densest(&self, densest: Densest) -> ShoreClass {
         let is_rigid = densest.smooth >= SURFACE_SHARE || densest.tall >= TREE_HITS;
         // What cannot be seen through may hide a wall.
-        if is_rigid || densest.open < OPEN_MIN || densest.stems_per_m2 >= self.solid_from_per_m2 {
+        let is_closed = if densest.stems_per_m2 >= CROWDED_FROM_PER_M2 {
+            densest.open < CROWDED_OPEN_MIN
+        } else {
+            densest.open < OPEN_MIN
+        };
+        if is_rigid || is_closed || densest.stems_per_m2 >= self.solid_from_per_m2 {
             ShoreClass::Solid
         } else if densest.stems_per_m2 >= self.dense_from_per_m2 {
             ShoreClass::Dense
@@ -330,13 +339,15 @@ mod tests {
         use ShoreClass::{Dense, Solid, Sparse};
         let config = ShoreConfig::default();
         for (stems_per_m2, smooth, tall, open, class) in [
-            (19.9, 0.29, 9, 0.5, Sparse),
+            (19.9, 0.29, 9, 0.4, Sparse),
             (20.0, 0.0, 0, 1.0, Dense),
-            (49.9, 0.0, 0, 1.0, Dense),
-            (50.0, 0.0, 0, 1.0, Solid),
+            (39.9, 0.0, 0, 0.4, Dense),
+            (40.0, 0.0, 0, 0.64, Solid),
+            (45.9, 0.0, 0, 0.65, Dense),
+            (46.0, 0.0, 0, 1.0, Solid),
             (5.0, 0.3, 0, 1.0, Solid),
             (5.0, 0.0, 10, 1.0, Solid),
-            (5.0, 0.0, 0, 0.49, Solid),
+            (5.0, 0.0, 0, 0.39, Solid),
         ] {
             let densest = Densest {
                 stems_per_m2,
