@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 /// servos drive between two set points. The sweeps of its sensor lie evenly apart but near the ends, where a
 /// sinusoid would crowd most of them; and unlike a triangle's its rate does not jump.
 ///
-/// Once it was turned to an angle ([`TiltServo::turn_to`]) it stays there; it turns at the even rate.
+/// Once it was turned to an angle it stays there; it turns at the even rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TiltServo {
     /// Its name in `/joint_states`.
