@@ -7,7 +7,6 @@ use std::sync::mpsc::SyncSender;
 use std::{os::fd::OwnedFd, sync::Arc};
 
 use measurement::StreamId;
-use measurement::joint_goal::JointGoal;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{mpsc, watch};
 
@@ -17,6 +16,7 @@ use crate::dynamixel::Dynamixel;
 use crate::hokuyo::Hokuyo;
 use crate::imagenex::Imagenex852;
 use crate::imagenex_deltat::ImagenexDeltat;
+use crate::joint_goal::JointGoal;
 use crate::nmea::Nmea;
 use crate::ntrip::Ntrip;
 use crate::ping::Ping1d;

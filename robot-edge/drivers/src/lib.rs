@@ -21,6 +21,7 @@ pub mod gnss;
 pub mod hokuyo;
 pub mod imagenex;
 pub mod imagenex_deltat;
+pub mod joint_goal;
 pub mod nmea;
 pub mod ntrip;
 pub mod ping;

@@ -4,7 +4,6 @@
 
 pub mod delay_window;
 pub mod drops;
-pub mod joint_goal;
 pub mod mount;
 pub mod pose;
 pub mod scan;

@@ -7,7 +7,6 @@ use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-use measurement::joint_goal::JointGoal;
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
@@ -196,16 +195,13 @@ impl SimulatedSource {
         Ok(self.frontier())
     }
 
-    /// Turns the servo of that joint to the goal's angle, if it has one, from [`SimulatedSource::frontier`] on.
-    pub fn turn(&mut self, goal: &JointGoal) {
-        let Some(goal_rad) = goal.angle_rad() else {
-            return;
-        };
+    /// Turns the servo of that joint to an angle, radians, from [`SimulatedSource::frontier`] on.
+    pub fn turn(&mut self, joint: &str, angle_rad: f64) {
         let at_s = self.frontier().since(START).as_secs_f64();
         let sensors = self.timetable.iter_mut().map(|(_, sensor)| sensor);
         let servos = sensors.filter_map(Sensor::servo_mut);
-        for servo in servos.filter(|servo| servo.joint == goal.joint()) {
-            servo.turn_to(at_s, goal_rad);
+        for servo in servos.filter(|servo| servo.joint == joint) {
+            servo.turn_to(at_s, angle_rad);
         }
     }
 

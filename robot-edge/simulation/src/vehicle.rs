@@ -167,7 +167,7 @@ fn holos() -> SimulatedVehicle {
     }
 }
 
-/// The Holos with its laser level on a servo that turns it from there to 55° down (\[LOD\] §6.2 wishes for one).
+/// The Holos with its laser level on a servo that turns it from there to 55° down (\[LOD\] §6.2 asks for one).
 /// Invented: a ROBOTIS XM430, 4096 steps a turn, read 50 times a second and limited to 90°/s.
 fn holos_tilt() -> SimulatedVehicle {
     let holos = holos();

@@ -69,7 +69,7 @@ pub fn run(
     Ok(if passed { Exit::Done } else { Exit::Failed })
 }
 
-/// Tells the figures of one program from those of another.
+/// Of the program that runs: figures of another one are not reused.
 fn program_digest() -> io::Result<u64> {
     let mut hasher = DefaultHasher::new();
     hasher.write(&fs::read(env::current_exe()?)?);

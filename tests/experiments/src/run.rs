@@ -12,7 +12,6 @@ use edge::config::{self, Config, Override};
 use edge::runtime::tilt_control::TiltControl;
 use edge::runtime::{self, MapEvent, Pipeline, localization_plan};
 use mapping::registered_scan::RegisteredScan;
-use measurement::joint_goal::JointGoal;
 use measurement::time::RobotDuration;
 use measurement::{Measurement, MeasurementData, Stream};
 use simulation::attitude::Attitude;
@@ -27,7 +26,7 @@ pub struct SimulatedRun {
     /// The first measurement that is not in the pipeline yet.
     next: Option<Measurement>,
     pipeline: Pipeline,
-    tilt_goal: Option<JointGoal>,
+    tilt: Option<TiltControl>,
 }
 
 /// Noise on roll, pitch and yaw of the poses themselves.
@@ -50,7 +49,7 @@ impl SimulatedRun {
         let tilt = TiltControl::new(config);
         Ok(Self {
             pipeline: pipeline(config, source.streams())?.with_tilt_control(tilt.clone()),
-            tilt_goal: tilt.map(|tilt| tilt.goal().clone()),
+            tilt,
             next: source.next_measurement(),
             source,
             attitude_noise: None,
@@ -103,8 +102,10 @@ impl SimulatedRun {
             for scan in self.pipeline.push(measurement)? {
                 mapped(&self.pipeline, &scan);
             }
-            if let Some(goal) = &self.tilt_goal {
-                self.source.turn(goal);
+            if let Some(goal) = self.tilt.as_ref().map(TiltControl::goal)
+                && let Some(angle_rad) = goal.angle_rad()
+            {
+                self.source.turn(goal.joint(), angle_rad);
             }
             self.next = self.source.next_measurement();
             if let (Some(noise), Some(next)) = (&mut self.attitude_noise, &mut self.next) {

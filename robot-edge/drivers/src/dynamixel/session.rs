@@ -4,11 +4,11 @@
 use std::time::Duration;
 
 use measurement::MeasurementData;
-use measurement::joint_goal::JointGoal;
 
 use super::{AX_12A, DynamixelDecoder, MX_28, Model, Status, X_SERIES};
 use crate::config::{DeviceConfig, Servo};
 use crate::device::{Device, Event, Sample, Step};
+use crate::joint_goal::JointGoal;
 
 const RATE_HZ: f64 = 50.0;
 /// A servo under load stops a little before its goal.

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use drivers::joint_goal::JointGoal;
 use drivers::status::DeviceStatuses;
 use protocol::keys::RobotId;
 
@@ -27,7 +28,6 @@ use crate::exit::{Exit, UsageError};
 use crate::pacer::Rate;
 use crate::ros2::{RosEndpoint, RosLink};
 use crate::summary::Event;
-use measurement::joint_goal::JointGoal;
 use recording::ros::middleware::MAX_DOMAIN;
 
 /// The router of `rmw_zenoh` on this machine.

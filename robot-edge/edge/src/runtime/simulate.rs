@@ -20,10 +20,10 @@ use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::summary::Event;
 use crate::survey::range_sensors::assign_streams;
+use drivers::joint_goal::JointGoal;
 use localization::PoseSource;
 use localization::registration::{MountOrigin, PoseOrigin, PoseStreams};
 use mapping::registered_scan::ScanKind;
-use measurement::joint_goal::JointGoal;
 use measurement::{Stream, StreamId};
 use recording::time_sequencer::Ordered;
 use recording::{Position, RecordingError};
@@ -271,8 +271,10 @@ impl SimulatedRun {
 impl Source for SimulatedRun {
     fn next(&mut self) -> Result<Option<SourceItem>, RecordingError> {
         self.drive();
-        if let Some(goal) = &self.tilt_goal {
-            self.source.turn(goal);
+        if let Some(goal) = &self.tilt_goal
+            && let Some(angle_rad) = goal.angle_rad()
+        {
+            self.source.turn(goal.joint(), angle_rad);
         }
         Ok(self.source.next_measurement().map(|measurement| {
             if measurement.is_static_transform() {

@@ -1,10 +1,10 @@
 //! Turns the servo of a laser to where the obstacle map knows nothing ahead.
 
 use crate::config::Config;
+use drivers::joint_goal::JointGoal;
 use mapping::Mapper;
 use mapping::registered_scan::{RegisteredScan, SensorId};
 use mapping::tilt_search::TiltSearch;
-use measurement::joint_goal::JointGoal;
 
 #[derive(Clone, Debug)]
 pub struct TiltControl {

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use measurement::joint_goal::JointGoal;
 use measurement::pose;
 use measurement::scan::Scan;
 use measurement::{GeodeticFix, ImuSample};
@@ -460,21 +459,19 @@ fn a_servo_turns_to_the_goal_of_its_joint_from_what_was_measured_on() {
     let text = BUMP.replacen("vehicle = \"holos\"", "vehicle = \"holos-tilt\"", 1);
     let text = text + "[[solids]]\nshape = \"plane\"\n";
     let mut source = SimulatedSource::new(&world_of(&text, &[]), seeded(0)).unwrap();
-    let goal = JointGoal::new("laser_tilt_joint");
-    source.turn(&goal); // None yet: to and fro.
+    let joint = "laser_tilt_joint";
     let mut angles_rad = Vec::new();
     let (mut turned_at, mut ahead_m) = (None, f32::NAN);
     while let Some(measurement) = source.next_measurement() {
         match &measurement.data {
-            MeasurementData::Joints(joints) if joints[0].0 == goal.joint() => {
+            MeasurementData::Joints(joints) if joints[0].0 == joint => {
                 angles_rad.push((seconds(&measurement), joints[0].1));
             }
             MeasurementData::Scan { scan, .. } => ahead_m = scan.ranges_m[240],
             _ => {}
         }
         if seconds(&measurement) > 0.5 && turned_at.is_none() {
-            goal.set(0.4);
-            source.turn(&goal);
+            source.turn(joint, 0.4);
             turned_at = Some(source.frontier().since(START).as_secs_f64());
         }
         if seconds(&measurement) > 2.0 {
