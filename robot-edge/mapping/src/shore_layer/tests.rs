@@ -40,24 +40,29 @@ fn posts(octree: &mut Octree, xs_m: &[f64], rigid_from_m: f64) {
     }
 }
 
-#[test]
-fn a_shore_that_the_boat_leaves_stays_what_it_was() {
+fn empty_maps() -> (Octree, CostMap) {
     let octree = OctreeConfig {
         enabled: true,
         cell_m: CELL_M,
         ..OctreeConfig::default()
     };
-    let mut octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
-    // 18 m, the last third of which is rigid: ρ = 1/3 of the whole, 1 of its end.
-    let xs_m: Vec<f64> = (0..20).map(|n| 0.15 + 0.9 * f64::from(n)).collect();
-    posts(&mut octree, &xs_m, 12.0);
+    let octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
     let config = CostConfig {
         enabled: true,
         box_m: 40.0,
         surface: Surface::Water,
         ..CostConfig::default()
     };
-    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
+    let costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
+    (octree, costs)
+}
+
+#[test]
+fn a_shore_that_the_boat_leaves_stays_what_it_was() {
+    let (mut octree, mut costs) = empty_maps();
+    // 18 m, the last third of which is rigid: ρ = 1/3 of the whole, 1 of its end.
+    let xs_m: Vec<f64> = (0..20).map(|n| 0.15 + 0.9 * f64::from(n)).collect();
+    posts(&mut octree, &xs_m, 12.0);
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     let mut update = |x: f64| {
         costs.update(&mut octree, Point3::new(x, 0.0, 0.0));
@@ -77,12 +82,7 @@ fn a_shore_that_the_boat_leaves_stays_what_it_was() {
 /// Docking sites beside a boat over a bed of height `bed_m(x, y)`, metres, observed from above;
 /// `None` is too deep.
 fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
-    let octree = OctreeConfig {
-        enabled: true,
-        cell_m: CELL_M,
-        ..OctreeConfig::default()
-    };
-    let mut octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
+    let (mut octree, mut costs) = empty_maps();
     let middles = |from: i32, to: i32| (from..to).map(|n| (f64::from(n) + 0.5) * CELL_M);
     let places = middles(-40, 60).flat_map(|x| middles(-30, 30).map(move |y| (x, y)));
     let seen = places.map(|(x, y)| (Point3::new(x, y, 1.9), bed_m(x, y)));
@@ -104,13 +104,6 @@ fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
             octree.add_surface(&hit, [0.3; 2]);
         }
     }
-    let config = CostConfig {
-        enabled: true,
-        box_m: 40.0,
-        surface: Surface::Water,
-        ..CostConfig::default()
-    };
-    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     // The water level is in the middle of its voxels.
     costs.update(&mut octree, Point3::new(0.0, 0.0, 0.5 * CELL_M));
@@ -183,19 +176,7 @@ fn near_the_boat_canes_beside_a_trunk_give_way() {
 
 #[test]
 fn a_site_in_vegetation_stays_while_the_boat_is_near_one_of_its_cells() {
-    let octree = OctreeConfig {
-        enabled: true,
-        cell_m: CELL_M,
-        ..OctreeConfig::default()
-    };
-    let mut octree = Octree::new(&octree, &[RangeSensorModel::default()], 1);
-    let config = CostConfig {
-        enabled: true,
-        box_m: 40.0,
-        surface: Surface::Water,
-        ..CostConfig::default()
-    };
-    let mut costs = CostMap::new(&config, &RigidityConfig::default(), BOAT, (CELL_M, true), 1);
+    let (mut octree, mut costs) = empty_maps();
     costs.update(&mut octree, Point3::origin());
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
     let cell = CellIndex { x: 20, y: 0 };
