@@ -125,9 +125,7 @@ impl TiltSearch {
         let ground_m = |angle_deg: f64| {
             self.sensor_x_m + self.sensor_height_m / libm::tan(angle_deg.to_radians())
         };
-        let nearest_m = ground_m(self.config.lowest_deg)
-            .max(self.front_m)
-            .max(from_m);
+        let nearest_m = ground_m(self.config.lowest_deg).max(from_m);
         let rows = libm::floor((ground_m(self.config.rest_deg) - nearest_m) / cell_m);
         let columns = libm::ceil(2.0 * self.half_width_m / cell_m) as u32;
         let class = |at_m: f64, column: u32| {
@@ -193,14 +191,20 @@ mod tests {
         search: TiltSearch,
         odom_from_base: Pose,
         wall_m: f64,
+        /// Where the ground gives no echo, metres ahead.
+        black_m: std::ops::Range<f64>,
         angle_rad: f64,
         scans: i64,
     }
 
     impl Rig {
         fn new() -> Self {
+            Self::of_length(1.0)
+        }
+
+        fn of_length(length_m: f64) -> Self {
             let vehicle = VehicleConfig {
-                length_m: 1.0,
+                length_m,
                 width_m: 0.6,
                 ..VehicleConfig::default()
             };
@@ -209,6 +213,7 @@ mod tests {
                 search: TiltSearch::new(CONFIG, Vector3::new(0.0, 0.0, 1.0), &vehicle),
                 odom_from_base: planar(3.0, 1.0, 2.0),
                 wall_m: f64::INFINITY,
+                black_m: 0.0..0.0,
                 angle_rad: CONFIG.rest_deg.to_radians(),
                 scans: 0,
             }
@@ -223,7 +228,11 @@ mod tests {
                 origin_in_odom: self.odom_from_base * Point3::new(0.0, 0.0, 1.0),
                 end_in_odom: self.odom_from_base
                     * Point3::new(end_m, 0.025 * f64::from(index) - 1.0, height_m),
-                outcome: BeamOutcome::Hit,
+                outcome: if self.black_m.contains(&end_m) {
+                    BeamOutcome::Miss
+                } else {
+                    BeamOutcome::Hit
+                },
                 index,
                 range_m: end_m as f32,
             });
@@ -290,6 +299,33 @@ mod tests {
         let nearest_m = (0..60).map(|_| rig.scan()).fold(f64::INFINITY, f64::min);
         assert!((nearest_m - 1.0).abs() < 0.01, "{nearest_m}");
         assert_eq!(rig.class(2.0, 0.0), CellClass::Free);
+    }
+
+    #[test]
+    fn it_begins_at_the_vehicles_front() {
+        let nearest_m = |length_m| {
+            let looks = Rig::of_length(length_m).run(60);
+            looks.into_iter().fold(f64::INFINITY, f64::min)
+        };
+        // Its lowest angle meets the ground 1 m ahead.
+        assert!((nearest_m(1.9) - 1.0).abs() < 0.01, "{}", nearest_m(1.9));
+        assert!((nearest_m(4.0) - 2.0).abs() < 0.01, "{}", nearest_m(4.0));
+    }
+
+    #[test]
+    fn it_goes_on_past_what_stays_unknown_and_looks_there_again() {
+        let mut rig = Rig::new();
+        rig.black_m = 1.9..2.7;
+        let looks = rig.run(120);
+        assert_eq!(rig.class(2.3, 0.0), CellClass::Unknown);
+        assert_eq!(rig.class(4.0, 0.0), CellClass::Free);
+        let looks_there = |looks: &[f64]| looks.iter().any(|at_m| rig.black_m.contains(at_m));
+        assert!(
+            looks_there(&looks[..60]) && looks_there(&looks[60..]),
+            "{looks:?}"
+        );
+        let rests = looks.iter().filter(|at_m| is_at_rest(**at_m)).count();
+        assert!(rests > 30, "{rests}");
     }
 
     #[test]
