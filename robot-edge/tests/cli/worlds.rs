@@ -273,7 +273,7 @@ fn senseless_settings_are_refused() {
             "mapping.obstacle.least_width_m=0.04 --set mapping.obstacle.rule=mean",
             "or \"points\" in mapping.obstacle.rule",
         ),
-        ("lake", "mapping.shore.dense_from_per_m2=60", "0 to 50"),
+        ("lake", "mapping.shore.dense_from_per_m2=60", "0 to 46"),
         (
             "yard",
             "teleop.collision_monitor.min_depth_m=0.5",

@@ -375,7 +375,7 @@ const SENSOR_RULES: &[Rule] = &[
 
 const POSES_FARTHER_AWAY: &str = "poses farther away than that say nothing about a beam";
 const PITCH: &str = "angles are degrees of pitch that a vehicle reaches";
-const SPARSE_BEFORE_SOLID: &str = "it is a share of rigid voxels, and Sparse comes before Solid";
+const SPARSE_BEFORE_SOLID: &str = "Sparse comes before Dense, and Dense before Solid";
 
 impl Allowed {
     fn contains(self, value: f64) -> bool {
