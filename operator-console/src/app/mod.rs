@@ -203,6 +203,8 @@ impl eframe::App for ConsoleApp {
             ctx.request_repaint_after(3 * KEEP_PERIOD);
         }
         if let Some(screenshot) = &mut self.screenshot {
+            let map_view = self.screen.map_view_mut();
+            map_view.hurry_checks(screenshot.is_due(now));
             screenshot.step(ctx, self.drawn, now);
         }
     }

@@ -37,6 +37,10 @@ impl Screenshot {
         }
     }
 
+    pub(super) fn is_due(&self, now: Monotonic) -> bool {
+        now >= self.due
+    }
+
     /// Must be called every frame, with the time of the last one that showed all of the map.
     pub(super) fn step(&mut self, ctx: &Context, drawn: Monotonic, now: Monotonic) {
         if let Some(asked) = self.asked {

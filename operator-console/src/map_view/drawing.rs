@@ -145,11 +145,14 @@ impl MapView {
         if self.is_behind {
             ctx.request_repaint();
         }
-        if let Some(number) = self.texture_check.next(now)
-            && let Some(sample) = self.layers.sample(stack, store, number)
-        {
-            painter.add(self.texture_check.request(sample, view.screen));
+        if let Some(number) = self.texture_check.next(now) {
+            match self.layers.sample(stack, store, number) {
+                Some(sample) => drop(painter.add(self.texture_check.request(sample, view.screen))),
+                None if self.is_behind => {}
+                None => self.texture_check.pass(),
+            }
         }
+        self.texture_check.round = self.layers.chunks_to_check(stack, store);
         self.layers.paint(painter, stack, store, view);
     }
 

@@ -288,6 +288,16 @@ impl MapLayers {
         })?
     }
 
+    /// After so many samples with consecutive numbers there was one of each visible chunk.
+    pub(super) fn chunks_to_check(&self, stack: &LayerStack, store: &TileStore) -> u64 {
+        let shown = Self::shown(stack, store);
+        let chunks = shown.iter().filter_map(|(held, _)| {
+            let held = self.layers.get(&held.layer)?;
+            Some(held.textures.visible_chunks())
+        });
+        (shown.len() * chunks.max().unwrap_or_default()) as u64
+    }
+
     /// Drops a chunk whose texture is not what was uploaded. Returns whether it had this one.
     pub(super) fn drop_chunk(&mut self, layer: LayerId, key: ChunkKey, texture: TextureId) -> bool {
         let held = self.layers.get_mut(&layer);

@@ -142,8 +142,14 @@ impl MapView {
         self.texture_check.take_report(now)
     }
 
+    /// Whether the last frame showed all of the map, compared with the map.
     pub const fn is_up_to_date(&self) -> bool {
-        !self.is_behind
+        !self.is_behind && self.texture_check.is_round_equal()
+    }
+
+    /// A picture waits until the map is up to date, so it is compared in each frame.
+    pub const fn hurry_checks(&mut self, is_hurried: bool) {
+        self.texture_check.is_hurried = is_hurried;
     }
 
     pub const fn place(&self) -> Rect {

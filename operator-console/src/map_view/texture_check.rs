@@ -18,6 +18,9 @@ const PERIOD: Duration = Duration::from_millis(250);
 /// From one report of repairs to the next.
 const REPORT_PERIOD: Duration = Duration::from_mins(1);
 
+/// After so many textures in a row that cannot be read, the graphics driver can read none.
+const UNREADABLE_LIMIT: u32 = 16;
+
 /// What a tile of a chunk must look like.
 pub(super) struct Sample {
     pub(super) layer: LayerId,
@@ -33,18 +36,25 @@ enum Reading {
     Equal,
     /// The texture is missing or has other texels.
     Different,
-    /// The graphics driver cannot read textures.
+    /// The texture never got its size, as its first upload was lost, or the graphics driver cannot read textures.
     Unreadable,
 }
 
 #[derive(Default)]
 pub(super) struct TextureCheck {
     due: Monotonic,
+    /// For a picture that waits for its checks: a check in each frame.
+    pub(super) is_hurried: bool,
     /// Checks so far.
     number: u64,
+    /// Checks since the last one that found a difference.
+    equal: u64,
+    /// The checks after which each visible chunk was compared.
+    pub(super) round: u64,
     asked: Option<(LayerId, ChunkKey, TextureId)>,
     reading: Arc<Mutex<Option<Reading>>>,
-    is_unreadable: bool,
+    /// In a row.
+    unreadable: u32,
     /// Chunks that were drawn again, as their textures were not what was uploaded.
     pub(super) repairs: u64,
     reported: u64,
@@ -54,7 +64,7 @@ pub(super) struct TextureCheck {
 impl TextureCheck {
     /// The number of the check that is due.
     pub(super) fn next(&mut self, now: Monotonic) -> Option<u64> {
-        if self.is_unreadable || now < self.due {
+        if self.is_unreadable() || now < self.due && !self.is_hurried {
             return None;
         }
         self.due = now + PERIOD;
@@ -95,6 +105,16 @@ impl TextureCheck {
         .into()
     }
 
+    /// Must be called if there is nothing to compare in the check that is due.
+    pub(super) const fn pass(&mut self) {
+        self.equal += 1;
+    }
+
+    /// Whether each visible chunk was compared since the last difference.
+    pub(super) const fn is_round_equal(&self) -> bool {
+        self.is_unreadable() || self.equal >= self.round
+    }
+
     /// All repairs so far, if there are new ones to report.
     pub(super) fn take_report(&mut self, now: Monotonic) -> Option<u64> {
         if self.repairs == self.reported || now < self.report_due {
@@ -109,13 +129,22 @@ impl TextureCheck {
     pub(super) fn take_different(&mut self) -> Option<(LayerId, ChunkKey, TextureId)> {
         let reading = lock(&self.reading).take()?;
         let asked = self.asked.take();
-        if reading == Reading::Unreadable && !self.is_unreadable {
-            self.is_unreadable = true;
+        self.unreadable = match reading {
+            Reading::Unreadable => self.unreadable + 1,
+            Reading::Equal | Reading::Different => 0,
+        };
+        if self.is_unreadable() {
             tracing::warn!(
                 "The graphics driver cannot read textures: the picture of the map is not checked"
             );
         }
-        asked.filter(|_| reading == Reading::Different)
+        let is_equal = reading == Reading::Equal;
+        self.equal = if is_equal { self.equal + 1 } else { 0 };
+        asked.filter(|_| !is_equal)
+    }
+
+    const fn is_unreadable(&self) -> bool {
+        self.unreadable >= UNREADABLE_LIMIT
     }
 }
 

@@ -210,6 +210,10 @@ impl TileTextures {
         })
     }
 
+    pub(super) fn visible_chunks(&self) -> usize {
+        self.visible.len()
+    }
+
     /// Drops a chunk whose texture is not what was uploaded. Returns whether it had this one.
     pub(super) fn drop_chunk(&mut self, key: ChunkKey, texture: TextureId) -> bool {
         let is_it = self
