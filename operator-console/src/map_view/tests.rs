@@ -305,7 +305,7 @@ fn a_new_view_draws_all_tiles_of_the_model() {
 fn an_unchanged_map_requests_no_repaint() {
     let mut window = window();
     window.run_steps(5);
-    assert!(window.state().view.is_up_to_date());
+    assert!(!window.state().view.is_behind);
     let outputs = &window.output().viewport_output;
     let delay = outputs.values().map(|output| output.repaint_delay).min();
     assert!(delay.unwrap() >= Duration::from_secs(1), "{delay:?}");

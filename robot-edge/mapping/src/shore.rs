@@ -95,6 +95,15 @@ impl ShoreConfig {
         }
     }
 
+    /// Class of a whole cluster. What is Solid by its share of rigid voxels has patches in which stems are not distinguished.
+    pub(crate) fn class(&self, ratio: f64, densest: Option<Densest>) -> ShoreClass {
+        let by_ratio = self.class_of_ratio(ratio);
+        match densest {
+            Some(densest) if by_ratio != ShoreClass::Solid => self.class_of_densest(densest),
+            _ => by_ratio,
+        }
+    }
+
     /// Class by what a hull meets where it is densest.
     pub(crate) fn class_of_densest(&self, densest: Densest) -> ShoreClass {
         let is_rigid = densest.smooth >= SURFACE_SHARE || densest.tall >= TREE_HITS;
@@ -338,16 +347,17 @@ mod tests {
     fn density_makes_the_class_of_what_is_seen_through_and_neither_surface_nor_tree() {
         use ShoreClass::{Dense, Solid, Sparse};
         let config = ShoreConfig::default();
-        for (stems_per_m2, smooth, tall, open, class) in [
-            (19.9, 0.29, 9, 0.4, Sparse),
-            (20.0, 0.0, 0, 1.0, Dense),
-            (39.9, 0.0, 0, 0.4, Dense),
-            (40.0, 0.0, 0, 0.64, Solid),
-            (45.9, 0.0, 0, 0.65, Dense),
-            (46.0, 0.0, 0, 1.0, Solid),
-            (5.0, 0.3, 0, 1.0, Solid),
-            (5.0, 0.0, 10, 1.0, Solid),
-            (5.0, 0.0, 0, 0.39, Solid),
+        for (stems_per_m2, smooth, tall, open, ratio, class) in [
+            (19.9, 0.29, 9, 0.4, 0.68, Sparse),
+            (20.0, 0.0, 0, 1.0, 0.0, Dense),
+            (39.9, 0.0, 0, 0.4, 0.0, Dense),
+            (40.0, 0.0, 0, 0.64, 0.0, Solid),
+            (45.9, 0.0, 0, 0.65, 0.68, Dense),
+            (46.0, 0.0, 0, 1.0, 0.0, Solid),
+            (5.0, 0.3, 0, 1.0, 0.0, Solid),
+            (5.0, 0.0, 10, 1.0, 0.0, Solid),
+            (5.0, 0.0, 0, 0.39, 0.0, Solid),
+            (5.0, 0.0, 0, 1.0, 0.69, Solid),
         ] {
             let densest = Densest {
                 stems_per_m2,
@@ -355,7 +365,7 @@ mod tests {
                 tall,
                 open,
             };
-            assert_eq!(config.class_of_densest(densest), class, "{densest:?}");
+            assert_eq!(config.class(ratio, Some(densest)), class, "{densest:?} {ratio}");
         }
     }
 

@@ -104,14 +104,6 @@ impl ShoreLayer {
         }
     }
 
-    /// Gives a cluster the class that its stems have, if they were measured.
-    fn classify(&self, cluster: &mut ShoreCluster) {
-        cluster.densest = self.stems.densest(&cluster.columns);
-        if let Some(densest) = cluster.densest {
-            cluster.class = self.config.class_of_densest(densest);
-        }
-    }
-
     /// The part of a Solid cluster near the boat that gives way: no tile that is Solid by itself is in
     /// it, nor beside it.
     fn passable_part(&self, cluster: &ShoreCluster, boat_m: Point2<f64>) -> Option<ShoreCluster> {
@@ -138,8 +130,9 @@ impl ShoreLayer {
             });
             is_near && !beside.any(&mut is_solid)
         });
-        self.classify(&mut part);
-        (part.densest.is_some() && part.class != ShoreClass::Solid).then_some(part)
+        part.densest = self.stems.densest(&part.columns);
+        part.class = self.config.class_of_densest(part.densest?);
+        (part.class != ShoreClass::Solid).then_some(part)
     }
 
     /// Updates the layer from the cost map and the octree, with the boat's middle at that place of
@@ -157,7 +150,8 @@ impl ShoreLayer {
         unlabelled.dedup();
         let mut found = self.find_shores(obstacles, is_inside);
         for cluster in &mut found.clusters {
-            self.classify(cluster);
+            cluster.densest = self.stems.densest(&cluster.columns);
+            cluster.class = self.config.class(cluster.ratio, cluster.densest);
         }
         // Tiles that the window has left are kept as long as voxels of their clusters are.
         let columns = self.voxels.iter().map(|obstacle| obstacle.voxel.column());
