@@ -2,6 +2,7 @@
 
 #![warn(missing_docs)]
 
+pub mod cloud;
 pub mod delay_window;
 pub mod drops;
 pub mod mount;
