@@ -227,7 +227,9 @@ fn fault_text(status: &SensorStatus, fault: SensorFault, since_update: Duration)
 /// that ultrasound feeds obstacles only.
 const fn feeds(kind: SensorKind, layer: LayerId) -> bool {
     match kind {
-        SensorKind::PlanarLaser | SensorKind::TiltingLaser => !matches!(layer, LayerId::Depth),
+        SensorKind::PlanarLaser | SensorKind::TiltingLaser | SensorKind::Lidar => {
+            !matches!(layer, LayerId::Depth)
+        }
         SensorKind::Sonar => !matches!(layer, LayerId::Rigidity | LayerId::Intra | LayerId::Inter),
         SensorKind::Ultrasonic => matches!(layer, LayerId::Obstacle),
         _ => false,

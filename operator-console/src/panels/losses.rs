@@ -70,6 +70,7 @@ fn hint(name: &str) -> Option<&'static str> {
             "Beams with an invalid range, or shorter than the sensor can measure. They are not mapped."
         }
         "own body" => "Beams that hit the vehicle itself. They are not mapped.",
+        "thinned" => "Points of a cloud beside others, thinned as configured. They are not mapped.",
         "out of bounds" | "outside window" => {
             "Points farther away than the map reaches. They are not mapped."
         }
@@ -121,6 +122,7 @@ mod tests {
             (DropReason::Isolated, "Single points"),
             (DropReason::InvalidRange, "shorter than the sensor"),
             (DropReason::OwnBody, "the vehicle itself"),
+            (DropReason::Thinned, "thinned as configured"),
             (DropReason::AfterLastPose, "newer than the newest position"),
         ] {
             let (name, _) = super::rows([(reason.as_str(), 1)].into_iter()).remove(0);

@@ -230,6 +230,7 @@ pub const fn kind_label(kind: SensorKind) -> &'static str {
         SensorKind::TiltEncoder => "Tilt encoder",
         SensorKind::Ultrasonic => "Ultrasonic",
         SensorKind::Bumper => "Bumper",
+        SensorKind::Lidar => "Lidar",
     }
 }
 

@@ -247,6 +247,8 @@ pub enum SensorKind {
     Ultrasonic,
     /// A bumper.
     Bumper,
+    /// A three-dimensional lidar.
+    Lidar,
 }
 
 /// Mounting of a sensor in `base_link`.

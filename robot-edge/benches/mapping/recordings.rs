@@ -146,6 +146,7 @@ impl Prepared {
                     range_max_m: scans.inferred_miss_range_m(),
                     zero_range: ZeroRange::Invalid,
                     time_offset: RobotDuration::ZERO,
+                    thin_m: 0.0,
                     base_from_sensor: Pose::identity(),
                 },
                 mount: MountOrigin::Tree,

@@ -207,9 +207,9 @@ mod tests {
         let mut decoder = VelodyneDecoder::default();
         let mut packets = Vec::new();
         for message in messages {
-            decoder.push(&message.unwrap());
-            while let Some(packet) = decoder.next_message() {
-                packets.push(packet);
+            for bytes in message.unwrap().chunks(PACKET) {
+                decoder.push(bytes);
+                packets.extend(std::iter::from_fn(|| decoder.next_message()));
             }
         }
         Some(packets)
@@ -278,7 +278,7 @@ mod tests {
                 let pair = (f64::from(after_s) / (FIRINGS as f64 * FIRING_S)) as usize;
                 let turned = |pair: usize| {
                     let by = f64::from(packet.blocks[2 * pair].azimuth) / 100.0 - found.azimuth_deg;
-                    let (sin, cos) = (-by.to_radians()).sin_cos();
+                    let (sin, cos) = libm::sincos(-by.to_radians());
                     let [x, y, z] = position_m.map(f64::from);
                     [cos * x - sin * y, sin * x + cos * y, z].map(|metres| metres as f32)
                 };

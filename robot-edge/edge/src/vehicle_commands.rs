@@ -88,6 +88,7 @@ fn write_essentials(config: &Config, out: &mut dyn Write) -> io::Result<()> {
 fn sensor_essentials(sensor: &SensorConfig) -> String {
     match sensor {
         SensorConfig::LaserScan(sensor)
+        | SensorConfig::Lidar(sensor)
         | SensorConfig::Sonar(sensor)
         | SensorConfig::Ultrasonic(sensor) => {
             let range = |range_m: Option<f64>| {
@@ -103,7 +104,7 @@ fn sensor_essentials(sensor: &SensorConfig) -> String {
         }
         SensorConfig::Bumper(sensor) => match sensor.scan_kind {
             ScanKind::Contact { width_m } => format!("{width_m} m wide"),
-            ScanKind::Beams | ScanKind::Arc => String::new(),
+            ScanKind::Beams | ScanKind::Cloud | ScanKind::Arc => String::new(),
         },
         SensorConfig::WheelEncoders(encoders) => format!(
             "joints {} and {}, wheels of radius {} m",

@@ -32,6 +32,7 @@ fn main() -> Result<(), DropReason> {
         range_max_m: None,
         zero_range: ZeroRange::Invalid,
         time_offset: RobotDuration::ZERO,
+        thin_m: 0.0,
         base_from_sensor: planar(0.0, 0.0, 0.0),
     };
     let body = BodyBox {

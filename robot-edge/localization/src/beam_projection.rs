@@ -1,12 +1,18 @@
-//! Projects the beams of a scan to `odom`, each with the sensor's pose at its own time
+//! Projects the beams of a scan and the points of a cloud to `odom`, each with the sensor's pose at its own time
 //! (docs/methods.md, section 0).
 
+use std::collections::HashSet;
+
 use mapping::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId};
+use measurement::cloud::Cloud;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::{Point3, Vector3};
+use rustc_hash::FxBuildHasher;
+
+use crate::cloud_projection::{BeamNumbers, PoseCache, registered_beam};
 
 /// Settings of one range sensor.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +29,8 @@ pub struct SensorSettings {
     pub zero_range: ZeroRange,
     /// Added to the sensor's stamps, to compensate its latency.
     pub time_offset: RobotDuration,
+    /// Of the points of a cloud in a cube of this side, metres, one is kept; 0 keeps all.
+    pub thin_m: f64,
     /// Mounting, for pose sources without one.
     pub base_from_sensor: Pose,
 }
@@ -81,6 +89,7 @@ pub struct BeamProjector {
     sensor: SensorSettings,
     body: BodyBox,
     fan: BeamFan,
+    numbers: BeamNumbers,
     beams_in: u64,
     dropped_beams: DropCounts,
 }
@@ -93,6 +102,7 @@ impl BeamProjector {
             sensor,
             body,
             fan,
+            numbers: BeamNumbers::default(),
             beams_in: 0,
             dropped_beams: DropCounts::default(),
         }
@@ -120,7 +130,8 @@ impl BeamProjector {
         if self.sensor.kind != ScanKind::Beams {
             let beams = hits(self.sensor.kind, scan, &rule, directions, &odom_from_sensor)
                 .ok_or(DropReason::InvalidRange)?;
-            return Ok(self.registered(scan, first_beam, odom_from_base, (beams, 0)));
+            let step_rad = scan.angle_increment_rad.abs().into();
+            return Ok(self.registered(step_rad, first_beam, odom_from_base, (beams, 0)));
         }
         let base_from_odom = odom_from_base.inverse();
         let sensor_in_base = base_from_odom * Point3::from(odom_from_sensor.translation.vector);
@@ -165,12 +176,77 @@ impl BeamProjector {
             .add_many(DropReason::InvalidRange, invalid);
         self.dropped_beams.add_many(DropReason::OwnBody, own_body);
         let own_body = own_body as u32;
-        Ok(self.registered(scan, first_beam, odom_from_base, (beams, own_body)))
+        let step_rad = scan.angle_increment_rad.abs().into();
+        Ok(self.registered(step_rad, first_beam, odom_from_base, (beams, own_body)))
+    }
+
+    /// Projects every point of a cloud with this stamp, time offset applied. Points beyond the greatest range are misses.
+    ///
+    /// # Errors
+    /// If a pose is missing; then the whole cloud is dropped.
+    pub fn project_cloud(
+        &mut self,
+        cloud: &Cloud,
+        (stamp, first_point): (RobotTime, RobotTime),
+        odom_from_base: Pose,
+        mut odom_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
+    ) -> Result<RegisteredScan, DropReason> {
+        let rule = RangeLimits {
+            range_min_m: self.sensor.range_min_m.unwrap_or(0.0),
+            range_max_m: self.sensor.range_max_m.unwrap_or(f32::INFINITY),
+            zero_range: self.sensor.zero_range,
+        };
+        self.numbers.measure(cloud);
+        let base_from_odom = odom_from_base.inverse();
+        let origin_in_odom = odom_from_sensor_at(first_point)?.translation.vector;
+        let sensor_in_base = base_from_odom * Point3::from(origin_in_odom);
+        let body = self.body.up_to_sensor(sensor_in_base.z);
+        let body_max_distance_m = body.max_distance_m(&sensor_in_base);
+        let mut poses = PoseCache::new(stamp, odom_from_sensor_at);
+        let mut cubes: HashSet<[i64; 3], FxBuildHasher> = HashSet::default();
+        let mut beams = Vec::with_capacity(cloud.points.len());
+        let (mut invalid, mut own_body, mut thinned) = (cloud.without_return.into(), 0, 0);
+        for (at, point) in cloud.points.iter().enumerate() {
+            let [x, y, z] = point.position_m;
+            let range_m = libm::sqrtf(x * x + y * y + z * z);
+            let Some(outcome) = rule.classify(range_m) else {
+                invalid += 1;
+                continue;
+            };
+            let reach_m = range_m.min(rule.range_max_m);
+            let odom_from_sensor = poses.pose_after(point.after_s)?;
+            let index = self.numbers.index(at, point);
+            let beam = registered_beam(point, &odom_from_sensor, (outcome, reach_m), index);
+            if outcome == BeamOutcome::Hit
+                && f64::from(range_m) < body_max_distance_m
+                && body.contains(&(base_from_odom * beam.end_in_odom))
+            {
+                own_body += 1;
+                continue;
+            }
+            if self.sensor.thin_m > 0.0 {
+                let cube = |metres: f64| libm::floor(metres / self.sensor.thin_m) as i64;
+                let Point3 { coords } = beam.end_in_odom;
+                if !cubes.insert([cube(coords.x), cube(coords.y), cube(coords.z)]) {
+                    thinned += 1;
+                    continue;
+                }
+            }
+            beams.push(beam);
+        }
+        beams.sort_by_key(|beam| beam.index);
+        self.beams_in += cloud.points.len() as u64 + u64::from(cloud.without_return);
+        self.dropped_beams
+            .add_many(DropReason::InvalidRange, invalid);
+        self.dropped_beams.add_many(DropReason::OwnBody, own_body);
+        self.dropped_beams.add_many(DropReason::Thinned, thinned);
+        let beams = (beams, own_body as u32);
+        Ok(self.registered(self.numbers.step_rad(), first_point, odom_from_base, beams))
     }
 
     fn registered(
         &self,
-        scan: &Scan,
+        beam_step_rad: f64,
         stamp: RobotTime,
         odom_from_base: Pose,
         (beams, own_body_hits): (Vec<RegisteredBeam>, u32),
@@ -179,7 +255,7 @@ impl BeamProjector {
             stamp,
             sensor: self.sensor.id,
             kind: self.sensor.kind,
-            beam_step_rad: f64::from(scan.angle_increment_rad.abs()),
+            beam_step_rad,
             own_body_hits,
             odom_from_base,
             beams,
@@ -218,7 +294,9 @@ fn hits(
         };
         let length_m = f64::from(range_m);
         let end_in_sensor = match kind {
-            ScanKind::Beams | ScanKind::Arc => Point3::new(length_m * cos, length_m * sin, 0.0),
+            ScanKind::Beams | ScanKind::Cloud | ScanKind::Arc => {
+                Point3::new(length_m * cos, length_m * sin, 0.0)
+            }
             ScanKind::Contact { width_m } => {
                 Point3::new(0.0, f64::from(width_m) * (beam as f64 / last - 0.5), 0.0)
             }

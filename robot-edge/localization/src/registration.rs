@@ -14,7 +14,7 @@ use crate::beam_projection::{BodyBox, SensorSettings};
 use crate::dead_reckoning::{DeadReckoning, DeadReckoningSettings, StampedPose};
 use crate::gnss_positioning::{GnssPositioning, GnssSettings};
 use crate::pose_buffer::{InterpolationLimits, PoseJump};
-use crate::registration::scan_queue::{QueuedScan, ScanQueue};
+use crate::registration::scan_queue::{QueuedScan, ScanQueue, Sweep};
 use crate::tilt::TiltSettings;
 use crate::transform_buffer::TransformBuffer;
 
@@ -99,18 +99,21 @@ impl ScanRegistration {
         match data {
             MeasurementData::Scan { scan, own_pose } => {
                 if let Some(sensor) = self.sensor_of(stream, |kind| kind == ScanKind::Beams) {
-                    self.take_scan(sensor, stamp, frame, scan, own_pose, out);
+                    let sweep = Sweep::Planar(scan);
+                    self.take_scan(sensor, stamp, frame, sweep, own_pose, out);
                 }
             }
             MeasurementData::Range(reading) => {
                 if let Some(sensor) = self.sensor_of(stream, |kind| kind == ScanKind::Arc) {
-                    self.take_scan(sensor, stamp, frame, reading.arc(), None, out);
+                    let sweep = Sweep::Planar(reading.arc());
+                    self.take_scan(sensor, stamp, frame, sweep, None, out);
                 }
             }
             MeasurementData::Bool(is_pressed) => {
                 let is_bumper = |kind| matches!(kind, ScanKind::Contact { .. });
                 if let Some(sensor) = self.sensor_of(stream, is_bumper) {
-                    self.take_scan(sensor, stamp, frame, contact(is_pressed), None, out);
+                    let sweep = Sweep::Planar(contact(is_pressed));
+                    self.take_scan(sensor, stamp, frame, sweep, None, out);
                 }
             }
             MeasurementData::Transform {
@@ -131,11 +134,15 @@ impl ScanRegistration {
                 }
             }
             MeasurementData::Joints(joints) => self.tilt(stamp, stream, &joints),
+            MeasurementData::Cloud(cloud) => {
+                if let Some(sensor) = self.sensor_of(stream, |kind| kind == ScanKind::Cloud) {
+                    let offset = self.sensors[sensor].settings.beams.time_offset;
+                    let sweep = Sweep::Cloud(cloud, stamp + offset);
+                    self.take_scan(sensor, stamp, frame, sweep, None, out);
+                }
+            }
             // No scan; poses were taken above.
-            MeasurementData::Imu(_)
-            | MeasurementData::Fix(_)
-            | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_) => {}
+            MeasurementData::Imu(_) | MeasurementData::Fix(_) | MeasurementData::Twist(_) => {}
         }
         self.register_queued(Self::is_ready, out);
         // After registration: after a pause in the data, a queued scan still needs its old pose.
@@ -209,12 +216,12 @@ impl ScanRegistration {
         sensor: usize,
         stamp: RobotTime,
         frame: FrameId,
-        scan: Scan,
+        sweep: Sweep,
         own_pose: Option<OwnPose>,
         out: &mut Vec<RegistrationOutput>,
     ) {
         let of = &mut self.sensors[sensor];
-        let Some((first_beam, last_beam)) = of.beam_times(stamp, &scan) else {
+        let Some((first_beam, last_beam)) = of.beam_times(stamp, &sweep) else {
             return;
         };
         if self.settings.origin != PoseOrigin::Log {
@@ -223,7 +230,7 @@ impl ScanRegistration {
                 last_beam,
                 release_at: stamp + of.hold,
                 frame,
-                scan,
+                sweep,
             };
             return of.enqueue(waiting, self.newest_out, self.settings.max_queued);
         }
@@ -240,8 +247,7 @@ impl ScanRegistration {
                     .filter(|before| before.0 < first_beam)
                     .and_then(|before| self.settings.limits.jump.between(&before, &own_pose));
                 out.extend(jump.map(RegistrationOutput::Jump));
-                of.projector
-                    .project(&scan, first_beam, odom_from_base, |_| Ok(odom_from_sensor))
+                of.project(&sweep, first_beam, odom_from_base, |_| Ok(odom_from_sensor))
             }
             None => Err(DropReason::NoPose),
         };
@@ -362,10 +368,9 @@ impl ScanRegistration {
                     * of.settings.beams.base_from_sensor.inverse()
             }
         };
-        of.projector
-            .project(&scan.scan, scan.first_beam, odom_from_base, |stamp| {
-                Ok(sampler.pose_at(stamp)? * mount)
-            })
+        of.project(&scan.sweep, scan.first_beam, odom_from_base, |stamp| {
+            Ok(sampler.pose_at(stamp)? * mount)
+        })
     }
 }
 

@@ -17,7 +17,7 @@ use crate::ground_plane::{GroundConfig, GroundPlane, GroundReference, LocalGroun
 use crate::obstacle::{ObstacleConfig, ObstacleRule};
 use crate::octree::RangeSensorModel;
 use crate::ray_clearing::{RayClearing, around, rises_from_ground};
-use crate::registered_scan::{BeamOutcome, RegisteredScan};
+use crate::registered_scan::{BeamOutcome, RegisteredScan, ScanKind};
 use crate::rolling_grid::{RollingGrid, Slot};
 use crate::scan_metrics::{IntraScan, MetricsConfig};
 
@@ -76,6 +76,8 @@ pub struct ElevationMap {
     h_neg_m: f32,
     local_ground: Option<LocalGround>,
     compensation: bool,
+    /// Height above the ground from which on clouds show what the vehicle passes below, metres.
+    overhang_m: f32,
     /// Where grass is no obstacle.
     grass: Option<Grass>,
     /// Of the beams of a scan, as [`IntraScan::less_spot`] has them.
@@ -160,6 +162,7 @@ impl ElevationMap {
             local_ground: (ground.reference == GroundReference::Local)
                 .then(|| LocalGround::new(elevation.size(), ground.max_slope_deg)),
             compensation: ground.compensation,
+            overhang_m: f32::INFINITY,
             grass: None,
             widths: Vec::new(),
             grid: RollingGrid::new(elevation.sides(), ElevationCell::UNKNOWN),
@@ -180,6 +183,11 @@ impl ElevationMap {
     /// From now on, narrow bodies of these sensors' scans are no obstacles.
     pub(crate) fn ignore_grass(&mut self, grass: Grass) {
         self.grass = Some(grass);
+    }
+
+    /// From now on, clouds show no obstacles above this height, metres above the ground.
+    pub(crate) const fn ignore_overhangs(&mut self, above_m: f64) {
+        self.overhang_m = above_m as f32;
     }
 
     /// Adds one scan; heights refer to `plane`.
@@ -232,6 +240,7 @@ impl ElevationMap {
         report: &mut ElevationReport,
         project: impl Fn(Point3<f64>) -> (Point2<f64>, f64),
     ) {
+        let is_cloud = scan.kind == ScanKind::Cloud;
         let hits = scan
             .beams
             .iter()
@@ -245,18 +254,20 @@ impl ElevationMap {
                 continue;
             };
             report.points += 1;
-            let hit = self.grid.at(cell, slot).hit;
-            let ground = if let Some(ground) = self.hits.bounds(hit, slot) {
-                ground
-            } else {
+            let listed = self.hits.bounds(self.grid.at(cell, slot).hit, slot);
+            let ground = listed.unwrap_or_else(|| {
                 let around = match &self.local_ground {
                     Some(local) => local.around(&self.grid, cell),
                     None => Bounds::PLANE,
                 };
-                let ground = around.beyond(self.h_neg_m, self.h_pos_m);
+                around.beyond(self.h_neg_m, self.h_pos_m)
+            });
+            if is_cloud && height_m as f32 > ground.highest_m - self.h_pos_m + self.overhang_m {
+                continue;
+            }
+            if listed.is_none() {
                 self.grid.at_mut(cell, slot).hit = self.hits.list(cell, slot, ground);
-                ground
-            };
+            }
             // What has no width, because a beam beside it was dropped or it is far away, counts.
             let is_narrow = self
                 .widths

@@ -103,7 +103,7 @@ impl Mapper {
     /// Adds one scan to every layer; an arc only to the obstacle map.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> MapReport {
         match scan.kind {
-            ScanKind::Beams => self.integrate_beams(scan),
+            ScanKind::Beams | ScanKind::Cloud => self.integrate_beams(scan),
             ScanKind::Arc => {
                 if let Some(terrain) = &mut self.terrain {
                     terrain.mark_arc(scan);

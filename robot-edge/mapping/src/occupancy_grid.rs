@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use serde::Deserialize;
 
 use crate::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
-use crate::registered_scan::{BeamOutcome, RegisteredScan};
+use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind};
 use crate::scan_marks::{FixedPoint, MAX_BEAM_CELLS, ScanMarks};
 
 /// Occupancy grid. Cells are fixed in `odom`; memory grows with the observed area, up to a limit.
@@ -13,6 +13,8 @@ use crate::scan_marks::{FixedPoint, MAX_BEAM_CELLS, ScanMarks};
 pub struct OccupancyGrid {
     cell_m: f64,
     miss: Miss,
+    /// Heights above the vehicle's frame at which clouds are observed, metres.
+    band_m: [f64; 2],
     update: LogOddsUpdate,
     tile_limit: usize,
     grid: TiledGrid<i16>,
@@ -40,6 +42,7 @@ impl OccupancyGrid {
         Self {
             cell_m: config.cell_m,
             miss: config.miss,
+            band_m: [config.band_lowest_m, config.band_highest_m],
             update: LogOddsUpdate::new(config),
             tile_limit: config.memory_limit_mb as usize * 1_000_000 / tile_bytes,
             grid,
@@ -83,13 +86,30 @@ impl OccupancyGrid {
         self.beams.clear();
         let fixed = |point: &Point3<f64>| FixedPoint::from_metres(point.x, point.y, self.cell_m);
         let mut extent = None;
+        let base_from_odom = scan.odom_from_base.inverse();
+        let height_m = |point: &Point3<f64>| (base_from_odom * point).z;
+        let cut = |beam: &RegisteredBeam| {
+            let heights_m = [&beam.origin_in_odom, &beam.end_in_odom].map(height_m);
+            within_band(beam, heights_m, self.band_m)
+        };
+        let is_cloud = scan.kind == ScanKind::Cloud;
         for beam in &scan.beams {
-            if beam.outcome == BeamOutcome::Miss {
+            let is_hit = beam.outcome == BeamOutcome::Hit;
+            if !is_hit {
                 report.misses += 1;
                 if self.miss == Miss::Unknown {
                     continue;
                 }
             }
+            let within = is_cloud.then(|| cut(beam));
+            let beam = match &within {
+                None => beam,
+                Some(Some(within)) => within,
+                Some(None) => {
+                    report.hits += u32::from(is_hit);
+                    continue;
+                }
+            };
             let ends = fixed(&beam.origin_in_odom).zip(fixed(&beam.end_in_odom));
             let grown = ends.and_then(|(start, end)| {
                 let beam =
@@ -103,7 +123,7 @@ impl OccupancyGrid {
                 continue;
             };
             extent = Some(grown);
-            report.hits += u32::from(beam.outcome == BeamOutcome::Hit);
+            report.hits += u32::from(is_hit);
             self.beams.push((start, end, beam.outcome));
         }
         extent
@@ -160,6 +180,38 @@ impl OccupancyGrid {
     }
 }
 
+/// The part of a beam at heights within the band, if there is one; the ends are at `heights_m`. What ends outside shows free space.
+fn within_band(
+    beam: &RegisteredBeam,
+    [from_m, to_m]: [f64; 2],
+    [lowest_m, highest_m]: [f64; 2],
+) -> Option<RegisteredBeam> {
+    let is_within = |height_m: f64| (lowest_m..=highest_m).contains(&height_m);
+    if is_within(from_m) && is_within(to_m) {
+        return Some(*beam);
+    }
+    let rise_m = to_m - from_m;
+    let at = |height_m: f64| (height_m - from_m) / rise_m;
+    let (into, out) = if rise_m > 0.0 {
+        (at(lowest_m), at(highest_m))
+    } else {
+        (at(highest_m), at(lowest_m))
+    };
+    let (into, out) = (into.max(0.0), out.min(1.0));
+    let along = beam.end_in_odom - beam.origin_in_odom;
+    // False for a beam that stays above or below it.
+    (into < out).then(|| RegisteredBeam {
+        origin_in_odom: beam.origin_in_odom + along * into,
+        end_in_odom: beam.origin_in_odom + along * out,
+        outcome: if is_within(to_m) {
+            beam.outcome
+        } else {
+            BeamOutcome::Miss
+        },
+        ..*beam
+    })
+}
+
 /// A rectangle of cells, both corners included.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
@@ -209,6 +261,10 @@ pub struct OccupancyConfig {
     pub p_max: f64,
     /// Effect of a beam without a return on the cells along it.
     pub miss: Miss,
+    /// Lowest height above the vehicle's frame at which a three-dimensional lidar is observed, metres: above the ground.
+    pub band_lowest_m: f64,
+    /// The highest: that of the vehicle.
+    pub band_highest_m: f64,
     /// Memory limit of the cells, megabytes (10⁶ bytes); beyond it the farthest tiles are evicted.
     pub memory_limit_mb: u32,
 }
@@ -234,6 +290,8 @@ impl Default for OccupancyConfig {
             p_min: 0.02,
             p_max: 0.98,
             miss: Miss::Unknown,
+            band_lowest_m: 0.2,
+            band_highest_m: 1.5,
             memory_limit_mb: 256,
         }
     }

@@ -10,8 +10,8 @@ const LEAST_RADIUS_M: f64 = 0.1;
 const RADIUS_BEAMS: f64 = 3.0;
 /// Neighbouring beams on either side, in this scan and in the previous one.
 const BESIDE: usize = 2;
-/// Limit of the beam index: more than two turns at 0.1°.
-const MAX_BEAMS: usize = 8192;
+/// Limit of the beam index: 128 rings of 2048 columns.
+const MAX_BEAMS: usize = 128 * (2048 + 2);
 
 /// Decides which hits are confirmed by neighbouring beams of the same and the previous scan.
 #[derive(Clone, Debug, Default)]
@@ -34,7 +34,8 @@ impl RadialFilter {
     ) {
         isolated.clear();
         isolated.resize(scan.beams.len(), false);
-        if min_neighbours == 0 {
+        // Without a step between beams nobody knows their neighbours.
+        if min_neighbours == 0 || scan.beam_step_rad <= 0.0 {
             return;
         }
         let place = self

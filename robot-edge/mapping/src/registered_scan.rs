@@ -34,6 +34,8 @@ pub enum ScanKind {
     /// Each beam ends at a hit, and what it crosses is free.
     #[default]
     Beams,
+    /// The same of a three-dimensional lidar: rings of beams, one after the other, with unused indices between them.
+    Cloud,
     /// The nearest echo of a cone lies anywhere on the arc of the hits; nothing is known to be free.
     Arc,
     /// A pressed bumper touches something anywhere along its width; without hits it is released.

@@ -365,7 +365,11 @@ mod tests {
                 tall,
                 open,
             };
-            assert_eq!(config.class(ratio, Some(densest)), class, "{densest:?} {ratio}");
+            assert_eq!(
+                config.class(ratio, Some(densest)),
+                class,
+                "{densest:?} {ratio}"
+            );
         }
     }
 

@@ -8,6 +8,9 @@ use crate::octree::RangeSensorModel;
 use crate::registered_scan::RegisteredScan;
 use crate::vehicle::VehicleShape;
 
+/// Distance of the vehicle's top from what it passes below, metres.
+const OVERHANG_MARGIN_M: f64 = 0.1;
+
 /// Ground plane, elevation map and obstacle map of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Terrain {
@@ -41,6 +44,7 @@ impl Terrain {
         if least_width_m > 0.0 {
             elevation.ignore_grass(Grass::new(least_width_m, &config.metrics, sensors));
         }
+        elevation.ignore_overhangs(vehicle.height_m + OVERHANG_MARGIN_M);
         Self {
             ground: GroundTracker::new(&config.ground, vehicle.wheelbase_m),
             elevation,

@@ -55,6 +55,8 @@ pub enum DropReason {
     InvalidRange,
     /// A hit on the vehicle itself.
     OwnBody,
+    /// A point of a cloud beside one that was kept, in the same cube of `thin_m`.
+    Thinned,
     /// A hit without confirming neighbours (radial filter).
     Isolated,
     /// Too far from the origin of `odom` for the map's index range.
@@ -86,6 +88,7 @@ impl DropReason {
             Self::QueueFull => "queue_full",
             Self::InvalidRange => "invalid_range",
             Self::OwnBody => "own_body",
+            Self::Thinned => "thinned",
             Self::Isolated => "isolated",
             Self::OutOfBounds => "out_of_bounds",
             Self::OutsideWindow => "outside_window",

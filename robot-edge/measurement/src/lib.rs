@@ -12,6 +12,7 @@ pub mod time;
 
 use std::sync::Arc;
 
+use crate::cloud::Cloud;
 use crate::pose::Pose;
 use crate::scan::Scan;
 use crate::time::RobotTime;
@@ -92,8 +93,8 @@ pub enum MeasurementData {
     Fix(GeodeticFix),
     /// `geometry_msgs/Twist` and `TwistStamped`.
     Twist(Twist),
-    /// `sensor_msgs/PointCloud2` that is organised or has a ring field.
-    PointCloud(PointCloud),
+    /// `sensor_msgs/PointCloud2`, and the packets of a three-dimensional lidar.
+    Cloud(Cloud),
     /// `sensor_msgs/Range`.
     Range(RangeReading),
     /// `std_msgs/Bool`; of a bumper, whether it is pressed.
@@ -170,15 +171,4 @@ impl RangeReading {
             ranges_m: vec![self.range_m; steps as usize + 1],
         }
     }
-}
-
-/// A cloud in the sensor's order.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointCloud {
-    /// Points in row order, metres, NaN without return.
-    pub points_m: Vec<[f32; 3]>,
-    /// Number of points in a row of an organised cloud.
-    pub width: u32,
-    /// Ring (row of the sensor) of each point, if the cloud has this field.
-    pub rings: Option<Vec<u16>>,
 }

@@ -76,7 +76,7 @@ fn without_poses(path: &Path) {
             | MeasurementData::Twist(_)
             | MeasurementData::Range(_)
             | MeasurementData::Bool(_)
-            | MeasurementData::PointCloud(_) => {}
+            | MeasurementData::Cloud(_) => {}
         }
     }
     writer.finish().unwrap();

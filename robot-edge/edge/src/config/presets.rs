@@ -51,6 +51,7 @@ pub const GENERIC: Preset = preset!("generic2d");
 
 pub const PRESETS: &[Preset] = &[
     GENERIC,
+    preset!("generic3d"),
     preset!("holos"),
     preset!("holos-document"),
     preset!("holos-tilt"),

@@ -15,8 +15,8 @@ use serde::forward_to_deserialize_any;
 use drivers::config::DeviceConfig;
 
 use super::sensors::{
-    BumperConfig, GpsConfig, ImuConfig, RangeSensorConfig, SensorConfig, UltrasonicConfig,
-    WheelEncodersConfig,
+    BumperConfig, GpsConfig, ImuConfig, LidarConfig, RangeSensorConfig, SensorConfig,
+    UltrasonicConfig, WheelEncodersConfig,
 };
 use super::{Config, sensors};
 
@@ -46,6 +46,7 @@ impl SensorSchemas {
         // An internally tagged enum does not report its fields: its variants are probed one by one.
         let mut by_kind = BTreeMap::from([
             ("laser_scan", Schema::of::<RangeSensorConfig>()?),
+            ("lidar", Schema::of::<LidarConfig>()?),
             ("sonar", Schema::of::<RangeSensorConfig>()?),
             ("wheel_encoders", Schema::of::<WheelEncodersConfig>()?),
             ("imu", Schema::of::<ImuConfig>()?),

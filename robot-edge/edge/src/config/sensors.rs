@@ -28,6 +28,9 @@ pub enum SensorConfig {
     /// An ultrasonic or infrared sensor, whose readings come as `sensor_msgs/Range`.
     #[serde(deserialize_with = "range_sensor_of::<UltrasonicConfig, _>")]
     Ultrasonic(RangeSensorConfig),
+    /// A three-dimensional lidar, whose clouds come as `sensor_msgs/PointCloud2`.
+    #[serde(deserialize_with = "range_sensor_of::<LidarConfig, _>")]
+    Lidar(RangeSensorConfig),
     /// A bumper, whose state comes as `std_msgs/Bool`.
     #[serde(deserialize_with = "range_sensor_of::<BumperConfig, _>")]
     Bumper(RangeSensorConfig),
@@ -51,6 +54,7 @@ impl SensorConfig {
         "imu",
         "gps",
         "ultrasonic",
+        "lidar",
         "bumper",
     ];
 
@@ -62,6 +66,7 @@ impl SensorConfig {
             Self::Imu(_) => "imu",
             Self::Gps(_) => "gps",
             Self::Ultrasonic(_) => "ultrasonic",
+            Self::Lidar(_) => "lidar",
             Self::Bumper(_) => "bumper",
         }
     }
@@ -72,6 +77,7 @@ impl SensorConfig {
             Self::LaserScan(range)
             | Self::Sonar(range)
             | Self::Ultrasonic(range)
+            | Self::Lidar(range)
             | Self::Bumper(range) => range.topic.as_deref(),
             Self::WheelEncoders(encoders) => encoders.topic.as_deref(),
             Self::Imu(imu) => imu.topic.as_deref(),
@@ -84,6 +90,7 @@ impl SensorConfig {
             Self::LaserScan(range)
             | Self::Sonar(range)
             | Self::Ultrasonic(range)
+            | Self::Lidar(range)
             | Self::Bumper(range) => Some(range),
             Self::WheelEncoders(_) | Self::Imu(_) | Self::Gps(_) => None,
         }
@@ -91,7 +98,7 @@ impl SensorConfig {
 
     pub fn range_model(&self) -> Option<RangeSensorModel> {
         let (range, of_kind) = match self {
-            Self::LaserScan(range) => (range, RangeSensorModel::default()),
+            Self::LaserScan(range) | Self::Lidar(range) => (range, RangeSensorModel::default()),
             Self::Sonar(range) => (range, SONAR),
             // Arcs do not reach the octree.
             Self::Ultrasonic(range) | Self::Bumper(range) => (range, BUMPER),
@@ -153,6 +160,9 @@ pub struct RangeSensorConfig {
     /// Full angle of a beam's cone, milliradians: in the octree a hit gives way to others whose spot of light was
     /// smaller. 0 takes beams for lines; where absent, that of the kind.
     pub divergence_mrad: Option<f64>,
+    /// Of the points of a lidar in a cube of this side, metres, one is mapped; where absent, all are.
+    #[serde(skip)]
+    pub thin_m: Option<f64>,
     /// Where the sensor sits on the vehicle, where no transform of the source says so.
     pub mount: Mount,
     /// The servo that tilts it, if it is tilted and no transform of the source says how far.
@@ -164,6 +174,32 @@ pub struct RangeSensorConfig {
     /// Angle from the first beam to the last, degrees, for simulation.
     pub field_of_view_deg: Option<f64>,
     /// Sweeps per second, for simulation.
+    pub rate_hz: Option<f64>,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LidarConfig {
+    /// Where absent, the only topic of clouds.
+    pub topic: Option<String>,
+    /// Nearer points are dropped, metres.
+    pub range_min_m: Option<f64>,
+    /// Points at or beyond it are misses, metres.
+    pub range_max_m: Option<f64>,
+    /// Added to the stamps to make up for latency, seconds.
+    pub time_offset_s: f64,
+    /// See [`RangeSensorConfig`], as the next three.
+    pub p_hit: Option<f64>,
+    pub p_miss: Option<f64>,
+    pub min_neighbours: Option<u32>,
+    pub divergence_mrad: Option<f64>,
+    /// Of the points in a cube of this side, metres, one is mapped; where absent, all are.
+    pub thin_m: Option<f64>,
+    /// Where the sensor sits on the vehicle, where no transform of the source says so.
+    pub mount: Mount,
+    /// Device, for people.
+    pub model: Option<String>,
+    /// Clouds per second.
     pub rate_hz: Option<f64>,
 }
 
@@ -194,6 +230,27 @@ pub struct BumperConfig {
     pub mount: Mount,
     /// Messages per second; where absent, they come only when the state changes, and silence is no fault.
     pub rate_hz: Option<f64>,
+}
+
+impl From<LidarConfig> for RangeSensorConfig {
+    fn from(config: LidarConfig) -> Self {
+        Self {
+            scan_kind: ScanKind::Cloud,
+            topic: config.topic,
+            range_min_m: config.range_min_m,
+            range_max_m: config.range_max_m,
+            time_offset_s: config.time_offset_s,
+            p_hit: config.p_hit,
+            p_miss: config.p_miss,
+            min_neighbours: config.min_neighbours,
+            divergence_mrad: config.divergence_mrad,
+            thin_m: config.thin_m,
+            mount: config.mount,
+            model: config.model,
+            rate_hz: config.rate_hz,
+            ..Self::default()
+        }
+    }
 }
 
 impl From<UltrasonicConfig> for RangeSensorConfig {

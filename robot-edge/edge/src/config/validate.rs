@@ -167,6 +167,14 @@ const RULES: &[Rule] = &[
         "smaller voxels are finer than lasers measure, larger ones than robots move",
     ),
     (
+        &[
+            "mapping.occupancy.band_lowest_m",
+            "mapping.occupancy.band_highest_m",
+        ],
+        Within(-10.0, 10.0),
+        "it is a height above the vehicle's frame",
+    ),
+    (
         &["mapping.octree.p_min"],
         Within(0.001, 0.499),
         "a voxel that is seen through becomes free, so its probability falls below 0.5",
@@ -292,6 +300,11 @@ const SENSOR_RULES: &[Rule] = &[
         &["range_max_m"],
         PositiveUpTo(10_000.0),
         "ranges are metres along a beam",
+    ),
+    (
+        &["thin_m"],
+        PositiveUpTo(10.0),
+        "it is the side of a cube in which one point is enough",
     ),
     (&["model"], Name, "a device has a name"),
     (
@@ -540,7 +553,8 @@ fn sensor(checks: &mut Checks, name: &str, sensor: &SensorConfig) {
                 format!("above range_min_m = {range_min_m}"),
             );
         }
-        if range.scan_kind != ScanKind::Beams && range.topic.is_none() {
+        let may_be_silent = !matches!(range.scan_kind, ScanKind::Beams | ScanKind::Cloud);
+        if may_be_silent && range.topic.is_none() {
             checks.issue(
                 &key("topic"),
                 "nothing".to_owned(),

@@ -153,7 +153,7 @@ impl MonitorSensorInput {
         let plane = self.plane_below(scan);
         if let Some(sensor) = self.sensors.get_mut(usize::from(scan.sensor.0)) {
             let period = sensor.period_at(scan.stamp);
-            // A cone without an echo is no covered window.
+            // A cone without an echo is no covered window; clouds have no beams without a return.
             if scan.kind == ScanKind::Beams {
                 sensor.blockage.update(scan, measured_at);
             }
@@ -193,7 +193,7 @@ impl MonitorSensorInput {
         }
         let before = self.ground_plane();
         if let Some(ground) = &mut self.ground
-            && scan.kind == ScanKind::Beams
+            && matches!(scan.kind, ScanKind::Beams | ScanKind::Cloud)
         {
             ground.update(scan.stamp, pose);
         }
@@ -208,7 +208,7 @@ impl MonitorMapInput {
             scan.stamp < copied || scan.stamp.since(copied) >= MAP_COPY_PERIOD
         });
         // What arcs and contacts add comes with the next sweep: without sweeps the map is not renewed.
-        if !is_due || scan.kind != ScanKind::Beams {
+        if !is_due || !matches!(scan.kind, ScanKind::Beams | ScanKind::Cloud) {
             return;
         }
         self.copied = Some(scan.stamp);

@@ -165,7 +165,7 @@ impl RosLink {
 
     /// The keys of `rmw_zenoh` contain the type, so that no announcement is needed.
     fn subscribe_to_rmw(&self) -> Result<(), RosLinkError> {
-        for (_, type_name) in MessageType::all().filter(|(kind, _)| is_supported(*kind)) {
+        for (_, type_name) in MessageType::all() {
             let Some(pattern) = rmw_pattern(self.domain, type_name) else {
                 continue;
             };
@@ -214,8 +214,7 @@ impl Announcements {
         if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
             return;
         }
-        let is_mapped =
-            MessageType::from_type_name(&announced.stream.type_name).is_some_and(is_supported);
+        let is_mapped = MessageType::from_type_name(&announced.stream.type_name).is_some();
         if let Some(key) = &announced.key
             && is_mapped
             && !self.known_keys.contains(key)
@@ -225,11 +224,6 @@ impl Announcements {
         }
         self.by_token.insert(token.to_owned(), announced);
     }
-}
-
-/// Clouds are neither mapped nor recorded.
-fn is_supported(kind: MessageType) -> bool {
-    kind != MessageType::PointCloud2
 }
 
 fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {

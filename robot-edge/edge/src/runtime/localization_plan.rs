@@ -153,6 +153,7 @@ fn range_sensor(planned: &PlannedSensor, config: &RangeSensorConfig) -> RangeSen
             range_max_m: range_m(config.range_max_m).or(planned.range_max_m),
             zero_range: config.zero_range,
             time_offset: RobotDuration::from_secs_f64(config.time_offset_s),
+            thin_m: config.thin_m.unwrap_or_default(),
             base_from_sensor: config.mount.base_from_sensor(),
         },
         mount: planned.mount,

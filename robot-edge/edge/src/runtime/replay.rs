@@ -156,7 +156,7 @@ pub(super) fn length(
     survey: &Survey,
     source: &mut ReplaySource,
 ) -> Result<Option<Length>, recording::RecordingError> {
-    if survey.scans.is_empty() {
+    if survey.lacks_range_sensor() {
         return Ok(None);
     }
     if survey.is_complete() {

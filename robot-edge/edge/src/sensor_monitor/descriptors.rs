@@ -35,6 +35,7 @@ pub enum MeasurementSelector {
         zero_range: ZeroRange,
     },
     Ranges(Option<StreamId>),
+    Clouds(Option<StreamId>),
     Contacts(Option<StreamId>),
     Wheels {
         stream: Option<StreamId>,
@@ -80,6 +81,9 @@ impl MeasurementSelector {
             (Self::Ranges(stream), MeasurementData::Range(reading)) if is_of(stream) => {
                 Some(!reading.range_m.is_nan())
             }
+            (Self::Clouds(stream), MeasurementData::Cloud(cloud)) if is_of(stream) => {
+                Some(!cloud.points.is_empty())
+            }
             (Self::Contacts(stream), MeasurementData::Bool(_)) if is_of(stream) => Some(true),
             (
                 Self::Wheels { stream, joint } | Self::Tilt { stream, joint },
@@ -105,6 +109,7 @@ impl MeasurementSelector {
             (
                 Self::Scans { .. }
                 | Self::Ranges(_)
+                | Self::Clouds(_)
                 | Self::Contacts(_)
                 | Self::Wheels { .. }
                 | Self::Tilt { .. }
@@ -119,7 +124,7 @@ impl MeasurementSelector {
                 | MeasurementData::Joints(_)
                 | MeasurementData::Fix(_)
                 | MeasurementData::Twist(_)
-                | MeasurementData::PointCloud(_)
+                | MeasurementData::Cloud(_)
                 | MeasurementData::Range(_)
                 | MeasurementData::Bool(_),
             ) => None,
@@ -147,6 +152,7 @@ const fn range_kind(config: &SensorConfig) -> SensorKind {
     match config {
         SensorConfig::LaserScan(range) if range.tilt.is_some() => SensorKind::TiltingLaser,
         SensorConfig::LaserScan(_) => SensorKind::PlanarLaser,
+        SensorConfig::Lidar(_) => SensorKind::Lidar,
         SensorConfig::Sonar(_) => SensorKind::Sonar,
         SensorConfig::WheelEncoders(_) => SensorKind::WheelEncoders,
         SensorConfig::Imu(_) => SensorKind::Attitude,
@@ -191,6 +197,7 @@ fn range_sensor(
                 range_max_m: settings.beams.range_max_m,
                 zero_range: settings.beams.zero_range,
             },
+            ScanKind::Cloud => MeasurementSelector::Clouds(settings.stream),
             ScanKind::Arc => MeasurementSelector::Ranges(settings.stream),
             ScanKind::Contact { .. } => MeasurementSelector::Contacts(settings.stream),
         },

@@ -147,6 +147,7 @@ impl SensorMonitor {
             sensor.dropped = match &sensor.own {
                 MeasurementSelector::Scans { .. }
                 | MeasurementSelector::Ranges(_)
+                | MeasurementSelector::Clouds(_)
                 | MeasurementSelector::Contacts(_) => {
                     let own = |of: &&SensorCounts| Some(of.sensor) == sensor.range_sensor;
                     let own = counts.sensors.iter().find(own);
@@ -249,6 +250,7 @@ impl MonitoredSensor {
                 }
                 MeasurementSelector::Scans { .. }
                 | MeasurementSelector::Ranges(_)
+                | MeasurementSelector::Clouds(_)
                 | MeasurementSelector::Contacts(_)
                 | MeasurementSelector::Wheels { .. }
                 | MeasurementSelector::Attitudes(_)

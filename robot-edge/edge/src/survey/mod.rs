@@ -6,7 +6,7 @@ use self::frames::FrameSurvey;
 use self::topics::{AttitudeSurvey, FixSurvey, JointSurvey, ScanSurvey, StampSurvey};
 use measurement::drops::DropCounts;
 use measurement::time::{RobotDuration, RobotTime};
-use measurement::{FrameId, Measurement, MeasurementData, StreamId};
+use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
 use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
 mod frames;
@@ -33,7 +33,7 @@ pub struct Survey {
     pub streams: Vec<StreamSummary>,
     pub stamps: Vec<StampSurvey>,
     pub scans: ByStream<ScanSurvey>,
-    /// Frames of the streams of `sensor_msgs/Range`.
+    /// Frames of the streams of `sensor_msgs/Range` and `sensor_msgs/PointCloud2`.
     pub range_frames: ByStream<FrameId>,
     pub frames: FrameSurvey,
     pub odometry: ByStream<OdometrySurvey>,
@@ -149,6 +149,18 @@ impl Survey {
             || self.position.bytes_read >= self.position.bytes_total
     }
 
+    /// The streams of clouds.
+    pub fn clouds(&self) -> impl Iterator<Item = &Stream> {
+        let streams = self.streams.iter().filter(|summary| summary.messages > 0);
+        let streams = streams.map(|summary| &summary.stream);
+        streams.filter(|stream| stream.type_name == "sensor_msgs/PointCloud2")
+    }
+
+    /// Whether it has neither scans nor clouds.
+    pub fn lacks_range_sensor(&self) -> bool {
+        self.scans.is_empty() && self.clouds().next().is_none()
+    }
+
     /// First and last stamp: of the scans where there are any, else of all that moves.
     pub fn time_span(&self) -> Option<(RobotTime, RobotTime)> {
         let scans = self.scans.iter().map(|(_, scan)| &scan.stamps);
@@ -209,12 +221,10 @@ impl Survey {
                     survey.add(fix);
                 }
             }
-            MeasurementData::Range(_) => {
+            MeasurementData::Range(_) | MeasurementData::Cloud(_) => {
                 of_stream(&mut self.range_frames, *stream, || frame.clone());
             }
-            MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_)
-            | MeasurementData::Bool(_) => {}
+            MeasurementData::Twist(_) | MeasurementData::Bool(_) => {}
         }
         if !measurement.is_static_transform() {
             self.stamps[index].add(*stamp);

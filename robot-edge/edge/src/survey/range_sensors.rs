@@ -125,16 +125,20 @@ fn assign(sensors: &[RangeSensor<'_>], streams: &[&str]) -> Result<Vec<Option<us
     }
 }
 
-/// The stream of an ultrasonic sensor or a bumper, as its topic and type name it; `None` for one that sweeps.
+/// The stream of a lidar, an ultrasonic sensor or a bumper, as its topic and type name it; `None` for one that sweeps.
 pub fn expected_stream(sensor: &RangeSensor<'_>) -> Option<Stream> {
-    let type_name = match sensor.config.scan_kind {
-        ScanKind::Beams => return None,
-        ScanKind::Arc => "sensor_msgs/Range",
-        ScanKind::Contact { .. } => "std_msgs/Bool",
-    };
     Some(Stream {
         name: sensor.config.topic.clone()?,
-        type_name: type_name.to_owned(),
+        type_name: expected_type(sensor)?.to_owned(),
+    })
+}
+
+const fn expected_type(sensor: &RangeSensor<'_>) -> Option<&'static str> {
+    Some(match sensor.config.scan_kind {
+        ScanKind::Beams => return None,
+        ScanKind::Cloud => "sensor_msgs/PointCloud2",
+        ScanKind::Arc => "sensor_msgs/Range",
+        ScanKind::Contact { .. } => "std_msgs/Bool",
     })
 }
 
@@ -153,18 +157,39 @@ pub fn assign_streams<'a>(
     };
     let names: Vec<_> = scans.iter().map(name).collect();
     let sweeps = |sensor: &RangeSensor<'_>| sensor.config.scan_kind == ScanKind::Beams;
+    let is_cloud = |sensor: &RangeSensor<'_>| sensor.config.scan_kind == ScanKind::Cloud;
     let sweeping: Vec<_> = sensors.iter().copied().filter(sweeps).collect();
-    let mut of_sweeping = assign(&sweeping, &names)?.into_iter();
+    let mut of_sweeping = if sweeping.is_empty() && sensors.iter().any(is_cloud) {
+        Vec::new().into_iter()
+    } else {
+        assign(&sweeping, &names)?.into_iter()
+    };
     let stream = |sensor: &RangeSensor<'_>| {
         if sweeps(sensor) {
-            return scans.get(of_sweeping.next().flatten()?).copied();
+            let scan = of_sweeping.next().flatten();
+            return Ok(scan.and_then(|scan| scans.get(scan).copied()));
         }
-        let expected = expected_stream(sensor)?;
-        let mut streams = numbered.clone();
-        let found = streams.find(|(_, stream)| **stream == expected);
-        found.map(|(id, _)| id)
+        let is_its = |stream: &Stream| {
+            let topic = sensor.config.topic.as_ref();
+            topic.is_none_or(|topic| stream.name == *topic)
+                && expected_type(sensor) == Some(&stream.type_name)
+        };
+        let of_type = numbered.clone().filter(|(_, stream)| is_its(stream));
+        let of_type: Vec<_> = of_type.collect();
+        if let [_, _, ..] = of_type[..] {
+            let names = of_type.iter().map(|(_, stream)| stream.name.clone());
+            return Err(Unassigned::SeveralStreams {
+                sensor: sensor.name.to_owned(),
+                streams: names.collect(),
+            });
+        }
+        Ok(of_type.first().map(|(id, _)| *id))
     };
-    Ok(sensors.iter().map(stream).collect())
+    let assigned = sensors.iter().map(stream).collect::<Result<Vec<_>, _>>()?;
+    if assigned.iter().all(Option::is_none) {
+        return Err(Unassigned::NoScans);
+    }
+    Ok(assigned)
 }
 
 impl Survey {

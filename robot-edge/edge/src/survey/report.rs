@@ -516,15 +516,13 @@ impl Survey {
                 self.write_replay(f, laser, " --set localization.source=static")
             }
             Mappable::NoRangeSensor => {
-                let clouds = self.streams.iter().any(|summary| {
-                    summary.stream.type_name == "sensor_msgs/PointCloud2" && summary.messages > 0
-                });
                 writeln!(f, "  no: there is no planar range sensor in it")?;
-                if clouds {
+                if self.clouds().next().is_some() {
                     writeln!(
                         f,
-                        "  (point clouds are read, but not mapped as a planar laser)"
+                        "  it has clouds of a three-dimensional lidar, for a vehicle with one:"
                     )?;
+                    self.write_replay(f, None, " --vehicle generic3d")?;
                 }
                 Ok(())
             }

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use mapping::registered_scan::{RegisteredScan, ScanKind};
+use measurement::cloud::Cloud;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::scan::Scan;
@@ -38,7 +39,15 @@ pub(super) struct QueuedScan {
     /// Stamp of the data from which no earlier scan of another sensor can arrive.
     pub(super) release_at: RobotTime,
     pub(super) frame: FrameId,
-    pub(super) scan: Scan,
+    pub(super) sweep: Sweep,
+}
+
+/// What a range sensor measured at once.
+#[derive(Clone, Debug)]
+pub(super) enum Sweep {
+    Planar(Scan),
+    /// With the stamp of the cloud, time offset applied.
+    Cloud(Cloud, RobotTime),
 }
 
 impl ScanQueue {
@@ -65,19 +74,25 @@ impl ScanQueue {
         self.settings.stream.is_none_or(|own| own == stream)
     }
 
-    /// Stamps of the first and last beam of a received scan.
+    /// Times of the first and last beam of what was received.
     pub(super) fn beam_times(
         &mut self,
         stamp: RobotTime,
-        scan: &Scan,
+        sweep: &Sweep,
     ) -> Option<(RobotTime, RobotTime)> {
         self.scans_in += 1;
-        let Some(sweep) = scan.sweep_duration() else {
-            self.drop(DropReason::BadScan);
-            return None;
-        };
         let first_beam = stamp + self.settings.beams.time_offset;
-        Some((first_beam, first_beam + sweep))
+        let times = match sweep {
+            Sweep::Planar(scan) => {
+                let duration = scan.sweep_duration();
+                duration.map(|duration| (first_beam, first_beam + duration))
+            }
+            Sweep::Cloud(cloud, stamp) => cloud.span(*stamp),
+        };
+        if times.is_none() {
+            self.drop(DropReason::BadScan);
+        }
+        times
     }
 
     /// Queues a scan, unless it is older than the previous one or than `newest_out`.
@@ -116,6 +131,25 @@ impl ScanQueue {
             (MountOrigin::Configured, None) => (&settings.base_frame, own.beams.base_from_sensor),
         };
         Some((tree.chain(fixed_frame, source)?, mount))
+    }
+
+    pub(super) fn project(
+        &mut self,
+        sweep: &Sweep,
+        first_beam: RobotTime,
+        odom_from_base: Pose,
+        odom_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
+    ) -> Result<RegisteredScan, DropReason> {
+        let projector = &mut self.projector;
+        match sweep {
+            Sweep::Planar(scan) => {
+                projector.project(scan, first_beam, odom_from_base, odom_from_sensor_at)
+            }
+            Sweep::Cloud(cloud, stamp) => {
+                let times = (*stamp, first_beam);
+                projector.project_cloud(cloud, times, odom_from_base, odom_from_sensor_at)
+            }
+        }
     }
 
     pub(super) fn drop(&mut self, reason: DropReason) {

@@ -1,4 +1,5 @@
 mod arcs_and_contacts;
+mod clouds;
 mod many_sensors;
 
 use super::*;
@@ -30,6 +31,7 @@ fn settings(origin: PoseOrigin) -> RegistrationSettings {
                 range_max_m: None,
                 zero_range: ZeroRange::Invalid,
                 time_offset: RobotDuration::ZERO,
+                thin_m: 0.0,
                 base_from_sensor: planar(1.0, 0.0, 0.0),
             },
             mount: MountOrigin::Configured,

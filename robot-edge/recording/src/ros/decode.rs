@@ -3,10 +3,9 @@
 use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
-use measurement::{
-    FrameId, GeodeticFix, ImuSample, MeasurementData, PointCloud, RangeReading, Twist, pose,
-};
+use measurement::{FrameId, GeodeticFix, ImuSample, MeasurementData, RangeReading, Twist, pose};
 
+use super::point_cloud::point_cloud;
 use super::{DecodeError, Decoded, Encoding, MessageType};
 
 /// Decodes a message: each measurement in it, or why that one cannot be decoded.
@@ -50,7 +49,7 @@ fn one(
     let data = match kind {
         MessageType::LaserScan => Ok(laser_scan(fields, false)?),
         MessageType::MultiEchoLaserScan => Ok(laser_scan(fields, true)?),
-        MessageType::PointCloud2 => point_cloud(fields)?.map(MeasurementData::PointCloud),
+        MessageType::PointCloud2 => point_cloud(fields, stamp)?.map(MeasurementData::Cloud),
         MessageType::Imu => Ok(MeasurementData::Imu(imu(fields)?)),
         MessageType::JointState => Ok(MeasurementData::Joints(joints(fields)?)),
         MessageType::NavSatFix => Ok(MeasurementData::Fix(fix(fields)?)),
@@ -229,7 +228,7 @@ fn range(fields: &mut Cursor<'_>) -> Result<Result<RangeReading, DecodeError>, D
 
 /// A place in a message's bytes.
 #[derive(Clone, Debug)]
-struct Cursor<'a> {
+pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
     encoding: Encoding,
@@ -238,7 +237,7 @@ struct Cursor<'a> {
 
 macro_rules! number {
     ($name:ident, $type:ty) => {
-        fn $name(&mut self) -> Result<$type, DecodeError> {
+        pub(super) fn $name(&mut self) -> Result<$type, DecodeError> {
             const SIZE: usize = size_of::<$type>();
             self.align(SIZE);
             let raw: [u8; SIZE] = *self
@@ -297,7 +296,7 @@ impl<'a> Cursor<'a> {
 
     /// Length of a sequence whose elements take at least `element_bytes` each: one that lies must not
     /// ask for more memory than the message could fill.
-    fn length(&mut self, element_bytes: usize) -> Result<usize, DecodeError> {
+    pub(super) fn length(&mut self, element_bytes: usize) -> Result<usize, DecodeError> {
         let length = self.u32()? as usize;
         let fits = length
             .checked_mul(element_bytes)
@@ -324,13 +323,13 @@ impl<'a> Cursor<'a> {
     }
 
     /// `uint8[]`.
-    fn byte_sequence(&mut self) -> Result<&'a [u8], DecodeError> {
+    pub(super) fn byte_sequence(&mut self) -> Result<&'a [u8], DecodeError> {
         let length = self.length(1)?;
         self.take(length)
     }
 
     /// `string`; CDR ends it with a zero that its length counts.
-    fn string(&mut self) -> Result<&'a str, DecodeError> {
+    pub(super) fn string(&mut self) -> Result<&'a str, DecodeError> {
         let bytes = self.byte_sequence()?;
         let bytes = match self.encoding {
             Encoding::Cdr => bytes.strip_suffix(&[0]).unwrap_or(bytes),
@@ -355,119 +354,5 @@ impl<'a> Cursor<'a> {
 
     const fn rest(&self) -> usize {
         self.bytes.len().saturating_sub(self.at)
-    }
-}
-
-/// `sensor_msgs/PointField` datatypes that are read.
-const UINT8: u8 = 2;
-const UINT16: u8 = 4;
-const FLOAT32: u8 = 7;
-
-struct Field {
-    offset: usize,
-    datatype: u8,
-}
-
-/// Reads a cloud behind its header. The outer error is of the layout, the inner of the content.
-fn point_cloud(fields: &mut Cursor<'_>) -> Result<Result<PointCloud, DecodeError>, DecodeError> {
-    let height = fields.u32()?;
-    let width = fields.u32()?;
-    let [mut x, mut y, mut z, mut ring] = [const { None }; 4];
-    // A name, an offset, a type and a count: at least 13 bytes.
-    for _ in 0..fields.length(13)? {
-        let name = fields.string()?;
-        let field = Field {
-            offset: fields.u32()? as usize,
-            datatype: fields.u8()?,
-        };
-        fields.u32()?;
-        match name {
-            "x" => x = Some(field),
-            "y" => y = Some(field),
-            "z" => z = Some(field),
-            "ring" => ring = Some(field),
-            _ => {}
-        }
-    }
-    let big_endian = fields.u8()? != 0;
-    let point_step = fields.u32()? as usize;
-    let row_step = fields.u32()? as usize;
-    let data = fields.byte_sequence()?;
-    if height <= 1 && ring.is_none() {
-        return Ok(Err(DecodeError::NotOrganised));
-    }
-    let (Some(x), Some(y), Some(z)) = (x, y, z) else {
-        return Ok(Err(DecodeError::BadCloud));
-    };
-    let layout = Layout {
-        height,
-        width,
-        point_step,
-        row_step,
-        big_endian,
-    };
-    Ok(layout
-        .read(data, &[x, y, z], ring.as_ref())
-        .ok_or(DecodeError::BadCloud))
-}
-
-struct Layout {
-    height: u32,
-    width: u32,
-    point_step: usize,
-    row_step: usize,
-    big_endian: bool,
-}
-
-impl Layout {
-    fn read(&self, data: &[u8], xyz: &[Field; 3], ring: Option<&Field>) -> Option<PointCloud> {
-        let points = (self.height as usize).checked_mul(self.width as usize)?;
-        // No more points than there are bytes for, whatever the sizes claim.
-        if self.point_step == 0 || points > data.len() / self.point_step {
-            return None;
-        }
-        let mut cloud = PointCloud {
-            points_m: Vec::with_capacity(points),
-            width: self.width,
-            rings: ring.map(|_| Vec::with_capacity(points)),
-        };
-        for row in 0..self.height as usize {
-            for column in 0..self.width as usize {
-                let start = row
-                    .checked_mul(self.row_step)?
-                    .checked_add(column * self.point_step)?;
-                let point = data.get(start..)?.get(..self.point_step)?;
-                let [x, y, z] = xyz;
-                cloud.points_m.push([
-                    self.float(point, x)?,
-                    self.float(point, y)?,
-                    self.float(point, z)?,
-                ]);
-                if let (Some(rings), Some(field)) = (&mut cloud.rings, ring) {
-                    rings.push(self.ring(point, field)?);
-                }
-            }
-        }
-        Some(cloud)
-    }
-
-    fn float(&self, point: &[u8], field: &Field) -> Option<f32> {
-        let raw = *point.get(field.offset..)?.first_chunk()?;
-        let value = if self.big_endian {
-            f32::from_be_bytes(raw)
-        } else {
-            f32::from_le_bytes(raw)
-        };
-        (field.datatype == FLOAT32).then_some(value)
-    }
-
-    fn ring(&self, point: &[u8], field: &Field) -> Option<u16> {
-        let raw = point.get(field.offset..)?;
-        match field.datatype {
-            UINT8 => raw.first().map(|ring| u16::from(*ring)),
-            UINT16 if self.big_endian => raw.first_chunk().map(|raw| u16::from_be_bytes(*raw)),
-            UINT16 => raw.first_chunk().map(|raw| u16::from_le_bytes(*raw)),
-            _ => None,
-        }
     }
 }

@@ -5,9 +5,9 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use measurement::{GeodeticFix, ImuSample, Measurement, MeasurementData, Twist};
 
-use super::MessageType;
+use super::{MessageType, point_cloud};
 
-/// The message of a measurement; `None` for a cloud, which is not recorded.
+/// The message of a measurement.
 ///
 /// `type_name` is that of its stream: a pose of a stream of `PoseStamped` becomes one again. A scan's own pose is
 /// not part of a `LaserScan`: write it as transforms beside it.
@@ -79,8 +79,12 @@ pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType
             ]);
             MessageType::Range
         }
-        // The latter is encoded above.
-        MeasurementData::PointCloud(_) | MeasurementData::Bool(_) => return None,
+        MeasurementData::Cloud(cloud) => {
+            point_cloud::write(cloud, &mut out);
+            MessageType::PointCloud2
+        }
+        // Encoded above.
+        MeasurementData::Bool(_) => return None,
     };
     Some((kind, out.bytes))
 }
@@ -93,8 +97,8 @@ pub fn twist_message(twist: &Twist) -> Vec<u8> {
 }
 
 /// Appends fields, each aligned to its size, counted from the end of the encapsulation header.
-struct CdrWriter {
-    bytes: Vec<u8>,
+pub(super) struct CdrWriter {
+    pub(super) bytes: Vec<u8>,
 }
 
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -106,14 +110,14 @@ impl CdrWriter {
         }
     }
 
-    fn number<const SIZE: usize>(&mut self, bytes: [u8; SIZE]) {
+    pub(super) fn number<const SIZE: usize>(&mut self, bytes: [u8; SIZE]) {
         let fields = self.bytes.len() - ENCAPSULATION.len();
         self.bytes
             .resize(ENCAPSULATION.len() + fields.next_multiple_of(SIZE), 0);
         self.bytes.extend(bytes);
     }
 
-    fn u32(&mut self, value: u32) {
+    pub(super) fn u32(&mut self, value: u32) {
         self.number(value.to_le_bytes());
     }
 
@@ -129,11 +133,11 @@ impl CdrWriter {
         }
     }
 
-    fn length(&mut self, elements: usize) {
+    pub(super) fn length(&mut self, elements: usize) {
         self.u32(u32::try_from(elements).unwrap_or(u32::MAX));
     }
 
-    fn string(&mut self, text: &str) {
+    pub(super) fn string(&mut self, text: &str) {
         self.length(text.len() + 1);
         self.bytes.extend(text.as_bytes());
         self.bytes.push(0);
@@ -227,6 +231,10 @@ pub(crate) const fn ros2msg(kind: MessageType) -> Option<(&'static str, &'static
         MessageType::LaserScan => (
             "sensor_msgs/msg/LaserScan",
             include_str!("ros2msg/LaserScan.msg"),
+        ),
+        MessageType::PointCloud2 => (
+            "sensor_msgs/msg/PointCloud2",
+            include_str!("ros2msg/PointCloud2.msg"),
         ),
         MessageType::TfMessage => (
             "tf2_msgs/msg/TFMessage",

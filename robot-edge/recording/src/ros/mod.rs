@@ -6,6 +6,7 @@
 mod decode;
 mod encode;
 pub mod middleware;
+mod point_cloud;
 
 pub use decode::decode;
 pub(crate) use encode::ros2msg;
@@ -50,14 +51,9 @@ pub enum DecodeError {
     /// A pose that is not finite or whose quaternion is not a rotation.
     #[error("a pose in it is not finite, or its quaternion is not a rotation")]
     BadPose,
-    /// A cloud without the order of its sensor.
-    #[error(
-        "the cloud is neither organised nor has a ring field, so its beams cannot be distinguished"
-    )]
-    NotOrganised,
     /// A cloud whose fields do not fit its layout.
-    #[error("the cloud's fields do not fit its points")]
-    BadCloud,
+    #[error("the cloud is damaged: {0}")]
+    BadCloud(&'static str),
     /// A cone or limits of range that cannot be.
     #[error(
         "its field of view is not from 0 to π, or its limits of range are not in order from 0 up"
@@ -82,7 +78,7 @@ pub enum MessageType {
     LaserScan,
     /// `sensor_msgs/MultiEchoLaserScan`: the first echo of each beam.
     MultiEchoLaserScan,
-    /// `sensor_msgs/PointCloud2`, organised or with a ring field.
+    /// `sensor_msgs/PointCloud2`.
     PointCloud2,
     /// `sensor_msgs/Imu`.
     Imu,

@@ -1,3 +1,4 @@
+use measurement::cloud::{Cloud, CloudPoint};
 use measurement::scan::Scan;
 use measurement::{GeodeticFix, ImuSample, Measurement, RangeReading, StreamId, Twist, pose};
 use proptest::prelude::*;
@@ -71,6 +72,23 @@ fn samples() -> Vec<Measurement> {
         MeasurementData::Fix(fix),
         MeasurementData::Twist(twist),
         MeasurementData::Range(CONE),
+        MeasurementData::Cloud(Cloud {
+            points: vec![
+                CloudPoint {
+                    position_m: [1.0, -2.0, 0.5],
+                    after_s: 0.05,
+                    intensity: 12.0,
+                    ring: Some(15),
+                },
+                CloudPoint {
+                    position_m: [1.5, -2.0, 0.5],
+                    after_s: 0.1,
+                    intensity: 0.0,
+                    ring: None,
+                },
+            ],
+            without_return: 1,
+        }),
     ]
     .map(measurement)
     .to_vec()
@@ -211,60 +229,216 @@ fn a_zero_stamp_is_no_stamp_and_foreign_cdr_is_refused() {
     );
 }
 
-fn cloud(height: u32, with_ring: bool, points: u32) -> Vec<u8> {
+/// A field: name, offset, datatype.
+type Field = (&'static str, u32, u8);
+
+const XYZ: [Field; 3] = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)];
+
+/// A ROS 1 cloud behind a header which says the sizes.
+fn cloud(
+    [height, width, point_step, row_step]: [u32; 4],
+    fields: &[Field],
+    big_endian: bool,
+    data: &[u8],
+) -> Vec<u8> {
     let mut out = Vec::new();
-    for word in [0u32, 1, 0, 0, height, points] {
+    for word in [0, 1_700_000_000, 0, 0, height, width, fields.len() as u32] {
         out.extend(word.to_le_bytes());
     }
-    let mut fields = vec![("x", 0u32, 7u8), ("y", 4, 7), ("z", 8, 7)];
-    if with_ring {
-        fields.push(("ring", 12, 4));
-    }
-    out.extend((fields.len() as u32).to_le_bytes());
     for (name, offset, datatype) in fields {
         out.extend((name.len() as u32).to_le_bytes());
         out.extend(name.as_bytes());
         out.extend(offset.to_le_bytes());
-        out.push(datatype);
+        out.push(*datatype);
         out.extend(1u32.to_le_bytes());
     }
-    out.push(0);
-    out.extend(14u32.to_le_bytes());
-    out.extend((14 * points).to_le_bytes());
-    out.extend((14 * points * height).to_le_bytes());
-    for point in 0..points * height {
-        for value in [point as f32, 0.5, -1.0] {
-            out.extend(value.to_le_bytes());
-        }
-        out.extend((point as u16 % 16).to_le_bytes());
+    out.push(u8::from(big_endian));
+    for word in [point_step, row_step, data.len() as u32] {
+        out.extend(word.to_le_bytes());
     }
+    out.extend(data);
     out.push(1);
     out
 }
 
+fn read_cloud(bytes: &[u8]) -> Result<Cloud, DecodeError> {
+    let mut decoded = decode(MessageType::PointCloud2, Encoding::Ros1, false, bytes)?;
+    match decoded.remove(0)?.data {
+        MeasurementData::Cloud(cloud) => Ok(cloud),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The fields as the drivers of these sensors write them.
 #[test]
-fn clouds_that_keep_their_order_are_read() {
-    let read = |bytes: &[u8]| {
-        decode(MessageType::PointCloud2, Encoding::Ros1, false, bytes)
-            .unwrap()
-            .remove(0)
-    };
-    let MeasurementData::PointCloud(ringed) = read(&cloud(1, true, 3)).unwrap().data else {
-        panic!()
-    };
+fn clouds_of_any_layout_are_read() {
+    let position = |scale: f32| [1.0, 2.0, -3.0].map(|metres: f32| (metres * scale).to_le_bytes());
+    let xyz = position(1.0).concat();
+    let with = |more: &[&[u8]]| [&[&xyz[..]], more].concat().concat();
+    let ns = 1_500_000u32.to_le_bytes();
+    let velodyne = with(&[
+        &7.0f32.to_le_bytes(),
+        &3u16.to_le_bytes(),
+        &0.0015f32.to_le_bytes(),
+    ]);
+    let ouster = with(&[&[0; 4], &7.0f32.to_le_bytes(), &ns, &[3, 0]]);
+    let hesai = with(&[
+        &7.0f32.to_le_bytes(),
+        &1_700_000_000.001_5_f64.to_le_bytes(),
+        &3u16.to_le_bytes(),
+    ]);
+    let livox = with(&[
+        &7.0f32.to_le_bytes(),
+        &[0, 3],
+        &1_700_000_000_001_500_000_f64.to_le_bytes(),
+    ]);
+    let livox_old = with(&[&ns, &[7, 3]]);
+    let doubles = [1.0, 2.0, -3.0].map(f64::to_be_bytes).concat();
+    let doubles = [
+        &doubles[..],
+        &7i16.to_be_bytes(),
+        &1_500_000u32.to_be_bytes(),
+        &[3],
+    ]
+    .concat();
+    let layouts: [(&str, &[Field], bool, Vec<u8>); 6] = [
+        (
+            "velodyne",
+            &[("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7)],
+            false,
+            velodyne,
+        ),
+        (
+            "ouster",
+            &[("intensity", 16, 7), ("t", 20, 6), ("ring", 24, 2)],
+            false,
+            ouster,
+        ),
+        (
+            "hesai",
+            &[("intensity", 12, 7), ("timestamp", 16, 8), ("ring", 24, 4)],
+            false,
+            hesai,
+        ),
+        (
+            "livox",
+            &[
+                ("intensity", 12, 7),
+                ("tag", 16, 2),
+                ("line", 17, 2),
+                ("timestamp", 18, 8),
+            ],
+            false,
+            livox,
+        ),
+        (
+            "livox's own",
+            &[
+                ("offset_time", 12, 6),
+                ("intensity", 16, 2),
+                ("line", 17, 2),
+            ],
+            false,
+            livox_old,
+        ),
+        (
+            "big-endian",
+            &[
+                ("x", 0, 8),
+                ("y", 8, 8),
+                ("z", 16, 8),
+                ("intensity", 24, 3),
+                ("t", 26, 6),
+                ("channel", 30, 1),
+            ],
+            true,
+            doubles,
+        ),
+    ];
+    for (name, fields, big_endian, point) in layouts {
+        let fields = if fields[0].0 == "x" {
+            fields.to_vec()
+        } else {
+            [&XYZ, fields].concat()
+        };
+        let step = point.len() as u32;
+        let bytes = cloud([1, 1, step, step], &fields, big_endian, &point);
+        let read = read_cloud(&bytes).unwrap();
+        assert_eq!(read.points.len(), 1, "{name}");
+        let CloudPoint {
+            position_m,
+            after_s,
+            intensity,
+            ring,
+        } = read.points[0];
+        assert_eq!(
+            (position_m, intensity, ring),
+            ([1.0, 2.0, -3.0], 7.0, Some(3)),
+            "{name}"
+        );
+        assert!((after_s - 0.0015).abs() < 1e-6, "{name}: {after_s}");
+    }
+}
+
+#[test]
+fn rows_may_be_padded_and_points_may_be_missing() {
+    let point = |x: f32| [x, 0.5, -1.0].map(f32::to_le_bytes).concat();
+    let [nan, origin] = [f32::NAN, 0.0].map(|value| [value; 3].map(f32::to_le_bytes).concat());
+    let rows = [point(1.0), nan, vec![9; 4], point(2.0), origin, vec![9; 4]].concat();
+    let cloud = read_cloud(&cloud([2, 2, 12, 28], &XYZ, false, &rows)).unwrap();
+    let points = cloud
+        .points
+        .iter()
+        .map(|point| (point.position_m[0], point.ring));
+    assert_eq!(points.collect::<Vec<_>>(), [(1.0, Some(0)), (2.0, Some(1))]);
+    assert_eq!(cloud.without_return, 2);
+}
+
+#[test]
+fn a_cloud_that_lies_is_refused_with_the_reason() {
+    let data = [0; 48];
+    let short = "its data is shorter than its height, width, row_step and point_step say";
+    for (sizes, fields, reason) in [
+        ([1, 4, 12, 48], &XYZ[..2], "it has no fields x, y and z"),
+        ([1, 5, 12, 60], &XYZ[..], short),
+        ([1, 4, 12, 36], &XYZ[..], short),
+        ([u32::MAX, u32::MAX, 12, u32::MAX], &XYZ[..], short),
+        (
+            [1, 4, 8, 48],
+            &XYZ[..],
+            "a field ends beyond its point_step",
+        ),
+        (
+            [1, 4, 12, 48],
+            &[("x", 0, 7), ("y", 2, 7), ("z", 8, 7)],
+            "its fields overlap",
+        ),
+        (
+            [1, 4, 12, 48],
+            &[("x", 0, 9), ("y", 4, 7), ("z", 8, 7)],
+            "a field has an unknown datatype",
+        ),
+        (
+            [1, 4, 12, 48],
+            &[("x", u32::MAX, 7), ("y", 4, 7), ("z", 8, 7)],
+            "a field ends beyond its point_step",
+        ),
+    ] {
+        let read = read_cloud(&cloud(sizes, fields, false, &data));
+        assert_eq!(
+            read,
+            Err(DecodeError::BadCloud(reason)),
+            "{sizes:?} {fields:?}"
+        );
+    }
     assert_eq!(
-        ringed.points_m,
-        [[0.0, 0.5, -1.0], [1.0, 0.5, -1.0], [2.0, 0.5, -1.0]]
+        read_cloud(&cloud([0, 0, 0, 0], &[], false, &[])),
+        Err(DecodeError::BadCloud("it has no fields x, y and z"))
     );
-    assert_eq!(ringed.rings, Some(vec![0, 1, 2]));
-    let MeasurementData::PointCloud(organised) = read(&cloud(2, false, 2)).unwrap().data else {
-        panic!()
-    };
     assert_eq!(
-        (organised.points_m.len(), organised.width, organised.rings),
-        (4, 2, None)
+        read_cloud(&cloud([1, 0, 12, 0], &XYZ, false, &[])),
+        Ok(Cloud::default())
     );
-    assert_eq!(read(&cloud(1, false, 3)), Err(DecodeError::NotOrganised));
 }
 
 proptest! {
@@ -284,7 +458,7 @@ proptest! {
 
     #[test]
     fn nothing_panics_on_changed_messages(
-        sample in 0usize..9,
+        sample in 0usize..10,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
         let (kind, mut bytes) = encode(&samples()[sample], "").unwrap();
@@ -299,7 +473,8 @@ proptest! {
     fn nothing_panics_on_changed_clouds(
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
     ) {
-        let mut bytes = cloud(2, true, 5);
+        let fields = [&XYZ[..], &[("ring", 12, 4)]].concat();
+        let mut bytes = cloud([2, 5, 14, 70], &fields, false, &[1; 140]);
         for (at, value) in flips {
             let at = at.index(bytes.len());
             bytes[at] = value;

@@ -14,6 +14,7 @@
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
+use measurement::cloud::CloudPoint;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
@@ -432,9 +433,7 @@ impl ReorderBuffer {
 fn payload_bytes(data: &MeasurementData) -> usize {
     match data {
         MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * 4,
-        MeasurementData::PointCloud(cloud) => {
-            cloud.points_m.len() * 12 + cloud.rings.as_ref().map_or(0, |rings| rings.len() * 2)
-        }
+        MeasurementData::Cloud(cloud) => cloud.points.len() * size_of::<CloudPoint>(),
         MeasurementData::Joints(joints) => joints
             .iter()
             .map(|(name, _)| name.len() + size_of::<(String, f64)>())

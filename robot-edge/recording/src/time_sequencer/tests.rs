@@ -1,5 +1,6 @@
+use measurement::cloud::{Cloud, CloudPoint};
 use measurement::pose::Pose;
-use measurement::{PointCloud, StreamId, Twist};
+use measurement::{StreamId, Twist};
 use proptest::prelude::*;
 
 use super::{MAX_BUFFERED, *};
@@ -336,10 +337,17 @@ fn cloud(points: usize) -> Measurement {
         stamp: RobotTime::default(),
         stream: StreamId(0),
         frame: "".into(),
-        data: MeasurementData::PointCloud(PointCloud {
-            points_m: vec![[0.0; 3]; points],
-            width: 1,
-            rings: None,
+        data: MeasurementData::Cloud(Cloud {
+            points: vec![
+                CloudPoint {
+                    position_m: [0.0; 3],
+                    after_s: 0.0,
+                    intensity: 0.0,
+                    ring: None,
+                };
+                points
+            ],
+            without_return: 0,
         }),
     }
 }
@@ -355,7 +363,7 @@ fn items_and_bytes_are_bounded() {
     assert!(room.is_over_limit());
 
     let mut room = ReorderBuffer::default();
-    let points = MAX_BUFFERED_BYTES / 12;
+    let points = MAX_BUFFERED_BYTES / size_of::<CloudPoint>();
     room.insert(0, cloud(points));
     assert!(!room.is_over_limit());
     room.insert(1, cloud(1));

@@ -276,7 +276,7 @@ fn bits(measurement: &Measurement) -> Vec<u64> {
         MeasurementData::Fix(fix) => of(&[fix.latitude_deg, fix.longitude_deg, fix.altitude_m]),
         MeasurementData::Range(reading) => vec![u64::from(reading.range_m.to_bits())],
         MeasurementData::Bool(is_pressed) => vec![u64::from(*is_pressed)],
-        MeasurementData::Twist(_) | MeasurementData::PointCloud(_) => {
+        MeasurementData::Twist(_) | MeasurementData::Cloud(_) => {
             panic!("a simulated vehicle gives none: {measurement:?}")
         }
     }

@@ -1,5 +1,6 @@
 //! Obstacles and observed ground of the last scan of one sensor.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use nalgebra::{Point2, Point3, Vector2};
@@ -29,6 +30,8 @@ pub struct ObstacleScan {
     /// Those in the water last.
     points_in_odom: Vec<[f64; 2]>,
     shallows: usize,
+    /// Where a cloud has a point already.
+    places: HashSet<[i64; 2]>,
     coverage: Coverage,
     blockage_counts: BlockageCounts,
 }
@@ -55,6 +58,7 @@ impl ObstacleScan {
         self.period = period;
         self.kind = scan.kind;
         self.points_in_odom.clear();
+        self.places.clear();
         self.shallows = 0;
         self.blockage_counts = blockage.blockage_counts();
         let Some(first) = scan.beams.first() else {
@@ -84,10 +88,11 @@ impl ObstacleScan {
             // A bumper touches what is in the way at any height, and at the edge of the footprint.
             let obstacle_in_odom = match scan.kind {
                 ScanKind::Contact { .. } => Some((beam.end_in_odom, false)),
-                ScanKind::Beams | ScanKind::Arc => beam_result.obstacle_in_odom,
+                ScanKind::Beams | ScanKind::Cloud | ScanKind::Arc => beam_result.obstacle_in_odom,
             };
             if let Some((point, is_shallow)) = obstacle_in_odom
                 && self.points_in_odom.len() < MAX_POINTS
+                && (scan.kind != ScanKind::Cloud || self.places.insert(place_of(&point)))
             {
                 self.points_in_odom.push([point.x, point.y]);
                 if is_shallow {
@@ -114,7 +119,7 @@ impl ObstacleScan {
         self.points_in_odom.split_at(first)
     }
 
-    /// Whether it shows no free ground: it is too old, or no scan of beams.
+    /// Whether it shows no free ground: it is too old, or no planar scan. The map shows what clouds have seen.
     pub fn is_stale(&self, now: Monotonic) -> bool {
         self.kind != ScanKind::Beams || is_stale(self.measured_at, self.period, now)
     }
@@ -137,6 +142,13 @@ impl ObstacleScan {
     pub(super) const fn coverage(&self) -> &Coverage {
         &self.coverage
     }
+}
+
+/// Side of the squares of which one point of a cloud is kept, metres: the points of a wall lie above each other.
+const PLACE_M: f64 = 0.02;
+
+fn place_of(point: &Point3<f64>) -> [i64; 2] {
+    [point.x, point.y].map(|metres| (metres / PLACE_M).floor() as i64)
 }
 
 struct BeamResult {
@@ -183,7 +195,8 @@ impl BeamEvaluator<'_> {
             self.rules.ground_visible_below_m,
         );
         // What is nearer than a cone measures lies at the sensor, at the edge of the footprint.
-        let is_own_body = self.kind == ScanKind::Beams && self.is_own_body(beam);
+        let is_sweep = matches!(self.kind, ScanKind::Beams | ScanKind::Cloud);
+        let is_own_body = is_sweep && self.is_own_body(beam);
         let hits = !is_miss && !is_own_body;
         let height = self.rules.heights.of(from_height_m, to_height_m);
         let obstacle = match height {

@@ -138,6 +138,7 @@ fn the_generic_preset_shows_every_kind_of_sensor_with_its_defaults() {
             "gps",
             "imu",
             "laser_scan",
+            "lidar",
             "sonar",
             "ultrasonic",
             "wheel_encoders"
@@ -298,7 +299,7 @@ fn misspelt_keys_are_named_with_the_nearest() {
 #[test]
 fn a_sensor_that_is_not_there_is_not_invented() {
     let expected = "the vehicle has no sensor of this name; it has: laser. \
-                    To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps, ultrasonic, bumper)";
+                    To add one, set its `kind` (laser_scan, sonar, wheel_encoders, imu, gps, ultrasonic, lidar, bumper)";
     assert_eq!(
         set_issue("sensors.lazer.range_max_m=5"),
         format!("--set: `sensors.lazer`: {expected}")
@@ -439,7 +440,7 @@ fn wrong_types_are_named_with_what_is_expected() {
         (
             "sensors.laser.kind=radar",
             "expected one of \"laser_scan\", \"sonar\", \"wheel_encoders\", \"imu\", \"gps\", \
-             \"ultrasonic\", \"bumper\", found the text \"radar\"",
+             \"ultrasonic\", \"lidar\", \"bumper\", found the text \"radar\"",
         ),
     ] {
         let key = setting.split('=').next().unwrap().trim_end_matches(".x");
@@ -508,13 +509,13 @@ fn an_unknown_vehicle_gets_the_list() {
     let error = load("pionneer", &[]).unwrap_err().to_string();
     assert!(
         error.starts_with(
-            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, holos, holos-tilt, introbot, pioneer, riverwatch."
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, generic3d, holos, holos-tilt, introbot, pioneer, riverwatch."
         ),
         "{error}"
     );
     let error = load("toaster", &[]).unwrap_err().to_string();
     assert!(
-        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, holos, holos-tilt, introbot, pioneer, riverwatch."),
+        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, generic3d, holos, holos-tilt, introbot, pioneer, riverwatch."),
         "{error}"
     );
 }

@@ -22,8 +22,18 @@ fn occupancy(checks: &mut Checks, occupancy: &OccupancyConfig) {
         p_prior,
         p_min,
         p_max,
+        band_lowest_m,
+        band_highest_m,
         ..
     } = *occupancy;
+    if band_lowest_m >= band_highest_m {
+        checks.issue(
+            "mapping.occupancy.band_highest_m",
+            as_toml(band_highest_m),
+            "nothing of a cloud would be in the map",
+            format!("above band_lowest_m = {band_lowest_m}"),
+        );
+    }
     let is_ordered = p_free < 0.5 && p_occupied > 0.5;
     if is_ordered && !Between(p_free, p_occupied).contains(p_prior) {
         let why =

@@ -184,6 +184,7 @@ pub(in crate::runtime) fn name_topics(config: &mut Config) {
             SensorConfig::LaserScan(range)
             | SensorConfig::Sonar(range)
             | SensorConfig::Ultrasonic(range)
+            | SensorConfig::Lidar(range)
             | SensorConfig::Bumper(range) => &mut range.topic,
             SensorConfig::WheelEncoders(encoders) => &mut encoders.topic,
             SensorConfig::Imu(imu) => &mut imu.topic,

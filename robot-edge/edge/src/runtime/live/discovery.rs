@@ -104,9 +104,9 @@ fn connect(
 }
 
 fn decide(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
-    if survey.scans.is_empty() {
+    if survey.lacks_range_sensor() {
         return Err(UsageError(format!(
-            "{}: no scans (sensor_msgs/LaserScan) came",
+            "{}: no scans (sensor_msgs/LaserScan) and no clouds (sensor_msgs/PointCloud2) came",
             survey.path.display()
         ))
         .into());

@@ -17,6 +17,7 @@ use crate::runtime::mapping_stage::MAX_QUEUE_DELAY;
 use crate::runtime::source::{Source, SourceItem, SourceLosses};
 use crate::survey::Survey;
 use crate::survey::range_sensors::expected_stream;
+use measurement::cloud::CloudPoint;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::Monotonic;
 use measurement::{Measurement, MeasurementData, Stream};
@@ -146,13 +147,13 @@ impl LiveSource {
     fn buffer_measurement(&mut self, measurement: Measurement, received_at: Monotonic) {
         let bytes = match &measurement.data {
             MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * size_of::<f32>(),
+            MeasurementData::Cloud(cloud) => cloud.points.len() * size_of::<CloudPoint>(),
             MeasurementData::Transform { .. }
             | MeasurementData::Odometry { .. }
             | MeasurementData::Imu(_)
             | MeasurementData::Joints(_)
             | MeasurementData::Fix(_)
             | MeasurementData::Twist(_)
-            | MeasurementData::PointCloud(_)
             | MeasurementData::Range(_)
             | MeasurementData::Bool(_) => 0,
         };
@@ -196,7 +197,9 @@ impl LiveSource {
     fn is_expired(message: &RosMessage) -> bool {
         let is_scan = matches!(
             MessageType::from_type_name(&message.stream.type_name),
-            Some(MessageType::LaserScan | MessageType::MultiEchoLaserScan)
+            Some(
+                MessageType::LaserScan | MessageType::MultiEchoLaserScan | MessageType::PointCloud2
+            )
         );
         is_scan && clock::elapsed(message.received_at) > MAX_QUEUE_DELAY
     }

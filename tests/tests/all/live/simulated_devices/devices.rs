@@ -235,7 +235,7 @@ impl Devices {
             | MeasurementData::Twist(_)
             | MeasurementData::Range(_)
             | MeasurementData::Bool(_)
-            | MeasurementData::PointCloud(_) => {}
+            | MeasurementData::Cloud(_) => {}
         }
     }
 }
