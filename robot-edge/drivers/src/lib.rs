@@ -44,7 +44,6 @@ pub mod supervisor;
 mod test_decoding;
 mod transport;
 pub mod ublox;
-pub mod velodyne;
 pub mod xsens;
 
 pub use drivers::{Drivers, StartError};
