@@ -55,7 +55,10 @@ impl ExportPart {
 
     pub fn files(self) -> String {
         match self {
-            Self::Layer(LayerId::Occupancy) => "occupancy.tif, .png, .pgm and .yaml".to_owned(),
+            Self::Layer(layer @ (LayerId::Occupancy | LayerId::Obstacle)) => {
+                let document = layer.document_palette().map_or("", |_| ", .document.png");
+                format!("{layer}.tif, .png, .pgm and .yaml{document}")
+            }
             Self::Layer(layer) => {
                 let more = match layer {
                     LayerId::Depth => ", .geojson",

@@ -121,7 +121,7 @@ pub fn export_layer(
     }
 }
 
-/// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy also `occupancy.pgm` and
+/// Writes `<layer>.tif` and `<layer>.png` to `dir`; for occupancy and obstacles also `<layer>.pgm` and
 /// `occupancy.yaml`; for elevation and obstacle also `<layer>.document.png` in the colours of
 /// \[LOD\]; for depth also `depth.geojson`, its contours. The labels of the caption are drawn on the
 /// shores only. Returns the paths.
@@ -153,8 +153,8 @@ pub fn export_raster(
     if layer == LayerId::Depth {
         files.push(write_contours(dir, raster, caption.datum)?);
     }
-    if layer == LayerId::Occupancy {
-        files.extend(write_map_server(dir, "occupancy", raster)?);
+    if matches!(layer, LayerId::Occupancy | LayerId::Obstacle) {
+        files.extend(write_map_server(dir, layer.name(), raster)?);
     }
     Ok(files)
 }
@@ -263,7 +263,7 @@ impl Trinary {
     }
 }
 
-/// Writes `<name>.pgm` and `<name>.yaml` to `dir`; returns their paths.
+/// Writes a raster of probabilities or of obstacles as `<name>.pgm` and `<name>.yaml` to `dir`; returns their paths.
 ///
 /// Row 0 is the greatest y; `origin` is the lower left corner of the lower left cell.
 pub fn write_map_server(
@@ -299,8 +299,9 @@ fn write_pgm(writer: &mut impl Write, raster: &Raster) -> io::Result<()> {
         raster.read_row(y, &mut codes);
         pixels.clear();
         pixels.extend(codes.iter().map(|&code| {
-            let probability = raster.layer().quantisation().decode(code);
-            probability.map_or(Trinary::Undecided, Trinary::of).grey()
+            // Classes of the obstacle map are -1, free, and 1: they fit the thresholds of a probability.
+            let value = raster.layer().quantisation().decode(code);
+            value.map_or(Trinary::Undecided, Trinary::of).grey()
         }));
         writer.write_all(&pixels)?;
     }
@@ -521,6 +522,15 @@ mod tests {
             fs::read_to_string(yaml).unwrap(),
             "image: occupancy.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, -0.5, 0.0]\n\
      negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        );
+        let quantisation = LayerId::Obstacle.quantisation();
+        let raster = raster_of(LayerId::Obstacle, 0.05, 3, 1, |x, _| {
+            quantisation.encode([-1.0, f32::NAN, 1.0][x as usize])
+        });
+        let [pgm, _] = write_map_server(dir.path(), "obstacle", &raster).unwrap();
+        assert_eq!(
+            fs::read(pgm).unwrap(),
+            [b"P5\n3 1\n255\n".as_slice(), &[254, 205, 0]].concat()
         );
     }
 

@@ -98,7 +98,7 @@ pub(crate) fn generic2d(cell_m: f64) -> anyhow::Result<Config> {
 impl Prepared {
     /// Reads the only laser of the recording at `path` and the poses for it.
     pub(crate) fn read(path: &Path) -> anyhow::Result<Self> {
-        let survey = Survey::of(path)?;
+        let survey = Survey::of(path, None)?;
         let (stream, scans) = survey.scans.first().context("no scans")?;
         let laser = &survey.stream(*stream).context("no stream")?.stream.name;
         let (origin, selection) = if scans.has_own_poses {

@@ -331,6 +331,7 @@ mod tests {
     use super::*;
     use crate::shared_data::shared_data;
     use crate::{LidarDecoder, Sensor};
+    use measurement::time::RobotTime;
     use nalgebra::{Isometry3, Matrix3, Matrix3x4, Rotation3};
 
     /// The datagrams of a capture to a port.
@@ -471,7 +472,7 @@ mod tests {
         let is_lidar = |bytes: &&Vec<u8>| bytes.len() == ouster.packet_bytes();
         let lidar = datagrams.iter().filter(is_lidar);
         let mut revolutions: Vec<_> = lidar
-            .flat_map(|bytes| decoder.push(bytes).unwrap())
+            .flat_map(|bytes| decoder.push(RobotTime::default(), bytes).unwrap())
             .collect();
         revolutions.extend(decoder.finish());
         let poses = poses();

@@ -1,6 +1,7 @@
 //! Revolutions from the packets of any lidar.
 
 use measurement::cloud::{Cloud, CloudPoint};
+use measurement::time::RobotTime;
 
 use crate::ouster::Ouster;
 use crate::velodyne::Velodyne;
@@ -36,10 +37,10 @@ pub enum Sensor {
 /// One turn of a sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Revolution {
+    /// Stamp of the datagram that had the first point.
+    pub stamp: RobotTime,
     /// The points; times count from the first.
     pub cloud: Cloud,
-    /// Number of the datagram that had the first point, from 0.
-    pub first_packet: u64,
     /// Time of the first point on the sensor's clock, seconds; 0 is the full hour of Velodyne's, and of Ouster's its start, or 1970.
     pub sensor_time_s: f64,
 }
@@ -79,7 +80,8 @@ struct Assembly {
     current: Option<Revolution>,
     complete: Vec<Revolution>,
     counts: PacketCounts,
-    packet: u64,
+    /// Stamp of the newest datagram.
+    stamp: RobotTime,
 }
 
 impl LidarDecoder {
@@ -91,17 +93,21 @@ impl LidarDecoder {
         }
     }
 
-    /// Decodes a datagram. Returns the revolutions that it completed.
+    /// Decodes a datagram that was sent or received at `stamp`. Returns the revolutions that it completed.
     ///
     /// # Errors
     /// If it is no packet of the sensor. It is counted, and the next one may be good.
-    pub fn push(&mut self, datagram: &[u8]) -> Result<Vec<Revolution>, PacketError> {
+    pub fn push(
+        &mut self,
+        stamp: RobotTime,
+        datagram: &[u8],
+    ) -> Result<Vec<Revolution>, PacketError> {
         let assembly = &mut self.under_way;
+        assembly.stamp = stamp;
         let decoded = match &mut self.sensor {
             Sensor::Velodyne(velodyne) => velodyne.decode(datagram, assembly),
             Sensor::Ouster(ouster) => ouster.decode(datagram, assembly),
         };
-        assembly.packet += 1;
         match decoded {
             Ok(()) => assembly.counts.decoded += 1,
             Err(_) => assembly.counts.refused += 1,
@@ -123,7 +129,7 @@ impl LidarDecoder {
 impl Sink for Assembly {
     fn begin(&mut self, sensor_time_s: f64) {
         let begun = Revolution {
-            first_packet: self.packet,
+            stamp: self.stamp,
             sensor_time_s,
             ..Revolution::default()
         };

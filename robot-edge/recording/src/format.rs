@@ -5,10 +5,13 @@ use std::io::Read;
 use std::path::Path;
 use std::{fmt, io};
 
-use super::{RecordingError, RecordingReader, Selection, carmen, rosbag};
+use super::{RecordingError, RecordingReader, Selection, capture, carmen, rosbag, rosbag2};
+use crate::capture::CaptureReader;
 use crate::carmen::CarmenReader;
 use crate::mcap::McapReader;
+use crate::poses::{PoseFile, WithPoses};
 use crate::rosbag::RosbagReader;
+use crate::rosbag2::Rosbag2Reader;
 
 /// Bytes looked at; enough for the first 100 lines of most CARMEN logs.
 const DETECTION_BYTES: u64 = 64 << 10;
@@ -26,6 +29,10 @@ pub enum Format {
     Rosbag,
     /// MCAP with ROS 2 messages in CDR (or ROS 1 messages, which MCAP can hold too).
     Mcap,
+    /// `SQLite` file of a ROS 2 bag.
+    Rosbag2,
+    /// Capture of a network.
+    Capture,
 }
 
 impl Format {
@@ -35,7 +42,7 @@ impl Format {
         if path.is_dir() {
             return Err(io_error(io::Error::new(
                 io::ErrorKind::IsADirectory,
-                "this is a folder; name the recording in it (of a ROS 2 bag, the .mcap file)",
+                "this is a folder; name the recording in it (of a ROS 2 bag, the .mcap or .db3 file)",
             )));
         }
         let mut beginning = Vec::new();
@@ -56,6 +63,10 @@ impl Format {
     fn from_prefix(beginning: &[u8]) -> Option<Self> {
         if beginning.starts_with(MCAP_MAGIC) {
             Some(Self::Mcap)
+        } else if beginning.starts_with(rosbag2::MAGIC) {
+            Some(Self::Rosbag2)
+        } else if capture::is_capture(beginning) {
+            Some(Self::Capture)
         } else if rosbag::is_rosbag(beginning) {
             Some(Self::Rosbag)
         } else if carmen::is_carmen(beginning) {
@@ -72,23 +83,26 @@ impl fmt::Display for Format {
             Self::Carmen => "CARMEN log",
             Self::Rosbag => "ROS 1 bag",
             Self::Mcap => "MCAP",
+            Self::Rosbag2 => "ROS 2 bag (SQLite)",
+            Self::Capture => "network capture",
         })
     }
 }
 
 /// Opens a recording, whatever its format.
 pub fn open(path: &Path, selection: Selection) -> Result<Box<dyn RecordingReader>, RecordingError> {
-    open_surveyed(path, selection, None)
+    open_surveyed(path, selection, None, None)
 }
 
 /// Opens a recording whose survey found out from which range on its laser sees nothing although its messages
-/// do not say so (`inferred_miss_range_m`): CARMEN's.
+/// do not say so (`inferred_miss_range_m`): CARMEN's. `poses` come beside it.
 pub fn open_surveyed(
     path: &Path,
     selection: Selection,
     inferred_miss_range_m: Option<f32>,
+    poses: Option<PoseFile>,
 ) -> Result<Box<dyn RecordingReader>, RecordingError> {
-    Ok(match Format::of(path)? {
+    let reader: Box<dyn RecordingReader> = match Format::of(path)? {
         Format::Carmen => {
             let reader = CarmenReader::open(path, selection)?;
             Box::new(match inferred_miss_range_m {
@@ -98,6 +112,12 @@ pub fn open_surveyed(
         }
         Format::Rosbag => Box::new(RosbagReader::open(path, selection)?),
         Format::Mcap => Box::new(McapReader::open(path, selection)?),
+        Format::Rosbag2 => Box::new(Rosbag2Reader::open(path, &selection)?),
+        Format::Capture => Box::new(CaptureReader::open(path, selection)?),
+    };
+    Ok(match poses {
+        Some(poses) => Box::new(WithPoses::new(reader, poses)),
+        None => reader,
     })
 }
 

@@ -13,6 +13,7 @@ use measurement::drops::DropCounts;
 use measurement::time::RobotTime;
 use measurement::{Measurement, Stream};
 
+mod capture;
 pub mod carmen;
 #[cfg(test)]
 mod corruption_tests;
@@ -20,8 +21,10 @@ mod format;
 pub mod mcap;
 pub mod messages;
 pub mod new_file;
+pub mod poses;
 pub mod ros;
 pub mod rosbag;
+mod rosbag2;
 #[cfg(test)]
 pub(crate) mod shared_data;
 #[cfg(test)]
@@ -30,6 +33,7 @@ mod skip;
 pub mod time_sequencer;
 pub mod writer;
 
+pub use capture::LIDAR_PACKETS;
 pub use format::{Format, open, open_surveyed};
 
 /// Why a recording cannot be read at all. Damage inside a readable file is counted, not an error.
@@ -45,7 +49,7 @@ pub enum RecordingError {
     },
     /// Neither name nor content is that of a known format.
     #[error("{path}: not a recording this program reads: it begins with {begins_with}. \
-             It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs", path = path.display())]
+             It reads MCAP, ROS 2 bags (.db3), ROS 1 bags (version 2.0), CARMEN logs and network captures (.pcap)", path = path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,

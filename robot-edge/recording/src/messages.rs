@@ -1,10 +1,11 @@
 //! Decodes messages of a file or a network into measurements and counts losses.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
+use lidar::{LidarDecoder, PacketError, Revolution, Sensor};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream, StreamId};
+use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
 
 use super::{Selection, StreamSummary, ros};
 use crate::ros::{DecodeError, Encoding, MessageType};
@@ -36,6 +37,8 @@ pub struct Messages {
     streams: Vec<StreamSummary>,
     losses: LossLog,
     newest_stamp: Option<RobotTime>,
+    /// Of the streams of packets.
+    lidars: BTreeMap<StreamId, LidarStream>,
     ready: VecDeque<Measurement>,
 }
 
@@ -98,6 +101,9 @@ impl Messages {
         else {
             return;
         };
+        if kind == MessageType::VelodyneScan {
+            return self.take_velodyne_scan(stream, encoding, message);
+        }
         match ros::decode(kind, encoding, is_static, message) {
             Ok(parts) => {
                 for part in parts {
@@ -108,6 +114,58 @@ impl Messages {
                 }
             }
             Err(err) => self.count_lost_message(stream, err),
+        }
+    }
+
+    fn take_velodyne_scan(&mut self, stream: StreamId, encoding: Encoding, message: &[u8]) {
+        let packets = ros::velodyne_packets(encoding, message);
+        let (frame, packets) = match packets {
+            Ok(packets) => packets,
+            Err(err) => return self.count_lost_message(stream, err),
+        };
+        self.add_lidar(stream, frame, || Sensor::Velodyne(Box::default()));
+        for (stamp, packet) in packets {
+            if let Err(error) = self.take_packet(stream, stamp, packet) {
+                self.count_loss(stream, DropReason::Undecodable, &error);
+            }
+        }
+    }
+
+    /// From now on, packets of this stream are those of a lidar, unless they are already.
+    pub(crate) fn add_lidar(
+        &mut self,
+        stream: StreamId,
+        frame: FrameId,
+        sensor: impl FnOnce() -> Sensor,
+    ) {
+        self.lidars.entry(stream).or_insert_with(|| LidarStream {
+            decoder: LidarDecoder::new(sensor()),
+            frame,
+        });
+    }
+
+    /// Takes a packet of a lidar.
+    pub(crate) fn take_packet(
+        &mut self,
+        stream: StreamId,
+        stamp: RobotTime,
+        packet: &[u8],
+    ) -> Result<(), PacketError> {
+        if let Some(lidar) = self.lidars.get_mut(&stream) {
+            let revolutions = lidar.decoder.push(stamp, packet)?;
+            let revolutions = revolutions.into_iter();
+            self.ready
+                .extend(revolutions.map(|revolution| lidar.measurement(stream, revolution)));
+        }
+        Ok(())
+    }
+
+    /// At the end of the data: what it left unfinished.
+    pub(crate) fn finish(&mut self) {
+        for (stream, lidar) in &mut self.lidars {
+            let rest = lidar.decoder.finish();
+            self.ready
+                .extend(rest.map(|revolution| lidar.measurement(*stream, revolution)));
         }
     }
 
@@ -173,6 +231,24 @@ impl Messages {
                 summary.stream.name, summary.messages
             )
         });
+    }
+}
+
+/// A lidar whose packets are read.
+#[derive(Debug)]
+struct LidarStream {
+    decoder: LidarDecoder,
+    frame: FrameId,
+}
+
+impl LidarStream {
+    fn measurement(&self, stream: StreamId, revolution: Revolution) -> Measurement {
+        Measurement {
+            stamp: revolution.stamp,
+            stream,
+            frame: FrameId::clone(&self.frame),
+            data: MeasurementData::Cloud(revolution.cloud),
+        }
     }
 }
 

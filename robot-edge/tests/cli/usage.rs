@@ -20,7 +20,7 @@ fn wrong_options_say_what_is_right() {
             "--vehicle pionear",
             &[
                 "did you mean `pioneer`?",
-                "Presets: generic2d, holos, holos-tilt, introbot, pioneer, riverwatch",
+                "Presets: generic2d, generic3d, holos, holos-tilt, introbot, pioneer, riverwatch",
             ],
         ),
         ("--vehicle boat.toml", &["boat.toml: there is no such file"]),
@@ -132,6 +132,7 @@ fn a_printed_preset_is_a_configuration() {
         names,
         [
             "generic2d",
+            "generic3d",
             "holos",
             "holos-document",
             "holos-tilt",

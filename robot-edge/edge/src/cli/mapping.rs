@@ -33,8 +33,11 @@ pub struct RunLive {
 /// `replay`.
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct Replay {
-    /// MCAP with ROS 2 messages, ROS 1 bag or CARMEN log
+    /// MCAP or .db3 with ROS 2 messages, ROS 1 bag, CARMEN log, or .pcap with the packets of a lidar
     pub recording: PathBuf,
+    /// Poses of the sensor beside the recording: KITTI (a row of 12 numbers for each cloud) or TUM (8, with time)
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
     /// Times as fast as it was recorded, or `max`
     #[arg(long, value_name = "1|2.5|max", default_value = "max", value_parser = str::parse::<Rate>, allow_negative_numbers = true)]
     pub rate: Rate,

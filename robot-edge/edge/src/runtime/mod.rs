@@ -82,7 +82,7 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
         #[cfg(not(feature = "simulation"))]
         Command::Simulate(_) => Err(not_built("simulation")),
         Command::Info(command) => {
-            write!(out, "{}", Survey::of(&command.recording)?)?;
+            write!(out, "{}", Survey::of(&command.recording, None)?)?;
             Ok(Exit::Done)
         }
         Command::Recover(command) => salvage(command, out),

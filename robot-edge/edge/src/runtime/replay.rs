@@ -22,6 +22,7 @@ use crate::summary::Event;
 use crate::survey::Survey;
 use localization::registration::PoseOrigin;
 use measurement::time::RobotDuration;
+use recording::poses::PoseFile;
 use recording::{self, Selection};
 
 pub(super) fn replay(
@@ -50,6 +51,7 @@ pub fn play(
     };
     let command = &Replay {
         recording: command.recording.clone(),
+        poses: command.poses.clone(),
         rate: command.rate,
         repeat: false,
         start_s: 0.0,
@@ -66,6 +68,10 @@ pub fn play(
     player::play(&run, source, control, interrupt)
 }
 
+fn poses_of(command: &Replay) -> Result<Option<PoseFile>, recording::RecordingError> {
+    command.poses.as_deref().map(PoseFile::read).transpose()
+}
+
 /// Surveys the recording and chooses the vehicle and the streams.
 pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Config, Plan)> {
     let options = &command.mapping;
@@ -74,7 +80,7 @@ pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Conf
         config::load(vehicle, &options.setup.overrides())?;
     }
     outputs::check_not_source(&command.recording, options)?;
-    let survey = Survey::of(&command.recording)?;
+    let survey = Survey::of(&command.recording, poses_of(command)?)?;
     check_readable(&survey)?;
     let (vehicle, why) = match (&options.setup.vehicle, &survey.vehicle) {
         (Some(vehicle), _) => (vehicle.as_str(), "as asked for"),
@@ -145,8 +151,11 @@ pub(super) fn create_run<'a>(
         None => Selection::Named(plan.streams),
     };
     let path = command.recording.clone();
-    let open =
-        move || recording::open_surveyed(&path, selection.clone(), plan.inferred_miss_range_m);
+    let poses = poses_of(command)?;
+    let open = move || {
+        let miss_range_m = plan.inferred_miss_range_m;
+        recording::open_surveyed(&path, selection.clone(), miss_range_m, poses.clone())
+    };
     Ok((run, ReplaySource::new(Box::new(open), what)?))
 }
 

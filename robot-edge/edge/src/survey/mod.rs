@@ -7,6 +7,7 @@ use self::topics::{AttitudeSurvey, FixSurvey, JointSurvey, ScanSurvey, StampSurv
 use measurement::drops::DropCounts;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
+use recording::poses::PoseFile;
 use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
 mod frames;
@@ -62,9 +63,9 @@ pub struct OdometrySurvey {
 
 impl Survey {
     /// Surveys the recording at `path`, up to [`MAX_SURVEYED_BYTES`] of it.
-    pub fn of(path: &Path) -> Result<Self, RecordingError> {
+    pub fn of(path: &Path, poses: Option<PoseFile>) -> Result<Self, RecordingError> {
         let format = Format::of(path)?;
-        let mut reader = recording::open(path, Selection::All)?;
+        let mut reader = recording::open_surveyed(path, Selection::All, None, poses)?;
         Self::of_reader(path, format, reader.as_mut())
     }
 
@@ -153,7 +154,7 @@ impl Survey {
     pub fn clouds(&self) -> impl Iterator<Item = &Stream> {
         let streams = self.streams.iter().filter(|summary| summary.messages > 0);
         let streams = streams.map(|summary| &summary.stream);
-        streams.filter(|stream| stream.type_name == "sensor_msgs/PointCloud2")
+        streams.filter(|stream| is_of_lidar(&stream.type_name))
     }
 
     /// Whether it has neither scans nor clouds.
@@ -230,6 +231,16 @@ impl Survey {
             self.stamps[index].add(*stamp);
         }
     }
+}
+
+/// Whether streams of this type become clouds.
+pub fn is_of_lidar(type_name: &str) -> bool {
+    let types = [
+        "sensor_msgs/PointCloud2",
+        "velodyne_msgs/VelodyneScan",
+        recording::LIDAR_PACKETS,
+    ];
+    types.contains(&type_name)
 }
 
 /// What is known of a stream; nothing where there are too many.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::Survey;
+use super::{Survey, is_of_lidar};
 use crate::config::RangeSensor;
 use mapping::registered_scan::ScanKind;
 use measurement::{Stream, StreamId};
@@ -172,7 +172,10 @@ pub fn assign_streams<'a>(
         let is_its = |stream: &Stream| {
             let topic = sensor.config.topic.as_ref();
             topic.is_none_or(|topic| stream.name == *topic)
-                && expected_type(sensor) == Some(&stream.type_name)
+                && match sensor.config.scan_kind {
+                    ScanKind::Cloud => is_of_lidar(&stream.type_name),
+                    _ => expected_type(sensor) == Some(&stream.type_name),
+                }
         };
         let of_type = numbered.clone().filter(|(_, stream)| is_its(stream));
         let of_type: Vec<_> = of_type.collect();

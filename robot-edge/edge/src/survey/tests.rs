@@ -5,7 +5,7 @@ fn survey_text(content: &str) -> Survey {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a log.clf");
     std::fs::write(&path, content).unwrap();
-    let mut survey = Survey::of(&path).unwrap();
+    let mut survey = Survey::of(&path, None).unwrap();
     survey.path = "a log.clf".into();
     survey
 }

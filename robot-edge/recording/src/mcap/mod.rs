@@ -229,6 +229,9 @@ impl RecordingReader for McapReader {
             }
             let step = self.step();
             self.is_finished = !step.map_err(RecordingError::io(&self.path))?;
+            if self.is_finished {
+                self.contents.messages.finish();
+            }
         }
     }
 

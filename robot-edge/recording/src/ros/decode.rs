@@ -63,12 +63,36 @@ fn one(
         }
         MessageType::TwistStamped => Ok(MeasurementData::Twist(twist(fields)?)),
         MessageType::Range => range(fields)?.map(MeasurementData::Range),
-        // Without a stamp: see above. Several measurements: see `decode`.
-        MessageType::Twist | MessageType::Bool | MessageType::TfMessage => {
-            Err(DecodeError::TooShort)
-        }
+        // Without a stamp: see above. Several measurements: see `decode` and `velodyne_packets`.
+        MessageType::Twist
+        | MessageType::Bool
+        | MessageType::TfMessage
+        | MessageType::VelodyneScan => Err(DecodeError::TooShort),
     };
     Ok(data.map(|data| Decoded { stamp, frame, data }))
+}
+
+/// Packets with their times.
+type Packets<'a> = Vec<(RobotTime, &'a [u8])>;
+
+/// Frame of a `velodyne_msgs/VelodyneScan`, and its packets with the times of their arrival.
+pub(crate) fn velodyne_packets(
+    encoding: Encoding,
+    message: &[u8],
+) -> Result<(FrameId, Packets<'_>), DecodeError> {
+    let mut fields = Cursor::new(message, encoding)?;
+    let (_, frame) = header(&mut fields)?;
+    let packets = fields.length(8 + lidar::velodyne::PACKET)?;
+    let packets = (0..packets).map(|_| {
+        let secs = match encoding {
+            Encoding::Ros1 => i64::from(fields.u32()?),
+            Encoding::Cdr => i64::from(fields.i32()?),
+        };
+        let nanos = i64::from(fields.u32()?);
+        let stamp = RobotTime::from_nanos(secs * 1_000_000_000 + nanos);
+        Ok((stamp, fields.take(lidar::velodyne::PACKET)?))
+    });
+    Ok((frame, packets.collect::<Result<_, DecodeError>>()?))
 }
 
 fn header(fields: &mut Cursor<'_>) -> Result<(Option<RobotTime>, FrameId), DecodeError> {
@@ -345,7 +369,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    fn take(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
+    pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], DecodeError> {
         let end = self.at.checked_add(length).ok_or(DecodeError::TooShort)?;
         let taken = self.bytes.get(self.at..end).ok_or(DecodeError::TooShort)?;
         self.at = end;

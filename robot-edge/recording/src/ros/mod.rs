@@ -9,6 +9,7 @@ pub mod middleware;
 mod point_cloud;
 
 pub use decode::decode;
+pub(crate) use decode::velodyne_packets;
 pub(crate) use encode::ros2msg;
 pub use encode::{encode, twist_message};
 
@@ -80,6 +81,8 @@ pub enum MessageType {
     MultiEchoLaserScan,
     /// `sensor_msgs/PointCloud2`.
     PointCloud2,
+    /// `velodyne_msgs/VelodyneScan`: the packets of a turn.
+    VelodyneScan,
     /// `sensor_msgs/Imu`.
     Imu,
     /// `sensor_msgs/JointState`.
@@ -105,10 +108,11 @@ pub enum MessageType {
 }
 
 impl MessageType {
-    const NAMES: [(Self, &'static str); 14] = [
+    const NAMES: [(Self, &'static str); 15] = [
         (Self::LaserScan, "sensor_msgs/LaserScan"),
         (Self::MultiEchoLaserScan, "sensor_msgs/MultiEchoLaserScan"),
         (Self::PointCloud2, "sensor_msgs/PointCloud2"),
+        (Self::VelodyneScan, "velodyne_msgs/VelodyneScan"),
         (Self::Imu, "sensor_msgs/Imu"),
         (Self::JointState, "sensor_msgs/JointState"),
         (Self::NavSatFix, "sensor_msgs/NavSatFix"),

@@ -157,7 +157,8 @@ impl RecordingReader for RosbagReader {
                 return Ok(Some(measurement));
             }
             if !self.walk().map_err(RecordingError::io(&self.path))? {
-                return Ok(None);
+                self.contents.messages.finish();
+                return Ok(self.contents.messages.pop());
             }
         }
     }
