@@ -133,6 +133,8 @@ pub struct Ouster {
     /// Distance of a laser from the axis, metres.
     beam_origin_m: f64,
     sensor_from_lidar: Matrix4<f64>,
+    /// Serial number, if the metadata has it.
+    serial: Option<u64>,
     /// Of the last packet.
     last: Option<(u16, u16)>,
 }
@@ -193,6 +195,7 @@ impl Ouster {
             beam_origin_m: 1e-3
                 * beam_origin_mm.ok_or(MetadataError::Key("lidar_origin_to_beam_origin_mm"))?,
             sensor_from_lidar,
+            serial: find(&json, "prod_sn").and_then(|serial| serial.as_str()?.parse().ok()),
             last: None,
         })
     }
@@ -222,6 +225,14 @@ impl Ouster {
         }
         let layout = self.profile.layout();
         let is_legacy = self.profile == Profile::Legacy;
+        if !is_legacy {
+            let mut serial = [0; 8];
+            serial[..5].copy_from_slice(&datagram[7..12]);
+            let found = u64::from_le_bytes(serial);
+            if self.serial.is_some_and(|serial| serial != found) {
+                return Err(PacketError::OtherSensor(found));
+            }
+        }
         let packet_frame = u16::from_le_bytes([datagram[2], datagram[3]]);
         let columns = datagram[layout.packet_header..].chunks_exact(self.column_bytes());
         let (header, footer) = (layout.column_header, layout.column_footer);

@@ -20,6 +20,9 @@ pub enum PacketError {
     /// A mark, an angle or a number in it is none of the sensor's.
     #[error("a packet that is damaged, or of another sensor")]
     Damaged,
+    /// Its sensor has this serial number, and the metadata are those of another one.
+    #[error("a packet of the sensor with serial number {0}, which is not that of the metadata")]
+    OtherSensor(u64),
     /// A model or return mode that is not known.
     #[error("a packet of a model or return mode that is not known")]
     UnknownModel,

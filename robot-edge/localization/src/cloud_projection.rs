@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
-use mapping::registered_scan::{BeamOutcome, RegisteredBeam};
+use mapping::registered_scan::{BETWEEN_RINGS, BeamOutcome, RegisteredBeam};
 use measurement::cloud::{Cloud, CloudPoint};
 use measurement::drops::DropReason;
 use measurement::pose::Pose;
@@ -15,8 +15,6 @@ use rustc_hash::FxBuildHasher;
 const MAX_COLUMNS: f64 = 8192.0;
 /// The step between columns is measured again when it differs by more.
 const STEP_TOLERANCE: f64 = 0.2;
-/// Unused indices between two rings, so that no filter takes the end of one and the beginning of the next for neighbours.
-const BETWEEN_RINGS: u32 = 2;
 /// Indices between two points of no known ring, of which none are neighbours.
 const APART: u32 = 8;
 /// So many steps between points are enough to know the one in the middle.

@@ -5,6 +5,7 @@
 //! scan hit.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use measurement::pose;
 use measurement::pose::Pose;
@@ -241,12 +242,41 @@ impl ElevationMap {
         project: impl Fn(Point3<f64>) -> (Point2<f64>, f64),
     ) {
         let is_cloud = scan.kind == ScanKind::Cloud;
-        let hits = scan
-            .beams
-            .iter()
-            .enumerate()
-            .filter(|(_, beam)| beam.outcome == BeamOutcome::Hit);
-        for (at, beam) in hits {
+        // The ground around a ring is that of the rings below it, which are nearer.
+        for ring in scan.rings_upwards() {
+            let listed = self.hits.cells.len();
+            self.add_ring(scan, ring, report, &project);
+            if is_cloud {
+                self.find_ground(listed);
+            }
+        }
+    }
+
+    /// Makes new cells free that a part of the scan found to be so.
+    fn find_ground(&mut self, listed: usize) {
+        for hit in self.hits.cells.get(listed..).unwrap_or_default() {
+            let cell = self.grid.at_mut(hit.cell, hit.slot);
+            if cell.class == CellClass::Unknown {
+                cell.classify(self.rule, hit.bounds);
+                if cell.class == CellClass::Free {
+                    self.reclassified.push(hit.cell);
+                } else {
+                    cell.class = CellClass::Unknown;
+                }
+            }
+        }
+    }
+
+    fn add_ring(
+        &mut self,
+        scan: &RegisteredScan,
+        ring: Range<usize>,
+        report: &mut ElevationReport,
+        project: impl Fn(Point3<f64>) -> (Point2<f64>, f64),
+    ) {
+        let is_cloud = scan.kind == ScanKind::Cloud;
+        let beams = ring.clone().zip(&scan.beams[ring]);
+        for (at, beam) in beams.filter(|(_, beam)| beam.outcome == BeamOutcome::Hit) {
             let (position, height_m) = project(beam.end_in_odom);
             let cell = CellIndex::near(self.size.squared(position), self.cells_per_m);
             let Some(slot) = self.grid.slot(cell) else {
@@ -284,10 +314,7 @@ impl ElevationMap {
             let cell = self.grid.at_mut(hit.cell, hit.slot);
             let (was_raised, class) = (cell.is_raised(), cell.class());
             cell.end_scan(now_ms, self.travel_m);
-            match self.rule {
-                ObstacleRule::Mean => cell.classify_by_mean(hit.bounds),
-                ObstacleRule::Points => cell.classify_by_points(),
-            }
+            cell.classify(self.rule, hit.bounds);
             let (is_raised, is_grounded) = (cell.is_raised(), cell.is_grounded());
             let scans = cell.scans();
             if cell.class() != class {
@@ -620,6 +647,13 @@ impl ElevationCell {
         self.last_seen_ms = now_ms;
         self.hit_at_travel_m = travel_m;
         self.crossed_scans = 0;
+    }
+
+    fn classify(&mut self, rule: ObstacleRule, ground: Bounds) {
+        match rule {
+            ObstacleRule::Mean => self.classify_by_mean(ground),
+            ObstacleRule::Points => self.classify_by_points(),
+        }
     }
 
     /// Rule `mean` (docs/methods.md, section 1).

@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(
             refusal(b"\x1f\x8b\x08packed"),
             "F: not a recording this program reads: it begins with \"\\x1f\\x8b\\x08packed\". \
-         It reads MCAP, ROS 1 bags (version 2.0) and CARMEN logs"
+         It reads MCAP, ROS 2 bags (.db3), ROS 1 bags (version 2.0), CARMEN logs and network captures (.pcap)"
         );
         assert!(refusal(b"").contains("it begins with nothing: it is empty"));
         let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n";

@@ -18,6 +18,8 @@ pub mod carmen;
 #[cfg(test)]
 mod corruption_tests;
 mod format;
+#[cfg(test)]
+mod lidar_tests;
 pub mod mcap;
 pub mod messages;
 pub mod new_file;

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{Measurement, Stream};
-use rusqlite::{Connection, OpenFlags, OptionalExtension as _};
+use rusqlite::{Connection, OpenFlags};
 
 use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
 use crate::messages::{Messages, Reading, SelectedStream};
@@ -59,10 +59,14 @@ impl Rosbag2Reader {
             remedy: "If it is still being recorded, wait for its end; else `sqlite3 FILE .recover` saves what can be read",
         };
         let file = Connection::open_with_flags(path, flags).map_err(damaged)?;
+        // Without it, SQLite refuses a file that is cut. Nothing can be written.
+        file.pragma_update(None, "writable_schema", "ON")
+            .map_err(damaged)?;
         let mut messages = Messages::default();
         let topics = topics(&file, &mut messages, selection).map_err(damaged)?;
         let end_id = file.query_row("SELECT max(id) FROM messages", [], |row| row.get(0));
-        let end_id: Option<i64> = end_id.optional().map_err(damaged)?.flatten();
+        // The end may be damaged; what is before it can be read.
+        let end_id: Option<i64> = end_id.ok().flatten();
         Ok(Self {
             file,
             topics,

@@ -326,3 +326,54 @@ fn grass_is_free_and_what_is_wider_than_the_spot_an_obstacle() {
         assert_eq!(class_at(&map, 6.1, 0.1), class, "{next_m}");
     }
 }
+
+/// Three rings of a lidar on a slope of 5 %, 40 cm from ring to ring, a kerb of 15 cm behind the last, and a branch above.
+#[test]
+fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {
+    use CellClass::{Free, Obstacle};
+    let on_slope = |x_m: f64| [x_m, 0.1, 0.05 * x_m];
+    let xs_m = [1.9, 2.3, 2.7, 3.1, 3.5];
+    let mut points: Vec<_> = xs_m.map(on_slope).to_vec();
+    points.extend([[3.9, 0.1, 0.35], [3.9, 0.1, 0.35], [2.7, 0.1, 2.0]]);
+    let classes = |kind: ScanKind, is_upside_down: bool| {
+        let ground_config = GroundConfig {
+            reference: GroundReference::Local,
+            ..GroundConfig::default()
+        };
+        let elevation = ElevationConfig {
+            cells: 101,
+            cell_m: 0.2,
+            ..ElevationConfig::default()
+        };
+        let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &ground_config);
+        map.ignore_overhangs(1.0);
+        let mut scan = scan(0.0, 0.0, &points);
+        scan.kind = kind;
+        // A ring for each height; of some sensors the first is the highest.
+        let rings = points.len() as u32;
+        for (ring, beam) in (0..).zip(&mut scan.beams) {
+            let ring = if is_upside_down { rings - ring } else { ring };
+            let columns = (std::f64::consts::TAU / scan.beam_step_rad).round() as u32;
+            beam.index = ring * (columns + 2);
+            beam.range_m = 5.0;
+        }
+        scan.beams.sort_by_key(|beam| beam.index);
+        map.integrate(&scan, &ground());
+        let top_m = map.grid.get(CellIndex { x: 13, y: 0 }).unwrap().max_m();
+        let xs_m = [1.9, 2.7, 3.5, 3.9];
+        (xs_m.map(|x_m| class_at(&map, x_m, 0.1)), top_m < 0.2)
+    };
+    for is_upside_down in [false, true] {
+        let of_cloud = classes(ScanKind::Cloud, is_upside_down);
+        assert_eq!(
+            of_cloud,
+            ([Free, Free, Free, Obstacle], true),
+            "{is_upside_down}"
+        );
+    }
+    let (of_scan, is_below) = classes(ScanKind::Beams, false);
+    assert!(
+        of_scan != [Free, Free, Free, Obstacle] && !is_below,
+        "{of_scan:?}"
+    );
+}

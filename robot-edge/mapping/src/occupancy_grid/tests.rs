@@ -196,3 +196,30 @@ proptest! {
         }
     }
 }
+
+/// A lidar 2 m above the ground; the band is from 0.2 m to 1.5 m.
+#[test]
+fn of_a_cloud_the_band_is_observed() {
+    let observed = |end: [f64; 3]| {
+        let mut grid = grid(1.0, Miss::Unknown);
+        let mut scan = scan(&[((0.5, 0.5), (end[0], end[1]), BeamOutcome::Hit)]);
+        scan.kind = ScanKind::Cloud;
+        scan.beams[0].origin_in_odom.z = 2.0;
+        scan.beams[0].end_in_odom.z = end[2];
+        let report = grid.integrate(&scan);
+        assert_eq!((report.hits, report.misses), (1, 0));
+        let cells: Vec<_> = (0..11).map(|x| p(&grid, x, 0)).collect();
+        cells
+    };
+    let (free, hit) = (Some(0.3), Some(0.6));
+    // From 1.5 m, a quarter of the way, on it is within the band.
+    let wall = observed([10.5, 0.5, 0.3]);
+    assert_eq!(wall[..2], [None, None]);
+    assert_eq!(wall[5..], [free, free, free, free, free, hit]);
+    // On the ground it has left the band at 90 % of the way.
+    let ground = observed([10.5, 0.5, 0.0]);
+    assert_eq!(ground[2..4], [None, free]);
+    assert_eq!(ground[9..], [free, None]);
+    let crown_of_a_tree = observed([10.5, 0.5, 3.0]);
+    assert_eq!(crown_of_a_tree, [None; 11]);
+}

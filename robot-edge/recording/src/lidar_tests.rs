@@ -1,0 +1,263 @@
+//! Files of others with three-dimensional lidars, whole and damaged.
+
+use std::fs;
+use std::path::Path;
+
+use measurement::cloud::Cloud;
+use measurement::drops::DropReason;
+use measurement::time::RobotTime;
+use measurement::{Measurement, MeasurementData};
+
+use crate::poses::PoseFile;
+use crate::shared_data::shared_data;
+use crate::{RecordingError, RecordingReader, Selection, open, open_surveyed};
+
+fn all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
+    std::iter::from_fn(|| reader.next_measurement().unwrap()).collect()
+}
+
+fn clouds(measurements: &[Measurement]) -> Vec<(RobotTime, &Cloud)> {
+    let clouds = measurements
+        .iter()
+        .filter_map(|measurement| match &measurement.data {
+            MeasurementData::Cloud(cloud) => Some((measurement.stamp, cloud)),
+            _ => None,
+        });
+    clouds.collect()
+}
+
+#[test]
+fn a_rosbag2_of_velodyne_packets_gives_revolutions() {
+    let Some(folder) = shared_data("velodyne") else {
+        return;
+    };
+    let path = folder.join("vlp16_packets.db3");
+    let mut reader = open(&path, Selection::All).unwrap();
+    let measurements = all(&mut *reader);
+    let clouds = clouds(&measurements);
+    // The messages are not cut where the azimuth is 0: the first and the last are parts.
+    let points: Vec<_> = clouds.iter().map(|(_, cloud)| cloud.points.len()).collect();
+    assert_eq!(points.len(), 5);
+    assert!(
+        points[1..4]
+            .iter()
+            .all(|points| (14_000..16_000).contains(points)),
+        "{points:?}"
+    );
+    let seconds = clouds
+        .windows(2)
+        .map(|pair| pair[1].0.since(pair[0].0).as_secs_f64());
+    assert!(seconds.skip(1).all(|seconds| (seconds - 0.1).abs() < 0.002));
+    let last = clouds[2].1.points.last().unwrap();
+    assert!((last.after_s - 0.0998).abs() < 0.002, "{last:?}");
+    assert_eq!(reader.losses().total(), 0);
+    assert_eq!(reader.streams()[0].messages, 4);
+    let position = reader.position();
+    assert_eq!(position.bytes_read, position.bytes_total);
+}
+
+#[test]
+fn captures_of_ouster_are_read_with_the_metadata_beside_them() {
+    let Some(folder) = shared_data("ouster") else {
+        return;
+    };
+    for (name, revolutions, beams) in [
+        ("os0-32_fw2.2.pcap", 1, 32 * 1024),
+        ("os1-128_fw2.3_3scans.pcap", 3, 128 * 1024),
+    ] {
+        let mut reader = open(&folder.join(name), Selection::All).unwrap();
+        let measurements = all(&mut *reader);
+        let clouds = clouds(&measurements);
+        assert_eq!(
+            (clouds.len(), reader.losses().total()),
+            (revolutions, 0),
+            "{name}"
+        );
+        for (_, cloud) in clouds {
+            // Some beams have two returns.
+            let found = cloud.points.len() + cloud.without_return as usize;
+            assert!(
+                (beams..beams + beams / 50).contains(&found),
+                "{name}: {found}"
+            );
+        }
+        assert_eq!(&*measurements[0].frame, "os_sensor");
+    }
+}
+
+#[test]
+fn poses_beside_a_capture_are_transforms_at_the_times_of_its_clouds() {
+    let Some(folder) = shared_data("ouster") else {
+        return;
+    };
+    let poses = PoseFile::read(&folder.join("os1-128_fw2.3_3scans.poses.txt")).unwrap();
+    let path = folder.join("os1-128_fw2.3_3scans.pcap");
+    let mut reader = open_surveyed(&path, Selection::All, None, Some(poses)).unwrap();
+    let measurements = all(&mut *reader);
+    let transforms = measurements
+        .iter()
+        .filter_map(|measurement| match &measurement.data {
+            MeasurementData::Transform {
+                child,
+                parent_from_child,
+                is_static: false,
+            } => {
+                assert_eq!((&*measurement.frame, &**child), ("odom", "os_sensor"));
+                Some((measurement.stamp, parent_from_child.translation.vector))
+            }
+            _ => None,
+        });
+    let transforms: Vec<_> = transforms.collect();
+    let clouds = clouds(&measurements);
+    assert_eq!((transforms.len(), clouds.len()), (4, 3));
+    for (transform, cloud) in transforms.iter().zip(&clouds) {
+        assert_eq!(transform.0, cloud.0);
+    }
+    assert!((transforms[1].1.x - 0.245_41).abs() < 1e-5);
+    // It goes on as before.
+    let [second, third, after] = [1, 2, 3].map(|at| transforms[at].1);
+    assert!(((after - third) - (third - second)).norm() < 0.02);
+    assert_eq!(reader.streams()[0].stream.name, "/poses");
+    assert_eq!(reader.streams()[1].messages, 192);
+}
+
+#[test]
+fn pose_files_that_lie_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses.txt");
+    let read = |text: &str| {
+        fs::write(&path, text).unwrap();
+        PoseFile::read(&path)
+    };
+    let identity = "1 0 0 0 0 1 0 0 0 0 1 0";
+    let tum = "2.5 1 2 3 0 0 0 1";
+    assert!(
+        matches!(read(&format!("# x\n{tum}\n1.5 0 0 0 0 0 0 1")), Ok(PoseFile::Stamped(poses))
+        if poses[0].0 == RobotTime::from_nanos(1_500_000_000) && poses.len() == 2)
+    );
+    assert!(matches!(read(identity), Ok(PoseFile::ForEachCloud(poses)) if poses.len() == 1));
+    for (text, says) in [
+        ("", "there are no poses"),
+        (&*format!("{identity}\n1 2 3"), "line 2: 3 numbers"),
+        (
+            &*format!("{identity}\n{tum}"),
+            "some lines have 12 numbers, others 8",
+        ),
+        (
+            "1 0 0 0 0 2 0 0 0 0 1 0",
+            "line 1: no pose: its matrix is no rotation",
+        ),
+        (
+            "1 0 0 0 0 1 0 0 0 0 -1 0",
+            "line 1: no pose: its matrix is no rotation",
+        ),
+        (
+            "1 0 0 NaN 0 1 0 0 0 0 1 0",
+            "line 1: no pose: its matrix is no rotation",
+        ),
+        (
+            "1 0 0 0 0 0 0 0",
+            "line 1: no pose: its time or quaternion cannot be",
+        ),
+        ("1 0 0 x", "line 1: invalid float literal"),
+    ] {
+        let error = read(text).unwrap_err().to_string();
+        assert!(error.contains(says), "{text:?}: {error}");
+    }
+}
+
+/// Clouds, and losses with their notes.
+type Read = (usize, Vec<(DropReason, u64)>, Vec<String>);
+
+/// What a damaged copy of a file gives: its clouds and its losses, or why it cannot be opened.
+fn damaged(
+    file: &Path,
+    metadata: Option<&Path>,
+    damage: impl FnOnce(&mut Vec<u8>),
+) -> Result<Read, RecordingError> {
+    let folder = tempfile::tempdir().unwrap();
+    let copy = folder.path().join(file.file_name().unwrap());
+    let mut bytes = fs::read(file).unwrap();
+    damage(&mut bytes);
+    fs::write(&copy, bytes).unwrap();
+    if let Some(metadata) = metadata {
+        fs::copy(metadata, folder.path().join(metadata.file_name().unwrap())).unwrap();
+    }
+    let mut reader = open(&copy, Selection::All)?;
+    let clouds = clouds(&all(&mut *reader)).len();
+    Ok((
+        clouds,
+        reader.losses().iter().collect(),
+        reader.loss_notes().to_vec(),
+    ))
+}
+
+#[test]
+fn damaged_files_are_read_as_far_as_they_go() {
+    let (Some(ouster), Some(velodyne)) = (shared_data("ouster"), shared_data("velodyne")) else {
+        return;
+    };
+    let capture = ouster.join("os1-128_fw2.3_3scans.pcap");
+    let metadata = ouster.join("os1-128_fw2.3.json");
+    let half = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() / 2 + 100);
+    let (clouds, losses, notes) = damaged(&capture, Some(&metadata), half).unwrap();
+    assert_eq!(
+        (clouds, losses),
+        (2, vec![(DropReason::CutOff, 1)]),
+        "{notes:?}"
+    );
+    assert!(notes[0].contains("the rest is not read"), "{notes:?}");
+    // A packet whose azimuths are senseless, in the middle.
+    let (clouds, losses, _) = damaged(&capture, None, |_| {}).unwrap();
+    assert_eq!(
+        (clouds, losses),
+        (0, vec![]),
+        "without metadata nobody knows the packets"
+    );
+    let cut = damaged(&capture, None, |bytes| bytes.truncate(10)).unwrap_err();
+    assert!(cut.to_string().contains("copy it again"), "{cut}");
+    let other = ouster.join("os0-32_fw2.2.json");
+    let renamed = tempfile::tempdir().unwrap();
+    let wrong = renamed.path().join("os1-128_fw2.3.json");
+    fs::copy(other, &wrong).unwrap();
+    // Its packets have the same length.
+    let (clouds, losses, notes) = damaged(&capture, Some(&wrong), |_| {}).unwrap();
+    assert_eq!((clouds, losses), (0, vec![(DropReason::Undecodable, 192)]));
+    assert!(notes[0].contains("serial number 122201000998"), "{notes:?}");
+    fs::write(
+        &wrong,
+        "{\"udp_profile_lidar\": \"FUSA_RNG15_RFL8_NIR8_DUAL\"}",
+    )
+    .unwrap();
+    let refused = damaged(&capture, Some(&wrong), |_| {})
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("FUSA_RNG15_RFL8_NIR8_DUAL are not decoded"),
+        "{refused}"
+    );
+
+    let bag = velodyne.join("vlp16_packets.db3");
+    let (clouds, losses, notes) = damaged(&bag, None, half).unwrap();
+    assert!(clouds < 5, "{clouds}");
+    assert_eq!(losses, [(DropReason::Damaged, 1)], "{notes:?}");
+    assert!(notes[0].contains("SQLite says: "), "{notes:?}");
+    let header = damaged(&bag, None, |bytes| bytes.truncate(200))
+        .unwrap_err()
+        .to_string();
+    assert!(header.contains("SQLite says: "), "{header}");
+    let mark = |bytes: &mut Vec<u8>| {
+        let packet = bytes
+            .windows(4)
+            .position(|at| at == [0xFF, 0xEE, 0xFF, 0xEE]);
+        let at =
+            packet.unwrap_or_else(|| bytes.windows(2).position(|at| at == [0xFF, 0xEE]).unwrap());
+        bytes[at] = 0;
+    };
+    let (clouds, losses, notes) = damaged(&bag, None, mark).unwrap();
+    assert_eq!(
+        (clouds, losses),
+        (5, vec![(DropReason::Undecodable, 1)]),
+        "{notes:?}"
+    );
+}
