@@ -2,6 +2,7 @@
 
 #![cfg(test)]
 
+mod clouds;
 mod info;
 #[cfg(unix)]
 mod interrupt;

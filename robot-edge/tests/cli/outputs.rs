@@ -27,7 +27,7 @@ fn what_is_no_recording_is_refused() {
             );
         }
     };
-    refusal(folder.path(), &["this is a folder", ".mcap file"]);
+    refusal(folder.path(), &["this is a folder", ".mcap or .db3 file"]);
     refusal(&place("missing.mcap"), &["there is no such file"]);
     let folder_says = format!("there is no folder {}", place("no").display());
     refusal(&place("no/such/missing.mcap"), &[&folder_says]);
