@@ -14,7 +14,7 @@ pub struct OccupancyGrid {
     cell_m: f64,
     miss: Miss,
     /// Heights above the vehicle's frame at which clouds are observed, metres.
-    band_m: [f64; 2],
+    heights_m: [f64; 2],
     update: LogOddsUpdate,
     tile_limit: usize,
     grid: TiledGrid<i16>,
@@ -42,7 +42,7 @@ impl OccupancyGrid {
         Self {
             cell_m: config.cell_m,
             miss: config.miss,
-            band_m: [config.band_lowest_m, config.band_highest_m],
+            heights_m: [config.cloud_min_height_m, config.cloud_max_height_m],
             update: LogOddsUpdate::new(config),
             tile_limit: config.memory_limit_mb as usize * 1_000_000 / tile_bytes,
             grid,
@@ -89,8 +89,8 @@ impl OccupancyGrid {
         let base_from_odom = scan.odom_from_base.inverse();
         let height_m = |point: &Point3<f64>| (base_from_odom * point).z;
         let cut = |beam: &RegisteredBeam| {
-            let heights_m = [&beam.origin_in_odom, &beam.end_in_odom].map(height_m);
-            within_band(beam, heights_m, self.band_m)
+            let ends_m = [&beam.origin_in_odom, &beam.end_in_odom].map(height_m);
+            within_heights(beam, ends_m, self.heights_m)
         };
         let is_cloud = scan.kind == ScanKind::Cloud;
         for beam in &scan.beams {
@@ -180,8 +180,9 @@ impl OccupancyGrid {
     }
 }
 
-/// The part of a beam at heights within the band, if there is one; the ends are at `heights_m`. What ends outside shows free space.
-fn within_band(
+/// The part of a beam between a lowest and a highest height, if there is one; its ends are at `[from_m, to_m]`. What ends outside
+/// shows free space.
+fn within_heights(
     beam: &RegisteredBeam,
     [from_m, to_m]: [f64; 2],
     [lowest_m, highest_m]: [f64; 2],
@@ -199,7 +200,7 @@ fn within_band(
     };
     let (into, out) = (into.max(0.0), out.min(1.0));
     let along = beam.end_in_odom - beam.origin_in_odom;
-    // False for a beam that stays above or below it.
+    // False for a beam that stays above or below them.
     (into < out).then(|| RegisteredBeam {
         origin_in_odom: beam.origin_in_odom + along * into,
         end_in_odom: beam.origin_in_odom + along * out,
@@ -262,9 +263,9 @@ pub struct OccupancyConfig {
     /// Effect of a beam without a return on the cells along it.
     pub miss: Miss,
     /// Lowest height above the vehicle's frame at which a three-dimensional lidar is observed, metres: above the ground.
-    pub band_lowest_m: f64,
+    pub cloud_min_height_m: f64,
     /// The highest: that of the vehicle.
-    pub band_highest_m: f64,
+    pub cloud_max_height_m: f64,
     /// Memory limit of the cells, megabytes (10⁶ bytes); beyond it the farthest tiles are evicted.
     pub memory_limit_mb: u32,
 }
@@ -290,8 +291,8 @@ impl Default for OccupancyConfig {
             p_min: 0.02,
             p_max: 0.98,
             miss: Miss::Unknown,
-            band_lowest_m: 0.2,
-            band_highest_m: 1.5,
+            cloud_min_height_m: 0.2,
+            cloud_max_height_m: 1.5,
             memory_limit_mb: 256,
         }
     }

@@ -168,8 +168,8 @@ const RULES: &[Rule] = &[
     ),
     (
         &[
-            "mapping.occupancy.band_lowest_m",
-            "mapping.occupancy.band_highest_m",
+            "mapping.occupancy.cloud_min_height_m",
+            "mapping.occupancy.cloud_max_height_m",
         ],
         Within(-10.0, 10.0),
         "it is a height above the vehicle's frame",

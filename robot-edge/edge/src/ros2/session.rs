@@ -64,6 +64,7 @@ pub struct RosLink {
     domain: u32,
     sender: InboxSender,
     announced: Arc<Mutex<Announcements>>,
+    takes_clouds: bool,
 }
 
 impl std::fmt::Debug for RosLink {
@@ -80,11 +81,12 @@ struct Announcements {
     /// Announced keys of bridges without subscription.
     new_keys: Vec<(String, Stream)>,
     known_keys: Vec<String>,
+    takes_clouds: bool,
 }
 
 impl RosLink {
-    /// Connects, and subscribes to all mappable topics.
-    pub fn open(at: &RosEndpoint) -> Result<(Self, Inbox), RosLinkError> {
+    /// Connects, and subscribes to all mappable topics; to those of clouds, which are large, only with `takes_clouds`.
+    pub fn open(at: &RosEndpoint, takes_clouds: bool) -> Result<(Self, Inbox), RosLinkError> {
         let session =
             zenoh::open(config(&at.endpoint)?)
                 .wait()
@@ -97,7 +99,11 @@ impl RosLink {
             session,
             domain: at.domain,
             sender,
-            announced: Arc::default(),
+            announced: Arc::new(Mutex::new(Announcements {
+                takes_clouds,
+                ..Announcements::default()
+            })),
+            takes_clouds,
         };
         link.subscribe_to_rmw()?;
         link.listen_to_announcements()?;
@@ -165,7 +171,10 @@ impl RosLink {
 
     /// The keys of `rmw_zenoh` contain the type, so that no announcement is needed.
     fn subscribe_to_rmw(&self) -> Result<(), RosLinkError> {
-        for (_, type_name) in MessageType::all() {
+        for (kind, type_name) in MessageType::all() {
+            if !is_mapped(kind, self.takes_clouds) {
+                continue;
+            }
             let Some(pattern) = rmw_pattern(self.domain, type_name) else {
                 continue;
             };
@@ -214,7 +223,8 @@ impl Announcements {
         if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
             return;
         }
-        let is_mapped = MessageType::from_type_name(&announced.stream.type_name).is_some();
+        let kind = MessageType::from_type_name(&announced.stream.type_name);
+        let is_mapped = kind.is_some_and(|kind| is_mapped(kind, self.takes_clouds));
         if let Some(key) = &announced.key
             && is_mapped
             && !self.known_keys.contains(key)
@@ -224,6 +234,11 @@ impl Announcements {
         }
         self.by_token.insert(token.to_owned(), announced);
     }
+}
+
+const fn is_mapped(kind: MessageType, takes_clouds: bool) -> bool {
+    let is_cloud = matches!(kind, MessageType::PointCloud2 | MessageType::VelodyneScan);
+    !is_cloud || takes_clouds
 }
 
 fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {

@@ -197,9 +197,9 @@ proptest! {
     }
 }
 
-/// A lidar 2 m above the ground; the band is from 0.2 m to 1.5 m.
+/// A lidar 2 m above the ground, observed from 0.2 m to 1.5 m.
 #[test]
-fn of_a_cloud_the_band_is_observed() {
+fn clouds_are_observed_between_two_heights() {
     let observed = |end: [f64; 3]| {
         let mut grid = grid(1.0, Miss::Unknown);
         let mut scan = scan(&[((0.5, 0.5), (end[0], end[1]), BeamOutcome::Hit)]);
@@ -212,11 +212,11 @@ fn of_a_cloud_the_band_is_observed() {
         cells
     };
     let (free, hit) = (Some(0.3), Some(0.6));
-    // From 1.5 m, a quarter of the way, on it is within the band.
+    // From 1.5 m, a quarter of the way, on it is low enough.
     let wall = observed([10.5, 0.5, 0.3]);
     assert_eq!(wall[..2], [None, None]);
     assert_eq!(wall[5..], [free, free, free, free, free, hit]);
-    // On the ground it has left the band at 90 % of the way.
+    // On the ground it is too low from 90 % of the way on.
     let ground = observed([10.5, 0.5, 0.0]);
     assert_eq!(ground[2..4], [None, free]);
     assert_eq!(ground[9..], [free, None]);

@@ -22,16 +22,16 @@ fn occupancy(checks: &mut Checks, occupancy: &OccupancyConfig) {
         p_prior,
         p_min,
         p_max,
-        band_lowest_m,
-        band_highest_m,
+        cloud_min_height_m,
+        cloud_max_height_m,
         ..
     } = *occupancy;
-    if band_lowest_m >= band_highest_m {
+    if cloud_min_height_m >= cloud_max_height_m {
         checks.issue(
-            "mapping.occupancy.band_highest_m",
-            as_toml(band_highest_m),
+            "mapping.occupancy.cloud_max_height_m",
+            as_toml(cloud_max_height_m),
             "nothing of a cloud would be in the map",
-            format!("above band_lowest_m = {band_lowest_m}"),
+            format!("above cloud_min_height_m = {cloud_min_height_m}"),
         );
     }
     let is_ordered = p_free < 0.5 && p_occupied > 0.5;

@@ -4,13 +4,14 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use super::LiveSource;
-use crate::config::Config;
+use crate::config::{Config, RangeSensor};
 use crate::exit::{Interrupted, UsageError};
 use crate::ros2::{Inbox, RosEndpoint, RosLink, RosLinkError};
 use crate::runtime::is_set;
 use crate::runtime::localization_plan::range_sensors;
 use crate::runtime::plan::{Plan, plan};
 use crate::survey::Survey;
+use mapping::registered_scan::ScanKind;
 use measurement::time::Monotonic;
 use network::clock::{self, sleep_until};
 
@@ -36,11 +37,13 @@ pub(in crate::runtime) fn find(
 ) -> anyhow::Result<(LiveSource, Plan)> {
     let began = clock::now();
     let deadline = began + discovery.wait;
-    let (link, inbox) = connect(discovery.at, deadline, interrupt)?;
+    let sensors = range_sensors(discovery.config)?;
+    let has_lidar = |sensor: &RangeSensor<'_>| sensor.config.scan_kind == ScanKind::Cloud;
+    let takes_clouds = sensors.iter().any(has_lidar);
+    let (link, inbox) = connect(discovery.at, takes_clouds, deadline, interrupt)?;
     let mut live = LiveSource::new(link, inbox);
     let mut asked: Option<Monotonic> = None;
     let mut first: Option<Monotonic> = None;
-    let sensors = range_sensors(discovery.config)?;
     live.expect_topics(&sensors);
     let all = sensors.len();
     loop {
@@ -71,12 +74,13 @@ pub(in crate::runtime) fn find(
 
 fn connect(
     at: &RosEndpoint,
+    takes_clouds: bool,
     deadline: Monotonic,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<(RosLink, Inbox)> {
     let mut is_reported = false;
     loop {
-        match RosLink::open(at) {
+        match RosLink::open(at, takes_clouds) {
             Ok(opened) => return Ok(opened),
             Err(RosLinkError::Open { .. }) if !deadline.since(clock::now()).is_zero() => {
                 if !std::mem::replace(&mut is_reported, true) {

@@ -256,3 +256,42 @@ fn the_shorter_of_two_beams_counts() {
     coverage.add_beam(Vector2::new(0.0, 1.0), f64::NAN, visible(0.0, f32::NAN));
     assert!(!coverage.is_visible(Point2::new(0.0, 1.0), 0.0));
 }
+
+/// A wall of 40,000 points, 3 m ahead of a sensor 1.08 m high, behind 20,000 points of ground and a crown of a tree above.
+#[test]
+fn a_dense_cloud_keeps_every_place_of_a_wall_and_shows_no_free_ground() {
+    let setup = setup();
+    let grid = |columns: i32, rows: i32| {
+        (0..columns).flat_map(move |column| (0..rows).map(move |row| [column, row].map(f64::from)))
+    };
+    let ground = grid(200, 100).map(|[y, x]| [1.0 + 0.015 * x, 0.01 * (y - 100.0), 0.0]);
+    let tree = grid(100, 10).map(|[y, z]| [2.0, 0.01 * (y - 50.0), 1.5 + 0.1 * z]);
+    let wall = grid(400, 100).map(|[y, z]| [3.0, 0.005 * (y - 200.0), 0.15 + 0.01 * z]);
+    let points = ground.chain(tree).chain(wall);
+    let beams: Vec<_> = points
+        .map(|end| beam(1.08, end, BeamOutcome::Hit))
+        .collect();
+    let mut scan = RegisteredScan {
+        stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: 0.01,
+        kind: ScanKind::Cloud,
+        own_body_hits: 0,
+        odom_from_base: planar(0.0, 0.0, 0.0),
+        beams,
+    };
+    let now = Monotonic::from_nanos(0);
+    let of_cloud = setup.obstacle_scan(&scan, now);
+    let points = of_cloud.points_in_odom();
+    assert!(
+        (100..=101).contains(&points.len()),
+        "2 m in steps of 2 cm: {}",
+        points.len()
+    );
+    assert!(points.iter().all(|point| (point[0] - 3.0).abs() < 1e-9));
+    assert!(of_cloud.is_stale(now), "the map shows free ground");
+    // Without thinning the wall would end where there is no more room.
+    scan.kind = ScanKind::Beams;
+    let of_beams = setup.obstacle_scan(&scan, now);
+    assert_eq!(of_beams.points_in_odom().len(), MAX_POINTS);
+}
