@@ -38,8 +38,7 @@ pub(in crate::runtime) fn find(
     let began = clock::now();
     let deadline = began + discovery.wait;
     let sensors = range_sensors(discovery.config)?;
-    let has_lidar = |sensor: &RangeSensor<'_>| sensor.config.scan_kind == ScanKind::Cloud;
-    let takes_clouds = sensors.iter().any(has_lidar);
+    let takes_clouds = has_lidar(&sensors);
     let (link, inbox) = connect(discovery.at, takes_clouds, deadline, interrupt)?;
     let mut live = LiveSource::new(link, inbox);
     let mut asked: Option<Monotonic> = None;
@@ -107,13 +106,20 @@ fn connect(
     }
 }
 
+fn has_lidar(sensors: &[RangeSensor<'_>]) -> bool {
+    let mut kinds = sensors.iter().map(|sensor| sensor.config.scan_kind);
+    kinds.any(|kind| kind == ScanKind::Cloud)
+}
+
 fn decide(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     if survey.lacks_range_sensor() {
-        return Err(UsageError(format!(
-            "{}: no scans (sensor_msgs/LaserScan) and no clouds (sensor_msgs/PointCloud2) came",
-            survey.path.display()
-        ))
-        .into());
+        let lacks = if has_lidar(&range_sensors(config)?) {
+            "no clouds (sensor_msgs/PointCloud2)"
+        } else {
+            "no scans (sensor_msgs/LaserScan)"
+        };
+        let place = survey.path.display();
+        return Err(UsageError(format!("{place}: {lacks} came")).into());
     }
     plan(survey, config)
 }
