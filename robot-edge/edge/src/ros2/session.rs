@@ -237,8 +237,7 @@ impl Announcements {
 }
 
 const fn is_mapped(kind: MessageType, takes_clouds: bool) -> bool {
-    let is_cloud = matches!(kind, MessageType::PointCloud2 | MessageType::VelodyneScan);
-    !is_cloud || takes_clouds
+    takes_clouds || !kind.is_cloud()
 }
 
 fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<Stream>) {

@@ -8,6 +8,7 @@ use measurement::drops::DropCounts;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
 use recording::poses::PoseFile;
+use recording::ros::MessageType;
 use recording::{Format, Position, RecordingError, RecordingReader, Selection, StreamSummary};
 
 mod frames;
@@ -235,12 +236,8 @@ impl Survey {
 
 /// Whether streams of this type become clouds.
 pub fn is_of_lidar(type_name: &str) -> bool {
-    let types = [
-        "sensor_msgs/PointCloud2",
-        "velodyne_msgs/VelodyneScan",
-        recording::LIDAR_PACKETS,
-    ];
-    types.contains(&type_name)
+    type_name == recording::LIDAR_PACKETS
+        || MessageType::from_type_name(type_name).is_some_and(MessageType::is_cloud)
 }
 
 /// What is known of a stream; nothing where there are too many.

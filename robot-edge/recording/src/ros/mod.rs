@@ -129,6 +129,11 @@ impl MessageType {
         (Self::Bool, "std_msgs/Bool"),
     ];
 
+    /// Whether its messages become clouds.
+    pub const fn is_cloud(self) -> bool {
+        matches!(self, Self::PointCloud2 | Self::VelodyneScan)
+    }
+
     /// All of them, with their names in ROS 1 form (`sensor_msgs/Imu`).
     pub fn all() -> impl Iterator<Item = (Self, &'static str)> {
         Self::NAMES.into_iter()

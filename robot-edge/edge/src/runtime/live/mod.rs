@@ -195,12 +195,14 @@ impl LiveSource {
     /// If mapping cannot keep up, scans are dropped, and poses never. This drops scans that were not read in time;
     /// the mapping stage drops those that waited in its channel.
     fn is_expired(message: &RosMessage) -> bool {
-        let is_scan = matches!(
-            MessageType::from_type_name(&message.stream.type_name),
-            Some(
-                MessageType::LaserScan | MessageType::MultiEchoLaserScan | MessageType::PointCloud2
-            )
-        );
+        let kind = MessageType::from_type_name(&message.stream.type_name);
+        let is_scan = kind.is_some_and(|kind| {
+            kind.is_cloud()
+                || matches!(
+                    kind,
+                    MessageType::LaserScan | MessageType::MultiEchoLaserScan
+                )
+        });
         is_scan && clock::elapsed(message.received_at) > MAX_QUEUE_DELAY
     }
 
