@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! cargo bench -p robot-edge                   # everything, about a minute and a half
-//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, terrain, classify, rays, voxels, tiles, replay
+//! cargo bench -p robot-edge -- occupancy      # or only: reading, occupancy, terrain, classify, clouds, rays, voxels, tiles, replay
 //! cargo bench -p robot-edge -- endurance      # a run of 100,000 scans, some minutes; never by itself
 //! ```
 //!
@@ -12,6 +12,7 @@
 #![expect(clippy::print_stdout, reason = "a bench reports on standard output")]
 
 mod classify;
+mod clouds;
 mod occupancy;
 mod rays;
 mod recordings;
@@ -50,11 +51,12 @@ fn main() -> anyhow::Result<()> {
         "one thread, processor time; median of {} rounds (least … greatest)",
         rounds::ROUNDS
     );
-    let parts: [(&str, Print); 8] = [
+    let parts: [(&str, Print); 9] = [
         ("reading", recordings::print_reading),
         ("occupancy", occupancy::print),
         ("terrain", terrain::print),
         ("classify", classify::print),
+        ("clouds", clouds::print),
         ("rays", rays::print),
         ("voxels", voxels::print),
         ("tiles", tiles::print),

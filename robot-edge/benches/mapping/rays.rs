@@ -1,5 +1,5 @@
 //! The octree beside `OctoMap`, on the same rays: `$FORESHORE_RAYS` names the folder of `introbot.scan` and
-//! `riverwatch.scan`, `$FORESHORE_OCTOMAP` a program that feeds such a file to `OctoMap` and is called with
+//! `riverwatch.scan`, and of the revolutions that [`clouds`] writes, `$FORESHORE_OCTOMAP` a program that feeds such a file to `OctoMap` and is called with
 //! `FILE RESOLUTION MAX_RANGE base|lazy SCANS VOXELS.txt`. Format: `VXSCAN01`, little-endian; see [`Rays::read`].
 //!
 //! Every system runs in a process of its own, so that its peak memory is its own, and one after the other.
@@ -17,6 +17,7 @@ use mapping::registered_scan::SensorId;
 use nalgebra::Point3;
 use serde_json::Value;
 
+use super::clouds;
 use super::rounds::{timed, timed_by_the_wall};
 
 /// First argument of a process that measures one map.
@@ -35,7 +36,7 @@ struct Case {
     all: usize,
 }
 
-const CASES: [Case; 3] = [
+const CASES: [Case; 4] = [
     Case {
         file: "introbot",
         cell_m: 0.1,
@@ -60,6 +61,14 @@ const CASES: [Case; 3] = [
         variants: &["lazy", "base"],
         all: 600,
     },
+    Case {
+        file: clouds::FILE,
+        cell_m: 0.1,
+        range_m: 100.0,
+        both: clouds::REVOLUTIONS,
+        variants: &["lazy", "base"],
+        all: clouds::REVOLUTIONS,
+    },
 ];
 
 pub(crate) fn print() -> anyhow::Result<()> {
@@ -75,6 +84,10 @@ pub(crate) fn print() -> anyhow::Result<()> {
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |");
     for case in &CASES {
         let path = rays.join(case.file).with_extension("scan");
+        if !path.exists() {
+            println!("| {}: no such file | | | | | | | |", path.display());
+            continue;
+        }
         let scratch = tempfile::tempdir()?;
         let scans = case.both;
         let ours = scratch.path().join("ours.txt");
@@ -174,9 +187,17 @@ pub(crate) fn child(arguments: &[String]) -> anyhow::Result<()> {
     };
     let _pool = (threads > 1).then(|| pool(threads)).transpose()?;
     let mut octree = Octree::new(&config, &[model], threads);
+    let is_cloud = Path::new(path)
+        .file_stem()
+        .is_some_and(|stem| stem == clouds::FILE);
     let mut integrate = || {
         for scan in &rays.scans {
-            octree.integrate(SensorId(0), scan.iter().copied());
+            let rays = scan.iter().copied();
+            if is_cloud {
+                octree.integrate_cloud(SensorId(0), rays);
+            } else {
+                octree.integrate(SensorId(0), rays);
+            }
         }
     };
     // Of two threads it is the time that passes that counts.

@@ -77,8 +77,10 @@ pub struct Voxels {
     pub free: u64,
     /// Memory of all of them.
     pub bytes: u64,
-    /// Bricks that were evicted to keep the memory limit.
-    pub evicted_bricks: u64,
+    /// Bricks that became one voxel each to keep the memory limit.
+    pub coarse_bricks: usize,
+    /// Bricks that were evicted to keep it.
+    pub evicted_bricks: usize,
     /// BLAKE3 of the known voxels in a defined order, hexadecimal.
     pub digest: String,
 }

@@ -43,7 +43,7 @@ use crate::elevation::ElevationConfig;
 use crate::ground_plane::{GroundConfig, GroundPlaneReset};
 use crate::obstacle::ObstacleConfig;
 use crate::occupancy_grid::{OccupancyConfig, OccupancyGrid};
-use crate::octree::{OctreeConfig, RangeSensorModel};
+use crate::octree::{LimitedBricks, OctreeConfig, RangeSensorModel};
 use crate::registered_scan::{RegisteredScan, ScanKind};
 use crate::rigidity::RigidityConfig;
 use crate::scan_metrics::MetricsConfig;
@@ -58,6 +58,7 @@ pub struct Mapper {
     occupancy: Option<OccupancyGrid>,
     terrain: Option<Terrain>,
     voxels: Option<VoxelLayers>,
+    threads: usize,
     vehicle_in_odom: Point3<f64>,
     resets: u32,
 }
@@ -73,8 +74,8 @@ pub struct MapReport {
     pub dropped_beams: DropCounts,
     /// Set if the ground plane was reset and the maps above it erased.
     pub ground_plane_reset: Option<GroundPlaneReset>,
-    /// Bricks of the octree that were evicted by its memory limit.
-    pub evicted_bricks: u32,
+    /// What the octree's memory limit did.
+    pub limited: LimitedBricks,
 }
 
 impl Mapper {
@@ -95,6 +96,7 @@ impl Mapper {
                 .octree
                 .enabled
                 .then(|| VoxelLayers::new(config, vehicle, sensors)),
+            threads: config.threads,
             vehicle_in_odom: Point3::origin(),
             resets: 0,
         }
@@ -123,34 +125,46 @@ impl Mapper {
 
     fn integrate_beams(&mut self, scan: &RegisteredScan) -> MapReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
-        let mut report = MapReport::default();
-        if let Some(occupancy) = &mut self.occupancy {
-            let beams = occupancy.integrate(scan);
+        let Self {
+            occupancy,
+            terrain,
+            voxels,
+            ..
+        } = self;
+        let mut of_cells = || {
+            let observed = occupancy.as_mut().map(|grid| grid.integrate(scan));
+            (
+                observed,
+                terrain.as_mut().map(|terrain| terrain.integrate(scan)),
+            )
+        };
+        let mut of_voxels = || voxels.as_mut().map(|voxels| voxels.integrate(scan));
+        let ((observed, ground), voxels) = if self.threads > 1 {
+            rayon::join(of_cells, of_voxels)
+        } else {
+            (of_cells(), of_voxels())
+        };
+        let mut report = MapReport {
+            ground_plane_reset: ground.and_then(|ground| ground.ground_plane_reset),
+            limited: voxels.map_or_else(LimitedBricks::default, |voxels| voxels.limited),
+            ..MapReport::default()
+        };
+        // A beam is counted once: by the occupancy grid if it is enabled, which has no window.
+        if let Some(beams) = observed {
             let lost = (DropReason::OutOfBounds, beams.out_of_bounds);
             report.count_beams(beams.hits, beams.misses, lost);
-        }
-        if let Some(terrain) = &mut self.terrain {
-            let mapped = terrain.integrate(scan);
-            report.ground_plane_reset = mapped.ground_plane_reset;
-            // A beam is counted once: by the occupancy grid if it is enabled, which has no window.
-            if self.occupancy.is_none() {
-                let points = mapped.elevation;
-                let misses = scan.beams.len() as u32 - points.points - points.outside;
-                let lost = (DropReason::OutsideWindow, points.outside);
-                report.count_beams(points.points, misses, lost);
-            }
-        }
-        if let Some(voxels) = &mut self.voxels {
-            let mapped = voxels.integrate(scan);
-            report.evicted_bricks = mapped.evicted_bricks;
-            if self.occupancy.is_none() && self.terrain.is_none() {
-                let lost = (DropReason::OutOfBounds, mapped.out_of_bounds);
-                report.count_beams(mapped.hits, mapped.misses, lost);
-                let isolated = mapped.isolated.into();
-                report
-                    .dropped_beams
-                    .add_many(DropReason::Isolated, isolated);
-            }
+        } else if let Some(ground) = ground {
+            let points = ground.elevation;
+            let misses = scan.beams.len() as u32 - points.points - points.outside;
+            let lost = (DropReason::OutsideWindow, points.outside);
+            report.count_beams(points.points, misses, lost);
+        } else if let Some(beams) = voxels {
+            let lost = (DropReason::OutOfBounds, beams.out_of_bounds);
+            report.count_beams(beams.hits, beams.misses, lost);
+            let isolated = beams.isolated.into();
+            report
+                .dropped_beams
+                .add_many(DropReason::Isolated, isolated);
         }
         report
     }

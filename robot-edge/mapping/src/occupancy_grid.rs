@@ -1,7 +1,10 @@
 //! Unbounded 2D Bayesian occupancy grid of a horizontal laser (docs/methods.md, section 2;
 //! \[LRF\]).
 
+use std::collections::HashSet;
+
 use nalgebra::Point3;
+use rustc_hash::FxBuildHasher;
 use serde::Deserialize;
 
 use crate::grid::{CellIndex, TILE_EDGE, TileIndex, TiledGrid};
@@ -19,8 +22,9 @@ pub struct OccupancyGrid {
     tile_limit: usize,
     grid: TiledGrid<i16>,
     marks: ScanMarks,
-    // Kept for its allocation.
+    // Kept for their allocations.
     beams: Vec<(FixedPoint, FixedPoint, BeamOutcome)>,
+    ends: HashSet<((i32, i32), bool), FxBuildHasher>,
 }
 
 /// Result of one scan.
@@ -48,6 +52,7 @@ impl OccupancyGrid {
             grid,
             marks: ScanMarks::default(),
             beams: Vec::new(),
+            ends: HashSet::default(),
         }
     }
 
@@ -78,12 +83,15 @@ impl OccupancyGrid {
     }
 
     /// Fills `self.beams`; returns their extent, or `None` without beams.
+    ///
+    /// Of the beams of a cloud that end in the same cell, as all on a pole do, the first is enough.
     fn take_beams(
         &mut self,
         scan: &RegisteredScan,
         report: &mut OccupancyReport,
     ) -> Option<Extent> {
         self.beams.clear();
+        self.ends.clear();
         let fixed = |point: &Point3<f64>| FixedPoint::from_metres(point.x, point.y, self.cell_m);
         let mut extent = None;
         let base_from_odom = scan.odom_from_base.inverse();
@@ -124,7 +132,10 @@ impl OccupancyGrid {
             };
             extent = Some(grown);
             report.hits += u32::from(is_hit);
-            self.beams.push((start, end, beam.outcome));
+            let end_cell = (end.cell(), beam.outcome == BeamOutcome::Hit);
+            if !is_cloud || self.ends.insert(end_cell) {
+                self.beams.push((start, end, beam.outcome));
+            }
         }
         extent
     }

@@ -55,20 +55,17 @@ impl RadialFilter {
             let spacing_m = f64::from(beam.range_m) * scan.beam_step_rad;
             let radius_m = (RADIUS_BEAMS * spacing_m).max(LEAST_RADIUS_M);
             let number = beam.index as usize;
-            let near = |hits: &Hits| {
+            let beside = [&self.now, before].into_iter().flat_map(|hits| {
                 let last = (number + BESIDE + 1).min(hits.len());
-                let beside = hits
-                    .get(number.saturating_sub(BESIDE)..last)
-                    .unwrap_or_default();
-                let hits = beside.iter().flatten();
-                let is_near = |hit: &&Point3<f64>| {
-                    (**hit - beam.end_in_odom).norm_squared() <= radius_m * radius_m
-                };
-                hits.filter(is_near).count()
+                hits.get(number.saturating_sub(BESIDE)..last)
+                    .unwrap_or_default()
+            });
+            let is_near = |hit: &&Point3<f64>| {
+                (**hit - beam.end_in_odom).norm_squared() <= radius_m * radius_m
             };
             // The hit itself is within the radius.
-            let neighbours = (near(&self.now) + near(before)).saturating_sub(1);
-            *isolated = neighbours < usize::from(min_neighbours);
+            let wanted = usize::from(min_neighbours) + 1;
+            *isolated = beside.flatten().filter(is_near).take(wanted).count() < wanted;
         }
         std::mem::swap(&mut self.before[place].1, &mut self.now);
     }

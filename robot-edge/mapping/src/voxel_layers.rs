@@ -7,9 +7,9 @@ use nalgebra::Point3;
 use crate::MappingConfig;
 use crate::cost_map::{CostMap, Surface};
 use crate::depth::DepthMap;
-use crate::octree::{Octree, RangeSensorModel, Ray, SurfaceHit};
+use crate::octree::{LimitedBricks, Octree, RangeSensorModel, Ray, SurfaceHit};
 use crate::radial_filter::RadialFilter;
-use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan};
+use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind};
 use crate::scan_metrics::{InterScan, IntraScan};
 use crate::shore_layer::ShoreLayer;
 use crate::vehicle::VehicleShape;
@@ -55,8 +55,8 @@ pub struct VoxelReport {
     pub isolated: u32,
     /// Beams outside of the range of the map.
     pub out_of_bounds: u32,
-    /// Bricks evicted by the memory limit.
-    pub evicted_bricks: u32,
+    /// What the memory limit did.
+    pub limited: LimitedBricks,
 }
 
 /// Periodic update in time of the data.
@@ -134,7 +134,12 @@ impl VoxelLayers {
                 end: end(beam),
                 is_hit: beam.outcome == BeamOutcome::Hit,
             });
-        let out_of_bounds = self.octree.integrate(scan.sensor, rays);
+        let out_of_bounds = match scan.kind {
+            ScanKind::Cloud => self.octree.integrate_cloud(scan.sensor, rays),
+            ScanKind::Beams | ScanKind::Arc | ScanKind::Contact { .. } => {
+                self.octree.integrate(scan.sensor, rays)
+            }
+        };
         let water_m = self.waterline.and_then(|waterline| waterline.height_m);
         if let (Some(depth), Some(water_m), false) = (&mut self.depth, water_m, model.has_metrics) {
             let beams = scan.beams.iter().zip(&self.isolated);
@@ -172,7 +177,7 @@ impl VoxelLayers {
             misses: scan.beams.len() as u32 - hits,
             isolated,
             out_of_bounds,
-            evicted_bricks: self.octree.enforce_memory_limit(self.vehicle_in_odom) as u32,
+            limited: self.octree.enforce_memory_limit(self.vehicle_in_odom),
         }
     }
 
@@ -260,19 +265,16 @@ impl VoxelLayers {
             }
         }
         let metrics = intra.iter().zip(inter.iter());
-        for ((beam, isolated), (&intra, &inter)) in
-            scan.beams.iter().zip(&self.isolated).zip(metrics)
-        {
-            if beam.outcome == BeamOutcome::Hit && !isolated {
-                let hit = SurfaceHit {
-                    point: beam.end_in_odom,
-                    spot_m: beam.range_m * spread,
-                    intra,
-                    inter,
-                };
-                self.octree.add_surface(&hit, self.weights);
-            }
-        }
+        let hits = scan.beams.iter().zip(&self.isolated).zip(metrics);
+        let hits =
+            hits.filter(|((beam, isolated), _)| beam.outcome == BeamOutcome::Hit && !**isolated);
+        let hits = hits.map(|((beam, _), (&intra, &inter))| SurfaceHit {
+            point: beam.end_in_odom,
+            spot_m: beam.range_m * spread,
+            intra,
+            inter,
+        });
+        self.octree.add_surfaces(hits, self.weights);
     }
 
     fn update_cost(&mut self) {

@@ -101,6 +101,13 @@ pub enum MeasurementData {
     Bool(bool),
 }
 
+impl MeasurementData {
+    /// Whether it is a sweep of a range sensor: a scan or a cloud.
+    pub const fn is_scan(&self) -> bool {
+        matches!(self, Self::Scan { .. } | Self::Cloud(_))
+    }
+}
+
 /// Poses in a CARMEN laser line for its own sweep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnPose {

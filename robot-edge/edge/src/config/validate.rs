@@ -190,6 +190,11 @@ const RULES: &[Rule] = &[
         "there must be room for what surrounds the vehicle",
     ),
     (
+        &["mapping.octree.fine_m"],
+        Within(1.0, 10_000.0),
+        "around the vehicle voxels stay as they are",
+    ),
+    (
         &["mapping.cost.box_half_height_m"],
         Within(0.5, 50.0),
         "the box must hold the ground under the vehicle and what stands on it",

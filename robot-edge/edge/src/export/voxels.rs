@@ -113,6 +113,29 @@ pub fn pack_voxels(
     })
 }
 
+/// Distances from the vehicle within which voxels stay fine, tried in turn, metres.
+const FINE_M: [f64; 4] = [40.0, 20.0, 10.0, 0.0];
+
+/// As [`pack_voxels`], in files of at most `limit_bytes` if that is possible: voxels farther from the vehicle are merged by
+/// 4 × 4 × 4.
+pub fn pack_voxels_for_link(
+    stamp: RobotTime,
+    (mut octree, vehicle_in_odom): (Octree, Point3<f64>),
+    classes: &PublishedClasses,
+    limit_bytes: u64,
+) -> Result<VoxelSnapshot, BtWriteError> {
+    let mut snapshot = pack_voxels(stamp, &octree, classes)?;
+    for fine_m in FINE_M {
+        let bytes = snapshot.files.iter().map(|file| file.packed.len() as u64);
+        if bytes.sum::<u64>() <= limit_bytes {
+            break;
+        }
+        octree.coarsen_beyond(vehicle_in_odom, fine_m);
+        snapshot = pack_voxels(stamp, &octree, classes)?;
+    }
+    Ok(snapshot)
+}
+
 /// BLAKE3 of every known voxel, hexadecimal: of each block of 16³ voxels that holds one, ordered by the x, y and z of
 /// its least voxel, these as little-endian i32, then for each of its 64 bricks which voxels are known and which are
 /// occupied, as bits of little-endian u64; bricks and voxels x first, then y, then z.
@@ -287,6 +310,41 @@ mod tests {
         }
         // The last of those beyond was hit.
         assert_eq!(voxels, [counts.free - 7, counts.occupied - 1]);
+    }
+
+    #[test]
+    fn files_for_a_thin_link_are_coarse_far_from_the_vehicle() {
+        let mut octree = Octree::new(&OctreeConfig::default(), &[RangeSensorModel::default()], 1);
+        // A wall along x, up to 60 m.
+        let ends = (0..600).flat_map(|x| (0..20).map(move |z| (x, z)));
+        let rays = ends.map(|(x, z)| Ray {
+            origin: Point3::new(0.05, 0.05, 1.05),
+            end: Point3::new(0.1 * f64::from(x) + 0.05, 2.05, 0.1 * f64::from(z) + 0.05),
+            is_hit: true,
+        });
+        octree.integrate(SensorId(0), rays);
+        let classes = PublishedClasses(BTreeMap::new());
+        let stamp = RobotTime::from_nanos(0);
+        let packed = |limit_bytes| {
+            let octree = (octree.clone(), Point3::origin());
+            let snapshot = pack_voxels_for_link(stamp, octree, &classes, limit_bytes).unwrap();
+            snapshot.files.map(|file| file.packed.len() as u64)
+        };
+        let whole = packed(u64::MAX);
+        assert_eq!(
+            whole,
+            pack_voxels(stamp, &octree, &classes)
+                .unwrap()
+                .files
+                .map(|file| file.packed.len() as u64)
+        );
+        let total: u64 = whole.iter().sum();
+        for divisor in [2, 4] {
+            let bytes = packed(total / divisor).iter().sum::<u64>();
+            assert!(bytes <= total / divisor, "{bytes} of {total}");
+        }
+        // The coarsest that there is.
+        assert!(packed(0).iter().sum::<u64>() < total / 4);
     }
 
     /// Header lines, and x, y, z and class of every vertex.

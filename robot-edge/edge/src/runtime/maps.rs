@@ -14,7 +14,7 @@ use mapping::Mapper;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
 use mapping::occupancy_grid::OccupancyGrid;
-use mapping::octree::Octree;
+use mapping::octree::{LimitedBricks, Octree};
 use mapping::registered_scan::RegisteredScan;
 use mapping::terrain::Terrain;
 use measurement::drops::{DropCounts, DropReason};
@@ -77,8 +77,8 @@ pub struct MapsReport {
     pub misses: u64,
     /// Beams that no layer used, by reason.
     pub dropped_beams: DropCounts,
-    /// Bricks that were removed from the octree to keep its memory limit.
-    pub evicted_bricks: u64,
+    /// What the octree's memory limit did.
+    pub limited: LimitedBricks,
     /// Processing time of updating all layers, per scan.
     pub mapping_time: StageTimer,
     /// Processing time of converting changed cells to stored tiles, per publication.
@@ -172,7 +172,7 @@ impl Maps {
         report.dropped_beams.merge(&map.dropped_beams);
         self.progress.last_scan = Some(scan.stamp);
         self.progress.scans_unpublished += 1;
-        self.report_evictions(scan.stamp, map.evicted_bricks);
+        self.report_limited(scan.stamp, map.limited);
         if let Some(change) = map.ground_plane_reset {
             self.add_event(change.stamp, "ground_plane", change.to_string());
         }
@@ -237,12 +237,14 @@ impl Maps {
         self.add_event(jump.stamp, "pose_jump", message);
     }
 
-    fn report_evictions(&mut self, stamp: RobotTime, bricks: u32) {
-        if bricks == 0 {
+    fn report_limited(&mut self, stamp: RobotTime, now: LimitedBricks) {
+        if now == LimitedBricks::default() {
             return;
         }
         let progress = &mut self.progress;
-        progress.report.evicted_bricks += u64::from(bricks);
+        let limited = &mut progress.report.limited;
+        limited.coarse += now.coarse;
+        limited.removed += now.removed;
         let reported_at = progress
             .evictions_reported_at
             .filter(|&reported_at| reported_at <= stamp);
@@ -250,10 +252,10 @@ impl Maps {
             .is_none_or(|reported_at| stamp.since(reported_at) >= EVICTION_REPORT_INTERVAL)
         {
             progress.evictions_reported_at = Some(stamp);
-            let bricks = progress.report.evicted_bricks;
+            let LimitedBricks { coarse, removed } = progress.report.limited;
             let message = format!(
-                "the octree is at its memory limit (mapping.octree.memory_limit_mb): {bricks} bricks farthest from the \
-                 vehicle are gone so far"
+                "the octree is at its memory limit (mapping.octree.memory_limit_mb): of the bricks of 4 x 4 x 4 voxels farthest \
+                 from the vehicle {coarse} became one voxel each so far, and {removed} are gone"
             );
             self.add_event(stamp, "voxels_evicted", message);
         }

@@ -22,7 +22,7 @@ use crate::driving::operators::PendingOperatorList;
 use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::driving::{Driving, MonitorMapInput, OperatorListWatcher, Operators};
 use crate::events::event;
-use crate::export::voxels::{PublishedClasses, pack_voxels};
+use crate::export::voxels::{PublishedClasses, pack_voxels_for_link};
 use crate::publishing::keel_depth::KeelDepth;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::sensor_monitor::{SensorMonitor, descriptors};
@@ -41,6 +41,8 @@ use recording::new_file::NewFile;
 
 /// Maximum wait for consoles at the end of the data.
 const CONSOLE_SYNC_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest download of the octree's files, at the whole budget.
+const MAX_DOWNLOAD: Duration = Duration::from_mins(2);
 /// Time for the final status to arrive.
 const FINAL_STATUS_DELAY: Duration = Duration::from_millis(1200);
 
@@ -69,6 +71,7 @@ pub(super) struct Network {
     // Dropped last: it records the end of the others.
     _audit_log: Option<AuditLog>,
     keep_serving: bool,
+    budget_kbps: u32,
 }
 
 impl Network {
@@ -170,6 +173,7 @@ impl Network {
                     link,
                     _audit_log: audit_log,
                     keep_serving: plan.keep_serving,
+                    budget_kbps: config.streaming.budget_kbps,
                 };
                 if maps.mapper().voxels().is_some() {
                     network.link.publish_state().enable_voxels();
@@ -269,16 +273,23 @@ impl Network {
         }
     }
 
-    /// Packs on a thread of low priority, so that mapping waits only for a copy of the octree.
+    /// Packs on a thread of low priority, so that mapping waits only for a copy of the octree: what the link carries in
+    /// [`MAX_DOWNLOAD`].
     fn pack_voxels(&self, maps: &Maps, stamp: RobotTime, octree: Octree) {
         let classes = PublishedClasses::of(&maps.publisher().store());
+        let driving = self.driving.as_ref();
+        let budget_kbps = driving.map_or(self.budget_kbps, |driving| {
+            driving.handles().1.budget_kbps()
+        });
+        let limit_bytes = u64::from(budget_kbps) * 1000 / 8 * MAX_DOWNLOAD.as_secs();
+        let octree = (octree, maps.mapper().vehicle_in_odom());
         let publish_state = self.link.publish_state();
         let of_thread = Arc::clone(publish_state);
         let begun = thread::Builder::new()
             .name("voxel-files".to_owned())
             .spawn(move || {
                 lower_thread_priority();
-                let made = pack_voxels(stamp, &octree, &classes)
+                let made = pack_voxels_for_link(stamp, octree, &classes, limit_bytes)
                     .inspect_err(|why| tracing::warn!(%why, "the octree's files"));
                 of_thread.put_voxels(made.ok(), clock::now());
             });

@@ -319,7 +319,8 @@ fn voxels(maps: &Maps) -> Option<Voxels> {
         occupied: counts.occupied,
         free: counts.free,
         bytes: octree.bytes() as u64,
-        evicted_bricks: maps.report().evicted_bricks,
+        coarse_bricks: maps.report().limited.coarse,
+        evicted_bricks: maps.report().limited.removed,
         digest: voxel_digest(octree),
     })
 }

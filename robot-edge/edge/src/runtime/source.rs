@@ -151,7 +151,7 @@ impl ReplaySource {
             return ControlFlow::Continue(Some(SourceItem::Immediate(measurement)));
         }
         self.newest = self.newest.max(measurement.stamp);
-        let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
+        let is_scan = measurement.data.is_scan();
         if !is_scan && !self.clock.has_started() {
             return ControlFlow::Continue(Some(self.pose(measurement, RobotDuration::ZERO)));
         }

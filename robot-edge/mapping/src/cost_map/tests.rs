@@ -84,7 +84,7 @@ fn hit_by_spots(
             intra: 0.3,
             inter: 0.1,
         };
-        octree.add_surface(&hit, [0.3; 2]);
+        octree.add_surfaces([hit], [0.3; 2]);
     }
 }
 
@@ -516,7 +516,7 @@ proptest! {
             for (point, metric) in &ends {
                 let hit = SurfaceHit {
                     point: (*point).into(), spot_m: *metric * 0.2, intra: *metric * 0.08, inter: *metric };
-                octree.add_surface(&hit, [0.3; 2]);
+                octree.add_surfaces([hit], [0.3; 2]);
             }
             let mut whole = octree.clone();
             let vehicle = Point3::new(origin[0], origin[1], origin[2] * 0.5);
@@ -564,7 +564,7 @@ fn metrics_of_a_column_are_those_of_the_voxel_that_decides() {
             intra,
             inter,
         };
-        octree.add_surface(&hit, [0.3; 2]);
+        octree.add_surfaces([hit], [0.3; 2]);
     }
     let map = updated(Surface::Land, &mut octree, 0.1);
     let at = |x_m: f64| {

@@ -110,6 +110,14 @@ impl Block {
         found.ok().map(|place| &self.surface[place].1)
     }
 
+    /// Whether a voxel of a brick was ever hit, as far as that is remembered.
+    pub(super) fn has_surfaces(&self, number: usize) -> bool {
+        let first = (number * BRICK_VOXELS) as u16;
+        let at = self.surface.partition_point(|(at, _)| *at < first);
+        let next = self.surface.get(at);
+        next.is_some_and(|(at, _)| usize::from(*at) < (number + 1) * BRICK_VOXELS)
+    }
+
     /// For adding a hit; its brick column has changed. The flag is set if it is the first untaken
     /// change.
     pub(super) fn surface_mut(&mut self, address: usize) -> (&mut SurfaceVoxel, bool) {
@@ -137,6 +145,31 @@ impl Block {
             Child::Full(place) => self.bricks.bricks[place].states(),
             Child::Packed(place) => self.packed.bricks[place].states(),
         }
+    }
+
+    /// Makes each brick one voxel: occupied if any of it is, as a coarser level of an `OctoMap`, free if a quarter is, as much as a layer. The
+    /// surfaces are forgotten. Returns whether these are the first untaken changes.
+    pub(super) fn coarsen(&mut self, values: Values) -> bool {
+        let was_changed = self.changed != 0;
+        for number in 0..BLOCK_BRICKS {
+            let states = self.states(number, values);
+            let free = states.known & !states.occupied;
+            let (child, coarse) = if states.occupied != 0 {
+                (ALL_GREATEST, [u64::MAX; 2])
+            } else if free.count_ones() as usize >= BRICK_VOXELS / 4 {
+                (ALL_LEAST, [u64::MAX, 0])
+            } else {
+                (ALL_UNKNOWN, [0; 2])
+            };
+            self.children[number] = child;
+            if [states.known, states.occupied] != coarse {
+                self.changed |= 1 << (number % 16);
+            }
+        }
+        self.bricks = BrickList::default();
+        self.packed = BrickList::default();
+        self.surface = Vec::new();
+        self.changed != 0 && !was_changed
     }
 
     /// Takes the brick columns with changes, a bit for each, x first.

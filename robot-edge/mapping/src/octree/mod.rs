@@ -14,7 +14,7 @@ mod scratch_pages;
 mod surface;
 mod voxel_address;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::Point3;
 use rustc_hash::FxBuildHasher;
@@ -25,7 +25,7 @@ use crate::octree::block::Block;
 use crate::octree::log_odds_table::{LogOddsTable, Update, Values};
 use crate::octree::ray_marks::RayMarks;
 use crate::octree::scratch_pages::ShardMarks;
-use crate::octree::voxel_address::{BlockIndex, split};
+use crate::octree::voxel_address::{BLOCK_EDGE, BlockIndex, split};
 use crate::registered_scan::SensorId;
 pub use block::BrickStates;
 pub use queries::{ColumnStates, KnownBlock, VoxelCounts, VoxelState};
@@ -55,6 +55,8 @@ struct VoxelRay {
 pub struct Octree {
     cell_m: f64,
     limit_bytes: usize,
+    /// Blocks no farther from the vehicle stay fine.
+    fine_blocks: f64,
     steps: LogOddsTable,
     updates: Vec<Update>,
     shards: [Shard; SHARDS],
@@ -62,6 +64,15 @@ pub struct Octree {
     rays: Vec<VoxelRay>,
     /// One for each thread.
     marks: Vec<RayMarks>,
+}
+
+/// What the memory limit did, bricks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LimitedBricks {
+    /// Became one voxel each.
+    pub coarse: usize,
+    /// Became unknown.
+    pub removed: usize,
 }
 
 /// A column of bricks: columns (x, y) of voxels from `4·x … 4·x + 3` by `4·y … 4·y + 3`.
@@ -88,6 +99,7 @@ impl Octree {
         Self {
             cell_m: config.cell_m,
             limit_bytes: config.memory_limit_mb as usize * 1_000_000,
+            fine_blocks: config.fine_m / (config.cell_m * f64::from(BLOCK_EDGE)),
             steps,
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
             shards: Default::default(),
@@ -103,7 +115,30 @@ impl Octree {
 
     /// Adds the beams of one scan; returns the number of beams outside of the range of the map.
     pub fn integrate(&mut self, sensor: SensorId, rays: impl IntoIterator<Item = Ray>) -> u32 {
-        let unplaced = self.take_rays(rays);
+        let unplaced = self.take_rays(rays, |_| true);
+        self.add_rays(sensor, unplaced)
+    }
+
+    /// Adds a cloud, as [`Octree::integrate`]. Of the beams that end in the same voxel the first alone shows what is free: those
+    /// of a dense cloud cross nearly the same voxels.
+    pub fn integrate_cloud(
+        &mut self,
+        sensor: SensorId,
+        rays: impl IntoIterator<Item = Ray>,
+    ) -> u32 {
+        let mut ends = HashSet::<_, FxBuildHasher>::default();
+        let mut last = None;
+        let unplaced = self.take_rays(rays, |ray| {
+            // Of positive numbers, so that they are rounded down.
+            let voxel = ray.to.map(|voxels| (voxels + 4.0 * MAX_COORDINATE) as u32);
+            let end = (voxel, ray.is_hit);
+            // Most follow one that ends there, too.
+            last.replace(end) != Some(end) && ends.insert(end)
+        });
+        self.add_rays(sensor, unplaced)
+    }
+
+    fn add_rays(&mut self, sensor: SensorId, unplaced: u32) -> u32 {
         let update = self.updates.get(usize::from(sensor.0));
         let (Some(&update), Some((least, greatest))) = (update, self.bounds()) else {
             return unplaced;
@@ -120,16 +155,25 @@ impl Octree {
         unplaced
     }
 
-    /// Adds the position and metrics of a hit to its voxel; `weights` are those of the newest
+    /// Adds the positions and metrics of hits to their voxels; `weights` are those of the newest
     /// `intra` and `inter` in the moving averages.
     ///
-    /// It has no effect before the scan of the hit was integrated.
-    pub fn add_surface(&mut self, hit: &SurfaceHit, weights: [f32; 2]) {
-        let voxel = VoxelIndex::containing(hit.point, self.cell_m);
-        let (index, address) = split(voxel);
-        self.shards[index.shard()].with_surface(index, address, |surface| {
-            surface.add(hit, voxel, self.cell_m, weights);
-        });
+    /// It has no effect before the scan of the hits was integrated.
+    pub fn add_surfaces(&mut self, hits: impl IntoIterator<Item = SurfaceHit>, weights: [f32; 2]) {
+        let mut hits = hits.into_iter().peekable();
+        while let Some(hit) = hits.next() {
+            let voxel = VoxelIndex::containing(hit.point, self.cell_m);
+            let (index, address) = split(voxel);
+            self.shards[index.shard()].with_surface(index, address, |surface| {
+                surface.add(&hit, voxel, self.cell_m, weights);
+                // Most hits follow one in the same voxel.
+                let is_here =
+                    |hit: &SurfaceHit| VoxelIndex::containing(hit.point, self.cell_m) == voxel;
+                while let Some(hit) = hits.next_if(is_here) {
+                    surface.add(&hit, voxel, self.cell_m, weights);
+                }
+            });
+        }
     }
 
     /// Brick columns in which the state or surface of a voxel has changed since the last call, in
@@ -144,28 +188,58 @@ impl Octree {
         columns
     }
 
-    /// If the blocks exceed the memory limit, removes those farthest from `center` until 31/32 of
-    /// it remain (so that not every call evicts); returns the number of removed bricks.
-    pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> usize {
-        if self.block_bytes() <= self.limit_bytes {
-            return 0;
+    /// If the blocks exceed the memory limit, makes those farthest from `center` coarse, and where they all are, removes the
+    /// farthest, until 31/32 of the limit remain (so that not every call does it). Returns how many bricks.
+    pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> LimitedBricks {
+        let mut bytes = self.block_bytes();
+        if bytes <= self.limit_bytes {
+            return LimitedBricks::default();
         }
         let limit = self.limit_bytes - self.limit_bytes / 32;
         let center = split(VoxelIndex::containing(center, self.cell_m)).0;
         let order = |block: &Block| (block.index.distance_squared(center), block.index);
-        let mut blocks: Vec<_> = self
+        let mut farthest: Vec<_> = self
             .blocks()
             .map(|block| (order(block), block.bytes()))
             .collect();
-        blocks.sort_unstable();
-        let mut bytes = 0;
-        let first_evicted = blocks.into_iter().find_map(|(order, of_block)| {
-            bytes += of_block;
-            (bytes > limit).then_some(order)
-        });
-        let is_kept = |block: &Block| first_evicted.is_none_or(|first| order(block) < first);
-        let shards = self.shards.iter_mut();
-        shards.map(|shard| shard.retain(is_kept)).sum()
+        farthest.sort_unstable_by(|a, b| b.cmp(a));
+        let fine_squared = self.fine_blocks * self.fine_blocks;
+        let (mut coarse_from, mut removed_from) = (None, None);
+        for (order, of_block) in &mut farthest {
+            if bytes <= limit || order.0 as f64 <= fine_squared {
+                break;
+            }
+            bytes -= *of_block - size_of::<Block>();
+            *of_block = size_of::<Block>();
+            coarse_from = Some(*order);
+        }
+        for (order, of_block) in farthest {
+            if bytes <= limit {
+                break;
+            }
+            bytes -= of_block;
+            removed_from = Some(order);
+        }
+        let is_beyond =
+            |from: Option<_>, block: &Block| from.is_some_and(|from| order(block) >= from);
+        let values = self.values();
+        let mut limited = LimitedBricks::default();
+        for shard in &mut self.shards {
+            limited.removed += shard.retain(|block| !is_beyond(removed_from, block));
+            limited.coarse += shard.coarsen(|block| is_beyond(coarse_from, block), values);
+        }
+        limited
+    }
+
+    /// Makes the blocks farther than this from `center` coarse.
+    pub fn coarsen_beyond(&mut self, center: Point3<f64>, distance_m: f64) {
+        let center = split(VoxelIndex::containing(center, self.cell_m)).0;
+        let blocks = distance_m / (self.cell_m * f64::from(BLOCK_EDGE));
+        let values = self.values();
+        let is_far = |block: &Block| block.index.distance_squared(center) as f64 > blocks * blocks;
+        for shard in &mut self.shards {
+            shard.coarsen(is_far, values);
+        }
     }
 
     /// Erases everything.
@@ -186,8 +260,12 @@ impl Octree {
         self.marks.iter().map(RayMarks::bytes).sum()
     }
 
-    /// Converts beams to voxels; returns the number of beams outside of the range of the map.
-    fn take_rays(&mut self, rays: impl IntoIterator<Item = Ray>) -> u32 {
+    /// Converts the beams that `is_needed` to voxels; returns the number of beams outside of the range of the map.
+    fn take_rays(
+        &mut self,
+        rays: impl IntoIterator<Item = Ray>,
+        mut is_needed: impl FnMut(&VoxelRay) -> bool,
+    ) -> u32 {
         let per_m = 1.0 / self.cell_m;
         let voxels = |point: &Point3<f64>| [point.x * per_m, point.y * per_m, point.z * per_m];
         let fits = |&[from, to]: &[f64; 2]| {
@@ -197,14 +275,14 @@ impl Octree {
         self.rays.clear();
         for ray in rays {
             let (from, to) = (voxels(&ray.origin), voxels(&ray.end));
-            if (0..3).all(|axis| fits(&[from[axis], to[axis]])) {
-                self.rays.push(VoxelRay {
-                    from,
-                    to,
-                    is_hit: ray.is_hit,
-                });
-            } else {
+            if !(0..3).all(|axis| fits(&[from[axis], to[axis]])) {
                 unplaced += 1;
+                continue;
+            }
+            let is_hit = ray.is_hit;
+            let ray = VoxelRay { from, to, is_hit };
+            if is_needed(&ray) {
+                self.rays.push(ray);
             }
         }
         unplaced
@@ -311,9 +389,10 @@ pub struct OctreeConfig {
     pub p_min: f64,
     /// Greatest probability of a voxel (\[HYB\] §4.3.1: 0.6).
     pub p_max: f64,
-    /// Memory limit of the voxels, megabytes (10⁶ bytes); beyond it the farthest blocks are
-    /// evicted.
+    /// Memory limit of the voxels, megabytes (10⁶ bytes); beyond it the farthest blocks are made coarse, then evicted.
     pub memory_limit_mb: u32,
+    /// Within this distance of the vehicle they stay fine, metres.
+    pub fine_m: f64,
 }
 
 /// Parameters of a range sensor.
@@ -339,6 +418,7 @@ impl Default for OctreeConfig {
             p_min: 0.1,
             p_max: 0.6,
             memory_limit_mb: 256,
+            fine_m: 40.0,
         }
     }
 }
@@ -455,6 +535,20 @@ impl Shard {
         self.gone.extend(evicted.iter().map(|block| block.index));
         let stored = evicted.iter().map(Block::stored);
         stored.map(|(full, packed)| full + packed).sum()
+    }
+
+    /// Makes the blocks that `is_far` accepts coarse; returns the number of their bricks.
+    fn coarsen(&mut self, is_far: impl Fn(&Block) -> bool, values: Values) -> usize {
+        let mut bricks = 0;
+        for block in self.blocks.iter_mut().filter(|block| is_far(block)) {
+            let (full, packed) = block.stored();
+            bricks += full + packed;
+            self.block_bytes -= block.bytes() - size_of::<Block>();
+            if block.coarsen(values) {
+                self.changed.push(block.index);
+            }
+        }
+        bricks
     }
 
     const fn block_bytes(&self) -> usize {

@@ -11,6 +11,9 @@ use crate::octree::voxel_address::{
 };
 use crate::octree::{BrickColumn, Octree};
 
+/// The voxel of a brick above its middle along all axes.
+const BRICK_MIDDLE: u32 = 2 | 2 << 2 | 2 << 4;
+
 /// State of a voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum VoxelState {
@@ -158,11 +161,18 @@ impl Octree {
         known.filter(|block| block.bricks.iter().any(|brick| brick.known != 0))
     }
 
-    /// Every occupied voxel with its surface, in a deterministic but arbitrary order.
+    /// Every occupied voxel with its surface, in a deterministic but arbitrary order. Of a coarse brick it is the one in the
+    /// middle.
     pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
         self.blocks().flat_map(move |block| {
             (0..BLOCK_BRICKS).flat_map(move |number| {
                 let occupied = block.states(number, self.values()).occupied;
+                let is_coarse = occupied == u64::MAX && !block.has_surfaces(number);
+                let occupied = if is_coarse {
+                    1 << BRICK_MIDDLE
+                } else {
+                    occupied
+                };
                 let voxels = (0..BRICK_VOXELS).filter(move |voxel| occupied >> voxel & 1 == 1);
                 voxels.map(move |voxel| {
                     let address = number * BRICK_VOXELS + voxel;

@@ -12,6 +12,7 @@ fn config() -> OctreeConfig {
         p_min: 0.1192,
         p_max: 0.971,
         memory_limit_mb: 100,
+        fine_m: 40.0,
     }
 }
 
@@ -171,6 +172,27 @@ proptest! {
         prop_assert_eq!(values(&one), values(&two));
     }
 
+    #[test]
+    fn a_cloud_is_a_scan_of_the_first_beam_to_each_voxel(
+        ends in prop::collection::vec((point(0.4), any::<bool>()), 1..200),
+    ) {
+        let all: Vec<Ray> =
+            ends.iter().map(|&(end, is_hit)| ray([2.05, 0.1, 0.3], end, is_hit)).collect();
+        let mut first: Vec<Ray> = Vec::new();
+        for ray in &all {
+            let end = |ray: &Ray| (VoxelIndex::containing(ray.end, 0.1), ray.is_hit);
+            if first.iter().all(|other| end(other) != end(ray)) {
+                first.push(*ray);
+            }
+        }
+        for threads in [1, 2] {
+            let (mut cloud, mut scan) = (octree(threads), octree(1));
+            cloud.integrate_cloud(SENSOR, all.iter().copied());
+            scan.integrate(SENSOR, first.iter().copied());
+            prop_assert_eq!(states(&cloud), states(&scan));
+        }
+    }
+
     /// The changed columns hold all changes, and a coarser level agrees with its voxels.
     #[test]
     fn changes_are_complete_and_coarser_levels_agree(scans in scans(), probe in point(2.5)) {
@@ -259,44 +281,85 @@ fn what_saturates_takes_no_memory() {
 }
 
 #[test]
-fn memory_limit_evicts_the_farthest_bricks() {
-    let config = OctreeConfig {
-        memory_limit_mb: 1,
-        ..config()
-    };
-    let mut octree = Octree::new(&config, &[model()], 1);
-    let mut evicted = 0;
-    for n in 0..400 {
-        let x = f64::from(n) * 0.5;
-        let beams = (0..90).map(|beam| {
-            let angle = f64::from(beam) * 0.07;
-            ray(
-                [x, 0.0, 0.0],
-                [
-                    x + 6.0 * libm::cos(angle),
+fn memory_limit_makes_the_farthest_bricks_coarse_and_then_removes_them() {
+    for fine_m in [20.0, f64::INFINITY] {
+        let config = OctreeConfig {
+            memory_limit_mb: 1,
+            fine_m,
+            ..config()
+        };
+        let mut octree = Octree::new(&config, &[model()], 1);
+        let mut limited = LimitedBricks::default();
+        let mut before = Vec::new();
+        for n in 0..400 {
+            let x = f64::from(n) * 0.5;
+            let beams = (0..90).map(|beam| {
+                let angle = f64::from(beam) * 0.07;
+                let along = [
+                    6.0 * libm::cos(angle),
                     6.0 * libm::sin(angle),
                     libm::sin(angle),
-                ],
-                true,
-            )
-        });
-        octree.integrate(SENSOR, beams);
-        evicted += octree.enforce_memory_limit(Point3::new(x, 0.0, 0.0));
+                ];
+                ray([x, 0.0, 0.0], [x + along[0], along[1], along[2]], true)
+            });
+            octree.integrate(SENSOR, beams);
+            if n == 30 {
+                before = states(&octree)
+                    .into_iter()
+                    .filter(|(at, _)| at.x < 100)
+                    .collect();
+                octree.take_changed();
+            }
+            let now = octree.enforce_memory_limit(Point3::new(x, 0.0, 0.0));
+            limited.coarse += now.coarse;
+            limited.removed += now.removed;
+            let bytes = octree.block_bytes();
+            assert!(bytes < 1_000_000, "{bytes} after {n} scans");
+            let all: usize = octree.blocks().map(Block::bytes).sum();
+            assert_eq!(bytes, all);
+        }
+        assert_eq!(octree.state(voxel(1995, 0, 0)), VoxelState::Free);
         assert!(
-            octree.block_bytes() < 1_000_000,
-            "{} after {n} scans",
-            octree.block_bytes()
+            octree.take_changed().contains(&BrickColumn { x: 0, y: 0 }),
+            "it became coarse or unknown"
         );
-        let all: usize = octree.blocks().map(Block::bytes).sum();
-        assert_eq!(octree.block_bytes(), all);
+        if fine_m.is_finite() {
+            assert!(limited.coarse > 1000 && limited.removed == 0, "{limited:?}");
+            // No hit is lost, and much of what was free is.
+            let is_hit = |state: &VoxelState| *state == VoxelState::Occupied;
+            let hits = before.iter().filter(|(_, state)| is_hit(state));
+            for (at, _) in hits {
+                assert_eq!(octree.state(*at), VoxelState::Occupied, "{at:?}");
+            }
+            let free = before
+                .iter()
+                .filter(|(at, _)| octree.state(*at) == VoxelState::Free);
+            let free = free.count();
+            assert!(free > before.len() / 3, "{free} of {}", before.len());
+        } else {
+            assert!(limited.coarse == 0 && limited.removed > 1000, "{limited:?}");
+            assert_eq!(octree.state(voxel(5, 0, 0)), VoxelState::Unknown);
+        }
     }
-    assert!(evicted > 1000, "{evicted}");
-    assert_eq!(octree.state(voxel(1995, 0, 0)), VoxelState::Free);
-    assert_eq!(octree.state(voxel(5, 0, 0)), VoxelState::Unknown);
-    assert!(
-        octree.take_changed().contains(&BrickColumn { x: 0, y: 0 }),
-        "it became unknown"
-    );
+}
+
+#[test]
+fn far_bricks_are_made_coarse_on_request() {
+    let mut octree = octree(1);
+    let ends = [[1.05, 0.05, 0.05], [30.05, 0.05, 0.05]];
+    octree.integrate(SENSOR, ends.map(|end| ray([0.0; 3], end, true)));
+    octree.coarsen_beyond(Point3::origin(), 10.0);
+    let occupied: Vec<_> = octree.occupied().map(|(at, _)| at).collect();
+    assert_eq!(occupied, [voxel(10, 0, 0), voxel(302, 2, 2)]);
+    for (at, state) in [
+        (voxel(300, 3, 3), VoxelState::Occupied),
+        // Few of its brick's voxels were seen.
+        (voxel(290, 0, 0), VoxelState::Unknown),
+        (voxel(5, 0, 0), VoxelState::Free),
+        (voxel(10, 1, 0), VoxelState::Unknown),
+    ] {
+        assert_eq!(octree.state(at), state, "{at:?}");
+    }
 }
 
 #[test]
@@ -359,7 +422,7 @@ fn hits_set_the_surface() {
         intra: 0.5,
         inter: f32::NAN,
     };
-    octree.add_surface(&hit, [0.3; 2]);
+    octree.add_surfaces([hit], [0.3; 2]);
     assert_eq!(
         octree.surface(voxel(10, 0, 0)),
         None,
@@ -367,7 +430,7 @@ fn hits_set_the_surface() {
     );
     octree.integrate(SENSOR, [ray([0.0; 3], end, true)]);
     octree.take_changed();
-    octree.add_surface(&hit, [0.3; 2]);
+    octree.add_surfaces([hit], [0.3; 2]);
     let surface = octree.surface(voxel(10, 0, 0)).unwrap();
     let mean = surface.mean();
     assert!(

@@ -35,7 +35,7 @@ fn posts(octree: &mut Octree, xs_m: &[f64], rigid_from_m: f64) {
                 intra,
                 inter: 0.9,
             };
-            octree.add_surface(&hit, [0.3; 2]);
+            octree.add_surfaces([hit], [0.3; 2]);
         }
     }
 }
@@ -101,7 +101,7 @@ fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
                 intra: 0.9,
                 inter: 0.1,
             };
-            octree.add_surface(&hit, [0.3; 2]);
+            octree.add_surfaces([hit], [0.3; 2]);
         }
     }
     let mut layer = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);

@@ -207,7 +207,7 @@ impl TimeSequencer {
 
     fn drop_late(&mut self, measurement: &Measurement) {
         self.drops.add(DropReason::Late);
-        self.late_scans += u64::from(matches!(measurement.data, MeasurementData::Scan { .. }));
+        self.late_scans += u64::from(measurement.data.is_scan());
     }
 
     fn sequence_of(&self, measurement: &Measurement) -> StampSequence {
