@@ -36,7 +36,7 @@ pub struct PacketLidar(Model);
 enum Model {
     Velodyne(Box<Velodyne>),
     Ouster(Box<Ouster>),
-    OusterAt(OusterMetadata),
+    OusterAt(Box<OusterMetadata>),
     Livox(Option<LivoxHost>),
 }
 
@@ -53,7 +53,7 @@ impl PacketLidar {
                 let wrong = |error| ("metadata", format!("{}: {error}", path.display()));
                 Model::Ouster(Box::new(ouster.map_err(wrong)?))
             }
-            (Kind::Ouster, None, _) => Model::OusterAt(OusterMetadata::new(config)?),
+            (Kind::Ouster, None, _) => Model::OusterAt(Box::new(OusterMetadata::new(config)?)),
             (Kind::Livox, ..) => Model::Livox(LivoxHost::new(config)),
             (_, _, Some(path)) => {
                 let calibration = Calibration::read(&read("calibration", path)?);
@@ -92,7 +92,7 @@ impl Device for PacketLidar {
 
     fn preparation(&mut self) -> Option<&mut dyn Preparation> {
         match &mut self.0 {
-            Model::OusterAt(metadata) => Some(metadata),
+            Model::OusterAt(metadata) => Some(&mut **metadata),
             Model::Livox(Some(host)) => Some(host),
             Model::Livox(None) | Model::Velodyne(_) | Model::Ouster(_) => None,
         }
