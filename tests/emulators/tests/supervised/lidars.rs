@@ -117,6 +117,10 @@ fn a_vlp16_gives_the_clouds_of_its_packets_with_and_without_its_calibration() {
         format!("calibration = \"{}\"", calibration.display()),
     ] {
         emulator.power(false);
+        emulator.with(|packets| {
+            packets.lost.clear();
+            packets.damaged.clear();
+        });
         let rig = Rig::start(&format!(
             "[devices.lidar]\nkind = \"velodyne\"\nudp_listen = \"{host}\"\nidentity = \"VLP-16 at 127.0.0.1\"\n{calibration}"
         ));
