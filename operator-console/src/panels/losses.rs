@@ -78,6 +78,7 @@ fn hint(name: &str) -> Option<&'static str> {
         "undecodable" | "damaged" | "cut off" => {
             "Messages or parts of a recording that cannot be read."
         }
+        "lost" => "Packets that a sensor sent and that did not come.",
         "bad stamp" => "Messages with an impossible time.",
         "bad pose" => "Positions with invalid numbers.",
         "bad scan" => "Scans without beams, or with invalid angles or times.",

@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 
 use serde::Deserialize;
 
@@ -45,6 +46,12 @@ pub struct DeviceConfig {
     pub resolution_deg: Option<f64>,
     /// How a SICK scanner talks; where absent, both are tried in turn.
     pub coding: Option<ColaCoding>,
+    /// Name or address of a lidar that is asked or told something before it is listened to, with its port if that differs.
+    pub host: Option<String>,
+    /// File with the metadata of an Ouster.
+    pub metadata: Option<PathBuf>,
+    /// File with the calibration of a Velodyne.
+    pub calibration: Option<PathBuf>,
     /// Speed of sound in the water.
     pub sound_speed_mps: Option<f64>,
     /// The device of the kind `ntrip` whose corrections this receiver gets.
@@ -87,6 +94,9 @@ pub enum Kind {
     ImagenexDeltat,
     Ping1d,
     Dynamixel,
+    Velodyne,
+    Ouster,
+    Livox,
 }
 
 /// What a kind of device measures.
@@ -94,6 +104,8 @@ pub enum Kind {
 pub enum Output {
     /// Sweeps, or single beams.
     Scans,
+    /// Points of a three-dimensional lidar.
+    Clouds,
     /// Orientation and rates.
     Attitudes,
     /// Positions.
@@ -222,12 +234,15 @@ impl Kind {
                     "sweep_degps",
                 ],
             ),
+            Self::Velodyne => (UDP_LISTEN, &["calibration"]),
+            Self::Ouster => (UDP_LISTEN, &["host", "metadata"]),
+            Self::Livox => (UDP_LISTEN, &["host"]),
         };
         Traits { addresses, keys }
     }
 
     /// All kinds.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 15] = [
         Self::SickCola,
         Self::SickLdlrs,
         Self::Hokuyo,
@@ -240,6 +255,9 @@ impl Kind {
         Self::ImagenexDeltat,
         Self::Ping1d,
         Self::Dynamixel,
+        Self::Velodyne,
+        Self::Ouster,
+        Self::Livox,
     ];
 
     /// Its name in a configuration.
@@ -257,6 +275,9 @@ impl Kind {
             Self::ImagenexDeltat => "imagenex_deltat",
             Self::Ping1d => "ping1d",
             Self::Dynamixel => "dynamixel",
+            Self::Velodyne => "velodyne",
+            Self::Ouster => "ouster",
+            Self::Livox => "livox",
         }
     }
 
@@ -272,7 +293,11 @@ impl Kind {
             Self::Rplidar | Self::Ublox => "bytes of other projects",
             Self::Ping1d => "bytes of the documentation",
             Self::Dynamixel => "bytes of the manual",
-            Self::SickLdlrs | Self::ImagenexDeltat => "not proved on hardware",
+            Self::Velodyne => "recorded packets of a VLP-16; other models are not proved",
+            Self::Ouster => {
+                "recorded packets of an OS0 and an OS1; the profiles LEGACY and RNG19_RFL8_SIG16_NIR16 are not proved"
+            }
+            Self::SickLdlrs | Self::ImagenexDeltat | Self::Livox => "not proved on hardware",
         }
     }
 
@@ -296,6 +321,7 @@ impl Kind {
             Self::Ublox => Output::Fixes,
             Self::Dynamixel => Output::Angles,
             Self::Ntrip => Output::Nothing,
+            Self::Velodyne | Self::Ouster | Self::Livox => Output::Clouds,
         }
     }
 
@@ -313,7 +339,10 @@ impl Kind {
             | Self::Ntrip
             | Self::Imagenex852
             | Self::ImagenexDeltat
-            | Self::Ping1d => 115_200,
+            | Self::Ping1d
+            | Self::Velodyne
+            | Self::Ouster
+            | Self::Livox => 115_200,
         }
     }
 }
@@ -356,6 +385,7 @@ impl DeviceConfig {
             self.beams().map(drop),
             self.check_numbers(),
             self.check_required(),
+            self.check_host(),
         ];
         problems.extend(checks.into_iter().filter_map(Result::err));
         problems
@@ -513,11 +543,45 @@ impl DeviceConfig {
             .any(Option::is_some)
     }
 
+    /// Where a lidar is asked or told something: [`Self::host`], with this port if it has none.
+    pub(crate) fn host(&self, port: u16) -> Option<String> {
+        let host = self.host.as_deref()?;
+        Some(match host.rsplit_once(':') {
+            Some(_) => host.to_owned(),
+            None => format!("{host}:{port}"),
+        })
+    }
+
+    fn check_host(&self) -> Result<(), (&'static str, String)> {
+        // The text of a request has it, too.
+        let is_host = |address: &str| {
+            address.rsplit_once(':').is_some_and(|(host, port)| {
+                let mut letters = host.bytes();
+                let is_letter = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
+                !host.is_empty()
+                    && letters.all(is_letter)
+                    && port.parse::<u16>().is_ok_and(|port| port > 0)
+            })
+        };
+        match self.host(1) {
+            Some(address) if !is_host(&address) => {
+                let text = "this is no name or address of a host, as 192.168.1.201 is, with a port or without";
+                Err(("host", text.to_owned()))
+            }
+            _ if self.host.is_some() && self.metadata.is_some() => {
+                let text = "the metadata are of this file or of `host`: remove one";
+                Err(("metadata", text.to_owned()))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Keys that a kind cannot do without.
     fn check_required(&self) -> Result<(), (&'static str, String)> {
         let missing = match self.kind {
             Kind::Ntrip if self.mountpoint.is_none() => "mountpoint",
             Kind::Ntrip if self.user.is_some() != self.password.is_some() => "password",
+            Kind::Ouster if self.host.is_none() && self.metadata.is_none() => "host",
             Kind::Dynamixel if self.servo.is_none() => "servo",
             Kind::Dynamixel if self.servo_id.is_none() => "servo_id",
             Kind::Dynamixel if self.joint.is_none() => "joint",

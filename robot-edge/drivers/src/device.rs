@@ -3,12 +3,13 @@
 //! A device's module implements [`Device`] beside its codec. It has no clock and no socket: the
 //! supervisor sends, waits and measures time.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use measurement::MeasurementData;
 
-use crate::Decoder;
 use crate::clock_mapping::DeviceTime;
+use crate::{Address, Decoder};
 
 /// How a connection with a device goes.
 pub trait Device: Send + 'static {
@@ -17,6 +18,11 @@ pub trait Device: Send + 'static {
 
     /// A connection begins: a decoder for it. What was known of the last connection is forgotten.
     fn connect(&mut self) -> Self::Decoder;
+
+    /// What is asked of it at another address before each connection.
+    fn preparation(&mut self) -> Option<&mut dyn Preparation> {
+        None
+    }
 
     /// A step of the configuration; steps count from 0 and end with [`Step::Done`]. A step is repeated
     /// if its reply does not come.
@@ -49,6 +55,21 @@ pub trait Device: Send + 'static {
     fn max_warm_up(&self) -> Duration {
         Duration::from_secs(5)
     }
+}
+
+/// A request at another address than that of the measurements.
+pub trait Preparation: Send {
+    /// What is asked, for people.
+    fn name(&self) -> &'static str;
+
+    /// Where.
+    fn address(&self) -> Address;
+
+    /// The request. `own`: this computer's address on the way to the device.
+    fn request(&self, own: IpAddr) -> Vec<u8>;
+
+    /// Takes the reply: a datagram, or all until the end of the connection. Fails with why the device cannot be used.
+    fn take(&mut self, reply: &[u8]) -> Result<(), String>;
 }
 
 /// What a device's decoder gives.

@@ -19,6 +19,7 @@ use crate::imagenex_deltat::ImagenexDeltat;
 use crate::joint_goal::JointGoal;
 use crate::nmea::Nmea;
 use crate::ntrip::Ntrip;
+use crate::packet_lidar::PacketLidar;
 use crate::ping::Ping1d;
 use crate::rplidar::Rplidar;
 use crate::sick_cola::SickCola;
@@ -110,6 +111,9 @@ impl Drivers {
                         .ok_or_else(|| missing("servo", "`servo`, `servo_id` and `joint` are needed"))?;
                     goals.extend(servo.goal().cloned());
                     task.spawn(servo)
+                }
+                Kind::Velodyne | Kind::Ouster | Kind::Livox => {
+                    task.spawn(PacketLidar::new(config).map_err(problem)?)
                 }
             };
             statuses.push((name.clone(), status));

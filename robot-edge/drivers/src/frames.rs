@@ -36,6 +36,8 @@ pub enum DropReason {
     Field,
     /// A message of a kind that this decoder does not know.
     UnknownKind,
+    /// A message that the device sent, by its numbers or times, and that did not come.
+    Lost,
 }
 
 impl fmt::Display for DropReason {
@@ -47,6 +49,7 @@ impl fmt::Display for DropReason {
             Self::Length => "length",
             Self::Field => "field",
             Self::UnknownKind => "unknown_kind",
+            Self::Lost => "lost",
         })
     }
 }

@@ -24,6 +24,7 @@ pub mod imagenex_deltat;
 pub mod joint_goal;
 pub mod nmea;
 pub mod ntrip;
+pub mod packet_lidar;
 pub mod ping;
 mod read_buffer;
 pub mod roboteq_encoders;

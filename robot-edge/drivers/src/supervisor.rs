@@ -3,6 +3,8 @@
 //! The only code with a clock and a connection. A device that is off, silent, faulty or another one is
 //! reported in its [`DeviceStatus`], and tried again within a second.
 
+use std::io;
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
@@ -14,7 +16,7 @@ use tokio::time::{sleep, timeout};
 
 use crate::beam_selection::BeamSelection;
 use crate::clock_mapping::{ClockMapping, DeviceTime, MAX_AGE};
-use crate::device::{Device, Event, MessageOf, Sample, Step};
+use crate::device::{Device, Event, MessageOf, Preparation, Sample, Step};
 use crate::status::{DeviceStatus, Loss, State, Trouble};
 use crate::transport::{Address, Transport};
 use crate::{Decoder, Dropped};
@@ -24,6 +26,9 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(800);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const MAX_PAUSE: Duration = Duration::from_millis(500);
 const REPLY_TIMEOUT: Duration = Duration::from_millis(500);
+const PREPARATION_TIMEOUT: Duration = Duration::from_secs(1);
+/// A longer reply is none that a device sends.
+const MAX_REPLY: usize = 1024 * 1024;
 /// After so long a reply to a request for a measurement is lost, and the next one is sent.
 const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 /// Sending of a request.
@@ -78,6 +83,8 @@ pub(crate) struct Supervisor<D> {
     status: watch::Sender<DeviceStatus>,
     mapping: ClockMapping,
     rate: Rate,
+    /// Who sends the datagrams that are listened to.
+    sender: Option<IpAddr>,
     /// The device has measured since it was connected.
     has_measured: bool,
     is_wanted: bool,
@@ -101,6 +108,7 @@ impl<D: Device> Supervisor<D> {
             status,
             mapping: ClockMapping::default(),
             rate: Rate::new(clock()),
+            sender: None,
             has_measured: false,
             is_wanted: true,
         };
@@ -130,12 +138,19 @@ impl<D: Device> Supervisor<D> {
     }
 
     async fn connect_and_read(&mut self) -> Trouble {
-        let opened = timeout(CONNECT_TIMEOUT, Transport::open(&self.settings.address)).await;
-        let mut transport = match opened {
-            Ok(Ok(transport)) => transport,
-            Ok(Err(error)) => return Trouble::Io(error.to_string()),
-            Err(_elapsed) => return Trouble::NoConnection,
+        if let Some(preparation) = self.device.preparation() {
+            let name = preparation.name();
+            match timeout(PREPARATION_TIMEOUT, prepare(preparation)).await {
+                Ok(Ok(())) => {}
+                Ok(Err(trouble)) => return trouble,
+                Err(_elapsed) => return Trouble::NoReply(name),
+            }
+        }
+        let mut transport = match open(&self.settings.address).await {
+            Ok(transport) => transport,
+            Err(trouble) => return trouble,
         };
+        self.sender = None;
         let mut session = Session {
             decoder: self.device.connect(),
             dropped: Dropped::default(),
@@ -175,6 +190,11 @@ impl<D: Device> Supervisor<D> {
                 Input::Bytes(0) => return Err(Trouble::Closed),
                 Input::Bytes(length) => {
                     let arrived = (self.clock)();
+                    if self.sender.is_none()
+                        && matches!(self.settings.address, Address::UdpListen(_))
+                    {
+                        self.sender = transport.sender();
+                    }
                     session
                         .decoder
                         .push(buffer.get(..length).unwrap_or_default());
@@ -349,7 +369,10 @@ impl<D: Device> Supervisor<D> {
         }
     }
 
-    fn identify(&mut self, identity: String) -> Result<(), Trouble> {
+    fn identify(&mut self, mut identity: String) -> Result<(), Trouble> {
+        if let Some(sender) = self.sender {
+            identity = format!("{identity} at {sender}");
+        }
         if let Some(configured) = &self.settings.identity
             && !identity.contains(configured.as_str())
         {
@@ -455,6 +478,34 @@ impl Link {
         }
         std::future::pending().await
     }
+}
+
+async fn open(address: &Address) -> Result<Transport, Trouble> {
+    match timeout(CONNECT_TIMEOUT, Transport::open(address)).await {
+        Ok(Ok(transport)) => Ok(transport),
+        Ok(Err(error)) => Err(Trouble::Io(error.to_string())),
+        Err(_elapsed) => Err(Trouble::NoConnection),
+    }
+}
+
+async fn prepare(preparation: &mut dyn Preparation) -> Result<(), Trouble> {
+    let name = preparation.name();
+    let io = |error: io::Error| Trouble::Io(format!("{name}: {error}"));
+    let address = preparation.address();
+    let mut transport = open(&address).await?;
+    let own = transport.own_address().map_err(io)?;
+    write(&mut transport, &preparation.request(own)).await?;
+    let (mut reply, mut buffer) = (Vec::new(), vec![0; READ_BYTES]);
+    loop {
+        let length = transport.read(&mut buffer).await.map_err(io)?;
+        reply.extend_from_slice(buffer.get(..length).unwrap_or_default());
+        let is_whole = length == 0 || matches!(address, Address::Udp(_));
+        if is_whole || reply.len() > MAX_REPLY {
+            break;
+        }
+    }
+    let taken = preparation.take(&reply);
+    taken.map_err(|why| Trouble::Refused(format!("{name}: {why}")))
 }
 
 async fn write(transport: &mut Transport, bytes: &[u8]) -> Result<(), Trouble> {

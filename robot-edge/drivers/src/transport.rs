@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 #[cfg(target_os = "linux")]
 use std::{os::fd::OwnedFd, sync::Arc};
@@ -131,6 +131,29 @@ impl Transport {
             Self::Serial(port) => port.read(buffer).await,
             #[cfg(target_os = "linux")]
             Self::Pipe(receiver) => receiver.read(buffer).await,
+        }
+    }
+
+    /// This computer's address on the way to the device, on a network.
+    pub(crate) fn own_address(&self) -> io::Result<IpAddr> {
+        let own = match self {
+            Self::Tcp(stream) => stream.local_addr(),
+            Self::Udp { socket, .. } => socket.local_addr(),
+            Self::Serial(_) => Err(io::ErrorKind::Unsupported.into()),
+            #[cfg(target_os = "linux")]
+            Self::Pipe(_) => Err(io::ErrorKind::Unsupported.into()),
+        };
+        own.map(|own| own.ip())
+    }
+
+    /// Whose datagrams are read.
+    pub(crate) fn sender(&self) -> Option<IpAddr> {
+        match self {
+            Self::Udp {
+                socket,
+                has_peer: true,
+            } => Some(socket.peer_addr().ok()?.ip()),
+            _ => None,
         }
     }
 

@@ -331,6 +331,7 @@ const fn sensor_kinds(kind: Kind) -> &'static [&'static str] {
         Kind::Xsens => &["imu"],
         Kind::Nmea => &["gps", "sonar"],
         Kind::Ublox => &["gps"],
+        Kind::Velodyne | Kind::Ouster | Kind::Livox => &["lidar"],
         Kind::Ntrip | Kind::Dynamixel => &[],
     }
 }

@@ -6,6 +6,7 @@
 
 #![warn(missing_docs)]
 
+pub mod livox;
 pub mod ouster;
 mod revolution;
 #[cfg(test)]

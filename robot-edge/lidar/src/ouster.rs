@@ -6,13 +6,23 @@
 //! `os1-128_fw2.3_3scans.pcap`, `RNG15_RFL8_NIR8`, lie on each other (tests). Of the profiles `LEGACY` and `RNG19_RFL8_SIG16_NIR16`
 //! no capture was at hand.
 //!
+//! The measurements of the unit of gyroscopes and accelerometers inside, UDP port 7503, are in the same manual; in both captures
+//! they have the length of gravity (tests).
+//!
 //! Points are in the frame `os_sensor`: x opposite to the connector, y to the left, z up.
 
+use measurement::ImuSample;
 use measurement::cloud::CloudPoint;
 use nalgebra::{Matrix4, Point3, Vector3};
 use serde_json::Value;
 
 use crate::revolution::{PacketError, Sink};
+
+/// Bytes of a packet of the unit of gyroscopes and accelerometers.
+const IMU_PACKET: usize = 48;
+const GRAVITY_MPS2: f64 = 9.806_65;
+/// After more revolutions than these without a packet, the sensor has started again.
+const LONGEST_PAUSE: u16 = 10;
 
 /// Why metadata cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -123,6 +133,13 @@ pub(crate) struct Column<'a> {
     pixels: &'a [u8],
 }
 
+impl Column<'_> {
+    /// On the sensor's clock, seconds.
+    fn time_s(&self) -> f64 {
+        self.timestamp_ns as f64 * 1e-9
+    }
+}
+
 /// Decodes packets.
 #[derive(Clone, Debug)]
 pub struct Ouster {
@@ -133,9 +150,12 @@ pub struct Ouster {
     /// Distance of a laser from the axis, metres.
     beam_origin_m: f64,
     sensor_from_lidar: Matrix4<f64>,
+    /// First and last column of a revolution that are sent. The last may come first.
+    window: [usize; 2],
     /// Serial number, if the metadata has it.
     serial: Option<u64>,
-    /// Of the last packet.
+    name: String,
+    /// Revolution and column of the last column.
     last: Option<(u16, u16)>,
 }
 
@@ -183,21 +203,48 @@ impl Ouster {
         });
         let beam_origin_mm = find(&json, "lidar_origin_to_beam_origin_mm").and_then(Value::as_f64);
         let transform = numbers("lidar_to_sensor_transform", Some(16))?;
+        let columns = count("columns_per_frame")?;
+        let window = match find(&json, "column_window") {
+            // Older firmware always sends all.
+            None => [0, columns - 1],
+            Some(_) => match numbers("column_window", Some(2))?[..] {
+                [from, to]
+                    if [from, to]
+                        .iter()
+                        .all(|at| (0.0..columns as f64).contains(at)) =>
+                {
+                    [from as usize, to as usize]
+                }
+                _ => return Err(MetadataError::Key("column_window")),
+            },
+        };
+        let text = |key| {
+            find(&json, key)
+                .and_then(Value::as_str)
+                .unwrap_or("unknown")
+        };
         let mut sensor_from_lidar = Matrix4::from_row_slice(&transform);
         for metres in sensor_from_lidar.fixed_view_mut::<3, 1>(0, 3).iter_mut() {
             *metres *= 1e-3;
         }
         Ok(Self {
             profile,
-            columns: count("columns_per_frame")?,
+            columns,
             columns_per_packet: count("columns_per_packet")?,
             pixels: pixels.collect(),
             beam_origin_m: 1e-3
                 * beam_origin_mm.ok_or(MetadataError::Key("lidar_origin_to_beam_origin_mm"))?,
             sensor_from_lidar,
+            window,
+            name: format!("{}, serial number {}", text("prod_line"), text("prod_sn")),
             serial: find(&json, "prod_sn").and_then(|serial| serial.as_str()?.parse().ok()),
             last: None,
         })
+    }
+
+    /// Model and serial number, as the metadata has them.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Bytes of a packet.
@@ -263,24 +310,48 @@ impl Ouster {
         datagram: &[u8],
         sink: &mut impl Sink,
     ) -> Result<(), PacketError> {
+        let columns: Vec<_> = self.columns(datagram)?.collect();
+        let is_beyond = |column: &Column<'_>| usize::from(column.measurement) >= self.columns;
+        if columns.iter().any(is_beyond) {
+            return Err(PacketError::Damaged);
+        }
+        if let Some(first) = columns.first() {
+            sink.packet(first.time_s());
+        }
         let mut last = self.last;
-        for column in self.columns(datagram)? {
-            if usize::from(column.measurement) >= self.columns {
-                return Err(PacketError::Damaged);
-            }
-            let time_s = column.timestamp_ns as f64 * 1e-9;
+        for column in columns {
+            let time_s = column.time_s();
             if last.is_none_or(|(frame, _)| frame != column.frame) {
                 sink.begin(time_s);
-            } else if let Some((_, measurement)) = last
-                && let Some(left_out) = column.measurement.checked_sub(measurement + 1)
-            {
-                sink.lost(u64::from(left_out) / self.columns_per_packet as u64);
+            }
+            if let Some(last) = last {
+                let left_out = self.columns_between(last, (column.frame, column.measurement));
+                sink.lost(left_out / self.columns_per_packet as u64);
             }
             last = Some((column.frame, column.measurement));
             self.decode_column(&column, time_s, sink);
         }
         self.last = last;
         Ok(())
+    }
+
+    /// How many columns are sent between two.
+    fn columns_between(&self, last: (u16, u16), next: (u16, u16)) -> u64 {
+        let [from, to] = self.window;
+        let sent_before = |column: usize| {
+            if from <= to {
+                column.clamp(from, to + 1) - from
+            } else {
+                column.min(to + 1) + column.saturating_sub(from)
+            }
+        };
+        let revolutions = next.0.wrapping_sub(last.0);
+        if revolutions > LONGEST_PAUSE {
+            return 0;
+        }
+        let of_next =
+            usize::from(revolutions) * sent_before(self.columns) + sent_before(next.1.into());
+        of_next.saturating_sub(sent_before(last.1.into()) + 1) as u64
     }
 
     fn decode_column(&self, column: &Column<'_>, time_s: f64, sink: &mut impl Sink) {
@@ -320,6 +391,36 @@ impl Ouster {
     }
 }
 
+/// A packet of the unit of gyroscopes and accelerometers: the time of the accelerometers on the sensor's clock, seconds, and what was
+/// measured, without an orientation. `None` if it is none.
+pub fn imu(datagram: &[u8]) -> Option<(f64, ImuSample)> {
+    let bytes: &[u8; IMU_PACKET] = datagram.try_into().ok()?;
+    let (times, values) = bytes.split_at(24);
+    // Time of the packet, of the accelerometers, of the gyroscopes.
+    let times_ns: Vec<_> = times
+        .as_chunks()
+        .0
+        .iter()
+        .copied()
+        .map(u64::from_le_bytes)
+        .collect();
+    let vector = |from: usize, unit: f64| {
+        let values = values.as_chunks().0;
+        [0, 1, 2].map(|axis| f64::from(f32::from_le_bytes(values[from + axis])) * unit)
+    };
+    let sample = ImuSample {
+        orientation_xyzw: None,
+        angular_velocity_radps: vector(3, 1_f64.to_radians()),
+        linear_acceleration_mps2: vector(0, GRAVITY_MPS2),
+    };
+    let vectors = [
+        sample.angular_velocity_radps,
+        sample.linear_acceleration_mps2,
+    ];
+    let is_finite = vectors.as_flattened().iter().all(|value| value.is_finite());
+    is_finite.then(|| (times_ns[1] as f64 * 1e-9, sample))
+}
+
 /// The value of a key at any depth: firmwares nest them differently.
 fn find<'a>(json: &'a Value, key: &str) -> Option<&'a Value> {
     let Value::Object(object) = json else {
@@ -330,7 +431,7 @@ fn find<'a>(json: &'a Value, key: &str) -> Option<&'a Value> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use std::collections::BTreeMap;
     use std::fs::{self, File};
 
@@ -345,8 +446,8 @@ mod tests {
     use measurement::time::RobotTime;
     use nalgebra::{Isometry3, Matrix3, Matrix3x4, Rotation3};
 
-    /// The datagrams of a capture to a port.
-    fn datagrams(name: &str) -> Option<(Ouster, Vec<Vec<u8>>)> {
+    /// The metadata of a capture, and its datagrams.
+    pub(crate) fn datagrams(name: &str) -> Option<(Ouster, Vec<Vec<u8>>)> {
         let folder = shared_data("ouster")?;
         let metadata =
             fs::read_to_string(folder.join(format!("{}.json", name.trim_end_matches("_3scans"))))
@@ -425,6 +526,97 @@ mod tests {
             let digest = Md5::digest(&plane);
             let number = u128::from_be_bytes(digest.into());
             assert_eq!(expected[name], *format!("{number:032x}"), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_gyroscopes_and_accelerometers_measure_gravity_a_hundred_times_a_second() {
+        for (name, count) in [("os0-32_fw2.2", 10), ("os1-128_fw2.3_3scans", 30)] {
+            let Some((_, datagrams)) = datagrams(name) else {
+                return;
+            };
+            let samples: Vec<_> = datagrams.iter().filter_map(|bytes| imu(bytes)).collect();
+            assert_eq!(samples.len(), count, "{name}");
+            for (_, sample) in &samples {
+                let length = |vector: [f64; 3]| Vector3::from(vector).norm();
+                let gravity_mps2 = length(sample.linear_acceleration_mps2);
+                assert!(
+                    (gravity_mps2 - GRAVITY_MPS2).abs() < 2.0,
+                    "{name}: {gravity_mps2}"
+                );
+                assert!(
+                    length(sample.angular_velocity_radps) < 0.3,
+                    "{name}: {sample:?}"
+                );
+            }
+            let seconds = (samples[count - 1].0 - samples[0].0) / (count - 1) as f64;
+            assert!((seconds - 0.01).abs() < 1e-4, "{name}: {seconds}");
+        }
+        let (_, datagrams) = datagrams("os0-32_fw2.2").unwrap();
+        let bytes = datagrams
+            .iter()
+            .find(|bytes| bytes.len() == IMU_PACKET)
+            .unwrap();
+        let (time_s, sample) = imu(bytes).unwrap();
+        // By another program.
+        assert!((time_s - 515.838_794_38).abs() < 1e-9, "{time_s}");
+        let acceleration_g = sample.linear_acceleration_mps2[2] / GRAVITY_MPS2;
+        assert!((acceleration_g - 1.014_404_296_875).abs() < 1e-9);
+        let rate_degps = sample.angular_velocity_radps[1].to_degrees();
+        assert!((rate_degps - 0.663_757_324_218_75).abs() < 1e-9);
+        let mut bytes = bytes.clone();
+        bytes[24..28].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert_eq!(imu(&bytes), None);
+        assert_eq!(imu(&bytes[1..]), None);
+    }
+
+    #[test]
+    fn what_is_lost_is_counted_also_between_revolutions_and_beside_the_window() {
+        let Some((whole, datagrams)) = datagrams("os1-128_fw2.3_3scans") else {
+            return;
+        };
+        let lidar = datagrams
+            .iter()
+            .filter(|bytes| bytes.len() == whole.packet_bytes());
+        let lidar: Vec<_> = lidar.collect();
+        // Sixty-four packets of 16 columns in a revolution.
+        assert_eq!(lidar.len(), 3 * 64);
+        for (window, without, expected) in [
+            ([0, 1023], 0..0, 0),
+            ([0, 1023], 5..6, 1),
+            ([0, 1023], 60..70, 10),
+            ([0, 1023], 63..65, 2),
+            ([0, 1023], 10..180, 170),
+            // The first is not expected.
+            ([0, 1023], 0..5, 0),
+            // Others are outside, and were not sent.
+            ([256, 767], 0..16, 0),
+            ([256, 767], 48..80, 0),
+            ([256, 767], 47..81, 2),
+            ([768, 255], 16..48, 0),
+            ([768, 255], 15..50, 3),
+        ] {
+            let mut ouster = whole.clone();
+            ouster.window = window;
+            let mut decoder = LidarDecoder::new(Sensor::Ouster(Box::new(ouster)));
+            let came = lidar.iter().enumerate().filter(|(at, _)| {
+                let column = 16 * (at % 64);
+                let [from, to] = window;
+                let is_sent = if from <= to {
+                    (from..=to).contains(&column)
+                } else {
+                    column >= from || column <= to
+                };
+                is_sent && !without.contains(at)
+            });
+            for (_, bytes) in came {
+                decoder.push(RobotTime::default(), bytes).unwrap();
+            }
+            assert_eq!(
+                decoder.counts().lost,
+                expected,
+                "{window:?} without {without:?}"
+            );
         }
     }
 

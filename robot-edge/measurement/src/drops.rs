@@ -13,6 +13,8 @@ pub enum DropReason {
     CutOff,
     /// A message whose bytes do not fit its type.
     Undecodable,
+    /// A packet that a sensor sent, by its numbers or times, and that did not come.
+    Lost,
     /// A stamp that is not finite or out of range.
     BadStamp,
     /// A pose that is not finite or whose quaternion is not a rotation.
@@ -72,6 +74,7 @@ impl DropReason {
             Self::Damaged => "damaged",
             Self::CutOff => "cut_off",
             Self::Undecodable => "undecodable",
+            Self::Lost => "lost",
             Self::BadStamp => "bad_stamp",
             Self::BadPose => "bad_pose",
             Self::Late => "late",

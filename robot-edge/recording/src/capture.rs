@@ -13,7 +13,7 @@ use lidar::Sensor;
 use lidar::ouster::Ouster;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream, StreamId};
+use measurement::{Measurement, Stream};
 use pcap_file::pcap::PcapReader;
 use pcap_file::pcapng::{Block, PcapNgReader};
 use pcap_file::{DataLink, PcapError};
@@ -196,15 +196,7 @@ impl CaptureReader {
             Some(ouster) => Sensor::Ouster(Box::new(ouster.clone())),
             None => Sensor::Velodyne(Box::default()),
         });
-        self.take_packet(id, stamp, payload);
-    }
-
-    fn take_packet(&mut self, stream: StreamId, stamp: RobotTime, payload: &[u8]) {
-        if let Err(error) = self.messages.take_packet(stream, stamp, payload) {
-            self.messages
-                .losses_mut()
-                .add(DropReason::Undecodable, || format!("at {stamp}: {error}"));
-        }
+        self.messages.take_packet(id, stamp, payload);
     }
 }
 

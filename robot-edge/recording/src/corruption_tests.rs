@@ -33,10 +33,10 @@ fn read(path: &Path) -> Result<ReadResult, RecordingError> {
 }
 
 /// Pseudo-random numbers below `limit`, the same in every run.
-struct Random(u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    fn below(&mut self, limit: u64) -> u64 {
+    pub(crate) fn below(&mut self, limit: u64) -> u64 {
         self.0 = self
             .0
             .wrapping_mul(6_364_136_223_846_793_005)

@@ -3,11 +3,13 @@
 use std::fs;
 use std::path::Path;
 
+use etherparse::PacketBuilder;
 use measurement::cloud::Cloud;
 use measurement::drops::DropReason;
 use measurement::time::RobotTime;
 use measurement::{Measurement, MeasurementData};
 
+use crate::corruption_tests::Random;
 use crate::poses::PoseFile;
 use crate::shared_data::shared_data;
 use crate::{RecordingError, RecordingReader, Selection, open, open_surveyed};
@@ -207,7 +209,6 @@ fn damaged_files_are_read_as_far_as_they_go() {
         "{notes:?}"
     );
     assert!(notes[0].contains("the rest is not read"), "{notes:?}");
-    // A packet whose azimuths are senseless, in the middle.
     let (clouds, losses, _) = damaged(&capture, None, |_| {}).unwrap();
     assert_eq!(
         (clouds, losses),
@@ -260,4 +261,163 @@ fn damaged_files_are_read_as_far_as_they_go() {
         (5, vec![(DropReason::Undecodable, 1)]),
         "{notes:?}"
     );
+}
+
+#[test]
+fn packets_that_are_missing_or_damaged_in_a_capture_are_counted_once() {
+    /// Of its file, and of a record with a packet of 16 columns.
+    const RECORD: usize = 16 + 8490;
+    const FIRST_COLUMN: usize = 16 + 42 + 32 + 8;
+    /// Where the records of three packets begin.
+    const AT: [usize; 3] = [144_944, 153_450, 161_956];
+    let Some(folder) = shared_data("ouster") else {
+        return;
+    };
+    let capture = folder.join("os1-128_fw2.3_3scans.pcap");
+    let metadata = folder.join("os1-128_fw2.3.json");
+    let damage = |bytes: &mut Vec<u8>, at: usize| bytes[at + FIRST_COLUMN..][..2].fill(0xFF);
+    let read = |change: &dyn Fn(&mut Vec<u8>)| {
+        let (clouds, losses, notes) = damaged(&capture, Some(&metadata), change).unwrap();
+        assert_eq!(clouds, 3);
+        (losses, notes.join("; "))
+    };
+    let remove =
+        |bytes: &mut Vec<u8>, records: usize| drop(bytes.drain(AT[0]..AT[0] + records * RECORD));
+    let (losses, notes) = read(&|bytes| remove(bytes, 1));
+    assert_eq!(losses, [(DropReason::Lost, 1)]);
+    assert!(notes.contains("1 packets before it are missing"), "{notes}");
+    assert_eq!(read(&|bytes| remove(bytes, 3)).0, [(DropReason::Lost, 3)]);
+    let (losses, notes) = read(&|bytes| damage(bytes, AT[1]));
+    assert_eq!(losses, [(DropReason::Undecodable, 1)]);
+    assert!(
+        notes.contains("/udp_7502: message 19: a packet that is damaged"),
+        "{notes}"
+    );
+    let both = |bytes: &mut Vec<u8>| {
+        damage(bytes, AT[2]);
+        remove(bytes, 2);
+    };
+    assert_eq!(
+        read(&both).0,
+        [(DropReason::Undecodable, 1), (DropReason::Lost, 2)]
+    );
+}
+
+/// Frames of Ethernet: packets of a VLP-16, one of them in two fragments, and another datagram.
+fn frames() -> Vec<Vec<u8>> {
+    let packet = |number: u8| {
+        let mut packet = Vec::new();
+        for block in 0..12_u16 {
+            packet.extend([0xFF, 0xEE]);
+            packet.extend((u16::from(number) * 480 + 40 * block).to_le_bytes());
+            packet.extend([200, 4, 100].repeat(32));
+        }
+        packet.extend((u32::from(number) * 1327).to_le_bytes());
+        packet.extend([0x37, 0x22]);
+        packet
+    };
+    let ethernet = || PacketBuilder::ethernet2([1; 6], [2; 6]);
+    let datagram = |port: u16, payload: &[u8]| {
+        let mut frame = Vec::new();
+        let udp = ethernet()
+            .ipv4([10, 0, 0, 1], [10, 0, 0, 2], 64)
+            .udp(port, port);
+        udp.write(&mut frame, payload).unwrap();
+        frame
+    };
+    let mut frames: Vec<_> = (0..4)
+        .map(|number| datagram(2368, &packet(number)))
+        .collect();
+    frames.push(datagram(7503, &[5; 48]));
+    // Behind the headers of Ethernet and IP; 608 bytes in the first fragment.
+    let whole = datagram(2368, &packet(4));
+    let (head, udp) = whole.split_at(14 + 20);
+    for (part, offset) in [(&udp[..608], 0x2000_u16), (&udp[608..], 76)] {
+        let mut frame = [head, part].concat();
+        frame[16..18].copy_from_slice(&(20 + part.len() as u16).to_be_bytes());
+        frame[20..22].copy_from_slice(&offset.to_be_bytes());
+        frames.push(frame);
+    }
+    frames
+}
+
+/// The same frames as both kinds of capture.
+fn small_captures() -> [Vec<u8>; 2] {
+    let words = |words: &[u32]| {
+        words
+            .iter()
+            .flat_map(|word| word.to_le_bytes())
+            .collect::<Vec<_>>()
+    };
+    let mut pcap = words(&[0xA1B2_C3D4, 0x0004_0002, 0, 0, 65_535, 1]);
+    let mut pcapng = words(&[0x0A0D_0D0A, 28, 0x1A2B_3C4D, 1, u32::MAX, u32::MAX, 28]);
+    pcapng.extend(words(&[1, 20, 1, 0, 20]));
+    for (frame, at) in frames().iter().zip(0..) {
+        let length = frame.len() as u32;
+        pcap.extend(words(&[1, at * 1327, length, length]));
+        pcap.extend(frame);
+        let padded = length.next_multiple_of(4);
+        pcapng.extend(words(&[6, 32 + padded, 0, 0, at * 1327, length, length]));
+        pcapng.extend(frame);
+        pcapng.extend(vec![0; (padded - length) as usize]);
+        pcapng.extend(words(&[32 + padded]));
+    }
+    [pcap, pcapng]
+}
+
+/// Points in clouds, and losses.
+fn points_of(path: &Path) -> Result<(usize, u64), RecordingError> {
+    let mut reader = open(path, Selection::All)?;
+    let mut points = 0;
+    while let Some(measurement) = reader.next_measurement()? {
+        if let MeasurementData::Cloud(cloud) = measurement.data {
+            points += cloud.points.len();
+        }
+    }
+    Ok((points, reader.losses().total()))
+}
+
+#[test]
+fn both_kinds_of_capture_and_fragments_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    for capture in small_captures() {
+        let path = folder.path().join("capture");
+        fs::write(&path, capture).unwrap();
+        assert_eq!(points_of(&path).unwrap(), (5 * 12 * 32, 0));
+    }
+}
+
+/// `FUZZ_INPUTS` for each kind, a hundred thousand if not set: each is a file.
+#[test]
+#[ignore = "a minute: damaged captures"]
+fn damaged_captures_are_survived_in_release() {
+    let inputs = std::env::var("FUZZ_INPUTS").map_or(100_000, |text| text.parse().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("capture");
+    let mut random = Random(1);
+    for capture in small_captures() {
+        let (mut refused, mut with_losses, mut points) = (0, 0, 0);
+        for _ in 0..inputs {
+            let mut bytes = capture.clone();
+            for _ in 0..=random.below(8) {
+                let at = random.below(bytes.len() as u64) as usize;
+                // Headers are few bytes of many.
+                let at = if random.below(2) == 0 { at } else { at % 200 };
+                bytes[at] = [0, 1, 0xFF, random.below(256) as u8][random.below(4) as usize];
+            }
+            if random.below(8) == 0 {
+                bytes.truncate(random.below(bytes.len() as u64) as usize);
+            }
+            fs::write(&path, &bytes).unwrap();
+            match points_of(&path) {
+                Ok((found, losses)) => {
+                    assert!(found <= 5 * 12 * 32, "{found}");
+                    points += found;
+                    with_losses += u64::from(losses > 0);
+                }
+                Err(_) => refused += 1,
+            }
+        }
+        println!("{inputs} inputs: {refused} refused, {with_losses} with losses, {points} points");
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use lidar::{LidarDecoder, PacketError, Revolution, Sensor};
+use lidar::{LidarDecoder, Revolution, Sensor};
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
@@ -125,9 +125,7 @@ impl Messages {
         };
         self.add_lidar(stream, frame, || Sensor::Velodyne(Box::default()));
         for (stamp, packet) in packets {
-            if let Err(error) = self.take_packet(stream, stamp, packet) {
-                self.count_loss(stream, DropReason::Undecodable, &error);
-            }
+            self.take_packet(stream, stamp, packet);
         }
     }
 
@@ -145,19 +143,26 @@ impl Messages {
     }
 
     /// Takes a packet of a lidar.
-    pub(crate) fn take_packet(
-        &mut self,
-        stream: StreamId,
-        stamp: RobotTime,
-        packet: &[u8],
-    ) -> Result<(), PacketError> {
-        if let Some(lidar) = self.lidars.get_mut(&stream) {
-            let revolutions = lidar.decoder.push(stamp, packet)?;
-            let revolutions = revolutions.into_iter();
-            self.ready
-                .extend(revolutions.map(|revolution| lidar.measurement(stream, revolution)));
+    pub(crate) fn take_packet(&mut self, stream: StreamId, stamp: RobotTime, packet: &[u8]) {
+        let Some(lidar) = self.lidars.get_mut(&stream) else {
+            return;
+        };
+        let before = lidar.decoder.counts().lost;
+        let decoded = lidar.decoder.push(stamp, packet);
+        let lost = lidar.decoder.counts().lost - before;
+        match decoded {
+            Ok(revolutions) => {
+                let revolutions = revolutions.into_iter();
+                self.ready
+                    .extend(revolutions.map(|revolution| lidar.measurement(stream, revolution)));
+            }
+            Err(error) => self.count_loss(stream, DropReason::Undecodable, &error),
         }
-        Ok(())
+        if lost > 0 {
+            let why = format!("{lost} packets before it are missing");
+            self.count_loss(stream, DropReason::Lost, &why);
+            self.losses.count_many(DropReason::Lost, lost - 1);
+        }
     }
 
     /// At the end of the data: what it left unfinished.
@@ -271,7 +276,12 @@ impl LossLog {
 
     /// Counts one loss without words.
     pub fn count(&mut self, reason: DropReason) {
-        self.counts.add(reason);
+        self.count_many(reason, 1);
+    }
+
+    /// Counts losses without words.
+    pub fn count_many(&mut self, reason: DropReason, losses: u64) {
+        self.counts.add_many(reason, losses);
     }
 
     /// Notes something that cost no data.

@@ -207,6 +207,11 @@ fn serve<D: Device>(shared: &Shared<D>, mut line: Line) {
             for bytes in held_back.drain(..) {
                 line.write(&bytes);
             }
+            if let Line::Tcp(tcp) = &mut line
+                && device.hangs_up()
+            {
+                tcp.stream = None;
+            }
         } else if line.holds_back() {
             let mut bytes = 0;
             held_back.retain(|held| {

@@ -16,10 +16,12 @@ mod feed;
 pub mod hokuyo;
 pub mod imagenex852;
 pub mod ldlrs;
+pub mod livox;
 pub mod lms111;
 pub mod mti;
 pub mod nmea;
 pub mod ntrip;
+pub mod packets;
 pub mod ping1d;
 pub mod rplidar;
 pub mod ublox;
@@ -40,6 +42,11 @@ pub trait Device: Send + 'static {
 
     /// What it replies.
     fn receive(&mut self, bytes: &[u8], uptime: Duration) -> Vec<u8>;
+
+    /// It ends the connection once its reply is sent.
+    fn hangs_up(&mut self) -> bool {
+        false
+    }
 
     /// What it sends by itself since the last call. Each item is sent at once: a datagram, if so.
     fn run(&mut self, uptime: Duration) -> Vec<Vec<u8>>;

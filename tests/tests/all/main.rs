@@ -12,6 +12,8 @@ mod layering;
 mod pipeline;
 
 mod rng;
+#[path = "../../../robot-edge/recording/src/shared_data.rs"]
+mod shared_data;
 mod skip;
 
 mod fleet;

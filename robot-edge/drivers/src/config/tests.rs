@@ -179,6 +179,36 @@ fn problems_say_what_and_where_and_what_to_do() {
             "`devices.d.range_max_m`: 4 is not allowed: it must be more than `range_min_m` (5)",
         ),
         (
+            "ouster",
+            "udp_listen = \"0.0.0.0:7502\"",
+            "`devices.d.host`: missing: such a device needs it",
+        ),
+        (
+            "ouster",
+            "udp_listen = \"0.0.0.0:7502\"\nhost = \"os-1\"\nmetadata = \"os-1.json\"",
+            "`devices.d.metadata`: the metadata are of this file or of `host`: remove one",
+        ),
+        (
+            "livox",
+            "udp_listen = \"0.0.0.0:56301\"\nhost = \"192.168.1.1:0\"",
+            "`devices.d.host`: this is no name or address of a host, as 192.168.1.201 is, with a port or without",
+        ),
+        (
+            "velodyne",
+            "udp_listen = \"0.0.0.0:2368\"\nhost = \"a\"",
+            "`devices.d.host`: this kind of device has no such key",
+        ),
+        (
+            "velodyne",
+            "udp_listen = \"0.0.0.0:2368\"\nmasks_deg = \"1..2\"",
+            "`devices.d.masks_deg`: this kind of device has no such key",
+        ),
+        (
+            "velodyne",
+            "tcp = \"a:2368\"",
+            "`devices.d.tcp`: such a device is reached by udp_listen",
+        ),
+        (
             "ntrip",
             "tcp = \"a:1\"",
             "`devices.d.mountpoint`: missing: such a device needs it",

@@ -7,7 +7,7 @@ use toml::{Table, Value};
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
 use super::{Config, FixesAndAttitude, LinkConfig, SensorConfig, VehicleConfig, WheelsAndAttitude};
-use drivers::config::DeviceConfig;
+use drivers::config::{DeviceConfig, Output};
 use localization::{LocalizationConfig, PoseSource};
 use mapping::registered_scan::ScanKind;
 use network::endpoints::bulk_endpoint;
@@ -691,7 +691,30 @@ fn devices(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
         key: problem.key,
         problem: Problem::Other(problem.text),
     };
-    problems.into_iter().map(issue).collect()
+    let mut issues: Vec<_> = problems.into_iter().map(issue).collect();
+    for (name, device) in &config.devices {
+        let topic = format!("/{name}");
+        let takes = |(sensor, of): &(&String, &SensorConfig)| match of.topic() {
+            Some(named) => named == topic,
+            None => *sensor == name,
+        };
+        let Some((sensor, of)) = config.sensors.iter().find(takes) else {
+            continue;
+        };
+        let gives_clouds = device.kind.output() == Output::Clouds;
+        if gives_clouds != matches!(of, SensorConfig::Lidar(_)) {
+            let (kind, of) = (device.kind, of.kind());
+            issues.push(ConfigIssue {
+                origin: None,
+                key: format!("devices.{name}.kind"),
+                problem: Problem::Other(format!(
+                    "\"{kind}\" measures nothing for the sensor `{sensor}` of kind \"{of}\": sensors of kind \"lidar\", and only \
+                     these, have the devices velodyne, ouster and livox"
+                )),
+            });
+        }
+    }
+    issues
 }
 
 fn link(checks: &mut Checks, link: &LinkConfig) {

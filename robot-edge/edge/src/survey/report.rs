@@ -323,6 +323,7 @@ const fn loss_in_words(reason: DropReason) -> &'static str {
         DropReason::Damaged => "damaged lines, records or chunks, passed over",
         DropReason::CutOff => "places where it ends in the middle of something",
         DropReason::Undecodable => "messages that do not match their type",
+        DropReason::Lost => "packets that the sensor sent, and that are not there",
         DropReason::BadStamp => "stamps that are not finite or out of range",
         DropReason::BadPose => "poses that are not finite or no rotation",
         DropReason::BadScan => "scans without beams, or with angles that are not finite",

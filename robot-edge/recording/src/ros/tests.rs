@@ -1,3 +1,4 @@
+use crate::corruption_tests::Random;
 use measurement::cloud::{Cloud, CloudPoint};
 use measurement::scan::Scan;
 use measurement::{GeodeticFix, ImuSample, Measurement, RangeReading, StreamId, Twist, pose};
@@ -614,4 +615,41 @@ fn both_forms_of_a_name_are_one_type() {
         Some(MessageType::TfMessage)
     );
     assert_eq!(MessageType::from_type_name("sick_scan/RadarScan"), None);
+}
+
+/// `FUZZ_INPUTS`, ten million if not set.
+#[test]
+#[ignore = "a minute: damaged clouds"]
+fn no_cloud_panics_in_release() {
+    let inputs = std::env::var("FUZZ_INPUTS").map_or(10_000_000, |text| text.parse().unwrap());
+    let is_cloud = |sample: &Measurement| matches!(sample.data, MeasurementData::Cloud(_));
+    let whole = samples().into_iter().find(is_cloud).unwrap();
+    let (kind, whole) = encode(&whole, "").unwrap();
+    let mut random = Random(1);
+    let (mut clouds, mut points) = (0_u64, 0);
+    let mut bytes = Vec::new();
+    for _ in 0..inputs {
+        bytes.clone_from(&whole);
+        for _ in 0..random.below(4) {
+            let at = random.below(bytes.len() as u64) as usize;
+            bytes[at] = [0, 1, 0xFF, random.below(256) as u8][random.below(4) as usize];
+        }
+        if random.below(16) == 0 {
+            bytes.truncate(random.below(bytes.len() as u64) as usize);
+        }
+        let encoding = [Encoding::Cdr, Encoding::Ros1][usize::from(random.below(16) == 0)];
+        for decoded in decode(kind, encoding, false, &bytes)
+            .into_iter()
+            .flatten()
+            .flatten()
+        {
+            let MeasurementData::Cloud(cloud) = decoded.data else {
+                panic!("{decoded:?}");
+            };
+            assert!(cloud.points.len() <= bytes.len(), "{}", cloud.points.len());
+            clouds += 1;
+            points += cloud.points.len();
+        }
+    }
+    println!("{inputs} inputs: {clouds} clouds, {points} points");
 }

@@ -9,15 +9,18 @@ use emulators::dynamixel::XSeries;
 use emulators::hokuyo::Hokuyo;
 use emulators::imagenex852::Imagenex852;
 use emulators::ldlrs::LdLrs;
+use emulators::livox::Points;
 use emulators::lms111::Lms111;
 use emulators::mti::Mti;
 use emulators::nmea::Nmea;
+use emulators::packets::Metadata;
 use emulators::ping1d::Ping1d;
 use emulators::rplidar::Rplidar;
 use emulators::ublox::Ublox;
 use emulators::{Device, Emulator};
 use rustix::net::{AddressFamily, SocketType};
 
+use crate::lidars::{free_address, os0, vlp16};
 use crate::rig::{Rig, age, clock};
 
 /// Older data is not passed on; to this comes the time from the first beam to the telegram.
@@ -164,6 +167,46 @@ fn a_deltat() {
     survives(
         &emulator,
         &format!("kind = \"imagenex_deltat\"\nudp_listen = \"{host}\""),
+    );
+}
+
+#[test]
+fn a_vlp16() {
+    let Some(packets) = vlp16() else {
+        return;
+    };
+    let host = free_address();
+    let emulator = Emulator::to_udp(packets, host);
+    survives(
+        &emulator,
+        &format!("kind = \"velodyne\"\nudp_listen = \"{host}\""),
+    );
+}
+
+#[test]
+fn an_os0() {
+    let Some((packets, metadata)) = os0() else {
+        return;
+    };
+    let host = free_address();
+    let emulator = Emulator::to_udp(packets, host);
+    let page = Emulator::on_tcp(Metadata::new(metadata));
+    survives(
+        &emulator,
+        &format!(
+            "kind = \"ouster\"\nudp_listen = \"{host}\"\nhost = \"{}\"",
+            page.address
+        ),
+    );
+}
+
+#[test]
+fn a_mid360() {
+    let host = free_address();
+    let emulator = Emulator::to_udp(Points::default(), host);
+    survives(
+        &emulator,
+        &format!("kind = \"livox\"\nudp_listen = \"{host}\""),
     );
 }
 

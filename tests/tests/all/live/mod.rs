@@ -2,6 +2,7 @@
 
 mod devices;
 mod driven;
+mod lidars;
 mod live_rig;
 mod mapped;
 mod notified;

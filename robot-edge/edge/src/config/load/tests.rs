@@ -449,6 +449,45 @@ fn wrong_types_are_named_with_what_is_expected() {
 }
 
 #[test]
+fn a_sensor_of_kind_lidar_and_no_other_has_a_device_that_gives_clouds() {
+    let sick = "kind = \"sick_cola\"\ntcp = \"192.168.0.1:2111\"";
+    let velodyne = "kind = \"velodyne\"\nudp_listen = \"0.0.0.0:2368\"";
+    let lidar = "preset = \"generic3d\"\n";
+    let renamed = "preset = \"generic3d\"\nsensors.lidar.topic = \"/mast\"\n";
+    let of = |preset: &str, device: &str, settings: &str| {
+        file(format!("{preset}[devices.{device}]\n{settings}"))
+    };
+    assert!(of(lidar, "lidar", velodyne).is_ok());
+    assert!(of(renamed, "mast", velodyne).is_ok());
+    // No sensor takes it.
+    assert!(of(renamed, "lidar", sick).is_ok());
+    for (preset, device, settings, says) in [
+        (
+            lidar,
+            "lidar",
+            sick,
+            "\"sick_cola\" measures nothing for the sensor `lidar` of kind \"lidar\"",
+        ),
+        (
+            renamed,
+            "mast",
+            sick,
+            "\"sick_cola\" measures nothing for the sensor `lidar` of kind \"lidar\"",
+        ),
+        (
+            "preset = \"generic2d\"\n",
+            "laser",
+            velodyne,
+            "\"velodyne\" measures nothing for the sensor `laser` of kind \"laser_scan\"",
+        ),
+    ] {
+        let issues = issues(of(preset, device, settings));
+        let text = issues[0].to_string();
+        assert!(issues.len() == 1 && text.contains(says), "{text}");
+    }
+}
+
+#[test]
 fn all_faults_in_files_are_reported_with_line_and_column() {
     let text = "[vehicle]\nname = \"é\"\n  width = 1\n[localization]\nsource = \"stars\"\n\
                 max_pose_wait_s = true\n[mapping]\noccupancy = { miss = \"é\", cell = 1 }";

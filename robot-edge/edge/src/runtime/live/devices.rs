@@ -15,6 +15,7 @@ use drivers::joint_goal::JointGoal;
 use drivers::status::{DeviceStatuses, Loss};
 use drivers::supervisor::Reading;
 use drivers::{Drivers, StartError};
+use measurement::cloud::Cloud;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
@@ -94,7 +95,7 @@ impl DeviceSource {
 
     fn take(&mut self, reading: Reading) -> Option<SourceItem> {
         let mut measurement = reading.measurement;
-        let is_scan = matches!(measurement.data, MeasurementData::Scan { .. });
+        let is_scan = measurement.data.is_scan();
         if is_scan && clock::elapsed(reading.arrived) > MAX_QUEUE_DELAY {
             self.scans_skipped += 1;
             return None;
@@ -170,6 +171,7 @@ impl Source for DeviceSource {
 
 const fn drop_reason(loss: Loss) -> DropReason {
     match loss {
+        Loss::Decoder(drivers::DropReason::Lost) => DropReason::Lost,
         Loss::Decoder(_) | Loss::Unexpected => DropReason::Undecodable,
         Loss::Stale | Loss::Repeated => DropReason::Late,
         Loss::BadScan => DropReason::BadScan,
@@ -223,6 +225,10 @@ fn outputs(
         let is_sounder = sensor.is_some_and(|sensor| sensor.range_sensor().is_some());
         let (type_name, data) = match device.kind.output() {
             Output::Scans => scan(),
+            Output::Clouds => (
+                "sensor_msgs/PointCloud2",
+                Some(MeasurementData::Cloud(Cloud::default())),
+            ),
             Output::FixesOrDepths if is_sounder => scan(),
             Output::Fixes | Output::FixesOrDepths => (
                 "sensor_msgs/NavSatFix",
