@@ -179,6 +179,7 @@ pub(crate) fn child(arguments: &[String]) -> anyhow::Result<()> {
         p_min: 0.1192,
         p_max: 0.971,
         memory_limit_mb: 65536,
+        ..OctreeConfig::default()
     };
     let model = RangeSensorModel {
         p_hit: 0.7,

@@ -11,15 +11,15 @@ use etherparse::defrag::IpDefragPool;
 use etherparse::{SlicedPacket, TransportSlice, UdpSlice};
 use lidar::Sensor;
 use lidar::ouster::Ouster;
-use measurement::drops::{DropCounts, DropReason};
+use measurement::Stream;
+use measurement::drops::DropReason;
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream};
 use pcap_file::pcap::PcapReader;
 use pcap_file::pcapng::{Block, PcapNgReader};
 use pcap_file::{DataLink, PcapError};
 
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use crate::messages::Messages;
+use super::{Position, RecordingError, Selection};
+use crate::messages::{MessageRecording, Messages};
 
 /// Type of a stream of packets of a lidar.
 pub const LIDAR_PACKETS: &str = "lidar packets";
@@ -51,7 +51,6 @@ pub(crate) struct CaptureReader {
     selection: Selection,
     messages: Messages,
     position: Position,
-    is_finished: bool,
 }
 
 enum Frames {
@@ -120,12 +119,11 @@ impl CaptureReader {
                 bytes_read: 0,
                 bytes_total,
             },
-            is_finished: false,
         })
     }
 
     /// Takes in the next frame; `false` at the end.
-    fn step(&mut self) -> bool {
+    fn read_record(&mut self) -> bool {
         let (at_ns, bytes) = match self.frames.next() {
             None => return false,
             Some(Ok(frame)) => frame,
@@ -227,33 +225,21 @@ fn ouster_beside(path: &Path) -> Result<Option<Ouster>, RecordingError> {
     Ok(Some(ouster))
 }
 
-impl RecordingReader for CaptureReader {
-    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
-        loop {
-            if let Some(measurement) = self.messages.pop() {
-                return Ok(Some(measurement));
-            }
-            if self.is_finished {
-                return Ok(None);
-            }
-            self.is_finished = !self.step();
-            if self.is_finished {
-                self.position.bytes_read = self.position.bytes_total;
-                self.messages.finish();
-            }
+impl MessageRecording for CaptureReader {
+    fn messages(&self) -> &Messages {
+        &self.messages
+    }
+
+    fn messages_mut(&mut self) -> &mut Messages {
+        &mut self.messages
+    }
+
+    fn step(&mut self) -> Result<bool, RecordingError> {
+        let has_more = self.read_record();
+        if !has_more {
+            self.position.bytes_read = self.position.bytes_total;
         }
-    }
-
-    fn streams(&self) -> &[StreamSummary] {
-        self.messages.streams()
-    }
-
-    fn losses(&self) -> &DropCounts {
-        self.messages.loss_counts()
-    }
-
-    fn loss_notes(&self) -> &[String] {
-        self.messages.losses().notes()
+        Ok(has_more)
     }
 
     fn position(&self) -> Position {

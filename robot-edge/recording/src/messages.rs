@@ -7,7 +7,7 @@ use measurement::drops::{DropCounts, DropReason};
 use measurement::time::RobotTime;
 use measurement::{FrameId, Measurement, MeasurementData, Stream, StreamId};
 
-use super::{Selection, StreamSummary, ros};
+use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary, ros};
 use crate::ros::{DecodeError, Encoding, MessageType};
 
 /// Limit on streams, so that damaged or hostile files cannot exhaust memory.
@@ -31,6 +31,61 @@ pub(crate) struct SelectedStream {
     pub(crate) reading: Option<Reading>,
 }
 
+/// A recording of messages.
+pub(crate) trait MessageRecording: Send {
+    /// What was read so far.
+    fn messages(&self) -> &Messages;
+
+    /// For taking measurements.
+    fn messages_mut(&mut self) -> &mut Messages;
+
+    /// Reads the next record; `false` at the end.
+    fn step(&mut self) -> Result<bool, RecordingError>;
+
+    /// Progress of reading.
+    fn position(&self) -> Position;
+
+    /// The vehicle that the recording's metadata names.
+    fn vehicle(&self) -> Option<&str> {
+        None
+    }
+}
+
+impl<R: MessageRecording> RecordingReader for R {
+    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
+        loop {
+            let messages = self.messages_mut();
+            let next = messages.pop();
+            if next.is_some() || messages.is_finished {
+                return Ok(next);
+            }
+            if !self.step()? {
+                self.messages_mut().finish();
+            }
+        }
+    }
+
+    fn streams(&self) -> &[StreamSummary] {
+        self.messages().streams()
+    }
+
+    fn losses(&self) -> &DropCounts {
+        self.messages().loss_counts()
+    }
+
+    fn loss_notes(&self) -> &[String] {
+        self.messages().losses().notes()
+    }
+
+    fn position(&self) -> Position {
+        MessageRecording::position(self)
+    }
+
+    fn vehicle(&self) -> Option<&str> {
+        MessageRecording::vehicle(self)
+    }
+}
+
 /// Reads the messages of several streams and counts what cannot be read.
 #[derive(Debug, Default)]
 pub struct Messages {
@@ -40,6 +95,7 @@ pub struct Messages {
     /// Of the streams of packets.
     lidars: BTreeMap<StreamId, LidarStream>,
     ready: VecDeque<Measurement>,
+    is_finished: bool,
 }
 
 impl Messages {
@@ -167,11 +223,17 @@ impl Messages {
 
     /// At the end of the data: what it left unfinished.
     pub(crate) fn finish(&mut self) {
+        self.is_finished = true;
         for (stream, lidar) in &mut self.lidars {
             let rest = lidar.decoder.finish();
             self.ready
                 .extend(rest.map(|revolution| lidar.measurement(*stream, revolution)));
         }
+    }
+
+    /// Whether the end of the data was reached.
+    pub(crate) const fn is_finished(&self) -> bool {
+        self.is_finished
     }
 
     /// The next measurement, in the order of the messages.

@@ -7,13 +7,13 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 
-use measurement::drops::{DropCounts, DropReason};
+use measurement::Stream;
+use measurement::drops::DropReason;
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream};
 use rusqlite::{Connection, OpenFlags};
 
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use crate::messages::{Messages, Reading, SelectedStream};
+use super::{Position, RecordingError, Selection};
+use crate::messages::{MessageRecording, Messages, Reading, SelectedStream};
 use crate::ros::{Encoding, MessageType, ros1_type_name};
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
@@ -35,7 +35,6 @@ pub(crate) struct Rosbag2Reader {
     /// Greatest id.
     end_id: i64,
     bytes_total: u64,
-    is_finished: bool,
 }
 
 #[derive(Debug)]
@@ -75,7 +74,6 @@ impl Rosbag2Reader {
             last_id: i64::MIN,
             end_id: end_id.unwrap_or_default(),
             bytes_total,
-            is_finished: false,
         })
     }
 
@@ -96,7 +94,7 @@ impl Rosbag2Reader {
     }
 
     /// Takes the next message; `false` at the end.
-    fn step(&mut self) -> bool {
+    fn read_record(&mut self) -> bool {
         if self.page.is_empty()
             && let Err(error) = self.read_page()
         {
@@ -158,36 +156,21 @@ fn topics(
     Ok(topics)
 }
 
-impl RecordingReader for Rosbag2Reader {
-    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
-        loop {
-            if let Some(measurement) = self.messages.pop() {
-                return Ok(Some(measurement));
-            }
-            if self.is_finished {
-                return Ok(None);
-            }
-            self.is_finished = !self.step();
-            if self.is_finished {
-                self.messages.finish();
-            }
-        }
+impl MessageRecording for Rosbag2Reader {
+    fn messages(&self) -> &Messages {
+        &self.messages
     }
 
-    fn streams(&self) -> &[StreamSummary] {
-        self.messages.streams()
+    fn messages_mut(&mut self) -> &mut Messages {
+        &mut self.messages
     }
 
-    fn losses(&self) -> &DropCounts {
-        self.messages.loss_counts()
-    }
-
-    fn loss_notes(&self) -> &[String] {
-        self.messages.losses().notes()
+    fn step(&mut self) -> Result<bool, RecordingError> {
+        Ok(self.read_record())
     }
 
     fn position(&self) -> Position {
-        let share = if self.is_finished || self.end_id <= 0 {
+        let share = if self.messages.is_finished() || self.end_id <= 0 {
             1.0
         } else {
             self.last_id.max(0) as f64 / self.end_id as f64

@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 
 use framing::{MAGIC, McapRecords, Piece, malformed};
 use mcap::records::Channel;
-use measurement::drops::{DropCounts, DropReason};
+use measurement::Stream;
+use measurement::drops::DropReason;
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream};
 use record::{Malformed, op};
 
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary, ros};
-use crate::messages::{MAX_STREAMS, Messages, Reading, SelectedStream};
+use super::{Position, RecordingError, Selection, ros};
+use crate::messages::{MAX_STREAMS, MessageRecording, Messages, Reading, SelectedStream};
 use crate::ros::{Encoding, MessageType};
 
 /// Name of the metadata record that Foreshore writes, and the key in it that names the vehicle.
@@ -33,7 +33,6 @@ pub struct McapReader {
     path: PathBuf,
     records: McapRecords,
     contents: Contents,
-    is_finished: bool,
 }
 
 /// Schemas, channels and messages so far.
@@ -66,12 +65,11 @@ impl McapReader {
             path: path.to_owned(),
             records,
             contents,
-            is_finished: false,
         })
     }
 
     /// Reads on by one record or what is lost in its place; `false` at the end.
-    fn step(&mut self) -> io::Result<bool> {
+    fn read_record(&mut self) -> io::Result<bool> {
         let contents = &mut self.contents;
         match self.records.next()? {
             Some(Piece::Record {
@@ -218,33 +216,17 @@ impl Contents {
     }
 }
 
-impl RecordingReader for McapReader {
-    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
-        loop {
-            if let Some(measurement) = self.contents.messages.pop() {
-                return Ok(Some(measurement));
-            }
-            if self.is_finished {
-                return Ok(None);
-            }
-            let step = self.step();
-            self.is_finished = !step.map_err(RecordingError::io(&self.path))?;
-            if self.is_finished {
-                self.contents.messages.finish();
-            }
-        }
+impl MessageRecording for McapReader {
+    fn messages(&self) -> &Messages {
+        &self.contents.messages
     }
 
-    fn streams(&self) -> &[StreamSummary] {
-        self.contents.messages.streams()
+    fn messages_mut(&mut self) -> &mut Messages {
+        &mut self.contents.messages
     }
 
-    fn losses(&self) -> &DropCounts {
-        self.contents.messages.loss_counts()
-    }
-
-    fn loss_notes(&self) -> &[String] {
-        self.contents.messages.losses().notes()
+    fn step(&mut self) -> Result<bool, RecordingError> {
+        self.read_record().map_err(RecordingError::io(&self.path))
     }
 
     fn position(&self) -> Position {

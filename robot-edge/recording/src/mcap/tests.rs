@@ -4,7 +4,10 @@ use measurement::{MeasurementData, StreamId};
 use serde_json::Value;
 
 use super::*;
+use crate::RecordingReader;
 use crate::shared_data::shared_data;
+use measurement::Measurement;
+use measurement::drops::DropCounts;
 
 /// Every message of the file: channel, sequence, log time, publish time, data.
 fn messages(path: &Path) -> Vec<(u16, u32, u64, u64, Vec<u8>)> {
@@ -209,7 +212,7 @@ mod damage {
             McapReader::open(&path, Selection::All)
                 .map(|mut reader| {
                     drain(&mut reader);
-                    reader.vehicle().map(str::to_owned)
+                    RecordingReader::vehicle(&reader).map(str::to_owned)
                 })
                 .unwrap(),
             Some("pioneer".to_owned())
@@ -291,7 +294,7 @@ mod damage {
         );
         let mut reader = McapReader::open(&saved, Selection::All).unwrap();
         drain(&mut reader);
-        assert_eq!(reader.vehicle(), Some("pioneer"));
+        assert_eq!(RecordingReader::vehicle(&reader), Some("pioneer"));
         // Neither the damaged file nor an earlier rescue is overwritten.
         assert!(recover::recover(&path, &path).is_err());
         assert!(recover::recover(&path, &saved).is_err());

@@ -10,15 +10,15 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
-use measurement::drops::{DropCounts, DropReason};
+use measurement::Stream;
+use measurement::drops::DropReason;
 use measurement::time::RobotTime;
-use measurement::{Measurement, Stream};
 
 use self::record::{
     Chunk, Compression, Found, Record, RecordHeader, RecordSource, connection_type, decompress,
 };
-use super::{Position, RecordingError, RecordingReader, Selection, StreamSummary};
-use crate::messages::{Messages, Reading, SelectedStream};
+use super::{Position, RecordingError, Selection};
+use crate::messages::{MessageRecording, Messages, Reading, SelectedStream};
 use crate::ros::{Encoding, MessageType};
 
 const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
@@ -150,29 +150,17 @@ impl RosbagReader {
     }
 }
 
-impl RecordingReader for RosbagReader {
-    fn next_measurement(&mut self) -> Result<Option<Measurement>, RecordingError> {
-        loop {
-            if let Some(measurement) = self.contents.messages.pop() {
-                return Ok(Some(measurement));
-            }
-            if !self.walk().map_err(RecordingError::io(&self.path))? {
-                self.contents.messages.finish();
-                return Ok(self.contents.messages.pop());
-            }
-        }
+impl MessageRecording for RosbagReader {
+    fn messages(&self) -> &Messages {
+        &self.contents.messages
     }
 
-    fn streams(&self) -> &[StreamSummary] {
-        self.contents.messages.streams()
+    fn messages_mut(&mut self) -> &mut Messages {
+        &mut self.contents.messages
     }
 
-    fn losses(&self) -> &DropCounts {
-        self.contents.messages.loss_counts()
-    }
-
-    fn loss_notes(&self) -> &[String] {
-        self.contents.messages.losses().notes()
+    fn step(&mut self) -> Result<bool, RecordingError> {
+        self.walk().map_err(RecordingError::io(&self.path))
     }
 
     fn position(&self) -> Position {

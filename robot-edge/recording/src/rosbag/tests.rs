@@ -5,7 +5,9 @@ use measurement::time::RobotTime;
 use proptest::prelude::*;
 
 use super::*;
+use crate::RecordingReader;
 use crate::shared_data::shared_data;
+use measurement::Measurement;
 
 fn read_all(reader: &mut dyn RecordingReader) -> Vec<Measurement> {
     std::iter::from_fn(|| reader.next_measurement().unwrap()).collect()
@@ -219,7 +221,7 @@ fn messages_become_measurements() {
         assert_eq!(reader.losses().get(DropReason::BadPose), 1);
         assert_eq!(reader.losses().get(DropReason::Undecodable), 1);
         assert_eq!(reader.losses().total(), 2, "{:?}", reader.loss_notes());
-        let position = reader.position();
+        let position = RecordingReader::position(&reader);
         assert_eq!(position.bytes_read, position.bytes_total);
     }
 }
