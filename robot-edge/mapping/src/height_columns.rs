@@ -59,6 +59,9 @@ pub struct ColumnRules {
     pub from_z: i32,
     /// Highest voxel that may be the ground.
     pub to_z: i32,
+    /// Highest voxel that is ground although other ground is so far below it that the vehicle passes between: not much higher than
+    /// the vehicle stands, which is then on it; used on land only.
+    pub level_z: i32,
     /// Highest voxel of the water's surface; used on water only.
     pub water_z: i32,
     /// Height of the vehicle, voxels.
@@ -163,6 +166,8 @@ struct Levels {
     hit: u16,
     /// Known in the relevant interval.
     known: u16,
+    /// The last ground is a bridge over other ground, and nothing was observed through above it yet.
+    bridge: u16,
     /// On water: the lowest known voxel, or the one above it, was hit.
     bank: u16,
     /// On water: a voxel is known.
@@ -181,6 +186,7 @@ impl Levels {
             pending,
             hit: 0,
             known: 0,
+            bridge: 0,
             bank: 0,
             begun: 0,
             highest_ground_z: z,
@@ -196,9 +202,10 @@ impl Levels {
 
     /// Whether no layer from `z` upwards can change the levels; most layers are air above the
     /// vehicle.
-    const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
+    fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
         let is_land = matches!(rules.surface, Surface::Land);
-        is_land && self.pending == 0 && z > self.highest_ground_z + rules.height
+        let highest_z = (self.highest_ground_z + rules.height).max(rules.level_z);
+        is_land && self.pending == 0 && z > highest_z
     }
 
     fn add(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
@@ -214,8 +221,9 @@ impl Levels {
             self.highest_ground_z = self.highest_ground_z.max(self.ground_z[column]);
         }
         self.pending &= !found;
-        if rules.surface == Surface::Water {
-            self.find_lowest(z, known, occupied);
+        match rules.surface {
+            Surface::Water => self.find_lowest(z, known, occupied),
+            Surface::Land => self.find_bridges(z, known, occupied & !found, rules),
         }
         let reached = |ground_z: i32| z <= ground_z + rules.height;
         for column in columns(known & !self.pending) {
@@ -229,6 +237,24 @@ impl Levels {
                 }
             }
         }
+    }
+
+    /// What has a passage below it is the ground of a vehicle that stands as high: its upper side, as far as nothing was observed through.
+    fn find_bridges(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
+        if z <= rules.level_z {
+            for column in columns(known & occupied & !self.pending) {
+                let bit = 1 << column;
+                let is_clear = self.top_z[column] == self.ground_z[column];
+                let is_above = is_clear && z > self.ground_z[column] + rules.height;
+                if is_above || self.bridge & bit != 0 {
+                    self.bridge |= bit;
+                    self.hit |= bit;
+                    (self.ground_z[column], self.top_z[column]) = (z, z);
+                    self.highest_ground_z = self.highest_ground_z.max(z);
+                }
+            }
+        }
+        self.bridge &= !(known & !occupied);
     }
 
     /// On a slope that beams graze, one beam may pass through the lower part of a column and
