@@ -176,6 +176,8 @@ struct Levels {
     highest_ground_z: i32,
     ground_z: [i32; TILE_COLUMNS],
     top_z: [i32; TILE_COLUMNS],
+    /// On land: the ground, or the highest occupied voxel so far.
+    highest_z: [i32; TILE_COLUMNS],
     /// On water: the lowest known voxel, or the next one if that was hit.
     lowest_z: [i32; TILE_COLUMNS],
 }
@@ -192,6 +194,7 @@ impl Levels {
             highest_ground_z: z,
             ground_z: [z; TILE_COLUMNS],
             top_z: [z; TILE_COLUMNS],
+            highest_z: [z; TILE_COLUMNS],
             lowest_z: [z; TILE_COLUMNS],
         }
     }
@@ -218,6 +221,7 @@ impl Levels {
             let is_hit = occupied >> column & 1 == 1;
             self.ground_z[column] = if is_hit { z } else { z - 1 };
             self.top_z[column] = self.ground_z[column];
+            self.highest_z[column] = self.ground_z[column];
             self.highest_ground_z = self.highest_ground_z.max(self.ground_z[column]);
         }
         self.pending &= !found;
@@ -244,8 +248,7 @@ impl Levels {
         if z <= rules.level_z {
             for column in columns(known & occupied & !self.pending) {
                 let bit = 1 << column;
-                let is_clear = self.top_z[column] == self.ground_z[column];
-                let is_above = is_clear && z > self.ground_z[column] + rules.height;
+                let is_above = z > self.highest_z[column] + rules.height;
                 if is_above || self.bridge & bit != 0 {
                     self.bridge |= bit;
                     self.hit |= bit;
@@ -253,6 +256,9 @@ impl Levels {
                     self.highest_ground_z = self.highest_ground_z.max(z);
                 }
             }
+        }
+        for column in columns(occupied) {
+            self.highest_z[column] = z;
         }
         self.bridge &= !(known & !occupied);
     }

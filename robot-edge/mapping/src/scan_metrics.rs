@@ -61,10 +61,6 @@ struct Segment {
     mean_m: f64,
 }
 
-/// Differences of a segment that are no sign of a body even where the beams are farther apart than a spot is wide: any two hits are a
-/// segment, and with few differences the mean that the next is compared with is hardly one.
-const CHANCE_BEAMS: f64 = 3.0;
-
 impl IntraScan {
     /// Value of the least width: half, so that in an average a few wide segments do not outweigh many narrow ones.
     pub const LEAST_WIDTH: f64 = 0.5;
@@ -101,7 +97,7 @@ impl IntraScan {
         let value_of_beam_m = scan.beam_step_rad / self.width_m;
         // Eq. (6): beams by which a rod looks wider than it is.
         let spot = if self.less_spot {
-            (divergence_rad / scan.beam_step_rad).max(CHANCE_BEAMS)
+            divergence_rad / scan.beam_step_rad
         } else {
             0.0
         };

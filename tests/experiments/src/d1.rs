@@ -107,9 +107,9 @@ impl Passage {
         (Self::Deck, "on the bridge"),
     ];
 
-    /// That of the world `bridge` at a place.
-    fn at(at: Point2<f64>) -> Option<Self> {
-        let is_across = at.y.abs() < 0.5;
+    /// That of the world `bridge` at a place and height.
+    fn at(at: Point3<f64>) -> Option<Self> {
+        let is_across = at.y.abs() < 0.5 && at.z < 0.5;
         if is_across && (2.3..8.3).contains(&at.x) {
             Some(Self::Beam)
         } else if is_across && at.x < 15.9 && at.x > 8.3 {
@@ -257,7 +257,7 @@ impl Drive {
         let (terrain, occupancy) = (mapper.terrain()?, mapper.occupancy()?);
         let cost = mapper.voxels()?.cost()?;
         let now_s = scan.stamp.since(START).as_secs_f64();
-        let passage = Passage::at(world.path().planar_pose(now_s).position_m)?;
+        let passage = Passage::at(scan.odom_from_base.translation.vector.into())?;
         let lane = self.lanes.entry(passage).or_default();
         let steps = (AHEAD_S / 0.1) as u32;
         let mut points = Vec::new();

@@ -322,7 +322,13 @@ fn only_branches_below_vehicle_height_are_obstacles() {
 #[test]
 fn a_bridge_is_driven_below_and_on() {
     let mut octree = octree();
-    hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
+    // The ground is in two voxels of a column.
+    hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.01));
+    hit(
+        &mut octree,
+        [-3.0, 0.0, 1.0],
+        surface(|x, y| 0.015 * (37.0 * x + 23.0 * y).fract() - 0.01),
+    );
     let deck = surface(|_, _| 1.65);
     let deck = deck.into_iter().filter(|[_, y, _]| y.abs() < 0.8);
     hit(&mut octree, [0.0, 0.0, 2.4], deck.clone());
