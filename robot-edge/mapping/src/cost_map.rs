@@ -75,9 +75,6 @@ impl Default for CostConfig {
     }
 }
 
-/// Steps in which the level of the vehicle's ground moves, voxels: each rereads all columns.
-const LEVEL_STEP: i32 = 2;
-
 /// Fewest tiles per thread.
 const MIN_SHARE: usize = 64;
 
@@ -284,15 +281,10 @@ impl CostMap {
                 let middle = self.rules.map(|rules| rules.from_z + reach);
                 let middle = middle.filter(|middle| (z - middle).abs() <= step);
                 let from_z = middle.unwrap_or(z) - reach;
-                // What is this high is reached at 8° within 3 m.
-                let level = z + height / 2;
-                let held = self.rules.map(|rules| rules.level_z);
-                let held = held.filter(|held| (level - held).abs() <= LEVEL_STEP);
                 ColumnRules {
                     surface: Surface::Land,
                     from_z,
                     to_z: from_z + 2 * reach,
-                    level_z: held.unwrap_or(level),
                     water_z: from_z,
                     height,
                 }
@@ -308,7 +300,6 @@ impl CostMap {
                         surface: Surface::Water,
                         from_z,
                         to_z: from_z,
-                        level_z: from_z,
                         // The upper one of the two voxels between which the boat heaves.
                         water_z: libm::floor(z_m / self.cell_m + 0.5) as i32,
                         height,

@@ -59,9 +59,6 @@ pub struct ColumnRules {
     pub from_z: i32,
     /// Highest voxel that may be the ground.
     pub to_z: i32,
-    /// Highest voxel that is ground although other ground is so far below it that the vehicle passes between: not much higher than
-    /// the vehicle stands, which is then on it; used on land only.
-    pub level_z: i32,
     /// Highest voxel of the water's surface; used on water only.
     pub water_z: i32,
     /// Height of the vehicle, voxels.
@@ -166,8 +163,6 @@ struct Levels {
     hit: u16,
     /// Known in the relevant interval.
     known: u16,
-    /// The last ground is a bridge over other ground, and nothing was observed through above it yet.
-    bridge: u16,
     /// On water: the lowest known voxel, or the one above it, was hit.
     bank: u16,
     /// On water: a voxel is known.
@@ -176,8 +171,6 @@ struct Levels {
     highest_ground_z: i32,
     ground_z: [i32; TILE_COLUMNS],
     top_z: [i32; TILE_COLUMNS],
-    /// On land: the ground, or the highest occupied voxel so far.
-    highest_z: [i32; TILE_COLUMNS],
     /// On water: the lowest known voxel, or the next one if that was hit.
     lowest_z: [i32; TILE_COLUMNS],
 }
@@ -188,13 +181,11 @@ impl Levels {
             pending,
             hit: 0,
             known: 0,
-            bridge: 0,
             bank: 0,
             begun: 0,
             highest_ground_z: z,
             ground_z: [z; TILE_COLUMNS],
             top_z: [z; TILE_COLUMNS],
-            highest_z: [z; TILE_COLUMNS],
             lowest_z: [z; TILE_COLUMNS],
         }
     }
@@ -205,10 +196,9 @@ impl Levels {
 
     /// Whether no layer from `z` upwards can change the levels; most layers are air above the
     /// vehicle.
-    fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
+    const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
         let is_land = matches!(rules.surface, Surface::Land);
-        let highest_z = (self.highest_ground_z + rules.height).max(rules.level_z);
-        is_land && self.pending == 0 && z > highest_z
+        is_land && self.pending == 0 && z > self.highest_ground_z + rules.height
     }
 
     fn add(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
@@ -221,13 +211,11 @@ impl Levels {
             let is_hit = occupied >> column & 1 == 1;
             self.ground_z[column] = if is_hit { z } else { z - 1 };
             self.top_z[column] = self.ground_z[column];
-            self.highest_z[column] = self.ground_z[column];
             self.highest_ground_z = self.highest_ground_z.max(self.ground_z[column]);
         }
         self.pending &= !found;
-        match rules.surface {
-            Surface::Water => self.find_lowest(z, known, occupied),
-            Surface::Land => self.find_bridges(z, known, occupied & !found, rules),
+        if rules.surface == Surface::Water {
+            self.find_lowest(z, known, occupied);
         }
         let reached = |ground_z: i32| z <= ground_z + rules.height;
         for column in columns(known & !self.pending) {
@@ -241,26 +229,6 @@ impl Levels {
                 }
             }
         }
-    }
-
-    /// What has a passage below it is the ground of a vehicle that stands as high: its upper side, as far as nothing was observed through.
-    fn find_bridges(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
-        if z <= rules.level_z {
-            for column in columns(known & occupied & !self.pending) {
-                let bit = 1 << column;
-                let is_above = z > self.highest_z[column] + rules.height;
-                if is_above || self.bridge & bit != 0 {
-                    self.bridge |= bit;
-                    self.hit |= bit;
-                    (self.ground_z[column], self.top_z[column]) = (z, z);
-                    self.highest_ground_z = self.highest_ground_z.max(z);
-                }
-            }
-        }
-        for column in columns(occupied) {
-            self.highest_z[column] = z;
-        }
-        self.bridge &= !(known & !occupied);
     }
 
     /// On a slope that beams graze, one beam may pass through the lower part of a column and

@@ -318,33 +318,6 @@ fn only_branches_below_vehicle_height_are_obstacles() {
     }
 }
 
-/// Its deck is the ground of a vehicle on it or nearly as high, and nothing to one below.
-#[test]
-fn a_bridge_is_driven_below_and_on() {
-    let mut octree = octree();
-    // The ground is in two voxels of a column.
-    hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.01));
-    hit(
-        &mut octree,
-        [-3.0, 0.0, 1.0],
-        surface(|x, y| 0.015 * (37.0 * x + 23.0 * y).fract() - 0.01),
-    );
-    let deck = surface(|_, _| 1.65);
-    let deck = deck.into_iter().filter(|[_, y, _]| y.abs() < 0.8);
-    hit(&mut octree, [0.0, 0.0, 2.4], deck.clone());
-    // Its lower side as well, 20 cm below: the beams end at it.
-    let below = deck.map(|[x, y, _]| [x, y, 1.45]);
-    hit(&mut octree, [0.0, 0.0, 0.6], below);
-    let cost = |map: &CostMap, y| map.cell(CellIndex { x: 2, y }).unwrap().cost;
-    for (vehicle_z_m, at_its_edge) in [(0.0, false), (0.9, false), (1.35, true), (1.65, true)] {
-        let map = updated(Surface::Land, &mut octree.clone(), vehicle_z_m);
-        for y in [-30, -15, 0, 3, 15] {
-            assert!(cost(&map, y) < 0.05, "{vehicle_z_m} {y}: {}", cost(&map, y));
-        }
-        assert_eq!(cost(&map, 7) >= 1.0, at_its_edge, "{vehicle_z_m}");
-    }
-}
-
 #[test]
 fn rim_of_an_observed_hole_is_lethal() {
     let mut octree = octree();
