@@ -4,13 +4,14 @@
 //! nothing between cells. The obstacle class of a cell is updated here too, only for cells that the
 //! scan hit.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
 
 use measurement::pose;
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::{Point2, Point3};
+use rustc_hash::FxBuildHasher;
 use serde::Deserialize;
 
 use crate::grid::{CellIndex, CellSize};
@@ -85,6 +86,8 @@ pub struct ElevationMap {
     widths: Vec<f32>,
     grid: RollingGrid<ElevationCell>,
     hits: ScanHits,
+    /// Cells of a cloud where the ground is not known, each with its first height, metres.
+    groundless: HashMap<CellIndex, f32, FxBuildHasher>,
     ray_clearing: RayClearing,
     forget_ms: u32,
     /// Time and cell of new obstacles, oldest first, until they are confirmed or forgotten.
@@ -168,6 +171,7 @@ impl ElevationMap {
             widths: Vec::new(),
             grid: RollingGrid::new(elevation.sides(), ElevationCell::UNKNOWN),
             hits: ScanHits::default(),
+            groundless: HashMap::default(),
             ray_clearing: RayClearing::new(elevation.sides(), elevation.size()),
             forget_ms: (1000.0 * elevation.forget_s) as u32,
             unconfirmed: VecDeque::new(),
@@ -198,6 +202,7 @@ impl ElevationMap {
         }
         self.reclassified.clear();
         self.hits.clear();
+        self.groundless.clear();
         let now_ms = self.advance_time(scan.stamp);
         self.now_ms = now_ms;
         self.follow_vehicle(&scan.odom_from_base);
@@ -210,7 +215,7 @@ impl ElevationMap {
             let flattened = Flattened::new(&scan.odom_from_base);
             self.add_points(scan, &mut report, |point| flattened.project(&point));
         }
-        self.classify_hits(now_ms);
+        self.classify_hits(now_ms, scan.kind == ScanKind::Cloud);
         if self.compensation {
             report.cleared = self.clear_passed_through(scan, plane);
         }
@@ -258,7 +263,7 @@ impl ElevationMap {
             let cell = self.grid.at_mut(hit.cell, hit.slot);
             if cell.class == CellClass::Unknown {
                 cell.classify(self.rule, hit.bounds);
-                if cell.class == CellClass::Free {
+                if cell.class == CellClass::Free && cell.has_ground() {
                     self.reclassified.push(hit.cell);
                 } else {
                     cell.class = CellClass::Unknown;
@@ -284,16 +289,25 @@ impl ElevationMap {
                 continue;
             };
             report.points += 1;
+            let height_m = height_m as f32;
             let listed = self.hits.bounds(self.grid.at(cell, slot).hit, slot);
-            let ground = listed.unwrap_or_else(|| {
-                let around = match &self.local_ground {
-                    Some(local) => local.around(&self.grid, cell),
-                    None => Bounds::PLANE,
-                };
-                around.beyond(self.h_neg_m, self.h_pos_m)
-            });
-            if is_cloud && height_m as f32 > ground.highest_m - self.h_pos_m + self.overhang_m {
+            let near = || match &self.local_ground {
+                Some(local) => local.around(&self.grid, cell),
+                None => Some(Bounds::PLANE),
+            };
+            let beyond = |ground: Bounds| ground.beyond(self.h_neg_m, self.h_pos_m);
+            let known = listed.or_else(|| near().map(beyond));
+            let mut ground = known.unwrap_or_else(|| beyond(Bounds::PLANE));
+            if is_cloud && height_m > ground.highest_m - self.h_pos_m + self.overhang_m {
                 continue;
+            }
+            if is_cloud && known.is_none() && !ground.contains(height_m) {
+                // The ground between two rings is not known: it may have come down or up to here. What has a step is no ground.
+                let first_m = *self.groundless.entry(cell).or_insert(height_m);
+                ground = beyond(Bounds::at(first_m));
+                if ground.contains(height_m) {
+                    continue;
+                }
             }
             if listed.is_none() {
                 self.grid.at_mut(cell, slot).hit = self.hits.list(cell, slot, ground);
@@ -305,16 +319,20 @@ impl ElevationMap {
                 .is_some_and(|width| f64::from(*width) <= IntraScan::LEAST_WIDTH);
             self.grid
                 .at_mut(cell, slot)
-                .add(height_m as f32, ground, is_narrow);
+                .add(height_m, ground, is_narrow);
         }
     }
 
-    fn classify_hits(&mut self, now_ms: u32) {
+    fn classify_hits(&mut self, now_ms: u32, is_cloud: bool) {
         for hit in self.hits.cells() {
             let cell = self.grid.at_mut(hit.cell, hit.slot);
             let (was_raised, class) = (cell.is_raised(), cell.class());
             cell.end_scan(now_ms, self.travel_m);
             cell.classify(self.rule, hit.bounds);
+            // The ground around is compared with free cells: one point of a cloud above it makes none.
+            if is_cloud && cell.class() == CellClass::Free && !cell.has_ground() {
+                cell.class = CellClass::Unknown;
+            }
             let (is_raised, is_grounded) = (cell.is_raised(), cell.is_grounded());
             let scans = cell.scans();
             if cell.class() != class {
@@ -612,6 +630,11 @@ impl ElevationCell {
         self.max_m - self.lowest_raised_m
     }
 
+    /// Whether any point was within the thresholds.
+    const fn has_ground(&self) -> bool {
+        self.ground_points > 0
+    }
+
     /// Adds a point; one on a narrow body is no obstacle by being high.
     pub(super) fn add(&mut self, height_m: f32, ground: Bounds, is_narrow: bool) {
         self.points = self.points.saturating_add(1);
@@ -658,8 +681,7 @@ impl ElevationCell {
 
     /// Rule `mean` (docs/methods.md, section 1).
     pub(super) fn classify_by_mean(&mut self, ground: Bounds) {
-        let is_ground = (ground.lowest_m..=ground.highest_m).contains(&self.mean_m);
-        self.class = self.known_class(!is_ground);
+        self.class = self.known_class(!ground.contains(self.mean_m));
     }
 
     /// Rule `points`: at least 2 points and 5 % of the recent ones beyond a threshold

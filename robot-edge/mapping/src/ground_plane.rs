@@ -280,11 +280,21 @@ const REACH_M: f64 = 0.6;
 const RAISED_M: f32 = 0.05;
 
 impl Bounds {
-    pub(super) const PLANE: Self = Self {
-        lowest_m: 0.0,
-        highest_m: 0.0,
-        raised_above_m: RAISED_M,
-    };
+    pub(super) const PLANE: Self = Self::at(0.0);
+
+    /// Of ground at one height, metres above the ground plane.
+    pub(super) const fn at(height_m: f32) -> Self {
+        Self {
+            lowest_m: height_m,
+            highest_m: height_m,
+            raised_above_m: height_m + RAISED_M,
+        }
+    }
+
+    /// Whether a height is within them.
+    pub(super) fn contains(&self, height_m: f32) -> bool {
+        (self.lowest_m..=self.highest_m).contains(&height_m)
+    }
 
     /// Extended by the depth and height that are not yet an obstacle.
     pub(super) fn beyond(self, h_neg_m: f32, h_pos_m: f32) -> Self {
@@ -329,8 +339,12 @@ impl LocalGround {
         Self { around }
     }
 
-    /// Bounds of the ground height at `cell`; the ground plane if no free cell is near.
-    pub(super) fn around(&self, grid: &RollingGrid<ElevationCell>, cell: CellIndex) -> Bounds {
+    /// Bounds of the ground height at `cell`; `None` if no free cell is near.
+    pub(super) fn around(
+        &self,
+        grid: &RollingGrid<ElevationCell>,
+        cell: CellIndex,
+    ) -> Option<Bounds> {
         let free = self.around.iter().filter_map(|&(dx, dy, rise_m)| {
             let at = CellIndex {
                 x: cell.x + dx,
@@ -340,7 +354,7 @@ impl LocalGround {
             let is_free = neighbour.class() == CellClass::Free;
             is_free.then_some((neighbour.mean_m()?, rise_m))
         });
-        let found = free.fold(None, |bounds: Option<Bounds>, (mean_m, rise_m)| {
+        free.fold(None, |bounds: Option<Bounds>, (mean_m, rise_m)| {
             let (low_m, high_m) = (mean_m - rise_m, mean_m + rise_m);
             let (lowest_m, highest_m) = match bounds {
                 Some(bounds) => (bounds.lowest_m.max(low_m), bounds.highest_m.min(high_m)),
@@ -351,8 +365,7 @@ impl LocalGround {
                 highest_m,
                 raised_above_m: highest_m + RAISED_M,
             })
-        });
-        found.unwrap_or(Bounds::PLANE)
+        })
     }
 }
 

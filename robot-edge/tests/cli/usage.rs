@@ -20,7 +20,7 @@ fn wrong_options_say_what_is_right() {
             "--vehicle pionear",
             &[
                 "did you mean `pioneer`?",
-                "Presets: generic2d, generic3d, holos, holos-tilt, introbot, pioneer, riverwatch",
+                "Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch",
             ],
         ),
         ("--vehicle boat.toml", &["boat.toml: there is no such file"]),
@@ -138,6 +138,8 @@ fn a_printed_preset_is_a_configuration() {
             "holos-tilt",
             "introbot",
             "introbot-document",
+            "lidar16",
+            "lidar64",
             "pioneer",
             "pioneer-document",
             "riverwatch",

@@ -1,7 +1,7 @@
 //! H3 [HYB 8.4.1]: rocks and trunks stay lethal, grass and twigs are traversable.
 
 mod drawn;
-mod objects;
+pub(super) mod objects;
 
 use std::collections::BTreeMap;
 

@@ -18,6 +18,8 @@ mod shores;
 mod terrain;
 mod truth;
 
+mod d1;
+mod d2;
 mod e1;
 mod e2;
 mod e3;
@@ -68,7 +70,7 @@ impl Experiment {
 }
 
 /// All of them, in the order of the table.
-pub static EXPERIMENTS: [Experiment; 20] = [
+pub static EXPERIMENTS: [Experiment; 22] = [
     Experiment {
         id: "E1",
         title: "Sizes of cells, in a hall",
@@ -214,5 +216,20 @@ pub static EXPERIMENTS: [Experiment; 20] = [
         criterion: "as L1, from a file with poses of cameras; occupied cells ≥ 98 % right where seeing through a cell \
                     counts no more than a hit",
         run: l3::run,
+    },
+    Experiment {
+        id: "D1",
+        title: "A bridge, a tunnel and overhangs, with rings",
+        source: "[ours]",
+        criterion: "with 64 rings heights ≤ 2 cm rms, ≥ 99 % of what 3 beams meet found, ≤ 0.5 % of the ground an obstacle up to \
+                    15 m; the way is free below the bridge and on it",
+        run: d1::run,
+    },
+    Experiment {
+        id: "D2",
+        title: "What gives way in a thicket, with rings",
+        source: "[ours]",
+        criterion: "with 64 rings ≥ 90 % of grass and twigs traversable, ≥ 95 % of rocks rigid",
+        run: d2::run,
     },
 ];

@@ -57,6 +57,8 @@ pub const PRESETS: &[Preset] = &[
     preset!("holos-tilt"),
     preset!("introbot"),
     preset!("introbot-document"),
+    preset!("lidar16"),
+    preset!("lidar64"),
     preset!("pioneer"),
     preset!("pioneer-document"),
     preset!("riverwatch"),

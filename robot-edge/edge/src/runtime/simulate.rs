@@ -154,7 +154,7 @@ pub fn simulated_localization_plan(
         // Of the sensors with a frame of their own.
         let is_in_tree = matches!(origin, PoseOrigin::Tf { .. })
             && tilt_stream.is_none()
-            && sensor.config.scan_kind == ScanKind::Beams;
+            && matches!(sensor.config.scan_kind, ScanKind::Beams | ScanKind::Cloud);
         (takes_all || stream.is_some()).then_some(PlannedSensor {
             id: sensor.id,
             stream,
@@ -388,5 +388,19 @@ mod tests {
             mounts.collect::<Vec<_>>(),
             [MountOrigin::Configured, MountOrigin::Tree]
         );
+    }
+
+    #[test]
+    fn a_lidar_is_assigned_its_clouds_and_mounted_where_the_transform_says() {
+        let streams = ["sensor_msgs/PointCloud2", "tf2_msgs/TFMessage"].map(|type_name| Stream {
+            name: "/s".to_owned(),
+            type_name: type_name.to_owned(),
+        });
+        let config = load("lidar64", &[]).unwrap();
+        let localization_plan = simulated_localization_plan(&config, &streams).unwrap();
+        assert!(matches!(localization_plan.origin, PoseOrigin::Tf { .. }));
+        let sensors = localization_plan.sensors.iter();
+        let planned: Vec<_> = sensors.map(|sensor| (sensor.id.0, sensor.mount)).collect();
+        assert_eq!(planned, [(0, MountOrigin::Tree)]);
     }
 }

@@ -327,6 +327,49 @@ fn grass_is_free_and_what_is_wider_than_the_spot_an_obstacle() {
     }
 }
 
+/// Rings of a lidar 10 m away, with no ground known around: it may have risen or fallen to where one of them ends. What two of them meet at
+/// different heights in a cell is no ground, nor is one point above it.
+#[test]
+fn of_a_cloud_far_rings_are_not_judged_by_the_ground_plane_alone() {
+    use CellClass::{Free, Obstacle, Unknown};
+    let class = |kind: ScanKind, heights_m: &[f64]| {
+        let ground_config = GroundConfig {
+            reference: GroundReference::Local,
+            ..GroundConfig::default()
+        };
+        let elevation = ElevationConfig {
+            cells: 201,
+            cell_m: 0.2,
+            ..ElevationConfig::default()
+        };
+        let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &ground_config);
+        map.ignore_overhangs(1.0);
+        let points: Vec<_> = heights_m.iter().map(|z_m| [10.1, 0.1, *z_m]).collect();
+        let mut scan = scan(0.0, 0.0, &points);
+        scan.kind = kind;
+        let columns = (std::f64::consts::TAU / scan.beam_step_rad).round() as u32;
+        // A ring for each two points.
+        for (place, beam) in (0..).zip(&mut scan.beams) {
+            beam.index = place / 2 * (columns + 2) + place % 2;
+            beam.range_m = 10.0;
+        }
+        map.integrate(&scan, &ground());
+        class_at(&map, 10.1, 0.1)
+    };
+    for (heights_m, of_cloud, of_beams) in [
+        (&[0.05, 0.05][..], Free, Free),
+        (&[0.3, 0.3], Unknown, Obstacle),
+        (&[-0.3, -0.3], Unknown, Obstacle),
+        (&[0.3, 0.3, 0.45, 0.45], Obstacle, Obstacle),
+        (&[0.3, 0.3, 0.45], Unknown, Obstacle),
+        (&[0.05, 0.05, 0.2, 0.2], Obstacle, Obstacle),
+        (&[2.0, 2.0, 2.2, 2.2], Unknown, Obstacle),
+    ] {
+        let classes = [ScanKind::Cloud, ScanKind::Beams].map(|kind| class(kind, heights_m));
+        assert_eq!(classes, [of_cloud, of_beams], "{heights_m:?}");
+    }
+}
+
 /// Three rings of a lidar on a slope of 5 %, 40 cm from ring to ring, a kerb of 15 cm behind the last, and a branch above.
 #[test]
 fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {

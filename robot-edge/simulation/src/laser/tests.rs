@@ -32,6 +32,18 @@ fn each_laser_covers_its_angles_in_its_time() {
             0.066_602,
         ),
         (PlanarLaser::lms111(), [-60.0, 60.0], 0.04 / 3.0),
+        // A turn in 0.1 s, of which the last column is left out.
+        (PlanarLaser::vlp_16(), [179.9, -179.9], 0.1 - 0.1 / 1800.0),
+        (
+            PlanarLaser::os1_64(),
+            [179.82422, -179.82422],
+            0.1 - 0.1 / 1024.0,
+        ),
+        (
+            PlanarLaser::os1_64().turning(2048),
+            [179.91211, -179.91211],
+            0.1 - 0.1 / 2048.0,
+        ),
     ] {
         let (beams, first_rad) = (laser.beams, f64::from(laser.angle_min_rad));
         let last_rad = first_rad + f64::from(beams - 1) * f64::from(laser.angle_increment_rad);
@@ -501,4 +513,86 @@ fn mixed_pixels_have_the_configured_share() {
     assert!((190..296).contains(&edges), "{edges}");
     // A line has no edges to straddle.
     assert_eq!(format!("{without:?}"), format!("{thin:?}"));
+}
+
+#[test]
+fn each_column_of_a_lidar_has_its_pose_and_each_ring_its_angle() {
+    // 1 m above level ground, turning at 1 rad/s while driving at 1 m/s; rings 30° and 15° down, and level.
+    let pose_at = |t: f64| {
+        let mut pose = pose::planar(t, 0.0, t);
+        pose.translation.z = 1.0;
+        pose
+    };
+    let rings_rad = [-30.0_f64, -15.0, 0.0].map(f64::to_radians);
+    let scene = Scene::new(&[solid(Shape::Plane, Pose::identity())]);
+    let lidar = PlanarLaser::os1_64();
+    let mut noise = LaserNoise::new(0, "lidar");
+    let cloud = lidar.revolution(&rings_rad, &scene, EXACT, &mut noise, 0.0, pose_at);
+    assert_eq!((cloud.points.len(), cloud.without_return), (2 * 1024, 1024));
+    for (place, point) in cloud.points.iter().enumerate() {
+        let (column, ring) = (place / 2, place % 2);
+        assert_eq!(point.ring, Some(ring as u16));
+        assert!((f64::from(point.after_s) - column as f64 * 0.1 / 1024.0).abs() < 1e-8);
+        let position = Point3::from(point.position_m.map(f64::from));
+        // Clockwise from astern.
+        let azimuth_rad =
+            std::f64::consts::PI - (column as f64 + 0.5) * std::f64::consts::TAU / 1024.0;
+        let level_m = libm::hypot(position.x, position.y);
+        let away_m = 1.0 / libm::tan(-rings_rad[ring]);
+        assert!((level_m - away_m).abs() < 1e-5, "{place}: {level_m}");
+        assert!(
+            (libm::atan2(position.y, position.x) - azimuth_rad).abs() < 1e-5,
+            "{place}"
+        );
+        assert!(
+            (pose_at(point.after_s.into()) * position).z.abs() < 1e-6,
+            "{place}"
+        );
+    }
+    // A wall at x = 3: the vehicle nears it by 0.1 m in a turn.
+    let level_at = |t: f64| pose::planar(t, 0.0, t);
+    let cloud = lidar.revolution(&[0.0], &wall_at(3.0), EXACT, &mut noise, 0.0, level_at);
+    for point in &cloud.points {
+        let in_world =
+            level_at(point.after_s.into()) * Point3::from(point.position_m.map(f64::from));
+        assert!((in_world.x - 3.0).abs() < 1e-4, "{point:?}");
+    }
+    assert!(cloud.points.len() > 400, "{}", cloud.points.len());
+}
+
+#[test]
+fn the_points_of_a_lidar_err_along_their_beams_and_drop_out() {
+    let errors = LaserErrors {
+        range_noise_m: 0.02,
+        dropout: 0.1,
+        mixed_pixels: 0.0,
+    };
+    let mut noise = LaserNoise::new(3, "lidar");
+    let scene = Scene::new(&[solid(Shape::Plane, Pose::identity())]);
+    let pose = Pose::translation(0.0, 0.0, 1.0);
+    let rings_rad = [-30.0_f64.to_radians(); 4];
+    let cloud =
+        PlanarLaser::os1_64().revolution(&rings_rad, &scene, errors, &mut noise, 0.0, |_| pose);
+    // 4096 beams, four standard deviations of 19.
+    assert!(
+        (330..490).contains(&cloud.without_return),
+        "{}",
+        cloud.without_return
+    );
+    assert_eq!(cloud.points.len() as u32 + cloud.without_return, 4096);
+    let errors_m: Vec<f64> = cloud
+        .points
+        .iter()
+        .map(|point| {
+            let position = Vector3::from(point.position_m.map(f64::from));
+            assert!((position.z / position.norm() + 0.5).abs() < 1e-6);
+            position.norm() - 2.0
+        })
+        .collect();
+    let mean_m = errors_m.iter().sum::<f64>() / errors_m.len() as f64;
+    let variance_m2 = errors_m.iter().map(|m| m * m).sum::<f64>() / errors_m.len() as f64;
+    assert!(
+        mean_m.abs() < 0.0015 && (libm::sqrt(variance_m2) - 0.02).abs() < 0.001,
+        "{mean_m} {variance_m2}"
+    );
 }

@@ -70,7 +70,7 @@ impl Sensor {
             .map(|sensor| Self::Range {
                 noise: Box::new(LaserNoise::new(seed, sensor.name)),
                 frame: FrameId::from(sensor.name),
-                stream: stream_called(&mut streams, sensor.stream, "sensor_msgs/LaserScan"),
+                stream: stream_called(&mut streams, sensor.stream, sensor.type_name()),
                 sensor: sensor.clone(),
             })
             .collect();
@@ -235,15 +235,30 @@ impl Sensor {
                     let time_s = time_s + after_s;
                     run.motion.world_from_base(time_s) * sensor.base_from_sensor(time_s)
                 };
-                let mut scan =
-                    sensor
-                        .planar
-                        .sweep(&run.scene, errors.laser, noise, time_s, world_from_sensor);
-                sensor.add_own_posts(&mut scan, time_s);
                 let is_covered = |[from_s, until_s]: [f64; 2]| (from_s..until_s).contains(&time_s);
-                if sensor.name == run.vehicle.laser.name
-                    && errors.laser_covered_s.is_some_and(is_covered)
-                {
+                let is_covered = sensor.name == run.vehicle.laser.name
+                    && errors.laser_covered_s.is_some_and(is_covered);
+                let (planar, rings_rad) = (&sensor.planar, &sensor.rings_rad[..]);
+                if !rings_rad.is_empty() {
+                    let (scene, errors) = (&run.scene, errors.laser);
+                    let mut cloud = planar.revolution(
+                        rings_rad,
+                        scene,
+                        errors,
+                        noise,
+                        time_s,
+                        world_from_sensor,
+                    );
+                    if is_covered {
+                        cloud.without_return += cloud.points.len() as u32;
+                        cloud.points.clear();
+                    }
+                    return vec![measured(*stream, &*frame, MeasurementData::Cloud(cloud))];
+                }
+                let mut scan =
+                    planar.sweep(&run.scene, errors.laser, noise, time_s, world_from_sensor);
+                sensor.add_own_posts(&mut scan, time_s);
+                if is_covered {
                     scan.ranges_m.fill(f32::INFINITY);
                 }
                 let data = MeasurementData::Scan {

@@ -1,5 +1,6 @@
 #![expect(clippy::float_cmp, reason = "these values are exact")]
 
+use measurement::cloud::CloudPoint;
 use measurement::pose::Pose;
 use measurement::{MeasurementData, StreamId, pose};
 
@@ -276,8 +277,10 @@ fn bits(measurement: &Measurement) -> Vec<u64> {
         MeasurementData::Fix(fix) => of(&[fix.latitude_deg, fix.longitude_deg, fix.altitude_m]),
         MeasurementData::Range(reading) => vec![u64::from(reading.range_m.to_bits())],
         MeasurementData::Bool(is_pressed) => vec![u64::from(*is_pressed)],
-        MeasurementData::Twist(_) | MeasurementData::Cloud(_) => {
-            panic!("a simulated vehicle gives none: {measurement:?}")
+        MeasurementData::Cloud(cloud) => {
+            let of = |point: &CloudPoint| point.position_m.map(|m| u64::from(m.to_bits()));
+            cloud.points.iter().flat_map(of).collect()
         }
+        MeasurementData::Twist(_) => panic!("a simulated vehicle gives none: {measurement:?}"),
     }
 }

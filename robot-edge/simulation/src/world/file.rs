@@ -19,6 +19,9 @@
 //! laser_covered_s = [20.0, 40.0]      # default: never; from when until when no beam of the main laser has an echo
 //! fix_m = 0.05                        # standard deviation, heights twice; default: that of the vehicle's receiver
 //!
+//! [lidar]                             # for vehicles with one
+//! columns = 2048                      # of a turn; default: of the vehicle's lidar
+//!
 //! [waves]                             # default: none; for boats only
 //! height_m = 0.1                      # significant height: of the highest third, from trough to crest
 //! period_s = 2.5                      # of the strongest waves; they are 1.56 m · period² long
@@ -133,6 +136,7 @@
 //! polygon_m = [[10.0, 0.0], [16.0, 0.0], [16.0, 8.0], [10.0, 8.0]]
 //! ```
 
+use std::num::NonZeroU16;
 use std::sync::Arc;
 
 use nalgebra::Point2;
@@ -161,6 +165,7 @@ struct Header {
     name: String,
     vehicle: Spanned<String>,
     noise: NoiseEntry,
+    lidar: Option<Spanned<LidarEntry>>,
     waves: Option<Spanned<WavesEntry>>,
     start: StartEntry,
     path: Spanned<PathEntry>,
@@ -198,6 +203,12 @@ struct NoiseEntry {
     joint_lag_s: Within<0, { 10 * MILLION }>,
     fix_m: Option<NotNegative>,
     laser_covered_s: Option<[NotNegative; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LidarEntry {
+    columns: NonZeroU16,
 }
 
 /// Waves of shorter than 0.3 s are ripples that surface tension drives; no wind makes those of longer than 30 s.
@@ -261,6 +272,14 @@ pub(super) fn parse(text: &str) -> Result<World, Fault> {
     let mut vehicle = vehicle(&header.vehicle)?;
     if let Some(divergence) = header.noise.beam_divergence_mrad {
         vehicle.laser.planar.beam_divergence_rad = 1e-3 * divergence.0;
+    }
+    if let Some(lidar) = &header.lidar {
+        if vehicle.laser.rings_rad.is_empty() {
+            let message = format!("`{}` has no lidar", vehicle.name);
+            return Err(Fault::new(lidar.span(), message));
+        }
+        let columns = lidar.get_ref().columns.get();
+        vehicle.laser.planar = vehicle.laser.planar.turning(columns.into());
     }
     let path = path(&header)?;
     let waves = waves(header.waves.as_ref(), &vehicle)?;

@@ -145,10 +145,12 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("meadow", include_str!("../../worlds/meadow.toml")),
     ("lake", include_str!("../../worlds/lake.toml")),
     ("dock", include_str!("../../worlds/dock.toml")),
+    ("bridge", include_str!("../../worlds/bridge.toml")),
+    ("thicket", include_str!("../../worlds/thicket.toml")),
 ];
 const BUILT_IN_NAMES: &[&str] = &[
     "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker", "yard", "meadow",
-    "lake", "dock",
+    "lake", "dock", "bridge", "thicket",
 ];
 
 const MAX_FILE_BYTES: u64 = 4 << 20;

@@ -59,6 +59,32 @@ fn a_small_world_is_read_as_written() {
     );
 }
 
+#[test]
+fn a_world_may_say_the_columns_of_a_lidar() {
+    let columns = |vehicle: &str, columns: &str| {
+        let text = SMALL.replace("\"pioneer\"", &format!("\"{vehicle}\""));
+        let text = text.replace("[path]", &format!("[lidar]\ncolumns = {columns}\n\n[path]"));
+        let world = World::parse("small.toml", &text);
+        world
+            .map(|world| world.vehicle.laser.planar.beams)
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(columns("lidar64", "2048"), Ok(2048));
+    assert_eq!(
+        World::load("bridge").unwrap().vehicle.laser.planar.beams,
+        1024
+    );
+    assert_eq!(
+        columns("pioneer", "2048").unwrap_err(),
+        "small.toml:6: `pioneer` has no lidar"
+    );
+    assert!(
+        columns("lidar64", "0")
+            .unwrap_err()
+            .starts_with("small.toml:7: `columns`: ")
+    );
+}
+
 /// What is said of [`SMALL`] with `from` replaced by `to`.
 fn message(from: &str, to: &str) -> String {
     assert!(SMALL.contains(from), "{from}");
@@ -151,7 +177,7 @@ fn unknown_worlds_get_a_hint_and_missing_files_a_reason() {
     assert_eq!(
         message("room"),
         "no world is called `room` (did you mean `rooms`?): there are rooms, hall, floor, ramp, street, bumps, turn, walker, \
-         yard, meadow, lake, dock, or give a world file (.toml)"
+         yard, meadow, lake, dock, bridge, thicket, or give a world file (.toml)"
     );
     assert!(message("lagoon").starts_with("no world is called `lagoon`: there are"));
     assert!(message("no/such.toml").starts_with("no/such.toml: "));

@@ -16,7 +16,7 @@ const STEP_M: f64 = 0.02;
 
 /// What an object is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Class {
+pub(crate) enum Class {
     Rock,
     Trunk,
     Grass,
@@ -27,13 +27,13 @@ pub(super) enum Class {
 
 /// What a map says of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(crate) enum Verdict {
     Lethal,
     Traversable,
 }
 
 /// The meadow's objects.
-pub(super) struct Objects {
+pub(crate) struct Objects {
     names: Vec<(String, Class)>,
     /// Number of the object that a column is of.
     owners: BTreeMap<Cell, usize>,
@@ -41,19 +41,19 @@ pub(super) struct Objects {
 
 /// What a map says of columns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Columns {
-    pub(super) rigid: usize,
-    pub(super) traversable: usize,
+pub(crate) struct Columns {
+    pub(crate) rigid: usize,
+    pub(crate) traversable: usize,
     /// Lethal, and no metric says whether it gives way.
-    pub(super) unlabelled: usize,
+    pub(crate) unlabelled: usize,
     /// Known and not obstructed.
-    pub(super) passable: usize,
+    pub(crate) passable: usize,
 }
 
 impl Class {
     /// Of which something is asked.
-    pub(super) const EVALUATED: [Self; 4] = [Self::Rock, Self::Trunk, Self::Grass, Self::Twigs];
-    pub(super) const ALL: [Self; 5] = [
+    pub(crate) const EVALUATED: [Self; 4] = [Self::Rock, Self::Trunk, Self::Grass, Self::Twigs];
+    pub(crate) const ALL: [Self; 5] = [
         Self::Rock,
         Self::Trunk,
         Self::Grass,
@@ -61,7 +61,7 @@ impl Class {
         Self::FarTwigs,
     ];
 
-    pub(super) const fn label(self) -> &'static str {
+    pub(crate) const fn label(self) -> &'static str {
         match self {
             Self::Rock => "rocks",
             Self::Trunk => "trunks",
@@ -71,11 +71,11 @@ impl Class {
         }
     }
 
-    pub(super) const fn is_rigid(self) -> bool {
+    pub(crate) const fn is_rigid(self) -> bool {
         matches!(self, Self::Rock | Self::Trunk)
     }
 
-    pub(super) const fn verdict(self) -> Verdict {
+    pub(crate) const fn verdict(self) -> Verdict {
         if self.is_rigid() {
             Verdict::Lethal
         } else {
@@ -83,7 +83,7 @@ impl Class {
         }
     }
 
-    pub(super) const fn verdict_label(self) -> &'static str {
+    pub(crate) const fn verdict_label(self) -> &'static str {
         match self.verdict() {
             Verdict::Lethal => "lethal",
             Verdict::Traversable => "traversable",
@@ -104,11 +104,11 @@ impl Class {
 }
 
 impl Columns {
-    pub(super) const fn obstructed(self) -> usize {
+    pub(crate) const fn obstructed(self) -> usize {
         self.rigid + self.traversable + self.unlabelled
     }
 
-    pub(super) const fn plus(self, other: Self) -> Self {
+    pub(crate) const fn plus(self, other: Self) -> Self {
         Self {
             rigid: self.rigid + other.rigid,
             traversable: self.traversable + other.traversable,
@@ -118,7 +118,7 @@ impl Columns {
     }
 
     /// What most of the obstructed columns say; `None` where there are none.
-    pub(super) fn verdict(self) -> Option<Verdict> {
+    pub(crate) fn verdict(self) -> Option<Verdict> {
         let lethal = self.rigid + self.unlabelled;
         match lethal.cmp(&self.traversable) {
             std::cmp::Ordering::Greater => Some(Verdict::Lethal),
@@ -127,15 +127,15 @@ impl Columns {
         }
     }
 
-    pub(super) fn rigid_share(self) -> f64 {
+    pub(crate) fn rigid_share(self) -> f64 {
         self.share(self.rigid)
     }
 
-    pub(super) fn traversable_share(self) -> f64 {
+    pub(crate) fn traversable_share(self) -> f64 {
         self.share(self.traversable)
     }
 
-    pub(super) fn unlabelled_share(self) -> f64 {
+    pub(crate) fn unlabelled_share(self) -> f64 {
         self.share(self.unlabelled)
     }
 
@@ -145,7 +145,7 @@ impl Columns {
 }
 
 impl Objects {
-    pub(super) fn of(meadow: &LandWorld) -> anyhow::Result<Self> {
+    pub(crate) fn of(meadow: &LandWorld) -> anyhow::Result<Self> {
         let ground = Ground::of(meadow, REGION_M)?;
         let mut objects = Self {
             names: Vec::new(),
@@ -175,13 +175,13 @@ impl Objects {
     }
 
     /// The objects of a class, in the world's order.
-    pub(super) fn names(&self, class: Class) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self, class: Class) -> impl Iterator<Item = &str> {
         let of_class = self.names.iter().filter(move |(_, of)| *of == class);
         of_class.map(|(name, _)| name.as_str())
     }
 
     /// What the published costs and codes of rigidity say of every object's columns.
-    pub(super) fn columns(
+    pub(crate) fn columns(
         &self,
         costs: &BTreeMap<Cell, f32>,
         rigidity: &BTreeMap<Cell, u16>,
