@@ -301,16 +301,19 @@ impl ElevationMap {
             if is_cloud && height_m > ground.highest_m - self.h_pos_m + self.overhang_m {
                 continue;
             }
-            if is_cloud && known.is_none() && !ground.contains(height_m) {
+            let is_groundless = self.groundless.contains_key(&cell)
+                || (known.is_none() && !ground.contains(height_m));
+            if is_cloud && is_groundless {
                 // The ground between two rings is not known: it may have come down or up to here. What has a step is no ground.
                 let first_m = *self.groundless.entry(cell).or_insert(height_m);
                 ground = beyond(Bounds::at(first_m));
-                if ground.contains(height_m) {
-                    continue;
-                }
             }
             if listed.is_none() {
                 self.grid.at_mut(cell, slot).hit = self.hits.list(cell, slot, ground);
+            }
+            if is_cloud && is_groundless && ground.contains(height_m) {
+                self.grid.at_mut(cell, slot).add_height(height_m);
+                continue;
             }
             // What has no width, because a beam beside it was dropped or it is far away, counts.
             let is_narrow = self
@@ -637,12 +640,7 @@ impl ElevationCell {
 
     /// Adds a point; one on a narrow body is no obstacle by being high.
     pub(super) fn add(&mut self, height_m: f32, ground: Bounds, is_narrow: bool) {
-        self.points = self.points.saturating_add(1);
-        let deviation_m = height_m - self.mean_m;
-        self.mean_m += deviation_m / self.points as f32;
-        self.squares_m2 += deviation_m * (height_m - self.mean_m);
-        self.min_m = self.min_m.min(height_m);
-        self.max_m = self.max_m.max(height_m);
+        self.add_height(height_m);
         if self.recent >= RECENT {
             self.recent /= 2;
             self.above /= 2;
@@ -662,6 +660,16 @@ impl ElevationCell {
             self.ground_points = self.ground_points.saturating_add(1);
             self.ground_mean_m += (height_m - self.ground_mean_m) / f32::from(self.ground_points);
         }
+    }
+
+    /// Adds a point that says nothing of the class.
+    fn add_height(&mut self, height_m: f32) {
+        self.points = self.points.saturating_add(1);
+        let deviation_m = height_m - self.mean_m;
+        self.mean_m += deviation_m / self.points as f32;
+        self.squares_m2 += deviation_m * (height_m - self.mean_m);
+        self.min_m = self.min_m.min(height_m);
+        self.max_m = self.max_m.max(height_m);
     }
 
     /// Finishes a scan that had points in it.

@@ -66,6 +66,13 @@ fn clouds_of_a_bag_an_mcap_and_a_db3_make_the_same_maps() {
     let record = [&topic[..], &["--record", mcap.to_str().unwrap()]].concat();
     let of_bag = digests(&bag, &record);
     assert_eq!(digests(&mcap, &topic), of_bag);
+    let part = [&topic[..], &["--start", "0.5", "--duration", "1"]].concat();
+    let part = summary_of(robot_edge(STANDING).arg(&mcap).args(part));
+    assert_eq!(
+        (&part["duration_s"], &part["scans"]["mapped"]),
+        (&0.0.into(), &0.into()),
+        "{part:#}"
+    );
 
     let (streams, measurements) = contents(&mcap);
     let cloud = |measurement: &Measurement| {
@@ -141,8 +148,11 @@ fn packets_of_a_bag_and_of_a_capture_make_the_same_maps() {
         writer.write_packet(&packet).unwrap();
     }
     drop(writer);
-    let of_bag = digests(&folder.join("vlp16_packets.db3"), &[]);
+    let clouds = made.path().join("clouds.mcap");
+    let record = ["--record", clouds.to_str().unwrap()];
+    let of_bag = digests(&folder.join("vlp16_packets.db3"), &record);
     assert_eq!(digests(&capture, &[]), of_bag);
+    assert_eq!(digests(&clouds, &[]), of_bag, "as PointCloud2");
 }
 
 #[test]

@@ -16,6 +16,7 @@ use zenoh::Wait as _;
 
 use super::ros_system::{RosMiddleware, RosSystem};
 use crate::processes::{Running, command, free_port, rooms, start, tcp};
+use crate::shared_data::shared_data;
 
 /// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(2);
@@ -51,11 +52,11 @@ fn summary(path: &Path) -> Value {
 }
 
 /// Summary of a replay of this recording.
-fn replay(recording: &str) -> Value {
+fn replay(recording: &str, options: &str) -> Value {
     let folder = tempdir().unwrap();
     let path = folder.path().join("replay.json");
     start(&format!(
-        "robot-edge replay {recording} --no-network --quiet --summary {}",
+        "robot-edge replay {recording} {options} --no-network --quiet --summary {}",
         path.display()
     ))
     .ends_well();
@@ -78,8 +79,23 @@ fn await_scans(port: u16, scans: u64) {
     }
 }
 
-/// Plays the recording to a live edge; returns its summary and that of a replay of its own recording.
-fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
+/// What is played.
+struct Played<'a> {
+    recording: &'a str,
+    /// Of the vehicle.
+    options: &'a str,
+    range_topic: &'a str,
+    pose_topics: &'a [&'a str],
+}
+
+/// Plays a recording to a live edge; returns its summary and that of a replay of its own recording.
+fn live(played: &Played<'_>, ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
+    let &Played {
+        recording: source,
+        options,
+        range_topic,
+        pose_topics,
+    } = played;
     let folder = tempdir().unwrap();
     let (listen, ros) = (free_port(), free_port());
     let (path, recording) = (
@@ -87,7 +103,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         folder.path().join("live.mcap"),
     );
     let mut system = RosSystem::start(ros, ros_middleware);
-    let messages = messages(&rooms());
+    let messages = messages(source);
     let mut types: BTreeMap<_, _> = BTreeMap::new();
     for message in &messages {
         types.insert(&message.topic, &message.type_name);
@@ -101,7 +117,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         }
     }
     let mut edge = command(&format!(
-        "robot-edge run --ros {} --vehicle pioneer --robot live --wait 60 --quiet --listen {} --summary {} --record {}",
+        "robot-edge run --ros {} {options} --robot live --wait 60 --quiet --listen {} --summary {} --record {}",
         system.endpoint(),
         tcp(listen),
         path.display(),
@@ -111,7 +127,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         edge.env("ROS_DOMAIN_ID", domain.to_string());
     }
     let edge = Running::start(&mut edge, "edge");
-    for topic in ["/scan", "/tf", "/odom"] {
+    for topic in pose_topics.iter().chain([&range_topic]) {
         system.wait_for_subscriber(topic);
     }
 
@@ -124,7 +140,7 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
         let due = Duration::from_nanos((message.log_time_ns - first) / RATE);
         sleep_until(began + due, || false);
         system.publish(&message.topic, &message.data);
-        scans += u64::from(message.topic == "/scan");
+        scans += u64::from(message.topic == range_topic);
         if spoil && number % 200 == 0 {
             system.publish(&message.topic, &message.data[..message.data.len() / 2]);
             for topic in ["/scan", "/tf"] {
@@ -138,17 +154,23 @@ fn live(ros_middleware: RosMiddleware, spoil: bool) -> (Value, Value) {
     sleep(Duration::from_millis(500));
     edge.signal("INT");
     edge.ends_with(130);
-    (summary(&path), replay(recording.to_str().unwrap()))
+    (summary(&path), replay(recording.to_str().unwrap(), options))
 }
 
 #[test]
 fn a_live_system_gives_the_map_of_its_recording() {
-    let replayed = replay(&rooms());
+    let played = Played {
+        recording: &rooms(),
+        options: "--vehicle pioneer",
+        range_topic: "/scan",
+        pose_topics: &["/tf", "/odom"],
+    };
+    let replayed = replay(played.recording, "");
     for (ros_middleware, spoil) in [
         (RosMiddleware::Rmw { domain: 7 }, true),
         (RosMiddleware::Bridge, false),
     ] {
-        let (live, again) = live(ros_middleware, spoil);
+        let (live, again) = live(&played, ros_middleware, spoil);
         assert_eq!(live["scans"], replayed["scans"], "{ros_middleware:?}");
         assert_eq!(live["layers"], replayed["layers"], "{ros_middleware:?}");
         assert_eq!(again["layers"], replayed["layers"], "{ros_middleware:?}");
@@ -159,6 +181,31 @@ fn a_live_system_gives_the_map_of_its_recording() {
             assert!(undecodable >= 100, "{}", live["losses"]);
         }
     }
+}
+
+/// The same clouds from ROS 2, from an MCAP and from a ROS 1 bag.
+#[test]
+fn live_clouds_make_the_maps_of_their_recording() {
+    let Some(folder) = shared_data("rosbag1") else {
+        return;
+    };
+    let bag = folder.join("lms1xx_with_tf.bag");
+    let options = "--vehicle generic3d --set localization.source=static --topic lidar=/cloud";
+    let made = tempdir().unwrap();
+    let mcap = made.path().join("clouds.mcap");
+    let mcap = mcap.to_str().unwrap();
+    let of_bag = replay(bag.to_str().unwrap(), &format!("{options} --record {mcap}"));
+    assert_eq!(of_bag["scans"]["mapped"], 89);
+    let played = Played {
+        recording: mcap,
+        options,
+        range_topic: "/cloud",
+        pose_topics: &[],
+    };
+    let (live, again) = live(&played, RosMiddleware::Rmw { domain: 7 }, false);
+    assert_eq!(live["scans"], of_bag["scans"]);
+    assert_eq!(live["layers"], of_bag["layers"]);
+    assert_eq!(again["layers"], of_bag["layers"]);
 }
 
 #[test]
