@@ -298,20 +298,34 @@ impl ElevationMap {
             let beyond = |ground: Bounds| ground.beyond(self.h_neg_m, self.h_pos_m);
             let known = listed.or_else(|| near().map(beyond));
             let mut ground = known.unwrap_or_else(|| beyond(Bounds::PLANE));
-            if is_cloud && height_m > ground.highest_m - self.h_pos_m + self.overhang_m {
+            let lowest_m = self.grid.at(cell, slot).min_m();
+            let is_groundless = is_cloud
+                && (self.groundless.contains_key(&cell)
+                    || (known.is_none() && !ground.contains(height_m)));
+            // The vehicle passes below what is so high.
+            let overhangs_m = |ground: Bounds| ground.highest_m - self.h_pos_m + self.overhang_m;
+            let is_over = |ground: Bounds| height_m > overhangs_m(ground);
+            if is_cloud
+                && (is_over(ground) || (known.is_none() && is_over(beyond(Bounds::at(lowest_m)))))
+            {
                 continue;
             }
-            let is_groundless = self.groundless.contains_key(&cell)
-                || (known.is_none() && !ground.contains(height_m));
-            if is_cloud && is_groundless {
+            if is_groundless {
                 // The ground between two rings is not known: it may have come down or up to here. What has a step is no ground.
-                let first_m = *self.groundless.entry(cell).or_insert(height_m);
-                ground = beyond(Bounds::at(first_m));
+                let first_m = self.groundless.entry(cell).or_insert(lowest_m);
+                *first_m = first_m.min(height_m);
+                ground = beyond(Bounds::at(*first_m));
+                if is_over(ground) {
+                    continue;
+                }
+            }
+            if is_cloud && lowest_m.is_finite() && lowest_m > overhangs_m(ground) {
+                self.restart(cell, slot);
             }
             if listed.is_none() {
                 self.grid.at_mut(cell, slot).hit = self.hits.list(cell, slot, ground);
             }
-            if is_cloud && is_groundless && ground.contains(height_m) {
+            if is_groundless && ground.contains(height_m) {
                 self.grid.at_mut(cell, slot).add_height(height_m);
                 continue;
             }
@@ -324,6 +338,17 @@ impl ElevationMap {
                 .at_mut(cell, slot)
                 .add(height_m, ground, is_narrow);
         }
+    }
+
+    /// Forgets what a cell was made of, which the vehicle passes below.
+    fn restart(&mut self, cell: CellIndex, slot: Slot) {
+        let known = self.grid.at_mut(cell, slot);
+        *known = ElevationCell {
+            hit: known.hit,
+            ..ElevationCell::UNKNOWN
+        };
+        self.ray_clearing.unmark(cell);
+        self.reclassified.push(cell);
     }
 
     fn classify_hits(&mut self, now_ms: u32, is_cloud: bool) {

@@ -364,6 +364,9 @@ fn of_a_cloud_far_rings_are_not_judged_by_the_ground_plane_alone() {
         (&[0.3, 0.3, 0.45], Unknown, Obstacle),
         (&[0.05, 0.05, 0.2, 0.2], Obstacle, Obstacle),
         (&[2.0, 2.0, 2.2, 2.2], Unknown, Obstacle),
+        // A roof, seen before and after the ground below it.
+        (&[0.9, 0.9, -0.4, -0.4], Unknown, Obstacle),
+        (&[-0.4, -0.4, 0.9, 0.9], Unknown, Obstacle),
     ] {
         let classes = [ScanKind::Cloud, ScanKind::Beams].map(|kind| class(kind, heights_m));
         assert_eq!(classes, [of_cloud, of_beams], "{heights_m:?}");
