@@ -139,11 +139,16 @@ impl BatchingSender {
         self.send()
     }
 
+    /// A cloud takes the place of as many batches as its beams fill: empty ones before it.
     fn send(&mut self) -> anyhow::Result<()> {
-        self.beams = 0;
-        self.sender
-            .send(std::mem::take(&mut self.inputs))
-            .map_err(|_closed| anyhow!("mapping has ended"))
+        let places = std::mem::take(&mut self.beams) / MAX_BATCH_BEAMS;
+        let empty = std::iter::repeat_with(Vec::new).take(places.saturating_sub(1));
+        for batch in empty.chain([std::mem::take(&mut self.inputs)]) {
+            self.sender
+                .send(batch)
+                .map_err(|_closed| anyhow!("mapping has ended"))?;
+        }
+        Ok(())
     }
 }
 
@@ -215,6 +220,9 @@ mod tests {
         sender.last_tick = Monotonic::default();
         sender.add(TICK).unwrap();
         assert_eq!(receiver.try_recv().unwrap().len(), 1);
+        sender.add(scan(3 * MAX_BATCH_BEAMS)).unwrap();
+        let batches: Vec<_> = receiver.try_iter().map(|batch| batch.len()).collect();
+        assert_eq!(batches, [0, 0, 1], "memory is bounded with clouds, too");
         drop(receiver);
         sender.add(scan(1)).unwrap();
         assert!(sender.add(TICK).is_err(), "the mapping stage has ended");
