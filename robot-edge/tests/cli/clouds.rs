@@ -68,11 +68,7 @@ fn clouds_of_a_bag_an_mcap_and_a_db3_make_the_same_maps() {
     assert_eq!(digests(&mcap, &topic), of_bag);
     let part = [&topic[..], &["--start", "0.5", "--duration", "1"]].concat();
     let part = summary_of(robot_edge(STANDING).arg(&mcap).args(part));
-    assert_eq!(
-        (&part["duration_s"], &part["scans"]["mapped"]),
-        (&0.0.into(), &0.into()),
-        "{part:#}"
-    );
+    assert_eq!(part["scans"]["mapped"], 50, "of 89 in 1.8 s: {part:#}");
 
     let (streams, measurements) = contents(&mcap);
     let cloud = |measurement: &Measurement| {

@@ -12,7 +12,7 @@ use super::session::{Rules, SEED, Session};
 use super::terrain::{changed, maps};
 use edge::config::Config;
 use edge::runtime::Pipeline;
-use mapping::elevation::CellClass;
+use mapping::elevation::{CellClass, ElevationCell};
 use mapping::grid::CellIndex;
 use mapping::registered_scan::{BeamOutcome, RegisteredScan};
 use simulation::scene::Scene;
@@ -165,7 +165,7 @@ impl Drive {
         seed: u64,
         label: Option<&str>,
     ) -> anyhow::Result<(Self, Vec<Vec<Picture>>)> {
-        let truth = Truth::of(world, vehicle_config(world, &[])?);
+        let truth = Truth::of(world, &vehicle_config(world, &[])?);
         let mut run = begun(world, seed)?;
         let (mut drive, mut revolution) = (Self::default(), 0);
         let mut pictures = Vec::new();
@@ -236,7 +236,7 @@ impl Drive {
             }
             bin.ground += 1;
             bin.false_obstacles += usize::from(class == CellClass::Obstacle);
-            let mean_m = elevation.and_then(|elevation| elevation.mean_m());
+            let mean_m = elevation.and_then(ElevationCell::mean_m);
             if let Some(mean_m) = mean_m.filter(|_| on_ground > 0) {
                 let true_m = plane.height_m(&Point3::new(centre.x, centre.y, ground_m));
                 bin.heights += 1;
@@ -303,7 +303,7 @@ struct Truth {
 }
 
 impl Truth {
-    fn of(world: &World, config: Config) -> Self {
+    fn of(world: &World, config: &Config) -> Self {
         let [ground, objects] = world.ground_and_objects().map(|solids| Scene::new(&solids));
         Self {
             ground,
