@@ -7,7 +7,7 @@ use measurement::time::RobotTime;
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 
-use crate::elevation::{Bounds, CellClass, ElevationCell};
+use crate::elevation::{CellClass, ElevationCell};
 use crate::grid::{CellIndex, CellSize};
 use crate::rolling_grid::RollingGrid;
 
@@ -278,6 +278,15 @@ const REACH_M: f64 = 0.6;
 /// Height above ground from which a point is not ground, metres: three times the attitude noise at
 /// 9 m.
 const RAISED_M: f32 = 0.05;
+
+/// Heights of the local ground, metres above the ground plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bounds {
+    pub(super) lowest_m: f32,
+    pub(super) highest_m: f32,
+    /// Points above this are clearly above the ground, obstacle or not.
+    pub(super) raised_above_m: f32,
+}
 
 impl Bounds {
     pub(super) const PLANE: Self = Self::at(0.0);
