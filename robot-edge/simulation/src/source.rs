@@ -495,6 +495,8 @@ const ALLOWED: [(&str, RangeInclusive<f64>, &str); 8] = [
 #[cfg(test)]
 mod driving_tests;
 #[cfg(test)]
+mod lidar_tests;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod vehicle_tests;

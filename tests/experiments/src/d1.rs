@@ -5,11 +5,12 @@ use std::collections::{BTreeMap, VecDeque};
 use nalgebra::{Point2, Point3, Vector3};
 
 use super::land::{Cell, LETHAL};
+use super::lidars::{add_checks, worlds};
 use super::outcome::{Check, Outcome, Part, Spread, Table};
 use super::pictures::Picture;
 use super::run::{SimulatedRun, vehicle_config};
 use super::session::{Rules, SEED, Session};
-use super::terrain::{changed, maps};
+use super::terrain::maps;
 use edge::config::Config;
 use edge::runtime::Pipeline;
 use mapping::elevation::{CellClass, ElevationCell};
@@ -20,9 +21,6 @@ use simulation::source::START;
 use simulation::{SimulationOptions, World};
 
 const BRIDGE: &str = include_str!("../../../robot-edge/simulation/worlds/bridge.toml");
-const VEHICLE: &str = "vehicle = \"lidar64\"";
-/// The gates are those of the first; of the other the figures are shown.
-const VEHICLES: [(&str, &str); 2] = [("64 rings", VEHICLE), ("16 rings", "vehicle = \"lidar16\"")];
 
 /// How far cells are judged, metres from the vehicle.
 const RANGE_M: f64 = 15.0;
@@ -57,18 +55,12 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
         return Ok(outcome);
     }
     outcome.parts.push(Part::text(include_str!("notes/d1.md")));
-    for (label, vehicle) in VEHICLES {
-        let world = World::parse("bridge", &changed(BRIDGE, &[(VEHICLE, vehicle)])?)?;
+    for (label, world) in worlds("bridge", BRIDGE)? {
         let drives = session.for_each_seed(&format!("D1: {label}"), |seed| {
             Drive::of(&world, seed, (seed == SEED).then_some(label))
         })?;
         let (drives, pictures): (Vec<_>, Vec<_>) = drives.into_iter().unzip();
-        let checks = checks(label, &drives).into_iter();
-        if vehicle == VEHICLE {
-            outcome.checks.extend(checks);
-        } else {
-            outcome.checks.extend(checks.map(Check::without_gate));
-        }
+        add_checks(&mut outcome, label, checks(label, &drives));
         outcome.parts.push(Part::Table(by_range(label, &drives)));
         let pictures = pictures.into_iter().flatten().map(Part::Pictures);
         outcome.parts.extend(pictures);

@@ -155,31 +155,12 @@ fn drawn_checks(fields: &[drawn::Drive]) -> [Check; 3] {
 
 /// Each object.
 fn by_object(objects: &Objects, drives: &[Drive]) -> Table {
-    let mut table = Table::new(&[
-        "",
-        "obstructed columns",
-        "rigid, %",
-        "traversable, %",
-        "lethal, no metric, %",
-        "passable columns",
-    ]);
+    let mut table = Columns::table("");
     for class in Class::ALL {
         for name in objects.names(class) {
-            let each: Vec<_> = drives.iter().filter_map(|drive| drive.get(name)).collect();
-            let median = |figure: &dyn Fn(Columns) -> f64| {
-                format!(
-                    "{:.0}",
-                    Spread::over(&each, |&&columns| figure(columns)).median
-                )
-            };
-            table.push([
-                name.to_owned(),
-                median(&|all| all.obstructed() as f64),
-                median(&|all| 100.0 * all.rigid_share()),
-                median(&|all| 100.0 * all.traversable_share()),
-                median(&|all| 100.0 * all.unlabelled_share()),
-                median(&|all| all.passable as f64),
-            ]);
+            let drives = drives.iter().filter_map(|drive| drive.get(name).copied());
+            let drives: Vec<_> = drives.collect();
+            table.push(Columns::row(name, &drives));
         }
     }
     table

@@ -11,6 +11,7 @@ pub mod run;
 pub mod session;
 
 mod land;
+mod lidars;
 mod random_shores;
 mod rooms;
 mod shore_force;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::land::{Cell, Ground, LETHAL, LandWorld, RIGID, TRAVERSABLE, around, columns_of};
+use crate::outcome::{Spread, Table};
 use simulation::vegetation::Stem;
 
 /// Where the objects are, metres.
@@ -137,6 +138,34 @@ impl Columns {
 
     pub(crate) fn unlabelled_share(self) -> f64 {
         self.share(self.unlabelled)
+    }
+
+    /// An empty table for [`Self::row`].
+    pub(crate) fn table(first: &str) -> Table {
+        Table::new(&[
+            first,
+            "obstructed columns",
+            "rigid, %",
+            "traversable, %",
+            "lethal, no metric, %",
+            "passable columns",
+        ])
+    }
+
+    /// The middle ones of several drives.
+    pub(crate) fn row(name: &str, drives: &[Self]) -> [String; 6] {
+        let median = |figure: &dyn Fn(Self) -> f64| {
+            let spread = Spread::over(drives, |columns| figure(*columns));
+            format!("{:.0}", spread.median)
+        };
+        [
+            name.to_owned(),
+            median(&|all| all.obstructed() as f64),
+            median(&|all| 100.0 * all.rigid_share()),
+            median(&|all| 100.0 * all.traversable_share()),
+            median(&|all| 100.0 * all.unlabelled_share()),
+            median(&|all| all.passable as f64),
+        ]
     }
 
     fn share(self, part: usize) -> f64 {

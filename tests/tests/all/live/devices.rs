@@ -12,16 +12,13 @@ use foreshore_tests::operator::{Input, Operator, connected};
 use network::clock;
 use protocol::keys::Topic;
 use protocol::message::{DeviceState, DeviceStatus, Status, TeleopState};
-use protocol::wire;
 use tempfile::{TempDir, tempdir};
 use zenoh::Wait as _;
 
 use super::emulator::on_terminal::EmulatorOnTerminal;
 use super::live_rig::roboteq;
+use super::wait_for_status;
 use crate::processes::{Running, command, free_port, start, tcp};
-
-/// Longer than any step takes.
-const TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A laser and an attitude sensor, and the configuration of a vehicle that has them.
 struct Devices {
@@ -78,24 +75,7 @@ fn devices_are_mapped_recorded_and_come_back() {
     let session = connected(&tcp(port), None);
     let key = Topic::Status.key(&"rover".parse().unwrap());
     let statuses = session.declare_subscriber(key).wait().unwrap();
-    let wait_for = |what: &str, is_so: &dyn Fn(&Status) -> bool| {
-        let started = clock::now();
-        let mut last = None;
-        loop {
-            assert!(
-                clock::elapsed(started) < TIMEOUT,
-                "{what} in vain: {last:?}"
-            );
-            let Ok(Some(sample)) = statuses.recv_timeout(Duration::from_secs(1)) else {
-                continue;
-            };
-            let (_, status): (_, Status) = wire::decode(&sample.payload().to_bytes()).unwrap();
-            if is_so(&status) {
-                return status;
-            }
-            last = Some(status);
-        }
-    };
+    let wait_for = |what, is_so: &dyn Fn(&Status) -> bool| wait_for_status(&statuses, what, is_so);
     let measures = |status: &Status| {
         let is_ready =
             |device: &DeviceStatus| device.state == DeviceState::Measuring && device.rate_hz > 0.0;

@@ -2,23 +2,19 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
 use emulators::Emulator;
 use emulators::packets::Packets;
 use foreshore_tests::operator::connected;
-use network::clock;
 use protocol::keys::Topic;
-use protocol::message::{DeviceState, Status};
-use protocol::wire;
+use protocol::message::DeviceState;
 use serde_json::Value;
 use tempfile::tempdir;
 use zenoh::Wait as _;
 
+use super::wait_for_status;
 use crate::processes::{free_port, start, tcp};
 use crate::shared_data::shared_data;
-
-const TIMEOUT: Duration = Duration::from_mins(1);
 
 fn summary(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
@@ -63,25 +59,7 @@ fn packets_from_the_network_make_the_maps_of_their_recording() {
     let session = connected(&endpoint, None);
     let key = Topic::Status.key(&"rover".parse().unwrap());
     let statuses = session.declare_subscriber(key).wait().unwrap();
-    let wait_for = |what: &str, is_so: &dyn Fn(&Status) -> bool| {
-        let started = clock::now();
-        let mut last = None;
-        loop {
-            assert!(
-                clock::elapsed(started) < TIMEOUT,
-                "{what} in vain: {last:?}"
-            );
-            let Ok(Some(sample)) = statuses.recv_timeout(Duration::from_secs(1)) else {
-                continue;
-            };
-            let (_, status): (_, Status) = wire::decode(&sample.payload().to_bytes()).unwrap();
-            if is_so(&status) {
-                return;
-            }
-            last = Some(status);
-        }
-    };
-    wait_for("listens", &|status| {
+    wait_for_status(&statuses, "listens", &|status| {
         status
             .devices
             .iter()
@@ -89,7 +67,7 @@ fn packets_from_the_network_make_the_maps_of_their_recording() {
     });
     lidar.power(true);
     // The fifth revolution never ends.
-    wait_for("maps", &|status| status.scans_mapped == 4);
+    wait_for_status(&statuses, "maps", &|status| status.scans_mapped == 4);
     edge.signal("INT");
     edge.ends_with(130);
 
