@@ -2,6 +2,8 @@
 //! hit object is within a scan, and `InterScan`, how much the range of a beam changes between
 //! scans. [`crate::octree::SurfaceVoxel`] has their moving averages per voxel.
 
+use std::ops::RangeInclusive;
+
 use measurement::time::{RobotDuration, RobotTime};
 use serde::Deserialize;
 
@@ -122,15 +124,26 @@ impl IntraScan {
         beams: &[RegisteredBeam],
         values: &mut [f32],
     ) {
-        if segment.differences == 0 && !(self.less_spot && is_between_misses(beams, segment.first))
+        let all = segment.first..=segment.first + segment.differences as usize;
+        let beams_wide = f64::from(segment.differences) - spot;
+        let mut farthest_m = self.max_range_m;
+        // Nothing was observed between beams farther apart than the spot: what a few of them hit may be as many stems, or a body that
+        // is wider by a step on either side.
+        if self.less_spot && spot < 1.0 && segment.differences < CERTAIN {
+            let widest_m = (beams_wide + 2.0) * value_of_beam_m * self.width_m;
+            farthest_m = farthest_m.min(NARROW_M / widest_m);
+            if !is_beside_known(beams, &all) {
+                return;
+            }
+        } else if segment.differences == 0
+            && !(self.less_spot && is_between_misses(beams, segment.first))
         {
             return;
         }
-        let beams_wide = (f64::from(segment.differences) - spot).max(0.0);
-        let all = segment.first..=segment.first + segment.differences as usize;
+        let beams_wide = beams_wide.max(0.0);
         for (beam, value) in beams[all.clone()].iter().zip(&mut values[all]) {
             let range_m = f64::from(beam.range_m);
-            if range_m <= self.max_range_m {
+            if range_m <= farthest_m {
                 *value = (beams_wide * range_m * value_of_beam_m).min(1.0) as f32;
             }
         }
@@ -155,6 +168,21 @@ impl Segment {
         }
         fits
     }
+}
+
+/// Differences of so many beams in a row that they are of one body, however far apart they are.
+const CERTAIN: u32 = 4;
+/// Widest that something may be which is called narrow, metres.
+const NARROW_M: f64 = 0.1;
+
+/// Whether the beams beside a segment were observed.
+fn is_beside_known(beams: &[RegisteredBeam], segment: &RangeInclusive<usize>) -> bool {
+    let first = segment.start().checked_sub(1);
+    let around = first.and_then(|first| beams.get(first..=segment.end() + 1));
+    around.is_some_and(|around| {
+        let ends = around.first().zip(around.last());
+        ends.is_some_and(|(a, b)| (b.index - a.index) as usize == around.len() - 1)
+    })
 }
 
 /// Whether a hit's neighbours both have no return: it is no wider than the spot.

@@ -125,6 +125,36 @@ fn a_rod_is_no_wider_than_the_spot_that_lights_it() {
 }
 
 #[test]
+fn a_few_hits_of_beams_farther_apart_than_their_spots_may_be_several_stems() {
+    // A spot of 2 mrad and steps of 4.36 mrad; 8 cm have the value 1.
+    let metric = IntraScan::less_spot(&MetricsConfig::default(), 0.04);
+    let value_of = |hits: usize, range_m: f32, beside_m: f32| {
+        let mut ranges = vec![19.0; 40];
+        ranges[10..10 + hits].fill(range_m);
+        ranges[10 + hits] = beside_m;
+        let mut values = Vec::new();
+        metric.measure(&scan_of(0.0, &ranges), 0.002, &mut values);
+        f64::from(values[10])
+    };
+    for (hits, range_m, width_m) in [
+        // With the first beam behind it, by algorithm 1.
+        (1, 4.0, 0.00945),
+        (1, 9.0, 0.02127),
+        (2, 4.0, 0.00945),
+        (3, 4.0, 0.02691),
+        (5, 12.0, 0.08),
+    ] {
+        let value = value_of(hits, range_m, 19.0);
+        assert!((value - width_m / 0.08).abs() < 1e-3, "{hits}: {value}");
+        assert_eq!(value_of(hits, range_m, f32::NAN).is_nan(), hits < 5);
+    }
+    // They may be wider than 10 cm.
+    for (hits, range_m) in [(1, 15.0), (3, 7.0)] {
+        assert!(value_of(hits, range_m, 19.0).is_nan(), "{hits}");
+    }
+}
+
+#[test]
 fn far_hits_have_no_value_but_widen_what_near_ones_hit() {
     let slanting = [19.96, 20.0, 20.04, 20.08];
     let mut values = Vec::new();
