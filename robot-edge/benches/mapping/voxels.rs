@@ -188,6 +188,7 @@ fn read_box(octree: &Octree, vehicle: Point3<f64>) -> usize {
         surface: Surface::Land,
         from_z: z - reach,
         to_z: z + reach,
+        deck_z: z,
         water_z: z - reach,
         height: (0.7 / octree.cell_m()) as i32,
     };

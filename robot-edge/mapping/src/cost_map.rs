@@ -13,7 +13,7 @@ use serde::Deserialize;
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::height_columns::{
     Column, ColumnKind, ColumnRules, ColumnTile, ColumnWindow, TILE_COLUMNS, WindowPart,
-    read_columns,
+    read_columns, surface_m,
 };
 use crate::octree::{BrickColumn, Octree, SurfaceVoxel, VoxelState};
 use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap};
@@ -281,10 +281,15 @@ impl CostMap {
                 let middle = self.rules.map(|rules| rules.from_z + reach);
                 let middle = middle.filter(|middle| (z - middle).abs() <= step);
                 let from_z = middle.unwrap_or(z) - reach;
+                // A deck that the vehicle passes below is higher above it than it is high.
+                let decks = z + height - 1..=z + height;
+                let deck_z = self.rules.map(|rules| rules.deck_z);
+                let deck_z = deck_z.filter(|deck_z| decks.contains(deck_z));
                 ColumnRules {
                     surface: Surface::Land,
                     from_z,
                     to_z: from_z + 2 * reach,
+                    deck_z: deck_z.unwrap_or(z + height - 1),
                     water_z: from_z,
                     height,
                 }
@@ -300,6 +305,7 @@ impl CostMap {
                         surface: Surface::Water,
                         from_z,
                         to_z: from_z,
+                        deck_z: from_z,
                         // The upper one of the two voxels between which the boat heaves.
                         water_z: libm::floor(z_m / self.cell_m + 0.5) as i32,
                         height,
@@ -386,15 +392,41 @@ impl CostMap {
         if lethal == 0 {
             return;
         }
+        let around = self.window.patch(at);
+        let around = around
+            .iter()
+            .filter(|column| column.kind != ColumnKind::Unknown);
+        let lowest_m = around
+            .map(|column| column.ground_m[2])
+            .fold(f32::INFINITY, f32::min);
+        let cell_m = self.cell_m as f32;
+        // Noise carries hits on the ground into the voxel above it.
+        let is_ground =
+            |height_m: f32, column: &Column| height_m - column.ground_m[2] < 0.5 * cell_m;
+        // Where the lowest voxel of a column is the top of an obstacle, nothing is above it.
+        let is_top = |column: &Column| {
+            rules.surface == Surface::Land
+                && is_ground(column.top_m[2], column)
+                && column.ground_m[2] - lowest_m > cell_m
+        };
         for layers in octree.columns(at, rules.from_z, rules.highest_z()) {
             for (z, occupied) in (layers.z..).zip(layers.occupied) {
                 for column in
                     (0..TILE_COLUMNS).filter(|column| (occupied & lethal) >> column & 1 == 1)
                 {
-                    let ground_z = tile.columns[column].ground_z;
-                    if z > ground_z && z <= ground_z + rules.height {
+                    let read = &tile.columns[column];
+                    if (read.ground_z..=read.ground_z + rules.height).contains(&z) {
                         let CellIndex { x, y } = ColumnTile::cell_of(at, column);
                         let voxel = VoxelIndex { x, y, z };
+                        let is_obstacle = match rules.surface {
+                            Surface::Land => {
+                                !is_ground(surface_m(octree, voxel)[2], read) || is_top(read)
+                            }
+                            Surface::Water => z > read.ground_z,
+                        };
+                        if !is_obstacle {
+                            continue;
+                        }
                         let surface = octree.surface(voxel);
                         voxels.push(ObstacleVoxel {
                             voxel,

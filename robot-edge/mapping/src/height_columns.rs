@@ -59,6 +59,8 @@ pub struct ColumnRules {
     pub from_z: i32,
     /// Highest voxel that may be the ground.
     pub to_z: i32,
+    /// Highest voxel of a deck, which is ground above ground; the vehicle passes below what is higher. Used on land only.
+    pub deck_z: i32,
     /// Highest voxel of the water's surface; used on water only.
     pub water_z: i32,
     /// Height of the vehicle, voxels.
@@ -109,7 +111,7 @@ pub fn read_columns(
             | ColumnKind::Water
             | ColumnKind::Occluded
             | ColumnKind::Bank) => {
-                let (ground_z, top_z) = (levels.ground_z[column], levels.top_z[column]);
+                let (ground_z, top_z) = levels.levels(column);
                 let lowest = levels.lowest_z[column];
                 Column {
                     kind,
@@ -140,7 +142,7 @@ pub(super) fn offset(column: usize) -> (i32, i32) {
 }
 
 /// Mean position of the hits in a voxel, or its centre; x and y from its least corner.
-fn surface_m(octree: &Octree, voxel: VoxelIndex) -> [f32; 3] {
+pub(super) fn surface_m(octree: &Octree, voxel: VoxelIndex) -> [f32; 3] {
     let cell_m = octree.cell_m();
     let mean = octree
         .surface(voxel)
@@ -167,6 +169,17 @@ struct Levels {
     bank: u16,
     /// On water: a voxel is known.
     begun: u16,
+    /// On land: air was observed above the ground.
+    air: u16,
+    /// Air was observed in the last layer.
+    air_below: u16,
+    /// On land: a deck or the top of something solid was hit above the ground.
+    deck: u16,
+    /// No air was observed on the deck.
+    closed: u16,
+    /// There is air below the deck.
+    hanging: u16,
+    deck_z: [i32; TILE_COLUMNS],
     /// Highest ground of any column so far.
     highest_ground_z: i32,
     ground_z: [i32; TILE_COLUMNS],
@@ -183,6 +196,12 @@ impl Levels {
             known: 0,
             bank: 0,
             begun: 0,
+            air: 0,
+            air_below: 0,
+            deck: 0,
+            closed: 0,
+            hanging: 0,
+            deck_z: [z; TILE_COLUMNS],
             highest_ground_z: z,
             ground_z: [z; TILE_COLUMNS],
             top_z: [z; TILE_COLUMNS],
@@ -198,7 +217,8 @@ impl Levels {
     /// vehicle.
     const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
         let is_land = matches!(rules.surface, Surface::Land);
-        is_land && self.pending == 0 && z > self.highest_ground_z + rules.height
+        let is_above = z > self.highest_ground_z + rules.height && z > rules.deck_z + 1;
+        is_land && self.pending == 0 && is_above
     }
 
     fn add(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
@@ -214,8 +234,9 @@ impl Levels {
             self.highest_ground_z = self.highest_ground_z.max(self.ground_z[column]);
         }
         self.pending &= !found;
-        if rules.surface == Surface::Water {
-            self.find_lowest(z, known, occupied);
+        match rules.surface {
+            Surface::Land => self.find_deck(z, known & !self.pending, occupied, rules),
+            Surface::Water => self.find_lowest(z, known, occupied),
         }
         let reached = |ground_z: i32| z <= ground_z + rules.height;
         for column in columns(known & !self.pending) {
@@ -228,6 +249,40 @@ impl Levels {
                     }
                 }
             }
+        }
+    }
+
+    /// On land: the vehicle may be on what is higher above the lowest ground than it passes below, or on something solid on ground
+    /// that is lower than the vehicle.
+    fn find_deck(&mut self, z: i32, known: u16, occupied: u16, rules: &ColumnRules) {
+        let air = known & !occupied;
+        for column in columns(known & occupied) {
+            let bit = 1 << column;
+            let above = z - self.ground_z[column];
+            let is_lower = self.ground_z[column] + rules.height < rules.deck_z;
+            let is_solid = above > 1 && is_lower && self.air & bit == 0;
+            if z <= rules.deck_z && (above > rules.height || is_solid || self.deck & bit != 0) {
+                self.hanging |= bit & self.air_below & !self.deck;
+                self.deck |= bit;
+                self.closed |= bit;
+                self.deck_z[column] = z;
+            }
+        }
+        for column in columns(air & self.closed) {
+            if z == self.deck_z[column] + 1 {
+                self.closed &= !(1 << column);
+            }
+        }
+        self.air |= air;
+        self.air_below = air;
+    }
+
+    /// Ground and top.
+    const fn levels(&self, column: usize) -> (i32, i32) {
+        if (self.deck & !self.closed) >> column & 1 == 1 {
+            (self.deck_z[column], self.deck_z[column])
+        } else {
+            (self.ground_z[column], self.top_z[column])
         }
     }
 
@@ -252,6 +307,17 @@ impl Levels {
     const fn kind(&self, column: usize, rules: &ColumnRules) -> ColumnKind {
         let (is_known, is_hit) = (self.known >> column & 1 == 1, self.hit >> column & 1 == 1);
         let is_bank = self.bank >> column & 1 == 1;
+        let deck = self.deck >> column & 1 == 1;
+        match (
+            deck,
+            self.closed >> column & 1 == 1,
+            self.hanging >> column & 1 == 1,
+        ) {
+            (true, false, _) => return ColumnKind::Sampled,
+            // Of a deck that was observed from below nothing is known.
+            (true, true, true) => return ColumnKind::Unknown,
+            _ => {}
+        }
         match (is_known, is_hit, rules.surface) {
             (false, _, _) => ColumnKind::Unknown,
             (true, true, _) => ColumnKind::Sampled,

@@ -319,6 +319,75 @@ fn only_branches_below_vehicle_height_are_obstacles() {
 }
 
 #[test]
+fn a_deck_is_the_ground_of_a_vehicle_that_is_on_it_or_nearly_as_high() {
+    let mut octree = octree();
+    hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
+    let is_deck = |[x, y, _]: &[f64; 3]| (1.0..3.0).contains(x) && y.abs() < 1.0;
+    let deck = surface(|_, _| 1.23).into_iter().filter(is_deck);
+    // From above, and from below, where it is 0.2 m lower.
+    hit(&mut octree, [2.0, 0.0, 3.0], deck.clone());
+    let lower_side = deck.map(|[x, y, z]| [x, y, z - 0.2]);
+    hit(&mut octree, [-3.0, 0.0, 0.5], lower_side);
+    let mut map = map(Surface::Land);
+    let mut cost_at = |z_m: f64, x: i32| {
+        map.update(&mut octree, Point3::new(0.0, 0.0, z_m));
+        map.cell(CellIndex { x, y: 0 }).unwrap().cost
+    };
+    // The vehicle is 0.7 m high. Its way to the deck and back, and the edge of the deck.
+    let heights_m = [0.0, 0.4, 1.1, 1.23, 0.6, 0.4, 0.0];
+    let costs = heights_m.map(|z_m| [5, 11, 20].map(|x| cost_at(z_m, x) >= 1.0));
+    let below = [false; 3];
+    let above = [false, true, false];
+    assert_eq!(costs, [below, below, above, above, below, below, below]);
+}
+
+/// A rock 0.35 m high, of which the top was hit: no voxel stands on its lowest one. A post beside it has hits of the ground around in the
+/// voxel above it, which are no part of the post.
+#[test]
+fn the_top_of_a_rock_is_rigid_and_ground_that_noise_raised_is_not() {
+    let mut octree = octree();
+    let is_rock = |[x, y, _]: &[f64; 3]| (1.0..1.8).contains(x) && y.abs() < 0.4;
+    let ground = surface(|x, y| {
+        let is_noisy = ((x + y) * 20.0).round().rem_euclid(2.0) < 1.0;
+        if is_noisy { 0.01 } else { -0.01 }
+    });
+    hit(
+        &mut octree,
+        [0.0, 0.0, 3.0],
+        ground.into_iter().filter(|at| !is_rock(at)),
+    );
+    let rock = surface(|_, _| 0.35).into_iter().filter(is_rock);
+    hit(&mut octree, [0.0, 0.0, 3.0], rock);
+    let post = Point3::new(-1.05, 0.05, 0.55);
+    octree.integrate(
+        SensorId(0),
+        [Ray {
+            origin: Point3::new(-1.05, -3.0, 0.55),
+            end: post,
+            is_hit: true,
+        }],
+    );
+    let narrow = SurfaceHit {
+        point: post,
+        spot_m: 0.0,
+        intra: 0.0,
+        inter: f32::NAN,
+    };
+    octree.add_surfaces([narrow], [0.3; 2]);
+    let rigidity = RigidityConfig {
+        enabled: true,
+        intra_threshold: 0.2,
+        rule: RigidityRule::Metrics,
+        ..RigidityConfig::default()
+    };
+    let mut map = CostMap::new(&config(Surface::Land), &rigidity, CAR, (CELL_M, true), 1);
+    map.update(&mut octree, Point3::new(0.0, 0.0, 0.0));
+    let at = |x: i32| map.cell(CellIndex { x, y: 0 }).unwrap();
+    assert_eq!(at(10).rigidity, Rigidity::Rigid, "{:?}", at(10));
+    assert_eq!(at(-11).rigidity, Rigidity::Traversable, "{:?}", at(-11));
+}
+
+#[test]
 fn rim_of_an_observed_hole_is_lethal() {
     let mut octree = octree();
     let pit = |x: f64, y: f64| {
