@@ -87,6 +87,10 @@ pub struct ElevationMap {
     grass: Option<Grass>,
     /// Of the beams of a scan, as [`IntraScan::less_spot`] has them.
     widths: Vec<f32>,
+    /// Of the hits of a cloud, as [`RegisteredScan::above_ground`] has them.
+    above_m: Vec<f32>,
+    /// Rise over run of the steepest ground.
+    max_slope: f64,
     grid: RollingGrid<ElevationCell>,
     hits: ScanHits,
     /// Cells of a cloud where the ground is not known, each with its first height, metres.
@@ -149,6 +153,8 @@ impl Grass {
 
 /// An obstacle observed in fewer scans is forgotten after `forget_s`.
 const CONFIRMING_SCANS: u16 = 5;
+/// The lowest beams of a lidar on a vehicle's roof meet the ground no farther away, metres.
+const BLIND_ZONE_M: f64 = 4.0;
 /// Obstacles observed this soon after the map began are grounded: their approach could not be
 /// observed, milliseconds.
 const BEGINNING_MS: u32 = 1000;
@@ -172,6 +178,8 @@ impl ElevationMap {
             overhang_m: f32::INFINITY,
             grass: None,
             widths: Vec::new(),
+            above_m: Vec::new(),
+            max_slope: libm::tan(ground.max_slope_deg.to_radians()),
             grid: RollingGrid::new(elevation.sides(), ElevationCell::UNKNOWN),
             hits: ScanHits::default(),
             groundless: HashMap::default(),
@@ -203,6 +211,7 @@ impl ElevationMap {
         if let Some(grass) = &self.grass {
             grass.measure(scan, &mut self.widths);
         }
+        scan.above_ground(self.max_slope, &mut self.above_m);
         self.reclassified.clear();
         self.hits.clear();
         self.groundless.clear();
@@ -302,25 +311,34 @@ impl ElevationMap {
             let known = listed.or_else(|| near().map(beyond));
             let mut ground = known.unwrap_or_else(|| beyond(Bounds::PLANE));
             let lowest_m = self.grid.at(cell, slot).min_m();
-            let is_groundless = is_cloud
-                && (self.groundless.contains_key(&cell)
-                    || (known.is_none() && !ground.contains(height_m)));
-            // The vehicle passes below what is so high.
-            let overhangs_m = |ground: Bounds| ground.highest_m - self.h_pos_m + self.overhang_m;
-            let is_over = |ground: Bounds| height_m > overhangs_m(ground);
-            if is_cloud
-                && (is_over(ground) || (known.is_none() && is_over(beyond(Bounds::at(lowest_m)))))
-            {
-                continue;
-            }
-            if is_groundless {
-                // The ground between two rings is not known: it may have come down or up to here. What has a step is no ground.
-                let first_m = self.groundless.entry(cell).or_insert(lowest_m);
-                *first_m = first_m.min(height_m);
-                ground = beyond(Bounds::at(*first_m));
-                if is_over(ground) {
+            let mut is_groundless = is_cloud && self.groundless.contains_key(&cell);
+            let mut least_m = height_m;
+            if let (true, None, Some(local)) = (is_cloud, known, &self.local_ground) {
+                // The ground may have come down or up to here from the ring below. It is no higher than what is lower beside it
+                // allows. What is higher than the hits before it allows may be a roof, an obstacle, or ground that is reached from
+                // another side: it is not judged.
+                let above_m = self.above_m.get(at).copied().unwrap_or(f32::NAN);
+                let beside_m = local.highest(&self.grid, cell).min(lowest_m);
+                let highest_m = beside_m.min(height_m - above_m);
+                if height_m > highest_m + self.overhang_m {
                     continue;
                 }
+                if !ground.contains(height_m) {
+                    is_groundless = true;
+                    least_m = least_m.min(beside_m);
+                } else if height_m > highest_m + self.h_pos_m {
+                    is_groundless = true;
+                }
+            }
+            if is_groundless {
+                let first_m = self.groundless.entry(cell).or_insert(least_m);
+                *first_m = first_m.min(least_m);
+                ground = beyond(Bounds::at(*first_m));
+            }
+            // The vehicle passes below what is so high.
+            let overhangs_m = |ground: Bounds| ground.highest_m - self.h_pos_m + self.overhang_m;
+            if is_cloud && height_m > overhangs_m(ground) {
+                continue;
             }
             if is_cloud && lowest_m.is_finite() && lowest_m > overhangs_m(ground) {
                 self.restart(cell, slot);
@@ -435,6 +453,32 @@ impl ElevationMap {
         }
     }
 
+    /// Erases the map after a reset of the ground plane, but for the ground near the vehicle, which no beam of a three-dimensional lidar
+    /// meets again while it drives on; its heights refer to the new plane.
+    pub(crate) fn erase_beyond_blind_zone(
+        &mut self,
+        [before, after]: [&GroundPlane; 2],
+        vehicle: Point2<f64>,
+    ) {
+        let near = self.grid.iter().filter_map(|(cell, value)| {
+            let at = self.size.centre(cell);
+            let is_near = (at - vehicle).norm() <= BLIND_ZONE_M;
+            let mean_m = value.mean_m().filter(|_| is_near)?;
+            let rise_m = before.rise_m(after, at, mean_m.into()) as f32;
+            let is_level = (mean_m + rise_m).abs() <= (self.max_slope * BLIND_ZONE_M) as f32;
+            (value.class() == CellClass::Free && is_level).then(|| (cell, value.raised_by(rise_m)))
+        });
+        let near: Vec<_> = near.collect();
+        self.erase();
+        for (cell, value) in near {
+            if let Some(slot) = self.grid.slot(cell) {
+                *self.grid.at_mut(cell, slot) = value;
+                self.grid.mark_changed(cell, slot);
+                self.reclassified.push(cell);
+            }
+        }
+    }
+
     /// Erases the map after a reset of the ground plane.
     pub fn erase(&mut self) {
         self.grid.erase();
@@ -442,6 +486,11 @@ impl ElevationMap {
         self.unconfirmed.clear();
         self.start_ms = self.now_ms;
         self.reclassified.clear();
+    }
+
+    /// Whether the class of a cell refers to the ground around it.
+    pub(crate) const fn is_local(&self) -> bool {
+        self.local_ground.is_some()
     }
 
     /// Size of a cell.

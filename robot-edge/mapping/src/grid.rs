@@ -141,6 +141,12 @@ impl CellSize {
         CellIndex::containing(self.squared(point), self.x_m)
     }
 
+    /// The middle of a cell, metres in `odom`.
+    pub(crate) fn centre(self, cell: CellIndex) -> Point2<f64> {
+        let centre = cell.centre(self.x_m);
+        Point2::new(centre.x, centre.y / self.x_over_y)
+    }
+
     /// The squares of the shorter side whose centres are in `cell`: at least one, and each is in one
     /// cell only.
     pub fn squares(self, cell: CellIndex) -> impl Iterator<Item = CellIndex> {

@@ -4,7 +4,7 @@
 use measurement::pose;
 use measurement::pose::Pose;
 use measurement::time::RobotTime;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use serde::Deserialize;
 
 use crate::elevation::{CellClass, ElevationCell};
@@ -88,6 +88,18 @@ impl GroundPlane {
     pub fn height_m(&self, point_in_odom: &Point3<f64>) -> f64 {
         self.normal_in_odom
             .dot(&(point_in_odom - self.origin_in_odom))
+    }
+
+    /// The point at a height above the plane.
+    fn point(&self, at: Point2<f64>, height_m: f64) -> Point3<f64> {
+        let foot = Point3::new(at.x, at.y, self.origin_in_odom.z);
+        let rise_m = (height_m - self.height_m(&foot)) / self.normal_in_odom.z;
+        foot + Vector3::z() * rise_m
+    }
+
+    /// How much higher a point at a height above this plane is above another one, metres.
+    pub(super) fn rise_m(&self, other: &Self, at: Point2<f64>, height_m: f64) -> f64 {
+        other.height_m(&self.point(at, height_m)) - height_m
     }
 }
 
@@ -348,6 +360,18 @@ impl LocalGround {
         Self { around }
     }
 
+    /// Highest that ground at `cell` can be beside the lowest points around; +∞ if there are none.
+    pub(super) fn highest(&self, grid: &RollingGrid<ElevationCell>, cell: CellIndex) -> f32 {
+        let highest_m = self.around.iter().filter_map(|&(dx, dy, rise_m)| {
+            let at = CellIndex {
+                x: cell.x + dx,
+                y: cell.y + dy,
+            };
+            Some(grid.get(at)?.min_m() + rise_m)
+        });
+        highest_m.fold(f32::INFINITY, f32::min)
+    }
+
     /// Bounds of the ground height at `cell`; `None` if no free cell is near.
     pub(super) fn around(
         &self,
@@ -361,7 +385,7 @@ impl LocalGround {
             };
             let neighbour = grid.get(at)?;
             let is_free = neighbour.class() == CellClass::Free;
-            is_free.then_some((neighbour.mean_m()?, rise_m))
+            is_free.then_some((neighbour.ground_m()?, rise_m))
         });
         free.fold(None, |bounds: Option<Bounds>, (mean_m, rise_m)| {
             let (low_m, high_m) = (mean_m - rise_m, mean_m + rise_m);

@@ -86,8 +86,16 @@ impl Mapper {
         sensors: &[RangeSensorModel],
     ) -> Self {
         let occupancy = &config.occupancy;
+        let max_slope = libm::tan(config.ground.max_slope_deg.to_radians());
+        let is_on_land = config.cost.surface == Surface::Land;
         Self {
-            occupancy: occupancy.enabled.then(|| OccupancyGrid::new(occupancy)),
+            occupancy: occupancy.enabled.then(|| {
+                let mut grid = OccupancyGrid::new(occupancy);
+                if is_on_land {
+                    grid.ignore_slopes(max_slope);
+                }
+                grid
+            }),
             terrain: config
                 .elevation
                 .enabled

@@ -18,12 +18,15 @@ pub struct OccupancyGrid {
     miss: Miss,
     /// Heights above the vehicle's frame at which clouds are observed, metres.
     heights_m: [f64; 2],
+    /// On land: rise over run of the steepest ground.
+    max_slope: Option<f64>,
     update: LogOddsUpdate,
     tile_limit: usize,
     grid: TiledGrid<i16>,
     marks: ScanMarks,
     // Kept for their allocations.
     beams: Vec<(FixedPoint, FixedPoint, BeamOutcome)>,
+    above_m: Vec<f32>,
     ends: HashSet<((i32, i32), bool), FxBuildHasher>,
 }
 
@@ -47,13 +50,20 @@ impl OccupancyGrid {
             cell_m: config.cell_m,
             miss: config.miss,
             heights_m: [config.cloud_min_height_m, config.cloud_max_height_m],
+            max_slope: None,
             update: LogOddsUpdate::new(config),
             tile_limit: config.memory_limit_mb as usize * 1_000_000 / tile_bytes,
             grid,
             marks: ScanMarks::default(),
             beams: Vec::new(),
+            above_m: Vec::new(),
             ends: HashSet::default(),
         }
+    }
+
+    /// From now on, ground of clouds that rises no steeper, rise over run, is no obstacle.
+    pub(crate) const fn ignore_slopes(&mut self, max_slope: f64) {
+        self.max_slope = Some(max_slope);
     }
 
     /// Updates each observed cell once. A hit wins over beams that only cross the cell; otherwise
@@ -101,7 +111,11 @@ impl OccupancyGrid {
             within_heights(beam, ends_m, self.heights_m)
         };
         let is_cloud = scan.kind == ScanKind::Cloud;
-        for beam in &scan.beams {
+        self.above_m.clear();
+        if let Some(max_slope) = self.max_slope {
+            scan.above_ground(max_slope, &mut self.above_m);
+        }
+        for (at, beam) in scan.beams.iter().enumerate() {
             let is_hit = beam.outcome == BeamOutcome::Hit;
             if !is_hit {
                 report.misses += 1;
@@ -109,10 +123,16 @@ impl OccupancyGrid {
                     continue;
                 }
             }
-            let within = is_cloud.then(|| cut(beam));
-            let beam = match &within {
+            let mut within = is_cloud.then(|| cut(beam));
+            let beam = match &mut within {
                 None => beam,
-                Some(Some(within)) => within,
+                Some(Some(within)) => {
+                    // A ramp ahead is as high as an obstacle above the vehicle's own plane.
+                    if self.above_m.get(at).is_some_and(|above_m| *above_m <= 0.0) {
+                        within.outcome = BeamOutcome::Miss;
+                    }
+                    within
+                }
                 Some(None) => {
                     report.hits += u32::from(is_hit);
                     continue;

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use measurement::pose::Pose;
 use measurement::time::RobotTime;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// Hit or miss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,7 +108,40 @@ impl RegisteredScan {
         }
         rings
     }
+
+    /// Fills `above_m` with how far the end of each hit of a cloud is above the highest ground there, metres; not-a-number for a miss,
+    /// and where the columns are not known. The ground rises from the vehicle on, and from each nearer hit of the same column, no
+    /// steeper than `max_slope`, rise over run (Vosselman 2000, "Slope based filtering of laser altimetry data").
+    pub fn above_ground(&self, max_slope: f64, above_m: &mut Vec<f32>) {
+        above_m.clear();
+        above_m.resize(self.beams.len(), f32::NAN);
+        let stride = self.columns() + BETWEEN_RINGS;
+        if self.kind != ScanKind::Cloud || stride == BETWEEN_RINGS {
+            return;
+        }
+        let up = self.odom_from_base.rotation * Vector3::z();
+        let base = Point3::from(self.odom_from_base.translation.vector);
+        // Distance of the last hit of each column, and the highest ground there.
+        let mut columns = vec![[0.0_f64; 2]; stride as usize];
+        for at in self.rings_upwards().into_iter().flatten() {
+            let beam = &self.beams[at];
+            if beam.outcome == BeamOutcome::Hit {
+                let from_base = beam.end_in_odom - base;
+                let height_m = up.dot(&from_base);
+                let distance_m = libm::sqrt(from_base.norm_squared() - height_m * height_m);
+                let [last_m, highest_m] = &mut columns[(beam.index % stride) as usize];
+                let run_m = (distance_m - *last_m).clamp(0.0, LONGEST_RUN_M);
+                let ground_m = *highest_m + max_slope * run_m;
+                above_m[at] = (height_m - ground_m) as f32;
+                *last_m = distance_m;
+                *highest_m = ground_m.min(height_m);
+            }
+        }
+    }
 }
+
+/// Ground that no beam met rises no farther than this, metres.
+const LONGEST_RUN_M: f64 = 3.0;
 
 #[cfg(test)]
 mod tests {
@@ -154,5 +187,44 @@ mod tests {
             let all = rings(kind, step_rad, upwards);
             assert_eq!((all.len(), all[0].clone()), (1, 0..4));
         }
+    }
+
+    /// A ramp of 10 %, a step of 0.5 m on it, and flat ground behind it, where 20 % are ground.
+    #[test]
+    fn what_is_steeper_than_ground_is_above_it() {
+        let ends_m = [
+            (2.0, 0.2),
+            (3.0, 0.3),
+            (3.1, 0.8),
+            (3.1, 0.9),
+            (6.0, 0.8),
+            (16.0, 1.8),
+        ];
+        let place = Pose::translation(5.0, 7.0, 1.0);
+        let beams = (0..).zip(ends_m).map(|(ring, (x_m, z_m))| RegisteredBeam {
+            origin_in_odom: place * Point3::new(0.0, 0.0, 1.0),
+            end_in_odom: place * Point3::new(x_m, 0.0, z_m),
+            outcome: BeamOutcome::Hit,
+            index: ring * 102 + 7,
+            range_m: libm::hypot(x_m, z_m - 1.0) as f32,
+        });
+        let mut scan = RegisteredScan {
+            stamp: RobotTime::default(),
+            sensor: SensorId(0),
+            kind: ScanKind::Cloud,
+            beam_step_rad: std::f64::consts::TAU / 100.0,
+            odom_from_base: place,
+            own_body_hits: 0,
+            beams: beams.collect(),
+        };
+        let mut above_m = Vec::new();
+        scan.above_ground(0.2, &mut above_m);
+        let expected = [-0.2, -0.1, 0.48, 0.58, -0.1, 0.4];
+        for (above_m, expected) in above_m.iter().zip(expected) {
+            assert!((above_m - expected).abs() < 1e-6, "{above_m} {expected}");
+        }
+        scan.beam_step_rad = 0.0;
+        scan.above_ground(0.2, &mut above_m);
+        assert!(above_m.iter().all(|above_m| above_m.is_nan()));
     }
 }

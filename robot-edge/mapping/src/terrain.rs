@@ -5,7 +5,7 @@ use crate::elevation::{ElevationMap, ElevationReport, Grass};
 use crate::ground_plane::{GroundPlane, GroundPlaneReset, GroundTracker};
 use crate::obstacle::ObstacleMap;
 use crate::octree::RangeSensorModel;
-use crate::registered_scan::RegisteredScan;
+use crate::registered_scan::{RegisteredScan, ScanKind};
 use crate::vehicle::VehicleShape;
 
 /// Distance of the vehicle's top from what it passes below, metres.
@@ -57,13 +57,21 @@ impl Terrain {
     /// Adds one scan.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> TerrainReport {
         let pose = &scan.odom_from_base;
+        let before = self.ground.plane();
         let (plane, ground_plane_reset) = self.ground.update(scan.stamp, pose);
-        if ground_plane_reset.is_some() {
-            self.erase_maps();
+        let vehicle = pose.translation.vector.xy().into();
+        if let (Some(_), Some(before)) = (ground_plane_reset, before) {
+            self.erase_obstacles();
+            if scan.kind == ScanKind::Cloud && self.elevation.is_local() {
+                self.elevation
+                    .erase_beyond_blind_zone([&before, &plane], vehicle);
+                self.obstacle.update(&self.elevation, vehicle);
+            } else {
+                self.elevation.erase();
+            }
         }
         let elevation = self.elevation.integrate(scan, &plane);
-        self.obstacle
-            .update(&self.elevation, pose.translation.vector.xy().into());
+        self.obstacle.update(&self.elevation, vehicle);
         self.obstacle.expire(scan.stamp, &self.elevation);
         TerrainReport {
             elevation,
@@ -91,6 +99,10 @@ impl Terrain {
 
     fn erase_maps(&mut self) {
         self.elevation.erase();
+        self.erase_obstacles();
+    }
+
+    fn erase_obstacles(&mut self) {
         self.obstacle.erase();
         self.epoch += 1;
     }

@@ -147,6 +147,15 @@ impl ElevationCell {
         self.max_m - self.lowest_raised_m
     }
 
+    /// Mean of the points within the thresholds; of all where none is.
+    pub(crate) fn ground_m(&self) -> Option<f32> {
+        if self.has_ground() {
+            Some(self.ground_mean_m)
+        } else {
+            self.mean_m()
+        }
+    }
+
     /// Whether any point was within the thresholds.
     pub(super) const fn has_ground(&self) -> bool {
         self.ground_points > 0
@@ -219,6 +228,18 @@ impl ElevationCell {
             (false, _) => CellClass::Unknown,
             (true, false) => CellClass::Free,
             (true, true) => CellClass::Obstacle,
+        }
+    }
+
+    /// With all heights moved.
+    pub(super) fn raised_by(&self, rise_m: f32) -> Self {
+        Self {
+            mean_m: self.mean_m + rise_m,
+            min_m: self.min_m + rise_m,
+            max_m: self.max_m + rise_m,
+            ground_mean_m: self.ground_mean_m + rise_m,
+            lowest_raised_m: self.lowest_raised_m + rise_m,
+            ..*self
         }
     }
 

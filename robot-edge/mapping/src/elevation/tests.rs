@@ -423,3 +423,33 @@ fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {
         "{of_scan:?}"
     );
 }
+
+#[test]
+fn a_reset_of_the_plane_keeps_the_ground_in_the_blind_zone_of_a_lidar() {
+    let local = GroundConfig {
+        reference: GroundReference::Local,
+        ..GroundConfig::default()
+    };
+    let elevation = ElevationConfig {
+        cells: 101,
+        cell_m: 0.2,
+        ..ElevationConfig::default()
+    };
+    let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &local);
+    let xs_m = (0..11).map(|n| 1.1 + 0.4 * f64::from(n));
+    let mut points: Vec<_> = xs_m.map(|x_m| [x_m, 0.1, 0.05 * x_m]).collect();
+    points.extend([[2.1, 1.1, 0.6], [2.1, 1.1, 0.7]]);
+    map.integrate(&scan(1.0, 0.0, &points), &ground());
+    let places = [(1.1, 0.1), (3.5, 0.1), (5.1, 0.1), (2.1, 1.1)];
+    let classes = |map: &ElevationMap| places.map(|(x_m, y_m)| class_at(map, x_m, y_m));
+    use CellClass::{Free, Obstacle, Unknown};
+    assert_eq!(classes(&map), [Free, Free, Free, Obstacle]);
+    let pitch_rad = -libm::atan(0.05);
+    let on_ramp =
+        nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), pitch_rad);
+    let after = GroundPlane::under(&Pose::from_parts(Translation3::identity(), on_ramp));
+    map.erase_beyond_blind_zone([&ground(), &after], Point2::origin());
+    assert_eq!(classes(&map), [Free, Free, Unknown, Unknown]);
+    let cell = map.grid().get(CellIndex { x: 17, y: 0 }).unwrap();
+    assert!(cell.mean_m().unwrap().abs() < 1e-3, "{cell:?}");
+}

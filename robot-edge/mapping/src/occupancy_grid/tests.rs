@@ -223,3 +223,24 @@ fn clouds_are_observed_between_two_heights() {
     let crown_of_a_tree = observed([10.5, 0.5, 3.0]);
     assert_eq!(crown_of_a_tree, [None; 11]);
 }
+
+/// Two rings in one column: the ground rises by 14 % at most.
+#[test]
+fn of_a_cloud_a_ramp_ahead_is_free_and_a_box_is_occupied() {
+    for (far_z_m, expected) in [(0.6, Some(0.3)), (0.8, Some(0.6))] {
+        let mut grid = grid(1.0, Miss::Unknown);
+        grid.ignore_slopes(0.14);
+        let near = ((0.5, 0.5), (2.5, 0.5), BeamOutcome::Hit);
+        let mut scan = scan(&[near, ((0.5, 0.5), (5.5, 0.5), BeamOutcome::Hit)]);
+        scan.kind = ScanKind::Cloud;
+        let columns = (std::f64::consts::TAU / scan.beam_step_rad).round() as u32;
+        for (beam, (ring, z_m)) in scan.beams.iter_mut().zip([(0, 0.25), (1, far_z_m)]) {
+            beam.index = ring * (columns + 2);
+            beam.origin_in_odom.z = 1.0;
+            beam.end_in_odom.z = z_m;
+        }
+        grid.integrate(&scan);
+        assert_eq!(p(&grid, 5, 0), expected, "{far_z_m}");
+        assert_eq!(p(&grid, 2, 0), Some(0.3));
+    }
+}
