@@ -12,7 +12,7 @@ pub mod time;
 
 use std::sync::Arc;
 
-use crate::cloud::Cloud;
+use crate::cloud::{Cloud, CloudPoint};
 use crate::pose::Pose;
 use crate::scan::Scan;
 use crate::time::RobotTime;
@@ -106,6 +106,25 @@ impl MeasurementData {
     pub const fn is_scan(&self) -> bool {
         matches!(self, Self::Scan { .. } | Self::Cloud(_))
     }
+
+    /// Heap memory of the kinds that can be large.
+    pub fn payload_bytes(&self) -> usize {
+        match self {
+            Self::Scan { scan, .. } => scan.ranges_m.len() * size_of::<f32>(),
+            Self::Cloud(cloud) => cloud.points.len() * size_of::<CloudPoint>(),
+            Self::Joints(joints) => joints
+                .iter()
+                .map(|(name, _)| name.len() + size_of::<(String, f64)>())
+                .sum(),
+            Self::Transform { .. }
+            | Self::Odometry { .. }
+            | Self::Imu(_)
+            | Self::Fix(_)
+            | Self::Twist(_)
+            | Self::Range(_)
+            | Self::Bool(_) => 0,
+        }
+    }
 }
 
 /// Poses in a CARMEN laser line for its own sweep.
@@ -176,6 +195,43 @@ impl RangeReading {
             range_min_m: self.range_min_m,
             range_max_m: self.range_max_m,
             ranges_m: vec![self.range_m; steps as usize + 1],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn payload_is_what_grows_with_a_measurement() {
+        let scan = Scan {
+            ranges_m: vec![1.0; 100],
+            ..Scan::default()
+        };
+        let ring = CloudPoint {
+            position_m: [0.0; 3],
+            after_s: 0.0,
+            intensity: 0.0,
+            ring: Some(0),
+        };
+        let cloud = Cloud {
+            points: vec![ring; 64 * 2048],
+            without_return: 0,
+        };
+        for (data, bytes) in [
+            (MeasurementData::Bool(true), 0),
+            (
+                MeasurementData::Scan {
+                    scan,
+                    own_pose: None,
+                },
+                400,
+            ),
+            (MeasurementData::Joints(vec![("tilt".to_owned(), 0.0)]), 36),
+            (MeasurementData::Cloud(cloud), 3 << 20),
+        ] {
+            assert_eq!(data.payload_bytes(), bytes);
         }
     }
 }

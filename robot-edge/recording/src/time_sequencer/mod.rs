@@ -14,7 +14,6 @@
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
-use measurement::cloud::CloudPoint;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
@@ -409,7 +408,7 @@ struct ReorderBuffer {
 impl ReorderBuffer {
     /// Takes the measurement that was the `arrival`-th to come.
     fn insert(&mut self, arrival: u64, measurement: Measurement) {
-        self.payload_bytes += payload_bytes(&measurement.data);
+        self.payload_bytes += measurement.data.payload_bytes();
         self.items.insert((measurement.stamp, arrival), measurement);
     }
 
@@ -419,26 +418,13 @@ impl ReorderBuffer {
 
     fn pop_first(&mut self) -> Option<Measurement> {
         let (_, measurement) = self.items.pop_first()?;
-        self.payload_bytes -= payload_bytes(&measurement.data);
+        self.payload_bytes -= measurement.data.payload_bytes();
         Some(measurement)
     }
 
     /// Whether the oldest must leave although its time has not come.
     fn is_over_limit(&self) -> bool {
         self.items.len() > MAX_BUFFERED || self.payload_bytes > MAX_BUFFERED_BYTES
-    }
-}
-
-/// Heap memory of the kinds that can be large.
-fn payload_bytes(data: &MeasurementData) -> usize {
-    match data {
-        MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * 4,
-        MeasurementData::Cloud(cloud) => cloud.points.len() * size_of::<CloudPoint>(),
-        MeasurementData::Joints(joints) => joints
-            .iter()
-            .map(|(name, _)| name.len() + size_of::<(String, f64)>())
-            .sum(),
-        _ => 0,
     }
 }
 

@@ -17,10 +17,9 @@ use crate::runtime::mapping_stage::MAX_QUEUE_DELAY;
 use crate::runtime::source::{Source, SourceItem, SourceLosses};
 use crate::survey::Survey;
 use crate::survey::range_sensors::expected_stream;
-use measurement::cloud::CloudPoint;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::time::Monotonic;
-use measurement::{Measurement, MeasurementData, Stream};
+use measurement::{Measurement, Stream};
 use network::clock;
 use recording::messages::{Messages, Reading};
 use recording::ros::{Encoding, MessageType};
@@ -34,7 +33,7 @@ const REORDER_WAIT: Duration = Duration::from_millis(50);
 /// Longest wait for a message, so that an interrupt takes effect.
 const POLL_TIMEOUT: Duration = Duration::from_millis(20);
 
-/// Limits of the measurements that are kept during discovery, and of the bytes of their ranges.
+/// Limits of the measurements that are kept during discovery, and of their payload bytes.
 const MAX_PROBE_MEASUREMENTS: usize = 50_000;
 const MAX_PROBE_BYTES: usize = 64 << 20;
 
@@ -145,18 +144,7 @@ impl LiveSource {
     }
 
     fn buffer_measurement(&mut self, measurement: Measurement, received_at: Monotonic) {
-        let bytes = match &measurement.data {
-            MeasurementData::Scan { scan, .. } => scan.ranges_m.len() * size_of::<f32>(),
-            MeasurementData::Cloud(cloud) => cloud.points.len() * size_of::<CloudPoint>(),
-            MeasurementData::Transform { .. }
-            | MeasurementData::Odometry { .. }
-            | MeasurementData::Imu(_)
-            | MeasurementData::Joints(_)
-            | MeasurementData::Fix(_)
-            | MeasurementData::Twist(_)
-            | MeasurementData::Range(_)
-            | MeasurementData::Bool(_) => 0,
-        };
+        let bytes = measurement.data.payload_bytes();
         if self.probe_buffer.len() >= MAX_PROBE_MEASUREMENTS
             || self.probe_bytes + bytes > MAX_PROBE_BYTES
         {
