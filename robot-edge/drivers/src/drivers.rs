@@ -7,6 +7,7 @@ use std::sync::mpsc::SyncSender;
 use std::{os::fd::OwnedFd, sync::Arc};
 
 use measurement::StreamId;
+use measurement::byte_limit::ByteLimit;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{mpsc, watch};
 
@@ -25,7 +26,7 @@ use crate::rplidar::Rplidar;
 use crate::sick_cola::SickCola;
 use crate::sick_ldlrs::SickLdlrs;
 use crate::status::{DeviceStatus, DeviceStatuses};
-use crate::supervisor::{Clock, Link, Reading, Settings, Supervisor};
+use crate::supervisor::{Clock, Link, Reading, Readings, Settings, Supervisor};
 use crate::ublox::Ublox;
 use crate::xsens::Xsens;
 #[cfg(target_os = "linux")]
@@ -38,11 +39,15 @@ use crate::{
 /// Messages that wait at a link between two devices.
 const LINK_CAPACITY: usize = 64;
 
+/// Payload of the readings that wait for their receiver: 20 clouds of 64 rings and 2048 columns, or two seconds of one such lidar.
+const MAX_READING_BYTES: usize = 64 << 20;
+
 /// The running tasks. They end when this is dropped.
 #[derive(Debug)]
 pub struct Drivers {
     statuses: DeviceStatuses,
     goals: Vec<JointGoal>,
+    limit: ByteLimit,
     runtime: Runtime,
 }
 
@@ -72,6 +77,7 @@ impl Drivers {
             .build()?;
         let mut links = links(configs);
         let (mut statuses, mut goals) = (Vec::new(), Vec::new());
+        let limit = ByteLimit::new(MAX_READING_BYTES);
         for (number, (name, config)) in configs.iter().enumerate() {
             let problem =
                 |(key, text): (&str, String)| StartError::Config(Problem::new(name, key, text));
@@ -86,7 +92,10 @@ impl Drivers {
                 runtime: &runtime,
                 settings,
                 clock,
-                readings: readings.clone(),
+                readings: Readings {
+                    sender: readings.clone(),
+                    limit: limit.clone(),
+                },
                 link: links.remove(name),
             };
             let missing = |key, text: &str| problem((key, text.to_owned()));
@@ -121,6 +130,7 @@ impl Drivers {
         Ok(Self {
             statuses: DeviceStatuses(statuses),
             goals,
+            limit,
             runtime,
         })
     }
@@ -145,7 +155,10 @@ impl Drivers {
                 identity: None,
             },
             clock,
-            readings: readings.clone(),
+            readings: Readings {
+                sender: readings.clone(),
+                limit: self.limit.clone(),
+            },
             link: None,
         };
         let status = task.spawn(encoders);
@@ -203,7 +216,7 @@ struct Task<'a> {
     runtime: &'a Runtime,
     settings: Settings,
     clock: Clock,
-    readings: SyncSender<Reading>,
+    readings: Readings,
     link: Option<Link>,
 }
 

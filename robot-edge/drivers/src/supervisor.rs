@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 
+use measurement::byte_limit::{ByteLimit, ReservedBytes};
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, StreamId};
 use tokio::sync::{mpsc, watch};
@@ -43,12 +44,21 @@ const READ_BYTES: usize = 64 * 1024;
 pub type Clock = fn() -> Monotonic;
 
 /// A measurement of a device. Its stamp is of the vehicle's steady clock.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Reading {
     /// The measurement; its stream is the device's number, its frame the device's name.
     pub measurement: Measurement,
     /// When it arrived.
     pub arrived: Monotonic,
+    _reserved: ReservedBytes,
+}
+
+/// Where the tasks of all devices send their readings. Who receives them bounds their number; this bounds their payload, with
+/// clouds above all.
+#[derive(Clone, Debug)]
+pub(crate) struct Readings {
+    pub(crate) sender: SyncSender<Reading>,
+    pub(crate) limit: ByteLimit,
 }
 
 /// What the supervisor needs to know of a device besides its protocol.
@@ -78,7 +88,7 @@ pub(crate) struct Supervisor<D> {
     device: D,
     settings: Settings,
     clock: Clock,
-    readings: SyncSender<Reading>,
+    readings: Readings,
     link: Option<Link>,
     status: watch::Sender<DeviceStatus>,
     mapping: ClockMapping,
@@ -95,7 +105,7 @@ impl<D: Device> Supervisor<D> {
         device: D,
         settings: Settings,
         clock: Clock,
-        readings: SyncSender<Reading>,
+        readings: Readings,
         link: Option<Link>,
     ) -> (Self, watch::Receiver<DeviceStatus>) {
         let (status, receiver) = watch::channel(DeviceStatus::default());
@@ -425,6 +435,9 @@ impl<D: Device> Supervisor<D> {
                 None => return self.lose(Loss::BadScan),
             }
         }
+        let Some(reserved) = self.readings.limit.reserve(data.payload_bytes()) else {
+            return self.lose(Loss::QueueFull);
+        };
         let reading = Reading {
             measurement: Measurement {
                 stamp,
@@ -433,8 +446,9 @@ impl<D: Device> Supervisor<D> {
                 data,
             },
             arrived,
+            _reserved: reserved,
         };
-        match self.readings.try_send(reading) {
+        match self.readings.sender.try_send(reading) {
             Ok(()) => {}
             Err(TrySendError::Full(_)) => return self.lose(Loss::QueueFull),
             Err(TrySendError::Disconnected(_)) => self.is_wanted = false,
@@ -592,5 +606,61 @@ impl Rate {
             *self = Self::new(now);
             rate_hz
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+
+    use measurement::cloud::{Cloud, CloudPoint};
+
+    use super::*;
+    use crate::config::DeviceConfig;
+    use crate::packet_lidar::PacketLidar;
+
+    fn clock() -> Monotonic {
+        Monotonic::from_nanos(0)
+    }
+
+    #[test]
+    fn clouds_that_wait_are_bounded_by_their_bytes() {
+        let point = CloudPoint {
+            position_m: [1.0; 3],
+            after_s: 0.0,
+            intensity: 0.0,
+            ring: Some(0),
+        };
+        let cloud = Sample {
+            data: MeasurementData::Cloud(Cloud {
+                points: vec![point; 100],
+                without_return: 0,
+            }),
+            sent: None,
+            age: Duration::ZERO,
+        };
+        let (sender, received) = sync_channel(99);
+        let readings = Readings {
+            sender,
+            limit: ByteLimit::new(2 * cloud.data.payload_bytes() + 1),
+        };
+        let lidar = PacketLidar::new(&DeviceConfig::default()).unwrap();
+        let settings = Settings {
+            name: "lidar".into(),
+            stream: StreamId(0),
+            address: Address::Udp(String::new()),
+            beams: BeamSelection::default(),
+            identity: None,
+        };
+        let (mut supervisor, status) = Supervisor::new(lidar, settings, clock, readings, None);
+        for _ in 0..3 {
+            supervisor.pass(cloud.clone(), None, clock());
+        }
+        assert_eq!(status.borrow().lost(Loss::QueueFull), 1);
+        drop(received.recv().unwrap());
+        supervisor.pass(cloud, None, clock());
+        assert_eq!(status.borrow().lost(Loss::QueueFull), 1);
+        assert_eq!(status.borrow().measurements, 3);
+        assert_eq!(received.try_iter().count(), 2);
     }
 }

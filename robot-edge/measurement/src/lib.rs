@@ -2,6 +2,7 @@
 
 #![warn(missing_docs)]
 
+pub mod byte_limit;
 pub mod cloud;
 pub mod delay_window;
 pub mod drops;

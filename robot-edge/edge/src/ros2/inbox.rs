@@ -1,11 +1,12 @@
 //! A bounded queue of received messages.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
 use measurement::Stream;
+use measurement::byte_limit::{ByteLimit, ReservedBytes};
 use measurement::time::Monotonic;
 use measurement::time::RobotTime;
 
@@ -25,75 +26,57 @@ pub struct RosMessage {
 
 #[derive(Debug)]
 pub struct Inbox {
-    messages: Receiver<RosMessage>,
-    counters: Arc<Counters>,
+    messages: Receiver<(RosMessage, ReservedBytes)>,
+    dropped: Arc<AtomicU64>,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct InboxSender {
-    messages: SyncSender<RosMessage>,
-    counters: Arc<Counters>,
-}
-
-#[derive(Debug, Default)]
-struct Counters {
-    waiting_bytes: AtomicUsize,
-    dropped: AtomicU64,
+    messages: SyncSender<(RosMessage, ReservedBytes)>,
+    limit: ByteLimit,
+    dropped: Arc<AtomicU64>,
 }
 
 impl Inbox {
     pub(super) fn new() -> (InboxSender, Self) {
-        let (sender, receiver) = sync_channel(MAX_MESSAGES);
-        let counters = Arc::new(Counters::default());
+        let (sender, messages) = sync_channel(MAX_MESSAGES);
+        let dropped = Arc::new(AtomicU64::new(0));
         let sender = InboxSender {
             messages: sender,
-            counters: Arc::clone(&counters),
+            limit: ByteLimit::new(MAX_BYTES),
+            dropped: Arc::clone(&dropped),
         };
-        let inbox = Self {
-            messages: receiver,
-            counters,
-        };
-        (sender, inbox)
+        (sender, Self { messages, dropped })
     }
 
     pub fn take(&self, wait: Duration) -> Result<RosMessage, RecvTimeoutError> {
-        let message = match self.messages.try_recv() {
+        let (message, _reserved) = match self.messages.try_recv() {
             Ok(message) => message,
             Err(_) if wait.is_zero() => return Err(RecvTimeoutError::Timeout),
             Err(_) => self.messages.recv_timeout(wait)?,
         };
-        let bytes = message.payload.len();
-        self.counters
-            .waiting_bytes
-            .fetch_sub(bytes, Ordering::Relaxed);
         Ok(message)
     }
 
     pub fn dropped(&self) -> u64 {
-        self.counters.dropped.load(Ordering::Relaxed)
+        self.dropped.load(Ordering::Relaxed)
     }
 }
 
 impl InboxSender {
-    /// Adds a message of `bytes` bytes if there is room; `message` is called only then.
+    /// Adds a message of `bytes` bytes if there is room; `make` is called only then.
     pub(super) fn offer(&self, bytes: usize, make: impl FnOnce() -> Option<RosMessage>) {
-        let Counters {
-            waiting_bytes,
-            dropped,
-        } = &*self.counters;
-        let waiting = waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
-        let is_left = if waiting.saturating_add(bytes) > MAX_BYTES {
-            false
-        } else {
-            let Some(message) = make() else {
-                waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
-                return;
-            };
-            self.messages.try_send(message).is_ok()
+        let is_left = match self.limit.reserve(bytes) {
+            Some(reserved) => {
+                let Some(message) = make() else {
+                    return;
+                };
+                self.messages.try_send((message, reserved)).is_ok()
+            }
+            None => false,
         };
         if !is_left {
-            waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
-            dropped.fetch_add(1, Ordering::Relaxed);
+            self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }

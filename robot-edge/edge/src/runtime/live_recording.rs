@@ -16,6 +16,7 @@ use protocol::message::{self, RecordingStatus};
 
 use super::recorder::{Recorder, SyncPolicy};
 use crate::lock;
+use measurement::byte_limit::{ByteLimit, ReservedBytes};
 use measurement::time::Monotonic;
 use measurement::{Measurement, MeasurementData, Stream};
 use network::clock;
@@ -23,8 +24,10 @@ use recording::new_file::sync_folder_of;
 use recording::new_file::{DiskSpace, DiskSpaceFn, disk_space};
 use recording::writer::WriteError;
 
-/// Maximum number of measurements that wait for the disk: a few seconds of all sensors.
+/// Maximum number of measurements that wait for the disk, and of their payload bytes: a few seconds of all sensors. A lidar of 64
+/// rings and 1024 columns gives 16 MB/s.
 const CAPACITY: usize = 2048;
+const MAX_BYTES: usize = 64 << 20;
 const FILE_PERIOD: Duration = Duration::from_mins(1);
 /// Interval of syncs and checks of the disk space.
 const CHECK_PERIOD: Duration = Duration::from_secs(1);
@@ -34,6 +37,7 @@ const MAX_STATIC_TRANSFORMS: usize = 256;
 /// The sending end, in the localization stage.
 pub(super) struct LiveRecording {
     commands: Option<SyncSender<WriterCommand>>,
+    limit: ByteLimit,
     /// Commands that found no room and must not be lost.
     pending: VecDeque<WriterCommand>,
     state: Arc<Mutex<RecordingState>>,
@@ -44,7 +48,7 @@ pub(super) struct LiveRecording {
 
 enum WriterCommand {
     Streams(Vec<Stream>),
-    Measured(Measurement),
+    Measured(Measurement, ReservedBytes),
     ClockReset,
     Record(bool),
 }
@@ -83,6 +87,7 @@ impl LiveRecording {
             .spawn(move || writer.run(&receiver))?;
         let mut live = Self {
             commands: Some(commands),
+            limit: ByteLimit::new(MAX_BYTES),
             pending: VecDeque::new(),
             state,
             is_wanted: false,
@@ -104,7 +109,10 @@ impl LiveRecording {
 
     pub(super) fn add(&mut self, measurement: &Measurement) {
         if self.is_wanted || measurement.is_static_transform() {
-            self.send(WriterCommand::Measured(measurement.clone()));
+            match self.limit.reserve(measurement.data.payload_bytes()) {
+                Some(reserved) => self.send(WriterCommand::Measured(measurement.clone(), reserved)),
+                None => lock(&self.state).lost += 1,
+            }
         }
     }
 
@@ -141,13 +149,13 @@ impl LiveRecording {
             match commands.try_send(command) {
                 Ok(()) => {}
                 Err(TrySendError::Disconnected(_)) => self.commands = None,
-                Err(TrySendError::Full(WriterCommand::Measured(_))) => lock(&self.state).lost += 1,
+                Err(TrySendError::Full(WriterCommand::Measured(..))) => lock(&self.state).lost += 1,
                 Err(TrySendError::Full(command)) => {
                     self.pending.push_front(command);
                     // Later commands keep their order; later measurements are dropped.
                     let before = self.pending.len();
                     self.pending
-                        .retain(|command| !matches!(command, WriterCommand::Measured(_)));
+                        .retain(|command| !matches!(command, WriterCommand::Measured(..)));
                     lock(&self.state).lost += (before - self.pending.len()) as u64;
                     return;
                 }
@@ -245,7 +253,7 @@ impl LiveRecordingWriter {
                 self.marker.set(false);
                 return self.close();
             }
-            WriterCommand::Measured(measurement) => {
+            WriterCommand::Measured(measurement, _reserved) => {
                 self.keep_static_transform(&measurement);
                 let stream = self.streams.get(usize::from(measurement.stream.0));
                 if let (Some(open), Some(stream)) = (&mut self.file, stream) {

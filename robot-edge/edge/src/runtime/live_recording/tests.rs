@@ -1,3 +1,4 @@
+use measurement::cloud::{Cloud, CloudPoint};
 use protocol::message;
 
 use super::*;
@@ -115,6 +116,7 @@ fn commands_are_kept_when_measurements_are_dropped() {
     let (commands, receiver) = sync_channel(1);
     let mut live = LiveRecording {
         commands: Some(commands),
+        limit: ByteLimit::new(MAX_BYTES),
         pending: VecDeque::new(),
         state: Arc::default(),
         is_wanted: true,
@@ -131,12 +133,50 @@ fn commands_are_kept_when_measurements_are_dropped() {
     for _ in 0..3 {
         taken.push(match receiver.try_recv().unwrap() {
             WriterCommand::Record(is_on) => i64::from(is_on),
-            WriterCommand::Measured(measurement) => 100 + measurement.stamp.as_nanos(),
+            WriterCommand::Measured(measurement, _) => 100 + measurement.stamp.as_nanos(),
             WriterCommand::Streams(_) | WriterCommand::ClockReset => -1,
         });
         live.reset_clock();
     }
     assert_eq!(taken, [101, 0, 1]);
+}
+
+#[test]
+fn clouds_that_wait_for_the_disk_are_bounded_by_their_bytes() {
+    let (commands, receiver) = sync_channel(CAPACITY);
+    let mut live = LiveRecording {
+        commands: Some(commands),
+        limit: ByteLimit::new(MAX_BYTES),
+        pending: VecDeque::new(),
+        state: Arc::default(),
+        is_wanted: true,
+        is_resumed: false,
+        thread: None,
+    };
+    let point = CloudPoint {
+        position_m: [1.0; 3],
+        after_s: 0.0,
+        intensity: 0.0,
+        ring: Some(0),
+    };
+    let cloud = Measurement {
+        data: MeasurementData::Cloud(Cloud {
+            points: vec![point; 64 * 2048],
+            without_return: 0,
+        }),
+        ..transform(1, "lidar", false)
+    };
+    let fit = MAX_BYTES / cloud.data.payload_bytes();
+    for _ in 0..fit + 3 {
+        live.add(&cloud);
+    }
+    live.add(&transform(2, "base_link", false));
+    assert_eq!((fit, live.state().lost), (21, 3));
+    assert!(receiver.recv().is_ok());
+    live.add(&cloud);
+    assert_eq!(live.state().lost, 3);
+    // The transform and the last cloud have come, too.
+    assert_eq!(receiver.try_iter().count(), fit + 1);
 }
 
 /// A run that records, and is cut off: what it leaves behind is what a crash would leave.
