@@ -152,8 +152,9 @@ impl PlanarLaser {
         }
     }
 
-    /// One laser of a Velodyne VLP-16. Data sheet: 100 m, 3.0 mrad, 5 to 20 turns a second. It fires every 55.296 µs, here 1800 times a
-    /// turn, which is 55.6 µs. Its least range (0.5 m, as the preset has it) is not the data sheet's.
+    /// One laser of a Velodyne VLP-16. Manual: 100 m, 5 to 20 turns a second. It fires every 55.296 µs, here 1800 times a turn, which is
+    /// 55.6 µs. Assumed: 3.0 mrad, which a VLS-128 has across (1.5 along its column), and a least range of 0.5 m, as the preset has it (the
+    /// manual says 1 m).
     pub(crate) fn vlp_16() -> Self {
         Self {
             range_max_m: 100.0,
@@ -163,8 +164,8 @@ impl PlanarLaser {
         .turning(1800)
     }
 
-    /// One laser of an Ouster OS1-64 (revision C). Data sheet: 120 m, a divergence of 0.18°, 512, 1024 or 2048 columns at 10 turns a
-    /// second. Its least range (0.5 m, as the preset has it) is not the data sheet's.
+    /// One laser of an Ouster OS1-64 (revision C or later; before, 0.13°). Data sheet: 120 m, a divergence of 0.18° at half of the maximum,
+    /// 512, 1024 or 2048 columns at 10 turns a second. Assumed: a least range of 0.5 m, as the preset has it (revision C: 0.3 m).
     pub(crate) fn os1_64() -> Self {
         Self {
             beams: 0,

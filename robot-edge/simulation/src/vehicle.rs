@@ -95,6 +95,7 @@ impl SimulatedVehicle {
             "lidar64" => Some(with_lidar(
                 "lidar64",
                 PlanarLaser::os1_64(),
+                // Data sheet: 45°; the lasers of one sensor span 42.4°.
                 rings_rad(64, 22.5),
             )),
             _ => None,
@@ -343,7 +344,7 @@ fn rings_rad(rings: u32, highest_deg: f64) -> Vec<f64> {
     (0..rings).map(|ring| ring_deg(ring).to_radians()).collect()
 }
 
-/// A Clearpath Husky A200 with a rotating lidar on a mast. Data sheet: 990 × 670 × 390 mm, 130 mm of ground clearance, 1.0 m/s; its URDF:
+/// A Clearpath Husky A200 with a rotating lidar on a mast. User manual: 990 × 670 × 390 mm, 130 mm of ground clearance, 1.0 m/s; its URDF:
 /// wheels of 0.33 m, 0.512 m apart along and 0.571 m across.
 ///
 /// Assumed: the mast, by which the lidar looks from 0.8 m and the top is at 0.9 m. Invented: 1 rad/s, as its preset has it; 2 m/s² and
