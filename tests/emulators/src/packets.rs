@@ -22,7 +22,7 @@ enum Layout {
 }
 
 /// A lidar. It sends nothing when the power comes before its first packet is due.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Packets {
     /// Packets that are not sent, counted from power-on.
     pub lost: BTreeSet<usize>,

@@ -14,6 +14,7 @@ use drivers::imagenex::Imagenex852;
 use drivers::imagenex_deltat::ImagenexDeltat;
 use drivers::nmea::Nmea;
 use drivers::ntrip::Ntrip;
+use drivers::packet_lidar::PacketLidar;
 use drivers::ping::Ping1d;
 use drivers::roboteq_encoders::{RoboteqEncoders, WheelEncoder};
 use drivers::rplidar::Rplidar;
@@ -21,7 +22,17 @@ use drivers::sick_cola::SickCola;
 use drivers::sick_ldlrs::SickLdlrs;
 use drivers::ublox::Ublox;
 use drivers::xsens::Xsens;
+use emulators::packets::Packets;
 use measurement::MeasurementData;
+
+use crate::recorded::{os0, vlp16};
+
+#[path = "supervised/recorded.rs"]
+mod recorded;
+#[path = "../../../robot-edge/recording/src/shared_data.rs"]
+mod shared_data;
+#[path = "../../tests/all/skip.rs"]
+mod skip;
 
 /// A xorshift generator: the same damage in each run.
 struct Random(u64);
@@ -68,12 +79,12 @@ fn run<D: Device, E: emulators::Device>(
     const TICK: Duration = Duration::from_millis(5);
     let mut random = Random(0x1234_5678_9ABC_DEF0);
     let mut decoder = device.connect();
-    let mut line = emulator.power_on();
+    let mut before = sent.len();
+    sent.push(emulator.power_on());
     emulator.connect();
     let (mut step, mut is_asked, mut asked_at, mut samples) = (0, false, 0, 0);
     for tick in 0..2000_u32 {
         let uptime = tick * TICK;
-        let before = sent.len();
         let mut to_device = Vec::new();
         if !is_asked || tick - asked_at > 100 {
             is_asked = true;
@@ -102,8 +113,10 @@ fn run<D: Device, E: emulators::Device>(
         sent.push(emulator.receive(&damage(&to_device, odds, &mut random), uptime));
         sent.extend(emulator.run(uptime));
         sent.retain(|bytes| !bytes.is_empty());
-        line.extend(sent[before..].concat());
-        decoder.push(&damage(&std::mem::take(&mut line), odds, &mut random));
+        for bytes in &sent[before..] {
+            decoder.push(&damage(bytes, odds, &mut random));
+        }
+        before = sent.len();
         while let Some(message) = decoder.next_message() {
             let awaited = (is_asked && device.step(step) != Step::Done).then_some(step);
             let mut events = Vec::new();
@@ -154,6 +167,12 @@ fn check(data: &MeasurementData) {
         }
         MeasurementData::Joints(joints) => {
             assert!(joints.iter().all(|(_, angle_rad)| angle_rad.is_finite()));
+        }
+        MeasurementData::Cloud(cloud) => {
+            for point in &cloud.points {
+                assert!(point.position_m.iter().all(|metres| metres.is_finite()));
+                assert!((0.0..=1.0).contains(&point.after_s), "{point:?}");
+            }
         }
         other => panic!("{other:?}"),
     }
@@ -255,6 +274,11 @@ fn no_input_panics_a_codec() {
     ];
     let lines = lines.map(|line| format!("{line}\r").into_bytes());
     fuzz("roboteq_encoders", &mut wheels, &lines);
+    for (name, lidar, emulator) in recorded_lidars() {
+        fuzz_with(name, lidar, emulator);
+    }
+    let mid360 = lidar("kind = 'livox'\nudp_listen = '0.0.0.0:56301'");
+    fuzz_with("livox", mid360, emulators::livox::Points::default());
     // Longest: hundreds of beams each.
     for coding in ["a", "b"] {
         let config = config(&format!("kind = 'sick_cola'\ncoding = '{coding}'"));
@@ -272,20 +296,38 @@ fn no_input_panics_a_codec() {
     );
 }
 
+fn lidar(config: &str) -> PacketLidar {
+    PacketLidar::new(&toml::from_str(config).unwrap()).unwrap()
+}
+
+/// Names, codecs and emulators.
+fn recorded_lidars() -> Vec<(&'static str, PacketLidar, Packets)> {
+    let vlp16 = vlp16().map(|packets| ("velodyne", lidar("kind = 'velodyne'"), packets));
+    let os0 = os0().map(|(packets, metadata)| {
+        let config = format!("kind = 'ouster'\nmetadata = '{}'", metadata.display());
+        ("ouster", lidar(&config), packets)
+    });
+    vlp16.into_iter().chain(os0).collect()
+}
+
 /// Without damage nearly all comes; with one bad byte of 10,000 enough; with one of 30, nothing wrong.
 fn survives<D: Device, E: emulators::Device + Default>(
     new: impl Fn(&DeviceConfig) -> D,
     least: [usize; 2],
 ) {
     let config = DeviceConfig::default();
-    let run = |odds| run(&mut new(&config), E::default(), odds, &mut Vec::new());
-    let whole = run(u64::MAX);
-    assert!(whole >= least[0], "{whole}");
-    let some = run(10_000);
-    assert!((least[1]..=whole).contains(&some), "{some} of {whole}");
     // Nodes of an RPLIDAR have no sum: a false angle makes two sweeps of one.
     let has_sums = !std::any::type_name::<E>().ends_with("Rplidar");
+    let run = |odds| run(&mut new(&config), E::default(), odds, &mut Vec::new());
+    survives_damage(run, has_sums, least);
+}
+
+fn survives_damage(mut run: impl FnMut(u64) -> usize, has_sums: bool, least: [usize; 2]) {
+    let whole = run(u64::MAX);
+    assert!(whole >= least[0], "{whole}");
     let most = if has_sums { whole } else { 4 * whole };
+    let some = run(10_000);
+    assert!((least[1]..=most).contains(&some), "{some} of {whole}");
     for odds in [300, 30] {
         let few = run(odds);
         assert!(few <= most, "{few} of {whole}");
@@ -298,6 +340,17 @@ fn lasers() {
     survives::<_, emulators::ldlrs::LdLrs>(SickLdlrs::new, [40, 20]);
     survives::<_, emulators::hokuyo::Hokuyo>(|_| Hokuyo::default(), [350, 200]);
     survives::<_, emulators::rplidar::Rplidar>(Rplidar::new, [40, 20]);
+}
+
+#[test]
+fn lidars() {
+    let mid360 = || lidar("kind = 'livox'\nudp_listen = '0.0.0.0:56301'");
+    survives::<_, emulators::livox::Points>(|_| mid360(), [90, 60]);
+    for (name, mut lidar, packets) in recorded_lidars() {
+        println!("{name}");
+        let run = |odds| run(&mut lidar, packets.clone(), odds, &mut Vec::new());
+        survives_damage(run, false, [90, 60]);
+    }
 }
 
 #[test]

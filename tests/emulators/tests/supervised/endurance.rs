@@ -1,6 +1,5 @@
 //! All devices in one run, taken away and given back again and again.
 
-use std::net::{Ipv4Addr, UdpSocket};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::sync_channel;
@@ -13,6 +12,7 @@ use emulators::dynamixel::XSeries;
 use emulators::hokuyo::Hokuyo;
 use emulators::imagenex852::Imagenex852;
 use emulators::ldlrs::LdLrs;
+use emulators::livox::Points;
 use emulators::lms111::Lms111;
 use emulators::mti::Mti;
 use emulators::nmea::Nmea;
@@ -23,6 +23,8 @@ use emulators::{Device, Emulator};
 use measurement::MeasurementData;
 use measurement::time::Monotonic;
 
+use crate::lidars::free_address;
+use crate::recorded::{os0, vlp16};
 use crate::rig::{BACK_WITHIN, PATIENCE, age, clock};
 
 /// A device that can be taken away.
@@ -46,12 +48,9 @@ impl Removable {
 }
 
 fn all() -> Vec<Removable> {
-    let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-    let host = free.local_addr().unwrap();
-    drop(free);
     let servo =
         "kind = 'dynamixel'\nserial = 'ADDRESS'\nservo = 'x_series'\nservo_id = 1\njoint = 'tilt'";
-    vec![
+    let mut devices = vec![
         Removable::new(
             "kind = 'sick_cola'\ntcp = 'ADDRESS'\nrate_hz = 25",
             Emulator::on_tcp(Lms111::default()),
@@ -74,7 +73,7 @@ fn all() -> Vec<Removable> {
         ),
         Removable::new(
             "kind = 'imagenex_deltat'\nudp_listen = 'ADDRESS'",
-            Emulator::to_udp(Deltat::default(), host),
+            Emulator::to_udp(Deltat::default(), free_address()),
         ),
         Removable::new(
             "kind = 'ping1d'\nudp = 'ADDRESS'",
@@ -93,7 +92,25 @@ fn all() -> Vec<Removable> {
             Emulator::on_usb(Ublox::default()),
         ),
         Removable::new(servo, Emulator::on_serial(XSeries::default())),
-    ]
+        Removable::new(
+            "kind = 'livox'\nudp_listen = 'ADDRESS'",
+            Emulator::to_udp(Points::default(), free_address()),
+        ),
+    ];
+    devices.extend(vlp16().map(|packets| {
+        Removable::new(
+            "kind = 'velodyne'\nudp_listen = 'ADDRESS'",
+            Emulator::to_udp(packets, free_address()),
+        )
+    }));
+    devices.extend(os0().map(|(packets, metadata)| {
+        let metadata = metadata.display();
+        Removable::new(
+            &format!("kind = 'ouster'\nudp_listen = 'ADDRESS'\nmetadata = '{metadata}'"),
+            Emulator::to_udp(packets, free_address()),
+        )
+    }));
+    devices
 }
 
 fn resident_kb() -> u64 {
@@ -232,7 +249,7 @@ fn processor_ticks(thread: &str) -> u64 {
     ticks.sum()
 }
 
-/// Four lidars at their full rates and all others: processor time, and from the arrival of a sweep to its receiver.
+/// All devices at their full rates: processor time, and from the arrival of a sweep to its receiver.
 #[test]
 #[ignore = "measures"]
 fn load_of_all_devices() {
@@ -264,10 +281,13 @@ fn load_of_all_devices() {
             continue;
         };
         delays.push(clock().since(reading.arrived));
-        if let MeasurementData::Scan { scan, .. } = &reading.measurement.data {
-            sweeps += 1;
-            beams += scan.ranges_m.len();
-        }
+        let data = &reading.measurement.data;
+        sweeps += usize::from(data.is_scan());
+        beams += match data {
+            MeasurementData::Scan { scan, .. } => scan.ranges_m.len(),
+            MeasurementData::Cloud(cloud) => cloud.points.len() + cloud.without_return as usize,
+            _ => 0,
+        };
     }
     let load = (processor_ticks("devices") - ticks) as f64 / TIME.as_secs_f64();
     delays.sort();

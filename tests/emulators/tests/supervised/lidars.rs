@@ -14,31 +14,13 @@ use measurement::MeasurementData;
 use measurement::cloud::Cloud;
 use measurement::time::RobotTime;
 
+use crate::recorded::{os0, vlp16};
 use crate::rig::Rig;
 use crate::shared_data::shared_data;
-
-/// Bytes of a column of `os0-32_fw2.2.pcap`: a header of 12, and 32 pixels of 16.
-const COLUMN: usize = 12 + 32 * 16;
 
 pub(crate) fn free_address() -> SocketAddr {
     let free = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     free.local_addr().unwrap()
-}
-
-pub(crate) fn vlp16() -> Option<Packets> {
-    Some(Packets::of_velodyne(
-        &shared_data("velodyne")?.join("vlp16_packets.db3"),
-    ))
-}
-
-/// The OS0 and its metadata.
-pub(crate) fn os0() -> Option<(Packets, String)> {
-    let folder = shared_data("ouster")?;
-    let packets = Packets::of_ouster(&folder.join("os0-32_fw2.2.pcap"), 1, COLUMN);
-    Some((
-        packets,
-        fs::read_to_string(folder.join("os0-32_fw2.2.json")).unwrap(),
-    ))
 }
 
 fn next_cloud(rig: &Rig) -> (Cloud, i64) {
@@ -137,6 +119,7 @@ fn an_ouster_is_asked_for_its_metadata() {
     let Some((packets, metadata)) = os0() else {
         return;
     };
+    let metadata = fs::read_to_string(metadata).unwrap();
     let ouster = Ouster::new(&metadata).unwrap();
     let host = free_address();
     let emulator = Emulator::to_udp(packets, host);

@@ -9,6 +9,7 @@ mod lidars;
 mod lms111;
 mod others;
 mod outages;
+mod recorded;
 mod rig;
 #[path = "../../../../robot-edge/recording/src/shared_data.rs"]
 mod shared_data;

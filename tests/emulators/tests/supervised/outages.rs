@@ -1,5 +1,6 @@
 //! Power cycles and pulled cables.
 
+use std::fs;
 use std::net::{Ipv4Addr, SocketAddr, TcpStream, UdpSocket};
 use std::time::Duration;
 
@@ -20,7 +21,8 @@ use emulators::ublox::Ublox;
 use emulators::{Device, Emulator};
 use rustix::net::{AddressFamily, SocketType};
 
-use crate::lidars::{free_address, os0, vlp16};
+use crate::lidars::free_address;
+use crate::recorded::{os0, vlp16};
 use crate::rig::{Rig, age, clock};
 
 /// Older data is not passed on; to this comes the time from the first beam to the telegram.
@@ -190,7 +192,7 @@ fn an_os0() {
     };
     let host = free_address();
     let emulator = Emulator::to_udp(packets, host);
-    let page = Emulator::on_tcp(Metadata::new(metadata));
+    let page = Emulator::on_tcp(Metadata::new(fs::read_to_string(metadata).unwrap()));
     survives(
         &emulator,
         &format!(
