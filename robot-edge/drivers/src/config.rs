@@ -46,7 +46,7 @@ pub struct DeviceConfig {
     pub resolution_deg: Option<f64>,
     /// How a SICK scanner talks; where absent, both are tried in turn.
     pub coding: Option<ColaCoding>,
-    /// Name or address of a lidar that is asked or told something before it is listened to, with its port if that differs.
+    /// Name or address of a lidar that is queried or configured before its packets are received, with its port if that differs.
     pub host: Option<String>,
     /// File with the metadata of an Ouster.
     pub metadata: Option<PathBuf>,
@@ -543,7 +543,7 @@ impl DeviceConfig {
             .any(Option::is_some)
     }
 
-    /// Where a lidar is asked or told something: [`Self::host`], with this port if it has none.
+    /// Where a lidar is queried or configured: [`Self::host`], with this port if it has none.
     pub(crate) fn host(&self, port: u16) -> Option<String> {
         let host = self.host.as_deref()?;
         Some(match host.rsplit_once(':') {

@@ -93,7 +93,7 @@ pub(crate) struct Supervisor<D> {
     status: watch::Sender<DeviceStatus>,
     mapping: ClockMapping,
     rate: Rate,
-    /// Who sends the datagrams that are listened to.
+    /// The sender of the datagrams.
     sender: Option<IpAddr>,
     /// The device has measured since it was connected.
     has_measured: bool,

@@ -5,7 +5,7 @@
 //!
 //! Its mirror does not turn all points past one place, and a pattern never repeats: there is no revolution to cut at. A cloud is what
 //! was measured in a tenth of a second of the sensor's clock, the rate of its frames; full tenths, so that clouds do not depend on
-//! when one began to listen. Points have no ring: the document does not say which laser measured one.
+//! when reception began. Points have no ring: the document does not name the laser of a point.
 
 use measurement::cloud::CloudPoint;
 

@@ -103,9 +103,9 @@ impl Device for Points {
 /// Its port for commands.
 #[derive(Debug, Default)]
 pub struct Commands {
-    /// Where it was told to send points to.
+    /// The host that it is configured to send points to.
     pub host: Option<SocketAddrV4>,
-    /// The work mode that it was told: 1 is measuring.
+    /// The work mode that it is configured to have: 1 is measuring.
     pub work_mode: Option<u8>,
     /// What it replies: 0 is success.
     pub code: u8,

@@ -80,7 +80,7 @@ const POINT_HOST: u16 = 0x0006;
 const WORK_MODE: u16 = 0x001A;
 const SAMPLING: u8 = 1;
 
-/// A Mid-360 that is told to measure, and to send its points here.
+/// Configures a Mid-360 to measure, and to send its points here.
 #[derive(Debug)]
 pub(super) struct LivoxHost {
     host: String,
@@ -89,7 +89,7 @@ pub(super) struct LivoxHost {
 }
 
 impl LivoxHost {
-    /// `None` without `host`: it was told by Livox's own program.
+    /// `None` without `host`: Livox's own program has configured it.
     pub(super) fn new(config: &DeviceConfig) -> Option<Self> {
         let port = match config.address() {
             Ok(Address::UdpListen(own)) => own.port(),
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mid360_is_told_to_send_here() {
+    fn a_mid360_is_configured_to_send_here() {
         let mut host = LivoxHost::new(&config("livox", "host = \"192.168.1.112\"")).unwrap();
         assert_eq!(
             host.address(),

@@ -32,7 +32,7 @@ fn a_packet_is_lost_or_refused_and_not_both() {
             (&[], &[5, 6, 9], false, 0, 3),
             (&[5], &[6], false, 1, 1),
             (&[6], &[5], false, 1, 1),
-            // Nobody waited for another sensor's packet.
+            // Another sensor's packet is none of those that are missing.
             (&[5], &[], true, 1, 1),
             (&[], &[], true, 0, 1),
         ] {
@@ -84,7 +84,7 @@ fn a_revolution_ends_without_a_mark() {
         complete.map(|it| it.cloud.points.len()).collect::<Vec<_>>()
     };
     assert_eq!(sink(&[3.0, 3.5, 3.999]), [3]);
-    // The motor stands still; the clock is set ahead, and back.
+    // The motor is at rest; the clock is set ahead, and back.
     assert_eq!(sink(&[3.0, 3.5, 4.0, 4.5, 5.0]), [2, 2, 1]);
     assert_eq!(sink(&[3.0, 3.5, 1e9, 1e9 + 0.1]), [2, 2]);
     assert_eq!(sink(&[3.0, 3.5, 0.1, 0.2]), [2, 2]);

@@ -185,7 +185,7 @@ impl ElevationCell {
         }
     }
 
-    /// Adds a point that says nothing of the class.
+    /// Adds a point that counts for the heights and not for the class.
     pub(super) fn add_height(&mut self, height_m: f32) {
         self.points = self.points.saturating_add(1);
         let deviation_m = height_m - self.mean_m;

@@ -31,7 +31,7 @@ fn next_cloud(rig: &Rig) -> (Cloud, i64) {
     }
 }
 
-/// Clouds of a sensor that is switched on while it is listened to, and those of a decoder of its packets.
+/// Clouds of a sensor that is switched on after its driver was started, and those of a decoder of its packets.
 #[track_caller]
 fn compare(rig: &Rig, emulator: &Emulator<Packets>, sensor: Sensor, clouds: usize) {
     let mut decoder = LidarDecoder::new(sensor);
@@ -192,7 +192,7 @@ fn packets_of_another_model_are_refused() {
 }
 
 #[test]
-fn a_mid360_is_told_where_to_send_and_its_room_is_round() {
+fn a_mid360_is_configured_to_send_here_and_its_room_is_round() {
     let host = free_address();
     let emulator = Emulator::to_udp(livox::Points::default(), host);
     let commands = Emulator::on_udp(Commands::default());
@@ -243,7 +243,7 @@ fn a_mid360_is_told_where_to_send_and_its_room_is_round() {
     let lost = losses
         .iter()
         .find(|(loss, _)| *loss == Loss::Decoder(DropReason::Lost));
-    // At the end of a frame the sensor's numbers do not say it.
+    // At the end of a frame the sensor's numbers do not show it.
     assert!(
         lost.is_some_and(|(_, count)| (1..=2).contains(count)),
         "{losses:?}"
