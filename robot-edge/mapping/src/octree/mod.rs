@@ -62,6 +62,8 @@ pub struct Octree {
     shards: [Shard; SHARDS],
     /// Rays of the current scan.
     rays: Vec<VoxelRay>,
+    /// Where the beams of the current cloud end.
+    ends: HashSet<(u64, u64), FxBuildHasher>,
     /// One for each thread.
     marks: Vec<RayMarks>,
 }
@@ -104,6 +106,7 @@ impl Octree {
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
             shards: Default::default(),
             rays: Vec::new(),
+            ends: HashSet::default(),
             marks: vec![RayMarks::new(); threads.clamp(1, 2)],
         }
     }
@@ -126,15 +129,18 @@ impl Octree {
         sensor: SensorId,
         rays: impl IntoIterator<Item = Ray>,
     ) -> u32 {
-        let mut ends = HashSet::<_, FxBuildHasher>::default();
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
         let mut last = None;
         let unplaced = self.take_rays(rays, |ray| {
             // Of positive numbers, so that they are rounded down.
-            let voxel = ray.to.map(|voxels| (voxels + 4.0 * MAX_COORDINATE) as u32);
-            let end = (voxel, ray.is_hit);
+            let [x, y, z] = ray.to.map(|voxels| (voxels + 4.0 * MAX_COORDINATE) as u64);
+            // Two words are hashed faster than their parts.
+            let end = (x << 32 | y, z << 1 | u64::from(ray.is_hit));
             // Most follow one that ends there, too.
             last.replace(end) != Some(end) && ends.insert(end)
         });
+        self.ends = ends;
         self.add_rays(sensor, unplaced)
     }
 
