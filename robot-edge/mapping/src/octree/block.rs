@@ -406,19 +406,16 @@ fn bits_where(voxels: &[u8; BRICK_VOXELS], is: impl Fn(u8) -> bool) -> u64 {
     bits
 }
 
-/// All ones in each byte whose bit is set.
+/// Not zero in each byte whose bit is set.
 #[inline]
 fn bytes_of(bits: u64) -> [u8; BRICK_VOXELS] {
+    // A copy in each of eight bytes, and of it a bit.
+    const COPIES: u64 = 0x0101_0101_0101_0101;
+    const BIT_OF_EACH: u64 = 0x8040_2010_0804_0201;
     let mut bytes = [0; BRICK_VOXELS];
-    for (eight, of_eight) in bytes
-        .as_chunks_mut::<8>()
-        .0
-        .iter_mut()
-        .zip(bits.to_le_bytes())
-    {
-        for (voxel, byte) in eight.iter_mut().enumerate() {
-            *byte = (of_eight >> voxel & 1).wrapping_neg();
-        }
+    let eights = bytes.as_chunks_mut::<8>().0.iter_mut();
+    for (eight, of_eight) in eights.zip(bits.to_le_bytes()) {
+        *eight = ((u64::from(of_eight) * COPIES) & BIT_OF_EACH).to_le_bytes();
     }
     bytes
 }
