@@ -16,8 +16,9 @@ pub(super) struct Block {
     children: [u8; BLOCK_BRICKS],
     /// Brick columns with untaken changes, a bit for each.
     changed: u16,
-    bricks: BrickList<Brick>,
-    packed: BrickList<PackedBrick>,
+    /// In no particular order.
+    bricks: Vec<Brick>,
+    packed: Vec<PackedBrick>,
     /// Voxels with hits, ascending by address.
     surface: Vec<(u16, SurfaceVoxel)>,
 }
@@ -38,21 +39,14 @@ const ALL_LEAST: u8 = 254;
 const ALL_GREATEST: u8 = 253;
 const FIRST_PACKED: u8 = 64;
 
-/// Bricks in no particular order, each with its number in the block.
-#[derive(Clone, Debug)]
-struct BrickList<T> {
-    bricks: Vec<T>,
-    numbers: Vec<u8>,
-}
-
 impl Block {
     pub(super) fn new(index: BlockIndex) -> Self {
         Self {
             index,
             children: [ALL_UNKNOWN; BLOCK_BRICKS],
             changed: 0,
-            bricks: BrickList::default(),
-            packed: BrickList::default(),
+            bricks: Vec::new(),
+            packed: Vec::new(),
             surface: Vec::new(),
         }
     }
@@ -61,8 +55,8 @@ impl Block {
         let voxel = address % BRICK_VOXELS;
         match self.child(address / BRICK_VOXELS, values) {
             Child::Uniform(value) => value,
-            Child::Full(place) => self.bricks.bricks[place].0[voxel],
-            Child::Packed(place) => self.packed.bricks[place].value(voxel),
+            Child::Full(place) => self.bricks[place].0[voxel],
+            Child::Packed(place) => self.packed[place].value(voxel),
         }
     }
 
@@ -85,13 +79,12 @@ impl Block {
                     uniform: false,
                 },
                 Child::Uniform(value) => {
-                    self.children[number] = self.packed.push(number, PackedBrick::filled(value));
-                    self.children[number] += FIRST_PACKED;
-                    let place = self.packed.bricks.len() - 1;
+                    let place = push(&mut self.packed, PackedBrick::filled(value));
+                    self.children[number] = place as u8 + FIRST_PACKED;
                     self.apply_packed(number, place, marks, update, values)
                 }
                 Child::Packed(place) => self.apply_packed(number, place, marks, update, values),
-                Child::Full(place) => self.bricks.bricks[place].apply(marks, update, values),
+                Child::Full(place) => self.bricks[place].apply(marks, update, values),
             };
             if change.states {
                 self.changed |= 1 << (number % 16);
@@ -142,8 +135,8 @@ impl Block {
                 known: all(value != UNKNOWN),
                 occupied: all(value > EVEN),
             },
-            Child::Full(place) => self.bricks.bricks[place].states(),
-            Child::Packed(place) => self.packed.bricks[place].states(),
+            Child::Full(place) => self.bricks[place].states(),
+            Child::Packed(place) => self.packed[place].states(),
         }
     }
 
@@ -166,8 +159,8 @@ impl Block {
                 self.changed |= 1 << (number % 16);
             }
         }
-        self.bricks = BrickList::default();
-        self.packed = BrickList::default();
+        self.bricks = Vec::new();
+        self.packed = Vec::new();
         self.surface = Vec::new();
         self.changed != 0 && !was_changed
     }
@@ -179,12 +172,14 @@ impl Block {
 
     /// Number of full and of packed bricks.
     pub(super) fn stored(&self) -> (usize, usize) {
-        (self.bricks.bricks.len(), self.packed.bricks.len())
+        (self.bricks.len(), self.packed.len())
     }
 
     pub(super) fn bytes(&self) -> usize {
         let surface = self.surface.capacity() * size_of::<(u16, SurfaceVoxel)>();
-        size_of::<Self>() + self.bricks.bytes() + self.packed.bytes() + surface
+        let bricks = self.bricks.capacity() * BRICK_VOXELS;
+        let packed = self.packed.capacity() * size_of::<PackedBrick>();
+        size_of::<Self>() + bricks + packed + surface
     }
 
     fn child(&self, number: usize, values: Values) -> Child {
@@ -200,7 +195,7 @@ impl Block {
     /// Prefetches the block, as [`Block::fetch`] its bricks.
     #[inline]
     pub(super) fn fetch_header(&self) -> u8 {
-        self.children[0] ^ self.packed.numbers.capacity() as u8
+        self.children[0] ^ self.packed.capacity() as u8
     }
 
     /// Prefetch: reads one byte of each brick, so that the processor loads them in parallel. In a
@@ -208,9 +203,9 @@ impl Block {
     #[inline]
     fn fetch(&self, numbers: u64) -> u8 {
         let byte = |number: usize| match self.children[number] {
-            place @ ..FIRST_PACKED => self.bricks.bricks[usize::from(place)].0[0],
+            place @ ..FIRST_PACKED => self.bricks[usize::from(place)].0[0],
             place @ FIRST_PACKED..ALL_GREATEST => {
-                self.packed.bricks[usize::from(place - FIRST_PACKED)].first_value()
+                self.packed[usize::from(place - FIRST_PACKED)].first_value()
             }
             ALL_GREATEST.. => 0,
         };
@@ -226,15 +221,15 @@ impl Block {
         update: Update,
         values: Values,
     ) -> BrickChange {
-        let packed = self.packed.bricks[place];
+        let packed = self.packed[place];
         if let Some((new, change)) = packed.applied(marks, update, values) {
-            self.packed.bricks[place] = new;
+            self.packed[place] = new;
             return change;
         }
         self.remove_packed(place);
         let mut brick = packed.unpack();
         let change = brick.apply(marks, update, values);
-        self.children[number] = self.bricks.push(number, brick);
+        self.children[number] = push(&mut self.bricks, brick) as u8;
         change
     }
 
@@ -243,8 +238,8 @@ impl Block {
         let child = self.child(number, values);
         let value = match child {
             Child::Uniform(_) => return,
-            Child::Full(place) => self.bricks.bricks[place].0[0],
-            Child::Packed(place) => self.packed.bricks[place].first_value(),
+            Child::Full(place) => self.bricks[place].0[0],
+            Child::Packed(place) => self.packed[place].first_value(),
         };
         let uniform = if value == values.least {
             ALL_LEAST
@@ -256,9 +251,8 @@ impl Block {
         match child {
             Child::Uniform(_) => {}
             Child::Full(place) => {
-                if let Some(moved) = self.bricks.remove(place) {
-                    self.children[moved] = place as u8;
-                }
+                self.bricks.swap_remove(place);
+                self.move_child(self.bricks.len() as u8, place as u8);
             }
             Child::Packed(place) => self.remove_packed(place),
         }
@@ -266,45 +260,28 @@ impl Block {
     }
 
     fn remove_packed(&mut self, place: usize) {
-        if let Some(moved) = self.packed.remove(place) {
-            self.children[moved] = place as u8 + FIRST_PACKED;
+        self.packed.swap_remove(place);
+        self.move_child(
+            self.packed.len() as u8 + FIRST_PACKED,
+            place as u8 + FIRST_PACKED,
+        );
+    }
+
+    fn move_child(&mut self, from: u8, to: u8) {
+        if let Some(child) = self.children.iter_mut().find(|child| **child == from) {
+            *child = to;
         }
     }
 }
 
-impl<T> Default for BrickList<T> {
-    fn default() -> Self {
-        Self {
-            bricks: Vec::new(),
-            numbers: Vec::new(),
-        }
+/// Adds a brick; returns its index.
+fn push<T>(bricks: &mut Vec<T>, brick: T) -> usize {
+    if bricks.len() == bricks.capacity() {
+        // In small steps: doubling would waste a quarter of the memory of a large map.
+        bricks.reserve_exact(GROWTH);
     }
-}
-
-impl<T> BrickList<T> {
-    /// Adds a brick; returns its index.
-    fn push(&mut self, number: usize, brick: T) -> u8 {
-        let place = self.bricks.len();
-        if place == self.bricks.capacity() {
-            // In small steps: doubling would waste a quarter of the memory of a large map.
-            self.bricks.reserve_exact(GROWTH);
-            self.numbers.reserve_exact(GROWTH);
-        }
-        self.bricks.push(brick);
-        self.numbers.push(number as u8);
-        place as u8
-    }
-
-    /// Removes a brick; returns the number of the brick that took its index.
-    fn remove(&mut self, place: usize) -> Option<usize> {
-        self.bricks.swap_remove(place);
-        self.numbers.swap_remove(place);
-        self.numbers.get(place).map(|&moved| moved.into())
-    }
-
-    fn bytes(&self) -> usize {
-        self.bricks.capacity() * size_of::<T>() + self.numbers.capacity()
-    }
+    bricks.push(brick);
+    bricks.len() - 1
 }
 
 fn bits(mut set: u64) -> impl Iterator<Item = usize> {
@@ -315,7 +292,7 @@ fn bits(mut set: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Steps by which a list of bricks grows.
+/// Steps by which the bricks of a block grow.
 const GROWTH: usize = 4;
 
 /// Log-odds of 64 voxels, by address.
