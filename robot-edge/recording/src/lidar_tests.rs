@@ -58,6 +58,38 @@ fn a_rosbag2_of_velodyne_packets_gives_revolutions() {
     assert_eq!(position.bytes_read, position.bytes_total);
 }
 
+/// The driver of a SICK LMS1xx published each scan as a cloud, too.
+#[test]
+fn clouds_of_a_drivers_scans_are_where_their_beams_end() {
+    let Some(folder) = shared_data("rosbag1") else {
+        return;
+    };
+    let mut reader = open(&folder.join("lms1xx_with_tf.bag"), Selection::All).unwrap();
+    let measurements = all(&mut *reader);
+    let clouds = clouds(&measurements);
+    let (mut scans, mut farthest_m) = (0, 0.0_f64);
+    for measurement in &measurements {
+        let MeasurementData::Scan(scan) = &measurement.data else {
+            continue;
+        };
+        let of_scan = clouds.iter().find(|(stamp, cloud)| {
+            *stamp == measurement.stamp && cloud.points.len() == scan.ranges_m.len()
+        });
+        scans += 1;
+        let (_, cloud) = of_scan.unwrap();
+        for (beam, (range_m, point)) in scan.ranges_m.iter().zip(&cloud.points).enumerate() {
+            let step_rad = f64::from(scan.angle_increment_rad);
+            let angle_rad = f64::from(scan.angle_min_rad) + step_rad * beam as f64;
+            let [x_m, y_m] = [libm::cos(angle_rad), libm::sin(angle_rad)]
+                .map(|share| share * f64::from(*range_m));
+            let [px_m, py_m, _] = point.position_m.map(f64::from);
+            farthest_m = farthest_m.max(libm::hypot(px_m - x_m, py_m - y_m));
+        }
+    }
+    assert_eq!(scans, 89);
+    assert!(farthest_m < 1e-5, "{farthest_m}");
+}
+
 #[test]
 fn captures_of_ouster_are_read_with_the_metadata_beside_them() {
     let Some(folder) = shared_data("ouster") else {
