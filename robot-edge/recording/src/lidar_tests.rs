@@ -58,7 +58,7 @@ fn a_rosbag2_of_velodyne_packets_gives_revolutions() {
     assert_eq!(position.bytes_read, position.bytes_total);
 }
 
-/// The driver of a SICK LMS1xx published each scan as a cloud, too.
+/// The driver of a SICK laser published each scan as a cloud, too.
 #[test]
 fn clouds_of_a_drivers_scans_are_where_their_beams_end() {
     let Some(folder) = shared_data("rosbag1") else {
@@ -69,7 +69,7 @@ fn clouds_of_a_drivers_scans_are_where_their_beams_end() {
     let clouds = clouds(&measurements);
     let (mut scans, mut farthest_m) = (0, 0.0_f64);
     for measurement in &measurements {
-        let MeasurementData::Scan(scan) = &measurement.data else {
+        let MeasurementData::Scan { scan, .. } = &measurement.data else {
             continue;
         };
         let of_scan = clouds.iter().find(|(stamp, cloud)| {

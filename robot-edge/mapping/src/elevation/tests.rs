@@ -426,6 +426,7 @@ fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {
 
 #[test]
 fn a_reset_of_the_plane_keeps_the_ground_in_the_blind_zone_of_a_lidar() {
+    use CellClass::{Free, Obstacle, Unknown};
     let local = GroundConfig {
         reference: GroundReference::Local,
         ..GroundConfig::default()
@@ -442,7 +443,6 @@ fn a_reset_of_the_plane_keeps_the_ground_in_the_blind_zone_of_a_lidar() {
     map.integrate(&scan(1.0, 0.0, &points), &ground());
     let places = [(1.1, 0.1), (3.5, 0.1), (5.1, 0.1), (2.1, 1.1)];
     let classes = |map: &ElevationMap| places.map(|(x_m, y_m)| class_at(map, x_m, y_m));
-    use CellClass::{Free, Obstacle, Unknown};
     assert_eq!(classes(&map), [Free, Free, Free, Obstacle]);
     let pitch_rad = -libm::atan(0.05);
     let on_ramp =
