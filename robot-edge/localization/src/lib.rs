@@ -14,6 +14,7 @@ pub mod gnss_positioning;
 pub mod pose_buffer;
 pub mod registration;
 mod sample_synchronizer;
+pub mod scan_matching;
 #[cfg(test)]
 mod test_data;
 pub mod tilt;

@@ -1,0 +1,14 @@
+//! Poses from planar scans: scan matching, submaps, loop closure (docs/methods.md, section 0).
+
+mod block_solver;
+pub mod loop_closure;
+pub mod pose_graph;
+pub mod relations;
+pub mod relocalization;
+pub mod scan_points;
+pub mod search_grid;
+pub mod slam;
+pub mod slam_map;
+pub mod submap;
+#[cfg(test)]
+mod test_world;

@@ -1,0 +1,835 @@
+//! Simultaneous localization and mapping by planar scans: scan to submap, submaps to a pose graph.
+//!
+//! The frame `local` never jumps: it goes on from scan to scan. A closure moves `map_from_local`.
+
+use measurement::scan::Scan;
+use measurement::time::RobotTime;
+use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
+
+use super::loop_closure::{
+    Closure, ClosureSettings, PendingClosures, SubmapMatch, search_points, with_noise,
+};
+use super::pose_graph::{Edge, PoseGraph};
+use super::relocalization::Place;
+use super::scan_points::{PointLimits, ScanPoint, scan_points};
+use super::search_grid::{Search, SearchGrid, SearchWindow};
+use super::slam_map::{Candidate, SlamMap, SubmapRecord};
+use super::submap::{Prior, Submap, difference, transported};
+
+/// Settings of [`ScanSlam`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlamSettings {
+    /// Hits that are used.
+    pub points: PointLimits,
+    /// Noise of odometry.
+    pub odometry: MotionNoise,
+    /// Noise of the assumption of constant velocity, where there is no odometry.
+    pub constant_velocity: MotionNoise,
+    /// A scan becomes a keyframe after this way, metres.
+    pub keyframe_m: f64,
+    /// A scan becomes a keyframe after this turn, radians.
+    pub keyframe_rad: f64,
+    /// Way from the beginning of a submap to that of the next, metres; a submap is twice as long.
+    pub submap_m: f64,
+    /// The same in keyframes, for turns in place.
+    pub submap_keyframes: u32,
+    /// Below this share of inliers a scan does not determine the pose.
+    pub min_inliers: f64,
+    /// Standard deviations of a pose in its submap beside the noise of its scan: metres and radians.
+    pub pose_noise: (f64, f64),
+    /// Limit of the submaps that are kept, about 0.3 MB each.
+    pub max_submaps: usize,
+    /// Loop closure.
+    pub closure: ClosureSettings,
+}
+
+/// Standard deviations of a motion between two scans.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionNoise {
+    /// Metres.
+    pub m: f64,
+    /// Metres per metre.
+    pub m_per_m: f64,
+    /// Radians.
+    pub rad: f64,
+    /// Radians per radian.
+    pub rad_per_rad: f64,
+    /// Radians per metre.
+    pub rad_per_m: f64,
+}
+
+impl Default for SlamSettings {
+    fn default() -> Self {
+        Self {
+            points: PointLimits {
+                min_range_m: 0.1,
+                max_range_m: 30.0,
+                spacing_m: 0.03,
+            },
+            odometry: MotionNoise {
+                m: 0.02,
+                m_per_m: 0.2,
+                rad: 1.0_f64.to_radians(),
+                rad_per_rad: 0.3,
+                rad_per_m: 10.0_f64.to_radians(),
+            },
+            constant_velocity: MotionNoise {
+                m: 0.08,
+                m_per_m: 0.3,
+                rad: 4.0_f64.to_radians(),
+                rad_per_rad: 0.3,
+                rad_per_m: 5.0_f64.to_radians(),
+            },
+            keyframe_m: 0.2,
+            keyframe_rad: 10.0_f64.to_radians(),
+            submap_m: 8.0,
+            submap_keyframes: 80,
+            min_inliers: 0.4,
+            pose_noise: (0.05, 1.0_f64.to_radians()),
+            max_submaps: 500,
+            closure: ClosureSettings::default(),
+        }
+    }
+}
+
+/// One scan and what is known about the motion.
+#[derive(Clone, Copy, Debug)]
+pub struct ScanInput<'a> {
+    /// Of the first beam.
+    pub stamp: RobotTime,
+    /// The scan.
+    pub scan: &'a Scan,
+    /// Pose of the sensor on the vehicle.
+    pub base_from_sensor: Isometry2<f64>,
+    /// Pose of the vehicle by odometry at the stamp.
+    pub odom_from_base: Option<Isometry2<f64>>,
+}
+
+/// How far a pose is determined.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Confidence {
+    /// By the scan, in all directions.
+    Full,
+    /// Not along this direction in the frame of the vehicle: there, by the prior alone.
+    UncertainAlong(Vector2<f64>),
+    /// By odometry alone: the scan shows too little of the map.
+    OdometryOnly,
+    /// Not at all: the scan does not fit the map, and there is no odometry. A new map begins.
+    Lost,
+}
+
+/// Pose of one scan.
+#[derive(Clone, Copy, Debug)]
+pub struct ScanPose {
+    /// In the frame that never jumps.
+    pub local_from_base: Isometry2<f64>,
+    /// To the frame of the map, by the closures so far.
+    pub map_from_local: Isometry2<f64>,
+    /// Covariance of x, y (metres) and yaw (radians) relative to the current submap, in the frame of the vehicle.
+    pub covariance: Matrix3<f64>,
+    /// How far it is determined.
+    pub confidence: Confidence,
+    /// Share of the points that lie on surfaces of the map.
+    pub inliers: f64,
+    /// Root mean square of the points' distances from surfaces of the map, metres.
+    pub residual_m: f64,
+    /// The newest keyframe.
+    pub keyframe: u32,
+    /// Pose in the frame of that keyframe.
+    pub keyframe_from_base: Isometry2<f64>,
+    /// The poses of keyframes changed at this scan.
+    pub is_corrected: bool,
+}
+
+/// A submap that scans are still added to.
+#[derive(Clone, Debug)]
+struct ActiveSubmap {
+    index: u32,
+    local_from_anchor: Isometry2<f64>,
+    grid: SearchGrid,
+    /// Covariance of the vehicle's pose relative to the anchor, in the frame of the vehicle.
+    covariance: Matrix3<f64>,
+    begun_m: f64,
+}
+
+/// The state of localization and mapping.
+#[derive(Clone, Debug)]
+pub struct ScanSlam {
+    settings: SlamSettings,
+    active: Vec<ActiveSubmap>,
+    map: SlamMap,
+    optimizer: Optimizer,
+    /// Grids of finished submaps, the last used at the end.
+    grids: Vec<(u32, SearchGrid)>,
+    searches: ClosureSearches,
+    closures: ClosureCounts,
+    last: Option<LastScan>,
+    map_from_local: Isometry2<f64>,
+    /// Where it goes on in a map, until the first scan.
+    resumed_at: Option<Place>,
+    driven_m: f64,
+    /// Scans in sequence that did not fit the map.
+    lost: u32,
+}
+
+/// Numbers of closures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ClosureCounts {
+    /// Those that were believed.
+    pub added: u64,
+    /// Of these, those that later evidence contradicted.
+    pub removed: u64,
+}
+
+/// Searches for closures.
+#[derive(Clone, Debug, Default)]
+struct ClosureSearches {
+    /// Matches that wait for others to agree.
+    pending: PendingClosures,
+    /// In a large window.
+    running: Option<ClosureSearch>,
+    /// Number of those that found nothing.
+    failed: usize,
+    /// Submap of the newest one that found something, and the way driven then, metres.
+    last_match: Option<(u32, f64)>,
+    /// Finished submaps up to this one were matched with others since the map moved far.
+    swept: u32,
+}
+
+/// A match of a keyframe in a large window, a part of it each scan.
+#[derive(Clone, Debug)]
+struct ClosureSearch {
+    keyframe: u32,
+    submap: u32,
+    local_from_base: Isometry2<f64>,
+    driven_m: f64,
+    search: SubmapMatch,
+    grid: SearchGrid,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LastScan {
+    stamp: RobotTime,
+    odom_from_base: Option<Isometry2<f64>>,
+    local_from_base: Isometry2<f64>,
+    /// Motion from the scan before, and its time in seconds.
+    motion: Isometry2<f64>,
+    motion_s: f64,
+    keyframe_local: Isometry2<f64>,
+}
+
+/// Optimization in steps: one each scan.
+#[derive(Clone, Debug, Default)]
+struct Optimizer {
+    /// The graph under way.
+    graph: Option<PoseGraph>,
+    steps: u32,
+    /// The kernel of closures is wider by this factor; it narrows from step to step.
+    widening: f64,
+    /// It may move the map far.
+    was_far: bool,
+    /// Closures since the last one began.
+    waiting: u32,
+    /// Among them are some that may move the map far.
+    is_far: bool,
+}
+
+/// Limit of the blocks in which a scan is searched for in the current submap.
+const MAX_BLOCKS: usize = 20_000;
+/// Greatest growth of the noise by a gap between two scans.
+const MAX_GROWTH: f64 = 5.0;
+/// After a match, the same submap is tried again for this way, metres.
+const AGAIN_M: f64 = 6.0;
+/// Scans in sequence that do not fit the map, before a new one begins.
+const MAX_LOST: u32 = 3;
+/// Of x, y (m²) and yaw (rad²) where a new map begins.
+const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
+/// Limit of the grids of finished submaps.
+const MAX_GRIDS: usize = 16;
+const MAX_STEPS: u32 = 12;
+/// Closures that wait for an optimization, unless they may move the map far.
+const WAITING_CLOSURES: u32 = 20;
+const WIDENING: f64 = 1e4;
+/// An optimization ends when no pose moves by more, metres (and radians).
+const CONVERGED: f64 = 1e-3;
+/// A closure with a greater squared error after optimization is removed.
+const REMOVED_CHI2: f64 = 50.0;
+
+impl ScanSlam {
+    /// With these settings, at the origin.
+    pub fn new(settings: SlamSettings) -> Self {
+        Self {
+            settings,
+            active: Vec::new(),
+            map: SlamMap::default(),
+            optimizer: Optimizer::default(),
+            grids: Vec::new(),
+            searches: ClosureSearches::default(),
+            closures: ClosureCounts::default(),
+            last: None,
+            map_from_local: Isometry2::identity(),
+            resumed_at: None,
+            driven_m: 0.0,
+            lost: 0,
+        }
+    }
+
+    /// Goes on in a map, from a place at which the vehicle was found in it.
+    pub fn resume(settings: SlamSettings, map: SlamMap, place: &Place) -> Self {
+        Self {
+            map,
+            map_from_local: place.map_from_base,
+            resumed_at: Some(*place),
+            ..Self::new(settings)
+        }
+    }
+
+    /// Takes a scan; scans come in the order of time.
+    pub fn push(&mut self, input: &ScanInput<'_>) -> ScanPose {
+        let (motion, motion_s, noise) = self.predict(input);
+        let points = scan_points(
+            input.scan,
+            &input.base_from_sensor,
+            (&motion, motion_s),
+            &self.settings.points,
+        );
+        self.search_closure();
+        self.sweep();
+        let is_corrected = self.optimize();
+        let Some(last) = self.last else {
+            let local_from_base = Isometry2::identity();
+            self.add_keyframe(&points, &local_from_base);
+            self.begin_submap(&points, &local_from_base);
+            if let Some(place) = self.resumed_at.take() {
+                self.add_closure(
+                    &Closure {
+                        keyframe: self.map.graph.poses.len() as u32 - 1,
+                        submap: place.submap,
+                        submap_from_base: place.submap_from_base,
+                        information: place.information,
+                    },
+                    self.active[0].index,
+                );
+            }
+            return self.finish_scan(
+                input,
+                (motion, motion_s),
+                local_from_base,
+                None,
+                is_corrected,
+            );
+        };
+        let expected = last.local_from_base * motion;
+        for active in &mut self.active {
+            active.covariance = transported(&active.covariance, &motion) + noise;
+        }
+        let active = &self.active[0];
+        let anchor_from_local = active.local_from_anchor.inverse();
+        let prior = Prior {
+            submap_from_base: anchor_from_local * expected,
+            covariance: noise,
+        };
+        let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
+        let window = SearchWindow {
+            middle: prior.submap_from_base,
+            half_m: (3.0 * sigma[0]).clamp(0.1, 1.0),
+            half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
+            min_score: -1.0,
+            prior: Some((0.02, sigma[0], sigma[1])),
+            except: None,
+        };
+        let submap = &self.map.submaps[active.index as usize].submap;
+        let mut search = Search::new(&search_points(&points), window);
+        search.advance(&active.grid, MAX_BLOCKS);
+        let start = search
+            .best()
+            .map_or(prior.submap_from_base, |best| best.pose);
+        let registered = submap.register(&points, &start, Some(&prior));
+        let confidence = match (registered.uncertain_along, input.odom_from_base) {
+            _ if registered.inliers < self.settings.min_inliers => match input.odom_from_base {
+                Some(_) => Confidence::OdometryOnly,
+                None => Confidence::Lost,
+            },
+            (Some(along), _) => Confidence::UncertainAlong(along),
+            (None, _) => Confidence::Full,
+        };
+        if confidence == Confidence::Lost {
+            self.lost += 1;
+            let mut motion = motion;
+            if self.lost > MAX_LOST {
+                self.begin_anew(&points, &expected);
+                motion = Isometry2::identity();
+            }
+            let result = Some((registered.inliers, registered.residual_m, confidence));
+            return self.finish_scan(input, (motion, motion_s), expected, result, is_corrected);
+        }
+        self.lost = 0;
+        let local_from_base = active.local_from_anchor * registered.submap_from_base;
+        for active in &mut self.active {
+            let prior = active
+                .covariance
+                .try_inverse()
+                .unwrap_or_else(Matrix3::zeros);
+            let both = prior + registered.information;
+            active.covariance = both.try_inverse().unwrap_or(active.covariance);
+        }
+        self.driven_m +=
+            (last.local_from_base.translation.vector - local_from_base.translation.vector).norm();
+        let since = difference(&last.keyframe_local, &local_from_base);
+        if since.xy().norm() >= self.settings.keyframe_m
+            || since.z.abs() >= self.settings.keyframe_rad
+        {
+            self.take_keyframe(&points, &local_from_base);
+        }
+        let result = Some((registered.inliers, registered.residual_m, confidence));
+        let motion = last.local_from_base.inv_mul(&local_from_base);
+        self.finish_scan(
+            input,
+            (motion, motion_s),
+            local_from_base,
+            result,
+            is_corrected,
+        )
+    }
+
+    /// Optimizes to the end, after the last scan.
+    pub fn finish(&mut self) {
+        for _ in 0..3 {
+            self.optimizer.is_far = true;
+            while self.optimize_step(1) == Some(false) {}
+            while self.sweep() {}
+        }
+        while self.optimize_step(1).is_some() {}
+    }
+
+    /// The map so far.
+    pub const fn map(&self) -> &SlamMap {
+        &self.map
+    }
+
+    /// Closures so far.
+    pub const fn closures(&self) -> ClosureCounts {
+        self.closures
+    }
+
+    fn predict(&self, input: &ScanInput<'_>) -> (Isometry2<f64>, f64, Matrix3<f64>) {
+        let settings = &self.settings;
+        let Some(last) = &self.last else {
+            return (Isometry2::identity(), 0.0, Matrix3::identity());
+        };
+        let time_s = input.stamp.since(last.stamp).as_secs_f64();
+        let mut growth = 1.0 + f64::from(self.lost);
+        let (motion, noise) =
+            if let (Some(before), Some(now)) = (last.odom_from_base, input.odom_from_base) {
+                (before.inv_mul(&now), &settings.odometry)
+            } else {
+                // Stamps that repeat or leap say nothing about the speed.
+                let share = time_s / last.motion_s;
+                let share = if (0.2..5.0).contains(&share) {
+                    share
+                } else {
+                    1.0
+                };
+                let Isometry2 {
+                    rotation,
+                    translation,
+                } = last.motion;
+                let motion = Isometry2::new(translation.vector * share, rotation.angle() * share);
+                growth *= (time_s / last.motion_s.max(0.05)).clamp(1.0, MAX_GROWTH);
+                (motion, &settings.constant_velocity)
+            };
+        let (way_m, turn_rad) = (
+            motion.translation.vector.norm(),
+            motion.rotation.angle().abs(),
+        );
+        let sigma_m = noise.m + noise.m_per_m * way_m;
+        let sigma_rad = noise.rad + noise.rad_per_rad * turn_rad + noise.rad_per_m * way_m;
+        let sigma = Vector3::new(sigma_m, sigma_m, sigma_rad) * growth;
+        let variance = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
+        (motion, time_s, variance)
+    }
+
+    fn take_keyframe(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
+        let keyframe = self.add_keyframe(points, local_from_base);
+        self.close_loops(keyframe, points, local_from_base);
+        if let Some(newest) = self.active.last() {
+            let own = &self.map.submaps[newest.index as usize];
+            if self.driven_m - newest.begun_m >= self.settings.submap_m
+                || own.end - own.anchor >= self.settings.submap_keyframes
+            {
+                self.begin_submap(points, local_from_base);
+            }
+        }
+    }
+
+    /// Begins with new submaps, of which only closures will say where they are.
+    fn begin_anew(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
+        self.lost = 0;
+        for active in &mut self.active {
+            active.covariance = Matrix3::from_diagonal(&LOST_VARIANCE);
+        }
+        self.add_keyframe(&[], local_from_base);
+        self.begin_submap(points, local_from_base);
+        if self.active.len() > 1 {
+            let finished = self.active.remove(0);
+            self.keep_grid(finished.index, finished.grid);
+        }
+    }
+
+    fn add_keyframe(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) -> u32 {
+        let keyframe = self.map.graph.poses.len() as u32;
+        self.map
+            .graph
+            .poses
+            .push(self.map_from_local * local_from_base);
+        for active in &mut self.active {
+            let record = &mut self.map.submaps[active.index as usize];
+            record.end = keyframe + 1;
+            let anchor_from_base = active.local_from_anchor.inv_mul(local_from_base);
+            for point in points {
+                let point = point.in_frame(&anchor_from_base);
+                record.submap.add(&point);
+                active.grid.add(&point.position);
+            }
+            let information = active
+                .covariance
+                .try_inverse()
+                .unwrap_or_else(Matrix3::zeros);
+            self.map.graph.edges.push(Edge {
+                from: record.anchor,
+                to: keyframe,
+                from_from_to: anchor_from_base,
+                information: with_noise(&information, self.settings.pose_noise),
+                is_closure: false,
+            });
+        }
+        keyframe
+    }
+
+    /// Begins a submap at the newest keyframe, and finishes the older one of two.
+    fn begin_submap(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
+        let index = self.map.submaps.len() as u32;
+        let anchor = self.map.graph.poses.len() as u32 - 1;
+        let mut submap = Submap::default();
+        let mut grid = SearchGrid::default();
+        for point in points {
+            submap.add(point);
+            grid.add(&point.position);
+        }
+        self.map.submaps.push(SubmapRecord {
+            anchor,
+            end: anchor + 1,
+            submap,
+        });
+        if let Some(before) = self.active.last() {
+            let way_m = self.driven_m - before.begun_m;
+            let rates = self.settings.closure.drift_per_m;
+            let sigma = [0, 1, 2].map(|i| libm::sqrt(before.covariance[(i, i)]));
+            let drift = (
+                rates.0 * way_m + sigma[0].max(sigma[1]),
+                rates.1 * way_m + sigma[2],
+            );
+            self.map.drifts.link(before.index, index, drift);
+        }
+        if self.active.len() == 2 {
+            let finished = self.active.remove(0);
+            self.keep_grid(finished.index, finished.grid);
+            self.map.limit_submaps(self.settings.max_submaps);
+        }
+        self.active.push(ActiveSubmap {
+            index,
+            local_from_anchor: *local_from_base,
+            grid,
+            covariance: Matrix3::zeros(),
+            begun_m: self.driven_m,
+        });
+    }
+
+    fn keep_grid(&mut self, index: u32, grid: SearchGrid) {
+        if self.grids.len() >= MAX_GRIDS {
+            self.grids.remove(0);
+        }
+        self.grids.push((index, grid));
+    }
+
+    fn finish_scan(
+        &mut self,
+        input: &ScanInput<'_>,
+        (motion, motion_s): (Isometry2<f64>, f64),
+        local_from_base: Isometry2<f64>,
+        result: Option<(f64, f64, Confidence)>,
+        is_corrected: bool,
+    ) -> ScanPose {
+        let keyframe = self.map.graph.poses.len() as u32 - 1;
+        let local_from_map = self.map_from_local.inverse();
+        let keyframe_local = local_from_map * self.map.graph.poses[keyframe as usize];
+        self.last = Some(LastScan {
+            stamp: input.stamp,
+            odom_from_base: input.odom_from_base,
+            local_from_base,
+            motion,
+            motion_s,
+            keyframe_local,
+        });
+        let (inliers, residual_m, confidence) = result.unwrap_or((1.0, 0.0, Confidence::Full));
+        ScanPose {
+            local_from_base,
+            map_from_local: self.map_from_local,
+            covariance: self.active[0].covariance,
+            confidence,
+            inliers,
+            residual_m,
+            keyframe,
+            keyframe_from_base: keyframe_local.inv_mul(&local_from_base),
+            is_corrected,
+        }
+    }
+
+    /// Matches a keyframe with submaps near it: at once in small windows, else in steps.
+    fn close_loops(
+        &mut self,
+        keyframe: u32,
+        points: &[ScanPoint],
+        local_from_base: &Isometry2<f64>,
+    ) {
+        let settings = self.settings.closure;
+        let (small, large) = self
+            .map
+            .candidates(keyframe, self.active[0].index, &settings);
+        let own = self.active[0].index;
+        let near = small.len().min(settings.per_keyframe);
+        self.match_small(keyframe, own, points, &small[..near]);
+        if self.searches.running.is_none() && small.is_empty() && !large.is_empty() {
+            // Where a match was found, another may agree with it.
+            let again = large.iter().find(|candidate| {
+                let is_match = |&(index, driven_m): &(u32, f64)| {
+                    index == candidate.1 && self.driven_m - driven_m < AGAIN_M
+                };
+                self.searches.last_match.as_ref().is_some_and(is_match)
+            });
+            let next = &large[self.searches.failed % large.len()];
+            let (_, index, window) = *again.unwrap_or(next);
+            let expected = self
+                .map
+                .anchor(index)
+                .inv_mul(&self.map.graph.poses[keyframe as usize]);
+            let points = self.around(local_from_base);
+            let search = SubmapMatch::new(points, expected, window, &settings);
+            let grid = self.take_grid(index);
+            self.searches.running = Some(ClosureSearch {
+                keyframe,
+                submap: index,
+                local_from_base: *local_from_base,
+                driven_m: self.driven_m,
+                search,
+                grid,
+            });
+        }
+    }
+
+    /// Goes on with the match in a large window.
+    fn search_closure(&mut self) {
+        let settings = self.settings.closure;
+        let Some(mut search) = self.searches.running.take() else {
+            return;
+        };
+        let submap = &self.map.submaps[search.submap as usize].submap;
+        let blocks = settings.blocks_per_scan;
+        let Some(found) = search
+            .search
+            .advance(submap, &search.grid, blocks, &settings)
+        else {
+            self.searches.running = Some(search);
+            return;
+        };
+        let ClosureSearch {
+            keyframe,
+            submap,
+            local_from_base,
+            driven_m,
+            grid,
+            ..
+        } = search;
+        self.keep_grid(submap, grid);
+        if found.is_some() {
+            self.searches.last_match = Some((submap, driven_m));
+        }
+        let Some((submap_from_base, information)) = found else {
+            self.searches.failed += 1;
+            return;
+        };
+        let closure = Closure {
+            keyframe,
+            submap,
+            submap_from_base,
+            information,
+        };
+        let anchor = |index: u32| self.map.anchor(index);
+        let agreed =
+            self.searches
+                .pending
+                .add(closure, (local_from_base, driven_m), anchor, &settings);
+        for closure in agreed {
+            self.optimizer.is_far = true;
+            self.add_closure(&closure, self.active[0].index);
+        }
+    }
+
+    /// Matches the next finished submap with those that it came near to when the map moved far. Returns whether there
+    /// was one.
+    fn sweep(&mut self) -> bool {
+        let settings = self.settings.closure;
+        let own = self.searches.swept;
+        if self.active.first().is_none_or(|active| own >= active.index) {
+            return false;
+        }
+        self.searches.swept += 1;
+        let record = &self.map.submaps[own as usize];
+        let keyframe = u32::midpoint(record.anchor, record.end);
+        let (small, _) = self.map.candidates(keyframe, own, &settings);
+        let new = small
+            .iter()
+            .filter(|candidate| !self.map.drifts.are_linked(own, candidate.1));
+        let new: Vec<_> = new.take(settings.per_keyframe).copied().collect();
+        if !new.is_empty() {
+            let pose = self.map.graph.poses[keyframe as usize];
+            let points = self.map.around(own, &self.map.anchor(own).inv_mul(&pose));
+            self.match_small(keyframe, own, &points, &new);
+        }
+        true
+    }
+
+    /// Matches a keyframe, of a submap, with candidates in small windows.
+    fn match_small(
+        &mut self,
+        keyframe: u32,
+        own: u32,
+        points: &[ScanPoint],
+        candidates: &[Candidate],
+    ) {
+        let settings = self.settings.closure;
+        for &(_, index, window) in candidates {
+            let expected = self
+                .map
+                .anchor(index)
+                .inv_mul(&self.map.graph.poses[keyframe as usize]);
+            let mut search = SubmapMatch::new(points.to_vec(), expected, window, &settings);
+            let grid = self.take_grid(index);
+            let submap = &self.map.submaps[index as usize].submap;
+            if let Some(Some((submap_from_base, information))) =
+                search.advance(submap, &grid, usize::MAX, &settings)
+            {
+                let closure = Closure {
+                    keyframe,
+                    submap: index,
+                    submap_from_base,
+                    information,
+                };
+                self.add_closure(&closure, own);
+            }
+            self.keep_grid(index, grid);
+        }
+    }
+
+    /// What the last metres of driving showed, in the frame of the vehicle; empty before the first scan.
+    pub fn surroundings(&self) -> Vec<ScanPoint> {
+        self.last
+            .map_or_else(Vec::new, |last| self.around(&last.local_from_base))
+    }
+
+    fn around(&self, local_from_base: &Isometry2<f64>) -> Vec<ScanPoint> {
+        let active = &self.active[0];
+        let anchor_from_base = active.local_from_anchor.inv_mul(local_from_base);
+        self.map.around(active.index, &anchor_from_base)
+    }
+
+    /// The grid of a finished submap, out of those that are kept or made anew.
+    fn take_grid(&mut self, index: u32) -> SearchGrid {
+        match self.grids.iter().position(|(own, _)| *own == index) {
+            Some(at) => self.grids.remove(at).1,
+            None => self.map.submaps[index as usize].submap.search_grid(),
+        }
+    }
+
+    /// Adds a closure of a keyframe that belongs to submap `own`.
+    fn add_closure(&mut self, closure: &Closure, own: u32) {
+        self.map.graph.edges.push(Edge {
+            from: self.map.submaps[closure.submap as usize].anchor,
+            to: closure.keyframe,
+            from_from_to: closure.submap_from_base,
+            information: closure.information,
+            is_closure: true,
+        });
+        self.map
+            .drifts
+            .link(closure.submap, own, self.settings.closure.noise);
+        self.closures.added += 1;
+        self.optimizer.waiting += 1;
+    }
+
+    /// Does one step of optimization, if one is under way or due; returns whether poses of keyframes changed.
+    fn optimize(&mut self) -> bool {
+        self.optimize_step(WAITING_CLOSURES).unwrap_or(false)
+    }
+
+    /// `None` if there is nothing to do.
+    fn optimize_step(&mut self, least_waiting: u32) -> Option<bool> {
+        if self.optimizer.graph.is_none() {
+            if !self.optimizer.is_far && self.optimizer.waiting < least_waiting {
+                return None;
+            }
+            self.optimizer = Optimizer {
+                graph: Some(self.map.graph.clone()),
+                widening: if self.optimizer.is_far { WIDENING } else { 1.0 },
+                was_far: self.optimizer.is_far,
+                ..Optimizer::default()
+            };
+        }
+        let graph = self.optimizer.graph.as_mut()?;
+        let step = graph.step(10.0 * self.optimizer.widening);
+        // Graduated non-convexity: a long loop closes before outliers lose their weight.
+        let is_wide = self.optimizer.widening > 1.0;
+        self.optimizer.widening = (0.2 * self.optimizer.widening).max(1.0);
+        self.optimizer.steps += 1;
+        if (step > CONVERGED || is_wide) && self.optimizer.steps < MAX_STEPS {
+            return Some(false);
+        }
+        let graph = self.optimizer.graph.take()?;
+        if self.optimizer.was_far {
+            self.searches.swept = 0;
+        }
+        // Keyframes since then move with the newest one.
+        let newest = graph.poses.len() - 1;
+        let correction = graph.poses[newest] * self.map.graph.poses[newest].inverse();
+        for (at, pose) in self.map.graph.poses.iter_mut().enumerate() {
+            *pose = match graph.poses.get(at) {
+                Some(optimized) => *optimized,
+                None => correction * *pose,
+            };
+        }
+        self.map_from_local = correction * self.map_from_local;
+        self.map_from_local.rotation.renormalize();
+        let before = self.map.graph.edges.len();
+        let wrong = |edge: &Edge| {
+            edge.is_closure
+                && (edge.to as usize) <= newest
+                && self.map.graph.chi2(edge) > REMOVED_CHI2
+        };
+        let keep: Vec<bool> = self
+            .map
+            .graph
+            .edges
+            .iter()
+            .map(|edge| !wrong(edge))
+            .collect();
+        let mut keep = keep.into_iter();
+        self.map.graph.edges.retain(|_| keep.next().unwrap_or(true));
+        let removed = before - self.map.graph.edges.len();
+        self.closures.removed += removed as u64;
+        self.optimizer.waiting += removed as u32;
+        Some(true)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,236 @@
+use super::*;
+use crate::scan_matching::relocalization::{Location, locate};
+use crate::scan_matching::test_world::{
+    AROUND_RING, Drive, THROUGH_ROOMS, Wall, ring, two_rooms, walls, way,
+};
+
+/// The greatest error of a closure in standard deviations, squared, by the true poses.
+fn worst_closure(slam: &ScanSlam, poses: &[ScanPose], way: &[Isometry2<f64>]) -> f64 {
+    let mut truth: Vec<Isometry2<f64>> = Vec::new();
+    for (pose, at) in poses.iter().zip(way) {
+        if pose.keyframe as usize == truth.len() {
+            truth.push(*at);
+        }
+    }
+    let edges = slam.map().edges().iter().filter(|edge| edge.is_closure);
+    let error = |edge: &Edge| {
+        let [from, to] = [edge.from, edge.to].map(|at| truth[at as usize]);
+        let step = difference(&edge.from_from_to, &from.inv_mul(&to));
+        step.dot(&(edge.information * step))
+    };
+    edges.map(error).fold(0.0, f64::max)
+}
+
+fn final_error(slam: &ScanSlam, poses: &[ScanPose], way: &[Isometry2<f64>]) -> Vector3<f64> {
+    let last = &poses[poses.len() - 1];
+    let pose = slam.map().keyframes()[last.keyframe as usize] * last.keyframe_from_base;
+    difference(&way[0].inv_mul(&way[way.len() - 1]), &pose)
+}
+
+#[test]
+fn a_ring_closes_with_slip_and_drift_and_the_local_frame_does_not_jump() {
+    let (world, way) = (ring(), way(&AROUND_RING));
+    for has_odometry in [true, false] {
+        let mut slam = ScanSlam::new(SlamSettings::default());
+        let drive = Drive {
+            world: &world,
+            way: &way,
+            has_odometry,
+            slip: 0.1,
+            drift_rad_per_m: 0.003,
+            seed: 1,
+        };
+        let poses = drive.run(&mut slam);
+        for pair in poses.windows(2) {
+            let step = difference(&pair[0].local_from_base, &pair[1].local_from_base);
+            assert!(step.xy().norm() < 0.25, "{step:?}");
+        }
+        assert!(poses.iter().all(|pose| pose.confidence == Confidence::Full));
+        slam.finish();
+        assert!(slam.closures().added > 10, "{:?}", slam.closures());
+        assert!(worst_closure(&slam, &poses, &way) < 30.0);
+        let error = final_error(&slam, &poses, &way);
+        assert!(error.xy().norm() < 0.1 && error.z.abs() < 0.01, "{error:?}");
+    }
+}
+
+#[test]
+fn the_same_scans_give_the_same_poses() {
+    let (world, way) = (ring(), way(&AROUND_RING[..6]));
+    let run = || {
+        let mut slam = ScanSlam::new(SlamSettings::default());
+        let drive = Drive {
+            world: &world,
+            way: &way,
+            has_odometry: true,
+            slip: 0.1,
+            drift_rad_per_m: 0.003,
+            seed: 2,
+        };
+        drive.run(&mut slam);
+        slam.finish();
+        slam.map().keyframes().to_vec()
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn a_corridor_without_features_is_uncertain_along_itself_and_closes_nothing_wrongly() {
+    let world = [[[-40.0, -1.0], [60.0, -1.0]], [[-40.0, 1.0], [60.0, 1.0]]];
+    let way = way(&[[0.0, 0.0], [11.0, 0.0], [1.0, 0.2]]);
+    for seed in 0..20 {
+        let mut slam = ScanSlam::new(SlamSettings::default());
+        let drive = Drive {
+            world: &world,
+            way: &way,
+            has_odometry: true,
+            slip: 0.1,
+            drift_rad_per_m: 0.0,
+            seed,
+        };
+        let poses = drive.run(&mut slam);
+        let is_uncertain = |pose: &&ScanPose| {
+            matches!(pose.confidence, Confidence::UncertainAlong(direction) if {
+                (pose.local_from_base.rotation * direction).x.abs() > 0.95
+            })
+        };
+        let uncertain = poses.iter().filter(is_uncertain).count();
+        assert!(
+            uncertain > poses.len() / 2,
+            "seed {seed}: {uncertain} of {}",
+            poses.len()
+        );
+        let last = poses[poses.len() - 1].covariance;
+        assert!(
+            last[(0, 0)] > 0.1 * 0.1 && last[(1, 1)] < 0.02 * 0.02,
+            "seed {seed}: {last}"
+        );
+        slam.finish();
+        assert!(worst_closure(&slam, &poses, &way) < 30.0, "seed {seed}");
+    }
+}
+
+#[test]
+fn a_room_that_looks_like_another_is_not_taken_for_it() {
+    let (world, way) = (two_rooms(), way(&THROUGH_ROOMS));
+    for seed in 0..20 {
+        for has_odometry in [true, false] {
+            let mut slam = ScanSlam::new(SlamSettings::default());
+            let drive = Drive {
+                world: &world,
+                way: &way,
+                has_odometry,
+                slip: 0.1,
+                drift_rad_per_m: 0.0,
+                seed,
+            };
+            let poses = drive.run(&mut slam);
+            slam.finish();
+            let worst = worst_closure(&slam, &poses, &way);
+            assert!(
+                worst < 30.0,
+                "seed {seed}, odometry {has_odometry}: {worst}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_vehicle_is_found_in_a_map_and_goes_on_in_it_but_not_where_two_rooms_look_the_same() {
+    let (world, whole) = (ring(), way(&AROUND_RING));
+    let settings = SlamSettings::default();
+    let drive = |world: &[Wall], way: &[Isometry2<f64>], seed, slam: &mut ScanSlam| {
+        Drive {
+            world,
+            way,
+            has_odometry: true,
+            slip: 0.05,
+            drift_rad_per_m: 0.0,
+            seed,
+        }
+        .run(slam)
+    };
+    let mut first = ScanSlam::new(settings);
+    drive(&world, &whole, 1, &mut first);
+    first.finish();
+    let later = way(&[[13.0, 6.5], [13.0, 9.0], [8.0, 9.0]]);
+    let mut second = ScanSlam::new(settings);
+    drive(&world, &later, 2, &mut second);
+    let truth = whole[0].inv_mul(&later[later.len() - 1]);
+    let points = second.surroundings();
+    let located = locate(first.map(), &points, None, &settings.closure);
+    let Location::Found(place) = located else {
+        panic!("{located:?}");
+    };
+    let error = difference(&truth, &place.map_from_base);
+    assert!(
+        error.xy().norm() < 0.05 && error.z.abs() < 0.01,
+        "{error:?}"
+    );
+    // By an approximate pose.
+    let about = truth * Isometry2::new(Vector2::new(0.8, -0.5), 0.3);
+    let near = locate(
+        first.map(),
+        &points,
+        Some((&about, (1.5, 0.6))),
+        &settings.closure,
+    );
+    assert!(matches!(near, Location::Found(near) if (near.score - place.score).abs() < 0.1));
+    // From there it goes on.
+    let on = way(&[[8.0, 9.0], [1.0, 9.0], [1.0, 5.0]]);
+    let mut resumed = ScanSlam::resume(settings, first.map().clone(), &place);
+    let poses = drive(&world, &on, 3, &mut resumed);
+    resumed.finish();
+    let last = &poses[poses.len() - 1];
+    let pose = resumed.map().keyframes()[last.keyframe as usize] * last.keyframe_from_base;
+    let error = difference(&whole[0].inv_mul(&on[on.len() - 1]), &pose);
+    assert!(
+        error.xy().norm() < 0.08 && error.z.abs() < 0.02,
+        "{error:?}"
+    );
+
+    let world = two_rooms();
+    let mut first = ScanSlam::new(settings);
+    let through = way(&THROUGH_ROOMS);
+    drive(&world, &through, 4, &mut first);
+    first.finish();
+    let inside = way(&[[2.0, 1.2], [2.0, 2.0]]);
+    let mut second = ScanSlam::new(settings);
+    drive(&world, &inside, 5, &mut second);
+    let located = locate(first.map(), &second.surroundings(), None, &settings.closure);
+    assert_eq!(located, Location::Ambiguous);
+}
+
+#[test]
+fn scans_that_do_not_fit_are_lost_and_a_new_map_begins() {
+    let room = [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0], [0.0, 0.0]];
+    let other = [
+        [20.0, 0.0],
+        [27.0, 1.0],
+        [28.0, 6.0],
+        [22.0, 8.0],
+        [18.0, 4.0],
+        [20.0, 0.0],
+    ];
+    let world: Vec<_> = walls(&room).chain(walls(&other)).collect();
+    let mut way = way(&[[1.0, 1.0], [3.0, 1.5]]);
+    // It is carried away.
+    way.extend(self::way(&[[22.5, 2.4], [25.0, 3.5]]));
+    let mut slam = ScanSlam::new(SlamSettings::default());
+    let drive = Drive {
+        world: &world,
+        way: &way,
+        has_odometry: false,
+        slip: 0.0,
+        drift_rad_per_m: 0.0,
+        seed: 1,
+    };
+    let poses = drive.run(&mut slam);
+    let lost = poses
+        .iter()
+        .filter(|pose| pose.confidence == Confidence::Lost)
+        .count();
+    assert!((1..=6).contains(&lost), "{lost}");
+    assert_eq!(poses[poses.len() - 1].confidence, Confidence::Full);
+    assert!(slam.map().submap_count() >= 2);
+}

@@ -1,0 +1,156 @@
+//! The map of [`ScanSlam`](super::slam::ScanSlam): submaps, and the graph of their keyframes.
+
+use nalgebra::{Isometry2, Point2};
+
+use super::loop_closure::{ClosureSettings, DriftGraph, Window};
+use super::pose_graph::{Edge, PoseGraph};
+use super::relocalization::{self, BESIDE_M};
+use super::scan_points::ScanPoint;
+use super::submap::Submap;
+
+/// Submaps and the graph of their keyframes: all that is kept of a map.
+#[derive(Clone, Debug, Default)]
+pub struct SlamMap {
+    pub(super) graph: PoseGraph,
+    pub(super) submaps: Vec<SubmapRecord>,
+    pub(super) drifts: DriftGraph,
+}
+
+/// A submap and its keyframes, which are consecutive.
+#[derive(Clone, Debug)]
+pub(super) struct SubmapRecord {
+    /// Its first keyframe.
+    pub(super) anchor: u32,
+    /// Behind its last keyframe.
+    pub(super) end: u32,
+    /// Empty where it was dropped.
+    pub(super) submap: Submap,
+}
+
+/// Distance, metres; index of the submap; window.
+pub(super) type Candidate = (f64, u32, Window);
+
+/// Surroundings are searched for up to this distance, metres, with at most this many points.
+const AROUND_M: f64 = 14.0;
+const MAX_AROUND: usize = 400;
+
+impl SlamMap {
+    /// Poses of the keyframes, in the order of time.
+    pub fn keyframes(&self) -> &[Isometry2<f64>] {
+        &self.graph.poses
+    }
+
+    /// Measured differences between keyframes.
+    pub fn edges(&self) -> &[Edge] {
+        &self.graph.edges
+    }
+
+    /// Number of submaps.
+    pub fn submap_count(&self) -> u32 {
+        self.submaps.len() as u32
+    }
+
+    /// A submap, in the frame of its anchor.
+    pub fn submap(&self, index: u32) -> &Submap {
+        &self.submaps[index as usize].submap
+    }
+
+    /// Pose of a submap's anchor.
+    pub fn anchor(&self, index: u32) -> Isometry2<f64> {
+        self.graph.poses[self.submaps[index as usize].anchor as usize]
+    }
+
+    /// Middle of the way of a submap, in its frame, and half the extent, metres.
+    pub fn extent(&self, index: u32) -> (Isometry2<f64>, f64) {
+        let anchor_from_map = self.anchor(index).inverse();
+        let way = self.way(index).iter();
+        let (middle, half_m) = relocalization::extent(
+            way.map(|pose| anchor_from_map * Point2::from(pose.translation.vector)),
+        );
+        (Isometry2::new(middle.coords, 0.0), half_m)
+    }
+
+    /// A pose in the frame of a submap, if it is within `half_m` (and some metres) of its way.
+    pub fn expected_near(
+        &self,
+        index: u32,
+        map_from_base: &Isometry2<f64>,
+        half_m: f64,
+    ) -> Option<Isometry2<f64>> {
+        let is_near = |pose: &Isometry2<f64>| {
+            let way = pose.translation.vector - map_from_base.translation.vector;
+            way.norm() < half_m + BESIDE_M
+        };
+        let is_shown = self.way(index).iter().any(is_near);
+        is_shown.then(|| self.anchor(index).inv_mul(map_from_base))
+    }
+
+    /// What a submap shows around a pose, in the frame of the vehicle.
+    pub(super) fn around(&self, index: u32, anchor_from_base: &Isometry2<f64>) -> Vec<ScanPoint> {
+        let base_from_anchor = anchor_from_base.inverse();
+        let points = self
+            .submap(index)
+            .points()
+            .map(|point| point.in_frame(&base_from_anchor));
+        let near: Vec<_> = points
+            .filter(|point| point.position.coords.norm() < AROUND_M)
+            .collect();
+        let step = near.len().div_ceil(MAX_AROUND).max(1);
+        near.into_iter().step_by(step).collect()
+    }
+
+    fn way(&self, index: u32) -> &[Isometry2<f64>] {
+        let record = &self.submaps[index as usize];
+        &self.graph.poses[record.anchor as usize..record.end as usize]
+    }
+
+    /// Finished submaps that may show the place of a keyframe, in small windows and in large ones: distance, index, and
+    /// window; the nearest first.
+    pub(super) fn candidates(
+        &self,
+        keyframe: u32,
+        current: u32,
+        settings: &ClosureSettings,
+    ) -> (Vec<Candidate>, Vec<Candidate>) {
+        let drifts = self.drifts.from(current);
+        let here = self.graph.poses[keyframe as usize].translation.vector;
+        let mut candidates: Vec<Candidate> = Vec::new();
+        for (index, record) in (0..current.saturating_sub(1)).zip(&self.submaps) {
+            if record.submap.is_empty() {
+                continue;
+            }
+            let drift = drifts.get(index as usize).copied().unwrap_or_default();
+            let window = (
+                (settings.least_window.0 + drift.0).min(settings.greatest_window.0),
+                (settings.least_window.1 + drift.1).min(settings.greatest_window.1),
+            );
+            let own = self.way(index);
+            let distance = |pose: &Isometry2<f64>| (pose.translation.vector - here).norm();
+            let nearest = own.iter().map(distance).fold(f64::INFINITY, f64::min);
+            if nearest <= settings.place_m + window.0 {
+                // Its middle shows the most around itself.
+                candidates.push((distance(&own[own.len() / 2]), index, window));
+            }
+        }
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let (small, mut large): (Vec<_>, Vec<_>) = candidates
+            .into_iter()
+            .partition(|candidate| candidate.2.0 <= settings.small_window_m);
+        // Neighbours overlap.
+        large.retain(|candidate| candidate.1 % 2 == 0);
+        (small, large)
+    }
+
+    /// Keeps no more than `limit` submaps: of the oldest that a newer one shows too, else of the oldest, only the
+    /// keyframes are left.
+    pub(super) fn limit_submaps(&mut self, limit: usize) {
+        let kept: Vec<u32> = (0..self.submap_count())
+            .filter(|index| !self.submap(*index).is_empty())
+            .collect();
+        if kept.len() > limit {
+            let is_shown = |index: &&u32| self.drifts.is_closed(**index);
+            let oldest = kept.iter().find(is_shown).unwrap_or(&kept[0]);
+            self.submaps[*oldest as usize].submap = Submap::default();
+        }
+    }
+}
