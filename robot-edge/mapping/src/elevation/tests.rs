@@ -7,16 +7,24 @@ use crate::registered_scan::{RegisteredBeam, ScanKind, SensorId};
 const SENSOR: Point3<f64> = Point3::new(0.25, 0.0, 1.08);
 
 fn map(cells: u32) -> ElevationMap {
+    map_of(cells, &GroundConfig::default())
+}
+
+fn local_map(cells: u32) -> ElevationMap {
+    let local = GroundConfig {
+        reference: GroundReference::Local,
+        ..GroundConfig::default()
+    };
+    map_of(cells, &local)
+}
+
+fn map_of(cells: u32, ground: &GroundConfig) -> ElevationMap {
     let elevation = ElevationConfig {
         cells,
         cell_m: 0.2,
         ..ElevationConfig::default()
     };
-    ElevationMap::new(
-        &elevation,
-        &ObstacleConfig::default(),
-        &GroundConfig::default(),
-    )
+    ElevationMap::new(&elevation, &ObstacleConfig::default(), ground)
 }
 
 /// A scan at `time_s` of a vehicle at `x_m` whose beams hit `points`.
@@ -333,16 +341,7 @@ fn grass_is_free_and_what_is_wider_than_the_spot_an_obstacle() {
 fn of_a_cloud_far_rings_are_not_judged_by_the_ground_plane_alone() {
     use CellClass::{Free, Obstacle, Unknown};
     let class = |kind: ScanKind, heights_m: &[f64]| {
-        let ground_config = GroundConfig {
-            reference: GroundReference::Local,
-            ..GroundConfig::default()
-        };
-        let elevation = ElevationConfig {
-            cells: 201,
-            cell_m: 0.2,
-            ..ElevationConfig::default()
-        };
-        let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &ground_config);
+        let mut map = local_map(201);
         map.ignore_overhangs(1.0);
         let points: Vec<_> = heights_m.iter().map(|z_m| [10.1, 0.1, *z_m]).collect();
         let mut scan = scan(0.0, 0.0, &points);
@@ -382,16 +381,7 @@ fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {
     let mut points: Vec<_> = xs_m.map(on_slope).to_vec();
     points.extend([[3.9, 0.1, 0.35], [3.9, 0.1, 0.35], [2.7, 0.1, 2.0]]);
     let classes = |kind: ScanKind, is_upside_down: bool| {
-        let ground_config = GroundConfig {
-            reference: GroundReference::Local,
-            ..GroundConfig::default()
-        };
-        let elevation = ElevationConfig {
-            cells: 101,
-            cell_m: 0.2,
-            ..ElevationConfig::default()
-        };
-        let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &ground_config);
+        let mut map = local_map(101);
         map.ignore_overhangs(1.0);
         let mut scan = scan(0.0, 0.0, &points);
         scan.kind = kind;
@@ -427,16 +417,7 @@ fn of_a_cloud_ground_is_found_ring_by_ring_and_branches_are_passed_below() {
 #[test]
 fn a_reset_of_the_plane_keeps_the_ground_in_the_blind_zone_of_a_lidar() {
     use CellClass::{Free, Obstacle, Unknown};
-    let local = GroundConfig {
-        reference: GroundReference::Local,
-        ..GroundConfig::default()
-    };
-    let elevation = ElevationConfig {
-        cells: 101,
-        cell_m: 0.2,
-        ..ElevationConfig::default()
-    };
-    let mut map = ElevationMap::new(&elevation, &ObstacleConfig::default(), &local);
+    let mut map = local_map(101);
     let xs_m = (0..11).map(|n| 1.1 + 0.4 * f64::from(n));
     let mut points: Vec<_> = xs_m.map(|x_m| [x_m, 0.1, 0.05 * x_m]).collect();
     points.extend([[2.1, 1.1, 0.6], [2.1, 1.1, 0.7]]);
