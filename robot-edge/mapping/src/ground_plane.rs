@@ -362,14 +362,25 @@ impl LocalGround {
 
     /// Highest that ground at `cell` can be beside the lowest points around; +∞ if there are none.
     pub(super) fn highest(&self, grid: &RollingGrid<ElevationCell>, cell: CellIndex) -> f32 {
-        let highest_m = self.around.iter().filter_map(|&(dx, dy, rise_m)| {
+        let highest_m = self
+            .neighbours(grid, cell)
+            .map(|(neighbour, rise_m)| neighbour.min_m() + rise_m);
+        highest_m.fold(f32::INFINITY, f32::min)
+    }
+
+    /// Cells around, each with the greatest rise or fall of the ground on the way.
+    fn neighbours<'a>(
+        &'a self,
+        grid: &'a RollingGrid<ElevationCell>,
+        cell: CellIndex,
+    ) -> impl Iterator<Item = (&'a ElevationCell, f32)> {
+        self.around.iter().filter_map(move |&(dx, dy, rise_m)| {
             let at = CellIndex {
                 x: cell.x + dx,
                 y: cell.y + dy,
             };
-            Some(grid.get(at)?.min_m() + rise_m)
-        });
-        highest_m.fold(f32::INFINITY, f32::min)
+            Some((grid.get(at)?, rise_m))
+        })
     }
 
     /// Bounds of the ground height at `cell`; `None` if no free cell is near.
@@ -378,12 +389,8 @@ impl LocalGround {
         grid: &RollingGrid<ElevationCell>,
         cell: CellIndex,
     ) -> Option<Bounds> {
-        let free = self.around.iter().filter_map(|&(dx, dy, rise_m)| {
-            let at = CellIndex {
-                x: cell.x + dx,
-                y: cell.y + dy,
-            };
-            let neighbour = grid.get(at)?;
+        let neighbours = self.neighbours(grid, cell);
+        let free = neighbours.filter_map(|(neighbour, rise_m)| {
             let is_free = neighbour.class() == CellClass::Free;
             is_free.then_some((neighbour.ground_m()?, rise_m))
         });

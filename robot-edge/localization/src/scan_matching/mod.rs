@@ -9,6 +9,7 @@ pub mod scan_points;
 pub mod search_grid;
 pub mod slam;
 pub mod slam_map;
+pub mod slam_settings;
 pub mod submap;
 #[cfg(test)]
 mod test_world;
