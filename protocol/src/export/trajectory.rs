@@ -39,9 +39,14 @@ impl StampedPose {
         self.position.map(|steps| steps as f64 / PER_M)
     }
 
+    /// Orientation of `base_link`: x, y, z, w.
+    pub fn quaternion_xyzw(&self) -> [f64; 4] {
+        self.quaternion_xyzw.map(|steps| steps as f64 / PER_ONE)
+    }
+
     /// Heading of `base_link` in `odom`, counter-clockwise from x, radians.
     pub fn yaw_rad(&self) -> f64 {
-        let [x, y, z, w] = self.quaternion_xyzw.map(|steps| steps as f64 / PER_ONE);
+        let [x, y, z, w] = self.quaternion_xyzw();
         libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     }
 

@@ -61,6 +61,22 @@ impl PartialEq for PipeEnd {
 #[cfg(target_os = "linux")]
 impl Eq for PipeEnd {}
 
+/// Asks for room for what a lidar sends in about half a second: the 208 KiB of Linux hold 20 ms of it, and what comes while this
+/// computer does something else would be lost. Without the right to more, the kernel gives at most `net.core.rmem_max`.
+#[cfg(target_os = "linux")]
+fn make_room(socket: &UdpSocket) {
+    use rustix::net::sockopt::{set_socket_recv_buffer_size, set_socket_recv_buffer_size_force};
+    const BYTES: usize = 4 << 20;
+    if set_socket_recv_buffer_size_force(socket, BYTES).is_err()
+        && let Err(error) = set_socket_recv_buffer_size(socket, BYTES)
+    {
+        tracing::warn!(%error, "the receive buffer of a UDP port stays small: packets may be lost");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn make_room(_socket: &UdpSocket) {}
+
 /// An open connection.
 #[derive(Debug)]
 pub(crate) enum Transport {
@@ -96,6 +112,7 @@ impl Transport {
             }
             Address::UdpListen(address) => {
                 let socket = UdpSocket::bind(address).await?;
+                make_room(&socket);
                 let has_peer = false;
                 Ok(Self::Udp { socket, has_peer })
             }

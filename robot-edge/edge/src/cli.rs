@@ -15,8 +15,8 @@ pub use mapping::{
 use setup::{QUESTIONS, Setup};
 use tools::INSTALLED_KEYS;
 pub use tools::{
-    Calibrate, Check, Completions, Devices, Experiments, Info, InstallKeys, Keys, Man, MotorGuard,
-    Recover, Vehicles,
+    Calibrate, Check, Completions, Devices, Evaluate, EvaluateRelations, Experiments, Info,
+    InstallKeys, Keys, Man, MotorGuard, Recover, Vehicles,
 };
 
 const EXIT_CODES: &str = "\
@@ -102,6 +102,9 @@ pub enum Command {
     /// Put a vehicle's keys where it reads them, in the place of those that are there
     #[command(after_help = INSTALLED_KEYS)]
     InstallKeys(InstallKeys),
+    /// Measure the errors of a trajectory
+    #[command(subcommand)]
+    Evaluate(Evaluate),
     /// Run the experiments against simulated truth and write a report page with pictures
     Experiments(Experiments),
     /// Print completions for a shell

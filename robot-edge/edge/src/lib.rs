@@ -12,6 +12,7 @@ pub mod cli;
 pub mod config;
 mod device_commands;
 pub mod driving;
+mod evaluate;
 pub mod events;
 pub mod exit;
 pub mod export;

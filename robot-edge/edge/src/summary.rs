@@ -33,6 +33,9 @@ pub struct Summary {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxels: Option<Voxels>,
     pub tiles: Tiles,
+    /// Where scans are matched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scan_matching: Option<ScanMatching>,
     /// Peak memory of the process, bytes; `null` if the system does not report it.
     pub peak_rss_bytes: Option<u64>,
     pub events: Vec<Event>,
@@ -93,6 +96,28 @@ pub struct Tiles {
     pub bytes: u64,
     /// Size before encoding.
     pub raw_bytes: u64,
+}
+
+/// How sure the poses of matched scans are.
+#[derive(Clone, Debug, PartialEq, Default, Serialize)]
+pub struct ScanMatching {
+    /// Scans whose pose the map determines.
+    pub determined: u64,
+    /// Scans whose pose the map does not determine along one direction.
+    pub uncertain_along: u64,
+    /// Scans that do not fit the map: their poses are those of odometry.
+    pub odometry_only: u64,
+    /// Scans whose pose is not known.
+    pub lost: u64,
+    #[serde(serialize_with = "by_reason")]
+    pub dropped: DropCounts,
+    pub closures: u64,
+    /// Closures that later evidence contradicted.
+    pub closures_removed: u64,
+    /// Of the last scan: covariance of x, y (m²) and yaw (rad²) relative to its submap, in the frame of the vehicle, row by row.
+    pub last_covariance: Option<[[f64; 3]; 3]>,
+    /// Of the last scan: distance of its points from the surfaces of the map, root mean square, metres.
+    pub last_residual_m: Option<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq, Default, Serialize)]

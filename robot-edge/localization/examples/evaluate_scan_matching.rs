@@ -138,6 +138,7 @@ fn input(scan: &LogScan, has_odometry: bool) -> ScanInput<'_> {
         scan: &scan.scan,
         base_from_sensor: scan.base_from_sensor,
         odom_from_base: has_odometry.then_some(scan.odom_from_base),
+        is_heading_only: false,
     }
 }
 

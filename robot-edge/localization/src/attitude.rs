@@ -76,6 +76,11 @@ impl AttitudeFilter {
     pub fn finish(&mut self, out: &mut Vec<StampedAttitude>) {
         self.smoothing.finish(out);
     }
+
+    /// Clock reset.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.settings);
+    }
 }
 
 /// The attitude at `stamp`, by slerp.

@@ -14,6 +14,7 @@ pub mod gnss_positioning;
 pub mod pose_buffer;
 pub mod registration;
 mod sample_synchronizer;
+pub mod scan_localization;
 pub mod scan_matching;
 #[cfg(test)]
 mod test_data;
@@ -28,6 +29,8 @@ use serde::Deserialize;
 pub struct LocalizationConfig {
     /// Source of the poses.
     pub source: PoseSource,
+    /// The sensor whose scans are matched; default: the first planar one that does not tilt.
+    pub scan_sensor: Option<String>,
     /// Fixed frame of the map; default: the one of the pose source (`odom`).
     pub fixed_frame: Option<String>,
     /// Frame of the vehicle (REP-105).
@@ -80,12 +83,34 @@ pub enum PoseSource {
     Gps,
     /// The vehicle does not move.
     Static,
+    /// Scan matching alone.
+    Scan,
+    /// Scan matching, and the best of odometry, transforms, the poses in a log and wheel encoders that the source offers.
+    #[serde(rename = "scan+wheels")]
+    ScanWheels,
+    /// Scan matching, and an attitude sensor.
+    #[serde(rename = "scan+imu")]
+    ScanImu,
+    /// Scan matching, GNSS positions and an attitude sensor.
+    #[serde(rename = "scan+gps")]
+    ScanGps,
+}
+
+impl PoseSource {
+    /// Whether scans are matched.
+    pub const fn matches_scans(self) -> bool {
+        matches!(
+            self,
+            Self::Scan | Self::ScanWheels | Self::ScanImu | Self::ScanGps
+        )
+    }
 }
 
 impl Default for LocalizationConfig {
     fn default() -> Self {
         Self {
             source: PoseSource::Auto,
+            scan_sensor: None,
             fixed_frame: None,
             base_frame: "base_link".to_owned(),
             max_gap_s: 0.5,

@@ -3,20 +3,28 @@
 
 mod scan_queue;
 
+use std::sync::Arc;
+
 use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
 use measurement::drops::{DropCounts, DropReason};
+use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, OwnPose, StreamId};
+use nalgebra::Vector3;
 use protocol::geodesy::GeodeticPoint;
 
+use crate::attitude::{AttitudeFilter, AttitudeSettings, StampedAttitude};
 use crate::beam_projection::{BodyBox, SensorSettings};
 use crate::dead_reckoning::{DeadReckoning, DeadReckoningSettings, StampedPose};
 use crate::gnss_positioning::{GnssPositioning, GnssSettings};
 use crate::pose_buffer::{InterpolationLimits, PoseJump};
 use crate::registration::scan_queue::{QueuedScan, ScanQueue, Sweep};
+use crate::scan_localization::{
+    MapFromOdom, ScanLocalization, ScanLocalizationReport, ScanLocalizationSettings, WaitingScan,
+};
 use crate::tilt::TiltSettings;
-use crate::transform_buffer::TransformBuffer;
+use crate::transform_buffer::{TransformBuffer, TransformChain};
 
 /// Output of a [`ScanRegistration`], in the order of the data.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +33,8 @@ pub enum RegistrationOutput {
     Scan(RegisteredScan),
     /// The poses jumped between the scans before and after it.
     Jump(PoseJump),
+    /// A loop was closed: `odom` lies elsewhere in the map, for the scans before it, too.
+    Corrected(Arc<MapFromOdom>),
 }
 
 /// Places scans. A scan waits until there is a pose after its last beam, or until the stamps of the data
@@ -46,6 +56,7 @@ pub struct ScanRegistration {
     newest_out: RobotTime,
     sensors: Vec<ScanQueue>,
     pose_estimator: Option<PoseEstimator>,
+    scan_localization: Option<Box<ScanLocalization>>,
     estimated_poses: Vec<StampedPose>,
     dropped_tilts: DropCounts,
     jumps: PendingJumps,
@@ -55,6 +66,9 @@ pub struct ScanRegistration {
 
 /// Frame of the poses from odometry, wheels and fixes, whatever their messages name it.
 pub const ODOMETRY_FRAME: &str = "odom";
+
+/// `odom` where scans are matched: the frame of the other sensors' poses moves in it. Frames of recordings never begin with a slash.
+const MATCHED_FRAME: &str = "/odom of matched scans";
 
 impl ScanRegistration {
     /// With these settings.
@@ -71,7 +85,11 @@ impl ScanRegistration {
             newest: RobotTime::MIN,
             newest_out: RobotTime::MIN,
             sensors,
-            pose_estimator: PoseEstimator::of(&settings.origin, settings.pose_streams),
+            pose_estimator: PoseEstimator::of(settings.origin.prior(), settings.pose_streams),
+            scan_localization: match &settings.origin {
+                PoseOrigin::Scans { scans, .. } => Some(Box::new(ScanLocalization::new(*scans))),
+                _ => None,
+            },
             estimated_poses: Vec::new(),
             dropped_tilts: DropCounts::default(),
             jumps: PendingJumps::default(),
@@ -121,7 +139,7 @@ impl ScanRegistration {
                 parent_from_child,
                 is_static,
             } => {
-                if matches!(self.settings.origin, PoseOrigin::Tf { .. }) {
+                if self.takes_transform(&child) {
                     let jump =
                         self.tree
                             .insert(&frame, &child, stamp, parent_from_child, is_static);
@@ -129,7 +147,7 @@ impl ScanRegistration {
                 }
             }
             MeasurementData::Odometry { odom_from_base, .. } => {
-                if self.settings.origin == PoseOrigin::Odometry {
+                if *self.settings.origin.prior() == PoseOrigin::Odometry {
                     self.insert_odometry((stamp, odom_from_base));
                 }
             }
@@ -144,6 +162,7 @@ impl ScanRegistration {
             // No scan; poses were taken above.
             MeasurementData::Imu(_) | MeasurementData::Fix(_) | MeasurementData::Twist(_) => {}
         }
+        self.match_scans(false, out);
         self.register_queued(Self::is_ready, out);
         // After registration: after a pause in the data, a queued scan still needs its old pose.
         self.tree
@@ -158,6 +177,9 @@ impl ScanRegistration {
         if let Some(pose_estimator) = &mut self.pose_estimator {
             pose_estimator.reset();
         }
+        if let Some(scan_localization) = &mut self.scan_localization {
+            **scan_localization = ScanLocalization::new(scan_localization.settings);
+        }
         self.newest = RobotTime::MIN;
         self.newest_out = RobotTime::MIN;
         self.sensors.iter_mut().for_each(ScanQueue::reset_clock);
@@ -170,9 +192,14 @@ impl ScanRegistration {
             pose_estimator.finish(&mut self.estimated_poses);
             self.take_estimated_poses();
         }
+        self.match_scans(true, out);
         self.register_queued(|_, _, _| true, out);
         let base_frame = FrameId::clone(&self.settings.base_frame);
         self.emit_jumps(RobotTime::MAX, &base_frame, out);
+        if let Some(scan_localization) = &mut self.scan_localization {
+            scan_localization.finish();
+            self.emit_correction(out);
+        }
     }
 
     /// Counts of scans and beams.
@@ -193,6 +220,11 @@ impl ScanRegistration {
     /// Origin of `odom` on Earth, if poses are made from GNSS fixes.
     pub fn datum(&self) -> Option<GeodeticPoint> {
         self.pose_estimator.as_ref()?.datum()
+    }
+
+    /// What scan matching did; `None` if scans are not matched.
+    pub fn scan_localization(&self) -> Option<ScanLocalizationReport> {
+        Some(self.scan_localization.as_ref()?.report())
     }
 
     /// Newest pose of the vehicle; `None` before the first.
@@ -224,7 +256,22 @@ impl ScanRegistration {
         let Some((first_beam, last_beam)) = of.beam_times(stamp, &sweep) else {
             return;
         };
+        if let (Some(scan_localization), Sweep::Planar(scan)) =
+            (&mut self.scan_localization, &sweep)
+            && scan_localization.settings.sensor == of.settings.beams.id
+        {
+            scan_localization.enqueue(WaitingScan {
+                stamp: first_beam,
+                frame: FrameId::clone(&frame),
+                scan: scan.clone(),
+            });
+        }
         if self.settings.origin != PoseOrigin::Log {
+            let own_pose = own_pose.filter(|_| *self.settings.origin.prior() == PoseOrigin::Log);
+            if let Some(own) = own_pose {
+                of.settings.beams.base_from_sensor =
+                    own.odom_from_base.inv_mul(&own.odom_from_sensor);
+            }
             let waiting = QueuedScan {
                 first_beam,
                 last_beam,
@@ -232,7 +279,11 @@ impl ScanRegistration {
                 frame,
                 sweep,
             };
-            return of.enqueue(waiting, self.newest_out, self.settings.max_queued);
+            of.enqueue(waiting, self.newest_out, self.settings.max_queued);
+            if let Some(own) = own_pose {
+                self.insert_odometry((first_beam, own.odom_from_base));
+            }
+            return;
         }
         // The scans of a log carry their poses.
         let registered = match own_pose {
@@ -293,6 +344,82 @@ impl ScanRegistration {
             self.insert_odometry(pose);
         }
         self.estimated_poses = estimated_poses;
+    }
+
+    /// Whether a transform of a frame is one of the sensors' poses.
+    fn takes_transform(&self, child: &FrameId) -> bool {
+        let is_root = self.scan_localization.is_some() && **child == *self.settings.prior_frame();
+        matches!(self.settings.origin.prior(), PoseOrigin::Tf { .. }) && !is_root
+    }
+
+    /// Matches the scans for which the other sensors' poses are known, or whose time has come; `is_end`: all.
+    fn match_scans(&mut self, is_end: bool, out: &mut Vec<RegistrationOutput>) {
+        let Some(mut scan_localization) = self.scan_localization.take() else {
+            return;
+        };
+        while let Some(waiting) = scan_localization.waiting.front() {
+            let newest = self
+                .prior_chain()
+                .and_then(|chain| chain.newest())
+                .unwrap_or(RobotTime::MIN);
+            let is_late = self.newest > waiting.stamp + self.settings.max_pose_wait;
+            if !is_end && newest < waiting.stamp && !is_late {
+                break;
+            }
+            let Some(waiting) = scan_localization.waiting.pop_front() else {
+                break;
+            };
+            match self.poses_of(&waiting, scan_localization.settings.sensor) {
+                Ok((base_from_sensor, prior_from_base)) => {
+                    let odom_from_prior =
+                        scan_localization.take(&waiting, &base_from_sensor, &prior_from_base);
+                    let prior_frame = self.settings.prior_frame().into();
+                    let matched = (&MATCHED_FRAME.into(), &prior_frame);
+                    self.tree
+                        .insert(matched.0, matched.1, waiting.stamp, odom_from_prior, false);
+                    let corrected = scan_localization.take_correction();
+                    out.extend(corrected.map(|way| RegistrationOutput::Corrected(Arc::new(way))));
+                }
+                Err(reason) => scan_localization.count_dropped(reason),
+            }
+        }
+        self.scan_localization = Some(scan_localization);
+    }
+
+    fn emit_correction(&mut self, out: &mut Vec<RegistrationOutput>) {
+        let scan_localization = self.scan_localization.as_mut();
+        let corrected = scan_localization.and_then(|of| of.take_correction());
+        out.extend(corrected.map(|way| RegistrationOutput::Corrected(Arc::new(way))));
+    }
+
+    /// The chain of the other sensors' poses.
+    fn prior_chain(&self) -> Option<TransformChain<'_>> {
+        let base = &self.settings.base_frame;
+        self.tree.chain(self.settings.prior_frame(), base)
+    }
+
+    /// `base_from_sensor`, and the vehicle's pose by the other sensors, at the stamp of a scan.
+    fn poses_of(
+        &self,
+        waiting: &WaitingScan,
+        sensor: SensorId,
+    ) -> Result<(Pose, Pose), DropReason> {
+        let chain = self.prior_chain().ok_or(DropReason::NoPose)?;
+        let prior_from_base = chain.sampler().pose_at(waiting.stamp)?;
+        let of = self
+            .sensors
+            .iter()
+            .find(|of| of.settings.beams.id == sensor);
+        let settings = &of.ok_or(DropReason::NoPose)?.settings;
+        let base_from_sensor = match settings.mount {
+            MountOrigin::Configured => settings.beams.base_from_sensor,
+            MountOrigin::Tree => {
+                let chain = self.tree.chain(&self.settings.base_frame, &waiting.frame);
+                let chain = chain.ok_or(DropReason::NoPose)?;
+                chain.sampler().pose_at(waiting.stamp)?
+            }
+        };
+        Ok((base_from_sensor, prior_from_base))
     }
 
     /// Emits the jumps up to `stamp` that moved the vehicle, or the sensor if the tree does not
@@ -407,8 +534,39 @@ pub enum PoseOrigin {
     Wheels(DeadReckoningSettings),
     /// GNSS fixes and an attitude sensor.
     Gps(GnssSettings),
+    /// An attitude sensor alone: the vehicle turns at the origin.
+    Attitude(AttitudeSettings),
     /// The vehicle stays at the origin.
     Static,
+    /// Scans are matched, and loops are closed.
+    Scans {
+        /// Source of what is known besides; [`Self::Static`] if nothing is.
+        prior: Box<PoseOrigin>,
+        /// Settings of scan matching.
+        scans: ScanLocalizationSettings,
+    },
+}
+
+impl PoseOrigin {
+    /// Source of the poses that scans are matched on; itself if none are.
+    pub fn prior(&self) -> &Self {
+        match self {
+            Self::Scans { prior, .. } => prior,
+            own => own,
+        }
+    }
+
+    fn frame<'a>(&'a self, base_frame: &'a FrameId) -> &'a str {
+        match self {
+            Self::Scans { .. } => MATCHED_FRAME,
+            Self::Tf { fixed_frame } => fixed_frame,
+            // The vehicle stays at the origin of the map.
+            Self::Static => base_frame,
+            Self::Odometry | Self::Wheels(_) | Self::Gps(_) | Self::Attitude(_) | Self::Log => {
+                ODOMETRY_FRAME
+            }
+        }
+    }
 }
 
 /// Source of a range sensor's mounting.
@@ -505,14 +663,12 @@ pub struct SensorCounts {
 
 impl RegistrationSettings {
     fn fixed_frame(&self) -> &str {
-        match &self.origin {
-            PoseOrigin::Tf { fixed_frame } => fixed_frame,
-            // The vehicle stays at the origin of the map.
-            PoseOrigin::Static => &self.base_frame,
-            PoseOrigin::Odometry | PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Log => {
-                ODOMETRY_FRAME
-            }
-        }
+        self.origin.frame(&self.base_frame)
+    }
+
+    /// Frame of the poses that scans are matched on.
+    fn prior_frame(&self) -> &str {
+        self.origin.prior().frame(&self.base_frame)
     }
 }
 
@@ -538,6 +694,7 @@ struct PoseEstimator {
 enum Estimator {
     Wheels(Box<DeadReckoning>),
     Fixes(Box<GnssPositioning>),
+    Attitude(Box<AttitudeFilter>, DropCounts),
 }
 
 impl PoseEstimator {
@@ -550,9 +707,15 @@ impl PoseEstimator {
             PoseOrigin::Gps(settings) => {
                 Estimator::Fixes(Box::new(GnssPositioning::new(settings.clone())))
             }
-            PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
-                return None;
-            }
+            PoseOrigin::Attitude(settings) => Estimator::Attitude(
+                Box::new(AttitudeFilter::new(*settings)),
+                DropCounts::default(),
+            ),
+            PoseOrigin::Log
+            | PoseOrigin::Tf { .. }
+            | PoseOrigin::Odometry
+            | PoseOrigin::Static
+            | PoseOrigin::Scans { .. } => return None,
         };
         Some(Self { estimator, streams })
     }
@@ -581,7 +744,16 @@ impl PoseEstimator {
             {
                 fixes.push_attitude(stamp, sample, out);
             }
-            (Estimator::Wheels(_) | Estimator::Fixes(_), _) => {}
+            (Estimator::Attitude(attitudes, drops), MeasurementData::Imu(sample))
+                if is_from(self.streams.attitude) =>
+            {
+                let mut smoothed = Vec::new();
+                if let Err(reason) = attitudes.push(stamp, sample, &mut smoothed) {
+                    drops.add(reason);
+                }
+                out.extend(smoothed.into_iter().map(turned));
+            }
+            (Estimator::Wheels(_) | Estimator::Fixes(_) | Estimator::Attitude(..), _) => {}
         }
     }
 
@@ -590,6 +762,11 @@ impl PoseEstimator {
         match &mut self.estimator {
             Estimator::Wheels(wheels) => wheels.finish(out),
             Estimator::Fixes(fixes) => fixes.finish(out),
+            Estimator::Attitude(attitudes, _) => {
+                let mut smoothed = Vec::new();
+                attitudes.finish(&mut smoothed);
+                out.extend(smoothed.into_iter().map(turned));
+            }
         }
     }
 
@@ -598,6 +775,7 @@ impl PoseEstimator {
         match &mut self.estimator {
             Estimator::Wheels(wheels) => wheels.reset(),
             Estimator::Fixes(fixes) => fixes.reset(),
+            Estimator::Attitude(attitudes, _) => attitudes.reset(),
         }
     }
 
@@ -606,12 +784,13 @@ impl PoseEstimator {
         match &self.estimator {
             Estimator::Wheels(wheels) => wheels.drops(),
             Estimator::Fixes(fixes) => fixes.drops(),
+            Estimator::Attitude(_, drops) => drops,
         }
     }
 
     fn datum(&self) -> Option<GeodeticPoint> {
         match &self.estimator {
-            Estimator::Wheels(_) => None,
+            Estimator::Wheels(_) | Estimator::Attitude(..) => None,
             Estimator::Fixes(fixes) => fixes.datum(),
         }
     }
@@ -622,10 +801,17 @@ fn lag(origin: &PoseOrigin) -> RobotDuration {
     match origin {
         PoseOrigin::Wheels(settings) => settings.lag(),
         PoseOrigin::Gps(settings) => settings.lag(),
+        PoseOrigin::Attitude(settings) => settings.lag(),
+        PoseOrigin::Scans { prior, .. } => lag(prior),
         PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Odometry | PoseOrigin::Static => {
             RobotDuration::ZERO
         }
     }
+}
+
+/// An attitude at the origin.
+fn turned((stamp, attitude): StampedAttitude) -> StampedPose {
+    (stamp, Pose::from_parts(Vector3::zeros().into(), attitude))
 }
 
 /// Limit of pending jumps; further ones between two scans replace the newest.

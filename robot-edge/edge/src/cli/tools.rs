@@ -150,6 +150,23 @@ pub struct InstallKeys {
     pub to: PathBuf,
 }
 
+/// `evaluate`.
+#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
+pub enum Evaluate {
+    /// Print mean and standard deviation of its errors, metres and degrees, by relations between its poses (Kümmerle et al. 2009)
+    Relations(EvaluateRelations),
+}
+
+/// `evaluate relations`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct EvaluateRelations {
+    /// Relations: two stamps in seconds, x, y, z, roll, pitch, yaw in a line
+    #[arg(value_name = "FILE")]
+    pub relations: PathBuf,
+    /// The trajectory.tum of `--export`, or another TUM file
+    pub trajectory: PathBuf,
+}
+
 /// `experiments`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct Experiments {

@@ -29,7 +29,7 @@ pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
-    TiltConfig, WheelEncodersConfig, WheelsAndAttitude,
+    TiltConfig, WheelEncodersConfig, WheelsAndAttitude, the_imu,
 };
 
 use drivers::config::DeviceConfig;

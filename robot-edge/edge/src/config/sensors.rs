@@ -404,6 +404,15 @@ impl<'a> FixesAndAttitude<'a> {
     }
 }
 
+/// The only attitude sensor.
+pub fn the_imu(sensors: &BTreeMap<String, SensorConfig>) -> Option<Named<'_, ImuConfig>> {
+    let mut imus = sensors.iter().filter_map(|(name, sensor)| match sensor {
+        SensorConfig::Imu(imu) => Some((name.as_str(), imu)),
+        _ => None,
+    });
+    imus.next().filter(|_| imus.next().is_none())
+}
+
 fn with_attitude<'a, T>(
     sensors: &'a BTreeMap<String, SensorConfig>,
     of_kind: impl Fn(&'a SensorConfig) -> Option<&'a T>,

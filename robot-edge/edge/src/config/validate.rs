@@ -652,6 +652,9 @@ fn pose_sensors(checks: &mut Checks, config: &Config) {
         | PoseSource::Tf
         | PoseSource::Odometry
         | PoseSource::Log
+        | PoseSource::Scan
+        | PoseSource::ScanWheels
+        | PoseSource::ScanImu
         | PoseSource::Static => return,
         PoseSource::Wheels => (
             "wheels",
@@ -659,7 +662,7 @@ fn pose_sensors(checks: &mut Checks, config: &Config) {
             "wheel_encoders",
             WheelsAndAttitude::of(&config.sensors).map(|_| ()),
         ),
-        PoseSource::Gps => (
+        PoseSource::Gps | PoseSource::ScanGps => (
             "gps",
             "poses are made of the receiver's positions and the attitude",
             "gps",

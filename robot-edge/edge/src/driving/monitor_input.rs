@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use nalgebra::{Point2, UnitQuaternion};
+use nalgebra::{Isometry2, Point2, UnitQuaternion};
 use triple_buffer::{Input, Output, triple_buffer};
 
 use mapping::Mapper;
@@ -202,8 +202,13 @@ impl MonitorSensorInput {
 }
 
 impl MonitorMapInput {
-    /// A scan is in the map, which was measured at `measured_at`, at the latest.
-    pub fn update_map(&mut self, scan: &RegisteredScan, mapper: &Mapper, measured_at: Monotonic) {
+    /// A scan, in `odom`, is in the map, which was measured at `measured_at`, at the latest.
+    pub fn update_map(
+        &mut self,
+        scan: &RegisteredScan,
+        (mapper, map_from_odom): (&Mapper, &Pose),
+        measured_at: Monotonic,
+    ) {
         let is_due = self.copied.is_none_or(|copied| {
             scan.stamp < copied || scan.stamp.since(copied) >= MAP_COPY_PERIOD
         });
@@ -218,6 +223,10 @@ impl MonitorMapInput {
             period: MAP_ASSUMED_PERIOD,
             centre: Point2::new(at.x, at.y),
             reach_m: self.rules.window_m(),
+            map_from_odom: Isometry2::new(
+                map_from_odom.translation.vector.xy(),
+                pose::yaw_rad(map_from_odom),
+            ),
         };
         let map = self.map.input_buffer_mut();
         let costs = mapper

@@ -1,6 +1,6 @@
 //! Writes changed map cells to the tile store, which is published and exported.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use protocol::layer::LayerId;
@@ -403,6 +403,22 @@ impl Publisher {
 
     pub(crate) fn add_changed(&mut self, changed: Vec<TileKey>) {
         self.changed.extend(changed);
+    }
+
+    /// Publishes the tiles of `other`, and makes the cells of all others unknown. What does not change is not published again.
+    pub(crate) fn replace(&mut self, other: &Self) -> Result<(), PublishError> {
+        let (own, others) = (self.state(), other.state());
+        let keys: BTreeSet<TileKey> = others.tiles.iter().map(|(key, _)| *key).collect();
+        for (key, _) in own.tiles.iter().filter(|(key, _)| !keys.contains(key)) {
+            self.store_tile(*key, TileCells::unknown())?;
+        }
+        for (key, (_, cells)) in others.tiles {
+            self.store_tile(key, cells)?;
+        }
+        self.resets = others.resets;
+        self.terrain_erased = others.terrain_erased;
+        self.voxels_erased = others.voxels_erased;
+        Ok(())
     }
 
     /// Erases every layer, and publishes `mapper` from now on.

@@ -89,6 +89,14 @@ impl Trajectory {
         self.scans
     }
 
+    /// Moves all poses.
+    pub fn correct(&mut self, corrected: impl Fn(&StampedPose) -> StampedPose) {
+        for pose in &mut self.poses {
+            *pose = corrected(pose);
+        }
+        self.number += 1;
+    }
+
     /// Shows the trajectory after `scans` scans of the same recording.
     pub fn seek(&mut self, scans: u64) {
         if scans != self.scans || !self.provisional.is_empty() {

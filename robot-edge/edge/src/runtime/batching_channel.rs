@@ -112,7 +112,7 @@ impl BatchingSender {
                 self.beams >= MAX_BATCH_BEAMS
             }
             MappingInput::Registered {
-                output: RegistrationOutput::Jump(_),
+                output: RegistrationOutput::Jump(_) | RegistrationOutput::Corrected(_),
                 ..
             }
             | MappingInput::ClockReset => false,

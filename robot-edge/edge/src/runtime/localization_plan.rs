@@ -16,10 +16,13 @@ use localization::pose_buffer::JumpLimit;
 use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationSettings,
 };
+use localization::scan_localization::{MotionPrior, ScanLocalizationSettings};
+use localization::scan_matching::slam_settings::SlamSettings;
 use localization::tilt::TiltSettings;
-use mapping::registered_scan::SensorId;
+use mapping::registered_scan::{ScanKind, SensorId};
 use measurement::StreamId;
 use measurement::time::RobotDuration;
+use nalgebra::Vector3;
 
 /// Decisions before the first measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,6 +89,57 @@ pub fn poses_from_fixes(config: &Config, sensors: &FixesAndAttitude<'_>) -> Pose
         max_gap: seconds(config.localization.max_gap_s),
     })
 }
+
+pub fn poses_from_attitude(config: &Config, imu: &ImuConfig) -> PoseOrigin {
+    PoseOrigin::Attitude(attitude(config, imu))
+}
+
+/// How scans are matched on the poses of `prior`; `None` if the configuration does not want it.
+pub fn match_scans(
+    config: &Config,
+    sensors: &[PlannedSensor],
+    prior: &PoseOrigin,
+) -> Result<Option<ScanLocalizationSettings>, UsageError> {
+    if !config.localization.source.matches_scans() {
+        return Ok(None);
+    }
+    let of_vehicle = config.range_sensors();
+    let wanted = config.localization.scan_sensor.as_deref();
+    let is_level = |sensor: &RangeSensor<'_>| {
+        let up = sensor.config.mount.base_from_sensor().rotation * Vector3::z();
+        up.z.abs() > LEAST_LEVEL
+    };
+    let matched = of_vehicle.iter().find(|sensor| {
+        sensors.iter().any(|planned| planned.id == sensor.id)
+            && sensor.config.scan_kind == ScanKind::Beams
+            && sensor.config.tilt.is_none()
+            && wanted.map_or_else(|| is_level(sensor), |wanted| sensor.name == wanted)
+    });
+    let Some(matched) = matched else {
+        let names: Vec<_> = of_vehicle.iter().map(|sensor| sensor.name).collect();
+        let which = wanted.map_or_else(
+            || "none of its range sensors is a level planar laser that does not tilt".to_owned(),
+            |wanted| format!("it has no planar laser {wanted:?} (localization.scan_sensor) that does not tilt"),
+        );
+        return Err(UsageError(format!(
+            "vehicle {:?}: no scans to match: {which}; its range sensors: {}",
+            config.vehicle.name,
+            names.join(", ")
+        )));
+    };
+    Ok(Some(ScanLocalizationSettings {
+        sensor: matched.id,
+        prior: match prior {
+            PoseOrigin::Static => MotionPrior::None,
+            PoseOrigin::Attitude(_) => MotionPrior::Heading,
+            _ => MotionPrior::Full,
+        },
+        slam: SlamSettings::default(),
+    }))
+}
+
+/// Cosine of the greatest tilt of a laser whose scans are matched, 25°.
+const LEAST_LEVEL: f64 = 0.906;
 
 fn attitude(config: &Config, imu: &ImuConfig) -> AttitudeSettings {
     let seconds = RobotDuration::from_secs_f64;

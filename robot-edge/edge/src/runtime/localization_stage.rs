@@ -273,9 +273,7 @@ impl LocalizationStage {
                 (RegistrationOutput::Jump(_), Some(state_publisher)) => {
                     state_publisher.on_pose_jump()
                 }
-                (RegistrationOutput::Scan(_) | RegistrationOutput::Jump(_), None) => {
-                    Monotonic::default()
-                }
+                (RegistrationOutput::Corrected(_), _) | (_, None) => Monotonic::default(),
             };
             send(MappingInput::Registered {
                 output,

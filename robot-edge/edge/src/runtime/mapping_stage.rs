@@ -17,8 +17,10 @@ use crate::summary::Event;
 use localization::registration::RegistrationOutput;
 use mapping::registered_scan::RegisteredScan;
 use measurement::drops::{DropCounts, DropReason};
-use measurement::time::Monotonic;
+use measurement::pose::{self, Pose};
+use measurement::time::{Monotonic, RobotTime};
 use network::clock;
+use protocol::export::StampedPose;
 
 /// In a live run, a scan that waited longer for mapping is dropped.
 pub(super) const MAX_QUEUE_DELAY: Duration = Duration::from_secs(2);
@@ -41,6 +43,7 @@ pub(super) struct MappingStage {
     /// Present if the replay can seek: an event that is mapped again is not published again.
     pub(super) timeline: Option<TimelineRecorder>,
     pub(super) stats: SharedMapStats,
+    pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) tilt: Option<TiltControl>,
 }
 
@@ -73,15 +76,13 @@ impl MappingStage {
             is_dropping: false,
             timeline: None,
             stats: SharedMapStats::default(),
+            map_from_odom: SharedMapFromOdom::default(),
             tilt: None,
         }
     }
 
     /// Processes one input. Returns the scan if it was mapped.
-    pub(super) fn take(
-        &mut self,
-        input: MappingInput,
-    ) -> Result<Option<RegisteredScan>, PublishError> {
+    pub(super) fn take(&mut self, input: MappingInput) -> anyhow::Result<Option<RegisteredScan>> {
         self.process_at(input, clock::now())
     }
 
@@ -89,9 +90,9 @@ impl MappingStage {
         &mut self,
         input: MappingInput,
         now: Monotonic,
-    ) -> Result<Option<RegisteredScan>, PublishError> {
+    ) -> anyhow::Result<Option<RegisteredScan>> {
         match input {
-            MappingInput::ClockReset => self.maps.reset_clock(),
+            MappingInput::ClockReset => self.maps.reset_clock()?,
             MappingInput::Registered {
                 output: RegistrationOutput::Scan(scan),
                 measured_at,
@@ -108,6 +109,10 @@ impl MappingStage {
                 output: RegistrationOutput::Jump(jump),
                 ..
             } => self.maps.on_pose_jump(&jump),
+            MappingInput::Registered {
+                output: RegistrationOutput::Corrected(way),
+                ..
+            } => self.maps.correct(way),
             MappingInput::Tick { input_delay, datum } => {
                 self.maps.set_datum(datum);
                 self.check_overload(input_delay);
@@ -127,22 +132,45 @@ impl MappingStage {
         self.is_dropping
     }
 
-    fn map(&mut self, scan: &RegisteredScan, measured_at: Monotonic) -> Result<(), PublishError> {
+    fn map(&mut self, scan: &RegisteredScan, measured_at: Monotonic) -> anyhow::Result<()> {
         tracing::trace!(stamp = %scan.stamp, at_ns = clock::now().nanos(), "scan is mapped");
-        self.maps.integrate(scan);
-        self.trajectory.lock().add(scan);
+        let placed = self.maps.placed(scan);
+        self.maps.integrate(&placed);
+        self.trajectory.lock().add(&placed);
         if let Some(timeline) = &self.timeline {
-            let position_m = scan.odom_from_base.translation.vector;
+            let position_m = placed.odom_from_base.translation.vector;
             timeline.control.add_point([position_m.x, position_m.y]);
         }
         // The collision monitor gets the map before publishing, which takes longer.
         if let Some(network) = &mut self.network {
-            network.update_monitor(scan, self.maps.mapper(), measured_at);
+            let map = (self.maps.mapper(), &self.maps.map_from_odom());
+            network.update_monitor(scan, map, measured_at);
         }
         if let Some(tilt) = &mut self.tilt {
-            tilt.update(scan, self.maps.mapper());
+            tilt.update(&placed, self.maps.mapper());
         }
-        self.maps.publish_if_due()
+        self.maps.keep(scan)?;
+        self.take_correction();
+        Ok(self.maps.publish_if_due()?)
+    }
+
+    /// Corrects the poses of the mapped scans, if the maps were made again.
+    fn take_correction(&mut self) {
+        let Some((before, now)) = self.maps.take_correction() else {
+            return;
+        };
+        self.trajectory.lock().correct(|pose| {
+            let stamp = RobotTime::from_nanos(pose.stamp_ns);
+            moved(pose, &(now.at(stamp) * before.at(stamp).inverse()))
+        });
+        *lock(&self.map_from_odom.0) = now.newest();
+    }
+
+    /// Publishes everything, at the end of the data.
+    pub(super) fn finish(&mut self) -> anyhow::Result<()> {
+        self.maps.finish_correction()?;
+        self.take_correction();
+        Ok(self.maps.finish()?)
     }
 
     /// Publishes an event if mapping cannot keep up: an operator would see an old map.
@@ -203,6 +231,7 @@ impl MappingStage {
     /// The maps were restored to the state after `scans` scans.
     pub(super) fn seek(&self, scans: u64) {
         self.trajectory.lock().seek(scans);
+        *lock(&self.map_from_odom.0) = self.maps.map_from_odom();
         if let Some(network) = &self.network {
             network.clear_shores(&self.maps);
             if let Some((stamp, shores)) = self.maps.current_shores() {
@@ -287,6 +316,16 @@ impl EventLog {
     }
 }
 
+/// Pose of `odom` in the maps that are served, for the poses and scans that are shown in them. It moves where a loop is closed.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SharedMapFromOdom(Arc<Mutex<Pose>>);
+
+impl SharedMapFromOdom {
+    pub(super) fn get(&self) -> Pose {
+        *lock(&self.0)
+    }
+}
+
 /// Counts of the maps that the localization stage publishes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MapStats {
@@ -314,4 +353,19 @@ impl SharedMapStats {
     pub(super) fn get(&self) -> MapStats {
         lock(&self.0).clone()
     }
+}
+
+/// A pose of the map, after the map was moved there.
+fn moved(pose: &StampedPose, by: &Pose) -> StampedPose {
+    let [x, y, z, w] = pose.quaternion_xyzw();
+    let Some(own) = pose::from_parts(pose.position_m(), [x, y, z, w]) else {
+        return *pose;
+    };
+    let moved = by * own;
+    let q = moved.rotation.quaternion();
+    StampedPose::new(
+        pose.stamp_ns,
+        moved.translation.vector.into(),
+        [q.i, q.j, q.k, q.w],
+    )
 }

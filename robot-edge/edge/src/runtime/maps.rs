@@ -1,8 +1,13 @@
 //! The maps of a vehicle: registered scans in, published tiles out.
 
+use std::borrow::Cow;
+use std::io;
+use std::sync::Arc;
+
 use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
+use super::map_correction::{CorrectionCheckpoint, MapCorrection, placed};
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
 use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
@@ -10,6 +15,7 @@ use crate::summary::StageTimer;
 use localization::OnJump;
 use localization::pose_buffer::PoseJump;
 use localization::registration::RegistrationOutput;
+use localization::scan_localization::MapFromOdom;
 use mapping::Mapper;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
@@ -18,6 +24,7 @@ use mapping::octree::{LimitedBricks, Octree};
 use mapping::registered_scan::RegisteredScan;
 use mapping::terrain::Terrain;
 use measurement::drops::{DropCounts, DropReason};
+use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use network::clock;
 use protocol::geodesy::GeodeticPoint;
@@ -35,6 +42,10 @@ pub struct Maps {
     on_jump: OnJump,
     events: Vec<MapEvent>,
     progress: MapsProgress,
+    /// Where scans are matched and loops closed.
+    correction: Option<MapCorrection>,
+    /// Where `odom` lay in the maps before they were made again, and where it lies now.
+    corrected: Option<(Arc<MapFromOdom>, Arc<MapFromOdom>)>,
 }
 
 /// The part of [`Maps`] that a checkpoint copies besides the layers and the tiles.
@@ -61,7 +72,7 @@ pub struct MapUpdate {
 pub struct MapEvent {
     /// On the clock of the data.
     pub stamp: RobotTime,
-    /// `ground_plane`, `pose_jump` or `voxels_evicted`.
+    /// `ground_plane`, `pose_jump`, `loop_closed` or `voxels_evicted`.
     pub kind: &'static str,
     /// One sentence with the reason.
     pub message: String,
@@ -90,6 +101,7 @@ pub struct MapsCheckpoint {
     mapper: Mapper,
     publisher: PublisherState,
     progress: MapsProgress,
+    correction: Option<CorrectionCheckpoint>,
 }
 
 impl MapsCheckpoint {
@@ -129,7 +141,7 @@ impl PausedSnapshot {
             .iter()
             .filter_map(|registered| match registered {
                 RegistrationOutput::Scan(scan) => Some(scan),
-                RegistrationOutput::Jump(_) => None,
+                RegistrationOutput::Jump(_) | RegistrationOutput::Corrected(_) => None,
             })
     }
 
@@ -157,10 +169,87 @@ impl Maps {
             on_jump: config.localization.on_jump,
             events: Vec::new(),
             progress: MapsProgress::default(),
+            correction: None,
+            corrected: None,
         })
     }
 
-    /// Updates all layers with a registered scan. [`Self::publish_if_due`] follows each call.
+    /// Keeps scans, to make the maps again where a loop is closed.
+    pub(super) fn with_correction(mut self, config: &Config) -> anyhow::Result<Self> {
+        self.correction = Some(MapCorrection::new(config)?);
+        Ok(self)
+    }
+
+    /// A scan as it lies in the maps.
+    pub(super) fn placed<'a>(&self, scan: &'a RegisteredScan) -> Cow<'a, RegisteredScan> {
+        placed(scan, &self.map_from_odom())
+    }
+
+    /// Where `odom` lies in the maps.
+    pub(super) fn map_from_odom(&self) -> Pose {
+        let correction = self.correction.as_ref();
+        correction.map_or_else(Pose::identity, MapCorrection::map_from_odom)
+    }
+
+    /// A loop was closed.
+    pub(super) fn correct(&mut self, way: Arc<MapFromOdom>) {
+        if let Some(correction) = &mut self.correction {
+            correction.correct(way);
+        }
+    }
+
+    /// Where `odom` lay in the maps before, and where it lies now, if the maps were made again since the last call.
+    pub(super) fn take_correction(&mut self) -> Option<(Arc<MapFromOdom>, Arc<MapFromOdom>)> {
+        self.corrected.take()
+    }
+
+    /// Keeps a scan, in `odom`, that was mapped, and exchanges the maps if that is due.
+    pub(super) fn keep(&mut self, scan: &RegisteredScan) -> anyhow::Result<()> {
+        let Some(correction) = &mut self.correction else {
+            return Ok(());
+        };
+        correction.keep(scan)?;
+        let before = Arc::clone(correction.in_effect());
+        if let Some(maps) = correction.take_due(self.progress.report.scans_mapped)? {
+            self.exchange(maps, before)?;
+        }
+        Ok(())
+    }
+
+    /// Adds kept scans.
+    pub(super) fn add_kept(
+        &mut self,
+        scans: &mut dyn Iterator<Item = io::Result<RegisteredScan>>,
+        way: &MapFromOdom,
+    ) -> anyhow::Result<()> {
+        for scan in scans {
+            let scan = scan?;
+            self.integrate(&placed(&scan, &way.at(scan.stamp)));
+            self.publish_if_due()?;
+        }
+        Ok(())
+    }
+
+    /// Replaces all layers and tiles by those of `maps`. Tiles that are the same are not published again.
+    fn exchange(&mut self, mut maps: Self, before: Arc<MapFromOdom>) -> anyhow::Result<()> {
+        maps.finish()?;
+        self.publish()?;
+        self.publisher.replace(&maps.publisher)?;
+        self.mapper = maps.mapper;
+        let stamp = self.progress.last_scan.unwrap_or_default();
+        if let Some(correction) = &self.correction {
+            let now = Arc::clone(correction.in_effect());
+            let moved_m = now.distance_m(&before);
+            let message = format!(
+                "a loop was closed: the maps were made again, places moved by up to {moved_m:.2} m"
+            );
+            self.corrected = Some((before, now));
+            self.add_event(stamp, "loop_closed", message);
+        }
+        Ok(())
+    }
+
+    /// Updates all layers with a registered scan, placed. [`Self::publish_if_due`] follows each call.
     pub fn integrate(&mut self, scan: &RegisteredScan) {
         let started = clock::now();
         let map = self.mapper.integrate(scan);
@@ -211,13 +300,33 @@ impl Maps {
     }
 
     /// The clock of the data was reset; scans with stamps of the old clock may follow.
-    pub const fn reset_clock(&mut self) {
+    ///
+    /// Where scans are matched, localization begins anew: so do the maps.
+    pub fn reset_clock(&mut self) -> anyhow::Result<()> {
         self.progress.published_at = None;
+        if let Some(correction) = &mut self.correction {
+            correction.clear()?;
+            self.mapper.reset();
+        }
+        Ok(())
     }
 
     pub fn finish(&mut self) -> Result<(), PublishError> {
         self.mapper.refresh();
         self.publish()
+    }
+
+    /// The maps by all closures, at the end of the data.
+    pub(super) fn finish_correction(&mut self) -> anyhow::Result<()> {
+        let mapped = self.progress.report.scans_mapped;
+        let Some(correction) = &mut self.correction else {
+            return Ok(());
+        };
+        let before = Arc::clone(correction.in_effect());
+        if let Some(maps) = correction.take_last(mapped)? {
+            self.exchange(maps, before)?;
+        }
+        Ok(())
     }
 
     pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
@@ -323,11 +432,15 @@ impl Maps {
             mapper: self.mapper.clone(),
             publisher: self.publisher.state(),
             progress: self.progress.clone(),
+            correction: self.correction.as_ref().map(MapCorrection::checkpoint),
         }
     }
 
     /// Restores a checkpoint. Each layer gets a new epoch, which invalidates the tiles published since.
-    pub fn restore(&mut self, checkpoint: &MapsCheckpoint) -> Result<(), PublishError> {
+    pub fn restore(&mut self, checkpoint: &MapsCheckpoint) -> anyhow::Result<()> {
+        if let (Some(correction), Some(to)) = (&mut self.correction, &checkpoint.correction) {
+            correction.restore(to)?;
+        }
         self.publisher.restore(&checkpoint.publisher)?;
         self.mapper = checkpoint.mapper.clone();
         self.progress = checkpoint.progress.clone();
@@ -336,7 +449,10 @@ impl Maps {
     }
 
     /// Empties the maps. Each layer gets a new epoch.
-    pub fn restart(&mut self, config: &Config) -> Result<(), PublishError> {
+    pub fn restart(&mut self, config: &Config) -> anyhow::Result<()> {
+        if let Some(correction) = &mut self.correction {
+            correction.clear()?;
+        }
         self.mapper = mapper(config);
         self.publisher.restart(&self.mapper)?;
         self.progress = MapsProgress::default();
@@ -359,14 +475,18 @@ impl Maps {
             on_jump: self.on_jump,
             events: Vec::new(),
             progress: self.progress.clone(),
+            correction: None,
+            corrected: None,
         };
         for registered in &waiting {
             match registered {
                 RegistrationOutput::Scan(scan) => {
-                    ended.integrate(scan);
+                    ended.integrate(&self.placed(scan));
                     ended.publish_if_due()?;
                 }
                 RegistrationOutput::Jump(jump) => ended.on_pose_jump(jump),
+                // What is shown is what is known now.
+                RegistrationOutput::Corrected(_) => {}
             }
         }
         ended.finish()?;
@@ -386,10 +506,11 @@ impl Maps {
         for registered in &paused_snapshot.waiting {
             match (registered, self.on_jump) {
                 (RegistrationOutput::Scan(scan), _) => {
-                    ended.integrate(scan);
+                    ended.integrate(&self.placed(scan));
                 }
                 (RegistrationOutput::Jump(_), OnJump::Reset) => ended.reset(),
-                (RegistrationOutput::Jump(_), OnJump::Keep) => {}
+                (RegistrationOutput::Jump(_), OnJump::Keep)
+                | (RegistrationOutput::Corrected(_), _) => {}
             }
         }
         Some(ended.octree().clone())
@@ -429,6 +550,7 @@ mod tests {
                 maps.publish_if_due().unwrap();
             }
             RegistrationOutput::Jump(jump) => maps.on_pose_jump(jump),
+            RegistrationOutput::Corrected(way) => maps.correct(Arc::clone(way)),
         }
     }
 

@@ -3,10 +3,12 @@
 mod batching_channel;
 pub mod choice;
 mod driving;
+mod kept_scans;
 mod live;
 mod live_recording;
 pub mod localization_plan;
 mod localization_stage;
+mod map_correction;
 mod mapping_stage;
 mod maps;
 mod network;
@@ -33,9 +35,10 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 
-use crate::cli::{Cli, Command, MotorGuard, Recover};
+use crate::cli::{Cli, Command, Evaluate, MotorGuard, Recover};
 use crate::config::{self, presets};
 use crate::device_commands;
+use crate::evaluate;
 use crate::exit::{Exit, UsageError};
 use crate::setup::setup;
 use crate::survey::Survey;
@@ -62,6 +65,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         Command::Info(_)
         | Command::Recover(_)
         | Command::Vehicles(_)
+        | Command::Evaluate(_)
         | Command::Setup(_)
         | Command::Keys(_)
         | Command::InstallKeys(_)
@@ -86,6 +90,7 @@ pub fn run_until(cli: &Cli, interrupt: &AtomicBool, out: &mut dyn Write) -> anyh
             Ok(Exit::Done)
         }
         Command::Recover(command) => salvage(command, out),
+        Command::Evaluate(Evaluate::Relations(command)) => evaluate::relations(command, out),
         Command::Vehicles(command) => {
             match &command.name {
                 Some(name) => vehicle_commands::print(&presets::get(name)?, out)?,

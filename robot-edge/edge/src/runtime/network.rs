@@ -13,6 +13,7 @@ use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
 use super::driving::DrivePlan;
+use super::mapping_stage::SharedMapFromOdom;
 use super::maps::{Maps, PausedSnapshot};
 use super::network_plan::{self, NetworkPlan};
 use super::pipeline::lower_thread_priority;
@@ -32,6 +33,7 @@ use localization::registration::RegistrationSettings;
 use mapping::Mapper;
 use mapping::octree::Octree;
 use mapping::registered_scan::RegisteredScan;
+use measurement::pose::Pose;
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use network::LinkError;
 use network::audit::AuditLog;
@@ -148,6 +150,7 @@ impl Network {
                     drive_state,
                     monitor_input,
                     on_jump: config.localization.on_jump,
+                    map_from_odom: SharedMapFromOdom::default(),
                     velocity_estimator: VelocityEstimator::new(if config.teleop.is_boat {
                         SPEED_WINDOW_WATER
                     } else {
@@ -231,11 +234,11 @@ impl Network {
     pub(super) fn update_monitor(
         &mut self,
         scan: &RegisteredScan,
-        mapper: &Mapper,
+        map: (&Mapper, &Pose),
         measured_at: Monotonic,
     ) {
         if let Some(monitor_input) = &mut self.monitor_input {
-            monitor_input.update_map(scan, mapper, measured_at);
+            monitor_input.update_map(scan, map, measured_at);
         }
     }
 

@@ -22,8 +22,11 @@ use crate::events::merge_alike;
 use crate::exit::UsageError;
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::publishing::publisher::Publisher;
-use crate::summary::{Beams, Event, LayerFigures, Scans, Summary, Tiles, Voxels, peak_rss_bytes};
+use crate::summary::{
+    Beams, Event, LayerFigures, ScanMatching, Scans, Summary, Tiles, Voxels, peak_rss_bytes,
+};
 use crate::survey::recover_advice;
+use localization::scan_localization::ScanLocalizationReport;
 use mapping::vehicle::VehicleConfig;
 use measurement::drops::{DropCounts, DropReason};
 use recording::{Format, name_missing};
@@ -90,7 +93,7 @@ fn vehicle_position_m(pipeline: &Pipeline) -> [f64; 2] {
     let maps = &pipeline.mapping.maps;
     let newest = pipeline.localization.registration.newest_pose();
     let [x, y, _] = match newest.filter(|(stamp, _)| Some(*stamp) >= maps.last_scan()) {
-        Some((_, pose)) => pose.translation.vector.into(),
+        Some((_, pose)) => (maps.map_from_odom() * pose).translation.vector.into(),
         None => maps.mapper().vehicle_in_odom().coords.into(),
     };
     [x, y]
@@ -137,11 +140,31 @@ pub(super) fn summary(pipeline: &Pipeline) -> Summary {
             bytes: traffic.bytes,
             raw_bytes: traffic.raw_bytes,
         },
+        scan_matching: pipeline
+            .localization
+            .registration
+            .scan_localization()
+            .map(scan_matching),
         peak_rss_bytes: peak_rss_bytes(),
         ..Summary::default()
     };
     summary.add_evictions(maps.publisher());
     summary
+}
+
+fn scan_matching(report: ScanLocalizationReport) -> ScanMatching {
+    let last = report.newest.map(|(_, pose)| pose);
+    ScanMatching {
+        determined: report.full,
+        uncertain_along: report.uncertain_along,
+        odometry_only: report.odometry_only,
+        lost: report.lost,
+        dropped: report.dropped,
+        closures: report.closures.added,
+        closures_removed: report.closures.removed,
+        last_covariance: last.map(|pose| pose.covariance.transpose().into()),
+        last_residual_m: last.map(|pose| pose.residual_m),
+    }
 }
 
 impl Summary {

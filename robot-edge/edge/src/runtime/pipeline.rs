@@ -18,7 +18,9 @@ use super::source_reader::{Batch, SourceEnd};
 use super::tilt_control::TiltControl;
 use crate::config::Config;
 use crate::publishing::publisher::{PublishError, Publisher};
-use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
+use localization::registration::{
+    PoseOrigin, RegistrationOutput, RegistrationSettings, ScanRegistration,
+};
 use mapping::Mapper;
 use mapping::registered_scan::RegisteredScan;
 use measurement::Measurement;
@@ -52,8 +54,12 @@ impl Pipeline {
         registration: RegistrationSettings,
         boot: BootId,
         encode: bool,
-    ) -> Result<Self, PublishError> {
-        let mapping = MappingStage::new(Maps::new(config, boot, encode)?);
+    ) -> anyhow::Result<Self> {
+        let mut maps = Maps::new(config, boot, encode)?;
+        if matches!(registration.origin, PoseOrigin::Scans { .. }) {
+            maps = maps.with_correction(config)?;
+        }
+        let mapping = MappingStage::new(maps);
         let localization = LocalizationStage::new(registration, mapping.stats.clone());
         Ok(Self {
             mapping,
@@ -91,7 +97,7 @@ impl Pipeline {
             localization,
             mapping,
         } = self;
-        localization.take(batch, &mut |input| Ok(mapping.take(input).map(drop)?))
+        localization.take(batch, &mut |input| mapping.take(input).map(drop))
     }
 
     /// Runs `read_source` and the localization stage on a thread of their own, and the mapping stage on this one.
@@ -135,7 +141,7 @@ impl Pipeline {
             let (end, localized) = localization
                 .join()
                 .map_err(|_panic| anyhow!("reading or localization failed"))?;
-            Ok((end, mapped.map_err(Into::into).and(localized)))
+            Ok((end, mapped.and(localized)))
         })
     }
 
@@ -145,9 +151,9 @@ impl Pipeline {
             localization,
             mapping,
         } = self;
-        localization.finish(&mut |input| Ok(mapping.take(input).map(drop)?))?;
+        localization.finish(&mut |input| mapping.take(input).map(drop))?;
         mapping.maps.set_datum(localization.registration.datum());
-        Ok(mapping.maps.finish()?)
+        mapping.finish()
     }
 
     /// [`Self::finish`] of a run, whose source has lost `lost` messages.
@@ -188,13 +194,13 @@ impl Pipeline {
         &mut self,
         config: &Config,
         registration: RegistrationSettings,
-    ) -> Result<(), PublishError> {
+    ) -> anyhow::Result<()> {
         self.mapping.maps.restart(config)?;
         self.reset_to(ScanRegistration::new(registration), DataClock::default(), 0);
         Ok(())
     }
 
-    pub(super) fn restore(&mut self, to: &PipelineCheckpoint) -> Result<(), PublishError> {
+    pub(super) fn restore(&mut self, to: &PipelineCheckpoint) -> anyhow::Result<()> {
         self.mapping.maps.restore(&to.maps)?;
         self.reset_to(to.registration.clone(), to.clock, to.scans);
         Ok(())
@@ -239,7 +245,7 @@ fn map_received(
     receiver: Receiver<Vec<MappingInput>>,
     mapping: &mut MappingStage,
     threads: usize,
-) -> Result<(), PublishError> {
+) -> anyhow::Result<()> {
     let _pool = join_mapping_pool(threads);
     // The receiver is dropped when mapping fails: otherwise the localization stage would wait for room forever.
     receiver

@@ -2,8 +2,10 @@
 
 use self::streams::FoundSensor;
 use super::choice::{Choice, ChoiceNeeded};
-use super::localization_plan::{LocalizationPlan, poses_from_fixes, poses_from_wheels};
-use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude};
+use super::localization_plan::{
+    LocalizationPlan, match_scans, poses_from_attitude, poses_from_fixes, poses_from_wheels,
+};
+use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude, the_imu};
 use crate::exit::UsageError;
 use crate::survey::Survey;
 use crate::survey::topics::ScanSurvey;
@@ -33,6 +35,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
         pose_streams,
     } = choose_origin(survey, &found, config)?;
     let mut sensors = streams::place(survey, &found, &origin, config)?;
+    let matched = match_scans(config, &sensors, &origin)?;
     let topics = found.iter().map(|found| survey.topic_name(found.stream));
     let mut streams: Vec<_> = topics.clone().map(str::to_owned).collect();
     let mut notes = Vec::new();
@@ -85,7 +88,24 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
             ));
             streams.extend([wheels, fixes, attitude].into_iter().flatten().map(named));
         }
+        PoseOrigin::Attitude(_) => {
+            let attitude = pose_streams
+                .attitude
+                .map(|stream| survey.topic_name(stream));
+            let attitude = attitude.unwrap_or_default().to_owned();
+            notes.push(format!("poses: attitude of {attitude}"));
+            streams.push(attitude);
+        }
+        PoseOrigin::Static if matched.is_some() => {}
         PoseOrigin::Static => notes.push("poses: the vehicle stands still".to_owned()),
+        PoseOrigin::Scans { .. } => {}
+    }
+    if let Some(scans) = &matched {
+        let of = found.iter().find(|found| found.sensor.id == scans.sensor);
+        notes.push(format!(
+            "poses: scans of the {} are matched, and loops are closed",
+            of.map_or("", |of| of.sensor.name)
+        ));
     }
     let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
     streams.extend(tilts.map(|stream| survey.topic_name(stream).to_owned()));
@@ -115,7 +135,13 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     Ok(Plan {
         sensors: named.zip(topics.map(str::to_owned)).collect(),
         localization_plan: LocalizationPlan {
-            origin,
+            origin: match matched {
+                Some(scans) => PoseOrigin::Scans {
+                    prior: Box::new(origin),
+                    scans,
+                },
+                None => origin,
+            },
             pose_streams,
             sensors,
         },
@@ -170,9 +196,14 @@ fn choose_origin(
         PoseSource::Log => log().map(ready_made),
         PoseSource::Tf => tf().map(ready_made),
         PoseSource::Odometry => odometry().map(ready_made),
-        PoseSource::Static => Some(ready_made(PoseOrigin::Static)),
+        PoseSource::Static | PoseSource::Scan => Some(ready_made(PoseOrigin::Static)),
         PoseSource::Wheels => wheels()?,
-        PoseSource::Gps => fixes()?,
+        PoseSource::Gps | PoseSource::ScanGps => fixes()?,
+        PoseSource::ScanWheels => match log().or_else(odometry).or_else(tf).map(ready_made) {
+            Some(chosen) => Some(chosen),
+            None => wheels()?,
+        },
+        PoseSource::ScanImu => attitude(survey, config)?,
     };
     let origin = chosen.as_ref().map(|chosen| &chosen.origin);
     let wants_frame = matches!(localization.source, PoseSource::Auto | PoseSource::Tf);
@@ -208,6 +239,19 @@ fn poses_by_wheels(survey: &Survey, config: &Config) -> anyhow::Result<Option<Ch
     }
 }
 
+fn attitude(survey: &Survey, config: &Config) -> anyhow::Result<Option<ChosenPoses>> {
+    let Some(imu) = the_imu(&config.sensors).filter(|_| !survey.attitudes.is_empty()) else {
+        return Ok(None);
+    };
+    Ok(Some(ChosenPoses {
+        origin: poses_from_attitude(config, imu.1),
+        pose_streams: PoseStreams {
+            attitude: Some(streams::attitude(survey, imu)?),
+            ..PoseStreams::default()
+        },
+    }))
+}
+
 fn poses_by_fixes(survey: &Survey, config: &Config) -> anyhow::Result<Option<ChosenPoses>> {
     match FixesAndAttitude::of(&config.sensors) {
         Ok(sensors) if !survey.fixes.is_empty() && !survey.attitudes.is_empty() => {
@@ -231,8 +275,12 @@ fn has_fixed_frame(survey: &Survey, found: Option<&PoseOrigin>, wanted: &str) ->
             .odometry
             .iter()
             .any(|(_, odometry)| *odometry.parent == *wanted),
-        Some(PoseOrigin::Wheels(_) | PoseOrigin::Gps(_)) => wanted == ODOMETRY_FRAME,
-        Some(PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static) => true,
+        Some(PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Attitude(_)) => {
+            wanted == ODOMETRY_FRAME
+        }
+        Some(
+            PoseOrigin::Log | PoseOrigin::Tf { .. } | PoseOrigin::Static | PoseOrigin::Scans { .. },
+        ) => true,
         None => false,
     }
 }
@@ -264,7 +312,19 @@ fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource
                 (false, _) => "there are no attitudes (sensor_msgs/Imu)",
             },
         ),
-        PoseSource::Gps => (
+        PoseSource::ScanWheels => (
+            "scan+wheels",
+            "there are neither odometry, transforms nor angles of wheels",
+        ),
+        PoseSource::ScanImu => (
+            "scan+imu",
+            if survey.attitudes.is_empty() {
+                "there are no attitudes (sensor_msgs/Imu)"
+            } else {
+                "the vehicle's configuration has not one sensor of kind \"imu\""
+            },
+        ),
+        PoseSource::Gps | PoseSource::ScanGps => (
             "gps",
             match (survey.fixes.is_empty(), survey.attitudes.is_empty()) {
                 (true, true) => "there are neither satellite fixes nor attitudes",
@@ -272,7 +332,7 @@ fn no_pose_source(survey: &Survey, found: &[FoundSensor<'_>], source: PoseSource
                 (false, _) => "there are no attitudes (sensor_msgs/Imu)",
             },
         ),
-        PoseSource::Auto | PoseSource::Static => {
+        PoseSource::Auto | PoseSource::Static | PoseSource::Scan => {
             let leads = match survey.frames.edges().next() {
                 Some(_) => format!(
                     ", and none leads from {} up to a frame in which it moves",

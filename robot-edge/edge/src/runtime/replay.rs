@@ -139,7 +139,7 @@ pub(super) fn create_run<'a>(
         tilt: None,
     };
     let what = source::Replay {
-        own_poses: plan.localization_plan.origin == PoseOrigin::Log,
+        own_poses: *plan.localization_plan.origin.prior() == PoseOrigin::Log,
         start: RobotDuration::from_secs_f64(command.start_s),
         duration: command.duration_s.map(RobotDuration::from_secs_f64),
         repeat: command.repeat,

@@ -20,6 +20,7 @@ use super::pipeline::Pipeline;
 use super::recorder::{Recorder, SyncPolicy};
 use super::source::Source;
 use super::source_reader::{Batch, SourceEnd, read_source};
+use super::state_publisher::StatePublisher;
 use super::tilt_control::TiltControl;
 use crate::config::Config;
 use crate::exit::{Exit, Interrupted};
@@ -200,7 +201,10 @@ impl Run<'_> {
             localization,
             mapping,
         } = &mut pipeline;
-        localization.state_publisher = state_publisher;
+        localization.state_publisher = state_publisher.map(|state_publisher| StatePublisher {
+            map_from_odom: mapping.map_from_odom.clone(),
+            ..state_publisher
+        });
         localization.progress = Progress::new(self.quiet);
         localization.started = clock::now();
         let recordings = &mut localization.recordings;

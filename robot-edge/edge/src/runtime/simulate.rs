@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use super::driving::{DrivePlan, MotorsPlan};
 use super::localization_plan::{
-    LocalizationPlan, PlannedSensor, poses_from_fixes, poses_from_wheels, range_sensors,
-    registration_settings,
+    LocalizationPlan, PlannedSensor, match_scans, poses_from_attitude, poses_from_fixes,
+    poses_from_wheels, range_sensors, registration_settings,
 };
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
@@ -15,7 +15,7 @@ use super::source::{Source, SourceItem, SourceLosses};
 use super::tilt_control::TiltControl;
 use crate::cli::Simulate;
 use crate::config::advice::advise;
-use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude};
+use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude, the_imu};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
 use crate::summary::Event;
@@ -130,7 +130,7 @@ pub fn simulated_localization_plan(
     config: &Config,
     streams: &[Stream],
 ) -> Result<LocalizationPlan, UsageError> {
-    let origin = pose_origin(config, streams)?;
+    let prior = pose_origin(config, streams)?;
     let ids_of = |type_name: &str| -> Vec<StreamId> {
         let ids = (0..=u16::MAX).map(StreamId).zip(streams);
         ids.filter(|(_, stream)| stream.type_name == type_name)
@@ -152,7 +152,7 @@ pub fn simulated_localization_plan(
     let planned = sensors.iter().zip(assigned).filter_map(|(sensor, stream)| {
         let tilt_stream = joints.filter(|_| sensor.config.tilt.is_some());
         // Of the sensors with a frame of their own.
-        let is_in_tree = matches!(origin, PoseOrigin::Tf { .. })
+        let is_in_tree = matches!(prior, PoseOrigin::Tf { .. })
             && tilt_stream.is_none()
             && matches!(sensor.config.scan_kind, ScanKind::Beams | ScanKind::Cloud);
         (takes_all || stream.is_some()).then_some(PlannedSensor {
@@ -167,7 +167,14 @@ pub fn simulated_localization_plan(
             range_max_m: None,
         })
     });
-    let sensors = planned.collect();
+    let sensors: Vec<_> = planned.collect();
+    let origin = match match_scans(config, &sensors, &prior)? {
+        Some(scans) => PoseOrigin::Scans {
+            prior: Box::new(prior),
+            scans,
+        },
+        None => prior,
+    };
     Ok(LocalizationPlan {
         origin,
         pose_streams: PoseStreams::default(),
@@ -182,10 +189,19 @@ fn pose_origin(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageE
         PoseSource::Auto | PoseSource::Tf => Ok(PoseOrigin::Tf {
             fixed_frame: fixed_frame.into(),
         }),
-        PoseSource::Odometry => Ok(PoseOrigin::Odometry),
-        PoseSource::Static => Ok(PoseOrigin::Static),
+        PoseSource::Odometry | PoseSource::ScanWheels => Ok(PoseOrigin::Odometry),
+        PoseSource::Static | PoseSource::Scan => Ok(PoseOrigin::Static),
         PoseSource::Wheels => from_wheels(config, streams),
-        PoseSource::Gps => from_fixes(config, streams),
+        PoseSource::Gps | PoseSource::ScanGps => from_fixes(config, streams),
+        PoseSource::ScanImu => match the_imu(&config.sensors) {
+            Some((_, imu)) if has(streams, "sensor_msgs/Imu") => {
+                Ok(poses_from_attitude(config, imu))
+            }
+            Some(_) | None => Err(UsageError(
+                "localization.source = \"scan+imu\": this simulated vehicle has no attitude sensor; use \"scan\""
+                    .to_owned(),
+            )),
+        },
         PoseSource::Log => Err(UsageError(
             "localization.source = \"log\" is for CARMEN logs: a simulated scan carries no pose of its \
              own; use \"auto\""

@@ -10,7 +10,8 @@ use protocol::message::{
     SensorFault, Status,
 };
 
-use super::mapping_stage::MapStats;
+use super::map_correction::placed;
+use super::mapping_stage::{MapStats, SharedMapFromOdom};
 use super::maps::Maps;
 use super::network::RobotDescription;
 use super::source::DataClock;
@@ -38,6 +39,8 @@ pub(super) struct StatePublisher {
     pub(super) monitor_input: Option<MonitorSensorInput>,
     /// A jump that resets the maps also resets the ground plane of the collision monitor.
     pub(super) on_jump: OnJump,
+    /// Consoles show poses and scans in the map.
+    pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) velocity_estimator: VelocityEstimator,
     pub(super) goes_sideways: bool,
     pub(super) sensors: SensorMonitor,
@@ -82,6 +85,7 @@ impl StatePublisher {
         if let Some(monitor_input) = &mut self.monitor_input {
             monitor_input.update_odometry(stamp, &pose, measured, clock::now());
         }
+        let pose = self.map_from_odom.get() * pose;
         let q = pose.rotation.quaternion();
         self.publish_state.set_pose(
             stamp,
@@ -139,7 +143,7 @@ impl StatePublisher {
         }
         if self.publish_state.wants_scan()
             && let Some(name) = self.sensors.name(scan.sensor)
-            && let Some(shown) = downsample_scan(name, scan)
+            && let Some(shown) = downsample_scan(name, &placed(scan, &self.map_from_odom.get()))
         {
             self.publish_state.set_scan(scan.sensor, scan.stamp, shown);
         }
@@ -408,6 +412,7 @@ mod tests {
             drive_state: None,
             monitor_input: Some(monitor_input),
             on_jump,
+            map_from_odom: SharedMapFromOdom::default(),
             velocity_estimator: VelocityEstimator::new(RobotDuration::from_millis(100)),
             goes_sideways: false,
             sensors: SensorMonitor::new(Vec::new()),

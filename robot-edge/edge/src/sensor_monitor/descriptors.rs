@@ -5,6 +5,7 @@ use protocol::message::{FieldOfView, SensorInfo, SensorKind};
 use super::geometry::{DetectedGeometry, sensor_mount};
 use crate::config::{
     Config, FixesAndAttitude, ImuConfig, RangeSensorConfig, SensorConfig, WheelsAndAttitude,
+    the_imu,
 };
 use localization::beam_projection::{RangeLimits, ZeroRange};
 use localization::registration::{
@@ -226,8 +227,12 @@ fn pose_sensors(config: &Config, localization: &RegistrationSettings) -> Vec<Sen
         let own = MeasurementSelector::Attitudes(streams.attitude);
         non_ranging(name, SensorKind::Attitude, Some(&imu.mount), own)
     };
-    match &localization.origin {
-        PoseOrigin::Log | PoseOrigin::Static => Vec::new(),
+    match localization.origin.prior() {
+        PoseOrigin::Log | PoseOrigin::Static | PoseOrigin::Scans { .. } => Vec::new(),
+        PoseOrigin::Attitude(_) => {
+            let imu = the_imu(&config.sensors);
+            imu.map(attitude).into_iter().collect()
+        }
         PoseOrigin::Tf { fixed_frame } => {
             let fixed_frame = FrameId::clone(fixed_frame);
             let own = MeasurementSelector::Transforms { fixed_frame };

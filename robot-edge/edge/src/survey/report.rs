@@ -6,7 +6,9 @@ use std::path::Path;
 
 use super::Survey;
 use super::topics::{ScanSurvey, StampSurvey};
-use crate::config::{self, Config, FixesAndAttitude, ImuConfig, WheelsAndAttitude, presets};
+use crate::config::{
+    self, Config, FixesAndAttitude, ImuConfig, WheelsAndAttitude, presets, the_imu,
+};
 use crate::events::merge_alike;
 use localization::{LocalizationConfig, PoseSource};
 use measurement::drops::{DropCounts, DropReason};
@@ -580,6 +582,7 @@ impl Survey {
         let odometry = || self.describe_odometry();
         let wheels = || self.wheels_and_attitude(vehicle?);
         let fixes = || self.fixes_and_attitude(vehicle?);
+        let matched = |prior: Option<String>| Some(format!("scans are matched; {}", prior?));
         match source {
             PoseSource::Auto => own()
                 .or_else(transforms)
@@ -592,6 +595,12 @@ impl Survey {
             PoseSource::Static => Some("the vehicle stands still".to_owned()),
             PoseSource::Wheels => wheels(),
             PoseSource::Gps => fixes(),
+            PoseSource::Scan => Some("scans are matched".to_owned()),
+            PoseSource::ScanWheels => {
+                matched(own().or_else(odometry).or_else(transforms).or_else(wheels))
+            }
+            PoseSource::ScanImu => matched(self.attitude_alone(vehicle?)),
+            PoseSource::ScanGps => matched(fixes()),
         }
     }
 
@@ -605,6 +614,12 @@ impl Survey {
             Some(format!("transforms lead from {start} to {fixed_frame}"))
         };
         [&*scan.frame, base_frame].into_iter().find_map(lead)
+    }
+
+    fn attitude_alone(&self, vehicle: &Config) -> Option<String> {
+        the_imu(&vehicle.sensors)?;
+        let stream = self.streams_with_orientation().first().copied()?;
+        Some(format!("attitude of {}", self.topic_name(stream)))
     }
 
     fn describe_odometry(&self) -> Option<String> {

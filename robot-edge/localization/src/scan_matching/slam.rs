@@ -12,7 +12,7 @@ use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::{Candidate, SlamMap, SubmapRecord};
-use super::slam_settings::SlamSettings;
+use super::slam_settings::{MotionNoise, SlamSettings};
 use super::submap::{Prior, Submap, difference, transported};
 
 /// One scan and what is known about the motion.
@@ -26,6 +26,14 @@ pub struct ScanInput<'a> {
     pub base_from_sensor: Isometry2<f64>,
     /// Pose of the vehicle by odometry at the stamp.
     pub odom_from_base: Option<Isometry2<f64>>,
+    /// Only its heading is known, by an attitude sensor.
+    pub is_heading_only: bool,
+}
+
+impl ScanInput<'_> {
+    fn has_odometry(&self) -> bool {
+        self.odom_from_base.is_some() && !self.is_heading_only
+    }
 }
 
 /// How far a pose is determined.
@@ -268,13 +276,16 @@ impl ScanSlam {
             .best()
             .map_or(prior.submap_from_base, |best| best.pose);
         let registered = submap.register(&points, &start, Some(&prior));
-        let confidence = match (registered.uncertain_along, input.odom_from_base) {
-            _ if registered.inliers < self.settings.min_inliers => match input.odom_from_base {
-                Some(_) => Confidence::OdometryOnly,
-                None => Confidence::Lost,
-            },
-            (Some(along), _) => Confidence::UncertainAlong(along),
-            (None, _) => Confidence::Full,
+        let confidence = match registered.uncertain_along {
+            _ if registered.inliers < self.settings.min_inliers => {
+                if input.has_odometry() {
+                    Confidence::OdometryOnly
+                } else {
+                    Confidence::Lost
+                }
+            }
+            Some(along) => Confidence::UncertainAlong(along),
+            None => Confidence::Full,
         };
         if confidence == Confidence::Lost {
             self.lost += 1;
@@ -342,10 +353,13 @@ impl ScanSlam {
         };
         let time_s = input.stamp.since(last.stamp).as_secs_f64();
         let mut growth = 1.0 + f64::from(self.lost);
-        let (motion, noise) =
-            if let (Some(before), Some(now)) = (last.odom_from_base, input.odom_from_base) {
-                (before.inv_mul(&now), &settings.odometry)
-            } else {
+        let by_odometry = last
+            .odom_from_base
+            .zip(input.odom_from_base)
+            .map(|(before, now)| before.inv_mul(&now));
+        let (motion, noise) = match by_odometry {
+            Some(motion) if !input.is_heading_only => (motion, settings.odometry),
+            _ => {
                 // Stamps that repeat or leap say nothing about the speed.
                 let share = time_s / last.motion_s;
                 let share = if (0.2..5.0).contains(&share) {
@@ -357,10 +371,23 @@ impl ScanSlam {
                     rotation,
                     translation,
                 } = last.motion;
-                let motion = Isometry2::new(translation.vector * share, rotation.angle() * share);
                 growth *= (time_s / last.motion_s.max(0.05)).clamp(1.0, MAX_GROWTH);
-                (motion, &settings.constant_velocity)
-            };
+                let way_m = translation.vector * share;
+                let noise = settings.constant_velocity;
+                match by_odometry {
+                    Some(turn) => (
+                        Isometry2::new(way_m, turn.rotation.angle()),
+                        MotionNoise {
+                            rad: settings.odometry.rad,
+                            rad_per_rad: settings.odometry.rad_per_rad,
+                            rad_per_m: 0.0,
+                            ..noise
+                        },
+                    ),
+                    None => (Isometry2::new(way_m, rotation.angle() * share), noise),
+                }
+            }
+        };
         let (way_m, turn_rad) = (
             motion.translation.vector.norm(),
             motion.rotation.angle().abs(),

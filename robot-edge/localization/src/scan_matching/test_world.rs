@@ -110,6 +110,7 @@ impl Drive<'_> {
                 scan: &scan,
                 base_from_sensor: Isometry2::identity(),
                 odom_from_base: self.has_odometry.then_some(odom_from_base),
+                is_heading_only: false,
             }));
         }
         poses

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use nalgebra::Point2;
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::obstacle_scan::is_stale;
 use mapping::cost_map::CostMap;
@@ -43,6 +43,37 @@ pub struct CopyRequest {
     pub centre: Point2<f64>,
     /// How far around it, metres: `CollisionMonitorRules::window_m`.
     pub reach_m: f64,
+    /// Pose of `odom` in the map.
+    pub map_from_odom: Isometry2<f64>,
+}
+
+impl CopyRequest {
+    /// What a square of the copy shows: the map's cell itself or, where the map is turned or moved, the worst of those under four
+    /// points, which leave out no cell.
+    fn class(
+        &self,
+        square: CellIndex,
+        cell_m: f64,
+        class: impl Fn(CellIndex) -> CellClass,
+    ) -> CellClass {
+        if self.map_from_odom == Isometry2::identity() {
+            return class(square);
+        }
+        let centre = square.centre(cell_m);
+        let quarter_m = 0.25 * cell_m;
+        let classes = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
+            let point = centre + Vector2::new(x, y) * quarter_m;
+            class(CellIndex::containing(self.map_from_odom * point, cell_m))
+        });
+        let is = |wanted| move |class: &CellClass| *class == wanted;
+        if classes.iter().any(is(CellClass::Obstacle)) {
+            CellClass::Obstacle
+        } else if classes.iter().all(is(CellClass::Free)) {
+            CellClass::Free
+        } else {
+            CellClass::Unknown
+        }
+    }
 }
 
 impl LocalMap {
@@ -82,7 +113,9 @@ impl LocalMap {
                 continue;
             };
             let cells = site.passable.iter().filter(|cell| !is_shallow(**cell));
-            let places = cells.filter_map(|cell| self.index_of(cell.centre(cell_m)));
+            let odom_from_map = request.map_from_odom.inverse();
+            let places =
+                cells.filter_map(|cell| self.index_of(odom_from_map * cell.centre(cell_m)));
             let passable: Vec<_> = places.map(|place| (choice, place)).collect();
             self.passable.extend(passable);
         }
@@ -125,10 +158,11 @@ impl LocalMap {
         self.side = 2 * reach + 1;
         for row in 0..self.side {
             for column in 0..self.side {
-                self.classes.push(class(CellIndex {
+                let square = CellIndex {
                     x: first.x.saturating_add(column),
                     y: first.y.saturating_add(row),
-                }));
+                };
+                self.classes.push(request.class(square, cell_m, &class));
             }
         }
     }
