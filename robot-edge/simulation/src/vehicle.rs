@@ -75,6 +75,7 @@ impl SimulatedVehicle {
         "holos-tilt",
         "introbot",
         "riverwatch",
+        "riverwatch-lidar",
         "lidar16",
         "lidar64",
     ];
@@ -87,6 +88,7 @@ impl SimulatedVehicle {
             "holos-tilt" => Some(holos_tilt()),
             "introbot" => Some(introbot()),
             "riverwatch" => Some(riverwatch()),
+            "riverwatch-lidar" => Some(riverwatch_lidar()),
             "lidar16" => Some(with_lidar(
                 "lidar16",
                 PlanarLaser::vlp_16(),
@@ -337,6 +339,18 @@ fn main_laser(planar: PlanarLaser, base_from_mount: Pose, tilt: Option<TiltServo
     }
 }
 
+fn lidar(planar: PlanarLaser, rings_rad: Vec<f64>, base_from_mount: Pose) -> RangeSensor {
+    RangeSensor {
+        name: "lidar",
+        stream: "/points",
+        planar,
+        rings_rad,
+        base_from_mount,
+        tilt: None,
+        own_posts: &[],
+    }
+}
+
 /// So many lasers at equal steps from as far below the level to as far above it.
 fn rings_rad(rings: u32, highest_deg: f64) -> Vec<f64> {
     let step_deg = 2.0 * highest_deg / f64::from(rings - 1);
@@ -371,15 +385,7 @@ fn with_lidar(name: &'static str, planar: PlanarLaser, rings_rad: Vec<f64>) -> S
         },
         attitude_sensor: None,
         gps: None,
-        laser: RangeSensor {
-            name: "lidar",
-            stream: "/points",
-            planar,
-            rings_rad,
-            base_from_mount: Pose::translation(0.0, 0.0, 0.8),
-            tilt: None,
-            own_posts: &[],
-        },
+        laser: lidar(planar, rings_rad, Pose::translation(0.0, 0.0, 0.8)),
         further_range_sensors: Vec::new(),
         ultrasonic_sensors: Vec::new(),
         contact_sensors: Vec::new(),
@@ -455,6 +461,21 @@ fn riverwatch() -> SimulatedVehicle {
         }],
         ultrasonic_sensors: Vec::new(),
         contact_sensors: Vec::new(),
+    }
+}
+
+/// The boat with a Velodyne VLP-16 on its mast, in place of laser and sonar.
+fn riverwatch_lidar() -> SimulatedVehicle {
+    let boat = riverwatch();
+    SimulatedVehicle {
+        name: "riverwatch-lidar",
+        laser: lidar(
+            PlanarLaser::vlp_16(),
+            rings_rad(16, 15.0),
+            boat.laser.base_from_mount,
+        ),
+        further_range_sensors: Vec::new(),
+        ..boat
     }
 }
 

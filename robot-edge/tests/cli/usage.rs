@@ -20,7 +20,7 @@ fn wrong_options_say_what_is_right() {
             "--vehicle pionear",
             &[
                 "did you mean `pioneer`?",
-                "Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch",
+                "Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch, riverwatch-lidar",
             ],
         ),
         ("--vehicle boat.toml", &["boat.toml: there is no such file"]),
@@ -143,7 +143,8 @@ fn a_printed_preset_is_a_configuration() {
             "pioneer",
             "pioneer-document",
             "riverwatch",
-            "riverwatch-document"
+            "riverwatch-document",
+            "riverwatch-lidar"
         ]
     );
     for name in names {

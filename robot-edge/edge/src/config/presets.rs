@@ -63,6 +63,7 @@ pub const PRESETS: &[Preset] = &[
     preset!("pioneer-document"),
     preset!("riverwatch"),
     preset!("riverwatch-document"),
+    preset!("riverwatch-lidar"),
 ];
 
 pub(super) fn find(name: &str) -> Option<Preset> {

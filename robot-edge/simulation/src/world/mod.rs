@@ -147,10 +147,11 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("dock", include_str!("../../worlds/dock.toml")),
     ("bridge", include_str!("../../worlds/bridge.toml")),
     ("thicket", include_str!("../../worlds/thicket.toml")),
+    ("jetty", include_str!("../../worlds/jetty.toml")),
 ];
 const BUILT_IN_NAMES: &[&str] = &[
     "rooms", "hall", "floor", "ramp", "street", "bumps", "turn", "walker", "yard", "meadow",
-    "lake", "dock", "bridge", "thicket",
+    "lake", "dock", "bridge", "thicket", "jetty",
 ];
 
 const MAX_FILE_BYTES: u64 = 4 << 20;

@@ -177,7 +177,7 @@ fn unknown_worlds_get_a_hint_and_missing_files_a_reason() {
     assert_eq!(
         message("room"),
         "no world is called `room` (did you mean `rooms`?): there are rooms, hall, floor, ramp, street, bumps, turn, walker, \
-         yard, meadow, lake, dock, bridge, thicket, or give a world file (.toml)"
+         yard, meadow, lake, dock, bridge, thicket, jetty, or give a world file (.toml)"
     );
     assert!(message("lagoon").starts_with("no world is called `lagoon`: there are"));
     assert!(message("no/such.toml").starts_with("no/such.toml: "));

@@ -87,4 +87,6 @@ experiments! {
     d1_a_bridge_is_passed_below_and_driven_on: "D1",
     #[ignore = "minutes"]
     d2_what_gives_way_in_a_thicket_is_told_by_rings: "D2",
+    #[ignore = "minutes"]
+    d3_a_jetty_is_no_way_and_a_footbridge_is: "D3",
 }

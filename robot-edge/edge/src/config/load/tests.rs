@@ -548,13 +548,13 @@ fn an_unknown_vehicle_gets_the_list() {
     let error = load("pionneer", &[]).unwrap_err().to_string();
     assert!(
         error.starts_with(
-            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch."
+            "there is no vehicle `pionneer`: did you mean `pioneer`? Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch, riverwatch-lidar."
         ),
         "{error}"
     );
     let error = load("toaster", &[]).unwrap_err().to_string();
     assert!(
-        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch."),
+        error.starts_with("there is no vehicle `toaster`. Presets: generic2d, generic3d, holos, holos-tilt, introbot, lidar16, lidar64, pioneer, riverwatch, riverwatch-lidar."),
         "{error}"
     );
 }
