@@ -227,7 +227,7 @@ fn in_space(pose: &Isometry2<f64>) -> Pose {
 }
 
 /// A scan and its mounting, seen from above: a sensor that hangs upside down turns the other way round.
-fn seen_from_above(scan: &Scan, base_from_sensor: &Pose) -> (Scan, Isometry2<f64>) {
+pub(crate) fn seen_from_above(scan: &Scan, base_from_sensor: &Pose) -> (Scan, Isometry2<f64>) {
     let ahead = base_from_sensor.rotation * Vector3::x();
     let is_upside_down = (base_from_sensor.rotation * Vector3::z()).z < 0.0;
     let sign = if is_upside_down { -1.0 } else { 1.0 };

@@ -6,6 +6,7 @@ mod clouds;
 mod info;
 #[cfg(unix)]
 mod interrupt;
+mod matched_scans;
 mod outputs;
 mod own_clip;
 mod process;

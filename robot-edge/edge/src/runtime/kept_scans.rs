@@ -311,3 +311,103 @@ impl Record {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use measurement::pose::planar;
+
+    /// Of a vehicle at this place, with two beams.
+    fn scan(stamp_ns: i64, x_m: f64, yaw_rad: f64) -> RegisteredScan {
+        let odom_from_base = planar(x_m, -3.0, yaw_rad);
+        let beam = |index: u32, y_m: f64, outcome| RegisteredBeam {
+            origin_in_odom: odom_from_base * Point3::new(0.2, 0.0, 0.4),
+            end_in_odom: odom_from_base * Point3::new(8.0, y_m, 0.4),
+            outcome,
+            index,
+            range_m: 7.8,
+        };
+        RegisteredScan {
+            stamp: RobotTime::from_nanos(stamp_ns),
+            sensor: SensorId(1),
+            kind: ScanKind::Beams,
+            beam_step_rad: 0.01,
+            odom_from_base,
+            own_body_hits: 3,
+            beams: vec![
+                beam(4, 1.0, BeamOutcome::Hit),
+                beam(9, -1.0, BeamOutcome::Miss),
+            ],
+        }
+    }
+
+    fn stamps(kept: &mut KeptScans, from: u64) -> Vec<i64> {
+        let scans = kept.read(from).unwrap();
+        scans.map(|scan| scan.unwrap().stamp.as_nanos()).collect()
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_kept() {
+        let mut kept = KeptScans::new().unwrap();
+        let scan = scan(7, 1234.5, 2.0);
+        kept.add(&scan).unwrap();
+        let read = kept.read(0).unwrap().next().unwrap().unwrap();
+        for (read, beam) in read.beams.iter().zip(&scan.beams) {
+            assert!((read.end_in_odom - beam.end_in_odom).norm() < 2e-6);
+            assert!((read.origin_in_odom - beam.origin_in_odom).norm() < 2e-6);
+        }
+        let rounded = |scan: &RegisteredScan| RegisteredScan {
+            beams: scan
+                .beams
+                .iter()
+                .map(|beam| RegisteredBeam {
+                    origin_in_odom: Point3::origin(),
+                    end_in_odom: Point3::origin(),
+                    ..*beam
+                })
+                .collect(),
+            ..scan.clone()
+        };
+        assert_eq!(rounded(&read), rounded(&scan));
+    }
+
+    #[test]
+    fn a_vehicle_that_stands_keeps_a_few_scans() {
+        let mut kept = KeptScans::new().unwrap();
+        for stamp_ns in 0..20 {
+            kept.add(&scan(stamp_ns, 0.0, 0.0)).unwrap();
+        }
+        kept.add(&scan(20, 0.06, 0.0)).unwrap();
+        kept.add(&scan(21, 0.06, 0.01)).unwrap();
+        assert_eq!(stamps(&mut kept, 0), [0, 1, 2, 3, 4, 20, 21]);
+        assert_eq!(stamps(&mut kept, 5), [20, 21]);
+    }
+
+    #[test]
+    fn of_too_many_scans_every_second_is_left_out() {
+        let mut kept = KeptScans::new().unwrap();
+        kept.max_bytes = 2000;
+        for stamp_ns in 0..100 {
+            kept.add(&scan(stamp_ns, 0.1 * stamp_ns as f64, 0.0))
+                .unwrap();
+        }
+        assert!(kept.bytes <= 2000 && kept.thinned() > 0);
+        let stamps = stamps(&mut kept, 0);
+        assert!(stamps.len() as u64 == kept.count() && stamps.is_sorted());
+        assert!(
+            stamps[0] < 20 && stamps[stamps.len() - 1] > 90,
+            "{stamps:?}"
+        );
+    }
+
+    #[test]
+    fn what_came_after_a_mark_is_forgotten() {
+        let mut kept = KeptScans::new().unwrap();
+        kept.add(&scan(0, 0.0, 0.0)).unwrap();
+        let mark = kept.mark();
+        kept.add(&scan(1, 1.0, 0.0)).unwrap();
+        kept.go_back(&mark).unwrap();
+        kept.add(&scan(2, 1.0, 0.0)).unwrap();
+        assert_eq!(stamps(&mut kept, 0), [0, 2]);
+    }
+}

@@ -189,7 +189,8 @@ fn pose_origin(config: &Config, streams: &[Stream]) -> Result<PoseOrigin, UsageE
         PoseSource::Auto | PoseSource::Tf => Ok(PoseOrigin::Tf {
             fixed_frame: fixed_frame.into(),
         }),
-        PoseSource::Odometry | PoseSource::ScanWheels => Ok(PoseOrigin::Odometry),
+        PoseSource::Odometry => Ok(PoseOrigin::Odometry),
+        PoseSource::ScanWheels => Ok(from_wheels(config, streams).unwrap_or(PoseOrigin::Odometry)),
         PoseSource::Static | PoseSource::Scan => Ok(PoseOrigin::Static),
         PoseSource::Wheels => from_wheels(config, streams),
         PoseSource::Gps | PoseSource::ScanGps => from_fixes(config, streams),

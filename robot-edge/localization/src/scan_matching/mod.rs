@@ -12,4 +12,4 @@ pub mod slam_map;
 pub mod slam_settings;
 pub mod submap;
 #[cfg(test)]
-mod test_world;
+pub(crate) mod test_world;

@@ -89,11 +89,11 @@ pub(crate) struct Drive<'a> {
 }
 
 impl Drive<'_> {
-    /// The poses of the scans.
-    pub(crate) fn run(&self, slam: &mut ScanSlam) -> Vec<ScanPose> {
+    /// Stamps, scans and odometry.
+    pub(crate) fn scans(&self) -> Vec<(RobotTime, Scan, Isometry2<f64>)> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let mut odom_from_base = Isometry2::identity();
-        let mut poses = Vec::new();
+        let mut scans = Vec::new();
         for (pose, number) in self.way.iter().zip(0..) {
             if number > 0 {
                 let step = self.way[number as usize - 1].inv_mul(pose);
@@ -104,16 +104,26 @@ impl Drive<'_> {
                         + self.drift_rad_per_m * way_m,
                 );
             }
+            let stamp = RobotTime::from_nanos(0) + RobotDuration::from_millis(200 * number);
             let scan = scan(self.world, pose, &mut random);
-            poses.push(slam.push(&ScanInput {
-                stamp: RobotTime::from_nanos(0) + RobotDuration::from_millis(200 * number),
+            scans.push((stamp, scan, odom_from_base));
+        }
+        scans
+    }
+
+    /// The poses of the scans.
+    pub(crate) fn run(&self, slam: &mut ScanSlam) -> Vec<ScanPose> {
+        let scans = self.scans().into_iter();
+        let poses = scans.map(|(stamp, scan, odom_from_base)| {
+            slam.push(&ScanInput {
+                stamp,
                 scan: &scan,
                 base_from_sensor: Isometry2::identity(),
                 odom_from_base: self.has_odometry.then_some(odom_from_base),
                 is_heading_only: false,
-            }));
-        }
-        poses
+            })
+        });
+        poses.collect()
     }
 }
 

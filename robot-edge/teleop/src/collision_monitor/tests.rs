@@ -208,6 +208,7 @@ impl Setup {
             period,
             centre: Point2::from(pose.translation.vector.xy()),
             reach_m: self.rules().window_m(),
+            map_from_odom: nalgebra::Isometry2::identity(),
         };
         map.copy_occupancy(&grid, request);
         map

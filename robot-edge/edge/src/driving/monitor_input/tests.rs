@@ -107,7 +107,7 @@ fn the_map_is_copied_between_scans_of_a_slow_sensor() {
         let scan = scan((sensor, millis), Pose::identity(), [2.0, 0.0, 0.0]);
         let measured_at = Monotonic::from_nanos(1_000_000 * millis as u64);
         mapper.integrate(&scan);
-        monitor_map_input.update_map(&scan, &mapper, measured_at);
+        monitor_map_input.update_map(&scan, (&mapper, &Pose::identity()), measured_at);
         if monitor_runner.map.update() {
             copied.push(millis);
             // As old as its scan, and stale after two and a half periods of 200 ms.
@@ -292,7 +292,7 @@ fn arcs_change_neither_the_ground_nor_the_map_nor_the_belief_in_the_window() {
             arc.beams.clear();
         }
         let measured_at = input.add_scan(&arc, Monotonic::from_nanos(1_000_000 * millis as u64));
-        map_input.update_map(&arc, &mapper, measured_at);
+        map_input.update_map(&arc, (&mapper, &Pose::identity()), measured_at);
     }
     assert_eq!(input.ground_plane(), None);
     assert!(!input.is_blocked(SensorId(1)));

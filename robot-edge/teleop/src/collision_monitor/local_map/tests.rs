@@ -10,6 +10,7 @@ fn request(x: f64, y: f64, reach_m: f64) -> CopyRequest {
         period: Duration::from_millis(200),
         centre: Point2::new(x, y),
         reach_m,
+        map_from_odom: Isometry2::identity(),
     }
 }
 
@@ -47,6 +48,60 @@ fn an_occupancy_grid_is_copied_around_the_vehicle() {
     let (index_of, centre) = obstacles[0];
     assert!((centre - end.xy()).norm() < 1e-9);
     assert_eq!(map.index_of(centre), Some(index_of));
+}
+
+/// A loop was closed: the map lies elsewhere in `odom`, and turned. Posts of one cell each.
+#[test]
+fn of_a_map_that_was_moved_no_obstacle_is_lost() {
+    let mut grid = OccupancyGrid::new(&OccupancyConfig::default());
+    let posts: Vec<_> = (0..100)
+        .map(|n| {
+            Point2::new(
+                0.05 + 0.3 * f64::from(n % 10),
+                0.05 + 0.3 * f64::from(n / 10),
+            )
+        })
+        .collect();
+    let beams = posts.iter().map(|post| RegisteredBeam {
+        origin_in_odom: nalgebra::Point3::new(post.x - 0.1, post.y, 0.0),
+        end_in_odom: nalgebra::Point3::new(post.x, post.y, 0.0),
+        outcome: BeamOutcome::Hit,
+        index: 0,
+        range_m: 0.1,
+    });
+    let scan = RegisteredScan {
+        stamp: RobotTime::from_nanos(0),
+        sensor: SensorId(0),
+        beam_step_rad: 0.01,
+        kind: ScanKind::Beams,
+        own_body_hits: 0,
+        odom_from_base: planar(0.0, 0.0, 0.0),
+        beams: beams.collect(),
+    };
+    for _ in 0..3 {
+        grid.integrate(&scan);
+    }
+    for degrees in 1..90 {
+        let map_from_odom =
+            Isometry2::new(Vector2::new(0.33, -0.21), f64::from(degrees).to_radians());
+        let odom_from_map = map_from_odom.inverse();
+        let centre = odom_from_map * Point2::new(1.5, 1.5);
+        let mut map = LocalMap::default();
+        let request = CopyRequest {
+            map_from_odom,
+            ..request(centre.x, centre.y, 3.0)
+        };
+        map.copy_occupancy(&grid, request);
+        for post in &posts {
+            assert_eq!(
+                map.class_at(odom_from_map * post),
+                CellClass::Obstacle,
+                "{degrees}° {post}"
+            );
+        }
+        // Of cells of 0.1 m, one post makes four at most.
+        assert!(map.obstacles().count() <= 4 * posts.len(), "{degrees}°");
+    }
 }
 
 #[test]
