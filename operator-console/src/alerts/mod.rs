@@ -25,6 +25,8 @@ pub enum Alarm {
     Sensor(String),
     Recording,
     PositionJump,
+    /// The scans do not determine where the vehicle is.
+    PositionUncertain,
     Overload,
     Stuck,
 }
@@ -102,6 +104,7 @@ impl Alerts {
         for event in new_events {
             let alarm = match event.kind.as_str() {
                 "pose_jump" => Alarm::PositionJump,
+                "localization_uncertain" | "localization_lost" => Alarm::PositionUncertain,
                 "overload" => Alarm::Overload,
                 _ => continue,
             };
@@ -498,7 +501,12 @@ mod tests {
             severity: Severity::Warning,
             message: "The pose jumped 3 m".to_owned(),
         };
-        alerts.update(&model, AlertSource::Robot, &[jump.clone(), jump], at(4_000));
+        let lost = Event {
+            kind: "localization_lost".to_owned(),
+            ..jump.clone()
+        };
+        let events = [jump.clone(), jump, lost];
+        alerts.update(&model, AlertSource::Robot, &events, at(4_000));
         update(&mut alerts, &model, 9_000);
         let mut alarms = listed(&alerts);
         alarms.sort();
@@ -508,6 +516,7 @@ mod tests {
                 (Alarm::LinkLost, 1, true),
                 (laser, 1, false),
                 (Alarm::PositionJump, 2, false),
+                (Alarm::PositionUncertain, 1, false),
             ]
         );
     }

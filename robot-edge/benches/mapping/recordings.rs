@@ -194,7 +194,9 @@ pub(crate) fn register(
     registration.finish(&mut registered);
     let scan = |registered| match registered {
         RegistrationOutput::Scan(scan) => Some(scan),
-        RegistrationOutput::Jump(_) => None,
+        RegistrationOutput::Jump(_)
+        | RegistrationOutput::Corrected(_)
+        | RegistrationOutput::Confidence(_) => None,
     };
     registered.into_iter().filter_map(scan).collect()
 }

@@ -14,8 +14,9 @@ pub fn event(kind: &str, message: String) -> Event {
 pub fn severity(kind: &str) -> Severity {
     match kind {
         "estop" | "fault" | "motors" | "recording_stopped" | "sensor_silent"
-        | "operators_missing" => Severity::Alarm,
-        "sensor_slow"
+        | "localization_lost" | "operators_missing" => Severity::Alarm,
+        "localization_uncertain"
+        | "sensor_slow"
         | "sensor_clock"
         | "sensor_invalid"
         | "pose_jump"

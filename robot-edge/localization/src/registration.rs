@@ -21,7 +21,8 @@ use crate::gnss_positioning::{GnssPositioning, GnssSettings};
 use crate::pose_buffer::{InterpolationLimits, PoseJump};
 use crate::registration::scan_queue::{QueuedScan, ScanQueue, Sweep};
 use crate::scan_localization::{
-    MapFromOdom, ScanLocalization, ScanLocalizationReport, ScanLocalizationSettings, WaitingScan,
+    ConfidenceChange, MapFromOdom, ScanLocalization, ScanLocalizationReport,
+    ScanLocalizationSettings, WaitingScan,
 };
 use crate::tilt::TiltSettings;
 use crate::transform_buffer::{TransformBuffer, TransformChain};
@@ -35,6 +36,8 @@ pub enum RegistrationOutput {
     Jump(PoseJump),
     /// A loop was closed: `odom` lies elsewhere in the map, for the scans before it, too.
     Corrected(Arc<MapFromOdom>),
+    /// The poses from matched scans became more or less certain.
+    Confidence(ConfidenceChange),
 }
 
 /// Places scans. A scan waits until there is a pose after its last beam, or until the stamps of the data
@@ -371,8 +374,9 @@ impl ScanRegistration {
             };
             match self.poses_of(&waiting, scan_localization.settings.sensor) {
                 Ok((base_from_sensor, prior_from_base)) => {
-                    let odom_from_prior =
+                    let (odom_from_prior, change) =
                         scan_localization.take(&waiting, &base_from_sensor, &prior_from_base);
+                    out.extend(change.map(RegistrationOutput::Confidence));
                     let prior_frame = self.settings.prior_frame().into();
                     let matched = (&MATCHED_FRAME.into(), &prior_frame);
                     self.tree

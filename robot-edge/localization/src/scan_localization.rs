@@ -47,6 +47,7 @@ pub(crate) struct ScanLocalization {
     /// Stamp of each keyframe, and its pose in `odom`.
     keyframes: Vec<(RobotTime, Isometry2<f64>)>,
     is_corrected: bool,
+    monitor: ConfidenceMonitor,
     report: ScanLocalizationReport,
 }
 
@@ -76,6 +77,57 @@ pub struct ScanLocalizationReport {
     pub dropped: DropCounts,
     /// Closures of loops.
     pub closures: ClosureCounts,
+}
+
+/// How far the scans determine the poses now.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PoseConfidence {
+    /// In all directions.
+    #[default]
+    Determined,
+    /// Not along one direction, as in a corridor.
+    UncertainAlong,
+    /// They do not fit the map: the poses are those of odometry.
+    OdometryOnly,
+    /// Not at all.
+    Lost,
+}
+
+/// The poses became more or less certain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ConfidenceChange {
+    /// Of the first scan.
+    pub stamp: RobotTime,
+    /// From then on.
+    pub confidence: PoseConfidence,
+}
+
+/// Says so when a few scans in sequence agree.
+#[derive(Clone, Copy, Debug, Default)]
+struct ConfidenceMonitor {
+    now: PoseConfidence,
+    next: PoseConfidence,
+    since: RobotTime,
+    scans: u32,
+}
+
+impl ConfidenceMonitor {
+    const SCANS: u32 = 5;
+
+    fn update(&mut self, stamp: RobotTime, confidence: PoseConfidence) -> Option<ConfidenceChange> {
+        if confidence != self.next || self.scans == 0 {
+            (self.next, self.since, self.scans) = (confidence, stamp, 0);
+        }
+        self.scans = (self.scans + 1).min(Self::SCANS);
+        if self.next == self.now || self.scans < Self::SCANS {
+            return None;
+        }
+        self.now = self.next;
+        Some(ConfidenceChange {
+            stamp: self.since,
+            confidence,
+        })
+    }
 }
 
 /// The pose of `odom` in the map over time: it changes where a loop is closed. Poses are planar.
@@ -126,6 +178,7 @@ impl ScanLocalization {
             waiting: VecDeque::new(),
             keyframes: Vec::new(),
             is_corrected: false,
+            monitor: ConfidenceMonitor::default(),
             report: ScanLocalizationReport::default(),
         }
     }
@@ -148,13 +201,14 @@ impl ScanLocalization {
         self.report.dropped.add(reason);
     }
 
-    /// Matches a scan. `prior_from_base`: pose by the other sensors. Returns the pose of their frame in `odom`.
+    /// Matches a scan. `prior_from_base`: pose by the other sensors. Returns the pose of their frame in `odom`, and whether poses
+    /// became more or less certain.
     pub(crate) fn take(
         &mut self,
         waiting: &WaitingScan,
         base_from_sensor: &Pose,
         prior_from_base: &Pose,
-    ) -> Pose {
+    ) -> (Pose, Option<ConfidenceChange>) {
         let (scan, base_from_sensor) = seen_from_above(&waiting.scan, base_from_sensor);
         let prior = planar(prior_from_base);
         let pose = self.slam.push(&ScanInput {
@@ -171,14 +225,18 @@ impl ScanLocalization {
         }
         let report = &mut self.report;
         report.newest = Some((waiting.stamp, pose));
-        *match pose.confidence {
-            Confidence::Full => &mut report.full,
-            Confidence::UncertainAlong(_) => &mut report.uncertain_along,
-            Confidence::OdometryOnly => &mut report.odometry_only,
-            Confidence::Lost => &mut report.lost,
-        } += 1;
+        let (count, confidence) = match pose.confidence {
+            Confidence::Full => (&mut report.full, PoseConfidence::Determined),
+            Confidence::UncertainAlong(_) => {
+                (&mut report.uncertain_along, PoseConfidence::UncertainAlong)
+            }
+            Confidence::OdometryOnly => (&mut report.odometry_only, PoseConfidence::OdometryOnly),
+            Confidence::Lost => (&mut report.lost, PoseConfidence::Lost),
+        };
+        *count += 1;
         self.is_corrected |= pose.is_corrected;
-        in_space(&(pose.local_from_base * prior.inverse()))
+        let change = self.monitor.update(waiting.stamp, confidence);
+        (in_space(&(pose.local_from_base * prior.inverse())), change)
     }
 
     /// Optimizes the map to the end, after the last scan.

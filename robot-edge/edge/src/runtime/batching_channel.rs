@@ -112,7 +112,10 @@ impl BatchingSender {
                 self.beams >= MAX_BATCH_BEAMS
             }
             MappingInput::Registered {
-                output: RegistrationOutput::Jump(_) | RegistrationOutput::Corrected(_),
+                output:
+                    RegistrationOutput::Jump(_)
+                    | RegistrationOutput::Corrected(_)
+                    | RegistrationOutput::Confidence(_),
                 ..
             }
             | MappingInput::ClockReset => false,

@@ -273,7 +273,8 @@ impl LocalizationStage {
                 (RegistrationOutput::Jump(_), Some(state_publisher)) => {
                     state_publisher.on_pose_jump()
                 }
-                (RegistrationOutput::Corrected(_), _) | (_, None) => Monotonic::default(),
+                (RegistrationOutput::Corrected(_) | RegistrationOutput::Confidence(_), _)
+                | (_, None) => Monotonic::default(),
             };
             send(MappingInput::Registered {
                 output,

@@ -113,6 +113,10 @@ impl MappingStage {
                 output: RegistrationOutput::Corrected(way),
                 ..
             } => self.maps.correct(way),
+            MappingInput::Registered {
+                output: RegistrationOutput::Confidence(change),
+                ..
+            } => self.maps.on_confidence(change),
             MappingInput::Tick { input_delay, datum } => {
                 self.maps.set_datum(datum);
                 self.check_overload(input_delay);

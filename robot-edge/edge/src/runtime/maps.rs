@@ -15,7 +15,7 @@ use crate::summary::StageTimer;
 use localization::OnJump;
 use localization::pose_buffer::PoseJump;
 use localization::registration::RegistrationOutput;
-use localization::scan_localization::MapFromOdom;
+use localization::scan_localization::{ConfidenceChange, MapFromOdom, PoseConfidence};
 use mapping::Mapper;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
@@ -72,7 +72,7 @@ pub struct MapUpdate {
 pub struct MapEvent {
     /// On the clock of the data.
     pub stamp: RobotTime,
-    /// `ground_plane`, `pose_jump`, `loop_closed` or `voxels_evicted`.
+    /// `ground_plane`, `pose_jump`, `loop_closed`, `localization_…` or `voxels_evicted`.
     pub kind: &'static str,
     /// One sentence with the reason.
     pub message: String,
@@ -141,7 +141,9 @@ impl PausedSnapshot {
             .iter()
             .filter_map(|registered| match registered {
                 RegistrationOutput::Scan(scan) => Some(scan),
-                RegistrationOutput::Jump(_) | RegistrationOutput::Corrected(_) => None,
+                RegistrationOutput::Jump(_)
+                | RegistrationOutput::Corrected(_)
+                | RegistrationOutput::Confidence(_) => None,
             })
     }
 
@@ -346,6 +348,28 @@ impl Maps {
         self.add_event(jump.stamp, "pose_jump", message);
     }
 
+    /// Says how sure the poses are.
+    pub(super) fn on_confidence(&mut self, change: ConfidenceChange) {
+        let (kind, message) = match change.confidence {
+            PoseConfidence::Determined => {
+                ("localization_certain", "the scans determine the pose again")
+            }
+            PoseConfidence::UncertainAlong => (
+                "localization_uncertain",
+                "the scans do not determine the position along one direction, as in a corridor",
+            ),
+            PoseConfidence::OdometryOnly => (
+                "localization_uncertain",
+                "the scans do not fit the map: the poses are those of odometry alone",
+            ),
+            PoseConfidence::Lost => (
+                "localization_lost",
+                "the scans do not fit the map, and nothing else says where the vehicle is",
+            ),
+        };
+        self.add_event(change.stamp, kind, message.to_owned());
+    }
+
     fn report_limited(&mut self, stamp: RobotTime, now: LimitedBricks) {
         if now == LimitedBricks::default() {
             return;
@@ -486,7 +510,7 @@ impl Maps {
                 }
                 RegistrationOutput::Jump(jump) => ended.on_pose_jump(jump),
                 // What is shown is what is known now.
-                RegistrationOutput::Corrected(_) => {}
+                RegistrationOutput::Corrected(_) | RegistrationOutput::Confidence(_) => {}
             }
         }
         ended.finish()?;
@@ -510,7 +534,7 @@ impl Maps {
                 }
                 (RegistrationOutput::Jump(_), OnJump::Reset) => ended.reset(),
                 (RegistrationOutput::Jump(_), OnJump::Keep)
-                | (RegistrationOutput::Corrected(_), _) => {}
+                | (RegistrationOutput::Corrected(_) | RegistrationOutput::Confidence(_), _) => {}
             }
         }
         Some(ended.octree().clone())
@@ -551,6 +575,7 @@ mod tests {
             }
             RegistrationOutput::Jump(jump) => maps.on_pose_jump(jump),
             RegistrationOutput::Corrected(way) => maps.correct(Arc::clone(way)),
+            RegistrationOutput::Confidence(change) => maps.on_confidence(*change),
         }
     }
 

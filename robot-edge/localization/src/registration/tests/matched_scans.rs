@@ -87,7 +87,9 @@ fn odometry_that_slips_is_corrected_by_scans_and_odom_does_not_jump() {
             match output {
                 RegistrationOutput::Scan(scan) => poses.push((scan.stamp, scan.odom_from_base)),
                 RegistrationOutput::Corrected(way) => map_from_odom = (**way).clone(),
-                RegistrationOutput::Jump(jump) => panic!("{motion:?}: {jump:?}"),
+                RegistrationOutput::Jump(_) | RegistrationOutput::Confidence(_) => {
+                    panic!("{motion:?}: {output:?}")
+                }
             }
         }
         assert_eq!(poses.len(), way.len(), "{motion:?}");
