@@ -83,7 +83,6 @@ pub type Window = (f64, f64);
 #[derive(Clone, Debug)]
 pub struct SubmapMatch {
     points: Vec<ScanPoint>,
-    window: SearchWindow,
     is_small: bool,
     search: Search,
     /// Found; the search for another pose as good is under way.
@@ -101,16 +100,14 @@ impl SubmapMatch {
         let is_small = half_m <= settings.small_window_m;
         let window = SearchWindow {
             middle: expected,
-            half_m,
+            half_m: [half_m; 2],
             half_rad,
             min_score: settings.min_score * if is_small { 0.6 } else { 1.0 },
             prior: None,
-            except: None,
         };
         Self {
             search: Search::new(&search_points(&points), window),
             points,
-            window,
             is_small,
             best: None,
         }
@@ -131,12 +128,8 @@ impl SubmapMatch {
         let pose = match (self.best, self.search.best()) {
             (None, Some(found)) if !self.is_small => {
                 self.best = Some(found.pose);
-                let elsewhere = SearchWindow {
-                    min_score: settings.ambiguous_share * found.score,
-                    except: Some((found.pose, 0.7, 15_f64.to_radians())),
-                    ..self.window
-                };
-                self.search = Search::new(&search_points(&self.points), elsewhere);
+                self.search
+                    .search_elsewhere(settings.ambiguous_share, (0.7, 15_f64.to_radians()));
                 return None;
             }
             (None, Some(found)) => found.pose,

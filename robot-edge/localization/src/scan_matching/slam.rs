@@ -255,11 +255,10 @@ impl ScanSlam {
         let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
         let window = SearchWindow {
             middle: prior.submap_from_base,
-            half_m: (3.0 * sigma[0]).clamp(0.1, 1.0),
+            half_m: [(3.0 * sigma[0]).clamp(0.1, 1.0); 2],
             half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
             min_score: -1.0,
             prior: Some((0.02, sigma[0], sigma[1])),
-            except: None,
         };
         let submap = &self.map.submaps[active.index as usize].submap;
         let mut search = Search::new(&search_points(&points), window);

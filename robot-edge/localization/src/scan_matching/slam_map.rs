@@ -60,8 +60,8 @@ impl SlamMap {
         self.graph.poses[self.submaps[index as usize].anchor as usize]
     }
 
-    /// Middle of the way of a submap, in its frame, and half the extent, metres.
-    pub fn extent(&self, index: u32) -> (Isometry2<f64>, f64) {
+    /// Middle of the way of a submap, in its frame, and half its extents along x and y, metres.
+    pub fn extent(&self, index: u32) -> (Isometry2<f64>, [f64; 2]) {
         let anchor_from_map = self.anchor(index).inverse();
         let way = self.way(index).iter();
         let (middle, half_m) = relocalization::extent(
