@@ -6,7 +6,7 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 
-use super::loop_closure::{Closure, PendingClosures, SubmapMatch, search_points, with_noise};
+use super::loop_closure::{Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise};
 use super::pose_graph::{Edge, PoseGraph};
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
@@ -232,6 +232,7 @@ impl ScanSlam {
                         information: place.information,
                     },
                     self.active[0].index,
+                    self.settings.closure.noise,
                 );
             }
             return self.finish_scan(
@@ -286,8 +287,13 @@ impl ScanSlam {
             return self.finish_scan(input, (motion, motion_s), expected, result, is_corrected);
         }
         self.lost = 0;
-        let local_from_base = active.local_from_anchor * registered.submap_from_base;
-        for active in &mut self.active {
+        let is_matched = confidence != Confidence::OdometryOnly;
+        let local_from_base = if is_matched {
+            active.local_from_anchor * registered.submap_from_base
+        } else {
+            expected
+        };
+        for active in self.active.iter_mut().filter(|_| is_matched) {
             let prior = active
                 .covariance
                 .try_inverse()
@@ -576,16 +582,11 @@ impl ScanSlam {
         if found.is_some() {
             self.searches.last_match = Some((submap, driven_m));
         }
-        let Some((submap_from_base, information)) = found else {
+        let Some(found) = found else {
             self.searches.failed += 1;
             return;
         };
-        let closure = Closure {
-            keyframe,
-            submap,
-            submap_from_base,
-            information,
-        };
+        let closure = Closure::new(keyframe, submap, &found);
         let anchor = |index: u32| self.map.anchor(index);
         let agreed =
             self.searches
@@ -593,7 +594,7 @@ impl ScanSlam {
                 .add(closure, (local_from_base, driven_m), anchor, &settings);
         for closure in agreed {
             self.optimizer.is_far = true;
-            self.add_closure(&closure, self.active[0].index);
+            self.add_closure(&closure, self.active[0].index, settings.large_drift);
         }
     }
 
@@ -638,16 +639,9 @@ impl ScanSlam {
             let mut search = SubmapMatch::new(points.to_vec(), expected, window, &settings);
             let grid = self.take_grid(index);
             let submap = &self.map.submaps[index as usize].submap;
-            if let Some(Some((submap_from_base, information))) =
-                search.advance(submap, &grid, usize::MAX, &settings)
-            {
-                let closure = Closure {
-                    keyframe,
-                    submap: index,
-                    submap_from_base,
-                    information,
-                };
-                self.add_closure(&closure, own);
+            if let Some(Some(found)) = search.advance(submap, &grid, usize::MAX, &settings) {
+                let closure = Closure::new(keyframe, index, &found);
+                self.add_closure(&closure, own, settings.noise);
             }
             self.keep_grid(index, grid);
         }
@@ -673,8 +667,8 @@ impl ScanSlam {
         }
     }
 
-    /// Adds a closure of a keyframe that belongs to submap `own`.
-    fn add_closure(&mut self, closure: &Closure, own: u32) {
+    /// Adds a closure of a keyframe that belongs to submap `own`, and that leaves a drift.
+    fn add_closure(&mut self, closure: &Closure, own: u32, drift: Window) {
         self.map.graph.edges.push(Edge {
             from: self.map.submaps[closure.submap as usize].anchor,
             to: closure.keyframe,
@@ -682,9 +676,7 @@ impl ScanSlam {
             information: closure.information,
             is_closure: true,
         });
-        self.map
-            .drifts
-            .link(closure.submap, own, self.settings.closure.noise);
+        self.map.drifts.link(closure.submap, own, drift);
         self.closures.added += 1;
         self.optimizer.waiting += 1;
     }
