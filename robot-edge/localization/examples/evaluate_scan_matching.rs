@@ -65,6 +65,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     slam.finish();
     let keyframes = slam.map().keyframes();
+    let piece_of = slam.map().pieces();
+    let pieces: Vec<_> = poses.iter().map(|(at, _)| piece_of[*at as usize]).collect();
     let poses: Vec<_> = poses
         .iter()
         .map(|(at, own)| keyframes[*at as usize] * own)
@@ -97,8 +99,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         at(1.0),
         peak_mb(),
     )?;
+    let mut sizes = BTreeMap::new();
+    for piece in &pieces {
+        *sizes.entry(*piece).or_insert(0_usize) += 1;
+    }
+    if sizes.len() > 1 {
+        let sizes: Vec<_> = sizes.values().collect();
+        writeln!(out, "{} pieces, of {sizes:?} scans", sizes.len())?;
+    }
     if let Some(file) = options.get("relations") {
-        for (name, errors) in relation_errors(&std::fs::read_to_string(file)?, &scans, &poses) {
+        let text = std::fs::read_to_string(file)?;
+        for (name, errors) in relation_errors(&text, &scans, &poses, &pieces) {
             let [m, rad]: [Vec<f64>; 2] = [
                 errors.iter().map(|e| e.0).collect(),
                 errors.iter().map(|e| e.1).collect(),
@@ -170,6 +181,7 @@ fn relation_errors(
     text: &str,
     scans: &[LogScan],
     poses: &[Isometry2<f64>],
+    pieces: &[u32],
 ) -> BTreeMap<String, Vec<(f64, f64)>> {
     let by_stamp: BTreeMap<RobotTime, usize> = scans
         .iter()
@@ -196,8 +208,14 @@ fn relation_errors(
             _ => (relation.stamps.map(nearest), "all"),
         };
         let [first, second] = pair.map(|at| &poses[at]);
+        let [piece, other] = pair.map(|at| pieces[at]);
+        let across = if piece == other {
+            ""
+        } else {
+            ", between pieces (of no meaning)"
+        };
         errors
-            .entry(kind.to_owned())
+            .entry(format!("{kind}{across}"))
             .or_default()
             .push(relation.error(first, second));
     }

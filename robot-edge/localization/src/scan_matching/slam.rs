@@ -13,7 +13,7 @@ use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::{Candidate, SlamMap, SubmapRecord};
 use super::slam_settings::SlamSettings;
-use super::submap::{Prior, Submap, difference, transported};
+use super::submap::{Prior, Registered, Submap, difference, transported};
 
 /// One scan and what is known about the motion.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +93,8 @@ pub struct ScanSlam {
     driven_m: f64,
     /// Scans in sequence that did not fit the map.
     lost: u32,
+    /// Way since the last scan that determined the pose, without odometry, metres.
+    blind_m: f64,
 }
 
 /// Numbers of closures.
@@ -165,6 +167,12 @@ const MAX_GROWTH: f64 = 5.0;
 const AGAIN_M: f64 = 6.0;
 /// Scans in sequence that do not fit the map, before a new one begins.
 const MAX_LOST: u32 = 3;
+/// Without odometry, a new map begins after this way along which no scan determines the pose, metres.
+const MAX_BLIND_M: f64 = 2.0;
+/// Without odometry, another pose with more than this share of the best score, and this far from it (metres), makes a scan
+/// uncertain.
+const ALIKE_SHARE: f64 = 0.95;
+const ALIKE_M: f64 = 0.4;
 /// Of x, y (m²) and yaw (rad²) where a new map begins.
 const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
 /// Limit of the grids of finished submaps.
@@ -194,6 +202,7 @@ impl ScanSlam {
             resumed_at: None,
             driven_m: 0.0,
             lost: 0,
+            blind_m: 0.0,
         }
     }
 
@@ -247,39 +256,24 @@ impl ScanSlam {
         for active in &mut self.active {
             active.covariance = transported(&active.covariance, &motion) + noise;
         }
-        let active = &self.active[0];
-        let anchor_from_local = active.local_from_anchor.inverse();
-        let prior = Prior {
-            submap_from_base: anchor_from_local * expected,
-            covariance: noise,
+        let (registered, confidence) =
+            self.match_scan(&points, &expected, &noise, input.odom_from_base.is_some());
+        self.blind_m = match confidence {
+            Confidence::UncertainAlong(_) if input.odom_from_base.is_none() => {
+                self.blind_m + motion.translation.vector.norm()
+            }
+            _ => 0.0,
         };
-        let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
-        let window = SearchWindow {
-            middle: prior.submap_from_base,
-            half_m: [(3.0 * sigma[0]).clamp(0.1, 1.0); 2],
-            half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
-            min_score: -1.0,
-            prior: Some((0.02, sigma[0], sigma[1])),
-        };
-        let submap = &self.map.submaps[active.index as usize].submap;
-        let mut search = Search::new(&search_points(&points), window);
-        search.advance(&active.grid, MAX_BLOCKS);
-        let start = search
-            .best()
-            .map_or(prior.submap_from_base, |best| best.pose);
-        let registered = submap.register(&points, &start, Some(&prior));
-        let confidence = match (registered.uncertain_along, input.odom_from_base) {
-            _ if registered.inliers < self.settings.min_inliers => match input.odom_from_base {
-                Some(_) => Confidence::OdometryOnly,
-                None => Confidence::Lost,
-            },
-            (Some(along), _) => Confidence::UncertainAlong(along),
-            (None, _) => Confidence::Full,
+        let is_blind = self.blind_m > MAX_BLIND_M;
+        let confidence = if is_blind {
+            Confidence::Lost
+        } else {
+            confidence
         };
         if confidence == Confidence::Lost {
             self.lost += 1;
             let mut motion = motion;
-            if self.lost > MAX_LOST {
+            if self.lost > MAX_LOST || is_blind {
                 self.begin_anew(&points, &expected);
                 motion = Isometry2::identity();
             }
@@ -289,7 +283,7 @@ impl ScanSlam {
         self.lost = 0;
         let is_matched = confidence != Confidence::OdometryOnly;
         let local_from_base = if is_matched {
-            active.local_from_anchor * registered.submap_from_base
+            self.active[0].local_from_anchor * registered.submap_from_base
         } else {
             expected
         };
@@ -318,6 +312,53 @@ impl ScanSlam {
             result,
             is_corrected,
         )
+    }
+
+    /// Searches for a scan around its expected pose in the current submap, and registers it.
+    fn match_scan(
+        &self,
+        points: &[ScanPoint],
+        expected: &Isometry2<f64>,
+        noise: &Matrix3<f64>,
+        has_odometry: bool,
+    ) -> (Registered, Confidence) {
+        let active = &self.active[0];
+        let prior = Prior {
+            submap_from_base: active.local_from_anchor.inv_mul(expected),
+            covariance: *noise,
+        };
+        let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
+        let window = SearchWindow {
+            middle: prior.submap_from_base,
+            half_m: [(3.0 * sigma[0]).clamp(0.1, 1.0); 2],
+            half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
+            min_score: -1.0,
+            prior: Some((0.02, sigma[0], sigma[1])),
+        };
+        let mut search = Search::new(&search_points(points), window);
+        search.advance(&active.grid, MAX_BLOCKS);
+        let found = search.best().map(|best| best.pose);
+        let start = found.unwrap_or(prior.submap_from_base);
+        let submap = &self.map.submaps[active.index as usize].submap;
+        let registered = submap.register(points, &start, Some(&prior));
+        if registered.inliers < self.settings.min_inliers {
+            let by_odometry = has_odometry.then_some(Confidence::OdometryOnly);
+            return (registered, by_odometry.unwrap_or(Confidence::Lost));
+        }
+        if let Some(along) = registered.uncertain_along {
+            return (registered, Confidence::UncertainAlong(along));
+        }
+        // A corridor with doors alike: the scan fits at another place too, and no odometry says which is right.
+        if let (Some(found), false) = (found, has_odometry) {
+            search.search_elsewhere(ALIKE_SHARE, (ALIKE_M, std::f64::consts::PI));
+            search.advance(&active.grid, MAX_BLOCKS);
+            if let Some(other) = search.best() {
+                let way = other.pose.translation.vector - found.translation.vector;
+                let along = found.rotation.inverse() * way.normalize();
+                return (registered, Confidence::UncertainAlong(along));
+            }
+        }
+        (registered, Confidence::Full)
     }
 
     /// Optimizes to the end, after the last scan.
@@ -393,6 +434,7 @@ impl ScanSlam {
     /// Begins with new submaps, of which only closures will say where they are.
     fn begin_anew(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
         self.lost = 0;
+        self.blind_m = 0.0;
         for active in &mut self.active {
             active.covariance = Matrix3::from_diagonal(&LOST_VARIANCE);
         }
