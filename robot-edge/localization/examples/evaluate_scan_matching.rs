@@ -1,6 +1,6 @@
 //! Poses from the scans and the raw odometry of a CARMEN log, measured:
 //! `cargo run --release -p localization --example evaluate_scan_matching -- LOG [relations=FILE] [picture=FILE.png]
-//! [odometry=no] [revisits=yes]`
+//! [odometry=no] [revisits=yes] [pairs=yes] [kidnapped=STARTS]`
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -131,6 +131,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             )?;
         }
     }
+    if let (Some(file), true) = (options.get("relations"), options.contains_key("pairs")) {
+        measure_pairs(&mut out, &std::fs::read_to_string(file)?, &scans, &poses)?;
+    }
     if let Some(starts) = options.get("kidnapped") {
         measure_kidnapped(&mut out, &scans, starts.parse()?)?;
     }
@@ -222,6 +225,72 @@ fn relation_errors(
     errors
 }
 
+/// Which is right where poses and relations differ, the two scans say: the second is registered with the first alone, from
+/// the relation, and from the poses.
+fn measure_pairs(
+    out: &mut impl Write,
+    text: &str,
+    scans: &[LogScan],
+    poses: &[Isometry2<f64>],
+) -> Result<(), Box<dyn Error>> {
+    let mut angles_deg = [Vec::new(), Vec::new(), Vec::new()];
+    let mut differing = 0;
+    for relation in text.lines().filter_map(Relation::parse) {
+        let [first, second, kind] = relation.remarks.as_slice() else {
+            continue;
+        };
+        if kind != "r" {
+            continue;
+        }
+        let [first, second]: [usize; 2] = [first.parse()?, second.parse()?];
+        let mut submap = Submap::default();
+        for point in points_of(&scans[first], 30.0) {
+            submap.add(&point);
+        }
+        let points = points_of(&scans[second], 30.0);
+        let own = poses[first].inv_mul(&poses[second]);
+        let register = |start: &Isometry2<f64>| submap.register(&points, start, None);
+        let by_own = register(&own);
+        let by_relation = register(&relation.first_from_second);
+        // Of two minima the one with more inliers.
+        let best = if by_own.inliers >= by_relation.inliers {
+            by_own
+        } else {
+            by_relation
+        };
+        if best.inliers < 0.6 || best.degenerate > 0 {
+            continue;
+        }
+        let deg = |a: &Isometry2<f64>, b: &Isometry2<f64>| {
+            a.rotation.angle_to(&b.rotation).abs().to_degrees()
+        };
+        let pose = best.submap_from_base;
+        angles_deg[0].push(deg(&own, &relation.first_from_second));
+        angles_deg[1].push(deg(&own, &pose));
+        angles_deg[2].push(deg(&relation.first_from_second, &pose));
+        if deg(&own, &relation.first_from_second) > 1.0 {
+            differing += 1;
+            writeln!(
+                out,
+                "scans {first} and {second}: poses and relation differ by {:.2}°, poses and scans by {:.2}°, \
+                 relation and scans by {:.2}°, inliers {:.2}",
+                deg(&own, &relation.first_from_second),
+                deg(&own, &pose),
+                deg(&relation.first_from_second, &pose),
+                best.inliers,
+            )?;
+        }
+    }
+    let [both, own, relation] = angles_deg.map(|angles| Spread::of(&angles));
+    writeln!(
+        out,
+        "pairs: {} revisited, {differing} differ by more than 1°; mean angle of poses and relations {:.3}°, \
+         poses and scans {:.3}°, relations and scans {:.3}°",
+        both.count, both.mean, own.mean, relation.mean,
+    )?;
+    Ok(())
+}
+
 /// A map of the even scans, and starts at random odd ones: whether the vehicle is found within 10 m of driving.
 fn measure_kidnapped(
     out: &mut impl Write,
@@ -230,20 +299,32 @@ fn measure_kidnapped(
 ) -> Result<(), Box<dyn Error>> {
     let settings = SlamSettings::default();
     let mut slam = ScanSlam::new(settings);
-    let even: Vec<_> = scans
+    let poses: Vec<_> = scans
         .iter()
         .step_by(2)
         .map(|scan| slam.push(&input(scan, true)))
         .collect();
     slam.finish();
     let map = slam.map();
-    // An odd scan is where odometry puts it from the even one before it.
+    // An odd scan is between its neighbours; odometry lags behind the laser in turns.
+    let in_map = |even: usize| {
+        let pose = &poses[even];
+        map.keyframes()[pose.keyframe as usize] * pose.keyframe_from_base
+    };
     let truth = |odd: usize| {
-        let before = &even[odd / 2];
-        let step = scans[odd - 1]
-            .odom_from_base
-            .inv_mul(&scans[odd].odom_from_base);
-        map.keyframes()[before.keyframe as usize] * before.keyframe_from_base * step
+        let before = in_map(odd / 2);
+        if odd / 2 + 1 == poses.len() {
+            return before;
+        }
+        let step = before.inv_mul(&in_map(odd / 2 + 1));
+        let time_s =
+            |from: usize, to: usize| scans[to].stamp.since(scans[from].stamp).as_secs_f64();
+        let share = time_s(odd - 1, odd) / time_s(odd - 1, odd + 1).max(1e-3);
+        before
+            * Isometry2::new(
+                step.translation.vector * share,
+                step.rotation.angle() * share,
+            )
     };
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut found, mut wrong, mut ways_m, mut worst) = (0, 0, Vec::new(), (0.0_f64, 0.0_f64));

@@ -6,7 +6,9 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 
-use super::loop_closure::{Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise};
+use super::loop_closure::{
+    Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
+};
 use super::pose_graph::{Edge, PoseGraph};
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
@@ -351,7 +353,7 @@ impl ScanSlam {
         // A corridor with doors alike: the scan fits at another place too, and no odometry says which is right.
         if let (Some(found), false) = (found, has_odometry) {
             search.search_elsewhere(ALIKE_SHARE, (ALIKE_M, std::f64::consts::PI));
-            search.advance(&active.grid, MAX_BLOCKS);
+            search.advance(&active.grid, MAX_BLOCKS / 10);
             if let Some(other) = search.best() {
                 let way = other.pose.translation.vector - found.translation.vector;
                 let along = found.rotation.inverse() * way.normalize();
