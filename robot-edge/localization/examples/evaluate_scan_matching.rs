@@ -1,6 +1,6 @@
 //! Poses from the scans and the raw odometry of a CARMEN log, measured:
 //! `cargo run --release -p localization --example evaluate_scan_matching -- LOG [relations=FILE] [picture=FILE.png]
-//! [odometry=no] [revisits=yes]`
+//! [odometry=no] [revisits=yes] [pairs=yes] [kidnapped=STARTS]`
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -65,6 +65,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     slam.finish();
     let keyframes = slam.map().keyframes();
+    let piece_of = slam.map().pieces();
+    let pieces: Vec<_> = poses.iter().map(|(at, _)| piece_of[*at as usize]).collect();
     let poses: Vec<_> = poses
         .iter()
         .map(|(at, own)| keyframes[*at as usize] * own)
@@ -97,8 +99,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         at(1.0),
         peak_mb(),
     )?;
+    let mut sizes = BTreeMap::new();
+    for piece in &pieces {
+        *sizes.entry(*piece).or_insert(0_usize) += 1;
+    }
+    if sizes.len() > 1 {
+        let sizes: Vec<_> = sizes.values().collect();
+        writeln!(out, "{} pieces, of {sizes:?} scans", sizes.len())?;
+    }
     if let Some(file) = options.get("relations") {
-        for (name, errors) in relation_errors(&std::fs::read_to_string(file)?, &scans, &poses) {
+        let text = std::fs::read_to_string(file)?;
+        for (name, errors) in relation_errors(&text, &scans, &poses, &pieces) {
             let [m, rad]: [Vec<f64>; 2] = [
                 errors.iter().map(|e| e.0).collect(),
                 errors.iter().map(|e| e.1).collect(),
@@ -119,6 +130,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 sorted[sorted.len() - 1],
             )?;
         }
+    }
+    if let (Some(file), true) = (options.get("relations"), options.contains_key("pairs")) {
+        measure_pairs(&mut out, &std::fs::read_to_string(file)?, &scans, &poses)?;
     }
     if let Some(starts) = options.get("kidnapped") {
         measure_kidnapped(&mut out, &scans, starts.parse()?)?;
@@ -171,6 +185,7 @@ fn relation_errors(
     text: &str,
     scans: &[LogScan],
     poses: &[Isometry2<f64>],
+    pieces: &[u32],
 ) -> BTreeMap<String, Vec<(f64, f64)>> {
     let by_stamp: BTreeMap<RobotTime, usize> = scans
         .iter()
@@ -197,12 +212,84 @@ fn relation_errors(
             _ => (relation.stamps.map(nearest), "all"),
         };
         let [first, second] = pair.map(|at| &poses[at]);
+        let [piece, other] = pair.map(|at| pieces[at]);
+        let across = if piece == other {
+            ""
+        } else {
+            ", between pieces (of no meaning)"
+        };
         errors
-            .entry(kind.to_owned())
+            .entry(format!("{kind}{across}"))
             .or_default()
             .push(relation.error(first, second));
     }
     errors
+}
+
+/// Which is right where poses and relations differ, the two scans say: the second is registered with the first alone, from
+/// the relation, and from the poses.
+fn measure_pairs(
+    out: &mut impl Write,
+    text: &str,
+    scans: &[LogScan],
+    poses: &[Isometry2<f64>],
+) -> Result<(), Box<dyn Error>> {
+    let mut angles_deg = [Vec::new(), Vec::new(), Vec::new()];
+    let mut differing = 0;
+    for relation in text.lines().filter_map(Relation::parse) {
+        let [first, second, kind] = relation.remarks.as_slice() else {
+            continue;
+        };
+        if kind != "r" {
+            continue;
+        }
+        let [first, second]: [usize; 2] = [first.parse()?, second.parse()?];
+        let mut submap = Submap::default();
+        for point in points_of(&scans[first], 30.0) {
+            submap.add(&point);
+        }
+        let points = points_of(&scans[second], 30.0);
+        let own = poses[first].inv_mul(&poses[second]);
+        let register = |start: &Isometry2<f64>| submap.register(&points, start, None);
+        let by_own = register(&own);
+        let by_relation = register(&relation.first_from_second);
+        // Of two minima the one with more inliers.
+        let best = if by_own.inliers >= by_relation.inliers {
+            by_own
+        } else {
+            by_relation
+        };
+        if best.inliers < 0.6 || best.degenerate > 0 {
+            continue;
+        }
+        let deg = |a: &Isometry2<f64>, b: &Isometry2<f64>| {
+            a.rotation.angle_to(&b.rotation).abs().to_degrees()
+        };
+        let pose = best.submap_from_base;
+        angles_deg[0].push(deg(&own, &relation.first_from_second));
+        angles_deg[1].push(deg(&own, &pose));
+        angles_deg[2].push(deg(&relation.first_from_second, &pose));
+        if deg(&own, &relation.first_from_second) > 1.0 {
+            differing += 1;
+            writeln!(
+                out,
+                "scans {first} and {second}: poses and relation differ by {:.2}°, poses and scans by {:.2}°, \
+                 relation and scans by {:.2}°, inliers {:.2}",
+                deg(&own, &relation.first_from_second),
+                deg(&own, &pose),
+                deg(&relation.first_from_second, &pose),
+                best.inliers,
+            )?;
+        }
+    }
+    let [both, own, relation] = angles_deg.map(|angles| Spread::of(&angles));
+    writeln!(
+        out,
+        "pairs: {} revisited, {differing} differ by more than 1°; mean angle of poses and relations {:.3}°, \
+         poses and scans {:.3}°, relations and scans {:.3}°",
+        both.count, both.mean, own.mean, relation.mean,
+    )?;
+    Ok(())
 }
 
 /// A map of the even scans, and starts at random odd ones: whether the vehicle is found within 10 m of driving.
@@ -213,23 +300,36 @@ fn measure_kidnapped(
 ) -> Result<(), Box<dyn Error>> {
     let settings = SlamSettings::default();
     let mut slam = ScanSlam::new(settings);
-    let even: Vec<_> = scans
+    let poses: Vec<_> = scans
         .iter()
         .step_by(2)
         .map(|scan| slam.push(&input(scan, true)))
         .collect();
     slam.finish();
     let map = slam.map();
-    // An odd scan is where odometry puts it from the even one before it.
+    // An odd scan is between its neighbours; odometry lags behind the laser in turns.
+    let in_map = |even: usize| {
+        let pose = &poses[even];
+        map.keyframes()[pose.keyframe as usize] * pose.keyframe_from_base
+    };
     let truth = |odd: usize| {
-        let before = &even[odd / 2];
-        let step = scans[odd - 1]
-            .odom_from_base
-            .inv_mul(&scans[odd].odom_from_base);
-        map.keyframes()[before.keyframe as usize] * before.keyframe_from_base * step
+        let before = in_map(odd / 2);
+        if odd / 2 + 1 == poses.len() {
+            return before;
+        }
+        let step = before.inv_mul(&in_map(odd / 2 + 1));
+        let time_s =
+            |from: usize, to: usize| scans[to].stamp.since(scans[from].stamp).as_secs_f64();
+        let share = time_s(odd - 1, odd) / time_s(odd - 1, odd + 1).max(1e-3);
+        before
+            * Isometry2::new(
+                step.translation.vector * share,
+                step.rotation.angle() * share,
+            )
     };
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut found, mut wrong, mut ways_m, mut worst) = (0, 0, Vec::new(), (0.0_f64, 0.0_f64));
+    let mut times_ms = Vec::new();
     for _ in 0..starts {
         let start = 2 * (random.next_u32() as usize % (scans.len() / 2)) + 1;
         let mut slam = ScanSlam::new(settings);
@@ -248,8 +348,10 @@ fn measure_kidnapped(
                 continue;
             }
             next_m = driven_m + 1.0;
-            let Location::Found(place) = locate(map, &slam.surroundings(), None, &settings.closure)
-            else {
+            let begin_ms = used_ms();
+            let location = locate(map, &slam.surroundings(), None, &settings.closure);
+            times_ms.push(used_ms() - begin_ms);
+            let Location::Found(place) = location else {
                 continue;
             };
             let error = truth(odd).inv_mul(&place.map_from_base);
@@ -275,13 +377,19 @@ fn measure_kidnapped(
         }
     }
     ways_m.sort_by(f64::total_cmp);
+    times_ms.sort_by(f64::total_cmp);
     writeln!(
         out,
-        "kidnapped: {found} of {starts} found, {wrong} wrong; after {:.1} m in the median, {:.1} m at most; error at most {:.3} m, {:.2}°",
+        "kidnapped: {found} of {starts} found, {wrong} wrong; after {:.1} m in the median, {:.1} m at most; \
+         error at most {:.3} m, {:.2}°; {} searches in {} submaps, {:.0} ms in the median, {:.0} ms at most",
         ways_m.get(ways_m.len() / 2).copied().unwrap_or(0.0),
         ways_m.last().copied().unwrap_or(0.0),
         worst.0,
         worst.1.to_degrees(),
+        times_ms.len(),
+        map.submap_count(),
+        times_ms.get(times_ms.len() / 2).copied().unwrap_or(0.0),
+        times_ms.last().copied().unwrap_or(0.0),
     )?;
     Ok(())
 }
@@ -332,11 +440,10 @@ fn measure_revisits(
         let start = poses[other].inv_mul(&poses[at]);
         let window = SearchWindow {
             middle: start,
-            half_m: 1.5,
+            half_m: [1.5; 2],
             half_rad: 0.1,
             min_score: 0.3,
             prior: Some((0.05, 1.0, 0.1)),
-            except: None,
         };
         let mut search = Search::new(&search_points(&own), window);
         search.advance(&first.search_grid(), usize::MAX);

@@ -13,7 +13,7 @@ use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::{Search, SearchGrid, SearchWindow};
-use super::submap::{Submap, difference};
+use super::submap::{Registered, Submap, difference};
 
 /// Settings of loop closure.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +30,16 @@ pub struct ClosureSettings {
     pub small_window_m: f64,
     /// Least share of inliers of a closure, in small and in large windows.
     pub min_inliers: (f64, f64),
-    /// Least score of a correlative match in a large window.
-    pub min_score: f64,
+    /// Least score of a correlative match, in small and in large windows.
+    pub min_score: (f64, f64),
     /// Another pose with more than this share of the best score makes a match ambiguous.
     pub ambiguous_share: f64,
     /// Matches that must agree in a large window, and the least way between the first and the last, metres.
     pub agreement: (usize, f64),
     /// Standard deviations of a closure beside its noise: metres and radians.
     pub noise: (f64, f64),
+    /// Drift that is left after a closure in a large window, until one in a small window confirms it: metres and radians.
+    pub large_drift: (f64, f64),
     /// Candidates per keyframe.
     pub per_keyframe: usize,
     /// Blocks that are scored per scan, in large windows.
@@ -48,17 +50,18 @@ impl Default for ClosureSettings {
     fn default() -> Self {
         Self {
             place_m: 3.0,
-            drift_per_m: (0.025, 0.04_f64.to_radians()),
+            drift_per_m: (0.04, 0.04_f64.to_radians()),
             least_window: (0.3, 3.0_f64.to_radians()),
-            greatest_window: (25.0, 180.0_f64.to_radians()),
-            small_window_m: 0.6,
-            min_inliers: (0.5, 0.4),
-            min_score: 0.37,
+            greatest_window: (40.0, 180.0_f64.to_radians()),
+            small_window_m: 0.75,
+            min_inliers: (0.5, 0.5),
+            min_score: (0.22, 0.5),
             ambiguous_share: 0.9,
             agreement: (3, 2.0),
             noise: (0.03, 0.3_f64.to_radians()),
+            large_drift: (0.3, 4.0_f64.to_radians()),
             per_keyframe: 2,
-            blocks_per_scan: 60_000,
+            blocks_per_scan: 25_000,
         }
     }
 }
@@ -76,6 +79,18 @@ pub struct Closure {
     pub information: Matrix3<f64>,
 }
 
+impl Closure {
+    /// Of a keyframe that was found in a submap.
+    pub const fn new(keyframe: u32, submap: u32, found: &Registered) -> Self {
+        Self {
+            keyframe,
+            submap,
+            submap_from_base: found.submap_from_base,
+            information: found.information,
+        }
+    }
+}
+
 /// Half the size of a search: metres and radians.
 pub type Window = (f64, f64);
 
@@ -83,7 +98,6 @@ pub type Window = (f64, f64);
 #[derive(Clone, Debug)]
 pub struct SubmapMatch {
     points: Vec<ScanPoint>,
-    window: SearchWindow,
     is_small: bool,
     search: Search,
     /// Found; the search for another pose as good is under way.
@@ -99,44 +113,39 @@ impl SubmapMatch {
         settings: &ClosureSettings,
     ) -> Self {
         let is_small = half_m <= settings.small_window_m;
+        let min_score = settings.min_score;
         let window = SearchWindow {
             middle: expected,
-            half_m,
+            half_m: [half_m; 2],
             half_rad,
-            min_score: settings.min_score * if is_small { 0.6 } else { 1.0 },
+            min_score: if is_small { min_score.0 } else { min_score.1 },
             prior: None,
-            except: None,
         };
         Self {
             search: Search::new(&search_points(&points), window),
             points,
-            window,
             is_small,
             best: None,
         }
     }
 
-    /// Goes on by about `max_blocks` blocks. `None` if it is not finished; else pose and information, if it matches and
-    /// is not ambiguous.
+    /// Goes on by about `max_blocks` blocks. `None` if it is not finished; else what was found, if it matches and is
+    /// not ambiguous.
     pub fn advance(
         &mut self,
         submap: &Submap,
         grid: &SearchGrid,
         max_blocks: usize,
         settings: &ClosureSettings,
-    ) -> Option<Option<(Isometry2<f64>, Matrix3<f64>)>> {
+    ) -> Option<Option<Registered>> {
         if !self.search.advance(grid, max_blocks) {
             return None;
         }
         let pose = match (self.best, self.search.best()) {
             (None, Some(found)) if !self.is_small => {
                 self.best = Some(found.pose);
-                let elsewhere = SearchWindow {
-                    min_score: settings.ambiguous_share * found.score,
-                    except: Some((found.pose, 0.7, 15_f64.to_radians())),
-                    ..self.window
-                };
-                self.search = Search::new(&search_points(&self.points), elsewhere);
+                self.search
+                    .search_elsewhere(settings.ambiguous_share, (0.7, 15_f64.to_radians()));
                 return None;
             }
             (None, Some(found)) => found.pose,
@@ -152,7 +161,10 @@ impl SubmapMatch {
         let min_inliers = if self.is_small { of_small } else { of_large };
         let is_good = registered.inliers >= min_inliers && is_near && is_determined;
         let information = with_noise(&registered.information, settings.noise);
-        Some(is_good.then_some((registered.submap_from_base, information)))
+        Some(is_good.then_some(Registered {
+            information,
+            ..registered
+        }))
     }
 }
 

@@ -36,8 +36,8 @@ pub struct Place {
     pub inliers: f64,
 }
 
-/// Least score of a place.
-const MIN_SCORE: f64 = 0.5;
+/// Least score of a place: at first, and where there is none. The first search is quick.
+const MIN_SCORES: [f64; 2] = [0.75, 0.5];
 /// Least share of inliers of a place.
 const MIN_INLIERS: f64 = 0.6;
 /// Another place with more than this share of the best score makes it ambiguous.
@@ -57,41 +57,11 @@ pub fn locate(
     settings: &ClosureSettings,
 ) -> Location {
     let positions = search_points(points);
-    let mut found: Vec<(f64, u32, Isometry2<f64>)> = Vec::new();
-    for index in (0..map.submap_count()).filter(|index| !map.submap(*index).is_empty()) {
-        let window = if let Some((pose, (half_m, half_rad))) = near {
-            let Some(middle) = map.expected_near(index, pose, half_m) else {
-                continue;
-            };
-            (middle, half_m, half_rad)
-        } else {
-            let (middle, half_m) = map.extent(index);
-            (middle, half_m + BESIDE_M, std::f64::consts::PI)
-        };
-        let grid = map.submap(index).search_grid();
-        let mut except = None;
-        loop {
-            let best = found.iter().map(|(score, ..)| *score).fold(0.0, f64::max);
-            let window = SearchWindow {
-                middle: window.0,
-                half_m: window.1,
-                half_rad: window.2,
-                min_score: (AMBIGUOUS_SHARE * best).max(MIN_SCORE),
-                prior: None,
-                except,
-            };
-            let mut search = Search::new(&positions, window);
-            search.advance(&grid, usize::MAX);
-            let Some(place) = search.best() else {
-                break;
-            };
-            found.push((place.score, index, place.pose));
-            if except.is_some() {
-                break;
-            }
-            except = Some((place.pose, SAME_PLACE.0, SAME_PLACE.1));
-        }
-    }
+    let found = MIN_SCORES
+        .iter()
+        .map(|min_score| places(map, &positions, near, *min_score))
+        .find(|found| !found.is_empty());
+    let found = found.unwrap_or_default();
     let in_map = |(_, index, pose): &(f64, u32, Isometry2<f64>)| map.anchor(*index) * pose;
     let Some(best) = found.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
         return Location::Unknown;
@@ -124,8 +94,47 @@ pub fn locate(
     })
 }
 
-/// Middle and half the extent of points, metres.
-pub(super) fn extent(points: impl Iterator<Item = Point2<f64>>) -> (Point2<f64>, f64) {
+/// Score, index of the submap and pose in it, of the best place of each submap and of another one in it, as far as they
+/// are above the least score and about as good as the best of all.
+fn places(
+    map: &SlamMap,
+    positions: &[Point2<f64>],
+    near: Option<(&Isometry2<f64>, (f64, f64))>,
+    min_score: f64,
+) -> Vec<(f64, u32, Isometry2<f64>)> {
+    let mut found: Vec<(f64, u32, Isometry2<f64>)> = Vec::new();
+    for index in (0..map.submap_count()).filter(|index| !map.submap(*index).is_empty()) {
+        let (middle, half_m, half_rad) = if let Some((pose, (half_m, half_rad))) = near {
+            let Some(middle) = map.expected_near(index, pose, half_m) else {
+                continue;
+            };
+            (middle, [half_m; 2], half_rad)
+        } else {
+            let (middle, half_m) = map.extent(index);
+            let half_m = half_m.map(|half_m| half_m + BESIDE_M);
+            (middle, half_m, std::f64::consts::PI)
+        };
+        let grid = map.submap(index).search_grid();
+        let best = found.iter().map(|(score, ..)| *score).fold(0.0, f64::max);
+        let window = SearchWindow {
+            middle,
+            half_m,
+            half_rad,
+            min_score: (AMBIGUOUS_SHARE * best).max(min_score),
+            prior: None,
+        };
+        let mut search = Search::new(positions, window);
+        for _ in 0..2 {
+            search.advance(&grid, usize::MAX);
+            found.extend(search.best().map(|place| (place.score, index, place.pose)));
+            search.search_elsewhere(AMBIGUOUS_SHARE, SAME_PLACE);
+        }
+    }
+    found
+}
+
+/// Middle of points and half their extents along x and y, metres.
+pub(super) fn extent(points: impl Iterator<Item = Point2<f64>>) -> (Point2<f64>, [f64; 2]) {
     let empty = (
         Point2::new(f64::MAX, f64::MAX),
         Point2::new(f64::MIN, f64::MIN),
@@ -133,5 +142,5 @@ pub(super) fn extent(points: impl Iterator<Item = Point2<f64>>) -> (Point2<f64>,
     let (low, high) = points.fold(empty, |(low, high), point| {
         (low.inf(&point), high.sup(&point))
     });
-    (nalgebra::center(&low, &high), 0.5 * (high - low).max())
+    (nalgebra::center(&low, &high), (0.5 * (high - low)).into())
 }

@@ -6,14 +6,16 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 
-use super::loop_closure::{Closure, PendingClosures, SubmapMatch, search_points, with_noise};
+use super::loop_closure::{
+    Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
+};
 use super::pose_graph::{Edge, PoseGraph};
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::{Candidate, SlamMap, SubmapRecord};
 use super::slam_settings::{MotionNoise, SlamSettings};
-use super::submap::{Prior, Submap, difference, transported};
+use super::submap::{Prior, Registered, Submap, difference, transported};
 
 /// One scan and what is known about the motion.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +103,8 @@ pub struct ScanSlam {
     driven_m: f64,
     /// Scans in sequence that did not fit the map.
     lost: u32,
+    /// Way since the last scan that determined the pose, without odometry, metres.
+    blind_m: f64,
 }
 
 /// Numbers of closures.
@@ -173,6 +177,12 @@ const MAX_GROWTH: f64 = 5.0;
 const AGAIN_M: f64 = 6.0;
 /// Scans in sequence that do not fit the map, before a new one begins.
 const MAX_LOST: u32 = 3;
+/// Without odometry, a new map begins after this way along which no scan determines the pose, metres.
+const MAX_BLIND_M: f64 = 2.0;
+/// Without odometry, another pose with more than this share of the best score, and this far from it (metres), makes a scan
+/// uncertain.
+const ALIKE_SHARE: f64 = 0.95;
+const ALIKE_M: f64 = 0.4;
 /// Of x, y (m²) and yaw (rad²) where a new map begins.
 const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
 /// Limit of the grids of finished submaps.
@@ -202,6 +212,7 @@ impl ScanSlam {
             resumed_at: None,
             driven_m: 0.0,
             lost: 0,
+            blind_m: 0.0,
         }
     }
 
@@ -240,6 +251,7 @@ impl ScanSlam {
                         information: place.information,
                     },
                     self.active[0].index,
+                    self.settings.closure.noise,
                 );
             }
             return self.finish_scan(
@@ -254,43 +266,24 @@ impl ScanSlam {
         for active in &mut self.active {
             active.covariance = transported(&active.covariance, &motion) + noise;
         }
-        let active = &self.active[0];
-        let anchor_from_local = active.local_from_anchor.inverse();
-        let prior = Prior {
-            submap_from_base: anchor_from_local * expected,
-            covariance: noise,
-        };
-        let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
-        let window = SearchWindow {
-            middle: prior.submap_from_base,
-            half_m: (3.0 * sigma[0]).clamp(0.1, 1.0),
-            half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
-            min_score: -1.0,
-            prior: Some((0.02, sigma[0], sigma[1])),
-            except: None,
-        };
-        let submap = &self.map.submaps[active.index as usize].submap;
-        let mut search = Search::new(&search_points(&points), window);
-        search.advance(&active.grid, MAX_BLOCKS);
-        let start = search
-            .best()
-            .map_or(prior.submap_from_base, |best| best.pose);
-        let registered = submap.register(&points, &start, Some(&prior));
-        let confidence = match registered.uncertain_along {
-            _ if registered.inliers < self.settings.min_inliers => {
-                if input.has_odometry() {
-                    Confidence::OdometryOnly
-                } else {
-                    Confidence::Lost
-                }
+        let (registered, confidence) =
+            self.match_scan(&points, &expected, &noise, input.has_odometry());
+        self.blind_m = match confidence {
+            Confidence::UncertainAlong(_) if !input.has_odometry() => {
+                self.blind_m + motion.translation.vector.norm()
             }
-            Some(along) => Confidence::UncertainAlong(along),
-            None => Confidence::Full,
+            _ => 0.0,
+        };
+        let is_blind = self.blind_m > MAX_BLIND_M;
+        let confidence = if is_blind {
+            Confidence::Lost
+        } else {
+            confidence
         };
         if confidence == Confidence::Lost {
             self.lost += 1;
             let mut motion = motion;
-            if self.lost > MAX_LOST {
+            if self.lost > MAX_LOST || is_blind {
                 self.begin_anew(&points, &expected);
                 motion = Isometry2::identity();
             }
@@ -298,8 +291,13 @@ impl ScanSlam {
             return self.finish_scan(input, (motion, motion_s), expected, result, is_corrected);
         }
         self.lost = 0;
-        let local_from_base = active.local_from_anchor * registered.submap_from_base;
-        for active in &mut self.active {
+        let is_matched = confidence != Confidence::OdometryOnly;
+        let local_from_base = if is_matched {
+            self.active[0].local_from_anchor * registered.submap_from_base
+        } else {
+            expected
+        };
+        for active in self.active.iter_mut().filter(|_| is_matched) {
             let prior = active
                 .covariance
                 .try_inverse()
@@ -324,6 +322,53 @@ impl ScanSlam {
             result,
             is_corrected,
         )
+    }
+
+    /// Searches for a scan around its expected pose in the current submap, and registers it.
+    fn match_scan(
+        &self,
+        points: &[ScanPoint],
+        expected: &Isometry2<f64>,
+        noise: &Matrix3<f64>,
+        has_odometry: bool,
+    ) -> (Registered, Confidence) {
+        let active = &self.active[0];
+        let prior = Prior {
+            submap_from_base: active.local_from_anchor.inv_mul(expected),
+            covariance: *noise,
+        };
+        let sigma = [noise[(0, 0)].max(noise[(1, 1)]), noise[(2, 2)]].map(libm::sqrt);
+        let window = SearchWindow {
+            middle: prior.submap_from_base,
+            half_m: [(3.0 * sigma[0]).clamp(0.1, 1.0); 2],
+            half_rad: (3.0 * sigma[1]).clamp(0.01, 0.8),
+            min_score: -1.0,
+            prior: Some((0.02, sigma[0], sigma[1])),
+        };
+        let mut search = Search::new(&search_points(points), window);
+        search.advance(&active.grid, MAX_BLOCKS);
+        let found = search.best().map(|best| best.pose);
+        let start = found.unwrap_or(prior.submap_from_base);
+        let submap = &self.map.submaps[active.index as usize].submap;
+        let registered = submap.register(points, &start, Some(&prior));
+        if registered.inliers < self.settings.min_inliers {
+            let by_odometry = has_odometry.then_some(Confidence::OdometryOnly);
+            return (registered, by_odometry.unwrap_or(Confidence::Lost));
+        }
+        if let Some(along) = registered.uncertain_along {
+            return (registered, Confidence::UncertainAlong(along));
+        }
+        // A corridor with doors alike: the scan fits at another place too, and no odometry says which is right.
+        if let (Some(found), false) = (found, has_odometry) {
+            search.search_elsewhere(ALIKE_SHARE, (ALIKE_M, std::f64::consts::PI));
+            search.advance(&active.grid, MAX_BLOCKS / 10);
+            if let Some(other) = search.best() {
+                let way = other.pose.translation.vector - found.translation.vector;
+                let along = found.rotation.inverse() * way.normalize();
+                return (registered, Confidence::UncertainAlong(along));
+            }
+        }
+        (registered, Confidence::Full)
     }
 
     /// Optimizes to the end, after the last scan.
@@ -415,6 +460,7 @@ impl ScanSlam {
     /// Begins with new submaps, of which only closures will say where they are.
     fn begin_anew(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
         self.lost = 0;
+        self.blind_m = 0.0;
         for active in &mut self.active {
             active.covariance = Matrix3::from_diagonal(&LOST_VARIANCE);
         }
@@ -604,16 +650,11 @@ impl ScanSlam {
         if found.is_some() {
             self.searches.last_match = Some((submap, driven_m));
         }
-        let Some((submap_from_base, information)) = found else {
+        let Some(found) = found else {
             self.searches.failed += 1;
             return;
         };
-        let closure = Closure {
-            keyframe,
-            submap,
-            submap_from_base,
-            information,
-        };
+        let closure = Closure::new(keyframe, submap, &found);
         let anchor = |index: u32| self.map.anchor(index);
         let agreed =
             self.searches
@@ -621,7 +662,7 @@ impl ScanSlam {
                 .add(closure, (local_from_base, driven_m), anchor, &settings);
         for closure in agreed {
             self.optimizer.is_far = true;
-            self.add_closure(&closure, self.active[0].index);
+            self.add_closure(&closure, self.active[0].index, settings.large_drift);
         }
     }
 
@@ -666,16 +707,9 @@ impl ScanSlam {
             let mut search = SubmapMatch::new(points.to_vec(), expected, window, &settings);
             let grid = self.take_grid(index);
             let submap = &self.map.submaps[index as usize].submap;
-            if let Some(Some((submap_from_base, information))) =
-                search.advance(submap, &grid, usize::MAX, &settings)
-            {
-                let closure = Closure {
-                    keyframe,
-                    submap: index,
-                    submap_from_base,
-                    information,
-                };
-                self.add_closure(&closure, own);
+            if let Some(Some(found)) = search.advance(submap, &grid, usize::MAX, &settings) {
+                let closure = Closure::new(keyframe, index, &found);
+                self.add_closure(&closure, own, settings.noise);
             }
             self.keep_grid(index, grid);
         }
@@ -701,8 +735,8 @@ impl ScanSlam {
         }
     }
 
-    /// Adds a closure of a keyframe that belongs to submap `own`.
-    fn add_closure(&mut self, closure: &Closure, own: u32) {
+    /// Adds a closure of a keyframe that belongs to submap `own`, and that leaves a drift.
+    fn add_closure(&mut self, closure: &Closure, own: u32, drift: Window) {
         self.map.graph.edges.push(Edge {
             from: self.map.submaps[closure.submap as usize].anchor,
             to: closure.keyframe,
@@ -710,9 +744,7 @@ impl ScanSlam {
             information: closure.information,
             is_closure: true,
         });
-        self.map
-            .drifts
-            .link(closure.submap, own, self.settings.closure.noise);
+        self.map.drifts.link(closure.submap, own, drift);
         self.closures.added += 1;
         self.optimizer.waiting += 1;
     }

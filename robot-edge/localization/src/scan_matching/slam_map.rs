@@ -30,6 +30,8 @@ pub(super) struct SubmapRecord {
 /// Distance, metres; index of the submap; window.
 pub(super) type Candidate = (f64, u32, Window);
 
+/// An edge of less information about any translation does not join two pieces, 1/m².
+const JOINED_INFORMATION: f64 = 0.1;
 /// Surroundings are searched for up to this distance, metres, with at most this many points.
 const AROUND_M: f64 = 14.0;
 const MAX_AROUND: usize = 400;
@@ -43,6 +45,30 @@ impl SlamMap {
     /// Measured differences between keyframes.
     pub fn edges(&self) -> &[Edge] {
         &self.graph.edges
+    }
+
+    /// Of each keyframe, the first keyframe of its piece of the map. Where the vehicle was lost, a new piece begins: how
+    /// pieces lie to each other is not known, until a closure joins them.
+    pub fn pieces(&self) -> Vec<u32> {
+        fn first(pieces: &mut [u32], mut at: u32) -> u32 {
+            while pieces[at as usize] != at {
+                let before = pieces[at as usize];
+                pieces[at as usize] = pieces[before as usize];
+                at = before;
+            }
+            at
+        }
+        let mut pieces: Vec<u32> = (0..self.graph.poses.len() as u32).collect();
+        for edge in &self.graph.edges {
+            if edge.information.diagonal().xy().max() < JOINED_INFORMATION {
+                continue;
+            }
+            let [a, b] = [edge.from, edge.to].map(|at| first(&mut pieces, at));
+            pieces[a.max(b) as usize] = a.min(b);
+        }
+        (0..pieces.len() as u32)
+            .map(|at| first(&mut pieces, at))
+            .collect()
     }
 
     /// Number of submaps.
@@ -60,8 +86,8 @@ impl SlamMap {
         self.graph.poses[self.submaps[index as usize].anchor as usize]
     }
 
-    /// Middle of the way of a submap, in its frame, and half the extent, metres.
-    pub fn extent(&self, index: u32) -> (Isometry2<f64>, f64) {
+    /// Middle of the way of a submap, in its frame, and half its extents along x and y, metres.
+    pub fn extent(&self, index: u32) -> (Isometry2<f64>, [f64; 2]) {
         let anchor_from_map = self.anchor(index).inverse();
         let way = self.way(index).iter();
         let (middle, half_m) = relocalization::extent(
