@@ -47,6 +47,7 @@ pub(crate) struct ScanLocalization {
     /// Stamp of each keyframe, and its pose in `odom`.
     keyframes: Vec<(RobotTime, Isometry2<f64>)>,
     is_corrected: bool,
+    begins_map: bool,
     monitor: ConfidenceMonitor,
     report: ScanLocalizationReport,
 }
@@ -131,37 +132,51 @@ impl ConfidenceMonitor {
 }
 
 /// The pose of `odom` in the map over time: it changes where a loop is closed. Poses are planar.
+///
+/// Where the vehicle was lost, a new map begins; the places before are in it once a closure says how they lie to it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct MapFromOdom(Vec<Step>);
+pub struct MapFromOdom {
+    steps: Vec<Step>,
+    /// A new map begins here.
+    pub begins_map: bool,
+}
 
 /// From a keyframe to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     begin: RobotTime,
     odom_from_keyframe: Pose,
-    map_from_odom: Pose,
+    /// `None` where the place is not in the map.
+    map_from_odom: Option<Pose>,
 }
 
 impl MapFromOdom {
-    /// At `stamp`.
-    pub fn at(&self, stamp: RobotTime) -> Pose {
-        let after = self.0.partition_point(|step| step.begin <= stamp);
-        let step = self.0.get(after.saturating_sub(1));
-        step.map_or_else(Pose::identity, |step| step.map_from_odom)
+    /// At `stamp`; `None` where the place of the vehicle is not in the map.
+    pub fn at(&self, stamp: RobotTime) -> Option<Pose> {
+        let after = self.steps.partition_point(|step| step.begin <= stamp);
+        match self.steps.get(after.saturating_sub(1)) {
+            Some(step) => step.map_from_odom,
+            None => Some(Pose::identity()),
+        }
     }
 
     /// Of now.
     pub fn newest(&self) -> Pose {
-        let step = self.0.last();
-        step.map_or_else(Pose::identity, |step| step.map_from_odom)
+        let step = self.steps.last().and_then(|step| step.map_from_odom);
+        step.unwrap_or_else(Pose::identity)
     }
 
-    /// How far a place of the vehicle in the map is from that by `other`, metres at most.
+    /// How far a place of the vehicle in the map is from that by `other`, metres at most; infinite where only one has it.
     pub fn distance_m(&self, other: &Self) -> f64 {
-        let distances_m = self.0.iter().map(|step| {
-            let [own, others] = [step.map_from_odom, other.at(step.begin)]
-                .map(|map_from_odom| map_from_odom * step.odom_from_keyframe);
-            (own.translation.vector - others.translation.vector).norm()
+        let distances_m = self.steps.iter().map(|step| {
+            let poses = [step.map_from_odom, other.at(step.begin)];
+            match poses.map(|pose| Some(pose? * step.odom_from_keyframe)) {
+                [Some(own), Some(others)] => {
+                    (own.translation.vector - others.translation.vector).norm()
+                }
+                [None, None] => 0.0,
+                _ => f64::INFINITY,
+            }
         });
         distances_m.fold(0.0, f64::max)
     }
@@ -178,6 +193,7 @@ impl ScanLocalization {
             waiting: VecDeque::new(),
             keyframes: Vec::new(),
             is_corrected: false,
+            begins_map: false,
             monitor: ConfidenceMonitor::default(),
             report: ScanLocalizationReport::default(),
         }
@@ -222,6 +238,11 @@ impl ScanLocalization {
             let odom_from_keyframe = pose.local_from_base * pose.keyframe_from_base.inverse();
             let new = (waiting.stamp, odom_from_keyframe);
             self.keyframes.resize(pose.keyframe as usize + 1, new);
+            if pose.confidence == Confidence::Lost {
+                let pieces = self.slam.map().pieces();
+                self.begins_map |= pieces.last() == Some(&pose.keyframe);
+                self.is_corrected |= self.begins_map;
+            }
         }
         let report = &mut self.report;
         report.newest = Some((waiting.stamp, pose));
@@ -249,18 +270,33 @@ impl ScanLocalization {
 
     /// The way of `odom` in the map, if it changed since the last call.
     pub(crate) fn take_correction(&mut self) -> Option<MapFromOdom> {
-        std::mem::take(&mut self.is_corrected).then(|| self.map_from_odom())
+        if !std::mem::take(&mut self.is_corrected) {
+            return None;
+        }
+        let way = self.map_from_odom();
+        self.begins_map = false;
+        Some(way)
     }
 
     /// The way of `odom` in the map so far.
     pub(crate) fn map_from_odom(&self) -> MapFromOdom {
-        let keyframes = self.keyframes.iter().zip(self.slam.map().keyframes());
-        let steps = keyframes.map(|((stamp, odom_from_keyframe), map_from_keyframe)| Step {
-            begin: *stamp,
-            odom_from_keyframe: in_space(odom_from_keyframe),
-            map_from_odom: in_space(&(map_from_keyframe * odom_from_keyframe.inverse())),
-        });
-        MapFromOdom(steps.collect())
+        let map = self.slam.map();
+        let pieces = map.pieces();
+        let keyframes = self.keyframes.iter().zip(map.keyframes()).zip(&pieces);
+        let steps = keyframes.map(
+            |(((stamp, odom_from_keyframe), map_from_keyframe), piece)| {
+                let map_from_odom = in_space(&(map_from_keyframe * odom_from_keyframe.inverse()));
+                Step {
+                    begin: *stamp,
+                    odom_from_keyframe: in_space(odom_from_keyframe),
+                    map_from_odom: (Some(piece) == pieces.last()).then_some(map_from_odom),
+                }
+            },
+        );
+        MapFromOdom {
+            steps: steps.collect(),
+            begins_map: self.begins_map,
+        }
     }
 
     pub(crate) fn report(&self) -> ScanLocalizationReport {

@@ -84,6 +84,13 @@ impl MapCorrection {
         self.newest = way;
     }
 
+    /// A new map begins.
+    pub(super) fn begin_map(&mut self, way: Arc<MapFromOdom>) {
+        self.rebuild = None;
+        self.in_effect = Arc::clone(&way);
+        self.newest = way;
+    }
+
     /// Keeps a scan, in `odom`.
     pub(super) fn keep(&mut self, scan: &RegisteredScan) -> anyhow::Result<()> {
         Ok(self.kept.add(scan)?)

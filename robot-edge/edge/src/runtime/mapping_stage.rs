@@ -112,7 +112,10 @@ impl MappingStage {
             MappingInput::Registered {
                 output: RegistrationOutput::Corrected(way),
                 ..
-            } => self.maps.correct(way),
+            } => {
+                self.maps.correct(way);
+                self.take_correction();
+            }
             MappingInput::Registered {
                 output: RegistrationOutput::Confidence(change),
                 ..
@@ -165,7 +168,10 @@ impl MappingStage {
         };
         self.trajectory.lock().correct(|pose| {
             let stamp = RobotTime::from_nanos(pose.stamp_ns);
-            moved(pose, &(now.at(stamp) * before.at(stamp).inverse()))
+            match (before.at(stamp), now.at(stamp)) {
+                (Some(before), Some(now)) => moved(pose, &(now * before.inverse())),
+                _ => *pose,
+            }
         });
         *lock(&self.map_from_odom.0) = now.newest();
     }

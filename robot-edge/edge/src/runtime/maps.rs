@@ -193,11 +193,21 @@ impl Maps {
         correction.map_or_else(Pose::identity, MapCorrection::map_from_odom)
     }
 
-    /// A loop was closed.
+    /// A loop was closed, or a new map begins.
     pub(super) fn correct(&mut self, way: Arc<MapFromOdom>) {
-        if let Some(correction) = &mut self.correction {
-            correction.correct(way);
+        let Some(correction) = &mut self.correction else {
+            return;
+        };
+        if !way.begins_map {
+            return correction.correct(way);
         }
+        let before = Arc::clone(correction.in_effect());
+        correction.begin_map(Arc::clone(&way));
+        self.corrected = Some((before, way));
+        self.mapper.reset();
+        let stamp = self.progress.last_scan.unwrap_or_default();
+        let message = "the vehicle was lost: a new map begins, and the old one comes back when a closure says how it lies to it";
+        self.add_event(stamp, "new_map", message.to_owned());
     }
 
     /// Where `odom` lay in the maps before, and where it lies now, if the maps were made again since the last call.
@@ -226,8 +236,11 @@ impl Maps {
     ) -> anyhow::Result<()> {
         for scan in scans {
             let scan = scan?;
-            self.integrate(&placed(&scan, &way.at(scan.stamp)));
-            self.publish_if_due()?;
+            // What is not in this map waits for a closure.
+            if let Some(map_from_odom) = way.at(scan.stamp) {
+                self.integrate(&placed(&scan, &map_from_odom));
+                self.publish_if_due()?;
+            }
         }
         Ok(())
     }
@@ -242,9 +255,13 @@ impl Maps {
         if let Some(correction) = &self.correction {
             let now = Arc::clone(correction.in_effect());
             let moved_m = now.distance_m(&before);
-            let message = format!(
-                "a loop was closed: the maps were made again, places moved by up to {moved_m:.2} m"
-            );
+            let message = if moved_m.is_finite() {
+                format!(
+                    "a loop was closed: the maps were made again, places moved by up to {moved_m:.2} m"
+                )
+            } else {
+                "a loop was closed with an older map: the maps were made again of both".to_owned()
+            };
             self.corrected = Some((before, now));
             self.add_event(stamp, "loop_closed", message);
         }
