@@ -135,6 +135,7 @@ impl Prepared {
             },
             pose_history: seconds(from.buffer_s),
             max_pose_wait: seconds(from.max_pose_wait_s),
+            continuation: None,
             max_queued: from.max_waiting_scans,
             pose_streams: PoseStreams::default(),
             sensors: vec![RangeSensorSettings {

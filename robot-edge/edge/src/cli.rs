@@ -10,7 +10,8 @@ use crate::actuators::MOTOR_GUARD_COMMAND;
 use network::LOG_FILTER;
 
 pub use mapping::{
-    DrivingOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate, VehicleOptions,
+    DrivingOptions, MapOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate,
+    VehicleOptions,
 };
 use setup::{QUESTIONS, Setup};
 use tools::INSTALLED_KEYS;

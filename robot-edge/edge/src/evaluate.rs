@@ -18,7 +18,7 @@ use measurement::time::{RobotDuration, RobotTime};
 const TOLERANCE: RobotDuration = RobotDuration::from_millis(50);
 
 /// Prints mean and standard deviation of the errors of translation and rotation, for each kind of relations in the file.
-pub fn relations(command: &EvaluateRelations, out: &mut dyn Write) -> anyhow::Result<Exit> {
+pub(crate) fn relations(command: &EvaluateRelations, out: &mut dyn Write) -> anyhow::Result<Exit> {
     let poses = read_trajectory(&command.trajectory)?;
     let text = read(&command.relations)?;
     let nearest = |stamp: RobotTime| {

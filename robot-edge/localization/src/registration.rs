@@ -21,8 +21,8 @@ use crate::gnss_positioning::{GnssPositioning, GnssSettings};
 use crate::pose_buffer::{InterpolationLimits, PoseJump};
 use crate::registration::scan_queue::{QueuedScan, ScanQueue, Sweep};
 use crate::scan_localization::{
-    ConfidenceChange, MapFromOdom, ScanLocalization, ScanLocalizationReport,
-    ScanLocalizationSettings, WaitingScan,
+    ConfidenceChange, Continuation, MapFromOdom, SavedMap, ScanLocalization,
+    ScanLocalizationReport, ScanLocalizationSettings, WaitingScan,
 };
 use crate::tilt::TiltSettings;
 use crate::transform_buffer::{TransformBuffer, TransformChain};
@@ -90,7 +90,10 @@ impl ScanRegistration {
             sensors,
             pose_estimator: PoseEstimator::of(settings.origin.prior(), settings.pose_streams),
             scan_localization: match &settings.origin {
-                PoseOrigin::Scans { scans, .. } => Some(Box::new(ScanLocalization::new(*scans))),
+                PoseOrigin::Scans { scans, .. } => Some(Box::new(ScanLocalization::new(
+                    *scans,
+                    settings.continuation.clone(),
+                ))),
                 _ => None,
             },
             estimated_poses: Vec::new(),
@@ -181,7 +184,8 @@ impl ScanRegistration {
             pose_estimator.reset();
         }
         if let Some(scan_localization) = &mut self.scan_localization {
-            **scan_localization = ScanLocalization::new(scan_localization.settings);
+            let continuation = self.settings.continuation.clone();
+            **scan_localization = ScanLocalization::new(scan_localization.settings, continuation);
         }
         self.newest = RobotTime::MIN;
         self.newest_out = RobotTime::MIN;
@@ -228,6 +232,17 @@ impl ScanRegistration {
     /// What scan matching did; `None` if scans are not matched.
     pub fn scan_localization(&self) -> Option<ScanLocalizationReport> {
         Some(self.scan_localization.as_ref()?.report())
+    }
+
+    /// Where `odom` lies in the map.
+    pub fn map_from_odom(&self) -> MapFromOdom {
+        let scans = self.scan_localization.as_ref();
+        scans.map_or_else(MapFromOdom::default, |scans| scans.map_from_odom())
+    }
+
+    /// The map of the matched scans, to go on in; `None` if scans are not matched.
+    pub fn saved_map(&self) -> Option<SavedMap> {
+        Some(self.scan_localization.as_ref()?.saved())
     }
 
     /// Newest pose of the vehicle; `None` before the first.
@@ -627,6 +642,8 @@ pub struct RegistrationSettings {
     pub sensors: Vec<RangeSensorSettings>,
     /// Box of the vehicle.
     pub body: BodyBox,
+    /// The map that matched scans go on in.
+    pub continuation: Option<Continuation>,
 }
 
 /// Counts of scans and beams.

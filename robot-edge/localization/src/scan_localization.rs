@@ -4,6 +4,7 @@
 //! motion between two scans, are theirs.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use mapping::registered_scan::SensorId;
 use measurement::FrameId;
@@ -12,8 +13,11 @@ use measurement::pose::{self, Pose};
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Vector3};
+use serde::{Deserialize, Serialize};
 
+use crate::scan_matching::relocalization::{Location, Place, locate};
 use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
+use crate::scan_matching::slam_map::SlamMap;
 use crate::scan_matching::slam_settings::SlamSettings;
 
 /// What the other sensors say about the motion from scan to scan.
@@ -44,8 +48,12 @@ pub(crate) struct ScanLocalization {
     pub(crate) settings: ScanLocalizationSettings,
     pub(crate) waiting: VecDeque<WaitingScan>,
     slam: ScanSlam,
-    /// Stamp of each keyframe, and its pose in `odom`.
-    keyframes: Vec<(RobotTime, Isometry2<f64>)>,
+    odom_from_local: Isometry2<f64>,
+    keyframes: Vec<Keyframe>,
+    /// Number of the run, of those that made the map.
+    session: u32,
+    /// The map that the vehicle is searched for in.
+    searched: Option<Searched>,
     is_corrected: bool,
     begins_map: bool,
     monitor: ConfidenceMonitor,
@@ -59,6 +67,86 @@ pub(crate) struct WaitingScan {
     pub(crate) stamp: RobotTime,
     pub(crate) frame: FrameId,
     pub(crate) scan: Scan,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Keyframe {
+    session: u32,
+    stamp_ns: i64,
+    odom_from_keyframe: Isometry2<f64>,
+}
+
+/// A map to go on in.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SavedMap {
+    map: SlamMap,
+    keyframes: Vec<Keyframe>,
+}
+
+impl SavedMap {
+    /// Whether all its parts fit together, as in every map that was made here.
+    pub fn is_consistent(&self) -> bool {
+        self.map.is_consistent()
+            && self.map.submap_count() > 0
+            && self.keyframes.len() == self.map.keyframes().len()
+            && self.keyframes.is_sorted_by_key(|keyframe| keyframe.session)
+    }
+
+    /// Runs that made it.
+    pub fn sessions(&self) -> u32 {
+        let last = self.keyframes.last();
+        last.map_or(0, |keyframe| keyframe.session + 1)
+    }
+}
+
+/// Where a map is gone on in.
+#[derive(Clone, Debug)]
+pub struct Continuation {
+    /// The map.
+    pub saved: Arc<SavedMap>,
+    /// About where the vehicle is in it; the whole map is searched otherwise.
+    pub near: Option<Isometry2<f64>>,
+}
+
+#[derive(Clone, Debug)]
+struct Searched {
+    continuation: Continuation,
+    /// The search is repeated after this way, metres.
+    next_m: f64,
+    driven_m: f64,
+    last: Option<Isometry2<f64>>,
+}
+
+/// The vehicle is within this of the pose where it is said to be: metres and radians.
+const NEAR: (f64, f64) = (3.0, 0.8);
+/// Way from search to search, metres.
+const SEARCH_M: f64 = 1.0;
+
+impl Searched {
+    /// Searches for the vehicle by what the last metres showed.
+    fn locate(
+        &mut self,
+        slam: &ScanSlam,
+        local_from_base: &Isometry2<f64>,
+        settings: &SlamSettings,
+    ) -> Option<Place> {
+        let step = self.last.replace(*local_from_base);
+        self.driven_m += step.map_or(0.0, |last| {
+            (last.translation.vector - local_from_base.translation.vector).norm()
+        });
+        if self.driven_m < self.next_m {
+            return None;
+        }
+        self.next_m = self.driven_m + SEARCH_M;
+        let Continuation { saved, near } = &self.continuation;
+        // Where it was when it began to search, and how it has moved since.
+        let near = near.map(|start| start * local_from_base);
+        let near = near.as_ref().map(|pose| (pose, NEAR));
+        match locate(&saved.map, &slam.surroundings(), near, &settings.closure) {
+            Location::Found(place) => Some(place),
+            Location::Ambiguous | Location::Unknown => None,
+        }
+    }
 }
 
 /// What scan matching did, and how sure it is now.
@@ -78,6 +166,8 @@ pub struct ScanLocalizationReport {
     pub dropped: DropCounts,
     /// Closures of loops.
     pub closures: ClosureCounts,
+    /// The vehicle was not found yet in the map that it was to go on in.
+    pub is_searching: bool,
 }
 
 /// How far the scans determine the poses now.
@@ -137,6 +227,7 @@ impl ConfidenceMonitor {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapFromOdom {
     steps: Vec<Step>,
+    session: u32,
     /// A new map begins here.
     pub begins_map: bool,
 }
@@ -144,6 +235,7 @@ pub struct MapFromOdom {
 /// From a keyframe to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
+    session: u32,
     begin: RobotTime,
     odom_from_keyframe: Pose,
     /// `None` where the place is not in the map.
@@ -151,13 +243,21 @@ struct Step {
 }
 
 impl MapFromOdom {
-    /// At `stamp`; `None` where the place of the vehicle is not in the map.
-    pub fn at(&self, stamp: RobotTime) -> Option<Pose> {
-        let after = self.steps.partition_point(|step| step.begin <= stamp);
-        match self.steps.get(after.saturating_sub(1)) {
-            Some(step) => step.map_from_odom,
-            None => Some(Pose::identity()),
+    /// At `stamp` of a run; `None` where the place of the vehicle is not in the map.
+    pub fn at(&self, (session, stamp): (u32, RobotTime)) -> Option<Pose> {
+        let begin = self.steps.partition_point(|step| step.session < session);
+        let after = self
+            .steps
+            .partition_point(|step| (step.session, step.begin) <= (session, stamp));
+        match self.steps.get(after.saturating_sub(1).max(begin)) {
+            Some(step) if step.session == session => step.map_from_odom,
+            _ => (session == self.session).then(Pose::identity),
         }
+    }
+
+    /// The present run, of those that made the map.
+    pub const fn session(&self) -> u32 {
+        self.session
     }
 
     /// Of now.
@@ -169,7 +269,7 @@ impl MapFromOdom {
     /// How far a place of the vehicle in the map is from that by `other`, metres at most; infinite where only one has it.
     pub fn distance_m(&self, other: &Self) -> f64 {
         let distances_m = self.steps.iter().map(|step| {
-            let poses = [step.map_from_odom, other.at(step.begin)];
+            let poses = [step.map_from_odom, other.at((step.session, step.begin))];
             match poses.map(|pose| Some(pose? * step.odom_from_keyframe)) {
                 [Some(own), Some(others)] => {
                     (own.translation.vector - others.translation.vector).norm()
@@ -186,9 +286,26 @@ impl MapFromOdom {
 const MAX_WAITING: usize = 64;
 
 impl ScanLocalization {
-    pub(crate) fn new(settings: ScanLocalizationSettings) -> Self {
+    /// `continuation`: the vehicle goes on in this map once it is found there.
+    pub(crate) fn new(
+        settings: ScanLocalizationSettings,
+        continuation: Option<Continuation>,
+    ) -> Self {
         Self {
             slam: ScanSlam::new(settings.slam),
+            odom_from_local: Isometry2::identity(),
+            session: continuation.as_ref().map_or(0, |of| of.saved.sessions()),
+            searched: continuation.map(|continuation| Searched {
+                // At its place, what one scan shows is enough near a pose, but not in the whole map.
+                next_m: if continuation.near.is_some() {
+                    0.0
+                } else {
+                    SEARCH_M
+                },
+                continuation,
+                driven_m: 0.0,
+                last: None,
+            }),
             settings,
             waiting: VecDeque::new(),
             keyframes: Vec::new(),
@@ -227,16 +344,33 @@ impl ScanLocalization {
     ) -> (Pose, Option<ConfidenceChange>) {
         let (scan, base_from_sensor) = seen_from_above(&waiting.scan, base_from_sensor);
         let prior = planar(prior_from_base);
-        let pose = self.slam.push(&ScanInput {
+        let input = ScanInput {
             stamp: waiting.stamp,
             scan: &scan,
             base_from_sensor,
             odom_from_base: (self.settings.prior != MotionPrior::None).then_some(prior),
             is_heading_only: self.settings.prior == MotionPrior::Heading,
-        });
+        };
+        let mut pose = self.slam.push(&input);
+        if let Some(searched) = &mut self.searched
+            && let Some(place) =
+                searched.locate(&self.slam, &pose.local_from_base, &self.settings.slam)
+        {
+            let saved = &searched.continuation.saved;
+            self.keyframes.clone_from(&saved.keyframes);
+            self.slam = ScanSlam::resume(self.settings.slam, saved.map.clone(), &place);
+            self.odom_from_local = pose.local_from_base;
+            self.searched = None;
+            self.is_corrected = true;
+            pose = self.slam.push(&input);
+        }
+        let odom_from_base = self.odom_from_local * pose.local_from_base;
         if pose.keyframe as usize >= self.keyframes.len() {
-            let odom_from_keyframe = pose.local_from_base * pose.keyframe_from_base.inverse();
-            let new = (waiting.stamp, odom_from_keyframe);
+            let new = Keyframe {
+                session: self.session,
+                stamp_ns: waiting.stamp.as_nanos(),
+                odom_from_keyframe: odom_from_base * pose.keyframe_from_base.inverse(),
+            };
             self.keyframes.resize(pose.keyframe as usize + 1, new);
             if pose.confidence == Confidence::Lost {
                 let pieces = self.slam.map().pieces();
@@ -257,7 +391,7 @@ impl ScanLocalization {
         *count += 1;
         self.is_corrected |= pose.is_corrected;
         let change = self.monitor.update(waiting.stamp, confidence);
-        (in_space(&(pose.local_from_base * prior.inverse())), change)
+        (in_space(&(odom_from_base * prior.inverse())), change)
     }
 
     /// Optimizes the map to the end, after the last scan.
@@ -283,25 +417,35 @@ impl ScanLocalization {
         let map = self.slam.map();
         let pieces = map.pieces();
         let keyframes = self.keyframes.iter().zip(map.keyframes()).zip(&pieces);
-        let steps = keyframes.map(
-            |(((stamp, odom_from_keyframe), map_from_keyframe), piece)| {
-                let map_from_odom = in_space(&(map_from_keyframe * odom_from_keyframe.inverse()));
-                Step {
-                    begin: *stamp,
-                    odom_from_keyframe: in_space(odom_from_keyframe),
-                    map_from_odom: (Some(piece) == pieces.last()).then_some(map_from_odom),
-                }
-            },
-        );
+        let steps = keyframes.map(|((keyframe, map_from_keyframe), piece)| {
+            let odom_from_keyframe = keyframe.odom_from_keyframe;
+            let map_from_odom = in_space(&(map_from_keyframe * odom_from_keyframe.inverse()));
+            Step {
+                session: keyframe.session,
+                begin: RobotTime::from_nanos(keyframe.stamp_ns),
+                odom_from_keyframe: in_space(&odom_from_keyframe),
+                map_from_odom: (Some(piece) == pieces.last()).then_some(map_from_odom),
+            }
+        });
         MapFromOdom {
             steps: steps.collect(),
+            session: self.session,
             begins_map: self.begins_map,
+        }
+    }
+
+    /// The map so far, to go on in.
+    pub(crate) fn saved(&self) -> SavedMap {
+        SavedMap {
+            map: self.slam.map().clone(),
+            keyframes: self.keyframes.clone(),
         }
     }
 
     pub(crate) fn report(&self) -> ScanLocalizationReport {
         ScanLocalizationReport {
             closures: self.slam.closures(),
+            is_searching: self.searched.is_some(),
             ..self.report.clone()
         }
     }

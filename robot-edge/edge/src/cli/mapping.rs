@@ -1,9 +1,11 @@
 //! The commands that map, and their options.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
+use nalgebra::{Isometry2, Vector2};
 use protocol::keys::RobotId;
 
 use crate::config::Override;
@@ -129,9 +131,51 @@ pub struct MappingOptions {
     /// Write the maps at the end; with `--keep-serving`, when it is stopped
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
+    /// Maps to go on in.
+    #[command(flatten)]
+    pub map: MapOptions,
     /// Write figures of the run at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+}
+
+/// Maps of matched scans (localization.source = "scan…") that outlive a run.
+#[derive(Clone, Debug, Default, PartialEq, Args)]
+pub struct MapOptions {
+    /// Save the map to this new folder at the end, to go on in it
+    #[arg(long, value_name = "DIR")]
+    pub save_map: Option<PathBuf>,
+    /// Go on in a saved map, once the vehicle is found in it by its scans
+    #[arg(long = "map", value_name = "DIR")]
+    pub folder: Option<PathBuf>,
+    /// About where the vehicle is in it, within 3 m and 45°: metres and degrees [default: anywhere]
+    #[arg(long = "near", value_name = "X,Y,YAW", requires = "folder", allow_hyphen_values = true, value_parser = str::parse::<PlanarPose>)]
+    pub near: Option<PlanarPose>,
+}
+
+/// `X,Y,YAW`, metres and degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanarPose(pub Isometry2<f64>);
+
+impl FromStr for PlanarPose {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split(',').map(|number| number.trim().parse::<f64>());
+        let numbers: Vec<f64> = numbers
+            .filter_map(Result::ok)
+            .filter(|n| n.is_finite())
+            .collect();
+        match (&numbers[..], text.split(',').count()) {
+            (&[x_m, y_m, yaw_deg], 3) => Ok(Self(Isometry2::new(
+                Vector2::new(x_m, y_m),
+                yaw_deg.to_radians(),
+            ))),
+            _ => Err(
+                "a pose is x and y in metres and the heading in degrees: `12.5,-3,90`".to_owned(),
+            ),
+        }
+    }
 }
 
 /// How consoles reach the robot.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,8 @@ pub(super) struct KeptScans {
     file: BufWriter<NamedTempFile>,
     bytes: u64,
     count: u64,
+    /// Number of the run, of those that made the map.
+    session: u32,
     /// Grows when scans are left out.
     spacing: f64,
     thinned: u32,
@@ -56,6 +59,7 @@ struct LastKept {
 
 #[derive(Serialize, Deserialize)]
 struct Record {
+    session: u32,
     stamp_ns: i64,
     sensor: u8,
     kind: u8,
@@ -83,11 +87,36 @@ impl KeptScans {
             file: BufWriter::new(NamedTempFile::new()?),
             bytes: 0,
             count: 0,
+            session: 0,
             spacing: 1.0,
             thinned: 0,
             last: BTreeMap::new(),
             max_bytes: MAX_BYTES,
         })
+    }
+
+    /// Goes on with the scans of a file, of earlier runs.
+    pub(super) fn of_file(path: &Path, count: u64, session: u32) -> io::Result<Self> {
+        let mut file = NamedTempFile::new()?;
+        let bytes = io::copy(&mut File::open(path)?, file.as_file_mut())?;
+        Ok(Self {
+            file: BufWriter::new(file),
+            bytes,
+            count,
+            session,
+            ..Self::new()?
+        })
+    }
+
+    /// The file, with all scans.
+    pub(super) fn path(&mut self) -> io::Result<&Path> {
+        self.file.flush()?;
+        Ok(self.file.get_ref().path())
+    }
+
+    /// Its size.
+    pub(super) const fn bytes(&self) -> u64 {
+        self.bytes
     }
 
     /// Scans that are kept.
@@ -132,18 +161,18 @@ impl KeptScans {
         if !self.is_new(scan) {
             return Ok(());
         }
-        self.write(&Record::of(scan))?;
+        self.write(&Record::of(scan, self.session))?;
         if self.bytes > self.max_bytes {
             self.thin()?;
         }
         Ok(())
     }
 
-    /// The scans so far, from number `from` on.
+    /// The scans so far, from number `from` on, each with the number of its run.
     pub(super) fn read(
         &mut self,
         from: u64,
-    ) -> io::Result<impl Iterator<Item = io::Result<RegisteredScan>> + use<>> {
+    ) -> io::Result<impl Iterator<Item = io::Result<(u32, RegisteredScan)>> + use<>> {
         self.file.flush()?;
         let mut file = BufReader::new(self.file.get_ref().reopen()?);
         for _ in 0..from {
@@ -214,6 +243,7 @@ impl KeptScans {
             thinned: self.thinned + 1,
             last: self.last.clone(),
             max_bytes: self.max_bytes,
+            session: self.session,
             ..Self::new()?
         };
         self.file.flush()?;
@@ -248,7 +278,7 @@ fn read_record(file: &mut BufReader<File>) -> io::Result<Record> {
 }
 
 impl Record {
-    fn of(scan: &RegisteredScan) -> Self {
+    fn of(scan: &RegisteredScan, session: u32) -> Self {
         let base_from_odom = scan.odom_from_base.inverse();
         let near = |point: &Point3<f64>| (base_from_odom * point).coords.map(|m| m as f32).into();
         let beams = scan.beams.iter().map(|beam| BeamRecord {
@@ -266,6 +296,7 @@ impl Record {
         };
         let q = scan.odom_from_base.rotation.quaternion();
         Self {
+            session,
             stamp_ns: scan.stamp.as_nanos(),
             sensor: scan.sensor.0,
             kind,
@@ -278,7 +309,8 @@ impl Record {
         }
     }
 
-    fn scan(self) -> io::Result<RegisteredScan> {
+    /// With the number of its run.
+    fn scan(self) -> io::Result<(u32, RegisteredScan)> {
         let odom_from_base = pose::from_parts(self.translation_m, self.quaternion_xyzw)
             .ok_or_else(|| io::Error::other("a kept scan has no pose"))?;
         let far = |point: [f32; 3]| odom_from_base * Point3::from(point.map(f64::from));
@@ -293,7 +325,7 @@ impl Record {
             index: beam.index,
             range_m: beam.range_m,
         });
-        Ok(RegisteredScan {
+        let scan = RegisteredScan {
             stamp: RobotTime::from_nanos(self.stamp_ns),
             sensor: SensorId(self.sensor),
             kind: match self.kind {
@@ -308,7 +340,8 @@ impl Record {
             odom_from_base,
             own_body_hits: self.own_body_hits,
             beams: beams.collect(),
-        })
+        };
+        Ok((self.session, scan))
     }
 }
 
@@ -343,7 +376,7 @@ mod tests {
 
     fn stamps(kept: &mut KeptScans, from: u64) -> Vec<i64> {
         let scans = kept.read(from).unwrap();
-        scans.map(|scan| scan.unwrap().stamp.as_nanos()).collect()
+        scans.map(|scan| scan.unwrap().1.stamp.as_nanos()).collect()
     }
 
     #[test]
@@ -351,7 +384,8 @@ mod tests {
         let mut kept = KeptScans::new().unwrap();
         let scan = scan(7, 1234.5, 2.0);
         kept.add(&scan).unwrap();
-        let read = kept.read(0).unwrap().next().unwrap().unwrap();
+        let (session, read) = kept.read(0).unwrap().next().unwrap().unwrap();
+        assert_eq!(session, 0);
         for (read, beam) in read.beams.iter().zip(&scan.beams) {
             assert!((read.end_in_odom - beam.end_in_odom).norm() < 2e-6);
             assert!((read.origin_in_odom - beam.origin_in_odom).norm() < 2e-6);

@@ -189,6 +189,7 @@ pub fn registration_settings(
             lowest_m: vehicle.bottom_z_m,
             highest_m: vehicle.bottom_z_m + vehicle.height_m,
         },
+        continuation: None,
     }
 }
 

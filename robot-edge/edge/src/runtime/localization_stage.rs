@@ -12,7 +12,7 @@ use super::source_reader::Batch;
 use super::state_publisher::StatePublisher;
 use crate::progress::{Progress, ProgressFigures};
 use crate::summary::StageTimer;
-use localization::registration::{RegistrationOutput, RegistrationSettings, ScanRegistration};
+use localization::registration::{RegistrationOutput, ScanRegistration};
 use measurement::time::{Monotonic, RobotTime};
 use measurement::{Measurement, Stream};
 use network::clock;
@@ -136,9 +136,9 @@ impl Recordings {
 
 impl LocalizationStage {
     /// A stage without network and recordings.
-    pub(super) fn new(registration: RegistrationSettings, maps: SharedMapStats) -> Self {
+    pub(super) fn new(registration: ScanRegistration, maps: SharedMapStats) -> Self {
         Self {
-            registration: ScanRegistration::new(registration),
+            registration,
             timer: StageTimer::default(),
             registered: Vec::new(),
             state_publisher: None,

@@ -20,8 +20,8 @@ use protocol::tile::BootId;
 const LEAST_MOVE_M: f64 = 0.05;
 /// Scans between the decision and the exchange, and from the exchange to the next decision, …
 const LEAST_SCANS: u64 = 20;
-/// …and the share of the kept scans: the more there are, the longer it takes.
-const SHARE: u64 = 5;
+/// …and one for so many bytes of kept scans: the more there are, the longer it takes. At 10 Hz this is twice as long as it took.
+const BYTES_PER_SCAN: u64 = 500_000;
 
 /// Where `odom` lies in the maps, and the maps that are being made.
 #[derive(Debug)]
@@ -58,15 +58,21 @@ pub(super) struct CorrectionCheckpoint {
 }
 
 impl MapCorrection {
-    pub(super) fn new(config: &Config) -> anyhow::Result<Self> {
-        Ok(Self {
+    /// `kept`: of earlier runs that made the map. `way`: where `odom` lies in the map of this run.
+    pub(super) fn new(config: &Config, kept: KeptScans, way: MapFromOdom) -> Self {
+        let way = Arc::new(way);
+        Self {
             config: Arc::new(config.clone()),
-            kept: KeptScans::new()?,
-            in_effect: Arc::default(),
-            newest: Arc::default(),
+            kept,
+            in_effect: Arc::clone(&way),
+            newest: way,
             rebuild: None,
             next_at: 0,
-        })
+        }
+    }
+
+    pub(super) const fn kept(&mut self) -> &mut KeptScans {
+        &mut self.kept
     }
 
     /// Where `odom` lies in the maps at their newest scan.
@@ -160,7 +166,7 @@ impl MapCorrection {
     }
 
     fn wait(&self) -> u64 {
-        LEAST_SCANS + self.kept.count() / SHARE
+        LEAST_SCANS + self.kept.bytes() / BYTES_PER_SCAN
     }
 
     fn begin(&mut self, to: Arc<MapFromOdom>, exchange_at: u64) -> anyhow::Result<()> {

@@ -167,8 +167,8 @@ impl MappingStage {
             return;
         };
         self.trajectory.lock().correct(|pose| {
-            let stamp = RobotTime::from_nanos(pose.stamp_ns);
-            match (before.at(stamp), now.at(stamp)) {
+            let at = (now.session(), RobotTime::from_nanos(pose.stamp_ns));
+            match (before.at(at), now.at(at)) {
                 (Some(before), Some(now)) => moved(pose, &(now * before.inverse())),
                 _ => *pose,
             }

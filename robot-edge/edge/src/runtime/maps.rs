@@ -7,6 +7,7 @@ use std::sync::Arc;
 use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
+use super::kept_scans::KeptScans;
 use super::map_correction::{CorrectionCheckpoint, MapCorrection, placed};
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
@@ -177,9 +178,14 @@ impl Maps {
     }
 
     /// Keeps scans, to make the maps again where a loop is closed.
-    pub(super) fn with_correction(mut self, config: &Config) -> anyhow::Result<Self> {
-        self.correction = Some(MapCorrection::new(config)?);
-        Ok(self)
+    pub(super) fn with_correction(mut self, correction: MapCorrection) -> Self {
+        self.correction = Some(correction);
+        self
+    }
+
+    /// The kept scans; `None` if scans are not matched.
+    pub(super) fn kept_scans(&mut self) -> Option<&mut KeptScans> {
+        Some(self.correction.as_mut()?.kept())
     }
 
     /// A scan as it lies in the maps.
@@ -231,13 +237,13 @@ impl Maps {
     /// Adds kept scans.
     pub(super) fn add_kept(
         &mut self,
-        scans: &mut dyn Iterator<Item = io::Result<RegisteredScan>>,
+        scans: &mut dyn Iterator<Item = io::Result<(u32, RegisteredScan)>>,
         way: &MapFromOdom,
     ) -> anyhow::Result<()> {
         for scan in scans {
-            let scan = scan?;
+            let (session, scan) = scan?;
             // What is not in this map waits for a closure.
-            if let Some(map_from_odom) = way.at(scan.stamp) {
+            if let Some(map_from_odom) = way.at((session, scan.stamp)) {
                 self.integrate(&placed(&scan, &map_from_odom));
                 self.publish_if_due()?;
             }
@@ -260,7 +266,7 @@ impl Maps {
                     "a loop was closed: the maps were made again, places moved by up to {moved_m:.2} m"
                 )
             } else {
-                "a loop was closed with an older map: the maps were made again of both".to_owned()
+                "an older map was joined: the maps were made again of both".to_owned()
             };
             self.corrected = Some((before, now));
             self.add_event(stamp, "loop_closed", message);

@@ -21,6 +21,7 @@ mod recorder;
 mod replay;
 mod run;
 mod run_live;
+mod saved_map;
 #[cfg(feature = "simulation")]
 mod simulate;
 mod source;

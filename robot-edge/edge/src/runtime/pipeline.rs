@@ -10,7 +10,9 @@ use anyhow::anyhow;
 use protocol::tile::BootId;
 
 use super::batching_channel::{MappingInput, batching_channel};
+use super::kept_scans::KeptScans;
 use super::localization_stage::LocalizationStage;
+use super::map_correction::MapCorrection;
 use super::mapping_stage::MappingStage;
 use super::maps::{MapEvent, Maps, MapsCheckpoint, MapsReport, PausedSnapshot};
 use super::source::DataClock;
@@ -55,9 +57,26 @@ impl Pipeline {
         boot: BootId,
         encode: bool,
     ) -> anyhow::Result<Self> {
+        Self::going_on(config, registration, (boot, encode), None)
+    }
+
+    /// As [`Self::new`]; `kept`: the scans of the map that is gone on in.
+    pub(super) fn going_on(
+        config: &Config,
+        registration: RegistrationSettings,
+        (boot, encode): (BootId, bool),
+        kept: Option<KeptScans>,
+    ) -> anyhow::Result<Self> {
         let mut maps = Maps::new(config, boot, encode)?;
-        if matches!(registration.origin, PoseOrigin::Scans { .. }) {
-            maps = maps.with_correction(config)?;
+        let matches_scans = matches!(registration.origin, PoseOrigin::Scans { .. });
+        let registration = ScanRegistration::new(registration);
+        if matches_scans {
+            let kept = match kept {
+                Some(kept) => kept,
+                None => KeptScans::new()?,
+            };
+            let way = registration.map_from_odom();
+            maps = maps.with_correction(MapCorrection::new(config, kept, way));
         }
         let mapping = MappingStage::new(maps);
         let localization = LocalizationStage::new(registration, mapping.stats.clone());

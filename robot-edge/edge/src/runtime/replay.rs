@@ -108,7 +108,7 @@ pub(super) fn survey_recording(command: &Replay) -> anyhow::Result<(Survey, Conf
 }
 
 pub(super) fn create_run<'a>(
-    command: &Replay,
+    command: &'a Replay,
     quiet: bool,
     survey: &Survey,
     config: &'a Config,
@@ -131,6 +131,7 @@ pub(super) fn create_run<'a>(
         drive: DrivePlan::none(),
         record: options.record.clone(),
         export: options.export.clone(),
+        map: &options.map,
         summary: options.summary.clone(),
         quiet,
         earliest: survey.stamps.iter().filter_map(|stamps| stamps.first).min(),

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, anyhow};
@@ -18,17 +19,21 @@ use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
 use super::pipeline::Pipeline;
 use super::recorder::{Recorder, SyncPolicy};
+use super::saved_map;
 use super::source::Source;
 use super::source_reader::{Batch, SourceEnd, read_source};
 use super::state_publisher::StatePublisher;
 use super::tilt_control::TiltControl;
+use crate::cli::MapOptions;
 use crate::config::Config;
+use crate::exit::UsageError;
 use crate::exit::{Exit, Interrupted};
 use crate::pacer::Rate;
 use crate::progress::Progress;
 use crate::service_manager::ServiceManager;
 use crate::summary::{Event, Summary};
-use localization::registration::RegistrationSettings;
+use localization::registration::{PoseOrigin, RegistrationSettings};
+use localization::scan_localization::Continuation;
 use measurement::time::RobotTime;
 use network::clock;
 use network::random_id;
@@ -49,6 +54,7 @@ pub(super) struct Run<'a> {
     pub(super) drive: DrivePlan,
     pub(super) record: Option<PathBuf>,
     pub(super) export: Option<PathBuf>,
+    pub(super) map: &'a MapOptions,
     pub(super) summary: Option<PathBuf>,
     pub(super) quiet: bool,
     /// The earliest stamp of the data, if it is known.
@@ -139,6 +145,7 @@ impl Run<'_> {
     /// Reports unwritable outputs and the decisions before mapping starts.
     pub(super) fn start(&self) -> anyhow::Result<Pipeline> {
         outputs::prepare(self.export.as_deref(), self.summary.as_deref())?;
+        self.check_map()?;
         let Files {
             recorder,
             recording_error,
@@ -153,7 +160,16 @@ impl Run<'_> {
         // Only the summary needs the encoded size.
         let encode = self.summary.is_some();
         let boot = BootId(random_id()?);
-        let mut pipeline = Pipeline::new(self.config, self.registration.clone(), boot, encode)?
+        let mut registration = self.registration.clone();
+        let mut kept = None;
+        if let Some(folder) = &self.map.folder {
+            let (saved, scans) = saved_map::load(folder)?;
+            let saved = Arc::new(saved);
+            let near = self.map.near.map(|near| near.0);
+            registration.continuation = Some(Continuation { saved, near });
+            kept = Some(scans);
+        }
+        let mut pipeline = Pipeline::going_on(self.config, registration, (boot, encode), kept)?
             .with_tilt_control(self.tilt.clone());
         let opened = match &self.network {
             Some(plan) => {
@@ -217,6 +233,22 @@ impl Run<'_> {
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
         Ok(pipeline)
+    }
+
+    /// A map is saved and gone on in only where scans are matched.
+    fn check_map(&self) -> Result<(), UsageError> {
+        let matches_scans = matches!(self.registration.origin, PoseOrigin::Scans { .. });
+        if !matches_scans && *self.map != MapOptions::default() {
+            return Err(UsageError(
+                "--map and --save-map need poses from matched scans: --set localization.source=scan+wheels, or another of \"scan\", \
+                 \"scan+imu\" and \"scan+gps\""
+                    .to_owned(),
+            ));
+        }
+        self.map
+            .save_map
+            .as_deref()
+            .map_or(Ok(()), saved_map::refuse_existing)
     }
 
     /// Existing files are not overwritten.
@@ -320,6 +352,16 @@ impl Run<'_> {
             let of = (self.title.as_str(), &self.config.vehicle);
             outputs::export(dir, &pipeline, &trajectory, of)
         });
+        let saved = self.map.save_map.as_ref().map_or(Ok(()), |folder| {
+            let map = pipeline.localization.registration.saved_map();
+            let kept = pipeline.mapping.maps.kept_scans();
+            let saved = map
+                .zip(kept)
+                .map(|(map, kept)| saved_map::save(folder, map, kept));
+            saved
+                .unwrap_or(Ok(()))
+                .with_context(|| format!("{}: the map cannot be saved", folder.display()))
+        });
         let summarised = self.summary.as_ref().map_or(Ok(()), |path| {
             summary
                 .write(path)
@@ -330,6 +372,7 @@ impl Run<'_> {
         }
         recorded.result?;
         exported?;
+        saved?;
         summarised?;
         Ok(summary)
     }

@@ -129,6 +129,7 @@ pub(super) fn run_live(
         drive,
         record: options.record.clone(),
         export: options.export.clone(),
+        map: &options.map,
         summary: options.summary.clone(),
         quiet,
         earliest: None,

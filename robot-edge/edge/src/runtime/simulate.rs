@@ -100,6 +100,7 @@ pub(super) fn simulate(
         }),
         record: options.record.clone(),
         export: options.export.clone(),
+        map: &options.map,
         summary: options.summary.clone(),
         quiet,
         earliest: None,

@@ -45,6 +45,7 @@ fn settings(origin: PoseOrigin) -> RegistrationSettings {
             lowest_m: 0.0,
             highest_m: 0.5,
         },
+        continuation: None,
     }
 }
 

@@ -10,6 +10,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 
 use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::{Search, SearchGrid, SearchWindow};
@@ -191,13 +192,19 @@ pub fn search_points(points: &[ScanPoint]) -> Vec<Point2<f64>> {
 }
 
 /// Drift between submaps, along the shortest way through the graph.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct DriftGraph {
     /// Of each submap, its neighbours and the drift to them: metres and radians.
     links: Vec<BTreeMap<u32, Window>>,
 }
 
 impl DriftGraph {
+    /// Whether its links are between so many submaps.
+    pub(super) fn is_of(&self, submaps: usize) -> bool {
+        let mut linked = self.links.iter().flat_map(BTreeMap::keys);
+        self.links.len() <= submaps && linked.all(|other| (*other as usize) < self.links.len())
+    }
+
     /// Links two submaps; of two drifts the lesser holds.
     pub fn link(&mut self, a: u32, b: u32, drift: Window) {
         let size = self.links.len().max(1 + a.max(b) as usize);

@@ -1,6 +1,7 @@
 //! The map of [`ScanSlam`](super::slam::ScanSlam): submaps, and the graph of their keyframes.
 
 use nalgebra::{Isometry2, Point2};
+use serde::{Deserialize, Serialize};
 
 use super::loop_closure::{ClosureSettings, DriftGraph, Window};
 use super::pose_graph::{Edge, PoseGraph};
@@ -9,7 +10,7 @@ use super::scan_points::ScanPoint;
 use super::submap::Submap;
 
 /// Submaps and the graph of their keyframes: all that is kept of a map.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct SlamMap {
     pub(super) graph: PoseGraph,
     pub(super) submaps: Vec<SubmapRecord>,
@@ -17,7 +18,7 @@ pub struct SlamMap {
 }
 
 /// A submap and its keyframes, which are consecutive.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct SubmapRecord {
     /// Its first keyframe.
     pub(super) anchor: u32,
@@ -37,6 +38,20 @@ const AROUND_M: f64 = 14.0;
 const MAX_AROUND: usize = 400;
 
 impl SlamMap {
+    /// Whether all indices are those of parts that it has, as in every map that was made here.
+    pub fn is_consistent(&self) -> bool {
+        let keyframes = self.graph.poses.len();
+        let is_keyframe = |index: u32| (index as usize) < keyframes;
+        let mut edges = self.graph.edges.iter();
+        edges.all(|edge| is_keyframe(edge.from) && is_keyframe(edge.to))
+            && self.submaps.iter().all(|record| {
+                record.anchor < record.end
+                    && is_keyframe(record.end - 1)
+                    && record.submap.is_consistent()
+            })
+            && self.drifts.is_of(self.submaps.len())
+    }
+
     /// Poses of the keyframes, in the order of time.
     pub fn keyframes(&self) -> &[Isometry2<f64>] {
         &self.graph.poses

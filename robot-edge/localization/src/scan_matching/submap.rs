@@ -11,6 +11,7 @@
 
 use nalgebra::{Isometry2, Matrix2, Matrix3, Point2, Vector2, Vector3};
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::SearchGrid;
@@ -35,7 +36,7 @@ const MIN_POINTS: f64 = 5.0;
 const MAX_ITERATIONS: usize = 12;
 
 /// Points of a cell that were seen from about one direction.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Surfel {
     /// Number of points.
     weight: f32,
@@ -45,11 +46,13 @@ struct Surfel {
     /// Sum of the directions of the beams.
     view: Vector2<f32>,
     /// The next of the same cell, that was seen from another direction.
+    #[serde(skip)]
     next: Option<u32>,
 }
 
 /// Map of a few metres of driving, in the frame of its first keyframe (its anchor).
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(from = "Vec<Surfel>", into = "Vec<Surfel>")]
 pub struct Submap {
     surfels: Vec<Surfel>,
     /// The first surfel of each cell. Never iterated.
@@ -94,7 +97,39 @@ pub struct Registered {
     pub residual_m: f64,
 }
 
+impl From<Submap> for Vec<Surfel> {
+    fn from(submap: Submap) -> Self {
+        submap.surfels
+    }
+}
+
+impl From<Vec<Surfel>> for Submap {
+    fn from(surfels: Vec<Surfel>) -> Self {
+        let mut submap = Self {
+            surfels,
+            cells: FxHashMap::default(),
+        };
+        for (index, surfel) in (0_u32..).zip(&mut submap.surfels) {
+            // The mean of points of a cell lies in it.
+            if let Some(cell) = cell_of(&Point2::from(surfel.mean.cast())) {
+                surfel.next = submap.cells.insert(cell, index);
+            }
+        }
+        submap
+    }
+}
+
 impl Submap {
+    /// Whether each of its surfels lies in a cell, and shows something.
+    pub(super) fn is_consistent(&self) -> bool {
+        self.surfels.iter().all(|surfel| {
+            surfel.weight >= 1.0
+                && surfel.view.norm() > 0.0
+                && surfel.scatter.iter().all(|sum| sum.is_finite())
+                && cell_of(&Point2::from(surfel.mean.cast())).is_some()
+        })
+    }
+
     /// Whether nothing was added yet.
     pub fn is_empty(&self) -> bool {
         self.surfels.is_empty()

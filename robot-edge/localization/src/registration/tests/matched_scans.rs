@@ -102,7 +102,7 @@ fn odometry_that_slips_is_corrected_by_scans_and_odom_does_not_jump() {
         let start = way[0].inverse();
         for ((stamp, odom_from_base), truth) in poses.iter().zip(&way) {
             let error = in_space(&(start * truth))
-                .inv_mul(&(map_from_odom.at(*stamp).unwrap() * odom_from_base));
+                .inv_mul(&(map_from_odom.at((0, *stamp)).unwrap() * odom_from_base));
             let error_m = error.translation.vector.norm();
             assert!(error_m < 0.1, "{motion:?}: {error_m} m at {stamp}");
         }

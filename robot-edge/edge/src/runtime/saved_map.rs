@@ -1,0 +1,128 @@
+//! A map of matched scans in a folder, to go on in: `map.bin`, poses and submaps, and `scans.bin`, the kept scans.
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write as _};
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use serde::{Deserialize, Serialize};
+
+use super::kept_scans::KeptScans;
+use crate::exit::UsageError;
+use localization::scan_localization::SavedMap;
+
+const MAP: &str = "map.bin";
+const SCANS: &str = "scans.bin";
+/// With the version of the format.
+const MAGIC: &[u8; 8] = b"FSMAP\x00\x00\x01";
+
+#[derive(Serialize, Deserialize)]
+struct Contents {
+    map: SavedMap,
+    /// Of the kept scans.
+    scans: u64,
+    bytes: u64,
+    crc32: u32,
+}
+
+/// Writes the map to a new folder, which is there only when it is whole.
+pub(super) fn save(folder: &Path, map: SavedMap, kept: &mut KeptScans) -> anyhow::Result<()> {
+    refuse_existing(folder)?;
+    let name = folder
+        .file_name()
+        .context("the folder of a map needs a name")?;
+    let temporary = folder.with_file_name(format!(".{}.tmp", name.display()));
+    // Of a run that was cut off.
+    if temporary.exists() {
+        fs::remove_dir_all(&temporary)?;
+    }
+    fs::create_dir_all(&temporary)?;
+    let scans = temporary.join(SCANS);
+    fs::copy(kept.path()?, &scans)?;
+    let contents = Contents {
+        map,
+        scans: kept.count(),
+        bytes: kept.bytes(),
+        crc32: checksum(&scans)?.0,
+    };
+    let body = postcard::to_stdvec(&contents)?;
+    let mut file = File::create(temporary.join(MAP))?;
+    file.write_all(MAGIC)?;
+    file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
+    file.write_all(&body)?;
+    file.sync_all()?;
+    File::open(&scans)?.sync_all()?;
+    Ok(fs::rename(&temporary, folder)?)
+}
+
+/// A map is never written over.
+pub(super) fn refuse_existing(folder: &Path) -> Result<(), UsageError> {
+    match folder.symlink_metadata() {
+        Ok(_) => Err(UsageError(format!(
+            "{}: exists already and is not written over: give the map another name",
+            folder.display()
+        ))),
+        Err(_) => Ok(()),
+    }
+}
+
+/// Reads a map, and its scans into a file of this process.
+pub(super) fn load(folder: &Path) -> anyhow::Result<(SavedMap, KeptScans)> {
+    let path = folder.join(MAP);
+    let bytes = fs::read(&path).map_err(|error| {
+        UsageError(format!(
+            "{}: no map can be read here: {error}",
+            path.display()
+        ))
+    })?;
+    let contents =
+        parse(&bytes).with_context(|| format!("{}: this is no map, or damaged", path.display()));
+    let contents = contents.map_err(|error| UsageError(format!("{error:#}")))?;
+    let scans = folder.join(SCANS);
+    let found = checksum(&scans)
+        .map_err(|error| UsageError(format!("{}: cannot be read: {error}", scans.display())))?;
+    if found != (contents.crc32, contents.bytes) {
+        return Err(UsageError(format!(
+            "{}: the scans are not those of the map: {} bytes of {}",
+            scans.display(),
+            found.1,
+            contents.bytes
+        ))
+        .into());
+    }
+    let kept = KeptScans::of_file(&scans, contents.scans, contents.map.sessions())
+        .with_context(|| format!("{}: cannot be copied", scans.display()))?;
+    Ok((contents.map, kept))
+}
+
+fn parse(bytes: &[u8]) -> anyhow::Result<Contents> {
+    let Some((sum, body)) = bytes
+        .strip_prefix(MAGIC)
+        .and_then(|rest| rest.split_first_chunk::<4>())
+    else {
+        bail!("it does not begin as a map of this version");
+    };
+    if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
+        bail!("its checksum is wrong");
+    }
+    let contents: Contents = postcard::from_bytes(body)?;
+    if !contents.map.is_consistent() {
+        bail!("its parts do not fit together");
+    }
+    Ok(contents)
+}
+
+/// CRC-32 and length of a file.
+fn checksum(path: &Path) -> io::Result<(u32, u64)> {
+    let mut file = File::open(path)?;
+    let (mut hasher, mut bytes) = (crc32fast::Hasher::new(), 0);
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        let read = file.read(&mut buffer)?;
+        if read == 0 {
+            return Ok((hasher.finalize(), bytes));
+        }
+        hasher.update(&buffer[..read]);
+        bytes += read as u64;
+    }
+}
