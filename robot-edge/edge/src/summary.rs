@@ -114,6 +114,8 @@ pub struct ScanMatching {
     pub closures: u64,
     /// Closures that later evidence contradicted.
     pub closures_removed: u64,
+    /// The vehicle was not found in the map that it was to go on in: the map is of this run alone.
+    pub is_searching: bool,
     /// Of the last scan: covariance of x, y (m²) and yaw (rad²) relative to its submap, in the frame of the vehicle, row by row.
     pub last_covariance: Option<[[f64; 3]; 3]>,
     /// Of the last scan: distance of its points from the surfaces of the map, root mean square, metres.

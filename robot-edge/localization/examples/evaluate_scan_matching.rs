@@ -9,7 +9,7 @@ use std::path::Path;
 
 use localization::scan_matching::loop_closure::search_points;
 use localization::scan_matching::relations::{Relation, Spread};
-use localization::scan_matching::relocalization::{Location, locate};
+use localization::scan_matching::relocalization::Relocalizer;
 use localization::scan_matching::scan_points::{PointLimits, ScanPoint, scan_points};
 use localization::scan_matching::search_grid::{Search, SearchWindow};
 use localization::scan_matching::slam::{Confidence, ScanInput, ScanSlam};
@@ -333,7 +333,8 @@ fn measure_kidnapped(
     for _ in 0..starts {
         let start = 2 * (random.next_u32() as usize % (scans.len() / 2)) + 1;
         let mut slam = ScanSlam::new(settings);
-        let (mut driven_m, mut last, mut next_m) = (0.0, None::<Isometry2<f64>>, 0.0);
+        let mut relocalizer = Relocalizer::default();
+        let (mut driven_m, mut last) = (0.0, None::<Isometry2<f64>>);
         for odd in (start..scans.len()).step_by(2) {
             let pose = slam.push(&input(&scans[odd], true)).local_from_base;
             let step = last.map_or(0.0, |last| {
@@ -344,14 +345,11 @@ fn measure_kidnapped(
             if driven_m > 10.0 {
                 break;
             }
-            if driven_m < next_m {
-                continue;
-            }
-            next_m = driven_m + 1.0;
             let begin_ms = used_ms();
-            let location = locate(map, &slam.surroundings(), None, &settings.closure);
+            let points = || slam.surroundings();
+            let place = relocalizer.update(map, &pose, points, None, &settings.closure);
             times_ms.push(used_ms() - begin_ms);
-            let Location::Found(place) = location else {
+            let Some(place) = place else {
                 continue;
             };
             let error = truth(odd).inv_mul(&place.map_from_base);

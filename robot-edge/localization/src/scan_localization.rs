@@ -15,7 +15,7 @@ use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::scan_matching::relocalization::{Location, Place, locate};
+use crate::scan_matching::relocalization::{Place, Relocalizer};
 use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
 use crate::scan_matching::slam_map::SlamMap;
 use crate::scan_matching::slam_settings::SlamSettings;
@@ -111,41 +111,27 @@ pub struct Continuation {
 #[derive(Clone, Debug)]
 struct Searched {
     continuation: Continuation,
-    /// The search is repeated after this way, metres.
-    next_m: f64,
-    driven_m: f64,
-    last: Option<Isometry2<f64>>,
+    relocalizer: Relocalizer,
 }
 
 /// The vehicle is within this of the pose where it is said to be: metres and radians.
 const NEAR: (f64, f64) = (3.0, 0.8);
-/// Way from search to search, metres.
-const SEARCH_M: f64 = 1.0;
 
 impl Searched {
-    /// Searches for the vehicle by what the last metres showed.
     fn locate(
         &mut self,
         slam: &ScanSlam,
         local_from_base: &Isometry2<f64>,
         settings: &SlamSettings,
     ) -> Option<Place> {
-        let step = self.last.replace(*local_from_base);
-        self.driven_m += step.map_or(0.0, |last| {
-            (last.translation.vector - local_from_base.translation.vector).norm()
-        });
-        if self.driven_m < self.next_m {
-            return None;
-        }
-        self.next_m = self.driven_m + SEARCH_M;
         let Continuation { saved, near } = &self.continuation;
         // Where it was when it began to search, and how it has moved since.
         let near = near.map(|start| start * local_from_base);
         let near = near.as_ref().map(|pose| (pose, NEAR));
-        match locate(&saved.map, &slam.surroundings(), near, &settings.closure) {
-            Location::Found(place) => Some(place),
-            Location::Ambiguous | Location::Unknown => None,
-        }
+        let points = || slam.surroundings();
+        let closure = &settings.closure;
+        self.relocalizer
+            .update(&saved.map, local_from_base, points, near, closure)
     }
 }
 
@@ -296,15 +282,8 @@ impl ScanLocalization {
             odom_from_local: Isometry2::identity(),
             session: continuation.as_ref().map_or(0, |of| of.saved.sessions()),
             searched: continuation.map(|continuation| Searched {
-                // At its place, what one scan shows is enough near a pose, but not in the whole map.
-                next_m: if continuation.near.is_some() {
-                    0.0
-                } else {
-                    SEARCH_M
-                },
                 continuation,
-                driven_m: 0.0,
-                last: None,
+                relocalizer: Relocalizer::default(),
             }),
             settings,
             waiting: VecDeque::new(),

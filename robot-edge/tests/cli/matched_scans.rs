@@ -1,8 +1,8 @@
 //! Poses from matched scans: errors against published relations, and maps that are corrected where a loop closes.
 
-use std::thread;
+use std::{fs, thread};
 
-use crate::process::{digest, events, read_json, robot_edge, run};
+use crate::process::{digest, events, read_json, robot_edge, run, summary_of};
 use crate::shared_data::shared_data;
 
 /// The raw odometry and laser of a log, with a loop of corridors.
@@ -55,4 +55,69 @@ fn a_log_is_mapped_by_its_scans_within_the_published_error_and_alike_with_two_th
 
     run(robot_edge("evaluate relations").args([&relations, &relations]))
         .refuses(2, &["aces.relations, line 1", "TUM"]);
+}
+
+/// A run in the rooms, and another that goes on in its map from the same place, of which it knows nothing.
+#[test]
+fn a_saved_map_is_gone_on_in_and_a_damaged_one_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
+    let simulate = |more: &str| {
+        robot_edge(&format!(
+            "simulate rooms --rate max --set localization.source=scan+wheels {more}"
+        ))
+    };
+    let first = summary_of(simulate("--duration 60").arg("--save-map").arg(&one));
+    let again = run(simulate("--duration 1").arg("--save-map").arg(&one));
+    again.refuses(2, &["one", "exists already"]);
+
+    let on = summary_of(
+        simulate("--duration 25 --seed 2")
+            .arg("--map")
+            .arg(&one)
+            .arg("--save-map")
+            .arg(&two),
+    );
+    assert_eq!(on["scan_matching"]["is_searching"], false);
+    let joined = |summary| {
+        events(summary)
+            .iter()
+            .any(|event| event.contains("an older map was joined"))
+    };
+    assert!(joined(&on), "{:?}", events(&on));
+    // What the second run did not see is there.
+    let known =
+        |summary: &serde_json::Value| summary["layers"]["occupancy"]["cells_known"].as_u64();
+    assert!(
+        known(&on) >= known(&first),
+        "{:?} {:?}",
+        known(&on),
+        known(&first)
+    );
+    let third = summary_of(
+        simulate("--duration 25 --seed 3 --near 0,0,0")
+            .arg("--map")
+            .arg(&two),
+    );
+    assert!(joined(&third), "{:?}", events(&third));
+
+    for (file, says) in [
+        ("map.bin", "damaged"),
+        ("scans.bin", "are not those of the map"),
+    ] {
+        let path = one.join(file);
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        run(simulate("--duration 1").arg("--map").arg(&one)).refuses(2, &[file, says]);
+        bytes[middle] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+    }
+    let elsewhere = folder.path().join("none");
+    run(simulate("--duration 1").arg("--map").arg(&elsewhere))
+        .refuses(2, &["no map can be read here"]);
+    let by_tf = run(robot_edge("simulate rooms --rate max --duration 1 --map").arg(&two));
+    by_tf.refuses(2, &["--map and --save-map need poses from matched scans"]);
+    run(&mut simulate("--near 1,2 --map x")).refuses(2, &["12.5,-3,90"]);
 }

@@ -39,13 +39,74 @@ pub struct Place {
 /// Least score of a place: at first, and where there is none. The first search is quick.
 const MIN_SCORES: [f64; 2] = [0.75, 0.5];
 /// Least share of inliers of a place.
-const MIN_INLIERS: f64 = 0.6;
+const MIN_INLIERS: f64 = 0.75;
 /// Another place with more than this share of the best score makes it ambiguous.
 const AMBIGUOUS_SHARE: f64 = 0.85;
 /// Two poses this near are one place: metres and radians.
 const SAME_PLACE: (f64, f64) = (1.0, 0.35);
 /// The vehicle may be this far off the way of a submap, metres.
 pub(super) const BESIDE_M: f64 = 3.0;
+
+/// Finds a vehicle that drives, by places that agree over some metres: a part of the world that is not in the map may look like one
+/// that is.
+#[derive(Clone, Debug, Default)]
+pub struct Relocalizer {
+    driven_m: f64,
+    next_m: f64,
+    last: Option<Isometry2<f64>>,
+    /// Where the frame of the driven poses lies in the map, by a place, and the way driven when it was found.
+    agreed: Option<(Isometry2<f64>, f64)>,
+}
+
+/// Way from search to search, metres.
+const SEARCH_M: f64 = 1.0;
+/// Places must agree over this way, metres, …
+const AGREE_M: f64 = 4.0;
+/// …and to this difference: metres and radians.
+const AGREEMENT: (f64, f64) = (0.3, 0.06);
+
+impl Relocalizer {
+    /// The vehicle is at `local_from_base`; `points` gives what it has seen in the last metres, in its frame. Returns a place once it is
+    /// sure. `near`: as for [`locate`].
+    pub fn update(
+        &mut self,
+        map: &SlamMap,
+        local_from_base: &Isometry2<f64>,
+        points: impl FnOnce() -> Vec<ScanPoint>,
+        near: Option<(&Isometry2<f64>, (f64, f64))>,
+        settings: &ClosureSettings,
+    ) -> Option<Place> {
+        let last = self.last.replace(*local_from_base);
+        self.driven_m += last.map_or(0.0, |last| difference(&last, local_from_base).xy().norm());
+        if self.driven_m < self.next_m {
+            return None;
+        }
+        self.next_m = self.driven_m + SEARCH_M;
+        let place = match locate(map, &points(), near, settings) {
+            Location::Found(place) => place,
+            Location::Ambiguous => return None,
+            Location::Unknown => {
+                self.agreed = None;
+                return None;
+            }
+        };
+        let agrees = |(map_from_local, _): &(Isometry2<f64>, f64)| {
+            let step = difference(&(map_from_local * local_from_base), &place.map_from_base);
+            step.xy().norm() < AGREEMENT.0 && step.z.abs() < AGREEMENT.1
+        };
+        let map_from_local = place.map_from_base * local_from_base.inverse();
+        match self.agreed.filter(agrees) {
+            Some((_, since_m)) => {
+                self.agreed = Some((map_from_local, since_m));
+                (self.driven_m - since_m >= AGREE_M).then_some(place)
+            }
+            None => {
+                self.agreed = Some((map_from_local, self.driven_m));
+                None
+            }
+        }
+    }
+}
 
 /// Finds the vehicle by points in its frame, best those of some metres of driving
 /// ([`ScanSlam::surroundings`](super::slam::ScanSlam::surroundings)): in the whole map, or near a pose (with half the
