@@ -279,7 +279,14 @@ mod tests {
         let mut expected: Vec<String> = shown
             .map(|each| format!("robot-edge-{}.1", each.get_name()))
             .collect();
-        expected.extend(["robot-edge.1", "robot-edge-calibrate-self-hits.1"].map(str::to_owned));
+        expected.extend(
+            [
+                "robot-edge.1",
+                "robot-edge-calibrate-self-hits.1",
+                "robot-edge-evaluate-relations.1",
+            ]
+            .map(str::to_owned),
+        );
         expected.sort();
         let pages = std::fs::read_dir(&out).unwrap();
         let mut pages: Vec<String> = pages

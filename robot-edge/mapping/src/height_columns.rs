@@ -259,7 +259,7 @@ impl Levels {
         for column in columns(known & occupied) {
             let bit = 1 << column;
             let above = z - self.ground_z[column];
-            let is_lower = self.ground_z[column] + rules.height < rules.deck_z + 2;
+            let is_lower = self.ground_z[column] + rules.height < rules.deck_z;
             let is_solid = above > 1 && is_lower && self.air & bit == 0;
             if z <= rules.deck_z && (above > rules.height || is_solid || self.deck & bit != 0) {
                 self.hanging |= bit & self.air_below & !self.deck;

@@ -68,7 +68,7 @@ fn a_saved_map_is_gone_on_in_and_a_damaged_one_is_refused() {
         ))
     };
     let first = summary_of(simulate("--duration 60").arg("--save-map").arg(&one));
-    let again = run(simulate("--duration 1").arg("--save-map").arg(&one));
+    let again = run(simulate("--duration 1 --quiet").arg("--save-map").arg(&one));
     again.refuses(2, &["one", "exists already"]);
 
     let on = summary_of(
@@ -110,14 +110,16 @@ fn a_saved_map_is_gone_on_in_and_a_damaged_one_is_refused() {
         let middle = bytes.len() / 2;
         bytes[middle] ^= 1;
         fs::write(&path, &bytes).unwrap();
-        run(simulate("--duration 1").arg("--map").arg(&one)).refuses(2, &[file, says]);
+        run(simulate("--duration 1 --quiet").arg("--map").arg(&one)).refuses(2, &[file, says]);
         bytes[middle] ^= 1;
         fs::write(&path, &bytes).unwrap();
     }
     let elsewhere = folder.path().join("none");
-    run(simulate("--duration 1").arg("--map").arg(&elsewhere))
-        .refuses(2, &["no map can be read here"]);
-    let by_tf = run(robot_edge("simulate rooms --rate max --duration 1 --map").arg(&two));
+    run(simulate("--duration 1 --quiet")
+        .arg("--map")
+        .arg(&elsewhere))
+    .refuses(2, &["no map can be read here"]);
+    let by_tf = run(robot_edge("simulate rooms --rate max --duration 1 --quiet --map").arg(&two));
     by_tf.refuses(2, &["--map and --save-map need poses from matched scans"]);
-    run(&mut simulate("--near 1,2 --map x")).refuses(2, &["12.5,-3,90"]);
+    run(&mut simulate("--quiet --near 1,2 --map x")).refuses(2, &["12.5,-3,90"]);
 }

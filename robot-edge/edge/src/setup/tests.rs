@@ -196,7 +196,7 @@ fn a_dialog_asks_until_the_answers_are_right() {
     let (printed, text) = run("", Some(answers), false);
     let printed = printed.unwrap();
     for says in [
-        "introbot    Introbot, four wheels",
+        "introbot          Introbot, four wheels",
         "there is no vehicle `robot`",
         "as 1.2,0.8,0.6; empty: as the preset: a size is three numbers",
         "there is: sick_cola, sick_ldlrs, hokuyo",

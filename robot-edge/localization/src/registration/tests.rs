@@ -115,7 +115,7 @@ fn run(
 fn registered_scan(registered: &RegistrationOutput) -> &RegisteredScan {
     match registered {
         RegistrationOutput::Scan(scan) => scan,
-        RegistrationOutput::Jump(jump) => panic!("{jump:?}"),
+        other => panic!("{other:?}"),
     }
 }
 
@@ -331,6 +331,7 @@ fn outs(registered: &[RegistrationOutput]) -> Vec<Out> {
     let out = |registered: &RegistrationOutput| match registered {
         RegistrationOutput::Scan(_) => Out::Scan(ends(registered)[0]),
         RegistrationOutput::Jump(jump) => Out::Jump((jump.distance_m * 1e6).round() / 1e6),
+        other => panic!("{other:?}"),
     };
     registered.iter().map(out).collect()
 }

@@ -65,9 +65,10 @@ fn uncommented(text: &str) -> String {
 /// What can stand in one file: no depth limit on land, and of the kinds of motors one; not a Roboteq where the wheels
 /// have other modes than it can drive.
 fn compatible(uncommented: &str) -> String {
-    let on_land = uncommented.contains("is_boat = false");
+    let maps_depth =
+        !uncommented.contains("is_boat = false") && uncommented.contains("kind = \"sonar\"");
     let lines = uncommented.split_inclusive('\n');
-    let lines = lines.filter(|line| !(on_land && line.starts_with("min_depth_m")));
+    let lines = lines.filter(|line| maps_depth || !line.starts_with("min_depth_m"));
     let uncommented: String = lines.collect();
     let (before, motors) = uncommented.split_once("[motors.roboteq]").unwrap();
     let (_roboteq, twist) = motors.split_once("[motors.ros2_twist]").unwrap();

@@ -48,7 +48,7 @@ fn registered(
     registration.finish(&mut out);
     let scans = out.into_iter().filter_map(|output| match output {
         RegistrationOutput::Scan(scan) => Some(scan),
-        RegistrationOutput::Jump(_) => None,
+        _ => None,
     });
     (scans.collect(), registration.counts())
 }
