@@ -35,8 +35,9 @@ pub struct ClosureSettings {
     pub min_score: (f64, f64),
     /// Another pose with more than this share of the best score makes a match ambiguous.
     pub ambiguous_share: f64,
-    /// Matches that must agree in a large window, and the least way between the first and the last, metres.
-    pub agreement: (usize, f64),
+    /// Matches that must agree in a large window, and the least way between the first and the last, metres: within a piece of the map,
+    /// and to join two pieces, since nothing else says that the vehicle is at this place and not at another like it.
+    pub agreement: (usize, [f64; 2]),
     /// Standard deviations of a closure beside its noise: metres and radians.
     pub noise: (f64, f64),
     /// Drift that is left after a closure in a large window, until one in a small window confirms it: metres and radians.
@@ -58,7 +59,7 @@ impl Default for ClosureSettings {
             min_inliers: (0.5, 0.5),
             min_score: (0.22, 0.5),
             ambiguous_share: 0.9,
-            agreement: (3, 2.0),
+            agreement: (3, [2.0, 8.0]),
             noise: (0.03, 0.3_f64.to_radians()),
             large_drift: (0.3, 4.0_f64.to_radians()),
             per_keyframe: 2,
@@ -276,10 +277,10 @@ const MAX_WAY_M: f64 = 30.0;
 
 impl PendingClosures {
     /// Adds a match with the pose of its keyframe by the driving alone; returns it with those that agree with it, if they
-    /// are enough. `anchor` gives the pose of a submap in the map.
+    /// are enough. `joins_pieces`: it is between two pieces of the map. `anchor` gives the pose of a submap in the map.
     pub fn add(
         &mut self,
-        closure: Closure,
+        (closure, joins_pieces): (Closure, bool),
         (local_from_base, driven_m): (Isometry2<f64>, f64),
         anchor: impl Fn(u32) -> Isometry2<f64>,
         settings: &ClosureSettings,
@@ -305,7 +306,8 @@ impl PendingClosures {
             .iter()
             .map(|other| other.driven_m)
             .fold(driven_m, f64::min);
-        let (number, way_m) = settings.agreement;
+        let (number, ways_m) = settings.agreement;
+        let way_m = ways_m[usize::from(joins_pieces)];
         if agreeing.len() + 1 >= number && driven_m - first_m >= way_m {
             self.0 = others.into();
             return agreeing

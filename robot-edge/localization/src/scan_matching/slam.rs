@@ -361,7 +361,7 @@ impl ScanSlam {
         // A corridor with doors alike: the scan fits at another place too, and no odometry says which is right.
         if let (Some(found), false) = (found, has_odometry) {
             search.search_elsewhere(ALIKE_SHARE, (ALIKE_M, std::f64::consts::PI));
-            search.advance(&active.grid, MAX_BLOCKS / 10);
+            search.advance(&active.grid, MAX_BLOCKS);
             if let Some(other) = search.best() {
                 let way = other.pose.translation.vector - found.translation.vector;
                 let along = found.rotation.inverse() * way.normalize();
@@ -655,11 +655,16 @@ impl ScanSlam {
             return;
         };
         let closure = Closure::new(keyframe, submap, &found);
+        let pieces = self.map.pieces();
+        let of_submap = self.map.submaps[submap as usize].anchor;
+        let joins_pieces = pieces[of_submap as usize] != pieces[keyframe as usize];
         let anchor = |index: u32| self.map.anchor(index);
-        let agreed =
-            self.searches
-                .pending
-                .add(closure, (local_from_base, driven_m), anchor, &settings);
+        let agreed = self.searches.pending.add(
+            (closure, joins_pieces),
+            (local_from_base, driven_m),
+            anchor,
+            &settings,
+        );
         for closure in agreed {
             self.optimizer.is_far = true;
             self.add_closure(&closure, self.active[0].index, settings.large_drift);
