@@ -91,7 +91,7 @@ impl ScanRegistration {
             pose_estimator: PoseEstimator::of(settings.origin.prior(), settings.pose_streams),
             scan_localization: match &settings.origin {
                 PoseOrigin::Scans { scans, .. } => Some(Box::new(ScanLocalization::new(
-                    *scans,
+                    scans,
                     settings.continuation.clone(),
                 ))),
                 _ => None,
@@ -185,7 +185,8 @@ impl ScanRegistration {
         }
         if let Some(scan_localization) = &mut self.scan_localization {
             let continuation = self.settings.continuation.clone();
-            **scan_localization = ScanLocalization::new(scan_localization.settings, continuation);
+            let settings = scan_localization.settings;
+            **scan_localization = ScanLocalization::new(&settings, continuation);
         }
         self.newest = RobotTime::MIN;
         self.newest_out = RobotTime::MIN;
@@ -562,7 +563,7 @@ pub enum PoseOrigin {
         /// Source of what is known besides; [`Self::Static`] if nothing is.
         prior: Box<PoseOrigin>,
         /// Settings of scan matching.
-        scans: ScanLocalizationSettings,
+        scans: Box<ScanLocalizationSettings>,
     },
 }
 

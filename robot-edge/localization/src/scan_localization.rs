@@ -274,7 +274,7 @@ const MAX_WAITING: usize = 64;
 impl ScanLocalization {
     /// `continuation`: the vehicle goes on in this map once it is found there.
     pub(crate) fn new(
-        settings: ScanLocalizationSettings,
+        settings: &ScanLocalizationSettings,
         continuation: Option<Continuation>,
     ) -> Self {
         Self {
@@ -285,7 +285,7 @@ impl ScanLocalization {
                 continuation,
                 relocalizer: Relocalizer::default(),
             }),
-            settings,
+            settings: *settings,
             waiting: VecDeque::new(),
             keyframes: Vec::new(),
             is_corrected: false,

@@ -149,8 +149,8 @@ impl Drive {
         let (first, width, window) = cost.cells();
         for (place, found) in window.into_iter().enumerate() {
             let cell = CellIndex {
-                x: first.x + (place % width) as i32,
-                y: first.y + (place / width) as i32,
+                x: first.x + i32::from((place % width) as u16),
+                y: first.y + i32::from((place / width) as u16),
             };
             let distance_m = (cell.centre(truth.cell_m).coords - boat).norm();
             let bin = (distance_m / BIN_M) as usize;

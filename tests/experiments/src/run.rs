@@ -184,7 +184,7 @@ pub fn pipeline(config: &Config, streams: &[Stream]) -> anyhow::Result<Pipeline>
         config,
         &runtime::simulated_localization_plan(config, streams)?,
     );
-    Ok(Pipeline::new(config, registration, BootId([0; 16]), false)?)
+    Pipeline::new(config, registration, BootId([0; 16]), false)
 }
 
 /// The configuration of the world's vehicle, with `settings` (`key=value`) over it.

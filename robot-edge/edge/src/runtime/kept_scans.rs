@@ -260,19 +260,19 @@ impl KeptScans {
     }
 }
 
-fn record_length(file: &mut BufReader<File>) -> io::Result<usize> {
+fn record_length(file: &mut BufReader<File>) -> io::Result<u32> {
     let mut length = [0; 4];
     file.read_exact(&mut length)?;
-    Ok(u32::from_le_bytes(length) as usize)
+    Ok(u32::from_le_bytes(length))
 }
 
 fn skip_record(file: &mut BufReader<File>) -> io::Result<()> {
     let length = record_length(file)?;
-    file.seek_relative(length as i64)
+    file.seek_relative(length.into())
 }
 
 fn read_record(file: &mut BufReader<File>) -> io::Result<Record> {
-    let mut bytes = vec![0; record_length(file)?];
+    let mut bytes = vec![0; record_length(file)? as usize];
     file.read_exact(&mut bytes)?;
     postcard::from_bytes(&bytes).map_err(io::Error::other)
 }

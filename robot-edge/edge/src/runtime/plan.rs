@@ -138,7 +138,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
             origin: match matched {
                 Some(scans) => PoseOrigin::Scans {
                     prior: Box::new(origin),
-                    scans,
+                    scans: Box::new(scans),
                 },
                 None => origin,
             },

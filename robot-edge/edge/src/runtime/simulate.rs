@@ -172,7 +172,7 @@ pub fn simulated_localization_plan(
     let origin = match match_scans(config, &sensors, &prior)? {
         Some(scans) => PoseOrigin::Scans {
             prior: Box::new(prior),
-            scans,
+            scans: Box::new(scans),
         },
         None => prior,
     };

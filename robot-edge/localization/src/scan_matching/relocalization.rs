@@ -95,16 +95,10 @@ impl Relocalizer {
             step.xy().norm() < AGREEMENT.0 && step.z.abs() < AGREEMENT.1
         };
         let map_from_local = place.map_from_base * local_from_base.inverse();
-        match self.agreed.filter(agrees) {
-            Some((_, since_m)) => {
-                self.agreed = Some((map_from_local, since_m));
-                (self.driven_m - since_m >= AGREE_M).then_some(place)
-            }
-            None => {
-                self.agreed = Some((map_from_local, self.driven_m));
-                None
-            }
-        }
+        let agreed = self.agreed.filter(agrees);
+        let since_m = agreed.map_or(self.driven_m, |(_, since_m)| since_m);
+        self.agreed = Some((map_from_local, since_m));
+        (self.driven_m - since_m >= AGREE_M).then_some(place)
     }
 }
 

@@ -100,6 +100,11 @@ impl Default for SearchGrid {
     }
 }
 
+/// A number of cells or blocks, of which a grid has fewer than 65,536 along a side.
+fn small(number: usize) -> i32 {
+    i32::from(number as u16)
+}
+
 impl SearchGrid {
     /// Adds a hit.
     pub fn add(&mut self, point: &Point2<f64>) {
@@ -162,14 +167,15 @@ impl SearchGrid {
         let mut sums = vec![0_u8; columns * rows];
         // The first of `number` blocks that begins in the grid, and the blocks behind the last that does.
         let clip = |begin: i32, number: usize| {
-            let from = (-begin).clamp(0, number as i32);
-            (from, (blocks as i32 - begin).clamp(from, number as i32))
+            let number = small(number);
+            let from = (-begin).clamp(0, number);
+            (from, (small(blocks) - begin).clamp(from, number))
         };
         for [x, y] in points {
             let x = (x + first[0] + SIDE / 2) >> shift;
             let y = (y + first[1] + SIDE / 2) >> shift;
-            let [column, row] = [x, y].map(|at| at.div_euclid(step as i32));
-            let [odd_x, odd_y] = [x, y].map(|at| at.rem_euclid(step as i32) as usize);
+            let [column, row] = [x, y].map(|at| at.div_euclid(small(step)));
+            let [odd_x, odd_y] = [x, y].map(|at| at.rem_euclid(small(step)) as usize);
             let plane = &cells[(odd_y * step + odd_x) * blocks * blocks..][..blocks * blocks];
             let (from, end) = clip(column, columns);
             if from == end {
@@ -212,7 +218,7 @@ impl Search {
                     .collect(),
             )
         };
-        let blocks = |level: usize| half.map(|half| 1 + (2 * half >> level));
+        let blocks = |level: usize| half.map(|half| 1 + ((2 * half) >> level));
         let top = (1..LEVELS).rfind(|level| blocks(*level)[0] >= MIN_ROW);
         let top = top.unwrap_or(1);
         let [columns, rows] = blocks(top).map(|blocks| blocks as usize);
@@ -242,7 +248,7 @@ impl Search {
                 if bound <= self.least {
                     continue;
                 }
-                let place = [at % columns, at / columns].map(|at| (at << self.top) as i32);
+                let place = [at % columns, at / columns].map(|at| small(at << self.top));
                 let block = self.with_penalty(Block {
                     bound,
                     level: Reverse(self.top as u8),
@@ -416,7 +422,7 @@ mod tests {
                     .max()
                     .unwrap();
                 assert!(bound >= best, "level {level}: {bound} < {best}");
-                let loose = 255 * cells.len() as i32 * 6 / 10;
+                let loose = 255 * small(cells.len()) * 6 / 10;
                 assert!(
                     level > 3 || bound < best + loose,
                     "level {level}: {bound}, {best}"

@@ -54,7 +54,7 @@ fn take(pipeline: &mut Pipeline, ordered: Ordered) {
         mapping,
     } = pipeline;
     let taken = localization.take_ordered(ordered, clock::now(), &mut |input| {
-        Ok(mapping.take(input).map(drop)?)
+        mapping.take(input).map(drop)
     });
     taken.unwrap();
 }

@@ -37,11 +37,11 @@ fn drive(prior: PoseOrigin, motion: MotionPrior) -> (Vec<Isometry2<f64>>, Vec<Re
     };
     let mut settings = settings(PoseOrigin::Scans {
         prior: Box::new(prior),
-        scans: ScanLocalizationSettings {
+        scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
             prior: motion,
             slam: SlamSettings::default(),
-        },
+        }),
     });
     settings.sensors[0].beams.base_from_sensor = Pose::identity();
     let mut registration = ScanRegistration::new(settings);
