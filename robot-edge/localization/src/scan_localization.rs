@@ -31,7 +31,7 @@ pub enum MotionPrior {
     Full,
 }
 
-/// Settings of [`ScanLocalization`].
+/// Settings of matched scans.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanLocalizationSettings {
     /// The sensor whose scans are matched.
