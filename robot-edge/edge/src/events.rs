@@ -20,6 +20,7 @@ pub fn severity(kind: &str) -> Severity {
         | "sensor_clock"
         | "sensor_invalid"
         | "pose_jump"
+        | "correction_stopped"
         | "contact"
         | "overload"
         | "voxels_evicted"

@@ -295,6 +295,17 @@ impl ScanLocalization {
         }
     }
 
+    /// Begins anew after a clock reset, as a run of its own: stamps repeat, and the vehicle may be elsewhere.
+    pub(crate) fn reset(&mut self, continuation: Option<Continuation>) {
+        let session = self.session + 1;
+        *self = Self {
+            session,
+            begins_map: true,
+            is_corrected: true,
+            ..Self::new(&self.settings, continuation)
+        };
+    }
+
     /// Queues a scan. One that is not newer than the last is dropped.
     pub(crate) fn enqueue(&mut self, scan: WaitingScan) {
         let newest = self.waiting.back().map(|waiting| waiting.stamp);

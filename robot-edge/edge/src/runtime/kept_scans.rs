@@ -119,6 +119,11 @@ impl KeptScans {
         self.bytes
     }
 
+    /// The scans that follow are of this run.
+    pub(super) const fn begin_session(&mut self, session: u32) {
+        self.session = session;
+    }
+
     /// Scans that are kept.
     pub(super) const fn count(&self) -> u64 {
         self.count

@@ -34,6 +34,8 @@ pub(super) struct MapCorrection {
     rebuild: Option<Rebuild>,
     /// Scans in the maps at which the next rebuild may begin.
     next_at: u64,
+    /// Scans cannot be kept, or the maps not be made.
+    has_failed: bool,
 }
 
 #[derive(Debug)]
@@ -68,6 +70,7 @@ impl MapCorrection {
             newest: way,
             rebuild: None,
             next_at: 0,
+            has_failed: false,
         }
     }
 
@@ -93,17 +96,30 @@ impl MapCorrection {
     /// A new map begins.
     pub(super) fn begin_map(&mut self, way: Arc<MapFromOdom>) {
         self.rebuild = None;
+        self.kept.begin_session(way.session());
         self.in_effect = Arc::clone(&way);
         self.newest = way;
     }
 
-    /// Keeps a scan, in `odom`.
-    pub(super) fn keep(&mut self, scan: &RegisteredScan) -> anyhow::Result<()> {
-        Ok(self.kept.add(scan)?)
+    /// Keeps a scan, in `odom`, that was mapped. Begins to make the maps again, if that is due after so many mapped scans, and returns
+    /// them when it is time to exchange them. After an error it does nothing more.
+    pub(super) fn keep(
+        &mut self,
+        scan: &RegisteredScan,
+        mapped: u64,
+    ) -> anyhow::Result<Option<Maps>> {
+        if self.has_failed {
+            return Ok(None);
+        }
+        let due = match self.kept.add(scan) {
+            Ok(()) => self.take_due(mapped),
+            Err(error) => Err(error.into()),
+        };
+        self.has_failed = due.is_err();
+        due
     }
 
-    /// Begins to make the maps again, if that is due after so many mapped scans, and returns them when it is time to exchange them.
-    pub(super) fn take_due(&mut self, mapped: u64) -> anyhow::Result<Option<Maps>> {
+    fn take_due(&mut self, mapped: u64) -> anyhow::Result<Option<Maps>> {
         match &self.rebuild {
             Some(rebuild) if mapped >= rebuild.exchange_at => self.finish_rebuild(mapped).map(Some),
             Some(_) => Ok(None),
@@ -120,7 +136,7 @@ impl MapCorrection {
     /// The maps by all closures, at the end of the data, if they differ.
     pub(super) fn take_last(&mut self, mapped: u64) -> anyhow::Result<Option<Maps>> {
         self.rebuild = None;
-        if self.moved_m() <= 0.0 {
+        if self.has_failed || self.moved_m() <= 0.0 {
             return Ok(None);
         }
         self.begin(Arc::clone(&self.newest), mapped)?;
@@ -150,7 +166,7 @@ impl MapCorrection {
         Ok(())
     }
 
-    /// The clock of the data was reset: localization begins anew.
+    /// The data starts again.
     pub(super) fn clear(&mut self) -> anyhow::Result<()> {
         self.rebuild = None;
         self.in_effect = Arc::default();

@@ -92,7 +92,7 @@ impl MappingStage {
         now: Monotonic,
     ) -> anyhow::Result<Option<RegisteredScan>> {
         match input {
-            MappingInput::ClockReset => self.maps.reset_clock()?,
+            MappingInput::ClockReset => self.maps.reset_clock(),
             MappingInput::Registered {
                 output: RegistrationOutput::Scan(scan),
                 measured_at,

@@ -212,7 +212,8 @@ impl Maps {
         self.corrected = Some((before, way));
         self.mapper.reset();
         let stamp = self.progress.last_scan.unwrap_or_default();
-        let message = "the vehicle was lost: a new map begins, and the old one comes back when a closure says how it lies to it";
+        let message =
+            "a new map begins: nothing says how the old one lies to it, until a closure does";
         self.add_event(stamp, "new_map", message.to_owned());
     }
 
@@ -222,16 +223,22 @@ impl Maps {
     }
 
     /// Keeps a scan, in `odom`, that was mapped, and exchanges the maps if that is due.
-    pub(super) fn keep(&mut self, scan: &RegisteredScan) -> anyhow::Result<()> {
+    ///
+    /// If that fails, as on a full disk, mapping and driving go on: the maps are not corrected any more.
+    pub(super) fn keep(&mut self, scan: &RegisteredScan) -> Result<(), PublishError> {
         let Some(correction) = &mut self.correction else {
             return Ok(());
         };
-        correction.keep(scan)?;
         let before = Arc::clone(correction.in_effect());
-        if let Some(maps) = correction.take_due(self.progress.report.scans_mapped)? {
-            self.exchange(maps, before)?;
+        match correction.keep(scan, self.progress.report.scans_mapped) {
+            Ok(Some(maps)) => self.exchange(maps, before),
+            Ok(None) => Ok(()),
+            Err(error) => {
+                let message = format!("loops correct the maps no more: {error:#}");
+                self.add_event(scan.stamp, "correction_stopped", message);
+                Ok(())
+            }
         }
-        Ok(())
     }
 
     /// Adds kept scans.
@@ -252,7 +259,7 @@ impl Maps {
     }
 
     /// Replaces all layers and tiles by those of `maps`. Tiles that are the same are not published again.
-    fn exchange(&mut self, mut maps: Self, before: Arc<MapFromOdom>) -> anyhow::Result<()> {
+    fn exchange(&mut self, mut maps: Self, before: Arc<MapFromOdom>) -> Result<(), PublishError> {
         maps.finish()?;
         self.publish()?;
         self.publisher.replace(&maps.publisher)?;
@@ -325,15 +332,8 @@ impl Maps {
     }
 
     /// The clock of the data was reset; scans with stamps of the old clock may follow.
-    ///
-    /// Where scans are matched, localization begins anew: so do the maps.
-    pub fn reset_clock(&mut self) -> anyhow::Result<()> {
+    pub const fn reset_clock(&mut self) {
         self.progress.published_at = None;
-        if let Some(correction) = &mut self.correction {
-            correction.clear()?;
-            self.mapper.reset();
-        }
-        Ok(())
     }
 
     pub fn finish(&mut self) -> Result<(), PublishError> {

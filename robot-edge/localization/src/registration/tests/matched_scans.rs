@@ -125,3 +125,25 @@ fn a_laser_that_hangs_upside_down_is_mirrored() {
     assert!((base_from_sensor.rotation.angle() - 0.5).abs() < 1e-12);
     assert_eq!(base_from_sensor.translation.vector.as_slice(), [1.0, 2.0]);
 }
+
+#[test]
+fn after_a_clock_reset_a_run_of_its_own_begins_and_the_old_places_are_not_in_its_map() {
+    let mut registration = ScanRegistration::new(settings(PoseOrigin::Scans {
+        prior: Box::new(PoseOrigin::Static),
+        scans: Box::new(ScanLocalizationSettings {
+            sensor: SensorId(0),
+            prior: MotionPrior::None,
+            slam: SlamSettings::default(),
+        }),
+    }));
+    let mut out = Vec::new();
+    registration.push(scan(5.0, 0.0, &[2.0; 9]), &mut out);
+    registration.push(scan(5.2, 0.0, &[2.0; 9]), &mut out);
+    registration.reset_clock(&mut out);
+    let Some(RegistrationOutput::Corrected(begun)) = out.last() else {
+        panic!("{out:?}");
+    };
+    assert!(begun.begins_map && begun.session() == 1, "{begun:?}");
+    assert_eq!(begun.at((0, at(5.0))), None);
+    assert_eq!(begun.at((1, at(1.0))), Some(Pose::identity()));
+}
