@@ -13,11 +13,10 @@ use measurement::pose::{self, Pose};
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::scan_matching::relocalization::{Place, Relocalizer};
 use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
-use crate::scan_matching::slam_map::SlamMap;
+use crate::scan_matching::slam_map::{SlamMap, SlamMapParts};
 use crate::scan_matching::slam_settings::SlamSettings;
 
 /// What the other sensors say about the motion from scan to scan.
@@ -69,27 +68,41 @@ pub(crate) struct WaitingScan {
     pub(crate) scan: Scan,
 }
 
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Keyframe {
-    session: u32,
-    stamp_ns: i64,
-    odom_from_keyframe: Isometry2<f64>,
+/// A pose from which scans are matched.
+#[derive(Clone, Copy, Debug)]
+pub struct Keyframe {
+    /// Number of the run.
+    pub session: u32,
+    /// Stamp of its scan.
+    pub stamp_ns: i64,
+    /// Its pose in `odom` of that run.
+    pub odom_from_keyframe: Isometry2<f64>,
 }
 
 /// A map to go on in.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub struct SavedMap {
     map: SlamMap,
     keyframes: Vec<Keyframe>,
 }
 
 impl SavedMap {
-    /// Whether all its parts fit together, as in every map that was made here.
-    pub fn is_consistent(&self) -> bool {
-        self.map.is_consistent()
-            && self.map.submap_count() > 0
-            && self.keyframes.len() == self.map.keyframes().len()
-            && self.keyframes.is_sorted_by_key(|keyframe| keyframe.session)
+    /// Its keyframes with their poses in the map, and all else, for a file.
+    pub fn to_parts(&self) -> (Vec<(Keyframe, Isometry2<f64>)>, SlamMapParts) {
+        let poses = self.map.keyframes().iter().copied();
+        let keyframes = self.keyframes.iter().copied().zip(poses);
+        (keyframes.collect(), self.map.to_parts())
+    }
+
+    /// The opposite of [`SavedMap::to_parts`]; none where the parts do not fit together.
+    pub fn from_parts(
+        keyframes: Vec<(Keyframe, Isometry2<f64>)>,
+        parts: SlamMapParts,
+    ) -> Option<Self> {
+        let (keyframes, poses): (Vec<_>, _) = keyframes.into_iter().unzip();
+        let is_ordered = keyframes.is_sorted_by_key(|keyframe| keyframe.session);
+        let map = SlamMap::from_parts(poses, parts)?;
+        is_ordered.then_some(Self { map, keyframes })
     }
 
     /// Runs that made it.

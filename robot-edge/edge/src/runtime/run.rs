@@ -357,7 +357,7 @@ impl Run<'_> {
             let kept = pipeline.mapping.maps.kept_scans();
             let saved = map
                 .zip(kept)
-                .map(|(map, kept)| saved_map::save(folder, map, kept));
+                .map(|(map, kept)| saved_map::save(folder, &map, kept));
             saved
                 .unwrap_or(Ok(()))
                 .with_context(|| format!("{}: the map cannot be saved", folder.display()))

@@ -1,5 +1,6 @@
 //! A map of matched scans in a folder, to go on in: `map.bin`, poses and submaps, and `scans.bin`, the kept scans.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read, Write as _};
 use std::path::Path;
@@ -9,24 +10,100 @@ use serde::{Deserialize, Serialize};
 
 use super::kept_scans::KeptScans;
 use crate::exit::UsageError;
-use localization::scan_localization::SavedMap;
+use localization::scan_localization::{Keyframe, SavedMap};
+use localization::scan_matching::pose_graph::Edge;
+use localization::scan_matching::slam_map::SlamMapParts;
+use nalgebra::{Isometry2, Matrix3};
 
 const MAP: &str = "map.bin";
 const SCANS: &str = "scans.bin";
 /// With the version of the format.
-const MAGIC: &[u8; 8] = b"FSMAP\x00\x00\x01";
+const MAGIC: &[u8; 8] = b"FSMAP\x00\x00\x02";
 
+/// What is in `map.bin` behind its magic and checksum.
 #[derive(Serialize, Deserialize)]
 struct Contents {
-    map: SavedMap,
+    keyframes: Vec<FileKeyframe>,
+    edges: Vec<FileEdge>,
+    submaps: Vec<(u32, u32, Vec<[f32; 8]>)>,
+    drifts: Vec<BTreeMap<u32, (f64, f64)>>,
     /// Of the kept scans.
     scans: u64,
     bytes: u64,
     crc32: u32,
 }
 
+#[derive(Serialize, Deserialize)]
+struct FileKeyframe {
+    session: u32,
+    stamp_ns: i64,
+    odom_from_keyframe: Isometry2<f64>,
+    map_from_keyframe: Isometry2<f64>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct FileEdge {
+    from: u32,
+    to: u32,
+    from_from_to: Isometry2<f64>,
+    information: Matrix3<f64>,
+    is_closure: bool,
+}
+
+impl Contents {
+    fn of(map: &SavedMap, scans: u64, bytes: u64, crc32: u32) -> Self {
+        let (keyframes, parts) = map.to_parts();
+        let keyframe = |(keyframe, map_from_keyframe): (Keyframe, _)| FileKeyframe {
+            session: keyframe.session,
+            stamp_ns: keyframe.stamp_ns,
+            odom_from_keyframe: keyframe.odom_from_keyframe,
+            map_from_keyframe,
+        };
+        let edge = |edge: Edge| FileEdge {
+            from: edge.from,
+            to: edge.to,
+            from_from_to: edge.from_from_to,
+            information: edge.information,
+            is_closure: edge.is_closure,
+        };
+        Self {
+            keyframes: keyframes.into_iter().map(keyframe).collect(),
+            edges: parts.edges.into_iter().map(edge).collect(),
+            submaps: parts.submaps,
+            drifts: parts.drifts,
+            scans,
+            bytes,
+            crc32,
+        }
+    }
+
+    fn map(self) -> Option<SavedMap> {
+        let keyframe = |file: FileKeyframe| {
+            let keyframe = Keyframe {
+                session: file.session,
+                stamp_ns: file.stamp_ns,
+                odom_from_keyframe: file.odom_from_keyframe,
+            };
+            (keyframe, file.map_from_keyframe)
+        };
+        let edge = |file: FileEdge| Edge {
+            from: file.from,
+            to: file.to,
+            from_from_to: file.from_from_to,
+            information: file.information,
+            is_closure: file.is_closure,
+        };
+        let parts = SlamMapParts {
+            edges: self.edges.into_iter().map(edge).collect(),
+            submaps: self.submaps,
+            drifts: self.drifts,
+        };
+        SavedMap::from_parts(self.keyframes.into_iter().map(keyframe).collect(), parts)
+    }
+}
+
 /// Writes the map to a new folder, which is there only when it is whole.
-pub(super) fn save(folder: &Path, map: SavedMap, kept: &mut KeptScans) -> anyhow::Result<()> {
+pub(super) fn save(folder: &Path, map: &SavedMap, kept: &mut KeptScans) -> anyhow::Result<()> {
     refuse_existing(folder)?;
     let name = folder
         .file_name()
@@ -39,12 +116,7 @@ pub(super) fn save(folder: &Path, map: SavedMap, kept: &mut KeptScans) -> anyhow
     fs::create_dir_all(&temporary)?;
     let scans = temporary.join(SCANS);
     fs::copy(kept.path()?, &scans)?;
-    let contents = Contents {
-        map,
-        scans: kept.count(),
-        bytes: kept.bytes(),
-        crc32: checksum(&scans)?.0,
-    };
+    let contents = Contents::of(map, kept.count(), kept.bytes(), checksum(&scans)?.0);
     let body = postcard::to_stdvec(&contents)?;
     let mut file = File::create(temporary.join(MAP))?;
     file.write_all(MAGIC)?;
@@ -77,25 +149,27 @@ pub(super) fn load(folder: &Path) -> anyhow::Result<(SavedMap, KeptScans)> {
     })?;
     let contents =
         parse(&bytes).with_context(|| format!("{}: this is no map, or damaged", path.display()));
-    let contents = contents.map_err(|error| UsageError(format!("{error:#}")))?;
+    let (map, (count, length, crc32)) =
+        contents.map_err(|error| UsageError(format!("{error:#}")))?;
     let scans = folder.join(SCANS);
     let found = checksum(&scans)
         .map_err(|error| UsageError(format!("{}: cannot be read: {error}", scans.display())))?;
-    if found != (contents.crc32, contents.bytes) {
+    if found != (crc32, length) {
         return Err(UsageError(format!(
             "{}: the scans are not those of the map: {} bytes of {}",
             scans.display(),
             found.1,
-            contents.bytes
+            length
         ))
         .into());
     }
-    let kept = KeptScans::of_file(&scans, contents.scans, contents.map.sessions())
+    let kept = KeptScans::of_file(&scans, count, map.sessions())
         .with_context(|| format!("{}: cannot be copied", scans.display()))?;
-    Ok((contents.map, kept))
+    Ok((map, kept))
 }
 
-fn parse(bytes: &[u8]) -> anyhow::Result<Contents> {
+/// The map; number, bytes and checksum of its scans.
+fn parse(bytes: &[u8]) -> anyhow::Result<(SavedMap, (u64, u64, u32))> {
     let Some((sum, body)) = bytes
         .strip_prefix(MAGIC)
         .and_then(|rest| rest.split_first_chunk::<4>())
@@ -106,10 +180,9 @@ fn parse(bytes: &[u8]) -> anyhow::Result<Contents> {
         bail!("its checksum is wrong");
     }
     let contents: Contents = postcard::from_bytes(body)?;
-    if !contents.map.is_consistent() {
-        bail!("its parts do not fit together");
-    }
-    Ok(contents)
+    let of_scans = (contents.scans, contents.bytes, contents.crc32);
+    let map = contents.map().context("its parts do not fit together")?;
+    Ok((map, of_scans))
 }
 
 /// CRC-32 and length of a file.

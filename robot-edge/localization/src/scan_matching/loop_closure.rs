@@ -10,7 +10,6 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 
 use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::{Search, SearchGrid, SearchWindow};
@@ -193,10 +192,10 @@ pub fn search_points(points: &[ScanPoint]) -> Vec<Point2<f64>> {
 }
 
 /// Drift between submaps, along the shortest way through the graph.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct DriftGraph {
     /// Of each submap, its neighbours and the drift to them: metres and radians.
-    links: Vec<BTreeMap<u32, Window>>,
+    pub(super) links: Vec<BTreeMap<u32, Window>>,
 }
 
 impl DriftGraph {

@@ -6,7 +6,6 @@
 //! form of switchable constraints.
 
 use nalgebra::{Isometry2, Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::block_solver::BlockSystem;
 use super::submap::{adjoint, moved};
@@ -15,7 +14,7 @@ use super::submap::{adjoint, moved};
 const FIXED_INFORMATION: f64 = 1e12;
 
 /// A measured difference of two poses.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
     /// Index of the pose from which it was measured.
     pub from: u32,
@@ -30,7 +29,7 @@ pub struct Edge {
 }
 
 /// Poses and edges.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct PoseGraph {
     /// Each in the frame of the map.
     pub poses: Vec<Isometry2<f64>>,

@@ -1,7 +1,8 @@
 //! The map of [`ScanSlam`](super::slam::ScanSlam): submaps, and the graph of their keyframes.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry2, Point2};
-use serde::{Deserialize, Serialize};
 
 use super::loop_closure::{ClosureSettings, DriftGraph, Window};
 use super::pose_graph::{Edge, PoseGraph};
@@ -10,7 +11,7 @@ use super::scan_points::ScanPoint;
 use super::submap::Submap;
 
 /// Submaps and the graph of their keyframes: all that is kept of a map.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct SlamMap {
     pub(super) graph: PoseGraph,
     pub(super) submaps: Vec<SubmapRecord>,
@@ -18,7 +19,7 @@ pub struct SlamMap {
 }
 
 /// A submap and its keyframes, which are consecutive.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(super) struct SubmapRecord {
     /// Its first keyframe.
     pub(super) anchor: u32,
@@ -26,6 +27,18 @@ pub(super) struct SubmapRecord {
     pub(super) end: u32,
     /// Empty where it was dropped.
     pub(super) submap: Submap,
+}
+
+/// All of a map but the poses of its keyframes, for a file.
+#[derive(Clone, Debug)]
+pub struct SlamMapParts {
+    /// Between keyframes.
+    pub edges: Vec<Edge>,
+    /// Of each submap its first keyframe, the one behind its last, and of each of its surfels: number of points, mean (m),
+    /// sums of squares xx, xy, yy (m²), direction of view.
+    pub submaps: Vec<(u32, u32, Vec<[f32; 8]>)>,
+    /// Of each submap its neighbours and the drift to them: metres and radians.
+    pub drifts: Vec<BTreeMap<u32, (f64, f64)>>,
 }
 
 /// Distance, metres; index of the submap; window.
@@ -38,18 +51,58 @@ const AROUND_M: f64 = 14.0;
 const MAX_AROUND: usize = 400;
 
 impl SlamMap {
-    /// Whether all indices are those of parts that it has, as in every map that was made here.
-    pub fn is_consistent(&self) -> bool {
+    /// Whether all numbers are finite, and all indices those of parts that it has, as in every map that was made here.
+    fn is_consistent(&self) -> bool {
         let keyframes = self.graph.poses.len();
         let is_keyframe = |index: u32| (index as usize) < keyframes;
         let mut edges = self.graph.edges.iter();
-        edges.all(|edge| is_keyframe(edge.from) && is_keyframe(edge.to))
-            && self.submaps.iter().all(|record| {
-                record.anchor < record.end
-                    && is_keyframe(record.end - 1)
-                    && record.submap.is_consistent()
+        let is_pose = |pose: &Isometry2<f64>| pose.to_homogeneous().iter().all(|n| n.is_finite());
+        self.graph.poses.iter().all(is_pose)
+            && edges.all(|edge| {
+                is_keyframe(edge.from)
+                    && is_keyframe(edge.to)
+                    && is_pose(&edge.from_from_to)
+                    && edge.information.iter().all(|n| n.is_finite())
             })
+            && self
+                .submaps
+                .iter()
+                .all(|record| record.anchor < record.end && is_keyframe(record.end - 1))
             && self.drifts.is_of(self.submaps.len())
+    }
+
+    /// As numbers, but for the poses of the keyframes.
+    pub(crate) fn to_parts(&self) -> SlamMapParts {
+        let submaps = self.submaps.iter();
+        SlamMapParts {
+            edges: self.graph.edges.clone(),
+            submaps: submaps
+                .map(|record| (record.anchor, record.end, record.submap.to_numbers()))
+                .collect(),
+            drifts: self.drifts.links.clone(),
+        }
+    }
+
+    /// None where the parts do not fit together.
+    pub(crate) fn from_parts(poses: Vec<Isometry2<f64>>, parts: SlamMapParts) -> Option<Self> {
+        let submaps = parts.submaps.iter().map(|(anchor, end, surfels)| {
+            Some(SubmapRecord {
+                anchor: *anchor,
+                end: *end,
+                submap: Submap::from_numbers(surfels)?,
+            })
+        });
+        let map = Self {
+            submaps: submaps.collect::<Option<_>>()?,
+            graph: PoseGraph {
+                poses,
+                edges: parts.edges,
+            },
+            drifts: DriftGraph {
+                links: parts.drifts,
+            },
+        };
+        (map.is_consistent() && !map.submaps.is_empty()).then_some(map)
     }
 
     /// Poses of the keyframes, in the order of time.

@@ -11,7 +11,6 @@
 
 use nalgebra::{Isometry2, Matrix2, Matrix3, Point2, Vector2, Vector3};
 use rustc_hash::FxHashMap;
-use serde::{Deserialize, Serialize};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::SearchGrid;
@@ -36,7 +35,7 @@ const MIN_POINTS: f64 = 5.0;
 const MAX_ITERATIONS: usize = 12;
 
 /// Points of a cell that were seen from about one direction.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 struct Surfel {
     /// Number of points.
     weight: f32,
@@ -46,13 +45,11 @@ struct Surfel {
     /// Sum of the directions of the beams.
     view: Vector2<f32>,
     /// The next of the same cell, that was seen from another direction.
-    #[serde(skip)]
     next: Option<u32>,
 }
 
 /// Map of a few metres of driving, in the frame of its first keyframe (its anchor).
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(from = "Vec<Surfel>", into = "Vec<Surfel>")]
+#[derive(Clone, Debug, Default)]
 pub struct Submap {
     surfels: Vec<Surfel>,
     /// The first surfel of each cell. Never iterated.
@@ -97,37 +94,41 @@ pub struct Registered {
     pub residual_m: f64,
 }
 
-impl From<Submap> for Vec<Surfel> {
-    fn from(submap: Submap) -> Self {
-        submap.surfels
-    }
-}
-
-impl From<Vec<Surfel>> for Submap {
-    fn from(surfels: Vec<Surfel>) -> Self {
-        let mut submap = Self {
-            surfels,
-            cells: FxHashMap::default(),
-        };
-        for (index, surfel) in (0_u32..).zip(&mut submap.surfels) {
-            // The mean of points of a cell lies in it.
-            if let Some(cell) = cell_of(&Point2::from(surfel.mean.cast())) {
-                surfel.next = submap.cells.insert(cell, index);
-            }
-        }
-        submap
-    }
-}
-
 impl Submap {
-    /// Whether each of its surfels lies in a cell, and shows something.
-    pub(super) fn is_consistent(&self) -> bool {
-        self.surfels.iter().all(|surfel| {
-            surfel.weight >= 1.0
-                && surfel.view.norm() > 0.0
-                && surfel.scatter.iter().all(|sum| sum.is_finite())
-                && cell_of(&Point2::from(surfel.mean.cast())).is_some()
-        })
+    /// Of each surfel its weight, mean, scatter and view.
+    pub(super) fn to_numbers(&self) -> Vec<[f32; 8]> {
+        let numbers = self.surfels.iter().map(|surfel| {
+            let ([xx, xy, yy], mean, view) = (surfel.scatter, surfel.mean, surfel.view);
+            [surfel.weight, mean.x, mean.y, xx, xy, yy, view.x, view.y]
+        });
+        numbers.collect()
+    }
+
+    /// The opposite of [`Submap::to_numbers`]; none if a surfel lies in no cell or shows nothing.
+    pub(super) fn from_numbers(surfels: &[[f32; 8]]) -> Option<Self> {
+        let mut submap = Self::default();
+        for &[weight, x, y, xx, xy, yy, view_x, view_y] in surfels {
+            let (mean, view) = (Vector2::new(x, y), Vector2::new(view_x, view_y));
+            let is_surfel = weight >= 1.0
+                && view.norm() > 0.0
+                && [weight, view.norm(), xx, xy, yy]
+                    .iter()
+                    .all(|number| number.is_finite());
+            if !is_surfel {
+                return None;
+            }
+            // The mean of points of a cell lies in it.
+            let cell = cell_of(&Point2::from(mean.cast()))?;
+            let next = submap.cells.insert(cell, submap.surfels.len() as u32);
+            submap.surfels.push(Surfel {
+                weight,
+                mean,
+                scatter: [xx, xy, yy],
+                view,
+                next,
+            });
+        }
+        Some(submap)
     }
 
     /// Whether nothing was added yet.
