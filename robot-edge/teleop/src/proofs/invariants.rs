@@ -146,8 +146,8 @@ pub(super) struct Monitor {
     pub(super) last_tick: Option<Monotonic>,
     /// In which mode it moved last, and when.
     pub(super) moved_in: Option<(LocomotionMode, Monotonic)>,
-    /// Accelerations of the last tick that was free of stops.
-    pub(super) accel: Velocity,
+    /// Accelerations of the last tick that was free of stops: the least and the greatest that its output allows.
+    pub(super) accel: [Velocity; 2],
 }
 
 impl Monitor {
@@ -178,7 +178,7 @@ impl Monitor {
                 "an input other than a tick moves the vehicle",
             )?;
             if after.mode() != Mode::Driving && is_zero {
-                self.accel = Velocity::ZERO;
+                self.accel = [Velocity::ZERO; 2];
             }
         }
         let must_stand = self.estop.is_some() || self.has_fault || !self.is_booted;
@@ -523,11 +523,17 @@ impl Monitor {
             linear: along,
             angular: about,
         } = &rules.limits;
-        self.accel = Velocity {
-            linear_mps: linear.judge(along, dt, may_grow, accel.linear_mps)?,
-            lateral_mps: lateral.judge(along, dt, may_grow, accel.lateral_mps)?,
-            angular_radps: angular.judge(about, dt, may_grow, accel.angular_radps)?,
+        let judge = |axis: AxisTick, limits, part: fn(&Velocity) -> f64| {
+            axis.judge(limits, dt, may_grow, accel.map(|accel| part(&accel)))
         };
+        let linear = judge(linear, along, |accel| accel.linear_mps)?;
+        let lateral = judge(lateral, along, |accel| accel.lateral_mps)?;
+        let angular = judge(angular, about, |accel| accel.angular_radps)?;
+        self.accel = [0, 1].map(|end| Velocity {
+            linear_mps: linear[end],
+            lateral_mps: lateral[end],
+            angular_radps: angular[end],
+        });
         compare_without_monitor(transition, was, is)
     }
 
@@ -621,14 +627,15 @@ impl AxisTick {
         }
     }
 
-    /// P1 and P7; returns the acceleration that the next tick's jerk counts from.
+    /// P1 and P7; returns the least and the greatest acceleration that the next tick's jerk may count from: at a cap it is let go,
+    /// and where the speed came to the cap by itself it goes on. Which of both it was, rounding hides.
     fn judge(
         &self,
         limits: &AxisLimits,
         dt: Duration,
         may_grow: bool,
-        accel: f64,
-    ) -> Result<f64, Violation> {
+        accel: [f64; 2],
+    ) -> Result<[f64; 2], Violation> {
         let (was, is) = (self.was, self.is);
         let dt_s = dt.as_secs_f64();
         let ramp = (was.abs() - limits.stop_decel * dt_s).max(0.0);
@@ -650,7 +657,7 @@ impl AxisTick {
                 "P1, P6: above the stopping ramp without a young press that counts",
             )?;
             ensure(is * was >= 0.0, "P1: the stopping ramp passes zero")?;
-            return Ok(0.0);
+            return Ok([0.0; 2]);
         }
         if dt_s <= 0.0 {
             return Ok(accel);
@@ -660,7 +667,7 @@ impl AxisTick {
                 is.abs() <= was.abs() + ROUNDING,
                 "P7: it speeds up above a cap",
             )?;
-            return Ok(0.0);
+            return Ok([0.0; 2]);
         }
         let dt_s = dt.min(MAX_STEP).as_secs_f64();
         let next = (is - was) / dt_s;
@@ -671,13 +678,15 @@ impl AxisTick {
         // What speeds up when a cap comes down stops doing so at once.
         let is_capped = is.abs() > self.cap - ROUNDING;
         let is_let_go = is_capped
-            && next * accel >= -ACCEL_ROUNDING
-            && next.abs() <= accel.abs() + ACCEL_ROUNDING;
-        let change = (next - accel).abs();
+            && accel.iter().any(|accel| {
+                next * accel >= -ACCEL_ROUNDING && next.abs() <= accel.abs() + ACCEL_ROUNDING
+            });
+        let change = (next - next.clamp(accel[0], accel[1])).abs();
         ensure(
             is_let_go || change <= limits.jerk * dt_s + ACCEL_ROUNDING,
             "P7: more than the greatest jerk",
         )?;
-        Ok(if is_capped { 0.0 } else { next })
+        let least = if is_capped { 0.0 } else { next };
+        Ok([next.min(least), next.max(least)])
     }
 }

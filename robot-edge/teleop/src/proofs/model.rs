@@ -628,7 +628,7 @@ impl Small {
             }),
             collision_monitor: None,
             last_tick: None,
-            accel: Velocity::ZERO,
+            accel: [Velocity::ZERO; 2],
             ..*monitor
         };
     }

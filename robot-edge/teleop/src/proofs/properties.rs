@@ -275,3 +275,43 @@ fn random_sequences_do_drive() {
     assert!(sequences > 45, "only {sequences} of 50 sequences drive");
     assert!(driven > 10_000, "only {driven} rounds are driven");
 }
+
+/// The turn rate comes within rounding of what the turn radius allows while it still speeds up.
+#[test]
+fn a_speed_that_comes_to_its_cap_by_itself_may_go_on() {
+    let modes = LocomotionModes {
+        differential: false,
+        double_ackermann: true,
+        turn_on_spot: false,
+        lateral: false,
+        crab: false,
+    };
+    let locomotion = LocomotionConfig {
+        modes,
+        // After three rounds of 1 ms: 15 · 10⁻⁶ / 0.41666 is 0.5 · 10⁻⁹ more than 2.5 · 10⁻⁶ / 0.41666 + 30 · 10⁻⁶.
+        min_turn_radius_m: 0.41666,
+        ..LocomotionConfig::default()
+    };
+    let vehicle = VehicleConfig::default();
+    let rules = Rules::new(&TeleopConfig::default(), &vehicle, &locomotion).unwrap();
+    let rounds = |count, millis| Move::Rounds {
+        count,
+        millis,
+        fate: Fate::Arrives,
+    };
+    let moves = [
+        Move::StartDriving,
+        Move::Stick {
+            who: 0,
+            requested: Velocity::ZERO,
+        },
+        rounds(100, 20),
+        Move::Stick {
+            who: 0,
+            requested: Velocity::new(0.5, 1.0),
+        },
+        rounds(15, 1),
+    ];
+    let world = run(rules, (0, 0, 0), &moves).unwrap();
+    assert!(world.driven > 10, "{} rounds are driven", world.driven);
+}
