@@ -8,8 +8,8 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
     Arming, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus, Info, LayerHead,
-    LayerInfo, LeaseStatus, MapHead, Pose, Settings, ShoreClass, ShoreCluster, Status, TeleopState,
-    TeleopStatus, TileBand, Velocity,
+    LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings, ShoreClass,
+    ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
 };
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileKey};
@@ -198,6 +198,19 @@ pub(crate) fn pose_at_rest() -> Pose {
         lateral_mps: 0.0,
         turn_rate_radps: 0.0,
         token: None,
+    }
+}
+
+pub(crate) fn localization() -> Localization {
+    Localization {
+        confidence: PoseConfidence::Determined,
+        is_searching: false,
+        covariance_m2: [0.0004, 0.0, 0.0001],
+        heading_sigma_rad: 0.002,
+        inliers: 0.93,
+        residual_m: 0.018,
+        closures: [5, 1],
+        closures_m: None,
     }
 }
 

@@ -89,6 +89,8 @@ pub const VEHICLE: Color32 = rgb(0x00_72_b2);
 /// Vehicle and path of an old position.
 pub const VEHICLE_STALE: Color32 = rgb(0x5a_5f_66);
 pub const PATH: Color32 = rgb(0xa0_40_c0);
+/// Closures of loops.
+pub const CLOSURE: Color32 = rgb(0x00_74_55);
 pub const SCAN: Color32 = rgb(0x00_e5_ff);
 pub const FIELD_OF_VIEW: Color32 = rgb(0x10_14_18);
 /// The collision monitor: stopping distance, and the obstacle that limits the vehicle.

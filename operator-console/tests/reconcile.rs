@@ -383,6 +383,7 @@ impl Edge {
             Topic::Alive
             | Topic::Pose
             | Topic::Status
+            | Topic::Localization
             | Topic::Event
             | Topic::MapHead
             | Topic::Ping

@@ -26,6 +26,8 @@ pub enum Topic {
     Pose,
     /// Control, edge → all: state, counters, sensors.
     Status,
+    /// Control, edge → all: how well matched scans determine the pose.
+    Localization,
     /// Control, edge → all: an event.
     Event,
     /// Control, edge → all: digests of the whole map.
@@ -102,6 +104,7 @@ impl Topic {
             Self::Alive => "alive".to_owned(),
             Self::Pose => "pose".to_owned(),
             Self::Status => "status".to_owned(),
+            Self::Localization => "localization".to_owned(),
             Self::Event => "event".to_owned(),
             Self::MapHead => "map_head".to_owned(),
             Self::Ping => "ping".to_owned(),
@@ -127,6 +130,7 @@ impl Topic {
             ("alive", None, ..) => Self::Alive,
             ("pose", None, ..) => Self::Pose,
             ("status", None, ..) => Self::Status,
+            ("localization", None, ..) => Self::Localization,
             ("event", None, ..) => Self::Event,
             ("map_head", None, ..) => Self::MapHead,
             ("ping", None, ..) => Self::Ping,

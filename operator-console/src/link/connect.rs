@@ -191,9 +191,15 @@ pub(super) fn subscribe(
 ) -> Result<Session, LinkError> {
     let robot = &state.robot;
     let keys = match channel {
-        Channel::Control => [Topic::Pose, Topic::Status, Topic::Event, Topic::MapHead]
-            .map(|topic| (topic.key(robot), Some(topic)))
-            .to_vec(),
+        Channel::Control => [
+            Topic::Pose,
+            Topic::Status,
+            Topic::Localization,
+            Topic::Event,
+            Topic::MapHead,
+        ]
+        .map(|topic| (topic.key(robot), Some(topic)))
+        .to_vec(),
         Channel::Bulk => vec![
             (keys::all_tiles(robot), None),
             (Topic::Shores.key(robot), Some(Topic::Shores)),

@@ -1,5 +1,6 @@
 //! Draws the map: layers, marks, overlays and labels.
 
+use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 use eframe::egui::accesskit::Role;
@@ -17,7 +18,7 @@ use super::shores::ShoreMarks;
 use super::vehicle::{self, Motion, VehicleMark};
 use super::{Ahead, CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, probe, ruler};
 use crate::command::Look;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, ellipse_95};
 use crate::panels::data_age::{StaleData, is_position_old};
 use crate::theme;
 
@@ -248,12 +249,32 @@ impl MapView {
         let width = (0.06 * self.camera.points_per_m as f32).clamp(1.0, 2.2);
         let color = self.mark_color(Mark::Path, is_old);
         Mark::Path.paint_lines(painter, &lines, width, color);
+        let view = &self.camera;
+        let closures = model.localization().closures_m().iter();
+        let closures = closures.map(|[a, b, c, d]| {
+            [[*a, *b], [*c, *d]].map(|end_m| view.to_screen(end_m.map(f64::from)))
+        });
+        let in_sight = |ends: &[Pos2; 2]| Rect::from_points(ends).intersects(view.screen);
+        Mark::Closure.paint_dashes(painter, closures.filter(in_sight));
         let Some((pose, _)) = model.vehicle().pose() else {
             return;
         };
-        let view = &self.camera;
         let [x_m, y_m, _] = pose.position_m;
         let heading_rad = model.vehicle().heading_rad().unwrap_or_default();
+        let localization = model.localization().newest();
+        if let Some(([long_m, short_m], angle_rad)) =
+            localization.and_then(|newest| ellipse_95(newest.covariance_m2))
+        {
+            let axes = [(long_m, angle_rad), (short_m, angle_rad + FRAC_PI_2)];
+            let axes = axes.map(|(axis_m, angle_rad)| {
+                view.direction(angle_rad) * (axis_m * view.points_per_m) as f32
+            });
+            let (at, color) = (
+                view.to_screen([x_m, y_m]),
+                self.mark_color(Mark::Vehicle, is_old),
+            );
+            Mark::Uncertainty.paint_ellipse(painter, at, axes, color);
+        }
         if let (Some(stopping), Some(info), false) =
             (self.robot_overlay.stopping, model.info(), is_old)
         {
@@ -315,6 +336,11 @@ impl MapView {
         let marks = [
             (Mark::Vehicle, has_pose),
             (Mark::Path, has_pose),
+            (
+                Mark::Uncertainty,
+                has_pose && model.localization().newest().is_some(),
+            ),
+            (Mark::Closure, !model.localization().closures_m().is_empty()),
             (
                 Mark::Scan,
                 draws_sensors && (overlay.scan.is_some() || !overlay.sensors.is_empty()),

@@ -10,6 +10,8 @@ use crate::theme;
 pub enum Mark {
     Vehicle,
     Path,
+    Uncertainty,
+    Closure,
     Scan,
     FieldOfView,
     StoppingDistance,
@@ -24,6 +26,8 @@ enum MarkShape {
     Arrow,
     /// Corners of its sample in the legend, from 0 to 1 to the right and down.
     Line(&'static [[f32; 2]]),
+    Ellipse,
+    Dashes,
     Points,
     Area,
     Ring,
@@ -64,6 +68,8 @@ impl Mark {
         match self {
             Self::Vehicle => style("Vehicle", MarkShape::Arrow, theme::VEHICLE, light),
             Self::Path => style("Path", WAY, theme::PATH, light),
+            Self::Uncertainty => style("Position, 95 %", MarkShape::Ellipse, theme::VEHICLE, light),
+            Self::Closure => style("Loop closure", MarkShape::Dashes, theme::CLOSURE, light),
             Self::Scan => style(
                 "Last scan: hits on any surface",
                 MarkShape::Points,
@@ -113,6 +119,30 @@ impl Mark {
                     Shape::line(points, stroke)
                 });
             }
+        }
+    }
+
+    /// Draws an ellipse with these half axes as vectors on the screen.
+    pub(super) fn paint_ellipse(
+        self,
+        painter: &Painter,
+        at: Pos2,
+        axes: [Vec2; 2],
+        color: Color32,
+    ) {
+        let points = (0..ELLIPSE_CORNERS).map(|corner| {
+            let angle_rad = std::f32::consts::TAU * corner as f32 / ELLIPSE_CORNERS as f32;
+            at + axes[0] * angle_rad.cos() + axes[1] * angle_rad.sin()
+        });
+        self.paint_lines(painter, &[(points.collect(), true)], 1.5, color);
+    }
+
+    /// Draws dashed lines between two points each.
+    pub(super) fn paint_dashes(self, painter: &Painter, lines: impl Iterator<Item = [Pos2; 2]>) {
+        let Style { color, rim, .. } = self.style();
+        for line in lines {
+            painter.line_segment(line, (2.5, rim));
+            painter.extend(Shape::dashed_line(&line, (1.5, color), DASH, DASH));
         }
     }
 
@@ -181,6 +211,14 @@ impl Mark {
                 let corners = corners.iter().copied().map(at).collect();
                 self.paint_lines(painter, &[(corners, false)], 1.2, color);
             }
+            MarkShape::Ellipse => {
+                let half = 0.5 * place.size();
+                let axes = [vec2(half.x, 0.0), vec2(0.0, 0.6 * half.y)];
+                self.paint_ellipse(painter, place.center(), axes, color);
+            }
+            MarkShape::Dashes => {
+                self.paint_dashes(painter, std::iter::once([[0.0, 0.8], [1.0, 0.2]].map(at)));
+            }
             MarkShape::Points => {
                 let points = [[0.1, 0.6], [0.4, 0.3], [0.7, 0.4], [0.9, 0.8]];
                 self.paint_points(painter, &points.into_iter().map(at), POINT, 1.0);
@@ -195,6 +233,9 @@ impl Mark {
     }
 }
 
+const ELLIPSE_CORNERS: usize = 48;
+/// Points.
+const DASH: f32 = 3.0;
 /// Side of a point, points.
 const POINT: f32 = 2.5;
 /// A smaller one on scales below 10 points per metre: many points side by side would look like a barrier.
@@ -216,9 +257,11 @@ mod tests {
     use super::*;
     use crate::color_vision::ColorVision;
 
-    const ALL: [Mark; 8] = [
+    const ALL: [Mark; 10] = [
         Mark::Vehicle,
         Mark::Path,
+        Mark::Uncertainty,
+        Mark::Closure,
         Mark::Scan,
         Mark::FieldOfView,
         Mark::StoppingDistance,

@@ -5,9 +5,9 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
     CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event, Info, LayerHead,
-    MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus, Scan, SensorInfo, SensorStatus,
-    ShoresReply, SpeedLimits, Status, TeleopStatus, TileBand, TilesReply, TrajectoryPart,
-    VoxelsReply,
+    Localization, MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus, Scan, SensorInfo,
+    SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TileBand, TilesReply,
+    TrajectoryPart, VoxelsReply,
 };
 use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};
@@ -84,6 +84,15 @@ impl ConsoleModel {
         match topic {
             Topic::Pose => self.take_pose(payload, now)?,
             Topic::Status => self.take_status(payload, now)?,
+            Topic::Localization => {
+                let (header, localization): (_, Localization) = decode(payload)?;
+                self.of_this_boot(header)?;
+                if !super::localization::is_valid(&localization) {
+                    return Err(RejectReason::Malformed);
+                }
+                self.robot.localization.take(localization, now);
+                self.sensor_updates += 1;
+            }
             Topic::Event => {
                 let (_, event): (_, Event) = decode(payload)?;
                 if event.kind == "estop" {

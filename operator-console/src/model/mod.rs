@@ -6,6 +6,7 @@
 mod handle_message;
 mod layer_sync;
 mod link_state;
+mod localization;
 mod map_sync;
 mod messages;
 mod monitor_history;
@@ -36,6 +37,7 @@ pub use link_state::{
     Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER,
     SILENT_AFTER_UNSTEADY, Stream,
 };
+pub use localization::{LocalizationHistory, ellipse_95};
 pub use map_sync::{LayerSyncState, MapSync};
 pub use messages::{Incoming, OpenSessions, Outgoing, RejectCounts, RejectReason, RequestId};
 pub use monitor_history::{MIN_SHOWN_MPS, MIN_SHOWN_RADPS, MonitorReport, direction_signs};
@@ -107,6 +109,7 @@ struct RobotState {
     status_run: Option<BootId>,
     motion: Motion,
     monitor_history: MonitorHistory,
+    localization: LocalizationHistory,
     stop_before_estop: Option<StopBeforeEStop>,
     /// Sequence number of the first message that reported the end of the data.
     ended_seq: Option<u64>,
@@ -121,6 +124,7 @@ impl RobotState {
     fn begin_run(&mut self, boot: BootId) {
         self.stop_before_estop = None;
         self.monitor_history.forget();
+        self.localization.forget();
         self.ended_seq = None;
         // The end of the last run's data does not end this run's data.
         self.status.take_if(|(status, _)| status.has_ended);
@@ -193,6 +197,10 @@ impl ConsoleModel {
 
     pub fn take_changed_tiles(&mut self) -> BTreeSet<TileKey> {
         self.map.take_changed()
+    }
+
+    pub const fn localization(&self) -> &LocalizationHistory {
+        &self.robot.localization
     }
 
     pub const fn vehicle(&self) -> &Vehicle {

@@ -26,11 +26,11 @@ pub struct LinkData {
     /// Shown instead of the rest if there is no link.
     pub note: Option<String>,
     pub streams: Vec<Row>,
-    pub plots: Vec<LinkPlot>,
+    pub plots: Vec<TimePlot>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub struct LinkPlot {
+pub struct TimePlot {
     pub title: &'static str,
     pub least: f64,
     pub lines: Vec<(&'static str, Segments)>,
@@ -55,8 +55,10 @@ impl LinkData {
         }
         let quality = model.link_quality();
         let samples = quality.samples();
-        let of = |value: &dyn Fn(&LinkSample) -> Option<f64>| segments(samples.iter(), value, now);
-        let plot = |title, least, lines| LinkPlot {
+        let of = |value: &dyn Fn(&LinkSample) -> Option<f64>| {
+            segments(samples.iter().map(|sample| (sample.at, value(sample))), now)
+        };
+        let plot = |title, least, lines| TimePlot {
             title,
             least,
             lines,
@@ -129,19 +131,19 @@ const fn stream_name(stream: Stream) -> &'static str {
     }
 }
 
-fn segments<'a>(
-    samples: impl Iterator<Item = &'a LinkSample>,
-    value: &dyn Fn(&LinkSample) -> Option<f64>,
+/// Of samples with their times; those without a value part the line.
+pub(super) fn segments(
+    samples: impl Iterator<Item = (Monotonic, Option<f64>)>,
     now: Monotonic,
 ) -> Segments {
     let mut segments: Segments = Vec::new();
     let mut is_joined = false;
-    for sample in samples {
-        let Some(value) = value(sample) else {
+    for (at, value) in samples {
+        let Some(value) = value else {
             is_joined = false;
             continue;
         };
-        let point = [-now.since(sample.at).as_secs_f64(), value];
+        let point = [-now.since(at).as_secs_f64(), value];
         match segments.last_mut() {
             Some(piece)
                 if is_joined && piece.last().is_some_and(|[x, _]| point[0] - x <= GAP_S) =>
@@ -236,7 +238,7 @@ const NARROW: f32 = 160.0;
 const SAMPLE: f32 = 16.0;
 
 /// Draws the plots in as many columns as fit. `height`: of all rows, if no plot gets too low.
-fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
+pub(super) fn plots_ui(ui: &mut Ui, plots: &[TimePlot], height: f32) {
     ui.spacing_mut().item_spacing.y = ROWS_APART;
     let gap = ui.spacing().item_spacing;
     let share =
@@ -267,7 +269,7 @@ fn plots_ui(ui: &mut Ui, plots: &[LinkPlot], height: f32) {
 }
 
 /// Title and line names above a plot. Inside the plot they would cover its lines.
-fn key_ui(ui: &mut Ui, plot: &LinkPlot) {
+fn key_ui(ui: &mut Ui, plot: &TimePlot) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().interact_size.y = 0.0;
         ui.label(RichText::new(plot.title).small());
@@ -308,7 +310,7 @@ fn looks(dark: bool) -> impl Iterator<Item = (Color32, LineStyle)> {
     colors.map(rgb).into_iter().zip(STYLES)
 }
 
-fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
+fn plot_ui(ui: &mut Ui, data: &TimePlot, size: Vec2) {
     let highest = data
         .lines
         .iter()
@@ -368,7 +370,7 @@ fn plot_ui(ui: &mut Ui, data: &LinkPlot, size: Vec2) {
         .on_hover_text("The last 5 minutes: a line a minute, now on the right");
 }
 
-fn accessible_text(data: &LinkPlot) -> String {
+fn accessible_text(data: &TimePlot) -> String {
     let newest = data.lines.iter().filter_map(|(name, segments)| {
         let [_, value] = segments.last()?.last()?;
         Some(format!("{name} {value:.1}"))
@@ -379,7 +381,6 @@ fn accessible_text(data: &LinkPlot) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
 
     use super::*;
     use eframe::egui::accesskit::Role;
@@ -392,39 +393,23 @@ mod tests {
 
     #[test]
     fn missing_samples_are_gaps() {
-        let sample = |ms, round_trip_ms: Option<u64>| LinkSample {
-            at: at(ms),
-            round_trip: round_trip_ms.map(Duration::from_millis),
-            pose_hz: 20.0,
-            missing: None,
-            kbps: 8.0,
-            ages: [None; 4],
-        };
         let samples = [
-            sample(0, Some(10)),
-            sample(500, Some(20)),
-            sample(1_000, None),
-            sample(1_500, Some(30)),
-            sample(6_000, Some(40)),
+            (0, Some(10.0)),
+            (500, Some(20.0)),
+            (1_000, None),
+            (1_500, Some(30.0)),
+            (6_000, Some(40.0)),
         ];
-        let trip_ms = |sample: &LinkSample| sample.round_trip.map(|trip| trip.as_secs_f64() * 1e3);
-        let pieces = segments(samples.iter(), &trip_ms, at(6_000));
+        let samples = samples.map(|(ms, value)| (at(ms), value));
         assert_eq!(
-            pieces,
+            segments(samples.into_iter(), at(6_000)),
             [
                 vec![[-6.0, 10.0], [-5.5, 20.0]],
                 vec![[-4.5, 30.0]],
                 vec![[0.0, 40.0]]
             ]
         );
-        assert!(
-            segments(
-                samples.iter(),
-                &|sample| sample.missing.map(f64::from),
-                at(6_000)
-            )
-            .is_empty()
-        );
+        assert!(segments([(at(0), None)].into_iter(), at(6_000)).is_empty());
     }
 
     #[test]
@@ -525,7 +510,7 @@ mod tests {
 
     #[test]
     fn plot_has_an_accessible_text() {
-        let data = LinkPlot {
+        let data = TimePlot {
             title: "Age, s",
             least: 2.0,
             lines: vec![

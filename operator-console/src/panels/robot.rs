@@ -4,20 +4,26 @@ use eframe::egui::Ui;
 use measurement::time::Monotonic;
 use network::clock::utc_label;
 use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
+use protocol::message::PoseConfidence;
 
 use super::connection::is_shown_synchronized;
 use super::data_age::is_position_old;
 use super::formatting::{age, capitalised, count, direction, signed, turn};
+use super::link::{TimePlot, plots_ui, segments};
 use super::rows::{Row, row, rows_ui};
-use crate::model::{ConsoleModel, LinkState};
+use crate::model::{ConsoleModel, LinkState, ellipse_95};
 use crate::playback::is_recording;
 
+/// Points.
+const PLOT_HEIGHT: f32 = 90.0;
 const YEAR_2000_S: u64 = 946_684_800;
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RobotData {
     pub rows: Vec<(String, String)>,
     pub note: Option<String>,
+    /// Where scans are matched.
+    pub residuals: Option<TimePlot>,
 }
 
 impl RobotData {
@@ -30,6 +36,7 @@ impl RobotData {
             }
         }
         rows.extend(pose_rows(model));
+        rows.extend(localization_rows(model));
         if let Some((status, _)) = model.status() {
             rows.extend(
                 status
@@ -62,7 +69,20 @@ impl RobotData {
             }
             (false, _) => has_ended.then(|| ended(model.vehicle().stamp_ns())),
         };
-        Self { rows, note }
+        let residuals = model.localization().newest().map(|_| {
+            let residuals = model.localization().residuals_m();
+            let points = residuals.map(|(at, m)| (*at, Some(100.0 * f64::from(*m))));
+            TimePlot {
+                title: "Residual of scans, cm",
+                least: 5.0,
+                lines: vec![("Residual", segments(points, now))],
+            }
+        });
+        Self {
+            rows,
+            note,
+            residuals,
+        }
     }
 }
 
@@ -119,6 +139,36 @@ fn pose_rows(model: &ConsoleModel) -> Vec<Row> {
     rows
 }
 
+/// How well scans determine the pose; of the ellipse of 95 % the greater half axis.
+fn localization_rows(model: &ConsoleModel) -> Vec<Row> {
+    let Some(newest) = model.localization().newest() else {
+        return Vec::new();
+    };
+    let far_m = ellipse_95(newest.covariance_m2).map_or(f64::INFINITY, |([far_m, _], _)| far_m);
+    let heading_deg = 1.96 * f64::from(newest.heading_sigma_rad).to_degrees();
+    let by_scans = match newest.confidence {
+        PoseConfidence::Lost => "lost: a new map begins".to_owned(),
+        PoseConfidence::OdometryOnly => "do not fit the map: odometry alone".to_owned(),
+        PoseConfidence::UncertainAlong => "do not tell the way along".to_owned(),
+        PoseConfidence::Determined if newest.is_searching => "searched in the saved map".to_owned(),
+        PoseConfidence::Determined => format!(
+            "±\u{a0}{:.0}\u{a0}cm  ±\u{a0}{heading_deg:.1}°",
+            100.0 * far_m
+        ),
+    };
+    let fit = format!(
+        "{:.0}\u{a0}% on the map, {:.1}\u{a0}cm off",
+        100.0 * newest.inliers,
+        100.0 * newest.residual_m
+    );
+    let [added, removed] = newest.closures;
+    vec![
+        row("By scans", by_scans),
+        row("Fit of scans", fit),
+        row("Closures", format!("{added}, {removed} taken back")),
+    ]
+}
+
 /// In degrees; the sixth decimal is 0.1 m.
 fn geodetic(place: &GeodeticPoint) -> String {
     let side = |degrees: f64, [positive, negative]: [&str; 2]| {
@@ -144,20 +194,76 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) {
         ui.label(advice);
     }
     rows_ui(ui, "robot", &data.rows);
+    if let Some(residuals) = &data.residuals {
+        plots_ui(ui, std::slice::from_ref(residuals), PLOT_HEIGHT);
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use protocol::keys::Topic;
-    use protocol::message::{Info, Pose, Status, TeleopStatus};
+    use protocol::message::{Info, Localization, Pose, Status, TeleopStatus};
     use protocol::tile_store::TileStore;
 
     use super::*;
     use crate::model::RequestId;
     use crate::test_support::{
         BOOT, announce_map, at, console, ended_status, idle_teleop_status, inject, inject_reply,
-        pose_at_rest, scout,
+        localization, pose_at_rest, scout,
     };
+
+    #[test]
+    fn how_well_scans_determine_the_pose_is_said() {
+        let mut model = scout();
+        assert_eq!(RobotData::new(&model, at(900)).residuals, None);
+        for (confidence, is_searching, said) in [
+            (
+                PoseConfidence::Determined,
+                false,
+                "±\u{a0}5\u{a0}cm  ±\u{a0}0.2°",
+            ),
+            (
+                PoseConfidence::Determined,
+                true,
+                "searched in the saved map",
+            ),
+            (
+                PoseConfidence::UncertainAlong,
+                false,
+                "do not tell the way along",
+            ),
+            (
+                PoseConfidence::OdometryOnly,
+                false,
+                "do not fit the map: odometry alone",
+            ),
+            (PoseConfidence::Lost, false, "lost: a new map begins"),
+        ] {
+            let message = Localization {
+                confidence,
+                is_searching,
+                ..localization()
+            };
+            inject(&mut model, Topic::Localization, &message, at(1_000));
+            let rows = RobotData::new(&model, at(1_100)).rows;
+            assert_eq!(rows[0], row("By scans", said));
+        }
+        let data = RobotData::new(&model, at(1_100));
+        assert_eq!(
+            data.rows[1..],
+            [
+                row("Fit of scans", "93\u{a0}% on the map, 1.8\u{a0}cm off"),
+                row("Closures", "5, 1 taken back"),
+            ]
+        );
+        let lines = data.residuals.unwrap().lines;
+        let points: Vec<_> = lines[0].1.iter().flatten().collect();
+        assert_eq!(points.len(), 5);
+        assert!(
+            points.iter().all(|[_, cm]| (cm - 1.8).abs() < 1e-6),
+            "{points:?}"
+        );
+    }
 
     #[test]
     fn a_paused_recording_counts_all_drawn_scans() {

@@ -25,7 +25,7 @@ pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
 pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
 pub use shores::{shore_labels, write_shores};
-pub use trajectory::{StampedPose, write_trajectory};
+pub use trajectory::{StampedPose, write_covariances, write_trajectory};
 
 /// A failed export.
 #[derive(Debug, thiserror::Error)]

@@ -80,6 +80,24 @@ pub fn write_trajectory(
     })
 }
 
+/// Writes one line per pose: its stamp, s, and `xx xy x_yaw yy y_yaw yaw_yaw` of the covariance of x, y (m) and yaw (rad) in the frame
+/// of `base_link`. Rows: nanoseconds, and the six.
+pub fn write_covariances(
+    path: &Path,
+    rows: impl IntoIterator<Item = (i64, [f64; 6])>,
+) -> Result<(), ExportError> {
+    write_atomically(path, |writer| {
+        for (stamp_ns, parts) in rows {
+            write_steps(writer, stamp_ns, 9)?;
+            for part in parts {
+                write!(writer, " {part:e}")?;
+            }
+            writeln!(writer)?;
+        }
+        Ok(())
+    })
+}
+
 fn write_line(writer: &mut impl Write, pose: StampedPose) -> std::io::Result<()> {
     write_steps(writer, pose.stamp_ns, 9)?;
     for steps in pose.position {

@@ -178,6 +178,44 @@ pub struct DropCount {
     pub count: u64,
 }
 
+/// `localization`: how well the scans determine the pose, where scans are matched.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Localization {
+    /// How far the newest scan determines the pose.
+    pub confidence: PoseConfidence,
+    /// The vehicle was not found yet in the saved map that it goes on in.
+    pub is_searching: bool,
+    /// Covariance of the position in the map around it: xx, xy and yy, m².
+    pub covariance_m2: [f32; 3],
+    /// Standard deviation of the heading, radians.
+    pub heading_sigma_rad: f32,
+    /// Share of the scan's points that lie on surfaces of the map.
+    pub inliers: f32,
+    /// Root mean square of their distances from these surfaces, metres.
+    pub residual_m: f32,
+    /// Number of closures of loops, and of those that later evidence contradicted.
+    pub closures: [u32; 2],
+    /// The newest closures, at most [`MAX_CLOSURES`]: x and y of the vehicle at one end and at the other, metres. `None`: as
+    /// before.
+    pub closures_m: Option<Vec<[f32; 4]>>,
+}
+
+/// Limit of the closures in one message.
+pub const MAX_CLOSURES: usize = 48;
+
+/// How far a scan determines the pose. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PoseConfidence {
+    /// In all directions.
+    Determined,
+    /// Not along one direction, as in a corridor.
+    UncertainAlong,
+    /// It does not fit the map: the pose is that of odometry.
+    OdometryOnly,
+    /// Not at all: nothing says where the vehicle is.
+    Lost,
+}
+
 /// `event`: an event.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {

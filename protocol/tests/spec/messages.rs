@@ -8,9 +8,10 @@ use ed25519_dalek::pkcs8::DecodePublicKey;
 use ed25519_dalek::{Signature, VerifyingKey};
 use protocol::keys::{OperatorId, RobotId, operator_key};
 use protocol::message::{
-    AgeToken, Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest, MapHead,
-    Pong, Pose, Reset, Scan, Setting, ShoresReply, ShoresRequest, Status, TileBand, TilesReply,
-    TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
+    AgeToken, Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest,
+    Localization, MapHead, Pong, Pose, Reset, Scan, Setting, ShoresReply, ShoresRequest, Status,
+    TileBand, TilesReply, TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply,
+    VoxelsRequest,
 };
 use protocol::signed::{
     Command, CommandHeader, ENVELOPE_BYTES, Envelope, PublicKey, Route, SecretKey, sign,
@@ -26,12 +27,13 @@ use super::{SPEC, blocks_of, hex, json, table};
 /// Checks the example of a name with its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 41] = [
+const EXAMPLES: [(&str, Check); 42] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
     ("Status", check::<Status>),
     ("Status.driven", check::<Status>),
+    ("Localization", check::<Localization>),
     ("Event", check::<Event>),
     ("MapHead", check::<MapHead>),
     ("View", check::<View>),
@@ -71,7 +73,7 @@ const EXAMPLES: [(&str, Check); 41] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 43] = [
+const PARTS: [&str; 44] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -84,6 +86,7 @@ const PARTS: [&str; 43] = [
     "DeviceClock",
     "RecordingStatus",
     "RecordingState",
+    "PoseConfidence",
     "Severity",
     "DropCount",
     "LayerHead",

@@ -32,6 +32,7 @@ fn keys() {
         Topic::Ping,
         Topic::Pose,
         Topic::Status,
+        Topic::Localization,
         Topic::Event,
         Topic::MapHead,
         Topic::View,
@@ -44,8 +45,8 @@ fn keys() {
         Topic::Scan,
     ];
     let mut expected = topics.map(|topic| topic.key(&robot)).to_vec();
-    assert_eq!(expected[7], "foreshore/scout-1/view/*");
-    expected[7] = view_of(&robot, &"SESSION".parse().unwrap());
+    assert_eq!(expected[8], "foreshore/scout-1/view/*");
+    expected[8] = view_of(&robot, &"SESSION".parse().unwrap());
     let anna: OperatorId = "anna".parse().unwrap();
     expected.extend(OperatorTopic::ALL.map(|topic| operator_key(&robot, &anna, topic)));
     let rows = table("## 2. Keys");

@@ -65,7 +65,7 @@ impl BodyBox {
         }
     }
 
-    fn contains(&self, point_in_base: &Point3<f64>) -> bool {
+    pub(crate) fn contains(&self, point_in_base: &Point3<f64>) -> bool {
         (point_in_base.x - self.offset_m).abs() < 0.5 * self.length_m
             && point_in_base.y.abs() < 0.5 * self.width_m
             && (self.lowest_m..=self.highest_m).contains(&point_in_base.z)

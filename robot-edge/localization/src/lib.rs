@@ -9,6 +9,7 @@
 pub mod attitude;
 pub mod beam_projection;
 mod cloud_projection;
+mod cloud_walls;
 pub mod dead_reckoning;
 pub mod gnss_positioning;
 pub mod pose_buffer;

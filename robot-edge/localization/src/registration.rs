@@ -2,7 +2,7 @@
 //! (docs/methods.md, section 0).
 
 mod pose_estimator;
-mod scan_queue;
+pub(crate) mod scan_queue;
 
 use std::sync::Arc;
 
@@ -12,6 +12,7 @@ use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, OwnPose, StreamId};
+use nalgebra::Point2;
 use protocol::geodesy::GeodeticPoint;
 
 use crate::attitude::AttitudeSettings;
@@ -22,7 +23,7 @@ use crate::pose_buffer::{InterpolationLimits, PoseJump};
 use crate::registration::pose_estimator::{PoseEstimator, lag};
 use crate::registration::scan_queue::{QueuedScan, ScanQueue, Sweep};
 use crate::scan_localization::{
-    ConfidenceChange, Continuation, MapFromOdom, SavedMap, ScanLocalization,
+    ConfidenceChange, Continuation, MapFromOdom, PoseCovariance, SavedMap, ScanLocalization,
     ScanLocalizationReport, ScanLocalizationSettings, WaitingScan,
 };
 use crate::tilt::TiltSettings;
@@ -235,6 +236,18 @@ impl ScanRegistration {
         Some(self.scan_localization.as_ref()?.report())
     }
 
+    /// Of the poses of matched scans, in the order of time.
+    pub fn covariances(&self) -> &[PoseCovariance] {
+        let scans = self.scan_localization.as_ref();
+        scans.map_or(&[], |scans| scans.covariances())
+    }
+
+    /// The newest closures of loops: positions of the vehicle at both ends in the map, metres.
+    pub fn newest_closures(&self, count: usize) -> Vec<[Point2<f64>; 2]> {
+        let scans = self.scan_localization.as_ref();
+        scans.map_or_else(Vec::new, |scans| scans.newest_closures(count))
+    }
+
     /// Where `odom` lies in the map.
     pub fn map_from_odom(&self) -> MapFromOdom {
         let scans = self.scan_localization.as_ref();
@@ -275,14 +288,13 @@ impl ScanRegistration {
         let Some((first_beam, last_beam)) = of.beam_times(stamp, &sweep) else {
             return;
         };
-        if let (Some(scan_localization), Sweep::Planar(scan)) =
-            (&mut self.scan_localization, &sweep)
+        if let Some(scan_localization) = &mut self.scan_localization
             && scan_localization.settings.sensor == of.settings.beams.id
         {
             scan_localization.enqueue(WaitingScan {
                 stamp: first_beam,
                 frame: FrameId::clone(&frame),
-                scan: scan.clone(),
+                sweep: sweep.clone(),
             });
         }
         if self.settings.origin != PoseOrigin::Log {
@@ -390,8 +402,12 @@ impl ScanRegistration {
             };
             match self.poses_of(&waiting, scan_localization.settings.sensor) {
                 Ok((base_from_sensor, prior_from_base)) => {
-                    let (odom_from_prior, change) =
-                        scan_localization.take(&waiting, &base_from_sensor, &prior_from_base);
+                    let (odom_from_prior, change) = scan_localization.take(
+                        &waiting,
+                        &base_from_sensor,
+                        &prior_from_base,
+                        &self.settings.body,
+                    );
                     out.extend(change.map(RegistrationOutput::Confidence));
                     let prior_frame = self.settings.prior_frame().into();
                     let matched = (&MATCHED_FRAME.into(), &prior_frame);

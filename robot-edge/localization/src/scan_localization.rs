@@ -12,8 +12,11 @@ use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::{self, Pose};
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
-use nalgebra::{Isometry2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Point3, Vector3};
 
+use crate::beam_projection::BodyBox;
+use crate::cloud_walls::walls;
+use crate::registration::scan_queue::Sweep;
 use crate::scan_matching::relocalization::{Place, Relocalizer};
 use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
 use crate::scan_matching::slam_map::{SlamMap, SlamMapParts};
@@ -56,6 +59,7 @@ pub(crate) struct ScanLocalization {
     is_corrected: bool,
     begins_map: bool,
     monitor: ConfidenceMonitor,
+    covariances: Vec<PoseCovariance>,
     report: ScanLocalizationReport,
 }
 
@@ -65,7 +69,7 @@ pub(crate) struct WaitingScan {
     /// Of the first beam.
     pub(crate) stamp: RobotTime,
     pub(crate) frame: FrameId,
-    pub(crate) scan: Scan,
+    pub(crate) sweep: Sweep,
 }
 
 /// A pose from which scans are matched.
@@ -281,6 +285,12 @@ impl MapFromOdom {
     }
 }
 
+/// Stamp of a scan, and covariance of x, y (metres) and yaw (radians) of its pose by the map around it, in the frame of the vehicle.
+pub type PoseCovariance = (RobotTime, Matrix3<f64>);
+
+/// Where there are more covariances (20 MB), every second is left out.
+const MAX_COVARIANCES: usize = 1 << 18;
+
 /// Scans that wait for a pose of the other sensors at most; beyond it the oldest is dropped.
 const MAX_WAITING: usize = 64;
 
@@ -304,6 +314,7 @@ impl ScanLocalization {
             is_corrected: false,
             begins_map: false,
             monitor: ConfidenceMonitor::default(),
+            covariances: Vec::new(),
             report: ScanLocalizationReport::default(),
         }
     }
@@ -344,9 +355,22 @@ impl ScanLocalization {
         waiting: &WaitingScan,
         base_from_sensor: &Pose,
         prior_from_base: &Pose,
+        body: &BodyBox,
     ) -> (Pose, Option<ConfidenceChange>) {
-        let (scan, base_from_sensor) = seen_from_above(&waiting.scan, base_from_sensor);
         let prior = planar(prior_from_base);
+        let (scan, base_from_sensor) = match &waiting.sweep {
+            Sweep::Planar(scan) => seen_from_above(scan, base_from_sensor),
+            Sweep::Cloud(cloud, _) => {
+                // The vehicle with its roll and pitch, heading ahead.
+                let level_from_base =
+                    in_space(&prior).rotation.inverse() * prior_from_base.rotation;
+                let level_from_sensor = level_from_base * base_from_sensor;
+                let is_own = |point: &Point3<f64>| body.contains(&(base_from_sensor * point));
+                let place = level_from_sensor.translation.vector.xy();
+                let scan = walls(cloud, &level_from_sensor, is_own);
+                (scan, Isometry2::new(place, 0.0))
+            }
+        };
         let input = ScanInput {
             stamp: waiting.stamp,
             scan: &scan,
@@ -381,6 +405,14 @@ impl ScanLocalization {
                 self.is_corrected |= self.begins_map;
             }
         }
+        if self.covariances.len() >= MAX_COVARIANCES {
+            let mut place = 0_u32;
+            self.covariances.retain(|_| {
+                place += 1;
+                place % 2 == 1
+            });
+        }
+        self.covariances.push((waiting.stamp, pose.covariance));
         let report = &mut self.report;
         report.newest = Some((waiting.stamp, pose));
         let (count, confidence) = match pose.confidence {
@@ -443,6 +475,20 @@ impl ScanLocalization {
             map: self.slam.map().clone(),
             keyframes: self.keyframes.clone(),
         }
+    }
+
+    /// Of the poses of the scans.
+    pub(crate) fn covariances(&self) -> &[PoseCovariance] {
+        &self.covariances
+    }
+
+    /// The newest closures: positions of the vehicle at both ends in the map, metres.
+    pub(crate) fn newest_closures(&self, count: usize) -> Vec<[Point2<f64>; 2]> {
+        let map = self.slam.map();
+        let place = |at: u32| Point2::from(map.keyframes()[at as usize].translation.vector);
+        let closures = map.edges().iter().rev().filter(|edge| edge.is_closure);
+        let ends = closures.map(|edge| [edge.from, edge.to].map(place));
+        ends.take(count).collect()
     }
 
     pub(crate) fn report(&self) -> ScanLocalizationReport {

@@ -35,6 +35,21 @@ fn a_log_is_mapped_by_its_scans_within_the_published_error_and_alike_with_two_th
     });
     assert_eq!(digest(&one), digest(&two));
     let matching = &one["scan_matching"];
+    let covariances =
+        fs::read_to_string(folder.path().join("1/trajectory_covariance.txt")).unwrap();
+    let matched = ["determined", "uncertain_along", "odometry_only", "lost"]
+        .map(|key| matching[key].as_u64().unwrap());
+    assert_eq!(
+        covariances.lines().count() as u64,
+        matched.iter().sum::<u64>()
+    );
+    let numbers = covariances.lines().last().unwrap().split(' ');
+    let numbers: Vec<f64> = numbers.map(|number| number.parse().unwrap()).collect();
+    assert_eq!(numbers.len(), 7);
+    assert!(
+        numbers[1] > 0.0 && numbers[4] > 0.0 && numbers[6] > 0.0,
+        "{numbers:?}"
+    );
     assert_eq!(matching["lost"], 0, "{matching}");
     assert!(matching["closures"].as_u64() > Some(100), "{matching}");
     let closed = events(&one)

@@ -22,7 +22,7 @@ use simulation::{SimulatedSource, SimulationOptions, World};
 /// A vehicle that drives through a world and maps it.
 pub struct SimulatedRun {
     source: SimulatedSource,
-    attitude_noise: Option<AttitudeNoise>,
+    disturb: Option<Box<dyn FnMut(&mut Measurement)>>,
     /// The first measurement that is not in the pipeline yet.
     next: Option<Measurement>,
     pipeline: Pipeline,
@@ -52,7 +52,7 @@ impl SimulatedRun {
             tilt,
             next: source.next_measurement(),
             source,
-            attitude_noise: None,
+            disturb: None,
         })
     }
 
@@ -60,7 +60,7 @@ impl SimulatedRun {
     /// them averaged: of a vehicle whose attitude sensor gives its poses, which a simulated source takes from
     /// the truth. To be called before anything is mapped.
     #[must_use]
-    pub fn with_noisy_attitudes(mut self, world: &World, seed: u64, averaged: usize) -> Self {
+    pub fn with_noisy_attitudes(self, world: &World, seed: u64, averaged: usize) -> Self {
         let mut noise = AttitudeNoise {
             deviation_rad: world.attitude_noise_rad(),
             axes: ["roll", "pitch", "yaw"].map(|axis| AveragedNoise {
@@ -69,10 +69,16 @@ impl SimulatedRun {
                 averaged: averaged.max(1),
             }),
         };
+        self.with_disturbance(move |measurement| noise.disturb(measurement))
+    }
+
+    /// The same with every measurement changed before it is mapped. To be called before anything is mapped.
+    #[must_use]
+    pub fn with_disturbance(mut self, mut disturb: impl FnMut(&mut Measurement) + 'static) -> Self {
         if let Some(next) = &mut self.next {
-            noise.disturb(next);
+            disturb(next);
         }
-        self.attitude_noise = Some(noise);
+        self.disturb = Some(Box::new(disturb));
         self
     }
 
@@ -108,8 +114,8 @@ impl SimulatedRun {
                 self.source.turn(goal.joint(), angle_rad);
             }
             self.next = self.source.next_measurement();
-            if let (Some(noise), Some(next)) = (&mut self.attitude_noise, &mut self.next) {
-                noise.disturb(next);
+            if let (Some(disturb), Some(next)) = (&mut self.disturb, &mut self.next) {
+                disturb(next);
             }
         }
         Ok(())

@@ -109,17 +109,25 @@ pub fn match_scans(
         let up = sensor.config.mount.base_from_sensor().rotation * Vector3::z();
         up.z.abs() > LEAST_LEVEL
     };
-    let matched = of_vehicle.iter().find(|sensor| {
-        sensors.iter().any(|planned| planned.id == sensor.id)
-            && sensor.config.scan_kind == ScanKind::Beams
-            && sensor.config.tilt.is_none()
-            && wanted.map_or_else(|| is_level(sensor), |wanted| sensor.name == wanted)
-    });
+    let can_match = |kind| {
+        let mut of_kind = of_vehicle
+            .iter()
+            .filter(|sensor| sensor.config.scan_kind == kind);
+        of_kind.find(|sensor| {
+            sensors.iter().any(|planned| planned.id == sensor.id)
+                && sensor.config.tilt.is_none()
+                && wanted.map_or_else(
+                    || kind == ScanKind::Cloud || is_level(sensor),
+                    |wanted| sensor.name == wanted,
+                )
+        })
+    };
+    let matched = can_match(ScanKind::Beams).or_else(|| can_match(ScanKind::Cloud));
     let Some(matched) = matched else {
         let names: Vec<_> = of_vehicle.iter().map(|sensor| sensor.name).collect();
         let which = wanted.map_or_else(
-            || "none of its range sensors is a level planar laser that does not tilt".to_owned(),
-            |wanted| format!("it has no planar laser {wanted:?} (localization.scan_sensor) that does not tilt"),
+            || "none of its range sensors is a lidar, or a level planar laser that does not tilt".to_owned(),
+            |wanted| format!("it has no lidar and no planar laser {wanted:?} (localization.scan_sensor) that does not tilt"),
         );
         return Err(UsageError(format!(
             "vehicle {:?}: no scans to match: {which}; its range sensors: {}",

@@ -1,6 +1,6 @@
 //! The first stage of the pipeline: records measurements, registers scans, and publishes the state that does not depend on the maps.
 
-use protocol::message::RecordingStatus;
+use protocol::message::{MAX_CLOSURES, RecordingStatus};
 
 use super::batching_channel::{InputDelay, MappingInput};
 use super::live_recording::{LiveRecording, Problem};
@@ -304,6 +304,10 @@ impl LocalizationStage {
         if let Some(state_publisher) = &mut self.state_publisher {
             let recording = self.recordings.update_live(state_publisher);
             let counts = self.registration.counts();
+            if let Some(report) = self.registration.scan_localization() {
+                let closures = self.registration.newest_closures(MAX_CLOSURES);
+                state_publisher.publish_localization(&report, &closures);
+            }
             state_publisher.publish_status(
                 counts,
                 &self.maps.get(),

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use protocol::export::{
-    Caption, Footprint, StampedPose, Trinary, export_all, shore_labels, write_shores,
-    write_trajectory,
+    Caption, Footprint, StampedPose, Trinary, export_all, shore_labels, write_covariances,
+    write_shores, write_trajectory,
 };
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
@@ -59,6 +59,16 @@ pub(super) fn export(
         .transpose();
     let mut files = exported?.files;
     files.push(path);
+    let covariances = pipeline.localization.registration.covariances();
+    if !covariances.is_empty() {
+        let path = dir.join("trajectory_covariance.txt");
+        let rows = covariances.iter().map(|(stamp, of)| {
+            let parts = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+            (stamp.as_nanos(), parts.map(|at| of[at]))
+        });
+        write_covariances(&path, rows)?;
+        files.push(path);
+    }
     if let Some(shores) = shores {
         files.push(write_shores(dir, &shores)?);
     }

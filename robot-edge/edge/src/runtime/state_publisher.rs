@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use drivers::status::{DeviceStatus, DeviceStatuses};
 use protocol::message::{
-    self, DeviceClock, DeviceState, DropCount, Info, LayerInfo, MAX_DEVICES, RecordingStatus,
-    SensorFault, Status,
+    self, DeviceClock, DeviceState, DropCount, Info, LayerInfo, Localization, MAX_DEVICES,
+    RecordingStatus, SensorFault, Status,
 };
 
 use super::map_correction::placed;
@@ -25,11 +25,14 @@ use crate::sensor_monitor::{FaultChange, SensorMonitor};
 use crate::server::publish_state::PublishState;
 use localization::OnJump;
 use localization::registration::RegistrationCounts;
+use localization::scan_localization::ScanLocalizationReport;
+use localization::scan_matching::slam::{ClosureCounts, Confidence};
 use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
 use measurement::Measurement;
 use measurement::drops::DropCounts;
 use measurement::pose::Pose;
 use measurement::time::{Monotonic, RobotDuration, RobotTime};
+use nalgebra::Point2;
 use network::clock;
 
 /// The network output of the localization stage. It never waits for a map.
@@ -196,6 +199,43 @@ impl StatePublisher {
                 .and_then(KeelDepth::depth_m)
                 .map(|depth_m| depth_m as f32),
             ..build_status(maps, counts, clock, lost)
+        });
+    }
+
+    /// Publishes how well the scans determine the pose, once a scan was matched.
+    pub(super) fn publish_localization(
+        &self,
+        report: &ScanLocalizationReport,
+        closures: &[[Point2<f64>; 2]],
+    ) {
+        let Some((_, pose)) = &report.newest else {
+            return;
+        };
+        // Of the vehicle's axes, turned to those of the map.
+        let map_from_base = (pose.map_from_local * pose.local_from_base).rotation;
+        let turn = map_from_base.to_rotation_matrix();
+        let of_position = pose.covariance.fixed_view::<2, 2>(0, 0);
+        let covariance = turn * of_position * turn.transpose();
+        let ClosureCounts { added, removed } = report.closures;
+        self.publish_state.set_localization(Localization {
+            confidence: match pose.confidence {
+                Confidence::Full => message::PoseConfidence::Determined,
+                Confidence::UncertainAlong(_) => message::PoseConfidence::UncertainAlong,
+                Confidence::OdometryOnly => message::PoseConfidence::OdometryOnly,
+                Confidence::Lost => message::PoseConfidence::Lost,
+            },
+            is_searching: report.is_searching,
+            covariance_m2: [(0, 0), (0, 1), (1, 1)].map(|at| covariance[at] as f32),
+            heading_sigma_rad: pose.covariance[(2, 2)].sqrt() as f32,
+            inliers: pose.inliers as f32,
+            residual_m: pose.residual_m as f32,
+            closures: [added, removed].map(|count| u32::try_from(count).unwrap_or(u32::MAX)),
+            closures_m: Some(
+                closures
+                    .iter()
+                    .map(|[a, b]| [a.x, a.y, b.x, b.y].map(|metres| metres as f32))
+                    .collect(),
+            ),
         });
     }
 

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use protocol::message::{
-    Event, Info, MAX_SENSORS, Pose, Scan, SensorInfo, Shores, ShoresReply, Status, View,
-    VoxelsReply, VoxelsRequest,
+    Event, Info, Localization, MAX_SENSORS, Pose, Scan, SensorInfo, Shores, ShoresReply, Status,
+    View, VoxelsReply, VoxelsRequest,
 };
 use protocol::tile::TileKey;
 
@@ -31,6 +31,7 @@ const VIEW_LIFETIME: Duration = Duration::from_secs(3);
 pub struct PublishState {
     pose: Mutex<Option<(RobotTime, Pose)>>,
     status: Mutex<Status>,
+    localization: Mutex<Option<Localization>>,
     /// The sensors and the revision of this list.
     sensors: Mutex<(u32, Vec<SensorInfo>)>,
     shores: Mutex<ShoresState>,
@@ -117,6 +118,15 @@ impl PublishState {
     /// Sets the status of mapping; [`Self::status`] adds the figures of the network.
     pub fn set_status(&self, status: Status) {
         *lock(&self.status) = status;
+    }
+
+    pub fn set_localization(&self, localization: Localization) {
+        *lock(&self.localization) = Some(localization);
+    }
+
+    /// `None` where no scans are matched.
+    pub fn localization(&self) -> Option<Localization> {
+        lock(&self.localization).clone()
     }
 
     /// The last status, with the figures of the network.

@@ -93,6 +93,7 @@ fn answer(
         Topic::Alive
         | Topic::Pose
         | Topic::Status
+        | Topic::Localization
         | Topic::Event
         | Topic::MapHead
         | Topic::View

@@ -37,6 +37,7 @@ const TILES_AT_ONCE: usize = 8;
 pub(super) struct TopicPublishers {
     pose: Publisher<'static>,
     status: Publisher<'static>,
+    localization: Publisher<'static>,
     event: Publisher<'static>,
     map_head: Publisher<'static>,
 }
@@ -60,6 +61,7 @@ impl TopicPublishers {
             // Over QUIC, best effort is a datagram, which does not wait for lost data.
             pose: declare(Topic::Pose, Reliability::BestEffort)?,
             status: declare(Topic::Status, Reliability::Reliable)?,
+            localization: declare(Topic::Localization, Reliability::Reliable)?,
             event: declare(Topic::Event, Reliability::Reliable)?,
             map_head: declare(Topic::MapHead, Reliability::Reliable)?,
         })
@@ -73,6 +75,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
     let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
     let mut announced: Option<MapHead> = None;
     let mut sent_teleop_state = None;
+    let mut sent_closures_m = None;
     loop {
         let drive_state = context.drive_state.as_deref();
         let period = if drive_state.is_some_and(SharedDriveState::is_held) {
@@ -120,6 +123,18 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             status.teleop = teleop;
             put(&publishers.status, out.message(stamp_ns, &status));
             sent_teleop_state = state;
+            if let Some(mut localization) = context.publish_state.localization() {
+                // A new console has none.
+                if localization.closures_m == sent_closures_m && !is_requested {
+                    localization.closures_m = None;
+                } else {
+                    sent_closures_m.clone_from(&localization.closures_m);
+                }
+                put(
+                    &publishers.localization,
+                    out.message(stamp_ns, &localization),
+                );
+            }
         }
         // No console can have the map of a head while tiles wait.
         let is_changed_head = changed_head_due.is_due(now, CHANGED_HEAD_PERIOD, false)

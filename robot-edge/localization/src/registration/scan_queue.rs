@@ -44,7 +44,7 @@ pub(super) struct QueuedScan {
 
 /// What a range sensor measured at once.
 #[derive(Clone, Debug)]
-pub(super) enum Sweep {
+pub(crate) enum Sweep {
     Planar(Scan),
     /// With the stamp of the cloud, time offset applied.
     Cloud(Cloud, RobotTime),

@@ -15,6 +15,7 @@ fn published_keys(robot: &RobotId) -> Vec<String> {
     let topics = [
         Topic::Pose,
         Topic::Status,
+        Topic::Localization,
         Topic::Event,
         Topic::MapHead,
         Topic::Shores,

@@ -84,6 +84,8 @@ experiments! {
     l2_what_a_mirror_shows_vanishes_with_further_observations: "L2",
     l3_a_recording_with_motion_capture_is_mapped: "L3",
     #[ignore = "minutes"]
+    p1_circles_close_where_odometry_drifts: "P1",
+    #[ignore = "minutes"]
     d1_a_bridge_is_passed_below_and_driven_on: "D1",
     #[ignore = "minutes"]
     d2_what_gives_way_in_a_thicket_is_told_by_rings: "D2",

@@ -10,7 +10,8 @@ use measurement::MeasurementData;
 use network::clock;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{
-    Answer, Event, Info, RecordingState, Scan, SensorFault, SensorKind, Setting, Severity, Status,
+    Answer, Event, Info, Localization, PoseConfidence, RecordingState, Scan, SensorFault,
+    SensorKind, Setting, Severity, Status,
 };
 use protocol::wire;
 use recording::writer::McapWriter;
@@ -33,6 +34,7 @@ struct Watcher {
     robot: RobotId,
     status: Received<Status>,
     events: Received<Event>,
+    localization: Received<Localization>,
     scans: Received<Scan>,
     // Closes last.
     _bulk: Session,
@@ -63,6 +65,7 @@ impl Watcher {
         Self {
             status: subscribe(&control, Topic::Status.key(&robot)),
             events: subscribe(&control, Topic::Event.key(&robot)),
+            localization: subscribe(&control, Topic::Localization.key(&robot)),
             scans: subscribe(&bulk, Topic::Scan.key(&robot)),
             control,
             robot,
@@ -205,6 +208,36 @@ fn an_invalid_or_silent_laser_is_reported_in_recording_time() {
     });
     // In recording time, although it is replayed twice as fast.
     assert!(rate_hz < 11.0, "{rate_hz}");
+}
+
+/// Who comes late has the closures, too.
+#[test]
+fn a_console_learns_how_well_scans_determine_the_pose() {
+    let port = free_port();
+    let _robot = start(&format!(
+        "robot-edge replay {} --rate max --keep-serving --robot scout --listen {} --set localization.source=scan+wheels",
+        rooms().display(),
+        tcp(port)
+    ));
+    let watcher = Watcher::of(port);
+    let newest = watcher.wait_for("closures", |watcher| {
+        let received = watcher.localization.lock().unwrap();
+        let with_closures =
+            |one: &&Localization| one.closures_m.as_ref().is_some_and(|all| !all.is_empty());
+        received.0.iter().rfind(with_closures).cloned()
+    });
+    assert_eq!(newest.confidence, PoseConfidence::Determined, "{newest:?}");
+    assert!(!newest.is_searching && newest.inliers > 0.8, "{newest:?}");
+    assert!((0.001..0.05).contains(&newest.residual_m), "{newest:?}");
+    let [xx, _, yy] = newest.covariance_m2;
+    assert!(
+        (1e-8..1e-2).contains(&xx) && (1e-8..1e-2).contains(&yy),
+        "{newest:?}"
+    );
+    watcher.wait_for("what did not change is not sent again", |watcher| {
+        let received = watcher.localization.lock().unwrap();
+        received.0.last()?.closures_m.is_none().then_some(())
+    });
 }
 
 /// A run killed while it records continues to record after its restart and tells the first console.
