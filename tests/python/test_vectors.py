@@ -29,6 +29,7 @@ KINDS = {
     "Pose": wire.POSE,
     "Status": wire.STATUS,
     "Status.driven": wire.STATUS,
+    "Localization": wire.LOCALIZATION,
     "Event": wire.EVENT,
     "MapHead": wire.MAP_HEAD,
     "View": wire.VIEW,

@@ -343,6 +343,16 @@ STATUS = Struct(
         )
     ),
 )
+LOCALIZATION = Struct(
+    confidence=Enum(Determined=None, UncertainAlong=None, OdometryOnly=None, Lost=None),
+    is_searching=BOOL,
+    covariance_m2=Tuple(F32, F32, F32),
+    heading_sigma_rad=F32,
+    inliers=F32,
+    residual_m=F32,
+    closures=Tuple(U32, U32),
+    closures_m=Option(List(Tuple(F32, F32, F32, F32))),
+)
 EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
 VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_synchronized=BOOL, wants_scan=BOOL)
