@@ -197,6 +197,11 @@ pub fn every_robot_alive() -> String {
     format!("{PREFIX}/*/alive")
 }
 
+/// Whether a text obeys the rules of names: 1 to [`MAX_NAME_BYTES`] letters, digits, `_` or `-`.
+pub fn is_name(text: &str) -> bool {
+    text.parse::<Name>().is_ok()
+}
+
 /// Limit of a name.
 pub const MAX_NAME_BYTES: usize = 64;
 

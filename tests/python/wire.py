@@ -420,7 +420,7 @@ DRIVE = Struct(
 )
 RESET = Struct(estop=U64)
 LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
-SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL)
+SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL, SaveMap=TEXT)
 ANSWER = Enum(Done=None, Granted=U64, Waiting=None, EStopped=U64, Refused=REFUSAL)
 
 

@@ -500,7 +500,7 @@ impl Panels<'_> {
             (PanelId::Robot, Some((model, link))) => {
                 let connection = ConnectionData::new(model, link, now);
                 let advice = connection.advice.as_deref();
-                robot_ui(ui, &RobotData::new(model, now), advice);
+                commands.extend(robot_ui(ui, &RobotData::new(model, now), advice));
             }
             (PanelId::Layers, Some((model, link))) => {
                 let layers = LayersData::new(model, link, self.map_view, now);

@@ -1,21 +1,26 @@
 //! The shown robot: identity, position and progress.
 
-use eframe::egui::Ui;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Button, Id, TextEdit, Ui, WidgetInfo};
 use measurement::time::Monotonic;
 use network::clock::utc_label;
 use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
-use protocol::message::PoseConfidence;
+use protocol::keys::is_name;
+use protocol::message::{PoseConfidence, Setting};
 
 use super::connection::is_shown_synchronized;
 use super::data_age::is_position_old;
 use super::formatting::{age, capitalised, count, direction, signed, turn};
 use super::link::{TimePlot, plots_ui, segments};
 use super::rows::{Row, row, rows_ui};
+use crate::command::Command;
 use crate::model::{ConsoleModel, LinkState, ellipse_95};
 use crate::playback::is_recording;
+use crate::teleop_client::Intent;
 
 /// Points.
 const PLOT_HEIGHT: f32 = 90.0;
+const NAME_WIDTH: f32 = 140.0;
 const YEAR_2000_S: u64 = 946_684_800;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +29,8 @@ pub struct RobotData {
     pub note: Option<String>,
     /// Where scans are matched.
     pub residuals: Option<TimePlot>,
+    /// The robot takes settings of operators.
+    pub takes_settings: bool,
 }
 
 impl RobotData {
@@ -82,6 +89,9 @@ impl RobotData {
             rows,
             note,
             residuals,
+            takes_settings: model
+                .status()
+                .is_some_and(|(status, _)| status.teleop.is_some()),
         }
     }
 }
@@ -186,7 +196,7 @@ fn heading(angle_deg: f64, knows_north: bool) -> String {
 }
 
 /// `advice`: why the link is not live.
-pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) {
+pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) -> Option<Command> {
     if let Some(note) = &data.note {
         ui.strong(note);
     }
@@ -197,6 +207,31 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) {
     if let Some(residuals) = &data.residuals {
         plots_ui(ui, std::slice::from_ref(residuals), PLOT_HEIGHT);
     }
+    let can_save = data.takes_settings && data.residuals.is_some();
+    can_save.then(|| save_map_ui(ui)).flatten()
+}
+
+/// The name of a map, and a button that saves it.
+fn save_map_ui(ui: &mut Ui) -> Option<Command> {
+    let id = Id::new("name of the map");
+    let mut name: String = ui.data_mut(|data| data.get_temp(id)).unwrap_or_default();
+    let asked = ui.horizontal_wrapped(|ui| {
+        let field = TextEdit::singleline(&mut name)
+            .hint_text("Name")
+            .desired_width(NAME_WIDTH);
+        ui.add(field)
+            .widget_info(|| WidgetInfo::labeled(Role::TextInput, true, "Name of the map"));
+        let save = ui.add_enabled(is_name(&name), Button::new("Save map"));
+        let save = save
+            .on_hover_text("The robot saves the map of its scans, to go on in it with --map")
+            .on_disabled_hover_text("A name has letters, digits, _ or -");
+        save.clicked()
+    });
+    let command = asked
+        .inner
+        .then(|| Command::Drive(Intent::Set(Setting::SaveMap(name.clone()))));
+    ui.data_mut(|data| data.insert_temp(id, name));
+    command
 }
 
 #[cfg(test)]

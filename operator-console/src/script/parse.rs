@@ -22,7 +22,7 @@ A script has one action a line, behind the second at which it happens; `#` begin
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
   6.0 reset                     ends the active emergency stop
-  7.0 budget 128                kbit/s for tiles; collision-monitor on|off; recording on|off
+  7.0 budget 128                kbit/s for tiles; collision-monitor on|off; recording on|off; save-map NAME
 States that `await` knows, and what the output says of them:
   idle                          \"Nobody drives\"
   held                          \"Standing\": somebody has the lease
@@ -194,6 +194,7 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         ["recording", switch] => {
             Action::Intent(Intent::Set(Setting::Recording(switch_of(switch)?)))
         }
+        ["save-map", name] => Action::Intent(Intent::Set(Setting::SaveMap((*name).to_owned()))),
         [] => return Err("there is no action behind the time".to_owned()),
         words => {
             return Err(format!(

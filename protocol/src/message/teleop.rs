@@ -347,7 +347,7 @@ pub enum LeaseRequest {
 }
 
 /// `op/<operator>/set`: a setting. Append-only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Setting {
     /// Budget for tiles, kbit/s.
     BudgetKbps(u32),
@@ -355,6 +355,8 @@ pub enum Setting {
     CollisionMonitor(bool),
     /// Recording on or off.
     Recording(bool),
+    /// Save the map of matched scans under this name, which obeys the rules of names of robots.
+    SaveMap(String),
 }
 
 /// Answer to `estop`, `reset`, `lease` and `set`. Append-only.

@@ -27,7 +27,7 @@ use super::{SPEC, blocks_of, hex, json, table};
 /// Checks the example of a name with its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 42] = [
+const EXAMPLES: [(&str, Check); 43] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
@@ -65,6 +65,7 @@ const EXAMPLES: [(&str, Check); 42] = [
     ("Setting.BudgetKbps", check_signed::<Setting>),
     ("Setting.CollisionMonitor", check_signed::<Setting>),
     ("Setting.Recording", check_signed::<Setting>),
+    ("Setting.SaveMap", check_signed::<Setting>),
     ("Answer.Done", check::<Answer>),
     ("Answer.Granted", check::<Answer>),
     ("Answer.Waiting", check::<Answer>),

@@ -203,6 +203,7 @@ fn request_text(request_text: &RequestKind) -> String {
             format!("guard {}", on_or_off(*is_on))
         }
         RequestKind::Set(Setting::Recording(is_on)) => format!("recording {}", on_or_off(*is_on)),
+        RequestKind::Set(Setting::SaveMap(name)) => format!("save-map {name}"),
     }
 }
 

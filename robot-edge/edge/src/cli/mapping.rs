@@ -97,6 +97,9 @@ pub struct DrivingOptions {
     /// Let operators start and stop recordings, which go here in files of a minute, and go on after a crash
     #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
     pub recordings: Option<PathBuf>,
+    /// Let operators save the map of matched scans here, each under a name, to go on in it with `--map`
+    #[arg(long, value_name = "DIR", conflicts_with = "no_network")]
+    pub maps: Option<PathBuf>,
 }
 
 /// Which vehicle, and how it is set up.

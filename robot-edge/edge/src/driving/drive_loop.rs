@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use protocol::keys::OperatorId as OperatorName;
-use protocol::keys::{OperatorTopic, RobotId};
+use protocol::keys::{OperatorTopic, RobotId, is_name};
 use protocol::message::{Answer, Drive, EStop, LeaseRequest, Refusal, Reset, Setting, StopReason};
 use protocol::signed::{Command, CommandHeader, Envelope, Route};
 use protocol::tile::BootId;
@@ -596,6 +596,15 @@ impl DriveLoop {
                 }
                 let by = sender.id;
                 self.drive_event(DriveEvent::Recording { is_on, by }, now);
+            }
+            Setting::SaveMap(_) if !self.runtime_settings.can_save_maps => {
+                return Err(Refusal::Unavailable);
+            }
+            Setting::SaveMap(name) if !is_name(&name) => return Err(Refusal::OutOfRange),
+            Setting::SaveMap(name) => {
+                if !self.drive_state.request_map(name) {
+                    return Err(Refusal::Busy);
+                }
             }
         }
         self.drive_state.publish_settings(self.runtime_settings);

@@ -58,6 +58,7 @@ pub struct SharedDriveState {
     names: Mutex<Vec<OperatorName>>,
     runtime_settings: Mutex<status_message::RuntimeSettings>,
     recording_request: Mutex<Option<bool>>,
+    map_request: Mutex<Option<String>>,
     is_recording: AtomicBool,
     is_closing: AtomicBool,
 }
@@ -106,6 +107,11 @@ impl SharedDriveState {
         lock(&self.recording_request).take()
     }
 
+    /// The name under which an operator wants the map to be saved.
+    pub fn take_map_request(&self) -> Option<String> {
+        lock(&self.map_request).take()
+    }
+
     pub fn set_recording(&self, is_running: bool) {
         self.is_recording.store(is_running, Ordering::Relaxed);
     }
@@ -113,6 +119,11 @@ impl SharedDriveState {
     /// Returns whether the request was stored; not while a reader holds the lock.
     pub(super) fn request_recording(&self, is_on: bool) -> bool {
         write(&self.recording_request, |request| *request = Some(is_on))
+    }
+
+    /// Returns whether the request was stored; not while a reader holds the lock.
+    pub(super) fn request_map(&self, name: String) -> bool {
+        write(&self.map_request, |request| *request = Some(name))
     }
 
     pub(super) fn close(&self) {

@@ -51,6 +51,7 @@ pub struct DrivingSettings {
     pub estop_store: Option<EStopStore>,
     pub local_commands: LocalCommands,
     pub can_record: bool,
+    pub can_save_maps: bool,
     pub log: Option<DriveLog>,
     pub audit: Option<Audit>,
     pub service_manager: ServiceManager,
@@ -124,6 +125,7 @@ fn run(
         estop_store,
         local_commands,
         can_record,
+        can_save_maps,
         log,
         audit,
         service_manager,
@@ -136,6 +138,7 @@ fn run(
     drive_loop.audit_recorder = AuditRecorder::new(audit);
     drive_loop.log = log;
     drive_loop.runtime_settings.can_record = can_record;
+    drive_loop.runtime_settings.can_save_maps = can_save_maps;
     drive_loop.runtime_settings.collision_monitor = monitor_runner.is_some();
     drive_loop.monitor_runner = monitor_runner;
     let stored = estop_store
@@ -332,6 +335,7 @@ mod tests {
             estop_store: None,
             local_commands: LocalCommands::default(),
             can_record: false,
+            can_save_maps: false,
             log: None,
             audit: None,
             service_manager: ServiceManager::default(),

@@ -8,6 +8,7 @@ use anyhow::anyhow;
 use super::source::SourceItem;
 use super::source_reader::Batch;
 use localization::registration::RegistrationOutput;
+use localization::scan_localization::SavedMap;
 use measurement::time::Monotonic;
 use network::clock;
 use protocol::geodesy::GeodeticPoint;
@@ -23,6 +24,8 @@ pub(super) enum MappingInput {
         measured_at: Monotonic,
         queued_at: Monotonic,
     },
+    /// Save the map of the scans so far.
+    SaveMap { name: String, map: Box<SavedMap> },
     /// Publish the state up to here.
     Tick {
         input_delay: Option<InputDelay>,

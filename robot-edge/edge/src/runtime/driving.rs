@@ -59,6 +59,7 @@ pub(super) struct DrivePlan {
     log: Option<PathBuf>,
     state: Option<PathBuf>,
     recordings: Option<PathBuf>,
+    maps: Option<PathBuf>,
 }
 
 impl DrivePlan {
@@ -70,6 +71,7 @@ impl DrivePlan {
             log: None,
             state: None,
             recordings: None,
+            maps: None,
         }
     }
 
@@ -81,6 +83,7 @@ impl DrivePlan {
             log: options.drive_log.clone(),
             state: options.state_dir.clone(),
             recordings: options.recordings.clone(),
+            maps: options.maps.clone(),
         }
     }
 
@@ -145,6 +148,11 @@ impl DrivePlan {
                 .with_context(|| format!("{}: cannot write the drive log", path.display()))
         });
         file.transpose()
+    }
+
+    /// Where operators save maps.
+    pub(super) fn maps(&self) -> Option<&Path> {
+        self.maps.as_deref()
     }
 
     pub(super) const fn can_record(&self) -> bool {
@@ -223,6 +231,7 @@ impl DrivePlan {
             monitor_runner,
             estop_store: estop_store.transpose()?,
             can_record: self.recordings.is_some(),
+            can_save_maps: self.maps.is_some(),
             log: log.transpose()?,
             service_manager: ServiceManager::from_environment(),
         });

@@ -40,6 +40,14 @@ pub(super) struct KeptScans {
     max_bytes: u64,
 }
 
+/// A file that begins with all scans that were kept at a time.
+#[derive(Debug)]
+pub(super) struct KeptSnapshot {
+    pub(super) file: File,
+    pub(super) bytes: u64,
+    pub(super) count: u64,
+}
+
 #[derive(Clone, Debug)]
 pub(super) struct KeptMark {
     bytes: u64,
@@ -108,10 +116,14 @@ impl KeptScans {
         })
     }
 
-    /// The file, with all scans.
-    pub(super) fn path(&mut self) -> io::Result<&Path> {
+    /// The scans so far, to copy them while others are added.
+    pub(super) fn snapshot(&mut self) -> io::Result<KeptSnapshot> {
         self.file.flush()?;
-        Ok(self.file.get_ref().path())
+        Ok(KeptSnapshot {
+            file: self.file.get_ref().reopen()?,
+            bytes: self.bytes,
+            count: self.count,
+        })
     }
 
     /// Its size.

@@ -181,6 +181,7 @@ impl LocalizationStage {
             }
         }
         send(self.tick(input_delay))?;
+        self.save_map(send)?;
         self.publish_status(batch.lost);
         let maps = self.maps.get();
         let not_mapped =
@@ -193,6 +194,27 @@ impl LocalizationStage {
         };
         self.progress.update(batch.position, &stats);
         Ok(())
+    }
+
+    /// Passes the map so far on, where an operator wants it to be saved.
+    fn save_map(
+        &self,
+        send: &mut impl FnMut(MappingInput) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let Some(state_publisher) = &self.state_publisher else {
+            return Ok(());
+        };
+        let Some(name) = state_publisher.take_map_request() else {
+            return Ok(());
+        };
+        match self.registration.saved_map().map(Box::new) {
+            Some(map) => send(MappingInput::SaveMap { name, map }),
+            None => {
+                let message = "the map cannot be saved: no scans are matched (localization.source)";
+                state_publisher.publish_event("map_not_saved", message);
+                Ok(())
+            }
+        }
     }
 
     /// Lets the mapping stage publish.

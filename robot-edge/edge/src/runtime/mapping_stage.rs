@@ -1,11 +1,16 @@
 //! The second stage of the pipeline: integrates registered scans into the maps and publishes the changes.
 
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
+
+use anyhow::anyhow;
 
 use super::batching_channel::{InputDelay, MappingInput};
 use super::maps::{MapEvent, MapUpdate, Maps, MapsReport, PausedSnapshot};
 use super::network::Network;
+use super::saved_map;
 use super::source::DataClock;
 use super::tilt_control::TiltControl;
 use crate::lock;
@@ -15,6 +20,7 @@ use crate::publishing::trajectory::SharedTrajectory;
 use crate::replay_control::{ReplayControl, TimelineMark};
 use crate::summary::Event;
 use localization::registration::RegistrationOutput;
+use localization::scan_localization::SavedMap;
 use mapping::registered_scan::RegisteredScan;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::{self, Pose};
@@ -45,6 +51,9 @@ pub(super) struct MappingStage {
     pub(super) stats: SharedMapStats,
     pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) tilt: Option<TiltControl>,
+    /// Where operators save maps, and what is being saved.
+    pub(super) saved_maps: Option<PathBuf>,
+    saving: Vec<(PathBuf, JoinHandle<anyhow::Result<()>>)>,
 }
 
 pub(super) struct TimelineRecorder {
@@ -78,6 +87,8 @@ impl MappingStage {
             stats: SharedMapStats::default(),
             map_from_odom: SharedMapFromOdom::default(),
             tilt: None,
+            saved_maps: None,
+            saving: Vec::new(),
         }
     }
 
@@ -120,13 +131,62 @@ impl MappingStage {
                 output: RegistrationOutput::Confidence(change),
                 ..
             } => self.maps.on_confidence(change),
+            MappingInput::SaveMap { name, map } => self.save_map(&name, *map),
             MappingInput::Tick { input_delay, datum } => {
+                self.report_saved_maps(false);
                 self.maps.set_datum(datum);
                 self.check_overload(input_delay);
                 self.publish();
             }
         }
         Ok(None)
+    }
+
+    /// Saves a map beside mapping: its scans may take seconds to copy.
+    fn save_map(&mut self, name: &str, map: SavedMap) {
+        let (Some(folder), Some(kept)) = (&self.saved_maps, self.maps.kept_scans()) else {
+            return;
+        };
+        let path = folder.join(name);
+        let saving = kept
+            .snapshot()
+            .map_err(anyhow::Error::from)
+            .and_then(|scans| {
+                let path = path.clone();
+                let thread = thread::Builder::new().name("save-map".to_owned());
+                Ok(thread.spawn(move || saved_map::save(&path, &map, scans))?)
+            });
+        match saving {
+            Ok(thread) => self.saving.push((path, thread)),
+            Err(error) => self.report_saved_map(&path, Err(error)),
+        }
+    }
+
+    /// Says which maps were saved; `is_end`: waits for all.
+    pub(super) fn report_saved_maps(&mut self, is_end: bool) {
+        let is_done = |(_, thread): &mut (PathBuf, JoinHandle<_>)| is_end || thread.is_finished();
+        let done: Vec<_> = self.saving.extract_if(.., is_done).collect();
+        for (path, thread) in done {
+            let saved = thread
+                .join()
+                .unwrap_or_else(|_panic| Err(anyhow!("the thread failed")));
+            self.report_saved_map(&path, saved);
+        }
+    }
+
+    fn report_saved_map(&self, path: &Path, saved: anyhow::Result<()>) {
+        let path = path.display();
+        let (kind, message) = match saved {
+            Ok(()) => ("map_saved", format!("{path}: the map is saved")),
+            Err(error) => (
+                "map_not_saved",
+                format!("{path}: the map is not saved: {error:#}"),
+            ),
+        };
+        tracing::info!(kind, message);
+        if let Some(network) = &self.network {
+            network.publish_event(kind, &message);
+        }
     }
 
     fn is_expired(&mut self, waited: Duration) -> bool {

@@ -230,6 +230,7 @@ impl Run<'_> {
         recordings.is_driven = self.drive.can_drive();
         mapping.network = network;
         mapping.trajectory = trajectory;
+        mapping.saved_maps = self.drive.maps().map(Path::to_path_buf);
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
         Ok(pipeline)
@@ -357,7 +358,7 @@ impl Run<'_> {
             let kept = pipeline.mapping.maps.kept_scans();
             let saved = map
                 .zip(kept)
-                .map(|(map, kept)| saved_map::save(folder, &map, kept));
+                .map(|(map, kept)| saved_map::save(folder, &map, kept.snapshot()?));
             saved
                 .unwrap_or(Ok(()))
                 .with_context(|| format!("{}: the map cannot be saved", folder.display()))

@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 
-use super::kept_scans::KeptScans;
+use super::kept_scans::{KeptScans, KeptSnapshot};
 use crate::exit::UsageError;
 use localization::scan_localization::{Keyframe, SavedMap};
 use localization::scan_matching::pose_graph::Edge;
@@ -103,7 +103,7 @@ impl Contents {
 }
 
 /// Writes the map to a new folder, which is there only when it is whole.
-pub(super) fn save(folder: &Path, map: &SavedMap, kept: &mut KeptScans) -> anyhow::Result<()> {
+pub(super) fn save(folder: &Path, map: &SavedMap, kept: KeptSnapshot) -> anyhow::Result<()> {
     refuse_existing(folder)?;
     let name = folder
         .file_name()
@@ -115,15 +115,18 @@ pub(super) fn save(folder: &Path, map: &SavedMap, kept: &mut KeptScans) -> anyho
     }
     fs::create_dir_all(&temporary)?;
     let scans = temporary.join(SCANS);
-    fs::copy(kept.path()?, &scans)?;
-    let contents = Contents::of(map, kept.count(), kept.bytes(), checksum(&scans)?.0);
+    let mut copy = File::create(&scans)?;
+    if io::copy(&mut kept.file.take(kept.bytes), &mut copy)? != kept.bytes {
+        bail!("its scans are not there any more");
+    }
+    copy.sync_all()?;
+    let contents = Contents::of(map, kept.count, kept.bytes, checksum(&scans)?.0);
     let body = postcard::to_stdvec(&contents)?;
     let mut file = File::create(temporary.join(MAP))?;
     file.write_all(MAGIC)?;
     file.write_all(&crc32fast::hash(&body).to_le_bytes())?;
     file.write_all(&body)?;
     file.sync_all()?;
-    File::open(&scans)?.sync_all()?;
     Ok(fs::rename(&temporary, folder)?)
 }
 

@@ -244,6 +244,11 @@ impl StatePublisher {
         self.drive_state.as_ref()?.take_recording_request()
     }
 
+    /// The name under which an operator wanted the map to be saved since the last call.
+    pub(super) fn take_map_request(&self) -> Option<String> {
+        self.drive_state.as_ref()?.take_map_request()
+    }
+
     pub(super) fn set_recording(&self, is_running: bool) {
         if let Some(drive_state) = &self.drive_state {
             drive_state.set_recording(is_running);

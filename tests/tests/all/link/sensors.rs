@@ -10,7 +10,7 @@ use measurement::MeasurementData;
 use network::clock;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{
-    Answer, Event, Info, Localization, PoseConfidence, RecordingState, Scan, SensorFault,
+    Answer, Event, Info, Localization, PoseConfidence, RecordingState, Refusal, Scan, SensorFault,
     SensorKind, Setting, Severity, Status,
 };
 use protocol::wire;
@@ -238,6 +238,43 @@ fn a_console_learns_how_well_scans_determine_the_pose() {
         let received = watcher.localization.lock().unwrap();
         received.0.last()?.closures_m.is_none().then_some(())
     });
+}
+
+/// It can be gone on in; a second map of that name is refused.
+#[test]
+fn an_operator_saves_the_map_under_a_name() {
+    let folder = tempdir().unwrap();
+    let port = free_port();
+    let (listen, maps) = (tcp(port), folder.path().display());
+    let robot = simulate(&format!(
+        "--listen {listen} --maps {maps} --set localization.source=scan+wheels"
+    ));
+    let watcher = Watcher::of(port);
+    watcher.wait_for("matched scans", |watcher| {
+        watcher.localization.lock().unwrap().0.last().cloned()
+    });
+    let mut anna = Operator::ready(&tcp(port), "scout", "anna");
+    let save = |name: &str| Setting::SaveMap(name.to_owned());
+    for name in ["", "../quay", "a/b", &"a".repeat(65)] {
+        assert_eq!(
+            anna.ask(&save(name)),
+            Answer::Refused(Refusal::OutOfRange),
+            "{name:?}"
+        );
+    }
+    assert_eq!(anna.ask(&save("quay-2")), Answer::Done);
+    let saved = watcher.wait_for("saved", |watcher| watcher.event("map_saved"));
+    assert!(
+        saved.message.ends_with("quay-2: the map is saved"),
+        "{saved:?}"
+    );
+    assert_eq!(anna.ask(&save("quay-2")), Answer::Done);
+    let refused = watcher.wait_for("not again", |watcher| watcher.event("map_not_saved"));
+    assert!(refused.message.contains("exists already"), "{refused:?}");
+    drop((anna, watcher, robot));
+    let words =
+        "simulate rooms --rate max --duration 5 --no-network --set localization.source=scan+wheels";
+    start(&format!("robot-edge {words} --map {maps}/quay-2")).ends_well();
 }
 
 /// A run killed while it records continues to record after its restart and tells the first console.
