@@ -7,7 +7,7 @@ use measurement::time::Monotonic;
 use protocol::message::{Localization, MAX_CLOSURES};
 
 /// Residuals are kept for so long.
-const HISTORY: Duration = Duration::from_secs(300);
+const HISTORY: Duration = Duration::from_mins(5);
 /// More than a robot sends in that time.
 const MAX_RESIDUALS: usize = 1024;
 

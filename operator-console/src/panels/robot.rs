@@ -213,7 +213,7 @@ pub fn robot_ui(ui: &mut Ui, data: &RobotData, advice: Option<&str>) -> Option<C
 
 /// The name of a map, and a button that saves it.
 fn save_map_ui(ui: &mut Ui) -> Option<Command> {
-    let id = Id::new("name of the map");
+    let id = Id::unique("name of the map");
     let mut name: String = ui.data_mut(|data| data.get_temp(id)).unwrap_or_default();
     let asked = ui.horizontal_wrapped(|ui| {
         let field = TextEdit::singleline(&mut name)

@@ -126,6 +126,8 @@ impl Turn {
 
 #[cfg(test)]
 mod tests {
+    use std::f32::consts::FRAC_PI_2;
+
     use measurement::pose;
     use nalgebra::{Translation3, UnitQuaternion};
 
@@ -180,7 +182,9 @@ mod tests {
                 of_post || (range_m - 10.0).abs() < 0.01,
                 "{angle_rad}: {range_m}"
             );
-            assert!(!of_post || (angle_rad.rem_euclid(6.283_185) - 1.5708).abs() < 0.05);
+            assert!(
+                !of_post || (angle_rad.rem_euclid(std::f32::consts::TAU) - FRAC_PI_2).abs() < 0.05
+            );
         }
         assert!((16..=20).contains(&posts), "{posts}");
     }

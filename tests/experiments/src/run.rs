@@ -19,10 +19,13 @@ use simulation::noise::NoiseStream;
 use simulation::source::START;
 use simulation::{SimulatedSource, SimulationOptions, World};
 
+/// Changes a measurement before it is mapped.
+type Disturbance = dyn FnMut(&mut Measurement);
+
 /// A vehicle that drives through a world and maps it.
 pub struct SimulatedRun {
     source: SimulatedSource,
-    disturb: Option<Box<dyn FnMut(&mut Measurement)>>,
+    disturb: Option<Box<Disturbance>>,
     /// The first measurement that is not in the pipeline yet.
     next: Option<Measurement>,
     pipeline: Pipeline,

@@ -39,6 +39,7 @@ pub(super) struct DriveLoop {
     pub(super) motors: Motors,
     pub(super) drive_state: Arc<SharedDriveState>,
     pub(super) runtime_settings: RuntimeSettings,
+    pub(super) can_save_maps: bool,
     pub(super) estop_deduplicator: EStopDeduplicator,
     pub(super) monitor_runner: Option<MonitorRunner>,
     pub(super) estop_store: Option<EStopStore>,
@@ -115,6 +116,7 @@ impl DriveLoop {
             motors,
             drive_state,
             runtime_settings: RuntimeSettings::default(),
+            can_save_maps: false,
             estop_deduplicator: EStopDeduplicator::new(),
             monitor_runner: None,
             estop_store: None,
@@ -597,7 +599,7 @@ impl DriveLoop {
                 let by = sender.id;
                 self.drive_event(DriveEvent::Recording { is_on, by }, now);
             }
-            Setting::SaveMap(_) if !self.runtime_settings.can_save_maps => {
+            Setting::SaveMap(_) if !self.can_save_maps => {
                 return Err(Refusal::Unavailable);
             }
             Setting::SaveMap(name) if !is_name(&name) => return Err(Refusal::OutOfRange),

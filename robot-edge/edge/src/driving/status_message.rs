@@ -22,7 +22,6 @@ pub(super) struct RuntimeSettings {
     pub budget_kbps: u32,
     pub collision_monitor: bool,
     pub can_record: bool,
-    pub can_save_maps: bool,
     pub recording: bool,
     /// Messages dropped because the inbox was full.
     pub dropped: u64,

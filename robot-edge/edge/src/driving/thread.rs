@@ -138,7 +138,7 @@ fn run(
     drive_loop.audit_recorder = AuditRecorder::new(audit);
     drive_loop.log = log;
     drive_loop.runtime_settings.can_record = can_record;
-    drive_loop.runtime_settings.can_save_maps = can_save_maps;
+    drive_loop.can_save_maps = can_save_maps;
     drive_loop.runtime_settings.collision_monitor = monitor_runner.is_some();
     drive_loop.monitor_runner = monitor_runner;
     let stored = estop_store

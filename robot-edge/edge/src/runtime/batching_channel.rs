@@ -122,6 +122,7 @@ impl BatchingSender {
                 ..
             }
             | MappingInput::ClockReset => false,
+            MappingInput::SaveMap { .. } => true,
             // Poses are frequent and change no map.
             MappingInput::Tick { .. }
                 if self.inputs.is_empty() && clock::elapsed(self.last_tick) < TICK_INTERVAL =>

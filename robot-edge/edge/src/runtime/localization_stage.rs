@@ -207,14 +207,12 @@ impl LocalizationStage {
         let Some(name) = state_publisher.take_map_request() else {
             return Ok(());
         };
-        match self.registration.saved_map().map(Box::new) {
-            Some(map) => send(MappingInput::SaveMap { name, map }),
-            None => {
-                let message = "the map cannot be saved: no scans are matched (localization.source)";
-                state_publisher.publish_event("map_not_saved", message);
-                Ok(())
-            }
+        if let Some(map) = self.registration.saved_map().map(Box::new) {
+            return send(MappingInput::SaveMap { name, map });
         }
+        let message = "the map cannot be saved: no scans are matched (localization.source)";
+        state_publisher.publish_event("map_not_saved", message);
+        Ok(())
     }
 
     /// Lets the mapping stage publish.

@@ -163,7 +163,7 @@ impl MappingStage {
     }
 
     /// Says which maps were saved; `is_end`: waits for all.
-    pub(super) fn report_saved_maps(&mut self, is_end: bool) {
+    fn report_saved_maps(&mut self, is_end: bool) {
         let is_done = |(_, thread): &mut (PathBuf, JoinHandle<_>)| is_end || thread.is_finished();
         let done: Vec<_> = self.saving.extract_if(.., is_done).collect();
         for (path, thread) in done {
@@ -238,6 +238,7 @@ impl MappingStage {
 
     /// Publishes everything, at the end of the data.
     pub(super) fn finish(&mut self) -> anyhow::Result<()> {
+        self.report_saved_maps(true);
         self.maps.finish_correction()?;
         self.take_correction();
         Ok(self.maps.finish()?)

@@ -230,7 +230,7 @@ impl Run<'_> {
         recordings.is_driven = self.drive.can_drive();
         mapping.network = network;
         mapping.trajectory = trajectory;
-        mapping.saved_maps = self.drive.maps().map(Path::to_path_buf);
+        mapping.saved_maps = self.drive.maps().map(std::path::Path::to_path_buf);
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
         Ok(pipeline)

@@ -216,7 +216,7 @@ fn a_console_learns_how_well_scans_determine_the_pose() {
     let port = free_port();
     let _robot = start(&format!(
         "robot-edge replay {} --rate max --keep-serving --robot scout --listen {} --set localization.source=scan+wheels",
-        rooms().display(),
+        rooms(),
         tcp(port)
     ));
     let watcher = Watcher::of(port);

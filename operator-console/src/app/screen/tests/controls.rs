@@ -253,7 +253,9 @@ fn controls(window: &Harness<'_, Rig>) -> Controls {
 
 #[test]
 fn every_control_has_a_name() {
-    for rig in [Rig::new(), Rig::live(), Rig::on_water(None)] {
+    let rigs: [fn() -> Rig; 3] = [Rig::new, Rig::live, || Rig::on_water(None)];
+    for rig in rigs {
+        let rig = rig();
         let mut window = rig.window();
         for panel in PanelId::ALL {
             window.state_mut().screen.workspace.set_wanted(panel, true);
