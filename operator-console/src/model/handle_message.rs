@@ -90,7 +90,7 @@ impl ConsoleModel {
                 if !super::localization::is_valid(&localization) {
                     return Err(RejectReason::Malformed);
                 }
-                self.robot.localization.take(localization, now);
+                self.robot.localization.take(localization, header.boot, now);
                 self.sensor_updates += 1;
             }
             Topic::Event => {

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::message::{Localization, MAX_CLOSURES};
+use protocol::tile::BootId;
 
 /// Residuals are kept for so long.
 const HISTORY: Duration = Duration::from_mins(5);
@@ -15,6 +16,7 @@ const MAX_RESIDUALS: usize = 1024;
 #[derive(Clone, Debug, Default)]
 pub struct LocalizationHistory {
     newest: Option<(Localization, Monotonic)>,
+    run: Option<BootId>,
     closures_m: Vec<[f32; 4]>,
     residuals_m: VecDeque<(Monotonic, f32)>,
 }
@@ -40,7 +42,8 @@ impl LocalizationHistory {
         self.residuals_m.iter()
     }
 
-    pub(super) fn take(&mut self, mut localization: Localization, now: Monotonic) {
+    pub(super) fn take(&mut self, mut localization: Localization, run: BootId, now: Monotonic) {
+        self.begin_run(run);
         if let Some(closures_m) = localization.closures_m.take() {
             self.closures_m = closures_m;
         }
@@ -56,8 +59,14 @@ impl LocalizationHistory {
         self.newest = Some((localization, now));
     }
 
-    pub(super) fn forget(&mut self) {
-        *self = Self::default();
+    /// Forgets what another run of the robot sent.
+    pub(super) fn begin_run(&mut self, run: BootId) {
+        if self.run != Some(run) {
+            *self = Self {
+                run: Some(run),
+                ..Self::default()
+            };
+        }
     }
 }
 
@@ -98,7 +107,7 @@ mod tests {
     use protocol::keys::Topic;
 
     use super::*;
-    use crate::test_support::{at, inject, localization, scout};
+    use crate::test_support::{BOOT, announce_boot, at, inject, localization, scout};
 
     #[test]
     fn closures_stay_until_others_come_and_residuals_for_five_minutes() {
@@ -111,6 +120,8 @@ mod tests {
             };
             inject(&mut model, Topic::Localization, &message, at(ms));
         }
+        // The head of the same run comes after it.
+        announce_boot(&mut model, BOOT, at(302_600));
         let history = model.localization();
         assert_eq!(history.closures_m(), [[1.0, 2.0, 3.0, 4.0]]);
         assert_eq!(history.residuals_m().count(), 1);
@@ -120,6 +131,8 @@ mod tests {
         };
         inject(&mut model, Topic::Localization, &damaged, at(303_000));
         assert_eq!(model.localization().received_at(), Some(at(302_500)));
+        announce_boot(&mut model, BootId([8; 16]), at(304_000));
+        assert_eq!(model.localization().newest(), None);
     }
 
     #[test]

@@ -124,7 +124,7 @@ impl RobotState {
     fn begin_run(&mut self, boot: BootId) {
         self.stop_before_estop = None;
         self.monitor_history.forget();
-        self.localization.forget();
+        self.localization.begin_run(boot);
         self.ended_seq = None;
         // The end of the last run's data does not end this run's data.
         self.status.take_if(|(status, _)| status.has_ended);

@@ -99,6 +99,12 @@ fn from_key_to_motors_and_jitter_on_this_machine() {
     }
 }
 
+/// A lidar with 16 rings, whose clouds are matched, too.
+const LIDAR: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/experiments/src/p1/circles.toml --set localization.source=scan+wheels"
+);
+
 const MEASURED: Duration = Duration::from_mins(2);
 
 enum Transport {
@@ -210,7 +216,7 @@ fn from_key_to_motors_over_quic_on_the_shaped_link() {
         return;
     };
     let transport = Transport::Secured(Fleet::reached_at(Side::A.address().into()));
-    for world in ["rooms", "meadow"] {
+    for world in ["rooms", "meadow", LIDAR] {
         measure(&link, "quic and keys", &transport, world);
     }
 }
