@@ -9,7 +9,7 @@ use std::path::Path;
 
 use localization::scan_matching::loop_closure::search_points;
 use localization::scan_matching::relations::{Relation, Spread};
-use localization::scan_matching::relocalization::Relocalizer;
+use localization::scan_matching::relocalization::{Location, Relocalizer, locate};
 use localization::scan_matching::scan_points::{PointLimits, ScanPoint, scan_points};
 use localization::scan_matching::search_grid::{Search, SearchWindow};
 use localization::scan_matching::slam::{Confidence, ScanInput, ScanSlam};
@@ -61,15 +61,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         }] += 1;
         corrections += usize::from(pose.is_corrected);
         residuals.push(pose.residual_m);
-        poses.push((pose.keyframe, pose.keyframe_from_base));
+        let is_lost = pose.confidence == Confidence::Lost;
+        poses.push((pose.keyframe, pose.keyframe_from_base, is_lost));
     }
     slam.finish();
     let keyframes = slam.map().keyframes();
     let piece_of = slam.map().pieces();
-    let pieces: Vec<_> = poses.iter().map(|(at, _)| piece_of[*at as usize]).collect();
+    let pieces: Vec<_> = poses
+        .iter()
+        .map(|(at, _, is_lost)| (!is_lost).then(|| piece_of[*at as usize]))
+        .collect();
     let poses: Vec<_> = poses
         .iter()
-        .map(|(at, own)| keyframes[*at as usize] * own)
+        .map(|(at, own, _)| keyframes[*at as usize] * own)
         .collect();
     let total_s = times_ms.iter().sum::<f64>() / 1e3;
     let span_s = scans[scans.len() - 1]
@@ -100,7 +104,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         peak_mb(),
     )?;
     let mut sizes = BTreeMap::new();
-    for piece in &pieces {
+    for piece in pieces.iter().flatten() {
         *sizes.entry(*piece).or_insert(0_usize) += 1;
     }
     if sizes.len() > 1 {
@@ -185,7 +189,7 @@ fn relation_errors(
     text: &str,
     scans: &[LogScan],
     poses: &[Isometry2<f64>],
-    pieces: &[u32],
+    pieces: &[Option<u32>],
 ) -> BTreeMap<String, Vec<(f64, f64)>> {
     let by_stamp: BTreeMap<RobotTime, usize> = scans
         .iter()
@@ -213,10 +217,10 @@ fn relation_errors(
         };
         let [first, second] = pair.map(|at| &poses[at]);
         let [piece, other] = pair.map(|at| pieces[at]);
-        let across = if piece == other {
+        let across = if piece.is_some() && piece == other {
             ""
         } else {
-            ", between pieces (of no meaning)"
+            ", between pieces or lost (of no meaning)"
         };
         errors
             .entry(format!("{kind}{across}"))
@@ -240,9 +244,6 @@ fn measure_pairs(
         let [first, second, kind] = relation.remarks.as_slice() else {
             continue;
         };
-        if kind != "r" {
-            continue;
-        }
         let [first, second]: [usize; 2] = [first.parse()?, second.parse()?];
         let mut submap = Submap::default();
         for point in points_of(&scans[first], 30.0) {
@@ -259,12 +260,20 @@ fn measure_pairs(
         } else {
             by_relation
         };
-        if best.inliers < 0.6 || best.degenerate > 0 {
-            continue;
-        }
         let deg = |a: &Isometry2<f64>, b: &Isometry2<f64>| {
             a.rotation.angle_to(&b.rotation).abs().to_degrees()
         };
+        if best.inliers < 0.6 || best.degenerate > 0 {
+            if deg(&own, &relation.first_from_second) > 1.0 {
+                writeln!(
+                    out,
+                    "scans {first} and {second} ({kind}): poses and relation differ by {:.2}°, the scans do not decide; inliers {:.2}",
+                    deg(&own, &relation.first_from_second),
+                    best.inliers,
+                )?;
+            }
+            continue;
+        }
         let pose = best.submap_from_base;
         angles_deg[0].push(deg(&own, &relation.first_from_second));
         angles_deg[1].push(deg(&own, &pose));
@@ -273,7 +282,7 @@ fn measure_pairs(
             differing += 1;
             writeln!(
                 out,
-                "scans {first} and {second}: poses and relation differ by {:.2}°, poses and scans by {:.2}°, \
+                "scans {first} and {second} ({kind}): poses and relation differ by {:.2}°, poses and scans by {:.2}°, \
                  relation and scans by {:.2}°, inliers {:.2}",
                 deg(&own, &relation.first_from_second),
                 deg(&own, &pose),
@@ -285,7 +294,7 @@ fn measure_pairs(
     let [both, own, relation] = angles_deg.map(|angles| Spread::of(&angles));
     writeln!(
         out,
-        "pairs: {} revisited, {differing} differ by more than 1°; mean angle of poses and relations {:.3}°, \
+        "pairs: {} relations that the scans decide, {differing} differ by more than 1°; mean angle of poses and relations {:.3}°, \
          poses and scans {:.3}°, relations and scans {:.3}°",
         both.count, both.mean, own.mean, relation.mean,
     )?;
@@ -335,6 +344,7 @@ fn measure_kidnapped(
         let mut slam = ScanSlam::new(settings);
         let mut relocalizer = Relocalizer::default();
         let (mut driven_m, mut last) = (0.0, None::<Isometry2<f64>>);
+        let mut is_placed = false;
         for odd in (start..scans.len()).step_by(2) {
             let pose = slam.push(&input(&scans[odd], true)).local_from_base;
             let step = last.map_or(0.0, |last| {
@@ -352,6 +362,7 @@ fn measure_kidnapped(
             let Some(place) = place else {
                 continue;
             };
+            is_placed = true;
             let error = truth(odd).inv_mul(&place.map_from_base);
             let (m, rad) = (
                 error.translation.vector.norm(),
@@ -372,6 +383,18 @@ fn measure_kidnapped(
                 )?;
             }
             break;
+        }
+        if !is_placed {
+            let points = slam.surroundings();
+            let why = match locate(map, &points, None, &settings.closure) {
+                Location::Found(_) => "just found",
+                Location::Ambiguous => "ambiguous",
+                Location::Unknown => "unknown",
+            };
+            writeln!(
+                out,
+                "not found: start {start}, after {driven_m:.1} m: {why}"
+            )?;
         }
     }
     ways_m.sort_by(f64::total_cmp);

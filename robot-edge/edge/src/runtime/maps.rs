@@ -387,7 +387,7 @@ impl Maps {
             ),
             PoseConfidence::Lost => (
                 "localization_lost",
-                "the scans do not fit the map, and nothing else says where the vehicle is",
+                "neither the scans nor another sensor determine where the vehicle is",
             ),
         };
         self.add_event(change.stamp, kind, message.to_owned());

@@ -2,7 +2,7 @@
 //!
 //! The order is that of W. Tinney, J. Walker, "Direct Solutions of Sparse Network Equations by Optimally Ordered
 //! Triangular Factorization", Proceedings of the IEEE 1967. Most poses of a graph are leaves between two anchors and
-//! leave no fill.
+//! leave no fill. A large system is solved in parts.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -16,7 +16,14 @@ pub(super) struct BlockSystem {
     /// Of each row, the blocks off the diagonal, sorted by column. Both halves are kept.
     rows: Vec<Vec<(u32, Matrix3<f64>)>>,
     right: Vec<Vector3<f64>>,
+    /// Rows to eliminate, with their degrees; those whose degree has changed since are passed over.
+    next: BinaryHeap<Reverse<(usize, u32)>>,
+    eliminated: Vec<Eliminated>,
+    is_eliminated: Vec<bool>,
 }
+
+/// A row, the inverse of its block of the diagonal, and its other blocks.
+type Eliminated = (u32, Matrix3<f64>, Vec<(u32, Matrix3<f64>)>);
 
 impl BlockSystem {
     /// With `size` block rows of zeros.
@@ -25,6 +32,9 @@ impl BlockSystem {
             diagonal: vec![Matrix3::zeros(); size],
             rows: vec![Vec::new(); size],
             right: vec![Vector3::zeros(); size],
+            next: BinaryHeap::new(),
+            eliminated: Vec::with_capacity(size),
+            is_eliminated: vec![false; size],
         }
     }
 
@@ -52,22 +62,22 @@ impl BlockSystem {
         }
     }
 
-    /// The solution; zero for rows that are singular.
-    pub(super) fn solve(mut self) -> Vec<Vector3<f64>> {
-        let degrees = self
-            .rows
-            .iter()
-            .zip(0..)
-            .map(|(row, at): (_, u32)| Reverse((row.len(), at)));
-        let mut next: BinaryHeap<_> = degrees.collect();
-        let mut eliminated = vec![false; self.rows.len()];
-        let mut order = Vec::with_capacity(self.rows.len());
-        while let Some(Reverse((degree, pivot))) = next.pop() {
+    /// Goes on by at most so many rows; returns whether all are eliminated. Nothing may be added between.
+    pub(super) fn eliminate(&mut self, most: usize) -> bool {
+        if self.eliminated.is_empty() {
+            let degrees = self.rows.iter().zip(0..);
+            self.next = degrees.map(|(row, at)| Reverse((row.len(), at))).collect();
+        }
+        let end = self.rows.len().min(self.eliminated.len() + most);
+        while self.eliminated.len() < end {
+            let Some(Reverse((degree, pivot))) = self.next.pop() else {
+                break;
+            };
             let at = pivot as usize;
-            if eliminated[at] || degree != self.rows[at].len() {
+            if self.is_eliminated[at] || degree != self.rows[at].len() {
                 continue;
             }
-            eliminated[at] = true;
+            self.is_eliminated[at] = true;
             let inverse = self.diagonal[at]
                 .try_inverse()
                 .unwrap_or_else(Matrix3::zeros);
@@ -86,15 +96,20 @@ impl BlockSystem {
                 }
             }
             for (j, _) in &row {
-                next.push(Reverse((self.rows[*j as usize].len(), *j)));
+                self.next.push(Reverse((self.rows[*j as usize].len(), *j)));
             }
-            order.push((pivot, inverse, row));
+            self.eliminated.push((pivot, inverse, row));
         }
+        self.eliminated.len() == self.rows.len()
+    }
+
+    /// The solution, after all rows were eliminated; zero for rows that are singular.
+    pub(super) fn solution(&self) -> Vec<Vector3<f64>> {
         let mut solution = vec![Vector3::zeros(); self.right.len()];
-        for (pivot, inverse, row) in order.into_iter().rev() {
+        for (pivot, inverse, row) in self.eliminated.iter().rev() {
             let known = row.iter().map(|(j, block)| block * solution[*j as usize]);
-            let rest = known.fold(self.right[pivot as usize], |rest, known| rest - known);
-            solution[pivot as usize] = inverse * rest;
+            let rest = known.fold(self.right[*pivot as usize], |rest, known| rest - known);
+            solution[*pivot as usize] = inverse * rest;
         }
         solution
     }
@@ -142,7 +157,9 @@ mod tests {
         }
         dense += DMatrix::identity(3 * size, 3 * size) * 0.1;
         let expected = dense.cholesky().unwrap().solve(&right);
-        for (at, part) in system.solve().iter().enumerate() {
+        // In parts of any size.
+        while !system.eliminate(5) {}
+        for (at, part) in system.solution().iter().enumerate() {
             let error = (part - expected.fixed_rows::<3>(3 * at)).norm();
             assert!(error < 1e-9, "row {at}: {error}");
         }

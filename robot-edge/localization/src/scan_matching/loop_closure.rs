@@ -62,7 +62,7 @@ impl Default for ClosureSettings {
             noise: (0.03, 0.3_f64.to_radians()),
             large_drift: (0.3, 4.0_f64.to_radians()),
             per_keyframe: 2,
-            blocks_per_scan: 25_000,
+            blocks_per_scan: 10_000,
         }
     }
 }

@@ -37,6 +37,14 @@ pub struct PoseGraph {
     pub edges: Vec<Edge>,
 }
 
+/// A step of Gauss and Newton under way.
+#[derive(Clone, Debug)]
+pub struct GraphStep {
+    system: BlockSystem,
+    /// Edges that were added to it.
+    edges: usize,
+}
+
 impl Edge {
     /// The error in the frame of pose `to`, and its derivative by a step of pose `to`.
     fn error(&self, from: &Isometry2<f64>, to: &Isometry2<f64>) -> (Vector3<f64>, Matrix3<f64>) {
@@ -60,38 +68,59 @@ impl PoseGraph {
         error.dot(&(edge.information * error))
     }
 
-    /// One step of Gauss and Newton; a closure with a squared error of more than `full_weight_chi2` has less weight.
-    /// Returns the greatest step of a pose: metres, and radians as metres at 1 m.
-    pub fn step(&mut self, full_weight_chi2: f64) -> f64 {
-        let mut system = BlockSystem::new(self.poses.len());
-        system.add_diagonal(0, &(Matrix3::identity() * FIXED_INFORMATION));
-        for edge in &self.edges {
-            let [from, to] = [edge.from, edge.to].map(|at| &self.poses[at as usize]);
-            let (error, by_to) = edge.error(from, to);
-            let by_from = -by_to * adjoint(&to.inv_mul(from));
-            let mut information = edge.information;
-            if edge.is_closure {
-                let chi2 = error.dot(&(information * error));
-                let share = (2.0 * full_weight_chi2 / (full_weight_chi2 + chi2)).min(1.0);
-                information *= share * share;
+    /// Goes on with a step of Gauss and Newton by at most so many edges and as many poses; a closure with a squared error of more than
+    /// `full_weight_chi2` has less weight. At its end, returns the greatest step of a pose: metres, and radians as metres at 1 m.
+    pub fn advance(
+        &mut self,
+        step: &mut Option<GraphStep>,
+        most: usize,
+        full_weight_chi2: f64,
+    ) -> Option<f64> {
+        let GraphStep { system, edges } = step.get_or_insert_with(|| {
+            let mut system = BlockSystem::new(self.poses.len());
+            system.add_diagonal(0, &(Matrix3::identity() * FIXED_INFORMATION));
+            GraphStep { system, edges: 0 }
+        });
+        if *edges < self.edges.len() {
+            for edge in self.edges.iter().skip(*edges).take(most) {
+                self.add_edge(system, edge, full_weight_chi2);
             }
-            let (weighted_from, weighted_to) = (
-                by_from.transpose() * information,
-                by_to.transpose() * information,
-            );
-            system.add_diagonal(edge.from, &(weighted_from * by_from));
-            system.add_diagonal(edge.to, &(weighted_to * by_to));
-            system.add_pair(edge.from, edge.to, &(weighted_from * by_to));
-            system.add_right(edge.from, &-(weighted_from * error));
-            system.add_right(edge.to, &-(weighted_to * error));
+            *edges += most;
+            if *edges < self.edges.len() {
+                return None;
+            }
         }
-        let steps = system.solve();
+        if !system.eliminate(most) {
+            return None;
+        }
         let mut greatest = 0.0_f64;
-        for (pose, step) in self.poses.iter_mut().zip(&steps) {
+        for (pose, step) in self.poses.iter_mut().zip(&system.solution()) {
             *pose = moved(pose, step);
             greatest = greatest.max(step.amax());
         }
-        greatest
+        *step = None;
+        Some(greatest)
+    }
+
+    fn add_edge(&self, system: &mut BlockSystem, edge: &Edge, full_weight_chi2: f64) {
+        let [from, to] = [edge.from, edge.to].map(|at| &self.poses[at as usize]);
+        let (error, by_to) = edge.error(from, to);
+        let by_from = -by_to * adjoint(&to.inv_mul(from));
+        let mut information = edge.information;
+        if edge.is_closure {
+            let chi2 = error.dot(&(information * error));
+            let share = (2.0 * full_weight_chi2 / (full_weight_chi2 + chi2)).min(1.0);
+            information *= share * share;
+        }
+        let (weighted_from, weighted_to) = (
+            by_from.transpose() * information,
+            by_to.transpose() * information,
+        );
+        system.add_diagonal(edge.from, &(weighted_from * by_from));
+        system.add_diagonal(edge.to, &(weighted_to * by_to));
+        system.add_pair(edge.from, edge.to, &(weighted_from * by_to));
+        system.add_right(edge.from, &-(weighted_from * error));
+        system.add_right(edge.to, &-(weighted_to * error));
     }
 }
 
@@ -139,10 +168,15 @@ mod tests {
     }
 
     fn optimize(graph: &mut PoseGraph) -> f64 {
+        let mut step = |chi2| {
+            let mut under_way = None;
+            // In parts of any size.
+            std::iter::repeat_with(|| graph.advance(&mut under_way, 7, chi2)).find_map(|step| step)
+        };
         for chi2 in [1e5, 2e4, 4e3, 800.0, 160.0, 32.0] {
-            graph.step(chi2);
+            step(chi2);
         }
-        (0..10).map(|_| graph.step(10.0)).last().unwrap()
+        (0..10).map(|_| step(10.0)).last().flatten().unwrap()
     }
 
     #[test]

@@ -60,7 +60,7 @@ pub struct Relocalizer {
 
 /// Way from search to search, metres.
 const SEARCH_M: f64 = 1.0;
-/// Places must agree over this way, metres, …
+/// Places must agree over this way, metres; over half of it once the points show twice this way, …
 const AGREE_M: f64 = 4.0;
 /// …and to this difference: metres and radians.
 const AGREEMENT: (f64, f64) = (0.3, 0.06);
@@ -98,7 +98,9 @@ impl Relocalizer {
         let agreed = self.agreed.filter(agrees);
         let since_m = agreed.map_or(self.driven_m, |(_, since_m)| since_m);
         self.agreed = Some((map_from_local, since_m));
-        (self.driven_m - since_m >= AGREE_M).then_some(place)
+        let is_long = self.driven_m >= 2.0 * AGREE_M;
+        let agree_m = if is_long { 0.5 * AGREE_M } else { AGREE_M };
+        (self.driven_m - since_m >= agree_m).then_some(place)
     }
 }
 

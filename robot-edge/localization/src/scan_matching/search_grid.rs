@@ -141,8 +141,8 @@ impl SearchGrid {
         }
     }
 
-    /// Sum over points of the greatest likelihood in the block that begins at an offset.
-    fn bound(&self, level: usize, points: &[[i32; 2]], [dx, dy]: [i32; 2]) -> i32 {
+    /// Sum over points of the greatest likelihood in the block that begins at an offset; 0 if it is certainly not above `least`.
+    fn bound(&self, level: usize, points: &[[i32; 2]], [dx, dy]: [i32; 2], least: i32) -> i32 {
         let (shift, cells) = (level.saturating_sub(1), &self.levels[level]);
         let value = |&[x, y]: &[i32; 2]| {
             let (x, y) = (x + dx + SIDE / 2, y + dy + SIDE / 2);
@@ -151,7 +151,15 @@ impl SearchGrid {
             }
             i32::from(cells[place(level, x as usize >> shift, y as usize >> shift)])
         };
-        points.iter().map(value).sum()
+        let (mut sum, mut rest) = (0, 255 * small(points.len()));
+        for part in points.chunks(16) {
+            sum += part.iter().map(value).sum::<i32>();
+            rest -= 255 * small(part.len());
+            if sum + rest <= least {
+                return 0;
+            }
+        }
+        sum
     }
 
     /// Of blocks beside each other, of which the first begins at an offset, the number of points with a hit in the block.
@@ -266,6 +274,9 @@ impl Search {
             let Some(block) = self.open.pop() else {
                 return true;
             };
+            if self.is_left_out(&block) {
+                continue;
+            }
             let Reverse(level) = block.level;
             if level > 0 {
                 let half = 1 << (level - 1);
@@ -278,17 +289,11 @@ impl Search {
                 scored += 4;
                 continue;
             }
+            // No bound is greater.
+            let score = f64::from(block.bound) / (255.0 * self.turned[0].1.len() as f64);
             let pose = self.pose(&block);
-            let is_left_out = self.except.is_some_and(|(except, near_m, near_rad)| {
-                let way = pose.translation.vector - except.translation.vector;
-                way.norm() < near_m && pose.rotation.angle_to(&except.rotation).abs() < near_rad
-            });
-            if !is_left_out {
-                // No bound is greater.
-                let score = f64::from(block.bound) / (255.0 * self.turned[0].1.len() as f64);
-                self.best = Some(Found { pose, score });
-                return true;
-            }
+            self.best = Some(Found { pose, score });
+            return true;
         }
         false
     }
@@ -309,13 +314,24 @@ impl Search {
         }
     }
 
+    /// Whether all poses of a block are near the one that is left out.
+    fn is_left_out(&self, block: &Block) -> bool {
+        self.except.is_some_and(|(except, near_m, near_rad)| {
+            let pose = self.pose(block);
+            let first = pose.translation.vector - except.translation.vector;
+            let last = first.add_scalar(f64::from((1 << block.level.0) - 1) * CELL_M);
+            let farthest = first.abs().sup(&last.abs());
+            farthest.norm() < near_m && pose.rotation.angle_to(&except.rotation).abs() < near_rad
+        })
+    }
+
     /// A quarter of a block, at an offset from it.
     fn part(&self, grid: &SearchGrid, block: &Block, [x, y]: [i16; 2]) -> Block {
         let level = block.level.0 - 1;
         let offset = [block.offset[0] + x, block.offset[1] + y];
         let cells = &self.turned[usize::from(block.angle)].1;
         self.with_penalty(Block {
-            bound: grid.bound(level.into(), cells, offset.map(i32::from)),
+            bound: grid.bound(level.into(), cells, offset.map(i32::from), self.least),
             level: Reverse(level),
             offset,
             ..*block
@@ -414,11 +430,11 @@ mod tests {
         let (_, cells) = &search.turned[search.turned.len() / 3];
         for level in 1..LEVELS {
             for [x, y] in [[-7, 3], [0, 0], [5, -11], [1, 1]] {
-                let bound = grid.bound(level, cells, [x, y]);
+                let bound = grid.bound(level, cells, [x, y], 0);
                 let size = 1 << level;
                 let block = (0..size * size).map(|at| [x + at % size, y + at / size]);
                 let best = block
-                    .map(|offset| grid.bound(0, cells, offset))
+                    .map(|offset| grid.bound(0, cells, offset, 0))
                     .max()
                     .unwrap();
                 assert!(bound >= best, "level {level}: {bound} < {best}");
@@ -447,7 +463,7 @@ mod tests {
                     let offset = [at % number, at / number].map(|at| first + (at << level));
                     let each = cells
                         .iter()
-                        .filter(|cell| grid.bound(level, &[**cell], offset) > 0);
+                        .filter(|cell| grid.bound(level, &[**cell], offset, 0) > 0);
                     assert_eq!(usize::from(hits), each.count());
                 }
             }

@@ -9,7 +9,7 @@ use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
 use super::loop_closure::{
     Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
 };
-use super::pose_graph::{Edge, PoseGraph};
+use super::pose_graph::{Edge, GraphStep, PoseGraph};
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
@@ -101,10 +101,8 @@ pub struct ScanSlam {
     /// Where it goes on in a map, until the first scan.
     resumed_at: Option<Place>,
     driven_m: f64,
-    /// Scans in sequence that did not fit the map.
+    /// Without odometry, scans that did not determine the pose, less those since then that did.
     lost: u32,
-    /// Way since the last scan that determined the pose, without odometry, metres.
-    blind_m: f64,
 }
 
 /// Numbers of closures.
@@ -145,19 +143,22 @@ struct ClosureSearch {
 #[derive(Clone, Copy, Debug)]
 struct LastScan {
     stamp: RobotTime,
-    odom_from_base: Option<Isometry2<f64>>,
+    /// The newest odometry, and the pose at the first scan that had it: it may stand still for some scans while the vehicle moves.
+    odometry: Option<(Isometry2<f64>, Isometry2<f64>)>,
     local_from_base: Isometry2<f64>,
     /// Motion from the scan before, and its time in seconds.
     motion: Isometry2<f64>,
     motion_s: f64,
     keyframe_local: Isometry2<f64>,
+    is_lost: bool,
 }
 
-/// Optimization in steps: one each scan.
+/// Optimization in steps: one each scan, or in a large graph a part of one.
 #[derive(Clone, Debug, Default)]
 struct Optimizer {
     /// The graph under way.
     graph: Option<PoseGraph>,
+    step: Option<GraphStep>,
     steps: u32,
     /// The kernel of closures is wider by this factor; it narrows from step to step.
     widening: f64,
@@ -173,12 +174,13 @@ struct Optimizer {
 const MAX_BLOCKS: usize = 20_000;
 /// Greatest growth of the noise by a gap between two scans.
 const MAX_GROWTH: f64 = 5.0;
+/// Odometry may be late, or stand still while the vehicle moves: its standard deviation grows by this share of the change of the
+/// motion that it reports.
+const LATE_SHARE: f64 = 0.5;
 /// After a match, the same submap is tried again for this way, metres.
 const AGAIN_M: f64 = 6.0;
-/// Scans in sequence that do not fit the map, before a new one begins.
+/// Scans that do not determine the pose, before the vehicle is lost: the velocity is then not known either.
 const MAX_LOST: u32 = 3;
-/// Without odometry, a new map begins after this way along which no scan determines the pose, metres.
-const MAX_BLIND_M: f64 = 2.0;
 /// Without odometry, another pose with more than this share of the best score, and this far from it (metres), makes a scan
 /// uncertain.
 const ALIKE_SHARE: f64 = 0.95;
@@ -188,6 +190,8 @@ const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
 /// Limit of the grids of finished submaps.
 const MAX_GRIDS: usize = 16;
 const MAX_STEPS: u32 = 12;
+/// Edges of the graph, and poses, that are worked on each scan.
+const GRAPH_PART: usize = 4000;
 /// Closures that wait for an optimization, unless they may move the map far.
 const WAITING_CLOSURES: u32 = 20;
 const WIDENING: f64 = 1e4;
@@ -212,7 +216,6 @@ impl ScanSlam {
             resumed_at: None,
             driven_m: 0.0,
             lost: 0,
-            blind_m: 0.0,
         }
     }
 
@@ -268,30 +271,14 @@ impl ScanSlam {
         }
         let (registered, confidence) =
             self.match_scan(&points, &expected, &noise, input.has_odometry());
-        self.blind_m = match confidence {
-            Confidence::UncertainAlong(_) if !input.has_odometry() => {
-                self.blind_m + motion.translation.vector.norm()
-            }
-            _ => 0.0,
-        };
-        let is_blind = self.blind_m > MAX_BLIND_M;
-        let confidence = if is_blind {
-            Confidence::Lost
+        let is_determined = input.has_odometry() || confidence == Confidence::Full;
+        let was_lost = self.lost > MAX_LOST;
+        self.lost = if is_determined {
+            self.lost.saturating_sub(1)
         } else {
-            confidence
+            self.lost + 1
         };
-        if confidence == Confidence::Lost {
-            self.lost += 1;
-            let mut motion = motion;
-            if self.lost > MAX_LOST || is_blind {
-                self.begin_anew(&points, &expected);
-                motion = Isometry2::identity();
-            }
-            let result = Some((registered.inliers, registered.residual_m, confidence));
-            return self.finish_scan(input, (motion, motion_s), expected, result, is_corrected);
-        }
-        self.lost = 0;
-        let is_matched = confidence != Confidence::OdometryOnly;
+        let is_matched = !matches!(confidence, Confidence::Lost | Confidence::OdometryOnly);
         let local_from_base = if is_matched {
             self.active[0].local_from_anchor * registered.submap_from_base
         } else {
@@ -305,6 +292,20 @@ impl ScanSlam {
             let both = prior + registered.information;
             active.covariance = both.try_inverse().unwrap_or(active.covariance);
         }
+        if confidence == Confidence::Lost || was_lost || self.lost > MAX_LOST {
+            // As long as a direction is not determined, a new map would not be either.
+            if confidence == Confidence::Lost && self.lost > MAX_LOST || is_determined {
+                self.begin_anew(&points, &local_from_base);
+            }
+            let result = (registered.inliers, registered.residual_m, Confidence::Lost);
+            return self.finish_scan(
+                input,
+                (Isometry2::identity(), motion_s),
+                local_from_base,
+                Some(result),
+                is_corrected,
+            );
+        }
         self.driven_m +=
             (last.local_from_base.translation.vector - local_from_base.translation.vector).norm();
         let since = difference(&last.keyframe_local, &local_from_base);
@@ -314,7 +315,12 @@ impl ScanSlam {
             self.take_keyframe(&points, &local_from_base);
         }
         let result = Some((registered.inliers, registered.residual_m, confidence));
-        let motion = last.local_from_base.inv_mul(&local_from_base);
+        // After a scan that was lost, the step is that of a correction.
+        let motion = if last.is_lost {
+            Isometry2::identity()
+        } else {
+            last.local_from_base.inv_mul(&local_from_base)
+        };
         self.finish_scan(
             input,
             (motion, motion_s),
@@ -351,7 +357,9 @@ impl ScanSlam {
         let start = found.unwrap_or(prior.submap_from_base);
         let submap = &self.map.submaps[active.index as usize].submap;
         let registered = submap.register(points, &start, Some(&prior));
-        if registered.inliers < self.settings.min_inliers {
+        let (with_odometry, without) = self.settings.min_inliers;
+        let min_inliers = if has_odometry { with_odometry } else { without };
+        if registered.inliers < min_inliers {
             let by_odometry = has_odometry.then_some(Confidence::OdometryOnly);
             return (registered, by_odometry.unwrap_or(Confidence::Lost));
         }
@@ -397,27 +405,29 @@ impl ScanSlam {
             return (Isometry2::identity(), 0.0, Matrix3::identity());
         };
         let time_s = input.stamp.since(last.stamp).as_secs_f64();
-        let mut growth = 1.0 + f64::from(self.lost);
-        let by_odometry = last
-            .odom_from_base
-            .zip(input.odom_from_base)
-            .map(|(before, now)| before.inv_mul(&now));
+        let mut growth = 1.0 + f64::from(self.lost.min(MAX_LOST));
+        // Stamps that repeat or leap say nothing about the speed.
+        let share = time_s / last.motion_s;
+        let share = if (0.2..5.0).contains(&share) {
+            share
+        } else {
+            1.0
+        };
+        let way_m = last.motion.translation.vector * share;
+        let constant = Isometry2::new(way_m, last.motion.rotation.angle() * share);
+        let by_odometry = last.odometry.zip(input.odom_from_base);
+        let by_odometry = by_odometry.map(|((before, local_before), now)| {
+            if now == before {
+                Isometry2::identity()
+            } else {
+                let local_now = local_before * before.inv_mul(&now);
+                last.local_from_base.inv_mul(&local_now)
+            }
+        });
         let (motion, noise) = match by_odometry {
             Some(motion) if !input.is_heading_only => (motion, settings.odometry),
             _ => {
-                // Stamps that repeat or leap say nothing about the speed.
-                let share = time_s / last.motion_s;
-                let share = if (0.2..5.0).contains(&share) {
-                    share
-                } else {
-                    1.0
-                };
-                let Isometry2 {
-                    rotation,
-                    translation,
-                } = last.motion;
                 growth *= (time_s / last.motion_s.max(0.05)).clamp(1.0, MAX_GROWTH);
-                let way_m = translation.vector * share;
                 let noise = settings.constant_velocity;
                 match by_odometry {
                     Some(turn) => (
@@ -429,7 +439,7 @@ impl ScanSlam {
                             ..noise
                         },
                     ),
-                    None => (Isometry2::new(way_m, rotation.angle() * share), noise),
+                    None => (constant, noise),
                 }
             }
         };
@@ -437,8 +447,16 @@ impl ScanSlam {
             motion.translation.vector.norm(),
             motion.rotation.angle().abs(),
         );
-        let sigma_m = noise.m + noise.m_per_m * way_m;
-        let sigma_rad = noise.rad + noise.rad_per_rad * turn_rad + noise.rad_per_m * way_m;
+        let change = constant.inv_mul(&motion);
+        let (change_m, change_rad) = (
+            change.translation.vector.norm(),
+            change.rotation.angle().abs(),
+        );
+        let sigma_m = noise.m + noise.m_per_m * way_m + LATE_SHARE * change_m;
+        let sigma_rad = noise.rad
+            + noise.rad_per_rad * turn_rad
+            + noise.rad_per_m * way_m
+            + LATE_SHARE * change_rad;
         let sigma = Vector3::new(sigma_m, sigma_m, sigma_rad) * growth;
         let variance = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
         (motion, time_s, variance)
@@ -459,8 +477,8 @@ impl ScanSlam {
 
     /// Begins with new submaps, of which only closures will say where they are.
     fn begin_anew(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
-        self.lost = 0;
-        self.blind_m = 0.0;
+        // The window is wide, as the velocity is not known.
+        self.lost = 1;
         for active in &mut self.active {
             active.covariance = Matrix3::from_diagonal(&LOST_VARIANCE);
         }
@@ -559,15 +577,21 @@ impl ScanSlam {
         let keyframe = self.map.graph.poses.len() as u32 - 1;
         let local_from_map = self.map_from_local.inverse();
         let keyframe_local = local_from_map * self.map.graph.poses[keyframe as usize];
+        let (inliers, residual_m, confidence) = result.unwrap_or((1.0, 0.0, Confidence::Full));
+        let odometry = input.odom_from_base.map(|now| {
+            let before = self.last.and_then(|last| last.odometry);
+            let same = before.filter(|(before, _)| *before == now);
+            same.unwrap_or((now, local_from_base))
+        });
         self.last = Some(LastScan {
             stamp: input.stamp,
-            odom_from_base: input.odom_from_base,
+            odometry,
             local_from_base,
             motion,
             motion_s,
             keyframe_local,
+            is_lost: confidence == Confidence::Lost,
         });
-        let (inliers, residual_m, confidence) = result.unwrap_or((1.0, 0.0, Confidence::Full));
         ScanPose {
             local_from_base,
             map_from_local: self.map_from_local,
@@ -603,7 +627,14 @@ impl ScanSlam {
                 };
                 self.searches.last_match.as_ref().is_some_and(is_match)
             });
-            let next = &large[self.searches.failed % large.len()];
+            // In turn, as some are of other pieces of the map, which may lie anywhere.
+            let failed = self.searches.failed;
+            let (unknown, near): (Vec<_>, Vec<_>) = large
+                .iter()
+                .partition(|candidate| candidate.2.0 >= settings.greatest_window.0);
+            let is_near = unknown.is_empty() || failed.is_multiple_of(2) && !near.is_empty();
+            let of = if is_near { near } else { unknown };
+            let next = of[failed / 2 % of.len()];
             let (_, index, window) = *again.unwrap_or(next);
             let expected = self
                 .map
@@ -648,7 +679,8 @@ impl ScanSlam {
         } = search;
         self.keep_grid(submap, grid);
         if found.is_some() {
-            self.searches.last_match = Some((submap, driven_m));
+            // A search may take longer than the way on which another is to agree.
+            self.searches.last_match = Some((submap, self.driven_m));
         }
         let Some(found) = found else {
             self.searches.failed += 1;
@@ -773,7 +805,10 @@ impl ScanSlam {
             };
         }
         let graph = self.optimizer.graph.as_mut()?;
-        let step = graph.step(10.0 * self.optimizer.widening);
+        let chi2 = 10.0 * self.optimizer.widening;
+        let Some(step) = graph.advance(&mut self.optimizer.step, GRAPH_PART, chi2) else {
+            return Some(false);
+        };
         // Graduated non-convexity: a long loop closes before outliers lose their weight.
         let is_wide = self.optimizer.widening > 1.0;
         self.optimizer.widening = (0.2 * self.optimizer.widening).max(1.0);

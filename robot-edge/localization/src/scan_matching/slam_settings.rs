@@ -20,8 +20,9 @@ pub struct SlamSettings {
     pub submap_m: f64,
     /// The same in keyframes, for turns in place.
     pub submap_keyframes: u32,
-    /// Below this share of inliers a scan does not determine the pose.
-    pub min_inliers: f64,
+    /// Below this share of inliers a scan does not determine the pose: with odometry, and without it, where a scan that shows mostly
+    /// what is new fits wherever its few other points do.
+    pub min_inliers: (f64, f64),
     /// Standard deviations of a pose in its submap beside the noise of its scan: metres and radians.
     pub pose_noise: (f64, f64),
     /// Limit of the submaps that are kept, about 0.3 MB each.
@@ -71,7 +72,7 @@ impl Default for SlamSettings {
             keyframe_rad: 10.0_f64.to_radians(),
             submap_m: 8.0,
             submap_keyframes: 80,
-            min_inliers: 0.4,
+            min_inliers: (0.4, 0.7),
             pose_noise: (0.05, 1.0_f64.to_radians()),
             max_submaps: 500,
             closure: ClosureSettings::default(),
