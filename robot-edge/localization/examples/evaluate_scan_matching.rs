@@ -302,6 +302,9 @@ fn measure_pairs(
 }
 
 /// A map of the even scans, and starts at random odd ones: whether the vehicle is found within 10 m of driving.
+/// A start must be found on this way.
+const MAX_WAY_M: f64 = 10.0;
+
 fn measure_kidnapped(
     out: &mut impl Write,
     scans: &[LogScan],
@@ -339,8 +342,16 @@ fn measure_kidnapped(
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut found, mut wrong, mut ways_m, mut worst) = (0, 0, Vec::new(), (0.0_f64, 0.0_f64));
     let mut times_ms = Vec::new();
+    // Each start has the way before it that it may take.
+    let mut left_m = 0.0;
+    let steps = poses.windows(2).rev().take_while(|pair| {
+        let [a, b] = [0, 1].map(|end| pair[end].local_from_base.translation.vector);
+        left_m += (a - b).norm();
+        left_m < MAX_WAY_M
+    });
+    let last_start = poses.len().saturating_sub(steps.count() + 1).max(1);
     for _ in 0..starts {
-        let start = 2 * (random.next_u32() as usize % (scans.len() / 2)) + 1;
+        let start = 2 * (random.next_u32() as usize % last_start) + 1;
         let mut slam = ScanSlam::new(settings);
         let mut relocalizer = Relocalizer::default();
         let (mut driven_m, mut last) = (0.0, None::<Isometry2<f64>>);
@@ -352,7 +363,7 @@ fn measure_kidnapped(
             });
             driven_m += step;
             last = Some(pose);
-            if driven_m > 10.0 {
+            if driven_m > MAX_WAY_M {
                 break;
             }
             let begin_ms = used_ms();
