@@ -169,7 +169,9 @@ struct Levels {
     bank: u16,
     /// On water: a voxel is known.
     begun: u16,
-    /// On land: air was observed above the ground.
+    /// On land: something was hit.
+    met: u16,
+    /// On land: air was observed above what was hit.
     air: u16,
     /// Air was observed in the last layer.
     air_below: u16,
@@ -177,7 +179,7 @@ struct Levels {
     deck: u16,
     /// No air was observed on the deck.
     closed: u16,
-    /// There is air below the deck.
+    /// There is air below the deck, where the vehicle passes.
     hanging: u16,
     deck_z: [i32; TILE_COLUMNS],
     /// Highest ground of any column so far.
@@ -196,6 +198,7 @@ impl Levels {
             known: 0,
             bank: 0,
             begun: 0,
+            met: 0,
             air: 0,
             air_below: 0,
             deck: 0,
@@ -261,8 +264,11 @@ impl Levels {
             let above = z - self.ground_z[column];
             let is_lower = self.ground_z[column] + rules.height < rules.deck_z;
             let is_solid = above > 1 && is_lower && self.air & bit == 0;
-            if z <= rules.deck_z && (above > rules.height || is_solid || self.deck & bit != 0) {
-                self.hanging |= bit & self.air_below & !self.deck;
+            let is_passed = above > rules.height;
+            if z <= rules.deck_z && (is_passed || is_solid || self.deck & bit != 0) {
+                if is_passed {
+                    self.hanging |= bit & self.air_below;
+                }
                 self.deck |= bit;
                 self.closed |= bit;
                 self.deck_z[column] = z;
@@ -273,7 +279,9 @@ impl Levels {
                 self.closed &= !(1 << column);
             }
         }
-        self.air |= air;
+        // Air below the lowest hit is in front of a face that leans over, of which the foot was not observed.
+        self.air |= air & self.met;
+        self.met |= known & occupied;
         self.air_below = air;
     }
 

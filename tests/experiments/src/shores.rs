@@ -308,3 +308,38 @@ pub(super) fn picture(
 fn index(cell: CellIndex) -> [i64; 2] {
     [cell.x.into(), cell.y.into()]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::session::SEED;
+    use super::*;
+    use mapping::registered_scan::{BeamOutcome, SensorId};
+    use mapping::scan_metrics::IntraScan;
+
+    /// Why sonars have no metrics (docs/methods.md, section 5).
+    #[test]
+    fn a_sonar_hits_only_what_no_hull_meets_and_all_of_it_is_wide() {
+        let lake = WaterWorld::load("lake", Rules::Own).unwrap();
+        let sonar = SensorId(1);
+        let intra = IntraScan::new(&lake.config.mapping.metrics);
+        let (mut depths_m, mut values, mut of_scan) = (Vec::new(), Vec::new(), Vec::new());
+        let mut run = lake.run(SEED).unwrap();
+        run.advance_with(10.0, |_, scan| {
+            if scan.sensor == sonar {
+                intra.measure(scan, 0.0, &mut of_scan);
+                values.extend(of_scan.iter().copied().filter(|value| !value.is_nan()));
+                let hits = scan.beams.iter();
+                let hits = hits.filter(|beam| beam.outcome == BeamOutcome::Hit);
+                depths_m.extend(hits.map(|beam| -lake.point_in_world(beam.end_in_odom).z));
+            }
+        })
+        .unwrap();
+        let least_m = depths_m.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(depths_m.len() > 20_000, "{}", depths_m.len());
+        assert!(least_m > -lake.config.vehicle.bottom_z_m, "{least_m}");
+        let threshold = lake.config.mapping.shore.intra_threshold as f32;
+        let rigid = values.iter().filter(|value| **value > threshold).count();
+        let share = rigid as f64 / values.len() as f64;
+        assert!(share > 0.99, "{share}");
+    }
+}
