@@ -169,9 +169,7 @@ struct Levels {
     bank: u16,
     /// On water: a voxel is known.
     begun: u16,
-    /// On land: something was hit.
-    met: u16,
-    /// On land: air was observed above what was hit.
+    /// On land: air was observed above the ground.
     air: u16,
     /// Air was observed in the last layer.
     air_below: u16,
@@ -179,7 +177,7 @@ struct Levels {
     deck: u16,
     /// No air was observed on the deck.
     closed: u16,
-    /// There is air below the deck, where the vehicle passes.
+    /// There is air below the deck.
     hanging: u16,
     deck_z: [i32; TILE_COLUMNS],
     /// Highest ground of any column so far.
@@ -198,7 +196,6 @@ impl Levels {
             known: 0,
             bank: 0,
             begun: 0,
-            met: 0,
             air: 0,
             air_below: 0,
             deck: 0,
@@ -264,11 +261,8 @@ impl Levels {
             let above = z - self.ground_z[column];
             let is_lower = self.ground_z[column] + rules.height < rules.deck_z;
             let is_solid = above > 1 && is_lower && self.air & bit == 0;
-            let is_passed = above > rules.height;
-            if z <= rules.deck_z && (is_passed || is_solid || self.deck & bit != 0) {
-                if is_passed {
-                    self.hanging |= bit & self.air_below;
-                }
+            if z <= rules.deck_z && (above > rules.height || is_solid || self.deck & bit != 0) {
+                self.hanging |= bit & self.air_below & !self.deck;
                 self.deck |= bit;
                 self.closed |= bit;
                 self.deck_z[column] = z;
@@ -279,9 +273,7 @@ impl Levels {
                 self.closed &= !(1 << column);
             }
         }
-        // Air below the lowest hit is in front of a face that leans over, of which the foot was not observed.
-        self.air |= air & self.met;
-        self.met |= known & occupied;
+        self.air |= air;
         self.air_below = air;
     }
 

@@ -341,54 +341,6 @@ fn a_deck_is_the_ground_of_a_vehicle_that_is_on_it_or_nearly_as_high() {
     assert_eq!(costs, [below, below, above, above, below, below, below]);
 }
 
-/// The abutment of a bridge leans over: of a column beams met the upper part of its face and, lower, the air in front of it.
-#[test]
-fn a_face_that_leans_over_is_no_obstacle_on_what_it_carries() {
-    let mut octree = octree();
-    hit(&mut octree, [2.0, 0.0, 4.0], surface(|_, _| 1.63));
-    let along = |x: f64, z: f64| (-4..4).map(move |n| [x, 0.1 * f64::from(n) + 0.05, z]);
-    let face = [1.25, 1.35, 1.45].map(|z| along(2.08, z));
-    for point in along(2.15, 1.15).chain(face.into_iter().flatten()) {
-        hit(&mut octree, [1.0, point[1], point[2]], [point]);
-    }
-    let column = CellIndex { x: 20, y: 0 };
-    let voxel = |z: i32| octree.state(VoxelIndex { x: 20, y: 0, z });
-    let states = [10, 11, 12, 13, 14, 15, 16].map(voxel);
-    let [unknown, free, hit] = [
-        VoxelState::Unknown,
-        VoxelState::Free,
-        VoxelState::Occupied,
-    ];
-    assert_eq!(states, [unknown, free, hit, hit, hit, unknown, hit]);
-    let map = updated(Surface::Land, &mut octree, 1.63);
-    let cost = map.cell(column).unwrap().cost;
-    assert!(cost < 0.1, "{cost}");
-}
-
-/// Below a bridge stands the foot of its abutment. From the bridge's height the column is unknown until its deck was observed from above;
-/// from the ground the foot is an obstacle.
-#[test]
-fn a_deck_above_something_solid_is_unknown_from_below() {
-    let mut octree = octree();
-    hit(&mut octree, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
-    let is_foot = |[x, y, _]: &[f64; 3]| (2.0..2.1).contains(x) && y.abs() < 1.0;
-    for z_m in [0.15, 0.25, 0.35, 1.45] {
-        let points = surface(|_, _| z_m).into_iter().filter(is_foot);
-        hit(&mut octree, [0.0, 0.0, 0.6], points);
-    }
-    // Beams between them.
-    let beyond = surface(|_, _| 1.35).into_iter();
-    let beyond = beyond.filter(|[x, y, _]| (2.1..2.2).contains(x) && y.abs() < 1.0);
-    hit(&mut octree, [0.0, 0.0, 1.35], beyond);
-    let mut map = map(Surface::Land);
-    let mut cost_at = |z_m: f64| {
-        map.update(&mut octree, Point3::new(0.0, 0.0, z_m));
-        map.cell(CellIndex { x: 20, y: 0 }).unwrap().cost
-    };
-    assert!(cost_at(1.35).is_nan());
-    assert!(cost_at(0.0) >= 1.0);
-}
-
 /// A rock 0.35 m high, of which the top was hit: no voxel stands on its lowest one. A post beside it has hits of the ground around in the
 /// voxel above it, which are no part of the post.
 #[test]

@@ -94,26 +94,17 @@ impl ScratchPages {
     }
 
     /// The page of a block of the window, created if necessary.
-    #[inline]
     pub(super) fn place(&mut self, window: &Window, block: u64) -> PageRef {
         let Self { index, page_lists } = self;
         let slot = index.slot(block);
         let number = index.slots[slot];
-        let place = PageRef::of(number);
-        let head = page_lists[place.shard].heads.get(place.at);
-        if head.is_some_and(|head| head.block == block) {
-            return place;
-        }
-        self.place_elsewhere(window, block)
-    }
-
-    #[cold]
-    fn place_elsewhere(&mut self, window: &Window, block: u64) -> PageRef {
-        let Self { index, page_lists } = self;
-        let slot = index.slot(block);
-        if index.slots[slot] == NO_PAGE {
+        if number == NO_PAGE {
             let place = PageRef::new(window, page_lists, block);
             index.slots[slot] = place.number();
+            return place;
+        }
+        let place = PageRef::of(number);
+        if page_lists[place.shard].heads[place.at].block == block {
             return place;
         }
         if let Some(&number) = index.overflow.get(&block) {
@@ -124,11 +115,9 @@ impl ScratchPages {
         place
     }
 
-    /// The same, itself.
     #[inline]
-    pub(super) fn page(&mut self, window: &Window, block: u64) -> &mut Page {
-        let PageRef { shard, at } = self.place(window, block);
-        &mut self.page_lists[shard].scratch_pages[at]
+    pub(super) fn page_mut(&mut self, place: PageRef) -> Option<&mut Page> {
+        self.page_lists[place.shard].scratch_pages.get_mut(place.at)
     }
 
     pub(super) fn mark_hit(&mut self, place: PageRef, brick: usize, bit: u64) {
@@ -168,6 +157,11 @@ impl ScratchPages {
 }
 
 impl PageRef {
+    pub(super) const NONE: Self = Self {
+        shard: 0,
+        at: usize::MAX,
+    };
+
     const fn of(number: u32) -> Self {
         Self {
             shard: number as usize % SHARDS,
