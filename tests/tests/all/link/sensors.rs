@@ -220,11 +220,10 @@ fn a_console_learns_how_well_scans_determine_the_pose() {
         tcp(port)
     ));
     let watcher = Watcher::of(port);
-    let newest = watcher.wait_for("closures", |watcher| {
+    let newest = watcher.wait_for("with closures, which may be none", |watcher| {
         let received = watcher.localization.lock().unwrap();
-        let with_closures =
-            |one: &&Localization| one.closures_m.as_ref().is_some_and(|all| !all.is_empty());
-        received.0.iter().rfind(with_closures).cloned()
+        let mut with_closures = received.0.iter().filter(|one| one.closures_m.is_some());
+        with_closures.next_back().cloned()
     });
     assert_eq!(newest.confidence, PoseConfidence::Determined, "{newest:?}");
     assert!(!newest.is_searching && newest.inliers > 0.8, "{newest:?}");
