@@ -44,12 +44,12 @@ pub fn free_pair() -> io::Result<u16> {
 }
 
 fn listen_pair() -> io::Result<[TcpListener; 2]> {
-    // Below the ports that the system gives to outgoing connections: one of these would take a port while a program
-    // under test is down. Each call goes on from the last one; processes begin apart.
+    // Below the ports that systems give to outgoing connections (Linux from 32768, gVisor from 16000): one of these would take a
+    // port while a program under test is down. Each call goes on from the last one; processes begin apart.
     static NEXT: AtomicU32 = AtomicU32::new(0);
     for _ in 0..ATTEMPTS {
         let pair = NEXT.fetch_add(1, Ordering::Relaxed) + std::process::id() * 97;
-        let port = 20_000 + 2 * (pair % 6_000) as u16;
+        let port = 10_000 + 2 * (pair % 3_000) as u16;
         let bind = |port| TcpListener::bind((Ipv4Addr::LOCALHOST, port));
         if let (Ok(first), Ok(second)) = (bind(port), bind(port + 1)) {
             return Ok([first, second]);
