@@ -54,6 +54,8 @@ pub enum Look {
     Up(Orientation),
     Draw(Overlay, bool),
     Measure(bool),
+    /// Say where the vehicle is in the saved map.
+    SetPose(bool),
     Point,
     UndoPoint,
     /// Highlight a shore or docking site and centre it (metres in `odom`).

@@ -57,7 +57,7 @@ SIGNED = {
         f"LeaseRequest.{name}": (wire.LEASE_REQUEST, "lease")
         for name in ("Request", "Release", "HandOver", "Refuse", "TakeOver")
     },
-    **{f"Setting.{name}": (wire.SETTING, "set") for name in ("BudgetKbps", "CollisionMonitor", "Recording", "SaveMap")},
+    **{f"Setting.{name}": (wire.SETTING, "set") for name in ("BudgetKbps", "CollisionMonitor", "Recording", "SaveMap", "Locate")},
 }
 
 

@@ -420,7 +420,8 @@ DRIVE = Struct(
 )
 RESET = Struct(estop=U64)
 LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
-SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL, SaveMap=TEXT)
+MAP_POSE = Struct(x_mm=Int(32), y_mm=Int(32), yaw_mrad=Int(32))
+SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL, SaveMap=TEXT, Locate=MAP_POSE)
 ANSWER = Enum(Done=None, Granted=U64, Waiting=None, EStopped=U64, Refused=REFUSAL)
 
 

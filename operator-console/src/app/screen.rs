@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Margin, MenuBar, Panel, Ui};
 use measurement::time::{Monotonic, RobotDuration};
-use protocol::message::LeaseRequest;
+use protocol::message::{LeaseRequest, Setting};
 
 use super::dialogs::Dialogs;
 use super::export_job::ExportProgress;
@@ -534,7 +534,9 @@ impl Panels<'_> {
     fn map_ui(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Command> {
         let look = self.map_view.show(ui, model, now);
         self.notice_room = self.map_view.notice_room();
-        look.map(Command::Look)
+        let said = self.map_view.take_said_pose();
+        let said = said.map(|pose| Command::Drive(Intent::Set(Setting::Locate(pose))));
+        said.or(look.map(Command::Look))
     }
 }
 

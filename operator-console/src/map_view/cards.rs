@@ -14,7 +14,7 @@ use super::legend_card::{self, Drawn, LegendPlace};
 use super::map_layers::MapLayers;
 use super::probe::{self, ProbeData};
 use super::toolbar::{self, ToolbarData};
-use super::{CARD_MARGIN, CameraMode, MapView, Overlay};
+use super::{CARD_MARGIN, CameraMode, MapView, Overlay, can_set_pose};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::data_age::{StaleData, stale_ui};
@@ -273,7 +273,7 @@ impl MapView {
 
     /// Draws the buttons in the upper right corner. They fold if they would cover the vehicle, in the corner that is
     /// farther from it.
-    pub(super) fn buttons_ui(&mut self, ui: &mut Ui) -> Option<Look> {
+    pub(super) fn buttons_ui(&mut self, ui: &mut Ui, model: &ConsoleModel) -> Option<Look> {
         let screen = self.camera.screen;
         let mut room = screen.with_min_y(self.cards.map_top).shrink(CARD_MARGIN);
         let whole = Align2::RIGHT_TOP.anchor_size(room.right_top(), self.cards.whole_buttons);
@@ -290,6 +290,7 @@ impl MapView {
             orientation: self.settings.orientation,
             has_grid: self.settings.has(Overlay::Grid),
             is_measuring: self.ruler.is_some(),
+            is_setting_pose: can_set_pose(model).then_some(self.pose_tool.is_some()),
             is_folded,
         };
         let buttons = ui.scope_builder(room, |ui| toolbar::toolbar_ui(ui, data));

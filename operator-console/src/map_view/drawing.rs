@@ -72,6 +72,9 @@ impl MapView {
         let pointer = response.hover_pos().filter(|at| !self.is_occluded(*at));
         let probed_place = self.probed_place(pointer);
         let labels = marks.label_places();
+        if let Some(pose_tool) = &self.pose_tool {
+            pose_tool.paint(&painter, &self.camera);
+        }
         let measured = self.paint_ruler(&painter, model, probed_place, &labels, ink, paper);
         if self.is_center_probed {
             probe::paint_pin(&painter, screen.center());
@@ -99,7 +102,7 @@ impl MapView {
         if self.settings.has(Overlay::Legend) {
             self.legend_ui(ui, model, is_position_old);
         }
-        let from_buttons = self.buttons_ui(ui);
+        let from_buttons = self.buttons_ui(ui, model);
         let from_compass = self.compass_ui(ui, model);
         let are_occluders_moved = self.cards.occluders != previous_occluders;
         let is_fitted = self.settings.camera_mode == CameraMode::FitMap;
@@ -243,8 +246,13 @@ impl MapView {
     }
 
     fn paint_vehicle(&self, painter: &Painter, model: &ConsoleModel, is_old: bool) {
-        let lines = vehicle::trail_lines(model.vehicle().trail(), &self.camera);
-        let lines: Vec<_> = lines.into_iter().map(|line| (line, false)).collect();
+        // Where the vehicle is only supposed to be, its way leads nowhere.
+        let newest = model.localization().newest();
+        let is_searching = newest.is_some_and(|newest| newest.is_searching);
+        let trail = (!is_searching).then(|| model.vehicle().trail());
+        let lines = trail.map(|trail| vehicle::trail_lines(trail, &self.camera));
+        let lines = lines.into_iter().flatten().map(|line| (line, false));
+        let lines: Vec<_> = lines.collect();
         // Thinner on small scales, so that narrow passages stay visible.
         let width = (0.06 * self.camera.points_per_m as f32).clamp(1.0, 2.2);
         let color = self.mark_color(Mark::Path, is_old);

@@ -14,6 +14,7 @@ mod layer_compositing;
 mod legend_card;
 mod map_layers;
 mod marks;
+mod pose_tool;
 mod probe;
 mod ruler;
 mod shores;
@@ -30,6 +31,7 @@ use std::time::Duration;
 use eframe::egui::{Color32, CursorIcon, Frame, PointerButton, Pos2, Rect, Response, Ui, vec2};
 use measurement::time::Monotonic;
 use protocol::layer::{LayerId, Palette};
+use protocol::message::MapPose;
 use protocol::tile::TileKey;
 
 pub use ahead::Ahead;
@@ -53,6 +55,7 @@ use drawing::vehicle_m;
 use gestures::GestureTracker;
 use legend_card::LegendCard;
 use map_layers::MapLayers;
+use pose_tool::PoseTool;
 use shores::{extent_m, is_listed};
 use texture_check::TextureCheck;
 
@@ -74,6 +77,9 @@ pub struct MapView {
     gestures: GestureTracker,
     pinned_m: Option<[f64; 2]>,
     ruler: Option<Ruler>,
+    pose_tool: Option<PoseTool>,
+    /// Where the operator says that the vehicle is.
+    said_pose: Option<MapPose>,
     is_center_probed: bool,
     legends: LegendCard,
     cards: Cards,
@@ -119,6 +125,11 @@ impl MapView {
 
     pub const fn ruler(&self) -> Option<&Ruler> {
         self.ruler.as_ref()
+    }
+
+    /// Where the operator says that the vehicle is, since the last call.
+    pub const fn take_said_pose(&mut self) -> Option<MapPose> {
+        self.said_pose.take()
     }
 
     pub const fn pinned_m(&self) -> Option<[f64; 2]> {
@@ -176,6 +187,7 @@ impl MapView {
         self.has_chosen_layers = false;
         self.pinned_m = None;
         self.ruler = None;
+        self.pose_tool = None;
         self.is_center_probed = false;
         self.settings.camera_mode = CameraMode::FitMap;
     }
@@ -217,7 +229,14 @@ impl MapView {
                 }
             }
             Look::Draw(overlay, is_on) => self.settings.draw(overlay, is_on),
-            Look::Measure(is_on) => self.ruler = is_on.then(Ruler::default),
+            Look::Measure(is_on) => {
+                self.ruler = is_on.then(Ruler::default);
+                self.pose_tool = None;
+            }
+            Look::SetPose(is_on) => {
+                self.pose_tool = is_on.then(PoseTool::default);
+                self.ruler = None;
+            }
             Look::Point => {
                 self.is_center_probed = true;
                 self.point(self.camera.to_odom(self.camera.screen.center()));
@@ -232,16 +251,17 @@ impl MapView {
         }
     }
 
-    /// Ends measuring, or else unpins the point.
+    /// Ends measuring or setting the pose, or else unpins the point.
     pub fn escape(&mut self) {
         self.is_center_probed = false;
-        if self.ruler.take().is_none() {
+        if self.ruler.take().is_none() && self.pose_tool.take().is_none() {
             self.pinned_m = None;
         }
     }
 
     pub fn update(&mut self, model: &mut ConsoleModel) {
         self.show_first_layer(model);
+        self.pose_tool = self.pose_tool.filter(|_| can_set_pose(model));
         let is_listed = |mark: &ShoreMark| {
             let shores = model.shores();
             shores.is_some_and(|shores| is_listed(shores, *mark))
@@ -278,12 +298,19 @@ impl MapView {
             PointerButton::Middle,
             PointerButton::Secondary,
         ];
-        let is_pulled = buttons.iter().any(|button| response.dragged_by(*button));
+        let pose_tool = self.pose_tool.as_mut();
+        let said = pose_tool.and_then(|tool| tool.drag(response, &self.camera));
+        self.said_pose = said.or(self.said_pose);
+        let pulls = |button: &&PointerButton| {
+            self.pose_tool.is_none() || **button != PointerButton::Primary
+        };
+        let mut buttons = buttons.iter().filter(pulls);
+        let is_pulled = buttons.any(|button| response.dragged_by(*button));
         if is_pulled && drag != vec2(0.0, 0.0) {
             self.camera.pan(drag);
             self.settings.camera_mode = CameraMode::Free;
             ui.ctx().set_cursor_icon(CursorIcon::Grabbing);
-        } else if self.ruler.is_some() && response.hovered() {
+        } else if (self.ruler.is_some() || self.pose_tool.is_some()) && response.hovered() {
             ui.ctx().set_cursor_icon(CursorIcon::Crosshair);
         }
         if response.hovered() && ui.input(|input| input.pointer.delta() != vec2(0.0, 0.0)) {
@@ -307,6 +334,9 @@ impl MapView {
     }
 
     fn click(&mut self, response: &Response, at: Pos2) {
+        if self.pose_tool.is_some() {
+            return;
+        }
         let point_m = self.camera.to_odom(at);
         if self.ruler.is_none() && response.double_clicked() {
             self.pinned_m = None;
@@ -407,6 +437,15 @@ impl MapView {
         });
         (self.camera, _) = largest.unwrap_or_else(|| fitted(screen));
     }
+}
+
+/// The robot searches for itself in a saved map and takes settings.
+fn can_set_pose(model: &ConsoleModel) -> bool {
+    let localization = model.localization().newest();
+    let takes_settings = model
+        .status()
+        .is_some_and(|(status, _)| status.teleop.is_some());
+    takes_settings && localization.is_some_and(|newest| newest.is_searching)
 }
 
 fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[f64; 4]> {

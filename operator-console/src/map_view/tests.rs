@@ -6,13 +6,17 @@ use eframe::egui::{Event, Key, Modifiers, Shape, pos2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use protocol::keys::Topic;
+use protocol::message::Localization;
 use protocol::tile::TileCells;
 use protocol::tile_store::TileStore;
 
 use super::grid::ScaleBar;
 use super::probe::tests::{model_of, store};
 use super::*;
-use crate::test_support::{announce_map, at, inject_at, pose_at_rest, push_tile, store_of};
+use crate::test_support::{
+    announce_map, at, idle_teleop_status, inject, inject_at, localization, pose_at_rest, push_tile,
+    status_of, store_of,
+};
 
 pub(super) fn publish(
     store: &mut TileStore,
@@ -257,6 +261,57 @@ fn wheel_zooms_about_the_pointer_and_drag_pans() {
     assert!(view.camera.points_per_m > 1.1 * before);
     assert!(view.place_of(held_m).distance(place) < 0.5);
     assert_eq!(view.camera_mode(), CameraMode::Free);
+}
+
+/// A drag says where the vehicle is and where ahead is; one that is too short says nothing, and without the tool the map moves.
+#[test]
+fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
+    let mut window = window();
+    assert!(window.query_by_label("Set pose").is_none());
+    let model = &mut window.state_mut().model;
+    let searching = Localization {
+        is_searching: true,
+        ..localization()
+    };
+    inject(model, Topic::Localization, &searching, at(2_000));
+    let status = status_of(idle_teleop_status());
+    inject(model, Topic::Status, &status, at(2_000));
+    window.run_steps(1);
+    window.get_by_label("Set pose").click();
+    window.run_steps(2);
+    assert_eq!(window.state().asked, [Look::SetPose(true)]);
+    look(&mut window, Look::Follow(false));
+    look(&mut window, Look::SetPose(true));
+    let before_m = window.state().view.visible_m();
+    for (ahead_m, said) in [([2.05, 3.0], None), ([2.0, 6.0], Some([2000, 3000, 1571]))] {
+        let [from, to] = [[2.0, 3.0], ahead_m].map(|m| window.state().view.place_of(m));
+        window.drag_at(from);
+        window.run_steps(1);
+        for step in 1..=4 {
+            window.hover_at(from.lerp(to, 0.25 * step as f32));
+            window.run_steps(1);
+        }
+        window.drop_at(to);
+        window.run_steps(1);
+        let pose = window.state_mut().view.take_said_pose();
+        let pose = pose.map(|pose| [pose.x_mm, pose.y_mm, pose.yaw_mrad]);
+        let is_near = |(a, b): (i32, i32)| (a - b).abs() < 60;
+        let both = pose.zip(said);
+        assert_eq!(pose.is_some(), said.is_some(), "{pose:?}");
+        assert!(
+            both.is_none_or(|(a, b)| a.into_iter().zip(b).all(is_near)),
+            "{pose:?}"
+        );
+    }
+    assert_eq!(window.state().view.visible_m(), before_m);
+    inject(
+        &mut window.state_mut().model,
+        Topic::Localization,
+        &localization(),
+        at(2_400),
+    );
+    window.run_steps(2);
+    assert!(window.query_by_label("Set pose").is_none());
 }
 
 #[test]

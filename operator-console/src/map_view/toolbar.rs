@@ -14,6 +14,8 @@ pub struct ToolbarData {
     pub orientation: Orientation,
     pub has_grid: bool,
     pub is_measuring: bool,
+    /// Where the pose can be set.
+    pub is_setting_pose: Option<bool>,
     /// A menu replaces most buttons.
     pub is_folded: bool,
 }
@@ -80,8 +82,12 @@ fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
             Look::Measure(!data.is_measuring),
         ),
     ];
+    let set_pose = data.is_setting_pose.map(|is_on| {
+        let hint = "Press where the vehicle is in the saved map and drag ahead; Esc ends";
+        ("Set pose", hint, is_on, Look::SetPose(!is_on))
+    });
     let mut look = None;
-    for entry in &entries {
+    for entry in entries.iter().chain(&set_pose) {
         look = look.or(entry_ui(ui, entry));
     }
     look
@@ -109,6 +115,7 @@ mod tests {
                 orientation: Orientation::NorthUp,
                 has_grid: false,
                 is_measuring: false,
+                is_setting_pose: Some(false),
                 is_folded: false,
             };
             let mut window = Harness::builder()
@@ -120,6 +127,7 @@ mod tests {
             window.run_steps(2);
             for (label, look) in [
                 ("Measure", Look::Measure(true)),
+                ("Set pose", Look::SetPose(true)),
                 ("Grid", Look::Draw(Overlay::Grid, true)),
                 ("+", Look::In),
             ] {

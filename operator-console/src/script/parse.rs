@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use protocol::keys::OperatorId;
-use protocol::message::{LeaseRequest, Setting, TeleopState};
+use protocol::message::{LeaseRequest, MapPose, Setting, TeleopState};
 
 use crate::teleop_client::Intent;
 use crate::teleop_input::{DriveKey, InputEvent, PadReading, SpeedStep};
@@ -22,7 +22,8 @@ A script has one action a line, behind the second at which it happens; `#` begin
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
   6.0 reset                     ends the active emergency stop
-  7.0 budget 128                kbit/s for tiles; collision-monitor on|off; recording on|off; save-map NAME
+  7.0 budget 128                kbit/s for tiles; collision-monitor on|off; recording on|off; save-map NAME;
+                                set-pose X Y YAW: about where the robot is in its --map, metres and degrees
 States that `await` knows, and what the output says of them:
   idle                          \"Nobody drives\"
   held                          \"Standing\": somebody has the lease
@@ -195,6 +196,14 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
             Action::Intent(Intent::Set(Setting::Recording(switch_of(switch)?)))
         }
         ["save-map", name] => Action::Intent(Intent::Set(Setting::SaveMap((*name).to_owned()))),
+        ["set-pose", x, y, yaw] => {
+            let [x_mm, y_mm] = [x, y].map(|text| thousandths(text, 1.0));
+            Action::Intent(Intent::Set(Setting::Locate(MapPose {
+                x_mm: x_mm?,
+                y_mm: y_mm?,
+                yaw_mrad: thousandths(yaw, std::f64::consts::PI / 180.0)?,
+            })))
+        }
         [] => return Err("there is no action behind the time".to_owned()),
         words => {
             return Err(format!(
@@ -254,6 +263,16 @@ fn switch_of(word: &str) -> Result<bool, String> {
         "off" => Ok(false),
         other => Err(format!("{other:?}: it is on or off")),
     }
+}
+
+/// In thousandths of the unit that is `unit` times that of the number.
+fn thousandths(word: &str, unit: f64) -> Result<i32, String> {
+    let number = word.parse::<f64>().ok();
+    let thousandths = number.map(|number| libm::round(1000.0 * unit * number));
+    thousandths
+        .filter(|n| n.abs() <= f64::from(i32::MAX))
+        .map(|n| n as i32)
+        .ok_or_else(|| format!("{word:?} is no length in metres and no angle in degrees"))
 }
 
 fn state_of(word: &str) -> Result<State, String> {

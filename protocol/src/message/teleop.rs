@@ -357,6 +357,19 @@ pub enum Setting {
     Recording(bool),
     /// Save the map of matched scans under this name, which obeys the rules of names of robots.
     SaveMap(String),
+    /// The vehicle is about at this pose in the saved map that it is searched for in.
+    Locate(MapPose),
+}
+
+/// A pose in the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MapPose {
+    /// Millimetres.
+    pub x_mm: i32,
+    /// Millimetres.
+    pub y_mm: i32,
+    /// Counter-clockwise from x of the map, milliradians.
+    pub yaw_mrad: i32,
 }
 
 /// Answer to `estop`, `reset`, `lease` and `set`. Append-only.

@@ -27,7 +27,7 @@ use super::{SPEC, blocks_of, hex, json, table};
 /// Checks the example of a name with its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 43] = [
+const EXAMPLES: [(&str, Check); 44] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
@@ -66,6 +66,7 @@ const EXAMPLES: [(&str, Check); 43] = [
     ("Setting.CollisionMonitor", check_signed::<Setting>),
     ("Setting.Recording", check_signed::<Setting>),
     ("Setting.SaveMap", check_signed::<Setting>),
+    ("Setting.Locate", check_signed::<Setting>),
     ("Answer.Done", check::<Answer>),
     ("Answer.Granted", check::<Answer>),
     ("Answer.Waiting", check::<Answer>),
@@ -74,7 +75,7 @@ const EXAMPLES: [(&str, Check); 43] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 44] = [
+const PARTS: [&str; 45] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -98,6 +99,7 @@ const PARTS: [&str; 44] = [
     "ShoreClass",
     "DockingSite",
     "DockingChoice",
+    "MapPose",
     "VoxelFile",
     "VoxelsPart",
     "AgeToken",

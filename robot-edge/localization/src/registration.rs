@@ -12,7 +12,7 @@ use measurement::pose::Pose;
 use measurement::scan::Scan;
 use measurement::time::{RobotDuration, RobotTime};
 use measurement::{FrameId, Measurement, MeasurementData, OwnPose, StreamId};
-use nalgebra::Point2;
+use nalgebra::{Isometry2, Point2};
 use protocol::geodesy::GeodeticPoint;
 
 use crate::attitude::AttitudeSettings;
@@ -257,6 +257,17 @@ impl ScanRegistration {
     /// The map of the matched scans, to go on in; `None` if scans are not matched.
     pub fn saved_map(&self) -> Option<SavedMap> {
         Some(self.scan_localization.as_ref()?.saved())
+    }
+
+    /// The vehicle is about at this pose in the saved map that it is searched for in. Returns whether it is searched for.
+    pub fn locate(&mut self, map_from_base: &Isometry2<f64>) -> bool {
+        let scan_localization = self.scan_localization.as_mut();
+        scan_localization.is_some_and(|scans| scans.locate(map_from_base))
+    }
+
+    /// While the vehicle is searched for in a saved map: where `odom` is supposed to lie there.
+    pub fn supposed_map_from_odom(&self) -> Option<Pose> {
+        self.scan_localization.as_ref()?.supposed_map_from_odom()
     }
 
     /// Newest pose of the vehicle; `None` before the first.

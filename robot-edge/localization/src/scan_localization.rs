@@ -109,6 +109,16 @@ impl SavedMap {
         is_ordered.then_some(Self { map, keyframes })
     }
 
+    /// Where `odom` of its runs lies in it.
+    pub fn map_from_odom(&self) -> MapFromOdom {
+        let last = self.keyframes.last();
+        MapFromOdom {
+            steps: steps(&self.keyframes, &self.map),
+            session: last.map_or(0, |keyframe| keyframe.session),
+            begins_map: false,
+        }
+    }
+
     /// Runs that made it.
     pub fn sessions(&self) -> u32 {
         let last = self.keyframes.last();
@@ -348,6 +358,27 @@ impl ScanLocalization {
         self.report.dropped.add(reason);
     }
 
+    /// The vehicle is about at this pose in the map that it is searched for in. Returns whether it is searched for.
+    pub(crate) fn locate(&mut self, map_from_base: &Isometry2<f64>) -> bool {
+        let newest = self.report.newest.as_ref();
+        let Some(searched) = &mut self.searched else {
+            return false;
+        };
+        let local_from_base = newest.map_or_else(Isometry2::identity, |(_, of)| of.local_from_base);
+        searched.continuation.near = Some(map_from_base * local_from_base.inverse());
+        searched.relocalizer = Relocalizer::default();
+        true
+    }
+
+    /// While the vehicle is searched for in a map: where `odom` lies there as far as is known. What was said, else where the last run
+    /// ended.
+    pub(crate) fn supposed_map_from_odom(&self) -> Option<Pose> {
+        let Continuation { saved, near } = &self.searched.as_ref()?.continuation;
+        let ended = saved.map.keyframes().last().copied();
+        let map_from_local = near.or(ended).unwrap_or_else(Isometry2::identity);
+        Some(in_space(&(map_from_local * self.odom_from_local.inverse())))
+    }
+
     /// Matches a scan. `prior_from_base`: pose by the other sensors. Returns the pose of their frame in `odom`, and whether poses
     /// became more or less certain.
     pub(crate) fn take(
@@ -449,21 +480,8 @@ impl ScanLocalization {
 
     /// The way of `odom` in the map so far.
     pub(crate) fn map_from_odom(&self) -> MapFromOdom {
-        let map = self.slam.map();
-        let pieces = map.pieces();
-        let keyframes = self.keyframes.iter().zip(map.keyframes()).zip(&pieces);
-        let steps = keyframes.map(|((keyframe, map_from_keyframe), piece)| {
-            let odom_from_keyframe = keyframe.odom_from_keyframe;
-            let map_from_odom = in_space(&(map_from_keyframe * odom_from_keyframe.inverse()));
-            Step {
-                session: keyframe.session,
-                begin: RobotTime::from_nanos(keyframe.stamp_ns),
-                odom_from_keyframe: in_space(&odom_from_keyframe),
-                map_from_odom: (Some(piece) == pieces.last()).then_some(map_from_odom),
-            }
-        });
         MapFromOdom {
-            steps: steps.collect(),
+            steps: steps(&self.keyframes, self.slam.map()),
             session: self.session,
             begins_map: self.begins_map,
         }
@@ -498,6 +516,22 @@ impl ScanLocalization {
             ..self.report.clone()
         }
     }
+}
+
+fn steps(keyframes: &[Keyframe], map: &SlamMap) -> Vec<Step> {
+    let pieces = map.pieces();
+    let keyframes = keyframes.iter().zip(map.keyframes()).zip(&pieces);
+    let steps = keyframes.map(|((keyframe, map_from_keyframe), piece)| {
+        let odom_from_keyframe = keyframe.odom_from_keyframe;
+        let map_from_odom = in_space(&(map_from_keyframe * odom_from_keyframe.inverse()));
+        Step {
+            session: keyframe.session,
+            begin: RobotTime::from_nanos(keyframe.stamp_ns),
+            odom_from_keyframe: in_space(&odom_from_keyframe),
+            map_from_odom: (Some(piece) == pieces.last()).then_some(map_from_odom),
+        }
+    });
+    steps.collect()
 }
 
 /// The heading and the place, seen from above.

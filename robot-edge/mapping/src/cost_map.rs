@@ -258,10 +258,11 @@ impl CostMap {
 
     fn costs(&self, at: BrickColumn, beach: Option<&Beach>) -> [f32; TILE_COLUMNS] {
         let cost = |slope: f32| (slope / self.steepest).clamp(0.0, 1.0); // NaN stays
-        let (patch, cell_m) = (self.window.patch(at), self.cell_m as f32);
-        let slopes = match self.config.slope {
-            SlopeRule::Plane => slopes(&patch, cell_m, beach),
-            SlopeRule::Difference => greatest_differences(&patch),
+        let (window, cell_m) = (&self.window, self.cell_m as f32);
+        let slopes = match (self.config.slope, beach) {
+            (SlopeRule::Plane, None) => slopes(&window.patch_without_pits(at), cell_m, None),
+            (SlopeRule::Plane, Some(_)) => slopes(&window.patch(at), cell_m, beach),
+            (SlopeRule::Difference, _) => greatest_differences(&window.patch(at)),
         };
         slopes.map(cost)
     }

@@ -217,7 +217,7 @@ impl Levels {
     /// vehicle.
     const fn are_found(&self, z: i32, rules: &ColumnRules) -> bool {
         let is_land = matches!(rules.surface, Surface::Land);
-        let is_above = z > self.highest_ground_z + rules.height && z > rules.deck_z + 1;
+        let is_above = z > self.highest_ground_z + rules.height && z > rules.deck_z + AIR_GAP;
         is_land && self.pending == 0 && is_above
     }
 
@@ -269,7 +269,7 @@ impl Levels {
             }
         }
         for column in columns(air & self.closed) {
-            if z == self.deck_z[column] + 1 {
+            if z <= self.deck_z[column] + AIR_GAP {
                 self.closed &= !(1 << column);
             }
         }
@@ -330,6 +330,12 @@ impl Levels {
         }
     }
 }
+
+/// Least depth of a pit, voxels.
+const PIT_DEPTH: i32 = 3;
+
+/// Air is observed within this many voxels above a deck: beams that graze it may leave out the voxel just above.
+const AIR_GAP: i32 = 2;
 
 /// Indices of the set bits.
 fn columns(mut set: u16) -> impl Iterator<Item = usize> {
@@ -586,14 +592,58 @@ impl ColumnWindow {
         let least = ColumnTile::cell_of(at, 0);
         for (y, row) in (least.y - REACH_COLUMNS..).zip(patch.chunks_exact_mut(PATCH_EDGE)) {
             for (x, column) in (least.x - REACH_COLUMNS..).zip(row) {
-                let slot = self.slot(BrickColumn {
-                    x: x >> 2,
-                    y: y >> 2,
-                });
-                *column = self.tiles[slot].columns[((y & 3) * 4 + (x & 3)) as usize];
+                *column = *self.column(x, y);
             }
         }
         patch
+    }
+
+    /// [`Self::patch`], where pits are unknown.
+    pub(super) fn patch_without_pits(&self, at: BrickColumn) -> Patch {
+        let patch = self.patch(at);
+        let mut without = patch;
+        let least = ColumnTile::cell_of(at, 0);
+        for (y, row) in (0..).zip(patch.chunks_exact(PATCH_EDGE)) {
+            // Beside a pit along x one column at least is higher: this rules out nearly all at once.
+            let is_lower = |x: &usize| {
+                let beside = [x.wrapping_sub(1), x + 1].map(|x| row.get(x));
+                let mut beside = beside.iter().flatten();
+                beside.any(|beside| beside.ground_z >= row[*x].ground_z + PIT_DEPTH)
+            };
+            for x in (0..PATCH_EDGE).filter(is_lower) {
+                let [dx, dy] = [x as i32 - REACH_COLUMNS, y as i32 - REACH_COLUMNS];
+                if self.is_pit(least.x + dx, least.y + dy) {
+                    without[y * PATCH_EDGE + x] = UNKNOWN;
+                }
+            }
+        }
+        without
+    }
+
+    /// Whether a known column is far below all but one of the columns beside it, of which all but one are known. No wheel fits into
+    /// it: it is what is below a deck whose voxel there was freed by grazing beams.
+    fn is_pit(&self, x: i32, y: i32) -> bool {
+        let own = self.column(x, y);
+        let (mut not_higher, mut unknown) = (0, 0);
+        let beside = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+        for (dx, dy) in beside.filter(|beside| *beside != (0, 0)) {
+            let other = self.column(x + dx, y + dy);
+            let is_known = other.kind != ColumnKind::Unknown;
+            unknown += u32::from(!is_known);
+            not_higher += u32::from(is_known && other.ground_z < own.ground_z + PIT_DEPTH);
+            if unknown > 1 || not_higher > 1 {
+                return false;
+            }
+        }
+        own.kind != ColumnKind::Unknown
+    }
+
+    fn column(&self, x: i32, y: i32) -> &Column {
+        let slot = self.slot(BrickColumn {
+            x: x >> 2,
+            y: y >> 2,
+        });
+        &self.tiles[slot].columns[((y & 3) * 4 + (x & 3)) as usize]
     }
 
     /// Published cell.

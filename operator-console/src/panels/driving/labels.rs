@@ -204,6 +204,7 @@ fn request_text(request_text: &RequestKind) -> String {
         }
         RequestKind::Set(Setting::Recording(is_on)) => format!("recording {}", on_or_off(*is_on)),
         RequestKind::Set(Setting::SaveMap(name)) => format!("save-map {name}"),
+        RequestKind::Set(Setting::Locate(_)) => "set-pose".to_owned(),
     }
 }
 

@@ -18,7 +18,9 @@ use crate::driving::inbox::{EStopDeduplicator, Incoming, LocalCommand, RateLimit
 use crate::driving::monitor_input::MonitorRunner;
 use crate::driving::motors::{MotorReadiness, Motors};
 use crate::driving::operators::{MAX_OPERATORS, Operators};
-use crate::driving::shared_drive_state::{DriveEvent, MonitorReenabled, SharedDriveState};
+use crate::driving::shared_drive_state::{
+    DriveEvent, MapRequest, MonitorReenabled, SharedDriveState,
+};
 use crate::driving::status_message::{self, MonitorDetail, RuntimeSettings};
 use measurement::time::Monotonic;
 use network::clock;
@@ -604,7 +606,12 @@ impl DriveLoop {
             }
             Setting::SaveMap(name) if !is_name(&name) => return Err(Refusal::OutOfRange),
             Setting::SaveMap(name) => {
-                if !self.drive_state.request_map(name) {
+                if !self.drive_state.request_map(MapRequest::Save(name)) {
+                    return Err(Refusal::Busy);
+                }
+            }
+            Setting::Locate(pose) => {
+                if !self.drive_state.request_map(MapRequest::Locate(pose)) {
                     return Err(Refusal::Busy);
                 }
             }

@@ -26,5 +26,5 @@ pub use inbox::{Inbox, Incoming, LocalCommands, Reply};
 pub use monitor_input::{MonitorMapInput, MonitorRunner, MonitorSensorInput, monitor_input};
 pub use motors::Motors;
 pub use operators::{OperatorListWatcher, Operators};
-pub use shared_drive_state::SharedDriveState;
+pub use shared_drive_state::{MapRequest, SharedDriveState};
 pub use thread::{Driving, DrivingSettings};

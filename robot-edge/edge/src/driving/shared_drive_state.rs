@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, TryLockError};
 
 use protocol::keys::OperatorId as OperatorName;
-use protocol::message::TeleopStatus;
+use protocol::message::{MapPose, TeleopStatus};
 
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
@@ -58,9 +58,18 @@ pub struct SharedDriveState {
     names: Mutex<Vec<OperatorName>>,
     runtime_settings: Mutex<status_message::RuntimeSettings>,
     recording_request: Mutex<Option<bool>>,
-    map_request: Mutex<Option<String>>,
+    map_request: Mutex<Option<MapRequest>>,
     is_recording: AtomicBool,
     is_closing: AtomicBool,
+}
+
+/// What an operator wants of the map of matched scans.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum MapRequest {
+    /// Save it under this name.
+    Save(String),
+    /// Search for the vehicle near this pose.
+    Locate(MapPose),
 }
 
 impl SharedDriveState {
@@ -107,8 +116,8 @@ impl SharedDriveState {
         lock(&self.recording_request).take()
     }
 
-    /// The name under which an operator wants the map to be saved.
-    pub fn take_map_request(&self) -> Option<String> {
+    /// What an operator wants of the map of matched scans.
+    pub fn take_map_request(&self) -> Option<MapRequest> {
         lock(&self.map_request).take()
     }
 
@@ -122,8 +131,8 @@ impl SharedDriveState {
     }
 
     /// Returns whether the request was stored; not while a reader holds the lock.
-    pub(super) fn request_map(&self, name: String) -> bool {
-        write(&self.map_request, |request| *request = Some(name))
+    pub(super) fn request_map(&self, wanted: MapRequest) -> bool {
+        write(&self.map_request, |request| *request = Some(wanted))
     }
 
     pub(super) fn close(&self) {

@@ -1,5 +1,6 @@
 //! The first stage of the pipeline: records measurements, registers scans, and publishes the state that does not depend on the maps.
 
+use nalgebra::{Isometry2, Vector2};
 use protocol::message::{MAX_CLOSURES, RecordingStatus};
 
 use super::batching_channel::{InputDelay, MappingInput};
@@ -10,6 +11,7 @@ use super::source::DataClock;
 use super::source::SourceItem;
 use super::source_reader::Batch;
 use super::state_publisher::StatePublisher;
+use crate::driving::MapRequest;
 use crate::progress::{Progress, ProgressFigures};
 use crate::summary::StageTimer;
 use localization::registration::{RegistrationOutput, ScanRegistration};
@@ -181,7 +183,7 @@ impl LocalizationStage {
             }
         }
         send(self.tick(input_delay))?;
-        self.save_map(send)?;
+        self.take_map_request(send)?;
         self.publish_status(batch.lost);
         let maps = self.maps.get();
         let not_mapped =
@@ -196,23 +198,49 @@ impl LocalizationStage {
         Ok(())
     }
 
-    /// Passes the map so far on, where an operator wants it to be saved.
-    fn save_map(
-        &self,
+    /// Passes the map so far on, where an operator wants it to be saved; searches for the vehicle where an operator says it is.
+    fn take_map_request(
+        &mut self,
         send: &mut impl FnMut(MappingInput) -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
         let Some(state_publisher) = &self.state_publisher else {
             return Ok(());
         };
-        let Some(name) = state_publisher.take_map_request() else {
-            return Ok(());
-        };
-        if let Some(map) = self.registration.saved_map().map(Box::new) {
-            return send(MappingInput::SaveMap { name, map });
+        match state_publisher.take_map_request() {
+            Some(MapRequest::Save(name)) => {
+                if let Some(map) = self.registration.saved_map().map(Box::new) {
+                    return send(MappingInput::SaveMap { name, map });
+                }
+                let message = "the map cannot be saved: no scans are matched (localization.source)";
+                state_publisher.publish_event("map_not_saved", message);
+            }
+            Some(MapRequest::Locate(pose)) => {
+                let [x_m, y_m, yaw_rad] =
+                    [pose.x_mm, pose.y_mm, pose.yaw_mrad].map(|n| 0.001 * f64::from(n));
+                let pose = Isometry2::new(Vector2::new(x_m, y_m), yaw_rad);
+                let (kind, message) = if self.registration.locate(&pose) {
+                    (
+                        "location_set",
+                        format!("the vehicle is searched for near {x_m:.1}, {y_m:.1}"),
+                    )
+                } else {
+                    let message = "the vehicle is not searched for in a saved map (--map)";
+                    ("location_not_set", message.to_owned())
+                };
+                state_publisher.publish_event(kind, &message);
+                self.show_supposed_place();
+            }
+            None => {}
         }
-        let message = "the map cannot be saved: no scans are matched (localization.source)";
-        state_publisher.publish_event("map_not_saved", message);
         Ok(())
+    }
+
+    /// Consoles show the vehicle where it is supposed to be in the saved map that it is searched for in.
+    pub(super) fn show_supposed_place(&self) {
+        let supposed = self.registration.supposed_map_from_odom();
+        if let Some((supposed, state_publisher)) = supposed.zip(self.state_publisher.as_ref()) {
+            state_publisher.map_from_odom.set(supposed);
+        }
     }
 
     /// Lets the mapping stage publish.

@@ -46,8 +46,10 @@ struct Rebuild {
     thinned: u32,
     /// The maps are exchanged at this number of mapped scans.
     exchange_at: u64,
-    thread: JoinHandle<anyhow::Result<Maps>>,
+    thread: MakingMaps,
 }
+
+pub(super) type MakingMaps = JoinHandle<anyhow::Result<Maps>>;
 
 #[derive(Clone, Debug)]
 pub(super) struct CorrectionCheckpoint {
@@ -186,22 +188,28 @@ impl MapCorrection {
     }
 
     fn begin(&mut self, to: Arc<MapFromOdom>, exchange_at: u64) -> anyhow::Result<()> {
+        let thread = self.make(Arc::clone(&to))?;
+        self.rebuild = Some(Rebuild {
+            to,
+            scans: self.kept.count(),
+            thinned: self.kept.thinned(),
+            exchange_at,
+            thread,
+        });
+        Ok(())
+    }
+
+    /// Makes maps of all kept scans.
+    pub(super) fn make(&mut self, way: Arc<MapFromOdom>) -> anyhow::Result<MakingMaps> {
         let mut scans = self.kept.read(0)?;
-        let (config, way) = (Arc::clone(&self.config), Arc::clone(&to));
+        let config = Arc::clone(&self.config);
         let make = move || {
             let mut maps = Maps::new(&config, BootId([0; 16]), false)?;
             maps.add_kept(&mut scans, &way)?;
             Ok(maps)
         };
         let thread = thread::Builder::new().name("map-correction".to_owned());
-        self.rebuild = Some(Rebuild {
-            to,
-            scans: self.kept.count(),
-            thinned: self.kept.thinned(),
-            exchange_at,
-            thread: thread.spawn(make)?,
-        });
-        Ok(())
+        Ok(thread.spawn(make)?)
     }
 
     fn finish_rebuild(&mut self, mapped: u64) -> anyhow::Result<Maps> {

@@ -233,7 +233,7 @@ impl MappingStage {
                 _ => *pose,
             }
         });
-        *lock(&self.map_from_odom.0) = now.newest();
+        self.map_from_odom.set(now.newest());
     }
 
     /// Publishes everything, at the end of the data.
@@ -302,7 +302,7 @@ impl MappingStage {
     /// The maps were restored to the state after `scans` scans.
     pub(super) fn seek(&self, scans: u64) {
         self.trajectory.lock().seek(scans);
-        *lock(&self.map_from_odom.0) = self.maps.map_from_odom();
+        self.map_from_odom.set(self.maps.map_from_odom());
         if let Some(network) = &self.network {
             network.clear_shores(&self.maps);
             if let Some((stamp, shores)) = self.maps.current_shores() {
@@ -392,6 +392,10 @@ impl EventLog {
 pub(super) struct SharedMapFromOdom(Arc<Mutex<Pose>>);
 
 impl SharedMapFromOdom {
+    pub(super) fn set(&self, map_from_odom: Pose) {
+        *lock(&self.0) = map_from_odom;
+    }
+
     pub(super) fn get(&self) -> Pose {
         *lock(&self.0)
     }

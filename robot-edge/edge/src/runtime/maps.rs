@@ -4,11 +4,12 @@ use std::borrow::Cow;
 use std::io;
 use std::sync::Arc;
 
+use anyhow::anyhow;
 use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
 use super::kept_scans::KeptScans;
-use super::map_correction::{CorrectionCheckpoint, MapCorrection, placed};
+use super::map_correction::{CorrectionCheckpoint, MakingMaps, MapCorrection, placed};
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
 use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
@@ -47,6 +48,15 @@ pub struct Maps {
     correction: Option<MapCorrection>,
     /// Where `odom` lay in the maps before they were made again, and where it lies now.
     corrected: Option<(Arc<MapFromOdom>, Arc<MapFromOdom>)>,
+    searched: Option<SearchedMap>,
+}
+
+/// The saved map that the vehicle is searched for in. Until it is found, consoles get that map, and the collision monitor that of the
+/// run.
+struct SearchedMap {
+    map_from_odom: Arc<MapFromOdom>,
+    /// `None` once it is published.
+    making: Option<MakingMaps>,
 }
 
 /// The part of [`Maps`] that a checkpoint copies besides the layers and the tiles.
@@ -103,6 +113,8 @@ pub struct MapsCheckpoint {
     publisher: PublisherState,
     progress: MapsProgress,
     correction: Option<CorrectionCheckpoint>,
+    /// Where `odom` lay in the saved map that the vehicle was searched for in.
+    searched: Option<Arc<MapFromOdom>>,
 }
 
 impl MapsCheckpoint {
@@ -174,6 +186,7 @@ impl Maps {
             progress: MapsProgress::default(),
             correction: None,
             corrected: None,
+            searched: None,
         })
     }
 
@@ -181,6 +194,28 @@ impl Maps {
     pub(super) fn with_correction(mut self, correction: MapCorrection) -> Self {
         self.correction = Some(correction);
         self
+    }
+
+    /// Publishes a saved map until the vehicle is found in it. `saved`: where `odom` of its runs lies in it.
+    pub(super) fn going_on(
+        self,
+        correction: MapCorrection,
+        saved: Arc<MapFromOdom>,
+    ) -> anyhow::Result<Self> {
+        let mut maps = self.with_correction(correction);
+        maps.search(Some(saved))?;
+        Ok(maps)
+    }
+
+    fn search(&mut self, saved: Option<Arc<MapFromOdom>>) -> anyhow::Result<()> {
+        self.searched = match (&mut self.correction, saved) {
+            (Some(correction), Some(map_from_odom)) => Some(SearchedMap {
+                making: Some(correction.make(Arc::clone(&map_from_odom))?),
+                map_from_odom,
+            }),
+            _ => None,
+        };
+        Ok(())
     }
 
     /// The kept scans; `None` if scans are not matched.
@@ -210,6 +245,7 @@ impl Maps {
         let before = Arc::clone(correction.in_effect());
         correction.begin_map(Arc::clone(&way));
         self.corrected = Some((before, way));
+        self.searched = None;
         self.mapper.reset();
         let stamp = self.progress.last_scan.unwrap_or_default();
         let message =
@@ -262,6 +298,7 @@ impl Maps {
     fn exchange(&mut self, mut maps: Self, before: Arc<MapFromOdom>) -> Result<(), PublishError> {
         maps.finish()?;
         self.publish()?;
+        self.searched = None;
         self.publisher.replace(&maps.publisher)?;
         self.mapper = maps.mapper;
         let stamp = self.progress.last_scan.unwrap_or_default();
@@ -351,6 +388,10 @@ impl Maps {
         if let Some(maps) = correction.take_last(mapped)? {
             self.exchange(maps, before)?;
         }
+        if self.searched.take().is_some() {
+            // The vehicle was not found: the maps are those of the run alone.
+            self.publisher.restart(&self.mapper)?;
+        }
         Ok(())
     }
 
@@ -430,10 +471,36 @@ impl Maps {
         let started = clock::now();
         // Before the first scan there is nothing to publish.
         let stamp = self.progress.last_scan.unwrap_or_default();
-        self.publisher.publish(&mut self.mapper, stamp)?;
+        if self.searched.is_some() {
+            self.publish_searched()?;
+        } else {
+            self.publisher.publish(&mut self.mapper, stamp)?;
+        }
         let elapsed = clock::elapsed(started);
         self.progress.report.publish_time.record(elapsed);
         Ok(())
+    }
+
+    fn publish_searched(&mut self) -> Result<(), PublishError> {
+        self.mapper.enforce_memory_limits();
+        let making = self.searched.as_mut().map(|searched| &mut searched.making);
+        let Some(thread) = making.and_then(|making| making.take_if(|thread| thread.is_finished()))
+        else {
+            return Ok(());
+        };
+        match thread.join().map_err(|_panic| anyhow!("its thread failed")) {
+            Ok(Ok(mut saved)) => {
+                saved.finish()?;
+                self.publisher.replace(&saved.publisher)
+            }
+            Ok(Err(error)) | Err(error) => {
+                let stamp = self.progress.last_scan.unwrap_or_default();
+                let message = format!("the saved map cannot be shown: {error:#}");
+                self.add_event(stamp, "map_not_shown", message);
+                self.searched = None;
+                Ok(())
+            }
+        }
     }
 
     pub const fn last_scan(&self) -> Option<RobotTime> {
@@ -460,6 +527,9 @@ impl Maps {
 
     /// Shores and docking sites if they were updated since the last call, and the stamp of the last scan.
     pub fn take_shores(&mut self) -> Option<(RobotTime, Shores)> {
+        if self.searched.is_some() {
+            return None;
+        }
         let updates = self.mapper.voxels()?.shore()?.updates();
         let taken = &mut self.progress.shore_updates_taken;
         if std::mem::replace(taken, updates) == updates {
@@ -480,6 +550,10 @@ impl Maps {
             publisher: self.publisher.state(),
             progress: self.progress.clone(),
             correction: self.correction.as_ref().map(MapCorrection::checkpoint),
+            searched: self
+                .searched
+                .as_ref()
+                .map(|searched| Arc::clone(&searched.map_from_odom)),
         }
     }
 
@@ -488,6 +562,7 @@ impl Maps {
         if let (Some(correction), Some(to)) = (&mut self.correction, &checkpoint.correction) {
             correction.restore(to)?;
         }
+        self.search(checkpoint.searched.clone())?;
         self.publisher.restore(&checkpoint.publisher)?;
         self.mapper = checkpoint.mapper.clone();
         self.progress = checkpoint.progress.clone();
@@ -502,6 +577,7 @@ impl Maps {
         }
         self.mapper = mapper(config);
         self.publisher.restart(&self.mapper)?;
+        self.searched = None;
         self.progress = MapsProgress::default();
         self.events.clear();
         Ok(())
@@ -524,6 +600,10 @@ impl Maps {
             progress: self.progress.clone(),
             correction: None,
             corrected: None,
+            searched: self.searched.as_ref().map(|searched| SearchedMap {
+                map_from_odom: Arc::clone(&searched.map_from_odom),
+                making: None,
+            }),
         };
         for registered in &waiting {
             match registered {

@@ -3,6 +3,7 @@
 //! A replay, a simulation, a live run and the experiments all use it. The stages run one after the other, or on two threads
 //! ([`Pipeline::run_pipelined`]).
 
+use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::thread;
 
@@ -69,14 +70,16 @@ impl Pipeline {
     ) -> anyhow::Result<Self> {
         let mut maps = Maps::new(config, boot, encode)?;
         let matches_scans = matches!(registration.origin, PoseOrigin::Scans { .. });
+        let saved = registration.continuation.as_ref();
+        let saved = saved.map(|of| Arc::new(of.saved.map_from_odom()));
         let registration = ScanRegistration::new(registration);
         if matches_scans {
-            let kept = match kept {
-                Some(kept) => kept,
-                None => KeptScans::new()?,
-            };
             let way = registration.map_from_odom();
-            maps = maps.with_correction(MapCorrection::new(config, kept, way));
+            let new = |kept| MapCorrection::new(config, kept, way);
+            maps = match kept.zip(saved) {
+                Some((kept, saved)) => maps.going_on(new(kept), saved)?,
+                None => maps.with_correction(new(KeptScans::new()?)),
+            };
         }
         let mapping = MappingStage::new(maps);
         let localization = LocalizationStage::new(registration, mapping.stats.clone());

@@ -221,6 +221,7 @@ impl Run<'_> {
             map_from_odom: mapping.map_from_odom.clone(),
             ..state_publisher
         });
+        localization.show_supposed_place();
         localization.progress = Progress::new(self.quiet);
         localization.started = clock::now();
         let recordings = &mut localization.recordings;

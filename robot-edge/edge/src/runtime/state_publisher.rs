@@ -17,7 +17,7 @@ use super::network::RobotDescription;
 use super::source::DataClock;
 use crate::config::Config;
 use crate::driving::velocity_estimator::VelocityEstimator;
-use crate::driving::{MonitorSensorInput, SharedDriveState};
+use crate::driving::{MapRequest, MonitorSensorInput, SharedDriveState};
 use crate::events::event;
 use crate::publishing::keel_depth::KeelDepth;
 use crate::publishing::scan_downsampling::downsample_scan;
@@ -244,8 +244,8 @@ impl StatePublisher {
         self.drive_state.as_ref()?.take_recording_request()
     }
 
-    /// The name under which an operator wanted the map to be saved since the last call.
-    pub(super) fn take_map_request(&self) -> Option<String> {
+    /// What an operator wanted of the map since the last call.
+    pub(super) fn take_map_request(&self) -> Option<MapRequest> {
         self.drive_state.as_ref()?.take_map_request()
     }
 

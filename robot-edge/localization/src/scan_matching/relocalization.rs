@@ -67,7 +67,7 @@ const AGREEMENT: (f64, f64) = (0.3, 0.06);
 
 impl Relocalizer {
     /// The vehicle is at `local_from_base`; `points` gives what it has seen in the last metres, in its frame. Returns a place once it is
-    /// sure. `near`: as for [`locate`].
+    /// sure. `near`: as for [`locate`]; there one place suffices.
     pub fn update(
         &mut self,
         map: &SlamMap,
@@ -90,6 +90,9 @@ impl Relocalizer {
                 return None;
             }
         };
+        if near.is_some() {
+            return Some(place);
+        }
         let agrees = |(map_from_local, _): &(Isometry2<f64>, f64)| {
             let step = difference(&(map_from_local * local_from_base), &place.map_from_base);
             step.xy().norm() < AGREEMENT.0 && step.z.abs() < AGREEMENT.1

@@ -1,7 +1,8 @@
 use super::*;
 use proptest::prelude::*;
 
-use crate::octree::{OctreeConfig, RangeSensorModel, Ray, SurfaceHit};
+use crate::height_columns::{ColumnRules, read_columns};
+use crate::octree::{BrickColumn, OctreeConfig, RangeSensorModel, Ray, SurfaceHit};
 use crate::registered_scan::SensorId;
 use crate::rigidity::RigidityRule;
 
@@ -339,6 +340,64 @@ fn a_deck_is_the_ground_of_a_vehicle_that_is_on_it_or_nearly_as_high() {
     let below = [false; 3];
     let above = [false, true, false];
     assert_eq!(costs, [below, below, above, above, below, below, below]);
+}
+
+/// Beams that graze a deck free single voxels of it, and may pass just above the voxel on it.
+#[test]
+fn a_freed_voxel_of_a_deck_is_no_hole_and_air_is_on_it_two_voxels_higher() {
+    let deck = || surface(|_, _| 1.23).into_iter();
+    let ray = |origin: [f64; 3], end: [f64; 3], is_hit| Ray {
+        origin: origin.into(),
+        end: end.into(),
+        is_hit,
+    };
+    let costs = |octree: &mut Octree| {
+        let map = updated(Surface::Land, octree, 1.1);
+        [18, 20, 23].map(|x| match map.cell(CellIndex { x, y: 0 }).unwrap().cost {
+            cost if cost.is_nan() => "unknown",
+            1.0.. => "lethal",
+            _ => "passable",
+        })
+    };
+    let mut over_ground = octree();
+    hit(&mut over_ground, [-3.0, 0.0, 1.0], surface(|_, _| 0.02));
+
+    // Beside the hole, in it, and at its far side; what is in it is not steep.
+    for (freed, expected) in [
+        (1, ["passable", "unknown", "passable"]),
+        (4, ["lethal", "passable", "passable"]),
+    ] {
+        let mut octree = over_ground.clone();
+        let is_freed = |[x, y, _]: &[f64; 3]| {
+            let reach = 0.1 * f64::from(freed);
+            (2.0..2.0 + reach).contains(x) && (0.0..reach).contains(y)
+        };
+        hit(
+            &mut octree,
+            [2.0, 0.0, 3.0],
+            deck().filter(|at| !is_freed(at)),
+        );
+        assert_eq!(costs(&mut octree), expected, "{freed}");
+    }
+
+    let rules = ColumnRules {
+        surface: Surface::Land,
+        from_z: -40,
+        to_z: 40,
+        deck_z: 17,
+        water_z: 0,
+        height: 7,
+    };
+    for (air_m, ground_z) in [(1.35, 12), (1.45, 12), (1.55, 0)] {
+        let mut octree = over_ground.clone();
+        let hits = deck().map(|[x, y, z]| ray([x, y, z + 0.01], [x, y, z], true));
+        octree.integrate(SensorId(0), hits);
+        let rows = (-39..40).map(|y| 0.1 * f64::from(y) + 0.05);
+        let beams = rows.map(|y| ray([-3.95, y, air_m], [3.95, y, air_m], false));
+        octree.integrate(SensorId(0), beams);
+        let columns = read_columns(&octree, BrickColumn { x: 5, y: 0 }, &rules);
+        assert_eq!(columns[0].ground_z, ground_z, "{air_m}");
+    }
 }
 
 /// A rock 0.35 m high, of which the top was hit: no voxel stands on its lowest one. A post beside it has hits of the ground around in the

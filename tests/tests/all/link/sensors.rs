@@ -10,8 +10,8 @@ use measurement::MeasurementData;
 use network::clock;
 use protocol::keys::{RobotId, Topic};
 use protocol::message::{
-    Answer, Event, Info, Localization, PoseConfidence, RecordingState, Refusal, Scan, SensorFault,
-    SensorKind, Setting, Severity, Status,
+    Answer, Event, Info, Localization, MapPose, PoseConfidence, RecordingState, Refusal, Scan,
+    SensorFault, SensorKind, Setting, Severity, Status,
 };
 use protocol::wire;
 use recording::writer::McapWriter;
@@ -239,9 +239,9 @@ fn a_console_learns_how_well_scans_determine_the_pose() {
     });
 }
 
-/// It can be gone on in; a second map of that name is refused.
+/// A second map of that name is refused. The next run goes on in it where the operator says that the vehicle is.
 #[test]
-fn an_operator_saves_the_map_under_a_name() {
+fn an_operator_saves_the_map_and_says_where_the_vehicle_is_in_it() {
     let folder = tempdir().unwrap();
     let port = free_port();
     let (listen, maps) = (tcp(port), folder.path().display());
@@ -271,9 +271,41 @@ fn an_operator_saves_the_map_under_a_name() {
     let refused = watcher.wait_for("not again", |watcher| watcher.event("map_not_saved"));
     assert!(refused.message.contains("exists already"), "{refused:?}");
     drop((anna, watcher, robot));
-    let words =
-        "simulate rooms --rate max --duration 5 --no-network --set localization.source=scan+wheels";
-    start(&format!("robot-edge {words} --map {maps}/quay-2")).ends_well();
+
+    let port = free_port();
+    let robot = simulate(&format!(
+        "--listen {} --map {maps}/quay-2 --set localization.source=scan+wheels",
+        tcp(port)
+    ));
+    let watcher = Watcher::of(port);
+    let is_searching = |watcher: &Watcher| {
+        let received = watcher.localization.lock().unwrap();
+        received.0.last().map(|newest| newest.is_searching)
+    };
+    assert!(watcher.wait_for("searched for", is_searching));
+    let mut anna = Operator::ready(&tcp(port), "scout", "anna");
+    let near = Setting::Locate(MapPose {
+        x_mm: 400,
+        y_mm: -300,
+        yaw_mrad: 100,
+    });
+    assert_eq!(anna.ask(&near), Answer::Done);
+    watcher.wait_for("it is searched for there", |watcher| {
+        watcher.event("location_set")
+    });
+    watcher.wait_for("found", |watcher| {
+        is_searching(watcher).filter(|is_searching| !is_searching)
+    });
+    let joined = watcher.wait_for("one map", |watcher| watcher.event("loop_closed"));
+    assert!(
+        joined.message.contains("older map was joined"),
+        "{joined:?}"
+    );
+    let newest = watcher.localization.lock().unwrap().0.last().cloned();
+    assert!(newest.is_some_and(|newest| newest.inliers > 0.8));
+    assert_eq!(anna.ask(&near), Answer::Done);
+    watcher.wait_for("it is found", |watcher| watcher.event("location_not_set"));
+    drop((anna, watcher, robot));
 }
 
 /// A run killed while it records continues to record after its restart and tells the first console.
