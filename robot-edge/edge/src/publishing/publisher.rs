@@ -80,14 +80,18 @@ impl Publisher {
         })
     }
 
-    /// Publishes every changed tile, then enforces the mapper's memory limits. `stamp`: of the newest scan in the
-    /// maps.
-    pub fn publish(&mut self, mapper: &mut Mapper, stamp: RobotTime) -> Result<(), PublishError> {
+    /// Where the vehicle is, and the stamp of what is published next.
+    pub(crate) fn set_now(&self, mapper: &Mapper, stamp: RobotTime) {
         let vehicle = mapper.vehicle_in_odom();
         let mut store = self.store();
         store.set_focus([vehicle.x, vehicle.y]);
         store.set_stamp(stamp.as_nanos());
-        drop(store);
+    }
+
+    /// Publishes every changed tile, then enforces the mapper's memory limits. `stamp`: of the newest scan in the
+    /// maps.
+    pub fn publish(&mut self, mapper: &mut Mapper, stamp: RobotTime) -> Result<(), PublishError> {
+        self.set_now(mapper, stamp);
         self.publish_erasures(mapper)?;
         if let Some(occupancy) = mapper.occupancy_mut() {
             for index in occupancy.take_changed() {

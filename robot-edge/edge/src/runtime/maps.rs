@@ -472,6 +472,7 @@ impl Maps {
         // Before the first scan there is nothing to publish.
         let stamp = self.progress.last_scan.unwrap_or_default();
         if self.searched.is_some() {
+            self.publisher.set_now(&self.mapper, stamp);
             self.publish_searched()?;
         } else {
             self.publisher.publish(&mut self.mapper, stamp)?;
