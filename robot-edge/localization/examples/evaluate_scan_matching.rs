@@ -1,6 +1,6 @@
 //! Poses from the scans and the raw odometry of a CARMEN log, measured:
 //! `cargo run --release -p localization --example evaluate_scan_matching -- LOG [relations=FILE] [picture=FILE.png]
-//! [odometry=no] [revisits=yes] [pairs=yes] [kidnapped=STARTS]`
+//! [odometry=no] [revisits=yes] [pairs=yes] [kidnapped=STARTS [from=OTHER_LOG]]`
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -9,7 +9,7 @@ use std::path::Path;
 
 use localization::scan_matching::loop_closure::search_points;
 use localization::scan_matching::relations::{Relation, Spread};
-use localization::scan_matching::relocalization::{Location, Relocalizer, locate};
+use localization::scan_matching::relocalization::Relocalizer;
 use localization::scan_matching::scan_points::{PointLimits, ScanPoint, scan_points};
 use localization::scan_matching::search_grid::{Search, SearchWindow};
 use localization::scan_matching::slam::{Confidence, ScanInput, ScanSlam};
@@ -139,7 +139,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         measure_pairs(&mut out, &std::fs::read_to_string(file)?, &scans, &poses)?;
     }
     if let Some(starts) = options.get("kidnapped") {
-        measure_kidnapped(&mut out, &scans, starts.parse()?)?;
+        let other = options.get("from");
+        let other = other.map(|file| read_scans(Path::new(file))).transpose()?;
+        measure_kidnapped(&mut out, &scans, &poses, other.as_deref(), starts.parse()?)?;
     }
     if options.contains_key("revisits") {
         measure_revisits(&mut out, &scans, &poses)?;
@@ -301,63 +303,57 @@ fn measure_pairs(
     Ok(())
 }
 
-/// A map of the even scans, and starts at random odd ones: whether the vehicle is found within 10 m of driving.
 /// A start must be found on this way.
 const MAX_WAY_M: f64 = 10.0;
 
+/// A map of the even scans, and starts at random odd ones: whether the vehicle is found within 10 m of driving. Starts in
+/// another log must not be found.
 fn measure_kidnapped(
     out: &mut impl Write,
     scans: &[LogScan],
+    all_poses: &[Isometry2<f64>],
+    other: Option<&[LogScan]>,
     starts: u32,
 ) -> Result<(), Box<dyn Error>> {
     let settings = SlamSettings::default();
-    let mut slam = ScanSlam::new(settings);
-    let poses: Vec<_> = scans
-        .iter()
-        .step_by(2)
-        .map(|scan| slam.push(&input(scan, true)))
-        .collect();
-    slam.finish();
-    let map = slam.map();
-    // An odd scan is between its neighbours; odometry lags behind the laser in turns.
-    let in_map = |even: usize| {
-        let pose = &poses[even];
-        map.keyframes()[pose.keyframe as usize] * pose.keyframe_from_base
+    let matched = |scans: &[LogScan]| {
+        let mut slam = ScanSlam::new(settings);
+        let even = scans.iter().step_by(2);
+        let poses: Vec<_> = even.map(|scan| slam.push(&input(scan, true))).collect();
+        slam.finish();
+        (slam, poses)
     };
+    let (slam, poses) = matched(scans);
+    let map = slam.map();
+    // An odd scan is where the poses by all scans have it, from the even one before.
     let truth = |odd: usize| {
-        let before = in_map(odd / 2);
-        if odd / 2 + 1 == poses.len() {
-            return before;
-        }
-        let step = before.inv_mul(&in_map(odd / 2 + 1));
-        let time_s =
-            |from: usize, to: usize| scans[to].stamp.since(scans[from].stamp).as_secs_f64();
-        let share = time_s(odd - 1, odd) / time_s(odd - 1, odd + 1).max(1e-3);
-        before
-            * Isometry2::new(
-                step.translation.vector * share,
-                step.rotation.angle() * share,
-            )
+        let even = &poses[odd / 2];
+        let step = all_poses[odd - 1].inv_mul(&all_poses[odd]);
+        map.keyframes()[even.keyframe as usize] * even.keyframe_from_base * step
     };
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     let (mut found, mut wrong, mut ways_m, mut worst) = (0, 0, Vec::new(), (0.0_f64, 0.0_f64));
     let mut times_ms = Vec::new();
+    let other = other.map(|other| (other, matched(other).1));
+    let (driven, driven_poses) = other
+        .as_ref()
+        .map_or((scans, &poses), |(other, poses)| (*other, poses));
     // Each start has the way before it that it may take.
     let mut left_m = 0.0;
-    let steps = poses.windows(2).rev().take_while(|pair| {
+    let steps = driven_poses.windows(2).rev().take_while(|pair| {
         let [a, b] = [0, 1].map(|end| pair[end].local_from_base.translation.vector);
         left_m += (a - b).norm();
         left_m < MAX_WAY_M
     });
-    let last_start = poses.len().saturating_sub(steps.count() + 1).max(1);
+    let last_start = driven_poses.len().saturating_sub(steps.count() + 1).max(1);
     for _ in 0..starts {
         let start = 2 * (random.next_u32() as usize % last_start) + 1;
         let mut slam = ScanSlam::new(settings);
         let mut relocalizer = Relocalizer::default();
         let (mut driven_m, mut last) = (0.0, None::<Isometry2<f64>>);
         let mut is_placed = false;
-        for odd in (start..scans.len()).step_by(2) {
-            let pose = slam.push(&input(&scans[odd], true)).local_from_base;
+        for odd in (start..driven.len()).step_by(2) {
+            let pose = slam.push(&input(&driven[odd], true)).local_from_base;
             let step = last.map_or(0.0, |last| {
                 (pose.translation.vector - last.translation.vector).norm()
             });
@@ -369,16 +365,20 @@ fn measure_kidnapped(
             let begin_ms = used_ms();
             let points = || slam.surroundings();
             let place = relocalizer.update(map, &pose, points, None, &settings.closure);
-            times_ms.push(used_ms() - begin_ms);
+            times_ms.extend(Some(used_ms() - begin_ms).filter(|time_ms| *time_ms > 1.0));
             let Some(place) = place else {
                 continue;
             };
             is_placed = true;
-            let error = truth(odd).inv_mul(&place.map_from_base);
-            let (m, rad) = (
-                error.translation.vector.norm(),
-                error.rotation.angle().abs(),
-            );
+            let (m, rad) = if other.is_some() {
+                (f64::INFINITY, 0.0)
+            } else {
+                let error = truth(odd).inv_mul(&place.map_from_base);
+                (
+                    error.translation.vector.norm(),
+                    error.rotation.angle().abs(),
+                )
+            };
             if m < 0.2 && rad < 2_f64.to_radians() {
                 found += 1;
                 ways_m.push(driven_m);
@@ -387,24 +387,19 @@ fn measure_kidnapped(
                 wrong += 1;
                 writeln!(
                     out,
-                    "wrong: start {start}, scan {odd}, {m:.2} m, {:.1}°, score {:.2}, inliers {:.2}",
+                    "wrong: start {start}, scan {odd}, after {driven_m:.1} m: {m:.2} m, {:.1}°, explained {:.3}",
                     rad.to_degrees(),
-                    place.score,
-                    place.inliers
+                    place.explained
                 )?;
             }
             break;
         }
         if !is_placed {
-            let points = slam.surroundings();
-            let why = match locate(map, &points, None, &settings.closure) {
-                Location::Found(_) => "just found",
-                Location::Ambiguous => "ambiguous",
-                Location::Unknown => "unknown",
-            };
+            let explained = relocalizer.places().iter().map(|place| place.explained);
+            let explained: Vec<_> = explained.take(3).collect();
             writeln!(
                 out,
-                "not found: start {start}, after {driven_m:.1} m: {why}"
+                "not found: start {start}, after {driven_m:.1} m; the best places explain {explained:.3?}"
             )?;
         }
     }
@@ -413,7 +408,7 @@ fn measure_kidnapped(
     writeln!(
         out,
         "kidnapped: {found} of {starts} found, {wrong} wrong; after {:.1} m in the median, {:.1} m at most; \
-         error at most {:.3} m, {:.2}°; {} searches in {} submaps, {:.0} ms in the median, {:.0} ms at most",
+         error at most {:.3} m, {:.2}°; {} updates in {} submaps, {:.0} ms in the median, {:.0} ms at most",
         ways_m.get(ways_m.len() / 2).copied().unwrap_or(0.0),
         ways_m.last().copied().unwrap_or(0.0),
         worst.0,

@@ -154,10 +154,22 @@ impl SlamMap {
         self.graph.poses[self.submaps[index as usize].anchor as usize]
     }
 
-    /// Middle of the way of a submap, in its frame, and half its extents along x and y, metres.
+    /// The submap whose middle is nearest to a pose: there it shows the most around itself.
+    pub fn nearest_submap(&self, map_from_base: &Isometry2<f64>) -> Option<u32> {
+        let distance = |index: &u32| {
+            let way = self.core(*index);
+            let middle = way[way.len() / 2].translation.vector;
+            (middle - map_from_base.translation.vector).norm()
+        };
+        let shown = (0..self.submap_count()).filter(|index| !self.submap(*index).is_empty());
+        shown.min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+
+    /// Middle of the way on which a submap shows more than its neighbours do, in its frame, and half its extents along x and y,
+    /// metres.
     pub fn extent(&self, index: u32) -> (Isometry2<f64>, [f64; 2]) {
         let anchor_from_map = self.anchor(index).inverse();
-        let way = self.way(index).iter();
+        let way = self.core(index).iter();
         let (middle, half_m) = relocalization::extent(
             way.map(|pose| anchor_from_map * Point2::from(pose.translation.vector)),
         );
@@ -191,6 +203,21 @@ impl SlamMap {
             .collect();
         let step = near.len().div_ceil(MAX_AROUND).max(1);
         near.into_iter().step_by(step).collect()
+    }
+
+    /// The way of a submap without the quarters that its neighbours show better.
+    pub(super) fn core(&self, index: u32) -> &[Isometry2<f64>] {
+        let record = &self.submaps[index as usize];
+        let shown = |index: u32| {
+            let other = self.submaps.get(index as usize);
+            other.filter(|other| !other.submap.is_empty())
+        };
+        let before = index.checked_sub(1).and_then(shown);
+        let begin = before.map_or(record.anchor, |before| before.end.max(record.anchor));
+        let after = shown(index + 1).map_or(record.end, |after| after.anchor.min(record.end));
+        let begin = u32::midpoint(record.anchor, begin);
+        let end = u32::midpoint(after, record.end).max(begin + 1);
+        &self.graph.poses[begin as usize..end as usize]
     }
 
     fn way(&self, index: u32) -> &[Isometry2<f64>] {

@@ -190,6 +190,14 @@ impl Submap {
         grid
     }
 
+    /// Whether a point in the frame of the submap lies on a surface, seen from the same side.
+    pub fn is_on_surface(&self, point: &ScanPoint) -> bool {
+        self.surface(point).is_some_and(|surface| {
+            let way = point.position.coords - surface.mean;
+            way.dot(&surface.across).abs() < INLIER_M
+        })
+    }
+
     fn surface(&self, point: &ScanPoint) -> Option<Surface> {
         let (column, row) = cell_of(&point.position)?;
         let view = point.view.cast::<f32>();

@@ -1,5 +1,5 @@
 use super::*;
-use crate::scan_matching::relocalization::{Location, locate};
+use crate::scan_matching::relocalization::{Place, Relocalizer};
 use crate::scan_matching::test_world::{
     AROUND_RING, Drive, THROUGH_ROOMS, Wall, ring, two_rooms, walls, way,
 };
@@ -135,70 +135,122 @@ fn a_room_that_looks_like_another_is_not_taken_for_it() {
     }
 }
 
-#[test]
-fn the_vehicle_is_found_in_a_map_and_goes_on_in_it_but_not_where_two_rooms_look_the_same() {
-    let (world, whole) = (ring(), way(&AROUND_RING));
-    let settings = SlamSettings::default();
-    let drive = |world: &[Wall], way: &[Isometry2<f64>], seed, slam: &mut ScanSlam| {
-        Drive {
-            world,
-            way,
-            has_odometry: true,
-            slip: 0.05,
-            drift_rad_per_m: 0.0,
-            seed,
-        }
-        .run(slam)
-    };
-    let mut first = ScanSlam::new(settings);
-    drive(&world, &whole, 1, &mut first);
-    first.finish();
-    let later = way(&[[13.0, 6.5], [13.0, 9.0], [8.0, 9.0]]);
-    let mut second = ScanSlam::new(settings);
-    drive(&world, &later, 2, &mut second);
-    let truth = whole[0].inv_mul(&later[later.len() - 1]);
-    let points = second.surroundings();
-    let located = locate(first.map(), &points, None, &settings.closure);
-    let Location::Found(place) = located else {
-        panic!("{located:?}");
-    };
-    let error = difference(&truth, &place.map_from_base);
-    assert!(
-        error.xy().norm() < 0.05 && error.z.abs() < 0.01,
-        "{error:?}"
-    );
-    // By an approximate pose.
-    let about = truth * Isometry2::new(Vector2::new(0.8, -0.5), 0.3);
-    let near = locate(
-        first.map(),
-        &points,
-        Some((&about, (1.5, 0.6))),
-        &settings.closure,
-    );
-    assert!(matches!(near, Location::Found(near) if (near.score - place.score).abs() < 0.1));
-    // From there it goes on.
-    let on = way(&[[8.0, 9.0], [1.0, 9.0], [1.0, 5.0]]);
-    let mut resumed = ScanSlam::resume(settings, first.map().clone(), &place);
-    let poses = drive(&world, &on, 3, &mut resumed);
-    resumed.finish();
-    let last = &poses[poses.len() - 1];
-    let pose = resumed.map().keyframes()[last.keyframe as usize] * last.keyframe_from_base;
-    let error = difference(&whole[0].inv_mul(&on[on.len() - 1]), &pose);
-    assert!(
-        error.xy().norm() < 0.08 && error.z.abs() < 0.02,
-        "{error:?}"
-    );
+fn drive<'a>(world: &'a [Wall], way: &'a [Isometry2<f64>], seed: u64) -> Drive<'a> {
+    Drive {
+        world,
+        way,
+        has_odometry: true,
+        slip: 0.05,
+        drift_rad_per_m: 0.0,
+        seed,
+    }
+}
 
-    let world = two_rooms();
-    let mut first = ScanSlam::new(settings);
-    let through = way(&THROUGH_ROOMS);
-    drive(&world, &through, 4, &mut first);
-    first.finish();
-    let inside = way(&[[2.0, 1.2], [2.0, 2.0]]);
-    let mut second = ScanSlam::new(settings);
-    drive(&world, &inside, 5, &mut second);
-    let located = locate(first.map(), &second.surroundings(), None, &settings.closure);
-    assert_eq!(located, Location::Ambiguous);
+fn mapped(world: &[Wall], way: &[Isometry2<f64>], seed: u64) -> ScanSlam {
+    let mut slam = ScanSlam::new(SlamSettings::default());
+    drive(world, way, seed).run(&mut slam);
+    slam.finish();
+    slam
+}
+
+/// Where a vehicle is found, and the number of scans until then. `near`: the pose at its start, and half the size of the region.
+fn found(
+    map: &SlamMap,
+    drive: &Drive<'_>,
+    near: Option<(Isometry2<f64>, (f64, f64))>,
+) -> (Option<(usize, Place)>, Relocalizer) {
+    let settings = SlamSettings::default();
+    let (mut slam, mut relocalizer) = (ScanSlam::new(settings), Relocalizer::default());
+    for (at, (stamp, scan, odom_from_base)) in drive.scans().into_iter().enumerate() {
+        let pose = slam.push(&ScanInput {
+            stamp,
+            scan: &scan,
+            base_from_sensor: Isometry2::identity(),
+            odom_from_base: Some(odom_from_base),
+            is_heading_only: false,
+        });
+        let local = pose.local_from_base;
+        let near = near.map(|(start, half)| (start * local, half));
+        let near = near.as_ref().map(|(pose, half)| (pose, *half));
+        let points = || slam.surroundings();
+        let place = relocalizer.update(map, &local, points, near, &settings.closure);
+        if let Some(place) = place {
+            return (Some((at, place)), relocalizer);
+        }
+    }
+    (None, relocalizer)
+}
+
+#[test]
+fn the_vehicle_is_found_in_a_map_and_goes_on_in_it() {
+    let (world, whole) = (ring(), way(&AROUND_RING));
+    let first = mapped(&world, &whole, 1);
+    let later = way(&[[13.0, 6.5], [13.0, 9.0], [8.0, 9.0]]);
+    let driven = drive(&world, &later, 2);
+    // By an approximate pose, too.
+    let about = whole[0].inv_mul(&later[0]) * Isometry2::new(Vector2::new(0.8, -0.5), 0.3);
+    for near in [Some((about, (1.5, 0.6))), None] {
+        let (Some((at, place)), _) = found(first.map(), &driven, near) else {
+            panic!("not found");
+        };
+        let error = difference(&whole[0].inv_mul(&later[at]), &place.map_from_base);
+        assert!(
+            error.xy().norm() < 0.05 && error.z.abs() < 0.02,
+            "{error:?}"
+        );
+        assert!(place.explained > 0.95, "{place:?}");
+        // After 4 m, and no more than an update later; poses are 0.15 m apart, and the vehicle turns in place.
+        let before = &later[..=at];
+        let driven_m: f64 = before
+            .windows(2)
+            .map(|pair| difference(&pair[0], &pair[1]).xy().norm())
+            .sum();
+        assert!((3.9..5.3).contains(&driven_m), "{driven_m}");
+        // From there it goes on.
+        let on = [&later[at..], &way(&[[8.0, 9.0], [1.0, 9.0], [1.0, 5.0]])].concat();
+        let settings = SlamSettings::default();
+        let mut resumed = ScanSlam::resume(settings, first.map().clone(), &place);
+        let poses = drive(&world, &on, 3).run(&mut resumed);
+        resumed.finish();
+        let last = &poses[poses.len() - 1];
+        let pose = resumed.map().keyframes()[last.keyframe as usize] * last.keyframe_from_base;
+        let error = difference(&whole[0].inv_mul(&on[on.len() - 1]), &pose);
+        assert!(
+            error.xy().norm() < 0.08 && error.z.abs() < 0.02,
+            "{error:?}"
+        );
+    }
+}
+
+#[test]
+fn the_vehicle_is_found_neither_in_one_of_two_rooms_alike_nor_in_another_world() {
+    let (world, through) = (two_rooms(), way(&THROUGH_ROOMS));
+    let first = mapped(&world, &through, 4);
+    let circle = [[2.0, 1.2], [2.6, 2.2], [1.8, 1.0]];
+    let inside = way(&[circle, circle, circle].concat());
+    let (found_at, relocalizer) = found(first.map(), &drive(&world, &inside, 5), None);
+    assert_eq!(found_at, None);
+    let [best, next] = [0, 1].map(|at| relocalizer.places()[at]);
+    let apart_m = difference(&best.map_from_base, &next.map_from_base)
+        .xy()
+        .norm();
+    // Between them the map has the slip of odometry.
+    assert!((apart_m - 9.0).abs() < 0.6, "{apart_m}");
+    assert!(next.explained > 0.95, "{next:?}");
+
+    let elsewhere = way(&AROUND_RING[..4]);
+    let (found_at, _) = found(first.map(), &drive(&ring(), &elsewhere, 6), None);
+    assert_eq!(found_at, None);
+}
+
+#[test]
+fn each_keyframe_is_searched_around_in_one_submap() {
+    let slam = mapped(&ring(), &way(&AROUND_RING), 1);
+    let map = slam.map();
+    assert!(map.submap_count() > 4);
+    let cores = (0..map.submap_count()).flat_map(|index| map.core(index));
+    let cores: Vec<_> = cores.copied().collect();
+    assert_eq!(cores, map.keyframes());
 }
 
 #[test]
