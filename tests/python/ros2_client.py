@@ -9,10 +9,13 @@ written its export to DIR. Then it compares, cell by cell. `bt2vrml` of OctoMap 
 
 import argparse
 import math
+import os
 import shutil
+import struct
 import subprocess
 import sys
 import time
+import traceback
 from pathlib import Path
 
 import geotiff
@@ -54,7 +57,7 @@ DEFINITIONS = {
 }
 KEPT = ["/map", "/cost_map", "/elevation", "/octomap"]
 GRIDS = ["/map", "/cost_map"]
-QUIET_S = 8.0  # longer than the period after which the whole grid follows its updates
+QUIET_S = 12.0  # longer than the period after which the whole grid follows its updates, and than a busy machine pauses
 TIMEOUT_S = 120.0
 
 
@@ -73,19 +76,33 @@ def check_hashes(store, expected):
     print(f"hashes: {len(expected)} as rosbags computes them", flush=True)
 
 
+def stamp_of(message):
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
 class Grid:
-    """A grid and its updates, as RViz puts them together."""
+    """A grid and its updates, as RViz puts them together. Wholes that follow updates are compared with it: the same unless more
+    changed in between."""
 
     def __init__(self):
-        self.message, self.cells, self.wholes, self.updates = None, None, 0, 0
+        self.message, self.cells, self.stamp = None, None, None
+        self.wholes, self.updates, self.same = 0, 0, 0
 
     def whole(self, message):
-        self.message, self.cells, self.wholes = message, message.data.copy(), self.wholes + 1
+        was_updated = self.message is not None and self.stamp != stamp_of(self.message)
+        if was_updated and self.stamp == stamp_of(message) and len(self.cells) == len(message.data):
+            self.same += bool((self.cells == message.data).all())
+        self.message, self.cells, self.stamp = message, message.data.copy(), stamp_of(message)
+        self.wholes += 1
 
     def update(self, message):
-        if self.message is None:
+        """Topics have no order among each other: an update may come before the whole that it belongs to."""
+        if self.message is None or message.x + message.width > self.message.info.width:
+            return
+        if message.y + message.height > self.message.info.height or stamp_of(message) < self.stamp:
             return
         self.updates += 1
+        self.stamp = stamp_of(message)
         width = self.message.info.width
         for row in range(message.height):
             at = (message.y + row) * width + message.x
@@ -151,6 +168,8 @@ def receive(port, store):
     wait_until("grids", lambda: all(grid.message for grid in grids.values()))
     print("subscribed", flush=True)
     wait_until("rest", lambda: time.monotonic() - node.changed > QUIET_S)
+    # The cost map changes with nearly every scan, so that its wholes have more than the updates before them.
+    assert grids["/map"].same > 0, "/map: its updates never gave the whole"
     late = {}
     for topic in KEPT:
         take = lambda message, topic=topic: late.__setitem__(topic, message)
@@ -158,8 +177,9 @@ def receive(port, store):
     wait_until("late messages", lambda: set(late) == set(KEPT))
     for topic, grid in grids.items():
         assert grid.updates > 0, f"{topic}: no update came"
-        assert (grid.cells == late[topic].data).all(), f"{topic}: its updates do not give the whole"
-        print(f"rebuilt: {topic} {len(grid.cells)} cells of {grid.wholes} wholes and {grid.updates} updates", flush=True)
+        same = lambda: len(grid.cells) == len(late[topic].data) and (grid.cells == late[topic].data).all()
+        wait_until(f"the same {topic}, early and late", same)
+        print(f"rebuilt: {topic} {len(grid.cells)} cells of {grid.wholes} wholes and {grid.updates} updates, {grid.same} times the same", flush=True)
     return late, last
 
 
@@ -185,12 +205,18 @@ def compare_grid(topic, message, width, height, corner, expected):
     print(f"same as the export: {topic} {known} cells known", flush=True)
 
 
-def compare_map(message, export):
-    """By the rule of Nav2's map_server, mode trinary."""
-    _, size, _, pixels = (export / "occupancy.pgm").read_bytes().split(b"\n", 3)
+def read_pgm(export, name):
+    """Width, height, lower left corner and pixels of a map of Nav2's map_server."""
+    _, size, _, pixels = (export / f"{name}.pgm").read_bytes().split(b"\n", 3)
     width, height = map(int, size.split())
-    yaml = dict(line.split(": ", 1) for line in (export / "occupancy.yaml").read_text().splitlines())
+    yaml = dict(line.split(": ", 1) for line in (export / f"{name}.yaml").read_text().splitlines())
     corner = [float(part) for part in yaml["origin"].strip("[]").split(",")]
+    return width, height, corner, pixels
+
+
+def compare_map(message, export):
+    """By the rule of map_server, mode trinary."""
+    width, height, corner, pixels = read_pgm(export, "occupancy")
     values = {0: 100, 254: 0, 205: -1}
     compare_grid("/map", message, width, height, corner, lambda x, y: values[pixels[(height - 1 - y) * width + x]])
 
@@ -229,27 +255,20 @@ def compare_heights(message, export):
 
 
 def compare_obstacles(message, export):
-    tiff, heights = geotiff.read(export / "obstacle.tif"), geotiff.read(export / "elevation.tif")
-
-    def points():
-        raw = message.data.tobytes()
-        import struct
-
-        for at in range(message.width):
-            yield struct.unpack_from("<fff", raw, at * message.point_step)
-
-    def at(grid, x, y):
-        column, row = math.floor((x - grid.west) / grid.cell), math.floor((grid.north - y) / grid.cell)
-        inside = 0 <= column < grid.width and 0 <= row < grid.height
-        return (column, row), grid.values[row * grid.width + column] if inside else math.nan
-
-    found = set()
-    for x, y, z in points():
-        place, is_obstacle = at(tiff, x, y)
-        height = at(heights, x, y)[1]
-        assert is_obstacle == 1.0 and z == (0.0 if math.isnan(height) else height), f"{x} {y} {z}"
-        found.add(place)
-    assert len(found) == message.width == sum(value == 1.0 for value in tiff.values)
+    width, height, corner, pixels = read_pgm(export, "obstacle")
+    heights = geotiff.read(export / "elevation.tif")
+    raw, found = message.data.tobytes(), set()
+    for at in range(message.width):
+        x, y, z = struct.unpack_from("<fff", raw, at * message.point_step)
+        column, row = math.floor((x - heights.west) / heights.cell), math.floor((heights.north - y) / heights.cell)
+        inside = 0 <= column < heights.width and 0 <= row < heights.height
+        value = heights.values[row * heights.width + column] if inside else math.nan
+        assert z == (0.0 if math.isnan(value) else value), f"{x} {y}: {z}, in the export {value}"
+        # The cells of both layers are of one size.
+        found.add(tuple(math.floor((p - c) / heights.cell) for p, c in zip((x, y), corner)))
+    at = lambda place: pixels[(height - 1 - place[1]) * width + place[0]]
+    assert all(at(place) == 0 for place in found), "a point without an obstacle"
+    assert len(found) == message.width == pixels.count(0), "not all obstacles"
     print(f"same as the export: /obstacles {len(found)} points", flush=True)
 
 
@@ -297,11 +316,15 @@ def main():
     compare_heights(late["/elevation"], args.export)
     compare_obstacles(last["/obstacles"], args.export)
     compare_voxels(late["/octomap"], args.export)
-    print("done", flush=True)
-    # The session of the package has threads that do not end.
-    sys.stdout.flush()
-    sys.exit(0)
 
 
 if __name__ == "__main__":
-    main()
+    code = 1
+    try:
+        main()
+        code = 0
+    except Exception:
+        traceback.print_exc()
+    # The session of the package has threads that do not end.
+    sys.stdout.flush()
+    os._exit(code)

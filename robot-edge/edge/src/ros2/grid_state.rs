@@ -18,6 +18,9 @@ const LETHAL: i8 = 100;
 /// The greatest passable cost: 99 is "inscribed" in Nav2.
 const COST_MAX: f32 = 98.0;
 
+/// [`TILE_SIDE`] for indices.
+const SIDE: i64 = 64;
+
 /// Columns and rows of tiles: the first, and one past the last.
 type TileRange = [[i64; 2]; 2];
 
@@ -151,13 +154,12 @@ impl GridState {
                 }
             }
         }
-        let side = TILE_SIDE as i64;
-        let first = [0, 1].map(|axis| ((part[0][axis] - grid[0][axis]) * side) as i32);
+        let first = [0, 1].map(|axis| ((part[0][axis] - grid[0][axis]) * SIDE) as i32);
         GridPart {
             stamp,
             cell_m,
             first: (part != grid).then_some(first),
-            origin_m: grid[0].map(|tile| (tile * side) as f64 * cell_m),
+            origin_m: grid[0].map(|tile| (tile * SIDE) as f64 * cell_m),
             size: [width, height].map(|cells| cells as u32),
             cells: values,
         }

@@ -70,7 +70,7 @@ enum OctreeRequest {
     #[default]
     None,
     Requested,
-    Made(RobotTime, Octree),
+    Made(RobotTime, Box<Octree>),
 }
 
 impl OutputInputs {
@@ -81,7 +81,7 @@ impl OutputInputs {
     /// Copies the octree, if it is requested.
     pub fn offer_octree(&self, stamp: RobotTime, octree: &Octree) {
         if matches!(*lock(&self.octree), OctreeRequest::Requested) {
-            let copy = octree.clone();
+            let copy = Box::new(octree.clone());
             *lock(&self.octree) = OctreeRequest::Made(stamp, copy);
         }
     }
@@ -96,7 +96,7 @@ impl OutputInputs {
     }
 
     /// The requested octree; the first call requests one.
-    fn take_octree(&self) -> Option<(RobotTime, Octree)> {
+    fn take_octree(&self) -> Option<(RobotTime, Box<Octree>)> {
         let mut request = lock(&self.octree);
         match std::mem::take(&mut *request) {
             OctreeRequest::Made(stamp, octree) => Some((stamp, octree)),
@@ -344,16 +344,12 @@ impl Topics {
         let topics = named
             .enumerate()
             .map(|(index, (config, content))| {
-                let mut topic = Topic::new(node, config, content)?;
-                if topic.content.is_kept() {
-                    let (sender, unanswered) = (sender.clone(), Arc::clone(&unanswered));
-                    topic._kept = topic.publisher.keep(move |query| {
-                        if sender.try_send((index, query)).is_err() {
-                            unanswered.fetch_add(1, Ordering::Relaxed);
-                        }
-                    })?;
-                }
-                Ok(topic)
+                let (sender, unanswered) = (sender.clone(), Arc::clone(&unanswered));
+                Topic::new(node, config, content, move |query| {
+                    if sender.try_send((index, query)).is_err() {
+                        unanswered.fetch_add(1, Ordering::Relaxed);
+                    }
+                })
             })
             .collect::<Result<_, _>>()?;
         Ok(Self {
@@ -410,6 +406,7 @@ impl Topic {
         node: &RosNode,
         config: &RosTopicConfig,
         content: Content,
+        answer: impl Fn(HistoryQuery) + Clone + Send + Sync + 'static,
     ) -> Result<Self, RosLinkError> {
         let settings = PublisherSettings {
             priority: Priority::Data,
@@ -432,6 +429,11 @@ impl Topic {
             }
             _ => None,
         };
+        let kept = if content.is_kept() {
+            publisher.keep(answer)?
+        } else {
+            Vec::new()
+        };
         Ok(Self {
             name: config.topic.clone(),
             content,
@@ -444,7 +446,7 @@ impl Topic {
             queries: Vec::new(),
             too_large: 0,
             voxels_omitted: 0,
-            _kept: Vec::new(),
+            _kept: kept,
         })
     }
 
@@ -633,7 +635,8 @@ impl Topic {
                     vehicle.odom_from_base,
                 );
                 let both = [map, odom];
-                transforms(vehicle.stamp, &both[..1 + usize::from(frames.odom_to_base)])
+                let last = usize::from(frames.odom_to_base);
+                transforms(vehicle.stamp, &both[..=last])
             }),
             Content::Odometry { stamp } => of_vehicle(sources, stamp, |vehicle| {
                 let pose = &vehicle.odom_from_base;

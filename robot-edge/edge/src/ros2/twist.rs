@@ -117,13 +117,12 @@ impl TwistPublisher {
 
 fn chosen<'a>(
     message: VelocityMessage,
-    subscribers: impl Iterator<Item = &'a DiscoveredTopic> + Clone,
+    subscribers: impl Iterator<Item = &'a DiscoveredTopic>,
 ) -> Messages {
-    let takes = |kind: PublishedType| {
-        subscribers
-            .clone()
-            .any(|taken| taken.stream.type_name == kind.name)
-    };
+    let taken: Vec<_> = subscribers
+        .map(|taken| taken.stream.type_name.as_str())
+        .collect();
+    let takes = |kind: PublishedType| taken.contains(&kind.name);
     let stamped = match message {
         VelocityMessage::Auto => takes(PublishedType::TWIST_STAMPED),
         VelocityMessage::Twist => false,

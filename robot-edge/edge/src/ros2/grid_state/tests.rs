@@ -1,3 +1,5 @@
+#![expect(clippy::float_cmp, reason = "these values are exact")]
+
 use protocol::tile::BootId;
 use protocol::tile_store::LayerGrid;
 

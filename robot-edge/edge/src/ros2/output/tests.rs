@@ -185,7 +185,7 @@ fn nothing_is_made_for_nobody_and_what_is_too_large_is_counted() {
     let octree = mapper.voxels().unwrap().octree();
     let offer = |stamp| {
         rig.inputs
-            .offer_octree(RobotTime::from_nanos(stamp), octree)
+            .offer_octree(RobotTime::from_nanos(stamp), octree);
     };
     rig.publish(LayerId::Cost, [0, 0], 1);
     thread::sleep(Duration::from_millis(1500));
