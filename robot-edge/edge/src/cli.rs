@@ -10,8 +10,8 @@ use crate::actuators::MOTOR_GUARD_COMMAND;
 use network::LOG_FILTER;
 
 pub use mapping::{
-    DrivingOptions, MapOptions, MappingOptions, NetworkOptions, Replay, RunLive, Simulate,
-    VehicleOptions,
+    DrivingOptions, MapOptions, MappingOptions, NetworkOptions, Replay, RosOptions, RunLive,
+    Simulate, VehicleOptions,
 };
 use setup::{QUESTIONS, Setup};
 use tools::INSTALLED_KEYS;
@@ -34,7 +34,7 @@ The system's own router has port 7447 of this machine. Consoles are therefore ex
 
 [motors.roboteq] in the vehicle's configuration is what is driven; or [motors.ros2_twist], by which velocities are
 published on a topic of the ROS 2 system, and then it is up to that system to stop when they cease. Without either
-the vehicle can be watched only.";
+the vehicle can be watched only. [ros2_output] names the maps and poses that are published there.";
 
 /// Maps what a ground robot's or boat's laser sees.
 #[derive(Clone, Debug, PartialEq, Parser)]
@@ -172,12 +172,12 @@ mod tests {
             run
         };
         let default = run("run");
-        assert_eq!(default.ros, None);
-        assert_eq!((default.ros_domain, default.wait_s), (None, 10.0));
+        assert_eq!(default.ros, RosOptions::default());
+        assert!((default.wait_s - 10.0).abs() < 1e-9);
         let named =
             run("run --ros tcp/bot:7447 --ros-domain 232 --wait 3 --vehicle v.toml --state-dir s");
         assert_eq!(
-            (named.ros.as_deref(), named.ros_domain),
+            (named.ros.endpoint.as_deref(), named.ros.domain),
             (Some("tcp/bot:7447"), Some(232))
         );
         assert_eq!(named.driving.state_dir, Some(PathBuf::from("s")));

@@ -28,6 +28,7 @@ pub mod service_manager;
 pub mod setup;
 pub mod summary;
 pub mod survey;
+mod thread_priority;
 pub mod vehicle_commands;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -281,6 +281,11 @@ impl ScanRegistration {
         Some((stamp, pose))
     }
 
+    /// Pose of the vehicle at `stamp` by the source that scans are matched on, or that is used alone; `None` where it has none.
+    pub fn prior_pose_at(&self, stamp: RobotTime) -> Option<Pose> {
+        self.prior_chain()?.sampler().pose_at(stamp).ok()
+    }
+
     fn sensor_of(&self, stream: StreamId, is_kind: impl Fn(ScanKind) -> bool) -> Option<usize> {
         let mut sensors = self.sensors.iter();
         sensors.position(|sensor| is_kind(sensor.kind()) && sensor.accepts(stream))

@@ -55,10 +55,20 @@ pub fn wall_clock_label() -> String {
 }
 
 /// The present by the wall clock, for labels and the dates of certificates: seconds since 1970, UTC.
-#[expect(clippy::disallowed_methods, reason = "this file is the clock")]
 pub fn seconds_since_1970() -> u64 {
-    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH);
-    since_epoch.map_or(0, |duration| duration.as_secs())
+    since_1970().as_secs()
+}
+
+/// The present by the wall clock, for messages to other programs: nanoseconds since 1970, UTC.
+pub fn nanos_since_1970() -> i64 {
+    i64::try_from(since_1970().as_nanos()).unwrap_or(i64::MAX)
+}
+
+#[expect(clippy::disallowed_methods, reason = "this file is the clock")]
+fn since_1970() -> Duration {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -23,5 +23,6 @@ mod live;
 #[cfg(target_os = "linux")]
 mod package;
 mod processes;
+mod python;
 mod security;
 mod teleop;

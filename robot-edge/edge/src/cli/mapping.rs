@@ -15,12 +15,9 @@ use recording::ros::middleware::MAX_DOMAIN;
 /// `run`.
 #[derive(Clone, Debug, PartialEq, Args)]
 pub struct RunLive {
-    /// The ROS 2 system's Zenoh router or bridge [default: tcp/localhost:7447, unless the vehicle has devices of its own]
-    #[arg(long, value_name = "ENDPOINT", value_parser = NonEmptyStringValueParser::new())]
-    pub ros: Option<String>,
-    /// Its domain [default: what `ROS_DOMAIN_ID` says, or 0]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_DOMAIN)))]
-    pub ros_domain: Option<u32>,
+    /// Its ROS 2 system.
+    #[command(flatten)]
+    pub ros: RosOptions,
     /// Look so long for the sensors, seconds
     #[arg(long = "wait", value_name = "S", default_value = "10", value_parser = above_zero, allow_negative_numbers = true)]
     pub wait_s: f64,
@@ -75,12 +72,27 @@ pub struct Simulate {
     /// Let operators drive it at any rate: for hours of driving in minutes. Its world goes faster than their reactions
     #[arg(long, hide = true)]
     pub drive_at_any_rate: bool,
+    /// Where maps are published.
+    #[command(flatten)]
+    pub ros: RosOptions,
     /// How it is driven.
     #[command(flatten)]
     pub driving: DrivingOptions,
     /// Options of every command that maps.
     #[command(flatten)]
     pub mapping: MappingOptions,
+}
+
+/// The ROS 2 system.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct RosOptions {
+    /// The ROS 2 system's Zenoh router or bridge, for sensors and `[ros2_output]` [default: of `run`, tcp/localhost:7447, unless
+    /// the vehicle has devices of its own and publishes nothing; `simulate` publishes only with this option]
+    #[arg(long = "ros", value_name = "ENDPOINT", value_parser = NonEmptyStringValueParser::new())]
+    pub endpoint: Option<String>,
+    /// Its domain [default: what `ROS_DOMAIN_ID` says, or 0]
+    #[arg(long = "ros-domain", value_name = "N", value_parser = clap::value_parser!(u32).range(..=i64::from(MAX_DOMAIN)))]
+    pub domain: Option<u32>,
 }
 
 /// How the vehicle is driven.

@@ -17,6 +17,7 @@ pub mod load;
 pub mod motors;
 pub mod overrides;
 pub mod presets;
+pub mod ros2_output;
 pub mod sensors;
 
 mod config_layer;
@@ -27,6 +28,7 @@ pub use error::{ConfigError, ConfigIssue, Origin, Problem};
 pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
+pub use ros2_output::Ros2OutputConfig;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
     TiltConfig, WheelEncodersConfig, WheelsAndAttitude, the_imu,
@@ -54,6 +56,7 @@ pub struct Config {
     pub link: LinkConfig,
     pub teleop: TeleopConfig,
     pub motors: MotorsConfig,
+    pub ros2_output: Ros2OutputConfig,
 }
 
 impl Config {
@@ -94,6 +97,7 @@ impl Default for Config {
             link: LinkConfig::default(),
             teleop: TeleopConfig::default(),
             motors: MotorsConfig::default(),
+            ros2_output: Ros2OutputConfig::default(),
         }
     }
 }

@@ -5,6 +5,7 @@ use serde::Deserialize;
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
 use crate::actuators::roboteq::RoboteqConfig;
+use crate::ros2::VelocityMessage;
 use teleop::{LocomotionConfig, LocomotionModes};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -30,14 +31,15 @@ impl MotorsConfig {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TwistConfig {
-    /// Topic of `geometry_msgs/Twist`.
     pub topic: String,
+    pub message: VelocityMessage,
 }
 
 impl Default for TwistConfig {
     fn default() -> Self {
         Self {
             topic: "/cmd_vel".to_owned(),
+            message: VelocityMessage::Auto,
         }
     }
 }
@@ -95,7 +97,7 @@ impl MotorsConfig {
                 "differential = true alone",
             );
         }
-        if let Some(TwistConfig { topic }) = &self.ros2_twist {
+        if let Some(TwistConfig { topic, .. }) = &self.ros2_twist {
             if self.roboteq.is_some() {
                 issue(
                     "motors.ros2_twist",
@@ -117,7 +119,7 @@ impl MotorsConfig {
     }
 }
 
-fn is_topic(name: &str) -> bool {
+pub(super) fn is_topic(name: &str) -> bool {
     let is_part = |part: &str| {
         let first_fits = part
             .chars()

@@ -46,6 +46,36 @@ type Rule = (&'static [&'static str], Allowed, &'static str);
 
 /// Keys whose range depends on nothing else.
 const RULES: &[Rule] = &[
+    (&["ros2_output.map_frame"], Name, "a frame has a name"),
+    (
+        &[
+            "ros2_output.map.rate_hz",
+            "ros2_output.cost_map.rate_hz",
+            "ros2_output.elevation.rate_hz",
+            "ros2_output.voxels.rate_hz",
+            "ros2_output.obstacles.rate_hz",
+            "ros2_output.tf.rate_hz",
+            "ros2_output.odometry.rate_hz",
+            "ros2_output.path.rate_hz",
+        ],
+        PositiveUpTo(100.0),
+        "faster than poses come, nothing is new",
+    ),
+    (
+        &[
+            "ros2_output.map.max_kb",
+            "ros2_output.cost_map.max_kb",
+            "ros2_output.elevation.max_kb",
+            "ros2_output.voxels.max_kb",
+            "ros2_output.obstacles.max_kb",
+            "ros2_output.tf.max_kb",
+            "ros2_output.odometry.max_kb",
+            "ros2_output.path.max_kb",
+        ],
+        // Zenoh takes up to 1 GiB by default.
+        Whole(1, 1_000_000),
+        "a message has content, and receivers take no larger one",
+    ),
     (
         &["vehicle.name"],
         Name,
@@ -481,6 +511,7 @@ pub(super) fn validate(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
     let locomotion = config.motors.locomotion().check(&config.teleop);
     issues.extend(locomotion.into_iter().map(ConfigIssue::from));
     issues.extend(config.motors.check());
+    issues.extend(config.ros2_output.check(config));
     issues.extend(devices(config, merged));
     issues
 }

@@ -140,7 +140,8 @@ impl BtWriter {
         Ok(())
     }
 
-    pub fn write(mut self, cell_m: f64, out: &mut impl Write) -> Result<BtSizes, BtWriteError> {
+    /// The nodes of the tree, without a header.
+    pub fn finish(mut self) -> (Vec<u8>, BtSizes) {
         while !self.open.is_empty() {
             self.close();
         }
@@ -149,13 +150,18 @@ impl BtWriter {
             nodes: inner + self.leaves,
             leaves: self.leaves,
         };
+        (self.bytes, sizes)
+    }
+
+    pub fn write(self, cell_m: f64, out: &mut impl Write) -> Result<BtSizes, BtWriteError> {
+        let (bytes, sizes) = self.finish();
         write!(
             out,
             "{FIRST_LINE}\n# (feel free to add / change comments, but leave the first line as it is!)\n#\n\
             id OcTree\nsize {}\nres {cell_m}\ndata\n",
             sizes.nodes
         )?;
-        out.write_all(&self.bytes)?;
+        out.write_all(&bytes)?;
         Ok(sizes)
     }
 

@@ -153,8 +153,20 @@ pub fn voxel_digest(octree: &Octree) -> String {
     hasher.finalize().to_string()
 }
 
-/// Voxels that are left out, because the format has no place for them.
+/// Returns the number of voxels that are left out, because the format has no place for them.
 fn write_tree(octree: &Octree, mut out: impl Write) -> Result<u64, BtWriteError> {
+    let (tree, omitted) = bt_writer(octree)?;
+    tree.write(octree.cell_m(), &mut out)?;
+    Ok(omitted)
+}
+
+/// The nodes of `voxels.bt` without its header, and the number of voxels that are left out.
+pub fn octomap_tree(octree: &Octree) -> Result<(Vec<u8>, u64), BtWriteError> {
+    let (tree, omitted) = bt_writer(octree)?;
+    Ok((tree.finish().0, omitted))
+}
+
+fn bt_writer(octree: &Octree) -> Result<(BtWriter, u64), BtWriteError> {
     let mut tree = BtWriter::default();
     let mut omitted = 0;
     for block in octree.known_blocks(octomap_bt::place) {
@@ -165,8 +177,7 @@ fn write_tree(octree: &Octree, mut out: impl Write) -> Result<u64, BtWriteError>
             omitted += u64::from(known.sum::<u32>());
         }
     }
-    tree.write(octree.cell_m(), &mut out)?;
-    Ok(omitted)
+    Ok((tree, omitted))
 }
 
 fn write_points<'a>(

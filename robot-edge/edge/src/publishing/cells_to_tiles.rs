@@ -163,7 +163,7 @@ fn site(site: &DockingSite) -> message::DockingSite {
 }
 
 #[cfg(test)]
-pub(super) fn uniform_tile(code: u16) -> TileCells {
+pub(crate) fn uniform_tile(code: u16) -> TileCells {
     TileCells::from_fn(|_, _| code)
 }
 

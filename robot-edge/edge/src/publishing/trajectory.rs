@@ -76,6 +76,16 @@ impl Trajectory {
             .collect()
     }
 
+    /// At most `most` poses, with the same number of scans between them.
+    pub fn thinned(&self, most: usize) -> Vec<StampedPose> {
+        let len = self.visible_len();
+        let step = len.div_ceil(most.max(1)).max(1);
+        (0..len)
+            .step_by(step)
+            .filter_map(|at| self.pose(at))
+            .collect()
+    }
+
     fn pose(&self, at: usize) -> Option<StampedPose> {
         let len = self.len();
         let pose = match at.checked_sub(len) {

@@ -1,10 +1,19 @@
 //! A third Zenoh session: a client of the robot's ROS 2 system.
 //!
-//! It subscribes, requests earlier messages once (static transforms), and publishes velocities. Zenoh's callbacks only
-//! fill bounded queues; the receiver decodes.
+//! It subscribes, requests earlier messages once (static transforms), and publishes velocities, maps and poses. Zenoh's
+//! callbacks only fill bounded queues; the receiver decodes, and threads of their own encode.
 
+mod grid_state;
 mod inbox;
+mod node;
+mod output;
 mod session;
+#[cfg(test)]
+mod test_router;
+mod twist;
 
 pub use inbox::{Inbox, RosMessage};
-pub use session::{RosEndpoint, RosLink, RosLinkError, TwistPublisher};
+pub use node::{RosEndpoint, RosLinkError, RosNode};
+pub use output::{Drops, OutputInputs, OutputSources, RosOutput, RosTarget, VehicleState};
+pub use session::RosLink;
+pub use twist::{TwistPublisher, VelocityMessage};

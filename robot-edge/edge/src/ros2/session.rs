@@ -1,67 +1,33 @@
-//! Subscriptions, announcements and published velocities of the ROS 2 session.
+//! Subscriptions and announcements of the ROS 2 session.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::Wait as _;
 use zenoh::query::{QueryTarget, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
-use zenoh::{Config, Session, Wait as _};
 
 use super::inbox::{Inbox, InboxSender, RosMessage};
-use crate::actuators::Velocity;
-use crate::actuators::published_velocity::VelocitySink;
+use super::node::{RosEndpoint, RosLinkError, RosNode};
 use crate::lock;
-use measurement::time::{Monotonic, RobotTime};
-use measurement::{Stream, Twist};
-use network::clock::{self, seconds_since_1970};
-use network::{random_id, without_source_places};
-use recording::ros::middleware::Attachment;
+use measurement::Stream;
+use network::clock;
+use recording::ros::MessageType;
 use recording::ros::middleware::{
-    DiscoveredTopic, parse_token, rmw_pattern, rmw_stream, static_transform_history,
-    token_patterns, twist_keys,
+    Attachment, DiscoveredTopic, TopicEnd, parse_token, rmw_pattern, rmw_stream,
+    static_transform_history, token_patterns,
 };
-use recording::ros::{MessageType, twist_message};
 
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
-/// Interval of attempts, also after a restart of the router.
-const RETRY_PERIOD: Duration = Duration::from_millis(500);
 /// Limit for replies with static transforms.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Larger messages are ignored.
-const MAX_MESSAGE_BYTES: usize = 16 << 20;
 /// Maximum number of announcements, far more than the publishers of a robot.
 const MAX_ANNOUNCED: usize = 4096;
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RosEndpoint {
-    /// Its Zenoh router or bridge.
-    pub endpoint: String,
-    /// Its domain; the keys of bridges contain none.
-    pub domain: u32,
-}
-
-#[derive(Debug, thiserror::Error)]
-pub enum RosLinkError {
-    #[error("Zenoh does not take {key} = {value}: {why}", why = without_source_places(why))]
-    Setting {
-        key: &'static str,
-        value: String,
-        why: zenoh::Error,
-    },
-    #[error("no answer at {endpoint}: {why}", why = without_source_places(why))]
-    Open { endpoint: String, why: zenoh::Error },
-    #[error("Zenoh refused {what}: {why}", why = without_source_places(why))]
-    Declare { what: String, why: zenoh::Error },
-}
 
 /// A connection to a ROS 2 system. Clones share it; it ends with the last one.
 #[derive(Clone)]
 pub struct RosLink {
-    session: Session,
-    domain: u32,
+    node: RosNode,
     sender: InboxSender,
     announced: Arc<Mutex<Announcements>>,
     takes_clouds: bool,
@@ -70,7 +36,7 @@ pub struct RosLink {
 impl std::fmt::Debug for RosLink {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("RosLink")
-            .field("domain", &self.domain)
+            .field("node", &self.node)
             .finish_non_exhaustive()
     }
 }
@@ -87,17 +53,9 @@ struct Announcements {
 impl RosLink {
     /// Connects, and subscribes to all mappable topics; to those of clouds, which are large, only with `takes_clouds`.
     pub fn open(at: &RosEndpoint, takes_clouds: bool) -> Result<(Self, Inbox), RosLinkError> {
-        let session =
-            zenoh::open(config(&at.endpoint)?)
-                .wait()
-                .map_err(|why| RosLinkError::Open {
-                    endpoint: at.endpoint.clone(),
-                    why,
-                })?;
         let (sender, inbox) = Inbox::new();
         let link = Self {
-            session,
-            domain: at.domain,
+            node: RosNode::open(at)?,
             sender,
             announced: Arc::new(Mutex::new(Announcements {
                 takes_clouds,
@@ -112,12 +70,13 @@ impl RosLink {
 
     /// Requests static transforms from their publishers. The replies arrive as messages.
     pub fn request_history(&self) -> Result<(), RosLinkError> {
-        for key in static_transform_history(self.domain)
+        for key in static_transform_history(self.node.domain)
             .iter()
             .map(String::as_str)
         {
-            let (sender, domain) = (self.sender.clone(), self.domain);
-            self.session
+            let (sender, domain) = (self.sender.clone(), self.node.domain);
+            self.node
+                .session
                 .get(key)
                 .target(QueryTarget::All)
                 .accept_replies(ReplyKeyExpr::Any)
@@ -133,7 +92,7 @@ impl RosLink {
                     }
                 })
                 .wait()
-                .map_err(|why| refused(key, why))?;
+                .map_err(RosLinkError::refused(key))?;
         }
         Ok(())
     }
@@ -144,19 +103,19 @@ impl RosLink {
         let new = std::mem::take(&mut lock(&self.announced).new_keys);
         for (key, stream) in new {
             let sender = self.sender.clone();
-            self.session
+            self.node
+                .session
                 .declare_subscriber(key.clone())
                 .callback(move |sample| offer(&sender, &sample, || Some(stream.clone())))
                 .background()
                 .wait()
-                .map_err(|why| refused(&key, why))?;
+                .map_err(RosLinkError::refused(&key))?;
         }
         Ok(())
     }
 
-    pub fn twist_publisher(&self, topic: &str) -> Result<TwistPublisher, RosLinkError> {
-        let gid = random_id().map_err(|why| refused(topic, why.into()))?;
-        TwistPublisher::new(&self.session, twist_keys(self.domain, topic), gid)
+    pub const fn node(&self) -> &RosNode {
+        &self.node
     }
 
     /// The announced topics, sorted by name.
@@ -175,11 +134,12 @@ impl RosLink {
             if !is_mapped(kind, self.takes_clouds) {
                 continue;
             }
-            let Some(pattern) = rmw_pattern(self.domain, type_name) else {
+            let Some(pattern) = rmw_pattern(self.node.domain, type_name) else {
                 continue;
             };
-            let (sender, domain) = (self.sender.clone(), self.domain);
-            self.session
+            let (sender, domain) = (self.sender.clone(), self.node.domain);
+            self.node
+                .session
                 .declare_subscriber(pattern.clone())
                 .callback(move |sample| {
                     offer(&sender, &sample, || {
@@ -188,15 +148,16 @@ impl RosLink {
                 })
                 .background()
                 .wait()
-                .map_err(|why| refused(&pattern, why))?;
+                .map_err(RosLinkError::refused(&pattern))?;
         }
         Ok(())
     }
 
     fn listen_to_announcements(&self) -> Result<(), RosLinkError> {
-        for pattern in token_patterns(self.domain) {
+        for pattern in token_patterns(self.node.domain, TopicEnd::Publisher) {
             let announcements = Arc::clone(&self.announced);
-            self.session
+            self.node
+                .session
                 .liveliness()
                 .declare_subscriber(pattern.clone())
                 .history(true)
@@ -205,7 +166,7 @@ impl RosLink {
                 })
                 .background()
                 .wait()
-                .map_err(|why| refused(&pattern, why))?;
+                .map_err(RosLinkError::refused(&pattern))?;
         }
         Ok(())
     }
@@ -217,7 +178,7 @@ impl Announcements {
             self.by_token.remove(token);
             return;
         }
-        let Some(announced) = parse_token(token) else {
+        let Some(announced) = parse_token(token, TopicEnd::Publisher) else {
             return;
         };
         if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
@@ -256,113 +217,4 @@ fn offer(sender: &InboxSender, sample: &Sample, stream: impl FnOnce() -> Option<
             received_at,
         })
     });
-}
-
-fn refused(what: &str, why: zenoh::Error) -> RosLinkError {
-    RosLinkError::Declare {
-        what: what.to_owned(),
-        why,
-    }
-}
-
-fn config(endpoint: &str) -> Result<Config, RosLinkError> {
-    let mut config = Config::default();
-    let text = |text: &str| serde_json::Value::from(text).to_string();
-    let retry_ms = RETRY_PERIOD.as_millis();
-    for (key, value) in [
-        ("mode", text("client")),
-        ("connect/endpoints", format!("[{}]", text(endpoint))),
-        (
-            "connect/timeout_ms",
-            CONNECT_TIMEOUT.as_millis().to_string(),
-        ),
-        (
-            "connect/retry",
-            format!(
-                "{{ period_init_ms: {retry_ms}, period_max_ms: {retry_ms}, period_increase_factor: 1 }}"
-            ),
-        ),
-        ("listen/endpoints", "[]".to_owned()),
-        ("scouting/multicast/enabled", false.to_string()),
-        ("scouting/gossip/enabled", false.to_string()),
-        (
-            "transport/link/rx/max_message_size",
-            MAX_MESSAGE_BYTES.to_string(),
-        ),
-        ("transport/shared_memory/enabled", false.to_string()),
-        ("adminspace/enabled", false.to_string()),
-    ] {
-        if let Err(why) = config.insert_json5(key, &value) {
-            return Err(RosLinkError::Setting { key, value, why });
-        }
-    }
-    Ok(config)
-}
-
-/// One topic, under each key that it may have.
-pub struct TwistPublisher {
-    publishers: Vec<Publisher<'static>>,
-    gid: [u8; 16],
-    sequence: i64,
-    since: Monotonic,
-}
-
-/// Until the router has reported the subscribers, Zenoh assumes that there is one.
-const MATCHING_DELAY: Duration = Duration::from_secs(1);
-
-impl TwistPublisher {
-    pub(super) fn new(
-        session: &zenoh::Session,
-        keys: impl IntoIterator<Item = String>,
-        gid: [u8; 16],
-    ) -> Result<Self, RosLinkError> {
-        let publisher = |key: String| {
-            session
-                .declare_publisher(key.clone())
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::RealTime)
-                .express(true)
-                .wait()
-                .map_err(|why| RosLinkError::Declare { what: key, why })
-        };
-        Ok(Self {
-            publishers: keys.into_iter().map(publisher).collect::<Result<_, _>>()?,
-            gid,
-            sequence: 0,
-            since: clock::now(),
-        })
-    }
-}
-
-impl VelocitySink for TwistPublisher {
-    fn publish(&mut self, velocity: Velocity) {
-        self.sequence += 1;
-        let seconds = i64::try_from(seconds_since_1970()).unwrap_or(0);
-        let attachment = Attachment {
-            sequence: self.sequence,
-            published: RobotTime::from_nanos(seconds.saturating_mul(1_000_000_000)),
-            gid: self.gid,
-        };
-        let payload = twist_message(&Twist {
-            linear_mps: [velocity.linear_mps, velocity.lateral_mps, 0.0],
-            angular_radps: [0.0, 0.0, velocity.angular_radps],
-        });
-        for publisher in &self.publishers {
-            let put = publisher
-                .put(payload.clone())
-                .attachment(attachment.encode());
-            if let Err(why) = put.wait() {
-                let why = without_source_places(&why);
-                tracing::warn!(%why, "a velocity was not published");
-            }
-        }
-    }
-
-    fn has_subscriber(&self) -> bool {
-        clock::elapsed(self.since) >= MATCHING_DELAY
-            && self.publishers.iter().any(|publisher| {
-                let status = publisher.matching_status().wait();
-                status.is_ok_and(|status| status.matching())
-            })
-    }
 }

@@ -16,7 +16,7 @@ use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
 use crate::actuators::roboteq::{RoboteqConfig, encoder_pipe};
 use crate::cli::DrivingOptions;
-use crate::config::{Config, ConfigIssue};
+use crate::config::{Config, ConfigIssue, TwistConfig};
 #[cfg(feature = "simulation")]
 use crate::driving::motors::SimulatedMotors;
 use crate::driving::{
@@ -24,7 +24,7 @@ use crate::driving::{
     MonitorSensorInput, Motors, Operators, monitor_input,
 };
 use crate::exit::UsageError;
-use crate::ros2::RosLink;
+use crate::ros2::{RosNode, TwistPublisher};
 use crate::service_manager::ServiceManager;
 #[cfg(target_os = "linux")]
 use mapping::ground_plane::GroundTracker;
@@ -42,8 +42,8 @@ pub(super) enum MotorsPlan {
     None,
     #[cfg(feature = "simulation")]
     Simulated(SimulatedMotors),
-    /// Velocities are published on this topic of a ROS 2 system.
-    Ros2Twist(RosLink, String),
+    /// Velocities are published in a ROS 2 system, in this frame of the vehicle.
+    Ros2Twist(RosNode, TwistConfig, String),
     /// Real motors, owned by the motor guard.
     #[cfg(target_os = "linux")]
     Roboteq(RoboteqConfig),
@@ -112,8 +112,8 @@ impl DrivePlan {
             MotorsPlan::None => Motors::None,
             #[cfg(feature = "simulation")]
             MotorsPlan::Simulated(motors) => Motors::Simulated(motors.clone()),
-            MotorsPlan::Ros2Twist(link, topic) => {
-                let publisher = link.twist_publisher(topic)?;
+            MotorsPlan::Ros2Twist(node, TwistConfig { topic, message }, frame) => {
+                let publisher = TwistPublisher::new(node, topic, *message, frame)?;
                 let motors = PublishedVelocity::start(Box::new(publisher));
                 Motors::Published(motors.context("no thread can be had to publish velocities")?)
             }

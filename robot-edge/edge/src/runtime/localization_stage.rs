@@ -5,18 +5,20 @@ use protocol::message::{MAX_CLOSURES, RecordingStatus};
 
 use super::batching_channel::{InputDelay, MappingInput};
 use super::live_recording::{LiveRecording, Problem};
-use super::mapping_stage::SharedMapStats;
+use super::mapping_stage::{SharedMapFromOdom, SharedMapStats};
 use super::recorder::Recorder;
 use super::source::DataClock;
 use super::source::SourceItem;
 use super::source_reader::Batch;
 use super::state_publisher::StatePublisher;
 use crate::driving::MapRequest;
+use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::progress::{Progress, ProgressFigures};
+use crate::ros2::{OutputInputs, VehicleState};
 use crate::summary::StageTimer;
 use localization::registration::{RegistrationOutput, ScanRegistration};
 use measurement::time::{Monotonic, RobotTime};
-use measurement::{Measurement, Stream};
+use measurement::{Measurement, Stream, Twist};
 use network::clock;
 use recording::time_sequencer::Ordered;
 use recording::writer::WriteError;
@@ -29,6 +31,7 @@ pub(super) struct LocalizationStage {
     /// A member only to reuse its memory.
     pub(super) registered: Vec<RegistrationOutput>,
     pub(super) state_publisher: Option<StatePublisher>,
+    pub(super) ros_poses: Option<RosPoses>,
     pub(super) recordings: Recordings,
     pub(super) progress: Progress,
     pub(super) clock: DataClock,
@@ -36,6 +39,44 @@ pub(super) struct LocalizationStage {
     /// The source's streams, indexed by `StreamId`.
     pub(super) streams: Vec<Stream>,
     pub(super) maps: SharedMapStats,
+}
+
+/// Hands the newest pose over to the ROS 2 system.
+pub(super) struct RosPoses {
+    pub(super) inputs: OutputInputs,
+    pub(super) map_from_odom: SharedMapFromOdom,
+    pub(super) velocity_estimator: VelocityEstimator,
+    pub(super) last_stamp: Option<RobotTime>,
+    /// Another node publishes the pose of the vehicle in `odom`.
+    pub(super) has_other_odom: bool,
+}
+
+impl RosPoses {
+    fn set(&mut self, registration: &ScanRegistration) {
+        let Some((stamp, odom_from_base)) = registration.newest_pose() else {
+            return;
+        };
+        if self.last_stamp.replace(stamp) == Some(stamp) {
+            return;
+        }
+        let velocity = self.velocity_estimator.update(stamp, &odom_from_base);
+        let mut map_from_odom = self.map_from_odom.get();
+        // Where scans are matched, their `odom` is not that of the other node.
+        if self.has_other_odom
+            && let Some(other_from_base) = registration.prior_pose_at(stamp)
+        {
+            map_from_odom = map_from_odom * odom_from_base * other_from_base.inverse();
+        }
+        self.inputs.set_vehicle(VehicleState {
+            stamp,
+            odom_from_base,
+            map_from_odom,
+            twist: Twist {
+                linear_mps: [velocity.linear_mps, velocity.lateral_mps, 0.0],
+                angular_radps: [0.0, 0.0, velocity.angular_radps],
+            },
+        });
+    }
 }
 
 /// The recordings of a run: `--record`, and those that operators start.
@@ -144,6 +185,7 @@ impl LocalizationStage {
             timer: StageTimer::default(),
             registered: Vec::new(),
             state_publisher: None,
+            ros_poses: None,
             recordings: Recordings::default(),
             progress: Progress::new(true),
             clock: DataClock::default(),
@@ -344,6 +386,9 @@ impl LocalizationStage {
             && let Some(pose) = self.registration.newest_pose()
         {
             state_publisher.publish_pose(pose);
+        }
+        if let Some(ros_poses) = &mut self.ros_poses {
+            ros_poses.set(&self.registration);
         }
     }
 

@@ -18,6 +18,7 @@ use crate::overload::{OverloadChange, OverloadMonitor};
 use crate::publishing::publisher::PublishError;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::replay_control::{ReplayControl, TimelineMark};
+use crate::ros2::RosOutput;
 use crate::summary::Event;
 use localization::registration::RegistrationOutput;
 use localization::scan_localization::SavedMap;
@@ -51,6 +52,7 @@ pub(super) struct MappingStage {
     pub(super) stats: SharedMapStats,
     pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) tilt: Option<TiltControl>,
+    pub(super) ros: Option<RosOutput>,
     /// Where operators save maps, and what is being saved.
     pub(super) saved_maps: Option<PathBuf>,
     saving: Vec<(PathBuf, JoinHandle<anyhow::Result<()>>)>,
@@ -87,6 +89,7 @@ impl MappingStage {
             stats: SharedMapStats::default(),
             map_from_odom: SharedMapFromOdom::default(),
             tilt: None,
+            ros: None,
             saved_maps: None,
             saving: Vec::new(),
         }
@@ -343,6 +346,22 @@ impl MappingStage {
             }
             network.publish_tiles(changed_tiles);
             network.serve_octree_files(&self.maps, false);
+        }
+        self.serve_ros();
+    }
+
+    /// Hands the octree over to the ROS 2 system, if it is requested, and publishes what went wrong there.
+    pub(super) fn serve_ros(&self) {
+        let Some(ros) = &self.ros else {
+            return;
+        };
+        if let Some((voxels, stamp)) = self.maps.mapper().voxels().zip(self.maps.last_scan()) {
+            ros.inputs().offer_octree(stamp, voxels.octree());
+        }
+        for warning in ros.inputs().take_warnings() {
+            if let Some(network) = &self.network {
+                network.publish_event("ros2_output", &warning);
+            }
         }
     }
 }

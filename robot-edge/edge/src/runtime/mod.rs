@@ -19,6 +19,7 @@ mod plan;
 mod player;
 mod recorder;
 mod replay;
+mod ros_endpoint;
 mod run;
 mod run_live;
 mod saved_map;

@@ -16,7 +16,6 @@ use super::driving::DrivePlan;
 use super::mapping_stage::SharedMapFromOdom;
 use super::maps::{Maps, PausedSnapshot};
 use super::network_plan::{self, NetworkPlan};
-use super::pipeline::lower_thread_priority;
 use super::state_publisher::{StatePublisher, build_info};
 use crate::config::Config;
 use crate::driving::operators::PendingOperatorList;
@@ -29,6 +28,7 @@ use crate::publishing::trajectory::SharedTrajectory;
 use crate::sensor_monitor::{SensorMonitor, descriptors};
 use crate::server::edge::{EdgeLink, EdgeSettings};
 use crate::server::publish_state::PublishState;
+use crate::thread_priority::lower_thread_priority;
 use localization::registration::RegistrationSettings;
 use mapping::Mapper;
 use mapping::octree::Octree;
@@ -52,6 +52,14 @@ const FINAL_STATUS_DELAY: Duration = Duration::from_millis(1200);
 const SPEED_WINDOW_LAND: RobotDuration = RobotDuration::from_nanos(100_000_000);
 /// On water: positions scatter by centimetres.
 const SPEED_WINDOW_WATER: RobotDuration = RobotDuration::from_nanos(500_000_000);
+
+pub(super) const fn velocity_estimator(config: &Config) -> VelocityEstimator {
+    VelocityEstimator::new(if config.teleop.is_boat {
+        SPEED_WINDOW_WATER
+    } else {
+        SPEED_WINDOW_LAND
+    })
+}
 
 pub(super) struct RobotDescription<'a> {
     /// Recording or world; empty on a real vehicle.
@@ -151,11 +159,7 @@ impl Network {
                     monitor_input,
                     on_jump: config.localization.on_jump,
                     map_from_odom: SharedMapFromOdom::default(),
-                    velocity_estimator: VelocityEstimator::new(if config.teleop.is_boat {
-                        SPEED_WINDOW_WATER
-                    } else {
-                        SPEED_WINDOW_LAND
-                    }),
+                    velocity_estimator: velocity_estimator(config),
                     goes_sideways: config.motors.modes.goes_sideways(),
                     keel_depth: config
                         .teleop

@@ -22,6 +22,7 @@ use crate::events::merge_alike;
 use crate::exit::UsageError;
 use crate::export::voxels::{export_voxels, voxel_digest};
 use crate::publishing::publisher::Publisher;
+use crate::ros2::Drops;
 use crate::summary::{
     Beams, Event, LayerFigures, ScanMatching, Scans, Summary, Tiles, Voxels, peak_rss_bytes,
 };
@@ -233,6 +234,12 @@ impl Summary {
     pub(super) fn add_recorder_notes(&mut self, notes: Vec<String>) {
         for note in notes {
             self.add_event("record", note);
+        }
+    }
+
+    pub(super) fn add_ros_drops(&mut self, drops: &Drops) {
+        for ((topic, reason), count) in drops {
+            self.add_event("ros2_output", format!("{topic}: {count} {reason}"));
         }
     }
 

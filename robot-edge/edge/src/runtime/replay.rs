@@ -138,6 +138,7 @@ pub(super) fn create_run<'a>(
         events: events.collect(),
         devices: None,
         tilt: None,
+        ros: None,
     };
     let what = source::Replay {
         own_poses: *plan.localization_plan.origin.prior() == PoseOrigin::Log,

@@ -12,9 +12,9 @@ use protocol::tile::BootId;
 use super::driving::DrivePlan;
 use super::is_set;
 use super::live_recording::LiveRecording;
-use super::localization_stage::RecordingResult;
+use super::localization_stage::{RecordingResult, RosPoses};
 use super::mapping_stage::EventLog;
-use super::network::{Network, RobotDescription};
+use super::network::{Network, RobotDescription, velocity_estimator};
 use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
 use super::pipeline::Pipeline;
@@ -30,6 +30,7 @@ use crate::exit::UsageError;
 use crate::exit::{Exit, Interrupted};
 use crate::pacer::Rate;
 use crate::progress::Progress;
+use crate::ros2::{OutputInputs, OutputSources, RosOutput, RosTarget};
 use crate::service_manager::ServiceManager;
 use crate::summary::{Event, Summary};
 use localization::registration::{PoseOrigin, RegistrationSettings};
@@ -64,6 +65,8 @@ pub(super) struct Run<'a> {
     /// Devices that are read without a middleware.
     pub(super) devices: Option<DeviceStatuses>,
     pub(super) tilt: Option<TiltControl>,
+    /// Where maps and poses are published, if `[ros2_output]` names topics.
+    pub(super) ros: Option<RosTarget>,
 }
 
 struct Files {
@@ -116,7 +119,10 @@ impl Run<'_> {
         if let Some(network) = &pipeline.mapping.network
             && went_well
         {
-            network.wait_for_consoles(&pipeline.mapping.maps, self.quiet, || is_set(interrupt));
+            network.wait_for_consoles(&pipeline.mapping.maps, self.quiet, || {
+                pipeline.mapping.serve_ros();
+                is_set(interrupt)
+            });
         }
         // Ctrl-C is the normal end of a map that is served, and of a vehicle that can be driven.
         let is_at_its_end = end.is_complete || self.drive.can_drive();
@@ -234,7 +240,47 @@ impl Run<'_> {
         mapping.saved_maps = self.drive.maps().map(std::path::Path::to_path_buf);
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
+        self.start_ros_output(&mut pipeline)?;
         Ok(pipeline)
+    }
+
+    fn start_ros_output(&self, pipeline: &mut Pipeline) -> anyhow::Result<()> {
+        let Some(target) = self
+            .ros
+            .clone()
+            .filter(|_| !self.config.ros2_output.is_empty())
+        else {
+            return Ok(());
+        };
+        let Pipeline {
+            localization,
+            mapping,
+        } = pipeline;
+        let localizing = &self.config.localization;
+        let odom_frame = match &localizing.fixed_frame {
+            Some(configured) => configured,
+            None => match self.registration.origin.prior() {
+                PoseOrigin::Tf { fixed_frame } => fixed_frame,
+                _ => "odom",
+            },
+        };
+        let sources = OutputSources {
+            inputs: OutputInputs::default(),
+            store: mapping.maps.publisher().shared_store(),
+            trajectory: mapping.trajectory.clone(),
+        };
+        let frames = (odom_frame, localizing.base_frame.as_str());
+        let ros = RosOutput::start(&self.config.ros2_output, frames, target, sources)
+            .context("no thread can be had to publish to ROS 2")?;
+        localization.ros_poses = Some(RosPoses {
+            inputs: ros.inputs().clone(),
+            map_from_odom: mapping.map_from_odom.clone(),
+            velocity_estimator: velocity_estimator(self.config),
+            last_stamp: None,
+            has_other_odom: !self.config.ros2_output.odom_to_base,
+        });
+        mapping.ros = Some(ros);
+        Ok(())
     }
 
     /// A map is saved and gone on in only where scans are matched.
@@ -347,6 +393,9 @@ impl Run<'_> {
         summary.events.extend(happened.into_events());
         summary.add_source_end(end, interrupted);
         summary.add_recorder_notes(recorded.notes);
+        if let Some(ros) = pipeline.mapping.ros.take() {
+            summary.add_ros_drops(&ros.finish());
+        }
 
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {
             // Consoles may still request the trajectory.

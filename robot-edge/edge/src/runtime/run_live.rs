@@ -17,6 +17,7 @@ use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
 use super::outputs::{self, SETUP};
 use super::plan::{Plan, plan};
+use super::ros_endpoint::ros_endpoint;
 use super::run::Run;
 use super::source::Source;
 use super::tilt_control::TiltControl;
@@ -26,12 +27,8 @@ use crate::config::presets::GENERIC;
 use crate::config::{self, Config};
 use crate::exit::{Exit, UsageError};
 use crate::pacer::Rate;
-use crate::ros2::{RosEndpoint, RosLink};
+use crate::ros2::{RosLink, RosTarget};
 use crate::summary::Event;
-use recording::ros::middleware::MAX_DOMAIN;
-
-/// The router of `rmw_zenoh` on this machine.
-const DEFAULT_ROS: &str = "tcp/localhost:7447";
 
 /// Default endpoint for consoles. It differs from that of the router of `rmw_zenoh`.
 const DEFAULT_LISTEN: &str = "tcp/127.0.0.1:7449";
@@ -88,6 +85,7 @@ pub(super) fn run_live(
         plan,
         devices,
         goals,
+        ros,
         ..
     } = sensors;
     let tilt = tilt.map(|tilt| turned_by(tilt, &goals)).transpose()?;
@@ -136,6 +134,7 @@ pub(super) fn run_live(
         events: events.collect(),
         devices,
         tilt,
+        ros,
     };
     run.execute(&mut *source, interrupt, out)
 }
@@ -148,6 +147,8 @@ struct Sensors {
     plan: Plan,
     /// The ROS 2 system, if there is one.
     link: Option<RosLink>,
+    /// Where maps and poses are published.
+    ros: Option<RosTarget>,
     devices: Option<DeviceStatuses>,
     /// Of the joints that devices turn.
     goals: Vec<JointGoal>,
@@ -160,10 +161,11 @@ fn own_devices(
     encoders: Option<EncoderInput>,
     others: bool,
 ) -> anyhow::Result<Sensors> {
-    if let Some(ros) = &command.ros {
+    let publishes = !config.ros2_output.is_empty();
+    if let Some(ros) = command.ros.endpoint.as_ref().filter(|_| !publishes) {
         return Err(UsageError(format!(
-            "--ros {ros}: the vehicle's configuration has devices of its own ([devices]), which are read without ROS 2: \
-             leave out one of both"
+            "--ros {ros}: the vehicle's configuration has devices of its own ([devices]), which are read without ROS 2, and \
+             nothing to publish ([ros2_output]): leave the option out"
         ))
         .into());
     }
@@ -180,6 +182,7 @@ fn own_devices(
         place: "[devices]".to_owned(),
         plan,
         link: None,
+        ros: Some(RosTarget::Endpoint(ros_endpoint(&command.ros)?)),
     })
 }
 
@@ -203,16 +206,7 @@ fn ros_sensors(
     quiet: bool,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<Sensors> {
-    let at = RosEndpoint {
-        endpoint: command
-            .ros
-            .clone()
-            .unwrap_or_else(|| DEFAULT_ROS.to_owned()),
-        domain: match command.ros_domain {
-            Some(domain) => domain,
-            None => ros_domain_id(env::var("ROS_DOMAIN_ID").ok().as_deref())?,
-        },
-    };
+    let at = ros_endpoint(&command.ros)?;
     if !quiet {
         writeln!(
             io::stderr(),
@@ -233,6 +227,7 @@ fn ros_sensors(
     });
     Ok(Sensors {
         link: Some(live.link().clone()),
+        ros: Some(RosTarget::Node(live.link().node().clone())),
         source: Box::new(live),
         place: at.endpoint,
         plan,
@@ -297,7 +292,12 @@ fn motors(config: &Config, link: Option<RosLink>) -> Result<MotorsPlan, UsageErr
                     .to_owned(),
             )
         })?;
-        return Ok(MotorsPlan::Ros2Twist(link, twist.topic.clone()));
+        let frame = config.localization.base_frame.clone();
+        return Ok(MotorsPlan::Ros2Twist(
+            link.node().clone(),
+            twist.clone(),
+            frame,
+        ));
     }
     match &config.motors.roboteq {
         None => Ok(MotorsPlan::None),
@@ -323,20 +323,6 @@ fn default_state_dir(
             set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state")))?;
         Some(state_dir.join("foreshore").join(robot.as_str()))
     })
-}
-
-fn ros_domain_id(variable: Option<&str>) -> Result<u32, UsageError> {
-    let Some(text) = variable.filter(|text| !text.is_empty()) else {
-        return Ok(0);
-    };
-    text.parse()
-        .ok()
-        .filter(|domain| *domain <= MAX_DOMAIN)
-        .ok_or_else(|| {
-            UsageError(format!(
-                "ROS_DOMAIN_ID={text}: a domain is a number from 0 to {MAX_DOMAIN}; --ros-domain says another"
-            ))
-        })
 }
 
 #[cfg(test)]
@@ -367,20 +353,6 @@ mod tests {
             of_home
         );
         assert_eq!(folder(&[]), None);
-    }
-
-    #[test]
-    fn the_domain_is_a_valid_number() {
-        assert_eq!(ros_domain_id(None).unwrap(), 0);
-        assert_eq!(ros_domain_id(Some("")).unwrap(), 0);
-        assert_eq!(ros_domain_id(Some("42")).unwrap(), 42);
-        for wrong in ["-1", "233", "lab"] {
-            let error = ros_domain_id(Some(wrong)).unwrap_err().to_string();
-            assert!(
-                error.contains(wrong) && error.contains("0 to 232"),
-                "{error}"
-            );
-        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ use super::localization_plan::{
 };
 use super::network_plan::NetworkPlan;
 use super::outputs::SETUP;
+use super::ros_endpoint::ros_endpoint;
 use super::run::Run;
 use super::source::{Source, SourceItem, SourceLosses};
 use super::tilt_control::TiltControl;
@@ -18,6 +19,7 @@ use crate::config::advice::advise;
 use crate::config::{self, Config, FixesAndAttitude, WheelsAndAttitude, the_imu};
 use crate::driving::motors::SimulatedMotors;
 use crate::exit::{Exit, UsageError};
+use crate::ros2::RosTarget;
 use crate::summary::Event;
 use crate::survey::range_sensors::assign_streams;
 use drivers::joint_goal::JointGoal;
@@ -78,6 +80,9 @@ pub(super) fn simulate(
     if config.motors.has_motors() {
         notes.push("[motors] is left alone: only `run` drives real motors".to_owned());
     }
+    if command.ros.endpoint.is_none() && !config.ros2_output.is_empty() {
+        notes.push("[ros2_output] is left alone: --ros says where to publish".to_owned());
+    }
     let mut tilt = TiltControl::new(&config);
     if tilt.is_some() && !command.rate.is_real_time() {
         tilt = None;
@@ -114,6 +119,10 @@ pub(super) fn simulate(
             .collect(),
         devices: None,
         tilt,
+        ros: match &command.ros.endpoint {
+            Some(_) => Some(RosTarget::Endpoint(ros_endpoint(&command.ros)?)),
+            None => None,
+        },
     };
     run.execute(
         &mut SimulatedRun {

@@ -22,7 +22,7 @@ pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType
         }
         _ => {}
     }
-    out.header(measurement);
+    out.header(measurement.stamp, &measurement.frame);
     let kind = match &measurement.data {
         MeasurementData::Scan { scan, .. } => {
             out.laser_scan(scan);
@@ -89,13 +89,6 @@ pub fn encode(measurement: &Measurement, type_name: &str) -> Option<(MessageType
     Some((kind, out.bytes))
 }
 
-/// A `geometry_msgs/Twist`, which has no stamp.
-pub fn twist_message(twist: &Twist) -> Vec<u8> {
-    let mut out = CdrWriter::new();
-    out.twist(twist);
-    out.bytes
-}
-
 /// Appends fields, each aligned to its size, counted from the end of the encapsulation header.
 pub(super) struct CdrWriter {
     pub(super) bytes: Vec<u8>,
@@ -104,7 +97,7 @@ pub(super) struct CdrWriter {
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 impl CdrWriter {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             bytes: ENCAPSULATION.to_vec(),
         }
@@ -121,16 +114,23 @@ impl CdrWriter {
         self.number(value.to_le_bytes());
     }
 
-    fn f32s(&mut self, values: &[f32]) {
+    pub(super) fn f32s(&mut self, values: &[f32]) {
         for value in values {
             self.number(value.to_le_bytes());
         }
     }
 
-    fn f64s(&mut self, values: &[f64]) {
+    pub(super) fn f64s(&mut self, values: &[f64]) {
         for value in values {
             self.number(value.to_le_bytes());
         }
+    }
+
+    /// A sequence.
+    pub(super) fn i8s(&mut self, values: &[i8]) {
+        self.length(values.len());
+        self.bytes
+            .extend(values.iter().map(|value| value.cast_unsigned()));
     }
 
     pub(super) fn length(&mut self, elements: usize) {
@@ -143,11 +143,15 @@ impl CdrWriter {
         self.bytes.push(0);
     }
 
-    fn header(&mut self, measurement: &Measurement) {
-        let (secs, nanos) = split(measurement.stamp);
+    pub(super) fn header(&mut self, stamp: RobotTime, frame: &str) {
+        self.stamp(stamp);
+        self.string(frame);
+    }
+
+    pub(super) fn stamp(&mut self, stamp: RobotTime) {
+        let (secs, nanos) = split(stamp);
         self.number(secs.to_le_bytes());
         self.u32(nanos);
-        self.string(&measurement.frame);
     }
 
     fn laser_scan(&mut self, scan: &Scan) {
@@ -166,7 +170,7 @@ impl CdrWriter {
         self.length(0); // intensities
     }
 
-    fn pose(&mut self, pose: &Pose) {
+    pub(super) fn pose(&mut self, pose: &Pose) {
         let q = pose.rotation.quaternion();
         self.f64s(pose.translation.vector.as_slice());
         self.f64s(&[q.i, q.j, q.k, q.w]);
@@ -208,7 +212,7 @@ impl CdrWriter {
         self.number([0u8]); // covariance type: not known
     }
 
-    fn twist(&mut self, twist: &Twist) {
+    pub(super) fn twist(&mut self, twist: &Twist) {
         self.f64s(&twist.linear_mps);
         self.f64s(&twist.angular_radps);
     }

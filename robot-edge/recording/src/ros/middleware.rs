@@ -44,18 +44,86 @@ pub fn rmw_stream(domain: u32, key: &str) -> Option<Stream> {
     })
 }
 
-/// The keys of a topic of `geometry_msgs/Twist`: of `rmw_zenoh` from Iron on, in Humble, and of bridges. Who listens has
-/// one of them.
-pub fn twist_keys(domain: u32, topic: &str) -> [String; 3] {
-    const TWIST: &str = "geometry_msgs::msg::dds_::Twist_";
-    /// Of the definition, which has not changed (REP-2011).
-    const HASH: &str = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
-    let bare = topic.trim_matches('/');
-    [
-        format!("{domain}/{bare}/{TWIST}/{HASH}"),
-        format!("{domain}/{bare}/{TWIST}/TypeHashNotSupported"),
-        bare.to_owned(),
-    ]
+/// A type of messages that is published.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PublishedType {
+    /// In ROS 1 form, `nav_msgs/Path`.
+    pub name: &'static str,
+    /// Of its definition (REP-2011), which is the same from Iron to Kilted. `tests/python/ros2_client.py` computes them with
+    /// `rosbags`.
+    pub hash: &'static str,
+}
+
+macro_rules! published_types {
+    ($($constant:ident, $name:literal, $hash:literal;)*) => {
+        impl PublishedType {
+            $(
+                #[doc = concat!("`", $name, "`.")]
+                pub const $constant: Self = Self { name: $name, hash: concat!("RIHS01_", $hash) };
+            )*
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$constant),*];
+        }
+    };
+}
+
+published_types! {
+    TWIST, "geometry_msgs/Twist", "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
+    TWIST_STAMPED, "geometry_msgs/TwistStamped", "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64";
+    TF, "tf2_msgs/TFMessage", "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+    ODOMETRY, "nav_msgs/Odometry", "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0";
+    PATH, "nav_msgs/Path", "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b";
+    OCCUPANCY_GRID, "nav_msgs/OccupancyGrid", "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7";
+    OCCUPANCY_GRID_UPDATE, "map_msgs/OccupancyGridUpdate", "c4095b0be2e4363f8978a1570e0293ee093436f1e1c61d99b48502ac317025e8";
+    GRID_MAP, "grid_map_msgs/GridMap", "343b0e72887541beda6b035cc053f2d6fffaad9d6dcb2773c15a808dfca31fde";
+    OCTOMAP, "octomap_msgs/Octomap", "9891a19a05b70ec20aa8f45db3f8300b9ab80afff32c61c549d25087da9625b0";
+    POINT_CLOUD, "sensor_msgs/PointCloud2", "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5";
+}
+
+/// The keys of a published topic under `rmw_zenoh`: from Iron on, and in Humble, which knows no hashes. `None` where the type
+/// is no name of a type.
+pub fn rmw_keys(domain: u32, topic: &str, kind: PublishedType) -> Option<[String; 2]> {
+    let (bare, type_name) = (bridge_key(topic), dds_name(kind.name)?);
+    Some(
+        [kind.hash, "TypeHashNotSupported"]
+            .map(|hash| format!("{domain}/{bare}/{type_name}/{hash}")),
+    )
+}
+
+/// The key of a topic that a bridge carries.
+pub fn bridge_key(topic: &str) -> &str {
+    topic.trim_matches('/')
+}
+
+/// The key at which the publisher with number `id` in session `zid` is queried for the last message of `key`, by who
+/// subscribes late: that of an `AdvancedPublisher` of zenoh-ext.
+pub fn history_key(key: &str, zid: &str, id: u32) -> String {
+    format!("{key}/@adv/pub/{zid}/{id}/_")
+}
+
+/// Number of the only node of a session, in tokens.
+const NODE_ID: u32 = 0;
+
+/// The token of this program's node, in the namespace `/`.
+pub fn node_token(domain: u32, zid: &str, node: &str) -> String {
+    format!("@ros2_lv/{domain}/{zid}/{NODE_ID}/{NODE_ID}/NN/%/%/{node}")
+}
+
+/// The token of publisher number `id` of the node; `None` where the type is no name of a type. All publishers are reliable and
+/// keep one message; `is_kept`: for who subscribes late (transient local).
+pub fn publisher_token(
+    (domain, zid, node): (u32, &str, &str),
+    id: u32,
+    (topic, kind): (&str, PublishedType),
+    is_kept: bool,
+) -> Option<String> {
+    let topic = topic.replace('/', "%");
+    let (type_name, hash) = (dds_name(kind.name)?, kind.hash);
+    // Values of rmw/types.h.
+    let durability = if is_kept { 1 } else { 2 };
+    Some(format!(
+        "@ros2_lv/{domain}/{zid}/{NODE_ID}/{id}/MP/%/%/{node}/{topic}/{type_name}/{hash}/1:{durability}:1,1:,:,:,,"
+    ))
 }
 
 /// Keys of queries for the static transforms of a domain and of bridges: they are published once, and publishers keep them in
@@ -81,16 +149,35 @@ pub struct DiscoveredTopic {
     pub key: Option<String>,
 }
 
-/// Key expressions of all announcements of publishers: in this domain, and of bridges.
-pub fn token_patterns(domain: u32) -> [String; 2] {
+/// The end of a topic that a token announces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TopicEnd {
+    /// Who publishes messages.
+    Publisher,
+    /// Who takes them.
+    Subscriber,
+}
+
+impl TopicEnd {
+    const fn letters(self) -> &'static str {
+        match self {
+            Self::Publisher => "MP",
+            Self::Subscriber => "MS",
+        }
+    }
+}
+
+/// Key expressions of all announcements of publishers or of subscribers: in this domain, and of bridges.
+pub fn token_patterns(domain: u32, end: TopicEnd) -> [String; 2] {
+    let end = end.letters();
     [
-        format!("@ros2_lv/{domain}/*/*/*/MP/**"),
-        "@/*/@ros2_lv/MP/**".to_owned(),
+        format!("@ros2_lv/{domain}/*/*/*/{end}/**"),
+        format!("@/*/@ros2_lv/{end}/**"),
     ]
 }
 
-/// The topic that a token's key announces; `None` if it is not a publisher of messages.
-pub fn parse_token(token: &str) -> Option<DiscoveredTopic> {
+/// The topic that a token's key announces; `None` if it is not of this end.
+pub fn parse_token(token: &str, end: TopicEnd) -> Option<DiscoveredTopic> {
     let chunks: Vec<&str> = token.split('/').collect();
     match chunks[..] {
         [
@@ -99,7 +186,7 @@ pub fn parse_token(token: &str) -> Option<DiscoveredTopic> {
             _session,
             _node_id,
             _id,
-            "MP",
+            kind,
             _enclave,
             _namespace,
             _node,
@@ -107,14 +194,14 @@ pub fn parse_token(token: &str) -> Option<DiscoveredTopic> {
             type_name,
             _hash,
             _qos,
-        ] => Some(DiscoveredTopic {
+        ] if kind == end.letters() => Some(DiscoveredTopic {
             stream: Stream {
                 name: absolute_name(&topic.replace('%', "/"))?,
                 type_name: ros_name(type_name)?,
             },
             key: None,
         }),
-        ["@", _session, "@ros2_lv", "MP", key, type_name, ..] => {
+        ["@", _session, "@ros2_lv", kind, key, type_name, ..] if kind == end.letters() => {
             let key = key.replace('§', "/");
             let type_name = type_name.replace('§', "/");
             Some(DiscoveredTopic {
@@ -225,7 +312,7 @@ mod tests {
         let rmw = "@ros2_lv/2/aac3178e146ba6f1fc6e6a4085e77f21/0/10/MP/%/%/talker/%bot%scan/\
                sensor_msgs::msg::dds_::LaserScan_/RIHS01_64c1/::,7:,:,:,,";
         assert_eq!(
-            parse_token(rmw),
+            parse_token(rmw, TopicEnd::Publisher),
             Some(DiscoveredTopic {
                 stream: Stream {
                     name: "/bot/scan".to_owned(),
@@ -236,7 +323,7 @@ mod tests {
         );
         let bridge = "@/b1c2/@ros2_lv/MP/bot§tf_static/tf2_msgs§msg§TFMessage/:1:1:,1";
         assert_eq!(
-            parse_token(bridge),
+            parse_token(bridge, TopicEnd::Publisher),
             Some(DiscoveredTopic {
                 stream: Stream {
                     name: "/bot/tf_static".to_owned(),
@@ -245,6 +332,28 @@ mod tests {
                 key: Some("bot/tf_static".to_owned()),
             })
         );
+    }
+
+    #[test]
+    fn a_publisher_is_announced_as_it_is_read() {
+        let of = (7, "aa01", "foreshore");
+        let map = ("/bot/map", PublishedType::OCCUPANCY_GRID);
+        let hash = PublishedType::OCCUPANCY_GRID.hash;
+        assert_eq!(
+            node_token(7, "aa01", "foreshore"),
+            "@ros2_lv/7/aa01/0/0/NN/%/%/foreshore"
+        );
+        let token = publisher_token(of, 3, map, true).unwrap();
+        assert_eq!(
+            token,
+            format!(
+                "@ros2_lv/7/aa01/0/3/MP/%/%/foreshore/%bot%map/nav_msgs::msg::dds_::OccupancyGrid_/{hash}/1:1:1,1:,:,:,,"
+            )
+        );
+        let announced = parse_token(&token, TopicEnd::Publisher).unwrap().stream;
+        assert_eq!(announced.name, "/bot/map");
+        let [key, _humble] = rmw_keys(7, map.0, map.1).unwrap();
+        assert_eq!(rmw_stream(7, &key), Some(announced));
     }
 
     #[test]
@@ -257,14 +366,16 @@ mod tests {
             "@/aa/@ros2_lv/MP/scan*/sensor_msgs§msg§LaserScan/q",
             "@ros2_lv/0/aa/0/10/MP/%/%/t/%/sensor_msgs::msg::dds_::LaserScan_/x/q",
         ] {
-            assert_eq!(parse_token(token), None, "{token}");
+            assert_eq!(parse_token(token, TopicEnd::Publisher), None, "{token}");
         }
     }
 
     proptest::proptest! {
         #[test]
         fn any_text_is_survived(text in "(@ros2_lv|@|[0-9a-z§%:_]*|/|MP|\\PC)*") {
-            parse_token(&text);
+            for end in [TopicEnd::Publisher, TopicEnd::Subscriber] {
+                parse_token(&text, end);
+            }
             super::rmw_stream(0, &text);
         }
     }

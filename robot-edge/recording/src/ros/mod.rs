@@ -7,11 +7,12 @@ mod decode;
 mod encode;
 pub mod middleware;
 mod point_cloud;
+pub mod published;
 
 pub use decode::decode;
 pub(crate) use decode::velodyne_packets;
+pub use encode::encode;
 pub(crate) use encode::ros2msg;
-pub use encode::{encode, twist_message};
 
 use measurement::drops::DropReason;
 use measurement::time::RobotTime;

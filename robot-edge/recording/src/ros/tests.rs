@@ -490,7 +490,7 @@ fn a_twist_without_a_stamp_is_six_numbers() {
         linear_mps: [0.5, 0.0, 0.0],
         angular_radps: [0.0, 0.0, -1.0],
     };
-    let message = twist_message(&twist);
+    let message = published::twist(&twist);
     let numbers = [0.5f64, 0.0, 0.0, 0.0, 0.0, -1.0].map(f64::to_le_bytes);
     assert_eq!(message, [&[0, 1, 0, 0][..], &numbers.concat()].concat());
     let decoded = decode(MessageType::Twist, Encoding::Cdr, false, &message).unwrap();

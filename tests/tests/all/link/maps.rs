@@ -2,8 +2,8 @@
 //! for a console that comes late.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::path::Path;
+use std::process::Command;
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use crate::processes::{
     Running, assert_same_files, assert_same_maps, free_endpoint, free_port, rooms, start, tcp,
     wait_until, zenoh_session,
 };
-use crate::skip::skip;
+use crate::python::{client_folder, python};
 
 /// Routers for control and bulk.
 pub(super) fn routers(port: u16) -> [Session; 2] {
@@ -289,50 +289,15 @@ fn a_late_console_without_layers_exports_the_edges_map() {
     assert_same_maps(&at("edge"), &at("console"));
 }
 
-fn client_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("python")
-}
-
-fn run(command: &mut Command) -> Option<Output> {
-    command
-        .output()
-        .ok()
-        .filter(|output| output.status.success())
-}
-
-/// A Python with the client's packages, in a virtual environment that later runs reuse; `None`,
-/// and a skipped test, if it cannot be made.
-fn python() -> Option<PathBuf> {
-    let requirements = client_folder().join("requirements.txt");
-    let wanted = blake3::hash(&std::fs::read(&requirements).unwrap()).to_hex();
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{}", &wanted[..16]));
-    let python = folder.join("bin/python");
-    let is_ready = |python: &Path| {
-        run(Command::new(python).args(["-c", "import zenoh, zstandard, blake3, cryptography"]))
-            .is_some()
-    };
-    if is_ready(&python) {
-        return Some(python);
-    }
-    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder)).and_then(|_| {
-        run(Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--requirement"])
-            .arg(&requirements))
-    });
-    if made.is_some() && is_ready(&python) {
-        return Some(python);
-    }
-    let lacks = format!(
-        "no virtual environment with the packages of {} can be made",
-        requirements.display()
-    );
-    skip(&lacks, "package python3-venv, and PyPI");
-    None
-}
+/// What the client from SPEC.md needs.
+const REQUIREMENTS: &str = "requirements.txt";
+const IMPORTS: &str = "zenoh, zstandard, blake3, cryptography";
 
 #[test]
 fn the_python_client_agrees_with_the_edge() {
-    let Some(python) = python() else { return };
+    let Some(python) = python(REQUIREMENTS, IMPORTS) else {
+        return;
+    };
     let folder = client_folder();
     let vectors = Command::new(&python)
         .arg("-B")
@@ -412,7 +377,7 @@ fn shores_have_the_same_names_everywhere() {
         console.ends_well();
     }
     console("restarted").ends_well();
-    let python_names = python().map(|python| {
+    let python_names = python(REQUIREMENTS, IMPORTS).map(|python| {
         let mut command = Command::new(&python);
         command
             .arg("-B")

@@ -218,9 +218,15 @@ fn an_emergency_stop_is_stored_in_the_state_directory() {
 
 #[test]
 fn a_ros_system_gets_velocities_and_zero_at_every_stop() {
-    for ros_middleware in [RosMiddleware::Rmw { domain: 0 }, RosMiddleware::Bridge] {
+    const RMW: RosMiddleware = RosMiddleware::Rmw { domain: 0 };
+    for (ros_middleware, type_name) in [
+        (RMW, "geometry_msgs/msg/Twist"),
+        (RMW, "geometry_msgs/msg/TwistStamped"),
+        (RosMiddleware::Bridge, "geometry_msgs/msg/Twist"),
+        (RosMiddleware::Bridge, "geometry_msgs/msg/TwistStamped"),
+    ] {
         let mut system = RosSystem::start(free_port(), ros_middleware);
-        let received = system.subscribe_twist("/bot/cmd_vel");
+        let received = system.subscribe_twist("/bot/cmd_vel", type_name);
         let moves = Arc::clone(&received);
         let motors = "[motors.ros2_twist]\ntopic = \"/bot/cmd_vel\"\n";
         let rover = Rover::start(motors, system, move || {

@@ -15,6 +15,7 @@ mod lidars;
 mod live_rig;
 mod mapped;
 mod notified;
+mod published;
 mod restarts;
 mod ros_system;
 mod service;

@@ -8,8 +8,9 @@ use std::time::Duration;
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use measurement::{Measurement, MeasurementData, StreamId};
+use network::clock;
 use recording::ros;
-use recording::ros::middleware::Attachment;
+use recording::ros::middleware::{Attachment, PublishedType};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::CongestionControl;
@@ -21,9 +22,6 @@ use crate::processes::{tcp, wait_until};
 
 /// Type hash of every published topic; the edge must ignore it.
 const HASH: &str = "RIHS01_64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828";
-
-/// Type hash of `geometry_msgs/Twist`; a node subscribes to this one only.
-const TWIST_HASH: &str = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
 
 const GID: [u8; 16] = *b"sixteen bytes...";
 
@@ -41,6 +39,7 @@ pub(super) struct RosSystem {
     topics: BTreeMap<String, Topic>,
     kept: Vec<Queryable<()>>,
     listeners: Vec<Subscriber<()>>,
+    takers: Vec<LivelinessToken>,
 }
 
 /// A velocity as a ROS 2 node receives it.
@@ -52,12 +51,22 @@ pub(super) struct Twist {
 }
 
 impl Twist {
-    /// As `rmw_zenoh` reads it, which drops messages without an attachment.
-    fn of(sample: &Sample, ros_middleware: RosMiddleware) -> Self {
+    /// As `rmw_zenoh` reads it, which drops messages without an attachment; `is_stamped`: it begins with a stamp and the
+    /// frame `base_link`.
+    fn of(sample: &Sample, ros_middleware: RosMiddleware, is_stamped: bool) -> Self {
         let message = sample.payload().to_bytes();
-        assert_eq!((message.len(), &message[..4]), (52, &[0, 1, 0, 0][..]));
+        let header = if is_stamped { 24 } else { 0 };
+        assert_eq!(
+            (message.len(), &message[..4]),
+            (52 + header, &[0, 1, 0, 0][..])
+        );
+        if is_stamped {
+            let stamp_s = u32::from_le_bytes(message[4..8].try_into().unwrap());
+            assert!(clock::seconds_since_1970().abs_diff(stamp_s.into()) < 60);
+            assert_eq!(&message[12..26], b"\x0a\0\0\0base_link\0");
+        }
         let number = |index: usize| {
-            let bytes = &message[4 + 8 * index..][..8];
+            let bytes = &message[4 + header + 8 * index..][..8];
             f64::from_le_bytes(bytes.try_into().unwrap())
         };
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
@@ -104,6 +113,7 @@ impl RosSystem {
             topics: BTreeMap::new(),
             kept: Vec::new(),
             listeners: Vec::new(),
+            takers: Vec::new(),
         }
     }
 
@@ -116,7 +126,7 @@ impl RosSystem {
         let session = &self.session;
         let token = session
             .liveliness()
-            .declare_token(self.token(topic, type_name));
+            .declare_token(self.token("MP", topic, type_name));
         let publisher = session
             .declare_publisher(self.key(topic, type_name))
             .congestion_control(CongestionControl::Block);
@@ -174,19 +184,27 @@ impl RosSystem {
         put.wait().unwrap();
     }
 
-    /// Subscribes to velocities; returns them in order of arrival.
-    pub(super) fn subscribe_twist(&mut self, topic: &str) -> Arc<Mutex<Vec<Twist>>> {
+    /// Subscribes to velocities of this type, and announces that; returns them in order of arrival.
+    pub(super) fn subscribe_twist(
+        &mut self,
+        topic: &str,
+        type_name: &str,
+    ) -> Arc<Mutex<Vec<Twist>>> {
         let received = Arc::new(Mutex::new(Vec::new()));
+        let token = self.token("MS", topic, type_name);
+        let token = self.session.liveliness().declare_token(token).wait();
+        self.takers.push(token.unwrap());
+        let is_stamped = type_name.ends_with("Stamped");
         let subscriber = self
             .session
-            .declare_subscriber(self.key(topic, "geometry_msgs/msg/Twist"))
+            .declare_subscriber(self.key(topic, type_name))
             .callback({
                 let (received, ros_middleware) = (Arc::clone(&received), self.ros_middleware);
                 move |sample| {
                     received
                         .lock()
                         .unwrap()
-                        .push(Twist::of(&sample, ros_middleware));
+                        .push(Twist::of(&sample, ros_middleware, is_stamped));
                 }
             })
             .wait()
@@ -210,8 +228,10 @@ impl RosSystem {
         let bare = topic.trim_start_matches('/');
         match self.ros_middleware {
             RosMiddleware::Rmw { domain } => {
+                // A node subscribes to the hash of its definition only.
                 let hash = match type_name {
-                    "geometry_msgs/msg/Twist" => TWIST_HASH,
+                    "geometry_msgs/msg/Twist" => PublishedType::TWIST.hash,
+                    "geometry_msgs/msg/TwistStamped" => PublishedType::TWIST_STAMPED.hash,
                     _ => HASH,
                 };
                 format!("{domain}/{bare}/{}/{hash}", dds(type_name))
@@ -220,17 +240,17 @@ impl RosSystem {
         }
     }
 
-    fn token(&self, topic: &str, type_name: &str) -> String {
+    fn token(&self, end: &str, topic: &str, type_name: &str) -> String {
         let zid = self.session.zid();
         match self.ros_middleware {
             RosMiddleware::Rmw { domain } => format!(
-                "@ros2_lv/{domain}/{zid}/0/{}/MP/%/%/robot/{}/{}/{HASH}/1:2:1,10:,:,:,,",
+                "@ros2_lv/{domain}/{zid}/0/{}/{end}/%/%/robot/{}/{}/{HASH}/1:2:1,10:,:,:,,",
                 self.topics.len() + 1,
                 topic.replace('/', "%"),
                 dds(type_name)
             ),
             RosMiddleware::Bridge => format!(
-                "@/{zid}/@ros2_lv/MP/{}/{}/:::1,10",
+                "@/{zid}/@ros2_lv/{end}/{}/{}/:::1,10",
                 topic.trim_start_matches('/').replace('/', "§"),
                 type_name.replace('/', "§")
             ),

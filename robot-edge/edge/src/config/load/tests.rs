@@ -62,14 +62,15 @@ fn uncommented(text: &str) -> String {
     text.lines().map(uncomment).collect()
 }
 
-/// What can stand in one file: no depth limit on land, and of the kinds of motors one; not a Roboteq where the wheels
-/// have other modes than it can drive.
+/// What can stand in one file: no depth limit on land, no output of layers that are not mapped, and of the kinds of motors one;
+/// not a Roboteq where the wheels have other modes than it can drive.
 fn compatible(uncommented: &str) -> String {
     let maps_depth =
         !uncommented.contains("is_boat = false") && uncommented.contains("kind = \"sonar\"");
     let lines = uncommented.split_inclusive('\n');
     let lines = lines.filter(|line| maps_depth || !line.starts_with("min_depth_m"));
     let uncommented: String = lines.collect();
+    let (uncommented, _output) = uncommented.split_once("[ros2_output]").unwrap();
     let (before, motors) = uncommented.split_once("[motors.roboteq]").unwrap();
     let (_roboteq, twist) = motors.split_once("[motors.ros2_twist]").unwrap();
     if before.contains("differential = false") {

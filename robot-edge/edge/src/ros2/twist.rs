@@ -1,0 +1,252 @@
+//! Velocities to the motors of a ROS 2 system, as the messages that its subscribers take.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use serde::Deserialize;
+use zenoh::Wait as _;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::Priority;
+use zenoh::sample::SampleKind;
+
+use super::node::{PublisherSettings, RosLinkError, RosNode, RosPublisher};
+use crate::actuators::Velocity;
+use crate::actuators::published_velocity::VelocitySink;
+use crate::lock;
+use measurement::Twist;
+use measurement::time::RobotTime;
+use network::clock;
+use recording::ros::middleware::{
+    DiscoveredTopic, PublishedType, TopicEnd, parse_token, token_patterns,
+};
+use recording::ros::published::{twist, twist_stamped};
+
+/// Maximum number of subscribers that are remembered, far more than a topic of velocities has.
+const MAX_SUBSCRIBERS: usize = 64;
+
+/// Which message velocities are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VelocityMessage {
+    /// What the subscribers announce that they take; without any, `Twist`.
+    #[default]
+    Auto,
+    /// `geometry_msgs/Twist`.
+    Twist,
+    /// `geometry_msgs/TwistStamped`, which `diff_drive_controller` and Nav2 take since Jazzy.
+    TwistStamped,
+}
+
+/// Whether plain and stamped messages are meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Messages {
+    plain: bool,
+    stamped: bool,
+}
+
+/// The announced subscribers of the topic, by token: topics of bridges have a key.
+type Subscribers = BTreeMap<String, DiscoveredTopic>;
+
+pub struct TwistPublisher {
+    message: VelocityMessage,
+    /// Frame of the vehicle.
+    frame: String,
+    plain: RosPublisher,
+    stamped: RosPublisher,
+    subscribers: Arc<Mutex<Subscribers>>,
+    _tokens: Vec<Subscriber<()>>,
+}
+
+impl TwistPublisher {
+    pub fn new(
+        node: &RosNode,
+        topic: &str,
+        message: VelocityMessage,
+        frame: &str,
+    ) -> Result<Self, RosLinkError> {
+        let settings = PublisherSettings {
+            priority: Priority::RealTime,
+            is_kept: false,
+            is_bridged: true,
+        };
+        let subscribers: Arc<Mutex<Subscribers>> = Arc::default();
+        let listen = |pattern: String| {
+            let (subscribers, topic) = (Arc::clone(&subscribers), topic.to_owned());
+            node.session
+                .liveliness()
+                .declare_subscriber(pattern.clone())
+                .history(true)
+                .callback(move |sample| {
+                    let token = sample.key_expr().as_str();
+                    let mut subscribers = lock(&subscribers);
+                    if sample.kind() == SampleKind::Delete {
+                        subscribers.remove(token);
+                    } else if let Some(taken) = parse_token(token, TopicEnd::Subscriber)
+                        && taken.stream.name == topic
+                        && subscribers.len() < MAX_SUBSCRIBERS
+                    {
+                        subscribers.insert(token.to_owned(), taken);
+                    }
+                })
+                .wait()
+                .map_err(RosLinkError::refused(&pattern))
+        };
+        let tokens = token_patterns(node.domain, TopicEnd::Subscriber)
+            .into_iter()
+            .map(listen);
+        Ok(Self {
+            message,
+            frame: frame.to_owned(),
+            plain: node.publisher(topic, PublishedType::TWIST, settings)?,
+            stamped: node.publisher(topic, PublishedType::TWIST_STAMPED, settings)?,
+            _tokens: tokens.collect::<Result<_, _>>()?,
+            subscribers,
+        })
+    }
+
+    /// What is announced, and what is sent to bridges.
+    fn messages(&self) -> [Messages; 2] {
+        let subscribers = lock(&self.subscribers);
+        let announced = chosen(self.message, subscribers.values());
+        let of_bridges = subscribers
+            .values()
+            .filter(|subscriber| subscriber.key.is_some());
+        [announced, chosen(self.message, of_bridges)]
+    }
+}
+
+fn chosen<'a>(
+    message: VelocityMessage,
+    subscribers: impl Iterator<Item = &'a DiscoveredTopic>,
+) -> Messages {
+    let taken: Vec<_> = subscribers
+        .map(|taken| taken.stream.type_name.as_str())
+        .collect();
+    let takes = |kind: PublishedType| taken.contains(&kind.name);
+    let stamped = match message {
+        VelocityMessage::Auto => takes(PublishedType::TWIST_STAMPED),
+        VelocityMessage::Twist => false,
+        VelocityMessage::TwistStamped => true,
+    };
+    let plain = match message {
+        VelocityMessage::Auto => !stamped || takes(PublishedType::TWIST),
+        VelocityMessage::Twist => true,
+        VelocityMessage::TwistStamped => false,
+    };
+    Messages { plain, stamped }
+}
+
+impl VelocitySink for TwistPublisher {
+    fn publish(&mut self, velocity: Velocity) {
+        let velocity = Twist {
+            linear_mps: [velocity.linear_mps, velocity.lateral_mps, 0.0],
+            angular_radps: [0.0, 0.0, velocity.angular_radps],
+        };
+        let stamp = RobotTime::from_nanos(clock::nanos_since_1970());
+        let [announced, to_bridges] = self.messages();
+        // The keys of `rmw_zenoh` name the type, so that each subscriber gets what it takes, even without a token.
+        let is_auto = self.message == VelocityMessage::Auto;
+        // A bridge passes bytes on as the type it knows: of two types, none is safe but the stamped one for the stamped.
+        let bridged_stamped = to_bridges.stamped && !to_bridges.plain;
+        for (publisher, message, is_announced, is_bridged) in [
+            (
+                &mut self.plain,
+                twist(&velocity),
+                announced.plain,
+                !to_bridges.stamped,
+            ),
+            (
+                &mut self.stamped,
+                twist_stamped(stamp, &self.frame, &velocity),
+                announced.stamped,
+                bridged_stamped,
+            ),
+        ] {
+            if let Err(why) = publisher.announce(is_announced) {
+                tracing::warn!(%why, "velocities are not listed in the ROS 2 system");
+            }
+            if is_auto || is_announced {
+                publisher.put(message.clone());
+            }
+            if is_bridged {
+                publisher.put_bridged(message);
+            }
+        }
+    }
+
+    fn has_subscriber(&self) -> bool {
+        self.plain.has_subscriber() || self.stamped.has_subscriber()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+    use std::time::Duration;
+
+    use measurement::Stream;
+
+    use super::super::node::RosEndpoint;
+    use super::super::test_router::{self, announced, free_endpoint};
+    use super::*;
+
+    #[test]
+    fn subscribers_or_the_configuration_choose_the_message() {
+        use VelocityMessage as Message;
+        let (plain, stamped) = (PublishedType::TWIST, PublishedType::TWIST_STAMPED);
+        for (message, taken, expected) in [
+            (Message::Auto, &[][..], (true, false)),
+            (Message::Auto, &[plain], (true, false)),
+            (Message::Auto, &[stamped], (false, true)),
+            (Message::Auto, &[stamped, plain], (true, true)),
+            (Message::Auto, &[PublishedType::PATH], (true, false)),
+            (Message::Twist, &[stamped], (true, false)),
+            (Message::TwistStamped, &[plain], (false, true)),
+        ] {
+            let taken: Vec<_> = taken
+                .iter()
+                .map(|kind| DiscoveredTopic {
+                    stream: Stream {
+                        name: "/cmd_vel".to_owned(),
+                        type_name: kind.name.to_owned(),
+                    },
+                    key: None,
+                })
+                .collect();
+            let chosen = chosen(message, taken.iter());
+            assert_eq!((chosen.plain, chosen.stamped), expected, "{message:?}");
+        }
+    }
+
+    #[test]
+    fn the_topic_is_listed_with_the_type_that_is_taken() {
+        let endpoint = free_endpoint();
+        let router = test_router::start(&endpoint);
+        let node = RosNode::open(&RosEndpoint {
+            endpoint,
+            domain: 7,
+        });
+        let message = VelocityMessage::Auto;
+        let mut publisher =
+            TwistPublisher::new(&node.unwrap(), "/cmd_vel", message, "base_link").unwrap();
+        let mut is_listed = |type_name: &str| {
+            let began = clock::now();
+            let expected = [("/cmd_vel".to_owned(), type_name.to_owned())];
+            while announced(&router) != expected {
+                assert!(
+                    clock::elapsed(began) < Duration::from_mins(1),
+                    "{type_name}"
+                );
+                publisher.publish(Velocity::ZERO);
+                thread::sleep(Duration::from_millis(5));
+            }
+        };
+        is_listed("geometry_msgs/Twist");
+        let token =
+            "@ros2_lv/7/aa/0/1/MS/%/%/base/%cmd_vel/geometry_msgs::msg::dds_::TwistStamped_/x/q";
+        let taker = router.liveliness().declare_token(token).wait().unwrap();
+        is_listed("geometry_msgs/TwistStamped");
+        taker.undeclare().wait().unwrap();
+        is_listed("geometry_msgs/Twist");
+    }
+}
