@@ -51,7 +51,8 @@ const MAX_QUERIES: usize = 16;
 pub struct VehicleState {
     pub stamp: RobotTime,
     pub odom_from_base: Pose,
-    pub map_from_odom: Pose,
+    /// `None` while the vehicle is searched for in a saved map.
+    pub map_from_odom: Option<Pose>,
     /// In the frame of the vehicle.
     pub twist: Twist,
 }
@@ -624,19 +625,12 @@ impl Topic {
                 Made::Message(path(stamp, &frames.map, poses))
             }
             Content::Transforms { stamp } => of_vehicle(sources, stamp, |vehicle| {
-                let map = (
-                    frames.map.as_str(),
-                    frames.odom.as_str(),
-                    vehicle.map_from_odom,
-                );
-                let odom = (
-                    frames.odom.as_str(),
-                    frames.base.as_str(),
-                    vehicle.odom_from_base,
-                );
-                let both = [map, odom];
-                let last = usize::from(frames.odom_to_base);
-                transforms(vehicle.stamp, &both[..=last])
+                let [map, odom, base] = [&frames.map, &frames.odom, &frames.base];
+                let of_odom = vehicle.map_from_odom.map(|pose| (&**map, &**odom, pose));
+                let of_base = (&**odom, &**base, vehicle.odom_from_base);
+                let of_base = frames.odom_to_base.then_some(of_base);
+                let both: Vec<_> = of_odom.into_iter().chain(of_base).collect();
+                transforms(vehicle.stamp, &both)
             }),
             Content::Odometry { stamp } => of_vehicle(sources, stamp, |vehicle| {
                 let pose = &vehicle.odom_from_base;

@@ -60,6 +60,7 @@ impl RosPoses {
             return;
         }
         let velocity = self.velocity_estimator.update(stamp, &odom_from_base);
+        let is_searching = registration.supposed_map_from_odom().is_some();
         let mut map_from_odom = self.map_from_odom.get();
         // Where scans are matched, their `odom` is not that of the other node.
         if self.has_other_odom
@@ -70,7 +71,7 @@ impl RosPoses {
         self.inputs.set_vehicle(VehicleState {
             stamp,
             odom_from_base,
-            map_from_odom,
+            map_from_odom: (!is_searching).then_some(map_from_odom),
             twist: Twist {
                 linear_mps: [velocity.linear_mps, velocity.lateral_mps, 0.0],
                 angular_radps: [0.0, 0.0, velocity.angular_radps],

@@ -201,7 +201,7 @@ fn nothing_is_made_for_nobody_and_what_is_too_large_is_counted() {
     let vehicle = VehicleState {
         stamp: RobotTime::from_nanos(5),
         odom_from_base: planar(1.0, 2.0, 0.0),
-        map_from_odom: planar(10.0, 0.0, 0.0),
+        map_from_odom: Some(planar(10.0, 0.0, 0.0)),
         twist: Twist {
             linear_mps: [0.0; 3],
             angular_radps: [0.0; 3],
@@ -215,7 +215,7 @@ fn nothing_is_made_for_nobody_and_what_is_too_large_is_counted() {
     let expected = transforms(
         vehicle.stamp,
         &[
-            ("map", "odom", vehicle.map_from_odom),
+            ("map", "odom", vehicle.map_from_odom.unwrap()),
             ("odom", "base_link", vehicle.odom_from_base),
         ],
     );
