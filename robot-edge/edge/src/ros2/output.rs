@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -329,6 +329,8 @@ struct Topics {
     topics: Vec<Topic>,
     /// Each with the index of its topic.
     queries: Receiver<(usize, HistoryQuery)>,
+    /// Without a sender, waiting for queries would end at once.
+    _sender: SyncSender<(usize, HistoryQuery)>,
     unanswered: Arc<AtomicU64>,
 }
 
@@ -356,6 +358,7 @@ impl Topics {
         Ok(Self {
             topics,
             queries,
+            _sender: sender,
             unanswered,
         })
     }
