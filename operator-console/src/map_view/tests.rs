@@ -282,7 +282,7 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
     assert_eq!(window.state().asked, [Look::SetPose(true)]);
     look(&mut window, Look::Follow(false));
     look(&mut window, Look::SetPose(true));
-    let before_m = window.state().view.visible_m();
+    let before = window.state().view.place_of([0.0, 0.0]);
     for (ahead_m, said) in [([2.05, 3.0], None), ([2.0, 6.0], Some([2000, 3000, 1571]))] {
         let [from, to] = [[2.0, 3.0], ahead_m].map(|m| window.state().view.place_of(m));
         window.drag_at(from);
@@ -303,7 +303,7 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
             "{pose:?}"
         );
     }
-    assert_eq!(window.state().view.visible_m(), before_m);
+    assert_eq!(window.state().view.place_of([0.0, 0.0]), before);
     inject(
         &mut window.state_mut().model,
         Topic::Localization,

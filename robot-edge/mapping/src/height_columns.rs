@@ -603,17 +603,19 @@ impl ColumnWindow {
         let patch = self.patch(at);
         let mut without = patch;
         let least = ColumnTile::cell_of(at, 0);
-        for (y, row) in (0..).zip(patch.chunks_exact(PATCH_EDGE)) {
+        let rows = patch.chunks_exact(PATCH_EDGE);
+        let rows = rows.zip(without.chunks_exact_mut(PATCH_EDGE));
+        for (y, (row, without)) in (least.y - REACH_COLUMNS..).zip(rows) {
             // Beside a pit along x one column at least is higher: this rules out nearly all at once.
             let is_lower = |x: &usize| {
                 let beside = [x.wrapping_sub(1), x + 1].map(|x| row.get(x));
                 let mut beside = beside.iter().flatten();
                 beside.any(|beside| beside.ground_z >= row[*x].ground_z + PIT_DEPTH)
             };
-            for x in (0..PATCH_EDGE).filter(is_lower) {
-                let [dx, dy] = [x as i32 - REACH_COLUMNS, y as i32 - REACH_COLUMNS];
-                if self.is_pit(least.x + dx, least.y + dy) {
-                    without[y * PATCH_EDGE + x] = UNKNOWN;
+            let columns = (0..PATCH_EDGE).zip(least.x - REACH_COLUMNS..);
+            for (n, x) in columns.filter(|(n, _)| is_lower(n)) {
+                if self.is_pit(x, y) {
+                    without[n] = UNKNOWN;
                 }
             }
         }
