@@ -104,14 +104,22 @@ impl TwistPublisher {
         })
     }
 
-    /// What is announced, and what is sent to bridges.
+    /// What is announced, and what is sent to bridges: their keys do not name the type, and a subscriber would read velocities of the
+    /// other type as others. So nothing is sent to them before a subscriber is known, or where both types are taken.
     fn messages(&self) -> [Messages; 2] {
         let subscribers = lock(&self.subscribers);
         let announced = chosen(self.message, subscribers.values());
-        let of_bridges = subscribers
+        let mut of_bridges = subscribers
             .values()
-            .filter(|subscriber| subscriber.key.is_some());
-        [announced, chosen(self.message, of_bridges)]
+            .filter(|subscriber| subscriber.key.is_some())
+            .peekable();
+        let is_known = self.message != VelocityMessage::Auto || of_bridges.peek().is_some();
+        let taken = chosen(self.message, of_bridges);
+        let bridged = Messages {
+            plain: is_known && taken.plain && !taken.stamped,
+            stamped: taken.stamped && !taken.plain,
+        };
+        [announced, bridged]
     }
 }
 
@@ -143,23 +151,21 @@ impl VelocitySink for TwistPublisher {
             angular_radps: [0.0, 0.0, velocity.angular_radps],
         };
         let stamp = RobotTime::from_nanos(clock::nanos_since_1970());
-        let [announced, to_bridges] = self.messages();
+        let [announced, bridged] = self.messages();
         // The keys of `rmw_zenoh` name the type, so that each subscriber gets what it takes, even without a token.
         let is_auto = self.message == VelocityMessage::Auto;
-        // A bridge passes bytes on as the type it knows: of two types, none is safe but the stamped one for the stamped.
-        let bridged_stamped = to_bridges.stamped && !to_bridges.plain;
         for (publisher, message, is_announced, is_bridged) in [
             (
                 &mut self.plain,
                 twist(&velocity),
                 announced.plain,
-                !to_bridges.stamped,
+                bridged.plain,
             ),
             (
                 &mut self.stamped,
                 twist_stamped(stamp, &self.frame, &velocity),
                 announced.stamped,
-                bridged_stamped,
+                bridged.stamped,
             ),
         ] {
             if let Err(why) = publisher.announce(is_announced) {

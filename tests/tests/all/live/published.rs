@@ -60,8 +60,6 @@ fn a_node_that_is_not_ours_has_the_maps_of_the_export() {
     let printed = client.ends_well();
     println!("{printed}");
     for line in [
-        "rebuilt: /map ",
-        "rebuilt: /cost_map ",
         "same as the export: /map ",
         "same as the export: /cost_map ",
         "same as the export: /elevation ",
