@@ -169,6 +169,7 @@ fn own_devices(
         ))
         .into());
     }
+    let ros = publishes.then(|| ros_endpoint(&command.ros)).transpose()?;
     let plan = plan(&devices::survey(config, encoders.is_some())?, config)?;
     let selection = StreamSelection {
         mapped: plan.streams.clone(),
@@ -182,7 +183,7 @@ fn own_devices(
         place: "[devices]".to_owned(),
         plan,
         link: None,
-        ros: Some(RosTarget::Endpoint(ros_endpoint(&command.ros)?)),
+        ros: ros.map(RosTarget::Endpoint),
     })
 }
 
