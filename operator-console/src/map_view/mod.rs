@@ -442,10 +442,7 @@ impl MapView {
 /// The robot searches for itself in a saved map and takes settings.
 fn can_set_pose(model: &ConsoleModel) -> bool {
     let localization = model.localization().newest();
-    let takes_settings = model
-        .status()
-        .is_some_and(|(status, _)| status.teleop.is_some());
-    takes_settings && localization.is_some_and(|newest| newest.is_searching)
+    model.takes_settings() && localization.is_some_and(|newest| newest.is_searching)
 }
 
 fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[f64; 4]> {

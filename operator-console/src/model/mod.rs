@@ -275,6 +275,12 @@ impl ConsoleModel {
             .unwrap_or_default()
     }
 
+    /// Whether the robot takes settings of operators.
+    pub fn takes_settings(&self) -> bool {
+        self.status()
+            .is_some_and(|(status, _)| status.teleop.is_some())
+    }
+
     pub fn reports_ended(&self) -> bool {
         self.status().is_some_and(|(status, _)| status.has_ended)
     }

@@ -89,9 +89,7 @@ impl RobotData {
             rows,
             note,
             residuals,
-            takes_settings: model
-                .status()
-                .is_some_and(|(status, _)| status.teleop.is_some()),
+            takes_settings: model.takes_settings(),
         }
     }
 }
