@@ -5,7 +5,6 @@ use serde::Deserialize;
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
 use crate::actuators::roboteq::RoboteqConfig;
-use crate::ros2::VelocityMessage;
 use teleop::{LocomotionConfig, LocomotionModes};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -33,6 +32,19 @@ impl MotorsConfig {
 pub struct TwistConfig {
     pub topic: String,
     pub message: VelocityMessage,
+}
+
+/// Which message velocities are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VelocityMessage {
+    /// What the subscribers announce that they take; without any, `Twist`.
+    #[default]
+    Auto,
+    /// `geometry_msgs/Twist`.
+    Twist,
+    /// `geometry_msgs/TwistStamped`, which `diff_drive_controller` and Nav2 take since Jazzy.
+    TwistStamped,
 }
 
 impl Default for TwistConfig {

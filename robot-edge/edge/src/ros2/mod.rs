@@ -16,4 +16,4 @@ pub use inbox::{Inbox, RosMessage};
 pub use node::{RosEndpoint, RosLinkError, RosNode};
 pub use output::{Drops, OutputInputs, OutputSources, RosOutput, RosTarget, VehicleState};
 pub use session::RosLink;
-pub use twist::{TwistPublisher, VelocityMessage};
+pub use twist::TwistPublisher;

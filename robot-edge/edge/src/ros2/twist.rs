@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use serde::Deserialize;
 use zenoh::Wait as _;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::Priority;
@@ -12,6 +11,7 @@ use zenoh::sample::SampleKind;
 use super::node::{PublisherSettings, RosLinkError, RosNode, RosPublisher};
 use crate::actuators::Velocity;
 use crate::actuators::published_velocity::VelocitySink;
+use crate::config::motors::VelocityMessage;
 use crate::lock;
 use measurement::Twist;
 use measurement::time::RobotTime;
@@ -23,19 +23,6 @@ use recording::ros::published::{twist, twist_stamped};
 
 /// Maximum number of subscribers that are remembered, far more than a topic of velocities has.
 const MAX_SUBSCRIBERS: usize = 64;
-
-/// Which message velocities are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VelocityMessage {
-    /// What the subscribers announce that they take; without any, `Twist`.
-    #[default]
-    Auto,
-    /// `geometry_msgs/Twist`.
-    Twist,
-    /// `geometry_msgs/TwistStamped`, which `diff_drive_controller` and Nav2 take since Jazzy.
-    TwistStamped,
-}
 
 /// Whether plain and stamped messages are meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
