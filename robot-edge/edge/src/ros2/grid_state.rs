@@ -59,8 +59,8 @@ pub(super) struct GridPart {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TooLarge;
 
-/// Tiles of a rectangle that are still to be drawn, so that the store is locked only to collect them.
-pub(super) struct UndrawnPart {
+/// Tiles of a rectangle that are copied, so that the store is locked no longer than that takes.
+pub(super) struct CollectedTiles {
     stamp: RobotTime,
     cell_m: f64,
     grid: TileRange,
@@ -86,7 +86,7 @@ impl GridState {
         now: Monotonic,
         (is_new, takes_updates): (bool, bool),
         max_cells: u64,
-    ) -> Result<Option<UndrawnPart>, TooLarge> {
+    ) -> Result<Option<CollectedTiles>, TooLarge> {
         let (epoch, revision) = (store.epoch(self.layer), store.head_revision(self.layer));
         let sent = self.sent.filter(|_| !is_new);
         let is_whole_due = |sent: &Sent| sent.is_behind && now.since(sent.whole_at) >= WHOLE_PERIOD;
@@ -125,7 +125,7 @@ impl GridState {
         &self,
         store: &TileStore,
         max_cells: u64,
-    ) -> Result<Option<UndrawnPart>, TooLarge> {
+    ) -> Result<Option<CollectedTiles>, TooLarge> {
         let Some(range) = self.range(store) else {
             return Ok(None);
         };
@@ -133,14 +133,14 @@ impl GridState {
         Ok(self.part(store, range, range))
     }
 
-    pub(super) fn draw(&self, undrawn: &UndrawnPart) -> GridPart {
-        let UndrawnPart {
+    pub(super) fn assemble(&self, collected: &CollectedTiles) -> GridPart {
+        let CollectedTiles {
             stamp,
             cell_m,
             grid,
             part,
             ref tiles,
-        } = *undrawn;
+        } = *collected;
         let [width, height] = cells(part);
         let mut values = vec![UNKNOWN; (width * height) as usize];
         for (key, tile) in tiles {
@@ -172,7 +172,7 @@ impl GridState {
         joined(known.map(|(key, _)| key)).or(self.sent.map(|sent| sent.range))
     }
 
-    fn part(&self, store: &TileStore, grid: TileRange, part: TileRange) -> Option<UndrawnPart> {
+    fn part(&self, store: &TileStore, grid: TileRange, part: TileRange) -> Option<CollectedTiles> {
         let is_inside = |key: &TileKey| {
             let [[x, y], [end_x, end_y]] = part;
             (x..end_x).contains(&key.tx.into()) && (y..end_y).contains(&key.ty.into())
@@ -187,7 +187,7 @@ impl GridState {
                 tiles.push((key, cells.clone()));
             }
         }
-        Some(UndrawnPart {
+        Some(CollectedTiles {
             stamp,
             cell_m: store.cell_m(self.layer)?,
             // A part that reaches beyond, where a tile was evicted, is no part of this grid: all of it is sent.

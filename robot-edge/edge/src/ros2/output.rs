@@ -514,7 +514,7 @@ impl Topic {
             state.take_change(&store, now, takers, self.max_bytes)
         };
         let part = match change {
-            Ok(Some(undrawn)) => state.draw(&undrawn),
+            Ok(Some(collected)) => state.assemble(&collected),
             Ok(None) => return,
             Err(TooLarge) => return self.count_too_large(output),
         };
@@ -544,9 +544,10 @@ impl Topic {
         }
         let whole = state.whole(&lock(&output.sources.store), self.max_bytes);
         match whole {
-            Ok(Some(undrawn)) => {
-                Made::Message(grid_message(&output.frames.map, &state.draw(&undrawn)))
-            }
+            Ok(Some(collected)) => Made::Message(grid_message(
+                &output.frames.map,
+                &state.assemble(&collected),
+            )),
             Ok(None) => Made::Nothing,
             Err(TooLarge) => Made::TooLarge,
         }

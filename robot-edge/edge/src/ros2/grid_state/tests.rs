@@ -114,11 +114,11 @@ fn parts_are_sent_where_that_is_enough_and_make_the_whole() {
         let change = state
             .take_change(&store, at(at_s), takers, MAX_CELLS)
             .unwrap();
-        let change = change.map(|part| state.draw(&part));
+        let change = change.map(|part| state.assemble(&part));
         let sent = change.map_or(Sent::Nothing, |part| received.take(part));
         assert_eq!(sent, expected, "{at_s} s");
         if let Some(whole) = state.whole(&store, MAX_CELLS).unwrap() {
-            let whole = state.draw(&whole);
+            let whole = state.assemble(&whole);
             assert_eq!(received.origin_m, whole.origin_m, "{at_s} s");
             assert_eq!(received.cells, whole.cells, "{at_s} s");
         }
@@ -132,7 +132,7 @@ fn cells_lie_where_they_are_in_the_map() {
     publish(&mut store, [-1, 0], OCCUPIED);
     publish(&mut store, [0, 1], FREE);
     let state = GridState::new(LayerId::Occupancy);
-    let whole = state.draw(&state.whole(&store, MAX_CELLS).unwrap().unwrap());
+    let whole = state.assemble(&state.whole(&store, MAX_CELLS).unwrap().unwrap());
     assert_eq!((whole.size, whole.first), ([128, 128], None));
     assert_eq!(whole.origin_m, [-64.0 * 0.05, 0.0]);
     for (x, y, expected) in [(0, 0, 100), (63, 63, 100), (64, 63, -1), (64, 64, 0)] {
