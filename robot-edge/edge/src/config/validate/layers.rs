@@ -1,7 +1,8 @@
 //! What the settings of layers must be together.
 
 use super::Allowed::{Between, Within};
-use super::{CELL_M, CELLS_MAX, Checks, SPARSE_BEFORE_SOLID, VOXEL_M, as_toml};
+use super::Checks;
+use super::ranges::{CELL_M, CELLS_MAX, SPARSE_BEFORE_SOLID, VOXEL_M, as_toml};
 use crate::config::Config;
 use mapping::MappingConfig;
 use mapping::grid::CellSize;
