@@ -404,9 +404,10 @@ impl CostMap {
         // Noise carries hits on the ground into the voxel above it.
         let is_ground =
             |height_m: f32, column: &Column| height_m - column.ground_m[2] < 0.5 * cell_m;
-        // Where the lowest voxel of a column is the top of an obstacle, nothing is above it.
-        let is_top = |column: &Column| {
-            rules.surface == Surface::Land
+        // Where the lowest voxel of a column is the top of an obstacle, nothing is above it: its highest voxel, as noise spreads the
+        // top over two.
+        let is_top = |z: i32, column: &Column| {
+            z == column.top_z
                 && is_ground(column.top_m[2], column)
                 && column.ground_m[2] - lowest_m > cell_m
         };
@@ -421,7 +422,7 @@ impl CostMap {
                         let voxel = VoxelIndex { x, y, z };
                         let is_obstacle = match rules.surface {
                             Surface::Land => {
-                                !is_ground(surface_m(octree, voxel)[2], read) || is_top(read)
+                                !is_ground(surface_m(octree, voxel)[2], read) || is_top(z, read)
                             }
                             Surface::Water => z > read.ground_z,
                         };

@@ -622,8 +622,8 @@ impl ColumnWindow {
         without
     }
 
-    /// Whether a known column is far below all but one of the columns beside it, of which all but one are known. No wheel fits into
-    /// it: it is what is below a deck whose voxel there was freed by grazing beams.
+    /// Whether a known column, and all that stands in it, is far below all but one of the columns beside it, of which all but one are
+    /// known. No wheel fits into it: it is what is below a deck whose voxel there was freed by grazing beams.
     fn is_pit(&self, x: i32, y: i32) -> bool {
         let own = self.column(x, y);
         let (mut not_higher, mut unknown) = (0, 0);
@@ -632,7 +632,7 @@ impl ColumnWindow {
             let other = self.column(x + dx, y + dy);
             let is_known = other.kind != ColumnKind::Unknown;
             unknown += u32::from(!is_known);
-            not_higher += u32::from(is_known && other.ground_z < own.ground_z + PIT_DEPTH);
+            not_higher += u32::from(is_known && other.ground_z < own.top_z + PIT_DEPTH);
             if unknown > 1 || not_higher > 1 {
                 return false;
             }

@@ -342,6 +342,30 @@ fn a_deck_is_the_ground_of_a_vehicle_that_is_on_it_or_nearly_as_high() {
     assert_eq!(costs, [below, below, above, above, below, below, below]);
 }
 
+/// A box 0.65 m high. In one column its side was hit, not its top.
+#[test]
+fn a_column_in_which_something_stands_is_no_hole() {
+    let mut octree = octree();
+    let is_of_column = |[x, y, _]: &[f64; 3]| (2.0..2.1).contains(x) && (0.0..0.1).contains(y);
+    let is_of_top = |at: &[f64; 3]| at[0] > 1.0 && !is_of_column(at);
+    let ground = surface(|_, _| 0.02).into_iter();
+    hit(
+        &mut octree,
+        [2.0, 0.0, 3.0],
+        ground.filter(|at| !is_of_top(at)),
+    );
+    let top = surface(|_, _| 0.65).into_iter();
+    hit(&mut octree, [2.0, 0.0, 3.0], top.filter(is_of_top));
+    let cost = |octree: &mut Octree| {
+        let map = updated(Surface::Land, octree, 0.0);
+        map.cell(CellIndex { x: 20, y: 0 }).unwrap().cost
+    };
+    assert!(cost(&mut octree).is_nan());
+    let side = (1..6).map(|z| [2.05, 0.05, 0.1 * f64::from(z) + 0.05]);
+    hit(&mut octree, [2.0, 0.0, 3.0], side);
+    assert_eq!(cost(&mut octree), 1.0);
+}
+
 /// Beams that graze a deck free single voxels of it, and may pass just above the voxel on it.
 #[test]
 fn a_freed_voxel_of_a_deck_is_no_hole_and_air_is_on_it_two_voxels_higher() {
