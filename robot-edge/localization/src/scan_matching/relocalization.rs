@@ -5,7 +5,7 @@ use nalgebra::{Isometry2, Matrix3, Point2};
 
 use super::loop_closure::{ClosureSettings, search_points, with_noise};
 use super::scan_points::ScanPoint;
-use super::search_grid::{Search, SearchWindow};
+use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::SlamMap;
 use super::submap::difference;
 
@@ -29,7 +29,7 @@ pub struct Place {
 }
 
 /// Finds a vehicle that drives: it follows all places where the vehicle may be, until one explains what it sees and no other does
-/// nearly as well.
+/// nearly as well. The whole map is searched meanwhile, a part of it each scan.
 #[derive(Clone, Debug, Default)]
 pub struct Relocalizer {
     driven_m: f64,
@@ -39,6 +39,38 @@ pub struct Relocalizer {
     /// Where the vehicle may be, the best first, at the driven pose of the newest update.
     places: Vec<Place>,
     at: Isometry2<f64>,
+    search: Option<MapSearch>,
+}
+
+/// A search in the whole map for what the vehicle saw at one pose.
+#[derive(Clone, Debug)]
+struct MapSearch {
+    local_from_base: Isometry2<f64>,
+    driven_m: f64,
+    points: Vec<ScanPoint>,
+    positions: Vec<Point2<f64>>,
+    /// Only near this pose, with half the size of the region: metres and radians.
+    near: Option<Near>,
+    min_score: f64,
+    /// Submaps before this one were begun.
+    next: u32,
+    running: Option<SubmapSearch>,
+    /// Score, submap, and pose in it.
+    found: Vec<(f64, u32, Isometry2<f64>)>,
+    /// Those of `found` that were registered.
+    places: Vec<Place>,
+}
+
+type Near = (Isometry2<f64>, (f64, f64));
+
+/// A search in one submap.
+#[derive(Clone, Debug)]
+struct SubmapSearch {
+    submap: u32,
+    grid: SearchGrid,
+    search: Search,
+    /// The best place was found, and another is searched for.
+    is_elsewhere: bool,
 }
 
 /// Way from update to update, and from search to search in the whole map, metres.
@@ -59,6 +91,11 @@ const MIN_EXPLAINED: (f64, f64) = (0.6, 0.75);
 const DISTINCT: (f64, f64) = (1.5, 0.04);
 /// Two poses this near are one place: metres and radians.
 const SAME_PLACE: (f64, f64) = (1.0, 0.35);
+/// Parts of a search in the whole map that a scan has: blocks, and places that are registered.
+const BLOCKS_PER_SCAN: usize = 60_000;
+/// What a search in one submap and its grid take at least.
+const BLOCKS_PER_SEARCH: usize = 5_000;
+const REGISTERED_PER_SCAN: usize = 4;
 /// Limit of the places that are followed.
 const MAX_PLACES: usize = 32;
 /// The vehicle may be this far off the way of a submap, metres.
@@ -73,65 +110,35 @@ impl Relocalizer {
         &mut self,
         map: &SlamMap,
         local_from_base: &Isometry2<f64>,
-        points: impl FnOnce() -> Vec<ScanPoint>,
+        points: impl Fn() -> Vec<ScanPoint>,
         near: Option<(&Isometry2<f64>, (f64, f64))>,
         settings: &ClosureSettings,
     ) -> Option<Place> {
         let last = self.last.replace(*local_from_base);
         self.driven_m += last.map_or(0.0, |last| difference(&last, local_from_base).xy().norm());
+        if self.search.is_none() && self.driven_m >= self.next_search_m {
+            self.next_search_m = self.driven_m + SEARCH_M;
+            let near = near.map(|(pose, half)| (*pose, half));
+            let search = MapSearch::new(points(), (*local_from_base, self.driven_m), near);
+            self.search = Some(search);
+        }
+        if let Some(mut search) = self.search.take() {
+            if search.advance(map, settings) {
+                let step = search.local_from_base.inv_mul(&self.at);
+                let found = search.places.into_iter().map(|mut place| {
+                    place.map_from_base *= step;
+                    place
+                });
+                self.places.extend(found);
+            } else {
+                self.search = Some(search);
+            }
+        }
         if self.driven_m < self.next_m {
             return None;
         }
         self.next_m = self.driven_m + UPDATE_M;
-        let points = points();
-        let step = self.at.inv_mul(local_from_base);
-        self.at = *local_from_base;
-        for place in &mut self.places {
-            place.map_from_base *= step;
-        }
-        let followed = self.places.iter().filter_map(|place| {
-            let submap = map.nearest_submap(&place.map_from_base)?;
-            Some((submap, map.anchor(submap).inv_mul(&place.map_from_base)))
-        });
-        let mut starts: Vec<_> = followed.collect();
-        if self.driven_m >= self.next_search_m {
-            self.next_search_m = self.driven_m + SEARCH_M;
-            for (index, pose) in search(map, &points, near) {
-                let start = map.anchor(index) * pose;
-                let is_same = |(other, pose): &(u32, Isometry2<f64>)| {
-                    is_within(&(map.anchor(*other) * pose), &start, AGREEMENT)
-                };
-                if !starts.iter().any(is_same) {
-                    starts.push((index, pose));
-                }
-            }
-        }
-        let pieces = map.pieces();
-        let mut places: Vec<Place> = Vec::new();
-        for (submap, start) in starts {
-            let mut place = registered((map, &pieces), &points, submap, &start, settings);
-            let before = self
-                .places
-                .iter()
-                .filter(|before| is_within(&before.map_from_base, &place.map_from_base, AGREEMENT));
-            let since_m = before.map(|before| before.since_m);
-            place.since_m = since_m.fold(self.driven_m, f64::min);
-            places.push(place);
-        }
-        places.retain(|place| place.explained >= MIN_EXPLAINED.0);
-        places.sort_by(|a, b| {
-            b.explained
-                .total_cmp(&a.explained)
-                .then(a.since_m.total_cmp(&b.since_m))
-        });
-        self.places.clear();
-        for place in places {
-            let is_new =
-                |other: &Place| !is_within(&other.map_from_base, &place.map_from_base, SAME_PLACE);
-            if self.places.len() < MAX_PLACES && self.places.iter().all(is_new) {
-                self.places.push(place);
-            }
-        }
+        self.follow(map, local_from_base, &points(), settings);
         let best = self.places.first()?;
         let hold_m = near.map_or(HOLD_M, |_| 0.0);
         let distinct = DISTINCT.0 * (1.0 - best.explained) + DISTINCT.1;
@@ -143,6 +150,55 @@ impl Relocalizer {
                 .get(1)
                 .is_none_or(|other| 1.0 - other.explained >= distinct);
         is_sure.then_some(*best)
+    }
+
+    /// Registers what the vehicle sees now at each place.
+    fn follow(
+        &mut self,
+        map: &SlamMap,
+        local_from_base: &Isometry2<f64>,
+        points: &[ScanPoint],
+        settings: &ClosureSettings,
+    ) {
+        let step = self.at.inv_mul(local_from_base);
+        self.at = *local_from_base;
+        let pieces = map.pieces();
+        let mut places: Vec<Place> = Vec::new();
+        for before in std::mem::take(&mut self.places) {
+            let expected = before.map_from_base * step;
+            let Some(submap) = map.nearest_submap(&expected) else {
+                continue;
+            };
+            let start = map.anchor(submap).inv_mul(&expected);
+            let place = registered((map, &pieces), points, submap, &start, settings);
+            let holds = is_within(&expected, &place.map_from_base, AGREEMENT);
+            places.push(Place {
+                since_m: if holds { before.since_m } else { self.driven_m },
+                ..place
+            });
+        }
+        places.retain(|place| place.explained >= MIN_EXPLAINED.0);
+        places.sort_by(|a, b| {
+            b.explained
+                .total_cmp(&a.explained)
+                .then(a.since_m.total_cmp(&b.since_m))
+        });
+        for place in places {
+            let is_full = self.places.len() >= MAX_PLACES;
+            let same = self
+                .places
+                .iter_mut()
+                .find(|other| is_within(&other.map_from_base, &place.map_from_base, SAME_PLACE));
+            match same {
+                Some(other) => {
+                    if is_within(&other.map_from_base, &place.map_from_base, AGREEMENT) {
+                        other.since_m = other.since_m.min(place.since_m);
+                    }
+                }
+                None if !is_full => self.places.push(place),
+                None => {}
+            }
+        }
     }
 
     /// Where the vehicle may be, the best first.
@@ -190,36 +246,102 @@ fn registered(
     }
 }
 
-/// Submaps, and poses in them, at which points agree with them about best: two at most of each, the best first.
-fn search(
-    map: &SlamMap,
-    points: &[ScanPoint],
-    near: Option<(&Isometry2<f64>, (f64, f64))>,
-) -> Vec<(u32, Isometry2<f64>)> {
-    // Half of them do, since all points decide later.
-    let positions: Vec<_> = search_points(points).into_iter().step_by(2).collect();
-    let mut found = MIN_SCORES
-        .iter()
-        .map(|min_score| search_above(*min_score, map, &positions, near));
-    found.find(|found| !found.is_empty()).unwrap_or_default()
-}
+impl MapSearch {
+    fn new(
+        points: Vec<ScanPoint>,
+        (local_from_base, driven_m): (Isometry2<f64>, f64),
+        near: Option<Near>,
+    ) -> Self {
+        Self {
+            // Half of them do, since all points decide later.
+            positions: search_points(&points).into_iter().step_by(2).collect(),
+            points,
+            local_from_base,
+            driven_m,
+            near,
+            min_score: MIN_SCORES[0],
+            next: 0,
+            running: None,
+            found: Vec::new(),
+            places: Vec::new(),
+        }
+    }
 
-fn search_above(
-    min_score: f64,
-    map: &SlamMap,
-    positions: &[Point2<f64>],
-    near: Option<(&Isometry2<f64>, (f64, f64))>,
-) -> Vec<(u32, Isometry2<f64>)> {
-    let mut found: Vec<(f64, u32, Isometry2<f64>)> = Vec::new();
-    let mut best = 0.0_f64;
-    for index in (0..map.submap_count()).filter(|index| !map.submap(*index).is_empty()) {
-        let (middle, half_m, half_rad) = if let Some((pose, (half_m, half_rad))) = near {
-            let Some(middle) = map.expected_near(index, pose, half_m) else {
-                continue;
+    /// Goes on by the part of one scan, near a pose to the end; whether it is finished.
+    fn advance(&mut self, map: &SlamMap, settings: &ClosureSettings) -> bool {
+        let (mut blocks, registered_most) = match self.near {
+            Some(_) => (usize::MAX, usize::MAX),
+            None => (BLOCKS_PER_SCAN, REGISTERED_PER_SCAN),
+        };
+        while self.running.is_some() || self.next < map.submap_count() {
+            if blocks == 0 {
+                return false;
+            }
+            blocks = self.search(map, blocks);
+            if self.running.is_none() && self.next == map.submap_count() {
+                let best = self.best();
+                self.found
+                    .retain(|(score, ..)| *score >= SEARCHED_SHARE * best);
+                self.found.sort_by(|a, b| a.0.total_cmp(&b.0));
+                if self.found.is_empty() && self.min_score > MIN_SCORES[1] {
+                    (self.min_score, self.next) = (MIN_SCORES[1], 0);
+                }
+            }
+        }
+        let pieces = map.pieces();
+        for _ in 0..registered_most {
+            let Some((_, submap, start)) = self.found.pop() else {
+                return true;
             };
-            (middle, [half_m; 2], half_rad)
+            let place = registered((map, &pieces), &self.points, submap, &start, settings);
+            if place.explained >= MIN_EXPLAINED.0 {
+                self.places.push(Place {
+                    since_m: self.driven_m,
+                    ..place
+                });
+            }
+        }
+        self.found.is_empty()
+    }
+
+    fn best(&self) -> f64 {
+        let scores = self.found.iter().map(|(score, ..)| *score);
+        scores.fold(0.0, f64::max)
+    }
+
+    /// Goes on in the present submap, or begins with the next; returns what is left of the blocks.
+    fn search(&mut self, map: &SlamMap, blocks: usize) -> usize {
+        let running = self.running.take().or_else(|| self.begin(map));
+        let Some(mut running) = running else {
+            return blocks;
+        };
+        if !running.search.advance(&running.grid, blocks) {
+            self.running = Some(running);
+            return 0;
+        }
+        if let Some(place) = running.search.best() {
+            self.found.push((place.score, running.submap, place.pose));
+        }
+        if !running.is_elsewhere {
+            running.is_elsewhere = true;
+            running.search.search_elsewhere(SEARCHED_SHARE, SAME_PLACE);
+            self.running = Some(running);
+        }
+        blocks.saturating_sub(BLOCKS_PER_SEARCH)
+    }
+
+    /// The search in the next submap, if it shows anything, near the pose.
+    fn begin(&mut self, map: &SlamMap) -> Option<SubmapSearch> {
+        let submap = self.next;
+        self.next += 1;
+        if map.submap(submap).is_empty() {
+            return None;
+        }
+        let (middle, half_m, half_rad) = if let Some((pose, (half_m, half_rad))) = &self.near {
+            let middle = map.expected_near(submap, pose, *half_m)?;
+            (middle, [*half_m; 2], *half_rad)
         } else {
-            let (middle, half_m) = map.extent(index);
+            let (middle, half_m) = map.extent(submap);
             let half_m = half_m.map(|half_m| half_m + BESIDE_M);
             (middle, half_m, std::f64::consts::PI)
         };
@@ -227,26 +349,16 @@ fn search_above(
             middle,
             half_m,
             half_rad,
-            min_score: (SEARCHED_SHARE * best).max(min_score),
+            min_score: (SEARCHED_SHARE * self.best()).max(self.min_score),
             prior: None,
         };
-        let grid = map.submap(index).search_grid();
-        let mut search = Search::new(positions, window);
-        for _ in 0..2 {
-            search.advance(&grid, usize::MAX);
-            if let Some(place) = search.best() {
-                best = best.max(place.score);
-                found.push((place.score, index, place.pose));
-            }
-            search.search_elsewhere(SEARCHED_SHARE, SAME_PLACE);
-        }
+        Some(SubmapSearch {
+            submap,
+            grid: map.submap(submap).search_grid(),
+            search: Search::new(&self.positions, window),
+            is_elsewhere: false,
+        })
     }
-    found.retain(|(score, ..)| *score >= SEARCHED_SHARE * best);
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found
-        .into_iter()
-        .map(|(_, index, pose)| (index, pose))
-        .collect()
 }
 
 /// Middle of points and half their extents along x and y, metres.
