@@ -229,6 +229,7 @@ impl Gga {
                 Quality::RtkFixed | Quality::RtkFloat => 2,
                 Quality::Invalid | Quality::Estimated | Quality::Manual | Quality::Simulated => -1,
             },
+            sigma_m: None,
         })
     }
 }

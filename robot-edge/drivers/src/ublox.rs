@@ -203,6 +203,7 @@ impl Pvt {
                 CarrierSolution::None if self.is_differential => 1,
                 CarrierSolution::None => 0,
             },
+            sigma_m: Some(self.position.horizontal_accuracy_m),
         }
     }
 }

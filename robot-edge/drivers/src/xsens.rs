@@ -279,6 +279,7 @@ impl Data {
             status: self
                 .status()
                 .map_or(-1, |status| if status & 4 == 0 { -1 } else { 0 }),
+            sigma_m: None,
         })
     }
 
@@ -327,6 +328,7 @@ impl GnssPvt {
                 3 => 2,
                 _ => -1,
             },
+            sigma_m: Some(self.position.horizontal_accuracy_m),
         }
     }
 }

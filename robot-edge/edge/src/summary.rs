@@ -114,6 +114,10 @@ pub struct ScanMatching {
     pub closures: u64,
     /// Closures that later evidence contradicted.
     pub closures_removed: u64,
+    /// Positions on Earth in the map.
+    pub positions: u64,
+    /// Of these, those that the map contradicts.
+    pub positions_contradicted: u64,
     /// The vehicle was not found in the map that it was to go on in: the map is of this run alone.
     pub is_searching: bool,
     /// Of the last scan: covariance of x, y (m²) and yaw (rad²) relative to its submap, in the frame of the vehicle, row by row.

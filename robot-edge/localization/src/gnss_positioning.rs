@@ -165,7 +165,8 @@ fn antenna_at(around: &Bracket<Point3<f64>>, stamp: RobotTime) -> Point3<f64> {
     before + (after - before) * around.fraction(stamp)
 }
 
-fn geodetic_point(fix: &GeodeticFix) -> Result<GeodeticPoint, DropReason> {
+/// Where a fix is, or why it is none.
+pub(crate) fn geodetic_point(fix: &GeodeticFix) -> Result<GeodeticPoint, DropReason> {
     if fix.status < 0 {
         return Err(DropReason::NoFix);
     }

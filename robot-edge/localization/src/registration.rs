@@ -167,8 +167,16 @@ impl ScanRegistration {
                     self.take_scan(sensor, stamp, frame, sweep, None, out);
                 }
             }
+            MeasurementData::Fix(fix) => {
+                let own = self.settings.pose_streams.fixes;
+                if let Some(scan_localization) = &mut self.scan_localization
+                    && own.is_none_or(|own| own == stream)
+                {
+                    scan_localization.take_fix(stamp, &fix);
+                }
+            }
             // No scan; poses were taken above.
-            MeasurementData::Imu(_) | MeasurementData::Fix(_) | MeasurementData::Twist(_) => {}
+            MeasurementData::Imu(_) | MeasurementData::Twist(_) => {}
         }
         self.match_scans(false, out);
         self.register_queued(Self::is_ready, out);
@@ -220,15 +228,23 @@ impl ScanRegistration {
         if let Some(pose_estimator) = &self.pose_estimator {
             counts.dropped_poses.merge(pose_estimator.drops());
         }
+        if let Some(scan_localization) = &self.scan_localization {
+            counts
+                .dropped_poses
+                .merge(scan_localization.dropped_fixes());
+        }
         for sensor in &self.sensors {
             counts.add(sensor.counts());
         }
         counts
     }
 
-    /// Origin of `odom` on Earth, if poses are made from GNSS fixes.
+    /// Origin of the map on Earth, if poses are made from GNSS fixes, or as soon as these say how the map of matched scans lies.
     pub fn datum(&self) -> Option<GeodeticPoint> {
-        self.pose_estimator.as_ref()?.datum()
+        match &self.scan_localization {
+            Some(scan_localization) => scan_localization.datum(),
+            None => self.pose_estimator.as_ref()?.datum(),
+        }
     }
 
     /// What scan matching did; `None` if scans are not matched.

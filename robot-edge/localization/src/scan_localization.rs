@@ -8,17 +8,23 @@ use std::sync::Arc;
 
 use mapping::registered_scan::SensorId;
 use measurement::FrameId;
+use measurement::GeodeticFix;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::{self, Pose};
 use measurement::scan::Scan;
+use measurement::time::RobotDuration;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Point2, Point3, Vector3};
+use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
 use crate::beam_projection::BodyBox;
 use crate::cloud_walls::walls;
+use crate::gnss_positioning::geodetic_point;
 use crate::registration::scan_queue::Sweep;
 use crate::scan_matching::relocalization::{Place, Relocalizer};
-use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
+use crate::scan_matching::slam::{
+    AntennaPosition, ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam,
+};
 use crate::scan_matching::slam_map::{SlamMap, SlamMapParts};
 use crate::scan_matching::slam_settings::SlamSettings;
 
@@ -40,8 +46,19 @@ pub struct ScanLocalizationSettings {
     pub sensor: SensorId,
     /// What else is known about the motion.
     pub prior: MotionPrior,
+    /// The receiver whose positions hold the map where it is on Earth.
+    pub receiver: Option<ReceiverSettings>,
     /// Of scan matching and loop closure.
     pub slam: SlamSettings,
+}
+
+/// Settings of a satellite receiver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReceiverSettings {
+    /// Added to the stamps of fixes.
+    pub time_offset: RobotDuration,
+    /// Position of the antenna on the vehicle, metres.
+    pub antenna_in_base: Vector3<f64>,
 }
 
 /// Matches the scans of one sensor.
@@ -60,6 +77,8 @@ pub(crate) struct ScanLocalization {
     begins_map: bool,
     monitor: ConfidenceMonitor,
     covariances: Vec<PoseCovariance>,
+    /// At the datum of the map: the first fix, of the first run that had one.
+    plane: Option<LocalTangentPlane>,
     report: ScanLocalizationReport,
 }
 
@@ -88,6 +107,7 @@ pub struct Keyframe {
 pub struct SavedMap {
     map: SlamMap,
     keyframes: Vec<Keyframe>,
+    datum: Option<GeodeticPoint>,
 }
 
 impl SavedMap {
@@ -98,15 +118,25 @@ impl SavedMap {
         (keyframes.collect(), self.map.to_parts())
     }
 
+    /// Of its positions on Earth.
+    pub const fn datum(&self) -> Option<GeodeticPoint> {
+        self.datum
+    }
+
     /// The opposite of [`SavedMap::to_parts`]; none where the parts do not fit together.
     pub fn from_parts(
         keyframes: Vec<(Keyframe, Isometry2<f64>)>,
         parts: SlamMapParts,
+        datum: Option<GeodeticPoint>,
     ) -> Option<Self> {
         let (keyframes, poses): (Vec<_>, _) = keyframes.into_iter().unzip();
         let is_ordered = keyframes.is_sorted_by_key(|keyframe| keyframe.session);
         let map = SlamMap::from_parts(poses, parts)?;
-        is_ordered.then_some(Self { map, keyframes })
+        is_ordered.then_some(Self {
+            map,
+            keyframes,
+            datum,
+        })
     }
 
     /// Where `odom` of its runs lies in it.
@@ -177,6 +207,10 @@ pub struct ScanLocalizationReport {
     pub lost: u64,
     /// Scans that were not matched, by reason.
     pub dropped: DropCounts,
+    /// Fixes that were not used, by reason.
+    pub dropped_fixes: DropCounts,
+    /// Positions on Earth in the map, and those of them that it contradicts.
+    pub positions: (u64, u64),
     /// Closures of loops.
     pub closures: ClosureCounts,
     /// The vehicle was not found yet in the map that it was to go on in.
@@ -301,6 +335,10 @@ pub type PoseCovariance = (RobotTime, Matrix3<f64>);
 /// Where there are more covariances (20 MB), every second is left out.
 const MAX_COVARIANCES: usize = 1 << 18;
 
+/// Standard deviation of a fix whose receiver does not state it, and the least one, as stamps are not exact: metres.
+const UNSTATED_SIGMA_M: f64 = 2.0;
+const LEAST_SIGMA_M: f64 = 0.05;
+
 /// Scans that wait for a pose of the other sensors at most; beyond it the oldest is dropped.
 const MAX_WAITING: usize = 64;
 
@@ -325,6 +363,7 @@ impl ScanLocalization {
             begins_map: false,
             monitor: ConfidenceMonitor::default(),
             covariances: Vec::new(),
+            plane: None,
             report: ScanLocalizationReport::default(),
         }
     }
@@ -332,8 +371,10 @@ impl ScanLocalization {
     /// Begins anew after a clock reset, as a run of its own: stamps repeat, and the vehicle may be elsewhere.
     pub(crate) fn reset(&mut self, continuation: Option<Continuation>) {
         let session = self.session + 1;
+        let plane = self.plane.take();
         *self = Self {
             session,
+            plane,
             begins_map: true,
             is_corrected: true,
             ..Self::new(&self.settings, continuation)
@@ -352,6 +393,33 @@ impl ScanLocalization {
             self.report.dropped.add(DropReason::QueueFull);
         }
         self.waiting.push_back(scan);
+    }
+
+    /// Takes a fix.
+    pub(crate) fn take_fix(&mut self, stamp: RobotTime, fix: &GeodeticFix) {
+        let Some(receiver) = self.settings.receiver else {
+            return;
+        };
+        match geodetic_point(fix) {
+            Ok(place) => {
+                let plane = self
+                    .plane
+                    .get_or_insert_with(|| LocalTangentPlane::new(place));
+                let sigma_m = fix.sigma_m.unwrap_or(UNSTATED_SIGMA_M);
+                self.slam.push_position(AntennaPosition {
+                    stamp: stamp + receiver.time_offset,
+                    antenna: Point3::from(plane.enu_from_geodetic(&place)).xy(),
+                    sigma_m: sigma_m.max(LEAST_SIGMA_M),
+                });
+            }
+            Err(reason) => self.report.dropped_fixes.add(reason),
+        }
+    }
+
+    /// Origin of the map on Earth, as soon as its frame is metres east and north of it.
+    pub(crate) fn datum(&self) -> Option<GeodeticPoint> {
+        let plane = self.plane.as_ref()?;
+        (self.searched.is_none() && self.slam.map().is_on_earth()).then(|| plane.datum())
     }
 
     pub(crate) fn count_dropped(&mut self, reason: DropReason) {
@@ -408,6 +476,14 @@ impl ScanLocalization {
             base_from_sensor,
             odom_from_base: (self.settings.prior != MotionPrior::None).then_some(prior),
             is_heading_only: self.settings.prior == MotionPrior::Heading,
+            base_from_antenna: self
+                .settings
+                .receiver
+                .map_or_else(Point2::origin, |receiver| {
+                    let level_from_base =
+                        in_space(&prior).rotation.inverse() * prior_from_base.rotation;
+                    (level_from_base * receiver.antenna_in_base).xy().into()
+                }),
         };
         let mut pose = self.slam.push(&input);
         if let Some(searched) = &mut self.searched
@@ -417,6 +493,11 @@ impl ScanLocalization {
             let saved = &searched.continuation.saved;
             self.keyframes.clone_from(&saved.keyframes);
             self.slam = ScanSlam::resume(self.settings.slam, saved.map.clone(), &place);
+            // Without one, the datum of this run is that of the map.
+            self.plane = saved
+                .datum
+                .map(LocalTangentPlane::new)
+                .or(self.plane.take());
             self.odom_from_local = pose.local_from_base;
             self.searched = None;
             self.is_corrected = true;
@@ -492,7 +573,13 @@ impl ScanLocalization {
         SavedMap {
             map: self.slam.map().clone(),
             keyframes: self.keyframes.clone(),
+            datum: self.plane.as_ref().map(LocalTangentPlane::datum),
         }
+    }
+
+    /// Fixes that were not used, by reason.
+    pub(crate) const fn dropped_fixes(&self) -> &DropCounts {
+        &self.report.dropped_fixes
     }
 
     /// Of the poses of the scans.
@@ -512,6 +599,7 @@ impl ScanLocalization {
     pub(crate) fn report(&self) -> ScanLocalizationReport {
         ScanLocalizationReport {
             closures: self.slam.closures(),
+            positions: self.slam.positions(),
             is_searching: self.searched.is_some(),
             ..self.report.clone()
         }

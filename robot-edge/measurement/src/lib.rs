@@ -159,6 +159,8 @@ pub struct GeodeticFix {
     pub altitude_m: f64,
     /// `sensor_msgs/NavSatStatus`: −1 no fix, 0 fix, 1 satellite-based, 2 ground-based augmentation.
     pub status: i8,
+    /// Standard deviation to the east and to the north, each, metres; `None` where the receiver does not say.
+    pub sigma_m: Option<f64>,
 }
 
 /// Commanded or measured velocity, frame of the vehicle.

@@ -69,6 +69,7 @@ impl GpsReceiver {
             longitude_deg,
             altitude_m,
             status: STATUS_GBAS_FIX,
+            sigma_m: Some(noise_m).filter(|noise_m| *noise_m > 0.0),
         }
     }
 }

@@ -80,6 +80,7 @@ fn position_reports() {
         longitude_deg: -11.516_666_666_7,
         altitude_m: 545.44,
         status: 0,
+        sigma_m: None,
     };
     let sentence = b"$GPGGA,123519.50,4807.03800,N,01131.00000,W,1,10,1.0,545.4,M,0.0,M,,*44\r\n";
     let report = position_report(&fix, 45_319.5).unwrap();

@@ -31,7 +31,7 @@ pub use overrides::Override;
 pub use ros2_output::Ros2OutputConfig;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
-    TiltConfig, WheelEncodersConfig, WheelsAndAttitude, the_imu,
+    TiltConfig, WheelEncodersConfig, WheelsAndAttitude, the_gps, the_imu,
 };
 
 use drivers::config::DeviceConfig;

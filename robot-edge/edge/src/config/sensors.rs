@@ -406,11 +406,28 @@ impl<'a> FixesAndAttitude<'a> {
 
 /// The only attitude sensor.
 pub fn the_imu(sensors: &BTreeMap<String, SensorConfig>) -> Option<Named<'_, ImuConfig>> {
-    let mut imus = sensors.iter().filter_map(|(name, sensor)| match sensor {
-        SensorConfig::Imu(imu) => Some((name.as_str(), imu)),
+    the_only(sensors, |sensor| match sensor {
+        SensorConfig::Imu(imu) => Some(imu),
         _ => None,
-    });
-    imus.next().filter(|_| imus.next().is_none())
+    })
+}
+
+/// The only satellite receiver.
+pub fn the_gps(sensors: &BTreeMap<String, SensorConfig>) -> Option<Named<'_, GpsConfig>> {
+    the_only(sensors, |sensor| match sensor {
+        SensorConfig::Gps(gps) => Some(gps),
+        _ => None,
+    })
+}
+
+fn the_only<'a, T>(
+    sensors: &'a BTreeMap<String, SensorConfig>,
+    of_kind: impl Fn(&'a SensorConfig) -> Option<&'a T>,
+) -> Option<Named<'a, T>> {
+    let mut found = sensors
+        .iter()
+        .filter_map(|(name, sensor)| Some((name.as_str(), of_kind(sensor)?)));
+    found.next().filter(|_| found.next().is_none())
 }
 
 fn with_attitude<'a, T>(

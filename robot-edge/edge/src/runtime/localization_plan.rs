@@ -3,7 +3,7 @@
 use crate::config::sensors::MAIN_LASER;
 use crate::config::{
     Config, FixesAndAttitude, ImuConfig, RangeSensor, RangeSensorConfig, TiltConfig,
-    WheelsAndAttitude,
+    WheelsAndAttitude, the_gps,
 };
 use crate::exit::UsageError;
 use localization::attitude::AttitudeSettings;
@@ -16,7 +16,7 @@ use localization::pose_buffer::JumpLimit;
 use localization::registration::{
     MountOrigin, PoseOrigin, PoseStreams, RangeSensorSettings, RegistrationSettings,
 };
-use localization::scan_localization::{MotionPrior, ScanLocalizationSettings};
+use localization::scan_localization::{MotionPrior, ReceiverSettings, ScanLocalizationSettings};
 use localization::scan_matching::slam_settings::SlamSettings;
 use localization::tilt::TiltSettings;
 use mapping::registered_scan::{ScanKind, SensorId};
@@ -142,6 +142,10 @@ pub fn match_scans(
             PoseOrigin::Attitude(_) => MotionPrior::Heading,
             _ => MotionPrior::Full,
         },
+        receiver: the_gps(&config.sensors).map(|(_, gps)| ReceiverSettings {
+            time_offset: RobotDuration::from_secs_f64(gps.time_offset_s),
+            antenna_in_base: gps.mount.base_from_sensor().translation.vector,
+        }),
         slam: SlamSettings::default(),
     }))
 }

@@ -173,6 +173,8 @@ fn scan_matching(report: ScanLocalizationReport) -> ScanMatching {
         dropped: report.dropped,
         closures: report.closures.added,
         closures_removed: report.closures.removed,
+        positions: report.positions.0,
+        positions_contradicted: report.positions.1,
         is_searching: report.is_searching,
         last_covariance: last.map(|pose| pose.covariance.transpose().into()),
         last_residual_m: last.map(|pose| pose.residual_m),

@@ -5,7 +5,7 @@ use super::choice::{Choice, ChoiceNeeded};
 use super::localization_plan::{
     LocalizationPlan, match_scans, poses_from_attitude, poses_from_fixes, poses_from_wheels,
 };
-use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude, the_imu};
+use crate::config::{Config, FixesAndAttitude, WheelsAndAttitude, the_gps, the_imu};
 use crate::exit::UsageError;
 use crate::survey::Survey;
 use crate::survey::topics::ScanSurvey;
@@ -32,7 +32,7 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
     let (found, missing) = streams::find_sensors(survey, config)?;
     let ChosenPoses {
         origin,
-        pose_streams,
+        mut pose_streams,
     } = choose_origin(survey, &found, config)?;
     let mut sensors = streams::place(survey, &found, &origin, config)?;
     let matched = match_scans(config, &sensors, &origin)?;
@@ -106,6 +106,17 @@ pub(super) fn plan(survey: &Survey, config: &Config) -> anyhow::Result<Plan> {
             "poses: scans of the {} are matched, and loops are closed",
             of.map_or("", |of| of.sensor.name)
         ));
+    }
+    if matched.is_some()
+        && let Some(gps) = the_gps(&config.sensors)
+        && let Some(fixes) = streams::receiver(survey, gps)?
+    {
+        pose_streams.fixes = Some(fixes);
+        let name = survey.topic_name(fixes).to_owned();
+        notes.push(format!(
+            "positions of {name} hold the map where it is on Earth"
+        ));
+        streams.push(name);
     }
     let tilts = sensors.iter().filter_map(|sensor| sensor.tilt_stream);
     streams.extend(tilts.map(|stream| survey.topic_name(stream).to_owned()));

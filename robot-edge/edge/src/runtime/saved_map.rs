@@ -12,13 +12,15 @@ use super::kept_scans::{KeptScans, KeptSnapshot};
 use crate::exit::UsageError;
 use localization::scan_localization::{Keyframe, SavedMap};
 use localization::scan_matching::pose_graph::Edge;
+use localization::scan_matching::position_fixes::PositionFix;
 use localization::scan_matching::slam_map::SlamMapParts;
-use nalgebra::{Isometry2, Matrix3};
+use nalgebra::{Isometry2, Matrix3, Point2};
+use protocol::geodesy::GeodeticPoint;
 
 const MAP: &str = "map.bin";
 const SCANS: &str = "scans.bin";
 /// With the version of the format.
-const MAGIC: &[u8; 8] = b"FSMAP\x00\x00\x02";
+const MAGIC: &[u8; 8] = b"FSMAP\x00\x00\x03";
 
 /// What is in `map.bin` behind its magic and checksum.
 #[derive(Serialize, Deserialize)]
@@ -27,6 +29,9 @@ struct Contents {
     edges: Vec<FileEdge>,
     submaps: Vec<(u32, u32, Vec<[f32; 8]>)>,
     drifts: Vec<BTreeMap<u32, (f64, f64)>>,
+    fixes: Vec<FileFix>,
+    /// Latitude and longitude, degrees, and height above the ellipsoid, metres.
+    datum: Option<[f64; 3]>,
     /// Of the kept scans.
     scans: u64,
     bytes: u64,
@@ -50,6 +55,15 @@ struct FileEdge {
     is_closure: bool,
 }
 
+#[derive(Serialize, Deserialize)]
+struct FileFix {
+    keyframe: u32,
+    keyframe_from_antenna: Point2<f64>,
+    antenna: Point2<f64>,
+    sigma_m: f64,
+    is_aligned: bool,
+}
+
 impl Contents {
     fn of(map: &SavedMap, scans: u64, bytes: u64, crc32: u32) -> Self {
         let (keyframes, parts) = map.to_parts();
@@ -66,11 +80,22 @@ impl Contents {
             information: edge.information,
             is_closure: edge.is_closure,
         };
+        let fix = |fix: PositionFix| FileFix {
+            keyframe: fix.keyframe,
+            keyframe_from_antenna: fix.keyframe_from_antenna,
+            antenna: fix.antenna,
+            sigma_m: fix.sigma_m,
+            is_aligned: fix.is_aligned,
+        };
         Self {
             keyframes: keyframes.into_iter().map(keyframe).collect(),
             edges: parts.edges.into_iter().map(edge).collect(),
             submaps: parts.submaps,
             drifts: parts.drifts,
+            fixes: parts.fixes.into_iter().map(fix).collect(),
+            datum: map
+                .datum()
+                .map(|datum| [datum.latitude_deg, datum.longitude_deg, datum.altitude_m]),
             scans,
             bytes,
             crc32,
@@ -93,12 +118,28 @@ impl Contents {
             information: file.information,
             is_closure: file.is_closure,
         };
+        let fix = |file: FileFix| PositionFix {
+            keyframe: file.keyframe,
+            keyframe_from_antenna: file.keyframe_from_antenna,
+            antenna: file.antenna,
+            sigma_m: file.sigma_m,
+            is_aligned: file.is_aligned,
+        };
         let parts = SlamMapParts {
             edges: self.edges.into_iter().map(edge).collect(),
             submaps: self.submaps,
             drifts: self.drifts,
+            fixes: self.fixes.into_iter().map(fix).collect(),
         };
-        SavedMap::from_parts(self.keyframes.into_iter().map(keyframe).collect(), parts)
+        let datum = self
+            .datum
+            .map(|[latitude_deg, longitude_deg, altitude_m]| GeodeticPoint {
+                latitude_deg,
+                longitude_deg,
+                altitude_m,
+            });
+        let keyframes = self.keyframes.into_iter().map(keyframe).collect();
+        SavedMap::from_parts(keyframes, parts, datum)
     }
 }
 

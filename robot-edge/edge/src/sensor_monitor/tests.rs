@@ -48,6 +48,7 @@ fn fix(ms: u64, status: i8) -> Measurement {
         longitude_deg: -9.0,
         altitude_m: 1.0,
         status,
+        sigma_m: None,
     };
     measured(StreamId(3), ms, MeasurementData::Fix(fix))
 }

@@ -245,6 +245,7 @@ fn the_sensors_of_a_boat_are_mapped_together() {
         longitude_deg: -9.17,
         altitude_m: 53.0,
         status: 2,
+        sigma_m: None,
     };
     let messages = [
         ("/sonar", SCAN, scan()),

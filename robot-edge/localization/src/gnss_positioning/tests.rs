@@ -29,6 +29,7 @@ fn fix_at(place: &Point3<f64>) -> GeodeticFix {
         longitude_deg: place.longitude_deg,
         altitude_m: place.altitude_m,
         status: 0,
+        sigma_m: None,
     }
 }
 

@@ -3,6 +3,7 @@
 mod block_solver;
 pub mod loop_closure;
 pub mod pose_graph;
+pub mod position_fixes;
 pub mod relations;
 pub mod relocalization;
 pub mod scan_points;

@@ -8,9 +8,14 @@
 use nalgebra::{Isometry2, Matrix3, Vector3};
 
 use super::block_solver::BlockSystem;
+use super::position_fixes::PositionFix;
 use super::submap::{adjoint, moved};
 
-/// Fixes the first pose.
+/// A position stands for the keyframes of its 2 m, each of which two submaps hold: what these say of a drift is not independent.
+const FIX_WEIGHT: f64 = 20.0;
+/// Positions lose weight at this share of the squared error at which closures do: their errors last, so that many agree on a wrong one.
+const FIX_SHARE: f64 = 0.3;
+/// Fixes the first pose, where no position on Earth does.
 const FIXED_INFORMATION: f64 = 1e12;
 
 /// A measured difference of two poses.
@@ -35,6 +40,8 @@ pub struct PoseGraph {
     pub poses: Vec<Isometry2<f64>>,
     /// In the order in which they were measured.
     pub edges: Vec<Edge>,
+    /// Positions on Earth, in the order in which they were measured.
+    pub fixes: Vec<PositionFix>,
 }
 
 /// A step of Gauss and Newton under way.
@@ -78,7 +85,13 @@ impl PoseGraph {
     ) -> Option<f64> {
         let GraphStep { system, edges } = step.get_or_insert_with(|| {
             let mut system = BlockSystem::new(self.poses.len());
-            system.add_diagonal(0, &(Matrix3::identity() * FIXED_INFORMATION));
+            let aligned = self.fixes.iter().filter(|fix| fix.is_aligned);
+            for fix in aligned.clone() {
+                self.add_fix(&mut system, fix, full_weight_chi2);
+            }
+            if aligned.count() == 0 {
+                system.add_diagonal(0, &(Matrix3::identity() * FIXED_INFORMATION));
+            }
             GraphStep { system, edges: 0 }
         });
         if *edges < self.edges.len() {
@@ -109,8 +122,7 @@ impl PoseGraph {
         let mut information = edge.information;
         if edge.is_closure {
             let chi2 = error.dot(&(information * error));
-            let share = (2.0 * full_weight_chi2 / (full_weight_chi2 + chi2)).min(1.0);
-            information *= share * share;
+            information *= robust_weight(chi2, full_weight_chi2);
         }
         let (weighted_from, weighted_to) = (
             by_from.transpose() * information,
@@ -122,6 +134,21 @@ impl PoseGraph {
         system.add_right(edge.from, &-(weighted_from * error));
         system.add_right(edge.to, &-(weighted_to * error));
     }
+
+    fn add_fix(&self, system: &mut BlockSystem, fix: &PositionFix, full_weight_chi2: f64) {
+        let (error, by_step) = fix.error(&self.poses[fix.keyframe as usize]);
+        let full_weight_chi2 = FIX_SHARE * full_weight_chi2;
+        let weight = FIX_WEIGHT * robust_weight(error.norm_squared(), full_weight_chi2);
+        let weighted = by_step.transpose() * weight;
+        system.add_diagonal(fix.keyframe, &(weighted * by_step));
+        system.add_right(fix.keyframe, &-(weighted * error));
+    }
+}
+
+/// Of dynamic covariance scaling: 1 up to a squared error of `full_weight_chi2`.
+fn robust_weight(chi2: f64, full_weight_chi2: f64) -> f64 {
+    let share = (2.0 * full_weight_chi2 / (full_weight_chi2 + chi2)).min(1.0);
+    share * share
 }
 
 #[cfg(test)]
@@ -153,7 +180,7 @@ mod tests {
         let mut truth = vec![Isometry2::identity()];
         let mut graph = PoseGraph {
             poses: truth.clone(),
-            edges: Vec::new(),
+            ..PoseGraph::default()
         };
         for at in 1..=40 {
             let step = Isometry2::new(Vector2::new(1.0, 0.0), turn(at));

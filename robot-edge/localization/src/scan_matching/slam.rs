@@ -2,14 +2,17 @@
 //!
 //! The frame `local` never jumps: it goes on from scan to scan. A closure moves `map_from_local`.
 
+use std::collections::VecDeque;
+
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
-use nalgebra::{Isometry2, Matrix3, Vector2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 
 use super::loop_closure::{
     Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
 };
 use super::pose_graph::{Edge, GraphStep, PoseGraph};
+use super::position_fixes::PositionFix;
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
@@ -30,6 +33,19 @@ pub struct ScanInput<'a> {
     pub odom_from_base: Option<Isometry2<f64>>,
     /// Only its heading is known, by an attitude sensor.
     pub is_heading_only: bool,
+    /// Place of the receiver's antenna on the vehicle, seen from above, metres.
+    pub base_from_antenna: Point2<f64>,
+}
+
+/// A position that a receiver measured.
+#[derive(Clone, Copy, Debug)]
+pub struct AntennaPosition {
+    /// When.
+    pub stamp: RobotTime,
+    /// Of the antenna, metres east and north of the datum.
+    pub antenna: Point2<f64>,
+    /// Standard deviation along each axis, metres.
+    pub sigma_m: f64,
 }
 
 impl ScanInput<'_> {
@@ -101,6 +117,10 @@ pub struct ScanSlam {
     /// Where it goes on in a map, until the first scan.
     resumed_at: Option<Place>,
     driven_m: f64,
+    /// Positions that no scan has passed yet.
+    positions: VecDeque<AntennaPosition>,
+    /// Way at the newest position in the graph, metres.
+    fixed_m: Option<f64>,
     /// Without odometry, scans that did not determine the pose, less those since then that did.
     lost: u32,
 }
@@ -187,6 +207,10 @@ const ALIKE_SHARE: f64 = 0.95;
 const ALIKE_M: f64 = 0.4;
 /// Of x, y (m²) and yaw (rad²) where a new map begins.
 const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
+/// Way between two positions in the graph, metres: errors of a receiver last, so that more of them say no more.
+const POSITION_M: f64 = 2.0;
+/// Positions that wait for a scan; beyond it the oldest is dropped.
+const MAX_POSITIONS: usize = 64;
 /// Limit of the grids of finished submaps.
 const MAX_GRIDS: usize = 16;
 const MAX_STEPS: u32 = 12;
@@ -199,6 +223,8 @@ const WIDENING: f64 = 1e4;
 const CONVERGED: f64 = 1e-3;
 /// A closure with a greater squared error after optimization is removed.
 const REMOVED_CHI2: f64 = 50.0;
+/// A position with a greater squared error is contradicted by the map: of true errors along two axes less than 1 in 10,000 is.
+const CONTRADICTED_CHI2: f64 = 20.0;
 
 impl ScanSlam {
     /// With these settings, at the origin.
@@ -215,6 +241,8 @@ impl ScanSlam {
             map_from_local: Isometry2::identity(),
             resumed_at: None,
             driven_m: 0.0,
+            positions: VecDeque::new(),
+            fixed_m: None,
             lost: 0,
         }
     }
@@ -227,6 +255,14 @@ impl ScanSlam {
             resumed_at: Some(*place),
             ..Self::new(settings)
         }
+    }
+
+    /// Takes a position, in the order of time; it counts once a scan has passed it.
+    pub fn push_position(&mut self, position: AntennaPosition) {
+        if self.positions.len() >= MAX_POSITIONS {
+            self.positions.pop_front();
+        }
+        self.positions.push_back(position);
     }
 
     /// Takes a scan; scans come in the order of time.
@@ -392,6 +428,15 @@ impl ScanSlam {
     /// The map so far.
     pub const fn map(&self) -> &SlamMap {
         &self.map
+    }
+
+    /// Positions in the graph, and those of them that the map contradicts.
+    pub fn positions(&self) -> (u64, u64) {
+        let PoseGraph { poses, fixes, .. } = &self.map.graph;
+        let chi2 = |fix: &PositionFix| fix.error(&poses[fix.keyframe as usize]).0.norm_squared();
+        let aligned = fixes.iter().filter(|fix| fix.is_aligned);
+        let wrong = aligned.clone().filter(|fix| chi2(fix) > CONTRADICTED_CHI2);
+        (aligned.count() as u64, wrong.count() as u64)
     }
 
     /// Closures so far.
@@ -566,18 +611,71 @@ impl ScanSlam {
         self.grids.push((index, grid));
     }
 
+    /// Adds the positions since the last scan to the graph, one each [`POSITION_M`]. Returns whether they moved the map.
+    fn take_positions(
+        &mut self,
+        last: &LastScan,
+        input: &ScanInput<'_>,
+        local_from_base: &Isometry2<f64>,
+    ) -> bool {
+        let stamp = input.stamp;
+        let keyframe = self.map.graph.poses.len() as u32 - 1;
+        let newest = self.map.graph.poses[keyframe as usize];
+        let keyframe_from_local = newest.inverse() * self.map_from_local;
+        let mut is_new = false;
+        while let Some(position) = self.positions.pop_front_if(|next| next.stamp <= stamp) {
+            let is_due = self
+                .fixed_m
+                .is_none_or(|fixed_m| self.driven_m - fixed_m >= POSITION_M);
+            if !is_due || position.stamp < last.stamp {
+                continue;
+            }
+            let share = position.stamp.since(last.stamp).as_secs_f64()
+                / stamp.since(last.stamp).as_secs_f64();
+            let then = last.local_from_base.lerp_slerp(local_from_base, share);
+            self.map.graph.fixes.push(PositionFix {
+                keyframe,
+                keyframe_from_antenna: keyframe_from_local * then * input.base_from_antenna,
+                antenna: position.antenna,
+                sigma_m: position.sigma_m,
+                is_aligned: false,
+            });
+            self.fixed_m = Some(self.driven_m);
+            is_new = true;
+        }
+        if !is_new {
+            return false;
+        }
+        let Some(motion) = self.map.align_newest() else {
+            let newest = self.map.graph.fixes.last();
+            self.optimizer.waiting += u32::from(newest.is_some_and(|fix| fix.is_aligned));
+            return false;
+        };
+        self.map_from_local = motion * self.map_from_local;
+        // An optimization under way is of the map as it lay before.
+        self.optimizer = Optimizer {
+            is_far: true,
+            ..Optimizer::default()
+        };
+        true
+    }
+
     fn finish_scan(
         &mut self,
         input: &ScanInput<'_>,
         (motion, motion_s): (Isometry2<f64>, f64),
         local_from_base: Isometry2<f64>,
         result: Option<(f64, f64, Confidence)>,
-        is_corrected: bool,
+        mut is_corrected: bool,
     ) -> ScanPose {
+        let (inliers, residual_m, confidence) = result.unwrap_or((1.0, 0.0, Confidence::Full));
+        let is_lost = confidence == Confidence::Lost;
+        if let Some(last) = self.last.filter(|last| !last.is_lost && !is_lost) {
+            is_corrected |= self.take_positions(&last, input, &local_from_base);
+        }
         let keyframe = self.map.graph.poses.len() as u32 - 1;
         let local_from_map = self.map_from_local.inverse();
         let keyframe_local = local_from_map * self.map.graph.poses[keyframe as usize];
-        let (inliers, residual_m, confidence) = result.unwrap_or((1.0, 0.0, Confidence::Full));
         let odometry = input.odom_from_base.map(|now| {
             let before = self.last.and_then(|last| last.odometry);
             let same = before.filter(|(before, _)| *before == now);
@@ -590,7 +688,7 @@ impl ScanSlam {
             motion,
             motion_s,
             keyframe_local,
-            is_lost: confidence == Confidence::Lost,
+            is_lost,
         });
         ScanPose {
             local_from_base,

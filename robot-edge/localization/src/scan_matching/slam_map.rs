@@ -6,6 +6,7 @@ use nalgebra::{Isometry2, Point2};
 
 use super::loop_closure::{ClosureSettings, DriftGraph, Window};
 use super::pose_graph::{Edge, PoseGraph};
+use super::position_fixes::{PositionFix, alignment};
 use super::relocalization::{self, BESIDE_M};
 use super::scan_points::ScanPoint;
 use super::submap::Submap;
@@ -39,6 +40,8 @@ pub struct SlamMapParts {
     pub submaps: Vec<(u32, u32, Vec<[f32; 8]>)>,
     /// Of each submap its neighbours and the drift to them: metres and radians.
     pub drifts: Vec<BTreeMap<u32, (f64, f64)>>,
+    /// Positions on Earth.
+    pub fixes: Vec<PositionFix>,
 }
 
 /// Distance, metres; index of the submap; window.
@@ -69,6 +72,12 @@ impl SlamMap {
                 .iter()
                 .all(|record| record.anchor < record.end && is_keyframe(record.end - 1))
             && self.drifts.is_of(self.submaps.len())
+            && self.graph.fixes.iter().all(|fix| {
+                let numbers = [fix.keyframe_from_antenna, fix.antenna].map(|at| at.coords.sum());
+                is_keyframe(fix.keyframe)
+                    && numbers.iter().all(|number| number.is_finite())
+                    && fix.sigma_m > 0.0
+            })
     }
 
     /// As numbers, but for the poses of the keyframes.
@@ -80,6 +89,7 @@ impl SlamMap {
                 .map(|record| (record.anchor, record.end, record.submap.to_numbers()))
                 .collect(),
             drifts: self.drifts.links.clone(),
+            fixes: self.graph.fixes.clone(),
         }
     }
 
@@ -97,6 +107,7 @@ impl SlamMap {
             graph: PoseGraph {
                 poses,
                 edges: parts.edges,
+                fixes: parts.fixes,
             },
             drifts: DriftGraph {
                 links: parts.drifts,
@@ -116,7 +127,7 @@ impl SlamMap {
     }
 
     /// Of each keyframe, the first keyframe of its piece of the map. Where the vehicle was lost, a new piece begins: how
-    /// pieces lie to each other is not known, until a closure joins them.
+    /// pieces lie to each other is not known, until a closure or positions on Earth join them.
     pub fn pieces(&self) -> Vec<u32> {
         fn first(pieces: &mut [u32], mut at: u32) -> u32 {
             while pieces[at as usize] != at {
@@ -126,17 +137,62 @@ impl SlamMap {
             }
             at
         }
+        fn join(pieces: &mut [u32], a: u32, b: u32) {
+            let [a, b] = [a, b].map(|at| first(pieces, at));
+            pieces[a.max(b) as usize] = a.min(b);
+        }
         let mut pieces: Vec<u32> = (0..self.graph.poses.len() as u32).collect();
         for edge in &self.graph.edges {
             if edge.information.diagonal().xy().max() < JOINED_INFORMATION {
                 continue;
             }
-            let [a, b] = [edge.from, edge.to].map(|at| first(&mut pieces, at));
-            pieces[a.max(b) as usize] = a.min(b);
+            join(&mut pieces, edge.from, edge.to);
+        }
+        // All in the frame of the positions.
+        let aligned = self.graph.fixes.iter().filter(|fix| fix.is_aligned);
+        let aligned: Vec<_> = aligned.map(|fix| fix.keyframe).collect();
+        for pair in aligned.windows(2) {
+            join(&mut pieces, pair[0], pair[1]);
         }
         (0..pieces.len() as u32)
             .map(|at| first(&mut pieces, at))
             .collect()
+    }
+
+    /// Whether the frame of its newest piece is that of the positions: metres east and north of the datum.
+    pub fn is_on_earth(&self) -> bool {
+        let pieces = self.pieces();
+        let newest = pieces.last();
+        let mut aligned = self.graph.fixes.iter().filter(|fix| fix.is_aligned);
+        aligned.any(|fix| pieces.get(fix.keyframe as usize) == newest)
+    }
+
+    /// Turns and moves the newest piece to the frame of the positions, if it is not there and they determine how; returns the motion.
+    pub(super) fn align_newest(&mut self) -> Option<Isometry2<f64>> {
+        let pieces = self.pieces();
+        let newest = *pieces.last()?;
+        let PoseGraph { poses, fixes, .. } = &mut self.graph;
+        let is_newest = |fix: &PositionFix| pieces[fix.keyframe as usize] == newest;
+        let own = fixes.iter().filter(|fix| is_newest(fix));
+        let motion = if own.clone().any(|fix| fix.is_aligned) {
+            None
+        } else {
+            let pairs = own.map(|fix| {
+                let pose = poses[fix.keyframe as usize];
+                (pose * fix.keyframe_from_antenna, fix.antenna, fix.sigma_m)
+            });
+            Some(alignment(&pairs.collect::<Vec<_>>())?)
+        };
+        for fix in fixes.iter_mut().filter(|fix| is_newest(fix)) {
+            fix.is_aligned = true;
+        }
+        let motion = motion?;
+        for (pose, piece) in poses.iter_mut().zip(&pieces) {
+            if *piece == newest {
+                *pose = motion * *pose;
+            }
+        }
+        Some(motion)
     }
 
     /// Number of submaps.

@@ -219,11 +219,15 @@ fn fix(fields: &mut Cursor<'_>) -> Result<GeodeticFix, DecodeError> {
     let status = fields.i8()?;
     let _service = fields.u16()?;
     let [latitude_deg, longitude_deg, altitude_m] = fields.f64s()?;
+    let covariance_m2 = fields.f64s::<9>()?;
+    let sigma_m = libm::sqrt(covariance_m2[0].max(covariance_m2[4]));
+    let is_known = fields.u8()? != 0 && sigma_m > 0.0 && sigma_m.is_finite();
     Ok(GeodeticFix {
         latitude_deg,
         longitude_deg,
         altitude_m,
         status,
+        sigma_m: is_known.then_some(sigma_m),
     })
 }
 

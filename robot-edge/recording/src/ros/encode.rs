@@ -208,8 +208,12 @@ impl CdrWriter {
         self.number(fix.status.to_le_bytes());
         self.number(0u16.to_le_bytes()); // service: not known
         self.f64s(&[fix.latitude_deg, fix.longitude_deg, fix.altitude_m]);
-        self.f64s(&[0.0; 9]);
-        self.number([0u8]); // covariance type: not known
+        let variance_m2 = fix.sigma_m.map_or(0.0, |sigma_m| sigma_m * sigma_m);
+        let mut covariance_m2 = [0.0; 9];
+        (covariance_m2[0], covariance_m2[4]) = (variance_m2, variance_m2);
+        self.f64s(&covariance_m2);
+        // Covariance type: approximated, or not known.
+        self.number([u8::from(fix.sigma_m.is_some())]);
     }
 
     pub(super) fn twist(&mut self, twist: &Twist) {

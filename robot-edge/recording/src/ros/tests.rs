@@ -44,6 +44,7 @@ fn samples() -> Vec<Measurement> {
         longitude_deg: -9.1,
         altitude_m: 42.0,
         status: 2,
+        sigma_m: Some(0.5),
     };
     let twist = Twist {
         linear_mps: [0.5, 0.0, 0.0],

@@ -670,7 +670,8 @@ fn fixes_are_of_the_antenna_and_err_by_2_cm() {
                 latitude_deg,
                 longitude_deg,
                 altitude_m,
-                status: 2
+                status: 2,
+                sigma_m: None,
             }
         );
     }

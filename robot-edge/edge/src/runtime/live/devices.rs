@@ -237,6 +237,7 @@ fn outputs(
                     longitude_deg: 0.0,
                     altitude_m: 0.0,
                     status: 0,
+                    sigma_m: None,
                 })),
             ),
             Output::Attitudes => (

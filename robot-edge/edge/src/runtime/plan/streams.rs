@@ -296,6 +296,19 @@ pub(super) fn fixes(
     choose_one(survey, &option, carried, &with_fix, config.topic.as_deref())
 }
 
+/// The stream of a receiver's fixes, if there are any.
+pub(super) fn receiver(
+    survey: &Survey,
+    (sensor, config): (&str, &GpsConfig),
+) -> anyhow::Result<Option<StreamId>> {
+    let all = all(&survey.fixes);
+    if all.is_empty() {
+        return Ok(None);
+    }
+    let (option, topic) = (format!("--topic {sensor}="), config.topic.as_deref());
+    choose_one(survey, &option, "satellite fixes", &all, topic).map(Some)
+}
+
 /// Maximum number of names in a message.
 const MAX_LISTED: usize = 12;
 

@@ -263,6 +263,7 @@ fn fixes(topic: &'static str, status: i8) -> Topic {
         longitude_deg: -9.2,
         altitude_m: 50.0,
         status,
+        sigma_m: None,
     };
     (topic, "sensor_msgs/NavSatFix", MeasurementData::Fix(fix))
 }

@@ -370,6 +370,7 @@ fn fixes_and_attitude_place_beams_and_the_datum_is_kept() {
                 longitude_deg: 7.0 + (secs - 1.0) / 111_319.490_793,
                 altitude_m: 0.0,
                 status: 2,
+                sigma_m: None,
             };
             input.push(measurement(secs, "gps", MeasurementData::Fix(fix)));
         }

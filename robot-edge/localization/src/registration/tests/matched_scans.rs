@@ -1,11 +1,15 @@
 use nalgebra::{Isometry2, Vector3};
 
 use super::*;
-use crate::scan_localization::{MapFromOdom, MotionPrior, ScanLocalizationSettings};
+use crate::scan_localization::{
+    MapFromOdom, MotionPrior, ReceiverSettings, ScanLocalizationSettings,
+};
 use crate::scan_matching::slam_settings::SlamSettings;
 use crate::scan_matching::test_world::{AROUND_RING, Drive, ring, way};
 use crate::test_data::{about, imu_at};
+use measurement::GeodeticFix;
 use measurement::pose::planar;
+use protocol::geodesy::LocalTangentPlane;
 
 fn in_space(pose: &Isometry2<f64>) -> Pose {
     planar(
@@ -24,8 +28,37 @@ fn measurement(stamp: RobotTime, data: MeasurementData) -> Measurement {
     }
 }
 
+const DATUM: GeodeticPoint = GeodeticPoint {
+    latitude_deg: 38.7,
+    longitude_deg: -9.1,
+    altitude_m: 50.0,
+};
+
+/// Metres ahead and to the left.
+const ANTENNA_M: [f64; 3] = [-0.4, 0.2, 1.0];
+
+/// East and north of the datum, which is where the antenna begins.
+fn earth_from_world(way: &[Isometry2<f64>]) -> Isometry2<f64> {
+    let turned = Isometry2::rotation(1.2);
+    let first = turned * way[0] * Point2::new(ANTENNA_M[0], ANTENNA_M[1]);
+    Isometry2::from_parts((-first.coords).into(), turned.rotation)
+}
+
 /// Once around the ring and on; what `prior` says of the motion is in the measurements.
 fn drive(prior: PoseOrigin, motion: MotionPrior) -> (Vec<Isometry2<f64>>, Vec<RegistrationOutput>) {
+    let (way, _, out) = drive_with(prior, motion, None);
+    (way, out)
+}
+
+fn drive_with(
+    prior: PoseOrigin,
+    motion: MotionPrior,
+    receiver: Option<ReceiverSettings>,
+) -> (
+    Vec<Isometry2<f64>>,
+    ScanRegistration,
+    Vec<RegistrationOutput>,
+) {
     let (world, way) = (ring(), way(&AROUND_RING));
     let drive = Drive {
         world: &world,
@@ -40,13 +73,24 @@ fn drive(prior: PoseOrigin, motion: MotionPrior) -> (Vec<Isometry2<f64>>, Vec<Re
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
             prior: motion,
+            receiver,
             slam: SlamSettings::default(),
         }),
     });
     settings.sensors[0].beams.base_from_sensor = Pose::identity();
     let mut registration = ScanRegistration::new(settings);
     let mut out = Vec::new();
-    for (stamp, scan, odom_from_base) in drive.scans() {
+    let (plane, earth_from_world) = (LocalTangentPlane::new(DATUM), earth_from_world(&way));
+    for ((stamp, scan, odom_from_base), pose) in drive.scans().into_iter().zip(&way) {
+        let antenna = earth_from_world * pose * Point2::new(ANTENNA_M[0], ANTENNA_M[1]);
+        let place = plane.geodetic_from_enu([antenna.x, antenna.y, 0.0]);
+        let fix = GeodeticFix {
+            latitude_deg: place.latitude_deg,
+            longitude_deg: place.longitude_deg,
+            altitude_m: place.altitude_m,
+            status: 2,
+            sigma_m: Some(0.05),
+        };
         let odom_from_base = in_space(&odom_from_base);
         let turned = imu_at(about(
             Vector3::z(),
@@ -58,6 +102,7 @@ fn drive(prior: PoseOrigin, motion: MotionPrior) -> (Vec<Isometry2<f64>>, Vec<Re
         };
         for data in [
             odometry,
+            MeasurementData::Fix(fix),
             MeasurementData::Imu(turned),
             MeasurementData::Scan {
                 scan,
@@ -70,7 +115,38 @@ fn drive(prior: PoseOrigin, motion: MotionPrior) -> (Vec<Isometry2<f64>>, Vec<Re
     registration.finish(&mut out);
     let report = registration.scan_localization().unwrap();
     assert_eq!((report.lost, report.odometry_only), (0, 0), "{report:?}");
-    (way, out)
+    (way, registration, out)
+}
+
+#[test]
+fn fixes_turn_a_map_of_scans_to_east_and_north_and_say_where_on_earth_it_is() {
+    let receiver = ReceiverSettings {
+        time_offset: RobotDuration::ZERO,
+        antenna_in_base: ANTENNA_M.into(),
+    };
+    let (_, without, _) = drive_with(PoseOrigin::Odometry, MotionPrior::Full, None);
+    assert_eq!(without.datum(), None);
+    let (way, registration, out) =
+        drive_with(PoseOrigin::Odometry, MotionPrior::Full, Some(receiver));
+    let datum = registration.datum().unwrap();
+    assert!((datum.latitude_deg - DATUM.latitude_deg).abs() < 1e-9);
+    assert!((datum.longitude_deg - DATUM.longitude_deg).abs() < 1e-9);
+    let earth_from_world = earth_from_world(&way);
+    let map_from_odom = registration.map_from_odom();
+    let scans = out.iter().filter_map(|output| match output {
+        RegistrationOutput::Scan(scan) => Some(scan),
+        _ => None,
+    });
+    for (scan, pose) in scans.zip(&way) {
+        let found = map_from_odom.at((0, scan.stamp)).unwrap() * scan.odom_from_base;
+        let error = in_space(&(earth_from_world * pose)).inv_mul(&found);
+        let error_m = error.translation.vector.norm();
+        assert!(error_m < 0.15, "{error_m} m at {}", scan.stamp);
+    }
+    let saved = registration.saved_map().unwrap();
+    let (keyframes, parts) = saved.to_parts();
+    let again = crate::scan_localization::SavedMap::from_parts(keyframes, parts, saved.datum());
+    assert_eq!(again.unwrap().datum(), Some(datum));
 }
 
 #[test]
@@ -133,6 +209,7 @@ fn after_a_clock_reset_a_run_of_its_own_begins_and_the_old_places_are_not_in_its
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
             prior: MotionPrior::None,
+            receiver: None,
             slam: SlamSettings::default(),
         }),
     }));

@@ -168,6 +168,7 @@ fn found(
             base_from_sensor: Isometry2::identity(),
             odom_from_base: Some(odom_from_base),
             is_heading_only: false,
+            base_from_antenna: Point2::origin(),
         });
         let local = pose.local_from_base;
         let near = near.map(|(start, half)| (start * local, half));
@@ -285,4 +286,108 @@ fn scans_that_do_not_fit_are_lost_and_a_new_map_begins() {
     assert!((1..=6).contains(&lost), "{lost}");
     assert_eq!(poses[poses.len() - 1].confidence, Confidence::Full);
     assert!(slam.map().submap_count() >= 2);
+}
+
+/// Errors of a receiver at a scan, metres.
+type ReceiverError = fn(usize) -> [f64; 2];
+
+/// Of 2 cm to the east and north, by turns.
+fn of_rtk(scan: usize) -> [f64; 2] {
+    let sign = if scan.is_multiple_of(2) { 0.02 } else { -0.02 };
+    [sign, -sign]
+}
+
+/// A corridor of 90 m with pillars, which no loop closes, and where the map in that of the positions ends; errors in metres and
+/// radians at the ends of the way.
+fn along_corridor(sigma_m: f64, receiver: ReceiverError) -> (ScanSlam, [Vector3<f64>; 2]) {
+    let mut world: Vec<Wall> =
+        walls(&[[0.0, 0.0], [92.0, 0.0], [92.0, 3.0], [0.0, 3.0], [0.0, 0.0]]).collect();
+    for pillar in 0..22 {
+        // At distances that differ.
+        let x = 4.1 * f64::from(pillar) + f64::from(pillar * pillar % 7) * 0.3;
+        let y = f64::from(pillar % 2) * 2.7;
+        world.extend(walls(&[
+            [x, y],
+            [x + 0.3, y],
+            [x + 0.3, y + 0.3],
+            [x, y + 0.3],
+            [x, y],
+        ]));
+    }
+    let way = way(&[[1.0, 1.5], [91.0, 1.5]]);
+    let earth_from_world = Isometry2::new(Vector2::new(500.0, -300.0), 1.2);
+    let antenna = Point2::new(-0.4, 0.2);
+    let drive = Drive {
+        world: &world,
+        way: &way,
+        has_odometry: true,
+        slip: 0.03,
+        drift_rad_per_m: 0.004,
+        seed: 3,
+    };
+    let mut slam = ScanSlam::new(SlamSettings::default());
+    let mut poses = Vec::new();
+    for (number, (stamp, scan, odom_from_base)) in drive.scans().into_iter().enumerate() {
+        slam.push_position(AntennaPosition {
+            stamp,
+            antenna: earth_from_world * way[number] * antenna + Vector2::from(receiver(number)),
+            sigma_m,
+        });
+        poses.push(slam.push(&ScanInput {
+            stamp,
+            scan: &scan,
+            base_from_sensor: Isometry2::identity(),
+            odom_from_base: Some(odom_from_base),
+            is_heading_only: false,
+            base_from_antenna: antenna,
+        }));
+    }
+    slam.finish();
+    let errors = [40, way.len() - 1].map(|at| {
+        let pose = &poses[at];
+        let found = slam.map().keyframes()[pose.keyframe as usize] * pose.keyframe_from_base;
+        let truth = earth_from_world * way[at];
+        difference(&truth, &found)
+    });
+    (slam, errors)
+}
+
+#[test]
+fn positions_on_earth_hold_a_map_in_place_and_those_that_leap_do_not() {
+    // Without them the end of the corridor is a metre off.
+    let echo: ReceiverError = |scan| {
+        let [east, north] = of_rtk(scan);
+        // 8 m off for a sixth of the way: as an echo from a wall.
+        if (200..300).contains(&scan) {
+            [east + 8.0, north]
+        } else {
+            [east, north]
+        }
+    };
+    let leaps: ReceiverError = |scan| {
+        if scan % 5 == 3 {
+            [40.0, -60.0]
+        } else {
+            of_rtk(scan)
+        }
+    };
+    for (name, receiver) in [
+        ("rtk", of_rtk as ReceiverError),
+        ("echo", echo),
+        ("leaps", leaps),
+    ] {
+        let (slam, errors) = along_corridor(0.05, receiver);
+        let (positions, contradicted) = slam.positions();
+        assert!(
+            slam.map().is_on_earth() && positions > 35,
+            "{name}: {positions}"
+        );
+        assert_eq!(contradicted > 0, name != "rtk", "{name}: {contradicted}");
+        for error in errors {
+            assert!(
+                error.xy().norm() < 0.15 && error.z.abs() < 0.01,
+                "{name}: {errors:?}"
+            );
+        }
+    }
 }
