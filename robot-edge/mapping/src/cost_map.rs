@@ -16,7 +16,7 @@ use crate::height_columns::{
     read_columns, surface_m,
 };
 use crate::octree::{BrickColumn, Octree, SurfaceVoxel, VoxelState};
-use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap};
+use crate::rigidity::{ObstacleVoxel, Rigidity, RigidityConfig, RigidityMap, RigidityRule};
 use crate::slope::{Beach, greatest_differences, slopes};
 use crate::vehicle::VehicleShape;
 
@@ -407,7 +407,8 @@ impl CostMap {
         // Where the lowest voxel of a column is the top of an obstacle, nothing is above it: its highest voxel, as noise spreads the
         // top over two.
         let is_top = |z: i32, column: &Column| {
-            z == column.top_z
+            rules.surface == Surface::Land
+                && z == column.top_z
                 && is_ground(column.top_m[2], column)
                 && column.ground_m[2] - lowest_m > cell_m
         };
@@ -420,19 +421,23 @@ impl CostMap {
                     if (read.ground_z..=read.ground_z + rules.height).contains(&z) {
                         let CellIndex { x, y } = ColumnTile::cell_of(at, column);
                         let voxel = VoxelIndex { x, y, z };
-                        let is_obstacle = match rules.surface {
-                            Surface::Land => {
-                                !is_ground(surface_m(octree, voxel)[2], read) || is_top(z, read)
-                            }
-                            Surface::Water => z > read.ground_z,
+                        let is_on_ground = match rules.surface {
+                            Surface::Land => is_ground(surface_m(octree, voxel)[2], read),
+                            Surface::Water => z == read.ground_z,
                         };
-                        if !is_obstacle {
+                        if is_on_ground && !is_top(z, read) {
                             continue;
                         }
                         let surface = octree.surface(voxel);
+                        // Beams graze a top, and what they meet of it is narrow: only a wide one says what it is.
+                        let says = |width: &f32| {
+                            !is_on_ground
+                                || self.rigidity.rule == RigidityRule::Metrics
+                                || f64::from(*width) > self.rigidity.rigid_above()
+                        };
                         voxels.push(ObstacleVoxel {
                             voxel,
-                            intra: surface.and_then(SurfaceVoxel::intra),
+                            intra: surface.and_then(SurfaceVoxel::intra).filter(says),
                             inter: surface.and_then(SurfaceVoxel::inter),
                         });
                     }
