@@ -3,6 +3,8 @@
 #![cfg(test)]
 
 mod clouds;
+#[path = "../../../tests/tests/all/gdal.rs"]
+mod gdal;
 mod info;
 #[cfg(unix)]
 mod interrupt;
