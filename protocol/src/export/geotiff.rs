@@ -2,7 +2,7 @@
 //!
 //! Row 0 is the greatest y. Coordinates are metres in `odom`. With a datum `odom` is described as a
 //! projection of WGS 84: Transverse Mercator about the datum, which differs from the tangent plane by
-//! 2 cm at 10 km. UTM would turn the raster by the convergence of meridians, and resample it.
+//! 8 mm at 10 km (docs/maps.md). UTM would turn the raster by the convergence of meridians, and resample it.
 //! Without, the coordinate system is user-defined and local.
 //!
 //! The directories stand first, so that a reader on the web finds a tile after one request. Each overview has half the

@@ -532,11 +532,11 @@ mod tests {
     use super::*;
 
     /// A raster from cell (0, 0), for which there are tiles.
-    fn raster(layer: LayerId, tiles: (i32, i32), code: impl Fn(i32, i32) -> u16) -> Raster {
+    fn raster(layer: LayerId, tiles: (i32, i32), code: impl Fn(usize, usize) -> u16) -> Raster {
         let mut store = TileStore::new(BootId([1; 16]), 1000);
         store.set_grid(LayerGrid { layer, cell_m: 0.5 }).unwrap();
         for (ty, tx) in (0..tiles.1).flat_map(|ty| (0..tiles.0).map(move |tx| (ty, tx))) {
-            let cells = TileCells::from_fn(|x, y| code(64 * tx + x as i32, 64 * ty + y as i32));
+            let cells = TileCells::from_fn(|x, y| code(64 * tx as usize + x, 64 * ty as usize + y));
             assert!(store.publish(TileKey { layer, tx, ty }, cells).is_ok());
         }
         let raster = Raster::of_layer(&store, layer, MAX_RASTER_CELLS);

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
-use crate::process::{robot_edge, run};
+use crate::process::{events, robot_edge, run, summary_of};
 use crate::python::{client_folder, python};
 use crate::skip::skip;
 
@@ -32,15 +32,11 @@ fn client() -> Option<PathBuf> {
     None
 }
 
-#[test]
-fn foxgloves_own_client_receives_every_channel() {
-    let Some((python, client)) =
-        python("foxglove_requirements.txt", "google.protobuf").zip(client())
-    else {
-        return;
-    };
-    let mut robot = robot_edge("simulate lake --seed 1 --foxglove 127.0.0.1:0")
-        .args(["--set", "mapping.occupancy.enabled=true"])
+/// What the client receives of a robot until there is a message of each topic, decoded; `None`, and a skipped test, without it.
+fn received(robot: &mut Command, topics: &[&str]) -> Option<Value> {
+    let (python, client) = python("foxglove_requirements.txt", "google.protobuf").zip(client())?;
+    let mut robot = robot
+        .args(["--foxglove", "127.0.0.1:0"])
         .stderr(Stdio::piped())
         .stdout(Stdio::null())
         .spawn()
@@ -48,18 +44,7 @@ fn foxgloves_own_client_receives_every_channel() {
     let mut lines = BufReader::new(robot.stderr.take().unwrap()).lines();
     let url = lines.find_map(|line| Some(line.unwrap().strip_prefix("foxglove: ")?.to_owned()));
     let mut node = Command::new("node");
-    node.arg(client).args([&url.unwrap(), "5"]);
-    node.args([
-        "/map/occupancy",
-        "/map/cost",
-        "/map/depth",
-        "/map/shore",
-        "/shores",
-        "/path",
-        "/pose",
-        "/tf",
-        "/scan/laser",
-    ]);
+    node.arg(client).args([&url.unwrap(), "5"]).args(topics);
     let received = node.output().unwrap();
     robot.kill().unwrap();
     robot.wait().unwrap();
@@ -75,7 +60,29 @@ fn foxgloves_own_client_receives_every_channel() {
     input.write_all(&received.stdout).unwrap();
     drop(input);
     let report = decoder.wait_with_output().unwrap();
-    let report: Value = serde_json::from_slice(&report.stdout).unwrap();
+    Some(serde_json::from_slice(&report.stdout).unwrap())
+}
+
+#[test]
+fn foxgloves_own_client_receives_every_channel() {
+    let mut robot = robot_edge("simulate lake --set mapping.occupancy.enabled=true");
+    let topics = [
+        "/map/occupancy",
+        "/map/cost",
+        "/map/depth",
+        "/map/intra",
+        "/map/inter",
+        "/map/shore",
+        "/shores",
+        "/path",
+        "/pose",
+        "/tf",
+        "/scan/laser",
+        "/scan/sonar",
+    ];
+    let Some(report) = received(&mut robot, &topics) else {
+        return;
+    };
 
     // Nothing can be driven by it: it has no capability, and refuses what the client publishes.
     assert_eq!(report["capabilities"], json!([]));
@@ -112,6 +119,27 @@ fn foxgloves_own_client_receives_every_channel() {
         .map(|transform| &transform["child_frame_id"]);
     assert_eq!(frames.collect::<Vec<_>>(), ["odom", "base_link"]);
     assert!(message("/shores")["entities"].as_array().unwrap().len() > 1);
+}
+
+#[test]
+fn events_and_maps_of_a_recording_are_received() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("ramp.mcap");
+    let driven =
+        summary_of(robot_edge("simulate ramp --duration 60 --rate max --record").arg(&recording));
+    let mut replay = robot_edge("replay --vehicle holos --rate 4");
+    let Some(report) = received(replay.arg(&recording), &["/events", "/map/elevation"]) else {
+        return;
+    };
+    let event = &report["channels"]["/events"]["message"];
+    assert_eq!(
+        (&event["name"], &event["level"]),
+        (&json!("ground_plane"), &json!("INFO"))
+    );
+    let events = events(&driven);
+    let said = format!("ground_plane: {}", event["message"].as_str().unwrap());
+    assert!(events.contains(&said), "{said}: {events:?}");
+    assert_eq!(report["channels"]["/map/elevation"]["is_of_schema"], true);
 }
 
 #[test]

@@ -148,7 +148,7 @@ pub struct MappingOptions {
     /// Write the maps at the end; with `--keep-serving`, when it is stopped
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
-    /// Let Foxglove connect here over its WebSocket protocol, at ws://ADDRESS, and show maps, scans, poses and events. Nobody is
+    /// Let Foxglove connect here over its WebSocket protocol and show maps, scans, poses and events. Nobody is
     /// authenticated, and nobody can drive by it. Other addresses than 127.0.0.1 need --insecure
     #[arg(long, value_name = "127.0.0.1:8765", hide = !cfg!(feature = "foxglove"))]
     pub foxglove: Option<SocketAddr>,

@@ -66,7 +66,7 @@ pub struct OutputInputs {
     octree: Arc<Mutex<OctreeRequest>>,
     /// The first of each sensor since they were requested.
     scans: Arc<Mutex<Option<Scans>>>,
-    shores: Arc<Mutex<Option<(RobotTime, Arc<Shores>)>>>,
+    shores: Arc<Mutex<Option<StampedShores>>>,
     /// The last ones that nobody took.
     events: Arc<Mutex<VecDeque<(RobotTime, Event)>>>,
     /// What consoles must know, each once.
@@ -74,6 +74,7 @@ pub struct OutputInputs {
 }
 
 type Scans = BTreeMap<SensorId, RegisteredScan>;
+type StampedShores = (RobotTime, Arc<Shores>);
 
 /// Events that wait; a newer one replaces the oldest.
 const MAX_EVENTS: usize = 256;
@@ -112,7 +113,7 @@ impl OutputInputs {
         *lock(&self.shores) = Some((stamp, shores));
     }
 
-    pub fn shores(&self) -> Option<(RobotTime, Arc<Shores>)> {
+    pub fn shores(&self) -> Option<StampedShores> {
         lock(&self.shores).clone()
     }
 
