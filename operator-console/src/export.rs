@@ -9,7 +9,7 @@ use std::{fmt, io};
 
 use anyhow::{Context as _, anyhow};
 use protocol::export::{
-    Caption, Footprint, Label, StampedPose, export_raster, shore_labels, write_shores,
+    Caption, Footprint, Label, StampedPose, export_raster, shore_labels, write_path, write_shores,
     write_trajectory,
 };
 use protocol::layer::LayerId;
@@ -67,7 +67,7 @@ impl ExportPart {
                 };
                 format!("{layer}.tif, .png{more}")
             }
-            Self::Trajectory => "trajectory.tum".to_owned(),
+            Self::Trajectory => "trajectory.tum, .geojson".to_owned(),
             Self::Shores => "shores.geojson".to_owned(),
             Self::Voxels => VoxelFile::ALL.map(VoxelFile::name).join(" and "),
         }
@@ -103,7 +103,7 @@ enum Content {
         datum: Option<Datum>,
         labels: Vec<Label>,
     },
-    Trajectory(Arc<[StampedPose]>),
+    Trajectory(Arc<[StampedPose]>, Option<Datum>),
     Shores(Shores),
     Voxels(Arc<FetchedVoxels>),
     Nothing,
@@ -111,6 +111,7 @@ enum Content {
 
 impl Snapshot {
     pub fn of(model: &ConsoleModel, part: ExportPart) -> Self {
+        let datum = model.shores().and_then(|shores| shores.datum);
         let content = match part {
             ExportPart::Layer(layer) => {
                 let tiles = KnownTiles::of_layer(model.map().store(), layer);
@@ -130,11 +131,11 @@ impl Snapshot {
                             offset_m: f64::from(info.footprint_offset_m),
                         }
                     }),
-                    datum: model.shores().and_then(|shores| shores.datum),
+                    datum,
                     labels: model.shores().map(shore_labels).unwrap_or_default(),
                 })
             }
-            ExportPart::Trajectory => Content::Trajectory(path(model)),
+            ExportPart::Trajectory => Content::Trajectory(path(model), datum),
             ExportPart::Shores => model
                 .shores()
                 .map_or(Content::Nothing, |shores| Content::Shores(shores.clone())),
@@ -181,10 +182,10 @@ impl Snapshot {
                 };
                 Ok(export_raster(folder, &raster, &caption)?)
             }
-            Content::Trajectory(poses) => {
+            Content::Trajectory(poses, datum) => {
                 let path = folder.join("trajectory.tum");
                 write_trajectory(&path, poses.iter().copied())?;
-                Ok(vec![path])
+                Ok(vec![path, write_path(folder, &poses, datum)?])
             }
             Content::Shores(shores) => Ok(vec![write_shores(folder, &shores)?]),
             Content::Voxels(voxels) => write_voxels(folder, &voxels),
@@ -332,7 +333,7 @@ mod tests {
     }
 
     fn trajectory() -> Snapshot {
-        of(Content::Trajectory(Arc::new([])))
+        of(Content::Trajectory(Arc::new([]), None))
     }
 
     #[test]
@@ -348,10 +349,11 @@ mod tests {
             })
         });
         let exported = exported.unwrap();
-        assert_eq!(exported.files, [folder.join("trajectory.tum")]);
+        let files = ["trajectory.tum", "trajectory.geojson"].map(|name| folder.join(name));
+        assert_eq!(exported.files, files);
         assert!(folder.join("trajectory.tum").exists());
         let expected = format!(
-            "1 file is in {}\n\
+            "2 files are in {}\n\
              occupancy is missing: the disk is full. Free some space or choose another folder, and export it again\n\
              voxels is missing: too long",
             folder.display()
@@ -366,7 +368,7 @@ mod tests {
             ControlFlow::Continue(Ok(trajectory().lacking("only a part".to_owned())))
         });
         let expected = format!(
-            "1 file is in {}\ntrajectory is incomplete: only a part",
+            "2 files are in {}\ntrajectory is incomplete: only a part",
             dir.path().display()
         );
         assert_eq!(exported.unwrap().outcome(dir.path()), Err(expected));
@@ -414,6 +416,6 @@ mod tests {
         let exported = exported.unwrap();
         assert!(exported.is_cancelled);
         let words = exported.outcome(dir.path()).unwrap_err();
-        assert!(words.starts_with("Cancelled after 1 file; the"), "{words}");
+        assert!(words.starts_with("Cancelled after 2 files; the"), "{words}");
     }
 }

@@ -104,7 +104,7 @@ impl Rig {
         for file in ["tif", "pgm", "yaml", "png"]
             .map(|kind| format!("occupancy.{kind}"))
             .into_iter()
-            .chain(["trajectory.tum".to_owned()])
+            .chain(["tum", "geojson"].map(|kind| format!("trajectory.{kind}")))
         {
             let [edge, console] = [edge, folder].map(|at| fs::read(at.join(&file)).unwrap());
             assert!(edge == console, "{file}");

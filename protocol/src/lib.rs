@@ -21,3 +21,10 @@ pub mod signed;
 pub mod tile;
 pub mod tile_store;
 pub mod wire;
+
+#[cfg(test)]
+#[path = "../../tests/tests/all/gdal.rs"]
+mod gdal;
+#[cfg(test)]
+#[path = "../../tests/tests/all/skip.rs"]
+mod skip;

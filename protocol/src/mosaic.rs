@@ -3,6 +3,8 @@
 //! A raster shares the tiles of its store and copies no cells. It is read row by row, so its memory
 //! does not depend on its size.
 
+use std::ops::Range;
+
 use crate::layer::{LayerId, UNKNOWN};
 use crate::tile::{SIDE, TILE_SIDE, TileCells, TileKey};
 use crate::tile_store::TileStore;
@@ -158,22 +160,54 @@ impl Raster {
 
     /// Replaces `codes` by row `y`, counted upwards from the lowest y; `y < height`.
     pub fn read_row(&self, y: usize, codes: &mut Vec<u16>) {
+        self.read_part_of_row(y, 0..self.width, codes);
+    }
+
+    /// Replaces `codes` by the cells in `columns` of row `y`, counted from the lowest x and y.
+    fn read_part_of_row(&self, y: usize, columns: Range<usize>, codes: &mut Vec<u16>) {
         codes.clear();
-        codes.resize(self.width, UNKNOWN);
+        codes.resize(columns.len(), UNKNOWN);
         let cell_y = self.extent.first.1.saturating_add_unsigned(y as u64);
         let (ty, row) = (cell_y.div_euclid(SIDE), cell_y.rem_euclid(SIDE) as usize);
+        let cell_x = |column| self.extent.first.0.saturating_add_unsigned(column as u64);
+        let (first_x, end_x) = (cell_x(columns.start), cell_x(columns.end));
+        let first_place = (ty, first_x.div_euclid(SIDE));
         let begin = self
             .tiles
-            .partition_point(|(key, _)| i64::from(key.ty) < ty);
-        let tiles = &self.tiles[begin..];
-        for (key, cells) in tiles.iter().take_while(|(key, _)| i64::from(key.ty) == ty) {
+            .partition_point(|(key, _)| place_of_tile(*key) < first_place);
+        for (key, cells) in &self.tiles[begin..] {
             let tile_x = key.first_cell().0;
-            let from = (self.extent.first.0 - tile_x).clamp(0, SIDE);
-            let until = (self.extent.end.0 - tile_x).clamp(0, SIDE);
-            if from < until {
-                let column = (tile_x + from - self.extent.first.0) as usize;
-                let part = &cells.row(row)[from as usize..until as usize];
-                codes[column..][..part.len()].copy_from_slice(part);
+            if i64::from(key.ty) != ty || tile_x >= end_x {
+                break;
+            }
+            let from = (first_x - tile_x).max(0);
+            let until = (end_x - tile_x).min(SIDE);
+            let column = (tile_x + from - first_x) as usize;
+            let part = &cells.row(row)[from as usize..until as usize];
+            codes[column..][..part.len()].copy_from_slice(part);
+        }
+    }
+
+    /// Replaces `codes` by the deciding code ([`LayerId::deciding`]) of each square of `step` by `step`
+    /// cells in `columns`, a range of squares from the lowest x. `row` counts squares downwards from
+    /// the greatest y. Squares at the right and lower edge may be cut.
+    pub fn read_deciding(
+        &self,
+        step: usize,
+        row: usize,
+        columns: Range<usize>,
+        codes: &mut Vec<u16>,
+    ) {
+        codes.clear();
+        codes.resize(columns.len(), UNKNOWN);
+        let mut cells = Vec::new();
+        let cell_columns = columns.start * step..(columns.end * step).min(self.width);
+        for file_row in row * step..((row + 1) * step).min(self.height) {
+            let y = self.height - 1 - file_row;
+            self.read_part_of_row(y, cell_columns.clone(), &mut cells);
+            for (code, square) in codes.iter_mut().zip(cells.chunks(step)) {
+                let decides = |a, b| self.layer.deciding(a, b);
+                *code = square.iter().copied().fold(*code, decides);
             }
         }
     }

@@ -1,12 +1,12 @@
-"""Just enough of GeoTIFF to read a grid of f32 back: one band in strips, plain or deflated, without a predictor."""
+"""Just enough of GeoTIFF to read a grid of f32 back: one band in tiles, plain or deflated, without a predictor."""
 
 import struct
 import zlib
 from array import array
 from typing import NamedTuple
 
-WIDTH, HEIGHT, BITS, COMPRESSION, OFFSETS, BANDS, ROWS_PER_STRIP, COUNTS = 256, 257, 258, 259, 273, 277, 278, 279
-PREDICTOR, SAMPLE_FORMAT, PIXEL_SCALE, TIEPOINT = 317, 339, 33550, 33922
+WIDTH, HEIGHT, BITS, COMPRESSION, BANDS, PREDICTOR = 256, 257, 258, 259, 277, 317
+TILE_WIDTH, TILE_HEIGHT, OFFSETS, COUNTS, SAMPLE_FORMAT, PIXEL_SCALE, TIEPOINT = 322, 323, 324, 325, 339, 33550, 33922
 _FORMS = {1: "B", 2: "c", 3: "H", 4: "I", 11: "f", 12: "d"}  # field types that are read; others are left out
 
 
@@ -49,13 +49,19 @@ def _read(data: bytes) -> Grid:
     shape = (one(BITS), one(SAMPLE_FORMAT), one(BANDS, 1), one(PREDICTOR, 1))
     if shape != (32, 3, 1, 1) or compression not in (1, 8, 32946):
         raise ValueError(f"a TIFF of another kind: {shape}, compression {compression}")
-    values = b""
-    for offset, count in zip(fields[OFFSETS], fields[COUNTS], strict=True):
-        strip = data[offset : offset + count]
-        values += strip if compression == 1 else zlib.decompress(strip)
+    tile_width, tile_height = one(TILE_WIDTH), one(TILE_HEIGHT)
+    columns = -(-width // tile_width)
+    rows = [b""] * height
+    for index, (offset, count) in enumerate(zip(fields[OFFSETS], fields[COUNTS], strict=True)):
+        tile = data[offset : offset + count]
+        tile = tile if compression == 1 else zlib.decompress(tile)
+        first_row, first_column = index // columns * tile_height, index % columns * tile_width
+        inside = 4 * min(tile_width, width - first_column)
+        for row in range(min(tile_height, height - first_row)):
+            rows[first_row + row] += tile[4 * row * tile_width :][:inside]
     scale, tie = fields[PIXEL_SCALE], fields[TIEPOINT]
     west, north = tie[3] - tie[0] * scale[0], tie[4] + tie[1] * scale[1]
-    floats = struct.unpack(f"{order}{width * height}f", values)
+    floats = struct.unpack(f"{order}{width * height}f", b"".join(rows))
     if scale[0] != scale[1]:
         raise ValueError(f"cells of {scale[0]} by {scale[1]}")
     return Grid(width, height, scale[0], west, north, array("f", floats))

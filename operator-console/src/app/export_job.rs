@@ -263,11 +263,11 @@ mod tests {
         let (ended, files) = exported(dir.path(), ExportPart::Shores, false);
         let folder = dir.path().display();
         let expected = format!(
-            "1 file is in {folder}\n\
+            "2 files are in {folder}\n\
              trajectory is incomplete: only what was received here: no data from the robot"
         );
         assert_eq!(ended, Err(expected));
-        assert_eq!(files, 1);
+        assert_eq!(files, 2);
 
         fs::remove_file(dir.path().join("trajectory.tum")).unwrap();
         fs::create_dir(dir.path().join("trajectory.tum")).unwrap();
@@ -290,6 +290,6 @@ mod tests {
         let why = ended.unwrap_err();
         let missing = "\nvoxels is missing: no data from the robot. Export it again later";
         assert!(why.contains(missing), "{why}");
-        assert_eq!(files, 1, "the way");
+        assert_eq!(files, 2, "the way");
     }
 }

@@ -1,7 +1,8 @@
 //! What the `GeoJSON` files (RFC 7946) share: one feature per line.
 //!
 //! RFC 7946 allows WGS-84 coordinates only. Without a GNSS fix the coordinates are metres in
-//! `odom`, which the foreign member `coordinate_reference` states.
+//! `odom`, which the foreign member `coordinate_reference` states, and for programs a local `crs` by
+//! name (`GeoJSON` 2008, section 3.1), as in the `GeoTIFFs`: without it GDAL takes metres for degrees.
 
 use std::io::{self, Write};
 
@@ -10,8 +11,9 @@ use serde::Serialize;
 use crate::geodesy::LocalTangentPlane;
 use crate::message::Datum;
 
-const ON_EARTH: &str = "WGS-84: longitude and latitude in degrees";
-const IN_ODOM: &str = "NOT WGS-84: x and y in metres in odom, because there was no satellite fix";
+const ON_EARTH: &str = r#""coordinate_reference":"WGS-84: longitude and latitude in degrees""#;
+const IN_ODOM: &str = r#""crs":{"type":"name","properties":{"name":"LOCAL_CS[\"odom\",UNIT[\"metre\",1]]"}},
+"coordinate_reference":"NOT WGS-84: x and y in metres in odom, because there was no satellite fix""#;
 
 #[derive(Serialize)]
 pub(super) struct Feature<P> {
@@ -72,7 +74,7 @@ impl Projection {
         write!(
             writer,
             "{{\"type\":\"FeatureCollection\",\n\
-             \"coordinate_reference\":\"{reference}\",\n\
+             {reference},\n\
              {members}\"features\":["
         )
     }

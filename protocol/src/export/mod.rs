@@ -25,7 +25,7 @@ pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
 pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
 pub use shores::{shore_labels, write_shores};
-pub use trajectory::{StampedPose, write_covariances, write_trajectory};
+pub use trajectory::{StampedPose, write_covariances, write_path, write_trajectory};
 
 /// A failed export.
 #[derive(Debug, thiserror::Error)]
@@ -43,9 +43,6 @@ pub enum ExportFault {
     /// File system error.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// The `GeoTIFF` could not be encoded.
-    #[error("{0}")]
-    Tiff(#[from] tiff::TiffError),
     /// The PNG could not be encoded.
     #[error("{0}")]
     Png(#[source] png::EncodingError),
@@ -312,6 +309,7 @@ fn write_pgm(writer: &mut impl Write, raster: &Raster) -> io::Result<()> {
 mod tests {
     use std::fs::{self, File};
 
+    use serde_json::json;
     use tiff::decoder::{Decoder, DecodingResult};
     use tiff::tags::Tag;
 
@@ -463,6 +461,74 @@ mod tests {
         let values = [3080, 3081, 3082, 3083, 3092].map(value);
         let expected = [-9.1, 38.5, 0.0, 0.0, 1.0001_f64];
         assert_eq!(values.map(f64::to_bits), expected.map(f64::to_bits));
+    }
+
+    /// 600 × 400 cells of one value with a bay of unknown ones, and one cell more dangerous than all.
+    #[test]
+    fn gdal_finds_cloud_optimised_tiffs_with_our_values() {
+        let dir = tempfile::tempdir().unwrap();
+        let datum = crate::message::Datum {
+            latitude_deg: 38.5,
+            longitude_deg: -9.1,
+            altitude_m: 0.0,
+        };
+        // Of the common cells and of the dangerous one.
+        let codes_of = |layer: LayerId| match layer {
+            LayerId::Obstacle | LayerId::Rigidity | LayerId::Shore => [1, 2],
+            _ if layer.least_decides() => [200, 100],
+            _ => [100, 200],
+        };
+        for layer in LayerId::ALL {
+            let [common, dangerous] = codes_of(layer);
+            let raster = raster_of(layer, 0.25, 600, 400, |x, y| match (x, y) {
+                (123, 321) => dangerous,
+                (400..500, 5..) => 0,
+                _ => common,
+            });
+            write_geotiff(
+                &dir.path().join(format!("{layer}.tif")),
+                &raster,
+                Some(datum),
+            )
+            .unwrap();
+            let unknown = if layer.classes().is_empty() {
+                f32::NAN
+            } else {
+                0.0
+            };
+            let (mut codes, mut values) = (Vec::new(), Vec::new());
+            for y in (0..raster.height()).rev() {
+                raster.read_row(y, &mut codes);
+                let row = codes.iter().map(|&code| layer.quantisation().decode(code));
+                values.extend(row.flat_map(|value| value.unwrap_or(unknown).to_le_bytes()));
+            }
+            fs::write(dir.path().join(format!("{layer}.f32")), values).unwrap();
+        }
+        let Some(report) = crate::gdal::gis_report(dir.path()) else {
+            return;
+        };
+        for layer in LayerId::ALL {
+            let found = &report["rasters"][format!("{layer}.tif")];
+            assert_eq!(found["problems"], json!([]), "{layer}");
+            assert_eq!(found["size"], json!([600, 400]));
+            assert_eq!(found["block"], json!([256, 256]));
+            assert_eq!(found["overviews"], json!([[300, 200], [150, 100]]));
+            assert_eq!(
+                (&found["cells"], &found["other_cells"]),
+                (&json!(240_000), &json!(0))
+            );
+            let transform = json!([-5.0, 0.25, 0.0, 97.5, 0.0, -0.25]);
+            assert_eq!(found["transform"], transform);
+            assert_eq!(found["method"], "Transverse_Mercator");
+            let mut values = codes_of(layer).map(|code| layer.quantisation().decode(code).unwrap());
+            values.sort_by(f32::total_cmp);
+            // The dangerous cell is on each overview.
+            assert_eq!(
+                found["extremes"],
+                json!([values, values, values]),
+                "{layer}"
+            );
+        }
     }
 
     #[test]
@@ -651,10 +717,7 @@ mod tests {
             panic!("not f32");
         };
         assert_eq!(first[0].to_bits(), decode(0, LARGE_SIDE - 1));
-        assert_eq!(
-            first[9_999].to_bits(),
-            decode(LARGE_SIDE - 1, LARGE_SIDE - 1)
-        );
+        assert_eq!(first[255].to_bits(), decode(255, LARGE_SIDE - 1));
         let pgm = fs::metadata(dir.path().join("occupancy.pgm")).unwrap();
         assert_eq!(
             pgm.len(),

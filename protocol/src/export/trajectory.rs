@@ -1,10 +1,14 @@
-//! Poses in the TUM format, for `evo` and other trajectory tools.
+//! Poses in the TUM format, for `evo` and other trajectory tools, and their path as `GeoJSON`.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
 
 use super::ExportError;
+use super::geojson::{Feature, Geometry, Projection, write_features};
 use crate::export::write_atomically;
+use crate::message::Datum;
 
 /// Steps of [`StampedPose::position`] per metre: 0.1 µm.
 const PER_M: f64 = 1e7;
@@ -80,6 +84,53 @@ pub fn write_trajectory(
     })
 }
 
+#[derive(Serialize)]
+struct PathProperties {
+    kind: &'static str,
+    /// Seconds since the epoch of the clock that stamped the data.
+    first_stamp_s: f64,
+    last_stamp_s: f64,
+}
+
+/// Writes the path of the vehicle as one line to `trajectory.geojson` in `dir`; returns its path. A vehicle that has not
+/// moved a millimetre is a point; no poses are an empty collection.
+pub fn write_path(
+    dir: &Path,
+    poses: &[StampedPose],
+    datum: Option<Datum>,
+) -> Result<PathBuf, ExportError> {
+    let projection = Projection::new(datum);
+    let mut line: Vec<[f64; 2]> = poses
+        .iter()
+        .map(|pose| {
+            let [x_m, y_m, _] = pose.position_m();
+            projection.coordinates([x_m, y_m])
+        })
+        .collect();
+    line.dedup();
+    let geometry = match line[..] {
+        [only] => Geometry::Point(only),
+        _ => Geometry::LineString(line),
+    };
+    let feature = poses.first().zip(poses.last()).map(|(first, last)| {
+        let [first_stamp_s, last_stamp_s] =
+            [first, last].map(|pose| (pose.stamp_ns as f64 / 1e6).round() / 1e3);
+        let properties = PathProperties {
+            kind: "path",
+            first_stamp_s,
+            last_stamp_s,
+        };
+        Feature::new(geometry, properties)
+    });
+    let path = dir.join("trajectory.geojson");
+    write_atomically(&path, |writer| {
+        projection.begin(writer, "")?;
+        write_features(writer, feature, &mut "\n")?;
+        Ok(writer.write_all(b"\n]}\n")?)
+    })?;
+    Ok(path)
+}
+
 /// Writes one line per pose: its stamp, s, and `xx xy x_yaw yy y_yaw yaw_yaw` of the covariance of x, y (m) and yaw (rad) in the frame
 /// of `base_link`. Rows: nanoseconds, and the six.
 pub fn write_covariances(
@@ -134,6 +185,56 @@ mod tests {
             "1700000000.000000001 1.5000000 -2.0000000 0.2500000 0.000000000 0.000000000 -0.600000000 0.800000000\n\
              -0.000000005 1.5000000 -2.0000000 0.2500000 0.000000000 0.000000000 -0.600000000 0.800000000\n"
         );
+    }
+
+    #[test]
+    fn path_is_one_line_without_standing() {
+        let pose = |secs, x_m, y_m| {
+            let stamp_ns = secs * 1_000_000_000_i64 + 250_000_000;
+            StampedPose::new(stamp_ns, [x_m, y_m, 7.0], [0.0, 0.0, 0.0, 1.0])
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let feature = |poses: &[StampedPose], datum| -> serde_json::Value {
+            let path = write_path(dir.path(), poses, datum).unwrap();
+            assert!(path.ends_with("trajectory.geojson"));
+            let json: serde_json::Value =
+                serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+            assert_eq!(json.get("crs").is_some(), datum.is_none(), "{json}");
+            json["features"][0].clone()
+        };
+        let poses = [
+            pose(10, 0.0, 0.0),
+            pose(11, 0.0001, 0.0),
+            pose(12, 10.0, 20.0),
+        ];
+        let found = feature(&poses, None);
+        let place = &found["geometry"];
+        assert_eq!(place["type"], "LineString");
+        let line = serde_json::json!([[0.0, 0.0], [10.0, 20.0]]);
+        assert_eq!(place["coordinates"], line);
+        let properties =
+            serde_json::json!({"kind": "path", "first_stamp_s": 10.25, "last_stamp_s": 12.25});
+        assert_eq!(found["properties"], properties);
+        assert_eq!(feature(&poses[..2], None)["geometry"]["type"], "Point");
+        assert!(feature(&[], None).is_null());
+        let datum = Datum {
+            latitude_deg: 38.5,
+            longitude_deg: -9.1,
+            altitude_m: 0.0,
+        };
+        let found = feature(&poses, Some(datum));
+        let end = &found["geometry"]["coordinates"][1];
+        // A second is 24.2313 m of longitude and 30.8350 m of latitude.
+        let expected = [
+            -9.1 + 10.0 / 24.2313 / 3600.0,
+            38.5 + 20.0 / 30.8350 / 3600.0,
+        ];
+        for (axis, expected) in expected.into_iter().enumerate() {
+            assert!(
+                (end[axis].as_f64().unwrap() - expected).abs() < 1e-8,
+                "{end}"
+            );
+        }
     }
 
     #[test]

@@ -16,6 +16,8 @@ mod evaluate;
 pub mod events;
 pub mod exit;
 pub mod export;
+#[cfg(feature = "foxglove")]
+pub mod foxglove;
 pub mod overload;
 pub mod progress;
 pub mod publishing;

@@ -3,6 +3,9 @@
 #![cfg(test)]
 
 mod clouds;
+mod foxglove;
+#[path = "../../../tests/tests/all/gdal.rs"]
+mod gdal;
 mod info;
 #[cfg(unix)]
 mod interrupt;
@@ -10,6 +13,8 @@ mod matched_scans;
 mod outputs;
 mod own_clip;
 mod process;
+#[path = "../../../tests/tests/all/python.rs"]
+mod python;
 mod record;
 mod recordings;
 #[path = "../../recording/src/shared_data.rs"]

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::json;
 
+use crate::gdal::gis_report;
 use crate::process::{
     OccupancyTiff, digest, events, grey, names_in, read_json, read_pgm, robot_edge, rooms, run,
     summary_of,
@@ -14,11 +15,12 @@ use crate::process::{
 /// and then whoever changes it looks at the new map first.
 const ROOMS_DIGEST: &str = "b513a1327a0f7f8ac4215938dc685c178acf3d15692a7c486c159473dbace048";
 
-const EXPORTS: [&str; 5] = [
+const EXPORTS: [&str; 6] = [
     "occupancy.pgm",
     "occupancy.png",
     "occupancy.tif",
     "occupancy.yaml",
+    "trajectory.geojson",
     "trajectory.tum",
 ];
 
@@ -36,6 +38,21 @@ fn the_clip_becomes_maps_and_figures() {
     assert_eq!((ended.stdout.as_str(), ended.stderr.as_str()), ("", ""));
     assert_eq!(names_in(&maps), EXPORTS);
     assert_eq!(names_in(folder.path()), ["new", "s.json"]);
+    if let Some(report) = gis_report(&maps) {
+        let occupancy = &report["rasters"]["occupancy.tif"];
+        assert_eq!(occupancy["problems"], json!([]));
+        // Against the file for Nav2's map server.
+        assert_eq!(occupancy["cells"], 203 * 152);
+        assert_eq!(occupancy["other_cells"], 0);
+        // No place on Earth is known.
+        let crs = occupancy["crs"].as_str().unwrap();
+        assert!(crs.starts_with("LOCAL_CS[\"odom\""), "{crs}");
+        let path = &report["vectors"]["trajectory.geojson"];
+        assert_eq!(
+            (&path["crs"], &path["shapes"]),
+            (&json!("odom"), &json!(["LINESTRING"]))
+        );
+    }
     // The README says that this is the picture that its command makes.
     let shown = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/rooms.png");
     let is_shown = fs::read(shown).unwrap() == fs::read(maps.join("occupancy.png")).unwrap();

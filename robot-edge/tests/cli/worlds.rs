@@ -2,8 +2,9 @@
 
 use std::fs;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
+use crate::gdal::gis_report;
 use crate::process::{assert_every_beam_counted, names_in, robot_edge, run, summary_of};
 
 /// The obstacle layer of the world `ramp` with seed 1. If a change to the mapping core is meant to change
@@ -107,6 +108,7 @@ fn a_recorded_drive_gives_the_voxels_of_the_drive_with_one_thread_or_two() {
             "points.ply",
             "rigidity.png",
             "rigidity.tif",
+            "trajectory.geojson",
             "trajectory.tum",
             "voxels.bt"
         ]
@@ -153,12 +155,30 @@ fn a_boat_leaves_its_shores_behind_where_they_are_on_earth() {
         "intra.tif",
         "shore.tif",
         "shores.geojson",
+        "trajectory.geojson",
         "voxels.bt",
     ] {
         assert!(
             names.iter().any(|found| found == name),
             "{name} is not among {names:?}"
         );
+    }
+    if let Some(report) = gis_report(&maps) {
+        for (name, raster) in report["rasters"].as_object().unwrap() {
+            assert_eq!(raster["problems"], json!([]), "{name}");
+            assert_eq!(raster["method"], "Transverse_Mercator", "{name}");
+        }
+        let overviews = &report["rasters"]["cost.tif"]["overviews"];
+        assert_eq!(overviews.as_array().map(Vec::len), Some(2));
+        for (name, vector) in report["vectors"].as_object().unwrap() {
+            assert_eq!(vector["crs"], "WGS 84", "{name}");
+            let wrong = (&vector["invalid"], &vector["clockwise"]);
+            assert_eq!(wrong, (&json!(0), &json!(0)), "{name}");
+        }
+        assert_eq!(report["vectors"].as_object().unwrap().len(), 3);
+        // Longitudes and latitudes have steps of a millimetre.
+        let error_m = report["place_error_m"].as_f64().unwrap();
+        assert!(error_m < 0.001, "{error_m}");
     }
     let depths = &driven["layers"]["depth"];
     assert!(depths["cells_known"].as_u64().unwrap() > 1000, "{depths}");

@@ -1,4 +1,4 @@
-//! Python with packages of other projects, for clients that are not ours.
+//! Python with packages of other projects, for clients that are not ours. Tests of other crates include this file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use crate::skip::skip;
 
 /// The folder of the clients.
 pub(crate) fn client_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("python")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python")
 }
 
 fn run(command: &mut Command) -> Option<Output> {

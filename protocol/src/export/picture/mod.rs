@@ -10,7 +10,7 @@ use crate::contours::contours;
 use crate::export::date::span_label;
 use crate::export::picture::canvas::{Canvas, Rect, TextRenderer};
 use crate::export::{ExportError, StampedPose, write_atomically};
-use crate::layer::{LayerId, Legend, Palette, Pattern, Ramp, Swatch, UNKNOWN};
+use crate::layer::{LayerId, Legend, Palette, Pattern, Ramp, Swatch};
 use crate::message::Datum;
 use crate::mosaic::Raster;
 
@@ -459,9 +459,10 @@ impl Magnification {
     /// Draws the map with its upper left corner at `at`, where its patterns start; up is greater y.
     fn draw(self, canvas: &mut Canvas, at: (u32, u32), raster: &Raster, palette: &Palette) {
         let (cells, side_px) = (self.cells_per_pixel, self.pixels_per_cell as u32);
-        let (mut row, mut deciding) = (Vec::new(), Vec::new());
-        for (block_y, file_row) in (0..raster.height()).step_by(cells).zip(0_u32..) {
-            deciding_codes(raster, block_y, cells, &mut row, &mut deciding);
+        let columns = raster.width().div_ceil(cells);
+        let mut deciding = Vec::with_capacity(columns);
+        for (row, file_row) in (0..raster.height().div_ceil(cells)).zip(0_u32..) {
+            raster.read_deciding(cells, row, 0..columns, &mut deciding);
             for (&code, column) in deciding.iter().zip(0_u32..) {
                 let square = Rect::new(
                     at.0 + column * side_px,
@@ -497,26 +498,6 @@ fn over_background([red, green, blue, alpha]: [u8; 4]) -> [u8; 3] {
         let alpha = u16::from(alpha);
         ((over * alpha + under * (255 - alpha) + 127) / 255) as u8
     })
-}
-
-/// Sets `deciding` to the deciding code of each square of `cells` by `cells`, whose upper row is `y`
-/// from the top; `row` is scratch memory.
-fn deciding_codes(
-    raster: &Raster,
-    y: usize,
-    cells: usize,
-    row: &mut Vec<u16>,
-    deciding: &mut Vec<u16>,
-) {
-    deciding.clear();
-    deciding.resize(raster.width().div_ceil(cells), UNKNOWN);
-    for y in y..(y + cells).min(raster.height()) {
-        raster.read_row(raster.height() - 1 - y, row);
-        for (deciding, square) in deciding.iter_mut().zip(row.chunks(cells)) {
-            let decides = |a, b| raster.layer().deciding(a, b);
-            *deciding = square.iter().copied().fold(*deciding, decides);
-        }
-    }
 }
 
 const TITLE_WIDTH_MAX: u32 = 190;

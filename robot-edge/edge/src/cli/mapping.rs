@@ -1,5 +1,6 @@
 //! The commands that map, and their options.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -9,6 +10,7 @@ use nalgebra::{Isometry2, Vector2};
 use protocol::keys::RobotId;
 
 use crate::config::Override;
+use crate::exit::UsageError;
 use crate::pacer::Rate;
 use recording::ros::middleware::MAX_DOMAIN;
 
@@ -146,12 +148,31 @@ pub struct MappingOptions {
     /// Write the maps at the end; with `--keep-serving`, when it is stopped
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
+    /// Let Foxglove connect here over its WebSocket protocol and show maps, scans, poses and events. Nobody is
+    /// authenticated, and nobody can drive by it. Other addresses than 127.0.0.1 need --insecure
+    #[arg(long, value_name = "127.0.0.1:8765", hide = !cfg!(feature = "foxglove"))]
+    pub foxglove: Option<SocketAddr>,
     /// Maps to go on in.
     #[command(flatten)]
     pub map: MapOptions,
     /// Write figures of the run at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
+}
+
+impl MappingOptions {
+    /// Where Foxglove connects to: as open to other machines as the rest of the network.
+    pub fn foxglove_address(&self) -> Result<Option<SocketAddr>, UsageError> {
+        match self.foxglove {
+            Some(at) if !at.ip().is_loopback() && !self.network.insecure => {
+                Err(UsageError(format!(
+                    "--foxglove {at}: other machines could watch without a key. Listen on 127.0.0.1 and forward the port \
+                 (ssh -L), or say --insecure"
+                )))
+            }
+            at => Ok(at),
+        }
+    }
 }
 
 /// Maps of matched scans (localization.source = "scan…") that outlive a run.

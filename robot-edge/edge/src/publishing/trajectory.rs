@@ -86,6 +86,10 @@ impl Trajectory {
             .collect()
     }
 
+    pub fn last(&self) -> Option<StampedPose> {
+        self.pose(self.visible_len().checked_sub(1)?)
+    }
+
     fn pose(&self, at: usize) -> Option<StampedPose> {
         let len = self.len();
         let pose = match at.checked_sub(len) {

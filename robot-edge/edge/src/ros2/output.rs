@@ -3,7 +3,7 @@
 //! Two threads of low priority (the second has that of the first) make the messages: poses on one, maps on the other. They read the tile store, as the
 //! server of consoles does, and the newest pose and octree of [`OutputInputs`]. Nothing waits for them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
@@ -11,6 +11,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use protocol::layer::LayerId;
+use protocol::message::{Event, Shores};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS, MosaicError, Raster};
 use protocol::tile_store::TileStore;
 use zenoh::bytes::ZBytes;
@@ -27,6 +28,7 @@ use crate::lock;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::thread_priority::lower_thread_priority;
 use mapping::octree::Octree;
+use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::cloud::{Cloud, CloudPoint};
 use measurement::pose::Pose;
 use measurement::time::{Monotonic, RobotTime};
@@ -62,9 +64,20 @@ pub struct VehicleState {
 pub struct OutputInputs {
     vehicle: Arc<Mutex<Option<VehicleState>>>,
     octree: Arc<Mutex<OctreeRequest>>,
+    /// The first of each sensor since they were requested.
+    scans: Arc<Mutex<Option<Scans>>>,
+    shores: Arc<Mutex<Option<StampedShores>>>,
+    /// The last ones that nobody took.
+    events: Arc<Mutex<VecDeque<(RobotTime, Event)>>>,
     /// What consoles must know, each once.
     warnings: Arc<Mutex<Vec<String>>>,
 }
+
+type Scans = BTreeMap<SensorId, RegisteredScan>;
+type StampedShores = (RobotTime, Arc<Shores>);
+
+/// Events that wait; a newer one replaces the oldest.
+const MAX_EVENTS: usize = 256;
 
 #[derive(Debug, Default)]
 enum OctreeRequest {
@@ -77,6 +90,43 @@ enum OctreeRequest {
 impl OutputInputs {
     pub fn set_vehicle(&self, vehicle: VehicleState) {
         *lock(&self.vehicle) = Some(vehicle);
+    }
+
+    pub fn vehicle(&self) -> Option<VehicleState> {
+        *lock(&self.vehicle)
+    }
+
+    /// Copies the scan, if it is requested.
+    pub fn offer_scan(&self, scan: &RegisteredScan) {
+        if let Some(scans) = &mut *lock(&self.scans) {
+            scans.entry(scan.sensor).or_insert_with(|| scan.clone());
+        }
+    }
+
+    /// The requested scans; `is_wanted` requests the next ones.
+    pub fn take_scans(&self, is_wanted: bool) -> Scans {
+        let next = is_wanted.then(Scans::new);
+        std::mem::replace(&mut *lock(&self.scans), next).unwrap_or_default()
+    }
+
+    pub fn set_shores(&self, stamp: RobotTime, shores: Arc<Shores>) {
+        *lock(&self.shores) = Some((stamp, shores));
+    }
+
+    pub fn shores(&self) -> Option<StampedShores> {
+        lock(&self.shores).clone()
+    }
+
+    pub fn add_event(&self, stamp: RobotTime, event: Event) {
+        let mut events = lock(&self.events);
+        if events.len() >= MAX_EVENTS {
+            events.pop_front();
+        }
+        events.push_back((stamp, event));
+    }
+
+    pub fn take_events(&self) -> VecDeque<(RobotTime, Event)> {
+        std::mem::take(&mut *lock(&self.events))
     }
 
     /// Copies the octree, if it is requested.
@@ -666,7 +716,7 @@ fn of_vehicle(
     sent: &mut Option<RobotTime>,
     message: impl FnOnce(VehicleState) -> Vec<u8>,
 ) -> Made {
-    let newest = *lock(&sources.inputs.vehicle);
+    let newest = sources.inputs.vehicle();
     match newest.filter(|vehicle| *sent != Some(vehicle.stamp)) {
         Some(vehicle) => {
             *sent = Some(vehicle.stamp);

@@ -31,7 +31,7 @@ pub(super) struct LocalizationStage {
     /// A member only to reuse its memory.
     pub(super) registered: Vec<RegistrationOutput>,
     pub(super) state_publisher: Option<StatePublisher>,
-    pub(super) ros_poses: Option<RosPoses>,
+    pub(super) outputs: Vec<PoseOutput>,
     pub(super) recordings: Recordings,
     pub(super) progress: Progress,
     pub(super) clock: DataClock,
@@ -41,8 +41,8 @@ pub(super) struct LocalizationStage {
     pub(super) maps: SharedMapStats,
 }
 
-/// Hands the newest pose over to the ROS 2 system.
-pub(super) struct RosPoses {
+/// Hands the newest pose over to the ROS 2 system or to Foxglove.
+pub(super) struct PoseOutput {
     pub(super) inputs: OutputInputs,
     pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) velocity_estimator: VelocityEstimator,
@@ -51,7 +51,7 @@ pub(super) struct RosPoses {
     pub(super) has_other_odom: bool,
 }
 
-impl RosPoses {
+impl PoseOutput {
     fn set(&mut self, registration: &ScanRegistration) {
         let Some((stamp, odom_from_base)) = registration.newest_pose() else {
             return;
@@ -186,7 +186,7 @@ impl LocalizationStage {
             timer: StageTimer::default(),
             registered: Vec::new(),
             state_publisher: None,
-            ros_poses: None,
+            outputs: Vec::new(),
             recordings: Recordings::default(),
             progress: Progress::new(true),
             clock: DataClock::default(),
@@ -354,9 +354,15 @@ impl LocalizationStage {
         let Self {
             registered,
             state_publisher,
+            outputs,
             ..
         } = self;
         for output in registered.drain(..) {
+            if let RegistrationOutput::Scan(scan) = &output {
+                for PoseOutput { inputs, .. } in &*outputs {
+                    inputs.offer_scan(scan);
+                }
+            }
             let measured_at = match (&output, &mut *state_publisher) {
                 (RegistrationOutput::Scan(scan), Some(state_publisher)) => {
                     state_publisher.publish_scan(scan)
@@ -388,8 +394,8 @@ impl LocalizationStage {
         {
             state_publisher.publish_pose(pose);
         }
-        if let Some(ros_poses) = &mut self.ros_poses {
-            ros_poses.set(&self.registration);
+        for output in &mut self.outputs {
+            output.set(&self.registration);
         }
     }
 

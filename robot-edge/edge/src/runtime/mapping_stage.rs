@@ -13,12 +13,15 @@ use super::network::Network;
 use super::saved_map;
 use super::source::DataClock;
 use super::tilt_control::TiltControl;
+use crate::events;
+#[cfg(feature = "foxglove")]
+use crate::foxglove::FoxgloveOutput;
 use crate::lock;
 use crate::overload::{OverloadChange, OverloadMonitor};
 use crate::publishing::publisher::PublishError;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::replay_control::{ReplayControl, TimelineMark};
-use crate::ros2::RosOutput;
+use crate::ros2::{OutputInputs, RosOutput};
 use crate::summary::Event;
 use localization::registration::RegistrationOutput;
 use localization::scan_localization::SavedMap;
@@ -53,6 +56,10 @@ pub(super) struct MappingStage {
     pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) tilt: Option<TiltControl>,
     pub(super) ros: Option<RosOutput>,
+    #[cfg(feature = "foxglove")]
+    pub(super) foxglove: Option<FoxgloveOutput>,
+    /// Of these two.
+    pub(super) outputs: Vec<OutputInputs>,
     /// Where operators save maps, and what is being saved.
     pub(super) saved_maps: Option<PathBuf>,
     saving: Vec<(PathBuf, JoinHandle<anyhow::Result<()>>)>,
@@ -90,6 +97,9 @@ impl MappingStage {
             map_from_odom: SharedMapFromOdom::default(),
             tilt: None,
             ros: None,
+            #[cfg(feature = "foxglove")]
+            foxglove: None,
+            outputs: Vec::new(),
             saved_maps: None,
             saving: Vec::new(),
         }
@@ -338,12 +348,25 @@ impl MappingStage {
             if let Some(network) = &self.network {
                 network.publish_event(event.kind, &event.message);
             }
+            for output in &self.outputs {
+                output.add_event(
+                    event.stamp,
+                    events::event(event.kind, event.message.clone()),
+                );
+            }
             self.events.add(event);
         }
-        if let Some(network) = &self.network {
-            if let Some((stamp, shores)) = self.maps.take_shores() {
-                network.shores(stamp, Arc::new(shores));
+        let is_published = self.network.is_some() || !self.outputs.is_empty();
+        if is_published && let Some((stamp, shores)) = self.maps.take_shores() {
+            let shores = Arc::new(shores);
+            for output in &self.outputs {
+                output.set_shores(stamp, Arc::clone(&shores));
             }
+            if let Some(network) = &self.network {
+                network.shores(stamp, shores);
+            }
+        }
+        if let Some(network) = &self.network {
             network.publish_tiles(changed_tiles);
             network.serve_octree_files(&self.maps, false);
         }

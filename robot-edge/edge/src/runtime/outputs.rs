@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::Context as _;
 use protocol::export::{
     Caption, Footprint, StampedPose, Trinary, export_all, shore_labels, write_covariances,
-    write_shores, write_trajectory,
+    write_path, write_shores, write_trajectory,
 };
 use protocol::layer::LayerId;
 use protocol::tile_store::TileStore;
@@ -47,7 +47,7 @@ pub(super) fn export(
         vehicle_m: Some(vehicle_position_m(pipeline)),
         path: trajectory,
         footprint: Some(footprint(vehicle)),
-        datum: shores.as_ref().and_then(|shores| shores.datum),
+        datum: pipeline.localization.registration.datum(),
         labels: &labels,
     };
     let exported = export_all(dir, &maps.publisher().store(), &caption);
@@ -60,6 +60,7 @@ pub(super) fn export(
         .transpose();
     let mut files = exported?.files;
     files.push(path);
+    files.push(write_path(dir, trajectory, caption.datum)?);
     let covariances = pipeline.localization.registration.covariances();
     if !covariances.is_empty() {
         let path = dir.join("trajectory_covariance.txt");

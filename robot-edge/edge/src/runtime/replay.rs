@@ -130,6 +130,7 @@ pub(super) fn create_run<'a>(
         network: NetworkPlan::new(&options.network, options.robot.as_ref(), config)?,
         drive: DrivePlan::none(),
         record: options.record.clone(),
+        foxglove: options.foxglove_address()?,
         export: options.export.clone(),
         map: &options.map,
         summary: options.summary.clone(),

@@ -1,6 +1,7 @@
 //! One run: sets up the pipeline, reads a source, and writes the outputs.
 
 use std::io::{self, Write};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -12,7 +13,7 @@ use protocol::tile::BootId;
 use super::driving::DrivePlan;
 use super::is_set;
 use super::live_recording::LiveRecording;
-use super::localization_stage::{RecordingResult, RosPoses};
+use super::localization_stage::{PoseOutput, RecordingResult};
 use super::mapping_stage::EventLog;
 use super::network::{Network, RobotDescription, velocity_estimator};
 use super::network_plan::NetworkPlan;
@@ -28,6 +29,8 @@ use crate::cli::MapOptions;
 use crate::config::Config;
 use crate::exit::UsageError;
 use crate::exit::{Exit, Interrupted};
+#[cfg(feature = "foxglove")]
+use crate::foxglove::{FoxgloveOutput, Names};
 use crate::pacer::Rate;
 use crate::progress::Progress;
 use crate::ros2::{OutputInputs, OutputSources, RosOutput, RosTarget};
@@ -67,6 +70,8 @@ pub(super) struct Run<'a> {
     pub(super) tilt: Option<TiltControl>,
     /// Where maps and poses are published, if `[ros2_output]` names topics.
     pub(super) ros: Option<RosTarget>,
+    /// Where Foxglove connects to.
+    pub(super) foxglove: Option<SocketAddr>,
 }
 
 struct Files {
@@ -241,6 +246,7 @@ impl Run<'_> {
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
         self.start_ros_output(&mut pipeline)?;
+        self.start_foxglove(&mut pipeline)?;
         Ok(pipeline)
     }
 
@@ -252,35 +258,82 @@ impl Run<'_> {
         else {
             return Ok(());
         };
-        let Pipeline {
-            localization,
-            mapping,
-        } = pipeline;
-        let localizing = &self.config.localization;
-        let odom_frame = match &localizing.fixed_frame {
+        let has_other_odom = !self.config.ros2_output.odom_to_base;
+        let sources = self.output_sources(pipeline, has_other_odom);
+        let frames = (
+            self.odom_frame(),
+            self.config.localization.base_frame.as_str(),
+        );
+        let ros = RosOutput::start(&self.config.ros2_output, frames, target, sources)
+            .context("no thread can be had to publish to ROS 2")?;
+        pipeline.mapping.ros = Some(ros);
+        Ok(())
+    }
+
+    #[cfg(not(feature = "foxglove"))]
+    fn start_foxglove(&self, _pipeline: &mut Pipeline) -> Result<(), UsageError> {
+        match self.foxglove {
+            Some(_) => Err(UsageError(
+                "--foxglove is not in this program: build it with `--features foxglove`".to_owned(),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn start_foxglove(&self, pipeline: &mut Pipeline) -> anyhow::Result<()> {
+        let Some(at) = self.foxglove else {
+            return Ok(());
+        };
+        let sensors = self.config.range_sensors();
+        let names = Names {
+            vehicle: self.config.vehicle.name.clone(),
+            odom: self.odom_frame().to_owned(),
+            base: self.config.localization.base_frame.clone(),
+            sensors: sensors
+                .iter()
+                .map(|sensor| sensor.name.to_owned())
+                .collect(),
+        };
+        let sources = self.output_sources(pipeline, false);
+        let output = FoxgloveOutput::start(at, names, sources)?;
+        if !self.quiet {
+            writeln!(io::stderr(), "foxglove: ws://{}", output.address())?;
+        }
+        pipeline.mapping.foxglove = Some(output);
+        Ok(())
+    }
+
+    fn odom_frame(&self) -> &str {
+        match &self.config.localization.fixed_frame {
             Some(configured) => configured,
             None => match self.registration.origin.prior() {
                 PoseOrigin::Tf { fixed_frame } => fixed_frame,
                 _ => "odom",
             },
-        };
-        let sources = OutputSources {
-            inputs: OutputInputs::default(),
-            store: mapping.maps.publisher().shared_store(),
-            trajectory: mapping.trajectory.clone(),
-        };
-        let frames = (odom_frame, localizing.base_frame.as_str());
-        let ros = RosOutput::start(&self.config.ros2_output, frames, target, sources)
-            .context("no thread can be had to publish to ROS 2")?;
-        localization.ros_poses = Some(RosPoses {
-            inputs: ros.inputs().clone(),
+        }
+    }
+
+    /// What an output publishes of; the stages hand over to it.
+    fn output_sources(&self, pipeline: &mut Pipeline, has_other_odom: bool) -> OutputSources {
+        let Pipeline {
+            localization,
+            mapping,
+        } = pipeline;
+        let inputs = OutputInputs::default();
+        localization.outputs.push(PoseOutput {
+            inputs: inputs.clone(),
             map_from_odom: mapping.map_from_odom.clone(),
             velocity_estimator: velocity_estimator(self.config),
             last_stamp: None,
-            has_other_odom: !self.config.ros2_output.odom_to_base,
+            has_other_odom,
         });
-        mapping.ros = Some(ros);
-        Ok(())
+        mapping.outputs.push(inputs.clone());
+        OutputSources {
+            inputs,
+            store: mapping.maps.publisher().shared_store(),
+            trajectory: mapping.trajectory.clone(),
+        }
     }
 
     /// A map is saved and gone on in only where scans are matched.

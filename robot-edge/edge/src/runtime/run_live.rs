@@ -126,6 +126,7 @@ pub(super) fn run_live(
         network,
         drive,
         record: options.record.clone(),
+        foxglove: options.foxglove_address()?,
         export: options.export.clone(),
         map: &options.map,
         summary: options.summary.clone(),

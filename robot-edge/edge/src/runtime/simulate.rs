@@ -104,6 +104,7 @@ pub(super) fn simulate(
             DrivePlan::new(MotorsPlan::Simulated(motors), &command.driving)
         }),
         record: options.record.clone(),
+        foxglove: options.foxglove_address()?,
         export: options.export.clone(),
         map: &options.map,
         summary: options.summary.clone(),
