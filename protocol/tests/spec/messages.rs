@@ -108,6 +108,7 @@ const PARTS: [&str; 45] = [
     "StopReason",
     "LeaseEnd",
     "FaultReason",
+    "MotorHold",
     "LeaseStatus",
     "Arming",
     "Velocity",
