@@ -117,12 +117,13 @@ struct Vehicle {
 }
 
 impl Vehicle {
-    fn start(mavlink: &str) -> Self {
+    /// With this source of poses; `mavlink`: keys of its motors, and tables behind them.
+    fn start(localization: &str, mavlink: &str) -> Self {
         let laser = Emulator::on_tcp(Lms111::default());
         let folder = tempdir().unwrap();
         let configuration = folder.path().join("rover.toml");
         let text = format!(
-            "preset = \"generic2d\"\n[localization]\nsource = \"static\"\n\
+            "preset = \"generic2d\"\n[localization]\nsource = \"{localization}\"\n\
              [teleop.collision_monitor]\nenabled = false\n\
              [devices.laser]\nkind = \"sick_cola\"\ntcp = \"{}\"\n\
              [motors.mavlink]\n{mavlink}\n",
@@ -222,7 +223,7 @@ fn an_autopilot_drives_while_it_obeys_and_its_states_are_shown() {
     let Some(mut autopilot) = Autopilot::start(&format!("udpout:127.0.0.1:{port}")) else {
         return;
     };
-    let vehicle = Vehicle::start(&format!("udp_listen = \"127.0.0.1:{port}\""));
+    let vehicle = Vehicle::start("static", &format!("udp_listen = \"127.0.0.1:{port}\""));
     let mut anna = vehicle.operator();
     let events = anna
         .session()
@@ -343,12 +344,13 @@ fn an_autopilot_is_a_source_and_an_edge_that_hangs_stops_it() {
     let Some(mut autopilot) = Autopilot::start(&format!("tcpin:127.0.0.1:{port}")) else {
         return;
     };
-    let vehicle = Vehicle::start(&format!(
+    let mavlink = format!(
         "tcp = \"127.0.0.1:{port}\"\nrequest_guided = true\n\
          [sensors.attitude]\nkind = \"imu\"\ntopic = \"/autopilot/attitude\"\n\
          [sensors.position]\nkind = \"gps\"\ntopic = \"/autopilot/position\"\n\
          [sensors.depth]\nkind = \"sonar\"\ntopic = \"/autopilot/depth\"\nmount = {{ pitch_deg = 90.0 }}"
-    ));
+    );
+    let vehicle = Vehicle::start("gps", &mavlink);
     let mut anna = vehicle.operator();
     autopilot.does("can_arm");
     autopilot.does("arm");
