@@ -1,13 +1,13 @@
-//! MAVLink 2 with an autopilot that runs `ArduPilot` Rover, on wheels or in water.
+//! `MAVLink` 2 with an autopilot that runs `ArduPilot` Rover, on wheels or in water.
 //!
 //! The motor guard owns the link. It sends what this module encodes and forwards what it receives, unparsed, through a
-//! pipe ([`session::Autopilot`] reads it). Messages, their layouts and checksums are those of the official definitions
+//! pipe ([`Autopilot`] reads it). Messages, their layouts and checksums are those of the official definitions
 //! (`ardupilotmega.xml`), from the crate `mavlink`; framing: mavlink.io/en/guide/serialization.html.
 //!
-//! Facts of `ArduPilot` are from its source, Rover/GCS_MAVLink_Rover.cpp, `mode_guided.cpp` and mode.h: it takes velocities in mode
-//! GUIDED alone, once its EKF has an origin, and stops when none came for `GUID_TIMEOUT` (3 s). It does not know the frame
-//! `BODY_FRD`: `BODY_NED` has the same axes. The speed is the length of the vector (vx, vy), with the sign of vx, and at
-//! most `WP_SPEED`. The tests of this codec are against pymavlink; it was never tried on hardware.
+//! Facts of `ArduPilot` are from its source, `Rover/GCS_MAVLink_Rover.cpp`, `mode_guided.cpp` and `mode.h`: it takes
+//! velocities in mode GUIDED alone, once its EKF has an origin, and stops when none came for `GUID_TIMEOUT` (3 s). It
+//! does not know the frame `BODY_FRD`: `BODY_NED` has the same axes. The speed is the length of the vector (vx, vy), with
+//! the sign of vx, and at most `WP_SPEED`. The tests of this codec are against pymavlink; it was never tried on hardware.
 
 mod session;
 
@@ -25,7 +25,7 @@ pub use session::{Autopilot, AutopilotState, AutopilotStatus};
 /// The component of an autopilot (`MAV_COMP_ID_AUTOPILOT1`).
 const AUTOPILOT: u8 = 1;
 
-/// Begins a MAVLink 2 frame.
+/// Begins a frame of version 2.
 const START: u8 = 0xFD;
 const HEADER_BYTES: usize = 10;
 const CRC_BYTES: usize = 2;

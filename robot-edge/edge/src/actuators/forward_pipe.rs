@@ -18,7 +18,7 @@ pub const VARIABLE: &str = "FORESHORE_FORWARD_PIPE";
 pub const LEAST_BYTES: usize = 4096;
 
 /// Stands where bytes were lost, so that no number is made of the halves of two: no line has such a character, and no
-/// MAVLink frame begins with one.
+/// `MAVLink` frame begins with one.
 const GAP: &[u8] = b"\0\r";
 
 /// A read end and a write end, with room for `capacity` bytes.

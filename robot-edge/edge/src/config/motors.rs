@@ -17,7 +17,7 @@ pub struct MotorsConfig {
     pub mode_change_s: f64,
     /// A Roboteq AX3500 on a serial line.
     pub roboteq: Option<RoboteqConfig>,
-    /// An autopilot that drives, over MAVLink.
+    /// An autopilot that drives, over `MAVLink`.
     pub mavlink: Option<MavlinkConfig>,
     /// Motors of a ROS 2 system, by velocity messages.
     pub ros2_twist: Option<TwistConfig>,

@@ -209,8 +209,7 @@ impl DriveLoop {
     fn test_motors(&mut self, now: Monotonic) {
         let is_fault = match self.motor_check.readiness {
             MotorReadiness::Starting => return,
-            MotorReadiness::Ready => false,
-            MotorReadiness::Held(..) => false,
+            MotorReadiness::Ready | MotorReadiness::Held(..) => false,
             MotorReadiness::Absent => true,
             MotorReadiness::Faulty(fault) => {
                 if self.motor_check.reported_fault != Some(fault) {

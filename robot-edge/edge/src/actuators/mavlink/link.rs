@@ -80,8 +80,7 @@ impl MavlinkLink {
         let ([own_system, own_component], system) = config.numbers();
         let invalid = ControllerFault::Port(rustix::io::Errno::INVAL.raw_os_error() as u8);
         Self {
-            // The configuration was checked before.
-            address: config.address().map_err(|_| invalid),
+            address: config.address().map_err(|_checked_before| invalid),
             system,
             sharing,
             encoder: Encoder::new((own_system, own_component), system),
