@@ -254,6 +254,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
         ground_age_ms: [None; 4],
         battery_v: None,
         docking: None,
+        motor_hold: None,
     }
 }
 

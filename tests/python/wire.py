@@ -265,7 +265,7 @@ REFUSAL = Enum(
     )
 )
 LEASE_END = Enum(**dict.fromkeys("Released Expired Renewed HandedOver TakenOver Revoked Reset Fault".split()))
-STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END)
+STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END, MotorsHeld=None)
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32)
 SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_mps=F32, right_mps=F32, left_radps=F32, right_radps=F32)
@@ -294,6 +294,7 @@ TELEOP_STATUS = Struct(
     ground_age_ms=Tuple(Option(U32), Option(U32), Option(U32), Option(U32)),
     battery_v=Option(F32),
     docking=Option(DOCKING_CHOICE),
+    motor_hold=Option(Enum(NoLink=None, NoHeartbeat=None, NotARover=None, Disarmed=None, Mode=U32, Failsafe=None)),
 )
 STATUS = Struct(
     data_time_ns=I64,

@@ -21,6 +21,7 @@ const MAX_ALERTS: usize = 64;
 pub enum Alarm {
     EStop,
     Fault,
+    Motors,
     LinkLost,
     Sensor(String),
     Recording,
@@ -246,6 +247,10 @@ fn reasons(model: &ConsoleModel, source: AlertSource, now: Monotonic) -> Vec<Rea
             let text = format!("The vehicle is at fault: {is}");
             let past = format!("The vehicle was at fault: {was}");
             reasons.push(Reason::new(Alarm::Fault, text, past));
+        }
+        if let Some(hold) = teleop.motor_hold.filter(|_| teleop.lease.holder.is_some()) {
+            let said = |verb| format!("The motors {verb} no velocity: {hold}");
+            reasons.push(Reason::new(Alarm::Motors, said("obey"), said("obeyed")));
         }
         if model.is_stuck() && is_motion_current(model, now) {
             let [is, was] = stuck(model.is_boat());

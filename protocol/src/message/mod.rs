@@ -125,6 +125,7 @@ mod tests {
                 site: 300,
                 vegetation: ShoreClass::Dense,
             }),
+            motor_hold: Some(MotorHold::Mode(300)),
         }
     }
 
@@ -153,6 +154,7 @@ mod tests {
             &[1],                      // battery_v
             &ONE,
             &[1, 0xAC, 2, 1], // docking
+            &[1, 4, 0xAC, 2], // motor_hold
         ];
         assert_eq!(body(&teleop()), expected.concat());
         let nothing_in_the_way = TeleopStatus {
@@ -160,9 +162,10 @@ mod tests {
             ground_age_ms: [None; 4],
             battery_v: None,
             docking: None,
+            motor_hold: None,
             ..teleop()
         };
-        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0, 0]));
+        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0]));
     }
 
     #[test]

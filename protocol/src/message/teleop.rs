@@ -4,6 +4,8 @@
 //! ([`crate::signed`]), whose envelope has the token, the lease epoch and the sequence number.
 //! Answers are unsigned.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use super::ShoreClass;
@@ -53,6 +55,8 @@ pub struct TeleopStatus {
     pub battery_v: Option<f32>,
     /// The docking site whose vegetation is no obstacle now, by the last command.
     pub docking: Option<DockingChoice>,
+    /// Why the motors obey no velocity now.
+    pub motor_hold: Option<MotorHold>,
 }
 
 /// State of the vehicle. Append-only.
@@ -87,6 +91,8 @@ pub enum StopReason {
     CollisionMonitorStale,
     /// The holder lost the lease.
     LeaseEnded(LeaseEnd),
+    /// The motors obey no velocity.
+    MotorsHeld,
 }
 
 impl StopReason {
@@ -94,7 +100,7 @@ impl StopReason {
     pub const fn is_voluntary(self) -> bool {
         match self {
             Self::Released => true,
-            Self::Age | Self::NotFinite | Self::CollisionMonitorStale => false,
+            Self::Age | Self::NotFinite | Self::CollisionMonitorStale | Self::MotorsHeld => false,
             Self::LeaseEnded(why) => match why {
                 LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
                     true
@@ -135,6 +141,55 @@ pub enum FaultReason {
     SelfTest,
     /// The motors do not follow commands, or cannot be commanded.
     Actuator,
+}
+
+/// Why motors behind an autopilot obey no velocity. It ends by itself with its cause. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum MotorHold {
+    /// The link with the autopilot cannot be opened, or was lost.
+    NoLink,
+    /// The autopilot sends no heartbeat.
+    NoHeartbeat,
+    /// What sends heartbeats is no `ArduPilot` of a rover or boat.
+    NotARover,
+    /// Disarmed: arming is up to the vehicle.
+    Disarmed,
+    /// The autopilot is in another mode than GUIDED, by its number.
+    Mode(u32),
+    /// The autopilot has a failsafe in force.
+    Failsafe,
+}
+
+impl fmt::Display for MotorHold {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::NoLink => "there is no link with the autopilot",
+            Self::NoHeartbeat => "the autopilot sends no heartbeat",
+            Self::NotARover => "the autopilot is no ArduPilot of a rover or boat",
+            Self::Disarmed => "the autopilot is disarmed",
+            Self::Failsafe => "the autopilot has a failsafe in force",
+            Self::Mode(number) => {
+                // ArduPilot, Rover/mode.h.
+                let name = match number {
+                    0 => "MANUAL",
+                    1 => "ACRO",
+                    3 => "STEERING",
+                    4 => "HOLD",
+                    5 => "LOITER",
+                    6 => "FOLLOW",
+                    7 => "SIMPLE",
+                    8 => "DOCK",
+                    9 => "CIRCLE",
+                    10 => "AUTO",
+                    11 => "RTL",
+                    12 => "SMART_RTL",
+                    16 => "INITIALISING",
+                    _ => return write!(formatter, "the autopilot is in mode {number}, not GUIDED"),
+                };
+                return write!(formatter, "the autopilot is in mode {name}, not GUIDED");
+            }
+        })
+    }
 }
 
 /// State of the lease.

@@ -75,7 +75,7 @@ const EXAMPLES: [(&str, Check); 44] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 45] = [
+const PARTS: [&str; 46] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -108,6 +108,7 @@ const PARTS: [&str; 45] = [
     "StopReason",
     "LeaseEnd",
     "FaultReason",
+    "MotorHold",
     "LeaseStatus",
     "Arming",
     "Velocity",

@@ -171,10 +171,14 @@ impl fmt::Display for Problem {
 }
 
 /// Ways to connect a device, as bits.
-const TCP: u8 = 1;
-const UDP: u8 = 2;
-const UDP_LISTEN: u8 = 4;
-const SERIAL: u8 = 8;
+/// The key of this name.
+pub const TCP: u8 = 1;
+/// The key of this name.
+pub const UDP: u8 = 2;
+/// The key of this name.
+pub const UDP_LISTEN: u8 = 4;
+/// The key of this name.
+pub const SERIAL: u8 = 8;
 
 const ADDRESSES: [(u8, &str); 4] = [
     (TCP, "tcp"),
@@ -347,6 +351,72 @@ impl Kind {
     }
 }
 
+/// The keys that say where something is: one of four, and a bit rate.
+#[derive(Clone, Copy, Debug)]
+pub struct LinkKeys<'a> {
+    /// `tcp`, `udp`, `udp_listen`, `serial`.
+    pub given: [&'a Option<String>; 4],
+    /// Of a serial port.
+    pub baud: Option<u32>,
+}
+
+impl LinkKeys<'_> {
+    /// Where it is, of the ways `of_kind`; `baud`: where the key is absent. Fails with a key and what is wrong.
+    pub fn address(&self, of_kind: u8, baud: u32) -> Result<Address, (&'static str, String)> {
+        let given = ADDRESSES.iter().zip(self.given);
+        let given: Vec<_> = given
+            .filter_map(|((bit, key), value)| Some((*bit, *key, value.as_deref()?)))
+            .collect();
+        let allowed: Vec<&str> = ADDRESSES
+            .iter()
+            .filter(|(bit, _)| of_kind & bit != 0)
+            .map(|(_, key)| *key)
+            .collect();
+        let allowed = allowed.join(" or ");
+        let &[(bit, key, address)] = given.as_slice() else {
+            let text = format!("set exactly one of the keys that say where it is: {allowed}");
+            return Err(("", text));
+        };
+        if of_kind & bit == 0 {
+            return Err((key, format!("such a device is reached by {allowed}")));
+        }
+        if bit != SERIAL && self.baud.is_some() {
+            return Err(("baud", "only a serial port has it: remove it".to_owned()));
+        }
+        let has_port = || {
+            let (host, port) = address.rsplit_once(':')?;
+            (!host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
+        };
+        let no_port = || {
+            let text = format!("\"{address}\" is no host and port, as 192.168.0.1:2111 is");
+            Err((key, text))
+        };
+        match bit {
+            TCP if has_port().is_some() => Ok(Address::Tcp(address.to_owned())),
+            UDP if has_port().is_some() => Ok(Address::Udp(address.to_owned())),
+            TCP | UDP => no_port(),
+            UDP_LISTEN => match address.parse::<SocketAddr>() {
+                Ok(address) => Ok(Address::UdpListen(address)),
+                Err(_) => Err((
+                    key,
+                    format!("\"{address}\" is no address and port, as 0.0.0.0:4040 is"),
+                )),
+            },
+            _ => {
+                let baud = self.baud.unwrap_or(baud);
+                if address.is_empty() || !(300..=12_000_000).contains(&baud) {
+                    let text = "a port has a name, and `baud` from 300 to 12000000";
+                    return Err((key, text.to_owned()));
+                }
+                Ok(Address::Serial {
+                    path: address.into(),
+                    baud,
+                })
+            }
+        }
+    }
+}
+
 /// A servo turns when it is about 1° from an end.
 const LEAST_SWEEP_DEG: f64 = 5.0;
 
@@ -393,59 +463,11 @@ impl DeviceConfig {
 
     /// Where the device is. Fails with a key and what is wrong.
     pub fn address(&self) -> Result<Address, (&'static str, String)> {
-        let given = [&self.tcp, &self.udp, &self.udp_listen, &self.serial];
-        let given = ADDRESSES.iter().zip(given);
-        let given: Vec<_> = given
-            .filter_map(|((bit, key), value)| Some((*bit, *key, value.as_deref()?)))
-            .collect();
-        let of_kind = self.kind.traits().addresses;
-        let allowed: Vec<&str> = ADDRESSES
-            .iter()
-            .filter(|(bit, _)| of_kind & bit != 0)
-            .map(|(_, key)| *key)
-            .collect();
-        let allowed = allowed.join(" or ");
-        let &[(bit, key, address)] = given.as_slice() else {
-            let text = format!("set exactly one of the keys that say where it is: {allowed}");
-            return Err(("", text));
+        let keys = LinkKeys {
+            given: [&self.tcp, &self.udp, &self.udp_listen, &self.serial],
+            baud: self.baud,
         };
-        if of_kind & bit == 0 {
-            return Err((key, format!("such a device is reached by {allowed}")));
-        }
-        if bit != SERIAL && self.baud.is_some() {
-            return Err(("baud", "only a serial port has it: remove it".to_owned()));
-        }
-        let has_port = || {
-            let (host, port) = address.rsplit_once(':')?;
-            (!host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
-        };
-        let no_port = || {
-            let text = format!("\"{address}\" is no host and port, as 192.168.0.1:2111 is");
-            Err((key, text))
-        };
-        match bit {
-            TCP if has_port().is_some() => Ok(Address::Tcp(address.to_owned())),
-            UDP if has_port().is_some() => Ok(Address::Udp(address.to_owned())),
-            TCP | UDP => no_port(),
-            UDP_LISTEN => match address.parse::<SocketAddr>() {
-                Ok(address) => Ok(Address::UdpListen(address)),
-                Err(_) => Err((
-                    key,
-                    format!("\"{address}\" is no address and port, as 0.0.0.0:4040 is"),
-                )),
-            },
-            _ => {
-                let baud = self.baud.unwrap_or(self.kind.baud());
-                if address.is_empty() || !(300..=12_000_000).contains(&baud) {
-                    let text = "a port has a name, and `baud` from 300 to 12000000";
-                    return Err((key, text.to_owned()));
-                }
-                Ok(Address::Serial {
-                    path: address.into(),
-                    baud,
-                })
-            }
-        }
+        keys.address(self.kind.traits().addresses, self.kind.baud())
     }
 
     /// Beams that are used. Fails with a key and what is wrong.

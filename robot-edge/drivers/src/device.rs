@@ -31,6 +31,11 @@ pub trait Device: Send + 'static {
     /// What a message means. `awaited` is the step whose reply is awaited, if one is.
     fn take(&mut self, message: MessageOf<Self>, awaited: Option<usize>, events: &mut Vec<Event>);
 
+    /// Which of several outputs gave the data; their streams follow each other.
+    fn output(&self, _data: &MeasurementData) -> u16 {
+        0
+    }
+
     /// For a device that measures when it is asked: the time between two requests.
     fn poll_period(&self) -> Option<Duration> {
         None

@@ -32,7 +32,6 @@ use crate::xsens::Xsens;
 #[cfg(target_os = "linux")]
 use crate::{
     beam_selection::BeamSelection,
-    roboteq_encoders::RoboteqEncoders,
     transport::{Address, PipeEnd},
 };
 
@@ -135,13 +134,13 @@ impl Drivers {
         })
     }
 
-    /// Adds encoders whose controller another process owns: it forwards what it receives through the pipe with this
-    /// read end. Their number is the next one.
+    /// Adds a device whose port another process owns: it forwards what it receives through the pipe with this read
+    /// end. Its number is the next one.
     #[cfg(target_os = "linux")]
-    pub fn add_encoders(
+    pub fn add_forwarded<D: Device>(
         &mut self,
         name: &str,
-        (encoders, read_end): (RoboteqEncoders, OwnedFd),
+        (device, read_end): (D, OwnedFd),
         clock: Clock,
         readings: &SyncSender<Reading>,
     ) {
@@ -161,7 +160,7 @@ impl Drivers {
             },
             link: None,
         };
-        let status = task.spawn(encoders);
+        let status = task.spawn(device);
         self.statuses.0.push((name.to_owned(), status));
     }
 

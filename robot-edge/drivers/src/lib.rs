@@ -22,6 +22,7 @@ pub mod hokuyo;
 pub mod imagenex;
 pub mod imagenex_deltat;
 pub mod joint_goal;
+pub mod mavlink;
 pub mod nmea;
 pub mod ntrip;
 pub mod packet_lidar;
@@ -49,6 +50,8 @@ pub mod xsens;
 
 pub use drivers::{Drivers, StartError};
 pub use frames::{Decoder, DropReason, Dropped};
+#[cfg(target_os = "linux")]
+pub use serial::open_serial;
 pub use transport::Address;
 #[cfg(target_os = "linux")]
 pub use transport::PipeEnd;

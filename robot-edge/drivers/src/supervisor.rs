@@ -438,10 +438,11 @@ impl<D: Device> Supervisor<D> {
         let Some(reserved) = self.readings.limit.reserve(data.payload_bytes()) else {
             return self.lose(Loss::QueueFull);
         };
+        let stream = StreamId(self.settings.stream.0 + self.device.output(&data));
         let reading = Reading {
             measurement: Measurement {
                 stamp,
-                stream: self.settings.stream,
+                stream,
                 frame: self.settings.name.clone(),
                 data,
             },

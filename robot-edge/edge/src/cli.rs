@@ -32,9 +32,9 @@ found by their types; the vehicle's configuration or --topic says which one is m
 The system's own router has port 7447 of this machine. Consoles are therefore expected at 7449 (tiles at 7450) unless
 --listen or --keys says otherwise.
 
-[motors.roboteq] in the vehicle's configuration is what is driven; or [motors.ros2_twist], by which velocities are
-published on a topic of the ROS 2 system, and then it is up to that system to stop when they cease. Without either
-the vehicle can be watched only. [ros2_output] names the maps and poses that are published there.";
+[motors.roboteq] in the vehicle's configuration is what is driven; or [motors.mavlink], an autopilot with ArduPilot,
+whose sensors are read too, without ROS 2; or [motors.ros2_twist], by which velocities are published on a topic of the
+ROS 2 system, and then it is up to that system to stop when they cease. Without any the vehicle can be watched only. [ros2_output] names the maps and poses that are published there.";
 
 /// Maps what a ground robot's or boat's laser sees.
 #[derive(Clone, Debug, PartialEq, Parser)]

@@ -25,6 +25,7 @@ pub fn severity(kind: &str) -> Severity {
         | "overload"
         | "voxels_evicted"
         | "involuntary_stop"
+        | "motors_held"
         | "collision_monitor_off"
         | "drive_log_stopped"
         | "operators_unreadable"

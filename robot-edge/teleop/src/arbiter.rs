@@ -69,9 +69,10 @@ impl Mode {
 const fn is_recoverable(reason: StopReason) -> bool {
     match reason {
         StopReason::Released | StopReason::Age => true,
-        StopReason::NotFinite | StopReason::CollisionMonitorStale | StopReason::LeaseEnded(_) => {
-            false
-        }
+        StopReason::NotFinite
+        | StopReason::CollisionMonitorStale
+        | StopReason::LeaseEnded(_)
+        | StopReason::MotorsHeld => false,
     }
 }
 
@@ -196,6 +197,7 @@ pub fn step(
             step.state.measured = velocity.is_finite().then_some(velocity);
         }
         ArbiterInput::ActuatorFault => step.fail(FaultReason::Actuator),
+        ArbiterInput::MotorsHeld => step.stop_and_lock(StopReason::MotorsHeld),
     }
     step.notify_mode_change();
     step.actions.output = step.state.motion.velocity();
@@ -244,7 +246,8 @@ impl Step<'_> {
             StopReason::Age
             | StopReason::NotFinite
             | StopReason::CollisionMonitorStale
-            | StopReason::LeaseEnded(_) => ArmingState::Locked,
+            | StopReason::LeaseEnded(_)
+            | StopReason::MotorsHeld => ArmingState::Locked,
         };
     }
 
@@ -547,7 +550,7 @@ impl Step<'_> {
         stream.last_seq = Some(command.seq);
         if !command.requested.is_finite() {
             self.state.counters.refuse(Refusal::NotFinite);
-            self.handle_invalid_command();
+            self.stop_and_lock(StopReason::NotFinite);
             return;
         }
         self.state.counters.accepted = self.state.counters.accepted.saturating_add(1);
@@ -594,10 +597,9 @@ impl Step<'_> {
         }
     }
 
-    /// The command has no finite velocity: the vehicle stops, and pressed keys have no effect.
-    fn handle_invalid_command(&mut self) {
+    /// The vehicle stops, and pressed keys have no effect.
+    fn stop_and_lock(&mut self, reason: StopReason) {
         self.state.stream.arming = ArmingState::Locked;
-        let reason = StopReason::NotFinite;
         match self.state.mode {
             Mode::Driving => self.begin_stop(reason),
             Mode::Stopping { since, .. } => self.state.mode = Mode::Stopping { reason, since },

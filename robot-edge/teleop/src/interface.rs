@@ -70,6 +70,8 @@ pub enum ArbiterInput {
     Measured(Velocity),
     /// The motors do not obey, or cannot be reached.
     ActuatorFault,
+    /// The motors obey no velocity in this round, as somebody else has them: not a fault.
+    MotorsHeld,
 }
 
 /// A change of the lease.

@@ -313,6 +313,9 @@ fn rows(
         );
         rows.push((Tone::Warning, row("Docking", words)));
     }
+    if let Some(hold) = teleop.motor_hold {
+        rows.push((Tone::Warning, row("Motors", hold.to_string())));
+    }
     if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));
     }

@@ -47,6 +47,7 @@ pub(crate) const fn stop(why: StopReason) -> &'static str {
         StopReason::Age => "commands too old",
         StopReason::NotFinite => "invalid velocity command",
         StopReason::CollisionMonitorStale => "the monitor's data came too late",
+        StopReason::MotorsHeld => "the motors obeyed no velocity",
         StopReason::LeaseEnded(LeaseEnd::Released) => "the lease was released",
         StopReason::LeaseEnded(LeaseEnd::Expired) => "the console timed out",
         StopReason::LeaseEnded(LeaseEnd::Renewed) => "the lease was requested again",
@@ -302,6 +303,13 @@ fn live(
     let is_still = !is_stuck && !brakes && model.is_still();
     if !brakes && let Some(headline) = unexpected_motion(model, teleop) {
         return headline;
+    }
+    if let (Some(hold), TeleopState::Idle | TeleopState::Held) = (teleop.motor_hold, teleop.state) {
+        return Headline::new(
+            Tone::Warning,
+            "Cannot be driven",
+            capitalised(&hold.to_string()),
+        );
     }
     let (tone, words) = match teleop.state {
         TeleopState::Driving if is_stuck => {

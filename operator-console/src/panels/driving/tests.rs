@@ -10,8 +10,8 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::message::{
     Answer, Arming, Barrier, BarrierKind, Clamp, CollisionMonitorState, EStopStatus, Event, Info,
-    LeaseRequest, Pose, Refusal, RefusedCount, Severity, SpeedLimits, Status, StopReason,
-    TeleopState, TeleopStatus, Velocity,
+    LeaseRequest, MotorHold, Pose, Refusal, RefusedCount, Severity, SpeedLimits, Status,
+    StopReason, TeleopState, TeleopStatus, Velocity,
 };
 use protocol::tile::BootId;
 use teleop::Role;
@@ -451,6 +451,19 @@ fn ignored_keys_are_shown_with_the_reason() {
         let advice = rig.data().advice.unwrap();
         assert!(advice.starts_with("The monitor's data is late, so nothing moves"));
     }
+}
+
+#[test]
+fn motors_that_obey_no_velocity_are_the_headline_of_a_vehicle_that_stands() {
+    let mut rig = Rig::driving();
+    rig.teleop.motor_hold = Some(MotorHold::Mode(4));
+    assert_eq!(rig.data().headline, "Driving", "it still brakes");
+    rig.teleop.state = TeleopState::Held;
+    rig.velocity = [0.0; 2];
+    let data = rig.data();
+    assert_eq!(data.headline, "Cannot be driven");
+    let why = "The autopilot is in mode HOLD, not GUIDED";
+    assert_eq!(data.advice.unwrap(), why);
 }
 
 #[test]

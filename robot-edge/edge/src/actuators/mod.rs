@@ -5,6 +5,12 @@
 
 pub mod report;
 
+#[cfg(target_os = "linux")]
+pub mod forward_pipe;
+pub mod mavlink;
+#[cfg(target_os = "linux")]
+pub mod motor_link;
+
 pub mod differential_drive;
 pub mod published_velocity;
 pub mod roboteq;

@@ -112,8 +112,8 @@ pub struct Counters {
     /// Bytes that belong to no valid frame.
     pub garbage: u32,
     pub reconnects: u32,
-    /// Bytes of the controller that the reader of encoders did not take in time.
-    pub lost_encoder_bytes: u32,
+    /// Bytes of the controller that their reader did not take in time.
+    pub lost_bytes: u32,
 }
 
 impl Counters {
@@ -122,7 +122,7 @@ impl Counters {
         stale: 0,
         garbage: 0,
         reconnects: 0,
-        lost_encoder_bytes: 0,
+        lost_bytes: 0,
     };
 }
 
@@ -156,7 +156,7 @@ impl fmt::Display for FallbackStop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Trying => "the motors are being commanded to stop",
-            Self::Stopped => "the motors have been commanded to stop, and have acknowledged",
+            Self::Stopped => "the motors have been commanded to stop, and have acknowledged if their controller does so",
             Self::Unreachable => {
                 "the motors' port cannot be opened, so it is up to the controller's own watchdog"
             }

@@ -4,6 +4,7 @@ use serde::Deserialize;
 
 use super::config_layer::{join, quoted};
 use super::error::{ConfigIssue, Problem};
+use crate::actuators::mavlink::MavlinkConfig;
 use crate::actuators::roboteq::RoboteqConfig;
 use teleop::{LocomotionConfig, LocomotionModes};
 
@@ -16,6 +17,8 @@ pub struct MotorsConfig {
     pub mode_change_s: f64,
     /// A Roboteq AX3500 on a serial line.
     pub roboteq: Option<RoboteqConfig>,
+    /// An autopilot that drives, over `MAVLink`.
+    pub mavlink: Option<MavlinkConfig>,
     /// Motors of a ROS 2 system, by velocity messages.
     pub ros2_twist: Option<TwistConfig>,
 }
@@ -23,7 +26,7 @@ pub struct MotorsConfig {
 impl MotorsConfig {
     /// Whether real motors are configured.
     pub const fn has_motors(&self) -> bool {
-        self.roboteq.is_some() || self.ros2_twist.is_some()
+        self.roboteq.is_some() || self.mavlink.is_some() || self.ros2_twist.is_some()
     }
 }
 
@@ -68,6 +71,7 @@ impl Default for MotorsConfig {
             min_turn_radius_m,
             mode_change_s,
             roboteq: None,
+            mavlink: None,
             ros2_twist: None,
         }
     }
@@ -84,9 +88,17 @@ impl MotorsConfig {
 
     pub(super) fn check(&self) -> Vec<ConfigIssue> {
         let of_roboteq = self.roboteq.iter().flat_map(RoboteqConfig::check);
+        let of_roboteq = of_roboteq.map(|issue| ("motors.roboteq", issue));
+        let of_mavlink = self.mavlink.iter().flat_map(MavlinkConfig::check);
+        let of_mavlink = of_mavlink.map(|issue| ("motors.mavlink", issue));
         let mut issues: Vec<_> = of_roboteq
-            .map(|issue| ConfigIssue {
-                key: join("motors.roboteq", &issue.key),
+            .chain(of_mavlink)
+            .map(|(table, issue)| ConfigIssue {
+                key: if issue.key.is_empty() {
+                    table.to_owned()
+                } else {
+                    join(table, &issue.key)
+                },
                 ..issue
             })
             .collect();
@@ -101,21 +113,40 @@ impl MotorsConfig {
                 },
             });
         };
-        if self.roboteq.is_some() && self.modes != LocomotionModes::DIFFERENTIAL {
-            issue(
-                "motors.modes",
-                "other modes",
+        for (is_given, why) in [
+            (
+                self.roboteq.is_some(),
                 "motors.roboteq drives the wheels of two sides",
-                "differential = true alone",
+            ),
+            (
+                self.mavlink.is_some(),
+                "motors.mavlink takes a speed ahead and a turn rate",
+            ),
+        ] {
+            if is_given && self.modes != LocomotionModes::DIFFERENTIAL {
+                issue(
+                    "motors.modes",
+                    "other modes",
+                    why,
+                    "differential = true alone",
+                );
+            }
+        }
+        if let (Some(_), Some(mavlink)) = (&self.roboteq, &self.mavlink) {
+            issue(
+                "motors.mavlink.system",
+                &mavlink.system.to_string(),
+                "there is motors.roboteq already, and a vehicle has one kind of motors",
+                "one of the two",
             );
         }
         if let Some(TwistConfig { topic, .. }) = &self.ros2_twist {
-            if self.roboteq.is_some() {
+            if self.roboteq.is_some() || self.mavlink.is_some() {
                 issue(
                     "motors.ros2_twist",
                     topic,
-                    "there is motors.roboteq already, and a vehicle has one kind of motors",
-                    "one of the two",
+                    "there are other motors already, and a vehicle has one kind of motors",
+                    "one of the kinds",
                 );
             }
             if !is_topic(topic) {
@@ -275,5 +306,86 @@ mod tests {
         }
         let error = check(ROBOTEQ, &["motors.ros2_twist.topic=/cmd_vel"]).unwrap_err();
         assert!(error.contains("one kind of motors"), "{error}");
+    }
+
+    #[test]
+    fn an_autopilot_has_one_address_and_numbers_of_systems() {
+        let table = |keys: &str| format!("[motors.mavlink]\n{keys}\n");
+        let mavlink = check(&table("udp_listen = \"0.0.0.0:14550\""), &[]).unwrap();
+        let mavlink = mavlink.motors.mavlink.unwrap();
+        assert_eq!(mavlink.numbers(), ([1, 191], 1));
+        assert!(!mavlink.request_guided);
+        for keys in [
+            "tcp = \"127.0.0.1:5760\"",
+            "udp = \"[::1]:14550\"",
+            "serial = \"/dev/ttyACM0\"\nbaud = 57600",
+        ] {
+            check(&table(keys), &[]).unwrap();
+        }
+        for (keys, key, why) in [
+            ("", "motors.mavlink", "exactly one"),
+            (
+                "tcp = \"a:1\"\nudp = \"b:1\"",
+                "motors.mavlink",
+                "exactly one",
+            ),
+            (
+                "tcp = \"autopilot:5760\"",
+                "motors.mavlink.tcp",
+                "looks up no names",
+            ),
+            (
+                "udp = \"127.0.0.1\"",
+                "motors.mavlink.udp",
+                "no host and port",
+            ),
+            (
+                "udp_listen = \"here\"",
+                "motors.mavlink.udp_listen",
+                "no address and port",
+            ),
+            (
+                "serial = \"/dev/ttyACM0\"\nbaud = 3",
+                "motors.mavlink.serial",
+                "300 to 12000000",
+            ),
+            (
+                "tcp = \"127.0.0.1:1\"\nbaud = 9600",
+                "motors.mavlink.baud",
+                "only a serial port",
+            ),
+            (
+                "tcp = \"127.0.0.1:1\"\nsystem = 256",
+                "motors.mavlink.system",
+                "1 to 255",
+            ),
+            (
+                "tcp = \"127.0.0.1:1\"\nown_component = 0",
+                "motors.mavlink.own_component",
+                "1 to 255",
+            ),
+            (
+                "tcp = \"127.0.0.1:1\"\nown_component = 1",
+                "motors.mavlink.own_component",
+                "the autopilot itself",
+            ),
+            (
+                "tcp = \"127.0.0.1:1\"\nsystem_id = 1",
+                "motors.mavlink.system_id",
+                "system",
+            ),
+        ] {
+            let error = check(&table(keys), &[]).unwrap_err();
+            assert!(
+                error.contains(key) && error.contains(why),
+                "{keys}: {error}"
+            );
+        }
+        let both = format!("{ROBOTEQ}{}", table("tcp = \"127.0.0.1:1\""));
+        let error = check(&both, &[]).unwrap_err();
+        assert!(error.contains("one kind of motors"), "{error}");
+        let error =
+            check(&table("tcp = \"127.0.0.1:1\""), &["motors.modes.crab=true"]).unwrap_err();
+        assert!(error.contains("a speed ahead and a turn rate"), "{error}");
     }
 }

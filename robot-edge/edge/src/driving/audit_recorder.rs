@@ -50,7 +50,7 @@ impl AuditRecorder {
             request_kind,
             caller,
             refusal,
-        }) = *drive_event
+        }) = drive_event.clone()
         {
             let name = operators.names().nth(caller.operator.0 as usize).cloned();
             if let Some(name) = name {

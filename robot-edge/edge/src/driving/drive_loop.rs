@@ -209,7 +209,7 @@ impl DriveLoop {
     fn test_motors(&mut self, now: Monotonic) {
         let is_fault = match self.motor_check.readiness {
             MotorReadiness::Starting => return,
-            MotorReadiness::Ready => false,
+            MotorReadiness::Ready | MotorReadiness::Held(..) => false,
             MotorReadiness::Absent => true,
             MotorReadiness::Faulty(fault) => {
                 if self.motor_check.reported_fault != Some(fault) {
@@ -225,6 +225,23 @@ impl DriveLoop {
             self.step(now, ArbiterInput::SelfTest { has_passed, stored });
         } else if is_fault {
             self.step(now, ArbiterInput::ActuatorFault);
+        }
+        let (hold, fault) = match self.motor_check.readiness {
+            MotorReadiness::Held(hold, fault) => (Some(hold), fault),
+            _ => (None, None),
+        };
+        if self.runtime_settings.motor_hold != hold {
+            self.runtime_settings.motor_hold = hold;
+            self.drive_event(DriveEvent::MotorsHeld(hold), now);
+            if let Some(fault) = fault {
+                self.drive_event(DriveEvent::Motors(fault), now);
+            }
+        }
+        if hold.is_some() {
+            self.step(now, ArbiterInput::MotorsHeld);
+        }
+        for text in self.motors.take_texts(now) {
+            self.drive_event(DriveEvent::Autopilot(text), now);
         }
     }
 
@@ -319,6 +336,9 @@ impl DriveLoop {
                 self.drive_event(DriveEvent::MonitorUnavailable { unavailable_reason }, now);
                 return;
             }
+        }
+        if let ArbiterEvent::LeaseGranted { .. } = event {
+            self.motors.lease_taken();
         }
         self.drive_event(DriveEvent::Arbiter(event), now);
         if let Some(why) = monitor_reenabled(&event) {

@@ -6,6 +6,8 @@
 //! hangs, the loop sends zero to the motors. If the loop itself hangs, the motor guard does, and the loop's watchdog
 //! ends the process.
 
+#[cfg(target_os = "linux")]
+pub mod autopilot;
 pub mod inbox;
 pub mod monitor_input;
 pub mod motors;

@@ -9,9 +9,12 @@ use crate::actuators::motor_guard::GuardedMotors;
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
 use crate::actuators::report::Readiness;
+#[cfg(target_os = "linux")]
+use crate::driving::autopilot::AutopilotMonitor;
 use crate::lock;
 use measurement::time::Monotonic;
 use network::clock;
+use protocol::message::MotorHold;
 use teleop::Velocity;
 
 /// Validity of a velocity for simulated motors, from its decision on; the same as for real ones.
@@ -27,6 +30,9 @@ pub enum Motors {
     /// Real ones, behind a process of their own.
     #[cfg(target_os = "linux")]
     Guarded(GuardedMotors),
+    /// Those of an autopilot, behind the same process.
+    #[cfg(target_os = "linux")]
+    Autopilot(GuardedMotors, AutopilotMonitor),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +46,8 @@ pub struct MotorState {
 pub enum MotorReadiness {
     Starting,
     Ready,
+    /// They obey no velocity now, as the autopilot says, or the fault of the link with it.
+    Held(MotorHold, Option<Fault>),
     Faulty(Fault),
     Absent,
 }
@@ -96,7 +104,44 @@ impl Motors {
                     battery_v: None,
                 },
             },
+            #[cfg(target_os = "linux")]
+            Self::Autopilot(motors, autopilot) => {
+                let applied = motors.apply(velocity, now);
+                let hold = autopilot.hold(now);
+                MotorState {
+                    readiness: match (applied, hold) {
+                        // It may come back at any time: no reason for a fault that only a restart ends.
+                        (Err(fault @ Fault::Controller(_)), _) => {
+                            MotorReadiness::Held(MotorHold::NoLink, Some(fault))
+                        }
+                        (Err(fault), _) => MotorReadiness::Faulty(fault),
+                        (Ok(_), Some(hold)) => MotorReadiness::Held(hold, None),
+                        (Ok(_), None) => MotorReadiness::Ready,
+                    },
+                    measured: None,
+                    battery_v: autopilot.battery_v(),
+                }
+            }
         }
+    }
+
+    /// An operator has taken the lease: an autopilot is asked to obey, if that is configured.
+    pub fn lease_taken(&self) {
+        #[cfg(target_os = "linux")]
+        if let Self::Autopilot(motors, autopilot) = self
+            && autopilot.requests_guided
+        {
+            motors.request_mode();
+        }
+    }
+
+    /// What an autopilot has said since the last call.
+    pub fn take_texts(&mut self, now: Monotonic) -> Vec<String> {
+        #[cfg(target_os = "linux")]
+        if let Self::Autopilot(_, autopilot) = self {
+            return autopilot.take_texts(now);
+        }
+        Vec::new()
     }
 
     /// From now on the vehicle obeys only the loop.
@@ -111,7 +156,7 @@ impl Motors {
             Self::Simulated(motors) => Some(motors.clone()),
             Self::None | Self::Published(_) => None,
             #[cfg(target_os = "linux")]
-            Self::Guarded(_) => None,
+            Self::Guarded(_) | Self::Autopilot(..) => None,
         }
     }
 
@@ -120,7 +165,7 @@ impl Motors {
             Self::None => false,
             Self::Simulated(_) | Self::Published(_) => true,
             #[cfg(target_os = "linux")]
-            Self::Guarded(_) => true,
+            Self::Guarded(_) | Self::Autopilot(..) => true,
         }
     }
 }

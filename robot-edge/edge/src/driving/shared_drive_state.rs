@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, TryLockError};
 
 use protocol::keys::OperatorId as OperatorName;
-use protocol::message::{MapPose, TeleopStatus};
+use protocol::message::{MapPose, MotorHold, TeleopStatus};
 
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
@@ -18,7 +18,7 @@ use teleop::{AgeToken, ArbiterEvent, OperatorId, TeleopReport};
 const MAX_EVENTS: usize = 256;
 
 /// An event for operators and the audit log.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum DriveEvent {
     Arbiter(ArbiterEvent),
     /// The collision monitor gave no limits, and the vehicle stops.
@@ -26,6 +26,10 @@ pub(super) enum DriveEvent {
         unavailable_reason: Option<UnavailableReason>,
     },
     Motors(Fault),
+    /// An autopilot obeys no velocity from now on, or obeys again.
+    MotorsHeld(Option<MotorHold>),
+    /// What an autopilot says.
+    Autopilot(String),
     LoopFailed(LoopFailure),
     Recording {
         is_on: bool,

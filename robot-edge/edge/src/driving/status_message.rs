@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::{
     self, CollisionMonitorState, CommandCounters, Drive, EStopStatus, FaultReason, LeaseEnd,
-    LeaseStatus, Refusal, RefusedCount, Settings, StopReason, TeleopStatus,
+    LeaseStatus, MotorHold, Refusal, RefusedCount, Settings, StopReason, TeleopStatus,
 };
 use protocol::signed::{CommandHeader, SignedError};
 
@@ -27,6 +27,7 @@ pub(super) struct RuntimeSettings {
     pub dropped: u64,
     pub last_stop: Option<StopReason>,
     pub battery_v: Option<f64>,
+    pub motor_hold: Option<MotorHold>,
 }
 
 pub(super) fn token(stamp: &CommandHeader) -> AgeToken {
@@ -111,6 +112,7 @@ pub(super) fn status(
         ground_age_ms: detail.side_ground_ages.map(|age| age.map(ms)),
         battery_v: runtime_settings.battery_v.map(|volts| volts as f32),
         docking: report.docking,
+        motor_hold: runtime_settings.motor_hold,
     }
 }
 
@@ -170,7 +172,7 @@ pub(super) fn event_text(
         let known = names.get(id.0 as usize);
         known.map_or_else(|| format!("operator {}", id.0), ToString::to_string)
     };
-    let event = match *drive_event {
+    let event = match drive_event.clone() {
         DriveEvent::Arbiter(event) => event,
         DriveEvent::MonitorUnavailable { unavailable_reason } => {
             let unavailable_reason = unavailable_reason.map_or_else(
@@ -183,6 +185,11 @@ pub(super) fn event_text(
             );
         }
         DriveEvent::Motors(fault) => return ("motors", fault.to_string()),
+        DriveEvent::MotorsHeld(Some(hold)) => return ("motors_held", hold.to_string()),
+        DriveEvent::MotorsHeld(None) => {
+            return ("autopilot", "the autopilot obeys velocities".to_owned());
+        }
+        DriveEvent::Autopilot(text) => return ("autopilot", text),
         DriveEvent::LoopFailed(failure) => return ("fault", failure.to_string()),
         DriveEvent::Recording { is_on, by } => {
             let done = if is_on { "started" } else { "stopped" };
@@ -316,6 +323,7 @@ pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {
         StopReason::NotFinite => "what was asked for is no number",
         StopReason::CollisionMonitorStale => "the collision monitor could not judge",
         StopReason::LeaseEnded(why) => lease_end_text(why),
+        StopReason::MotorsHeld => "the motors obey no velocity",
     }
 }
 

@@ -8,15 +8,19 @@ use anyhow::Context as _;
 use protocol::keys::RobotId;
 use protocol::tile::BootId;
 
-use super::live::devices::EncoderInput;
+#[cfg(target_os = "linux")]
+use super::live::devices::Forwarded;
+use super::live::devices::ForwardedInput;
 use super::live_recording::LiveRecording;
 #[cfg(target_os = "linux")]
 use crate::actuators::motor_guard::{GuardCommand, GuardedMotors};
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
-use crate::actuators::roboteq::{RoboteqConfig, encoder_pipe};
+use crate::actuators::{forward_pipe, motor_link::MotorLinkConfig};
 use crate::cli::DrivingOptions;
 use crate::config::{Config, ConfigIssue, TwistConfig};
+#[cfg(target_os = "linux")]
+use crate::driving::autopilot::AutopilotMonitor;
 #[cfg(feature = "simulation")]
 use crate::driving::motors::SimulatedMotors;
 use crate::driving::{
@@ -46,16 +50,22 @@ pub(super) enum MotorsPlan {
     Ros2Twist(RosNode, TwistConfig, String),
     /// Real motors, owned by the motor guard.
     #[cfg(target_os = "linux")]
-    Roboteq(RoboteqConfig),
+    Guarded(MotorLinkConfig),
 }
+
+/// Capacity of the pipe for what an autopilot sends: some 3 s of a fast link.
+#[cfg(target_os = "linux")]
+const AUTOPILOT_BYTES: usize = 1 << 16;
 
 /// The motors of a run, and the files of driving.
 #[derive(Clone, Debug)]
 pub(super) struct DrivePlan {
     motors: MotorsPlan,
-    /// Write end of the pipe through which the motor guard forwards what encoders say.
+    /// Write end of the pipe through which the motor guard forwards what encoders or an autopilot say.
     #[cfg(target_os = "linux")]
-    encoder_pipe: Option<Arc<OwnedFd>>,
+    forward_pipe: Option<Arc<OwnedFd>>,
+    #[cfg(target_os = "linux")]
+    autopilot: drivers::mavlink::AutopilotStatus,
     log: Option<PathBuf>,
     state: Option<PathBuf>,
     recordings: Option<PathBuf>,
@@ -63,11 +73,13 @@ pub(super) struct DrivePlan {
 }
 
 impl DrivePlan {
-    pub(super) const fn none() -> Self {
+    pub(super) fn none() -> Self {
         Self {
             motors: MotorsPlan::None,
             #[cfg(target_os = "linux")]
-            encoder_pipe: None,
+            forward_pipe: None,
+            #[cfg(target_os = "linux")]
+            autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: None,
             state: None,
             recordings: None,
@@ -79,7 +91,9 @@ impl DrivePlan {
         Self {
             motors,
             #[cfg(target_os = "linux")]
-            encoder_pipe: None,
+            forward_pipe: None,
+            #[cfg(target_os = "linux")]
+            autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: options.drive_log.clone(),
             state: options.state_dir.clone(),
             recordings: options.recordings.clone(),
@@ -87,23 +101,30 @@ impl DrivePlan {
         }
     }
 
-    /// What reads the encoders of the motor controller, if they are configured, and the pipe that it reads. Once, before
-    /// the motors are started: the guard asks for counts if this was called. For [`drivers::Drivers::add_encoders`].
+    /// What reads the encoders of the motor controller, if they are configured, or the autopilot, and the pipe that it
+    /// reads. Once, before the motors are started: the guard asks for counts if this was called. For
+    /// [`drivers::Drivers::add_forwarded`].
     #[cfg(target_os = "linux")]
-    pub(super) fn encoder_input(&mut self) -> io::Result<Option<EncoderInput>> {
-        let MotorsPlan::Roboteq(config) = &self.motors else {
-            return Ok(None);
+    pub(super) fn forwarded_input(&mut self) -> io::Result<Option<ForwardedInput>> {
+        let (reader, capacity) = match &self.motors {
+            MotorsPlan::Guarded(MotorLinkConfig::Roboteq(config)) => match config.encoders() {
+                Some(encoders) => (Forwarded::Encoders(encoders), forward_pipe::LEAST_BYTES),
+                None => return Ok(None),
+            },
+            MotorsPlan::Guarded(MotorLinkConfig::Mavlink(config)) => {
+                let (_, system) = config.numbers();
+                let autopilot = drivers::mavlink::Autopilot::new(system, self.autopilot.clone());
+                (Forwarded::Autopilot(autopilot), AUTOPILOT_BYTES)
+            }
+            _ => return Ok(None),
         };
-        let Some(encoders) = config.encoders() else {
-            return Ok(None);
-        };
-        let (read_end, write_end) = encoder_pipe::pipe()?;
-        self.encoder_pipe = Some(Arc::new(write_end));
-        Ok(Some((encoders, read_end)))
+        let (read_end, write_end) = forward_pipe::pipe(capacity)?;
+        self.forward_pipe = Some(Arc::new(write_end));
+        Ok(Some((reader, read_end)))
     }
 
     #[cfg(not(target_os = "linux"))]
-    pub(super) const fn encoder_input(&mut self) -> std::io::Result<Option<EncoderInput>> {
+    pub(super) const fn forwarded_input(&mut self) -> std::io::Result<Option<ForwardedInput>> {
         Ok(None)
     }
 
@@ -118,10 +139,18 @@ impl DrivePlan {
                 Motors::Published(motors.context("no thread can be had to publish velocities")?)
             }
             #[cfg(target_os = "linux")]
-            MotorsPlan::Roboteq(config) => {
-                let guarded = GuardCommand::this_program(config, self.encoder_pipe.clone())
+            MotorsPlan::Guarded(config) => {
+                let guarded = GuardCommand::this_program(config, self.forward_pipe.clone())
                     .and_then(|command| GuardedMotors::start(command, config.clone()));
-                Motors::Guarded(guarded.context("the motors' guard cannot be started")?)
+                let guarded = guarded.context("the motors' guard cannot be started")?;
+                match config {
+                    MotorLinkConfig::Roboteq(_) => Motors::Guarded(guarded),
+                    MotorLinkConfig::Mavlink(config) => {
+                        let status = self.autopilot.clone();
+                        let monitor = AutopilotMonitor::new(status, config.request_guided);
+                        Motors::Autopilot(guarded, monitor)
+                    }
+                }
             }
         })
     }
@@ -133,7 +162,7 @@ impl DrivePlan {
             MotorsPlan::Simulated(_) => true,
             MotorsPlan::Ros2Twist(..) => true,
             #[cfg(target_os = "linux")]
-            MotorsPlan::Roboteq(_) => true,
+            MotorsPlan::Guarded(_) => true,
         }
     }
 

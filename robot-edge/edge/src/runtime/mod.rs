@@ -142,8 +142,9 @@ fn not_built(feature: &str) -> anyhow::Error {
 
 #[cfg(target_os = "linux")]
 fn guard_motors(command: &MotorGuard) -> anyhow::Result<Exit> {
-    let config = serde_json::from_str(&command.config)
-        .map_err(|err| UsageError(format!("motor guard: {err}")))?;
+    let config: crate::actuators::motor_link::MotorLinkConfig =
+        serde_json::from_str(&command.config)
+            .map_err(|err| UsageError(format!("motor guard: {err}")))?;
     crate::actuators::motor_guard::run(std::io::stdin(), std::io::stdout(), &config)?;
     Ok(Exit::Done)
 }

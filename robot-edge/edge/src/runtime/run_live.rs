@@ -11,7 +11,7 @@ use drivers::status::DeviceStatuses;
 use protocol::keys::RobotId;
 
 use super::driving::{DrivePlan, MotorsPlan};
-use super::live::devices::{self, DeviceSource, EncoderInput, name_topics};
+use super::live::devices::{self, DeviceSource, ForwardedInput, name_topics};
 use super::live::{StreamSelection, TopicDiscovery, find};
 use super::localization_plan::{range_sensors, registration_settings};
 use super::network_plan::NetworkPlan;
@@ -21,6 +21,8 @@ use super::ros_endpoint::ros_endpoint;
 use super::run::Run;
 use super::source::Source;
 use super::tilt_control::TiltControl;
+#[cfg(target_os = "linux")]
+use crate::actuators::motor_link::MotorLinkConfig;
 use crate::cli::{DrivingOptions, NetworkOptions, RunLive};
 use crate::config::advice::advise;
 use crate::config::presets::GENERIC;
@@ -68,7 +70,7 @@ pub(super) fn run_live(
         None => Ok::<_, UsageError>(DrivePlan::none()),
     };
     let tilt = TiltControl::new(&config);
-    let (sensors, drive) = if config.devices.is_empty() {
+    let (sensors, drive) = if config.devices.is_empty() && config.motors.mavlink.is_none() {
         // Before its sensors are waited for.
         tilt.clone().map(|tilt| turned_by(tilt, &[])).transpose()?;
         let sensors = ros_sensors(command, &config, others, quiet, interrupt)?;
@@ -76,8 +78,8 @@ pub(super) fn run_live(
         (sensors, drive)
     } else {
         let mut drive = drive_by(None)?;
-        let encoders = drive.encoder_input()?;
-        (own_devices(command, &config, encoders, others)?, drive)
+        let forwarded = drive.forwarded_input()?;
+        (own_devices(command, &config, forwarded, others)?, drive)
     };
     let Sensors {
         mut source,
@@ -159,7 +161,7 @@ struct Sensors {
 fn own_devices(
     command: &RunLive,
     config: &Config,
-    encoders: Option<EncoderInput>,
+    forwarded: Option<ForwardedInput>,
     others: bool,
 ) -> anyhow::Result<Sensors> {
     let publishes = !config.ros2_output.is_empty();
@@ -171,12 +173,12 @@ fn own_devices(
         .into());
     }
     let ros = publishes.then(|| ros_endpoint(&command.ros)).transpose()?;
-    let plan = plan(&devices::survey(config, encoders.is_some())?, config)?;
+    let plan = plan(&devices::survey(config, forwarded.is_some())?, config)?;
     let selection = StreamSelection {
         mapped: plan.streams.clone(),
         others,
     };
-    let source = DeviceSource::start(config, encoders, selection)?;
+    let source = DeviceSource::start(config, forwarded, selection)?;
     Ok(Sensors {
         devices: Some(source.statuses().clone()),
         goals: source.goals().to_vec(),
@@ -264,7 +266,7 @@ fn driving_options(
         ];
         return match wanted.into_iter().find(|(_, path)| path.is_some()) {
             Some((option, _)) => Err(UsageError(format!(
-                "{option}: nobody drives: the vehicle's configuration has neither [motors.roboteq] nor \
+                "{option}: nobody drives: the vehicle's configuration has none of [motors.roboteq], [motors.mavlink] and \
                  [motors.ros2_twist]"
             ))),
             None => Ok(None),
@@ -301,13 +303,17 @@ fn motors(config: &Config, link: Option<RosLink>) -> Result<MotorsPlan, UsageErr
             frame,
         ));
     }
-    match &config.motors.roboteq {
-        None => Ok(MotorsPlan::None),
+    match (&config.motors.roboteq, &config.motors.mavlink) {
+        (None, None) => Ok(MotorsPlan::None),
         #[cfg(target_os = "linux")]
-        Some(roboteq) => Ok(MotorsPlan::Roboteq(roboteq.clone())),
+        (Some(roboteq), _) => Ok(MotorsPlan::Guarded(roboteq.clone().into())),
+        #[cfg(target_os = "linux")]
+        (None, Some(mavlink)) => Ok(MotorsPlan::Guarded(MotorLinkConfig::Mavlink(
+            mavlink.clone(),
+        ))),
         #[cfg(not(target_os = "linux"))]
-        Some(_) => Err(UsageError(
-            "[motors.roboteq]: motors are driven on Linux only".to_owned(),
+        _ => Err(UsageError(
+            "[motors]: motors are driven on Linux only".to_owned(),
         )),
     }
 }

@@ -298,6 +298,13 @@ impl Monitor {
             }
             ArbiterInput::CollisionMonitor(output) => self.collision_monitor = Some((output, now)),
             ArbiterInput::ActuatorFault => self.fault(),
+            ArbiterInput::MotorsHeld => {
+                self.licence.lock();
+                self.in_force = self.in_force.map(|last| InForce {
+                    is_pressed: false,
+                    ..last
+                });
+            }
             ArbiterInput::Tick
             | ArbiterInput::Token { .. }
             | ArbiterInput::Rejected(_)

@@ -247,6 +247,7 @@ impl Scope {
             inputs.extend([
                 tested(false, StoredEStop::None),
                 ArbiterInput::ActuatorFault,
+                ArbiterInput::MotorsHeld,
                 ArbiterInput::LocalReset,
                 ArbiterInput::Revoked(OperatorId(0)),
                 ArbiterInput::Revoked(OperatorId(1)),

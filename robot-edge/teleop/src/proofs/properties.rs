@@ -121,6 +121,7 @@ fn input(who: impl Strategy<Value = u8> + Clone) -> impl Strategy<Value = Arbite
         (prop::bool::weighted(0.9), stored())
             .prop_map(|(has_passed, stored)| ArbiterInput::SelfTest { has_passed, stored }),
         Just(ArbiterInput::ActuatorFault),
+        Just(ArbiterInput::MotorsHeld),
         who.prop_map(|who| ArbiterInput::Revoked(caller(who).operator)),
     ]
 }

@@ -9,6 +9,7 @@ use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
+mod autopilot;
 mod devices;
 mod driven;
 mod lidars;

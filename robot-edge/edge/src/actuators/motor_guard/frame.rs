@@ -3,15 +3,15 @@
 //! Frames have a fixed length in each direction, so that no length field can be corrupted. All numbers are little
 //! endian; `crc` is CRC-32 (IEEE 802.3) of everything before it.
 //!
-//! | command, 40 bytes | | report, 92 bytes | |
+//! | command, 44 bytes | | report, 92 bytes | |
 //! | --- | --- | --- | --- |
 //! | 0 | `F5 4D`, version 1, kind 1 | 0 | `F5 4D`, version 1, kind 2 |
 //! | 4 | sequence number, u64 | 4 | sequence number of the newest velocity that was taken, u64 |
 //! | 12 | decided at, u64 ns of `CLOCK_BOOTTIME` | 12 | reported at, u64 ns of `CLOCK_BOOTTIME` |
 //! | 20 | linear, f64 m/s | 20 | applied: linear, angular, 2 × f64 |
 //! | 28 | angular, f64 rad/s | 36 | measured: linear, angular, 2 × f64 |
-//! | 36 | crc | 52 | battery, f64 V |
-//! | | | 60 | which of the three are known: bits 0 to 2 |
+//! | 36 | how often a mode was requested, u32 | 52 | battery, f64 V |
+//! | 40 | crc | 60 | which of the three are known: bits 0 to 2 |
 //! | | | 61 | readiness, fault, detail of the fault, controller's flags, its watchdog: 5 × u8 |
 //! | | | 66 | the detail's second and third byte |
 //! | | | 68 | lapses, stale, garbage, reconnects, lost bytes of encoders: 5 × u32 |
@@ -26,7 +26,7 @@ use teleop::Velocity;
 const MAGIC: [u8; 3] = [0xF5, b'M', 1];
 const CRC_BYTES: usize = 4;
 
-pub const COMMAND_BYTES: usize = 40;
+pub const COMMAND_BYTES: usize = 44;
 
 pub const REPORT_BYTES: usize = 92;
 
@@ -37,6 +37,8 @@ pub struct MotorCommand {
     /// When the edge's loop decided on it: the guard's clock is the same.
     pub decided_at: Monotonic,
     pub velocity: Velocity,
+    /// How often it was requested that the motors' controller goes to the mode in which it obeys.
+    pub mode_requests: u32,
 }
 
 pub(super) trait Frame<const N: usize>: Sized {
@@ -78,6 +80,7 @@ impl Frame<COMMAND_BYTES> for MotorCommand {
         body.put(&self.sequence.to_le_bytes());
         body.put_moment(self.decided_at);
         body.put_velocity(self.velocity);
+        body.put(&self.mode_requests.to_le_bytes());
     }
 
     fn read(body: &mut Reader<'_>) -> Option<Self> {
@@ -85,6 +88,7 @@ impl Frame<COMMAND_BYTES> for MotorCommand {
             sequence: u64::from_le_bytes(body.take()?),
             decided_at: body.take_moment()?,
             velocity: body.take_velocity()?,
+            mode_requests: u32::from_le_bytes(body.take()?),
         })
     }
 }
@@ -235,9 +239,9 @@ impl Frame<REPORT_BYTES> for MotorReport {
             stale,
             garbage,
             reconnects,
-            lost_encoder_bytes,
+            lost_bytes,
         } = report.counters;
-        for counter in [dropouts, stale, garbage, reconnects, lost_encoder_bytes] {
+        for counter in [dropouts, stale, garbage, reconnects, lost_bytes] {
             body.put(&counter.to_le_bytes());
         }
     }
@@ -256,7 +260,7 @@ impl Frame<REPORT_BYTES> for MotorReport {
             stale: counter()?,
             garbage: counter()?,
             reconnects: counter()?,
-            lost_encoder_bytes: counter()?,
+            lost_bytes: counter()?,
         };
         let velocity = |bit: u8, velocity: Velocity| {
             (known & bit != 0 && velocity.is_finite()).then_some(velocity)
@@ -375,6 +379,7 @@ mod tests {
                 lateral_mps: 0.0,
                 angular_radps: -0.25,
             },
+            mode_requests: 3,
         }
     }
 
@@ -394,7 +399,8 @@ mod tests {
         assert_eq!(bytes[12..20], 123_456_789_012_u64.to_le_bytes());
         assert_eq!(bytes[20..28], 1.5_f64.to_le_bytes());
         assert_eq!(bytes[28..36], (-0.25_f64).to_le_bytes());
-        assert_eq!(bytes[36..], crc32fast::hash(&bytes[..36]).to_le_bytes());
+        assert_eq!(bytes[36..40], [3, 0, 0, 0]);
+        assert_eq!(bytes[40..], crc32fast::hash(&bytes[..40]).to_le_bytes());
     }
 
     #[test]
@@ -425,7 +431,7 @@ mod tests {
                     stale: 2,
                     garbage: 3,
                     reconnects: u32::MAX,
-                    lost_encoder_bytes: 4,
+                    lost_bytes: 4,
                 },
                 ..Report::unknown(Monotonic::from_nanos(99))
             },
@@ -515,6 +521,7 @@ mod tests {
                     lateral_mps: 0.0,
                     angular_radps: f64::from_bits(angular),
                 },
+                mode_requests: 0,
             };
             let bytes = motor_command.encode();
             let back = MotorCommand::decode(&bytes).unwrap();

@@ -12,15 +12,13 @@ use rustix::io::Errno;
 use rustix::process::Signal;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2};
 
+use crate::actuators::forward_pipe::ForwardPipe;
 use crate::actuators::motor_guard::frame::Frame as _;
 use crate::actuators::motor_guard::frame::MotorReport;
 use crate::actuators::motor_guard::frame::{COMMAND_BYTES, Decoder, Found, MotorCommand};
 use crate::actuators::motor_guard::{REPORT_PERIOD, WATCHDOG};
+use crate::actuators::motor_link::{LinkStatus, MotorLink, MotorLinkConfig, Sharing, State};
 use crate::actuators::report::{ControllerFault, Counters, Hold, Readiness, Report};
-use crate::actuators::roboteq::RoboteqConfig;
-use crate::actuators::roboteq::driver::{State, Status};
-use crate::actuators::roboteq::encoder_pipe::EncoderPipe;
-use crate::actuators::roboteq::serial_link::{SerialLink, Sharing};
 use measurement::time::Monotonic;
 use network::clock;
 use teleop::Velocity;
@@ -43,9 +41,9 @@ pub fn ignore_signals() -> io::Result<()> {
 /// be reached.
 ///
 /// `commands` are frames of [`super::frame::MotorCommand`], `reports` gets frames of [`MotorReport`]; both must be
-/// pipes of their own: they are made not to block. A third may be inherited: [`EncoderPipe`]. It writes nothing to
+/// pipes of their own: they are made not to block. A third may be inherited: [`ForwardPipe`]. It writes nothing to
 /// standard error: a stopped terminal would block it.
-pub fn run(commands: impl AsFd, reports: impl AsFd, config: &RoboteqConfig) -> io::Result<()> {
+pub fn run(commands: impl AsFd, reports: impl AsFd, config: &MotorLinkConfig) -> io::Result<()> {
     ignore_signals()?;
     // A guard that is stopped when its edge dies must continue, to send zero. Of itself the kernel continues only a
     // process group that has stopped already and has no other member.
@@ -61,7 +59,9 @@ struct Guard<'a> {
     signalled: UnixStream,
     decoder: Decoder<COMMAND_BYTES>,
     gate: Gate,
-    serial_link: SerialLink,
+    motor_link: Box<dyn MotorLink>,
+    /// How often a mode was requested of the motors' controller.
+    mode_requests: u32,
     last_report: Option<(Monotonic, Readiness, Option<ControllerFault>)>,
     ending: Option<Monotonic>,
 }
@@ -70,7 +70,7 @@ impl<'a> Guard<'a> {
     fn new(
         command_pipe: BorrowedFd<'a>,
         report_pipe: BorrowedFd<'a>,
-        config: &RoboteqConfig,
+        config: &MotorLinkConfig,
     ) -> io::Result<Self> {
         let (signalled, on_signal) = UnixStream::pair()?;
         signalled.set_nonblocking(true)?;
@@ -85,12 +85,8 @@ impl<'a> Guard<'a> {
             signalled,
             decoder: Decoder::new(),
             gate: Gate::new(),
-            serial_link: SerialLink::new(
-                config.clone(),
-                Sharing::Exclusive,
-                EncoderPipe::inherited(),
-                clock::now(),
-            ),
+            motor_link: config.link(Sharing::Exclusive, ForwardPipe::inherited(), clock::now()),
+            mode_requests: 0,
             last_report: None,
             ending: None,
         })
@@ -101,7 +97,7 @@ impl<'a> Guard<'a> {
             self.read_commands();
             // Read after everything that could have taken long: a process may be stopped at any point.
             let now = clock::now();
-            let status = self.serial_link.status(now);
+            let status = self.motor_link.status(now);
             if status.state != State::Ready || status.flags.is_off() {
                 self.gate.close(Hold::Controller);
             }
@@ -109,7 +105,11 @@ impl<'a> Guard<'a> {
                 None => self.gate.velocity(now),
                 Some(_) => Velocity::ZERO,
             };
-            self.serial_link.step(velocity, now);
+            if self.gate.mode_requests > self.mode_requests {
+                self.mode_requests = self.gate.mode_requests;
+                self.motor_link.request_mode();
+            }
+            self.motor_link.step(velocity, now);
             self.send_report(now);
             self.wait(now);
         }
@@ -117,7 +117,7 @@ impl<'a> Guard<'a> {
 
     fn is_over(&self) -> bool {
         self.ending.is_some_and(|since| {
-            self.serial_link.has_stopped_since(since) || clock::elapsed(since) >= SHUTDOWN_TIMEOUT
+            self.motor_link.has_stopped_since(since) || clock::elapsed(since) >= SHUTDOWN_TIMEOUT
         })
     }
 
@@ -173,7 +173,7 @@ impl<'a> Guard<'a> {
     }
 
     fn build_report(&self, now: Monotonic) -> MotorReport {
-        let status = self.serial_link.status(now);
+        let status = self.motor_link.status(now);
         let fault = match status.state {
             State::Starting | State::Ready => None,
             State::Faulty(fault) => Some(fault),
@@ -182,13 +182,13 @@ impl<'a> Guard<'a> {
             sequence: self.gate.sequence(),
             report: Report {
                 readiness: self.readiness(&status),
-                applied: self.serial_link.applied(&status),
-                measured: self.serial_link.measured(&status),
+                applied: status.applied,
+                measured: status.measured,
                 battery_v: status.battery_v,
                 controller: status.flags,
                 watchdog: status.watchdog,
                 counters: Counters {
-                    lost_encoder_bytes: self.serial_link.lost_encoder_bytes(),
+                    lost_bytes: status.lost_bytes,
                     ..self.gate.counters(status.reconnects)
                 },
                 at: now,
@@ -197,7 +197,7 @@ impl<'a> Guard<'a> {
         }
     }
 
-    fn readiness(&self, status: &Status) -> Readiness {
+    fn readiness(&self, status: &LinkStatus) -> Readiness {
         match (status.state, self.gate.hold()) {
             (State::Starting, _) => Readiness::Starting,
             (State::Ready | State::Faulty(_), Some(hold)) => Readiness::Holding(hold),
@@ -207,14 +207,14 @@ impl<'a> Guard<'a> {
 
     fn wait(&self, now: Monotonic) {
         let next_report = self.last_report.map_or(now, |(at, ..)| at) + REPORT_PERIOD;
-        let until = self.serial_link.deadline().min(next_report);
+        let until = self.motor_link.deadline().min(next_report);
         let until = self
             .gate
             .deadline()
             .map_or(until, |too_old| until.min(too_old));
         let in_order = |fd| PollFd::from_borrowed_fd(fd, PollFlags::IN);
         let mut events = vec![in_order(self.signalled.as_fd())];
-        events.extend(self.serial_link.fd().map(in_order));
+        events.extend(self.motor_link.fd().map(in_order));
         // A pipe that has closed would be ready all the time.
         if self.ending.is_none() {
             events.push(in_order(self.command_pipe));
@@ -240,6 +240,8 @@ pub(super) struct Gate {
     dropouts: u32,
     stale: u32,
     garbage: u32,
+    /// Of the newest command that was young when it came.
+    pub(super) mode_requests: u32,
 }
 
 impl Gate {
@@ -252,6 +254,7 @@ impl Gate {
             dropouts: 0,
             stale: 0,
             garbage: 0,
+            mode_requests: 0,
         }
     }
 
@@ -262,6 +265,7 @@ impl Gate {
             return;
         }
         self.greatest_sequence = motor_command.sequence;
+        self.mode_requests = motor_command.mode_requests;
         self.garbage_in_a_row = 0;
         if !motor_command.velocity.is_finite() {
             return self.close(Hold::Garbage);
@@ -318,7 +322,7 @@ impl Gate {
             stale: self.stale,
             garbage: self.garbage,
             reconnects,
-            lost_encoder_bytes: 0,
+            lost_bytes: 0,
         }
     }
 
@@ -377,6 +381,7 @@ mod tests {
                 lateral_mps: 0.0,
                 angular_radps: 0.0,
             },
+            mode_requests: 0,
         };
         gate.take(&motor_command, at(now_ms));
     }
@@ -446,7 +451,7 @@ mod tests {
     #[test]
     fn garbage_closes() {
         let mut gate = open();
-        (0..119).for_each(|_| gate.take_garbage());
+        (1..GARBAGE_LIMIT).for_each(|_| gate.take_garbage());
         assert!(moves(&mut gate, 30));
         gate.take_garbage();
         assert!(!moves(&mut gate, 30));

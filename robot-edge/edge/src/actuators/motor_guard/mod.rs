@@ -14,8 +14,8 @@
 //! good. Before that, as soon as the child has missed two reports, it sends zero to the motors once.
 //!
 //! Where encoders are configured, the child also asks for their counts, and forwards what the controller sends through a
-//! third pipe that it never waits for, and that nothing comes back through
-//! ([`super::roboteq::encoder_pipe`]).
+//! third pipe that it never waits for, and that nothing comes back through; so it does with what an autopilot sends
+//! ([`super::forward_pipe`]).
 //!
 //! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child
 //! waits for it to let go of the port, and ends it where it does not.

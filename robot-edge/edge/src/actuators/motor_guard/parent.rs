@@ -14,8 +14,8 @@ use std::time::Duration;
 use crate::actuators::MOTOR_GUARD_COMMAND;
 use crate::actuators::motor_guard::frame::nanos;
 use crate::actuators::motor_guard::supervisor::Supervisor;
+use crate::actuators::motor_link::MotorLinkConfig;
 use crate::actuators::report::{Fault, Report};
-use crate::actuators::roboteq::RoboteqConfig;
 use measurement::time::Monotonic;
 use network::clock;
 use teleop::Velocity;
@@ -30,22 +30,22 @@ pub struct GuardCommand {
     pub arguments: Vec<OsString>,
     /// Added to its environment.
     pub environment: Vec<(OsString, OsString)>,
-    /// Write end of the pipe for what the controller sends ([`crate::actuators::roboteq::encoder_pipe`]).
-    pub encoder_pipe: Option<Arc<OwnedFd>>,
+    /// Write end of the pipe for what the controller sends ([`crate::actuators::forward_pipe`]).
+    pub forward_pipe: Option<Arc<OwnedFd>>,
 }
 
 impl GuardCommand {
     /// This program, as a guard of motors that hang on `config`: it gets the configuration as one argument, in JSON.
     pub fn this_program(
-        config: &RoboteqConfig,
-        encoder_pipe: Option<Arc<OwnedFd>>,
+        config: &MotorLinkConfig,
+        forward_pipe: Option<Arc<OwnedFd>>,
     ) -> io::Result<Self> {
         let config = serde_json::to_string(config)?;
         Ok(Self {
             program: std::env::current_exe()?,
             arguments: vec![MOTOR_GUARD_COMMAND.into(), config.into()],
             environment: Vec::new(),
-            encoder_pipe,
+            forward_pipe,
         })
     }
 }
@@ -68,6 +68,8 @@ pub(super) struct Shared {
     pub(super) is_over: AtomicBool,
     /// 0 while there is none.
     pub(super) guard_pid: AtomicU32,
+    /// How often a mode that obeys was requested.
+    pub(super) mode_requests: AtomicU32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -79,13 +81,13 @@ pub(super) struct MotorSnapshot {
 impl GuardedMotors {
     /// Starts a guard and the thread that communicates with it. It does not wait for either: the first reports say
     /// [`crate::actuators::report::Readiness::Starting`].
-    pub fn start(command: GuardCommand, config: RoboteqConfig) -> io::Result<Self> {
+    pub fn start(command: GuardCommand, config: MotorLinkConfig) -> io::Result<Self> {
         Self::start_with(command, config, SILENCE)
     }
 
     pub(super) fn start_with(
         command: GuardCommand,
-        config: RoboteqConfig,
+        config: MotorLinkConfig,
         silence: Duration,
     ) -> io::Result<Self> {
         let now = clock::now();
@@ -98,6 +100,7 @@ impl GuardedMotors {
             snapshot: Mutex::new(last),
             is_over: AtomicBool::new(false),
             guard_pid: AtomicU32::new(0),
+            mode_requests: AtomicU32::new(0),
         });
         let (wake, woken) = UnixStream::pair()?;
         wake.set_nonblocking(true)?;
@@ -134,6 +137,11 @@ impl GuardedMotors {
             return Err(Fault::SupervisorGone);
         }
         self.last.known
+    }
+
+    /// Has the guard request once, with the next velocity, that the motors' controller obeys velocities.
+    pub fn request_mode(&self) {
+        self.shared.mode_requests.fetch_add(1, Ordering::Relaxed);
     }
 
     pub fn guard_pid(&self) -> Option<u32> {

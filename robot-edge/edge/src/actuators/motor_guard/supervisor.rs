@@ -15,13 +15,10 @@ use rustix::io::Errno;
 use super::frame::{Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
 use super::guard::wait;
 use super::parent::{GuardCommand, MotorSnapshot, Shared};
+use crate::actuators::forward_pipe;
 use crate::actuators::motor_guard::frame::MotorReport;
+use crate::actuators::motor_link::{MotorLinkConfig, Sharing, State};
 use crate::actuators::report::{FallbackStop, Fault, Report};
-use crate::actuators::roboteq::RoboteqConfig;
-use crate::actuators::roboteq::driver::State;
-use crate::actuators::roboteq::encoder_pipe;
-use crate::actuators::roboteq::serial_link::SerialLink;
-use crate::actuators::roboteq::serial_link::{Port, Sharing};
 use crate::lock;
 use crate::service_manager;
 use measurement::time::Monotonic;
@@ -46,7 +43,7 @@ const FINAL_STOP_TIMEOUT: Duration = Duration::from_secs(1);
 
 pub(super) struct Supervisor {
     command: GuardCommand,
-    config: RoboteqConfig,
+    config: MotorLinkConfig,
     silence: Duration,
     shared: Arc<Shared>,
     woken: UnixStream,
@@ -69,7 +66,7 @@ struct Guard {
 impl Supervisor {
     pub(super) fn new(
         command: GuardCommand,
-        config: RoboteqConfig,
+        config: MotorLinkConfig,
         silence: Duration,
         shared: Arc<Shared>,
         woken: UnixStream,
@@ -106,17 +103,17 @@ impl Supervisor {
     fn spawn(&self) -> io::Result<Guard> {
         // `exec` does not close it, unlike one of `try_clone`: the guard inherits it, as does any other program that is
         // started meanwhile, which does not know it. If it cannot be had, the vehicle drives without.
-        let encoder_pipe = self.command.encoder_pipe.as_ref();
-        let encoder_pipe = encoder_pipe.and_then(|pipe| rustix::io::dup(pipe).ok());
-        let number = encoder_pipe
+        let forward_pipe = self.command.forward_pipe.as_ref();
+        let forward_pipe = forward_pipe.and_then(|pipe| rustix::io::dup(pipe).ok());
+        let number = forward_pipe
             .as_ref()
             .map(|pipe| pipe.as_raw_fd().to_string());
         let mut child = Command::new(&self.command.program)
             .args(&self.command.arguments)
             // The service manager is notified by the edge alone.
             .env_remove(service_manager::SOCKET)
-            .env_remove(encoder_pipe::VARIABLE)
-            .envs(number.map(|number| (encoder_pipe::VARIABLE, number)))
+            .env_remove(forward_pipe::VARIABLE)
+            .envs(number.map(|number| (forward_pipe::VARIABLE, number)))
             .envs(self.command.environment.iter().cloned())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -149,7 +146,7 @@ impl Supervisor {
             let now = clock::now();
             if guard.missed.take_if(|missed| now >= *missed).is_some() {
                 // If this fails, zero is sent when the guard is lost.
-                drop(Port::stop_without_reply(&self.config.port));
+                self.config.stop_without_reply(now);
             }
             if now >= guard.lost {
                 return Err(io::ErrorKind::TimedOut.into());
@@ -174,6 +171,7 @@ impl Supervisor {
             sequence: self.sequence,
             decided_at,
             velocity,
+            mode_requests: self.shared.mode_requests.load(Ordering::Relaxed),
         };
         match rustix::io::write(&guard.command_pipe, &motor_command.encode()) {
             // A frame is written whole or not at all (pipe(7), PIPE_BUF). A full pipe: the guard does not read, and
@@ -210,13 +208,13 @@ impl Supervisor {
     fn fallback_stop(&self, mut child: Option<Child>, why: &io::Error) {
         let since = clock::now();
         let mut is_said = false;
-        let mut serial_link = SerialLink::new(self.config.clone(), Sharing::Shared, None, since);
+        let mut motor_link = self.config.link(Sharing::Shared, None, since);
         let mut until = None;
         loop {
             let now = clock::now();
-            serial_link.step(Velocity::ZERO, now);
-            let fallback_stop = match serial_link.status(now).state {
-                _ if serial_link.has_stopped_since(since) => FallbackStop::Stopped,
+            motor_link.step(Velocity::ZERO, now);
+            let fallback_stop = match motor_link.status(now).state {
+                _ if motor_link.has_stopped_since(since) => FallbackStop::Stopped,
                 State::Faulty(crate::actuators::report::ControllerFault::Port(_)) => {
                     FallbackStop::Unreachable
                 }
@@ -238,8 +236,8 @@ impl Supervisor {
                 }
             }
             self.wait(
-                serial_link.fd(),
-                serial_link.deadline().min(now + POLL_PERIOD),
+                motor_link.fd(),
+                motor_link.deadline().min(now + POLL_PERIOD),
             );
         }
     }

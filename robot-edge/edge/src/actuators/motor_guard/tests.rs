@@ -13,12 +13,13 @@ use rustix::process::{Pid, Signal, WaitOptions, kill_process, test_kill_process,
 use super::frame::{COMMAND_BYTES, Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
 use super::*;
 use crate::actuators::motor_guard::frame::MotorReport;
+use crate::actuators::motor_link::Sharing;
 use crate::actuators::report::{
     ControllerFault, ControllerWatchdog, FallbackStop, Fault, Hold, Readiness, Report,
 };
 use crate::actuators::roboteq::RoboteqConfig;
 use crate::actuators::roboteq::emulator::on_terminal::EmulatorOnTerminal;
-use crate::actuators::roboteq::serial_link::{Port, Sharing};
+use crate::actuators::roboteq::serial_link::Port;
 use measurement::time::Monotonic;
 use network::clock;
 use teleop::Velocity;
@@ -71,7 +72,7 @@ fn this_test_as(name: &str, variable: &str, config: &RoboteqConfig) -> GuardComm
             variable.into(),
             serde_json::to_string(config).unwrap().into(),
         )],
-        encoder_pipe: None,
+        forward_pipe: None,
     }
 }
 
@@ -106,7 +107,7 @@ fn configured_by(variable: &str) -> Option<RoboteqConfig> {
 #[test]
 fn guard_as_helper_process() {
     if let Some(config) = configured_by(GUARD) {
-        run(std::io::stdin(), std::io::stdout(), &config).unwrap();
+        run(std::io::stdin(), std::io::stdout(), &config.into()).unwrap();
         // Before the test harness says more on standard output, which is the pipe.
         std::process::exit(0);
     }
@@ -128,7 +129,7 @@ fn edge_as_helper_process() {
 }
 
 fn start(config: &RoboteqConfig) -> GuardedMotors {
-    GuardedMotors::start_with(guard_command(config), config.clone(), NEVER).unwrap()
+    GuardedMotors::start_with(guard_command(config), config.clone().into(), NEVER).unwrap()
 }
 
 fn driving() -> (EmulatorOnTerminal, GuardedMotors) {
@@ -363,7 +364,8 @@ fn lose_guard_by(signal_of_loss: Signal) {
         Signal::STOP => Duration::from_secs(5),
         _ => NEVER,
     };
-    let mut motors = GuardedMotors::start_with(guard_command(&config), config, silence).unwrap();
+    let mut motors =
+        GuardedMotors::start_with(guard_command(&config), config.into(), silence).unwrap();
     drive(&mut motors);
     let pid = motors.guard_pid().unwrap();
     signal(pid, signal_of_loss);
@@ -490,7 +492,7 @@ fn a_program_that_is_no_guard_is_a_fault() {
     let config = config(controller.path());
     let mut command = guard_command(&config);
     command.program = "/nonexistent/guard".into();
-    let mut motors = GuardedMotors::start_with(command, config, NEVER).unwrap();
+    let mut motors = GuardedMotors::start_with(command, config.into(), NEVER).unwrap();
     wait_for_rescue(&mut motors);
 }
 
@@ -604,6 +606,7 @@ impl BareGuard {
             sequence,
             decided_at,
             velocity,
+            mode_requests: 0,
         };
         let bytes = motor_command.encode();
         self.write(&bytes);

@@ -11,6 +11,7 @@
 
 use std::time::Duration;
 
+use crate::actuators::motor_link::State;
 use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
 use crate::actuators::roboteq::wire::{
     self, Channel, Command, Exchange, Line, Outcome, Parameter, Power, ReplyParser,
@@ -44,14 +45,6 @@ pub struct Status {
     pub flags: ControllerFlags,
     pub watchdog: ControllerWatchdog,
     pub reconnects: u32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    Starting,
-    Ready,
-    /// It does not obey; zero is sent.
-    Faulty(ControllerFault),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

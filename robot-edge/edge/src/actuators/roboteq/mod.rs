@@ -10,8 +10,6 @@ pub mod driver;
 pub mod wire;
 
 #[cfg(target_os = "linux")]
-pub mod encoder_pipe;
-#[cfg(target_os = "linux")]
 pub mod serial_link;
 
 #[cfg(test)]

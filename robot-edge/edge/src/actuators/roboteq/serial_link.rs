@@ -13,10 +13,11 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use rustix::termios::{self, ControlModes, InputModes, OptionalActions, QueueSelector};
 
 use crate::actuators::MOTOR_GUARD_COMMAND;
-use crate::actuators::report::{ControllerFault, ControllerFlags, ControllerWatchdog};
+use crate::actuators::forward_pipe::ForwardPipe;
+use crate::actuators::motor_link::{LinkStatus, MotorLink, Sharing, State};
+use crate::actuators::report::ControllerFault;
 use crate::actuators::roboteq::config::RoboteqConfig;
-use crate::actuators::roboteq::driver::{Driver, EncoderQueries, State, Status, Transmission};
-use crate::actuators::roboteq::encoder_pipe::EncoderPipe;
+use crate::actuators::roboteq::driver::{Driver, EncoderQueries, Transmission};
 use crate::actuators::roboteq::wire;
 use measurement::time::Monotonic;
 use teleop::Velocity;
@@ -41,7 +42,7 @@ pub struct SerialLink {
     sharing: Sharing,
     connection: Connection,
     /// Gets what is received; without it no counts are asked for.
-    encoder_pipe: Option<EncoderPipe>,
+    forward_pipe: Option<ForwardPipe>,
     /// Times that a port was lost that was open, and what its drivers lost before.
     reconnects: u32,
     locked: Option<Locked>,
@@ -72,39 +73,19 @@ impl SerialLink {
     pub const fn new(
         config: RoboteqConfig,
         sharing: Sharing,
-        encoder_pipe: Option<EncoderPipe>,
+        forward_pipe: Option<ForwardPipe>,
         now: Monotonic,
     ) -> Self {
         Self {
             config,
             sharing,
-            encoder_pipe,
+            forward_pipe,
             connection: Connection::Closed {
                 retry: now,
                 fault: None,
             },
             reconnects: 0,
             locked: None,
-        }
-    }
-
-    /// Opens the port, reads input and sends `velocity`, as due. Call it when the port has
-    /// something to read, when `velocity` has changed, and at [`Self::deadline`]. It does not wait.
-    pub fn step(&mut self, velocity: Velocity, now: Monotonic) {
-        let outcome = self.try_step(velocity, now);
-        // After everything that the motors wait for.
-        if let Some(pipe) = &mut self.encoder_pipe {
-            pipe.flush();
-        }
-        if let Err(lost) = outcome {
-            if let Connection::Open { driver, .. } = &self.connection {
-                let before = driver.status(now).reconnects;
-                self.reconnects = self.reconnects.saturating_add(before).saturating_add(1);
-            }
-            self.connection = Connection::Closed {
-                retry: now + REOPEN,
-                fault: Some(lost.fault()),
-            };
         }
     }
 
@@ -122,7 +103,7 @@ impl SerialLink {
             let port = opened?;
             let queries = EncoderQueries {
                 speeds: self.config.encoder_full_speed_mps.is_some(),
-                counts: self.encoder_pipe.is_some(),
+                counts: self.forward_pipe.is_some(),
             };
             let driver = Driver::new(queries, self.config.require_watchdog, now);
             self.connection = Connection::Open {
@@ -144,7 +125,7 @@ impl SerialLink {
                 break;
             }
             driver.receive(bytes, now);
-            if let Some(pipe) = &mut self.encoder_pipe {
+            if let Some(pipe) = &mut self.forward_pipe {
                 pipe.push(bytes);
             }
         }
@@ -183,63 +164,79 @@ impl SerialLink {
             fault,
         };
     }
+}
 
-    pub fn deadline(&self) -> Monotonic {
+impl MotorLink for SerialLink {
+    fn step(&mut self, velocity: Velocity, now: Monotonic) {
+        let outcome = self.try_step(velocity, now);
+        // After everything that the motors wait for.
+        if let Some(pipe) = &mut self.forward_pipe {
+            pipe.flush();
+        }
+        if let Err(lost) = outcome {
+            if let Connection::Open { driver, .. } = &self.connection {
+                let before = driver.status(now).reconnects;
+                self.reconnects = self.reconnects.saturating_add(before).saturating_add(1);
+            }
+            self.connection = Connection::Closed {
+                retry: now + REOPEN,
+                fault: Some(lost.fault()),
+            };
+        }
+    }
+
+    fn deadline(&self) -> Monotonic {
         match &self.connection {
             Connection::Closed { retry, .. } => *retry,
             Connection::Open { driver, .. } => driver.deadline(),
         }
     }
 
-    pub fn fd(&self) -> Option<BorrowedFd<'_>> {
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
         match &self.connection {
             Connection::Closed { .. } => None,
             Connection::Open { port, .. } => Some(port.as_fd()),
         }
     }
 
-    pub fn status(&self, now: Monotonic) -> Status {
+    fn status(&self, now: Monotonic) -> LinkStatus {
+        let common = LinkStatus {
+            reconnects: self.reconnects,
+            lost_bytes: self
+                .forward_pipe
+                .as_ref()
+                .map_or(0, ForwardPipe::lost_bytes),
+            ..LinkStatus::STARTING
+        };
         match &self.connection {
-            Connection::Closed { fault, .. } => Status {
+            Connection::Closed { fault, .. } => LinkStatus {
                 state: fault.map_or(State::Starting, State::Faulty),
-                acknowledged: None,
-                encoders: None,
-                battery_v: None,
-                flags: ControllerFlags::default(),
-                watchdog: ControllerWatchdog::Unknown,
-                reconnects: self.reconnects,
+                ..common
             },
             Connection::Open { driver, .. } => {
                 let status = driver.status(now);
-                Status {
+                LinkStatus {
+                    state: status.state,
+                    // What the vehicle does where the channels do what they have acknowledged.
+                    applied: (status.acknowledged)
+                        .map(|powers| self.config.velocity_of_powers(powers)),
+                    measured: (status.encoders)
+                        .and_then(|speeds| self.config.velocity_of_encoders(speeds)),
+                    battery_v: status.battery_v,
+                    flags: status.flags,
+                    watchdog: status.watchdog,
                     reconnects: self.reconnects.saturating_add(status.reconnects),
-                    ..status
+                    ..common
                 }
             }
         }
     }
 
-    pub fn has_stopped_since(&self, since: Monotonic) -> bool {
+    fn has_stopped_since(&self, since: Monotonic) -> bool {
         match &self.connection {
             Connection::Closed { .. } => false,
             Connection::Open { driver, .. } => driver.has_stopped_since(since),
         }
-    }
-
-    /// Of those that were to be forwarded.
-    pub fn lost_encoder_bytes(&self) -> u32 {
-        self.encoder_pipe
-            .as_ref()
-            .map_or(0, EncoderPipe::lost_bytes)
-    }
-
-    /// What the vehicle does where the channels do what they have acknowledged.
-    pub fn applied(&self, status: &Status) -> Option<Velocity> {
-        Some(self.config.velocity_of_powers(status.acknowledged?))
-    }
-
-    pub fn measured(&self, status: &Status) -> Option<Velocity> {
-        self.config.velocity_of_encoders(status.encoders?)
     }
 }
 
@@ -268,14 +265,6 @@ impl PortError {
             Self::Settings { .. } => false,
         }
     }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sharing {
-    /// An exclusive lock (`flock`): two owners would send commands in turn.
-    Exclusive,
-    /// Anybody: to stop motors whose owner is lost, and may still hold the port.
-    Shared,
 }
 
 #[derive(Debug)]

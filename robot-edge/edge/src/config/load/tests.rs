@@ -77,7 +77,7 @@ fn compatible(uncommented: &str) -> String {
         format!("{before}[motors.ros2_twist]{twist}")
     } else {
         uncommented
-            .split_once("[motors.ros2_twist]")
+            .split_once("[motors.mavlink]")
             .unwrap()
             .0
             .to_owned()

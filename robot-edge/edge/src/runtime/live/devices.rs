@@ -28,15 +28,21 @@ const MAX_READINGS: usize = 4096;
 
 /// The encoders of the motor controller, which the motor guard reads, as a device.
 const ENCODERS: &str = "encoders";
+/// The autopilot, likewise; the topics of its outputs begin with it.
+const AUTOPILOT: &str = "autopilot";
 const JOINTS: &str = "sensor_msgs/JointState";
 
+/// What the motor guard forwards, and the read end of its pipe.
 #[cfg(target_os = "linux")]
-pub(in crate::runtime) type EncoderInput = (
-    drivers::roboteq_encoders::RoboteqEncoders,
-    std::os::fd::OwnedFd,
-);
+pub(in crate::runtime) type ForwardedInput = (Forwarded, std::os::fd::OwnedFd);
 #[cfg(not(target_os = "linux"))]
-pub(in crate::runtime) type EncoderInput = std::convert::Infallible;
+pub(in crate::runtime) type ForwardedInput = std::convert::Infallible;
+
+#[cfg(target_os = "linux")]
+pub(in crate::runtime) enum Forwarded {
+    Encoders(drivers::roboteq_encoders::RoboteqEncoders),
+    Autopilot(drivers::mavlink::Autopilot),
+}
 
 pub(in crate::runtime) struct DeviceSource {
     /// They end with it.
@@ -58,16 +64,22 @@ impl DeviceSource {
     /// Starts the devices. One that is not there is waited for.
     pub(in crate::runtime) fn start(
         config: &Config,
-        encoders: Option<EncoderInput>,
+        forwarded: Option<ForwardedInput>,
         selection: StreamSelection,
     ) -> Result<Self, StartError> {
         let (sender, readings) = sync_channel(MAX_READINGS);
-        let streams = outputs(config, encoders.is_some()).map(|(stream, _)| stream);
+        let streams = outputs(config, forwarded.is_some()).map(|(stream, _)| stream);
         let streams = streams.collect();
         let mut drivers = Drivers::start(&config.devices, clock::now, &sender)?;
         #[cfg(target_os = "linux")]
-        if let Some(encoders) = encoders {
-            drivers.add_encoders(ENCODERS, encoders, clock::now, &sender);
+        match forwarded {
+            Some((Forwarded::Encoders(encoders), pipe)) => {
+                drivers.add_forwarded(ENCODERS, (encoders, pipe), clock::now, &sender);
+            }
+            Some((Forwarded::Autopilot(autopilot), pipe)) => {
+                drivers.add_forwarded(AUTOPILOT, (autopilot, pipe), clock::now, &sender);
+            }
+            None => {}
         }
         let wall_ns = i64::try_from(clock::seconds_since_1970()).unwrap_or(0) * 1_000_000_000;
         Ok(Self {
@@ -205,9 +217,22 @@ fn topic_of(device: &str) -> String {
 /// The streams of the devices, in the order of their numbers, and what each measures.
 fn outputs(
     config: &Config,
-    has_encoders: bool,
+    has_forwarded: bool,
 ) -> impl Iterator<Item = (Stream, Option<MeasurementData>)> {
-    let encoders = config.motors.roboteq.as_ref().filter(|_| has_encoders);
+    let autopilot = config.motors.mavlink.as_ref().filter(|_| has_forwarded);
+    let autopilot = autopilot.into_iter().flat_map(|_| {
+        let outputs = drivers::mavlink::Autopilot::OUTPUTS.into_iter();
+        outputs
+            .zip([imu(), fix(), scan()])
+            .map(|(output, (type_name, data))| {
+                let stream = Stream {
+                    name: format!("/{AUTOPILOT}/{output}"),
+                    type_name: type_name.to_owned(),
+                };
+                (stream, data)
+            })
+    });
+    let encoders = config.motors.roboteq.as_ref().filter(|_| has_forwarded);
     let encoders = encoders.and_then(|roboteq| roboteq.encoders.as_ref());
     let encoders = encoders.map(|encoders| {
         let joints = [&encoders.left_joint, &encoders.right_joint];
@@ -230,24 +255,8 @@ fn outputs(
                 Some(MeasurementData::Cloud(Cloud::default())),
             ),
             Output::FixesOrDepths if is_sounder => scan(),
-            Output::Fixes | Output::FixesOrDepths => (
-                "sensor_msgs/NavSatFix",
-                Some(MeasurementData::Fix(GeodeticFix {
-                    latitude_deg: 0.0,
-                    longitude_deg: 0.0,
-                    altitude_m: 0.0,
-                    status: 0,
-                    sigma_m: None,
-                })),
-            ),
-            Output::Attitudes => (
-                "sensor_msgs/Imu",
-                Some(MeasurementData::Imu(ImuSample {
-                    orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
-                    angular_velocity_radps: [0.0; 3],
-                    linear_acceleration_mps2: [0.0; 3],
-                })),
-            ),
+            Output::Fixes | Output::FixesOrDepths => fix(),
+            Output::Attitudes => imu(),
             Output::Angles => {
                 let joint = device.joint.iter().map(|joint| (joint.clone(), 0.0));
                 (JOINTS, Some(MeasurementData::Joints(joint.collect())))
@@ -263,7 +272,27 @@ fn outputs(
             data,
         )
     });
-    of_devices.chain(encoders)
+    of_devices.chain(encoders).chain(autopilot)
+}
+
+fn fix() -> (&'static str, Option<MeasurementData>) {
+    let fix = GeodeticFix {
+        latitude_deg: 0.0,
+        longitude_deg: 0.0,
+        altitude_m: 0.0,
+        status: 0,
+        sigma_m: None,
+    };
+    ("sensor_msgs/NavSatFix", Some(MeasurementData::Fix(fix)))
+}
+
+fn imu() -> (&'static str, Option<MeasurementData>) {
+    let imu = ImuSample {
+        orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
+        angular_velocity_radps: [0.0; 3],
+        linear_acceleration_mps2: [0.0; 3],
+    };
+    ("sensor_msgs/Imu", Some(MeasurementData::Imu(imu)))
 }
 
 fn scan() -> (&'static str, Option<MeasurementData>) {
@@ -277,16 +306,21 @@ fn scan() -> (&'static str, Option<MeasurementData>) {
 /// What the devices of a vehicle will measure, as a survey of a recording of it would find it.
 pub(in crate::runtime) fn survey(
     config: &Config,
-    has_encoders: bool,
+    has_forwarded: bool,
 ) -> Result<Survey, RecordingError> {
+    let forwarded = if config.motors.mavlink.is_some() {
+        AUTOPILOT
+    } else {
+        ENCODERS
+    };
     let mut streams = Vec::new();
     let mut measurements = VecDeque::new();
-    for ((stream, data), number) in outputs(config, has_encoders).zip(0..) {
+    for ((stream, data), number) in outputs(config, has_forwarded).zip(0..) {
         let name = config.devices.keys().nth(streams.len());
         measurements.extend(data.map(|data| Measurement {
             stamp: RobotTime::from_nanos(0),
             stream: StreamId(number),
-            frame: name.map_or(ENCODERS, String::as_str).into(),
+            frame: name.map_or(forwarded, String::as_str).into(),
             data,
         }));
         streams.push(StreamSummary {

@@ -12,7 +12,7 @@ use drivers::supervisor::Reading;
 use measurement::{MeasurementData, StreamId};
 
 use super::*;
-use crate::actuators::roboteq::encoder_pipe;
+use crate::actuators::forward_pipe;
 
 /// Of a wheel.
 const PULSES_PER_TURN: f64 = 250.0;
@@ -45,10 +45,10 @@ fn with_encoders() -> EmulatorOnTerminal {
 fn start(controller: &EmulatorOnTerminal, write_end: &Arc<OwnedFd>) -> GuardedMotors {
     let config = config(controller.path());
     let command = GuardCommand {
-        encoder_pipe: Some(Arc::clone(write_end)),
+        forward_pipe: Some(Arc::clone(write_end)),
         ..guard_command(&config)
     };
-    GuardedMotors::start_with(command, config, NEVER).unwrap()
+    GuardedMotors::start_with(command, config.into(), NEVER).unwrap()
 }
 
 /// Reads the encoders of a controller at this read end.
@@ -56,7 +56,7 @@ fn read(controller: &EmulatorOnTerminal, read_end: OwnedFd) -> (Drivers, Receive
     let (sender, readings) = sync_channel(10_000);
     let mut drivers = Drivers::start(&BTreeMap::new(), clock::now, &sender).unwrap();
     let encoders = config(controller.path()).encoders().unwrap();
-    drivers.add_encoders("wheels", (encoders, read_end), clock::now, &sender);
+    drivers.add_forwarded("wheels", (encoders, read_end), clock::now, &sender);
     (drivers, readings)
 }
 
@@ -109,7 +109,7 @@ fn assert_angles_arrive(controller: &EmulatorOnTerminal, readings: &Receiver<Rea
 #[test]
 fn counts_arrive_as_angles_of_wheels_and_go_on_with_the_next_guard() {
     let controller = with_encoders();
-    let (read_end, write_end) = encoder_pipe::pipe().unwrap();
+    let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES).unwrap();
     let write_end = Arc::new(write_end);
     let (drivers, readings) = read(&controller, read_end);
     let mut motors = start(&controller, &write_end);
@@ -136,18 +136,19 @@ fn counts_arrive_as_angles_of_wheels_and_go_on_with_the_next_guard() {
     let readings_of_second = readings.try_iter().count();
     assert!(readings_of_second >= 3, "{readings_of_second}");
     let report = motors.apply(Velocity::ZERO, clock::now()).unwrap();
-    assert_eq!(report.counters.lost_encoder_bytes, 0);
+    assert_eq!(report.counters.lost_bytes, 0);
 }
 
 #[test]
 fn without_a_pipe_or_a_guard_nobody_asks_for_counts() {
     let controller = with_encoders();
     let config = config(controller.path());
-    let mut motors = GuardedMotors::start_with(guard_command(&config), config, NEVER).unwrap();
+    let mut motors =
+        GuardedMotors::start_with(guard_command(&config), config.into(), NEVER).unwrap();
     drive_for(&mut motors, 50);
     assert_eq!(controller.with(|emulator| emulator.counts_asked), 0);
     drop(motors);
-    let (_read_end, write_end) = encoder_pipe::pipe().unwrap();
+    let (_read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES).unwrap();
     let mut motors = start(&controller, &Arc::new(write_end));
     drive_for(&mut motors, 50);
     signal(motors.guard_pid().unwrap(), Signal::KILL);
@@ -186,13 +187,13 @@ fn assert_obeys(controller: &EmulatorOnTerminal, motors: &mut GuardedMotors) {
 
 fn lost_bytes(motors: &mut GuardedMotors) -> u32 {
     let known = motors.apply(Velocity::ZERO, clock::now());
-    known.map_or(0, |report| report.counters.lost_encoder_bytes)
+    known.map_or(0, |report| report.counters.lost_bytes)
 }
 
 #[test]
 fn motors_obey_and_stop_while_nobody_reads_the_pipe() {
     let controller = with_encoders();
-    let (read_end, write_end) = encoder_pipe::pipe().unwrap();
+    let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES).unwrap();
     let mut motors = start(&controller, &Arc::new(write_end));
     drive(&mut motors);
     press(&mut motors, 1000);
@@ -220,7 +221,7 @@ fn motors_obey_and_stop_while_nobody_reads_the_pipe() {
 #[test]
 fn motors_obey_and_stop_after_the_pipe_is_closed() {
     let controller = with_encoders();
-    let (read_end, write_end) = encoder_pipe::pipe().unwrap();
+    let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES).unwrap();
     let mut motors = start(&controller, &Arc::new(write_end));
     drive(&mut motors);
     drop(read_end);

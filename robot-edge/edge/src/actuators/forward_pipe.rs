@@ -1,4 +1,5 @@
-//! The pipe through which the motor guard forwards what the controller sends, unparsed, to the edge's reader of encoders.
+//! The pipe through which the motor guard forwards what it receives, unparsed, to the edge's reader: of encoders, or of an
+//! autopilot.
 //!
 //! The guard never waits for it, and nothing comes back. The edge makes it once and keeps both ends; each guard inherits
 //! the write end. Without the pipe the guard asks for no counts, and drives as ever.
@@ -10,31 +11,33 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pipe::PipeFlags;
 
 /// In the guard's environment: the number of the inherited write end.
-pub const VARIABLE: &str = "FORESHORE_ENCODER_PIPE";
+pub const VARIABLE: &str = "FORESHORE_FORWARD_PIPE";
 
-/// Some 8 s of what a controller sends: what has waited longer is lost, not read. It is the least that Linux has.
-const CAPACITY: usize = 4096;
+/// Capacity for encoders: some 8 s of what a controller sends. What has waited longer is lost, not read. It is the least
+/// that Linux has.
+pub const LEAST_BYTES: usize = 4096;
 
-/// Stands where bytes were lost, so that no number is made of the halves of two: no line has such a character.
+/// Stands where bytes were lost, so that no number is made of the halves of two: no line has such a character, and no
+/// `MAVLink` frame begins with one.
 const GAP: &[u8] = b"\0\r";
 
-/// A read end and a write end.
-pub fn pipe() -> io::Result<(OwnedFd, OwnedFd)> {
+/// A read end and a write end, with room for `capacity` bytes.
+pub fn pipe(capacity: usize) -> io::Result<(OwnedFd, OwnedFd)> {
     let (read_end, write_end) = rustix::pipe::pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
-    rustix::pipe::fcntl_setpipe_size(&write_end, CAPACITY)?;
+    rustix::pipe::fcntl_setpipe_size(&write_end, capacity)?;
     Ok((read_end, write_end))
 }
 
 /// The guard's end.
 #[derive(Debug)]
-pub struct EncoderPipe {
+pub struct ForwardPipe {
     write_end: OwnedFd,
     received: Vec<u8>,
     has_gap: bool,
     lost_bytes: u32,
 }
 
-impl EncoderPipe {
+impl ForwardPipe {
     fn new(write_end: OwnedFd) -> Self {
         Self {
             write_end,
@@ -83,26 +86,26 @@ mod tests {
     use super::*;
 
     fn read(read_end: &OwnedFd) -> Vec<u8> {
-        let mut buffer = vec![0; 2 * CAPACITY];
+        let mut buffer = vec![0; 2 * LEAST_BYTES];
         let length = rustix::io::read(read_end, &mut buffer).unwrap();
         buffer[..length].to_vec()
     }
 
     #[test]
     fn a_full_pipe_loses_bytes_and_a_gap_stands_for_them() {
-        let (read_end, write_end) = pipe().unwrap();
-        let mut pipe = EncoderPipe::new(write_end);
+        let (read_end, write_end) = pipe(LEAST_BYTES).unwrap();
+        let mut pipe = ForwardPipe::new(write_end);
         let mut send = |bytes: &[u8]| {
             pipe.push(bytes);
             pipe.flush();
             pipe.lost_bytes()
         };
-        for _ in 0..CAPACITY / 16 {
+        for _ in 0..LEAST_BYTES / 16 {
             assert_eq!(send(b"?Q0\r12345678\r+\r\r"), 0);
         }
         assert_eq!(send(b"?Q1\r12"), 6);
         assert_eq!(send(b"34\r"), 9);
-        assert_eq!(read(&read_end).len(), CAPACITY);
+        assert_eq!(read(&read_end).len(), LEAST_BYTES);
         assert_eq!(send(b"56\r"), 9);
         assert_eq!(send(b"?Q0\r"), 9);
         assert_eq!(read(&read_end), b"\0\r56\r?Q0\r");
