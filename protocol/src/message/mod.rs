@@ -229,8 +229,8 @@ mod tests {
             },
             ..teleop()
         };
-        assert_eq!(body(&teleop()).len(), 116);
-        assert_eq!(body(&full).len(), 593);
+        assert_eq!(body(&teleop()).len(), 120);
+        assert_eq!(body(&full).len(), 597);
     }
 
     proptest! {

@@ -4,6 +4,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 
 use serde_json::{Value, json};
 
@@ -11,8 +12,20 @@ use crate::process::{events, robot_edge, run, summary_of};
 use crate::python::{client_folder, python};
 use crate::skip::skip;
 
-/// The folder of the client with its packages, which later runs reuse; `None`, and a skipped test, without them.
-fn client() -> Option<PathBuf> {
+/// The client with its packages, installed once; `None`, and a skipped test, without them.
+fn client() -> Option<&'static PathBuf> {
+    static CLIENT: LazyLock<Option<PathBuf>> = LazyLock::new(install);
+    if CLIENT.is_none() {
+        skip(
+            "Foxglove's client cannot be installed",
+            "Node.js, and npm's registry",
+        );
+    }
+    CLIENT.as_ref()
+}
+
+/// Into a folder that later runs reuse.
+fn install() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("foxglove-client");
     fs::create_dir_all(&folder).unwrap();
     for file in ["package.json", "foxglove_client.mjs"] {
@@ -22,14 +35,8 @@ fn client() -> Option<PathBuf> {
     let mut npm = Command::new("npm");
     npm.args(["install", "--silent", "--prefer-offline", "--prefix"])
         .arg(&folder);
-    if npm.output().is_ok_and(|output| output.status.success()) {
-        return Some(folder.join("foxglove_client.mjs"));
-    }
-    skip(
-        "Foxglove's client cannot be installed",
-        "Node.js, and npm's registry",
-    );
-    None
+    let is_installed = npm.output().is_ok_and(|output| output.status.success());
+    is_installed.then(|| folder.join("foxglove_client.mjs"))
 }
 
 /// What the client receives of a robot until there is a message of each topic, decoded; `None`, and a skipped test, without it.

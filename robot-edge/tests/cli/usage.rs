@@ -305,7 +305,7 @@ fn what_is_no_experiment_is_refused() {
 }
 
 #[cfg(target_os = "linux")]
-const CONFIG: &str = r#"{"port":"/dev/nonexistent","left_channel":"one","drive":{"track_width_m":0.5,"full_speed_mps":1.0}}"#;
+const CONFIG: &str = r#"{"Roboteq":{"port":"/dev/nonexistent","left_channel":"one","drive":{"track_width_m":0.5,"full_speed_mps":1.0}}}"#;
 
 #[cfg(target_os = "linux")]
 #[test]

@@ -250,8 +250,8 @@ pub(crate) fn assert_same_files(edge: &Path, console: &Path, files: usize) {
     assert_eq!(compared, files);
 }
 
-/// As [`assert_same_files`], for `occupancy.tif`, `.png`, `.pgm` and `.yaml`, and `trajectory.tum`.
+/// As [`assert_same_files`], for `occupancy.tif`, `.png`, `.pgm` and `.yaml`, and `trajectory.tum` and `.geojson`.
 #[track_caller]
 pub(crate) fn assert_same_maps(edge: &Path, console: &Path) {
-    assert_same_files(edge, console, 5);
+    assert_same_files(edge, console, 6);
 }

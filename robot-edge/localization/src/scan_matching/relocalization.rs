@@ -190,13 +190,11 @@ impl Relocalizer {
                 .iter_mut()
                 .find(|other| is_within(&other.map_from_base, &place.map_from_base, SAME_PLACE));
             match same {
-                Some(other) => {
-                    if is_within(&other.map_from_base, &place.map_from_base, AGREEMENT) {
-                        other.since_m = other.since_m.min(place.since_m);
-                    }
+                Some(other) if is_within(&other.map_from_base, &place.map_from_base, AGREEMENT) => {
+                    other.since_m = other.since_m.min(place.since_m);
                 }
                 None if !is_full => self.places.push(place),
-                None => {}
+                Some(_) | None => {}
             }
         }
     }

@@ -627,7 +627,7 @@ impl ScanSlam {
             let is_due = self
                 .fixed_m
                 .is_none_or(|fixed_m| self.driven_m - fixed_m >= POSITION_M);
-            if !is_due || position.stamp < last.stamp {
+            if !is_due || position.stamp <= last.stamp {
                 continue;
             }
             let share = position.stamp.since(last.stamp).as_secs_f64()

@@ -363,7 +363,7 @@ fn a_column_in_which_something_stands_is_no_hole() {
     assert!(cost(&mut octree).is_nan());
     let side = (1..6).map(|z| [2.05, 0.05, 0.1 * f64::from(z) + 0.05]);
     hit(&mut octree, [2.0, 0.0, 3.0], side);
-    assert_eq!(cost(&mut octree), 1.0);
+    assert!(cost(&mut octree) >= 1.0);
 }
 
 /// Beams that graze a deck free single voxels of it, and may pass just above the voxel on it.

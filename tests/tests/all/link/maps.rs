@@ -142,7 +142,7 @@ fn maps_erased_during_a_run_are_the_same_in_the_console() {
         "{printed}"
     );
     // Of the obstacle map there are four.
-    assert_same_files(&at("edge"), &at("console"), 9);
+    assert_same_files(&at("edge"), &at("console"), 10);
 }
 
 /// The octree's files are made on the vehicle and fetched in parts.
@@ -162,8 +162,8 @@ fn voxels_are_the_same_in_the_console() {
     for name in ["voxels.bt", "points.ply"] {
         assert!(at("console").join(name).exists(), "{name}");
     }
-    // Two files each of cost, rigidity, both metrics and the octree, and the trajectory.
-    assert_same_files(&at("edge"), &at("console"), 11);
+    // Two files each of cost, rigidity, both metrics and the octree, and two of the trajectory.
+    assert_same_files(&at("edge"), &at("console"), 12);
 }
 
 fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &str) {
