@@ -7,13 +7,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use mapping::registered_scan::SensorId;
-use measurement::FrameId;
-use measurement::GeodeticFix;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::{self, Pose};
 use measurement::scan::Scan;
-use measurement::time::RobotDuration;
-use measurement::time::RobotTime;
+use measurement::time::{RobotDuration, RobotTime};
+use measurement::{FrameId, GeodeticFix};
 use nalgebra::{Isometry2, Matrix3, Point2, Point3, Vector3};
 use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
@@ -21,10 +19,9 @@ use crate::beam_projection::BodyBox;
 use crate::cloud_walls::walls;
 use crate::gnss_positioning::geodetic_point;
 use crate::registration::scan_queue::Sweep;
+use crate::scan_matching::position_fixes::AntennaPosition;
 use crate::scan_matching::relocalization::{Place, Relocalizer};
-use crate::scan_matching::slam::{
-    AntennaPosition, ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam,
-};
+use crate::scan_matching::slam::{ClosureCounts, Confidence, ScanInput, ScanPose, ScanSlam};
 use crate::scan_matching::slam_map::{SlamMap, SlamMapParts};
 use crate::scan_matching::slam_settings::SlamSettings;
 
@@ -406,11 +403,14 @@ impl ScanLocalization {
                     .plane
                     .get_or_insert_with(|| LocalTangentPlane::new(place));
                 let sigma_m = fix.sigma_m.unwrap_or(UNSTATED_SIGMA_M);
-                self.slam.push_position(AntennaPosition {
+                let is_older_dropped = self.slam.push_position(AntennaPosition {
                     stamp: stamp + receiver.time_offset,
                     antenna: Point3::from(plane.enu_from_geodetic(&place)).xy(),
                     sigma_m: sigma_m.max(LEAST_SIGMA_M),
                 });
+                if is_older_dropped {
+                    self.report.dropped_fixes.add(DropReason::QueueFull);
+                }
             }
             Err(reason) => self.report.dropped_fixes.add(reason),
         }

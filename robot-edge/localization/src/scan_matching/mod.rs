@@ -1,7 +1,9 @@
 //! Poses from planar scans: scan matching, submaps, loop closure (docs/methods.md, section 0).
 
 mod block_solver;
+mod last_scan;
 pub mod loop_closure;
+mod optimizer;
 pub mod pose_graph;
 pub mod position_fixes;
 pub mod relations;

@@ -4,7 +4,63 @@
 //! way of the vehicle is long enough (B. Horn, "Closed-form solution of absolute orientation", JOSA A 1987, in the plane). From then
 //! on each position pulls at one keyframe, with the robust kernel of closures: a leap or an echo from a wall (multipath) loses its weight.
 
+use std::collections::VecDeque;
+
+use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix2x3, Point2, Vector2};
+
+/// A position that a receiver measured.
+#[derive(Clone, Copy, Debug)]
+pub struct AntennaPosition {
+    /// When.
+    pub stamp: RobotTime,
+    /// Of the antenna, metres east and north of the datum.
+    pub antenna: Point2<f64>,
+    /// Standard deviation along each axis, metres.
+    pub sigma_m: f64,
+}
+
+/// Way between two positions in the graph, metres: errors of a receiver last, so that more of them say no more.
+const SPACING_M: f64 = 2.0;
+/// Positions that wait for a scan; beyond it the oldest is dropped.
+const MAX_WAITING: usize = 64;
+
+/// Positions that no scan has passed yet.
+#[derive(Clone, Debug, Default)]
+pub(super) struct PendingPositions {
+    waiting: VecDeque<AntennaPosition>,
+    /// Way at the newest one that was taken, metres.
+    taken_m: Option<f64>,
+}
+
+impl PendingPositions {
+    /// Adds one; returns whether the oldest was dropped for it.
+    pub(super) fn push(&mut self, position: AntennaPosition) -> bool {
+        let is_full = self.waiting.len() >= MAX_WAITING;
+        if is_full {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(position);
+        is_full
+    }
+
+    /// The first one between two scans, and how far between them it is, if it is due on the way. The others up to the second scan go.
+    pub(super) fn take_due(
+        &mut self,
+        [before, after]: [RobotTime; 2],
+        driven_m: f64,
+    ) -> Option<(AntennaPosition, f64)> {
+        let passed = self.waiting.partition_point(|next| next.stamp <= after);
+        let mut passed = self.waiting.drain(..passed);
+        let is_due = self
+            .taken_m
+            .is_none_or(|taken_m| driven_m - taken_m >= SPACING_M);
+        let position = passed.find(|position| is_due && position.stamp > before)?;
+        self.taken_m = Some(driven_m);
+        let share = position.stamp.since(before).as_secs_f64() / after.since(before).as_secs_f64();
+        Some((position, share))
+    }
+}
 
 /// A position that was measured near a keyframe.
 #[derive(Clone, Copy, Debug, PartialEq)]

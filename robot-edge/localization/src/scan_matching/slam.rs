@@ -2,22 +2,24 @@
 //!
 //! The frame `local` never jumps: it goes on from scan to scan. A closure moves `map_from_local`.
 
-use std::collections::VecDeque;
+use std::task::Poll;
 
 use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 
+use super::last_scan::LastScan;
 use super::loop_closure::{
     Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
 };
-use super::pose_graph::{Edge, GraphStep, PoseGraph};
-use super::position_fixes::PositionFix;
+use super::optimizer::{self, Optimizer};
+use super::pose_graph::{Edge, PoseGraph};
+use super::position_fixes::{AntennaPosition, PendingPositions, PositionFix};
 use super::relocalization::Place;
 use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::{Candidate, SlamMap, SubmapRecord};
-use super::slam_settings::{MotionNoise, SlamSettings};
+use super::slam_settings::SlamSettings;
 use super::submap::{Prior, Registered, Submap, difference, transported};
 
 /// One scan and what is known about the motion.
@@ -35,17 +37,6 @@ pub struct ScanInput<'a> {
     pub is_heading_only: bool,
     /// Place of the receiver's antenna on the vehicle, seen from above, metres.
     pub base_from_antenna: Point2<f64>,
-}
-
-/// A position that a receiver measured.
-#[derive(Clone, Copy, Debug)]
-pub struct AntennaPosition {
-    /// When.
-    pub stamp: RobotTime,
-    /// Of the antenna, metres east and north of the datum.
-    pub antenna: Point2<f64>,
-    /// Standard deviation along each axis, metres.
-    pub sigma_m: f64,
 }
 
 impl ScanInput<'_> {
@@ -117,10 +108,7 @@ pub struct ScanSlam {
     /// Where it goes on in a map, until the first scan.
     resumed_at: Option<Place>,
     driven_m: f64,
-    /// Positions that no scan has passed yet.
-    positions: VecDeque<AntennaPosition>,
-    /// Way at the newest position in the graph, metres.
-    fixed_m: Option<f64>,
+    positions: PendingPositions,
     /// Without odometry, scans that did not determine the pose, less those since then that did.
     lost: u32,
 }
@@ -160,43 +148,8 @@ struct ClosureSearch {
     grid: SearchGrid,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct LastScan {
-    stamp: RobotTime,
-    /// The newest odometry, and the pose at the first scan that had it: it may stand still for some scans while the vehicle moves.
-    odometry: Option<(Isometry2<f64>, Isometry2<f64>)>,
-    local_from_base: Isometry2<f64>,
-    /// Motion from the scan before, and its time in seconds.
-    motion: Isometry2<f64>,
-    motion_s: f64,
-    keyframe_local: Isometry2<f64>,
-    is_lost: bool,
-}
-
-/// Optimization in steps: one each scan, or in a large graph a part of one.
-#[derive(Clone, Debug, Default)]
-struct Optimizer {
-    /// The graph under way.
-    graph: Option<PoseGraph>,
-    step: Option<GraphStep>,
-    steps: u32,
-    /// The kernel of closures is wider by this factor; it narrows from step to step.
-    widening: f64,
-    /// It may move the map far.
-    was_far: bool,
-    /// Closures since the last one began.
-    waiting: u32,
-    /// Among them are some that may move the map far.
-    is_far: bool,
-}
-
 /// Limit of the blocks in which a scan is searched for in the current submap.
 const MAX_BLOCKS: usize = 20_000;
-/// Greatest growth of the noise by a gap between two scans.
-const MAX_GROWTH: f64 = 5.0;
-/// Odometry may be late, or stand still while the vehicle moves: its standard deviation grows by this share of the change of the
-/// motion that it reports.
-const LATE_SHARE: f64 = 0.5;
 /// After a match, the same submap is tried again for this way, metres.
 const AGAIN_M: f64 = 6.0;
 /// Scans that do not determine the pose, before the vehicle is lost: the velocity is then not known either.
@@ -207,22 +160,8 @@ const ALIKE_SHARE: f64 = 0.95;
 const ALIKE_M: f64 = 0.4;
 /// Of x, y (m²) and yaw (rad²) where a new map begins.
 const LOST_VARIANCE: Vector3<f64> = Vector3::new(100.0, 100.0, 10.0);
-/// Way between two positions in the graph, metres: errors of a receiver last, so that more of them say no more.
-const POSITION_M: f64 = 2.0;
-/// Positions that wait for a scan; beyond it the oldest is dropped.
-const MAX_POSITIONS: usize = 64;
 /// Limit of the grids of finished submaps.
 const MAX_GRIDS: usize = 16;
-const MAX_STEPS: u32 = 12;
-/// Edges of the graph, and poses, that are worked on each scan.
-const GRAPH_PART: usize = 4000;
-/// Closures that wait for an optimization, unless they may move the map far.
-const WAITING_CLOSURES: u32 = 20;
-const WIDENING: f64 = 1e4;
-/// An optimization ends when no pose moves by more, metres (and radians).
-const CONVERGED: f64 = 1e-3;
-/// A closure with a greater squared error after optimization is removed.
-const REMOVED_CHI2: f64 = 50.0;
 /// A position with a greater squared error is contradicted by the map: of true errors along two axes less than 1 in 10,000 is.
 const CONTRADICTED_CHI2: f64 = 20.0;
 
@@ -241,8 +180,7 @@ impl ScanSlam {
             map_from_local: Isometry2::identity(),
             resumed_at: None,
             driven_m: 0.0,
-            positions: VecDeque::new(),
-            fixed_m: None,
+            positions: PendingPositions::default(),
             lost: 0,
         }
     }
@@ -257,17 +195,18 @@ impl ScanSlam {
         }
     }
 
-    /// Takes a position, in the order of time; it counts once a scan has passed it.
-    pub fn push_position(&mut self, position: AntennaPosition) {
-        if self.positions.len() >= MAX_POSITIONS {
-            self.positions.pop_front();
-        }
-        self.positions.push_back(position);
+    /// Takes a position, in the order of time; it counts once a scan has passed it. Returns whether an older one was dropped for it.
+    pub fn push_position(&mut self, position: AntennaPosition) -> bool {
+        self.positions.push(position)
     }
 
     /// Takes a scan; scans come in the order of time.
     pub fn push(&mut self, input: &ScanInput<'_>) -> ScanPose {
-        let (motion, motion_s, noise) = self.predict(input);
+        let growth = 1.0 + f64::from(self.lost.min(MAX_LOST));
+        let (motion, motion_s, noise) = self.last.map_or_else(
+            || (Isometry2::identity(), 0.0, Matrix3::identity()),
+            |last| last.predict(input, growth, &self.settings),
+        );
         let points = scan_points(
             input.scan,
             &input.base_from_sensor,
@@ -418,7 +357,7 @@ impl ScanSlam {
     /// Optimizes to the end, after the last scan.
     pub fn finish(&mut self) {
         for _ in 0..3 {
-            self.optimizer.is_far = true;
+            self.optimizer.add_far();
             while self.optimize_step(1) == Some(false) {}
             while self.sweep() {}
         }
@@ -442,69 +381,6 @@ impl ScanSlam {
     /// Closures so far.
     pub const fn closures(&self) -> ClosureCounts {
         self.closures
-    }
-
-    fn predict(&self, input: &ScanInput<'_>) -> (Isometry2<f64>, f64, Matrix3<f64>) {
-        let settings = &self.settings;
-        let Some(last) = &self.last else {
-            return (Isometry2::identity(), 0.0, Matrix3::identity());
-        };
-        let time_s = input.stamp.since(last.stamp).as_secs_f64();
-        let mut growth = 1.0 + f64::from(self.lost.min(MAX_LOST));
-        // Stamps that repeat or leap say nothing about the speed.
-        let share = time_s / last.motion_s;
-        let share = if (0.2..5.0).contains(&share) {
-            share
-        } else {
-            1.0
-        };
-        let way_m = last.motion.translation.vector * share;
-        let constant = Isometry2::new(way_m, last.motion.rotation.angle() * share);
-        let by_odometry = last.odometry.zip(input.odom_from_base);
-        let by_odometry = by_odometry.map(|((before, local_before), now)| {
-            if now == before {
-                Isometry2::identity()
-            } else {
-                let local_now = local_before * before.inv_mul(&now);
-                last.local_from_base.inv_mul(&local_now)
-            }
-        });
-        let (motion, noise) = match by_odometry {
-            Some(motion) if !input.is_heading_only => (motion, settings.odometry),
-            _ => {
-                growth *= (time_s / last.motion_s.max(0.05)).clamp(1.0, MAX_GROWTH);
-                let noise = settings.constant_velocity;
-                match by_odometry {
-                    Some(turn) => (
-                        Isometry2::new(way_m, turn.rotation.angle()),
-                        MotionNoise {
-                            rad: settings.odometry.rad,
-                            rad_per_rad: settings.odometry.rad_per_rad,
-                            rad_per_m: 0.0,
-                            ..noise
-                        },
-                    ),
-                    None => (constant, noise),
-                }
-            }
-        };
-        let (way_m, turn_rad) = (
-            motion.translation.vector.norm(),
-            motion.rotation.angle().abs(),
-        );
-        let change = constant.inv_mul(&motion);
-        let (change_m, change_rad) = (
-            change.translation.vector.norm(),
-            change.rotation.angle().abs(),
-        );
-        let sigma_m = noise.m + noise.m_per_m * way_m + LATE_SHARE * change_m;
-        let sigma_rad = noise.rad
-            + noise.rad_per_rad * turn_rad
-            + noise.rad_per_m * way_m
-            + LATE_SHARE * change_rad;
-        let sigma = Vector3::new(sigma_m, sigma_m, sigma_rad) * growth;
-        let variance = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
-        (motion, time_s, variance)
     }
 
     fn take_keyframe(&mut self, points: &[ScanPoint], local_from_base: &Isometry2<f64>) {
@@ -611,53 +487,39 @@ impl ScanSlam {
         self.grids.push((index, grid));
     }
 
-    /// Adds the positions since the last scan to the graph, one each [`POSITION_M`]. Returns whether they moved the map.
+    /// Adds the positions since the last scan to the graph. Returns whether they moved the map.
     fn take_positions(
         &mut self,
         last: &LastScan,
         input: &ScanInput<'_>,
         local_from_base: &Isometry2<f64>,
     ) -> bool {
-        let stamp = input.stamp;
-        let keyframe = self.map.graph.poses.len() as u32 - 1;
-        let newest = self.map.graph.poses[keyframe as usize];
-        let keyframe_from_local = newest.inverse() * self.map_from_local;
-        let mut is_new = false;
-        while let Some(position) = self.positions.pop_front_if(|next| next.stamp <= stamp) {
-            let is_due = self
-                .fixed_m
-                .is_none_or(|fixed_m| self.driven_m - fixed_m >= POSITION_M);
-            if !is_due || position.stamp <= last.stamp {
-                continue;
-            }
-            let share = position.stamp.since(last.stamp).as_secs_f64()
-                / stamp.since(last.stamp).as_secs_f64();
-            let then = last.local_from_base.lerp_slerp(local_from_base, share);
-            self.map.graph.fixes.push(PositionFix {
-                keyframe,
-                keyframe_from_antenna: keyframe_from_local * then * input.base_from_antenna,
-                antenna: position.antenna,
-                sigma_m: position.sigma_m,
-                is_aligned: false,
-            });
-            self.fixed_m = Some(self.driven_m);
-            is_new = true;
-        }
-        if !is_new {
-            return false;
-        }
-        let Some(motion) = self.map.align_newest() else {
-            let newest = self.map.graph.fixes.last();
-            self.optimizer.waiting += u32::from(newest.is_some_and(|fix| fix.is_aligned));
+        let graph = &mut self.map.graph;
+        let keyframe = graph.poses.len() as u32 - 1;
+        let keyframe_from_local = graph.poses[keyframe as usize].inverse() * self.map_from_local;
+        let stamps = [last.stamp, input.stamp];
+        let due = self.positions.take_due(stamps, self.driven_m);
+        let Some((position, share)) = due else {
             return false;
         };
-        self.map_from_local = motion * self.map_from_local;
-        // An optimization under way is of the map as it lay before.
-        self.optimizer = Optimizer {
-            is_far: true,
-            ..Optimizer::default()
-        };
-        true
+        let then = last.local_from_base.lerp_slerp(local_from_base, share);
+        graph.fixes.push(PositionFix {
+            keyframe,
+            keyframe_from_antenna: keyframe_from_local * then * input.base_from_antenna,
+            antenna: position.antenna,
+            sigma_m: position.sigma_m,
+            is_aligned: false,
+        });
+        if let Some(motion) = self.map.align_newest() {
+            self.map_from_local = motion * self.map_from_local;
+            self.optimizer.begin_anew();
+            return true;
+        }
+        let newest = self.map.graph.fixes.last();
+        if newest.is_some_and(|fix| fix.is_aligned) {
+            self.optimizer.add();
+        }
+        false
     }
 
     fn finish_scan(
@@ -796,7 +658,7 @@ impl ScanSlam {
             &settings,
         );
         for closure in agreed {
-            self.optimizer.is_far = true;
+            self.optimizer.add_far();
             self.add_closure(&closure, self.active[0].index, settings.large_drift);
         }
     }
@@ -881,72 +743,25 @@ impl ScanSlam {
         });
         self.map.drifts.link(closure.submap, own, drift);
         self.closures.added += 1;
-        self.optimizer.waiting += 1;
+        self.optimizer.add();
     }
 
     /// Does one step of optimization, if one is under way or due; returns whether poses of keyframes changed.
     fn optimize(&mut self) -> bool {
-        self.optimize_step(WAITING_CLOSURES).unwrap_or(false)
+        self.optimize_step(optimizer::WAITING).unwrap_or(false)
     }
 
     /// `None` if there is nothing to do.
     fn optimize_step(&mut self, least_waiting: u32) -> Option<bool> {
-        if self.optimizer.graph.is_none() {
-            if !self.optimizer.is_far && self.optimizer.waiting < least_waiting {
-                return None;
-            }
-            self.optimizer = Optimizer {
-                graph: Some(self.map.graph.clone()),
-                widening: if self.optimizer.is_far { WIDENING } else { 1.0 },
-                was_far: self.optimizer.is_far,
-                ..Optimizer::default()
-            };
-        }
-        let graph = self.optimizer.graph.as_mut()?;
-        let chi2 = 10.0 * self.optimizer.widening;
-        let Some(step) = graph.advance(&mut self.optimizer.step, GRAPH_PART, chi2) else {
+        let Poll::Ready(optimized) = self.optimizer.step(&mut self.map, least_waiting)? else {
             return Some(false);
         };
-        // Graduated non-convexity: a long loop closes before outliers lose their weight.
-        let is_wide = self.optimizer.widening > 1.0;
-        self.optimizer.widening = (0.2 * self.optimizer.widening).max(1.0);
-        self.optimizer.steps += 1;
-        if (step > CONVERGED || is_wide) && self.optimizer.steps < MAX_STEPS {
-            return Some(false);
-        }
-        let graph = self.optimizer.graph.take()?;
-        if self.optimizer.was_far {
+        if optimized.was_far {
             self.searches.swept = 0;
         }
-        // Keyframes since then move with the newest one.
-        let newest = graph.poses.len() - 1;
-        let correction = graph.poses[newest] * self.map.graph.poses[newest].inverse();
-        for (at, pose) in self.map.graph.poses.iter_mut().enumerate() {
-            *pose = match graph.poses.get(at) {
-                Some(optimized) => *optimized,
-                None => correction * *pose,
-            };
-        }
-        self.map_from_local = correction * self.map_from_local;
+        self.map_from_local = optimized.correction * self.map_from_local;
         self.map_from_local.rotation.renormalize();
-        let before = self.map.graph.edges.len();
-        let wrong = |edge: &Edge| {
-            edge.is_closure
-                && (edge.to as usize) <= newest
-                && self.map.graph.chi2(edge) > REMOVED_CHI2
-        };
-        let keep: Vec<bool> = self
-            .map
-            .graph
-            .edges
-            .iter()
-            .map(|edge| !wrong(edge))
-            .collect();
-        let mut keep = keep.into_iter();
-        self.map.graph.edges.retain(|_| keep.next().unwrap_or(true));
-        let removed = before - self.map.graph.edges.len();
-        self.closures.removed += removed as u64;
-        self.optimizer.waiting += removed as u32;
+        self.closures.removed += optimized.removed;
         Some(true)
     }
 }
