@@ -1,7 +1,7 @@
 //! Maps, scans, poses and events for Foxglove, over its WebSocket protocol, by its own SDK: each channel at most once a second, and
 //! only what a client subscribes to.
 //!
-//! One thread of low priority makes the messages from the tile store and [`OutputInputs`], as [`crate::ros2`] does. Nothing waits
+//! One thread of low priority makes the messages from the tile store and [`crate::publishing::output_inputs`], as [`crate::ros2`] does. Nothing waits
 //! for it. The server has no capability: a client can publish nothing, call nothing and set nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,7 +29,7 @@ use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS, Raster};
 use protocol::shores::site_letters;
 
 use crate::lock;
-use crate::ros2::{OutputSources, VehicleState};
+use crate::publishing::output_inputs::{OutputSources, VehicleState};
 use crate::thread_priority::lower_thread_priority;
 use mapping::registered_scan::{BeamOutcome, RegisteredScan};
 use measurement::pose::Pose;

@@ -99,7 +99,7 @@ fn one_file_turns_cells_into_tiles() {
     let found = lines_with(
         "robot-edge/edge/src",
         &["codes_mut", "TileCells::from_fn"],
-        &["cells_to_tiles.rs", "foxglove/tests.rs"],
+        &["cells_to_tiles.rs"],
     );
     assert_eq!(found, [""; 0]);
 }

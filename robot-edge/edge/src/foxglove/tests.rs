@@ -1,14 +1,15 @@
-use protocol::tile::{BootId, TileCells, TileKey};
+use protocol::tile::{BootId, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 
 use super::*;
+use crate::publishing::cells_to_tiles::tile_of;
 
 /// A raster from cell (0, 0), for which there are tiles.
 fn raster(layer: LayerId, tiles: (i32, i32), code: impl Fn(usize, usize) -> u16) -> Raster {
     let mut store = TileStore::new(BootId([1; 16]), 1000);
     store.set_grid(LayerGrid { layer, cell_m: 0.5 }).unwrap();
     for (ty, tx) in (0..tiles.1).flat_map(|ty| (0..tiles.0).map(move |tx| (ty, tx))) {
-        let cells = TileCells::from_fn(|x, y| code(64 * tx as usize + x, 64 * ty as usize + y));
+        let cells = tile_of(|x, y| code(64 * tx as usize + x, 64 * ty as usize + y));
         assert!(store.publish(TileKey { layer, tx, ty }, cells).is_ok());
     }
     let raster = Raster::of_layer(&store, layer, MAX_RASTER_CELLS);

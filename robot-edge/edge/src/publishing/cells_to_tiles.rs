@@ -164,7 +164,12 @@ fn site(site: &DockingSite) -> message::DockingSite {
 
 #[cfg(test)]
 pub(crate) fn uniform_tile(code: u16) -> TileCells {
-    TileCells::from_fn(|_, _| code)
+    tile_of(|_, _| code)
+}
+
+#[cfg(test)]
+pub(crate) fn tile_of(code: impl FnMut(usize, usize) -> u16) -> TileCells {
+    TileCells::from_fn(code)
 }
 
 #[cfg(test)]

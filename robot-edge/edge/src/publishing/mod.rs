@@ -3,6 +3,7 @@
 pub mod bandwidth_limiter;
 pub mod cells_to_tiles;
 pub mod keel_depth;
+pub mod output_inputs;
 pub mod publisher;
 pub mod replies;
 pub mod scan_downsampling;

@@ -14,6 +14,6 @@ mod twist;
 
 pub use inbox::{Inbox, RosMessage};
 pub use node::{RosEndpoint, RosLinkError, RosNode};
-pub use output::{Drops, OutputInputs, OutputSources, RosOutput, RosTarget, VehicleState};
+pub use output::{Drops, RosOutput, RosTarget};
 pub use session::RosLink;
 pub use twist::TwistPublisher;

@@ -3,15 +3,14 @@
 //! Two threads of low priority (the second has that of the first) make the messages: poses on one, maps on the other. They read the tile store, as the
 //! server of consoles does, and the newest pose and octree of [`OutputInputs`]. Nothing waits for them.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use protocol::layer::LayerId;
-use protocol::message::{Event, Shores};
 use protocol::mosaic::{KnownTiles, MAX_RASTER_CELLS, MosaicError, Raster};
 use protocol::tile_store::TileStore;
 use zenoh::bytes::ZBytes;
@@ -25,14 +24,11 @@ use super::node::{
 use crate::config::ros2_output::{Ros2OutputConfig, RosTopicConfig};
 use crate::export::voxels::octomap_tree;
 use crate::lock;
-use crate::publishing::trajectory::SharedTrajectory;
+use crate::publishing::output_inputs::{OutputInputs, OutputSources, VehicleState};
 use crate::thread_priority::lower_thread_priority;
-use mapping::octree::Octree;
-use mapping::registered_scan::{RegisteredScan, SensorId};
 use measurement::cloud::{Cloud, CloudPoint};
-use measurement::pose::Pose;
 use measurement::time::{Monotonic, RobotTime};
-use measurement::{Measurement, MeasurementData, StreamId, Twist};
+use measurement::{Measurement, MeasurementData, StreamId};
 use network::clock;
 use recording::ros::encode;
 use recording::ros::middleware::PublishedType;
@@ -48,117 +44,6 @@ const RETRY_PERIOD: Duration = Duration::from_secs(1);
 /// Late subscribers that wait for an answer.
 const MAX_QUERIES: usize = 16;
 
-/// The vehicle at one time.
-#[derive(Clone, Copy, Debug)]
-pub struct VehicleState {
-    pub stamp: RobotTime,
-    pub odom_from_base: Pose,
-    /// `None` while the vehicle is searched for in a saved map.
-    pub map_from_odom: Option<Pose>,
-    /// In the frame of the vehicle.
-    pub twist: Twist,
-}
-
-/// The newest that the stages of the pipeline hand over. The locks are held only for a move or a copy.
-#[derive(Clone, Debug, Default)]
-pub struct OutputInputs {
-    vehicle: Arc<Mutex<Option<VehicleState>>>,
-    octree: Arc<Mutex<OctreeRequest>>,
-    /// The first of each sensor since they were requested.
-    scans: Arc<Mutex<Option<Scans>>>,
-    shores: Arc<Mutex<Option<StampedShores>>>,
-    /// The last ones that nobody took.
-    events: Arc<Mutex<VecDeque<(RobotTime, Event)>>>,
-    /// What consoles must know, each once.
-    warnings: Arc<Mutex<Vec<String>>>,
-}
-
-type Scans = BTreeMap<SensorId, RegisteredScan>;
-type StampedShores = (RobotTime, Arc<Shores>);
-
-/// Events that wait; a newer one replaces the oldest.
-const MAX_EVENTS: usize = 256;
-
-#[derive(Debug, Default)]
-enum OctreeRequest {
-    #[default]
-    None,
-    Requested,
-    Made(RobotTime, Box<Octree>),
-}
-
-impl OutputInputs {
-    pub fn set_vehicle(&self, vehicle: VehicleState) {
-        *lock(&self.vehicle) = Some(vehicle);
-    }
-
-    pub fn vehicle(&self) -> Option<VehicleState> {
-        *lock(&self.vehicle)
-    }
-
-    /// Copies the scan, if it is requested.
-    pub fn offer_scan(&self, scan: &RegisteredScan) {
-        if let Some(scans) = &mut *lock(&self.scans) {
-            scans.entry(scan.sensor).or_insert_with(|| scan.clone());
-        }
-    }
-
-    /// The requested scans; `is_wanted` requests the next ones.
-    pub fn take_scans(&self, is_wanted: bool) -> Scans {
-        let next = is_wanted.then(Scans::new);
-        std::mem::replace(&mut *lock(&self.scans), next).unwrap_or_default()
-    }
-
-    pub fn set_shores(&self, stamp: RobotTime, shores: Arc<Shores>) {
-        *lock(&self.shores) = Some((stamp, shores));
-    }
-
-    pub fn shores(&self) -> Option<StampedShores> {
-        lock(&self.shores).clone()
-    }
-
-    pub fn add_event(&self, stamp: RobotTime, event: Event) {
-        let mut events = lock(&self.events);
-        if events.len() >= MAX_EVENTS {
-            events.pop_front();
-        }
-        events.push_back((stamp, event));
-    }
-
-    pub fn take_events(&self) -> VecDeque<(RobotTime, Event)> {
-        std::mem::take(&mut *lock(&self.events))
-    }
-
-    /// Copies the octree, if it is requested.
-    pub fn offer_octree(&self, stamp: RobotTime, octree: &Octree) {
-        if matches!(*lock(&self.octree), OctreeRequest::Requested) {
-            let copy = Box::new(octree.clone());
-            *lock(&self.octree) = OctreeRequest::Made(stamp, copy);
-        }
-    }
-
-    /// Nobody takes it any more: its memory is freed.
-    fn cancel_octree(&self) {
-        *lock(&self.octree) = OctreeRequest::None;
-    }
-
-    pub fn take_warnings(&self) -> Vec<String> {
-        std::mem::take(&mut *lock(&self.warnings))
-    }
-
-    /// The requested octree; the first call requests one.
-    fn take_octree(&self) -> Option<(RobotTime, Box<Octree>)> {
-        let mut request = lock(&self.octree);
-        match std::mem::take(&mut *request) {
-            OctreeRequest::Made(stamp, octree) => Some((stamp, octree)),
-            OctreeRequest::None | OctreeRequest::Requested => {
-                *request = OctreeRequest::Requested;
-                None
-            }
-        }
-    }
-}
-
 /// How the ROS 2 system is reached.
 #[derive(Clone, Debug)]
 pub enum RosTarget {
@@ -166,13 +51,6 @@ pub enum RosTarget {
     Node(RosNode),
     /// It is connected to as soon as it is there.
     Endpoint(RosEndpoint),
-}
-
-/// What is published of: shared with mapping.
-pub struct OutputSources {
-    pub inputs: OutputInputs,
-    pub store: Arc<Mutex<TileStore>>,
-    pub trajectory: SharedTrajectory,
 }
 
 /// Names of the frames.
@@ -705,7 +583,7 @@ impl Topic {
                 "{topic} is not published to ROS 2: its messages are larger than the {max_kb} kB of its `max_kb`"
             );
             tracing::warn!(message);
-            lock(&output.sources.inputs.warnings).push(message);
+            output.sources.inputs.add_warning(message);
         }
     }
 }

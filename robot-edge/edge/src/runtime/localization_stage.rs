@@ -14,7 +14,7 @@ use super::state_publisher::StatePublisher;
 use crate::driving::MapRequest;
 use crate::driving::velocity_estimator::VelocityEstimator;
 use crate::progress::{Progress, ProgressFigures};
-use crate::ros2::{OutputInputs, VehicleState};
+use crate::publishing::output_inputs::{OutputInputs, VehicleState};
 use crate::summary::StageTimer;
 use localization::registration::{RegistrationOutput, ScanRegistration};
 use measurement::time::{Monotonic, RobotTime};

@@ -40,6 +40,8 @@ pub struct Relocalizer {
     places: Vec<Place>,
     at: Isometry2<f64>,
     search: Option<MapSearch>,
+    /// Way driven when the last search that has ended began, metres.
+    searched_m: f64,
 }
 
 /// A search in the whole map for what the vehicle saw at one pose.
@@ -124,6 +126,7 @@ impl Relocalizer {
         }
         if let Some(mut search) = self.search.take() {
             if search.advance(map, settings) {
+                self.searched_m = search.driven_m;
                 let step = search.local_from_base.inv_mul(&self.at);
                 let found = search.places.into_iter().map(|mut place| {
                     place.map_from_base *= step;
@@ -144,7 +147,8 @@ impl Relocalizer {
         let distinct = DISTINCT.0 * (1.0 - best.explained) + DISTINCT.1;
         let is_sure = best.explained >= MIN_EXPLAINED.1
             && best.is_determined
-            && self.driven_m - best.since_m >= hold_m
+            // Then the whole map was searched again, for places that look like it.
+            && self.searched_m - best.since_m >= hold_m
             && self
                 .places
                 .get(1)

@@ -1,4 +1,7 @@
+use std::sync::Mutex;
+
 use mapping::Mapper;
+use measurement::Twist;
 use measurement::pose::planar;
 use protocol::tile::{BootId, TileKey};
 use protocol::tile_store::LayerGrid;
@@ -11,6 +14,7 @@ use super::super::test_router::{self, announced, free_endpoint};
 use super::*;
 use crate::config;
 use crate::publishing::cells_to_tiles::uniform_tile;
+use crate::publishing::trajectory::SharedTrajectory;
 
 const DOMAIN: u32 = 7;
 const FREE: u16 = 6;
@@ -118,7 +122,7 @@ impl Rig {
     }
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+fn wait_until(what: &str, mut is_so: impl FnMut() -> bool) {
     let began = clock::now();
     while !is_so() {
         assert!(clock::elapsed(began) < Duration::from_mins(1), "{what}");
@@ -190,10 +194,7 @@ fn nothing_is_made_for_nobody_and_what_is_too_large_is_counted() {
     rig.publish(LayerId::Cost, [0, 0], 1);
     thread::sleep(Duration::from_millis(1500));
     offer(1);
-    assert!(
-        matches!(*lock(&rig.inputs.octree), OctreeRequest::None),
-        "nobody subscribes"
-    );
+    assert!(!rig.inputs.has_octree_request(), "nobody subscribes");
 
     let poses = rig.subscribe("/tf", PublishedType::TF);
     let octomaps = rig.subscribe("/octomap", PublishedType::OCTOMAP);
@@ -221,8 +222,11 @@ fn nothing_is_made_for_nobody_and_what_is_too_large_is_counted() {
     );
     assert_eq!(*poses.lock().unwrap(), [expected]);
     // 4096 cells and a header.
-    wait_until("a warning", || !lock(&rig.inputs.warnings).is_empty());
-    let warnings = rig.inputs.take_warnings();
+    let mut warnings = Vec::new();
+    wait_until("a warning", || {
+        warnings.extend(rig.inputs.take_warnings());
+        !warnings.is_empty()
+    });
     assert!(
         warnings.len() == 1 && warnings[0].contains("/cost_map") && warnings[0].contains("4 kB"),
         "{warnings:?}"
