@@ -80,7 +80,9 @@ pub struct Voxels {
     pub free: u64,
     /// Memory of all of them.
     pub bytes: u64,
-    /// Bricks that became one voxel each to keep the memory limit.
+    /// Bricks that went to disk to keep the memory limit; many came back.
+    pub disk_bricks: usize,
+    /// Bricks that became one voxel each to keep it.
     pub coarse_bricks: usize,
     /// Bricks that were evicted to keep it.
     pub evicted_bricks: usize,

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::message::VoxelFile;
 use protocol::packed_file::PackedFile;
@@ -16,7 +16,7 @@ use super::octomap_bt::{self, BtWriteError, BtWriter};
 use crate::publishing::cells_to_tiles::key;
 use crate::publishing::voxel_snapshots::VoxelSnapshot;
 use mapping::grid::VoxelIndex;
-use mapping::octree::{Octree, SurfaceVoxel};
+use mapping::octree::Octree;
 use measurement::time::RobotTime;
 
 #[derive(Debug, thiserror::Error)]
@@ -190,7 +190,7 @@ fn write_points<'a>(
         .occupied()
         .map(|(voxel, surface)| {
             let corner = Point3::new(voxel.x, voxel.y, voxel.z).map(f64::from);
-            let inside = surface.map_or_else(|| nalgebra::Vector3::repeat(0.5), SurfaceVoxel::mean);
+            let inside = surface.map_or_else(|| Vector3::repeat(0.5), |surface| surface.mean());
             PlyPoint {
                 point: (corner + inside) * cell_m,
                 class: class_of(voxel, &cells),

@@ -440,8 +440,10 @@ impl Maps {
         }
         let progress = &mut self.progress;
         let limited = &mut progress.report.limited;
+        limited.on_disk += now.on_disk;
         limited.coarse += now.coarse;
         limited.removed += now.removed;
+        limited.disk_error = now.disk_error.or(limited.disk_error);
         let reported_at = progress
             .evictions_reported_at
             .filter(|&reported_at| reported_at <= stamp);
@@ -449,10 +451,18 @@ impl Maps {
             .is_none_or(|reported_at| stamp.since(reported_at) >= EVICTION_REPORT_INTERVAL)
         {
             progress.evictions_reported_at = Some(stamp);
-            let LimitedBricks { coarse, removed } = progress.report.limited;
+            let LimitedBricks {
+                on_disk,
+                coarse,
+                removed,
+                disk_error,
+            } = progress.report.limited;
+            let disk = disk_error.map_or_else(String::new, |why| {
+                format!("; the disk (TMPDIR, mapping.octree.disk_limit_mb) failed: {why}")
+            });
             let message = format!(
                 "the octree is at its memory limit (mapping.octree.memory_limit_mb): of the bricks of 4 x 4 x 4 voxels farthest \
-                 from the vehicle {coarse} became one voxel each so far, and {removed} are gone"
+                 from the vehicle {on_disk} went to disk so far, {coarse} became one voxel each, and {removed} are gone{disk}"
             );
             self.add_event(stamp, "voxels_evicted", message);
         }

@@ -363,6 +363,7 @@ fn voxels(maps: &Maps) -> Option<Voxels> {
         occupied: counts.occupied,
         free: counts.free,
         bytes: octree.bytes() as u64,
+        disk_bricks: maps.report().limited.on_disk,
         coarse_bricks: maps.report().limited.coarse,
         evicted_bricks: maps.report().limited.removed,
         digest: voxel_digest(octree),

@@ -4,6 +4,8 @@
 //! at most three known values. Few beams reach bricks far from the vehicle, and most of them stay
 //! packed: a third of the memory, and an update is some twenty operations on 64 voxels at once.
 
+use serde::{Deserialize, Serialize};
+
 use crate::octree::log_odds_table::{EVEN, UNKNOWN, Update, Values};
 use crate::octree::scratch_pages::{BrickMarks, MarkedBlock};
 use crate::octree::surface::SurfaceVoxel;
@@ -20,6 +22,15 @@ pub(super) struct Block {
     bricks: Vec<Brick>,
     packed: Vec<PackedBrick>,
     /// Voxels with hits, ascending by address.
+    surface: Vec<(u16, SurfaceVoxel)>,
+}
+
+/// A block in a file.
+#[derive(Serialize, Deserialize)]
+struct BlockRecord {
+    children: Vec<u8>,
+    bricks: Vec<u8>,
+    packed: Vec<PackedBrick>,
     surface: Vec<(u16, SurfaceVoxel)>,
 }
 
@@ -49,6 +60,53 @@ impl Block {
             packed: Vec::new(),
             surface: Vec::new(),
         }
+    }
+
+    /// As [`Block::from_bytes`] reads it, without untaken changes.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let record = BlockRecord {
+            children: self.children.to_vec(),
+            bricks: self.bricks.iter().flat_map(|brick| brick.0).collect(),
+            packed: self.packed.clone(),
+            surface: self.surface.clone(),
+        };
+        // Never fails: every length is known.
+        postcard::to_stdvec(&record).unwrap_or_default()
+    }
+
+    /// `None` if the bytes are not those of [`Block::to_bytes`].
+    pub(super) fn from_bytes(index: BlockIndex, bytes: &[u8]) -> Option<Self> {
+        let record: BlockRecord = postcard::from_bytes(bytes).ok()?;
+        let bricks = record
+            .bricks
+            .as_chunks()
+            .0
+            .iter()
+            .map(|&voxels| Brick(voxels));
+        Some(Self {
+            index,
+            children: record.children.try_into().ok()?,
+            changed: 0,
+            bricks: bricks.collect(),
+            packed: record.packed,
+            surface: record.surface,
+        })
+    }
+
+    /// Replaces what is known of it by `other`, all of whose columns have changed then. Returns whether these are the first
+    /// untaken changes.
+    pub(super) fn replace(&mut self, other: Self) -> bool {
+        let was_changed = self.changed != 0;
+        *self = Self {
+            changed: u16::MAX,
+            ..other
+        };
+        !was_changed
+    }
+
+    /// Whether it holds more than a value for each brick.
+    pub(super) const fn is_fine(&self) -> bool {
+        !(self.bricks.is_empty() && self.packed.is_empty() && self.surface.is_empty())
     }
 
     pub(super) fn value(&self, address: usize, values: Values) -> u8 {
@@ -170,9 +228,9 @@ impl Block {
         std::mem::replace(&mut self.changed, 0)
     }
 
-    /// Number of full and of packed bricks.
-    pub(super) fn stored(&self) -> (usize, usize) {
-        (self.bricks.len(), self.packed.len())
+    /// Number of bricks that are not uniform.
+    pub(super) const fn stored(&self) -> usize {
+        self.bricks.len() + self.packed.len()
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -398,7 +456,7 @@ fn bytes_of(bits: u64) -> [u8; BRICK_VOXELS] {
 }
 
 /// 64 voxels with up to three known values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct PackedBrick {
     /// Low and high bit of each voxel's index in `values`, from 1; 0 is unknown.
     planes: [u64; 2],

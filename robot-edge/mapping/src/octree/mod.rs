@@ -7,6 +7,7 @@
 //! vector instructions. Two *shards* are updated in parallel.
 
 mod block;
+mod disk_blocks;
 mod log_odds_table;
 mod queries;
 mod ray_marks;
@@ -14,7 +15,9 @@ mod scratch_pages;
 mod surface;
 mod voxel_address;
 
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
+use std::io;
 
 use nalgebra::Point3;
 use rustc_hash::FxBuildHasher;
@@ -22,6 +25,7 @@ use serde::Deserialize;
 
 use crate::grid::VoxelIndex;
 use crate::octree::block::Block;
+use crate::octree::disk_blocks::DiskBlocks;
 use crate::octree::log_odds_table::{LogOddsTable, Update, Values};
 use crate::octree::ray_marks::RayMarks;
 use crate::octree::scratch_pages::ShardMarks;
@@ -57,6 +61,8 @@ pub struct Octree {
     limit_bytes: usize,
     /// Blocks no farther from the vehicle stay fine.
     fine_blocks: f64,
+    /// Block that the vehicle was in when blocks came from disk the last time.
+    fine_around: Option<BlockIndex>,
     steps: LogOddsTable,
     updates: Vec<Update>,
     shards: [Shard; SHARDS],
@@ -71,10 +77,14 @@ pub struct Octree {
 /// What the memory limit did, bricks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LimitedBricks {
+    /// Went to disk: they come back when a beam or the vehicle comes near.
+    pub on_disk: usize,
     /// Became one voxel each.
     pub coarse: usize,
     /// Became unknown.
     pub removed: usize,
+    /// Why the disk did not take or give bricks.
+    pub disk_error: Option<io::ErrorKind>,
 }
 
 /// A column of bricks: columns (x, y) of voxels from `4·x … 4·x + 3` by `4·y … 4·y + 3`.
@@ -98,13 +108,18 @@ impl Octree {
     /// map does not depend on `threads`.
     pub fn new(config: &OctreeConfig, sensors: &[RangeSensorModel], threads: usize) -> Self {
         let steps = LogOddsTable::new(config, sensors);
+        let disk_bytes = u64::from(config.disk_limit_mb) * 1_000_000;
         Self {
             cell_m: config.cell_m,
             limit_bytes: config.memory_limit_mb as usize * 1_000_000,
             fine_blocks: config.fine_m / (config.cell_m * f64::from(BLOCK_EDGE)),
+            fine_around: None,
             steps,
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
-            shards: Default::default(),
+            shards: std::array::from_fn(|_| Shard {
+                disk: DiskBlocks::new(disk_bytes / SHARDS as u64),
+                ..Shard::default()
+            }),
             rays: Vec::new(),
             ends: HashSet::default(),
             marks: vec![RayMarks::new(); threads.clamp(1, 2)],
@@ -195,14 +210,16 @@ impl Octree {
     }
 
     /// If the blocks exceed the memory limit, makes those farthest from `center` coarse, and where they all are, removes the
-    /// farthest, until 31/32 of the limit remain (so that not every call does it). Returns how many bricks.
+    /// farthest, until 31/32 of the limit remain (so that not every call does it). They go to disk, as far as that has room, and
+    /// come back when a beam meets them or `center` comes near. Returns how many bricks.
     pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> LimitedBricks {
+        let center = split(VoxelIndex::containing(center, self.cell_m)).0;
+        self.fetch_near(center);
         let mut bytes = self.block_bytes();
         if bytes <= self.limit_bytes {
-            return LimitedBricks::default();
+            return self.take_disk_error(LimitedBricks::default());
         }
         let limit = self.limit_bytes - self.limit_bytes / 32;
-        let center = split(VoxelIndex::containing(center, self.cell_m)).0;
         let order = |block: &Block| (block.index.distance_squared(center), block.index);
         let mut farthest: Vec<_> = self
             .blocks()
@@ -231,27 +248,67 @@ impl Octree {
         let values = self.values();
         let mut limited = LimitedBricks::default();
         for shard in &mut self.shards {
-            limited.removed += shard.retain(|block| !is_beyond(removed_from, block));
-            limited.coarse += shard.coarsen(|block| is_beyond(coarse_from, block), values);
+            shard.evict(|block| is_beyond(removed_from, block), &mut limited);
+            let is_far = |block: &Block| is_beyond(coarse_from, block);
+            shard.coarsen(is_far, values, &mut limited);
         }
-        limited
+        self.take_disk_error(limited)
     }
 
-    /// Makes the blocks farther than this from `center` coarse.
+    fn take_disk_error(&mut self, limited: LimitedBricks) -> LimitedBricks {
+        let mut errors = self.shards.iter_mut().map(|shard| shard.disk.take_error());
+        LimitedBricks {
+            disk_error: errors.find_map(|error| error),
+            ..limited
+        }
+    }
+
+    /// Brings blocks near the vehicle back from disk, at most half of what memory holds.
+    fn fetch_near(&mut self, center: BlockIndex) {
+        if self.fine_around.replace(center) == Some(center) {
+            return;
+        }
+        let fine_squared = self.fine_blocks * self.fine_blocks;
+        let is_near = |index: &BlockIndex| index.distance_squared(center) as f64 <= fine_squared;
+        for shard in &mut self.shards {
+            let mut near: Vec<_> = shard.disk.indices().filter(is_near).collect();
+            near.sort_unstable_by_key(|index| (index.distance_squared(center), *index));
+            let limit = shard.block_bytes + self.limit_bytes / 2 / SHARDS;
+            for index in near {
+                if shard.block_bytes > limit {
+                    break;
+                }
+                shard.place(index);
+            }
+        }
+    }
+
+    /// Makes the blocks farther than this from `center` coarse, for good.
     pub fn coarsen_beyond(&mut self, center: Point3<f64>, distance_m: f64) {
         let center = split(VoxelIndex::containing(center, self.cell_m)).0;
         let blocks = distance_m / (self.cell_m * f64::from(BLOCK_EDGE));
         let values = self.values();
-        let is_far = |block: &Block| block.index.distance_squared(center) as f64 > blocks * blocks;
+        let is_far = |index: BlockIndex| index.distance_squared(center) as f64 > blocks * blocks;
         for shard in &mut self.shards {
-            shard.coarsen(is_far, values);
+            shard.disk.retain(|index| !is_far(index));
+            for block in shard.blocks.iter_mut().filter(|block| is_far(block.index)) {
+                shard.block_bytes -= block.bytes() - size_of::<Block>();
+                if block.coarsen(values) {
+                    shard.changed.push(block.index);
+                }
+            }
         }
     }
 
     /// Erases everything.
     pub fn erase(&mut self) {
         for shard in &mut self.shards {
-            shard.retain(|_| false);
+            shard
+                .gone
+                .extend(shard.places.drain().map(|(index, _)| index));
+            shard.blocks = Vec::new();
+            shard.block_bytes = 0;
+            shard.disk.retain(|_| false);
         }
     }
 
@@ -350,6 +407,21 @@ impl Octree {
         self.shards.iter().flat_map(Shard::blocks)
     }
 
+    /// Of every block, also of those that are on disk only, in no particular order.
+    fn indices(&self) -> impl Iterator<Item = BlockIndex> + '_ {
+        self.shards.iter().flat_map(|shard| {
+            let is_gone = |index: &BlockIndex| !shard.places.contains_key(index);
+            let gone = shard.disk.indices().filter(is_gone);
+            shard.places.keys().copied().chain(gone)
+        })
+    }
+
+    /// As [`Octree::blocks`], those that are on disk as they were.
+    fn whole_blocks(&self) -> impl Iterator<Item = Cow<'_, Block>> {
+        self.indices()
+            .filter_map(|index| self.shards[index.shard()].whole_block(index))
+    }
+
     fn block_bytes(&self) -> usize {
         self.shards.iter().map(Shard::block_bytes).sum()
     }
@@ -399,6 +471,8 @@ pub struct OctreeConfig {
     pub memory_limit_mb: u32,
     /// Within this distance of the vehicle they stay fine, metres.
     pub fine_m: f64,
+    /// Of the file that keeps the others as they were, megabytes; 0: they lose what is finer.
+    pub disk_limit_mb: u32,
 }
 
 /// Parameters of a range sensor.
@@ -425,6 +499,7 @@ impl Default for OctreeConfig {
             p_max: 0.6,
             memory_limit_mb: 256,
             fine_m: 40.0,
+            disk_limit_mb: 2000,
         }
     }
 }
@@ -450,6 +525,7 @@ struct Shard {
     blocks: Vec<Block>,
     places: HashMap<BlockIndex, u32, FxBuildHasher>,
     block_bytes: usize,
+    disk: DiskBlocks,
     /// Indices of the blocks that the current scan marks.
     marked: Vec<u32>,
     /// Blocks with untaken changes, or that were removed.
@@ -461,6 +537,12 @@ impl Shard {
     fn block(&self, index: BlockIndex) -> Option<&Block> {
         let place = self.places.get(&index);
         place.map(|&place| &self.blocks[place as usize])
+    }
+
+    /// As it was before the memory limit made it coarse.
+    fn whole_block(&self, index: BlockIndex) -> Option<Cow<'_, Block>> {
+        let on_disk = self.disk.read(index).map(Cow::Owned);
+        on_disk.or_else(|| self.block(index).map(Cow::Borrowed))
     }
 
     /// In no particular order.
@@ -527,34 +609,50 @@ impl Shard {
         }
     }
 
-    /// Keeps the blocks that `is_kept` accepts; returns the number of removed bricks.
-    fn retain(&mut self, is_kept: impl Fn(&Block) -> bool) -> usize {
-        let (kept, evicted): (Vec<_>, Vec<_>) = std::mem::take(&mut self.blocks)
+    /// Removes the blocks that `is_far` accepts.
+    fn evict(&mut self, is_far: impl Fn(&Block) -> bool, limited: &mut LimitedBricks) {
+        let (evicted, kept): (Vec<_>, Vec<_>) = std::mem::take(&mut self.blocks)
             .into_iter()
-            .partition(is_kept);
+            .partition(is_far);
         self.block_bytes = kept.iter().map(Block::bytes).sum();
         self.places = (0..)
             .zip(&kept)
             .map(|(place, block)| (block.index, place))
             .collect();
         self.blocks = kept;
-        self.gone.extend(evicted.iter().map(|block| block.index));
-        let stored = evicted.iter().map(Block::stored);
-        stored.map(|(full, packed)| full + packed).sum()
+        for block in evicted {
+            self.gone.push(block.index);
+            if !self.disk.contains(block.index) {
+                let stored = self.disk.store(&block);
+                *(if stored {
+                    &mut limited.on_disk
+                } else {
+                    &mut limited.removed
+                }) += block.stored();
+            }
+        }
     }
 
-    /// Makes the blocks that `is_far` accepts coarse; returns the number of their bricks.
-    fn coarsen(&mut self, is_far: impl Fn(&Block) -> bool, values: Values) -> usize {
-        let mut bricks = 0;
-        for block in self.blocks.iter_mut().filter(|block| is_far(block)) {
-            let (full, packed) = block.stored();
-            bricks += full + packed;
+    /// Makes the blocks that `is_far` accepts coarse.
+    fn coarsen(
+        &mut self,
+        is_far: impl Fn(&Block) -> bool,
+        values: Values,
+        limited: &mut LimitedBricks,
+    ) {
+        let is_far = |block: &&mut Block| block.is_fine() && is_far(block);
+        for block in self.blocks.iter_mut().filter(is_far) {
+            let stored = self.disk.store(block);
+            *(if stored {
+                &mut limited.on_disk
+            } else {
+                &mut limited.coarse
+            }) += block.stored();
             self.block_bytes -= block.bytes() - size_of::<Block>();
             if block.coarsen(values) {
                 self.changed.push(block.index);
             }
         }
-        bricks
     }
 
     const fn block_bytes(&self) -> usize {
@@ -562,7 +660,7 @@ impl Shard {
     }
 
     fn index_bytes(&self) -> usize {
-        self.places.capacity() * (size_of::<(BlockIndex, u32)>() + 1)
+        self.places.capacity() * (size_of::<(BlockIndex, u32)>() + 1) + self.disk.bytes()
     }
 
     /// Finds or creates the block of each page of marks.
@@ -570,16 +668,31 @@ impl Shard {
         self.marked.clear();
         let mut fetched = 0;
         for index in marks.blocks() {
-            let place = *self.places.entry(index).or_insert_with(|| {
-                self.blocks.push(Block::new(index));
-                self.block_bytes += size_of::<Block>();
-                (self.blocks.len() - 1) as u32
-            });
+            let place = self.place(index);
             fetched ^= self.blocks[place as usize].fetch_header();
             self.marked.push(place);
         }
         // Otherwise the read would be optimised away.
         std::hint::black_box(fetched);
+    }
+
+    /// Finds or creates a block, and brings it from disk.
+    fn place(&mut self, index: BlockIndex) -> u32 {
+        let place = *self.places.entry(index).or_insert_with(|| {
+            self.blocks.push(Block::new(index));
+            self.block_bytes += size_of::<Block>();
+            (self.blocks.len() - 1) as u32
+        });
+        if !self.disk.is_empty()
+            && let Some(whole) = self.disk.take(index)
+        {
+            let block = &mut self.blocks[place as usize];
+            self.block_bytes = self.block_bytes + whole.bytes() - block.bytes();
+            if block.replace(whole) {
+                self.changed.push(index);
+            }
+        }
+        place
     }
 }
 

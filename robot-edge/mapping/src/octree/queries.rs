@@ -136,7 +136,7 @@ impl Octree {
     /// Counts all known voxels.
     pub fn counts(&self) -> VoxelCounts {
         let mut counts = VoxelCounts::default();
-        for block in self.blocks() {
+        for block in self.whole_blocks() {
             for number in 0..BLOCK_BRICKS {
                 let states = block.states(number, self.values());
                 let occupied = u64::from(states.occupied.count_ones());
@@ -152,20 +152,24 @@ impl Octree {
         &self,
         order: impl Fn(VoxelIndex) -> K,
     ) -> impl Iterator<Item = KnownBlock> {
-        let mut blocks: Vec<_> = self.blocks().collect();
-        blocks.sort_by_cached_key(|block| order(block.index.first_voxel()));
-        let known = blocks.into_iter().map(|block| KnownBlock {
-            least: block.index.first_voxel(),
-            bricks: std::array::from_fn(|number| block.states(number, self.values())),
+        let mut indices: Vec<_> = self.indices().collect();
+        indices.sort_by_cached_key(|index| order(index.first_voxel()));
+        let known = indices.into_iter().filter_map(|index| {
+            let block = self.shards[index.shard()].whole_block(index)?;
+            Some(KnownBlock {
+                least: index.first_voxel(),
+                bricks: std::array::from_fn(|number| block.states(number, self.values())),
+            })
         });
         known.filter(|block| block.bricks.iter().any(|brick| brick.known != 0))
     }
 
     /// Every occupied voxel with its surface, in a deterministic but arbitrary order. Of a coarse brick it is the one in the
     /// middle.
-    pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<&SurfaceVoxel>)> + '_ {
-        self.blocks().flat_map(move |block| {
-            (0..BLOCK_BRICKS).flat_map(move |number| {
+    pub fn occupied(&self) -> impl Iterator<Item = (VoxelIndex, Option<SurfaceVoxel>)> + '_ {
+        self.whole_blocks().flat_map(move |block| {
+            let mut voxels = Vec::new();
+            for number in 0..BLOCK_BRICKS {
                 let occupied = block.states(number, self.values()).occupied;
                 let is_coarse = occupied == u64::MAX && !block.has_surfaces(number);
                 let occupied = if is_coarse {
@@ -173,12 +177,12 @@ impl Octree {
                 } else {
                     occupied
                 };
-                let voxels = (0..BRICK_VOXELS).filter(move |voxel| occupied >> voxel & 1 == 1);
-                voxels.map(move |voxel| {
+                for voxel in (0..BRICK_VOXELS).filter(|voxel| occupied >> voxel & 1 == 1) {
                     let address = number * BRICK_VOXELS + voxel;
-                    (block.index.voxel(address), block.surface(address))
-                })
-            })
+                    voxels.push((block.index.voxel(address), block.surface(address).copied()));
+                }
+            }
+            voxels
         })
     }
 

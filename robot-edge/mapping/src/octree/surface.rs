@@ -2,6 +2,7 @@
 //! 5).
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::grid::VoxelIndex;
 
@@ -18,7 +19,7 @@ const MEMORY: u16 = 64;
 ///
 /// A laser spot across a crest or an edge returns a part of itself, and the hit is placed in its
 /// middle. So the mean is of the finest hits only.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceVoxel {
     /// Hits in the mean.
     hits: u16,

@@ -13,6 +13,7 @@ fn config() -> OctreeConfig {
         p_max: 0.971,
         memory_limit_mb: 100,
         fine_m: 40.0,
+        disk_limit_mb: 0,
     }
 }
 
@@ -272,10 +273,7 @@ fn what_saturates_takes_no_memory() {
         "{} after {stored}",
         octree.bytes()
     );
-    let bricks: usize = octree
-        .blocks()
-        .map(|block| block.stored().0 + block.stored().1)
-        .sum();
+    let bricks: usize = octree.blocks().map(Block::stored).sum();
     assert!(bricks < 20 * 15 * 15 / 3, "{bricks} bricks are left");
     assert_eq!(octree.state(voxel(3, 3, 3)), VoxelState::Free);
 }
@@ -440,4 +438,84 @@ fn hits_set_the_surface() {
     assert_eq!((surface.intra(), surface.inter()), (Some(0.5), None));
     assert_eq!(octree.take_changed(), [BrickColumn { x: 2, y: 0 }]);
     assert_eq!(octree.occupied().count(), 1);
+}
+
+/// Beams and hits of a scan at `x`.
+fn look_around(octree: &mut Octree, x: f64) {
+    let beams = (0..90).map(|beam| {
+        let angle = f64::from(beam) * 0.07;
+        let (y, z) = (6.0 * libm::sin(angle), libm::sin(5.0 * angle + x));
+        ray([x, 0.0, 0.0], [x + 6.0 * libm::cos(angle), y, z], true)
+    });
+    let beams: Vec<_> = beams.collect();
+    octree.integrate(SENSOR, beams.iter().copied());
+    let hits = beams.iter().map(|beam| SurfaceHit {
+        point: beam.end,
+        spot_m: 0.01,
+        intra: 0.5,
+        inter: f32::NAN,
+    });
+    octree.add_surfaces(hits, [0.1; 2]);
+}
+
+fn assert_same_around_origin(octree: &Octree, other: &Octree) {
+    for n in -60..60 {
+        for m in -60..60 {
+            let at = voxel(n, m, 3);
+            assert_eq!(octree.probability(at), other.probability(at), "{at:?}");
+        }
+    }
+}
+
+#[test]
+fn what_goes_to_disk_comes_back_as_it_was() {
+    for fine_m in [20.0, f64::INFINITY] {
+        let new = |memory_limit_mb, disk_limit_mb| {
+            let config = OctreeConfig {
+                memory_limit_mb,
+                fine_m,
+                disk_limit_mb,
+                ..config()
+            };
+            Octree::new(&config, &[model()], 1)
+        };
+        let (mut limited, mut little_disk, mut unlimited) = (new(1, 100), new(1, 1), new(100, 0));
+        let (mut on_disk, mut lost) = (0, 0);
+        // There and back.
+        for n in (0..400).chain((0..400).rev()) {
+            let x = f64::from(n) * 0.5;
+            for octree in [&mut limited, &mut little_disk, &mut unlimited] {
+                look_around(octree, x);
+            }
+            let center = Point3::new(x, 0.0, 0.0);
+            let now = limited.enforce_memory_limit(center);
+            on_disk += now.on_disk;
+            assert_eq!((now.coarse, now.removed, now.disk_error), (0, 0, None));
+            assert!(limited.block_bytes() < 1_000_000);
+            let now = little_disk.enforce_memory_limit(center);
+            lost += now.coarse + now.removed;
+            if n == 399 {
+                let unlimited_now = unlimited.enforce_memory_limit(center);
+                assert_eq!(unlimited_now, LimitedBricks::default());
+                let mut copy = limited.clone();
+                copy.enforce_memory_limit(Point3::origin());
+                assert_same_around_origin(&copy, &unlimited);
+                copy.coarsen_beyond(Point3::origin(), 10.0);
+                assert!(states(&copy) != states(&unlimited));
+                assert!(states(&limited) == states(&unlimited));
+            }
+        }
+        assert!(on_disk > 10_000 && lost > 1000, "{on_disk} {lost}");
+        assert!(states(&limited) == states(&unlimited));
+        assert_eq!(limited.counts(), unlimited.counts());
+        let surfaces = |octree: &Octree| {
+            let mut of_voxels: Vec<_> = octree.occupied().collect();
+            of_voxels.sort_by_key(|(at, _)| *at);
+            format!("{of_voxels:?}") // NaN equals itself here
+        };
+        assert!(surfaces(&limited) == surfaces(&unlimited));
+        assert_same_around_origin(&limited, &unlimited);
+        limited.erase();
+        assert_eq!(states(&limited), BTreeMap::new());
+    }
 }

@@ -215,6 +215,11 @@ pub(super) const RULES: &[Rule] = &[
         "around the vehicle voxels stay as they are",
     ),
     (
+        &["mapping.octree.disk_limit_mb"],
+        Whole(0, 1_000_000),
+        "a file keeps the voxels that memory has no room for",
+    ),
+    (
         &["mapping.cost.box_half_height_m"],
         Within(0.5, 50.0),
         "the box must hold the ground under the vehicle and what stands on it",
