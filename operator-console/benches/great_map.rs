@@ -26,7 +26,7 @@ use operator_console::theme;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{Info, LayerHead, LayerInfo, MapHead, Pose, TileBand};
-use protocol::tile::codec::Encoder;
+use protocol::tile::codec;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
@@ -143,7 +143,6 @@ const BOOT: BootId = BootId([7; 16]);
 const STORE_MB: u32 = 256;
 
 struct Robot {
-    encoder: Encoder,
     seq: u64,
     /// Of the newest tile that has changed.
     revision: u64,
@@ -178,9 +177,8 @@ fn great_map(has_two_layers: bool) -> (Robot, ConsoleModel) {
         tile_store_mb,
         layers: LayerId::ALL.into(),
     };
-    let mut model = ConsoleModel::new(settings).unwrap();
+    let mut model = ConsoleModel::new(settings);
     let mut robot = Robot {
-        encoder: Encoder::new().unwrap(),
         seq: 0,
         revision: 1_000_000,
     };
@@ -283,7 +281,7 @@ impl Robot {
         };
         let digest = cells.digest();
         let now = clock::now();
-        for rows in self.encoder.encode(&cells) {
+        for rows in codec::encode(layer, &cells) {
             let band = TileBand {
                 epoch: 0,
                 revision,

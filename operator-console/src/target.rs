@@ -59,7 +59,7 @@ impl Target {
             credentials: self.credentials.clone(),
             ..Endpoints::default()
         };
-        Ok(RobotSession::open(model, &endpoints, || {})?)
+        Ok(RobotSession::open(model, &endpoints, || {}))
     }
 
     fn start_discovery(&self) -> Discovery {

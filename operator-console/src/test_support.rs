@@ -11,7 +11,7 @@ use protocol::message::{
     LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings, ShoreClass,
     ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
 };
-use protocol::tile::codec::Encoder;
+use protocol::tile::codec;
 use protocol::tile::{BootId, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
@@ -42,7 +42,6 @@ pub(crate) fn console(robot: &str, layers: &[LayerId]) -> ConsoleModel {
         tile_store_mb: 10,
         layers: layers.iter().copied().collect(),
     })
-    .unwrap()
 }
 
 /// The same for `scout` without layers.
@@ -121,7 +120,7 @@ pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotoni
 
 pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
     let tile = store.tile(key).unwrap();
-    for rows in Encoder::new().unwrap().encode(&tile.cells) {
+    for rows in codec::encode(key.layer, &tile.cells) {
         let band = TileBand {
             epoch: tile.epoch,
             revision: tile.revision,

@@ -60,7 +60,7 @@ impl Rig {
             connect: vec![playback.robot().endpoint.clone()],
             ..Endpoints::default()
         };
-        let session = RobotSession::open(settings, &endpoints, || {}).unwrap();
+        let session = RobotSession::open(settings, &endpoints, || {});
         Self { playback, session }
     }
 

@@ -84,7 +84,7 @@ impl Run {
         };
         Self {
             edge: Edge::start(1),
-            model: ConsoleModel::new(settings).unwrap(),
+            model: ConsoleModel::new(settings),
             link: Link {
                 on_the_way: VecDeque::new(),
                 loss_percent,
@@ -282,7 +282,6 @@ struct Edge {
     robot: RobotId,
     boot: BootId,
     store: Mutex<TileStore>,
-    encoder: Encoder,
     seq: u64,
 }
 
@@ -297,7 +296,6 @@ impl Edge {
             robot: "scout".parse().unwrap(),
             boot,
             store: Mutex::new(store),
-            encoder: Encoder::new().unwrap(),
             seq: 0,
         }
     }
@@ -333,10 +331,13 @@ impl Edge {
                 };
         }
         let _published = self.store.get_mut().unwrap().publish(key, cells).unwrap();
-        let bands = replies::bands(&self.store, &mut self.encoder, key);
-        bands
-            .iter()
-            .map(|(_, band)| self.message(Topic::Tile(key), band))
+        let (layer, tx, ty) = (key.layer, key.tx, key.ty);
+        let bands = replies::bands(&self.store, key).into_iter();
+        let changes = bands.map(|(_, band)| Changes {
+            tiles: vec![ChangedTile { tx, ty, band }],
+        });
+        changes
+            .map(|changes| self.message(Topic::Changes(layer), &changes))
             .collect()
     }
 
@@ -361,13 +362,7 @@ impl Edge {
                 vec![self.message(topic, &info)]
             }
             Topic::Tiles(layer) => {
-                let replies = replies::tiles(
-                    &self.store,
-                    &mut self.encoder,
-                    layer,
-                    &request(payload),
-                    [0.0; 2],
-                );
+                let replies = replies::tiles(&self.store, layer, &request(payload), [0.0; 2]);
                 replies
                     .iter()
                     .map(|(_, reply)| self.message(topic, reply))
@@ -389,7 +384,7 @@ impl Edge {
             | Topic::Ping
             | Topic::Shores
             | Topic::View
-            | Topic::Tile(_)
+            | Topic::Changes(_)
             | Topic::Voxels
             | Topic::Trajectory
             | Topic::Scan

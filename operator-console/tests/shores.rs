@@ -121,7 +121,7 @@ impl Rig {
             boot: BootId([7; 16]),
             seq: 0,
             epoch,
-            model: ConsoleModel::new(settings()).unwrap(),
+            model: ConsoleModel::new(settings()),
         };
         rig.announce(0);
         let request = rig.asked("info", 0).unwrap().0;
@@ -320,7 +320,7 @@ fn shores_arrive_and_both_sides_export_the_same() {
         connect: vec![endpoint],
         ..Endpoints::default()
     };
-    let first = RobotSession::open(settings(), &endpoints, || {}).unwrap();
+    let first = RobotSession::open(settings(), &endpoints, || {});
     wait_for(&first, 100);
     publish_state.set_shores(stamp, Arc::new(shores(200)));
     wait_for(&first, 200);
@@ -328,7 +328,7 @@ fn shores_arrive_and_both_sides_export_the_same() {
         session: BootId([2; 16]),
         ..settings()
     };
-    let late = RobotSession::open(late, &endpoints, || {}).unwrap();
+    let late = RobotSession::open(late, &endpoints, || {});
     wait_for(&late, 200);
 
     let dir = tempfile::tempdir().unwrap();

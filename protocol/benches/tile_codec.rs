@@ -11,7 +11,7 @@
 use divan::Bencher;
 use protocol::layer::LayerId;
 use protocol::tile::TileCells;
-use protocol::tile::codec::{Decoder, Encoder};
+use protocol::tile::codec;
 
 /// A kind of tile.
 #[derive(Clone, Copy, Debug)]
@@ -40,10 +40,9 @@ const KINDS: [Kind; 6] = [
 ];
 
 fn main() {
-    let mut encoder = Encoder::new().unwrap();
     for kind in KINDS {
-        let cells = tile(kind).1;
-        let bytes: usize = encoder.encode(&cells).iter().map(Vec::len).sum();
+        let (layer, cells) = tile(kind);
+        let bytes: usize = codec::encode(layer, &cells).iter().map(Vec::len).sum();
         let known = 100 * cells.known() / 4096;
         let factor = 4.0 * 4096.0 / bytes as f64;
         println!("{kind:?}: {known} % known, {bytes} bytes, 1/{factor:.1} of 4 bytes a cell");
@@ -53,17 +52,15 @@ fn main() {
 
 #[divan::bench(args = KINDS)]
 fn encode(bencher: Bencher<'_, '_>, kind: Kind) {
-    let (_, cells) = tile(kind);
-    let mut encoder = Encoder::new().unwrap();
-    bencher.bench_local(|| encoder.encode(divan::black_box(&cells)));
+    let (layer, cells) = tile(kind);
+    bencher.bench_local(|| codec::encode(layer, divan::black_box(&cells)));
 }
 
 #[divan::bench(args = KINDS)]
 fn decode(bencher: Bencher<'_, '_>, kind: Kind) {
     let (layer, cells) = tile(kind);
-    let bands = Encoder::new().unwrap().encode(&cells);
-    let mut decoder = Decoder::new().unwrap();
-    bencher.bench_local(|| decoder.decode(layer, divan::black_box(&bands)).unwrap());
+    let bands = codec::encode(layer, &cells);
+    bencher.bench_local(|| codec::decode(layer, divan::black_box(&bands), None).unwrap());
 }
 
 #[divan::bench]

@@ -10,7 +10,6 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::layer::LayerId;
-use crate::tile::TileKey;
 
 /// First chunk of every key.
 pub const PREFIX: &str = "foreshore";
@@ -36,8 +35,8 @@ pub enum Topic {
     Ping,
     /// Control, console → edge: view of a console. One key per console session.
     View,
-    /// Bulk, edge → all: one tile.
-    Tile(TileKey),
+    /// Bulk, edge → all: tiles of a layer that changed.
+    Changes(LayerId),
     /// Bulk, queryable: tiles of a layer.
     Tiles(LayerId),
     /// Bulk, queryable: revisions and digests of a layer's tiles.
@@ -109,7 +108,7 @@ impl Topic {
             Self::MapHead => "map_head".to_owned(),
             Self::Ping => "ping".to_owned(),
             Self::View => "view/*".to_owned(),
-            Self::Tile(TileKey { layer, tx, ty }) => format!("map/{layer}/{tx}/{ty}"),
+            Self::Changes(layer) => format!("map/{layer}/changes"),
             Self::Tiles(layer) => format!("map/{layer}/tiles"),
             Self::Digests(layer) => format!("map/{layer}/digests"),
             Self::Shores => "shores".to_owned(),
@@ -143,28 +142,18 @@ impl Topic {
                 drop(operator.parse::<OperatorId>().ok()?);
                 Self::Operator(OperatorTopic::parse(topic)?)
             }
+            ("map", Some(layer), Some("changes"), None) => Self::Changes(layer.parse().ok()?),
             ("map", Some(layer), Some("tiles"), None) => Self::Tiles(layer.parse().ok()?),
             ("map", Some(layer), Some("digests"), None) => Self::Digests(layer.parse().ok()?),
-            ("map", Some(layer), Some(tx), Some(ty)) => Self::Tile(TileKey {
-                layer: layer.parse().ok()?,
-                tx: canonical(tx)?,
-                ty: canonical(ty)?,
-            }),
             _ => return None,
         };
         Some((robot, topic))
     }
 }
 
-/// An integer in its only form in keys: `007` and `+7` would be further keys of the same tile.
-fn canonical(text: &str) -> Option<i32> {
-    let number: i32 = text.parse().ok()?;
-    (number.to_string() == text).then_some(number)
-}
-
-/// All tiles of all layers of `robot`.
-pub fn all_tiles(robot: &RobotId) -> String {
-    format!("{PREFIX}/{robot}/map/*/*/*")
+/// Changed tiles of all layers of `robot`.
+pub fn all_changes(robot: &RobotId) -> String {
+    format!("{PREFIX}/{robot}/map/*/changes")
 }
 
 /// View of one console; `session` identifies it.
@@ -305,10 +294,6 @@ mod tests {
 
     use super::*;
 
-    fn robot() -> RobotId {
-        "scout-1".parse().unwrap()
-    }
-
     #[test]
     fn other_keys_are_none_of_ours() {
         for key in [
@@ -349,12 +334,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn every_tile_has_one_key(tx in any::<i32>(), ty in any::<i32>(), layer in 0usize..6) {
-            let topic = Topic::Tile(TileKey { layer: LayerId::ALL[layer], tx, ty });
-            prop_assert_eq!(Topic::parse(&topic.key(&robot())), Some((robot(), topic)));
-        }
-
         #[test]
         fn no_key_panics(key in "(foreshore/)?[a-z0-9/*+-]{0,40}") {
             drop(Topic::parse(&key));

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use crate::tile::BootId;
 
 /// Version of the protocol. Others are refused with a message that names them.
-pub const PROTOCOL: u16 = 4;
+pub const PROTOCOL: u16 = 5;
 
 /// Limit of a message; tiles are sent in bands below it.
 pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;

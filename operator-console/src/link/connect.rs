@@ -201,7 +201,7 @@ pub(super) fn subscribe(
         .map(|topic| (topic.key(robot), Some(topic)))
         .to_vec(),
         Channel::Bulk => vec![
-            (keys::all_tiles(robot), None),
+            (keys::all_changes(robot), None),
             (Topic::Shores.key(robot), Some(Topic::Shores)),
             (Topic::Scan.key(robot), Some(Topic::Scan)),
         ],

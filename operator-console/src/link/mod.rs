@@ -90,10 +90,10 @@ impl RobotSession {
         settings: ModelSettings,
         endpoints: &Endpoints,
         wake: impl Fn() + Send + 'static,
-    ) -> io::Result<Self> {
+    ) -> Self {
         let (sender, received) = sync_channel(MAX_WAITING);
         let robot = settings.robot.clone();
-        let model = Arc::new(Mutex::new(ConsoleModel::new(settings)?));
+        let model = Arc::new(Mutex::new(ConsoleModel::new(settings)));
         let (connections, driving) = Connections::start(robot, endpoints, sender);
         let connections = Arc::new(connections);
         let is_closing = Arc::new(AtomicBool::new(false));
@@ -105,13 +105,13 @@ impl RobotSession {
             );
             move || run(&model, &connections, &received, &is_closing, wake)
         });
-        Ok(Self {
+        Self {
             model,
             connections,
             driving: Some(driving),
             is_closing,
             thread: Some(thread),
-        })
+        }
     }
 
     pub fn model(&self) -> MutexGuard<'_, ConsoleModel> {

@@ -6,8 +6,8 @@ use protocol::layer::LayerId;
 use protocol::message::{
     CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event, Info, LayerHead,
     Localization, MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus, Scan, SensorInfo,
-    SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TileBand, TilesReply,
-    TrajectoryPart, VoxelsReply,
+    SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TilesReply, TrajectoryPart,
+    VoxelsReply,
 };
 use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};
@@ -127,9 +127,14 @@ impl ConsoleModel {
                 self.quality.on_message(Stream::MapHead, now);
                 self.robot.head_seq = seq;
             }
-            Topic::Tile(tile) => {
-                let (header, band): (_, TileBand) = decode(payload)?;
-                self.map.take_band(tile, header, &band, None, now)?;
+            Topic::Changes(layer) => {
+                let (header, changes): (_, Changes) = decode(payload)?;
+                for ChangedTile { tx, ty, band } in changes.tiles {
+                    let key = TileKey { layer, tx, ty };
+                    if let Err(reason) = self.map.take_band(key, header, &band, None, now) {
+                        self.reject_counts.add(reason, 1);
+                    }
+                }
                 self.quality.on_message(Stream::Tiles, now);
                 self.sensor_updates += 1;
             }
@@ -288,7 +293,7 @@ impl ConsoleModel {
 const fn is_by_control(topic: Topic) -> bool {
     !matches!(
         topic,
-        Topic::Tile(_)
+        Topic::Changes(_)
             | Topic::Tiles(_)
             | Topic::Digests(_)
             | Topic::Shores

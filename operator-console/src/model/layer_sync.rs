@@ -122,6 +122,12 @@ impl LayerSync {
         self.on_tile(tile, revision);
     }
 
+    /// A push holds differences to a revision that is not here.
+    pub(super) fn on_missing(&mut self, tile: (i32, i32), revision: u64) {
+        let wanted = self.missing.entry(tile).or_default();
+        *wanted = revision.max(*wanted);
+    }
+
     pub(super) fn on_tile(&mut self, tile: (i32, i32), revision: u64) {
         let wanted = self.missing.get(&tile);
         if wanted.is_some_and(|wanted| revision >= *wanted) {

@@ -1,7 +1,6 @@
 //! The console's copy of the map and its synchronization with the robot's map.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
 
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
@@ -57,15 +56,16 @@ pub struct MapSync {
     open_requests: BTreeMap<RequestId, OpenRequest>,
     /// Digest of a tile with unknown cells only.
     unknown: TileDigest,
+    blank: TileCells,
     wanted: BTreeSet<LayerId>,
     focus_m: [f64; 2],
 }
 
 impl MapSync {
-    pub(super) fn new(tile_store_mb: u32) -> io::Result<Self> {
-        Ok(Self {
+    pub(super) fn new(tile_store_mb: u32) -> Self {
+        Self {
             store: TileStore::new(BootId([0; 16]), tile_store_mb),
-            intake: TileIntake::new()?,
+            intake: TileIntake::default(),
             head: None,
             has_boot: false,
             layers: BTreeMap::new(),
@@ -75,9 +75,10 @@ impl MapSync {
             arriving_lists: BTreeMap::new(),
             open_requests: BTreeMap::new(),
             unknown: TileCells::unknown().digest(),
+            blank: TileCells::unknown(),
             wanted: LayerId::ALL.into_iter().collect(),
             focus_m: [0.0; 2],
-        })
+        }
     }
 
     pub const fn store(&self) -> &TileStore {
@@ -231,7 +232,23 @@ impl MapSync {
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
             sync.on_tile_reply(request);
         }
-        let tile = self.intake.take(key, header, band);
+        let held = self
+            .store
+            .get(key)
+            .filter(|_| band.epoch == self.store.epoch(key.layer));
+        if held.is_some_and(|held| held.revision() >= revision && !held.is_evicted()) {
+            return Err(RejectReason::OldRevision);
+        }
+        let held = held.filter(|held| held.revision() == band.base);
+        let base = held.and_then(|held| {
+            held.cells()
+                .or_else(|| (!held.is_evicted()).then_some(&self.blank))
+        });
+        let tile = self.intake.take(key, header, band, base);
+        if let Err(DecodeError::NoBase) = tile {
+            let sync = self.layers.entry(key.layer).or_default();
+            sync.on_missing(at, revision);
+        }
         let Some(tile) = tile.map_err(|why| reject_reason(&why))? else {
             return Ok(());
         };
@@ -439,6 +456,7 @@ impl MapSync {
 fn reject_reason(why: &DecodeError) -> RejectReason {
     match why {
         DecodeError::Version(_) => RejectReason::OtherProtocol,
+        DecodeError::NoBase => RejectReason::NoBase,
         _ => RejectReason::BadTile,
     }
 }

@@ -87,6 +87,8 @@ pub enum RejectReason {
     OldEpoch,
     OldRevision,
     BadTile,
+    /// Differences to a revision that is not here: the tile is requested.
+    NoBase,
     UnknownLayer,
 }
 
@@ -103,6 +105,7 @@ impl RejectReason {
             Self::OldEpoch => "erased layer",
             Self::OldRevision => "known already",
             Self::BadTile => "damaged tile",
+            Self::NoBase => "differences to a tile that was missed",
             Self::UnknownLayer => "unknown layer",
         }
     }

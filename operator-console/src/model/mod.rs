@@ -141,10 +141,10 @@ struct ViewState {
 }
 
 impl ConsoleModel {
-    pub fn new(settings: ModelSettings) -> io::Result<Self> {
-        let mut map = MapSync::new(settings.tile_store_mb)?;
+    pub fn new(settings: ModelSettings) -> Self {
+        let mut map = MapSync::new(settings.tile_store_mb);
         map.set_wanted(settings.layers.clone(), [0.0; 2]);
-        Ok(Self {
+        Self {
             settings,
             map,
             vehicle: Vehicle::default(),
@@ -163,7 +163,7 @@ impl ConsoleModel {
             seq: 0,
             changes: 0,
             sensor_updates: 0,
-        })
+        }
     }
 
     pub const fn robot(&self) -> &RobotId {

@@ -1,18 +1,17 @@
 //! Decodes bands and holds the first band of a tile until its second arrives.
 
 use std::collections::BTreeMap;
-use std::io;
 
 use protocol::message::TileBand;
-use protocol::tile::codec::{DecodeError, Decoder, PartialTile};
-use protocol::tile::{BootId, Tile, TileKey};
+use protocol::tile::codec::{DecodeError, PartialTile};
+use protocol::tile::{BootId, Tile, TileCells, TileKey};
 use protocol::wire::Header;
 
 /// Bands that may wait; beyond this limit the oldest is dropped.
 const MAX_PARTIAL_TILES: usize = 64;
 
+#[derive(Default)]
 pub(super) struct TileIntake {
-    decoder: Decoder,
     /// By tile, boot and revision: bands of different publications do not match.
     partial_tiles: BTreeMap<(TileKey, BootId, u64), PartialTile>,
     /// Bands that were dropped.
@@ -20,20 +19,13 @@ pub(super) struct TileIntake {
 }
 
 impl TileIntake {
-    pub(super) fn new() -> io::Result<Self> {
-        Ok(Self {
-            decoder: Decoder::new()?,
-            partial_tiles: BTreeMap::new(),
-            abandoned: 0,
-        })
-    }
-
-    /// Takes one band and returns the tile that it completes.
+    /// Takes one band and returns the tile that it completes. `base`: the cells that it may hold the differences to.
     pub(super) fn take(
         &mut self,
         key: TileKey,
         header: Header,
         band: &TileBand,
+        base: Option<&TileCells>,
     ) -> Result<Option<Tile>, DecodeError> {
         let boot = header.boot;
         let whole = (key, boot, band.revision);
@@ -41,7 +33,7 @@ impl TileIntake {
             .partial_tiles
             .remove(&whole)
             .unwrap_or_else(|| PartialTile::new(key.layer));
-        if let Err(why) = self.decoder.decode_band(&band.rows, &mut partial) {
+        if let Err(why) = partial.add_band(&band.rows, base) {
             // The same band twice: the later one replaces the first.
             if !matches!(why, DecodeError::DuplicateRow(_)) {
                 // The valid band keeps waiting.
@@ -49,7 +41,7 @@ impl TileIntake {
                 return Err(why);
             }
             partial = PartialTile::new(key.layer);
-            self.decoder.decode_band(&band.rows, &mut partial)?;
+            partial.add_band(&band.rows, base)?;
         }
         if !partial.is_complete() {
             self.partial_tiles.insert(whole, partial);
@@ -67,7 +59,7 @@ impl TileIntake {
             epoch: band.epoch,
             revision: band.revision,
             stamp_ns: header.robot_time_ns,
-            digest: band.digest,
+            check: band.check,
             cells: partial.finish()?,
         }))
     }
@@ -90,8 +82,7 @@ impl TileIntake {
 #[cfg(test)]
 mod tests {
     use protocol::layer::LayerId;
-    use protocol::tile::TileCells;
-    use protocol::tile::codec::Encoder;
+    use protocol::tile::codec;
 
     use super::*;
 
@@ -117,13 +108,14 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             *code = (state >> 17) as u16;
         }
-        let digest = cells.digest();
-        let bands = Encoder::new().unwrap().encode(&cells);
+        let check = cells.digest().check();
+        let bands = codec::encode(LayerId::Elevation, &cells);
         assert_eq!(bands.len(), 2);
         let band = |rows| TileBand {
             epoch: 0,
             revision: 7,
-            digest,
+            base: 0,
+            check,
             rows,
         };
         (cells, bands.into_iter().map(band).collect())
@@ -133,11 +125,17 @@ mod tests {
     fn bands_complete_a_tile_in_any_order() {
         let (cells, bands) = noise();
         for order in [[0, 0, 1], [1, 1, 0]] {
-            let mut intake = TileIntake::new().unwrap();
-            assert_eq!(intake.take(key(0), HEADER, &bands[order[0]]).unwrap(), None);
-            assert_eq!(intake.take(key(0), HEADER, &bands[order[1]]).unwrap(), None);
+            let mut intake = TileIntake::default();
+            assert_eq!(
+                intake.take(key(0), HEADER, &bands[order[0]], None).unwrap(),
+                None
+            );
+            assert_eq!(
+                intake.take(key(0), HEADER, &bands[order[1]], None).unwrap(),
+                None
+            );
             let tile = intake
-                .take(key(0), HEADER, &bands[order[2]])
+                .take(key(0), HEADER, &bands[order[2]], None)
                 .unwrap()
                 .unwrap();
             assert_eq!((tile.revision, tile.stamp_ns), (7, 42));
@@ -149,7 +147,7 @@ mod tests {
     #[test]
     fn bands_of_other_revisions_do_not_match_and_are_bounded() {
         let (_, bands) = noise();
-        let mut intake = TileIntake::new().unwrap();
+        let mut intake = TileIntake::default();
         let other = Header {
             boot: BootId([6; 16]),
             ..HEADER
@@ -158,11 +156,11 @@ mod tests {
             revision: 8,
             ..bands[1].clone()
         };
-        assert_eq!(intake.take(key(0), HEADER, &bands[0]).unwrap(), None);
-        assert_eq!(intake.take(key(0), HEADER, &newer).unwrap(), None);
-        assert_eq!(intake.take(key(0), other, &bands[1]).unwrap(), None);
+        assert_eq!(intake.take(key(0), HEADER, &bands[0], None).unwrap(), None);
+        assert_eq!(intake.take(key(0), HEADER, &newer, None).unwrap(), None);
+        assert_eq!(intake.take(key(0), other, &bands[1], None).unwrap(), None);
         for tx in 1..=100 {
-            intake.take(key(tx), HEADER, &bands[0]).unwrap();
+            intake.take(key(tx), HEADER, &bands[0], None).unwrap();
         }
         assert_eq!(intake.partial_tiles.len(), MAX_PARTIAL_TILES);
         assert_eq!(intake.abandoned, 103 - MAX_PARTIAL_TILES as u64);
@@ -170,6 +168,6 @@ mod tests {
             rows: vec![9; 40],
             ..newer
         };
-        assert!(intake.take(key(0), HEADER, &garbage).is_err());
+        assert!(intake.take(key(0), HEADER, &garbage, None).is_err());
     }
 }

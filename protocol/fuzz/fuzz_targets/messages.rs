@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use protocol::message::{
-    Answer, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresReply,
-    ShoresRequest, Status, TileBand, TilesReply, TilesRequest, TrajectoryPart,
+    Answer, Changes, Digests, DigestsRequest, Event, Info, MapHead, Pong, Pose, Scan, ShoresReply,
+    ShoresRequest, Status, TilesReply, TilesRequest, TrajectoryPart,
     TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
 };
 use protocol::wire::{decode, encode};
@@ -30,7 +30,7 @@ fuzz_target!(|bytes: &[u8]| {
     check::<Event>(bytes);
     check::<MapHead>(bytes);
     check::<View>(bytes);
-    check::<TileBand>(bytes);
+    check::<Changes>(bytes);
     check::<TilesRequest>(bytes);
     check::<TilesReply>(bytes);
     check::<DigestsRequest>(bytes);

@@ -1,20 +1,13 @@
-//! Any cells → bands → the same cells, and bands within their limit.
+//! Any cells → bands → the same cells, and bands within their limit; also as differences.
 //!
 //! Input: a byte that says which layer; one that says how many rows are noise, which does not compress; then
 //! runs of cells, each a byte for its length and two for its code, over and over until the tile is full.
 #![no_main]
 
-use std::cell::RefCell;
-
 use libfuzzer_sys::fuzz_target;
 use protocol::layer::LayerId;
-use protocol::tile::codec::{Decoder, Encoder, MAX_BAND_BYTES};
+use protocol::tile::codec::{MAX_BAND_BYTES, decode, encode, encode_differences};
 use protocol::tile::{TILE_SIDE, TileCells};
-
-thread_local! {
-    static CODEC: RefCell<(Encoder, Decoder)> =
-        RefCell::new((Encoder::new().unwrap(), Decoder::new().unwrap()));
-}
 
 fuzz_target!(|input: &[u8]| {
     let &[layer, noisy_rows, ref runs @ ..] = input else {
@@ -54,11 +47,17 @@ fuzz_target!(|input: &[u8]| {
         *code = ((state >> 16) % (u32::from(greatest) + 1)) as u16;
     }
     assert_eq!(cells.check(layer), Ok(()));
-    CODEC.with_borrow_mut(|(encoder, decoder)| {
-        let bands = encoder.encode(&cells);
-        assert!(matches!(bands.len(), 1 | 2));
-        assert!(bands.iter().all(|band| band.len() <= MAX_BAND_BYTES));
-        let decoded = decoder.decode(layer, &bands).unwrap();
-        assert!(decoded == cells, "{layer}: other cells");
-    });
+    let bands = encode(layer, &cells);
+    assert!(matches!(bands.len(), 1 | 2));
+    assert!(bands.iter().all(|band| band.len() <= MAX_BAND_BYTES));
+    let decoded = decode(layer, &bands, None).unwrap();
+    assert!(decoded == cells, "{layer}: other cells");
+    // The tile as it is, after one with other runs.
+    let mut base = cells.clone();
+    base.codes_mut().rotate_left(runs.len());
+    if let Some(band) = encode_differences(layer, &cells, &base) {
+        assert!(band.len() <= MAX_BAND_BYTES);
+        let decoded = decode(layer, &[band], Some(&base)).unwrap();
+        assert!(decoded == cells, "{layer}: other cells after differences");
+    }
 });

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::export::StampedPose;
 use crate::layer::LayerId;
-use crate::tile::TileDigest;
+use crate::tile::{TileCheck, TileDigest};
 use crate::tile_store::RootDigest;
 
 /// `map_head`: digests of the whole map. A console with equal roots holds the same cells.
@@ -31,15 +31,35 @@ pub struct LayerHead {
     pub root: RootDigest,
 }
 
-/// `map/<layer>/<tx>/<ty>`: a tile, or half of it. The key contains the tile's coordinates.
+/// `map/<layer>/changes`: tiles that changed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Changes {
+    /// At least one.
+    pub tiles: Vec<ChangedTile>,
+}
+
+/// A tile, or half of one, in [`Changes`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChangedTile {
+    /// Tile column.
+    pub tx: i32,
+    /// Tile row.
+    pub ty: i32,
+    /// The tile, or half of it.
+    pub band: TileBand,
+}
+
+/// A tile, or half of it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TileBand {
     /// Number of erasures of the layer.
     pub epoch: u32,
     /// Revision of the tile; bands of one revision belong together.
     pub revision: u64,
-    /// Digest of the whole tile's cells.
-    pub digest: TileDigest,
+    /// Revision that it holds the differences to; 0 for none.
+    pub base: u64,
+    /// That of the digest of the whole tile's cells.
+    pub check: TileCheck,
     /// Rows, encoded by [`crate::tile::codec`].
     pub rows: Vec<u8>,
 }

@@ -240,6 +240,7 @@ mod tests {
             message.extend(bytes);
             drop(decode::<MapHead>(&message));
             drop(decode::<TilesReply>(&message));
+            drop(decode::<Changes>(&message));
             drop(decode::<TilesRequest>(&message));
             drop(decode::<Digests>(&message));
             drop(decode::<Info>(&message));

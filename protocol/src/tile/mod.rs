@@ -66,6 +66,17 @@ impl fmt::Display for TileKey {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct TileDigest(pub [u8; 32]);
 
+/// The first bytes of a [`TileDigest`]: what comes with cells, to find whether they are the right ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TileCheck(pub [u8; 8]);
+
+impl TileDigest {
+    /// Its first bytes.
+    pub fn check(self) -> TileCheck {
+        TileCheck(std::array::from_fn(|byte| self.0[byte]))
+    }
+}
+
 /// Random identifier of one run of the edge program, so that revisions of different runs are never
 /// compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -86,8 +97,8 @@ pub struct Tile {
     /// Stamp of the newest measurement at its last change, nanoseconds on the clock of the robot's
     /// data.
     pub stamp_ns: i64,
-    /// Digest of `cells`.
-    pub digest: TileDigest,
+    /// That of the digest of `cells`.
+    pub check: TileCheck,
     /// All unknown for a tombstone.
     pub cells: TileCells,
 }

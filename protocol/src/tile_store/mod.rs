@@ -167,7 +167,7 @@ impl TileStore {
             epoch: self.epoch(key.layer),
             revision: stored.revision,
             stamp_ns: stored.stamp_ns,
-            digest: stored.digest,
+            check: stored.digest.check(),
             cells: stored.cells().cloned().unwrap_or_else(TileCells::unknown),
         })
     }
@@ -522,7 +522,7 @@ impl TileStore {
             epoch,
             revision,
             stamp_ns,
-            digest,
+            check,
             cells,
         } = tile;
         if !self.layers.contains_key(&key.layer) {
@@ -532,7 +532,7 @@ impl TileStore {
             .check(key.layer)
             .map_err(|source| StoreError::Code { key, source })?;
         let stored = self.entry(revision, stamp_ns, cells);
-        if stored.digest != digest {
+        if stored.digest.check() != check {
             return Err(StoreError::Digest { key, revision });
         }
         if !self.adopt_boot(boot) {

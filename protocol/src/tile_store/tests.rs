@@ -100,7 +100,7 @@ fn revisions_count_changes_over_all_layers() {
     assert_eq!(store.newer_than(LayerId::Elevation, 2).count(), 0);
     let tile = store.tile(a).unwrap();
     assert_eq!((tile.boot, tile.epoch, tile.revision), (BOOT, 0, 3));
-    assert_eq!(tile.digest, filled(246).digest());
+    assert_eq!(tile.check, filled(246).digest().check());
 }
 
 #[test]

@@ -8,10 +8,9 @@ use ed25519_dalek::pkcs8::DecodePublicKey;
 use ed25519_dalek::{Signature, VerifyingKey};
 use protocol::keys::{OperatorId, RobotId, operator_key};
 use protocol::message::{
-    AgeToken, Answer, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest,
+    AgeToken, Answer, Changes, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest,
     Localization, MapHead, Pong, Pose, Reset, Scan, Setting, ShoresReply, ShoresRequest, Status,
-    TileBand, TilesReply, TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply,
-    VoxelsRequest,
+    TilesReply, TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
 };
 use protocol::signed::{
     Command, CommandHeader, ENVELOPE_BYTES, Envelope, PublicKey, Route, SecretKey, sign,
@@ -37,7 +36,7 @@ const EXAMPLES: [(&str, Check); 44] = [
     ("Event", check::<Event>),
     ("MapHead", check::<MapHead>),
     ("View", check::<View>),
-    ("TileBand", check::<TileBand>),
+    ("Changes", check::<Changes>),
     ("DigestsRequest", check::<DigestsRequest>),
     ("Digests", check::<Digests>),
     ("TilesRequest.NewerThan", check::<TilesRequest>),

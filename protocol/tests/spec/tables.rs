@@ -1,7 +1,7 @@
 //! Keys, layers, the header and the limits.
 
 use protocol::keys::{
-    OperatorId, OperatorTopic, RobotId, Topic, all_tiles, every_robot_alive, operator_key,
+    OperatorId, OperatorTopic, RobotId, Topic, all_changes, every_robot_alive, operator_key,
     parse_operator_key, view_of,
 };
 use protocol::layer::{LayerId, Quantisation};
@@ -11,7 +11,6 @@ use protocol::message::{
 };
 use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
 use protocol::signed::{ENVELOPE_BYTES, MAX_SIGNED_BYTES};
-use protocol::tile::TileKey;
 use protocol::tile::codec::MAX_BAND_BYTES;
 use protocol::wire::{MAX_MESSAGE_BYTES, PROTOCOL};
 
@@ -21,11 +20,6 @@ use super::{SPEC, table};
 fn keys() {
     let robot: RobotId = "scout-1".parse().unwrap();
     let layer = LayerId::Elevation;
-    let tile = TileKey {
-        layer,
-        tx: -3,
-        ty: 12,
-    };
     let topics = [
         Topic::Alive,
         Topic::Info,
@@ -36,7 +30,7 @@ fn keys() {
         Topic::Event,
         Topic::MapHead,
         Topic::View,
-        Topic::Tile(tile),
+        Topic::Changes(layer),
         Topic::Digests(layer),
         Topic::Tiles(layer),
         Topic::Shores,
@@ -66,7 +60,7 @@ fn keys() {
         assert_eq!(Topic::parse(&of_all), None, "a wildcard is no operator");
     }
 
-    for key in [all_tiles(&"ROBOT".parse().unwrap()), every_robot_alive()] {
+    for key in [all_changes(&"ROBOT".parse().unwrap()), every_robot_alive()] {
         assert!(SPEC.contains(&format!("`{key}`")), "{key}");
     }
 }

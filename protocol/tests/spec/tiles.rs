@@ -1,8 +1,8 @@
 //! Tiles, their codings and digests.
 
 use protocol::layer::LayerId;
-use protocol::tile::codec::{Decoder, Encoder};
-use protocol::tile::{BootId, TILE_SIDE, Tile, TileCells, TileKey};
+use protocol::tile::codec::{decode, encode, encode_differences};
+use protocol::tile::{BootId, Tile, TileCells, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, TileStore};
 use serde_json::Value;
 
@@ -35,25 +35,46 @@ fn noise() -> TileCells {
     })
 }
 
+/// *plane* with a part that was raised, and a part that became known.
+fn raised() -> TileCells {
+    let part = 10..30;
+    let plane = plane();
+    TileCells::from_fn(|x, y| {
+        let code = plane.get(x, y).unwrap();
+        if part.contains(&x) && part.contains(&y) && (code != 0 || x < 25) {
+            code.max(30000) + 2
+        } else {
+            code
+        }
+    })
+}
+
 #[test]
 fn bands_are_what_is_encoded_and_decoded() {
-    let mut encoder = Encoder::new().unwrap();
-    let mut decoder = Decoder::new().unwrap();
-    for (name, layer, cells, coding) in [
-        ("posts", LayerId::Obstacle, posts(), 1),
-        ("plane", LayerId::Elevation, plane(), 2),
+    for (name, layer, cells, base) in [
+        ("posts", LayerId::Obstacle, posts(), None),
+        ("plane", LayerId::Elevation, plane(), None),
+        ("raised", LayerId::Elevation, raised(), Some(plane())),
     ] {
         let band = hex(&format!("band {name}"));
-        assert_eq!(band[..4], [1, 0, 64, coding], "{name}");
-        let decoded = decoder.decode(layer, &[&band]).unwrap();
+        assert_eq!(
+            band[..4],
+            [2, 0, 64, 1 + u8::from(base.is_some())],
+            "{name}"
+        );
+        let decoded = decode(layer, &[&band], base.as_ref()).unwrap();
         assert_eq!(decoded.codes(), cells.codes(), "{name}");
-        assert_eq!(encoder.encode(&cells), [band], "{name}");
+        let encoded = match base {
+            Some(base) => encode_differences(layer, &cells, &base).unwrap(),
+            None => encode(layer, &cells).remove(0),
+        };
+        assert_eq!(encoded, band, "{name}");
     }
 }
 
 #[test]
 fn noise_is_two_bands_of_codes() {
-    let bands = Encoder::new().unwrap().encode(&noise());
+    let bands = encode(LayerId::Elevation, &noise());
     let lengths: Vec<usize> = bands.iter().map(Vec::len).collect();
     assert_eq!(lengths, [4100, 4100]);
     let beginnings: Vec<u8> = bands.iter().flat_map(|band| band[..4].to_vec()).collect();
@@ -63,45 +84,6 @@ fn noise_is_two_bands_of_codes() {
         .flat_map(|band| *blake3::hash(band).as_bytes())
         .collect();
     assert_eq!(hex("blake3 noise"), hashes);
-}
-
-#[test]
-fn a_tile_in_all_three_codings_decodes() {
-    let bands = [63, 31, 0].map(|row| hex(&format!("bands plane {row}")));
-    let beginnings = bands.each_ref().map(|band| [band[1], band[2], band[3]]);
-    assert_eq!(beginnings, [[63, 1, 0], [31, 32, 2], [0, 31, 1]]);
-    let decoded = Decoder::new().unwrap().decode(LayerId::Elevation, &bands);
-    assert_eq!(decoded.unwrap(), plane());
-}
-
-/// The upper left corner of a tile from the numbers in `rows`; unknown elsewhere.
-fn corner(rows: &Value) -> TileCells {
-    let rows = rows.as_array().unwrap();
-    TileCells::from_fn(|x, y| {
-        let number = rows.get(y).and_then(|row| row.get(x));
-        number.map_or(0, |number| u16::try_from(number.as_u64().unwrap()).unwrap())
-    })
-}
-
-#[test]
-fn symbols_are_those_of_the_codes() {
-    let example = json("symbols");
-    let codes = corner(&example["codes"]);
-    let symbols = corner(&example["symbols"]);
-    let rows = 4;
-    let words = &symbols.codes()[..rows * TILE_SIDE];
-    let low = words.iter().map(|word| *word as u8);
-    let high = words.iter().map(|word| (word >> 8) as u8);
-    let planes: Vec<u8> = low.chain(high).collect();
-    let mut first = vec![1, 0, rows as u8, 2];
-    first.extend(zstd::bulk::compress(&planes, 1).unwrap());
-    let mut rest = vec![1, rows as u8, 60, 0];
-    rest.extend([0; 2 * 60 * TILE_SIDE]);
-    let decoded = Decoder::new()
-        .unwrap()
-        .decode(LayerId::Elevation, &[first, rest])
-        .unwrap();
-    assert_eq!(decoded.codes(), codes.codes());
 }
 
 #[test]
@@ -142,7 +124,7 @@ fn root_digests() {
             epoch: 0,
             revision,
             stamp_ns: 0,
-            digest: cells.digest(),
+            check: cells.digest().check(),
             cells,
         };
         assert_eq!(store.apply(tile), Ok(Applied::Stored));
@@ -155,13 +137,17 @@ fn root_digests() {
 /// The examples of messages carry the examples of tiles.
 #[test]
 fn messages_carry_these_tiles() {
-    let band = json("TileBand");
     let bytes = |value: &Value| serde_json::from_value::<Vec<u8>>(value.clone()).unwrap();
-    assert_eq!(bytes(&band["body"]["rows"]), hex("band posts"));
-    assert_eq!(bytes(&band["body"]["digest"]), hex("digest posts"));
+    let changes = json("Changes");
+    let changed = &changes["body"]["tiles"][0]["band"];
+    assert_eq!(bytes(&changed["rows"]), hex("band raised"));
+    assert_eq!(bytes(&changed["check"]), raised().digest().check().0);
     let reply = json("TilesReply");
     assert_eq!(bytes(&reply["body"]["band"]["rows"]), hex("band plane"));
-    assert_eq!(bytes(&reply["body"]["band"]["digest"]), hex("digest plane"));
+    assert_eq!(
+        bytes(&reply["body"]["band"]["check"]),
+        hex("digest plane")[..8]
+    );
     let digests = &json("Digests")["body"]["tiles"];
     assert_eq!(bytes(&digests[0]["digest"]), hex("digest posts"));
     assert_eq!(bytes(&digests[1]["digest"]), hex("digest unknown"));

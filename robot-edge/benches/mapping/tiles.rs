@@ -7,7 +7,7 @@ use mapping::registered_scan::RegisteredScan;
 use measurement::time::{RobotDuration, RobotTime};
 use protocol::layer::LayerId;
 use protocol::tile::BootId;
-use protocol::tile::codec::{Decoder, Encoder};
+use protocol::tile::codec;
 
 use crate::CELLS_M;
 use crate::recordings::{self, ACES, Prepared, ROOMS, generic2d};
@@ -85,16 +85,15 @@ impl Run {
         for _ in 1..ROUNDS {
             publish_s.add(map(scans, cell_m, |_| Ok(()))?.publish_s);
         }
-        let (mut encoder, mut decoder) = (Encoder::new()?, Decoder::new()?);
         let (mut encode_us, mut decode_us) = (Vec::new(), Vec::new());
         let (mut encoded_bytes, mut newest) = (0, 0);
         let mapped = map(scans, cell_m, |publisher| {
             let store = publisher.store();
             for (_, tile) in store.newer_than(LayerId::Occupancy, newest) {
                 let Some(cells) = tile.cells() else { continue };
-                let (bands, time_s) = timed(|| encoder.encode(cells));
+                let (bands, time_s) = timed(|| codec::encode(LayerId::Occupancy, cells));
                 encode_us.push(1e6 * time_s);
-                let (decoded, time_s) = timed(|| decoder.decode(LayerId::Occupancy, &bands));
+                let (decoded, time_s) = timed(|| codec::decode(LayerId::Occupancy, &bands, None));
                 decode_us.push(1e6 * time_s);
                 anyhow::ensure!(decoded? == *cells, "a tile came back changed");
                 encoded_bytes += bands.iter().map(Vec::len).sum::<usize>();

@@ -38,8 +38,6 @@ pub enum LinkError {
     NoRandomness(getrandom::Error),
     #[error("no thread can be had for the link: {0}")]
     Thread(std::io::Error),
-    #[error("tiles cannot be encoded: {0}")]
-    Encoder(std::io::Error),
 }
 
 /// The error without the places in the library's source (`at /…/orchestrator.rs:388.`), which help no user.

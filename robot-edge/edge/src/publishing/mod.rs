@@ -5,6 +5,7 @@ pub mod cells_to_tiles;
 pub mod keel_depth;
 pub mod output_inputs;
 pub mod publisher;
+pub mod pushed_tiles;
 pub mod replies;
 pub mod scan_downsampling;
 pub mod tile_queue;

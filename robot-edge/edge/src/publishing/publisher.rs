@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use protocol::layer::LayerId;
-use protocol::tile::codec::Encoder;
+use protocol::tile::codec;
 use protocol::tile::{BootId, TILE_CELLS, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, Publication, StoreError, StoredTile, TileStore};
 
@@ -23,7 +23,7 @@ pub struct Publisher {
     /// Since the last [`Publisher::take_changed`].
     changed: Vec<TileKey>,
     coder: CellCoder,
-    encoder: Option<Encoder>,
+    measures_bytes: bool,
     /// Numbers of erasures of the mapper when last published.
     resets: u32,
     terrain_erased: u32,
@@ -48,30 +48,27 @@ pub struct TileTraffic {
 pub enum PublishError {
     #[error("the tile store refused a tile: {0}")]
     Store(#[from] StoreError),
-    #[error("zstd could not be set up: {0}")]
-    Encoder(#[from] std::io::Error),
 }
 
 impl Publisher {
     /// A publisher of the layers of `mapper`, with a store of at most `tile_store_mb` megabytes.
     ///
-    /// `encode`: measure the encoded size.
+    /// `measures_bytes`: encode the tiles to know their size.
     pub fn new(
         boot: BootId,
         tile_store_mb: u32,
         mapper: &Mapper,
-        encode: bool,
+        measures_bytes: bool,
     ) -> Result<Self, PublishError> {
         let mut store = TileStore::new(boot, tile_store_mb);
         for grid in grids(mapper) {
             store.set_grid(grid)?;
         }
-        let encoder = if encode { Some(Encoder::new()?) } else { None };
         Ok(Self {
             store: Arc::new(Mutex::new(store)),
             changed: Vec::new(),
             coder: CellCoder::new(),
-            encoder,
+            measures_bytes,
             resets: mapper.resets(),
             terrain_erased: mapper.terrain().map_or(0, Terrain::epoch),
             voxels_erased: mapper.voxels().map_or(0, VoxelLayers::epoch),
@@ -224,11 +221,10 @@ impl Publisher {
         if let Publication::Published { evicted, .. } = store.publish(key, cells)? {
             self.traffic.published += 1;
             self.traffic.raw_bytes += 4 * TILE_CELLS as u64;
-            if let (Some(encoder), Some(cells)) = (
-                &mut self.encoder,
-                store.get(key).and_then(|stored| stored.cells()),
-            ) {
-                let bands = encoder.encode(cells);
+            if self.measures_bytes
+                && let Some(cells) = store.get(key).and_then(|stored| stored.cells())
+            {
+                let bands = codec::encode(key.layer, cells);
                 self.traffic.bytes += bands.iter().map(|band| band.len() as u64).sum::<u64>();
             }
             self.changed.push(key);
@@ -376,7 +372,7 @@ impl Publisher {
             store: Arc::clone(&self.store),
             changed: Vec::new(),
             coder: CellCoder::new(),
-            encoder: None,
+            measures_bytes: false,
             resets: self.resets,
             terrain_erased: self.terrain_erased,
             voxels_erased: self.voxels_erased,

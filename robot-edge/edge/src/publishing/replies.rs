@@ -6,8 +6,8 @@ use protocol::layer::LayerId;
 use protocol::message::{
     Digests, DigestsRequest, LayerHead, MapHead, TileBand, TileSummary, TilesReply, TilesRequest,
 };
-use protocol::tile::TileKey;
-use protocol::tile::codec::Encoder;
+use protocol::tile::codec;
+use protocol::tile::{Tile, TileKey};
 use protocol::tile_store::TileStore;
 
 use crate::lock;
@@ -41,33 +41,29 @@ pub fn head(store: &Mutex<TileStore>) -> MapHead {
     })
 }
 
-/// The bands of a tile, each with the stamp of the tile, nanoseconds on the clock of the data.
-pub fn bands(
-    store: &Mutex<TileStore>,
-    encoder: &mut Encoder,
-    key: TileKey,
-) -> Vec<(i64, TileBand)> {
-    let Some(tile) = with_store(store, |store| store.tile(key)) else {
-        return Vec::new();
+/// The bands of a tile, each with its stamp, nanoseconds on the clock of the data.
+pub fn bands(store: &Mutex<TileStore>, key: TileKey) -> Vec<(i64, TileBand)> {
+    let tile = with_store(store, |store| store.tile(key));
+    tile.as_ref().map_or_else(Vec::new, bands_of)
+}
+
+/// As [`bands`].
+pub fn bands_of(tile: &Tile) -> Vec<(i64, TileBand)> {
+    let bands = codec::encode(tile.key.layer, &tile.cells).into_iter();
+    let band = |rows| TileBand {
+        epoch: tile.epoch,
+        revision: tile.revision,
+        base: 0,
+        check: tile.check,
+        rows,
     };
-    let bands = encoder
-        .encode(&tile.cells)
-        .into_iter()
-        .map(|rows| TileBand {
-            epoch: tile.epoch,
-            revision: tile.revision,
-            digest: tile.digest,
-            rows,
-        })
-        .map(|band| (tile.stamp_ns, band));
-    bands.collect()
+    bands.map(|rows| (tile.stamp_ns, band(rows))).collect()
 }
 
 /// The tiles asked for, as many as fit one answer: listed ones in the order of the list, newer ones from
 /// `near_m` (metres in `odom`) outwards; with the stamps of their tiles, as [`bands`] gives them.
 pub fn tiles(
     store: &Mutex<TileStore>,
-    encoder: &mut Encoder,
     layer: LayerId,
     request: &TilesRequest,
     near_m: [f64; 2],
@@ -85,7 +81,7 @@ pub fn tiles(
         if bytes >= MAX_REPLY_BYTES {
             break;
         }
-        for (stamp_ns, band) in bands(store, encoder, key) {
+        for (stamp_ns, band) in bands(store, key) {
             bytes += band.rows.len();
             found.push((key, stamp_ns, band));
         }

@@ -10,7 +10,6 @@ use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::View;
 use protocol::tile::BootId;
-use protocol::tile::codec::Encoder;
 use protocol::tile_store::TileStore;
 use protocol::wire::{self, Header};
 use serde::Serialize;
@@ -121,8 +120,6 @@ impl OpenSessions {
             .wait()
             .map_err(|why| LinkError::Declare { what: key, why })?;
 
-        let encoder = || Encoder::new().map_err(LinkError::Encoder);
-        let (answering, answering_small, pushing) = (encoder()?, encoder()?, encoder()?);
         let info = Arc::new(settings.info.clone());
         let out = &server.out;
         let mut threads = Vec::new();
@@ -135,11 +132,11 @@ impl OpenSessions {
         threads.extend([
             thread::spawn({
                 let (context, out, info) = (Arc::clone(&context), out.clone(), Arc::clone(&info));
-                move || queries::serve(&context, &out, &info, answering_small, &small_waiting)
+                move || queries::serve(&context, &out, &info, &small_waiting)
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());
-                move || queries::serve(&context, &out, &info, answering, &waiting)
+                move || queries::serve(&context, &out, &info, &waiting)
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());
@@ -147,7 +144,7 @@ impl OpenSessions {
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());
-                move || streams::send_tiles(&context, &out, pushing)
+                move || streams::send_tiles(&context, &out)
             }),
         ]);
         Ok(Self {

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::message::{Info, Pong, ShoresRequest};
-use protocol::tile::codec::Encoder;
 use protocol::wire;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -20,20 +19,14 @@ use network::clock;
 const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// Replies to one query after another until the network closes.
-pub(super) fn serve(
-    context: &Context,
-    out: &Outgoing,
-    info: &Info,
-    mut encoder: Encoder,
-    waiting: &Receiver<Query>,
-) {
+pub(super) fn serve(context: &Context, out: &Outgoing, info: &Info, waiting: &Receiver<Query>) {
     while !context.is_closing() {
         let query = match waiting.recv_timeout(POLL_TIMEOUT) {
             Ok(query) => query,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let replies = answer(context, out, info, &mut encoder, &query);
+        let replies = answer(context, out, info, &query);
         if replies.is_none() {
             context.publish_state.count_rejected();
         }
@@ -48,13 +41,7 @@ pub(super) fn serve(
 }
 
 /// The replies to `query`; `None` if it is invalid.
-fn answer(
-    context: &Context,
-    out: &Outgoing,
-    info: &Info,
-    encoder: &mut Encoder,
-    query: &Query,
-) -> Option<Vec<Vec<u8>>> {
+fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Option<Vec<Vec<u8>>> {
     let store = &context.store;
     let (_, topic) = Topic::parse(query.key_expr().as_str())?;
     let stamp_ns = context.publish_state.stamp_ns();
@@ -63,7 +50,7 @@ fn answer(
         Topic::Ping => messages(out, stamp_ns, &[Pong]),
         Topic::Tiles(layer) => {
             let near_m = context.publish_state.position_m().unwrap_or_default();
-            replies::tiles(store, encoder, layer, &request(query)?, near_m)
+            replies::tiles(store, layer, &request(query)?, near_m)
                 .iter()
                 .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
                 .collect()
@@ -98,7 +85,7 @@ fn answer(
         | Topic::MapHead
         | Topic::View
         | Topic::Scan
-        | Topic::Tile(_)
+        | Topic::Changes(_)
         | Topic::Operator(_) => return None,
     })
 }

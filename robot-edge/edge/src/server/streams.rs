@@ -6,7 +6,6 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{AgeToken, MapHead, View};
 use protocol::tile::TileKey;
-use protocol::tile::codec::Encoder;
 use protocol::tile_store::LayerGrid;
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
@@ -16,6 +15,7 @@ use super::open_sessions::{Context, Outgoing};
 use crate::driving::SharedDriveState;
 use crate::events::event;
 use crate::publishing::bandwidth_limiter::{BandwidthLimiter, TokenBucket};
+use crate::publishing::pushed_tiles::PushedTiles;
 use crate::publishing::replies::{self, with_store};
 use measurement::time::Monotonic;
 use network::LinkError;
@@ -31,7 +31,7 @@ const CHANGED_HEAD_PERIOD: Duration = Duration::from_millis(200);
 const TILES_PERIOD: Duration = Duration::from_millis(20);
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the queue at once: few, because the order changes as the vehicle moves.
-const TILES_AT_ONCE: usize = 8;
+const TILES_AT_ONCE: usize = 16;
 
 /// Publishers of periodic topics: their keys cross the network once.
 pub(super) struct TopicPublishers {
@@ -177,11 +177,12 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
 }
 
 /// Sends changed tiles, nearest first, and changed shores, within the budget, until the network closes.
-pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder) {
+pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
     let mut next = clock::now();
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
     let mut scans = ScanPush::new(context.budget_kbps, next);
+    let mut pushed_tiles = PushedTiles::default();
     loop {
         next = (next + TILES_PERIOD).max(clock::now());
         if !clock::sleep_until(next, || context.is_closing()) {
@@ -199,6 +200,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
             .publish_state
             .tile_queue()
             .keep_layers(|layer| wanted & bit(layer) != 0);
+        pushed_tiles.keep_layers(|layer| wanted & bit(layer) != 0);
         let newest_held = views.iter().map(|view| view.revision).max();
         bandwidth_limiter.acknowledged(newest_held.unwrap_or(u64::MAX), now);
         let near: Vec<_> = context
@@ -223,12 +225,11 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, mut encoder: Encoder
                 break;
             }
             has_sent = true;
-            for key in keys {
-                for (stamp_ns, band) in replies::bands(&context.store, &mut encoder, key) {
-                    let message = out.message(stamp_ns, &band);
-                    let bytes = message.map_or(0, |message| send_band(context, key, message));
-                    bandwidth_limiter.pushed(band.revision, bytes, clock::now());
-                }
+            for (layer, stamp_ns, changes) in pushed_tiles.changes(&context.store, keys) {
+                let newest = changes.tiles.iter().map(|tile| tile.band.revision).max();
+                let message = out.message(stamp_ns, &changes);
+                let bytes = message.map_or(0, |message| send_changes(context, layer, message));
+                bandwidth_limiter.pushed(newest.unwrap_or(0), bytes, clock::now());
             }
         }
         if has_sent {
@@ -289,9 +290,9 @@ fn next_tiles(context: &Context, near: &[[f64; 2]]) -> Vec<TileKey> {
     tile_queue.take_nearest(TILES_AT_ONCE, near, |key| cell_m(&cells, key))
 }
 
-/// Sends a band of a tile. Returns the number of bytes.
-fn send_band(context: &Context, key: TileKey, message: Vec<u8>) -> usize {
-    let bytes = put_bulk(context, Topic::Tile(key), message);
+/// Sends changed tiles. Returns the number of bytes.
+fn send_changes(context: &Context, layer: LayerId, message: Vec<u8>) -> usize {
+    let bytes = put_bulk(context, Topic::Changes(layer), message);
     context.publish_state.pushed(bytes);
     bytes
 }

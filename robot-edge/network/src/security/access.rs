@@ -3,7 +3,7 @@
 //! A put that is denied still returns `Ok` to its sender, so whatever must arrive is acknowledged by the vehicle.
 
 use protocol::keys::{
-    OperatorTopic, RobotId, Topic, all_of_robot, all_tiles, every_robot_alive, operator_key,
+    OperatorTopic, RobotId, Topic, all_changes, all_of_robot, every_robot_alive, operator_key,
 };
 use protocol::layer::LayerId;
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ fn published_keys(robot: &RobotId) -> Vec<String> {
         Topic::Scan,
     ];
     let mut keys: Vec<_> = topics.into_iter().map(|topic| topic.key(robot)).collect();
-    keys.push(all_tiles(robot));
+    keys.push(all_changes(robot));
     keys
 }
 

@@ -50,10 +50,11 @@ fn topics() -> Vec<Topic> {
         Topic::Ping,
     ];
     for layer in LayerId::ALL {
-        topics.extend([Topic::Tiles(layer), Topic::Digests(layer)]);
-        for (tx, ty) in [(0, 0), (i32::MIN, i32::MAX)] {
-            topics.push(Topic::Tile(TileKey { layer, tx, ty }));
-        }
+        topics.extend([
+            Topic::Changes(layer),
+            Topic::Tiles(layer),
+            Topic::Digests(layer),
+        ]);
     }
     topics
 }

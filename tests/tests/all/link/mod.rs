@@ -58,7 +58,7 @@ pub(crate) fn open_session(
         tile_store_mb: 64,
         layers: layers.iter().copied().collect(),
     };
-    RobotSession::open(settings, endpoints, wake).unwrap()
+    RobotSession::open(settings, endpoints, wake)
 }
 
 /// The endpoints of a console that connects without keys.
