@@ -25,9 +25,11 @@ use operator_console::panels::layers::{LayersData, layers_ui};
 use operator_console::theme;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
-use protocol::message::{Info, LayerHead, LayerInfo, MapHead, Pose, TileBand};
+use protocol::message::{
+    ChangedTile, Changes, Info, LayerHead, LayerInfo, MapHead, Pose, TileBand,
+};
 use protocol::tile::codec;
-use protocol::tile::{BootId, TileCells, TileKey};
+use protocol::tile::{BootId, TileCells};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
 use serde::Serialize;
@@ -274,21 +276,19 @@ impl Robot {
         (revision, turn): (u64, usize),
     ) {
         let cells = TileCells::from_fn(|x, y| code(layer, tile, (x, y), turn));
-        let key = TileKey {
-            layer,
-            tx: tile.0,
-            ty: tile.1,
-        };
-        let digest = cells.digest();
+        let check = cells.digest().check();
         let now = clock::now();
         for rows in codec::encode(layer, &cells) {
             let band = TileBand {
                 epoch: 0,
                 revision,
-                digest,
+                base: 0,
+                check,
                 rows,
             };
-            self.push(model, Topic::Tile(key), &band, now);
+            let (tx, ty) = tile;
+            let tiles = vec![ChangedTile { tx, ty, band }];
+            self.push(model, Topic::Changes(layer), &Changes { tiles }, now);
         }
     }
 

@@ -7,9 +7,9 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Arming, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus, Info, LayerHead,
-    LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings, ShoreClass,
-    ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
+    Arming, ChangedTile, Changes, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus,
+    Info, LayerHead, LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings,
+    ShoreClass, ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
 };
 use protocol::tile::codec;
 use protocol::tile::{BootId, TileKey};
@@ -118,16 +118,31 @@ pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotoni
     model.apply(sample, now);
 }
 
+/// One band as it is pushed.
+pub(crate) fn changes(key: TileKey, band: TileBand) -> Changes {
+    let (tx, ty) = (key.tx, key.ty);
+    let tiles = vec![ChangedTile { tx, ty, band }];
+    Changes { tiles }
+}
+
 pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
     let tile = store.tile(key).unwrap();
     for rows in codec::encode(key.layer, &tile.cells) {
         let band = TileBand {
             epoch: tile.epoch,
             revision: tile.revision,
-            digest: tile.digest,
+            base: 0,
+            check: tile.check,
             rows,
         };
-        inject_at(model, tile.stamp_ns, Topic::Tile(key), &band, now);
+        let changes = changes(key, band);
+        inject_at(
+            model,
+            tile.stamp_ns,
+            Topic::Changes(key.layer),
+            &changes,
+            now,
+        );
     }
 }
 

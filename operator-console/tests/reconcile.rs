@@ -7,13 +7,13 @@ use std::collections::VecDeque;
 use std::sync::Mutex;
 use std::time::Duration;
 
+use edge::publishing::pushed_tiles::PushedTiles;
 use edge::publishing::replies;
 use measurement::time::Monotonic;
 use operator_console::model::{ConsoleModel, Incoming, ModelSettings, OpenSessions, Outgoing};
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::{Info, LayerInfo};
-use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileCells, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
@@ -282,6 +282,8 @@ struct Edge {
     robot: RobotId,
     boot: BootId,
     store: Mutex<TileStore>,
+    /// What was pushed, whether it arrived or not.
+    pushed: PushedTiles,
     seq: u64,
 }
 
@@ -296,6 +298,7 @@ impl Edge {
             robot: "scout".parse().unwrap(),
             boot,
             store: Mutex::new(store),
+            pushed: PushedTiles::default(),
             seq: 0,
         }
     }
@@ -331,13 +334,10 @@ impl Edge {
                 };
         }
         let _published = self.store.get_mut().unwrap().publish(key, cells).unwrap();
-        let (layer, tx, ty) = (key.layer, key.tx, key.ty);
-        let bands = replies::bands(&self.store, key).into_iter();
-        let changes = bands.map(|(_, band)| Changes {
-            tiles: vec![ChangedTile { tx, ty, band }],
-        });
+        let changes = self.pushed.changes(&self.store, vec![key]);
         changes
-            .map(|changes| self.message(Topic::Changes(layer), &changes))
+            .iter()
+            .map(|(layer, _, changes)| self.message(Topic::Changes(*layer), changes))
             .collect()
     }
 

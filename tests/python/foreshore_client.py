@@ -34,7 +34,6 @@ from map_copy import Request, Layer, MapCopy, Backoff, dequantise
 from tiles import SIDE
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
-NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
 VIEW_EVERY_S = 0.5
 VIEW_RADIUS_M = 50.0
 QUERY_TIMEOUT_S = 8.0
@@ -90,13 +89,10 @@ def open_sessions(endpoints: list[str], timeout_s: float | None) -> list[zenoh.S
     return sessions
 
 
-def tile_of_key(key: str) -> tuple[str, tuple[int, int]] | None:
-    """Layer, column and row out of foreshore/ROBOT/map/LAYER/COLUMN/ROW."""
-    *_, layer, tx, ty = key.split("/")
-    if layer not in wire.LAYER_NAMES or not NUMBER.fullmatch(tx) or not NUMBER.fullmatch(ty):
-        return None
-    at = int(tx), int(ty)
-    return (layer, at) if all(-(1 << 31) <= n < 1 << 31 for n in at) else None
+def layer_of_key(key: str) -> str | None:
+    """Layer out of foreshore/ROBOT/map/LAYER/changes."""
+    *_, layer, what = key.split("/")
+    return layer if layer in wire.LAYER_NAMES and what == "changes" else None
 
 
 def site_letters(number: int) -> str:
@@ -172,7 +168,7 @@ class Client:
             (self.control, "pose", wire.POSE, wire.MAX_MESSAGE, self.take_pose),
             (self.control, "status", wire.STATUS, wire.MAX_MESSAGE, self.take_status),
             (self.control, "event", wire.EVENT, wire.MAX_MESSAGE, self.take_event),
-            (self.bulk, "map/*/*/*", wire.TILE_BAND, wire.MAX_TILE_MESSAGE, self.take_band),
+            (self.bulk, "map/*/changes", wire.CHANGES, wire.MAX_TILE_MESSAGE, self.take_changes),
         ]:
             channel = session.declare_subscriber(self.key(key), zenoh.handlers.RingChannel(WAITING))
             self.inputs.append((channel, kind, longest, take))
@@ -224,11 +220,12 @@ class Client:
         if self.map.is_current_boot(header):
             self.say(f"event {event['kind']!r}, {event['severity']}: {event['message']!r}")
 
-    def take_band(self, header, band, key):
-        if (tile := tile_of_key(key)) is None:
+    def take_changes(self, header, changes, key):
+        if (layer := layer_of_key(key)) is None:
             raise wire.Malformed(f"key {key}")
         if self.map.is_current_boot(header):
-            self.map.take_band(*tile, band)
+            for tile in changes["tiles"]:
+                self.map.take_band(layer, (tile["tx"], tile["ty"]), tile["band"])
 
     def take(self, kind, longest: int, payload: bytes, then, key: str = ""):
         """Reads a message and passes it on; counts what cannot be read."""

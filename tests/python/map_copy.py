@@ -10,7 +10,7 @@ from array import array
 from collections import Counter, deque
 from typing import NamedTuple
 
-from tiles import CELLS, GREATEST_CODE, SIDE, UNKNOWN, decode_band, root_digest, tile_digest
+from tiles import CELLS, SIDE, UNKNOWN, NoBase, decode_band, root_digest, tile_digest
 from wire import LAYER_NAMES, Header, Malformed
 
 MAX_TILES = 16384  # of all layers together; 128 MiB
@@ -32,7 +32,7 @@ class Partial(NamedTuple):
     """A tile of which some rows have come."""
 
     revision: int
-    digest: bytes
+    check: bytes
     rows: dict[int, array]
 
 
@@ -105,18 +105,22 @@ class Layer:
         """Takes one band; the tile, if all of its rows are there now. Raises `Malformed`."""
         if band["epoch"] < self.epoch or (band["epoch"] == self.epoch and band["revision"] <= self.revision(at)):
             return None
-        first, codes = decode_band(band["rows"], GREATEST_CODE[self.name])
+        held = self.tiles.get(at) if band["epoch"] == self.epoch else None
+        base = None
+        if held and held.revision == band["base"]:
+            base = held.codes or array("H", bytes(2 * CELLS))
+        first, codes = decode_band(band["rows"], self.name, base)
         self.enter(band["epoch"])
         partial = self.partial.get(at)
         if partial and partial.revision > band["revision"]:
             return None
-        # One revision has one digest. If two come all the same, the later one is collected: the
+        # One revision has one check. If two come all the same, the later one is collected: the
         # first may have been damaged, and waiting for its other rows would keep the right one out.
-        if not partial or (partial.revision, partial.digest) != (band["revision"], band["digest"]):
+        if not partial or (partial.revision, partial.check) != (band["revision"], band["check"]):
             self.partial.pop(at, None)
             if len(self.partial) >= MAX_PARTIAL:
                 del self.partial[next(iter(self.partial))]  # the oldest
-            partial = self.partial[at] = Partial(band["revision"], band["digest"], {})
+            partial = self.partial[at] = Partial(band["revision"], band["check"], {})
         for i in range(len(codes) // SIDE):
             partial.rows.setdefault(first + i, codes[i * SIDE : (i + 1) * SIDE])
         if len(partial.rows) < SIDE:
@@ -125,9 +129,10 @@ class Layer:
         whole = array("H")
         for y in range(SIDE):
             whole.extend(partial.rows[y])
-        if tile_digest(whole) != partial.digest:
+        digest = tile_digest(whole)
+        if digest[:8] != partial.check:
             raise Malformed(f"{self.name} tile {at}: digest does not match its cells")
-        return Tile(partial.revision, partial.digest, None if partial.digest == UNKNOWN else whole)
+        return Tile(partial.revision, digest, None if digest == UNKNOWN else whole)
 
     def compare(self, answer: dict, newer_than: int) -> dict[At, int]:
         """Rule 5, steps 2 and 3: puts right what a complete answer can, and says what is missing."""
@@ -220,7 +225,13 @@ class MapCopy:
     def take_band(self, layer: str, at: At, band: dict):
         """A band of the present boot, pushed or asked for. Raises `Malformed`."""
         layer = self.layers[layer]
-        if tile := layer.collect(at, band):
+        try:
+            tile = layer.collect(at, band)
+        except NoBase:
+            self.counts["differences to a tile that was missed"] += 1
+            layer.mismatched_heads = 2  # heal without waiting for a head
+            return
+        if tile:
             if at not in layer.tiles and sum(len(l.tiles) for l in self.layers.values()) >= MAX_TILES:
                 self.is_full = True
                 self.counts["tiles without space"] += 1

@@ -13,13 +13,12 @@ import unittest
 from array import array
 from pathlib import Path
 
-import zstandard
 from blake3 import blake3
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 import tiles
 import wire
-from foreshore_client import bulk_endpoint, tile_of_key
+from foreshore_client import bulk_endpoint, layer_of_key
 from map_copy import Layer, MapCopy, dequantise, one_page
 
 SPEC = Path(__file__).resolve().parents[2] / "protocol" / "SPEC.md"
@@ -33,7 +32,7 @@ KINDS = {
     "Event": wire.EVENT,
     "MapHead": wire.MAP_HEAD,
     "View": wire.VIEW,
-    "TileBand": wire.TILE_BAND,
+    "Changes": wire.CHANGES,
     "DigestsRequest": wire.DIGESTS_REQUEST,
     "Digests": wire.DIGESTS,
     "TilesRequest.NewerThan": wire.TILES_REQUEST,
@@ -116,24 +115,18 @@ def plain_bands(codes: array) -> list[bytes]:
     bands = []
     for first in 0, 32:
         part = codes[first * 64 : (first + 32) * 64]
-        bands.append(bytes([1, first, 32, 0]) + bytes(c & 0xFF for c in part) + bytes(c >> 8 for c in part))
+        bands.append(bytes([2, first, 32, 0]) + bytes(c & 0xFF for c in part) + bytes(c >> 8 for c in part))
     return bands
 
 
-def to_symbols(rows: list[list[int]]) -> list[int]:
-    """The other direction of coding 2, as the specification describes it."""
-    symbols, before = [], [32768] * 64
-    for r, row in enumerate(rows):
-        seen = []
-        for x, code in enumerate(row):
-            left, above_left = (seen[x - 1], before[x - 1]) if x else (before[0], before[0])
-            above = before[x]
-            prediction = left if r == 0 else sorted((left, above, left + above - above_left))[1]
-            d = (code - prediction + 32767) % 65535 - 32767
-            symbols.append(0 if code == 0 else (2 * d if d >= 0 else -2 * d - 1) + 1)
-            seen.append(prediction if code == 0 else code)
-        before = seen
-    return symbols
+def raised() -> array:
+    """`plane` with a part that was raised, and a part that became known."""
+    codes, part = plane(), range(10, 30)
+    for y in part:
+        for x in part:
+            if codes[64 * y + x] or x < 25:
+                codes[64 * y + x] = max(codes[64 * y + x], 30000) + 2
+    return codes
 
 
 class Messages(unittest.TestCase):
@@ -246,45 +239,37 @@ class Messages(unittest.TestCase):
                 read(kind, data)
 
     def test_another_version_is_not_read_further(self):
-        for message in b"\3\0", b"\5\0" + unhex("Pong")[2:] + b"more":
+        for message in b"\4\0", b"\6\0" + unhex("Pong")[2:] + b"more":
             with self.assertRaises(wire.OtherVersion):
                 wire.decode(wire.PONG, message)
 
     def test_keys_and_endpoints(self):
-        self.assertEqual(tile_of_key("foreshore/scout-1/map/elevation/-3/12"), ("elevation", (-3, 12)))
-        for rest in "elevation/-0/1", "elevation/+1/1", "elevation/01/1", "height/1/1", "shore/1/2147483648":
-            self.assertIsNone(tile_of_key("foreshore/scout-1/map/" + rest))
+        self.assertEqual(layer_of_key("foreshore/scout-1/map/elevation/changes"), "elevation")
+        for rest in "elevation/tiles", "height/changes", "changes":
+            self.assertIsNone(layer_of_key("foreshore/scout-1/map/" + rest))
         self.assertEqual(bulk_endpoint("tcp/[::1]:7447#iface=eth0"), "tcp/[::1]:7448#iface=eth0")
 
 
 class Tiles(unittest.TestCase):
-    def whole(self, bands: list[bytes], greatest: int = 65535) -> array:
+    def whole(self, bands: list[bytes], layer: str = "elevation", base: array | None = None) -> array:
         codes = array("H", [0]) * tiles.CELLS
         for band in bands:
-            first, part = tiles.decode_band(band, greatest)
+            first, part = tiles.decode_band(band, layer, base)
             codes[first * 64 : first * 64 + len(part)] = part
         return codes
 
     def test_bands(self):
-        self.assertEqual(self.whole([unhex("band posts")], 2), posts())
+        self.assertEqual(self.whole([unhex("band posts")], "obstacle"), posts())
         self.assertEqual(self.whole([unhex("band plane")]), plane())
-        self.assertEqual(self.whole([unhex(f"bands plane {first}") for first in (63, 31, 0)]), plane())
+        self.assertEqual(self.whole([unhex("band raised")], base=plane()), raised())
+        with self.assertRaises(tiles.NoBase):
+            self.whole([unhex("band raised")])
         self.assertEqual(self.whole(plain_bands(noise())), noise())
 
     def test_bands_of_noise(self):
         bands = plain_bands(noise())
         self.assertEqual(b"".join(band[:4] for band in bands), unhex("beginnings noise"))
         self.assertEqual(b"".join(blake3(band).digest() for band in bands), unhex("blake3 noise"))
-
-    def test_symbols(self):
-        said = values("symbols")
-        rows = [row + [0] * 58 for row in said["codes"]]
-        symbols = to_symbols(rows)
-        self.assertEqual([symbols[r * 64 : r * 64 + 6] for r in range(4)], said["symbols"])
-        self.assertEqual(tiles.decode_symbols(symbols), sum(rows, []))
-        for codes in noise(), plane(), posts():
-            rows = [codes[y * 64 : y * 64 + 64].tolist() for y in range(64)]
-            self.assertEqual(tiles.decode_symbols(to_symbols(rows)), codes.tolist())
 
     def test_tile_digests(self):
         unknown = array("H", [0]) * tiles.CELLS
@@ -303,36 +288,27 @@ class Tiles(unittest.TestCase):
 
     def test_wrong_bands(self):
         good = unhex("band posts")
-        unsized = zstandard.ZstdCompressor(write_content_size=False)
-        bomb = zstandard.compress(bytes(1 << 24))
         for what, band in [
-            ("cut off", good[:-1]),
-            ("no payload", good[:4]),
-            ("bytes behind", good + b"\0"),
-            ("two frames", good + good[4:]),
-            ("other version", b"\2" + good[1:]),
-            ("no rows", b"\1\0\0\0"),
-            ("too many rows", b"\1\1\x40" + good[3:]),
+            ("bytes behind", good + bytes(9)),
+            ("other version", b"\1" + good[1:]),
+            ("no rows", b"\2\0\0\0"),
+            ("too many rows", b"\2\1\x40" + good[3:]),
             ("other coding", good[:3] + b"\3" + good[4:]),
-            ("fewer rows than cells", b"\1\0\x20" + good[3:]),
-            ("too long", b"\1\0\x40\0" + bytes(8192)),
-            ("bomb", good[:4] + bomb),
-            ("bomb without a size", good[:4] + unsized.compress(bytes(1 << 24))),
+            ("part of the rows, modelled", b"\2\0\x20" + good[3:]),
+            ("fewer bytes than cells", b"\2\0\x20\0" + bytes(100)),
+            ("too long", b"\2\0\x40\0" + bytes(8192)),
+            ("codes beyond the layer's greatest", b"\2\0\1\0" + b"\3" * 64 + bytes(64)),
         ]:
             with self.subTest(what), self.assertRaises(wire.Malformed):
-                tiles.decode_band(band, 2)
-        with self.assertRaises(wire.Malformed):
-            tiles.decode_band(unhex("band plane"), 2)  # codes beyond the layer's greatest
-        _, codes = tiles.decode_band(good[:4] + unsized.compress(zstandard.decompress(good[4:])), 2)
-        self.assertEqual(codes, posts())
+                tiles.decode_band(band, "obstacle", None)
 
     def test_damaged_bands_raise_nothing_but_malformed(self):
         random.seed(2)
         for _ in range(60):
-            band = bytearray(unhex(random.choice(["band posts", "band plane"])))
+            band = bytearray(unhex(random.choice(["band raised", "band plane"])))
             band[random.randrange(len(band))] = random.randrange(256)
             try:
-                tiles.decode_band(bytes(band), 65535)
+                tiles.decode_band(bytes(band), "elevation", plane())
             except wire.Malformed:
                 pass
 
@@ -367,7 +343,7 @@ class Robot:
 
     def bands(self, at) -> list[dict]:
         revision, digest, codes = self.held[at]
-        band = {"epoch": self.epoch, "revision": revision, "digest": digest}
+        band = {"epoch": self.epoch, "revision": revision, "base": 0, "check": digest[:8]}
         return [band | {"rows": rows} for rows in plain_bands(codes)]
 
     def answer(self, ask) -> list[dict]:
@@ -509,6 +485,17 @@ class Rules(unittest.TestCase):
         self.hear()
         self.in_step()
 
+    def test_differences_need_the_tile_that_they_are_to(self):
+        # All 4096 bits say that nothing differs.
+        same = {"epoch": 0, "revision": 2, "base": 1, "check": unhex("digest posts")[:8], "rows": b"\2\0\x40\2"}
+        self.map.take_band("obstacle", (0, 0), same)
+        self.assertEqual((self.layer.tiles, self.layer.mismatched_heads), ({}, 2))
+        self.assertEqual(self.map.counts["differences to a tile that was missed"], 1)
+        self.robot.put((0, 0), posts())
+        self.push((0, 0))
+        self.map.take_band("obstacle", (0, 0), same)
+        self.assertEqual((self.layer.revision((0, 0)), self.layer.tiles[0, 0].codes), (2, posts()))
+
     def test_wrong_tiles_are_not_held(self):
         self.robot.put((0, 0), posts())
         first, second = self.robot.bands((0, 0))
@@ -516,8 +503,8 @@ class Rules(unittest.TestCase):
         with self.assertRaises(wire.Malformed):
             self.map.take_band("obstacle", (0, 0), second | {"rows": plain_bands(painted(1))[1]})
         self.assertEqual((self.layer.tiles, self.layer.partial), ({}, {}))
-        # A wrong digest that is never completed does not keep the right tile out.
-        self.map.take_band("obstacle", (0, 0), first | {"digest": bytes(32)})
+        # A wrong check that is never completed does not keep the right tile out.
+        self.map.take_band("obstacle", (0, 0), first | {"check": bytes(8)})
         self.push((0, 0))
         self.hear()
         self.in_step()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-PROTOCOL = 4
+PROTOCOL = 5
 MAX_MESSAGE = 65536
 MAX_TILE_MESSAGE = 8192
 MAX_SIGNED = 256
@@ -214,7 +214,8 @@ class Enum:
 
 
 U16, U32, U64, I32, I64 = UInt(16), UInt(32), UInt(64), Int(32), Int(64)
-F32, F64, BOOL, BYTES, TEXT, DIGEST = Fixed("<f"), Fixed("<d"), Bool(), Raw(), Text(), Raw(32)
+F32, F64, BOOL, BYTES, TEXT = Fixed("<f"), Fixed("<d"), Bool(), Raw(), Text()
+DIGEST, CHECK = Raw(32), Raw(8)
 LAYER_NAMES = ["occupancy", "elevation", "obstacle", "cost", "rigidity", "shore", "intra", "inter", "depth"]
 LAYER = Enum(**dict.fromkeys(LAYER_NAMES))
 
@@ -357,7 +358,8 @@ LOCALIZATION = Struct(
 EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), message=TEXT)
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
 VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_synchronized=BOOL, wants_scan=BOOL)
-TILE_BAND = Struct(epoch=U32, revision=U64, digest=DIGEST, rows=BYTES)
+TILE_BAND = Struct(epoch=U32, revision=U64, base=U64, check=CHECK, rows=BYTES)
+CHANGES = Struct(tiles=List(Struct(tx=I32, ty=I32, band=TILE_BAND)))
 DIGESTS_REQUEST = Struct(newer_than=U64)
 DIGESTS = Struct(
     epoch=U32,

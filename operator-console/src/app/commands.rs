@@ -59,18 +59,14 @@ impl ConsoleApp {
         let wake = move || ctx.request_repaint_after(Duration::from_millis(1));
         // Release the last robot first.
         self.teleop_handle.set_session(None);
-        let opened = RobotSession::open(settings, &endpoints, wake).map_err(anyhow::Error::from);
-        let opened = opened.and_then(|mut session| {
-            let teleop_session = session
-                .take_driving()
-                .filter(|_| source_kind == SourceKind::Robot)
-                .map(|driving| {
-                    TeleopSession::new(found.robot.clone(), self.identity.clone(), driving)
-                });
-            Ok((session, teleop_session.transpose()?))
-        });
-        match opened {
-            Ok((session, teleop_session)) => {
+        let mut session = RobotSession::open(settings, &endpoints, wake);
+        let driving = session
+            .take_driving()
+            .filter(|_| source_kind == SourceKind::Robot);
+        let teleop_session = driving
+            .map(|driving| TeleopSession::new(found.robot.clone(), self.identity.clone(), driving));
+        match teleop_session.transpose() {
+            Ok(teleop_session) => {
                 self.problem = None;
                 if let Some(before) = before {
                     session.model().set_last_contact(before);

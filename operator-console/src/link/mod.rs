@@ -4,7 +4,6 @@
 //! requests, and wakes the window if something visible changed. So a frozen window does not block the link, and a robot
 //! that stands still costs no frames.
 
-use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard};

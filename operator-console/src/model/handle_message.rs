@@ -4,10 +4,10 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event, Info, LayerHead,
-    Localization, MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus, Scan, SensorInfo,
-    SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TilesReply, TrajectoryPart,
-    VoxelsReply,
+    ChangedTile, Changes, CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event,
+    Info, LayerHead, Localization, MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus,
+    Scan, SensorInfo, SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TilesReply,
+    TrajectoryPart, VoxelsReply,
 };
 use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};

@@ -21,7 +21,6 @@ mod vehicle;
 mod voxels_sync;
 
 use std::collections::{BTreeSet, VecDeque};
-use std::io;
 use std::time::Duration;
 
 use measurement::time::Monotonic;

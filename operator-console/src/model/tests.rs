@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, at, console, ended_status, idle_teleop_status, inject, inject_reply,
-    pose_at_rest, scout,
+    BOOT, announce_boot, at, changes, console, ended_status, idle_teleop_status, inject,
+    inject_reply, pose_at_rest, scout,
 };
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
@@ -222,25 +222,28 @@ fn stop_before_estop_is_recorded() {
 fn tiles_before_the_first_head_count_as_before_join() {
     let mut model = console("scout", &[LayerId::Occupancy]);
     let layer = LayerId::Occupancy;
-    let tile = Topic::Tile(TileKey {
+    let key = TileKey {
         layer,
         tx: 0,
         ty: 0,
-    });
+    };
     let band = TileBand {
         epoch: 0,
         revision: 1,
-        digest: TileCells::unknown().digest(),
+        base: 0,
+        check: TileCells::unknown().digest().check(),
         rows: vec![0; 40],
     };
     let counts = |model: &ConsoleModel| {
         let count = |why| model.reject_counts().count(why);
         [RejectReason::BeforeJoin, RejectReason::OtherBoot].map(count)
     };
-    inject(&mut model, tile, &band, at(0));
+    let tile = Topic::Changes(layer);
+    let changes = changes(key, band);
+    inject(&mut model, tile, &changes, at(0));
     assert_eq!(counts(&model), [1, 0]);
     announce_boot(&mut model, BootId([8; 16]), at(1));
-    inject(&mut model, tile, &band, at(2));
+    inject(&mut model, tile, &changes, at(2));
     assert_eq!(counts(&model), [1, 1]);
 }
 

@@ -74,7 +74,7 @@ const EXAMPLES: [(&str, Check); 44] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 46] = [
+const PARTS: [&str; 48] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -92,6 +92,8 @@ const PARTS: [&str; 46] = [
     "DropCount",
     "LayerHead",
     "TileSummary",
+    "ChangedTile",
+    "TileBand",
     "Shores",
     "Datum",
     "ShoreCluster",
@@ -175,10 +177,9 @@ fn every_message_and_variant_has_an_example() {
     let documented: BTreeSet<&str> = blocks_of("json").into_iter().collect();
     let checked: BTreeSet<&str> = EXAMPLES.iter().map(|(name, _)| *name).collect();
     let unchecked: Vec<_> = documented.difference(&checked).collect();
-    assert_eq!(
-        unchecked,
-        [&"symbols"],
-        "examples that no test knows (symbols are in tiles.rs)"
+    assert!(
+        unchecked.is_empty(),
+        "examples that no test knows: {unchecked:?}"
     );
 
     for declared in declarations() {

@@ -21,11 +21,12 @@ struct Model {
 }
 
 /// How a code is told that equals no neighbour.
-enum Values {
-    /// Bit by bit, where few codes occur: by the bits before it.
-    Few([Probability; 256]),
-    /// As the difference to a prediction.
-    Many(Box<Differences>),
+struct Values {
+    /// Bit by bit, where few codes occur; else as the difference to a prediction.
+    are_few: bool,
+    /// By the bits before it.
+    bits: [Probability; 256],
+    differences: Differences,
 }
 
 struct Differences {
@@ -102,7 +103,7 @@ impl Around {
         let west = i32::from(either(self.west, self.north).unwrap_or(UNKNOWN));
         let north = i32::from(either(self.north, self.west).unwrap_or(UNKNOWN));
         if self.north_west == UNKNOWN {
-            return ((west + north) / 2, (west - north).abs());
+            return (i32::midpoint(west, north), (west - north).abs());
         }
         let north_west = i32::from(self.north_west);
         // The median edge predictor of LOCO-I (Weinberger, Seroussi and Sapiro 2000, §III-A).
@@ -165,19 +166,13 @@ fn context(bits: impl IntoIterator<Item = bool>) -> usize {
 
 impl Model {
     fn new(layer: LayerId) -> Self {
-        let values = match layer {
-            LayerId::Elevation | LayerId::Cost | LayerId::Inter | LayerId::Depth => {
-                Values::Many(Box::new(Differences {
-                    longer: [[Probability::EVEN; 17]; 8],
-                    next: [[Probability::EVEN; 3]; 17],
-                    sign: [Probability::EVEN; 3],
-                }))
-            }
+        let are_few = match layer {
             LayerId::Occupancy
             | LayerId::Obstacle
             | LayerId::Rigidity
             | LayerId::Shore
-            | LayerId::Intra => Values::Few([Probability::EVEN; 256]),
+            | LayerId::Intra => true,
+            LayerId::Elevation | LayerId::Cost | LayerId::Inter | LayerId::Depth => false,
         };
         Self {
             differs: [Probability::EVEN; 512],
@@ -186,7 +181,15 @@ impl Model {
             is_west: [Probability::EVEN; 128],
             is_north: [Probability::EVEN; 32],
             is_unknown: Probability::EVEN,
-            values,
+            values: Values {
+                are_few,
+                bits: [Probability::EVEN; 256],
+                differences: Differences {
+                    longer: [[Probability::EVEN; 17]; 8],
+                    next: [[Probability::EVEN; 3]; 17],
+                    sign: [Probability::EVEN; 3],
+                },
+            },
             became: [UNKNOWN; 256],
         }
     }
@@ -299,22 +302,19 @@ impl Values {
         (prediction, unevenness): (i32, i32),
         sign: usize,
     ) -> u16 {
-        match self {
-            Self::Few(bits) => {
-                let mut path = 1_usize;
-                for bit in (0..8).rev() {
-                    let is_set = coder.bit(&mut bits[path], code >> bit & 1 == 1);
-                    path = path << 1 | usize::from(is_set);
-                }
-                path as u8 as u16
+        if self.are_few {
+            let mut path = 1_usize;
+            for bit in (0..8).rev() {
+                let is_set = coder.bit(&mut self.bits[path], code >> bit & 1 == 1);
+                path = path << 1 | usize::from(is_set);
             }
-            Self::Many(differences) => {
-                let difference = i32::from(code) - prediction;
-                let length = 32 - unevenness.unsigned_abs().leading_zeros();
-                let difference = differences.code(coder, difference, length.min(7) as usize, sign);
-                (prediction + difference) as u16
-            }
+            return u16::from(path as u8);
         }
+        let difference = i32::from(code) - prediction;
+        let length = 32 - unevenness.unsigned_abs().leading_zeros();
+        let length = length.min(7) as usize;
+        let difference = self.differences.code(coder, difference, length, sign);
+        (prediction + difference) as u16
     }
 }
 
@@ -348,7 +348,7 @@ impl Differences {
             };
             read = read << 1 | usize::from(is_set);
         }
-        let read = read as i32;
+        let read = (read as u32).cast_signed();
         if is_negative { -read } else { read - 1 }
     }
 }

@@ -26,7 +26,7 @@ impl Probability {
         let goal = if bit { 0 } else { 65_535 };
         let zero = i32::from(self.zero);
         // It fits 32 bits: the first goal is at most 32,768 away, the second 54,613, and the rate falls.
-        let zero = zero + ((goal - zero) * rate >> 16);
+        let zero = zero + (((goal - zero) * rate) >> 16);
         self.zero = zero.clamp(LEAST.into(), (65_535 - LEAST).into()) as u16;
         self.seen = MEMORY.min(self.seen + 1);
     }
@@ -59,7 +59,7 @@ impl RangeEncoder {
 
     fn shift(&mut self) {
         let (carry, byte) = ((self.low >> 32) as u8, (self.low >> 24) as u8);
-        self.low = self.low << 8 & 0xffff_ffff;
+        self.low = (self.low << 8) & 0xffff_ffff;
         match &mut self.held {
             Some((_, full)) if carry == 0 && byte == 0xff => *full += 1,
             held => {
@@ -76,7 +76,7 @@ impl RangeEncoder {
     pub(super) fn finish(mut self) -> Vec<u8> {
         // Of the numbers that mean the same the one with most zeros at its end.
         let end = self.low + u64::from(self.range);
-        let rounded = [24, 16, 8].map(|bits| (self.low >> bits) + 1 << bits);
+        let rounded = [24, 16, 8].map(|bits| ((self.low >> bits) + 1) << bits);
         self.low = rounded
             .into_iter()
             .find(|low| *low < end)
@@ -134,7 +134,7 @@ impl<'a> RangeDecoder<'a> {
     fn shift(&mut self) {
         let (byte, rest) = self.bytes.split_first().unwrap_or((&0, &[]));
         self.bytes = rest;
-        self.code = self.code << 8 | u32::from(*byte);
+        self.code = (self.code << 8) | u32::from(*byte);
     }
 
     /// Bytes that no bit needed.

@@ -291,7 +291,7 @@ fn a_late_console_without_layers_exports_the_edges_map() {
 
 /// What the client from SPEC.md needs.
 const REQUIREMENTS: &str = "requirements.txt";
-const IMPORTS: &str = "zenoh, zstandard, blake3, cryptography";
+const IMPORTS: &str = "zenoh, blake3, cryptography";
 
 #[test]
 fn the_python_client_agrees_with_the_edge() {
