@@ -95,3 +95,82 @@ impl PushedTiles {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use protocol::tile::BootId;
+    use protocol::tile_store::LayerGrid;
+
+    use super::*;
+    use crate::publishing::cells_to_tiles::{tile_of, uniform_tile};
+
+    const LAYER: LayerId = LayerId::Occupancy;
+
+    const fn key(tx: i32) -> TileKey {
+        TileKey {
+            layer: LAYER,
+            tx,
+            ty: 0,
+        }
+    }
+
+    /// Coding, base and column of each band, message by message.
+    fn pushed(
+        tiles: &mut PushedTiles,
+        store: &Mutex<TileStore>,
+        keys: &[i32],
+    ) -> Vec<Vec<(u8, u64, i32)>> {
+        let messages = tiles.changes(store, keys.iter().map(|tx| key(*tx)).collect());
+        let tiles = messages.into_iter().map(|(_, _, changes)| changes.tiles);
+        tiles
+            .map(|tiles| {
+                let coded = tiles.iter();
+                coded
+                    .map(|tile| (tile.band.rows[3], tile.band.base, tile.tx))
+                    .collect()
+            })
+            .collect()
+    }
+
+    fn publish(store: &Mutex<TileStore>, tx: i32, cells: TileCells) {
+        drop(store.lock().unwrap().publish(key(tx), cells).unwrap());
+    }
+
+    #[test]
+    fn a_tile_is_pushed_whole_once_and_then_what_differs() {
+        let mut store = TileStore::new(BootId([1; 16]), 10);
+        let grid = LayerGrid {
+            layer: LAYER,
+            cell_m: 0.1,
+        };
+        store.set_grid(grid).unwrap();
+        let store = Mutex::new(store);
+        let mut tiles = PushedTiles::default();
+        for tx in 0..3 {
+            publish(&store, tx, uniform_tile(5)); // revisions 1 to 3
+        }
+        let whole = vec![vec![(1, 0, 0), (1, 0, 1)]];
+        assert_eq!(pushed(&mut tiles, &store, &[0, 1, 7]), whole);
+        publish(&store, 0, uniform_tile(6));
+        let both = vec![vec![(2, 1, 0), (1, 0, 2)]];
+        assert_eq!(pushed(&mut tiles, &store, &[0, 2]), both);
+        // Each stamp has its message, and a long tile, too.
+        store.lock().unwrap().set_stamp(9);
+        publish(&store, 1, uniform_tile(7));
+        let mut state = 1_u32;
+        let noise = tile_of(|_, _| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            1 + (state >> 24) as u16 % 251
+        });
+        publish(&store, 0, noise);
+        let keys = pushed(&mut tiles, &store, &[2, 1, 0]);
+        assert_eq!(keys, [vec![(2, 3, 2)], vec![(2, 2, 1)], vec![(2, 4, 0)]]);
+        // What was pushed is void after an erasure, and unknown to consoles where nobody follows.
+        store.lock().unwrap().erase_layer(LAYER).unwrap();
+        publish(&store, 0, uniform_tile(6));
+        assert_eq!(pushed(&mut tiles, &store, &[0]), [[(1, 0, 0)]]);
+        publish(&store, 0, uniform_tile(8));
+        tiles.keep_layers(|layer| layer != LAYER);
+        assert_eq!(pushed(&mut tiles, &store, &[0]), [[(1, 0, 0)]]);
+    }
+}
