@@ -9,7 +9,7 @@ use crate::interface::CollisionMonitorOutput;
 use crate::lease::{EStop, Lease};
 use crate::motion::Velocity;
 use measurement::time::Monotonic;
-use protocol::message::{Arming, Clamp, DockingChoice, Refusal};
+use protocol::message::{Arming, Clamp, DockingChoice, GoalEnd, MapPose, Refusal};
 
 /// What an operator needs to know: the driver, the age of commands, the requested and the applied velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +44,10 @@ pub struct TeleopReport {
     pub estop: Option<EStop>,
     /// The docking site into whose vegetation the vehicle may push.
     pub docking: Option<DockingChoice>,
+    /// The goal that runs.
+    pub goal: Option<MapPose>,
+    /// Why the last goal ended.
+    pub last_goal_end: Option<GoalEnd>,
     /// What was obeyed and what was refused.
     pub counters: Counters,
 }
@@ -81,6 +85,8 @@ impl ArbiterState {
             measured: self.measured,
             estop: self.estop,
             docking: self.docking(),
+            goal: self.goal.map(|goal| goal.pose),
+            last_goal_end: self.last_goal_end,
             counters: self.counters,
         }
     }
@@ -94,12 +100,23 @@ pub struct Counters {
     /// Times that a moving vehicle stopped without its operator having asked for it.
     pub involuntary_stops: u64,
     refused: [u64; Refusal::ALL.len()],
+    goal_ends: [u64; GoalEnd::ALL.len()],
 }
 
 impl Counters {
     /// How often something was refused for this reason.
     pub const fn refused(&self, refusal: Refusal) -> u64 {
         self.refused[refusal as usize]
+    }
+
+    /// How many goals ended for this reason.
+    pub const fn goal_ends(&self, why: GoalEnd) -> u64 {
+        self.goal_ends[why as usize]
+    }
+
+    pub(super) const fn end_goal(&mut self, why: GoalEnd) {
+        let count = &mut self.goal_ends[why as usize];
+        *count = count.saturating_add(1);
     }
 
     pub(super) const fn refuse(&mut self, refusal: Refusal) {

@@ -72,6 +72,16 @@ pub(super) struct Licence {
     /// It was lost at that moment by age or release, so that a young press soon after brings it back.
     pub(super) lost: Option<Monotonic>,
     pub(super) neutral_since: Option<Monotonic>,
+    /// It is that of a planner, by a goal.
+    pub(super) goal: Option<GoalInForce>,
+}
+
+/// A goal that is to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct GoalInForce {
+    pub(super) started: Monotonic,
+    /// When the planner's newest velocity since then arrived.
+    pub(super) heard: Option<Monotonic>,
 }
 
 impl Licence {
@@ -87,6 +97,7 @@ impl Licence {
 
     /// `may_recover`: the vehicle still moves, and the collision monitor gives limits.
     fn press(&mut self, now: Monotonic, neutral: Duration, may_recover: bool) {
+        self.goal = None;
         if self.is_given {
             return;
         }
@@ -97,6 +108,51 @@ impl Licence {
         if is_soon && may_recover || was_neutral.is_some_and(|since| now.since(since) >= neutral) {
             self.lock();
             self.is_given = true;
+        }
+    }
+
+    /// A command names a goal. `may_start`: the vehicle stands, held, and can be driven by a planner; `must_lock`: it could not be
+    /// at all.
+    fn name_goal(
+        &mut self,
+        now: Monotonic,
+        neutral: Duration,
+        (may_start, must_lock): (bool, bool),
+    ) {
+        if self.goal.is_some() {
+            return;
+        }
+        let Some(since) = self.neutral_since.filter(|_| !must_lock) else {
+            return self.lock();
+        };
+        if may_start && now.since(since) >= neutral {
+            self.lock();
+            self.is_given = true;
+            self.goal = Some(GoalInForce {
+                started: now,
+                heard: None,
+            });
+        }
+    }
+
+    /// A planner's velocity arrived.
+    fn planned(
+        &mut self,
+        now: Monotonic,
+        velocity: Velocity,
+        arrived: Monotonic,
+        max_gap: Duration,
+    ) {
+        let Some(goal) = self.goal.as_mut().filter(|goal| arrived >= goal.started) else {
+            return;
+        };
+        let has_gap = goal
+            .heard
+            .is_some_and(|heard| arrived.since(heard) > max_gap);
+        if velocity.is_finite() && now.since(arrived) <= max_gap && !has_gap {
+            goal.heard = goal.heard.max(Some(arrived));
+        } else {
+            self.lock();
         }
     }
 
@@ -121,6 +177,7 @@ impl Licence {
     }
 
     fn lose(&mut self, now: Monotonic) {
+        self.goal = None;
         if self.is_given {
             self.is_given = false;
             self.lost = Some(now);
@@ -169,6 +226,10 @@ impl Monitor {
         self.observe_input(transition)?;
         self.observe_actions(transition)?;
 
+        ensure(
+            after.goal.is_some() == self.licence.goal.is_some(),
+            "a goal runs, or does not, against the rules",
+        )?;
         let is_zero = is == Velocity::ZERO;
         if transition.input == ArbiterInput::Tick {
             self.observe_tick(transition, was, is)?;
@@ -298,6 +359,21 @@ impl Monitor {
             }
             ArbiterInput::CollisionMonitor(output) => self.collision_monitor = Some((output, now)),
             ArbiterInput::ActuatorFault => self.fault(),
+            ArbiterInput::Planned { velocity, arrived } => {
+                let had_goal = self.licence.goal.is_some();
+                if let Some(planner) = transition.rules.planner {
+                    self.licence
+                        .planned(now, velocity, arrived, planner.max_gap);
+                }
+                let same = ArbiterState {
+                    now: after.now,
+                    ..*before
+                };
+                ensure(
+                    had_goal || same == *after,
+                    "a planner has an effect without a goal",
+                )?;
+            }
             ArbiterInput::MotorsHeld => {
                 self.licence.lock();
                 self.in_force = self.in_force.map(|last| InForce {
@@ -322,11 +398,22 @@ impl Monitor {
         let Transition {
             rules, before, now, ..
         } = *transition;
-        let is_pressed = !command.requested.is_neutral();
+        let is_neutral = command.requested.is_neutral();
+        let names_goal = is_neutral && command.goal.is_some();
+        if names_goal {
+            let is_available = rules.planner.is_some() && self.monitor_is_available(now);
+            let may_start = before.mode() == Mode::Held;
+            self.licence
+                .name_goal(now, rules.neutral, (may_start, !is_available));
+        }
+        let is_pressed = !is_neutral || self.licence.goal.is_some();
         if let Ok(issued) = before.tokens().issued(command.token, now) {
             self.in_force = Some(InForce { issued, is_pressed });
         }
         self.renewed = now;
+        if names_goal {
+            return;
+        }
         if is_pressed {
             let moves = before.motion.velocity() != Velocity::ZERO;
             let may_recover = moves && self.monitor_is_available(now);
@@ -487,10 +574,21 @@ impl Monitor {
         if !self.monitor_is_available(now) {
             self.licence.monitor_unavailable();
         }
+        if let (Some(goal), Some(planner)) = (self.licence.goal, rules.planner) {
+            let is_silent = match goal.heard {
+                Some(heard) => now.since(heard) > planner.max_gap,
+                None => now.since(goal.started) > planner.planning_time,
+            };
+            if is_silent {
+                self.licence.lock();
+            }
+        }
         let may_grow = is_young
             && self.holder.is_some()
             && self.in_force.is_some_and(|last| last.is_pressed)
             && self.licence.is_given
+            // Of a goal, only what the planner says moves it.
+            && self.licence.goal.is_none_or(|goal| goal.heard.is_some())
             && self.monitor_is_available(now)
             && self.estop.is_none()
             && !self.has_fault

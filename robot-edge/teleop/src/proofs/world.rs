@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::invariants::{Monitor, Transition, Violation};
-use super::{ROLES, caller, millis};
+use super::{GOAL, ROLES, caller, millis};
 use crate::arbiter::{ArbiterState, Mode, step};
 use crate::command_stream::DriveCommand;
 use crate::config::Rules;
@@ -39,6 +39,18 @@ pub(super) enum Move {
     Stick {
         who: u8,
         requested: Velocity,
+    },
+    /// A console names a goal from now on, or none.
+    Goal {
+        who: u8,
+        is_named: bool,
+    },
+    /// What the planner sends in each round, if anything.
+    Planner(Option<Velocity>),
+    /// A velocity of the planner that arrived so many milliseconds ago.
+    Planned {
+        velocity: Velocity,
+        millis_ago: u16,
     },
     /// Opens a console, or freezes it.
     Open {
@@ -86,6 +98,7 @@ pub(super) struct Console {
     /// So many tokens are younger than the newest one that it has.
     pub(super) tokens_ago: u8,
     pub(super) requested: Velocity,
+    names_goal: bool,
     epoch: u64,
     seq: u64,
 }
@@ -100,12 +113,15 @@ pub(super) struct World {
     sent: Vec<DriveCommand>,
     in_flight: Vec<(u8, DriveCommand)>,
     is_stalled: bool,
+    planner: Option<Velocity>,
     collision_monitor: Option<CollisionMonitorOutput>,
     ages: Vec<(Monotonic, Duration)>,
     /// Everything the vehicle did: compared between runs.
     pub(super) outputs: Vec<Velocity>,
     /// Rounds in which the vehicle was driven: shows that sequences get somewhere.
     pub(super) driven: usize,
+    /// Those of them in which a planner moved it.
+    pub(super) planned: usize,
 }
 
 impl World {
@@ -121,6 +137,7 @@ impl World {
             is_open: true,
             tokens_ago: 0,
             requested: Velocity::ZERO,
+            names_goal: false,
             epoch,
             seq,
         };
@@ -134,10 +151,12 @@ impl World {
             sent: Vec::new(),
             in_flight: Vec::new(),
             is_stalled: false,
+            planner: None,
             collision_monitor: Some(CollisionMonitorOutput::Off),
             ages: Vec::new(),
             outputs: Vec::new(),
             driven: 0,
+            planned: 0,
         }
     }
 
@@ -159,6 +178,17 @@ impl World {
                 return self.happen(ArbiterInput::Tick);
             }
             Move::Stick { who, requested } => self.consoles[usize::from(who)].requested = requested,
+            Move::Goal { who, is_named } => self.consoles[usize::from(who)].names_goal = is_named,
+            Move::Planner(velocity) => self.planner = velocity,
+            Move::Planned {
+                velocity,
+                millis_ago,
+            } => {
+                let before = self.now.since(Monotonic::default());
+                let arrived =
+                    Monotonic::default() + before.saturating_sub(millis(millis_ago.into()));
+                return self.happen(ArbiterInput::Planned { velocity, arrived });
+            }
             Move::Open { who, is_open } => self.consoles[usize::from(who)].is_open = is_open,
             Move::Lease {
                 who,
@@ -239,6 +269,10 @@ impl World {
             if !self.is_stalled {
                 self.deliver()?;
             }
+            if let Some(velocity) = self.planner {
+                let arrived = self.now;
+                self.happen(ArbiterInput::Planned { velocity, arrived })?;
+            }
             if let Some(output) = self.collision_monitor {
                 self.happen(ArbiterInput::CollisionMonitor(output))?;
             }
@@ -263,6 +297,7 @@ impl World {
                 requested: console.requested,
                 estop: false,
                 docking: None,
+                goal: console.names_goal.then_some(GOAL),
             };
             self.sent.push(command);
             match fate {
@@ -316,6 +351,7 @@ impl World {
             requested,
             estop,
             docking: None,
+            goal: console.names_goal.then_some(GOAL),
         })
     }
 
@@ -341,7 +377,10 @@ impl World {
         }
         self.check_latency_travel(&before, input, actions.output)?;
         self.outputs.push(actions.output);
-        self.driven += usize::from(after.mode() == Mode::Driving && input == ArbiterInput::Tick);
+        let is_driven = after.mode() == Mode::Driving && input == ArbiterInput::Tick;
+        self.driven += usize::from(is_driven);
+        self.planned +=
+            usize::from(is_driven && after.goal.is_some() && actions.output != Velocity::ZERO);
         Ok(())
     }
 
