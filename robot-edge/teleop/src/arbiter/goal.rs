@@ -54,19 +54,14 @@ impl Step<'_> {
             self.begin_stop(StopReason::Released);
             self.state.stream.arming = ArmingState::Locked;
         }
-        let can_start = self.rules.planner.is_some() && self.monitor_is_available();
-        self.state.stream.arming = match self.state.stream.arming {
-            ArmingState::Neutral { since } if can_start => {
-                if self.state.mode != Mode::Held || self.now.since(since) < self.rules.neutral {
-                    return;
-                }
-                ArmingState::Pressed
-            }
-            ArmingState::Neutral { .. } | ArmingState::Locked | ArmingState::Pressed => {
-                ArmingState::Locked
-            }
+        let is_armed = match self.state.stream.arming {
+            ArmingState::Neutral { since } => self.now.since(since) >= self.rules.neutral,
+            ArmingState::Locked | ArmingState::Pressed => false,
         };
-        if self.state.stream.arming == ArmingState::Pressed {
+        if !is_armed || self.rules.planner.is_none() || !self.monitor_is_available() {
+            self.state.stream.arming = ArmingState::Locked;
+        } else if self.state.mode == Mode::Held {
+            self.state.stream.arming = ArmingState::Pressed;
             self.state.mode = Mode::Driving;
             self.state.goal = Some(RunningGoal {
                 pose,

@@ -1,5 +1,7 @@
 //! The table of states by hand; what must hold everywhere is in [`crate::proofs`].
 
+mod goals;
+
 use std::time::Duration;
 
 use super::*;

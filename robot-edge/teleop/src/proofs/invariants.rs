@@ -122,10 +122,14 @@ impl Licence {
         if self.goal.is_some() {
             return;
         }
-        let Some(since) = self.neutral_since.filter(|_| !must_lock) else {
-            return self.lock();
-        };
-        if may_start && now.since(since) >= neutral {
+        let is_enough = |since: &Monotonic| now.since(*since) >= neutral;
+        if must_lock || !self.neutral_since.as_ref().is_some_and(is_enough) {
+            // As a release, without neutral: a key that is pressed again soon drives on.
+            self.lose(now);
+            self.neutral_since = None;
+            return;
+        }
+        if may_start {
             self.lock();
             self.is_given = true;
             self.goal = Some(GoalInForce {
@@ -226,10 +230,6 @@ impl Monitor {
         self.observe_input(transition)?;
         self.observe_actions(transition)?;
 
-        ensure(
-            after.goal.is_some() == self.licence.goal.is_some(),
-            "a goal runs, or does not, against the rules",
-        )?;
         let is_zero = is == Velocity::ZERO;
         if transition.input == ArbiterInput::Tick {
             self.observe_tick(transition, was, is)?;
@@ -242,6 +242,10 @@ impl Monitor {
                 self.accel = [Velocity::ZERO; 2];
             }
         }
+        ensure(
+            after.goal.is_some() == self.licence.goal.is_some(),
+            "a goal runs, or does not, against the rules",
+        )?;
         let must_stand = self.estop.is_some() || self.has_fault || !self.is_booted;
         ensure(
             is_zero || !must_stand,
@@ -406,7 +410,7 @@ impl Monitor {
             self.licence
                 .name_goal(now, rules.neutral, (may_start, !is_available));
         }
-        let is_pressed = !is_neutral || self.licence.goal.is_some();
+        let is_pressed = !is_neutral || names_goal && self.licence.goal.is_some();
         if let Ok(issued) = before.tokens().issued(command.token, now) {
             self.in_force = Some(InForce { issued, is_pressed });
         }

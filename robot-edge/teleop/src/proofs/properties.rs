@@ -149,6 +149,7 @@ fn one_move() -> impl Strategy<Value = Move> {
         6 => forged(),
         4 => any::<u8>().prop_map(Move::Replay),
         6 => Just(Move::StartDriving),
+        4 => Just(Move::StartGoal),
         6 => (who(), prop::bool::weighted(0.7)).prop_map(|(who, is_named)| Move::Goal { who, is_named }),
         4 => prop_oneof![4 => sane_speed().prop_map(Some), 1 => any_speed().prop_map(Some), 1 => Just(None)].prop_map(Move::Planner),
         3 => (any_speed(), 0_u16..400).prop_map(|(velocity, millis_ago)| Move::Planned { velocity, millis_ago }),

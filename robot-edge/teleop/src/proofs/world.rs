@@ -77,6 +77,8 @@ pub(super) enum Move {
     Replay(u8),
     /// To a vehicle that is driven by operator 0.
     StartDriving,
+    /// To one that a planner drives to a goal of operator 0.
+    StartGoal,
     Input(ArbiterInput),
 }
 
@@ -224,12 +226,27 @@ impl World {
                 }
             }
             Move::StartDriving => return self.start_driving(),
+            Move::StartGoal => return self.start_goal(),
             Move::Input(input) => return self.happen(input),
         }
         Ok(())
     }
 
     fn start_driving(&mut self) -> Result<(), Violation> {
+        self.start_holding()?;
+        self.consoles[0].requested.linear_mps = 0.8;
+        self.rounds(10, 20, Fate::Arrives)
+    }
+
+    fn start_goal(&mut self) -> Result<(), Violation> {
+        self.start_holding()?;
+        self.consoles[0].names_goal = true;
+        self.planner = Some(Velocity::new(0.8, 0.1));
+        self.rounds(10, 20, Fate::Arrives)
+    }
+
+    /// Operator 0 has the lease, and a press would count.
+    fn start_holding(&mut self) -> Result<(), Violation> {
         let stored = StoredEStop::None;
         for input in [
             ArbiterInput::LocalReset,
@@ -250,9 +267,8 @@ impl World {
         })?;
         self.consoles[0].is_open = true;
         self.consoles[0].requested = Velocity::ZERO;
-        self.rounds(12, 20, Fate::Arrives)?;
-        self.consoles[0].requested.linear_mps = 0.8;
-        self.rounds(10, 20, Fate::Arrives)
+        self.consoles[0].names_goal = false;
+        self.rounds(12, 20, Fate::Arrives)
     }
 
     pub(super) fn rounds(
