@@ -131,6 +131,7 @@ impl Operator {
             seq: 0,
             journal: Journal::default(),
             docking: None,
+            goal: None,
             robot,
             session,
             drive,

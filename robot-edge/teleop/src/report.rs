@@ -100,23 +100,12 @@ pub struct Counters {
     /// Times that a moving vehicle stopped without its operator having asked for it.
     pub involuntary_stops: u64,
     refused: [u64; Refusal::ALL.len()],
-    goal_ends: [u64; GoalEnd::ALL.len()],
 }
 
 impl Counters {
     /// How often something was refused for this reason.
     pub const fn refused(&self, refusal: Refusal) -> u64 {
         self.refused[refusal as usize]
-    }
-
-    /// How many goals ended for this reason.
-    pub const fn goal_ends(&self, why: GoalEnd) -> u64 {
-        self.goal_ends[why as usize]
-    }
-
-    pub(super) const fn end_goal(&mut self, why: GoalEnd) {
-        let count = &mut self.goal_ends[why as usize];
-        *count = count.saturating_add(1);
     }
 
     pub(super) const fn refuse(&mut self, refusal: Refusal) {

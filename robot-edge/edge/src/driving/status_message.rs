@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::{
-    self, CollisionMonitorState, CommandCounters, Drive, EStopStatus, FaultReason, LeaseEnd,
-    LeaseStatus, MotorHold, Refusal, RefusedCount, Settings, StopReason, TeleopStatus,
+    self, CollisionMonitorState, CommandCounters, Drive, EStopStatus, FaultReason, GoalStatus,
+    LeaseEnd, LeaseStatus, MapPose, MotorHold, Refusal, RefusedCount, Settings, StopReason,
+    TeleopStatus,
 };
 use protocol::signed::{CommandHeader, SignedError};
 
@@ -28,6 +29,7 @@ pub(super) struct RuntimeSettings {
     pub last_stop: Option<StopReason>,
     pub battery_v: Option<f64>,
     pub motor_hold: Option<MotorHold>,
+    pub has_planner: bool,
 }
 
 pub(super) fn token(stamp: &CommandHeader) -> AgeToken {
@@ -113,6 +115,11 @@ pub(super) fn status(
         battery_v: runtime_settings.battery_v.map(|volts| volts as f32),
         docking: report.docking,
         motor_hold: runtime_settings.motor_hold,
+        goal: GoalStatus {
+            has_planner: runtime_settings.has_planner,
+            running: report.goal,
+            last_end: report.last_goal_end,
+        },
     }
 }
 
@@ -232,6 +239,11 @@ pub(super) fn event_text(
             };
             (mode_event_kind(to), text)
         }
+        ArbiterEvent::GoalStarted(MapPose { x_mm, y_mm, .. }) => {
+            let [x_m, y_m] = [x_mm, y_mm].map(|along_mm| f64::from(along_mm) / 1000.0);
+            ("goal", format!("a planner drives to {x_m:.2}, {y_m:.2}"))
+        }
+        ArbiterEvent::GoalEnded(why) => ("goal", format!("the goal has ended: {why}")),
         ArbiterEvent::LeaseRequested { by } => {
             ("lease_requested", format!("{} asks to drive", name(by)))
         }
@@ -324,6 +336,7 @@ pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {
         StopReason::CollisionMonitorStale => "the collision monitor could not judge",
         StopReason::LeaseEnded(why) => lease_end_text(why),
         StopReason::MotorsHeld => "the motors obey no velocity",
+        StopReason::PlannerSilent => "the planner is silent",
     }
 }
 

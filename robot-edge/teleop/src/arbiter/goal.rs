@@ -115,7 +115,6 @@ impl Step<'_> {
     pub(super) fn end_goal(&mut self, why: GoalEnd) {
         if self.state.goal.take().is_some() {
             self.state.last_goal_end = Some(why);
-            self.state.counters.end_goal(why);
             self.notify(ArbiterEvent::GoalEnded(why));
         }
     }
