@@ -210,11 +210,7 @@ impl DriveLoop {
     }
 
     fn take_planned(&mut self, now: Monotonic) {
-        let Some(planner) = &self.planner else {
-            return;
-        };
-        self.runtime_settings.has_planner = planner.is_present();
-        if let Some((velocity, arrived)) = planner.take() {
+        if let Some((velocity, arrived)) = self.planner.as_ref().and_then(PlannerExchange::take) {
             self.step(now, ArbiterInput::Planned { velocity, arrived });
         }
     }

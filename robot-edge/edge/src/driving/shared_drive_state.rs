@@ -104,11 +104,12 @@ impl SharedDriveState {
         let mut runtime_settings = *lock(&self.runtime_settings);
         runtime_settings.recording = self.is_recording.load(Ordering::Relaxed);
         let report = (&report, detail);
-        Some(status_message::status(
-            report,
-            &lock(&self.names),
-            runtime_settings,
-        ))
+        let mut status = status_message::status(report, &lock(&self.names), runtime_settings);
+        status.goal.has_planner = self
+            .planner
+            .as_ref()
+            .is_some_and(PlannerExchange::is_present);
+        Some(status)
     }
 
     /// The events since the last call: kind and message.

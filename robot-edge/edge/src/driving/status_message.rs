@@ -29,7 +29,6 @@ pub(super) struct RuntimeSettings {
     pub last_stop: Option<StopReason>,
     pub battery_v: Option<f64>,
     pub motor_hold: Option<MotorHold>,
-    pub has_planner: bool,
 }
 
 pub(super) fn token(stamp: &CommandHeader) -> AgeToken {
@@ -116,9 +115,9 @@ pub(super) fn status(
         docking: report.docking,
         motor_hold: runtime_settings.motor_hold,
         goal: GoalStatus {
-            has_planner: runtime_settings.has_planner,
             running: report.goal,
             last_end: report.last_goal_end,
+            ..GoalStatus::default()
         },
     }
 }
