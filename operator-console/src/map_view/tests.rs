@@ -279,9 +279,10 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
     window.run_steps(1);
     window.get_by_label("Set pose").click();
     window.run_steps(2);
-    assert_eq!(window.state().asked, [Look::SetPose(true)]);
+    let set_pose = Look::SetPose(Some(PosePurpose::Locate));
+    assert_eq!(window.state().asked, [set_pose]);
     look(&mut window, Look::Follow(false));
-    look(&mut window, Look::SetPose(true));
+    look(&mut window, set_pose);
     let before = window.state().view.place_of([0.0, 0.0]);
     for (ahead_m, said) in [([2.05, 3.0], None), ([2.0, 6.0], Some([2000, 3000, 1571]))] {
         let [from, to] = [[2.0, 3.0], ahead_m].map(|m| window.state().view.place_of(m));
@@ -294,7 +295,7 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
         window.drop_at(to);
         window.run_steps(1);
         let pose = window.state_mut().view.take_said_pose();
-        let pose = pose.map(|pose| [pose.x_mm, pose.y_mm, pose.yaw_mrad]);
+        let pose = pose.map(|(_, pose)| [pose.x_mm, pose.y_mm, pose.yaw_mrad]);
         let is_near = |(a, b): (i32, i32)| (a - b).abs() < 60;
         let both = pose.zip(said);
         assert_eq!(pose.is_some(), said.is_some(), "{pose:?}");

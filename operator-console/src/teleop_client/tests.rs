@@ -238,6 +238,7 @@ fn after_the_grant_neutral_is_sent_at_50_hz() {
             angular_radps: 0.0,
             estop: None,
             docking: None,
+            goal: None,
         };
         assert_eq!(read, Read::Drive(neutral));
         assert_eq!((stamp.boot, stamp.epoch), (BOOT, 4));

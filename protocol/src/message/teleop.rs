@@ -97,6 +97,8 @@ pub enum StopReason {
     MotorsHeld,
     /// The planner of the goal sent no velocity for too long.
     PlannerSilent,
+    /// The planner of the goal sent too many velocities.
+    PlannerFloods,
 }
 
 impl StopReason {
@@ -108,7 +110,8 @@ impl StopReason {
             | Self::NotFinite
             | Self::CollisionMonitorStale
             | Self::MotorsHeld
-            | Self::PlannerSilent => false,
+            | Self::PlannerSilent
+            | Self::PlannerFloods => false,
             Self::LeaseEnded(why) => match why {
                 LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
                     true
@@ -232,11 +235,13 @@ pub enum GoalEnd {
     CollisionMonitorStale,
     /// The motors obey no velocity, or have a fault.
     Motors,
+    /// The planner sent too many velocities.
+    PlannerFloods,
 }
 
 impl GoalEnd {
     /// In wire order.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::TakenOver,
         Self::Cancelled,
         Self::LeaseEnded,
@@ -246,6 +251,7 @@ impl GoalEnd {
         Self::EStop,
         Self::CollisionMonitorStale,
         Self::Motors,
+        Self::PlannerFloods,
     ];
 }
 
@@ -261,6 +267,7 @@ impl fmt::Display for GoalEnd {
             Self::EStop => "emergency stop",
             Self::CollisionMonitorStale => "the collision monitor cannot judge",
             Self::Motors => "the motors do not obey",
+            Self::PlannerFloods => "the planner sends too many velocities",
         })
     }
 }

@@ -76,7 +76,8 @@ const fn is_recoverable(reason: StopReason) -> bool {
         | StopReason::CollisionMonitorStale
         | StopReason::LeaseEnded(_)
         | StopReason::MotorsHeld
-        | StopReason::PlannerSilent => false,
+        | StopReason::PlannerSilent
+        | StopReason::PlannerFloods => false,
     }
 }
 
@@ -207,6 +208,7 @@ pub fn step(
         ArbiterInput::ActuatorFault => step.fail(FaultReason::Actuator),
         ArbiterInput::MotorsHeld => step.stop_and_lock(StopReason::MotorsHeld),
         ArbiterInput::Planned { velocity, arrived } => step.planned(velocity, arrived),
+        ArbiterInput::PlannerFloods => step.planner_floods(),
     }
     step.notify_mode_change();
     step.actions.output = step.state.motion.velocity();
@@ -260,7 +262,8 @@ impl Step<'_> {
             | StopReason::CollisionMonitorStale
             | StopReason::LeaseEnded(_)
             | StopReason::MotorsHeld
-            | StopReason::PlannerSilent => ArmingState::Locked,
+            | StopReason::PlannerSilent
+            | StopReason::PlannerFloods => ArmingState::Locked,
         };
     }
 

@@ -80,6 +80,8 @@ pub enum ArbiterInput {
         /// When it arrived.
         arrived: Monotonic,
     },
+    /// The planner sends more velocities than any needs.
+    PlannerFloods,
 }
 
 /// A change of the lease.

@@ -210,8 +210,8 @@ impl DriveLoop {
     }
 
     fn take_planned(&mut self, now: Monotonic) {
-        if let Some((velocity, arrived)) = self.planner.as_ref().and_then(PlannerExchange::take) {
-            self.step(now, ArbiterInput::Planned { velocity, arrived });
+        if let Some(input) = self.planner.as_ref().and_then(PlannerExchange::take) {
+            self.step(now, input);
         }
     }
 

@@ -2,12 +2,18 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use protocol::message::{GoalEnd, MapPose, Plan};
 
 use crate::lock;
 use measurement::time::Monotonic;
-use teleop::Velocity;
+use teleop::{ArbiterInput, Velocity};
+
+/// More velocities within [`FLOOD_PERIOD`] are a flood: planners send 10 to 50 a second, and a connection holds back 200 ms of
+/// them at most.
+const FLOOD: u32 = 50;
+const FLOOD_PERIOD: Duration = Duration::from_millis(100);
 
 /// Clones share it. Each part is the newest of its kind, in a slot: a flood replaces it and waits for nothing.
 #[derive(Clone, Debug, Default)]
@@ -15,7 +21,7 @@ pub struct PlannerExchange(Arc<Slots>);
 
 #[derive(Debug, Default)]
 struct Slots {
-    velocity: Mutex<Option<(Velocity, Monotonic)>>,
+    velocity: Mutex<VelocitySlot>,
     /// The goal that runs, and the number of changes.
     goal: Mutex<(u64, Option<MapPose>)>,
     plan: Mutex<Plan>,
@@ -23,17 +29,39 @@ struct Slots {
     goal_ends: [AtomicU64; GoalEnd::ALL.len()],
 }
 
+#[derive(Debug, Default)]
+struct VelocitySlot {
+    newest: Option<(Velocity, Monotonic)>,
+    /// Since when velocities are counted, and how many came.
+    counted: (Monotonic, u32),
+    is_flooded: bool,
+}
+
 impl PlannerExchange {
-    /// A velocity of the planner. One that is not finite stays until the loop takes it.
+    /// A velocity of the planner. One that is not finite, and a flood, stay until the loop takes them.
     pub fn offer(&self, velocity: Velocity, arrived: Monotonic) {
         let mut slot = lock(&self.0.velocity);
-        let kept = slot.map(|(last, _)| last).filter(|last| !last.is_finite());
-        *slot = Some((kept.unwrap_or(velocity), arrived));
+        let (since, count) = slot.counted;
+        slot.counted = if arrived.since(since) < FLOOD_PERIOD {
+            (since, count + 1)
+        } else {
+            (arrived, 1)
+        };
+        slot.is_flooded |= slot.counted.1 > FLOOD;
+        let kept = slot.newest.map(|(last, _)| last);
+        let kept = kept.filter(|last| !last.is_finite());
+        slot.newest = Some((kept.unwrap_or(velocity), arrived));
     }
 
-    /// The newest velocity that was not taken, and when it arrived. The lock is held for a copy only.
-    pub(super) fn take(&self) -> Option<(Velocity, Monotonic)> {
-        lock(&self.0.velocity).take()
+    /// The newest that the loop has not taken. The lock is held for a copy only.
+    pub(super) fn take(&self) -> Option<ArbiterInput> {
+        let mut slot = lock(&self.0.velocity);
+        let (velocity, arrived) = slot.newest.take()?;
+        Some(if std::mem::take(&mut slot.is_flooded) {
+            ArbiterInput::PlannerFloods
+        } else {
+            ArbiterInput::Planned { velocity, arrived }
+        })
     }
 
     /// The goal that runs, and a number that grows with each start and end.
@@ -89,17 +117,31 @@ mod tests {
         let exchange = PlannerExchange::default();
         let at = |ms: u64| Monotonic::from_nanos(ms * 1_000_000);
         let ahead = |speed| Velocity::new(speed, 0.0);
+        let taken = |speed, ms| {
+            Some(ArbiterInput::Planned {
+                velocity: ahead(speed),
+                arrived: at(ms),
+            })
+        };
         assert_eq!(exchange.take(), None);
+        // 500 a second is no flood.
         for n in 1..=1000 {
-            exchange.offer(ahead(n as f64), at(n));
+            exchange.offer(ahead(n as f64), at(2 * n));
         }
-        assert_eq!(exchange.take(), Some((ahead(1000.0), at(1000))));
+        assert_eq!(exchange.take(), taken(1000.0, 2000));
         assert_eq!(exchange.take(), None);
-        exchange.offer(ahead(f64::NAN), at(1));
-        exchange.offer(ahead(1.0), at(2));
-        let (velocity, arrived) = exchange.take().unwrap();
-        assert!(!velocity.is_finite() && arrived == at(2));
-        exchange.offer(ahead(1.0), at(3));
-        assert_eq!(exchange.take(), Some((ahead(1.0), at(3))));
+        for n in 0..60 {
+            exchange.offer(ahead(1.0), at(3000 + n));
+        }
+        assert_eq!(exchange.take(), Some(ArbiterInput::PlannerFloods));
+        assert_eq!(exchange.take(), None);
+        exchange.offer(ahead(f64::NAN), at(4001));
+        exchange.offer(ahead(1.0), at(4002));
+        let Some(ArbiterInput::Planned { velocity, arrived }) = exchange.take() else {
+            panic!("no velocity");
+        };
+        assert!(!velocity.is_finite() && arrived == at(4002));
+        exchange.offer(ahead(1.0), at(4003));
+        assert_eq!(exchange.take(), taken(1.0, 4003));
     }
 }

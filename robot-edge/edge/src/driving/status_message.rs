@@ -336,6 +336,7 @@ pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {
         StopReason::LeaseEnded(why) => lease_end_text(why),
         StopReason::MotorsHeld => "the motors obey no velocity",
         StopReason::PlannerSilent => "the planner is silent",
+        StopReason::PlannerFloods => "the planner sends too many velocities",
     }
 }
 

@@ -34,6 +34,7 @@ const fn goal_end(reason: StopReason) -> GoalEnd {
         StopReason::LeaseEnded(_) => GoalEnd::LeaseEnded,
         StopReason::MotorsHeld => GoalEnd::Motors,
         StopReason::PlannerSilent => GoalEnd::PlannerSilent,
+        StopReason::PlannerFloods => GoalEnd::PlannerFloods,
     }
 }
 
@@ -90,6 +91,12 @@ impl Step<'_> {
         } else {
             goal.heard = goal.heard.max(Some(arrived));
             self.state.stream.requested = velocity;
+        }
+    }
+
+    pub(super) fn planner_floods(&mut self) {
+        if self.state.goal.is_some() {
+            self.stop_and_lock(StopReason::PlannerFloods);
         }
     }
 

@@ -378,6 +378,7 @@ impl Monitor {
                     "a planner has an effect without a goal",
                 )?;
             }
+            ArbiterInput::PlannerFloods if self.licence.goal.is_some() => self.licence.lock(),
             ArbiterInput::MotorsHeld => {
                 self.licence.lock();
                 self.in_force = self.in_force.map(|last| InForce {
@@ -389,6 +390,7 @@ impl Monitor {
             | ArbiterInput::Token { .. }
             | ArbiterInput::Rejected(_)
             | ArbiterInput::EStop(_)
+            | ArbiterInput::PlannerFloods
             | ArbiterInput::Measured(_) => {}
         }
         let more = after.counters.accepted - before.counters.accepted;

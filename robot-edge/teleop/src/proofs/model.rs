@@ -267,6 +267,7 @@ impl Scope {
             ]);
         }
         if self.has_goals {
+            inputs.push(ArbiterInput::PlannerFloods);
             let speeds = [Pressed::Nothing, Pressed::Key, Pressed::Nonsense];
             inputs.extend(speeds.iter().flat_map(|speed| {
                 let velocity = speed.velocity();

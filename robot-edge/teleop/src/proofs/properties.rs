@@ -124,6 +124,7 @@ fn input(who: impl Strategy<Value = u8> + Clone) -> impl Strategy<Value = Arbite
             .prop_map(|(has_passed, stored)| ArbiterInput::SelfTest { has_passed, stored }),
         Just(ArbiterInput::ActuatorFault),
         Just(ArbiterInput::MotorsHeld),
+        Just(ArbiterInput::PlannerFloods),
         who.prop_map(|who| ArbiterInput::Revoked(caller(who).operator)),
     ]
 }

@@ -68,7 +68,7 @@ impl Vehicle {
 /// What ends a goal; how, in which state, and how many involuntary stops that is.
 type Case = (&'static str, fn(&mut Vehicle), GoalEnd, TeleopState, u64);
 
-const CASES: [Case; 13] = [
+const CASES: [Case; 14] = [
     (
         "no goal",
         |v| v.go(None, Some(FORWARD), 1),
@@ -117,6 +117,13 @@ const CASES: [Case; 13] = [
         },
         GoalEnd::NotFinite,
         Stopping(StopReason::NotFinite),
+        1,
+    ),
+    (
+        "a flood",
+        |v| v.input(ArbiterInput::PlannerFloods),
+        GoalEnd::PlannerFloods,
+        Stopping(StopReason::PlannerFloods),
         1,
     ),
     (
@@ -285,6 +292,8 @@ fn another_goal_replaces_the_first_and_keys_go_on_after_it() {
 
     let mut vehicle = Vehicle::planned();
     vehicle.hold(FORWARD, 20);
+    vehicle.input(ArbiterInput::PlannerFloods);
+    vehicle.plan(NAN);
     assert_eq!(
         (vehicle.state.mode, vehicle.output()),
         (Mode::Driving, FORWARD)
