@@ -158,9 +158,8 @@ impl Screen {
             self.map_view
                 .set_robot_overlay(robot_overlay_data(model, *own, now));
             let drives = teleop_client.is_some_and(|client| client.lease.held().is_some());
-            let has_planner = model.teleop().is_some_and(|teleop| teleop.goal.has_planner);
-            self.map_view
-                .set_goal_offer(GoalOffer::new(has_planner, drives));
+            let goal_offer = GoalOffer::new(model.goal().has_planner, drives);
+            self.map_view.set_goal_offer(goal_offer);
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }

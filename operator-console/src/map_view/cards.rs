@@ -292,8 +292,7 @@ impl MapView {
             has_grid: self.settings.has(Overlay::Grid),
             is_measuring: self.ruler.is_some(),
             is_setting_pose: can_set_pose(model).then_some(sets(PosePurpose::Locate)),
-            goal_offer: self.goal_offer,
-            is_setting_goal: sets(PosePurpose::Goal),
+            goal: self.goal_offer.button(sets(PosePurpose::Goal)),
             is_folded,
         };
         let buttons = ui.scope_builder(room, |ui| toolbar::toolbar_ui(ui, data));

@@ -67,7 +67,7 @@ impl MapView {
         self.paint_sensors(&painter, model);
         let marks = self.shore_marks(model);
         marks.paint_ground(&painter, ink, paper);
-        if let Some(goal) = model.teleop().and_then(|teleop| teleop.goal.running) {
+        if let Some(goal) = model.goal().running {
             paint_goal(&painter, &self.camera, goal, model.plan());
         }
         self.paint_vehicle(&painter, model, is_position_old);

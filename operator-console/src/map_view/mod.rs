@@ -495,6 +495,18 @@ impl GoalOffer {
             (true, true) => Self::Available,
         }
     }
+
+    /// Whether its tool is on, or why it cannot be.
+    const fn button(self, is_on: bool) -> Option<Result<bool, &'static str>> {
+        match self {
+            Self::None => None,
+            Self::NoPlanner => Some(Err("No planner takes goals on this vehicle")),
+            Self::NotDriving => Some(Err(
+                "Request control first: a planner drives under your lease",
+            )),
+            Self::Available => Some(Ok(is_on)),
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -3,7 +3,7 @@
 use eframe::egui::{Button, Ui};
 
 use super::view_settings::{CameraMode, Orientation, Overlay};
-use super::{GoalOffer, PosePurpose, card_frame};
+use super::{PosePurpose, card_frame};
 use crate::command::Look;
 
 pub(super) const HEIGHT: f32 = 36.0;
@@ -16,8 +16,8 @@ pub struct ToolbarData {
     pub is_measuring: bool,
     /// Where the pose can be set.
     pub is_setting_pose: Option<bool>,
-    pub goal_offer: GoalOffer,
-    pub is_setting_goal: bool,
+    /// Whether its tool is on, or why it cannot be; `None` where there is no button.
+    pub goal: Option<Result<bool, &'static str>>,
     /// A menu replaces most buttons.
     pub is_folded: bool,
 }
@@ -98,12 +98,9 @@ fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
 
 /// Sends the planner to a goal; where it cannot, it says why.
 fn goal_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
-    let is_on = data.is_setting_goal;
-    let why_not = match data.goal_offer {
-        GoalOffer::None => return None,
-        GoalOffer::Available => None,
-        GoalOffer::NoPlanner => Some("No planner takes goals on this vehicle"),
-        GoalOffer::NotDriving => Some("Request control first: a planner drives under your lease"),
+    let (is_on, why_not) = match data.goal? {
+        Ok(is_on) => (is_on, None),
+        Err(why) => (false, Some(why)),
     };
     let button = Button::selectable(is_on, "Goal").min_size([26.0, 26.0].into());
     let response = ui
@@ -139,8 +136,7 @@ mod tests {
                 has_grid: false,
                 is_measuring: false,
                 is_setting_pose: Some(false),
-                goal_offer: GoalOffer::Available,
-                is_setting_goal: false,
+                goal: Some(Ok(false)),
                 is_folded: false,
             };
             let mut window = Harness::builder()

@@ -28,8 +28,8 @@ use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Barrier, DeviceStatus, Event, Info, Plan, RecordingStatus, SensorInfo, SensorStatus, Shores,
-    Status, StopReason, TeleopState, TeleopStatus,
+    Barrier, DeviceStatus, Event, GoalStatus, Info, Plan, RecordingStatus, SensorInfo,
+    SensorStatus, Shores, Status, StopReason, TeleopState, TeleopStatus,
 };
 use protocol::tile::{BootId, TileKey};
 
@@ -204,6 +204,14 @@ impl ConsoleModel {
 
     pub const fn localization(&self) -> &LocalizationHistory {
         &self.robot.localization
+    }
+
+    /// Goals for a planner, by the last status.
+    pub fn goal(&self) -> GoalStatus {
+        self.robot
+            .teleop()
+            .map(|teleop| teleop.goal)
+            .unwrap_or_default()
     }
 
     /// The path of the planner to the goal; without points where none runs.

@@ -10,6 +10,7 @@ use super::*;
 use crate::teleop_input::{DriveKey, SpeedStep};
 use crate::test_support::{BOOT, STORED_ESTOP, at, idle_teleop_status};
 
+mod goals;
 mod key_changes;
 mod rights;
 

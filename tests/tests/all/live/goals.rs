@@ -9,7 +9,7 @@ use std::time::Duration;
 use foreshore_tests::drive_log::DriveLog;
 use foreshore_tests::operator::{Input, NEUTRAL, Operator};
 use measurement::time::Monotonic;
-use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use network::clock;
 use protocol::message::{GoalEnd, MapPose, Pose, TeleopState};
 use simulation::World;
@@ -184,7 +184,7 @@ impl Rig {
     /// Distance from there, metres.
     fn missing_m(&self, [x, y]: [f64; 2]) -> f64 {
         let [at_x, at_y, _] = self.bert.pose().position_m;
-        (x - at_x).hypot(y - at_y)
+        Vector2::new(x - at_x, y - at_y).norm()
     }
 
     /// Drives to each goal. On a busy machine a command or a velocity may come too late: then it is named again.
