@@ -242,9 +242,7 @@ impl Step<'_> {
 
     fn begin_stop(&mut self, reason: StopReason) {
         self.end_goal_for(reason);
-        // A planner falls silent where the goal is reached.
-        let is_at_goal = reason == StopReason::PlannerSilent && self.state.motion.is_zero();
-        if !reason.is_voluntary() && !is_at_goal {
+        if !reason.is_voluntary() {
             let stops = &mut self.state.counters.involuntary_stops;
             *stops = stops.saturating_add(1);
         }

@@ -90,14 +90,16 @@ fn keys_take_over_at_once() {
     );
 }
 
+type Case = (&'static str, fn(&mut Rig));
+
 #[test]
 fn what_ends_a_goal() {
-    let cases: [(&str, fn(&mut Rig)); 5] = [
+    let cases: [Case; 5] = [
         ("Esc", |rig| rig.go(None)),
         ("focus", |rig| rig.turn(&[InputEvent::Focus(false)])),
         ("typing", |rig| rig.turn(&[InputEvent::Typing(true)])),
         ("the robot", |rig| {
-            rig.goal_status(None, Some(GoalEnd::PlannerSilent))
+            rig.goal_status(None, Some(GoalEnd::PlannerSilent));
         }),
         ("the lease", |rig| rig.ask(LeaseRequest::Release)),
     ];

@@ -173,6 +173,8 @@ impl DriveLoop {
             self.step(now, ArbiterInput::EStopStored(id));
         }
         self.test_motors(now);
+        // Before the collision monitor, which judges what is requested.
+        self.take_planned(now);
         let output = self.monitor_output(now);
         self.step(now, ArbiterInput::CollisionMonitor(output));
         if self
@@ -184,7 +186,6 @@ impl DriveLoop {
             self.last_token = Some(now);
             self.step(now, ArbiterInput::Token { nonce });
         }
-        self.take_planned(now);
         self.step(now, ArbiterInput::Tick);
         match self.state.mode() {
             Mode::SafeBoot | Mode::Idle => {}

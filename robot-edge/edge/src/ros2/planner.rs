@@ -211,7 +211,7 @@ impl Planner {
         goals.put_bridged(message);
     }
 
-    /// Subscribes to a topic under `rmw_zenoh`, with and without hash, and of a bridge.
+    /// Subscribes to a topic under `rmw_zenoh`, whatever the hash of the definition, and of a bridge.
     fn listen(
         &self,
         node: &RosNode,
@@ -219,10 +219,13 @@ impl Planner {
         kind: PublishedType,
         take: fn(&Heard, &PlannerExchange, &Sample),
     ) -> Result<(), RosLinkError> {
-        let keys = rmw_keys(node.domain, topic, kind).into_iter().flatten();
+        let [key, _] = rmw_keys(node.domain, topic, kind).unwrap_or_default();
+        let key = key
+            .rsplit_once('/')
+            .map(|(topic, _hash)| format!("{topic}/*"));
         // Of a bridge, both kinds of velocities have one key.
         let bridged = (kind != PublishedType::TWIST_STAMPED).then(|| bridge_key(topic).to_owned());
-        for key in keys.chain(bridged) {
+        for key in key.into_iter().chain(bridged) {
             let (heard, exchange) = (Arc::clone(&self.heard), self.exchange.clone());
             node.session
                 .declare_subscriber(key.clone())

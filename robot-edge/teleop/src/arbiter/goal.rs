@@ -87,7 +87,7 @@ impl Step<'_> {
         if !velocity.is_finite() {
             self.stop_and_lock(StopReason::NotFinite);
         } else if gap.max(self.now.since(arrived)) > planner.max_gap {
-            self.stop_and_lock(StopReason::PlannerSilent);
+            self.planner_silent();
         } else {
             goal.heard = goal.heard.max(Some(arrived));
             self.state.stream.requested = velocity;
@@ -110,6 +110,17 @@ impl Step<'_> {
             None => self.now.since(goal.started) > planner.planning_time,
         };
         if is_silent {
+            self.planner_silent();
+        }
+    }
+
+    fn planner_silent(&mut self) {
+        if self.state.motion.is_zero() {
+            // As where the goal is reached: no involuntary stop.
+            self.end_goal(GoalEnd::PlannerSilent);
+            self.begin_stop(StopReason::Released);
+            self.state.stream.arming = ArmingState::Locked;
+        } else {
             self.stop_and_lock(StopReason::PlannerSilent);
         }
     }
