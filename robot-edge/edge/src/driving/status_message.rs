@@ -309,7 +309,7 @@ const fn mode_text(mode: Mode) -> &'static str {
         Mode::SafeBoot => "the self-test runs",
         Mode::Idle => "nobody drives",
         Mode::Held => "waits for the driver's keys",
-        Mode::Driving => "obeys the driver's keys",
+        Mode::Driving => "obeys the driver",
         Mode::Stopping { .. } => "stopping",
         Mode::EStop => "emergency stop: nothing moves until a reset",
         Mode::Fault(FaultReason::SelfTest) => "fault: the self-test failed",
@@ -405,7 +405,7 @@ mod tests {
         };
         for (from, to, text) in [
             (stopping, Mode::Held, "waits for the driver's keys"),
-            (Mode::Held, Mode::Driving, "obeys the driver's keys"),
+            (Mode::Held, Mode::Driving, "obeys the driver"),
             (Mode::Held, Mode::Idle, "nobody drives"),
             (
                 Mode::SafeBoot,

@@ -303,3 +303,79 @@ fn velocity(message: &[u8]) -> Option<Velocity> {
         angular_radps: twist.angular_radps[2],
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use measurement::Twist;
+    use recording::ros::published::{path, twist, twist_stamped};
+
+    use super::*;
+    use crate::publishing::output_inputs::VehicleState;
+
+    #[test]
+    fn both_messages_are_velocities_and_numbers_that_are_none_stay() {
+        let sent = Twist {
+            linear_mps: [0.5, -0.25, 9.0],
+            angular_radps: [9.0, 9.0, f64::NAN],
+        };
+        let stamp = RobotTime::from_nanos(7);
+        for message in [
+            twist(&sent),
+            twist_stamped(stamp, "base_link", &sent),
+            twist_stamped(stamp, "", &sent),
+        ] {
+            let read = velocity(&message).unwrap();
+            assert_eq!((read.linear_mps, read.lateral_mps), (0.5, -0.25));
+            assert!(read.angular_radps.is_nan());
+            assert_eq!(velocity(&message[..message.len() - 1]), None);
+        }
+        assert_eq!(velocity(&[]), None);
+    }
+
+    #[test]
+    fn a_path_is_thinned_and_turned_into_the_map() {
+        let inputs = OutputInputs::default();
+        let planner = Planner {
+            config: PlannerConfig::default(),
+            frames: ["map".to_owned(), "odom".to_owned()],
+            exchange: PlannerExchange::default(),
+            inputs: inputs.clone(),
+            heard: Arc::default(),
+            is_over: Arc::default(),
+        };
+        let stamp = RobotTime::from_nanos(0);
+        let points = |count: usize| {
+            let upright = [0.0, 0.0, 0.0, 1.0];
+            (0..count).map(move |n| (stamp, [n as f64, 0.0, 0.0], upright))
+        };
+        let plan = |frame: &str, count| planner.plan(&path(stamp, frame, points(count)));
+        assert_eq!(
+            plan("map", 3).unwrap().points_mm,
+            [[0, 0], [1000, 0], [2000, 0]]
+        );
+        assert_eq!(plan("map", 0), Some(Plan::default()));
+        let thinned = plan("map", 100_000 / 80).unwrap().points_mm;
+        assert!(
+            (64..=MAX_PLAN_POINTS).contains(&thinned.len()),
+            "{}",
+            thinned.len()
+        );
+        assert_eq!(thinned.last(), Some(&[1_249_000, 0]));
+        assert_eq!(plan("odom", 3), None, "nothing is known of it");
+        inputs.set_vehicle(VehicleState {
+            stamp,
+            odom_from_base: planar(0.0, 0.0, 0.0),
+            map_from_odom: Some(planar(1.0, 2.0, std::f64::consts::FRAC_PI_2)),
+            twist: Twist {
+                linear_mps: [0.0; 3],
+                angular_radps: [0.0; 3],
+            },
+        });
+        assert_eq!(
+            plan("odom", 2).unwrap().points_mm,
+            [[1000, 2000], [1000, 3000]]
+        );
+        assert_eq!(plan("base_link", 2), None);
+        assert_eq!(planner.plan(b"no path"), None);
+    }
+}

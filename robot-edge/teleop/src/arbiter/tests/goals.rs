@@ -274,6 +274,16 @@ fn nothing_moves_before_the_first_velocity_and_planning_has_an_end() {
     vehicle.go(Some(GOAL), None, 51);
     assert_eq!(vehicle.goal_ends(), [GoalEnd::PlannerSilent]);
     assert_eq!(vehicle.report().counters.involuntary_stops, 0, "it stood");
+    // A planner that has arrived sends zero and falls silent.
+    let mut vehicle = Vehicle::planned();
+    vehicle.go(Some(GOAL), Some(Velocity::ZERO), 1);
+    vehicle.go(Some(GOAL), None, 10);
+    assert_eq!(vehicle.goal_ends(), [GoalEnd::PlannerSilent]);
+    assert_eq!(
+        vehicle.report().counters.involuntary_stops,
+        0,
+        "it was to stand"
+    );
 }
 
 #[test]
