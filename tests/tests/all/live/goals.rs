@@ -128,10 +128,11 @@ impl Rig {
         let system = RosSystem::start(port, RosMiddleware::Rmw { domain: 0 });
         let robot = start(&format!(
             "robot-edge simulate rooms {SERVED} --robot scout --vehicle {} --listen {endpoint} --ros {} --ros-domain 0 \
-             --drive-log {}",
+             --drive-log {} --summary {}",
             vehicle.display(),
             system.endpoint(),
-            folder.path().join("drive.csv").display()
+            folder.path().join("drive.csv").display(),
+            folder.path().join("summary.json").display()
         ));
         let [anna, bert] = ["anna", "bert"].map(|name| Operator::ready(&endpoint, "scout", name));
         let status = anna.wait_for_status("a status", |_| true);
@@ -236,8 +237,12 @@ fn assert_clear(scene: &Scene, pose: &Pose) {
 fn a_planner_drives_through_rooms_to_three_goals() {
     if let Some(mut rig) = Rig::start() {
         rig.reach(&GOALS[..3]);
-        let summary = rig.robot.interrupt();
-        println!("{summary}");
+        drop(rig.robot.interrupt());
+        let summary = std::fs::read_to_string(rig.folder.path().join("summary.json")).unwrap();
+        assert!(
+            summary.contains("goals ended: the planner is silent"),
+            "{summary}"
+        );
     }
 }
 
@@ -307,9 +312,14 @@ fn a_planner_that_dies_floods_or_sends_no_numbers_stops_the_vehicle() {
             standing < stopping + Duration::from_millis(900),
             "{how}: {standing:?}"
         );
-        rig.planner.go_wrong("sane");
         if how == "kill" {
+            rig.anna
+                .wait_for_status("no planner", |teleop| !teleop.goal.has_planner);
             rig.planner = Planner::start(&rig.python, rig.port);
+            rig.anna
+                .wait_for_status("a planner", |teleop| teleop.goal.has_planner);
+        } else {
+            rig.planner.go_wrong("sane");
         }
     }
 }
