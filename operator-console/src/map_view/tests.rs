@@ -333,8 +333,11 @@ fn a_goal_is_clicked_where_a_planner_is_and_this_console_drives() {
     assert_eq!(window.state().asked, [tool]);
     look(&mut window, Look::Follow(false));
     look(&mut window, tool);
-    let vehicle_m = vehicle_m(&window.state().model).unwrap();
-    let goal_m = [vehicle_m[0], vehicle_m[1] + 3.0];
+    let model = &mut window.state_mut().model;
+    inject(model, Topic::Pose, &pose_at_rest(), at(2_000));
+    window.run_steps(1);
+    // Left of the vehicle, which looks along x.
+    let goal_m = [0.0, 3.0];
     let at = window.state().view.place_of(goal_m);
     window.hover_at(at);
     window.run_steps(1);

@@ -242,7 +242,10 @@ impl Step<'_> {
 
     fn begin_stop(&mut self, reason: StopReason) {
         self.end_goal_for(reason);
-        if !reason.is_voluntary() {
+        // A planner that has arrived sends zero and falls silent.
+        let is_at_goal =
+            reason == StopReason::PlannerSilent && self.state.stream.requested.is_neutral();
+        if !reason.is_voluntary() && !is_at_goal {
             let stops = &mut self.state.counters.involuntary_stops;
             *stops = stops.saturating_add(1);
         }

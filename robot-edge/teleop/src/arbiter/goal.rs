@@ -115,7 +115,7 @@ impl Step<'_> {
     }
 
     fn planner_silent(&mut self) {
-        if self.state.stream.requested.is_neutral() {
+        if self.state.motion.is_zero() {
             // As where the goal is reached: no involuntary stop.
             self.end_goal(GoalEnd::PlannerSilent);
             self.begin_stop(StopReason::Released);
