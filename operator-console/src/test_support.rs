@@ -7,9 +7,9 @@ use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Arming, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus, Info, LayerHead,
-    LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings, ShoreClass,
-    ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
+    Arming, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus, GoalStatus, Info,
+    LayerHead, LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings,
+    ShoreClass, ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
 };
 use protocol::tile::codec::Encoder;
 use protocol::tile::{BootId, TileKey};
@@ -255,6 +255,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
         battery_v: None,
         docking: None,
         motor_hold: None,
+        goal: GoalStatus::default(),
     }
 }
 
@@ -274,6 +275,7 @@ pub(crate) fn idle_teleop_client() -> TeleopClientState {
         token_age: Some(Duration::from_millis(20)),
         is_asking: false,
         docking: None,
+        goal: None,
         notice: None,
         estop: EStopState::Quiet,
     }

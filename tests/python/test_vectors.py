@@ -30,6 +30,7 @@ KINDS = {
     "Status": wire.STATUS,
     "Status.driven": wire.STATUS,
     "Localization": wire.LOCALIZATION,
+    "Plan": wire.PLAN,
     "Event": wire.EVENT,
     "MapHead": wire.MAP_HEAD,
     "View": wire.VIEW,
@@ -51,6 +52,7 @@ KINDS = {
 }
 SIGNED = {
     "Drive": (wire.DRIVE, "drive"),
+    "Drive.goal": (wire.DRIVE, "drive"),
     "EStop": (wire.ESTOP, "estop"),
     "Reset": (wire.RESET, "reset"),
     **{

@@ -94,6 +94,7 @@ fn answer(
         | Topic::Pose
         | Topic::Status
         | Topic::Localization
+        | Topic::Plan
         | Topic::Event
         | Topic::MapHead
         | Topic::View
