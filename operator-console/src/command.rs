@@ -8,7 +8,7 @@ use protocol::keys::RobotId;
 use crate::alerts::Alarm;
 use crate::export::ExportPart;
 use crate::link::FoundRobot;
-use crate::map_view::{LayerCommand, Orientation, Overlay, ShoreMark};
+use crate::map_view::{LayerCommand, Orientation, Overlay, PosePurpose, ShoreMark};
 use crate::playback::PlaybackCommand;
 use crate::teleop_client::Intent;
 
@@ -54,8 +54,8 @@ pub enum Look {
     Up(Orientation),
     Draw(Overlay, bool),
     Measure(bool),
-    /// Say where the vehicle is in the saved map.
-    SetPose(bool),
+    /// Draw a pose: where the vehicle is in the saved map, or its goal.
+    SetPose(Option<PosePurpose>),
     Point,
     UndoPoint,
     /// Highlight a shore or docking site and centre it (metres in `odom`).

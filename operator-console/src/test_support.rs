@@ -8,8 +8,9 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
     Arming, ChangedTile, Changes, CollisionMonitorState, CommandCounters, DockingSite, EStopStatus,
-    Info, LayerHead, LayerInfo, LeaseStatus, Localization, MapHead, Pose, PoseConfidence, Settings,
-    ShoreClass, ShoreCluster, Status, TeleopState, TeleopStatus, TileBand, Velocity,
+    GoalStatus, Info, LayerHead, LayerInfo, LeaseStatus, Localization, MapHead, Pose,
+    PoseConfidence, Settings, ShoreClass, ShoreCluster, Status, TeleopState, TeleopStatus,
+    TileBand, Velocity,
 };
 use protocol::tile::codec;
 use protocol::tile::{BootId, TileKey};
@@ -269,6 +270,7 @@ pub(crate) fn idle_teleop_status() -> TeleopStatus {
         battery_v: None,
         docking: None,
         motor_hold: None,
+        goal: GoalStatus::default(),
     }
 }
 
@@ -288,6 +290,7 @@ pub(crate) fn idle_teleop_client() -> TeleopClientState {
         token_age: Some(Duration::from_millis(20)),
         is_asking: false,
         docking: None,
+        goal: None,
         notice: None,
         estop: EStopState::Quiet,
     }

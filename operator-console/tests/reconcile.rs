@@ -379,6 +379,7 @@ impl Edge {
             | Topic::Pose
             | Topic::Status
             | Topic::Localization
+            | Topic::Plan
             | Topic::Event
             | Topic::MapHead
             | Topic::Ping

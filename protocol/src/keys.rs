@@ -27,6 +27,8 @@ pub enum Topic {
     Status,
     /// Control, edge → all: how well matched scans determine the pose.
     Localization,
+    /// Control, edge → all: path of the planner.
+    Plan,
     /// Control, edge → all: an event.
     Event,
     /// Control, edge → all: digests of the whole map.
@@ -104,6 +106,7 @@ impl Topic {
             Self::Pose => "pose".to_owned(),
             Self::Status => "status".to_owned(),
             Self::Localization => "localization".to_owned(),
+            Self::Plan => "plan".to_owned(),
             Self::Event => "event".to_owned(),
             Self::MapHead => "map_head".to_owned(),
             Self::Ping => "ping".to_owned(),
@@ -130,6 +133,7 @@ impl Topic {
             ("pose", None, ..) => Self::Pose,
             ("status", None, ..) => Self::Status,
             ("localization", None, ..) => Self::Localization,
+            ("plan", None, ..) => Self::Plan,
             ("event", None, ..) => Self::Event,
             ("map_head", None, ..) => Self::MapHead,
             ("ping", None, ..) => Self::Ping,

@@ -29,6 +29,7 @@ KINDS = {
     "Status": wire.STATUS,
     "Status.driven": wire.STATUS,
     "Localization": wire.LOCALIZATION,
+    "Plan": wire.PLAN,
     "Event": wire.EVENT,
     "MapHead": wire.MAP_HEAD,
     "View": wire.VIEW,
@@ -50,6 +51,7 @@ KINDS = {
 }
 SIGNED = {
     "Drive": (wire.DRIVE, "drive"),
+    "Drive.goal": (wire.DRIVE, "drive"),
     "EStop": (wire.ESTOP, "estop"),
     "Reset": (wire.RESET, "reset"),
     **{

@@ -266,11 +266,15 @@ REFUSAL = Enum(
     )
 )
 LEASE_END = Enum(**dict.fromkeys("Released Expired Renewed HandedOver TakenOver Revoked Reset Fault".split()))
-STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END, MotorsHeld=None)
+STOP_REASON = Enum(Released=None, Age=None, NotFinite=None, CollisionMonitorStale=None, LeaseEnded=LEASE_END, MotorsHeld=None, PlannerSilent=None, PlannerFloods=None)
 FAULT_REASON = Enum(SelfTest=None, Actuator=None)
 VELOCITY = Struct(linear_mps=F32, lateral_mps=F32, angular_radps=F32)
 SPEED_LIMITS = Struct(forward_mps=F32, reverse_mps=F32, left_mps=F32, right_mps=F32, left_radps=F32, right_radps=F32)
 SHORE_CLASS = Enum(Sparse=None, Dense=None, Solid=None)
+MAP_POSE = Struct(x_mm=Int(32), y_mm=Int(32), yaw_mrad=Int(32))
+GOAL_END = Enum(
+    **dict.fromkeys("TakenOver Cancelled LeaseEnded Age PlannerSilent NotFinite EStop CollisionMonitorStale Motors PlannerFloods".split())
+)
 DOCKING_CHOICE = Struct(site=U32, vegetation=SHORE_CLASS)
 BARRIER = Struct(position_m=Tuple(F32, F32), kind=Enum(Detected=None, Mapped=None, Unknown=None, Shallow=None, NoReturn=None, Contact=None, Vegetation=None))
 TELEOP_STATUS = Struct(
@@ -296,6 +300,7 @@ TELEOP_STATUS = Struct(
     battery_v=Option(F32),
     docking=Option(DOCKING_CHOICE),
     motor_hold=Option(Enum(NoLink=None, NoHeartbeat=None, NotARover=None, Disarmed=None, Mode=U32, Failsafe=None)),
+    goal=Struct(has_planner=BOOL, running=Option(MAP_POSE), last_end=Option(GOAL_END)),
 )
 STATUS = Struct(
     data_time_ns=I64,
@@ -345,6 +350,7 @@ STATUS = Struct(
         )
     ),
 )
+PLAN = Struct(points_mm=List(Tuple(Int(32), Int(32))))
 LOCALIZATION = Struct(
     confidence=Enum(Determined=None, UncertainAlong=None, OdometryOnly=None, Lost=None),
     is_searching=BOOL,
@@ -419,11 +425,15 @@ VOXELS_REPLY = Enum(
 )
 ESTOP = Struct(press=U64)
 DRIVE = Struct(
-    linear_mps=F32, lateral_mps=F32, angular_radps=F32, estop=Option(ESTOP), docking=Option(DOCKING_CHOICE)
+    linear_mps=F32,
+    lateral_mps=F32,
+    angular_radps=F32,
+    estop=Option(ESTOP),
+    docking=Option(DOCKING_CHOICE),
+    goal=Option(MAP_POSE),
 )
 RESET = Struct(estop=U64)
 LEASE_REQUEST = Enum(Request=None, Release=None, HandOver=TEXT, Refuse=TEXT, TakeOver=None)
-MAP_POSE = Struct(x_mm=Int(32), y_mm=Int(32), yaw_mrad=Int(32))
 SETTING = Enum(BudgetKbps=U32, CollisionMonitor=BOOL, Recording=BOOL, SaveMap=TEXT, Locate=MAP_POSE)
 ANSWER = Enum(Done=None, Granted=U64, Waiting=None, EStopped=U64, Refused=REFUSAL)
 

@@ -23,8 +23,8 @@ use network::endpoints::Channel;
 use network::sessions::{self, Endpoints, Side};
 use protocol::keys::{OperatorId, OperatorTopic, RobotId, Topic, operator_key};
 use protocol::message::{
-    AgeToken, Answer, DockingChoice, Drive, LeaseRequest, Pose, Refusal, SensorStatus, Shores,
-    ShoresReply, ShoresRequest, Status, TeleopState, TeleopStatus,
+    AgeToken, Answer, DockingChoice, Drive, LeaseRequest, MapPose, Pose, Refusal, SensorStatus,
+    Shores, ShoresReply, ShoresRequest, Status, TeleopState, TeleopStatus,
 };
 use protocol::signed::{Command, CommandHeader, Route, SecretKey, sign};
 use protocol::tile::BootId;
@@ -84,6 +84,8 @@ pub struct Operator {
     pub journal: Journal,
     /// The docking site that its commands name.
     pub docking: Option<DockingChoice>,
+    /// The goal that its commands name.
+    pub goal: Option<MapPose>,
     robot: RobotId,
     session: Session,
     drive: Publisher<'static>,
@@ -131,6 +133,7 @@ impl Operator {
             seq: 0,
             journal: Journal::default(),
             docking: None,
+            goal: None,
             robot,
             session,
             drive,
@@ -339,6 +342,7 @@ impl Operator {
                 angular_radps: input.angular_radps,
                 estop: None,
                 docking: self.docking,
+                goal: self.goal,
             },
         );
         let sent = Sent {

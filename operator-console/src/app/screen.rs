@@ -14,7 +14,7 @@ use crate::alerts::FleetAlerts;
 use crate::app::menus::first_run_ui;
 use crate::command::{Command, Look};
 use crate::event_log::EventLog;
-use crate::map_view::{CameraMode, LayerCommand, MapView, Overlay};
+use crate::map_view::{CameraMode, GoalOffer, LayerCommand, MapView, Overlay, PosePurpose};
 use crate::model::ConsoleModel;
 use crate::panels::addresses::AddressEntry;
 use crate::panels::alerts::{AlertsData, alerts_ui};
@@ -148,12 +148,18 @@ impl Screen {
             (!is_alone).then_some(robot.color)
         });
         if let Some(ShownRobot {
-            model, color: own, ..
+            model,
+            color: own,
+            teleop_client,
+            ..
         }) = &mut robot
         {
             model.want_scan(self.map_view.settings().has(Overlay::Sensors));
             self.map_view
                 .set_robot_overlay(robot_overlay_data(model, *own, now));
+            let drives = teleop_client.is_some_and(|client| client.lease.held().is_some());
+            let goal_offer = GoalOffer::new(model.goal().has_planner, drives);
+            self.map_view.set_goal_offer(goal_offer);
             self.map_view.update(model);
             ui.ctx().request_repaint_after(AGES_PERIOD);
         }
@@ -384,7 +390,11 @@ impl Screen {
             Action::ShortcutSheet => self.dialogs.toggle_shortcuts(),
             Action::About => self.dialogs.show_about(),
             Action::CloseDialog => {
+                let goal = frame.teleop_client.and_then(|client| client.goal);
                 if !self.dialogs.close_one() {
+                    if goal.is_some() {
+                        return Some(Command::Drive(Intent::Goal(None)));
+                    }
                     self.map_view.escape();
                 }
             }
@@ -534,9 +544,16 @@ impl Panels<'_> {
     fn map_ui(&mut self, ui: &mut Ui, model: &ConsoleModel, now: Monotonic) -> Option<Command> {
         let look = self.map_view.show(ui, model, now);
         self.notice_room = self.map_view.notice_room();
-        let said = self.map_view.take_said_pose();
-        let said = said.map(|pose| Command::Drive(Intent::Set(Setting::Locate(pose))));
-        said.or(look.map(Command::Look))
+        let said = match self.map_view.take_said_pose() {
+            Some((PosePurpose::Locate, pose)) => Some(Intent::Set(Setting::Locate(pose))),
+            Some((PosePurpose::Goal, pose)) => {
+                // A second click by mistake must not change the goal.
+                self.map_view.look(Look::SetPose(None));
+                Some(Intent::Goal(Some(pose)))
+            }
+            None => None,
+        };
+        said.map(Command::Drive).or(look.map(Command::Look))
     }
 }
 

@@ -195,6 +195,7 @@ pub(super) fn subscribe(
             Topic::Pose,
             Topic::Status,
             Topic::Localization,
+            Topic::Plan,
             Topic::Event,
             Topic::MapHead,
         ]

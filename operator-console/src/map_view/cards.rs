@@ -14,7 +14,7 @@ use super::legend_card::{self, Drawn, LegendPlace};
 use super::map_layers::MapLayers;
 use super::probe::{self, ProbeData};
 use super::toolbar::{self, ToolbarData};
-use super::{CARD_MARGIN, CameraMode, MapView, Overlay, can_set_pose};
+use super::{CARD_MARGIN, CameraMode, MapView, Overlay, PosePurpose, can_set_pose};
 use crate::command::Look;
 use crate::model::ConsoleModel;
 use crate::panels::data_age::{StaleData, stale_ui};
@@ -285,12 +285,14 @@ impl MapView {
         let room = UiBuilder::new()
             .max_rect(room)
             .layout(Layout::top_down(Align::Max));
+        let sets = |purpose| self.pose_tool.is_some_and(|tool| tool.purpose == purpose);
         let data = ToolbarData {
             camera_mode: self.settings.camera_mode,
             orientation: self.settings.orientation,
             has_grid: self.settings.has(Overlay::Grid),
             is_measuring: self.ruler.is_some(),
-            is_setting_pose: can_set_pose(model).then_some(self.pose_tool.is_some()),
+            is_setting_pose: can_set_pose(model).then_some(sets(PosePurpose::Locate)),
+            goal: self.goal_offer.button(sets(PosePurpose::Goal)),
             is_folded,
         };
         let buttons = ui.scope_builder(room, |ui| toolbar::toolbar_ui(ui, data));

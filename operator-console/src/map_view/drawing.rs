@@ -14,6 +14,7 @@ use super::chunks::FrameTime;
 use super::grid::{self, ScaleBar};
 use super::map_layers::MapLayers;
 use super::marks::{Mark, point_size};
+use super::pose_tool::paint_goal;
 use super::shores::ShoreMarks;
 use super::vehicle::{self, Motion, VehicleMark};
 use super::{Ahead, CARD_MARGIN, CameraMode, MapView, Overlay, Ruler, probe, ruler};
@@ -37,7 +38,7 @@ impl MapView {
         self.camera.screen = screen;
         let previous_cards = self.cards();
         let previous_occluders = std::mem::take(&mut self.cards.occluders);
-        self.handle_pointer(ui, &response);
+        self.handle_pointer(ui, &response, vehicle_m(model));
         self.update_camera(model);
         self.set_vehicle_place(self.vehicle_mark(model).map(|vehicle| vehicle.bounds()));
 
@@ -66,6 +67,9 @@ impl MapView {
         self.paint_sensors(&painter, model);
         let marks = self.shore_marks(model);
         marks.paint_ground(&painter, ink, paper);
+        if let Some(goal) = model.goal().running {
+            paint_goal(&painter, &self.camera, goal, model.plan());
+        }
         self.paint_vehicle(&painter, model, is_position_old);
         marks.paint_labels(&painter, ink, paper);
         // A draggable map is also hovered through its buttons.

@@ -37,6 +37,7 @@ use protocol::tile::TileKey;
 pub use ahead::Ahead;
 pub use camera::Camera;
 pub use marks::Mark;
+pub use pose_tool::PosePurpose;
 pub use probe::{ProbeData, ProbedCell};
 pub use ruler::{Leg, Ruler};
 pub use toolbar::ToolbarData;
@@ -78,8 +79,9 @@ pub struct MapView {
     pinned_m: Option<[f64; 2]>,
     ruler: Option<Ruler>,
     pose_tool: Option<PoseTool>,
-    /// Where the operator says that the vehicle is.
-    said_pose: Option<MapPose>,
+    /// The pose that the operator has drawn.
+    said_pose: Option<(PosePurpose, MapPose)>,
+    goal_offer: GoalOffer,
     is_center_probed: bool,
     legends: LegendCard,
     cards: Cards,
@@ -127,8 +129,8 @@ impl MapView {
         self.ruler.as_ref()
     }
 
-    /// Where the operator says that the vehicle is, since the last call.
-    pub const fn take_said_pose(&mut self) -> Option<MapPose> {
+    /// The pose that the operator has drawn since the last call.
+    pub const fn take_said_pose(&mut self) -> Option<(PosePurpose, MapPose)> {
         self.said_pose.take()
     }
 
@@ -174,6 +176,10 @@ impl MapView {
 
     pub fn visible_m(&self) -> [f64; 4] {
         self.camera.visible_m()
+    }
+
+    pub const fn set_goal_offer(&mut self, goal_offer: GoalOffer) {
+        self.goal_offer = goal_offer;
     }
 
     pub fn set_robot_overlay(&mut self, robot_overlay: RobotOverlay) {
@@ -233,8 +239,8 @@ impl MapView {
                 self.ruler = is_on.then(Ruler::default);
                 self.pose_tool = None;
             }
-            Look::SetPose(is_on) => {
-                self.pose_tool = is_on.then(PoseTool::default);
+            Look::SetPose(purpose) => {
+                self.pose_tool = purpose.map(PoseTool::new);
                 self.ruler = None;
             }
             Look::Point => {
@@ -261,7 +267,10 @@ impl MapView {
 
     pub fn update(&mut self, model: &mut ConsoleModel) {
         self.show_first_layer(model);
-        self.pose_tool = self.pose_tool.filter(|_| can_set_pose(model));
+        self.pose_tool = self.pose_tool.filter(|tool| match tool.purpose {
+            PosePurpose::Locate => can_set_pose(model),
+            PosePurpose::Goal => self.goal_offer == GoalOffer::Available,
+        });
         let is_listed = |mark: &ShoreMark| {
             let shores = model.shores();
             shores.is_some_and(|shores| is_listed(shores, *mark))
@@ -291,7 +300,12 @@ impl MapView {
 
 /// The camera follows pointer, gestures and keys, or the map and the vehicle.
 impl MapView {
-    pub(super) fn handle_pointer(&mut self, ui: &Ui, response: &Response) {
+    pub(super) fn handle_pointer(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        vehicle_m: Option<[f64; 2]>,
+    ) {
         let drag = response.drag_delta();
         let buttons = [
             PointerButton::Primary,
@@ -299,7 +313,10 @@ impl MapView {
             PointerButton::Secondary,
         ];
         let pose_tool = self.pose_tool.as_mut();
-        let said = pose_tool.and_then(|tool| tool.drag(response, &self.camera));
+        let said = pose_tool.and_then(|tool| {
+            let pose = tool.drag(response, &self.camera, vehicle_m)?;
+            Some((tool.purpose, pose))
+        });
         self.said_pose = said.or(self.said_pose);
         let pulls = |button: &&PointerButton| {
             self.pose_tool.is_none() || **button != PointerButton::Primary
@@ -456,6 +473,40 @@ fn with_point(bounds_m: Option<[f64; 4]>, point_m: Option<[f64; 2]>) -> Option<[
 fn card_frame(ui: &Ui, margin: f32) -> Frame {
     let frame = Frame::new().fill(theme::card(ui.visuals()));
     frame.corner_radius(4.0).inner_margin(margin)
+}
+
+/// Whether the operator can send a planner to a goal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GoalOffer {
+    /// Neither does this console drive, nor is there a planner.
+    #[default]
+    None,
+    NoPlanner,
+    NotDriving,
+    Available,
+}
+
+impl GoalOffer {
+    pub const fn new(has_planner: bool, drives: bool) -> Self {
+        match (has_planner, drives) {
+            (false, false) => Self::None,
+            (false, true) => Self::NoPlanner,
+            (true, false) => Self::NotDriving,
+            (true, true) => Self::Available,
+        }
+    }
+
+    /// Whether its tool is on, or why it cannot be.
+    const fn button(self, is_on: bool) -> Option<Result<bool, &'static str>> {
+        match self {
+            Self::None => None,
+            Self::NoPlanner => Some(Err("No planner takes goals on this vehicle")),
+            Self::NotDriving => Some(Err(
+                "Request control first: a planner drives under your lease",
+            )),
+            Self::Available => Some(Ok(is_on)),
+        }
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]

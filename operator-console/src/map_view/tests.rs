@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use eframe::egui::{Event, Key, Modifiers, Shape, pos2, vec2};
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT as _, Queryable};
 use protocol::keys::Topic;
 use protocol::message::Localization;
 use protocol::tile::TileCells;
@@ -279,9 +279,10 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
     window.run_steps(1);
     window.get_by_label("Set pose").click();
     window.run_steps(2);
-    assert_eq!(window.state().asked, [Look::SetPose(true)]);
+    let set_pose = Look::SetPose(Some(PosePurpose::Locate));
+    assert_eq!(window.state().asked, [set_pose]);
     look(&mut window, Look::Follow(false));
-    look(&mut window, Look::SetPose(true));
+    look(&mut window, set_pose);
     let before = window.state().view.place_of([0.0, 0.0]);
     for (ahead_m, said) in [([2.05, 3.0], None), ([2.0, 6.0], Some([2000, 3000, 1571]))] {
         let [from, to] = [[2.0, 3.0], ahead_m].map(|m| window.state().view.place_of(m));
@@ -294,7 +295,7 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
         window.drop_at(to);
         window.run_steps(1);
         let pose = window.state_mut().view.take_said_pose();
-        let pose = pose.map(|pose| [pose.x_mm, pose.y_mm, pose.yaw_mrad]);
+        let pose = pose.map(|(_, pose)| [pose.x_mm, pose.y_mm, pose.yaw_mrad]);
         let is_near = |(a, b): (i32, i32)| (a - b).abs() < 60;
         let both = pose.zip(said);
         assert_eq!(pose.is_some(), said.is_some(), "{pose:?}");
@@ -312,6 +313,55 @@ fn a_drag_sets_the_pose_where_the_robot_searches_for_itself() {
     );
     window.run_steps(2);
     assert!(window.query_by_label("Set pose").is_none());
+}
+
+/// A click is a goal that looks away from the vehicle, a drag one with its own heading. The button says why there is none.
+#[test]
+fn a_goal_is_clicked_where_a_planner_is_and_this_console_drives() {
+    let mut window = window();
+    assert!(window.query_by_label("Goal").is_none());
+    for offer in [GoalOffer::NoPlanner, GoalOffer::NotDriving] {
+        window.state_mut().view.set_goal_offer(offer);
+        window.run_steps(1);
+        assert!(window.get_by_label("Goal").accesskit_node().is_disabled());
+    }
+    window.state_mut().view.set_goal_offer(GoalOffer::Available);
+    window.run_steps(1);
+    window.get_by_label("Goal").click();
+    window.run_steps(2);
+    let tool = Look::SetPose(Some(PosePurpose::Goal));
+    assert_eq!(window.state().asked, [tool]);
+    look(&mut window, Look::Follow(false));
+    look(&mut window, tool);
+    let model = &mut window.state_mut().model;
+    inject(model, Topic::Pose, &pose_at_rest(), at(2_000));
+    window.run_steps(1);
+    // Left of the vehicle, which looks along x.
+    let goal_m = [0.0, 3.0];
+    let at = window.state().view.place_of(goal_m);
+    window.hover_at(at);
+    window.run_steps(1);
+    window.drag_at(at);
+    window.run_steps(1);
+    window.drop_at(at);
+    window.run_steps(2);
+    let (purpose, pose) = window.state_mut().view.take_said_pose().unwrap();
+    let off = [
+        f64::from(pose.x_mm) / 1000.0 - goal_m[0],
+        f64::from(pose.y_mm) / 1000.0 - goal_m[1],
+        f64::from(pose.yaw_mrad) / 1000.0 - FRAC_PI_2,
+    ];
+    assert_eq!(purpose, PosePurpose::Goal);
+    assert!(off.iter().all(|off| off.abs() < 0.05), "{pose:?}");
+    // Somebody else drives now.
+    window
+        .state_mut()
+        .view
+        .set_goal_offer(GoalOffer::NotDriving);
+    let state = window.state_mut();
+    state.view.update(&mut state.model);
+    window.run_steps(1);
+    assert!(window.state().view.pose_tool.is_none());
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use eframe::egui::{Button, Ui};
 
-use super::card_frame;
 use super::view_settings::{CameraMode, Orientation, Overlay};
+use super::{PosePurpose, card_frame};
 use crate::command::Look;
 
 pub(super) const HEIGHT: f32 = 36.0;
@@ -16,6 +16,8 @@ pub struct ToolbarData {
     pub is_measuring: bool,
     /// Where the pose can be set.
     pub is_setting_pose: Option<bool>,
+    /// Whether its tool is on, or why it cannot be; `None` where there is no button.
+    pub goal: Option<Result<bool, &'static str>>,
     /// A menu replaces most buttons.
     pub is_folded: bool,
 }
@@ -84,13 +86,31 @@ fn entries_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
     ];
     let set_pose = data.is_setting_pose.map(|is_on| {
         let hint = "Press where the vehicle is in the saved map and drag ahead; Esc ends";
-        ("Set pose", hint, is_on, Look::SetPose(!is_on))
+        let purpose = (!is_on).then_some(PosePurpose::Locate);
+        ("Set pose", hint, is_on, Look::SetPose(purpose))
     });
     let mut look = None;
     for entry in entries.iter().chain(&set_pose) {
         look = look.or(entry_ui(ui, entry));
     }
-    look
+    look.or(goal_ui(ui, data))
+}
+
+/// Sends the planner to a goal; where it cannot, it says why.
+fn goal_ui(ui: &mut Ui, data: ToolbarData) -> Option<Look> {
+    let (is_on, why_not) = match data.goal? {
+        Ok(is_on) => (is_on, None),
+        Err(why) => (false, Some(why)),
+    };
+    let button = Button::selectable(is_on, "Goal").min_size([26.0, 26.0].into());
+    let response = ui
+        .add_enabled(why_not.is_none(), button)
+        .on_hover_text(
+            "Click where a planner on the vehicle is to drive; drag for the heading. Esc, any driving key, and losing the focus end it",
+        )
+        .on_disabled_hover_text(why_not.unwrap_or_default());
+    let purpose = (!is_on).then_some(PosePurpose::Goal);
+    response.clicked().then_some(Look::SetPose(purpose))
 }
 
 fn entry_ui(ui: &mut Ui, (label, hint, is_on, asks): &Entry) -> Option<Look> {
@@ -116,6 +136,7 @@ mod tests {
                 has_grid: false,
                 is_measuring: false,
                 is_setting_pose: Some(false),
+                goal: Some(Ok(false)),
                 is_folded: false,
             };
             let mut window = Harness::builder()
@@ -127,7 +148,8 @@ mod tests {
             window.run_steps(2);
             for (label, look) in [
                 ("Measure", Look::Measure(true)),
-                ("Set pose", Look::SetPose(true)),
+                ("Set pose", Look::SetPose(Some(PosePurpose::Locate))),
+                ("Goal", Look::SetPose(Some(PosePurpose::Goal))),
                 ("Grid", Look::Draw(Overlay::Grid, true)),
                 ("+", Look::In),
             ] {

@@ -5,9 +5,9 @@ use protocol::keys::Topic;
 use protocol::layer::LayerId;
 use protocol::message::{
     ChangedTile, Changes, CollisionMonitorState, CommandCounters, DeviceStatus, Digests, Event,
-    Info, LayerHead, Localization, MAX_DEVICES, MAX_SENSORS, MapHead, Pong, Pose, RecordingStatus,
-    Scan, SensorInfo, SensorStatus, ShoresReply, SpeedLimits, Status, TeleopStatus, TilesReply,
-    TrajectoryPart, VoxelsReply,
+    Info, LayerHead, Localization, MAX_DEVICES, MAX_PLAN_POINTS, MAX_SENSORS, MapHead, Plan, Pong,
+    Pose, RecordingStatus, Scan, SensorInfo, SensorStatus, ShoresReply, SpeedLimits, Status,
+    TeleopStatus, TilesReply, TrajectoryPart, VoxelsReply,
 };
 use protocol::tile::TileKey;
 use protocol::wire::{self, Header, WireError};
@@ -92,6 +92,15 @@ impl ConsoleModel {
                 }
                 self.robot.localization.take(localization, header.boot, now);
                 self.sensor_updates += 1;
+            }
+            Topic::Plan => {
+                let (header, plan): (_, Plan) = decode(payload)?;
+                self.of_this_boot(header)?;
+                if plan.points_mm.len() > MAX_PLAN_POINTS {
+                    return Err(RejectReason::Malformed);
+                }
+                self.robot.plan = plan;
+                self.changes += 1;
             }
             Topic::Event => {
                 let (_, event): (_, Event) = decode(payload)?;

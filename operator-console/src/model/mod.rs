@@ -27,8 +27,8 @@ use measurement::time::Monotonic;
 use protocol::keys::RobotId;
 use protocol::layer::LayerId;
 use protocol::message::{
-    Barrier, DeviceStatus, Event, Info, RecordingStatus, SensorInfo, SensorStatus, Shores, Status,
-    StopReason, TeleopState, TeleopStatus,
+    Barrier, DeviceStatus, Event, GoalStatus, Info, Plan, RecordingStatus, SensorInfo,
+    SensorStatus, Shores, Status, StopReason, TeleopState, TeleopStatus,
 };
 use protocol::tile::{BootId, TileKey};
 
@@ -109,6 +109,8 @@ struct RobotState {
     motion: Motion,
     monitor_history: MonitorHistory,
     localization: LocalizationHistory,
+    /// The path of the planner.
+    plan: Plan,
     stop_before_estop: Option<StopBeforeEStop>,
     /// Sequence number of the first message that reported the end of the data.
     ended_seq: Option<u64>,
@@ -124,6 +126,7 @@ impl RobotState {
         self.stop_before_estop = None;
         self.monitor_history.forget();
         self.localization.begin_run(boot);
+        self.plan = Plan::default();
         self.ended_seq = None;
         // The end of the last run's data does not end this run's data.
         self.status.take_if(|(status, _)| status.has_ended);
@@ -200,6 +203,19 @@ impl ConsoleModel {
 
     pub const fn localization(&self) -> &LocalizationHistory {
         &self.robot.localization
+    }
+
+    /// Goals for a planner, by the last status.
+    pub fn goal(&self) -> GoalStatus {
+        self.robot
+            .teleop()
+            .map(|teleop| teleop.goal)
+            .unwrap_or_default()
+    }
+
+    /// The path of the planner to the goal; without points where none runs.
+    pub const fn plan(&self) -> &Plan {
+        &self.robot.plan
     }
 
     pub const fn vehicle(&self) -> &Vehicle {

@@ -18,6 +18,7 @@ A script has one action a line, behind the second at which it happens; `#` begin
   3.5 focus off                 as if the window lost focus; focus on
   4.0 freeze 1.5                the program stands still for so many seconds
   4.5 dock B                    creeps into the vegetation of docking site B while it drives; dock off
+  4.7 goal 4.0 -1.5 90          sends the planner on the vehicle there, metres and degrees; goal off
   5.0 estop
   6.0 await estop 5             waits for a state, at most so many seconds, and shifts what follows;
                                 where it does not come, the script ends there
@@ -179,6 +180,8 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         ["freeze", time] => Action::Freeze(time_of(time)?),
         ["dock", "off"] => Action::Intent(Intent::Dock(None)),
         ["dock", site] => Action::Dock((*site).to_owned()),
+        ["goal", "off"] => Action::Intent(Intent::Goal(None)),
+        ["goal", x, y, yaw] => Action::Intent(Intent::Goal(Some(pose_of([x, y, yaw])?))),
         ["estop"] => Action::Intent(Intent::EStop),
         ["reset"] => Action::Reset,
         ["await", state] => Action::Await(state_of(state)?, AWAIT),
@@ -197,12 +200,7 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
         }
         ["save-map", name] => Action::Intent(Intent::Set(Setting::SaveMap((*name).to_owned()))),
         ["set-pose", x, y, yaw] => {
-            let [x_mm, y_mm] = [x, y].map(|text| thousandths(text, 1.0));
-            Action::Intent(Intent::Set(Setting::Locate(MapPose {
-                x_mm: x_mm?,
-                y_mm: y_mm?,
-                yaw_mrad: thousandths(yaw, std::f64::consts::PI / 180.0)?,
-            })))
+            Action::Intent(Intent::Set(Setting::Locate(pose_of([x, y, yaw])?)))
         }
         [] => return Err("there is no action behind the time".to_owned()),
         words => {
@@ -211,6 +209,15 @@ fn action_of(words: &[&str]) -> Result<Action, String> {
                 words.join(" ")
             ));
         }
+    })
+}
+
+/// Metres and degrees.
+fn pose_of([x, y, yaw]: [&str; 3]) -> Result<MapPose, String> {
+    Ok(MapPose {
+        x_mm: thousandths(x, 1.0)?,
+        y_mm: thousandths(y, 1.0)?,
+        yaw_mrad: thousandths(yaw, std::f64::consts::PI / 180.0)?,
     })
 }
 
@@ -301,13 +308,13 @@ mod tests {
         });
         let examples: String = examples.collect();
         let steps = parse(&examples).unwrap();
-        assert_eq!(steps.len(), 12, "{examples}");
+        assert_eq!(steps.len(), 13, "{examples}");
         assert_eq!(steps[7].action, Action::Dock("B".to_owned()));
         assert_eq!(steps[1].at, Duration::from_millis(500));
         let press = Action::Input(vec![InputEvent::Press(DriveKey::W)]);
         assert_eq!((steps[1].line, &steps[1].action), (2, &press));
         assert_eq!(
-            steps[9].action,
+            steps[10].action,
             Action::Await(State::EStop, Duration::from_secs(5))
         );
     }

@@ -8,12 +8,14 @@
 //!   counts. The same holds where the collision monitor holds the vehicle, whose motors are at zero even if a boat
 //!   coasts: an operator who then reverses changes keys within 200 ms.
 //!
+//! A goal is named after 200 ms of neutral commands without one, too, and a press while it runs takes over at once.
+//!
 //! The input is read again in each iteration: a press that was released meanwhile is never sent.
 
 use std::time::Duration;
 
 use measurement::time::Monotonic;
-use protocol::message::{StopReason, TeleopState, TeleopStatus, Velocity};
+use protocol::message::{MapPose, StopReason, TeleopState, TeleopStatus, Velocity};
 
 use super::messages::LatestPose;
 use crate::teleop_input::DriveInput;
@@ -33,6 +35,10 @@ pub(super) struct DriveCommands {
     neutral_since: Option<Monotonic>,
     /// Until when a command finds the motors still moving, by the last status.
     pub(super) moving_until: Option<Monotonic>,
+    /// The goal of the last command.
+    sent_goal: Option<MapPose>,
+    /// By the last status: then a press takes over at once.
+    pub(super) is_goal_running: bool,
 }
 
 impl DriveCommands {
@@ -42,6 +48,8 @@ impl DriveCommands {
             sent: DriveInput::NEUTRAL,
             neutral_since: None,
             moving_until: None,
+            sent_goal: None,
+            is_goal_running: false,
         }
     }
 
@@ -54,21 +62,31 @@ impl DriveCommands {
         self.neutral_since = None;
     }
 
-    /// The input to send now, if a command is due: `input`, or neutral if the robot would not accept it yet.
+    /// The input and the goal to send now, if a command is due: those that are wanted, or neutral and none if the robot would not
+    /// accept them yet.
     pub(super) fn next(
         &mut self,
-        input: DriveInput,
+        (input, goal): (DriveInput, Option<MapPose>),
         newest: Option<LatestPose>,
         now: Monotonic,
-    ) -> Option<DriveInput> {
-        let is_accepted =
-            input.is_neutral() || !self.sent.is_neutral() || self.is_press_taken(newest, now);
+    ) -> Option<(DriveInput, Option<MapPose>)> {
+        let takes_over = self.sent_goal.is_some() && self.is_goal_running;
+        let is_accepted = input.is_neutral()
+            || !self.sent.is_neutral()
+            || takes_over
+            || self.is_press_taken(newest, now);
         let input = if is_accepted {
             input
         } else {
             DriveInput::NEUTRAL
         };
+        let is_neutral_long = self
+            .neutral_since
+            .is_some_and(|since| now.since(since) >= NEUTRAL);
+        let goal =
+            goal.filter(|_| input.is_neutral() && (self.sent_goal.is_some() || is_neutral_long));
         let is_changed = input.is_neutral() != self.sent.is_neutral()
+            || goal != self.sent_goal
             || (input.forward - self.sent.forward).abs() >= CHANGE
             || (input.sideways - self.sent.sideways).abs() >= CHANGE
             || (input.left - self.sent.left).abs() >= CHANGE;
@@ -76,12 +94,13 @@ impl DriveCommands {
             return None;
         }
         self.sent = input;
-        if input.is_neutral() {
+        self.sent_goal = goal;
+        if input.is_neutral() && goal.is_none() {
             self.neutral_since.get_or_insert(now);
         } else {
             self.neutral_since = None;
         }
-        Some(input)
+        Some((input, goal))
     }
 
     /// Whether the robot would accept a press now.

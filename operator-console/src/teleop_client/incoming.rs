@@ -1,12 +1,13 @@
 //! Effects of the robot's messages on lease, emergency stop and input.
 
 use measurement::time::Monotonic;
-use protocol::message::{Answer, LeaseRequest, StopReason, TeleopState, TeleopStatus};
+use protocol::message::{Answer, GoalStatus, LeaseRequest, StopReason, TeleopState, TeleopStatus};
 use protocol::tile::BootId;
 
 use super::TeleopClient;
 use super::drive_commands::{DriveCommands, moving_until};
 use super::estop::{EStopOutcome, PendingEStop};
+use super::goal::GoalNews;
 use super::lease::{Lease, LeaseChange};
 use super::messages::{RequestKind, RequestNumber, TeleopMessage, TeleopNotification};
 use crate::teleop_input::InputLockReason;
@@ -101,6 +102,7 @@ impl TeleopClient {
         if status.estop.is_some() {
             self.clear_not_in_force_notice();
         }
+        self.take_goal_status(&status.goal, now);
         let before = self.status.as_ref().map(|status| status.state);
         match status.state {
             TeleopState::SafeBoot | TeleopState::EStop | TeleopState::Fault(_) => {
@@ -122,6 +124,25 @@ impl TeleopClient {
         self.drive_commands.moving_until =
             moving_until(&status, self.stop_decel, now).filter(|_| is_mine);
         self.status = Some(status);
+    }
+
+    /// A goal that has ended is named no more: the robot would not start it again.
+    fn take_goal_status(&mut self, status: &GoalStatus, now: Monotonic) {
+        self.drive_commands.is_goal_running = status.running.is_some();
+        let Some(goal) = &mut self.goal else {
+            return;
+        };
+        match goal.receive(status, now) {
+            GoalNews::Goes => {}
+            GoalNews::Ended => {
+                self.goal = None;
+                self.notify(TeleopNotification::GoalEnded(status.last_end));
+            }
+            GoalNews::NotStarted => {
+                self.goal = None;
+                self.warn(now, TeleopNotification::GoalNotStarted);
+            }
+        }
     }
 
     pub(super) fn clear_not_in_force_notice(&mut self) {

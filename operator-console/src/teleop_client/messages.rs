@@ -6,7 +6,7 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
 use protocol::message::{
-    AgeToken, Answer, DockingChoice, LeaseRequest, Refusal, Setting, TeleopStatus,
+    AgeToken, Answer, DockingChoice, GoalEnd, LeaseRequest, MapPose, Refusal, Setting, TeleopStatus,
 };
 use protocol::tile::BootId;
 
@@ -54,6 +54,8 @@ pub enum Intent {
     Step(crate::teleop_input::SpeedStep),
     /// Steer into the vegetation of this docking site, while this console has the lease.
     Dock(Option<DockingChoice>),
+    /// Let the planner drive to this goal, while this console has the lease.
+    Goal(Option<MapPose>),
 }
 
 /// A message to send now and once. Sending it later or twice is an error.
@@ -86,6 +88,10 @@ pub enum TeleopNotification {
     NotDrivable,
     /// An observer requested something that needs another role.
     ObserverOnly,
+    /// The goal has ended on the robot.
+    GoalEnded(Option<GoalEnd>),
+    /// The robot does not start the goal.
+    GoalNotStarted,
     /// Pressed keys and sticks do not count any more.
     InputLocked(InputLockReason),
 }

@@ -7,6 +7,7 @@
 
 mod drive_commands;
 mod estop;
+mod goal;
 mod incoming;
 mod lease;
 mod messages;
@@ -17,7 +18,7 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use protocol::keys::{OperatorId, RobotId, operator_key};
 use protocol::message::{
-    AgeToken, DockingChoice, Drive, Info, LeaseRequest, Refusal, TeleopStatus, Velocity,
+    AgeToken, DockingChoice, Drive, Info, LeaseRequest, MapPose, Refusal, TeleopStatus, Velocity,
 };
 use protocol::signed::{Command, CommandHeader, Route, sign};
 use protocol::tile::BootId;
@@ -36,6 +37,7 @@ pub use messages::{
 
 use drive_commands::DriveCommands;
 use estop::PendingEStop;
+use goal::NamedGoal;
 use messages::Requests;
 
 /// The link counts as lost after this time without a token: longer than the gaps of a jittery link, shorter than a
@@ -74,6 +76,7 @@ pub struct TeleopClient {
     next_press: u64,
     drive_commands: DriveCommands,
     docking: Option<DockingChoice>,
+    goal: Option<NamedGoal>,
     last_end: Option<Monotonic>,
     is_link_lost: bool,
     /// Whether an observer has tried to drive since the last iteration.
@@ -108,6 +111,8 @@ pub struct TeleopClientState {
     pub estop: EStopState,
     /// The docking site that its commands name.
     pub docking: Option<DockingChoice>,
+    /// The goal that its commands name.
+    pub goal: Option<MapPose>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -153,6 +158,7 @@ impl TeleopClient {
             next_press: random,
             drive_commands: DriveCommands::new(Monotonic::default()),
             docking: None,
+            goal: None,
             last_end: None,
             is_link_lost: false,
             has_attempted_to_drive: false,
@@ -256,6 +262,10 @@ impl TeleopClient {
                 self.docking = choice;
                 return;
             }
+            Intent::Goal(pose) => {
+                self.goal = pose.map(|pose| NamedGoal::new(pose, now));
+                return;
+            }
             Intent::Reset(estop) => RequestKind::Reset(estop),
             Intent::Set(setting) => RequestKind::Set(setting),
             Intent::Lease(request) => {
@@ -305,6 +315,10 @@ impl TeleopClient {
         if !is_held {
             self.input.lock_input(InputLockReason::Lease);
             self.docking = None;
+        }
+        // A goal needs an operator who could drive at once.
+        if !is_held || !self.input.is_ready() || !self.input.drive_input().is_neutral() {
+            self.goal = None;
         }
         if let Some(asked) = self.requests.take_overdue(now) {
             self.warn(now, TeleopNotification::RequestTimedOut(asked));
@@ -376,9 +390,12 @@ impl TeleopClient {
         let Some(token) = self.fresh_token(now) else {
             return;
         };
-        let input = self.input.drive_input();
-        if let Some(input) = self.drive_commands.next(input, self.newest, now) {
-            let drive = self.command(input);
+        let wanted = (self.input.drive_input(), self.goal.map(|goal| goal.pose));
+        if let Some((input, goal)) = self.drive_commands.next(wanted, self.newest, now) {
+            let drive = Drive {
+                goal,
+                ..self.command(input)
+            };
             messages.extend(self.signed(token, &drive, None));
         }
     }
@@ -435,6 +452,7 @@ impl TeleopClient {
             angular_radps: drive_input.left * turn_rate_radps,
             estop: self.estop.as_ref().map(PendingEStop::body),
             docking: self.docking,
+            goal: None,
         }
     }
 
@@ -500,6 +518,7 @@ impl TeleopClient {
             ignored: self.input.lock_reason(),
             is_ready: self.input.is_ready(),
             docking: self.docking,
+            goal: self.goal.map(|goal| goal.pose),
             token_age: token.map(|newest| now.since(newest.at)),
             is_asking: self.requests.is_busy(),
             notice: self

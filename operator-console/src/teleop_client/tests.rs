@@ -10,6 +10,7 @@ use super::*;
 use crate::teleop_input::{DriveKey, SpeedStep};
 use crate::test_support::{BOOT, STORED_ESTOP, at, idle_teleop_status};
 
+mod goals;
 mod key_changes;
 mod rights;
 
@@ -238,6 +239,7 @@ fn after_the_grant_neutral_is_sent_at_50_hz() {
             angular_radps: 0.0,
             estop: None,
             docking: None,
+            goal: None,
         };
         assert_eq!(read, Read::Drive(neutral));
         assert_eq!((stamp.boot, stamp.epoch), (BOOT, 4));

@@ -126,6 +126,15 @@ mod tests {
                 vegetation: ShoreClass::Dense,
             }),
             motor_hold: Some(MotorHold::Mode(300)),
+            goal: GoalStatus {
+                has_planner: true,
+                running: Some(MapPose {
+                    x_mm: -150,
+                    y_mm: 1,
+                    yaw_mrad: 0,
+                }),
+                last_end: Some(GoalEnd::PlannerSilent),
+            },
         }
     }
 
@@ -153,8 +162,9 @@ mod tests {
             &[1, 0xAC, 2, 0, 1, 5, 0], // ground_age_ms
             &[1],                      // battery_v
             &ONE,
-            &[1, 0xAC, 2, 1], // docking
-            &[1, 4, 0xAC, 2], // motor_hold
+            &[1, 0xAC, 2, 1],             // docking
+            &[1, 4, 0xAC, 2],             // motor_hold
+            &[1, 1, 0xAB, 2, 2, 0, 1, 4], // goal
         ];
         assert_eq!(body(&teleop()), expected.concat());
         let nothing_in_the_way = TeleopStatus {
@@ -163,9 +173,10 @@ mod tests {
             battery_v: None,
             docking: None,
             motor_hold: None,
+            goal: GoalStatus::default(),
             ..teleop()
         };
-        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0]));
+        assert!(body(&nothing_in_the_way).ends_with(&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]));
     }
 
     #[test]
@@ -176,6 +187,7 @@ mod tests {
             angular_radps,
             estop: None,
             docking: None,
+            goal: None,
         };
         assert!(drive(0.0, -0.0).is_neutral() && drive(9e-4, -9e-4).is_neutral());
         for speed in [1e-3, -0.5, f32::NAN, f32::INFINITY] {
@@ -229,8 +241,8 @@ mod tests {
             },
             ..teleop()
         };
-        assert_eq!(body(&teleop()).len(), 120);
-        assert_eq!(body(&full).len(), 597);
+        assert_eq!(body(&teleop()).len(), 128);
+        assert_eq!(body(&full).len(), 605);
     }
 
     proptest! {
@@ -250,6 +262,7 @@ mod tests {
             drop(decode::<ShoresReply>(&message));
             drop(decode::<Scan>(&message));
             drop(decode::<Pose>(&message));
+            drop(decode::<Plan>(&message));
             drop(decode::<Drive>(&message));
             drop(decode::<LeaseRequest>(&message));
             drop(decode::<Setting>(&message));

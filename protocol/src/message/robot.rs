@@ -216,6 +216,16 @@ pub enum PoseConfidence {
     Lost,
 }
 
+/// `plan`: the path of the planner to the goal, thinned.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Its points in the map, at most [`MAX_PLAN_POINTS`], millimetres; none where no goal runs.
+    pub points_mm: Vec<[i32; 2]>,
+}
+
+/// Limit of the points in one [`Plan`].
+pub const MAX_PLAN_POINTS: usize = 128;
+
 /// `event`: an event.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {

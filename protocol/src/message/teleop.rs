@@ -57,6 +57,8 @@ pub struct TeleopStatus {
     pub docking: Option<DockingChoice>,
     /// Why the motors obey no velocity now.
     pub motor_hold: Option<MotorHold>,
+    /// Goals for a planner on the vehicle.
+    pub goal: GoalStatus,
 }
 
 /// State of the vehicle. Append-only.
@@ -85,7 +87,7 @@ pub enum StopReason {
     Released,
     /// The last command is too old.
     Age,
-    /// A command with a velocity that is not finite.
+    /// A command, or a planner's velocity, that is not finite.
     NotFinite,
     /// The data of the collision monitor is too old or missing.
     CollisionMonitorStale,
@@ -93,6 +95,10 @@ pub enum StopReason {
     LeaseEnded(LeaseEnd),
     /// The motors obey no velocity.
     MotorsHeld,
+    /// The planner of the goal sent no velocity for too long.
+    PlannerSilent,
+    /// The planner of the goal sent too many velocities.
+    PlannerFloods,
 }
 
 impl StopReason {
@@ -100,7 +106,12 @@ impl StopReason {
     pub const fn is_voluntary(self) -> bool {
         match self {
             Self::Released => true,
-            Self::Age | Self::NotFinite | Self::CollisionMonitorStale | Self::MotorsHeld => false,
+            Self::Age
+            | Self::NotFinite
+            | Self::CollisionMonitorStale
+            | Self::MotorsHeld
+            | Self::PlannerSilent
+            | Self::PlannerFloods => false,
             Self::LeaseEnded(why) => match why {
                 LeaseEnd::Released | LeaseEnd::Renewed | LeaseEnd::HandedOver | LeaseEnd::Reset => {
                     true
@@ -188,6 +199,75 @@ impl fmt::Display for MotorHold {
                 };
                 return write!(formatter, "the autopilot is in mode {name}, not GUIDED");
             }
+        })
+    }
+}
+
+/// Goals for a planner on the vehicle, which drives under the lease of the operator who sets one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GoalStatus {
+    /// Whether a planner is there that takes goals.
+    pub has_planner: bool,
+    /// The goal that the planner may drive to now.
+    pub running: Option<MapPose>,
+    /// Why the last goal ended; `None` before the first end.
+    pub last_end: Option<GoalEnd>,
+}
+
+/// Why a goal ended. The planner alone knows whether it was reached: then it falls silent. Append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum GoalEnd {
+    /// The operator drives.
+    TakenOver,
+    /// The operator's commands no longer name it.
+    Cancelled,
+    /// The operator lost the lease.
+    LeaseEnded,
+    /// The operator's last command is too old.
+    Age,
+    /// The planner sent no velocity for too long: it is there, or has failed.
+    PlannerSilent,
+    /// A velocity was not finite.
+    NotFinite,
+    /// Emergency stop.
+    EStop,
+    /// The data of the collision monitor is too old or missing.
+    CollisionMonitorStale,
+    /// The motors obey no velocity, or have a fault.
+    Motors,
+    /// The planner sent too many velocities.
+    PlannerFloods,
+}
+
+impl GoalEnd {
+    /// In wire order.
+    pub const ALL: [Self; 10] = [
+        Self::TakenOver,
+        Self::Cancelled,
+        Self::LeaseEnded,
+        Self::Age,
+        Self::PlannerSilent,
+        Self::NotFinite,
+        Self::EStop,
+        Self::CollisionMonitorStale,
+        Self::Motors,
+        Self::PlannerFloods,
+    ];
+}
+
+impl fmt::Display for GoalEnd {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::TakenOver => "the operator drives",
+            Self::Cancelled => "cancelled",
+            Self::LeaseEnded => "the lease ended",
+            Self::Age => "the operator's last command is too old",
+            Self::PlannerSilent => "the planner is silent: it is there, or it failed",
+            Self::NotFinite => "a velocity is not a finite number",
+            Self::EStop => "emergency stop",
+            Self::CollisionMonitorStale => "the collision monitor cannot judge",
+            Self::Motors => "the motors do not obey",
+            Self::PlannerFloods => "the planner sends too many velocities",
         })
     }
 }
@@ -360,6 +440,9 @@ pub struct Drive {
     /// The docking site into whose vegetation the operator steers on purpose, while it has this
     /// class.
     pub docking: Option<DockingChoice>,
+    /// The goal that a planner on the vehicle is to drive to while nothing is pressed. It starts as a press does, after
+    /// commands without goal and motion, and runs as long as each command names one.
+    pub goal: Option<MapPose>,
 }
 
 /// A docking site in vegetation, as its driver knows it.
@@ -417,7 +500,7 @@ pub enum Setting {
 }
 
 /// A pose in the map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct MapPose {
     /// Millimetres.
     pub x_mm: i32,

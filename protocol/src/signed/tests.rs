@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::message::{DockingChoice, ShoreClass};
+use crate::message::{DockingChoice, MapPose, ShoreClass};
 
 /// The keys of RFC 8410, section 10, as `openssl` writes them too.
 const SECRET_PEM: &str = "-----BEGIN PRIVATE KEY-----
@@ -51,6 +51,7 @@ const DRIVE: Drive = Drive {
     angular_radps: -0.25,
     estop: None,
     docking: None,
+    goal: None,
 };
 
 fn drive_of_anna() -> Vec<u8> {
@@ -84,9 +85,14 @@ fn every_kind_of_command_fits_and_survives() {
     let longest_drive = Drive {
         estop,
         docking,
+        goal: Some(MapPose {
+            x_mm: i32::MIN,
+            y_mm: i32::MIN,
+            yaw_mrad: i32::MIN,
+        }),
         ..DRIVE
     };
-    assert_eq!(check(longest_drive), 30);
+    assert_eq!(check(longest_drive), 46);
     assert_eq!(check(EStop { press }), 10);
     assert_eq!(check(Reset { estop: 1 }), 1);
     assert_eq!(check(LeaseRequest::Request), 1);
@@ -258,6 +264,7 @@ fn drives() -> impl Strategy<Value = Drive> {
         angular_radps,
         estop,
         docking: None,
+        goal: None,
     })
 }
 

@@ -9,8 +9,9 @@ use ed25519_dalek::{Signature, VerifyingKey};
 use protocol::keys::{OperatorId, RobotId, operator_key};
 use protocol::message::{
     AgeToken, Answer, Changes, Digests, DigestsRequest, Drive, EStop, Event, Info, LeaseRequest,
-    Localization, MapHead, Pong, Pose, Reset, Scan, Setting, ShoresReply, ShoresRequest, Status,
-    TilesReply, TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply, VoxelsRequest,
+    Localization, MapHead, Plan, Pong, Pose, Reset, Scan, Setting, ShoresReply, ShoresRequest,
+    Status, TilesReply, TilesRequest, TrajectoryPart, TrajectoryRequest, View, VoxelsReply,
+    VoxelsRequest,
 };
 use protocol::signed::{
     Command, CommandHeader, ENVELOPE_BYTES, Envelope, PublicKey, Route, SecretKey, sign,
@@ -26,13 +27,14 @@ use super::{SPEC, blocks_of, hex, json, table};
 /// Checks the example of a name with its type.
 type Check = fn(&str);
 
-const EXAMPLES: [(&str, Check); 44] = [
+const EXAMPLES: [(&str, Check); 46] = [
     ("Info", check::<Info>),
     ("Pong", check::<Pong>),
     ("Pose", check::<Pose>),
     ("Status", check::<Status>),
     ("Status.driven", check::<Status>),
     ("Localization", check::<Localization>),
+    ("Plan", check::<Plan>),
     ("Event", check::<Event>),
     ("MapHead", check::<MapHead>),
     ("View", check::<View>),
@@ -54,6 +56,7 @@ const EXAMPLES: [(&str, Check); 44] = [
     ("TrajectoryPart", check::<TrajectoryPart>),
     ("Scan", check::<Scan>),
     ("Drive", check_signed::<Drive>),
+    ("Drive.goal", check_signed::<Drive>),
     ("EStop", check_signed::<EStop>),
     ("Reset", check_signed::<Reset>),
     ("LeaseRequest.Request", check_signed::<LeaseRequest>),
@@ -74,7 +77,7 @@ const EXAMPLES: [(&str, Check); 44] = [
 ];
 
 /// Parts of messages.
-const PARTS: [&str; 48] = [
+const PARTS: [&str; 50] = [
     "LayerInfo",
     "SensorInfo",
     "SensorKind",
@@ -110,6 +113,8 @@ const PARTS: [&str; 48] = [
     "LeaseEnd",
     "FaultReason",
     "MotorHold",
+    "GoalStatus",
+    "GoalEnd",
     "LeaseStatus",
     "Arming",
     "Velocity",

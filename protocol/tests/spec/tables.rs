@@ -6,8 +6,8 @@ use protocol::keys::{
 };
 use protocol::layer::{LayerId, Quantisation};
 use protocol::message::{
-    Drive, MAX_PART_BYTES, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS, MAX_TRAJECTORY_POSES,
-    Refusal,
+    Drive, MAX_PART_BYTES, MAX_PLAN_POINTS, MAX_SCAN_POINTS, MAX_SCAN_REACH_CM, MAX_SENSORS,
+    MAX_TRAJECTORY_POSES, Refusal,
 };
 use protocol::shores::{MAX_CLUSTERS, MAX_CORNERS, MAX_SITES};
 use protocol::signed::{ENVELOPE_BYTES, MAX_SIGNED_BYTES};
@@ -27,6 +27,7 @@ fn keys() {
         Topic::Pose,
         Topic::Status,
         Topic::Localization,
+        Topic::Plan,
         Topic::Event,
         Topic::MapHead,
         Topic::View,
@@ -39,8 +40,8 @@ fn keys() {
         Topic::Scan,
     ];
     let mut expected = topics.map(|topic| topic.key(&robot)).to_vec();
-    assert_eq!(expected[8], "foreshore/scout-1/view/*");
-    expected[8] = view_of(&robot, &"SESSION".parse().unwrap());
+    assert_eq!(expected[9], "foreshore/scout-1/view/*");
+    expected[9] = view_of(&robot, &"SESSION".parse().unwrap());
     let anna: OperatorId = "anna".parse().unwrap();
     expected.extend(OperatorTopic::ALL.map(|topic| operator_key(&robot, &anna, topic)));
     let rows = table("## 2. Keys");
@@ -112,6 +113,7 @@ fn version_and_limits() {
         format!("| `packed` of a `VoxelsPart` | {MAX_PART_BYTES} bytes |"),
         format!("| poses in one `TrajectoryPart` | {MAX_TRAJECTORY_POSES} |"),
         format!("| sensors in one message | {MAX_SENSORS} |"),
+        format!("| points in one `Plan` | {MAX_PLAN_POINTS} |"),
         format!(
             "| points in one `Scan` | {MAX_SCAN_POINTS}, each at most {MAX_SCAN_REACH_CM} cm from its origin along x and \
              y |"

@@ -15,10 +15,13 @@ use crate::report::Counters;
 use crate::token::TokenRing;
 use measurement::time::Monotonic;
 use protocol::message::{
-    Answer, Clamp, DockingChoice, FaultReason, LeaseEnd, Refusal, StopReason, TeleopState,
+    Answer, Clamp, DockingChoice, FaultReason, GoalEnd, LeaseEnd, Refusal, StopReason, TeleopState,
 };
 
+mod goal;
 mod requests;
+
+pub(crate) use goal::{PLANNING_TIME, RunningGoal};
 
 /// Validity of an output of the collision monitor. It gives one in each round, so it expires only after a failure.
 const MONITOR_TIMEOUT: Duration = Duration::from_millis(300);
@@ -72,7 +75,9 @@ const fn is_recoverable(reason: StopReason) -> bool {
         StopReason::NotFinite
         | StopReason::CollisionMonitorStale
         | StopReason::LeaseEnded(_)
-        | StopReason::MotorsHeld => false,
+        | StopReason::MotorsHeld
+        | StopReason::PlannerSilent
+        | StopReason::PlannerFloods => false,
     }
 }
 
@@ -86,6 +91,8 @@ pub struct ArbiterState {
     pub(super) tokens: TokenRing,
     pub(super) lease: Lease,
     pub(super) stream: CommandStream,
+    pub(super) goal: Option<RunningGoal>,
+    pub(super) last_goal_end: Option<GoalEnd>,
     pub(super) motion: Motion,
     /// How the wheels are set; `None` before the first motion.
     pub(super) locomotion: Option<LocomotionMode>,
@@ -109,6 +116,8 @@ impl ArbiterState {
             tokens: TokenRing::new(boot_id),
             lease: Lease::default(),
             stream: CommandStream::default(),
+            goal: None,
+            last_goal_end: None,
             motion: Motion::default(),
             locomotion: None,
             standing_since: None,
@@ -198,6 +207,8 @@ pub fn step(
         }
         ArbiterInput::ActuatorFault => step.fail(FaultReason::Actuator),
         ArbiterInput::MotorsHeld => step.stop_and_lock(StopReason::MotorsHeld),
+        ArbiterInput::Planned { velocity, arrived } => step.planned(velocity, arrived),
+        ArbiterInput::PlannerFloods => step.planner_floods(),
     }
     step.notify_mode_change();
     step.actions.output = step.state.motion.velocity();
@@ -230,7 +241,11 @@ impl Step<'_> {
     }
 
     fn begin_stop(&mut self, reason: StopReason) {
-        if !reason.is_voluntary() {
+        self.end_goal_for(reason);
+        // A planner that has arrived sends zero and falls silent.
+        let is_at_goal =
+            reason == StopReason::PlannerSilent && self.state.stream.requested.is_neutral();
+        if !reason.is_voluntary() && !is_at_goal {
             let stops = &mut self.state.counters.involuntary_stops;
             *stops = stops.saturating_add(1);
         }
@@ -247,12 +262,15 @@ impl Step<'_> {
             | StopReason::NotFinite
             | StopReason::CollisionMonitorStale
             | StopReason::LeaseEnded(_)
-            | StopReason::MotorsHeld => ArmingState::Locked,
+            | StopReason::MotorsHeld
+            | StopReason::PlannerSilent
+            | StopReason::PlannerFloods => ArmingState::Locked,
         };
     }
 
     /// Zero at once; keys that are pressed now have no effect.
-    fn halt(&mut self) {
+    fn halt(&mut self, goal_end: GoalEnd) {
+        self.end_goal(goal_end);
         self.state.motion = Motion::default();
         self.state.clamp = None;
         self.state.stream.requested = Velocity::ZERO;
@@ -310,6 +328,7 @@ impl Step<'_> {
             self.end_lease(LeaseEnd::Expired, None);
         }
         self.check_monitor();
+        self.check_planner();
         match self.state.mode {
             Mode::SafeBoot | Mode::Idle | Mode::Held | Mode::EStop | Mode::Fault(_) => {
                 self.state.motion = Motion::default();
@@ -560,12 +579,19 @@ impl Step<'_> {
             stream.ages.record(self.now, last.min(self.rules.max_age));
         }
         stream.ages.record(self.now, age);
-        stream.requested = command.requested;
-        stream.docking = command.docking;
         // The issue time that the token ring stores; `now - age` could saturate.
         stream.issued = self.state.tokens.issued(command.token, self.now).ok();
 
         let is_neutral = command.requested.is_neutral();
+        if let Some(pose) = command.goal.filter(|_| is_neutral) {
+            return self.accept_goal(pose);
+        }
+        if !is_neutral {
+            self.end_goal(GoalEnd::TakenOver);
+        }
+        let stream = &mut self.state.stream;
+        stream.requested = command.requested;
+        stream.docking = command.docking;
         stream.arming = if is_neutral {
             stream.arming.after_neutral(self.now)
         } else {

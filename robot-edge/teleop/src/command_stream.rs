@@ -6,7 +6,7 @@ use crate::lease::OperatorId;
 use crate::motion::Velocity;
 use crate::token::AgeToken;
 use measurement::time::Monotonic;
-use protocol::message::DockingChoice;
+use protocol::message::{DockingChoice, MapPose};
 
 /// One iteration of a console's input loop, as the vehicle knows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,6 +25,8 @@ pub struct DriveCommand {
     pub estop: bool,
     /// The docking site into whose vegetation the operator steers on purpose.
     pub docking: Option<DockingChoice>,
+    /// The goal that a planner is to drive to, while nothing is pressed.
+    pub goal: Option<MapPose>,
 }
 
 /// Arming: after a loss, a reconnect or a stop, a pressed key has no effect until it was released and pressed again

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::arbiter::PLANNING_TIME;
 use super::collision_monitor::CollisionMonitorConfig;
 use super::locomotion::{Locomotion, LocomotionConfig};
 use super::motion::{AxisLimits, MotionLimits};
@@ -160,6 +161,16 @@ pub struct Rules {
     pub(super) locomotion: Locomotion,
     pub(super) is_boat: bool,
     pub(super) request_timeout: Duration,
+    /// `None` where no planner is configured.
+    pub(super) planner: Option<PlannerRules>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct PlannerRules {
+    /// Longest time from one velocity to the next, by their arrival.
+    pub(super) max_gap: Duration,
+    /// Longest time from a goal to the first velocity.
+    pub(super) planning_time: Duration,
 }
 
 impl Rules {
@@ -214,7 +225,20 @@ impl Rules {
             locomotion: Locomotion::new(locomotion),
             is_boat: teleop.is_boat,
             request_timeout: REQUEST_TIMEOUT,
+            planner: None,
         })
+    }
+
+    /// The same with goals for a planner, whose velocities arrive within `max_gap` of each other.
+    #[must_use]
+    pub const fn with_planner(self, max_gap: Duration) -> Self {
+        Self {
+            planner: Some(PlannerRules {
+                max_gap,
+                planning_time: PLANNING_TIME,
+            }),
+            ..self
+        }
     }
 }
 

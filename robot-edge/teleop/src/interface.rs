@@ -7,8 +7,9 @@ use crate::lease::{
 };
 use crate::motion::{Caps, MotionCaps, Velocity};
 use crate::token::AgeToken;
+use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
-use protocol::message::{Answer, LeaseEnd, Refusal};
+use protocol::message::{Answer, GoalEnd, LeaseEnd, MapPose, Refusal};
 
 /// One input.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +73,15 @@ pub enum ArbiterInput {
     ActuatorFault,
     /// The motors obey no velocity in this round, as somebody else has them: not a fault.
     MotorsHeld,
+    /// The newest velocity of the planner. It has neither token nor signature: it counts only while a goal runs.
+    Planned {
+        /// The velocity.
+        velocity: Velocity,
+        /// When it arrived.
+        arrived: Monotonic,
+    },
+    /// The planner sends more velocities than any needs.
+    PlannerFloods,
 }
 
 /// A change of the lease.
@@ -232,6 +242,10 @@ pub enum ArbiterEvent {
         /// The operator who reset it; absent for a reset at the vehicle.
         by: Option<Caller>,
     },
+    /// A goal runs from now on, or another one than before.
+    GoalStarted(MapPose),
+    /// The goal has ended.
+    GoalEnded(GoalEnd),
     /// A request was refused (commands are only counted).
     Refused {
         /// What was asked for: an emergency stop, a reset or the lease.

@@ -9,7 +9,7 @@ use crate::interface::CollisionMonitorOutput;
 use crate::lease::{EStop, Lease};
 use crate::motion::Velocity;
 use measurement::time::Monotonic;
-use protocol::message::{Arming, Clamp, DockingChoice, Refusal};
+use protocol::message::{Arming, Clamp, DockingChoice, GoalEnd, MapPose, Refusal};
 
 /// What an operator needs to know: the driver, the age of commands, the requested and the applied velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +44,10 @@ pub struct TeleopReport {
     pub estop: Option<EStop>,
     /// The docking site into whose vegetation the vehicle may push.
     pub docking: Option<DockingChoice>,
+    /// The goal that runs.
+    pub goal: Option<MapPose>,
+    /// Why the last goal ended.
+    pub last_goal_end: Option<GoalEnd>,
     /// What was obeyed and what was refused.
     pub counters: Counters,
 }
@@ -81,6 +85,8 @@ impl ArbiterState {
             measured: self.measured,
             estop: self.estop,
             docking: self.docking(),
+            goal: self.goal.map(|goal| goal.pose),
+            last_goal_end: self.last_goal_end,
             counters: self.counters,
         }
     }

@@ -5,8 +5,8 @@ use std::time::Duration;
 use measurement::time::Monotonic;
 use protocol::keys::OperatorId;
 use protocol::message::{
-    Arming, BarrierKind, Clamp, CollisionMonitorState, Event, LeaseStatus, Settings, StopReason,
-    TeleopState, TeleopStatus,
+    Arming, BarrierKind, Clamp, CollisionMonitorState, Event, LeaseStatus, MapPose, Settings,
+    StopReason, TeleopState, TeleopStatus,
 };
 use protocol::shores::site_letters;
 
@@ -315,6 +315,17 @@ fn rows(
     }
     if let Some(hold) = teleop.motor_hold {
         rows.push((Tone::Warning, row("Motors", hold.to_string())));
+    }
+    match (teleop.goal.running, teleop.goal.last_end) {
+        (Some(MapPose { x_mm, y_mm, .. }), _) => {
+            let [x_m, y_m] = [x_mm, y_mm].map(|along_mm| f64::from(along_mm) / 1000.0);
+            let is_own = teleop_client.goal.is_some();
+            let end = if is_own { "; Esc ends it" } else { "" };
+            let words = format!("{x_m:.1}, {y_m:.1}: a planner drives{end}");
+            rows.push((Tone::Good, row("Goal", words)));
+        }
+        (None, Some(why)) => rows.push((Tone::Waiting, row("Goal", format!("ended: {why}")))),
+        (None, None) => {}
     }
     if let Some((tone, stop)) = last_stop(teleop, model.stop_before_estop(), events) {
         rows.push((tone, row("Last stop", stop)));

@@ -48,6 +48,8 @@ pub(crate) const fn stop(why: StopReason) -> &'static str {
         StopReason::NotFinite => "invalid velocity command",
         StopReason::CollisionMonitorStale => "the monitor's data came too late",
         StopReason::MotorsHeld => "the motors obeyed no velocity",
+        StopReason::PlannerSilent => "the planner fell silent",
+        StopReason::PlannerFloods => "the planner sent too many velocities",
         StopReason::LeaseEnded(LeaseEnd::Released) => "the lease was released",
         StopReason::LeaseEnded(LeaseEnd::Expired) => "the console timed out",
         StopReason::LeaseEnded(LeaseEnd::Renewed) => "the lease was requested again",
@@ -187,6 +189,11 @@ pub(crate) fn note(note: &TeleopNotification) -> (String, bool) {
             true,
         ),
         TeleopNotification::ObserverOnly => (OBSERVER_HINT.to_owned(), true),
+        TeleopNotification::GoalEnded(None) => ("goal ended".to_owned(), false),
+        TeleopNotification::GoalEnded(Some(why)) => (format!("goal ended: {why}"), false),
+        TeleopNotification::GoalNotStarted => {
+            ("the robot does not drive to the goal".to_owned(), true)
+        }
         TeleopNotification::InputLocked(why) => (format!("keys ignored: {}", loss(*why)), false),
     }
 }

@@ -203,6 +203,7 @@ impl Shore {
                 },
                 estop: false,
                 docking: drive.docking,
+                goal: drive.goal,
             };
             let role = teleop::Role::Operator;
             let arrives = self.ms + self.way_ms;

@@ -88,7 +88,7 @@ pub struct Simulate {
 /// The ROS 2 system.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct RosOptions {
-    /// The ROS 2 system's Zenoh router or bridge, for sensors and `[ros2_output]` [default: of `run`, tcp/localhost:7447, unless
+    /// The ROS 2 system's Zenoh router or bridge, for sensors, `[ros2_output]` and `[planner]` [default: of `run`, tcp/localhost:7447, unless
     /// the vehicle has devices of its own and publishes nothing; `simulate` publishes only with this option]
     #[arg(long = "ros", value_name = "ENDPOINT", value_parser = NonEmptyStringValueParser::new())]
     pub endpoint: Option<String>,

@@ -16,6 +16,7 @@ pub mod error;
 pub mod load;
 pub mod motors;
 pub mod overrides;
+pub mod planner;
 pub mod presets;
 pub mod ros2_output;
 pub mod sensors;
@@ -28,6 +29,7 @@ pub use error::{ConfigError, ConfigIssue, Origin, Problem};
 pub use load::load;
 pub use motors::{MotorsConfig, TwistConfig};
 pub use overrides::Override;
+pub use planner::PlannerConfig;
 pub use ros2_output::Ros2OutputConfig;
 pub use sensors::{
     FixesAndAttitude, GpsConfig, ImuConfig, RangeSensor, RangeSensorConfig, SensorConfig,
@@ -57,6 +59,7 @@ pub struct Config {
     pub teleop: TeleopConfig,
     pub motors: MotorsConfig,
     pub ros2_output: Ros2OutputConfig,
+    pub planner: Option<PlannerConfig>,
 }
 
 impl Config {
@@ -98,6 +101,7 @@ impl Default for Config {
             teleop: TeleopConfig::default(),
             motors: MotorsConfig::default(),
             ros2_output: Ros2OutputConfig::default(),
+            planner: None,
         }
     }
 }

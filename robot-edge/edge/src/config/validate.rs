@@ -51,6 +51,12 @@ pub(super) fn validate(config: &Config, merged: &Table) -> Vec<ConfigIssue> {
     issues.extend(locomotion.into_iter().map(ConfigIssue::from));
     issues.extend(config.motors.check());
     issues.extend(config.ros2_output.check(config));
+    issues.extend(
+        config
+            .planner
+            .iter()
+            .flat_map(|planner| planner.check(config)),
+    );
     issues.extend(devices(config, merged));
     issues
 }

@@ -18,6 +18,7 @@ use crate::driving::inbox::{EStopDeduplicator, Incoming, LocalCommand, RateLimit
 use crate::driving::monitor_input::MonitorRunner;
 use crate::driving::motors::{MotorReadiness, Motors};
 use crate::driving::operators::{MAX_OPERATORS, Operators};
+use crate::driving::planner::PlannerExchange;
 use crate::driving::shared_drive_state::{
     DriveEvent, MapRequest, MonitorReenabled, SharedDriveState,
 };
@@ -47,6 +48,7 @@ pub(super) struct DriveLoop {
     pub(super) estop_store: Option<EStopStore>,
     pub(super) log: Option<DriveLog>,
     pub(super) audit_recorder: AuditRecorder,
+    pub(super) planner: Option<PlannerExchange>,
     rate_limiters: [RateLimiter; MAX_OPERATORS],
     pub(super) motor_check: MotorCheck,
     last_token: Option<Monotonic>,
@@ -124,6 +126,7 @@ impl DriveLoop {
             estop_store: None,
             log: None,
             audit_recorder: AuditRecorder::default(),
+            planner: None,
             rate_limiters: [RateLimiter::new(now); MAX_OPERATORS],
             motor_check: MotorCheck {
                 readiness: MotorReadiness::Starting,
@@ -170,6 +173,8 @@ impl DriveLoop {
             self.step(now, ArbiterInput::EStopStored(id));
         }
         self.test_motors(now);
+        // Before the collision monitor, which judges what is requested.
+        self.take_planned(now);
         let output = self.monitor_output(now);
         self.step(now, ArbiterInput::CollisionMonitor(output));
         if self
@@ -203,6 +208,12 @@ impl DriveLoop {
         // Again, in case a reader held the lock when they changed.
         self.drive_state.publish_settings(self.runtime_settings);
         self.drive_state.publish_events(&mut self.drive_events);
+    }
+
+    fn take_planned(&mut self, now: Monotonic) {
+        if let Some(input) = self.planner.as_ref().and_then(PlannerExchange::take) {
+            self.step(now, input);
+        }
     }
 
     /// Runs the self-test once the motors are found; later checks whether they still obey.
@@ -337,6 +348,13 @@ impl DriveLoop {
                 return;
             }
         }
+        if let Some(planner) = &self.planner {
+            match event {
+                ArbiterEvent::GoalStarted(goal) => planner.start_goal(goal),
+                ArbiterEvent::GoalEnded(why) => planner.end_goal(why),
+                _ => {}
+            }
+        }
         if let ArbiterEvent::LeaseGranted { .. } = event {
             self.motors.lease_taken();
         }
@@ -426,6 +444,7 @@ impl DriveLoop {
             requested: status_message::velocity(&claimed),
             estop: press.is_some(),
             docking: claimed.docking,
+            goal: claimed.goal,
         };
         if !command.estop {
             self.state
@@ -470,6 +489,8 @@ const fn monitor_reenabled(event: &ArbiterEvent) -> Option<MonitorReenabled> {
         ArbiterEvent::ModeChanged { .. }
         | ArbiterEvent::LeaseRequested { .. }
         | ArbiterEvent::LeaseEnded { .. }
+        | ArbiterEvent::GoalStarted(_)
+        | ArbiterEvent::GoalEnded(_)
         | ArbiterEvent::Refused { .. } => None,
     }
 }

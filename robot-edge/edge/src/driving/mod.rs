@@ -12,6 +12,7 @@ pub mod inbox;
 pub mod monitor_input;
 pub mod motors;
 pub mod operators;
+pub mod planner;
 pub mod velocity_estimator;
 
 mod audit_recorder;

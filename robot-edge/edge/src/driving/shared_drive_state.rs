@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, TryLockError};
 
 use protocol::keys::OperatorId as OperatorName;
-use protocol::message::{MapPose, MotorHold, TeleopStatus};
+use protocol::message::{MapPose, MotorHold, Plan, TeleopStatus};
 
 use super::status_message::{self, MonitorDetail};
 use crate::actuators::Fault;
+use crate::driving::planner::PlannerExchange;
 use crate::driving::thread::LoopFailure;
 use crate::lock;
 use teleop::collision_monitor::UnavailableReason;
@@ -65,6 +66,7 @@ pub struct SharedDriveState {
     map_request: Mutex<Option<MapRequest>>,
     is_recording: AtomicBool,
     is_closing: AtomicBool,
+    planner: Option<PlannerExchange>,
 }
 
 /// What an operator wants of the map of matched scans.
@@ -77,6 +79,13 @@ pub enum MapRequest {
 }
 
 impl SharedDriveState {
+    pub(super) fn new(planner: Option<PlannerExchange>) -> Self {
+        Self {
+            planner,
+            ..Self::default()
+        }
+    }
+
     /// The newest token, for the next pose.
     pub fn token(&self) -> Option<AgeToken> {
         *lock(&self.token)
@@ -95,11 +104,12 @@ impl SharedDriveState {
         let mut runtime_settings = *lock(&self.runtime_settings);
         runtime_settings.recording = self.is_recording.load(Ordering::Relaxed);
         let report = (&report, detail);
-        Some(status_message::status(
-            report,
-            &lock(&self.names),
-            runtime_settings,
-        ))
+        let mut status = status_message::status(report, &lock(&self.names), runtime_settings);
+        status.goal.has_planner = self
+            .planner
+            .as_ref()
+            .is_some_and(PlannerExchange::is_present);
+        Some(status)
     }
 
     /// The events since the last call: kind and message.
@@ -110,6 +120,11 @@ impl SharedDriveState {
         drive_events
             .map(|drive_event| status_message::event_text(drive_event, &names))
             .collect()
+    }
+
+    /// The path of the planner; `None` where there is none.
+    pub fn plan(&self) -> Option<Plan> {
+        self.planner.as_ref().map(PlannerExchange::plan)
     }
 
     pub fn budget_kbps(&self) -> u32 {

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use protocol::keys::OperatorId as OperatorName;
 use protocol::message::{
-    self, CollisionMonitorState, CommandCounters, Drive, EStopStatus, FaultReason, LeaseEnd,
-    LeaseStatus, MotorHold, Refusal, RefusedCount, Settings, StopReason, TeleopStatus,
+    self, CollisionMonitorState, CommandCounters, Drive, EStopStatus, FaultReason, GoalStatus,
+    LeaseEnd, LeaseStatus, MapPose, MotorHold, Refusal, RefusedCount, Settings, StopReason,
+    TeleopStatus,
 };
 use protocol::signed::{CommandHeader, SignedError};
 
@@ -113,6 +114,11 @@ pub(super) fn status(
         battery_v: runtime_settings.battery_v.map(|volts| volts as f32),
         docking: report.docking,
         motor_hold: runtime_settings.motor_hold,
+        goal: GoalStatus {
+            running: report.goal,
+            last_end: report.last_goal_end,
+            ..GoalStatus::default()
+        },
     }
 }
 
@@ -232,6 +238,11 @@ pub(super) fn event_text(
             };
             (mode_event_kind(to), text)
         }
+        ArbiterEvent::GoalStarted(MapPose { x_mm, y_mm, .. }) => {
+            let [x_m, y_m] = [x_mm, y_mm].map(|along_mm| f64::from(along_mm) / 1000.0);
+            ("goal", format!("a planner drives to {x_m:.2}, {y_m:.2}"))
+        }
+        ArbiterEvent::GoalEnded(why) => ("goal", format!("the goal has ended: {why}")),
         ArbiterEvent::LeaseRequested { by } => {
             ("lease_requested", format!("{} asks to drive", name(by)))
         }
@@ -298,7 +309,7 @@ const fn mode_text(mode: Mode) -> &'static str {
         Mode::SafeBoot => "the self-test runs",
         Mode::Idle => "nobody drives",
         Mode::Held => "waits for the driver's keys",
-        Mode::Driving => "obeys the driver's keys",
+        Mode::Driving => "obeys the driver",
         Mode::Stopping { .. } => "stopping",
         Mode::EStop => "emergency stop: nothing moves until a reset",
         Mode::Fault(FaultReason::SelfTest) => "fault: the self-test failed",
@@ -324,6 +335,8 @@ pub(super) const fn stop_reason_text(reason: StopReason) -> &'static str {
         StopReason::CollisionMonitorStale => "the collision monitor could not judge",
         StopReason::LeaseEnded(why) => lease_end_text(why),
         StopReason::MotorsHeld => "the motors obey no velocity",
+        StopReason::PlannerSilent => "the planner is silent",
+        StopReason::PlannerFloods => "the planner sends too many velocities",
     }
 }
 
@@ -392,7 +405,7 @@ mod tests {
         };
         for (from, to, text) in [
             (stopping, Mode::Held, "waits for the driver's keys"),
-            (Mode::Held, Mode::Driving, "obeys the driver's keys"),
+            (Mode::Held, Mode::Driving, "obeys the driver"),
             (Mode::Held, Mode::Idle, "nobody drives"),
             (
                 Mode::SafeBoot,

@@ -20,6 +20,7 @@ use crate::driving::inbox::{Inbox, InboxReceiver, LocalCommands};
 use crate::driving::monitor_input::MonitorRunner;
 use crate::driving::motors::{Motors, SimulatedMotors};
 use crate::driving::operators::Operators;
+use crate::driving::planner::PlannerExchange;
 use crate::driving::shared_drive_state::{DriveEvent, SharedDriveState};
 use crate::service_manager::ServiceManager;
 use network::audit::Audit;
@@ -55,6 +56,8 @@ pub struct DrivingSettings {
     pub log: Option<DriveLog>,
     pub audit: Option<Audit>,
     pub service_manager: ServiceManager,
+    /// The planner that drives to goals, where one is configured.
+    pub planner: Option<PlannerExchange>,
 }
 
 /// The running loop. Dropping it sends zero to the motors.
@@ -69,7 +72,7 @@ impl Driving {
     /// Starts the loop.
     pub fn start(settings: DrivingSettings) -> std::io::Result<Self> {
         let (inbox, inbox_receiver) = Inbox::new();
-        let drive_state = Arc::new(SharedDriveState::default());
+        let drive_state = Arc::new(SharedDriveState::new(settings.planner.clone()));
         let heartbeat = Arc::new(Heartbeat::default());
         let simulated = settings.motors.simulated();
         let thread = thread::Builder::new().name("teleop".to_owned()).spawn({
@@ -129,6 +132,7 @@ fn run(
         log,
         audit,
         service_manager,
+        planner,
     } = settings;
     let mut drive_loop =
         DriveLoop::new((robot, boot), rules, operators, motors, drive_state, start);
@@ -145,6 +149,7 @@ fn run(
         .as_ref()
         .map_or(StoredEStop::None, EStopStore::previous);
     drive_loop.estop_store = estop_store;
+    drive_loop.planner = planner;
     drive_loop
         .drive_state
         .publish_settings(drive_loop.runtime_settings);
@@ -339,6 +344,7 @@ mod tests {
             log: None,
             audit: None,
             service_manager: ServiceManager::default(),
+            planner: None,
         });
         let driving = driving.unwrap();
         let (inbox, drive_state) = driving.handles();

@@ -53,6 +53,30 @@ pub enum RosTarget {
     Endpoint(RosEndpoint),
 }
 
+impl RosTarget {
+    /// `None` if the run ends before the router is there. `missing`: what waits for it.
+    pub(super) fn connect(self, missing: &str, is_over: impl Fn() -> bool) -> Option<RosNode> {
+        let at = match self {
+            Self::Node(node) => return Some(node),
+            Self::Endpoint(at) => at,
+        };
+        let mut is_reported = false;
+        loop {
+            match RosNode::open(&at) {
+                Ok(node) => return Some(node),
+                Err(why) if !is_reported => {
+                    tracing::warn!(%why, "{missing}");
+                    is_reported = true;
+                }
+                Err(_) => {}
+            }
+            if !clock::sleep_until(clock::now() + RETRY_PERIOD, &is_over) {
+                return None;
+            }
+        }
+    }
+}
+
 /// Names of the frames.
 #[derive(Clone, Debug)]
 struct Frames {
@@ -96,7 +120,8 @@ impl RosOutput {
         let thread = thread::Builder::new().name("ros2-maps".to_owned());
         let thread = thread.spawn(move || {
             lower_thread_priority();
-            let node = output.connect(target)?;
+            let node =
+                target.connect("maps are not published to ROS 2 yet", || output.is_over())?;
             let run = output.run(&node);
             run.inspect_err(|why| tracing::error!(%why, "nothing is published to ROS 2"))
                 .ok()
@@ -140,28 +165,6 @@ struct Output {
 impl Output {
     fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Relaxed)
-    }
-
-    /// `None` if the run ends before the router is there.
-    fn connect(&self, target: RosTarget) -> Option<RosNode> {
-        let at = match target {
-            RosTarget::Node(node) => return Some(node),
-            RosTarget::Endpoint(at) => at,
-        };
-        let mut is_reported = false;
-        loop {
-            match RosNode::open(&at) {
-                Ok(node) => return Some(node),
-                Err(why) if !is_reported => {
-                    tracing::warn!(%why, "maps are not published to ROS 2 yet");
-                    is_reported = true;
-                }
-                Err(_) => {}
-            }
-            if !clock::sleep_until(clock::now() + RETRY_PERIOD, || self.is_over()) {
-                return None;
-            }
-        }
     }
 
     fn run(&self, node: &RosNode) -> Result<Drops, RosLinkError> {

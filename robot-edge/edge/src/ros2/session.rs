@@ -31,6 +31,7 @@ pub struct RosLink {
     sender: InboxSender,
     announced: Arc<Mutex<Announcements>>,
     takes_clouds: bool,
+    ignored: Arc<[String]>,
 }
 
 impl std::fmt::Debug for RosLink {
@@ -48,20 +49,29 @@ struct Announcements {
     new_keys: Vec<(String, Stream)>,
     known_keys: Vec<String>,
     takes_clouds: bool,
+    ignored: Arc<[String]>,
 }
 
 impl RosLink {
-    /// Connects, and subscribes to all mappable topics; to those of clouds, which are large, only with `takes_clouds`.
-    pub fn open(at: &RosEndpoint, takes_clouds: bool) -> Result<(Self, Inbox), RosLinkError> {
+    /// Connects, and subscribes to all mappable topics but `ignored`; to those of clouds, which are large, only with
+    /// `takes_clouds`.
+    pub fn open(
+        at: &RosEndpoint,
+        takes_clouds: bool,
+        ignored: &[String],
+    ) -> Result<(Self, Inbox), RosLinkError> {
         let (sender, inbox) = Inbox::new();
+        let ignored: Arc<[String]> = ignored.into();
         let link = Self {
             node: RosNode::open(at)?,
             sender,
             announced: Arc::new(Mutex::new(Announcements {
                 takes_clouds,
+                ignored: Arc::clone(&ignored),
                 ..Announcements::default()
             })),
             takes_clouds,
+            ignored,
         };
         link.subscribe_to_rmw()?;
         link.listen_to_announcements()?;
@@ -138,13 +148,16 @@ impl RosLink {
                 continue;
             };
             let (sender, domain) = (self.sender.clone(), self.node.domain);
+            let ignored = Arc::clone(&self.ignored);
             self.node
                 .session
                 .declare_subscriber(pattern.clone())
                 .callback(move |sample| {
-                    offer(&sender, &sample, || {
-                        rmw_stream(domain, sample.key_expr().as_str())
-                    });
+                    let stream = rmw_stream(domain, sample.key_expr().as_str());
+                    // Before the queue: what is ignored takes no room in it.
+                    if let Some(stream) = stream.filter(|stream| !ignored.contains(&stream.name)) {
+                        offer(&sender, &sample, || Some(stream));
+                    }
                 })
                 .background()
                 .wait()
@@ -181,6 +194,9 @@ impl Announcements {
         let Some(announced) = parse_token(token, TopicEnd::Publisher) else {
             return;
         };
+        if self.ignored.contains(&announced.stream.name) {
+            return;
+        }
         if self.by_token.len() >= MAX_ANNOUNCED || self.known_keys.len() >= MAX_ANNOUNCED {
             return;
         }

@@ -1,28 +1,17 @@
 //! Velocities to the motors of a ROS 2 system, as the messages that its subscribers take.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
-
-use zenoh::Wait as _;
-use zenoh::pubsub::Subscriber;
 use zenoh::qos::Priority;
-use zenoh::sample::SampleKind;
 
 use super::node::{PublisherSettings, RosLinkError, RosNode, RosPublisher};
+use super::subscribers::SubscriberWatch;
 use crate::actuators::Velocity;
 use crate::actuators::published_velocity::VelocitySink;
 use crate::config::motors::VelocityMessage;
-use crate::lock;
 use measurement::Twist;
 use measurement::time::RobotTime;
 use network::clock;
-use recording::ros::middleware::{
-    DiscoveredTopic, PublishedType, TopicEnd, parse_token, token_patterns,
-};
+use recording::ros::middleware::{DiscoveredTopic, PublishedType};
 use recording::ros::published::{twist, twist_stamped};
-
-/// Maximum number of subscribers that are remembered, far more than a topic of velocities has.
-const MAX_SUBSCRIBERS: usize = 64;
 
 /// Whether plain and stamped messages are meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,17 +20,13 @@ struct Messages {
     stamped: bool,
 }
 
-/// The announced subscribers of the topic, by token: topics of bridges have a key.
-type Subscribers = BTreeMap<String, DiscoveredTopic>;
-
 pub struct TwistPublisher {
     message: VelocityMessage,
     /// Frame of the vehicle.
     frame: String,
     plain: RosPublisher,
     stamped: RosPublisher,
-    subscribers: Arc<Mutex<Subscribers>>,
-    _tokens: Vec<Subscriber<()>>,
+    subscribers: SubscriberWatch,
 }
 
 impl TwistPublisher {
@@ -56,45 +41,19 @@ impl TwistPublisher {
             is_kept: false,
             is_bridged: true,
         };
-        let subscribers: Arc<Mutex<Subscribers>> = Arc::default();
-        let listen = |pattern: String| {
-            let (subscribers, topic) = (Arc::clone(&subscribers), topic.to_owned());
-            node.session
-                .liveliness()
-                .declare_subscriber(pattern.clone())
-                .history(true)
-                .callback(move |sample| {
-                    let token = sample.key_expr().as_str();
-                    let mut subscribers = lock(&subscribers);
-                    if sample.kind() == SampleKind::Delete {
-                        subscribers.remove(token);
-                    } else if let Some(taken) = parse_token(token, TopicEnd::Subscriber)
-                        && taken.stream.name == topic
-                        && subscribers.len() < MAX_SUBSCRIBERS
-                    {
-                        subscribers.insert(token.to_owned(), taken);
-                    }
-                })
-                .wait()
-                .map_err(RosLinkError::refused(&pattern))
-        };
-        let tokens = token_patterns(node.domain, TopicEnd::Subscriber)
-            .into_iter()
-            .map(listen);
         Ok(Self {
             message,
             frame: frame.to_owned(),
             plain: node.publisher(topic, PublishedType::TWIST, settings)?,
             stamped: node.publisher(topic, PublishedType::TWIST_STAMPED, settings)?,
-            _tokens: tokens.collect::<Result<_, _>>()?,
-            subscribers,
+            subscribers: SubscriberWatch::new(node, topic)?,
         })
     }
 
     /// What is announced, and what is sent to bridges: their keys do not name the type, and a subscriber would read velocities of the
     /// other type as others. So nothing is sent to them before a subscriber is known, or where both types are taken.
     fn messages(&self) -> [Messages; 2] {
-        let subscribers = lock(&self.subscribers);
+        let subscribers = self.subscribers.get();
         let announced = chosen(self.message, subscribers.values());
         let mut of_bridges = subscribers
             .values()
@@ -178,6 +137,7 @@ mod tests {
     use std::time::Duration;
 
     use measurement::Stream;
+    use zenoh::Wait as _;
 
     use super::super::node::RosEndpoint;
     use super::super::test_router::{self, announced, free_endpoint};

@@ -23,6 +23,7 @@ use crate::config::{Config, ConfigIssue, TwistConfig};
 use crate::driving::autopilot::AutopilotMonitor;
 #[cfg(feature = "simulation")]
 use crate::driving::motors::SimulatedMotors;
+use crate::driving::planner::PlannerExchange;
 use crate::driving::{
     DriveLog, Driving, DrivingSettings, EStopFile, EStopStore, LocalCommands, MonitorMapInput,
     MonitorSensorInput, Motors, Operators, monitor_input,
@@ -70,6 +71,8 @@ pub(super) struct DrivePlan {
     state: Option<PathBuf>,
     recordings: Option<PathBuf>,
     maps: Option<PathBuf>,
+    /// Of the planner, where one is configured and can be reached.
+    pub(super) planner: Option<PlannerExchange>,
 }
 
 impl DrivePlan {
@@ -84,6 +87,7 @@ impl DrivePlan {
             state: None,
             recordings: None,
             maps: None,
+            planner: None,
         }
     }
 
@@ -98,6 +102,7 @@ impl DrivePlan {
             state: options.state_dir.clone(),
             recordings: options.recordings.clone(),
             maps: options.maps.clone(),
+            planner: None,
         }
     }
 
@@ -153,6 +158,16 @@ impl DrivePlan {
                 }
             }
         })
+    }
+
+    /// Goals for the planner of the configuration, if there is one and something to drive.
+    #[must_use]
+    pub(super) fn with_planner(self, config: &Config) -> Self {
+        let has_planner = config.planner.is_some() && self.can_drive();
+        Self {
+            planner: has_planner.then(PlannerExchange::default),
+            ..self
+        }
     }
 
     pub(super) const fn can_drive(&self) -> bool {
@@ -215,8 +230,11 @@ impl DrivePlan {
         if !self.can_drive() {
             return Ok(None);
         }
-        let rules = Rules::new(&config.teleop, &config.vehicle, &config.motors.locomotion())
+        let mut rules = Rules::new(&config.teleop, &config.vehicle, &config.motors.locomotion())
             .map_err(usage_error)?;
+        if let (Some(_), Some(planner)) = (&self.planner, &config.planner) {
+            rules = rules.with_planner(planner.max_gap());
+        }
         let monitor_rules = CollisionMonitorRules::new(
             &config.teleop.collision_monitor,
             &config.teleop,
@@ -263,6 +281,7 @@ impl DrivePlan {
             can_save_maps: self.maps.is_some(),
             log: log.transpose()?,
             service_manager: ServiceManager::from_environment(),
+            planner: self.planner.clone(),
         });
         let driving = driving.context("no thread can be had to drive with")?;
         Ok(Some((driving, monitor_inputs)))

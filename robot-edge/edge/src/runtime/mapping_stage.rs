@@ -22,7 +22,7 @@ use crate::publishing::output_inputs::OutputInputs;
 use crate::publishing::publisher::PublishError;
 use crate::publishing::trajectory::SharedTrajectory;
 use crate::replay_control::{ReplayControl, TimelineMark};
-use crate::ros2::RosOutput;
+use crate::ros2::{PlannerSession, RosOutput};
 use crate::summary::Event;
 use localization::registration::RegistrationOutput;
 use localization::scan_localization::SavedMap;
@@ -57,9 +57,10 @@ pub(super) struct MappingStage {
     pub(super) map_from_odom: SharedMapFromOdom,
     pub(super) tilt: Option<TiltControl>,
     pub(super) ros: Option<RosOutput>,
+    pub(super) planner: Option<PlannerSession>,
     #[cfg(feature = "foxglove")]
     pub(super) foxglove: Option<FoxgloveOutput>,
-    /// Of these two.
+    /// Of these three.
     pub(super) outputs: Vec<OutputInputs>,
     /// Where operators save maps, and what is being saved.
     pub(super) saved_maps: Option<PathBuf>,
@@ -98,6 +99,7 @@ impl MappingStage {
             map_from_odom: SharedMapFromOdom::default(),
             tilt: None,
             ros: None,
+            planner: None,
             #[cfg(feature = "foxglove")]
             foxglove: None,
             outputs: Vec::new(),

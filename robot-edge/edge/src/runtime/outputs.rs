@@ -246,6 +246,12 @@ impl Summary {
         }
     }
 
+    pub(super) fn add_goals(&mut self, happened: Vec<String>) {
+        for message in happened {
+            self.add_event("goal", message);
+        }
+    }
+
     fn add_evictions(&mut self, publisher: &Publisher) {
         let mapping = publisher.traffic().evicted_from_mapping;
         let store = publisher.store().counters();

@@ -34,7 +34,7 @@ use crate::foxglove::{FoxgloveOutput, Names};
 use crate::pacer::Rate;
 use crate::progress::Progress;
 use crate::publishing::output_inputs::{OutputInputs, OutputSources};
-use crate::ros2::{RosOutput, RosTarget};
+use crate::ros2::{PlannerSession, RosOutput, RosTarget};
 use crate::service_manager::ServiceManager;
 use crate::summary::{Event, Summary};
 use localization::registration::{PoseOrigin, RegistrationSettings};
@@ -247,6 +247,7 @@ impl Run<'_> {
         mapping.events = EventLog::with_events(notes);
         mapping.is_live = self.is_real_time_run();
         self.start_ros_output(&mut pipeline)?;
+        self.start_planner(&mut pipeline)?;
         self.start_foxglove(&mut pipeline)?;
         Ok(pipeline)
     }
@@ -268,6 +269,24 @@ impl Run<'_> {
         let ros = RosOutput::start(&self.config.ros2_output, frames, target, sources)
             .context("no thread can be had to publish to ROS 2")?;
         pipeline.mapping.ros = Some(ros);
+        Ok(())
+    }
+
+    fn start_planner(&self, pipeline: &mut Pipeline) -> anyhow::Result<()> {
+        let (Some(config), Some(target), Some(exchange)) =
+            (&self.config.planner, self.ros.clone(), &self.drive.planner)
+        else {
+            return Ok(());
+        };
+        let has_other_odom = !self.config.ros2_output.odom_to_base;
+        let inputs = self.output_sources(pipeline, has_other_odom).inputs;
+        let frames = [
+            self.config.ros2_output.map_frame.as_str(),
+            self.odom_frame(),
+        ];
+        let planner = PlannerSession::start(config, frames, target, (exchange.clone(), inputs))
+            .context("no thread can be had for the planner")?;
+        pipeline.mapping.planner = Some(planner);
         Ok(())
     }
 
@@ -449,6 +468,9 @@ impl Run<'_> {
         summary.add_recorder_notes(recorded.notes);
         if let Some(ros) = pipeline.mapping.ros.take() {
             summary.add_ros_drops(&ros.finish());
+        }
+        if let Some(planner) = pipeline.mapping.planner.take() {
+            summary.add_goals(planner.finish());
         }
 
         let exported = self.export.as_ref().map_or(Ok(Vec::new()), |dir| {

@@ -66,7 +66,7 @@ pub(super) fn run_live(
     };
     let others = options.record.is_some() || command.driving.recordings.is_some();
     let drive_by = |link| match &driving {
-        Some(options) => Ok(DrivePlan::new(motors(&config, link)?, options)),
+        Some(options) => Ok(DrivePlan::new(motors(&config, link)?, options).with_planner(&config)),
         None => Ok::<_, UsageError>(DrivePlan::none()),
     };
     let tilt = TiltControl::new(&config);
@@ -164,15 +164,17 @@ fn own_devices(
     forwarded: Option<ForwardedInput>,
     others: bool,
 ) -> anyhow::Result<Sensors> {
-    let publishes = !config.ros2_output.is_empty();
+    let publishes = !config.ros2_output.is_empty() || config.planner.is_some();
     if let Some(ros) = command.ros.endpoint.as_ref().filter(|_| !publishes) {
         return Err(UsageError(format!(
             "--ros {ros}: the vehicle's configuration has devices of its own ([devices]), which are read without ROS 2, and \
-             nothing to publish ([ros2_output]): leave the option out"
+             nothing to publish ([ros2_output], [planner]): leave the option out"
         ))
         .into());
     }
-    let ros = publishes.then(|| ros_endpoint(&command.ros)).transpose()?;
+    let ros = publishes
+        .then(|| ros_endpoint(&command.ros, config))
+        .transpose()?;
     let plan = plan(&devices::survey(config, forwarded.is_some())?, config)?;
     let selection = StreamSelection {
         mapped: plan.streams.clone(),
@@ -210,7 +212,7 @@ fn ros_sensors(
     quiet: bool,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<Sensors> {
-    let at = ros_endpoint(&command.ros)?;
+    let at = ros_endpoint(&command.ros, config)?;
     if !quiet {
         writeln!(
             io::stderr(),

@@ -83,6 +83,9 @@ pub(super) fn simulate(
     if command.ros.endpoint.is_none() && !config.ros2_output.is_empty() {
         notes.push("[ros2_output] is left alone: --ros says where to publish".to_owned());
     }
+    if command.ros.endpoint.is_none() && config.planner.is_some() {
+        notes.push("[planner] is left alone: --ros says where it is".to_owned());
+    }
     let mut tilt = TiltControl::new(&config);
     if tilt.is_some() && !command.rate.is_real_time() {
         tilt = None;
@@ -101,7 +104,11 @@ pub(super) fn simulate(
         is_live: false,
         network,
         drive: motors.clone().map_or_else(DrivePlan::none, |motors| {
-            DrivePlan::new(MotorsPlan::Simulated(motors), &command.driving)
+            let drive = DrivePlan::new(MotorsPlan::Simulated(motors), &command.driving);
+            match &command.ros.endpoint {
+                Some(_) => drive.with_planner(&config),
+                None => drive,
+            }
         }),
         record: options.record.clone(),
         foxglove: options.foxglove_address()?,
@@ -121,7 +128,7 @@ pub(super) fn simulate(
         devices: None,
         tilt,
         ros: match &command.ros.endpoint {
-            Some(_) => Some(RosTarget::Endpoint(ros_endpoint(&command.ros)?)),
+            Some(_) => Some(RosTarget::Endpoint(ros_endpoint(&command.ros, &config)?)),
             None => None,
         },
     };

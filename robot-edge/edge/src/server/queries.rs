@@ -81,6 +81,7 @@ fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Opti
         | Topic::Pose
         | Topic::Status
         | Topic::Localization
+        | Topic::Plan
         | Topic::Event
         | Topic::MapHead
         | Topic::View

@@ -38,6 +38,7 @@ pub(super) struct TopicPublishers {
     pose: Publisher<'static>,
     status: Publisher<'static>,
     localization: Publisher<'static>,
+    plan: Publisher<'static>,
     event: Publisher<'static>,
     map_head: Publisher<'static>,
 }
@@ -62,6 +63,7 @@ impl TopicPublishers {
             pose: declare(Topic::Pose, Reliability::BestEffort)?,
             status: declare(Topic::Status, Reliability::Reliable)?,
             localization: declare(Topic::Localization, Reliability::Reliable)?,
+            plan: declare(Topic::Plan, Reliability::Reliable)?,
             event: declare(Topic::Event, Reliability::Reliable)?,
             map_head: declare(Topic::MapHead, Reliability::Reliable)?,
         })
@@ -76,6 +78,7 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
     let mut announced: Option<MapHead> = None;
     let mut sent_teleop_state = None;
     let mut sent_closures_m = None;
+    let mut sent_plan = None;
     loop {
         let drive_state = context.drive_state.as_deref();
         let period = if drive_state.is_some_and(SharedDriveState::is_held) {
@@ -114,9 +117,14 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             put(&publishers.event, out.message(stamp_ns, &event));
         }
         let teleop = drive_state.and_then(SharedDriveState::status);
-        let state = teleop
-            .as_ref()
-            .map(|teleop| (teleop.state, teleop.lease.clone(), teleop.estop));
+        let state = teleop.as_ref().map(|teleop| {
+            (
+                teleop.state,
+                teleop.lease.clone(),
+                teleop.estop,
+                teleop.goal,
+            )
+        });
         let is_changed = sent_teleop_state != state;
         if status_due.is_due(now, STATUS_PERIOD, is_requested || is_changed) {
             let mut status = context.publish_state.status(now);
@@ -135,6 +143,12 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
                     out.message(stamp_ns, &localization),
                 );
             }
+        }
+        if let Some(plan) = drive_state.and_then(SharedDriveState::plan)
+            && (is_requested || sent_plan.as_ref() != Some(&plan))
+        {
+            put(&publishers.plan, out.message(stamp_ns, &plan));
+            sent_plan = Some(plan);
         }
         // No console can have the map of a head while tiles wait.
         let is_changed_head = changed_head_due.is_due(now, CHANGED_HEAD_PERIOD, false)

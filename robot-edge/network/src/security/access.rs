@@ -16,6 +16,7 @@ fn published_keys(robot: &RobotId) -> Vec<String> {
         Topic::Pose,
         Topic::Status,
         Topic::Localization,
+        Topic::Plan,
         Topic::Event,
         Topic::MapHead,
         Topic::Shores,

@@ -95,6 +95,24 @@ pub(crate) fn velodyne_packets(
     Ok((frame, packets.collect::<Result<_, DecodeError>>()?))
 }
 
+/// Frame and positions of a `nav_msgs/Path`, metres. The frames of its poses are not read: they are the path's.
+pub fn decode_path(
+    encoding: Encoding,
+    message: &[u8],
+) -> Result<(FrameId, Vec<[f64; 3]>), DecodeError> {
+    let mut fields = Cursor::new(message, encoding)?;
+    let (_, frame) = header(&mut fields)?;
+    // Header and seven numbers.
+    let poses = fields.length(68)?;
+    let points_m = (0..poses).map(|_| {
+        header(&mut fields)?;
+        let position_m = fields.f64s()?;
+        fields.f64s::<4>()?;
+        Ok(position_m)
+    });
+    Ok((frame, points_m.collect::<Result<_, DecodeError>>()?))
+}
+
 fn header(fields: &mut Cursor<'_>) -> Result<(Option<RobotTime>, FrameId), DecodeError> {
     // ROS 1 counts messages in the header and its seconds are unsigned.
     let secs = match fields.encoding() {

@@ -9,8 +9,8 @@ pub mod middleware;
 mod point_cloud;
 pub mod published;
 
-pub use decode::decode;
 pub(crate) use decode::velodyne_packets;
+pub use decode::{decode, decode_path};
 pub use encode::encode;
 pub(crate) use encode::ros2msg;
 

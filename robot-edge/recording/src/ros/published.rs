@@ -58,6 +58,14 @@ pub type PathPose = (RobotTime, [f64; 3], [f64; 4]);
 /// Bytes of a pose in a `nav_msgs/Path`, at most, apart from the name of the frame.
 pub const PATH_POSE_BYTES: usize = 80;
 
+/// A `geometry_msgs/PoseStamped`.
+pub fn pose_stamped(stamp: RobotTime, frame: &str, pose: &Pose) -> Vec<u8> {
+    let mut out = CdrWriter::new();
+    out.header(stamp, frame);
+    out.pose(pose);
+    out.bytes
+}
+
 /// A `nav_msgs/Path`.
 pub fn path(
     stamp: RobotTime,

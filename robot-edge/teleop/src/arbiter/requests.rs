@@ -8,7 +8,7 @@ use crate::lease::{
 use crate::token::AgeToken;
 use measurement::time::Monotonic;
 use protocol::keys::OperatorTopic;
-use protocol::message::{Answer, FaultReason, LeaseEnd, Refusal, StopReason};
+use protocol::message::{Answer, FaultReason, GoalEnd, LeaseEnd, Refusal, StopReason};
 
 impl Step<'_> {
     pub(super) fn lease_request(&mut self, caller: Caller, token: AgeToken, verb: LeaseVerb) {
@@ -210,7 +210,7 @@ impl Step<'_> {
 
     /// Zero at once. If an emergency stop is already active, a reset must be younger than this request too.
     pub(super) fn emergency_stop(&mut self, by: Option<EStopSource>) {
-        self.halt();
+        self.halt(GoalEnd::EStop);
         if let Some(estop) = &mut self.state.estop {
             estop.last_requested = self.now;
             return;
@@ -345,7 +345,7 @@ impl Step<'_> {
     }
 
     pub(super) fn fail(&mut self, reason: FaultReason) {
-        self.halt();
+        self.halt(GoalEnd::Motors);
         self.state.mode = Mode::Fault(reason);
         self.state.lease = Lease {
             next: None,

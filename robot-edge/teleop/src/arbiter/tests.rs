@@ -1,5 +1,7 @@
 //! The table of states by hand; what must hold everywhere is in [`crate::proofs`].
 
+mod goals;
+
 use std::time::Duration;
 
 use super::*;
@@ -166,6 +168,7 @@ impl Vehicle {
             requested,
             estop: false,
             docking: None,
+            goal: None,
         }
     }
 
@@ -1178,6 +1181,7 @@ fn a_docking_site_is_chosen_as_long_as_the_command_in_force_names_it() {
     assert_eq!(push(&mut vehicle, Some(choice)), Some(choice));
     let forged = DriveCommand {
         docking: None,
+        goal: None,
         ..vehicle.command(BOB, FORWARD)
     };
     vehicle.send(forged);

@@ -72,6 +72,16 @@ pub(super) struct Licence {
     /// It was lost at that moment by age or release, so that a young press soon after brings it back.
     pub(super) lost: Option<Monotonic>,
     pub(super) neutral_since: Option<Monotonic>,
+    /// It is that of a planner, by a goal.
+    pub(super) goal: Option<GoalInForce>,
+}
+
+/// A goal that is to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct GoalInForce {
+    pub(super) started: Monotonic,
+    /// When the planner's newest velocity since then arrived.
+    pub(super) heard: Option<Monotonic>,
 }
 
 impl Licence {
@@ -87,6 +97,7 @@ impl Licence {
 
     /// `may_recover`: the vehicle still moves, and the collision monitor gives limits.
     fn press(&mut self, now: Monotonic, neutral: Duration, may_recover: bool) {
+        self.goal = None;
         if self.is_given {
             return;
         }
@@ -97,6 +108,55 @@ impl Licence {
         if is_soon && may_recover || was_neutral.is_some_and(|since| now.since(since) >= neutral) {
             self.lock();
             self.is_given = true;
+        }
+    }
+
+    /// A command names a goal. `may_start`: the vehicle stands, held, and can be driven by a planner; `must_lock`: it could not be
+    /// at all.
+    fn name_goal(
+        &mut self,
+        now: Monotonic,
+        neutral: Duration,
+        (may_start, must_lock): (bool, bool),
+    ) {
+        if self.goal.is_some() {
+            return;
+        }
+        let is_enough = |since: &Monotonic| now.since(*since) >= neutral;
+        if must_lock || !self.neutral_since.as_ref().is_some_and(is_enough) {
+            // As a release, without neutral: a key that is pressed again soon drives on.
+            self.lose(now);
+            self.neutral_since = None;
+            return;
+        }
+        if may_start {
+            self.lock();
+            self.is_given = true;
+            self.goal = Some(GoalInForce {
+                started: now,
+                heard: None,
+            });
+        }
+    }
+
+    /// A planner's velocity arrived.
+    fn planned(
+        &mut self,
+        now: Monotonic,
+        velocity: Velocity,
+        arrived: Monotonic,
+        max_gap: Duration,
+    ) {
+        let Some(goal) = self.goal.as_mut().filter(|goal| arrived >= goal.started) else {
+            return;
+        };
+        let has_gap = goal
+            .heard
+            .is_some_and(|heard| arrived.since(heard) > max_gap);
+        if velocity.is_finite() && now.since(arrived) <= max_gap && !has_gap {
+            goal.heard = goal.heard.max(Some(arrived));
+        } else {
+            self.lock();
         }
     }
 
@@ -121,6 +181,7 @@ impl Licence {
     }
 
     fn lose(&mut self, now: Monotonic) {
+        self.goal = None;
         if self.is_given {
             self.is_given = false;
             self.lost = Some(now);
@@ -181,6 +242,10 @@ impl Monitor {
                 self.accel = [Velocity::ZERO; 2];
             }
         }
+        ensure(
+            after.goal.is_some() == self.licence.goal.is_some(),
+            "a goal runs, or does not, against the rules",
+        )?;
         let must_stand = self.estop.is_some() || self.has_fault || !self.is_booted;
         ensure(
             is_zero || !must_stand,
@@ -298,6 +363,22 @@ impl Monitor {
             }
             ArbiterInput::CollisionMonitor(output) => self.collision_monitor = Some((output, now)),
             ArbiterInput::ActuatorFault => self.fault(),
+            ArbiterInput::Planned { velocity, arrived } => {
+                let had_goal = self.licence.goal.is_some();
+                if let Some(planner) = transition.rules.planner {
+                    self.licence
+                        .planned(now, velocity, arrived, planner.max_gap);
+                }
+                let same = ArbiterState {
+                    now: after.now,
+                    ..*before
+                };
+                ensure(
+                    had_goal || same == *after,
+                    "a planner has an effect without a goal",
+                )?;
+            }
+            ArbiterInput::PlannerFloods if self.licence.goal.is_some() => self.licence.lock(),
             ArbiterInput::MotorsHeld => {
                 self.licence.lock();
                 self.in_force = self.in_force.map(|last| InForce {
@@ -309,6 +390,7 @@ impl Monitor {
             | ArbiterInput::Token { .. }
             | ArbiterInput::Rejected(_)
             | ArbiterInput::EStop(_)
+            | ArbiterInput::PlannerFloods
             | ArbiterInput::Measured(_) => {}
         }
         let more = after.counters.accepted - before.counters.accepted;
@@ -322,11 +404,22 @@ impl Monitor {
         let Transition {
             rules, before, now, ..
         } = *transition;
-        let is_pressed = !command.requested.is_neutral();
+        let is_neutral = command.requested.is_neutral();
+        let names_goal = is_neutral && command.goal.is_some();
+        if names_goal {
+            let is_available = rules.planner.is_some() && self.monitor_is_available(now);
+            let may_start = before.mode() == Mode::Held;
+            self.licence
+                .name_goal(now, rules.neutral, (may_start, !is_available));
+        }
+        let is_pressed = !is_neutral || names_goal && self.licence.goal.is_some();
         if let Ok(issued) = before.tokens().issued(command.token, now) {
             self.in_force = Some(InForce { issued, is_pressed });
         }
         self.renewed = now;
+        if names_goal {
+            return;
+        }
         if is_pressed {
             let moves = before.motion.velocity() != Velocity::ZERO;
             let may_recover = moves && self.monitor_is_available(now);
@@ -487,10 +580,21 @@ impl Monitor {
         if !self.monitor_is_available(now) {
             self.licence.monitor_unavailable();
         }
+        if let (Some(goal), Some(planner)) = (self.licence.goal, rules.planner) {
+            let is_silent = match goal.heard {
+                Some(heard) => now.since(heard) > planner.max_gap,
+                None => now.since(goal.started) > planner.planning_time,
+            };
+            if is_silent {
+                self.licence.lock();
+            }
+        }
         let may_grow = is_young
             && self.holder.is_some()
             && self.in_force.is_some_and(|last| last.is_pressed)
             && self.licence.is_given
+            // Of a goal, only what the planner says moves it.
+            && self.licence.goal.is_none_or(|goal| goal.heard.is_some())
             && self.monitor_is_available(now)
             && self.estop.is_none()
             && !self.has_fault

@@ -16,6 +16,7 @@ use super::config::{Rules, TeleopConfig};
 use crate::lease::{Caller, OperatorId, RequestId, Role};
 use crate::locomotion::LocomotionConfig;
 use mapping::vehicle::VehicleConfig;
+use protocol::message::MapPose;
 
 /// Operator, supervisor and a stranger who may only watch.
 const ROLES: [Role; 3] = [Role::Operator, Role::Supervisor, Role::Observer];
@@ -28,10 +29,17 @@ fn caller(who: u8) -> Caller {
     }
 }
 
-/// The rules of the defaults, for a vehicle of 1 m/s and 1 rad/s.
+const GOAL: MapPose = MapPose {
+    x_mm: 1,
+    y_mm: 2,
+    yaw_mrad: 3,
+};
+
+/// The rules of the defaults, for a vehicle of 1 m/s and 1 rad/s with a planner.
 fn rules() -> Rules {
     let (teleop, vehicle) = (TeleopConfig::default(), VehicleConfig::default());
-    Rules::new(&teleop, &vehicle, &LocomotionConfig::default()).unwrap()
+    let rules = Rules::new(&teleop, &vehicle, &LocomotionConfig::default());
+    rules.unwrap().with_planner(millis(200))
 }
 
 const fn millis(millis: u64) -> Duration {

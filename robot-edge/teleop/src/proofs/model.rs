@@ -17,11 +17,11 @@ use std::time::Duration;
 use protocol::message::{FaultReason, LeaseEnd, StopReason};
 use stateright::{Checker as _, Model, Property};
 
-use super::invariants::{InForce, Latched, Licence, Monitor, Transition, Violation};
-use super::{caller, millis};
-use crate::arbiter::{ArbiterState, Mode, step};
+use super::invariants::{GoalInForce, InForce, Latched, Licence, Monitor, Transition, Violation};
+use super::{GOAL, caller, millis};
+use crate::arbiter::{ArbiterState, Mode, RunningGoal, step};
 use crate::command_stream::{ArmingState, DriveCommand};
-use crate::config::Rules;
+use crate::config::{PlannerRules, Rules};
 use crate::interface::{ArbiterInput, CollisionMonitorOutput, LeaseVerb};
 use crate::lease::{EStop, EStopId, Lease, LeaseHolder, OperatorId, Role, StoredEStop, Waiting};
 use crate::locomotion::{Locomotion, LocomotionConfig, LocomotionMode};
@@ -46,6 +46,8 @@ struct Scope {
     has_estop: bool,
     /// Faults, revocations and self-tests that fail happen, and the collision monitor is stale at times.
     has_faults: bool,
+    /// Consoles name goals, and there is a planner.
+    has_goals: bool,
 }
 
 fn rules() -> Rules {
@@ -68,6 +70,10 @@ fn rules() -> Rules {
         locomotion: Locomotion::new(&LocomotionConfig::default()),
         is_boat: false,
         request_timeout: 2 * UNIT,
+        planner: Some(PlannerRules {
+            max_gap: UNIT,
+            planning_time: 2 * UNIT,
+        }),
     }
 }
 
@@ -108,6 +114,7 @@ impl Scope {
                 requested: Pressed::Key.velocity(),
                 estop,
                 docking: None,
+                goal: None,
             },
         };
         let lease = |verb| ArbiterInput::Lease {
@@ -180,6 +187,11 @@ impl Scope {
                 }
             }
         }
+        if self.has_goals {
+            for token in 0..TOKENS {
+                send(EPOCH, token, Pressed::Goal);
+            }
+        }
         if self.has_faults {
             send(EPOCH, 0, Pressed::Nonsense);
         }
@@ -216,6 +228,7 @@ impl Scope {
                         requested: Velocity::ZERO,
                         estop: true,
                         docking: None,
+                        goal: None,
                     },
                 }
             } else {
@@ -252,6 +265,17 @@ impl Scope {
                 ArbiterInput::Revoked(OperatorId(0)),
                 ArbiterInput::Revoked(OperatorId(1)),
             ]);
+        }
+        if self.has_goals {
+            inputs.push(ArbiterInput::PlannerFloods);
+            let speeds = [Pressed::Nothing, Pressed::Key, Pressed::Nonsense];
+            inputs.extend(speeds.iter().flat_map(|speed| {
+                let velocity = speed.velocity();
+                [0, 1, 2].map(|steps| ArbiterInput::Planned {
+                    velocity,
+                    arrived: ago(steps),
+                })
+            }));
         }
         acts.extend(inputs.into_iter().map(Act::Input));
     }
@@ -359,6 +383,18 @@ impl Model for Scope {
                 },
             ));
         }
+        if self.has_goals {
+            properties.push(Property::sometimes(
+                "a planner drives",
+                |_, state: &Small| state.goal.is_some() && state.speed_um == FULL_UM,
+            ));
+            properties.push(Property::sometimes(
+                "a planner falls silent",
+                |_, state: &Small| {
+                    state.stopping() == Some(StopReason::PlannerSilent) && state.speed_um > 0
+                },
+            ));
+        }
         if self.has_faults {
             properties.push(Property::sometimes(
                 "the motors fail",
@@ -390,12 +426,14 @@ enum Pressed {
     Key,
     /// Not a number.
     Nonsense,
+    /// Nothing, and a goal is named.
+    Goal,
 }
 
 impl Pressed {
     const fn velocity(self) -> Velocity {
         let linear_mps = match self {
-            Self::Nothing => 0.0,
+            Self::Nothing | Self::Goal => 0.0,
             Self::Key => 1.0,
             Self::Nonsense => f64::NAN,
         };
@@ -433,6 +471,7 @@ impl Message {
                 requested: self.pressed.velocity(),
                 estop: false,
                 docking: None,
+                goal: (self.pressed == Pressed::Goal).then_some(GOAL),
             },
         }
     }
@@ -447,6 +486,7 @@ struct Small {
     issued: Option<Monotonic>,
     is_pressed: bool,
     arming: ArmingState,
+    goal: Option<RunningGoal>,
     /// Micrometres per second.
     speed_um: i64,
     monitor_is_available: bool,
@@ -467,7 +507,8 @@ impl Hash for Small {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
         (self.mode, self.lease, self.last_seq, self.issued).hash(hasher);
         (self.is_pressed, self.arming, self.speed_um, self.estop).hash(hasher);
-        (self.monitor_is_available, &self.network, self.violation).hash(hasher);
+        (self.goal, self.monitor_is_available).hash(hasher);
+        (&self.network, self.violation).hash(hasher);
         let Monitor {
             holder,
             renewed,
@@ -504,6 +545,7 @@ impl Small {
             issued: None,
             is_pressed: false,
             arming: ArmingState::Locked,
+            goal: None,
             speed_um: 0,
             monitor_is_available: false,
             estop: None,
@@ -543,6 +585,7 @@ impl Small {
         state.stream.last_seq = self.last_seq;
         state.stream.issued = self.issued;
         state.stream.arming = self.arming;
+        state.goal = self.goal;
         if self.is_pressed {
             state.stream.requested = Pressed::Key.velocity();
         }
@@ -602,6 +645,11 @@ impl Small {
         if let ArmingState::Neutral { since } = &mut self.arming {
             *since = at(*since);
         }
+        self.goal = state.goal.map(|goal| RunningGoal {
+            pose: goal.pose,
+            started: at(goal.started),
+            heard: goal.heard.map(at),
+        });
         self.speed_um = (state.motion.linear.speed * 1e6).round() as i64;
         self.monitor_is_available = matches!(
             state.collision_monitor,
@@ -620,6 +668,10 @@ impl Small {
             licence: Licence {
                 lost: monitor.licence.lost.map(at),
                 neutral_since: monitor.licence.neutral_since.map(at),
+                goal: monitor.licence.goal.map(|goal| GoalInForce {
+                    started: at(goal.started),
+                    heard: goal.heard.map(at),
+                }),
                 ..monitor.licence
             },
             estop: monitor.estop.map(|estop| Latched {
@@ -684,6 +736,31 @@ fn one_operator_on_a_network_that_reorders() {
         operators: 1,
         has_estop: false,
         has_faults: false,
+        has_goals: false,
+    });
+}
+
+/// Goals of one operator, and a planner whose velocities arrive late, too, and are no numbers at times.
+#[test]
+fn goals_and_a_planner() {
+    check(Scope {
+        capacity: 1,
+        operators: 1,
+        has_estop: false,
+        has_faults: false,
+        has_goals: true,
+    });
+}
+
+#[test]
+#[ignore = "minutes, in release: cargo test --release --lib in_release -- --ignored --nocapture"]
+fn goals_with_everything_of_one_operator_in_release() {
+    check(Scope {
+        capacity: 1,
+        operators: 1,
+        has_estop: true,
+        has_faults: true,
+        has_goals: true,
     });
 }
 
@@ -694,6 +771,7 @@ fn two_operators_and_a_stranger() {
         operators: 2,
         has_estop: false,
         has_faults: false,
+        has_goals: false,
     });
 }
 
@@ -705,6 +783,7 @@ fn everything_at_once_in_release() {
         operators: 2,
         has_estop: true,
         has_faults: true,
+        has_goals: false,
     });
 }
 
@@ -716,5 +795,6 @@ fn two_operators_on_a_network_that_reorders_in_release() {
         operators: 2,
         has_estop: false,
         has_faults: false,
+        has_goals: false,
     });
 }

@@ -3,6 +3,8 @@
 //! The long run is `PROPTEST_CASES=1000000 cargo test --release -p teleop --lib proofs::properties::no_short`: seven
 //! minutes.
 
+use std::time::Duration;
+
 use proptest::prelude::*;
 
 use super::world::{Fate, Forged, Move, World};
@@ -122,6 +124,7 @@ fn input(who: impl Strategy<Value = u8> + Clone) -> impl Strategy<Value = Arbite
             .prop_map(|(has_passed, stored)| ArbiterInput::SelfTest { has_passed, stored }),
         Just(ArbiterInput::ActuatorFault),
         Just(ArbiterInput::MotorsHeld),
+        Just(ArbiterInput::PlannerFloods),
         who.prop_map(|who| ArbiterInput::Revoked(caller(who).operator)),
     ]
 }
@@ -147,6 +150,10 @@ fn one_move() -> impl Strategy<Value = Move> {
         6 => forged(),
         4 => any::<u8>().prop_map(Move::Replay),
         6 => Just(Move::StartDriving),
+        4 => Just(Move::StartGoal),
+        6 => (who(), prop::bool::weighted(0.7)).prop_map(|(who, is_named)| Move::Goal { who, is_named }),
+        4 => prop_oneof![4 => sane_speed().prop_map(Some), 1 => any_speed().prop_map(Some), 1 => Just(None)].prop_map(Move::Planner),
+        3 => (any_speed(), 0_u16..400).prop_map(|(velocity, millis_ago)| Move::Planned { velocity, millis_ago }),
     ]
 }
 
@@ -196,7 +203,13 @@ fn any_rules() -> impl Strategy<Value = Rules> {
                 min_turn_radius_m: mode_change_s,
                 mode_change_s,
             };
-            Rules::new(&teleop, &VehicleConfig::default(), &locomotion).unwrap()
+            let rules = Rules::new(&teleop, &VehicleConfig::default(), &locomotion).unwrap();
+            // Without a planner where the vehicle is a boat: goals have no effect then.
+            if is_boat {
+                rules
+            } else {
+                rules.with_planner(Duration::from_millis(150))
+            }
         },
     );
     prop_oneof![Just(rules()), made]
@@ -260,11 +273,12 @@ proptest! {
 fn random_sequences_do_drive() {
     use proptest::strategy::ValueTree as _;
     let mut runner = proptest::test_runner::TestRunner::deterministic();
-    let (mut driven, mut sequences, mut inputs) = (0, 0, [0; 2]);
+    let (mut driven, mut planned, mut sequences, mut inputs) = (0, 0, 0, [0; 2]);
     for _ in 0..50 {
         let long = moves(LONG).new_tree(&mut runner).unwrap().current();
         let world = run(rules(), (0, 0, 0), &long).unwrap();
         driven += world.driven;
+        planned += world.planned;
         sequences += usize::from(world.driven > 100);
         inputs[0] += world.outputs.len();
         let short = moves(SHORT).new_tree(&mut runner).unwrap().current();
@@ -275,6 +289,7 @@ fn random_sequences_do_drive() {
     assert!(long > 2000 && short > 200, "{long} and {short} events");
     assert!(sequences > 45, "only {sequences} of 50 sequences drive");
     assert!(driven > 10_000, "only {driven} rounds are driven");
+    assert!(planned > 100, "a planner moves it in only {planned} rounds");
 }
 
 /// The turn rate comes within rounding of what the turn radius allows while it still speeds up.

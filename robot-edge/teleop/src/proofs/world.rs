@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::invariants::{Monitor, Transition, Violation};
-use super::{ROLES, caller, millis};
+use super::{GOAL, ROLES, caller, millis};
 use crate::arbiter::{ArbiterState, Mode, step};
 use crate::command_stream::DriveCommand;
 use crate::config::Rules;
@@ -40,6 +40,18 @@ pub(super) enum Move {
         who: u8,
         requested: Velocity,
     },
+    /// A console names a goal from now on, or none.
+    Goal {
+        who: u8,
+        is_named: bool,
+    },
+    /// What the planner sends in each round, if anything.
+    Planner(Option<Velocity>),
+    /// A velocity of the planner that arrived so many milliseconds ago.
+    Planned {
+        velocity: Velocity,
+        millis_ago: u16,
+    },
     /// Opens a console, or freezes it.
     Open {
         who: u8,
@@ -65,6 +77,8 @@ pub(super) enum Move {
     Replay(u8),
     /// To a vehicle that is driven by operator 0.
     StartDriving,
+    /// To one that a planner drives to a goal of operator 0.
+    StartGoal,
     Input(ArbiterInput),
 }
 
@@ -86,6 +100,7 @@ pub(super) struct Console {
     /// So many tokens are younger than the newest one that it has.
     pub(super) tokens_ago: u8,
     pub(super) requested: Velocity,
+    names_goal: bool,
     epoch: u64,
     seq: u64,
 }
@@ -100,12 +115,15 @@ pub(super) struct World {
     sent: Vec<DriveCommand>,
     in_flight: Vec<(u8, DriveCommand)>,
     is_stalled: bool,
+    planner: Option<Velocity>,
     collision_monitor: Option<CollisionMonitorOutput>,
     ages: Vec<(Monotonic, Duration)>,
     /// Everything the vehicle did: compared between runs.
     pub(super) outputs: Vec<Velocity>,
     /// Rounds in which the vehicle was driven: shows that sequences get somewhere.
     pub(super) driven: usize,
+    /// Those of them in which a planner moved it.
+    pub(super) planned: usize,
 }
 
 impl World {
@@ -121,6 +139,7 @@ impl World {
             is_open: true,
             tokens_ago: 0,
             requested: Velocity::ZERO,
+            names_goal: false,
             epoch,
             seq,
         };
@@ -134,10 +153,12 @@ impl World {
             sent: Vec::new(),
             in_flight: Vec::new(),
             is_stalled: false,
+            planner: None,
             collision_monitor: Some(CollisionMonitorOutput::Off),
             ages: Vec::new(),
             outputs: Vec::new(),
             driven: 0,
+            planned: 0,
         }
     }
 
@@ -159,6 +180,17 @@ impl World {
                 return self.happen(ArbiterInput::Tick);
             }
             Move::Stick { who, requested } => self.consoles[usize::from(who)].requested = requested,
+            Move::Goal { who, is_named } => self.consoles[usize::from(who)].names_goal = is_named,
+            Move::Planner(velocity) => self.planner = velocity,
+            Move::Planned {
+                velocity,
+                millis_ago,
+            } => {
+                let before = self.now.since(Monotonic::default());
+                let arrived =
+                    Monotonic::default() + before.saturating_sub(millis(millis_ago.into()));
+                return self.happen(ArbiterInput::Planned { velocity, arrived });
+            }
             Move::Open { who, is_open } => self.consoles[usize::from(who)].is_open = is_open,
             Move::Lease {
                 who,
@@ -194,12 +226,27 @@ impl World {
                 }
             }
             Move::StartDriving => return self.start_driving(),
+            Move::StartGoal => return self.start_goal(),
             Move::Input(input) => return self.happen(input),
         }
         Ok(())
     }
 
     fn start_driving(&mut self) -> Result<(), Violation> {
+        self.start_holding()?;
+        self.consoles[0].requested.linear_mps = 0.8;
+        self.rounds(10, 20, Fate::Arrives)
+    }
+
+    fn start_goal(&mut self) -> Result<(), Violation> {
+        self.start_holding()?;
+        self.consoles[0].names_goal = true;
+        self.planner = Some(Velocity::new(0.8, 0.1));
+        self.rounds(10, 20, Fate::Arrives)
+    }
+
+    /// Operator 0 has the lease, and a press would count.
+    fn start_holding(&mut self) -> Result<(), Violation> {
         let stored = StoredEStop::None;
         for input in [
             ArbiterInput::LocalReset,
@@ -220,9 +267,8 @@ impl World {
         })?;
         self.consoles[0].is_open = true;
         self.consoles[0].requested = Velocity::ZERO;
-        self.rounds(12, 20, Fate::Arrives)?;
-        self.consoles[0].requested.linear_mps = 0.8;
-        self.rounds(10, 20, Fate::Arrives)
+        self.consoles[0].names_goal = false;
+        self.rounds(12, 20, Fate::Arrives)
     }
 
     pub(super) fn rounds(
@@ -238,6 +284,10 @@ impl World {
             self.send(fate);
             if !self.is_stalled {
                 self.deliver()?;
+            }
+            if let Some(velocity) = self.planner {
+                let arrived = self.now;
+                self.happen(ArbiterInput::Planned { velocity, arrived })?;
             }
             if let Some(output) = self.collision_monitor {
                 self.happen(ArbiterInput::CollisionMonitor(output))?;
@@ -263,6 +313,7 @@ impl World {
                 requested: console.requested,
                 estop: false,
                 docking: None,
+                goal: console.names_goal.then_some(GOAL),
             };
             self.sent.push(command);
             match fate {
@@ -316,6 +367,7 @@ impl World {
             requested,
             estop,
             docking: None,
+            goal: console.names_goal.then_some(GOAL),
         })
     }
 
@@ -341,7 +393,10 @@ impl World {
         }
         self.check_latency_travel(&before, input, actions.output)?;
         self.outputs.push(actions.output);
-        self.driven += usize::from(after.mode() == Mode::Driving && input == ArbiterInput::Tick);
+        let is_driven = after.mode() == Mode::Driving && input == ArbiterInput::Tick;
+        self.driven += usize::from(is_driven);
+        self.planned +=
+            usize::from(is_driven && after.goal.is_some() && actions.output != Velocity::ZERO);
         Ok(())
     }
 

@@ -12,6 +12,7 @@ use zenoh::sample::Sample;
 mod autopilot;
 mod devices;
 mod driven;
+mod goals;
 mod lidars;
 mod live_rig;
 mod mapped;

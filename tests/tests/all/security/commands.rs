@@ -22,6 +22,7 @@ const ON: Drive = Drive {
     angular_radps: 0.5,
     estop: None,
     docking: None,
+    goal: None,
 };
 
 /// Sends commands that were changed, or signed for another time, robot or operator: none moves the vehicle.

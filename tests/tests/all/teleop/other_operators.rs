@@ -107,6 +107,7 @@ fn drive_through_floods() -> [(f64, Lateness); 2] {
         angular_radps: 3.0,
         estop: None,
         docking: None,
+        goal: None,
     };
     let session = connected(&robot.endpoint, None);
     let quiet = quiet(&robot, &mut anna);
@@ -241,6 +242,7 @@ fn tampered_commands_move_nothing() {
         angular_radps: 3.0,
         estop: None,
         docking: None,
+        goal: None,
     };
     anna.start_driving(CIRCLE);
     (model.epoch, model.seq) = (anna.epoch, 1_000_000);

@@ -67,6 +67,11 @@ pub(super) const RULES: &[Rule] = &[
         "a message has content, and receivers take no larger one",
     ),
     (
+        &["planner.max_gap_ms"],
+        Whole(50, 200),
+        "it bounds how long the vehicle goes on after the planner is gone, and planners send 20 velocities a second",
+    ),
+    (
         &["vehicle.name"],
         Name,
         "it is used in summaries and messages",

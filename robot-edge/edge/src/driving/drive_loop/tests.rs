@@ -131,6 +131,7 @@ fn asks(drive_loop: &mut DriveLoop, linear_mps: f64, seq: u64, now: Monotonic) -
         },
         estop: false,
         docking: None,
+        goal: None,
     };
     let role = Role::Operator;
     drive_loop.step(now, ArbiterInput::Command { role, command });
@@ -213,6 +214,7 @@ fn an_emergency_stop_of_an_observer_is_refused_each_time() {
             angular_radps: 0.0,
             estop: Some(estop),
             docking: None,
+            goal: None,
         };
         let robot = "scout".parse().unwrap();
         let route = Route {
@@ -348,6 +350,7 @@ mod monitor_reenabled {
                     angular_radps: 0.0,
                     estop: None,
                     docking: None,
+                    goal: None,
                 };
                 for _ in 0..15 {
                     self.sends(name, &drive);

@@ -39,7 +39,14 @@ pub(in crate::runtime) fn find(
     let deadline = began + discovery.wait;
     let sensors = range_sensors(discovery.config)?;
     let takes_clouds = has_lidar(&sensors);
-    let (link, inbox) = connect(discovery.at, takes_clouds, deadline, interrupt)?;
+    // What a planner takes and sends measures nothing.
+    let planner = discovery.config.planner.iter();
+    let ignored: Vec<_> = planner
+        .flat_map(|planner| [&planner.goal_topic, &planner.velocity_topic])
+        .cloned()
+        .collect();
+    let what = (takes_clouds, &ignored[..]);
+    let (link, inbox) = connect(discovery.at, what, deadline, interrupt)?;
     let mut live = LiveSource::new(link, inbox);
     let mut asked: Option<Monotonic> = None;
     let mut first: Option<Monotonic> = None;
@@ -73,13 +80,13 @@ pub(in crate::runtime) fn find(
 
 fn connect(
     at: &RosEndpoint,
-    takes_clouds: bool,
+    (takes_clouds, ignored): (bool, &[String]),
     deadline: Monotonic,
     interrupt: &AtomicBool,
 ) -> anyhow::Result<(RosLink, Inbox)> {
     let mut is_reported = false;
     loop {
-        match RosLink::open(at, takes_clouds) {
+        match RosLink::open(at, takes_clouds, ignored) {
             Ok(opened) => return Ok(opened),
             Err(RosLinkError::Open { .. }) if !deadline.since(clock::now()).is_zero() => {
                 if !std::mem::replace(&mut is_reported, true) {
