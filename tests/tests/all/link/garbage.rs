@@ -6,7 +6,6 @@ use std::time::Duration;
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
 use protocol::message::Status;
-use protocol::tile::TileKey;
 use protocol::wire;
 use tempfile::tempdir;
 use zenoh::Wait as _;
