@@ -8,6 +8,7 @@
 
 pub mod attitude;
 pub mod beam_projection;
+pub mod cloud_matching;
 mod cloud_projection;
 mod cloud_walls;
 pub mod dead_reckoning;

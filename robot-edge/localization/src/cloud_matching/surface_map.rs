@@ -1,0 +1,122 @@
+//! What the last revolutions showed around the vehicle, as planes of cubes.
+
+use std::collections::HashMap;
+
+use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+use rustc_hash::FxBuildHasher;
+
+/// Sides of cubes, metres. A point belongs to a cube of each; the smallest that holds a plane is used.
+const SIDES_M: [f64; 3] = [0.4, 0.8, 1.6];
+/// A cube with fewer points has no plane.
+const LEAST_POINTS: u32 = 6;
+/// A plane is computed again when a cube has this share of points more.
+const MORE: f64 = 0.2;
+/// Standard deviations of points across a plane at most, and along it at least, as shares of the cube's side: what a single ring shows of a
+/// plane is a line.
+const ACROSS: f64 = 0.1;
+const ALONG: f64 = 0.05;
+/// Of the standard deviations across and along.
+const FLATNESS: f64 = 0.35;
+
+/// A part of a surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plane {
+    pub(super) middle: Point3<f64>,
+    pub(super) normal: UnitVector3<f64>,
+    /// Variance of the points across it, m².
+    pub(super) variance_m2: f64,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct SurfaceMap {
+    sizes: [HashMap<[i32; 3], Cube, FxBuildHasher>; SIDES_M.len()],
+}
+
+/// Points, from the corner of their cube.
+#[derive(Clone, Debug, Default)]
+struct Cube {
+    count: u32,
+    sum: Vector3<f64>,
+    products: Matrix3<f64>,
+    /// Points when the plane was computed.
+    fitted: u32,
+    plane: Option<Plane>,
+}
+
+/// The cube of a point, by its place along each axis.
+pub(super) fn cube_of(point: &Point3<f64>, side_m: f64) -> [i32; 3] {
+    point
+        .coords
+        .map(|metres| (metres / side_m).floor() as i32)
+        .into()
+}
+
+fn corner(key: [i32; 3], side_m: f64) -> Point3<f64> {
+    key.map(|place| f64::from(place) * side_m).into()
+}
+
+impl SurfaceMap {
+    pub(super) fn clear(&mut self) {
+        self.sizes.iter_mut().for_each(HashMap::clear);
+    }
+
+    pub(super) fn insert(&mut self, point: &Point3<f64>) {
+        for (cubes, side_m) in self.sizes.iter_mut().zip(SIDES_M) {
+            let key = cube_of(point, side_m);
+            let cube = cubes.entry(key).or_default();
+            let offset = point - corner(key, side_m);
+            cube.count += 1;
+            cube.sum += offset;
+            cube.products += offset * offset.transpose();
+        }
+    }
+
+    /// Removes what is farther than `radius_m` from a place along an axis.
+    pub(super) fn keep_around(&mut self, place: &Point3<f64>, radius_m: f64) {
+        for (cubes, side_m) in self.sizes.iter_mut().zip(SIDES_M) {
+            cubes.retain(|key, _| (corner(*key, side_m) - place).amax() <= radius_m);
+        }
+    }
+
+    /// The surface around a point.
+    pub(super) fn plane(&mut self, point: &Point3<f64>) -> Option<Plane> {
+        let mut sizes = self.sizes.iter_mut().zip(SIDES_M);
+        sizes.find_map(|(cubes, side_m)| {
+            let key = cube_of(point, side_m);
+            let cube = cubes.get_mut(&key)?;
+            if f64::from(cube.count) > (1.0 + MORE) * f64::from(cube.fitted) {
+                cube.fitted = cube.count;
+                cube.plane = cube.fit(side_m).map(|plane| Plane {
+                    middle: corner(key, side_m) + plane.middle.coords,
+                    ..plane
+                });
+            }
+            cube.plane
+        })
+    }
+}
+
+impl Cube {
+    /// From the corner of the cube.
+    fn fit(&self, side_m: f64) -> Option<Plane> {
+        if self.count < LEAST_POINTS {
+            return None;
+        }
+        let count = f64::from(self.count);
+        let middle = self.sum / count;
+        let eigen = (self.products / count - middle * middle.transpose()).symmetric_eigen();
+        let least = eigen.eigenvalues.imin();
+        let others = (0..3).filter(|at| *at != least);
+        let along = others
+            .map(|at| eigen.eigenvalues[at])
+            .fold(f64::INFINITY, f64::min);
+        let across = eigen.eigenvalues[least].max(0.0);
+        let is_plane = across <= libm::pow(ACROSS * side_m, 2.0).min(FLATNESS * FLATNESS * along)
+            && along >= libm::pow(ALONG * side_m, 2.0);
+        is_plane.then(|| Plane {
+            middle: middle.into(),
+            normal: UnitVector3::new_normalize(eigen.eigenvectors.column(least).into_owned()),
+            variance_m2: across,
+        })
+    }
+}
