@@ -9,15 +9,15 @@ use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3};
 use rustc_hash::FxBuildHasher;
 
 use super::point_to_plane::{Registered, register};
-use super::surface_map::{SurfaceMap, cube_of};
+use super::surface_map::{SurfaceMap, box_of};
 use crate::dead_reckoning::StampedPose;
 use crate::pose_buffer::Segment;
 use crate::scan_localization::MotionPrior;
 
 /// The first point in each cube with this side goes to the map, metres, …
-const MAP_SIDE_M: f64 = 0.15;
-/// … and of these the first in each cube with this side is registered.
-const REGISTERED_SIDE_M: f64 = 0.6;
+const MAP_SIDES_M: [f64; 3] = [0.1; 3];
+/// … and of these the first in each of these boxes is registered: of walls more than of the ground, which else outnumber them.
+const REGISTERED_SIDES_M: [f64; 3] = [0.6, 0.6, 0.15];
 /// Farther points are left out, and so is what the map shows farther away, metres.
 const MAX_RANGE_M: f64 = 60.0;
 /// A revolution goes to the map after this way, metres, or this turn, radians.
@@ -32,8 +32,11 @@ const LEAST_SIGMA_M: f64 = 0.1;
 const NEWEST: f64 = 0.1;
 /// Distance at which a turn counts as a way in it, metres.
 const ARM_M: f64 = 10.0;
-/// The motion within a revolution is taken anew if the expected one was farther off, metres.
-const SWEEP_M: f64 = 0.02;
+/// The motion within a revolution is taken anew if the expected one was farther off, metres, so many times at most.
+const SWEEP_M: f64 = 0.03;
+const MAX_AGAIN: usize = 4;
+/// Parts of a revolution with a pose each.
+const PARTS: i32 = 128;
 /// Roll and pitch come to those of the attitude sensor in about this time, seconds: its errors in curves and by its mounting, which turn
 /// with the vehicle, are longer over by then than those of the clouds grow.
 const GRAVITY_S: f64 = 20.0;
@@ -131,11 +134,9 @@ impl CloudMatcher {
         let swept = swept_points(revolution, is_own);
         let by_prior = begin.1.inv_mul(&end.1);
         let Some(mut last) = self.last else {
-            let sweep = combined(revolution.motion, &by_prior, &Pose::identity());
+            let sweep = combined(revolution, &by_prior, &Pose::identity());
             let points = placed(&swept, &sweep);
-            points
-                .iter()
-                .for_each(|point| self.map.insert(&(prior * point)));
+            self.map.insert(&points, &prior);
             self.first = (revolution.motion != MotionPrior::Full).then_some((swept, begin.1));
             self.last = Some(Last {
                 stamp,
@@ -161,32 +162,39 @@ impl CloudMatcher {
             1.0
         };
         let constant = part_of(&last.motion, like_before);
-        let expected = combined(revolution.motion, &last.prior.inv_mul(&prior), &constant);
+        let expected = combined(revolution, &last.prior.inv_mul(&prior), &constant);
         let expected = last.local_from_base * expected;
         let sweep_of = |motion: &Pose| {
             let within = part_of(motion, duration.as_secs_f64() / motion_s);
-            combined(revolution.motion, &by_prior, &within)
+            combined(revolution, &by_prior, &within)
         };
         let sigma_m = libm::sqrt(self.variance_m2.unwrap_or(FIRST_SIGMA_M * FIRST_SIGMA_M));
         let mut sweep = sweep_of(&constant);
         let mut points = placed(&swept, &sweep);
         let mut registered = register(&mut self.map, &thinned(&points), &expected, sigma_m);
-        if let Some(found) = registered {
-            let mut found = found.local_from_base;
+        for _ in 0..MAX_AGAIN {
+            let Some(Registered {
+                local_from_base: mut found,
+                ..
+            }) = registered
+            else {
+                break;
+            };
             let now = sweep_of(&last.local_from_base.inv_mul(&found));
-            if distance_m(&sweep, &now) > SWEEP_M {
-                sweep = now;
-                points = placed(&swept, &sweep);
-                if let Some((first, local_from_base)) = self.first.take() {
-                    let middle = local_from_base * part_of(&sweep, 0.5);
-                    found = middle * last.local_from_base.inv_mul(&found);
-                    last.local_from_base = middle;
-                    last.in_map = middle;
-                    self.map.clear();
-                    self.insert(&placed(&first, &sweep), &middle);
-                }
-                registered = register(&mut self.map, &thinned(&points), &found, sigma_m);
+            if distance_m(&sweep, &now) <= SWEEP_M {
+                break;
             }
+            sweep = now;
+            points = placed(&swept, &sweep);
+            if let Some((first, local_from_base)) = &self.first {
+                let middle = local_from_base * part_of(&sweep, 0.5);
+                found = middle * last.local_from_base.inv_mul(&found);
+                last.local_from_base = middle;
+                last.in_map = middle;
+                self.map.clear();
+                self.map.insert(&placed(first, &sweep), &middle);
+            }
+            registered = register(&mut self.map, &thinned(&points), &found, sigma_m);
         }
         self.first = None;
         let is_matched = registered.is_some();
@@ -226,7 +234,7 @@ impl CloudMatcher {
         let has_moved =
             since.translation.vector.norm() > MAP_STEP_M || since.rotation.angle() > MAP_STEP_RAD;
         if begins_anew || is_matched && has_moved {
-            self.insert(&points, &local_from_base);
+            self.map.insert(&points, &local_from_base);
             now.in_map = local_from_base;
         }
         let place = Point3::from(local_from_base.translation.vector);
@@ -248,12 +256,6 @@ impl CloudMatcher {
             is_matched,
         }
     }
-
-    fn insert(&mut self, points: &[Point3<f64>], local_from_base: &Pose) {
-        points
-            .iter()
-            .for_each(|point| self.map.insert(&(local_from_base * point)));
-    }
 }
 
 impl Last {
@@ -269,11 +271,20 @@ impl Last {
 }
 
 /// What is known of a motion, by the other sensors and by constant velocity.
-fn combined(known: MotionPrior, by_prior: &Pose, constant: &Pose) -> Pose {
-    match known {
+fn combined(revolution: &Revolution<'_>, by_prior: &Pose, constant: &Pose) -> Pose {
+    match revolution.motion {
         MotionPrior::None => *constant,
         MotionPrior::Heading => Pose::from_parts(constant.translation, by_prior.rotation),
-        MotionPrior::Full => *by_prior,
+        MotionPrior::Full if revolution.has_gravity => *by_prior,
+        // Odometry is often planar.
+        MotionPrior::Full => {
+            let (way_m, turn) = (by_prior.translation.vector, by_prior.rotation.scaled_axis());
+            let (up_m, tilt) = (constant.translation.z, constant.rotation.scaled_axis());
+            Pose::new(
+                Vector3::new(way_m.x, way_m.y, up_m),
+                Vector3::new(tilt.x, tilt.y, turn.z),
+            )
+        }
     }
 }
 
@@ -302,7 +313,7 @@ fn swept_points(
         let in_sensor = Point3::from(point.position_m.map(f64::from));
         // Not a number fails the comparison.
         if !(in_sensor.coords.norm() <= MAX_RANGE_M
-            && cubes.insert(cube_of(&in_sensor, MAP_SIDE_M)))
+            && cubes.insert(box_of(&in_sensor, MAP_SIDES_M)))
         {
             return None;
         }
@@ -319,16 +330,19 @@ fn swept_points(
 
 /// In the frame of the vehicle at the middle of the revolution, in which it moved by `sweep`.
 fn placed(points: &[SweptPoint], sweep: &Pose) -> Vec<Point3<f64>> {
-    let points = points.iter();
-    points
-        .map(|point| part_of(sweep, point.after_middle) * point.in_base)
-        .collect()
+    let part = |part| part_of(sweep, f64::from(part) / f64::from(PARTS) - 0.5);
+    let middle_from_base: Vec<_> = (0..=PARTS).map(part).collect();
+    let points = points.iter().map(|point| {
+        let part = ((point.after_middle + 0.5) * f64::from(PARTS)).round() as usize;
+        middle_from_base[part.min(middle_from_base.len() - 1)] * point.in_base
+    });
+    points.collect()
 }
 
 fn thinned(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     let mut cubes = HashSet::with_hasher(FxBuildHasher);
     let points = points.iter().copied();
     points
-        .filter(|point| cubes.insert(cube_of(point, REGISTERED_SIDE_M)))
+        .filter(|point| cubes.insert(box_of(point, REGISTERED_SIDES_M)))
         .collect()
 }

@@ -7,15 +7,24 @@ use super::surface_map::SurfaceMap;
 
 const MAX_ITERATIONS: usize = 15;
 /// A smaller step is the last one: metres, and radians times the distance of the points.
-const LAST_STEP_M: f64 = 2e-4;
+const LAST_STEP_M: f64 = 1e-3;
+/// The first step is made as if that standard deviation were this, metres, each next one with this share of it: a vehicle that begins to
+/// turn is elsewhere.
+const WIDE_M: f64 = 1.0;
+/// … by one in so many points, but not fewer than this.
+const WIDE_EVERY: usize = 4;
+const WIDE_POINTS: usize = 500;
+const NARROWER: f64 = 0.6;
 /// Points farther from a plane than this many standard deviations of the expected pose do not belong to it.
 const GATE_SIGMAS: f64 = 3.0;
 /// Distance from a plane with a weight of a quarter, as a share of that standard deviation.
-const KERNEL_SIGMAS: f64 = 1.0 / 3.0;
+const KERNEL_SIGMAS: f64 = 0.5;
 /// Standard deviation of a range, metres: points on what is rougher weigh less.
 const RANGE_SIGMA_M: f64 = 0.02;
-/// A direction is degenerate if less than this share of the points' weights is along it: what rough ground shows of the way ahead.
-const DEGENERATE_SHARE: f64 = 0.01;
+/// A direction is degenerate if it has no more information than so many points across it, and than this many times what the errors of the
+/// planes' normals make: level ground says nothing about the way ahead.
+const DEGENERATE_POINTS: f64 = 5.0;
+const DEGENERATE_TILTS: f64 = 3.0;
 /// Errors of so many points are alike: of the same surface, and of the planes of the map.
 const POINTS_ALIKE: f64 = 30.0;
 /// Fewer points, or a smaller share of those near planes, do not say where the vehicle is.
@@ -41,21 +50,28 @@ pub(super) fn register(
     let squares: f64 = points.iter().map(|point| point.coords.norm_squared()).sum();
     // Turns are measured in metres at this distance, so that they can be compared with ways.
     let lever_m = libm::sqrt(squares / points.len().max(1) as f64).max(1.0);
-    let kernel_m2 = libm::pow(KERNEL_SIGMAS * sigma_m, 2.0);
+    let mut wide_m = WIDE_M;
     let mut pose = *expected;
     let mut registered = None;
     for _ in 0..MAX_ITERATIONS {
+        let gate_m = GATE_SIGMAS * sigma_m.max(wide_m);
+        let kernel_m2 = libm::pow(KERNEL_SIGMAS * sigma_m.max(wide_m), 2.0);
         let (mut hessian, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-        let (mut weights, mut weighted_squares) = (0.0, 0.0);
+        let (mut weights, mut weighted_squares, mut tilts) = (0.0, 0.0, 0.0);
         let (mut near, mut inliers) = (0_u32, 0_u32);
-        for point in points {
+        let every = if wide_m > sigma_m {
+            (points.len() / WIDE_POINTS).clamp(1, WIDE_EVERY)
+        } else {
+            1
+        };
+        for point in points.iter().step_by(every) {
             let seen = pose * point;
             let Some(plane) = map.plane(&seen) else {
                 continue;
             };
             near += 1;
             let residual_m = (seen - plane.middle).dot(&plane.normal);
-            if residual_m.abs() > GATE_SIGMAS * sigma_m {
+            if residual_m.abs() > gate_m {
                 continue;
             }
             inliers += 1;
@@ -70,6 +86,7 @@ pub(super) fn register(
             hessian += row * row.transpose() * weight;
             gradient += row * (weight * residual_m);
             weights += weight;
+            tilts += weight * plane.tilt_variance;
             weighted_squares += weight * square;
         }
         if inliers < LEAST_POINTS || f64::from(inliers) < LEAST_SHARE * f64::from(near) {
@@ -83,7 +100,7 @@ pub(super) fn register(
             .iter()
             .zip(eigen.eigenvectors.column_iter())
         {
-            let is_degenerate = *value < DEGENERATE_SHARE * weights;
+            let is_degenerate = *value < DEGENERATE_POINTS + DEGENERATE_TILTS * tilts;
             if !is_degenerate {
                 step -= direction * (direction.dot(&gradient) / value);
             }
@@ -99,9 +116,10 @@ pub(super) fn register(
             local_from_base: pose,
             covariance: covariance.component_mul(&(in_radians * in_radians.transpose())),
         });
-        if step.norm() < LAST_STEP_M {
+        if step.norm() < LAST_STEP_M && wide_m <= sigma_m {
             break;
         }
+        wide_m *= NARROWER;
         let turn = Vector3::new(step[3], step[4], step[5]) / lever_m;
         let mut rotation = UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
         rotation.renormalize();

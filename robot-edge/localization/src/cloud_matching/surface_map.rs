@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
+use measurement::pose::Pose;
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 use rustc_hash::FxBuildHasher;
 
 /// Sides of cubes, metres. A point belongs to a cube of each; the smallest that holds a plane is used.
-const SIDES_M: [f64; 3] = [0.4, 0.8, 1.6];
+const SIDES_M: [f64; 3] = [0.25, 0.6, 1.5];
 /// A cube with fewer points has no plane.
 const LEAST_POINTS: u32 = 6;
 /// A plane is computed again when a cube has this share of points more.
@@ -18,6 +19,12 @@ const ALONG: f64 = 0.05;
 /// Of the standard deviations across and along.
 const FLATNESS: f64 = 0.35;
 
+/// So many points of a cube at most have errors of their own: ground is rough.
+const INDEPENDENT: f64 = 10.0;
+
+/// Square of the distance of the corner of a square from its middle, in sums of the variances along its sides.
+const REACH: f64 = 3.0;
+
 /// A part of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
@@ -25,6 +32,10 @@ pub(super) struct Plane {
     pub(super) normal: UnitVector3<f64>,
     /// Variance of the points across it, m².
     pub(super) variance_m2: f64,
+    /// Variance of the angle of its normal, rad².
+    pub(super) tilt_variance: f64,
+    /// Square of the distance along it from its middle to which it was seen, m².
+    reach_m2: f64,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -43,12 +54,10 @@ struct Cube {
     plane: Option<Plane>,
 }
 
-/// The cube of a point, by its place along each axis.
-pub(super) fn cube_of(point: &Point3<f64>, side_m: f64) -> [i32; 3] {
-    point
-        .coords
-        .map(|metres| (metres / side_m).floor() as i32)
-        .into()
+/// The box of a point, by its place along each axis.
+pub(super) fn box_of(point: &Point3<f64>, sides_m: [f64; 3]) -> [i32; 3] {
+    let places = point.coords.component_div(&Vector3::from(sides_m));
+    places.map(|place| place.floor() as i32).into()
 }
 
 fn corner(key: [i32; 3], side_m: f64) -> Point3<f64> {
@@ -60,14 +69,17 @@ impl SurfaceMap {
         self.sizes.iter_mut().for_each(HashMap::clear);
     }
 
-    pub(super) fn insert(&mut self, point: &Point3<f64>) {
+    pub(super) fn insert(&mut self, points: &[Point3<f64>], local_from_base: &Pose) {
         for (cubes, side_m) in self.sizes.iter_mut().zip(SIDES_M) {
-            let key = cube_of(point, side_m);
-            let cube = cubes.entry(key).or_default();
-            let offset = point - corner(key, side_m);
-            cube.count += 1;
-            cube.sum += offset;
-            cube.products += offset * offset.transpose();
+            for point in points {
+                let point = local_from_base * point;
+                let key = box_of(&point, [side_m; 3]);
+                let cube = cubes.entry(key).or_default();
+                let offset = point - corner(key, side_m);
+                cube.count += 1;
+                cube.sum += offset;
+                cube.products += offset * offset.transpose();
+            }
         }
     }
 
@@ -82,7 +94,7 @@ impl SurfaceMap {
     pub(super) fn plane(&mut self, point: &Point3<f64>) -> Option<Plane> {
         let mut sizes = self.sizes.iter_mut().zip(SIDES_M);
         sizes.find_map(|(cubes, side_m)| {
-            let key = cube_of(point, side_m);
+            let key = box_of(point, [side_m; 3]);
             let cube = cubes.get_mut(&key)?;
             if f64::from(cube.count) > (1.0 + MORE) * f64::from(cube.fitted) {
                 cube.fitted = cube.count;
@@ -91,7 +103,11 @@ impl SurfaceMap {
                     ..plane
                 });
             }
-            cube.plane
+            cube.plane.filter(|plane| {
+                let offset = point - plane.middle;
+                let across_m = offset.dot(&plane.normal);
+                offset.norm_squared() - across_m * across_m <= plane.reach_m2
+            })
         })
     }
 }
@@ -117,6 +133,8 @@ impl Cube {
             middle: middle.into(),
             normal: UnitVector3::new_normalize(eigen.eigenvectors.column(least).into_owned()),
             variance_m2: across,
+            tilt_variance: across / (along * count.min(INDEPENDENT)),
+            reach_m2: REACH * (eigen.eigenvalues.sum() - across),
         })
     }
 }
