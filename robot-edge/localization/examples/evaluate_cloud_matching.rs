@@ -127,6 +127,8 @@ const DRIFT_RADPS: f64 = 5.0 / 60.0 / 180.0 * std::f64::consts::PI;
 
 /// What a vehicle would measure that moved as the simulated one: none of it is the truth.
 struct Errors {
+    /// Odometry follows roll and pitch of the attitude sensor.
+    is_3d: bool,
     begin: Option<RobotTime>,
     truth: Pose,
     odometry: Pose,
@@ -143,11 +145,6 @@ impl Errors {
         let step = self.truth.inv_mul(truth);
         self.truth = *truth;
         let drift_rad = DRIFT_RADPS * stamp.since(begin).as_secs_f64();
-        let way_m = step.translation.vector.x * (1.0 + SLIP);
-        let yaw_rad = pose::yaw_rad(truth) + drift_rad;
-        let middle = pose::planar(0.0, 0.0, yaw_rad).rotation;
-        let place = self.odometry.translation.vector + middle * Vector3::new(way_m, 0.0, 0.0);
-        self.odometry = Pose::from_parts(place.into(), middle);
         let [roll_rad, pitch_rad] = self
             .noise
             .each_mut()
@@ -155,6 +152,13 @@ impl Errors {
         let attitude = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drift_rad)
             * truth.rotation
             * UnitQuaternion::from_euler_angles(roll_rad, pitch_rad, 0.0);
+        let along = if self.is_3d {
+            attitude
+        } else {
+            pose::planar(0.0, 0.0, pose::yaw_rad(truth) + drift_rad).rotation
+        };
+        let way_m = along * Vector3::new(step.translation.vector.x * (1.0 + SLIP), 0.0, 0.0);
+        self.odometry = Pose::from_parts((self.odometry.translation.vector + way_m).into(), along);
         let sample = ImuSample {
             orientation_xyzw: Some(attitude.coords.into()),
             angular_velocity_radps: [0.0; 3],
@@ -179,10 +183,11 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
     };
     let (prior, motion) = match words.get("prior").copied().unwrap_or("none") {
         "attitude" => (PoseOrigin::Attitude(attitude), MotionPrior::Heading),
-        "odometry" => (PoseOrigin::Odometry, MotionPrior::Full),
+        "odometry" | "wheels" => (PoseOrigin::Odometry, MotionPrior::Full),
         _ => (PoseOrigin::Static, MotionPrior::None),
     };
-    let has_gravity = motion == MotionPrior::Heading;
+    let is_3d = words.get("prior") == Some(&"wheels");
+    let has_gravity = motion == MotionPrior::Heading || is_3d;
     let mut registration = ScanRegistration::new(settings(PoseOrigin::Scans {
         prior: Box::new(prior),
         scans: Box::new(ScanLocalizationSettings {
@@ -200,12 +205,14 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
     };
     let mut source = SimulatedSource::new(&world, options)?;
     let mut errors = Errors {
+        is_3d,
         begin: None,
         truth: Pose::identity(),
         odometry: Pose::identity(),
         noise: ["roll", "pitch"].map(|name| NoiseStream::new(seed, name)),
     };
     let (mut truths, mut out) = (BTreeMap::new(), Vec::new());
+    let (mut alone, mut alone_ms, mut by_clouds) = (CloudMatcher::default(), 0.0, Vec::new());
     let (mut revolutions, mut longest_ms, mut total_ms) = (0, 0.0_f64, 0.0);
     let mut scans: Vec<RegisteredScan> = Vec::new();
     let take = |out: &mut Vec<RegistrationOutput>, scans: &mut Vec<RegisteredScan>| {
@@ -256,7 +263,22 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
                 });
                 push(MeasurementData::Imu(sample));
             }
-            MeasurementData::Cloud(_) => push(data),
+            MeasurementData::Cloud(cloud) => {
+                if let (MotionPrior::None, Some((begin, end))) = (motion, cloud.span(stamp)) {
+                    let revolution = Revolution {
+                        cloud: &cloud,
+                        stamp,
+                        base_from_sensor: Pose::translation(0.0, 0.0, 0.8),
+                        prior: [(begin, Pose::identity()), (end, Pose::identity())],
+                        motion,
+                        has_gravity,
+                    };
+                    let started = Instant::now();
+                    by_clouds.push((begin, alone.push(&revolution, |_| false)));
+                    alone_ms += started.elapsed().as_secs_f64() * 1e3;
+                }
+                push(MeasurementData::Cloud(cloud));
+            }
             _ => {}
         }
         take(&mut out, &mut scans);
@@ -266,54 +288,41 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
     let map_from_odom = registration.map_from_odom();
     let report = registration.scan_localization().ok_or("no report")?;
     println!(
-        "{revolutions} revolutions, {:.1} ms each, {longest_ms:.1} ms at most; {report:?}",
-        total_ms / f64::from(revolutions)
+        "{revolutions} revolutions, {:.1} ms each, {longest_ms:.1} ms at most; full {}, along {}, odometry {}, lost {}, {:?}",
+        total_ms / f64::from(revolutions),
+        report.full,
+        report.uncertain_along,
+        report.odometry_only,
+        report.lost,
+        report.closures
     );
     println!(
         "odometry alone: off by {:.2} m at the end",
         error_of(&errors.truth, &errors.odometry, &truths)
     );
-    let first = &scans[0];
+    let of_clouds = by_clouds
+        .iter()
+        .map(|(stamp, pose)| (*stamp, pose.odom_from_base));
+    if let Some(text) = errors_text(of_clouds, &truths) {
+        let undetermined = by_clouds
+            .iter()
+            .filter(|(_, pose)| !pose.is_determined())
+            .count();
+        let ms = alone_ms / by_clouds.len() as f64;
+        println!("clouds alone: {text}; {ms:.1} ms each, {undetermined} not determined");
+    }
     for (name, is_closed) in [("before closing", false), ("closed", true)] {
-        let map_from_base = |scan: &RegisteredScan| {
+        let poses = scans.iter().filter_map(|scan| {
             let map = if is_closed {
                 map_from_odom.at((0, scan.stamp))
             } else {
                 Some(Pose::identity())
             };
-            Some(map? * scan.odom_from_base)
-        };
-        let errors = scans.iter().filter_map(|scan| {
-            let truth = truth_at(&truths, first.stamp).inv_mul(&truth_at(&truths, scan.stamp));
-            let found = map_from_base(first)?.inv_mul(&map_from_base(scan)?);
-            let error_m = found.translation.vector - truth.translation.vector;
-            let tilt = |pose: &Pose| pose.rotation.inverse() * Vector3::z();
-            let turned = pose::yaw_rad(&truth.inv_mul(&found)).to_degrees();
-            Some([
-                error_m.xy().norm(),
-                error_m.z,
-                tilt(&truth).angle(&tilt(&found)).to_degrees(),
-                turned,
-            ])
+            Some((scan.stamp, map? * scan.odom_from_base))
         });
-        let errors: Vec<_> = errors.collect();
-        let end = errors.last().ok_or("no poses")?;
-        let most = |at: usize| {
-            errors
-                .iter()
-                .map(|error| error[at].abs())
-                .fold(0.0, f64::max)
-        };
         println!(
-            "{name}: at the end {:.3} m in the plane, {:+.3} m in height, {:.2}° of tilt, {:+.2}° of heading; at most {:.3} m, {:.3} m, {:.2}°, {:.2}°",
-            end[0],
-            end[1],
-            end[2],
-            end[3],
-            most(0),
-            most(1),
-            most(2),
-            most(3)
+            "{name}: {}",
+            errors_text(poses, &truths).unwrap_or_default()
         );
         let steps_m = seam_m(&scans, |scan| {
             if is_closed {
@@ -333,6 +342,43 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
         }
     }
     Ok(())
+}
+
+/// Errors of poses, from where the first is.
+fn errors_text(
+    poses: impl Iterator<Item = (RobotTime, Pose)>,
+    truths: &BTreeMap<RobotTime, Pose>,
+) -> Option<String> {
+    let mut first = None;
+    let errors = poses.map(|(stamp, pose)| {
+        let truth = truth_at(truths, stamp);
+        let (pose_first, truth_first) = *first.get_or_insert((pose, truth));
+        let (truth, found) = (truth_first.inv_mul(&truth), pose_first.inv_mul(&pose));
+        let error_m = found.translation.vector - truth.translation.vector;
+        let down = |pose: &Pose| pose.rotation.inverse() * Vector3::z();
+        let tilt_deg = down(&truth).angle(&down(&found)).to_degrees();
+        let turned_deg = pose::yaw_rad(&truth.inv_mul(&found)).to_degrees();
+        [error_m.xy().norm(), error_m.z, tilt_deg, turned_deg]
+    });
+    let errors: Vec<_> = errors.collect();
+    let end = errors.last()?;
+    let most = |at: usize| {
+        errors
+            .iter()
+            .map(|error| error[at].abs())
+            .fold(0.0, f64::max)
+    };
+    Some(format!(
+        "at the end {:.3} m in the plane, {:+.3} m in height, {:.2}° of tilt, {:+.2}° of heading; at most {:.3} m, {:.3} m, {:.2}°, {:.2}°",
+        end[0],
+        end[1],
+        end[2],
+        end[3],
+        most(0),
+        most(1),
+        most(2),
+        most(3)
+    ))
 }
 
 fn error_of(truth: &Pose, odometry: &Pose, truths: &BTreeMap<RobotTime, Pose>) -> f64 {
@@ -369,7 +415,7 @@ fn seam_m(
     let (Some(first), Some(last)) = (scans.first(), scans.last()) else {
         return Vec::new();
     };
-    let mut cells: BTreeMap<(i64, i64), [(f64, f64, f64, f64); 2]> = BTreeMap::new();
+    let mut cells: BTreeMap<(i64, i64), [Vec<f64>; 2]> = BTreeMap::new();
     for scan in scans {
         let part = match (
             scan.stamp.since(first.stamp).as_secs_f64(),
@@ -382,28 +428,22 @@ fn seam_m(
         let Some(map_from_odom) = map_from_odom(scan) else {
             continue;
         };
-        for beam in scan
-            .beams
-            .iter()
-            .filter(|beam| beam.outcome == BeamOutcome::Hit && beam.range_m < 10.0)
-        {
+        let beams = scan.beams.iter();
+        for beam in beams.filter(|beam| beam.outcome == BeamOutcome::Hit && beam.range_m < 10.0) {
             let point = map_from_odom * beam.end_in_odom;
-            let cell = (
-                (point.x / 0.2).floor() as i64,
-                (point.y / 0.2).floor() as i64,
-            );
-            let empty = (0.0, 0.0, f64::INFINITY, f64::NEG_INFINITY);
-            let (count, sum, low, high) = &mut cells.entry(cell).or_insert([empty; 2])[part];
-            *count += 1.0;
-            *sum += point.z;
-            *low = low.min(point.z);
-            *high = high.max(point.z);
+            let cell = [point.x, point.y].map(|metres| (metres / 0.2).floor() as i64);
+            cells.entry(cell.into()).or_default()[part].push(point.z);
         }
     }
-    let steps = cells.values().filter_map(|[a, b]| {
-        let is_level = |cell: &(f64, f64, f64, f64)| cell.0 >= 5.0 && cell.3 - cell.2 < 0.15;
-        (is_level(a) && is_level(b)).then(|| (a.1 / a.0 - b.1 / b.0).abs())
-    });
+    let level_m = |heights_m: &Vec<f64>| {
+        let low = heights_m.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = heights_m.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let mean = heights_m.iter().sum::<f64>() / heights_m.len() as f64;
+        (heights_m.len() >= 5 && high - low < 0.15).then_some(mean)
+    };
+    let steps = cells
+        .values()
+        .filter_map(|[a, b]| Some((level_m(a)? - level_m(b)?).abs()));
     let mut steps: Vec<_> = steps.collect();
     steps.sort_by(f64::total_cmp);
     steps

@@ -19,6 +19,12 @@ mod sample_synchronizer;
 pub mod scan_localization;
 pub mod scan_matching;
 #[cfg(test)]
+#[path = "../../recording/src/shared_data.rs"]
+mod shared_data;
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
+#[cfg(test)]
 mod test_data;
 pub mod tilt;
 mod transform_buffer;

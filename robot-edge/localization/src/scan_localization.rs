@@ -465,6 +465,7 @@ impl ScanLocalization {
         body: &BodyBox,
     ) -> (Pose, Option<ConfidenceChange>) {
         let mut motion = self.settings.prior;
+        let mut is_by_clouds = false;
         // By the other sensors, or by the cloud.
         let mut reckoned = prior[0].1;
         if let Sweep::Cloud(cloud, stamp) = &waiting.sweep {
@@ -478,7 +479,8 @@ impl ScanLocalization {
             };
             let pose = self.clouds.push(&revolution, |point| body.contains(point));
             reckoned = pose.odom_from_base;
-            if pose.is_determined() {
+            is_by_clouds = pose.is_determined();
+            if is_by_clouds {
                 motion = MotionPrior::Full;
             }
         }
@@ -502,6 +504,7 @@ impl ScanLocalization {
             base_from_sensor,
             odom_from_base: (motion != MotionPrior::None).then_some(prior),
             is_heading_only: motion == MotionPrior::Heading,
+            is_by_clouds,
             base_from_antenna: self
                 .settings
                 .receiver

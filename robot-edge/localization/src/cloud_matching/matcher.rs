@@ -4,11 +4,11 @@ use std::collections::HashSet;
 
 use measurement::cloud::Cloud;
 use measurement::pose::Pose;
-use measurement::time::RobotTime;
+use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3};
 use rustc_hash::FxBuildHasher;
 
-use super::point_to_plane::{Registered, register};
+use super::point_to_plane::{LEAST_POINTS, register};
 use super::surface_map::{SurfaceMap, box_of};
 use crate::dead_reckoning::StampedPose;
 use crate::pose_buffer::Segment;
@@ -42,7 +42,9 @@ const PARTS: i32 = 128;
 const GRAVITY_S: f64 = 20.0;
 /// The map begins anew after so many revolutions in sequence that do not fit it.
 const MAX_UNMATCHED: u32 = 3;
-/// Of the gap to the revolution before, the share that the velocity is known for.
+/// Clouds may overlap; their middles then are at least this far apart, seconds.
+const LEAST_MOTION_S: f64 = 1e-3;
+/// Times between revolutions, as shares of the one before, for which the velocity is known.
 const LIKE_BEFORE: std::ops::Range<f64> = 0.2..5.0;
 
 /// One revolution and what is known about the motion.
@@ -129,41 +131,25 @@ impl CloudMatcher {
     ) -> CloudPose {
         let [begin, end] = revolution.prior;
         let duration = end.0.since(begin.0);
-        let stamp = begin.0 + measurement::time::RobotDuration::from_nanos(duration.as_nanos() / 2);
+        let stamp = begin.0 + RobotDuration::from_nanos(duration.as_nanos() / 2);
         let prior = Segment::between(begin, end, end.0).pose_at(stamp);
-        let swept = swept_points(revolution, is_own);
         let by_prior = begin.1.inv_mul(&end.1);
+        let swept = swept_points(revolution, is_own);
         let Some(mut last) = self.last else {
             let sweep = combined(revolution, &by_prior, &Pose::identity());
-            let points = placed(&swept, &sweep);
-            self.map.insert(&points, &prior);
-            self.first = (revolution.motion != MotionPrior::Full).then_some((swept, begin.1));
-            self.last = Some(Last {
-                stamp,
-                prior,
-                local_from_base: prior,
-                odom_from_local: Pose::identity(),
-                motion: Pose::identity(),
-                motion_s: 0.0,
-                in_map: prior,
-                cleared_at: prior.translation.vector.into(),
-            });
+            self.map.insert(&placed(&swept, &sweep), &prior);
+            self.first = Some((swept, begin.1));
+            self.last = Some(Last::first(stamp, prior));
             return CloudPose {
                 odom_from_base: begin.1,
                 covariance: Matrix6::zeros(),
                 is_matched: true,
             };
         };
-        let motion_s = stamp.since(last.stamp).as_secs_f64();
-        let like_before = motion_s / last.motion_s;
-        let like_before = if LIKE_BEFORE.contains(&like_before) {
-            like_before
-        } else {
-            1.0
-        };
-        let constant = part_of(&last.motion, like_before);
-        let expected = combined(revolution, &last.prior.inv_mul(&prior), &constant);
-        let expected = last.local_from_base * expected;
+        let motion_s = stamp.since(last.stamp).as_secs_f64().max(LEAST_MOTION_S);
+        let constant = last.constant_motion(motion_s);
+        let expected =
+            last.local_from_base * combined(revolution, &last.prior.inv_mul(&prior), &constant);
         let sweep_of = |motion: &Pose| {
             let within = part_of(motion, duration.as_secs_f64() / motion_s);
             combined(revolution, &by_prior, &within)
@@ -173,11 +159,7 @@ impl CloudMatcher {
         let mut points = placed(&swept, &sweep);
         let mut registered = register(&mut self.map, &thinned(&points), &expected, sigma_m);
         for _ in 0..MAX_AGAIN {
-            let Some(Registered {
-                local_from_base: mut found,
-                ..
-            }) = registered
-            else {
+            let Some(mut found) = registered.map(|of| of.local_from_base) else {
                 break;
             };
             let now = sweep_of(&last.local_from_base.inv_mul(&found));
@@ -197,15 +179,12 @@ impl CloudMatcher {
             registered = register(&mut self.map, &thinned(&points), &found, sigma_m);
         }
         self.first = None;
-        let is_matched = registered.is_some();
-        let Registered {
-            local_from_base,
-            covariance,
-        } = registered.unwrap_or_else(|| Registered {
-            local_from_base: expected,
-            covariance: Matrix6::identity() * (sigma_m * sigma_m),
-        });
-        let mut now = Last {
+        let local_from_base = registered.map_or(expected, |of| of.local_from_base);
+        let covariance = registered.map_or_else(
+            || Matrix6::identity() * (sigma_m * sigma_m),
+            |of| of.covariance,
+        );
+        last = Last {
             stamp,
             prior,
             local_from_base,
@@ -213,52 +192,86 @@ impl CloudMatcher {
             motion_s,
             ..last
         };
-        if is_matched {
-            let error_m = distance_m(&expected, &local_from_base);
-            let before = self.variance_m2.unwrap_or(error_m * error_m);
-            let variance_m2 = before + NEWEST * (error_m * error_m - before);
-            self.variance_m2 = Some(variance_m2.max(LEAST_SIGMA_M * LEAST_SIGMA_M));
+        if revolution.has_gravity {
+            last.turn_to_gravity(motion_s / GRAVITY_S);
+        }
+        if registered.is_some() {
             self.unmatched = 0;
+            self.learn(distance_m(&expected, &local_from_base));
         } else {
             self.unmatched += 1;
         }
-        let begins_anew = self.unmatched >= MAX_UNMATCHED;
+        self.add(&points, &mut last);
+        self.last = Some(last);
+        let turned = last.odom_from_local.rotation.to_rotation_matrix();
+        let mut in_odom = Matrix6::zeros();
+        for at in [0, 3] {
+            let mut block = in_odom.fixed_view_mut::<3, 3>(at, at);
+            block.copy_from(turned.matrix());
+        }
+        CloudPose {
+            odom_from_base: last.odom_from_local * local_from_base * part_of(&sweep, -0.5),
+            covariance: in_odom * covariance * in_odom.transpose(),
+            is_matched: registered.is_some(),
+        }
+    }
+
+    /// How far the expected pose was off.
+    fn learn(&mut self, error_m: f64) {
+        let before = self.variance_m2.unwrap_or(error_m * error_m);
+        let variance_m2 = before + NEWEST * (error_m * error_m - before);
+        self.variance_m2 = Some(variance_m2.max(LEAST_SIGMA_M * LEAST_SIGMA_M));
+    }
+
+    /// Adds a revolution that fits the map and was taken elsewhere than what is in it.
+    fn add(&mut self, points: &[Point3<f64>], last: &mut Last) {
+        let begins_anew = self.unmatched >= MAX_UNMATCHED && points.len() >= LEAST_POINTS as usize;
         if begins_anew {
             self.unmatched = 0;
             self.map.clear();
         }
-        if revolution.has_gravity {
-            now.turn_to_gravity(motion_s / GRAVITY_S);
-        }
-        let since = now.in_map.inv_mul(&local_from_base);
+        let since = last.in_map.inv_mul(&last.local_from_base);
         let has_moved =
             since.translation.vector.norm() > MAP_STEP_M || since.rotation.angle() > MAP_STEP_RAD;
-        if begins_anew || is_matched && has_moved {
-            self.map.insert(&points, &local_from_base);
-            now.in_map = local_from_base;
+        if begins_anew || self.unmatched == 0 && has_moved {
+            self.map.insert(points, &last.local_from_base);
+            last.in_map = last.local_from_base;
         }
-        let place = Point3::from(local_from_base.translation.vector);
-        if (place - now.cleared_at).norm() > CLEAR_STEP_M {
+        let place = Point3::from(last.local_from_base.translation.vector);
+        if (place - last.cleared_at).norm() > CLEAR_STEP_M {
             self.map.keep_around(&place, MAX_RANGE_M + CLEAR_STEP_M);
-            now.cleared_at = place;
-        }
-        self.last = Some(now);
-        let turned = now.odom_from_local.rotation.to_rotation_matrix();
-        let mut in_odom = Matrix6::zeros();
-        for at in [0, 3] {
-            in_odom
-                .fixed_view_mut::<3, 3>(at, at)
-                .copy_from(turned.matrix());
-        }
-        CloudPose {
-            odom_from_base: now.odom_from_local * local_from_base * part_of(&sweep, -0.5),
-            covariance: in_odom * covariance * in_odom.transpose(),
-            is_matched,
+            last.cleared_at = place;
         }
     }
 }
 
 impl Last {
+    fn first(stamp: RobotTime, prior: Pose) -> Self {
+        Self {
+            stamp,
+            prior,
+            local_from_base: prior,
+            odom_from_local: Pose::identity(),
+            motion: Pose::identity(),
+            motion_s: 0.0,
+            in_map: prior,
+            cleared_at: prior.translation.vector.into(),
+        }
+    }
+
+    /// The motion in this time at the velocity before. Times that differ much say nothing about the speed.
+    fn constant_motion(&self, motion_s: f64) -> Pose {
+        let share = motion_s / self.motion_s;
+        part_of(
+            &self.motion,
+            if LIKE_BEFORE.contains(&share) {
+                share
+            } else {
+                1.0
+            },
+        )
+    }
+
     /// Turns `odom` about the vehicle by a share of what is between its vertical and that of the prior pose.
     fn turn_to_gravity(&mut self, share: f64) {
         let odom_from_base = self.odom_from_local * self.local_from_base;

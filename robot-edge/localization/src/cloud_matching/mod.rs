@@ -6,3 +6,6 @@ mod point_to_plane;
 mod surface_map;
 
 pub use matcher::{CloudMatcher, CloudPose, Revolution};
+
+#[cfg(test)]
+mod tests;

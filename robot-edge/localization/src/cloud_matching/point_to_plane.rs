@@ -28,7 +28,7 @@ const DEGENERATE_TILTS: f64 = 3.0;
 /// Errors of so many points are alike: of the same surface, and of the planes of the map.
 const POINTS_ALIKE: f64 = 30.0;
 /// Fewer points, or a smaller share of those near planes, do not say where the vehicle is.
-const LEAST_POINTS: u32 = 50;
+pub(super) const LEAST_POINTS: u32 = 50;
 const LEAST_SHARE: f64 = 0.5;
 
 /// Where points lie in the map.

@@ -35,6 +35,8 @@ pub struct ScanInput<'a> {
     pub odom_from_base: Option<Isometry2<f64>>,
     /// Only its heading is known, by an attitude sensor.
     pub is_heading_only: bool,
+    /// It is by clouds, which are never late and err less than other odometry.
+    pub is_by_clouds: bool,
     /// Place of the receiver's antenna on the vehicle, seen from above, metres.
     pub base_from_antenna: Point2<f64>,
 }
