@@ -145,10 +145,10 @@ impl Errors {
         let step = self.truth.inv_mul(truth);
         self.truth = *truth;
         let drift_rad = DRIFT_RADPS * stamp.since(begin).as_secs_f64();
-        let [roll_rad, pitch_rad] = self
-            .noise
-            .each_mut()
-            .map(|noise| 0.1_f64.to_radians() * noise.normal());
+        // What is left of 0.1° where the average over 0.1 s is not taken later.
+        let noise_deg = if self.is_3d { 0.03_f64 } else { 0.1 };
+        let noise = self.noise.each_mut();
+        let [roll_rad, pitch_rad] = noise.map(|noise| noise_deg.to_radians() * noise.normal());
         let attitude = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), drift_rad)
             * truth.rotation
             * UnitQuaternion::from_euler_angles(roll_rad, pitch_rad, 0.0);

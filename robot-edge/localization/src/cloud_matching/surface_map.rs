@@ -6,8 +6,9 @@ use measurement::pose::Pose;
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 use rustc_hash::FxBuildHasher;
 
-/// Sides of cubes, metres. A point belongs to a cube of each; the smallest that holds a plane is used.
-const SIDES_M: [f64; 3] = [0.25, 0.6, 1.5];
+/// Sides of cubes and the corner of one along each axis, metres. A point belongs to a cube of each; the smallest that holds a plane is
+/// used. The corners differ, so that no surface lies on the faces of all.
+const SIZES_M: [(f64, f64); 3] = [(0.25, 0.0), (0.6, 0.11), (1.5, 0.37)];
 /// A cube with fewer points has no plane.
 const LEAST_POINTS: u32 = 6;
 /// A plane is computed again when a cube has this share of points more.
@@ -40,7 +41,7 @@ pub(super) struct Plane {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct SurfaceMap {
-    sizes: [HashMap<[i32; 3], Cube, FxBuildHasher>; SIDES_M.len()],
+    sizes: [HashMap<[i32; 3], Cube, FxBuildHasher>; SIZES_M.len()],
 }
 
 /// Points, from the corner of their cube.
@@ -60,8 +61,12 @@ pub(super) fn box_of(point: &Point3<f64>, sides_m: [f64; 3]) -> [i32; 3] {
     places.map(|place| place.floor() as i32).into()
 }
 
-fn corner(key: [i32; 3], side_m: f64) -> Point3<f64> {
-    key.map(|place| f64::from(place) * side_m).into()
+fn key(point: &Point3<f64>, (side_m, corner_m): (f64, f64)) -> [i32; 3] {
+    box_of(&point.map(|metres| metres - corner_m), [side_m; 3])
+}
+
+fn corner(key: [i32; 3], (side_m, corner_m): (f64, f64)) -> Point3<f64> {
+    key.map(|place| f64::from(place) * side_m + corner_m).into()
 }
 
 impl SurfaceMap {
@@ -70,12 +75,12 @@ impl SurfaceMap {
     }
 
     pub(super) fn insert(&mut self, points: &[Point3<f64>], local_from_base: &Pose) {
-        for (cubes, side_m) in self.sizes.iter_mut().zip(SIDES_M) {
+        for (cubes, size_m) in self.sizes.iter_mut().zip(SIZES_M) {
             for point in points {
                 let point = local_from_base * point;
-                let key = box_of(&point, [side_m; 3]);
+                let key = key(&point, size_m);
                 let cube = cubes.entry(key).or_default();
-                let offset = point - corner(key, side_m);
+                let offset = point - corner(key, size_m);
                 cube.count += 1;
                 cube.sum += offset;
                 cube.products += offset * offset.transpose();
@@ -85,21 +90,21 @@ impl SurfaceMap {
 
     /// Removes what is farther than `radius_m` from a place along an axis.
     pub(super) fn keep_around(&mut self, place: &Point3<f64>, radius_m: f64) {
-        for (cubes, side_m) in self.sizes.iter_mut().zip(SIDES_M) {
-            cubes.retain(|key, _| (corner(*key, side_m) - place).amax() <= radius_m);
+        for (cubes, size_m) in self.sizes.iter_mut().zip(SIZES_M) {
+            cubes.retain(|key, _| (corner(*key, size_m) - place).amax() <= radius_m);
         }
     }
 
     /// The surface around a point.
     pub(super) fn plane(&mut self, point: &Point3<f64>) -> Option<Plane> {
-        let mut sizes = self.sizes.iter_mut().zip(SIDES_M);
-        sizes.find_map(|(cubes, side_m)| {
-            let key = box_of(point, [side_m; 3]);
+        let mut sizes = self.sizes.iter_mut().zip(SIZES_M);
+        sizes.find_map(|(cubes, size_m)| {
+            let key = key(point, size_m);
             let cube = cubes.get_mut(&key)?;
             if f64::from(cube.count) > (1.0 + MORE) * f64::from(cube.fitted) {
                 cube.fitted = cube.count;
-                cube.plane = cube.fit(side_m).map(|plane| Plane {
-                    middle: corner(key, side_m) + plane.middle.coords,
+                cube.plane = cube.fit(size_m.0).map(|plane| Plane {
+                    middle: corner(key, size_m) + plane.middle.coords,
                     ..plane
                 });
             }
