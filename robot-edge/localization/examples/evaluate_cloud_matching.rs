@@ -194,6 +194,7 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
             sensor: SensorId(0),
             prior: motion,
             has_gravity,
+            has_height: false,
             receiver: None,
             slam: SlamSettings::default(),
         }),

@@ -47,6 +47,8 @@ pub struct ScanLocalizationSettings {
     pub prior: MotionPrior,
     /// Whether roll and pitch of the other sensors' poses are those of an attitude sensor.
     pub has_gravity: bool,
+    /// Whether their heights are those of a receiver.
+    pub has_height: bool,
     /// The receiver whose positions hold the map where it is on Earth.
     pub receiver: Option<ReceiverSettings>,
     /// Of scan matching and loop closure.
@@ -479,6 +481,9 @@ impl ScanLocalization {
             };
             let pose = self.clouds.push(&revolution, |point| body.contains(point));
             reckoned = pose.odom_from_base;
+            if self.settings.has_height {
+                reckoned.translation.z = prior[0].1.translation.z;
+            }
             is_by_clouds = pose.is_determined();
             if is_by_clouds {
                 motion = MotionPrior::Full;

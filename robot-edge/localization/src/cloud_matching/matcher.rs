@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use measurement::cloud::Cloud;
-use measurement::pose::Pose;
+use measurement::pose::{Pose, planar, yaw_rad};
 use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3};
 use rustc_hash::FxBuildHasher;
@@ -192,7 +192,8 @@ impl CloudMatcher {
             motion_s,
             ..last
         };
-        if revolution.has_gravity {
+        // Without any sensor the vehicle is level on the whole.
+        if revolution.has_gravity || registered.is_none() {
             last.turn_to_gravity(motion_s / GRAVITY_S);
         }
         if registered.is_some() {
@@ -259,17 +260,17 @@ impl Last {
         }
     }
 
-    /// The motion in this time at the velocity before. Times that differ much say nothing about the speed.
+    /// The motion in this time at the velocity before. Times that differ much say nothing about the speed; a vehicle that rises or tilts
+    /// soon ceases to.
     fn constant_motion(&self, motion_s: f64) -> Pose {
         let share = motion_s / self.motion_s;
-        part_of(
-            &self.motion,
-            if LIKE_BEFORE.contains(&share) {
-                share
-            } else {
-                1.0
-            },
-        )
+        let share = if LIKE_BEFORE.contains(&share) {
+            share
+        } else {
+            1.0
+        };
+        let way_m = self.motion.translation.vector * share;
+        planar(way_m.x, way_m.y, yaw_rad(&self.motion) * share)
     }
 
     /// Turns `odom` about the vehicle by a share of what is between its vertical and that of the prior pose.

@@ -35,6 +35,7 @@ fn a_lidar_follows_a_hill_alone_and_with_planar_odometry_that_slips() {
                 sensor: SensorId(0),
                 prior: motion,
                 has_gravity: false,
+                has_height: false,
                 receiver: None,
                 slam: SlamSettings::default(),
             }),
