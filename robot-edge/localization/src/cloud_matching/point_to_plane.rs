@@ -8,21 +8,21 @@ use super::surface_map::SurfaceMap;
 const MAX_ITERATIONS: usize = 15;
 /// A smaller step is the last one: metres, and radians times the distance of the points.
 const LAST_STEP_M: f64 = 1e-3;
-/// The first step is made as if that standard deviation were this, metres, each next one with this share of it: a vehicle that begins to
-/// turn is elsewhere.
+/// The first step is made as if the standard deviation of the expected pose were this, metres, each next one as if it were this share of
+/// it: a vehicle that begins to turn is elsewhere.
 const WIDE_M: f64 = 1.0;
-/// … by one in so many points, but not fewer than this.
+const NARROWER: f64 = 0.6;
+/// Such steps use one in so many points, but no fewer than so many.
 const WIDE_EVERY: usize = 4;
 const WIDE_POINTS: usize = 500;
-const NARROWER: f64 = 0.6;
 /// Points farther from a plane than this many standard deviations of the expected pose do not belong to it.
 const GATE_SIGMAS: f64 = 3.0;
 /// Distance from a plane with a weight of a quarter, as a share of that standard deviation.
 const KERNEL_SIGMAS: f64 = 0.5;
 /// Standard deviation of a range, metres: points on what is rougher weigh less.
 const RANGE_SIGMA_M: f64 = 0.02;
-/// A direction is degenerate if it has no more information than so many points across it, and than this many times what the errors of the
-/// planes' normals make: level ground says nothing about the way ahead.
+/// A direction is degenerate if it has less information than so many points across it and this many times what the errors of the planes'
+/// normals make: level ground says nothing about the way ahead.
 const DEGENERATE_POINTS: f64 = 5.0;
 const DEGENERATE_TILTS: f64 = 3.0;
 /// Errors of so many points are alike: of the same surface, and of the planes of the map.

@@ -4,7 +4,7 @@ use measurement::MeasurementData;
 use measurement::cloud::{Cloud, CloudPoint};
 use measurement::pose::{Pose, planar};
 use measurement::time::RobotDuration;
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Translation3, Vector3};
 use recording::poses::PoseFile;
 use recording::{Selection, open};
 
@@ -209,7 +209,7 @@ fn damaged_clouds_are_no_motion() {
             },
             |_| false,
         );
-        assert_eq!(found.is_matched, std::ptr::eq(cloud, &room), "{secs}");
+        assert_eq!(found.is_matched, *cloud == room, "{secs}");
         assert!(
             found.odom_from_base.translation.vector.norm() < 1e-3,
             "{found:?}"
