@@ -8,6 +8,7 @@
 
 pub mod attitude;
 pub mod beam_projection;
+pub mod cloud_matching;
 mod cloud_projection;
 mod cloud_walls;
 pub mod dead_reckoning;
@@ -17,6 +18,12 @@ pub mod registration;
 mod sample_synchronizer;
 pub mod scan_localization;
 pub mod scan_matching;
+#[cfg(test)]
+#[path = "../../recording/src/shared_data.rs"]
+mod shared_data;
+#[cfg(test)]
+#[path = "../../../tests/tests/all/skip.rs"]
+mod skip;
 #[cfg(test)]
 mod test_data;
 pub mod tilt;

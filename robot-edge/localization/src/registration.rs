@@ -325,6 +325,10 @@ impl ScanRegistration {
         {
             scan_localization.enqueue(WaitingScan {
                 stamp: first_beam,
+                known_at: match sweep {
+                    Sweep::Planar(_) => first_beam,
+                    Sweep::Cloud(..) => last_beam,
+                },
                 frame: FrameId::clone(&frame),
                 sweep: sweep.clone(),
             });
@@ -425,19 +429,19 @@ impl ScanRegistration {
                 .prior_chain()
                 .and_then(|chain| chain.newest())
                 .unwrap_or(RobotTime::MIN);
-            let is_late = self.newest > waiting.stamp + self.settings.max_pose_wait;
-            if !is_end && newest < waiting.stamp && !is_late {
+            let is_late = self.newest > waiting.known_at + self.settings.max_pose_wait;
+            if !is_end && newest < waiting.known_at && !is_late {
                 break;
             }
             let Some(waiting) = scan_localization.waiting.pop_front() else {
                 break;
             };
             match self.poses_of(&waiting, scan_localization.settings.sensor) {
-                Ok((base_from_sensor, prior_from_base)) => {
+                Ok((base_from_sensor, prior)) => {
                     let (odom_from_prior, change) = scan_localization.take(
                         &waiting,
                         &base_from_sensor,
-                        &prior_from_base,
+                        prior,
                         &self.settings.body,
                     );
                     out.extend(change.map(RegistrationOutput::Confidence));
@@ -466,14 +470,16 @@ impl ScanRegistration {
         self.tree.chain(self.settings.prior_frame(), base)
     }
 
-    /// `base_from_sensor`, and the vehicle's pose by the other sensors, at the stamp of a scan.
+    /// `base_from_sensor` at the stamp of a scan, and the vehicle's poses by the other sensors then and when the scan is matched.
     fn poses_of(
         &self,
         waiting: &WaitingScan,
         sensor: SensorId,
-    ) -> Result<(Pose, Pose), DropReason> {
+    ) -> Result<(Pose, [StampedPose; 2]), DropReason> {
         let chain = self.prior_chain().ok_or(DropReason::NoPose)?;
-        let prior_from_base = chain.sampler().pose_at(waiting.stamp)?;
+        let mut sampler = chain.sampler();
+        let mut prior_at = |stamp| Ok((stamp, sampler.pose_at(stamp)?));
+        let prior = [prior_at(waiting.stamp)?, prior_at(waiting.known_at)?];
         let of = self
             .sensors
             .iter()
@@ -487,7 +493,7 @@ impl ScanRegistration {
                 chain.sampler().pose_at(waiting.stamp)?
             }
         };
-        Ok((base_from_sensor, prior_from_base))
+        Ok((base_from_sensor, prior))
     }
 
     /// Emits the jumps up to `stamp` that moved the vehicle, or the sensor if the tree does not

@@ -1,7 +1,7 @@
 //! Poses from scans, on top of what other sensors say about the motion (docs/methods.md, section 0, pose source (d)).
 //!
 //! Scan matching is planar. It moves the frame of the other sensors' poses in the plane, so that height, roll and pitch, and the
-//! motion between two scans, are theirs.
+//! motion between two scans, are theirs. Clouds are matched in space before ([`crate::cloud_matching`]): the poses are then theirs.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -16,7 +16,9 @@ use nalgebra::{Isometry2, Matrix3, Point2, Point3, Vector3};
 use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
 use crate::beam_projection::BodyBox;
+use crate::cloud_matching::{CloudMatcher, Revolution};
 use crate::cloud_walls::walls;
+use crate::dead_reckoning::StampedPose;
 use crate::gnss_positioning::geodetic_point;
 use crate::registration::scan_queue::Sweep;
 use crate::scan_matching::position_fixes::AntennaPosition;
@@ -43,6 +45,10 @@ pub struct ScanLocalizationSettings {
     pub sensor: SensorId,
     /// What else is known about the motion.
     pub prior: MotionPrior,
+    /// Whether roll and pitch of the other sensors' poses are those of an attitude sensor.
+    pub has_gravity: bool,
+    /// Whether their heights are those of a receiver.
+    pub has_height: bool,
     /// The receiver whose positions hold the map where it is on Earth.
     pub receiver: Option<ReceiverSettings>,
     /// Of scan matching and loop closure.
@@ -63,6 +69,7 @@ pub struct ReceiverSettings {
 pub(crate) struct ScanLocalization {
     pub(crate) settings: ScanLocalizationSettings,
     pub(crate) waiting: VecDeque<WaitingScan>,
+    clouds: CloudMatcher,
     slam: ScanSlam,
     odom_from_local: Isometry2<f64>,
     keyframes: Vec<Keyframe>,
@@ -84,6 +91,8 @@ pub(crate) struct ScanLocalization {
 pub(crate) struct WaitingScan {
     /// Of the first beam.
     pub(crate) stamp: RobotTime,
+    /// When poses are known, it is matched: of the last point of a cloud, of the first beam of a planar scan.
+    pub(crate) known_at: RobotTime,
     pub(crate) frame: FrameId,
     pub(crate) sweep: Sweep,
 }
@@ -355,6 +364,7 @@ impl ScanLocalization {
             }),
             settings: *settings,
             waiting: VecDeque::new(),
+            clouds: CloudMatcher::default(),
             keyframes: Vec::new(),
             is_corrected: false,
             begins_map: false,
@@ -447,22 +457,43 @@ impl ScanLocalization {
         Some(in_space(&(map_from_local * self.odom_from_local.inverse())))
     }
 
-    /// Matches a scan. `prior_from_base`: pose by the other sensors. Returns the pose of their frame in `odom`, and whether poses
-    /// became more or less certain.
+    /// Matches a scan. `prior`: poses by the other sensors at its stamp and when they are known. Returns the pose of their frame in `odom`,
+    /// and whether poses became more or less certain.
     pub(crate) fn take(
         &mut self,
         waiting: &WaitingScan,
         base_from_sensor: &Pose,
-        prior_from_base: &Pose,
+        prior: [StampedPose; 2],
         body: &BodyBox,
     ) -> (Pose, Option<ConfidenceChange>) {
-        let prior = planar(prior_from_base);
+        let mut motion = self.settings.prior;
+        let mut is_by_clouds = false;
+        // By the other sensors, or by the cloud.
+        let mut reckoned = prior[0].1;
+        if let Sweep::Cloud(cloud, stamp) = &waiting.sweep {
+            let revolution = Revolution {
+                cloud,
+                stamp: *stamp,
+                base_from_sensor: *base_from_sensor,
+                prior,
+                motion,
+                has_gravity: self.settings.has_gravity,
+            };
+            let pose = self.clouds.push(&revolution, |point| body.contains(point));
+            reckoned = pose.odom_from_base;
+            if self.settings.has_height {
+                reckoned.translation.z = prior[0].1.translation.z;
+            }
+            is_by_clouds = pose.is_determined();
+            if is_by_clouds {
+                motion = MotionPrior::Full;
+            }
+        }
+        let level_from_base = in_space(&planar(&reckoned)).rotation.inverse() * reckoned.rotation;
         let (scan, base_from_sensor) = match &waiting.sweep {
             Sweep::Planar(scan) => seen_from_above(scan, base_from_sensor),
             Sweep::Cloud(cloud, _) => {
                 // The vehicle with its roll and pitch, heading ahead.
-                let level_from_base =
-                    in_space(&prior).rotation.inverse() * prior_from_base.rotation;
                 let level_from_sensor = level_from_base * base_from_sensor;
                 let is_own = |point: &Point3<f64>| body.contains(&(base_from_sensor * point));
                 let place = level_from_sensor.translation.vector.xy();
@@ -470,18 +501,19 @@ impl ScanLocalization {
                 (scan, Isometry2::new(place, 0.0))
             }
         };
+        let prior_from_base = prior[0].1;
+        let prior = planar(&reckoned);
         let input = ScanInput {
             stamp: waiting.stamp,
             scan: &scan,
             base_from_sensor,
-            odom_from_base: (self.settings.prior != MotionPrior::None).then_some(prior),
-            is_heading_only: self.settings.prior == MotionPrior::Heading,
+            odom_from_base: (motion != MotionPrior::None).then_some(prior),
+            is_heading_only: motion == MotionPrior::Heading,
+            is_by_clouds,
             base_from_antenna: self
                 .settings
                 .receiver
                 .map_or_else(Point2::origin, |receiver| {
-                    let level_from_base =
-                        in_space(&prior).rotation.inverse() * prior_from_base.rotation;
                     (level_from_base * receiver.antenna_in_base).xy().into()
                 }),
         };
@@ -538,7 +570,9 @@ impl ScanLocalization {
         *count += 1;
         self.is_corrected |= pose.is_corrected;
         let change = self.monitor.update(waiting.stamp, confidence);
-        (in_space(&(odom_from_base * prior.inverse())), change)
+        let odom_from_reckoned = in_space(&(odom_from_base * prior.inverse()));
+        let reckoned_from_prior = reckoned * prior_from_base.inverse();
+        (odom_from_reckoned * reckoned_from_prior, change)
     }
 
     /// Optimizes the map to the end, after the last scan.

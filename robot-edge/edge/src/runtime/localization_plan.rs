@@ -142,6 +142,11 @@ pub fn match_scans(
             PoseOrigin::Attitude(_) => MotionPrior::Heading,
             _ => MotionPrior::Full,
         },
+        has_gravity: matches!(
+            prior,
+            PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Attitude(_)
+        ),
+        has_height: matches!(prior, PoseOrigin::Gps(_)),
         receiver: the_gps(&config.sensors).map(|(_, gps)| ReceiverSettings {
             time_offset: RobotDuration::from_secs_f64(gps.time_offset_s),
             antenna_in_base: gps.mount.base_from_sensor().translation.vector,

@@ -1,6 +1,7 @@
 mod arcs_and_contacts;
 mod clouds;
 mod many_sensors;
+mod matched_clouds;
 mod matched_scans;
 
 use super::*;

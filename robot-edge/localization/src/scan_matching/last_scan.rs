@@ -54,6 +54,7 @@ impl LastScan {
             }
         });
         let (motion, noise) = match by_odometry {
+            Some(motion) if input.is_by_clouds => (motion, settings.clouds),
             Some(motion) if !input.is_heading_only => (motion, settings.odometry),
             _ => {
                 growth *= (time_s / self.motion_s.max(0.05)).clamp(1.0, MAX_GROWTH);
@@ -77,15 +78,14 @@ impl LastScan {
             motion.rotation.angle().abs(),
         );
         let change = constant.inv_mul(&motion);
-        let (change_m, change_rad) = (
-            change.translation.vector.norm(),
-            change.rotation.angle().abs(),
+        let late_share = if input.is_by_clouds { 0.0 } else { LATE_SHARE };
+        let (late_m, late_rad) = (
+            late_share * change.translation.vector.norm(),
+            late_share * change.rotation.angle().abs(),
         );
-        let sigma_m = noise.m + noise.m_per_m * way_m + LATE_SHARE * change_m;
-        let sigma_rad = noise.rad
-            + noise.rad_per_rad * turn_rad
-            + noise.rad_per_m * way_m
-            + LATE_SHARE * change_rad;
+        let sigma_m = noise.m + noise.m_per_m * way_m + late_m;
+        let sigma_rad =
+            noise.rad + noise.rad_per_rad * turn_rad + noise.rad_per_m * way_m + late_rad;
         let sigma = Vector3::new(sigma_m, sigma_m, sigma_rad) * growth;
         let variance = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
         (motion, time_s, variance)

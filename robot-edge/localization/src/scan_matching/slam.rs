@@ -35,6 +35,8 @@ pub struct ScanInput<'a> {
     pub odom_from_base: Option<Isometry2<f64>>,
     /// Only its heading is known, by an attitude sensor.
     pub is_heading_only: bool,
+    /// It is by clouds, which are never late and err less than other odometry.
+    pub is_by_clouds: bool,
     /// Place of the receiver's antenna on the vehicle, seen from above, metres.
     pub base_from_antenna: Point2<f64>,
 }
@@ -240,12 +242,19 @@ impl ScanSlam {
                 is_corrected,
             );
         };
-        let expected = last.local_from_base * motion;
+        let mut expected = last.local_from_base * motion;
+        if input.is_by_clouds {
+            // Against the growth of rounding errors.
+            expected.rotation.renormalize();
+        }
         for active in &mut self.active {
             active.covariance = transported(&active.covariance, &motion) + noise;
         }
-        let (registered, confidence) =
+        let (registered, mut confidence) =
             self.match_scan(&points, &expected, &noise, input.has_odometry());
+        if input.is_by_clouds {
+            confidence = Confidence::Full;
+        }
         let is_determined = input.has_odometry() || confidence == Confidence::Full;
         let was_lost = self.lost > MAX_LOST;
         self.lost = if is_determined {
@@ -253,7 +262,9 @@ impl ScanSlam {
         } else {
             self.lost + 1
         };
-        let is_matched = !matches!(confidence, Confidence::Lost | Confidence::OdometryOnly);
+        // Few walls can mislead where a whole cloud does not.
+        let is_matched = !input.is_by_clouds
+            && !matches!(confidence, Confidence::Lost | Confidence::OdometryOnly);
         let local_from_base = if is_matched {
             self.active[0].local_from_anchor * registered.submap_from_base
         } else {

@@ -10,6 +10,8 @@ pub struct SlamSettings {
     pub points: PointLimits,
     /// Noise of odometry.
     pub odometry: MotionNoise,
+    /// Noise of odometry by clouds.
+    pub clouds: MotionNoise,
     /// Noise of the assumption of constant velocity, where there is no odometry.
     pub constant_velocity: MotionNoise,
     /// A scan becomes a keyframe after this way, metres.
@@ -60,6 +62,13 @@ impl Default for SlamSettings {
                 rad: 1.0_f64.to_radians(),
                 rad_per_rad: 0.3,
                 rad_per_m: 10.0_f64.to_radians(),
+            },
+            clouds: MotionNoise {
+                m: 0.005,
+                m_per_m: 0.02,
+                rad: 0.1_f64.to_radians(),
+                rad_per_rad: 0.02,
+                rad_per_m: 0.1_f64.to_radians(),
             },
             constant_velocity: MotionNoise {
                 m: 0.08,

@@ -121,6 +121,7 @@ impl Drive<'_> {
                 base_from_sensor: Isometry2::identity(),
                 odom_from_base: self.has_odometry.then_some(odom_from_base),
                 is_heading_only: false,
+                is_by_clouds: false,
                 base_from_antenna: Point2::origin(),
             })
         });

@@ -73,6 +73,8 @@ fn drive_with(
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
             prior: motion,
+            has_gravity: false,
+            has_height: false,
             receiver,
             slam: SlamSettings::default(),
         }),
@@ -209,6 +211,8 @@ fn after_a_clock_reset_a_run_of_its_own_begins_and_the_old_places_are_not_in_its
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
             prior: MotionPrior::None,
+            has_gravity: false,
+            has_height: false,
             receiver: None,
             slam: SlamSettings::default(),
         }),

@@ -168,6 +168,7 @@ fn found(
             base_from_sensor: Isometry2::identity(),
             odom_from_base: Some(odom_from_base),
             is_heading_only: false,
+            is_by_clouds: false,
             base_from_antenna: Point2::origin(),
         });
         let local = pose.local_from_base;
@@ -339,6 +340,7 @@ fn along_corridor(sigma_m: f64, receiver: ReceiverError) -> (ScanSlam, [Vector3<
             base_from_sensor: Isometry2::identity(),
             odom_from_base: Some(odom_from_base),
             is_heading_only: false,
+            is_by_clouds: false,
             base_from_antenna: antenna,
         }));
     }
