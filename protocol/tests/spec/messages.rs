@@ -348,7 +348,7 @@ fn signature_covers_the_specified_bytes() {
     let (robot, operator) = names(&stated);
     let topic = Drive::TOPIC;
     let key = operator_key(&robot, &operator, topic);
-    let domain = "foreshore signed message, protocol 4";
+    let domain = "foreshore signed message, protocol 5";
     let parts: [&[u8]; 9] = [
         domain.as_bytes(),
         robot.as_str().as_bytes(),

@@ -1,13 +1,15 @@
 //! Layers from 3D sensors: octree, cost map with rigidity and metrics, depth, shores
 //! (docs/methods.md, sections 3 to 6).
 
+use std::sync::Arc;
+
 use measurement::time::{RobotDuration, RobotTime};
 use nalgebra::Point3;
 
 use crate::MappingConfig;
 use crate::cost_map::{CostMap, Surface};
 use crate::depth::DepthMap;
-use crate::octree::{LimitedBricks, Octree, RangeSensorModel, Ray, SurfaceHit};
+use crate::octree::{BlockFile, LimitedBricks, Octree, RangeSensorModel, Ray, SurfaceHit};
 use crate::radial_filter::RadialFilter;
 use crate::registered_scan::{BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind};
 use crate::scan_metrics::{InterScan, IntraScan};
@@ -210,6 +212,11 @@ impl VoxelLayers {
     /// Number of erasures.
     pub const fn epoch(&self) -> u32 {
         self.epoch
+    }
+
+    /// Keeps in `file` what the octree has no memory for.
+    pub fn keep_on_disk(&mut self, file: &Arc<dyn BlockFile>) {
+        self.octree.keep_on_disk(file);
     }
 
     /// The octree.

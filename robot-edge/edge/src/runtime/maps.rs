@@ -10,6 +10,7 @@ use protocol::tile::{BootId, TileKey};
 
 use super::kept_scans::KeptScans;
 use super::map_correction::{CorrectionCheckpoint, MakingMaps, MapCorrection, placed};
+use super::temporary_file::TemporaryFile;
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
 use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
@@ -22,7 +23,7 @@ use mapping::Mapper;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
 use mapping::occupancy_grid::OccupancyGrid;
-use mapping::octree::{LimitedBricks, Octree};
+use mapping::octree::{BlockFile, LimitedBricks, Octree};
 use mapping::registered_scan::RegisteredScan;
 use mapping::terrain::Terrain;
 use measurement::drops::{DropCounts, DropReason};
@@ -166,11 +167,16 @@ impl PausedSnapshot {
 }
 
 fn mapper(config: &Config) -> Mapper {
-    Mapper::new(
+    let mut mapper = Mapper::new(
         &config.mapping,
         config.vehicle.shape(),
         &config.range_models(),
-    )
+    );
+    if let Some(voxels) = mapper.voxels_mut() {
+        let file: Arc<dyn BlockFile> = Arc::new(TemporaryFile::default());
+        voxels.keep_on_disk(&file);
+    }
+    mapper
 }
 
 impl Maps {
@@ -443,7 +449,7 @@ impl Maps {
         limited.on_disk += now.on_disk;
         limited.coarse += now.coarse;
         limited.removed += now.removed;
-        limited.disk_error = now.disk_error.or(limited.disk_error);
+        limited.disk_failures += now.disk_failures;
         let reported_at = progress
             .evictions_reported_at
             .filter(|&reported_at| reported_at <= stamp);
@@ -455,11 +461,12 @@ impl Maps {
                 on_disk,
                 coarse,
                 removed,
-                disk_error,
+                disk_failures,
             } = progress.report.limited;
-            let disk = disk_error.map_or_else(String::new, |why| {
-                format!("; the disk (TMPDIR, mapping.octree.disk_limit_mb) failed: {why}")
-            });
+            let disk = match disk_failures {
+                0 => String::new(),
+                count => format!("; the disk (TMPDIR) failed {count} times"),
+            };
             let message = format!(
                 "the octree is at its memory limit (mapping.octree.memory_limit_mb): of the bricks of 4 x 4 x 4 voxels farthest \
                  from the vehicle {on_disk} went to disk so far, {coarse} became one voxel each, and {removed} are gone{disk}"

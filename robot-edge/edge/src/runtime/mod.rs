@@ -28,6 +28,7 @@ mod simulate;
 mod source;
 mod source_reader;
 mod state_publisher;
+mod temporary_file;
 pub mod tilt_control;
 
 use std::io::{self, BufRead, IsTerminal as _, Write};

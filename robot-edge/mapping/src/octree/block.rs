@@ -4,8 +4,6 @@
 //! at most three known values. Few beams reach bricks far from the vehicle, and most of them stay
 //! packed: a third of the memory, and an update is some twenty operations on 64 voxels at once.
 
-use serde::{Deserialize, Serialize};
-
 use crate::octree::log_odds_table::{EVEN, UNKNOWN, Update, Values};
 use crate::octree::scratch_pages::{BrickMarks, MarkedBlock};
 use crate::octree::surface::SurfaceVoxel;
@@ -25,15 +23,6 @@ pub(super) struct Block {
     surface: Vec<(u16, SurfaceVoxel)>,
 }
 
-/// A block in a file.
-#[derive(Serialize, Deserialize)]
-struct BlockRecord {
-    children: Vec<u8>,
-    bricks: Vec<u8>,
-    packed: Vec<PackedBrick>,
-    surface: Vec<(u16, SurfaceVoxel)>,
-}
-
 /// Representation of a brick.
 #[derive(Clone, Copy, Debug)]
 enum Child {
@@ -50,6 +39,10 @@ const ALL_LEAST: u8 = 254;
 const ALL_GREATEST: u8 = 253;
 const FIRST_PACKED: u8 = 64;
 
+/// Of [`Block::to_bytes`].
+const PACKED_BYTES: usize = 2 * 8 + 3;
+const SURFACE_BYTES: usize = 2 + SurfaceVoxel::BYTES;
+
 impl Block {
     pub(super) fn new(index: BlockIndex) -> Self {
         Self {
@@ -62,34 +55,46 @@ impl Block {
         }
     }
 
-    /// As [`Block::from_bytes`] reads it, without untaken changes.
+    /// As [`Block::from_bytes`] reads it, without untaken changes: the children, the numbers of what follows, then that.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
-        let record = BlockRecord {
-            children: self.children.to_vec(),
-            bricks: self.bricks.iter().flat_map(|brick| brick.0).collect(),
-            packed: self.packed.clone(),
-            surface: self.surface.clone(),
-        };
-        // Never fails: every length is known.
-        postcard::to_stdvec(&record).unwrap_or_default()
+        let mut bytes = self.children.to_vec();
+        bytes.extend([self.bricks.len() as u8, self.packed.len() as u8]);
+        bytes.extend((self.surface.len() as u16).to_le_bytes());
+        bytes.extend(self.bricks.iter().flat_map(|brick| brick.0));
+        for PackedBrick { planes, values } in &self.packed {
+            bytes.extend(planes.iter().flat_map(|plane| plane.to_le_bytes()));
+            bytes.extend(values);
+        }
+        for (at, surface) in &self.surface {
+            bytes.extend(at.to_le_bytes());
+            bytes.extend(surface.to_bytes());
+        }
+        bytes
     }
 
     /// `None` if the bytes are not those of [`Block::to_bytes`].
     pub(super) fn from_bytes(index: BlockIndex, bytes: &[u8]) -> Option<Self> {
-        let record: BlockRecord = postcard::from_bytes(bytes).ok()?;
-        let bricks = record
-            .bricks
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&voxels| Brick(voxels));
+        let (&children, bytes) = bytes.split_first_chunk()?;
+        let ([bricks, packed], bytes) = bytes.split_first_chunk()?;
+        let (surface, bytes) = bytes.split_first_chunk()?;
+        let surface = usize::from(u16::from_le_bytes(*surface)) * SURFACE_BYTES;
+        let (bricks, bytes) = bytes.split_at_checked(usize::from(*bricks) * BRICK_VOXELS)?;
+        let (packed, bytes) = bytes.split_at_checked(usize::from(*packed) * PACKED_BYTES)?;
+        let bricks = bricks.as_chunks().0.iter();
+        let packed = packed.as_chunks::<PACKED_BYTES>().0.iter();
+        let surfaces = bytes.as_chunks::<SURFACE_BYTES>().0.iter();
         Some(Self {
             index,
-            children: record.children.try_into().ok()?,
+            children,
             changed: 0,
-            bricks: bricks.collect(),
-            packed: record.packed,
-            surface: record.surface,
+            bricks: bricks.map(|&voxels| Brick(voxels)).collect(),
+            packed: packed.map(PackedBrick::from_bytes).collect(),
+            surface: (surface == bytes.len()).then(|| {
+                let at = |[low, high, ..]: &[u8; SURFACE_BYTES]| u16::from_le_bytes([*low, *high]);
+                surfaces
+                    .map(|bytes| (at(bytes), SurfaceVoxel::from_bytes(&bytes[2..])))
+                    .collect()
+            })?,
         })
     }
 
@@ -456,7 +461,7 @@ fn bytes_of(bits: u64) -> [u8; BRICK_VOXELS] {
 }
 
 /// 64 voxels with up to three known values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PackedBrick {
     /// Low and high bit of each voxel's index in `values`, from 1; 0 is unknown.
     planes: [u64; 2],
@@ -464,6 +469,14 @@ pub(super) struct PackedBrick {
 }
 
 impl PackedBrick {
+    fn from_bytes(bytes: &[u8; PACKED_BYTES]) -> Self {
+        let (planes, values) = bytes.as_chunks();
+        Self {
+            planes: std::array::from_fn(|plane| u64::from_le_bytes(planes[plane])),
+            values: std::array::from_fn(|value| values[value]),
+        }
+    }
+
     /// A uniform brick, known or unknown.
     pub(super) const fn filled(value: u8) -> Self {
         let low = if value == UNKNOWN { 0 } else { u64::MAX };

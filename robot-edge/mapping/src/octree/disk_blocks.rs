@@ -1,9 +1,7 @@
-//! Blocks that the memory limit made coarse or evicted, as they were, in a temporary file.
+//! Blocks that the memory limit made coarse or evicted, as they were, in a file.
 
 use std::collections::HashMap;
-use std::fs::File;
-use std::io;
-use std::os::unix::fs::FileExt as _;
+use std::fmt::Debug;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rustc_hash::FxBuildHasher;
@@ -11,28 +9,36 @@ use rustc_hash::FxBuildHasher;
 use crate::octree::block::Block;
 use crate::octree::voxel_address::BlockIndex;
 
+/// A file for what memory has no room for.
+pub trait BlockFile: Debug + Send + Sync {
+    /// Writes bytes at an offset; `false` if that failed.
+    fn write(&self, bytes: &[u8], offset: u64) -> bool;
+    /// Reads as many bytes from an offset; `false` if that failed.
+    fn read(&self, bytes: &mut [u8], offset: u64) -> bool;
+}
+
 /// Blocks on disk. Copies share the file, and each place in it as long as one of them needs it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct DiskBlocks {
-    disk: Arc<Disk>,
+    disk: Option<Arc<Disk>>,
     places: HashMap<BlockIndex, Arc<Place>, FxBuildHasher>,
-    error: Option<io::ErrorKind>,
+    failures: usize,
 }
 
-#[derive(Debug, Default)]
+/// A part of a file.
+#[derive(Debug)]
 struct Disk {
-    limit_bytes: u64,
-    file: Mutex<DiskFile>,
+    file: Arc<dyn BlockFile>,
+    end_bytes: u64,
+    room: Mutex<Room>,
 }
 
-/// A file that goes with this value.
-#[derive(Debug, Default)]
-struct DiskFile {
-    /// Made when it is needed.
-    file: Option<File>,
+#[derive(Debug)]
+struct Room {
     /// Unused places of 2ⁿ bytes, by n.
     unused: Vec<Vec<u64>>,
-    end: u64,
+    /// What follows was never used.
+    used_bytes: u64,
 }
 
 #[derive(Debug)]
@@ -43,13 +49,18 @@ struct Place {
 }
 
 impl DiskBlocks {
-    pub(super) fn new(limit_bytes: u64) -> Self {
-        let disk = Disk {
-            limit_bytes,
-            ..Disk::default()
-        };
+    /// In the bytes of `file` from `first` to `end`.
+    pub(super) fn new(file: Arc<dyn BlockFile>, first_bytes: u64, end_bytes: u64) -> Self {
+        let room = Mutex::new(Room {
+            unused: Vec::new(),
+            used_bytes: first_bytes,
+        });
         Self {
-            disk: Arc::new(disk),
+            disk: Some(Arc::new(Disk {
+                file,
+                end_bytes,
+                room,
+            })),
             ..Self::default()
         }
     }
@@ -66,36 +77,39 @@ impl DiskBlocks {
         self.places.keys().copied()
     }
 
-    /// Stores a block that is not stored; `false` if there is no room for it, or after an error.
+    /// Stores a block that is not stored; `false` if there is no room for it, or if it cannot be written.
     pub(super) fn store(&mut self, block: &Block) -> bool {
-        match self.disk.write(&block.to_bytes()) {
-            Ok(place) => {
-                let place = place.map(|(offset, bytes)| Place {
-                    disk: Arc::clone(&self.disk),
-                    offset,
-                    bytes,
-                });
-                let is_stored = place.is_some();
-                self.places
-                    .extend(place.map(|place| (block.index, Arc::new(place))));
-                is_stored
-            }
-            Err(error) => {
-                self.error = Some(error.kind());
-                false
-            }
+        let Some(disk) = &self.disk else {
+            return false;
+        };
+        let record = block.to_bytes();
+        let Some(offset) = disk.take_room(record.len()) else {
+            return false;
+        };
+        let place = Place {
+            disk: Arc::clone(disk),
+            offset,
+            bytes: record.len(),
+        };
+        let is_written = disk.file.write(&record, offset);
+        if is_written {
+            self.places.insert(block.index, Arc::new(place));
+        } else {
+            self.failures += 1;
         }
+        is_written
     }
 
     /// Reads a block; `None` if it is not stored or cannot be read.
     pub(super) fn read(&self, index: BlockIndex) -> Option<Block> {
-        self.places.get(&index)?.read(index).ok()
+        self.places.get(&index)?.read(index)
     }
 
     /// Reads a block and frees its place.
     pub(super) fn take(&mut self, index: BlockIndex) -> Option<Block> {
         let block = self.places.remove(&index)?.read(index);
-        block.map_err(|error| self.error = Some(error.kind())).ok()
+        self.failures += usize::from(block.is_none());
+        block
     }
 
     /// Forgets the blocks that `is_kept` does not accept.
@@ -103,9 +117,9 @@ impl DiskBlocks {
         self.places.retain(|&index, _| is_kept(index));
     }
 
-    /// The newest error since the last call.
-    pub(super) const fn take_error(&mut self) -> Option<io::ErrorKind> {
-        self.error.take()
+    /// Blocks that could not be written or read since the last call.
+    pub(super) const fn take_failures(&mut self) -> usize {
+        std::mem::replace(&mut self.failures, 0)
     }
 
     /// Memory of the index.
@@ -116,49 +130,40 @@ impl DiskBlocks {
 }
 
 impl Disk {
-    fn lock(&self) -> MutexGuard<'_, DiskFile> {
+    fn room(&self) -> MutexGuard<'_, Room> {
         // No panic leaves it half changed.
-        self.file.lock().unwrap_or_else(PoisonError::into_inner)
+        self.room.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the place and the number of bytes; `None` if there is no room.
-    fn write(&self, record: &[u8]) -> io::Result<Option<(u64, usize)>> {
-        let mut disk = self.lock();
-        let class = class(record.len());
-        if disk.unused.len() <= class {
-            disk.unused.resize(class + 1, Vec::new());
+    /// Where so many bytes go; `None` if there is no room.
+    fn take_room(&self, bytes: usize) -> Option<u64> {
+        let mut room = self.room();
+        let class = class(bytes);
+        if room.unused.len() <= class {
+            room.unused.resize(class + 1, Vec::new());
         }
-        let offset = *disk.unused[class].last().unwrap_or(&disk.end);
-        let end = disk.end.max(offset + (1 << class));
-        if end > self.limit_bytes {
-            return Ok(None);
-        }
-        if disk.file.is_none() {
-            disk.file = Some(tempfile::tempfile()?);
-        }
-        if let Some(file) = &disk.file {
-            file.write_all_at(record, offset)?;
-        }
-        disk.unused[class].pop();
-        disk.end = end;
-        Ok(Some((offset, record.len())))
+        room.unused[class].pop().or_else(|| {
+            let offset = room.used_bytes;
+            let used_bytes = offset + (1 << class);
+            (used_bytes <= self.end_bytes).then(|| {
+                room.used_bytes = used_bytes;
+                offset
+            })
+        })
     }
 }
 
 impl Place {
-    fn read(&self, index: BlockIndex) -> io::Result<Block> {
+    fn read(&self, index: BlockIndex) -> Option<Block> {
         let mut record = vec![0; self.bytes];
-        let disk = self.disk.lock();
-        let file = disk.file.as_ref().ok_or(io::ErrorKind::NotFound)?;
-        file.read_exact_at(&mut record, self.offset)?;
-        let block = Block::from_bytes(index, &record);
-        block.ok_or_else(|| io::ErrorKind::InvalidData.into())
+        let is_read = self.disk.file.read(&mut record, self.offset);
+        is_read.then(|| Block::from_bytes(index, &record))?
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        self.disk.lock().unused[class(self.bytes)].push(self.offset);
+        self.disk.room().unused[class(self.bytes)].push(self.offset);
     }
 }
 
@@ -168,29 +173,58 @@ const fn class(bytes: usize) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
+
+    /// A file in memory, which may fail.
+    #[derive(Debug, Default)]
+    pub(in crate::octree) struct TestFile {
+        bytes: Mutex<Vec<u8>>,
+        pub(in crate::octree) fails: AtomicBool,
+    }
+
+    impl BlockFile for TestFile {
+        fn write(&self, bytes: &[u8], offset: u64) -> bool {
+            let mut held = self.bytes.lock().unwrap();
+            let end = offset as usize + bytes.len();
+            if held.len() < end {
+                held.resize(end, 0);
+            }
+            held[offset as usize..end].copy_from_slice(bytes);
+            !self.fails.load(Ordering::Relaxed)
+        }
+
+        fn read(&self, bytes: &mut [u8], offset: u64) -> bool {
+            let held = self.bytes.lock().unwrap();
+            bytes.copy_from_slice(&held[offset as usize..][..bytes.len()]);
+            !self.fails.load(Ordering::Relaxed)
+        }
+    }
 
     fn block(x: i32) -> Block {
         Block::new(BlockIndex { x, y: 0, z: 0 })
     }
 
     #[test]
-    fn errors_of_the_disk_are_kept() {
-        let mut blocks = DiskBlocks::new(1_000_000);
+    fn failures_of_the_disk_are_counted() {
+        let file = Arc::new(TestFile::default());
+        let mut blocks = DiskBlocks::new(file.clone(), 0, 1_000_000);
         assert!(blocks.store(&block(0)) && blocks.store(&block(1)));
-        blocks.disk.lock().file = Some(File::open("/dev/null").unwrap());
-        assert!(!blocks.store(&block(2)) && blocks.take_error().is_some());
+        file.fails.store(true, Ordering::Relaxed);
+        assert!(!blocks.store(&block(2)));
         let first = block(0).index;
         assert!(blocks.read(first).is_none() && blocks.take(first).is_none());
-        assert_eq!(blocks.take_error(), Some(io::ErrorKind::UnexpectedEof));
-        assert_eq!((blocks.take_error(), blocks.contains(first)), (None, false));
+        assert_eq!((blocks.take_failures(), blocks.take_failures()), (2, 0));
+        assert!(!blocks.contains(first) && blocks.contains(block(1).index));
+        assert!(!DiskBlocks::default().store(&block(0)), "no file");
     }
 
     #[test]
     fn a_place_is_used_again_after_its_last_copy() {
         let room = block(0).to_bytes().len().next_power_of_two() as u64;
-        let mut blocks = DiskBlocks::new(room);
+        let mut blocks = DiskBlocks::new(Arc::new(TestFile::default()), room, 2 * room);
         assert!(blocks.store(&block(0)) && !blocks.store(&block(1)));
         let mut copy = blocks.clone();
         assert!(blocks.take(block(0).index).is_some() && !blocks.store(&block(1)));

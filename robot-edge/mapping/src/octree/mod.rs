@@ -17,7 +17,7 @@ mod voxel_address;
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
-use std::io;
+use std::sync::Arc;
 
 use nalgebra::Point3;
 use rustc_hash::FxBuildHasher;
@@ -32,6 +32,7 @@ use crate::octree::scratch_pages::ShardMarks;
 use crate::octree::voxel_address::{BLOCK_EDGE, BlockIndex, split};
 use crate::registered_scan::SensorId;
 pub use block::BrickStates;
+pub use disk_blocks::BlockFile;
 pub use queries::{ColumnStates, KnownBlock, VoxelCounts, VoxelState};
 pub(super) use surface::FINER;
 pub use surface::{SurfaceHit, SurfaceVoxel};
@@ -63,6 +64,7 @@ pub struct Octree {
     fine_blocks: f64,
     /// Block that the vehicle was in when blocks came from disk the last time.
     fine_around: Option<BlockIndex>,
+    disk_bytes: u64,
     steps: LogOddsTable,
     updates: Vec<Update>,
     shards: [Shard; SHARDS],
@@ -83,8 +85,8 @@ pub struct LimitedBricks {
     pub coarse: usize,
     /// Became unknown.
     pub removed: usize,
-    /// Why the disk did not take or give bricks.
-    pub disk_error: Option<io::ErrorKind>,
+    /// Blocks that the disk did not take or give.
+    pub disk_failures: usize,
 }
 
 /// A column of bricks: columns (x, y) of voxels from `4·x … 4·x + 3` by `4·y … 4·y + 3`.
@@ -108,7 +110,6 @@ impl Octree {
     /// map does not depend on `threads`.
     pub fn new(config: &OctreeConfig, sensors: &[RangeSensorModel], threads: usize) -> Self {
         let steps = LogOddsTable::new(config, sensors);
-        let disk_bytes = u64::from(config.disk_limit_mb) * 1_000_000;
         Self {
             cell_m: config.cell_m,
             limit_bytes: config.memory_limit_mb as usize * 1_000_000,
@@ -116,13 +117,20 @@ impl Octree {
             fine_around: None,
             steps,
             updates: sensors.iter().map(|sensor| steps.update(sensor)).collect(),
-            shards: std::array::from_fn(|_| Shard {
-                disk: DiskBlocks::new(disk_bytes / SHARDS as u64),
-                ..Shard::default()
-            }),
+            disk_bytes: u64::from(config.disk_limit_mb) * 1_000_000,
+            shards: Default::default(),
             rays: Vec::new(),
             ends: HashSet::default(),
             marks: vec![RayMarks::new(); threads.clamp(1, 2)],
+        }
+    }
+
+    /// Keeps in `file` what memory has no room for.
+    pub fn keep_on_disk(&mut self, file: &Arc<dyn BlockFile>) {
+        let of_shard = self.disk_bytes / SHARDS as u64;
+        for (shard, number) in self.shards.iter_mut().zip(0..) {
+            let first_bytes = number * of_shard;
+            shard.disk = DiskBlocks::new(Arc::clone(file), first_bytes, first_bytes + of_shard);
         }
     }
 
@@ -210,14 +218,14 @@ impl Octree {
     }
 
     /// If the blocks exceed the memory limit, makes those farthest from `center` coarse, and where they all are, removes the
-    /// farthest, until 31/32 of the limit remain (so that not every call does it). They go to disk, as far as that has room, and
-    /// come back when a beam meets them or `center` comes near. Returns how many bricks.
+    /// farthest, until 31/32 of the limit remain (so that not every call does it). They go to disk ([`Octree::keep_on_disk`]), as far as that has
+    /// room, and come back when a beam meets them or `center` comes near. Returns how many bricks.
     pub fn enforce_memory_limit(&mut self, center: Point3<f64>) -> LimitedBricks {
         let center = split(VoxelIndex::containing(center, self.cell_m)).0;
         self.fetch_near(center);
         let mut bytes = self.block_bytes();
         if bytes <= self.limit_bytes {
-            return self.take_disk_error(LimitedBricks::default());
+            return self.with_failures(LimitedBricks::default());
         }
         let limit = self.limit_bytes - self.limit_bytes / 32;
         let order = |block: &Block| (block.index.distance_squared(center), block.index);
@@ -252,13 +260,13 @@ impl Octree {
             let is_far = |block: &Block| is_beyond(coarse_from, block);
             shard.coarsen(is_far, values, &mut limited);
         }
-        self.take_disk_error(limited)
+        self.with_failures(limited)
     }
 
-    fn take_disk_error(&mut self, limited: LimitedBricks) -> LimitedBricks {
-        let mut errors = self.shards.iter_mut().map(|shard| shard.disk.take_error());
+    fn with_failures(&mut self, limited: LimitedBricks) -> LimitedBricks {
+        let shards = self.shards.iter_mut();
         LimitedBricks {
-            disk_error: errors.find_map(|error| error),
+            disk_failures: shards.map(|shard| shard.disk.take_failures()).sum(),
             ..limited
         }
     }

@@ -2,7 +2,6 @@
 //! 5).
 
 use nalgebra::{Point3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::grid::VoxelIndex;
 
@@ -19,7 +18,7 @@ const MEMORY: u16 = 64;
 ///
 /// A laser spot across a crest or an edge returns a part of itself, and the hit is placed in its
 /// middle. So the mean is of the finest hits only.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceVoxel {
     /// Hits in the mean.
     hits: u16,
@@ -53,6 +52,28 @@ impl SurfaceVoxel {
         intra: f32::NAN,
         inter: f32::NAN,
     };
+
+    pub(super) const BYTES: usize = 6 * 4;
+
+    pub(super) fn to_bytes(self) -> [u8; Self::BYTES] {
+        let [x, y, z] = self.sums;
+        let counts = u32::from(self.hits) << 16 | u32::from(self.spot);
+        let words = [counts, x, y, z, self.intra.to_bits(), self.inter.to_bits()];
+        std::array::from_fn(|byte| words[byte / 4].to_le_bytes()[byte % 4])
+    }
+
+    /// Of as many bytes as [`SurfaceVoxel::to_bytes`] gives.
+    pub(super) fn from_bytes(bytes: &[u8]) -> Self {
+        let words = bytes.as_chunks().0;
+        let word = |at: usize| words.get(at).map_or(0, |word| u32::from_le_bytes(*word));
+        Self {
+            hits: (word(0) >> 16) as u16,
+            spot: word(0) as u16,
+            sums: [word(1), word(2), word(3)],
+            intra: f32::from_bits(word(4)),
+            inter: f32::from_bits(word(5)),
+        }
+    }
 
     /// Adds a hit in the voxel; `weights` are those of the newest `intra` and `inter`.
     pub(super) fn add(

@@ -1,5 +1,6 @@
 use std::collections::BTreeMap;
 
+use super::disk_blocks::tests::TestFile;
 use super::*;
 use proptest::prelude::*;
 
@@ -477,7 +478,10 @@ fn what_goes_to_disk_comes_back_as_it_was() {
                 disk_limit_mb,
                 ..config()
             };
-            Octree::new(&config, &[model()], 1)
+            let mut octree = Octree::new(&config, &[model()], 1);
+            let file: Arc<dyn BlockFile> = Arc::new(TestFile::default());
+            octree.keep_on_disk(&file);
+            octree
         };
         let (mut limited, mut little_disk, mut unlimited) = (new(1, 100), new(1, 1), new(100, 0));
         let (mut on_disk, mut lost) = (0, 0);
@@ -490,7 +494,7 @@ fn what_goes_to_disk_comes_back_as_it_was() {
             let center = Point3::new(x, 0.0, 0.0);
             let now = limited.enforce_memory_limit(center);
             on_disk += now.on_disk;
-            assert_eq!((now.coarse, now.removed, now.disk_error), (0, 0, None));
+            assert_eq!((now.coarse, now.removed, now.disk_failures), (0, 0, 0));
             assert!(limited.block_bytes() < 1_000_000);
             let now = little_disk.enforce_memory_limit(center);
             lost += now.coarse + now.removed;
