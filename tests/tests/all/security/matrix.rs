@@ -23,7 +23,7 @@ const PUBLISHED: [&str; 7] = [
     "map_head",
     "shores",
     "scan",
-    "map/occupancy/3/-4",
+    "map/occupancy/changes",
 ];
 /// Keys that it answers to everyone.
 const ANSWERED: [&str; 7] = [
@@ -155,7 +155,7 @@ fn received(vehicle: &Vehicle, sessions: &[(&str, Session)]) -> usize {
             every_key()
                 .iter()
                 .map(String::as_str)
-                .chain(["view/*", "op/*/drive", "map/*/*/*"])
+                .chain(["view/*", "op/*/drive", "map/*/changes"])
         {
             let note = Arc::clone(&arrived);
             session
