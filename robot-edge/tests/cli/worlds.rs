@@ -213,9 +213,14 @@ fn a_boat_leaves_its_shores_behind_where_they_are_on_earth() {
 
 #[test]
 fn a_small_memory_limit_evicts_counts_tells_and_goes_on() {
-    let evicting = summary_of(&mut robot_edge(
-        "simulate yard --duration 8 --rate max --set mapping.octree.memory_limit_mb=1",
-    ));
+    let limited = "simulate yard --duration 8 --rate max --set mapping.octree.memory_limit_mb=1";
+    let on_disk = summary_of(&mut robot_edge(limited));
+    assert!(on_disk["voxels"]["disk_bricks"].as_u64().unwrap() > 1000);
+    assert_eq!(on_disk["voxels"]["evicted_bricks"], 0);
+    let unlimited = summary_of(&mut robot_edge("simulate yard --duration 8 --rate max"));
+    assert_eq!(on_disk["voxels"]["digest"], unlimited["voxels"]["digest"]);
+    let without_disk = format!("{limited} --set mapping.octree.disk_limit_mb=0");
+    let evicting = summary_of(&mut robot_edge(&without_disk));
     let voxels = &evicting["voxels"];
     assert!(
         voxels["evicted_bricks"].as_u64().unwrap() > 1000,
