@@ -7,7 +7,7 @@ use protocol::layer::LayerId;
 use protocol::message::{Digests, Info, LayerHead, MapHead, TileBand};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
-use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, TileStore};
+use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, StoredTile, TileStore};
 use protocol::wire::Header;
 
 use super::layer_sync::{LayerSync, Query, SILENCE};
@@ -232,22 +232,20 @@ impl MapSync {
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
             sync.on_tile_reply(request);
         }
-        let held = self
-            .store
-            .get(key)
-            .filter(|_| band.epoch == self.store.epoch(key.layer));
-        if held.is_some_and(|held| held.revision() >= revision && !held.is_evicted()) {
-            return Err(RejectReason::OldRevision);
-        }
-        let held = held.filter(|held| held.revision() == band.base);
-        let base = held.and_then(|held| {
-            held.cells()
-                .or_else(|| (!held.is_evicted()).then_some(&self.blank))
-        });
+        let held = self.store.get(key);
+        let held = held.filter(|_| band.epoch == self.store.epoch(key.layer));
+        let base = held.filter(|held| held.revision() == band.base && !held.is_evicted());
+        let base = base.map(|held| held.cells().unwrap_or(&self.blank));
         let tile = self.intake.take(key, header, band, base);
         if let Err(DecodeError::NoBase) = tile {
-            let sync = self.layers.entry(key.layer).or_default();
-            sync.on_missing(at, revision);
+            if held.is_some_and(|held| held.revision() >= revision) {
+                return Err(RejectReason::OldRevision);
+            }
+            // What was evicted here is left to the comparison of digests.
+            if !held.is_some_and(StoredTile::is_evicted) {
+                let sync = self.layers.entry(key.layer).or_default();
+                sync.on_missing(at, revision);
+            }
         }
         let Some(tile) = tile.map_err(|why| reject_reason(&why))? else {
             return Ok(());

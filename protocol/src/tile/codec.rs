@@ -10,7 +10,7 @@
 //! | 3 | coding: 0 codes; 1 modelled; 2 modelled, as differences to an earlier revision |
 //! | 4 … | coding 0: the low bytes of all cells, then their high bytes; else what a range coder makes of all cells |
 //!
-//! A model tells each cell from its neighbours: a third fewer bytes than zstd finds, and as differences a fifth to a
+//! A model predicts each cell from its neighbours: a third fewer bytes than zstd finds, and as differences a fifth to a
 //! twelfth of them (docs/benchmarks.md).
 
 mod cell_model;

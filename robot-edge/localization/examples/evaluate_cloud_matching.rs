@@ -31,14 +31,14 @@ use simulation::{SimulatedSource, SimulationOptions, World};
 type Failure = Box<dyn std::error::Error>;
 
 fn main() -> Result<(), Failure> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let words: HashMap<&str, &str> = words
+    let options: Vec<String> = std::env::args().skip(1).collect();
+    let options: HashMap<&str, &str> = options
         .iter()
         .filter_map(|word| word.split_once('='))
         .collect();
-    match (words.get("capture"), words.get("world")) {
-        (Some(capture), _) => evaluate_capture(capture, words.get("poses").copied()),
-        (_, Some(world)) => evaluate_world(world, &words),
+    match (options.get("capture"), options.get("world")) {
+        (Some(capture), _) => evaluate_capture(capture, options.get("poses").copied()),
+        (_, Some(world)) => evaluate_world(world, &options),
         _ => Err("capture=FILE or world=NAME".into()),
     }
 }
@@ -166,9 +166,9 @@ impl Errors {
     }
 }
 
-fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failure> {
+fn evaluate_world(world: &str, options: &HashMap<&str, &str>) -> Result<(), Failure> {
     let number = |key: &str, default: f64| {
-        words
+        options
             .get(key)
             .map_or(Ok(default), |text| text.parse::<f64>())
     };
@@ -179,12 +179,12 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
         base_from_imu: UnitQuaternion::identity(),
         smoothing: RobotDuration::from_millis(100),
     };
-    let (prior, motion) = match words.get("prior").copied().unwrap_or("none") {
+    let (prior, motion) = match options.get("prior").copied().unwrap_or("none") {
         "attitude" => (PoseOrigin::Attitude(attitude), MotionPrior::Heading),
         "odometry" | "wheels" => (PoseOrigin::Odometry, MotionPrior::Full),
         _ => (PoseOrigin::Static, MotionPrior::None),
     };
-    let is_3d = words.get("prior") == Some(&"wheels");
+    let is_3d = options.get("prior") == Some(&"wheels");
     let has_gravity = motion == MotionPrior::Heading || is_3d;
     let mut registration = ScanRegistration::new(settings(PoseOrigin::Scans {
         prior: Box::new(prior),
@@ -199,7 +199,10 @@ fn evaluate_world(world: &str, words: &HashMap<&str, &str>) -> Result<(), Failur
     }));
     let options = SimulationOptions {
         seed,
-        duration_s: words.get("duration").map(|text| text.parse()).transpose()?,
+        duration_s: options
+            .get("duration")
+            .map(|text| text.parse())
+            .transpose()?,
         ..SimulationOptions::default()
     };
     let mut source = SimulatedSource::new(&world, options)?;

@@ -321,8 +321,8 @@ fn rows(
             let [x_m, y_m] = [x_mm, y_mm].map(|along_mm| f64::from(along_mm) / 1000.0);
             let is_own = teleop_client.goal.is_some();
             let end = if is_own { "; Esc ends it" } else { "" };
-            let words = format!("{x_m:.1}, {y_m:.1}: a planner drives{end}");
-            rows.push((Tone::Good, row("Goal", words)));
+            let text = format!("{x_m:.1}, {y_m:.1}: a planner drives{end}");
+            rows.push((Tone::Good, row("Goal", text)));
         }
         (None, Some(why)) => rows.push((Tone::Waiting, row("Goal", format!("ended: {why}")))),
         (None, None) => {}

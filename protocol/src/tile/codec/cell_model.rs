@@ -1,5 +1,5 @@
-//! What the bits of a modelled tile mean (SPEC, section 6): each cell is told from its neighbours that came before it, and from the
-//! same tile at an earlier revision.
+//! What the bits of a modelled tile mean (SPEC, section 6): each cell is predicted from its neighbours that came before it, and from
+//! the same tile at an earlier revision.
 
 use super::range_coder::{BitCoder, Probability};
 use crate::layer::{LayerId, UNKNOWN};
@@ -20,7 +20,7 @@ struct Model {
     became: [u16; 256],
 }
 
-/// How a code is told that equals no neighbour.
+/// How a code is coded that equals no neighbour.
 struct Values {
     /// Bit by bit, where few codes occur; else as the difference to a prediction.
     are_few: bool,

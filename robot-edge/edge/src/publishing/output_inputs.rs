@@ -98,7 +98,8 @@ impl OutputInputs {
     /// Copies the octree, if it is requested.
     pub fn offer_octree(&self, stamp: RobotTime, octree: &Octree) {
         if matches!(*lock(&self.octree), OctreeRequest::Requested) {
-            let copy = Box::new(octree.clone());
+            let mut copy = Box::new(octree.clone());
+            copy.forget_disk();
             *lock(&self.octree) = OctreeRequest::Made(stamp, copy);
         }
     }

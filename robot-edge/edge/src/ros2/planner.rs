@@ -48,9 +48,9 @@ struct Drops {
     paths: AtomicU64,
 }
 
-/// What was heard of the planner.
+/// What was received from the planner.
 #[derive(Debug, Default)]
-struct Heard {
+struct Received {
     velocity_at: Mutex<Option<Monotonic>>,
     path: Mutex<Option<Vec<u8>>>,
     drops: Drops,
@@ -59,7 +59,7 @@ struct Heard {
 /// The running session. It ends when it is dropped.
 pub struct PlannerSession {
     exchange: PlannerExchange,
-    heard: Arc<Heard>,
+    received: Arc<Received>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -72,13 +72,13 @@ impl PlannerSession {
         target: RosTarget,
         (exchange, inputs): (PlannerExchange, OutputInputs),
     ) -> std::io::Result<Self> {
-        let (is_over, heard) = (Arc::<AtomicBool>::default(), Arc::<Heard>::default());
+        let (is_over, received) = (Arc::<AtomicBool>::default(), Arc::<Received>::default());
         let planner = Planner {
             config: config.clone(),
             frames: frames.map(str::to_owned),
             exchange: exchange.clone(),
             inputs,
-            heard: Arc::clone(&heard),
+            received: Arc::clone(&received),
             is_over: Arc::clone(&is_over),
         };
         let thread = thread::Builder::new().name("planner".to_owned());
@@ -92,7 +92,7 @@ impl PlannerSession {
         })?;
         Ok(Self {
             exchange,
-            heard,
+            received,
             is_over,
             thread: Some(thread),
         })
@@ -100,7 +100,7 @@ impl PlannerSession {
 
     /// Ends it; what happened, with counts above zero.
     pub fn finish(self) -> Vec<String> {
-        let Drops { velocities, paths } = &self.heard.drops;
+        let Drops { velocities, paths } = &self.received.drops;
         let drops = [
             (velocities, "velocities could not be read"),
             (paths, "paths could not be read, or are in another frame"),
@@ -131,7 +131,7 @@ struct Planner {
     frames: [String; 2],
     exchange: PlannerExchange,
     inputs: OutputInputs,
-    heard: Arc<Heard>,
+    received: Arc<Received>,
     is_over: Arc<AtomicBool>,
 }
 
@@ -163,26 +163,27 @@ impl Planner {
         let (mut sent, mut plan_due) = (self.exchange.goal().0, clock::now());
         while clock::sleep_until(clock::now() + PERIOD, || self.is_over()) {
             let now = clock::now();
-            let is_heard = lock(&self.heard.velocity_at).is_some_and(|at| now.since(at) < PRESENCE);
+            let is_received =
+                lock(&self.received.velocity_at).is_some_and(|at| now.since(at) < PRESENCE);
             let is_announced = takers
                 .get()
                 .values()
                 .any(|taker| taker.stream.type_name == PublishedType::POSE_STAMPED.name);
-            self.exchange.set_present(is_announced || is_heard);
+            self.exchange.set_present(is_announced || is_received);
             let (number, goal) = self.exchange.goal();
             if number != sent {
                 self.send(&mut goals, goal);
                 self.exchange.set_plan(Plan::default());
-                *lock(&self.heard.path) = None;
+                *lock(&self.received.path) = None;
                 (sent, plan_due) = (number, now);
             }
             if goal.is_some() && now >= plan_due {
-                let path = lock(&self.heard.path).take();
+                let path = lock(&self.received.path).take();
                 if let Some(path) = path {
                     plan_due = now + PLAN_PERIOD;
                     match self.plan(&path) {
                         Some(plan) => self.exchange.set_plan(plan),
-                        None => count(&self.heard.drops.paths),
+                        None => count(&self.received.drops.paths),
                     }
                 }
             }
@@ -217,7 +218,7 @@ impl Planner {
         node: &RosNode,
         topic: &str,
         kind: PublishedType,
-        take: fn(&Heard, &PlannerExchange, &Sample),
+        take: fn(&Received, &PlannerExchange, &Sample),
     ) -> Result<(), RosLinkError> {
         let [key, _] = rmw_keys(node.domain, topic, kind).unwrap_or_default();
         let key = key
@@ -226,10 +227,10 @@ impl Planner {
         // Of a bridge, both kinds of velocities have one key.
         let bridged = (kind != PublishedType::TWIST_STAMPED).then(|| bridge_key(topic).to_owned());
         for key in key.into_iter().chain(bridged) {
-            let (heard, exchange) = (Arc::clone(&self.heard), self.exchange.clone());
+            let (received, exchange) = (Arc::clone(&self.received), self.exchange.clone());
             node.session
                 .declare_subscriber(key.clone())
-                .callback(move |sample| take(&heard, &exchange, &sample))
+                .callback(move |sample| take(&received, &exchange, &sample))
                 .background()
                 .wait()
                 .map_err(RosLinkError::refused(&key))?;
@@ -237,22 +238,22 @@ impl Planner {
         Ok(())
     }
 
-    fn take_velocity(heard: &Heard, exchange: &PlannerExchange, sample: &Sample) {
+    fn take_velocity(received: &Received, exchange: &PlannerExchange, sample: &Sample) {
         let arrived = clock::now();
         match velocity(&sample.payload().to_bytes()) {
             Some(velocity) => {
-                *lock(&heard.velocity_at) = Some(arrived);
+                *lock(&received.velocity_at) = Some(arrived);
                 exchange.offer(velocity, arrived);
             }
-            None => count(&heard.drops.velocities),
+            None => count(&received.drops.velocities),
         }
     }
 
-    fn take_path(heard: &Heard, _exchange: &PlannerExchange, sample: &Sample) {
+    fn take_path(received: &Received, _exchange: &PlannerExchange, sample: &Sample) {
         if sample.payload().len() <= MAX_PATH_BYTES {
-            *lock(&heard.path) = Some(sample.payload().to_bytes().into_owned());
+            *lock(&received.path) = Some(sample.payload().to_bytes().into_owned());
         } else {
-            count(&heard.drops.paths);
+            count(&received.drops.paths);
         }
     }
 
@@ -340,7 +341,7 @@ mod tests {
             frames: ["map".to_owned(), "odom".to_owned()],
             exchange: PlannerExchange::default(),
             inputs: inputs.clone(),
-            heard: Arc::default(),
+            received: Arc::default(),
             is_over: Arc::default(),
         };
         let stamp = RobotTime::from_nanos(0);

@@ -282,7 +282,8 @@ impl Network {
 
     /// Packs on a thread of low priority, so that mapping waits only for a copy of the octree: what the link carries in
     /// [`MAX_DOWNLOAD`].
-    fn pack_voxels(&self, maps: &Maps, stamp: RobotTime, octree: Octree) {
+    fn pack_voxels(&self, maps: &Maps, stamp: RobotTime, mut octree: Octree) {
+        octree.forget_disk();
         let classes = PublishedClasses::of(&maps.publisher().store());
         let driving = self.driving.as_ref();
         let budget_kbps = driving.map_or(self.budget_kbps, |driving| {

@@ -134,6 +134,13 @@ impl Octree {
         }
     }
 
+    /// Leaves what memory holds, coarse where the rest is on disk: for a copy that is read whole, as its size is bounded then.
+    pub fn forget_disk(&mut self) {
+        for shard in &mut self.shards {
+            shard.disk = DiskBlocks::default();
+        }
+    }
+
     /// Side of a voxel, metres.
     pub const fn cell_m(&self) -> f64 {
         self.cell_m

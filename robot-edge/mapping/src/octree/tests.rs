@@ -504,8 +504,14 @@ fn what_goes_to_disk_comes_back_as_it_was() {
                 let mut copy = limited.clone();
                 copy.enforce_memory_limit(Point3::origin());
                 assert_same_around_origin(&copy, &unlimited);
-                copy.coarsen_beyond(Point3::origin(), 10.0);
-                assert!(states(&copy) != states(&unlimited));
+                for forget in [
+                    |octree: &mut Octree| octree.coarsen_beyond(Point3::origin(), 10.0),
+                    Octree::forget_disk,
+                ] {
+                    let mut copy = copy.clone();
+                    forget(&mut copy);
+                    assert!(states(&copy) != states(&unlimited));
+                }
                 assert!(states(&limited) == states(&unlimited));
             }
         }

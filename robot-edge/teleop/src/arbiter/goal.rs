@@ -21,7 +21,7 @@ pub(crate) struct RunningGoal {
     pub(crate) pose: MapPose,
     pub(crate) started: Monotonic,
     /// When the newest velocity since then arrived.
-    pub(crate) heard: Option<Monotonic>,
+    pub(crate) received: Option<Monotonic>,
 }
 
 /// Why a goal ends with a stop.
@@ -67,7 +67,7 @@ impl Step<'_> {
             self.state.goal = Some(RunningGoal {
                 pose,
                 started: self.now,
-                heard: None,
+                received: None,
             });
             self.notify(ArbiterEvent::GoalStarted(pose));
         }
@@ -82,14 +82,14 @@ impl Step<'_> {
             return;
         }
         let gap = goal
-            .heard
-            .map_or(Duration::ZERO, |heard| arrived.since(heard));
+            .received
+            .map_or(Duration::ZERO, |received| arrived.since(received));
         if !velocity.is_finite() {
             self.stop_and_lock(StopReason::NotFinite);
         } else if gap.max(self.now.since(arrived)) > planner.max_gap {
             self.planner_silent();
         } else {
-            goal.heard = goal.heard.max(Some(arrived));
+            goal.received = goal.received.max(Some(arrived));
             self.state.stream.requested = velocity;
         }
     }
@@ -105,8 +105,8 @@ impl Step<'_> {
         let (Some(goal), Some(planner)) = (self.state.goal, self.rules.planner) else {
             return;
         };
-        let is_silent = match goal.heard {
-            Some(heard) => self.now.since(heard) > planner.max_gap,
+        let is_silent = match goal.received {
+            Some(received) => self.now.since(received) > planner.max_gap,
             None => self.now.since(goal.started) > planner.planning_time,
         };
         if is_silent {

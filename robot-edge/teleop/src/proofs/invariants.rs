@@ -81,7 +81,7 @@ pub(super) struct Licence {
 pub(super) struct GoalInForce {
     pub(super) started: Monotonic,
     /// When the planner's newest velocity since then arrived.
-    pub(super) heard: Option<Monotonic>,
+    pub(super) received: Option<Monotonic>,
 }
 
 impl Licence {
@@ -134,7 +134,7 @@ impl Licence {
             self.is_given = true;
             self.goal = Some(GoalInForce {
                 started: now,
-                heard: None,
+                received: None,
             });
         }
     }
@@ -151,10 +151,10 @@ impl Licence {
             return;
         };
         let has_gap = goal
-            .heard
-            .is_some_and(|heard| arrived.since(heard) > max_gap);
+            .received
+            .is_some_and(|received| arrived.since(received) > max_gap);
         if velocity.is_finite() && now.since(arrived) <= max_gap && !has_gap {
-            goal.heard = goal.heard.max(Some(arrived));
+            goal.received = goal.received.max(Some(arrived));
         } else {
             self.lock();
         }
@@ -431,7 +431,10 @@ impl Monitor {
 
     fn emergency_stop(&mut self, now: Monotonic, after: &ArbiterState) -> Result<(), Violation> {
         self.licence.lock();
-        let id = after.estop.ok_or("P5: an emergency stop is not heard")?.id;
+        let id = after
+            .estop
+            .ok_or("P5: an emergency stop is not received")?
+            .id;
         let latched = Latched {
             id,
             is_stored: false,
@@ -581,8 +584,8 @@ impl Monitor {
             self.licence.monitor_unavailable();
         }
         if let (Some(goal), Some(planner)) = (self.licence.goal, rules.planner) {
-            let is_silent = match goal.heard {
-                Some(heard) => now.since(heard) > planner.max_gap,
+            let is_silent = match goal.received {
+                Some(received) => now.since(received) > planner.max_gap,
                 None => now.since(goal.started) > planner.planning_time,
             };
             if is_silent {
@@ -594,7 +597,7 @@ impl Monitor {
             && self.in_force.is_some_and(|last| last.is_pressed)
             && self.licence.is_given
             // Of a goal, only what the planner says moves it.
-            && self.licence.goal.is_none_or(|goal| goal.heard.is_some())
+            && self.licence.goal.is_none_or(|goal| goal.received.is_some())
             && self.monitor_is_available(now)
             && self.estop.is_none()
             && !self.has_fault

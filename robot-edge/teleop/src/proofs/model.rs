@@ -648,7 +648,7 @@ impl Small {
         self.goal = state.goal.map(|goal| RunningGoal {
             pose: goal.pose,
             started: at(goal.started),
-            heard: goal.heard.map(at),
+            received: goal.received.map(at),
         });
         self.speed_um = (state.motion.linear.speed * 1e6).round() as i64;
         self.monitor_is_available = matches!(
@@ -670,7 +670,7 @@ impl Small {
                 neutral_since: monitor.licence.neutral_since.map(at),
                 goal: monitor.licence.goal.map(|goal| GoalInForce {
                     started: at(goal.started),
-                    heard: goal.heard.map(at),
+                    received: goal.received.map(at),
                 }),
                 ..monitor.licence
             },
