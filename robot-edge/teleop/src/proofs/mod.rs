@@ -5,6 +5,7 @@
 //! that a live operator can drive.
 
 mod invariants;
+mod licence;
 mod model;
 mod properties;
 mod shaped_link;

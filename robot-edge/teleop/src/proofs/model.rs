@@ -6,10 +6,9 @@
 //! is alike. So a state of the model is the arbiter's *relative to the present* ([`Small`]), of which there are finitely
 //! many, and the search ends by itself.
 //!
-//! The network holds a few commands at once; each is delivered, delivered and kept (a duplicate), or lost, in any
-//! order, at any time later. A console stamps a command with any of the latest tokens and with the present epoch or an
-//! earlier one, so that tokens and grants are delayed as well. Requests are made at any time, with a young or an old
-//! token. Every transition is held against the invariants.
+//! The network holds a few commands at once; each is delivered, delivered and kept (a duplicate), or lost, in any order, at any
+//! time later. A console stamps a command with any of the latest tokens and with the present epoch or an earlier one, so that tokens
+//! and grants are delayed as well. Requests come at any time, with a young or an old token. Invariants hold for every transition.
 
 use std::hash::{Hash, Hasher};
 use std::time::Duration;
@@ -17,7 +16,8 @@ use std::time::Duration;
 use protocol::message::{FaultReason, LeaseEnd, StopReason};
 use stateright::{Checker as _, Model, Property};
 
-use super::invariants::{GoalInForce, InForce, Latched, Licence, Monitor, Transition, Violation};
+use super::invariants::{InForce, Latched, Monitor, Transition, Violation};
+use super::licence::{GoalInForce, Licence};
 use super::{GOAL, caller, millis};
 use crate::arbiter::{ArbiterState, Mode, RunningGoal, step};
 use crate::command_stream::{ArmingState, DriveCommand};
