@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p localization --example evaluate_cloud_matching -- capture=FILE [poses=FILE]`
 //! `cargo run --release -p localization --example evaluate_cloud_matching -- world=NAME [prior=none|attitude|odometry|wheels] [seed=1]
-//! [duration=SECONDS]`
+//! [duration=SECONDS] [laser=tilting|tilted]`: without a laser, a lidar 0.8 m above the ground; introbot's, or holos'
 #![expect(clippy::print_stdout, reason = "the output of the example")]
 
 use std::collections::{BTreeMap, HashMap};
@@ -18,6 +18,7 @@ use localization::registration::{
 };
 use localization::scan_localization::{MotionPrior, ScanLocalizationSettings};
 use localization::scan_matching::slam_settings::SlamSettings;
+use localization::tilt::TiltSettings;
 use mapping::registered_scan::{BeamOutcome, RegisteredScan, ScanKind, SensorId};
 use measurement::pose::{self, Pose};
 use measurement::time::{RobotDuration, RobotTime};
@@ -71,6 +72,7 @@ fn evaluate_capture(capture: &str, poses: Option<&str>) -> Result<(), Failure> {
                 prior: [(begin, Pose::identity()), (end, Pose::identity())],
                 motion: MotionPrior::None,
                 has_gravity: false,
+                is_stripe: false,
             },
             |_| false,
         );
@@ -186,17 +188,42 @@ fn evaluate_world(world: &str, options: &HashMap<&str, &str>) -> Result<(), Fail
     };
     let is_3d = options.get("prior") == Some(&"wheels");
     let has_gravity = motion == MotionPrior::Heading || is_3d;
-    let mut registration = ScanRegistration::new(settings(PoseOrigin::Scans {
+    let laser = options.get("laser").copied();
+    let mut settings = settings(PoseOrigin::Scans {
         prior: Box::new(prior),
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
+            is_tilted: laser.is_some(),
             prior: motion,
             has_gravity,
             has_height: false,
             receiver: None,
             slam: SlamSettings::default(),
         }),
-    }));
+    });
+    let sensor = &mut settings.sensors[0];
+    let beams = &mut sensor.beams;
+    let mount = |x_m, z_m, down_deg: f64| {
+        let down = UnitQuaternion::from_euler_angles(0.0, down_deg.to_radians(), 0.0);
+        Pose::from_parts(Translation3::new(x_m, 0.0, z_m), down)
+    };
+    match laser {
+        Some("tilted") => {
+            (beams.kind, beams.base_from_sensor) = (ScanKind::Beams, mount(0.25, 1.08, 7.5));
+        }
+        Some(_) => {
+            (beams.kind, beams.base_from_sensor) = (ScanKind::Beams, mount(0.65, 0.65, 0.0));
+            sensor.tilt = Some(TiltSettings {
+                joint: "laser_tilt_joint".to_owned(),
+                stream: None,
+                scale: 1.0,
+                offset_rad: 0.0,
+                time_offset: RobotDuration::ZERO,
+            });
+        }
+        None => {}
+    }
+    let mut registration = ScanRegistration::new(settings);
     let options = SimulationOptions {
         seed,
         duration_s: options
@@ -234,7 +261,10 @@ fn evaluate_world(world: &str, options: &HashMap<&str, &str>) -> Result<(), Fail
             data,
         } = measurement;
         let mut push = |data| {
-            let is_cloud = matches!(data, MeasurementData::Cloud(_));
+            let is_cloud = matches!(
+                data,
+                MeasurementData::Cloud(_) | MeasurementData::Scan { .. }
+            );
             let begin_ms = used_ms();
             registration.push(
                 Measurement {
@@ -272,6 +302,7 @@ fn evaluate_world(world: &str, options: &HashMap<&str, &str>) -> Result<(), Fail
                         prior: [(begin, Pose::identity()), (end, Pose::identity())],
                         motion,
                         has_gravity,
+                        is_stripe: false,
                     };
                     let begin_ms = used_ms();
                     by_clouds.push((begin, alone.push(&revolution, |_| false)));
@@ -279,6 +310,7 @@ fn evaluate_world(world: &str, options: &HashMap<&str, &str>) -> Result<(), Fail
                 }
                 push(MeasurementData::Cloud(cloud));
             }
+            MeasurementData::Scan { .. } | MeasurementData::Joints(_) => push(data),
             _ => {}
         }
         take(&mut out, &mut scans);

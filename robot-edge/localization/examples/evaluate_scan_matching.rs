@@ -160,6 +160,7 @@ fn input(scan: &LogScan, has_odometry: bool) -> ScanInput<'_> {
         odom_from_base: has_odometry.then_some(scan.odom_from_base),
         is_heading_only: false,
         is_by_clouds: false,
+        is_placed: false,
         base_from_antenna: Point2::origin(),
     }
 }

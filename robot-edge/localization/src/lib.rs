@@ -37,7 +37,7 @@ use serde::Deserialize;
 pub struct LocalizationConfig {
     /// Source of the poses.
     pub source: PoseSource,
-    /// The sensor whose scans are matched; default: the first planar one that does not tilt.
+    /// The sensor whose scans are matched; default: the first level planar laser, else the first lidar, else the first tilted laser.
     pub scan_sensor: Option<String>,
     /// Fixed frame of the map; default: the one of the pose source (`odom`).
     pub fixed_frame: Option<String>,

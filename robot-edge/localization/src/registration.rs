@@ -17,6 +17,7 @@ use protocol::geodesy::GeodeticPoint;
 
 use crate::attitude::AttitudeSettings;
 use crate::beam_projection::{BodyBox, SensorSettings};
+use crate::cloud_matching::scan_collector::{STRIPE, ScanCollector};
 use crate::dead_reckoning::{DeadReckoningSettings, StampedPose};
 use crate::gnss_positioning::GnssSettings;
 use crate::pose_buffer::{InterpolationLimits, PoseJump};
@@ -83,6 +84,11 @@ impl ScanRegistration {
         let longest_hold = scan_queue::set_holds(&mut sensors);
         let tilts = settings.sensors.iter().filter_map(|s| s.tilt.as_ref());
         let lag = tilts.fold(lag(&settings.origin), |lag, tilt| lag.max(tilt.lag()));
+        let lag = match &settings.origin {
+            // Its last scan begins when the time is over.
+            PoseOrigin::Scans { scans, .. } if scans.is_tilted => lag + STRIPE + STRIPE,
+            _ => lag,
+        };
         settings.max_pose_wait = settings.max_pose_wait + lag;
         settings.pose_history = settings.pose_history + lag + longest_hold;
         Self {
@@ -92,10 +98,16 @@ impl ScanRegistration {
             sensors,
             pose_estimator: PoseEstimator::of(settings.origin.prior(), settings.pose_streams),
             scan_localization: match &settings.origin {
-                PoseOrigin::Scans { scans, .. } => Some(Box::new(ScanLocalization::new(
-                    scans,
-                    settings.continuation.clone(),
-                ))),
+                PoseOrigin::Scans { scans, .. } => {
+                    let mut sensors = settings.sensors.iter();
+                    let matched = sensors.find(|of| of.beams.id == scans.sensor);
+                    let collector = matched
+                        .filter(|_| scans.is_tilted)
+                        .map(|of| ScanCollector::new(of.beams.clone(), settings.body));
+                    let continuation = settings.continuation.clone();
+                    let localization = ScanLocalization::new(scans, collector, continuation);
+                    Some(Box::new(localization))
+                }
                 _ => None,
             },
             estimated_poses: Vec::new(),
@@ -326,8 +338,8 @@ impl ScanRegistration {
             scan_localization.enqueue(WaitingScan {
                 stamp: first_beam,
                 known_at: match sweep {
-                    Sweep::Planar(_) => first_beam,
-                    Sweep::Cloud(..) => last_beam,
+                    Sweep::Planar(_) if !scan_localization.settings.is_tilted => first_beam,
+                    _ => last_beam,
                 },
                 frame: FrameId::clone(&frame),
                 sweep: sweep.clone(),
@@ -424,11 +436,19 @@ impl ScanRegistration {
         let Some(mut scan_localization) = self.scan_localization.take() else {
             return;
         };
+        let sensor = scan_localization.settings.sensor;
         while let Some(waiting) = scan_localization.waiting.front() {
             let newest = self
                 .prior_chain()
                 .and_then(|chain| chain.newest())
                 .unwrap_or(RobotTime::MIN);
+            let newest = match scan_localization.collector {
+                Some(_) => self
+                    .mount_chain(sensor, &waiting.frame)
+                    .and_then(|(chain, _)| chain.newest())
+                    .map_or(RobotTime::MIN, |angles| angles.min(newest)),
+                None => newest,
+            };
             let is_late = self.newest > waiting.known_at + self.settings.max_pose_wait;
             if !is_end && newest < waiting.known_at && !is_late {
                 break;
@@ -436,26 +456,85 @@ impl ScanRegistration {
             let Some(waiting) = scan_localization.waiting.pop_front() else {
                 break;
             };
-            match self.poses_of(&waiting, scan_localization.settings.sensor) {
-                Ok((base_from_sensor, prior)) => {
-                    let (odom_from_prior, change) = scan_localization.take(
-                        &waiting,
-                        &base_from_sensor,
-                        prior,
-                        &self.settings.body,
-                    );
-                    out.extend(change.map(RegistrationOutput::Confidence));
-                    let prior_frame = self.settings.prior_frame().into();
-                    let matched = (&MATCHED_FRAME.into(), &prior_frame);
-                    self.tree
-                        .insert(matched.0, matched.1, waiting.stamp, odom_from_prior, false);
-                    let corrected = scan_localization.take_correction();
-                    out.extend(corrected.map(|way| RegistrationOutput::Corrected(Arc::new(way))));
-                }
-                Err(reason) => scan_localization.count_dropped(reason),
+            let collected = match &mut scan_localization.collector {
+                Some(collector) => self.collect(collector, &waiting, sensor),
+                None => Ok(Some(waiting)),
+            };
+            let matched = collected.and_then(|waiting| match waiting {
+                Some(waiting) => self.match_scan(&mut scan_localization, &waiting, out),
+                None => Ok(()),
+            });
+            if let Err(reason) = matched {
+                scan_localization.count_dropped(reason);
             }
         }
+        let collector = scan_localization.collector.as_mut();
+        if let Some(stripe) = collector.filter(|_| is_end).and_then(ScanCollector::stripe)
+            && let Err(reason) = self.match_scan(&mut scan_localization, &stripe, out)
+        {
+            scan_localization.count_dropped(reason);
+        }
         self.scan_localization = Some(scan_localization);
+    }
+
+    /// Adds a scan to a stripe; returns the stripe if it is complete.
+    fn collect(
+        &self,
+        collector: &mut ScanCollector,
+        waiting: &WaitingScan,
+        sensor: SensorId,
+    ) -> Result<Option<WaitingScan>, DropReason> {
+        let mount = self.mount_chain(sensor, &waiting.frame);
+        let (chain, mount) = mount.ok_or(DropReason::NoPose)?;
+        let mut sampler = chain.sampler();
+        let base_from_sensor_at = |stamp| Ok(sampler.pose_at(stamp)? * mount);
+        collector.push(waiting, base_from_sensor_at)?;
+        Ok(collector
+            .is_complete()
+            .then(|| collector.stripe())
+            .flatten())
+    }
+
+    /// Matches a scan, with `base_from_sensor` at its stamp and the vehicle's poses by the other sensors then and when it is matched.
+    fn match_scan(
+        &mut self,
+        scan_localization: &mut ScanLocalization,
+        waiting: &WaitingScan,
+        out: &mut Vec<RegistrationOutput>,
+    ) -> Result<(), DropReason> {
+        let is_stripe = scan_localization.collector.is_some();
+        let base_from_sensor = if is_stripe {
+            Pose::identity()
+        } else {
+            let mount = self.mount_chain(scan_localization.settings.sensor, &waiting.frame);
+            let (chain, mount) = mount.ok_or(DropReason::NoPose)?;
+            chain.sampler().pose_at(waiting.stamp)? * mount
+        };
+        let chain = self.prior_chain().ok_or(DropReason::NoPose)?;
+        let mut sampler = chain.sampler();
+        let mut prior_at = |stamp| Ok((stamp, sampler.pose_at(stamp)?));
+        let prior = [prior_at(waiting.stamp)?, prior_at(waiting.known_at)?];
+        let body = &self.settings.body;
+        let (odom_from_prior, change) =
+            scan_localization.take(waiting, &base_from_sensor, prior, body);
+        out.extend(change.map(RegistrationOutput::Confidence));
+        let (matched_frame, prior_frame) =
+            (MATCHED_FRAME.into(), self.settings.prior_frame().into());
+        let chain = self.tree.chain(MATCHED_FRAME, &prior_frame);
+        let is_first = chain.and_then(|chain| chain.newest()).is_none();
+        // The scans of a stripe wait for its end, not for the next one.
+        for (stamp, is_known) in [
+            (waiting.stamp, is_first || !is_stripe),
+            (waiting.known_at, is_stripe),
+        ] {
+            if is_known {
+                self.tree
+                    .insert(&matched_frame, &prior_frame, stamp, odom_from_prior, false);
+            }
+        }
+        let corrected = scan_localization.take_correction();
+        out.extend(corrected.map(|way| RegistrationOutput::Corrected(Arc::new(way))));
+        Ok(())
     }
 
     fn emit_correction(&mut self, out: &mut Vec<RegistrationOutput>) {
@@ -470,30 +549,11 @@ impl ScanRegistration {
         self.tree.chain(self.settings.prior_frame(), base)
     }
 
-    /// `base_from_sensor` at the stamp of a scan, and the vehicle's poses by the other sensors then and when the scan is matched.
-    fn poses_of(
-        &self,
-        waiting: &WaitingScan,
-        sensor: SensorId,
-    ) -> Result<(Pose, [StampedPose; 2]), DropReason> {
-        let chain = self.prior_chain().ok_or(DropReason::NoPose)?;
-        let mut sampler = chain.sampler();
-        let mut prior_at = |stamp| Ok((stamp, sampler.pose_at(stamp)?));
-        let prior = [prior_at(waiting.stamp)?, prior_at(waiting.known_at)?];
-        let of = self
-            .sensors
-            .iter()
-            .find(|of| of.settings.beams.id == sensor);
-        let settings = &of.ok_or(DropReason::NoPose)?.settings;
-        let base_from_sensor = match settings.mount {
-            MountOrigin::Configured => settings.beams.base_from_sensor,
-            MountOrigin::Tree => {
-                let chain = self.tree.chain(&self.settings.base_frame, &waiting.frame);
-                let chain = chain.ok_or(DropReason::NoPose)?;
-                chain.sampler().pose_at(waiting.stamp)?
-            }
-        };
-        Ok((base_from_sensor, prior))
+    /// Chain from a sensor to the vehicle: `base_from_sensor = chain · mount`.
+    fn mount_chain(&self, sensor: SensorId, frame: &FrameId) -> Option<(TransformChain<'_>, Pose)> {
+        let mut sensors = self.sensors.iter();
+        let of = sensors.find(|of| of.settings.beams.id == sensor)?;
+        of.chain(&self.tree, &self.settings.base_frame, &self.settings, frame)
     }
 
     /// Emits the jumps up to `stamp` that moved the vehicle, or the sensor if the tree does not
@@ -545,7 +605,8 @@ impl ScanRegistration {
             return false;
         }
         let passed_by = |max_pose_wait| self.newest > scan.last_beam + max_pose_wait;
-        let chain = self.sensors[sensor].chain(&self.tree, &self.settings, &scan.frame);
+        let (fixed_frame, of) = (self.settings.fixed_frame(), &self.sensors[sensor]);
+        let chain = of.chain(&self.tree, fixed_frame, &self.settings, &scan.frame);
         match chain.and_then(|(chain, _)| chain.newest()) {
             Some(newest) if newest > scan.last_beam => true,
             // Of equal stamps the later wins, so wait until no other can arrive.
@@ -557,7 +618,7 @@ impl ScanRegistration {
     fn register(&mut self, sensor: usize, scan: &QueuedScan) -> Result<RegisteredScan, DropReason> {
         let (tree, settings, of) = (&self.tree, &self.settings, &mut self.sensors[sensor]);
         let (chain, mount) = of
-            .chain(tree, settings, &scan.frame)
+            .chain(tree, settings.fixed_frame(), settings, &scan.frame)
             .ok_or(DropReason::NoPose)?;
         let mut sampler = chain.sampler();
         let odom_from_base = match tree.chain(settings.fixed_frame(), &settings.base_frame) {

@@ -16,6 +16,7 @@ use nalgebra::{Isometry2, Matrix3, Point2, Point3, Vector3};
 use protocol::geodesy::{GeodeticPoint, LocalTangentPlane};
 
 use crate::beam_projection::BodyBox;
+use crate::cloud_matching::scan_collector::ScanCollector;
 use crate::cloud_matching::{CloudMatcher, Revolution};
 use crate::cloud_walls::walls;
 use crate::dead_reckoning::StampedPose;
@@ -43,6 +44,8 @@ pub enum MotionPrior {
 pub struct ScanLocalizationSettings {
     /// The sensor whose scans are matched.
     pub sensor: SensorId,
+    /// It is a planar laser that is tilted or tilts: its scans are matched in space, as clouds.
+    pub is_tilted: bool,
     /// What else is known about the motion.
     pub prior: MotionPrior,
     /// Whether roll and pitch of the other sensors' poses are those of an attitude sensor.
@@ -70,6 +73,7 @@ pub(crate) struct ScanLocalization {
     pub(crate) settings: ScanLocalizationSettings,
     pub(crate) waiting: VecDeque<WaitingScan>,
     clouds: CloudMatcher,
+    pub(crate) collector: Option<ScanCollector>,
     slam: ScanSlam,
     odom_from_local: Isometry2<f64>,
     keyframes: Vec<Keyframe>,
@@ -352,6 +356,7 @@ impl ScanLocalization {
     /// `continuation`: the vehicle goes on in this map once it is found there.
     pub(crate) fn new(
         settings: &ScanLocalizationSettings,
+        collector: Option<ScanCollector>,
         continuation: Option<Continuation>,
     ) -> Self {
         Self {
@@ -365,6 +370,7 @@ impl ScanLocalization {
             settings: *settings,
             waiting: VecDeque::new(),
             clouds: CloudMatcher::default(),
+            collector,
             keyframes: Vec::new(),
             is_corrected: false,
             begins_map: false,
@@ -379,12 +385,13 @@ impl ScanLocalization {
     pub(crate) fn reset(&mut self, continuation: Option<Continuation>) {
         let session = self.session + 1;
         let plane = self.plane.take();
+        let collector = self.collector.take().map(ScanCollector::emptied);
         *self = Self {
             session,
             plane,
             begins_map: true,
             is_corrected: true,
-            ..Self::new(&self.settings, continuation)
+            ..Self::new(&self.settings, collector, continuation)
         };
     }
 
@@ -467,7 +474,7 @@ impl ScanLocalization {
         body: &BodyBox,
     ) -> (Pose, Option<ConfidenceChange>) {
         let mut motion = self.settings.prior;
-        let mut is_by_clouds = false;
+        let (mut is_by_clouds, mut is_placed) = (false, false);
         // By the other sensors, or by the cloud.
         let mut reckoned = prior[0].1;
         if let Sweep::Cloud(cloud, stamp) = &waiting.sweep {
@@ -478,6 +485,7 @@ impl ScanLocalization {
                 prior,
                 motion,
                 has_gravity: self.settings.has_gravity,
+                is_stripe: self.collector.is_some(),
             };
             let pose = self.clouds.push(&revolution, |point| body.contains(point));
             reckoned = pose.odom_from_base;
@@ -485,7 +493,8 @@ impl ScanLocalization {
                 reckoned.translation.z = prior[0].1.translation.z;
             }
             is_by_clouds = pose.is_determined();
-            if is_by_clouds {
+            is_placed = is_by_clouds || self.collector.is_some();
+            if is_placed {
                 motion = MotionPrior::Full;
             }
         }
@@ -497,6 +506,10 @@ impl ScanLocalization {
                 let level_from_sensor = level_from_base * base_from_sensor;
                 let is_own = |point: &Point3<f64>| body.contains(&(base_from_sensor * point));
                 let place = level_from_sensor.translation.vector.xy();
+                let collector = self.collector.as_mut();
+                let surroundings =
+                    collector.map(|of| of.surroundings(cloud, waiting.stamp, &reckoned));
+                let cloud = surroundings.as_ref().unwrap_or(cloud);
                 let scan = walls(cloud, &level_from_sensor, is_own);
                 (scan, Isometry2::new(place, 0.0))
             }
@@ -510,6 +523,7 @@ impl ScanLocalization {
             odom_from_base: (motion != MotionPrior::None).then_some(prior),
             is_heading_only: motion == MotionPrior::Heading,
             is_by_clouds,
+            is_placed,
             base_from_antenna: self
                 .settings
                 .receiver

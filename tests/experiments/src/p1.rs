@@ -39,8 +39,9 @@ const SETTINGS: [&str; 2] = [
 ];
 
 /// Label, preset, settings, and whether it maps heights.
-const VEHICLES: [(&str, &str, &[&str], bool); 2] = [
+const VEHICLES: [(&str, &str, &[&str], bool); 3] = [
     ("planar laser", "pioneer", &SETTINGS, false),
+    ("tilting laser", "introbot", SETTINGS.split_at(1).0, false),
     ("16 rings", "lidar16", SETTINGS.split_at(1).0, true),
 ];
 

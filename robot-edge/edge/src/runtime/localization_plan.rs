@@ -109,25 +109,29 @@ pub fn match_scans(
         let up = sensor.config.mount.base_from_sensor().rotation * Vector3::z();
         up.z.abs() > LEAST_LEVEL
     };
-    let can_match = |kind| {
-        let mut of_kind = of_vehicle
-            .iter()
-            .filter(|sensor| sensor.config.scan_kind == kind);
-        of_kind.find(|sensor| {
-            sensors.iter().any(|planned| planned.id == sensor.id)
-                && sensor.config.tilt.is_none()
-                && wanted.map_or_else(
-                    || kind == ScanKind::Cloud || is_level(sensor),
-                    |wanted| sensor.name == wanted,
-                )
-        })
+    let is_tilted = |sensor: &RangeSensor<'_>| {
+        let is_planar = sensor.config.scan_kind == ScanKind::Beams;
+        is_planar && (sensor.config.tilt.is_some() || !is_level(sensor))
     };
-    let matched = can_match(ScanKind::Beams).or_else(|| can_match(ScanKind::Cloud));
-    let Some(matched) = matched else {
+    // A lidar before a laser that is tilted, and a level one before both.
+    let rank = |sensor: &RangeSensor<'_>| match sensor.config.scan_kind {
+        ScanKind::Beams => Some(if is_tilted(sensor) { 2 } else { 0 }),
+        ScanKind::Cloud => Some(1),
+        _ => None,
+    };
+    let matched = of_vehicle
+        .iter()
+        .filter(|sensor| sensors.iter().any(|planned| planned.id == sensor.id))
+        .filter(|sensor| wanted.is_none_or(|wanted| sensor.name == wanted))
+        .filter_map(|sensor| Some((rank(sensor)?, sensor)))
+        .min_by_key(|(rank, _)| *rank);
+    let Some((_, matched)) = matched else {
         let names: Vec<_> = of_vehicle.iter().map(|sensor| sensor.name).collect();
         let which = wanted.map_or_else(
-            || "none of its range sensors is a lidar, or a level planar laser that does not tilt".to_owned(),
-            |wanted| format!("it has no lidar and no planar laser {wanted:?} (localization.scan_sensor) that does not tilt"),
+            || "none of its range sensors is a planar laser or a lidar".to_owned(),
+            |wanted| {
+                format!("it has no planar laser and no lidar {wanted:?} (localization.scan_sensor)")
+            },
         );
         return Err(UsageError(format!(
             "vehicle {:?}: no scans to match: {which}; its range sensors: {}",
@@ -135,17 +139,29 @@ pub fn match_scans(
             names.join(", ")
         )));
     };
+    let motion = match prior {
+        PoseOrigin::Static => MotionPrior::None,
+        PoseOrigin::Attitude(_) => MotionPrior::Heading,
+        _ => MotionPrior::Full,
+    };
+    let is_tilted = is_tilted(matched);
+    if is_tilted && motion != MotionPrior::Full {
+        return Err(UsageError(format!(
+            "vehicle {:?}: the laser {:?} is tilted, so that its scans determine poses only together with odometry: set \
+             localization.source to \"scan+wheels\" or \"scan+gps\"",
+            config.vehicle.name, matched.name
+        )));
+    }
     Ok(Some(ScanLocalizationSettings {
         sensor: matched.id,
-        prior: match prior {
-            PoseOrigin::Static => MotionPrior::None,
-            PoseOrigin::Attitude(_) => MotionPrior::Heading,
-            _ => MotionPrior::Full,
-        },
-        has_gravity: matches!(
-            prior,
-            PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Attitude(_)
-        ),
+        is_tilted,
+        prior: motion,
+        // Where a tilted laser meets the ground depends on roll and pitch: those of its odometry count, too.
+        has_gravity: is_tilted
+            || matches!(
+                prior,
+                PoseOrigin::Wheels(_) | PoseOrigin::Gps(_) | PoseOrigin::Attitude(_)
+            ),
         has_height: matches!(prior, PoseOrigin::Gps(_)),
         receiver: the_gps(&config.sensors).map(|(_, gps)| ReceiverSettings {
             time_offset: RobotDuration::from_secs_f64(gps.time_offset_s),
@@ -155,8 +171,8 @@ pub fn match_scans(
     }))
 }
 
-/// Cosine of the greatest tilt of a laser whose scans are matched, 25°.
-const LEAST_LEVEL: f64 = 0.906;
+/// Cosine of the greatest tilt of a laser whose scans are matched in the plane, 3°.
+const LEAST_LEVEL: f64 = 0.9986;
 
 fn attitude(config: &Config, imu: &ImuConfig) -> AttitudeSettings {
     let seconds = RobotDuration::from_secs_f64;

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use measurement::cloud::Cloud;
 use measurement::pose::{Pose, planar, yaw_rad};
 use measurement::time::{RobotDuration, RobotTime};
-use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix6, Point3, UnitQuaternion, Vector3, Vector6};
 use rustc_hash::FxBuildHasher;
 
 use super::point_to_plane::{LEAST_POINTS, register};
@@ -42,6 +42,17 @@ const PARTS: i32 = 128;
 const GRAVITY_S: f64 = 20.0;
 /// The map begins anew after so many revolutions in sequence that do not fit it.
 const MAX_UNMATCHED: u32 = 3;
+/// And after so many stripes: some show the sky, or only ground that none showed before.
+const MAX_UNMATCHED_STRIPES: u32 = 20;
+/// Standard deviations of the motion by odometry from stripe to stripe: of the way, of the height as a share of that, and of the turn;
+/// and at least, metres and radians.
+const WAY_SHARE: f64 = 0.1;
+const RISE_SHARE: f64 = 0.05;
+const TURN_SHARE: f64 = 0.05;
+const LEAST_WAY_M: f64 = 0.005;
+const LEAST_TURN_RAD: f64 = 0.002;
+/// Standard deviation of roll and pitch by an attitude sensor, radians.
+const ATTITUDE_RAD: f64 = 0.003;
 /// Clouds may overlap; their middles then are at least this far apart, seconds.
 const LEAST_MOTION_S: f64 = 1e-3;
 /// Times between revolutions, as shares of the one before, for which the velocity is known.
@@ -62,6 +73,8 @@ pub struct Revolution<'a> {
     pub motion: MotionPrior,
     /// Their roll and pitch are those of an attitude sensor.
     pub has_gravity: bool,
+    /// It shows a stripe of the surroundings, the next one another.
+    pub is_stripe: bool,
 }
 
 /// Where the vehicle was in a revolution.
@@ -111,6 +124,8 @@ struct Last {
     /// From the one before it, and its time.
     motion: Pose,
     motion_s: f64,
+    /// Of `local_from_base`.
+    covariance: Matrix6<f64>,
     in_map: Pose,
     cleared_at: Point3<f64>,
 }
@@ -150,6 +165,12 @@ impl CloudMatcher {
         let constant = last.constant_motion(motion_s);
         let expected =
             last.local_from_base * combined(revolution, &last.prior.inv_mul(&prior), &constant);
+        let (expected, prior_covariance) = if revolution.is_stripe {
+            let (expected, covariance) = last.before_stripe(revolution, expected, &prior);
+            (expected, Some(covariance))
+        } else {
+            (expected, None)
+        };
         let sweep_of = |motion: &Pose| {
             let within = part_of(motion, duration.as_secs_f64() / motion_s);
             combined(revolution, &by_prior, &within)
@@ -157,7 +178,11 @@ impl CloudMatcher {
         let sigma_m = libm::sqrt(self.variance_m2.unwrap_or(FIRST_SIGMA_M * FIRST_SIGMA_M));
         let mut sweep = sweep_of(&constant);
         let mut points = placed(&swept, &sweep);
-        let mut registered = register(&mut self.map, &thinned(&points), &expected, sigma_m);
+        let register = |map: &mut SurfaceMap, points: &[Point3<f64>], expected: &Pose| {
+            let prior_covariance = prior_covariance.as_ref();
+            register(map, &thinned(points), expected, sigma_m, prior_covariance)
+        };
+        let mut registered = register(&mut self.map, &points, &expected);
         for _ in 0..MAX_AGAIN {
             let Some(mut found) = registered.map(|of| of.local_from_base) else {
                 break;
@@ -176,20 +201,19 @@ impl CloudMatcher {
                 self.map.clear();
                 self.map.insert(&placed(first, &sweep), &middle);
             }
-            registered = register(&mut self.map, &thinned(&points), &found, sigma_m);
+            registered = register(&mut self.map, &points, &found);
         }
         self.first = None;
         let local_from_base = registered.map_or(expected, |of| of.local_from_base);
-        let covariance = registered.map_or_else(
-            || Matrix6::identity() * (sigma_m * sigma_m),
-            |of| of.covariance,
-        );
+        let unmatched = prior_covariance.unwrap_or(Matrix6::identity() * (sigma_m * sigma_m));
+        let covariance = registered.map_or(unmatched, |of| of.covariance);
         last = Last {
             stamp,
             prior,
             local_from_base,
             motion: last.local_from_base.inv_mul(&local_from_base),
             motion_s,
+            covariance,
             ..last
         };
         // Without any sensor the vehicle is level on the whole.
@@ -202,7 +226,7 @@ impl CloudMatcher {
         } else {
             self.unmatched += 1;
         }
-        self.add(&points, &mut last);
+        self.add(&points, &mut last, revolution.is_stripe);
         self.last = Some(last);
         let turned = last.odom_from_local.rotation.to_rotation_matrix();
         let mut in_odom = Matrix6::zeros();
@@ -213,7 +237,8 @@ impl CloudMatcher {
         CloudPose {
             odom_from_base: last.odom_from_local * local_from_base * part_of(&sweep, -0.5),
             covariance: in_odom * covariance * in_odom.transpose(),
-            is_matched: registered.is_some(),
+            is_matched: registered.is_some()
+                || revolution.is_stripe && self.unmatched < MAX_UNMATCHED_STRIPES,
         }
     }
 
@@ -225,8 +250,13 @@ impl CloudMatcher {
     }
 
     /// Adds a revolution that fits the map and was taken elsewhere than what is in it.
-    fn add(&mut self, points: &[Point3<f64>], last: &mut Last) {
-        let begins_anew = self.unmatched >= MAX_UNMATCHED && points.len() >= LEAST_POINTS as usize;
+    fn add(&mut self, points: &[Point3<f64>], last: &mut Last, is_stripe: bool) {
+        let max_unmatched = if is_stripe {
+            MAX_UNMATCHED_STRIPES
+        } else {
+            MAX_UNMATCHED
+        };
+        let begins_anew = self.unmatched >= max_unmatched && points.len() >= LEAST_POINTS as usize;
         if begins_anew {
             self.unmatched = 0;
             self.map.clear();
@@ -234,7 +264,7 @@ impl CloudMatcher {
         let since = last.in_map.inv_mul(&last.local_from_base);
         let has_moved =
             since.translation.vector.norm() > MAP_STEP_M || since.rotation.angle() > MAP_STEP_RAD;
-        if begins_anew || self.unmatched == 0 && has_moved {
+        if begins_anew || is_stripe || self.unmatched == 0 && has_moved {
             self.map.insert(points, &last.local_from_base);
             last.in_map = last.local_from_base;
         }
@@ -255,9 +285,41 @@ impl Last {
             odom_from_local: Pose::identity(),
             motion: Pose::identity(),
             motion_s: 0.0,
+            covariance: Matrix6::zeros(),
             in_map: prior,
             cleared_at: prior.translation.vector.into(),
         }
+    }
+
+    /// Where a stripe is expected, and the covariance of that: what one stripe leaves open, others determine.
+    fn before_stripe(
+        &self,
+        revolution: &Revolution<'_>,
+        mut expected: Pose,
+        prior: &Pose,
+    ) -> (Pose, Matrix6<f64>) {
+        let motion = self.local_from_base.inv_mul(&expected);
+        let way_m = LEAST_WAY_M + WAY_SHARE * motion.translation.vector.norm();
+        let turn_rad = LEAST_TURN_RAD + TURN_SHARE * motion.rotation.angle();
+        let rise_m = RISE_SHARE * way_m;
+        let sigmas = Vector6::new(way_m, way_m, rise_m, turn_rad, turn_rad, turn_rad);
+        let way = expected.translation.vector - self.local_from_base.translation.vector;
+        let mut transport = Matrix6::identity();
+        let mut by_turn = transport.fixed_view_mut::<3, 3>(0, 3);
+        by_turn.copy_from(&-way.cross_matrix());
+        let mut covariance = transport * self.covariance * transport.transpose()
+            + Matrix6::from_diagonal(&sigmas.component_mul(&sigmas));
+        if revolution.has_gravity {
+            let turn_rad = yaw_rad(&expected) - yaw_rad(prior);
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
+            expected.rotation = turn * prior.rotation;
+            for at in [3, 4] {
+                covariance.row_mut(at).fill(0.0);
+                covariance.column_mut(at).fill(0.0);
+                covariance[(at, at)] = ATTITUDE_RAD * ATTITUDE_RAD;
+            }
+        }
+        (expected, covariance)
     }
 
     /// The motion in this time at the velocity before. Times that differ much say nothing about the speed; a vehicle that rises or tilts

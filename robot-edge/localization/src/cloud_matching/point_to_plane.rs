@@ -40,16 +40,25 @@ pub(super) struct Registered {
 }
 
 /// The pose from which `points` in the frame of the vehicle lie on the planes of `map`, near an expected one with a standard deviation of
-/// `sigma_m` at the distance of the points. Degenerate directions stay as expected. `None` if too few points lie on planes.
+/// `sigma_m` at the distance of the points. Degenerate directions stay as expected; with a `prior` covariance of the expected pose, both are
+/// weighed instead. `None` if too few points lie on planes.
 pub(super) fn register(
     map: &mut SurfaceMap,
     points: &[Point3<f64>],
     expected: &Pose,
     sigma_m: f64,
+    prior: Option<&Matrix6<f64>>,
 ) -> Option<Registered> {
     let squares: f64 = points.iter().map(|point| point.coords.norm_squared()).sum();
     // Turns are measured in metres at this distance, so that they can be compared with ways.
     let lever_m = libm::sqrt(squares / points.len().max(1) as f64).max(1.0);
+    let per_m = 1.0 / lever_m;
+    let in_radians = Vector6::new(1.0, 1.0, 1.0, per_m, per_m, per_m);
+    let in_radians = in_radians * in_radians.transpose();
+    let prior = match prior {
+        Some(covariance) => Some(covariance.component_div(&in_radians).try_inverse()?),
+        None => None,
+    };
     let mut wide_m = WIDE_M;
     let mut pose = *expected;
     let mut registered = None;
@@ -92,29 +101,21 @@ pub(super) fn register(
         if inliers < LEAST_POINTS || f64::from(inliers) < LEAST_SHARE * f64::from(near) {
             return None;
         }
-        let eigen = hessian.symmetric_eigen();
         let variance_m2 = (weighted_squares / weights).max(1e-6) * POINTS_ALIKE;
-        let (mut step, mut covariance) = (Vector6::zeros(), Matrix6::zeros());
-        for (value, direction) in eigen
-            .eigenvalues
-            .iter()
-            .zip(eigen.eigenvectors.column_iter())
-        {
-            let is_degenerate = *value < DEGENERATE_POINTS + DEGENERATE_TILTS * tilts;
-            if !is_degenerate {
-                step -= direction * (direction.dot(&gradient) / value);
+        let (step, covariance) = match &prior {
+            Some(information) => {
+                let way_m = pose.translation.vector - expected.translation.vector;
+                let turn = (pose.rotation * expected.rotation.inverse()).scaled_axis() * lever_m;
+                let off = Vector6::new(way_m.x, way_m.y, way_m.z, turn.x, turn.y, turn.z);
+                let covariance = (hessian / variance_m2 + information).try_inverse()?;
+                let step = -covariance * (gradient / variance_m2 + information * off);
+                (step, covariance)
             }
-            let variance_m2 = if is_degenerate {
-                sigma_m * sigma_m
-            } else {
-                variance_m2 / value
-            };
-            covariance += direction * direction.transpose() * variance_m2;
-        }
-        let in_radians = Vector6::new(1.0, 1.0, 1.0, 1.0 / lever_m, 1.0 / lever_m, 1.0 / lever_m);
+            None => determined(&hessian, &gradient, (variance_m2, tilts), sigma_m),
+        };
         registered = Some(Registered {
             local_from_base: pose,
-            covariance: covariance.component_mul(&(in_radians * in_radians.transpose())),
+            covariance: covariance.component_mul(&in_radians),
         });
         if step.norm() < LAST_STEP_M && wide_m <= sigma_m {
             break;
@@ -130,4 +131,32 @@ pub(super) fn register(
         );
     }
     registered
+}
+
+/// The step and its covariance by the directions that the points determine.
+fn determined(
+    hessian: &Matrix6<f64>,
+    gradient: &Vector6<f64>,
+    (variance_m2, tilts): (f64, f64),
+    sigma_m: f64,
+) -> (Vector6<f64>, Matrix6<f64>) {
+    let eigen = hessian.symmetric_eigen();
+    let (mut step, mut covariance) = (Vector6::zeros(), Matrix6::zeros());
+    for (value, direction) in eigen
+        .eigenvalues
+        .iter()
+        .zip(eigen.eigenvectors.column_iter())
+    {
+        let is_degenerate = *value < DEGENERATE_POINTS + DEGENERATE_TILTS * tilts;
+        if !is_degenerate {
+            step -= direction * (direction.dot(gradient) / value);
+        }
+        let variance_m2 = if is_degenerate {
+            sigma_m * sigma_m
+        } else {
+            variance_m2 / value
+        };
+        covariance += direction * direction.transpose() * variance_m2;
+    }
+    (step, covariance)
 }

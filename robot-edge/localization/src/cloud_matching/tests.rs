@@ -87,6 +87,7 @@ fn matched(
             prior: [prior_at(begin), prior_at(end)],
             motion,
             has_gravity,
+            is_stripe: false,
         };
         matcher.push(&revolution, |_| false)
     });
@@ -206,6 +207,7 @@ fn damaged_clouds_are_no_motion() {
                 prior: [(stamp, Pose::identity()), (end, Pose::identity())],
                 motion: MotionPrior::None,
                 has_gravity: false,
+                is_stripe: false,
             },
             |_| false,
         );
@@ -242,6 +244,7 @@ fn revolutions_of_a_car_lie_where_the_poses_say_that_came_with_them() {
                     prior: [(begin, Pose::identity()), (end, Pose::identity())],
                     motion: MotionPrior::None,
                     has_gravity: false,
+                    is_stripe: false,
                 },
                 |_| false,
             );

@@ -116,21 +116,22 @@ impl ScanQueue {
         self.queue.pop_front()
     }
 
-    /// Chain to the map: `fixed_from_sensor = chain · mount`; `mount` is the identity if the tree
+    /// Chain to a frame: `target_from_sensor = chain · mount`; `mount` is the identity if the tree
     /// contains the sensor.
     pub(super) fn chain<'a>(
         &self,
         tree: &'a TransformBuffer,
+        target: &str,
         settings: &RegistrationSettings,
         sensor_frame: &FrameId,
     ) -> Option<(TransformChain<'a>, Pose)> {
-        let (fixed_frame, own) = (settings.fixed_frame(), &self.settings);
+        let own = &self.settings;
         let (source, mount) = match (own.mount, &own.tilt) {
             (MountOrigin::Tree, _) => (sensor_frame, Pose::identity()),
             (MountOrigin::Configured, Some(_)) => (&self.tilted_frame, Pose::identity()),
             (MountOrigin::Configured, None) => (&settings.base_frame, own.beams.base_from_sensor),
         };
-        Some((tree.chain(fixed_frame, source)?, mount))
+        Some((tree.chain(target, source)?, mount))
     }
 
     pub(super) fn project(

@@ -37,6 +37,8 @@ pub struct ScanInput<'a> {
     pub is_heading_only: bool,
     /// It is by clouds, which are never late and err less than other odometry.
     pub is_by_clouds: bool,
+    /// Its walls only close loops: they mislead where clouds, or stripes of them, say where the vehicle is.
+    pub is_placed: bool,
     /// Place of the receiver's antenna on the vehicle, seen from above, metres.
     pub base_from_antenna: Point2<f64>,
 }
@@ -243,10 +245,8 @@ impl ScanSlam {
             );
         };
         let mut expected = last.local_from_base * motion;
-        if input.is_by_clouds {
-            // Against the growth of rounding errors.
-            expected.rotation.renormalize();
-        }
+        // An error of the norm would double with each scan whose pose is by odometry.
+        expected.rotation.renormalize();
         for active in &mut self.active {
             active.covariance = transported(&active.covariance, &motion) + noise;
         }
@@ -254,6 +254,8 @@ impl ScanSlam {
             self.match_scan(&points, &expected, &noise, input.has_odometry());
         if input.is_by_clouds {
             confidence = Confidence::Full;
+        } else if input.is_placed {
+            confidence = Confidence::OdometryOnly;
         }
         let is_determined = input.has_odometry() || confidence == Confidence::Full;
         let was_lost = self.lost > MAX_LOST;
@@ -262,9 +264,8 @@ impl ScanSlam {
         } else {
             self.lost + 1
         };
-        // Few walls can mislead where a whole cloud does not.
-        let is_matched = !input.is_by_clouds
-            && !matches!(confidence, Confidence::Lost | Confidence::OdometryOnly);
+        let is_matched =
+            !input.is_placed && !matches!(confidence, Confidence::Lost | Confidence::OdometryOnly);
         let local_from_base = if is_matched {
             self.active[0].local_from_anchor * registered.submap_from_base
         } else {

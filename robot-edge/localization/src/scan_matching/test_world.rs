@@ -122,6 +122,7 @@ impl Drive<'_> {
                 odom_from_base: self.has_odometry.then_some(odom_from_base),
                 is_heading_only: false,
                 is_by_clouds: false,
+                is_placed: false,
                 base_from_antenna: Point2::origin(),
             })
         });

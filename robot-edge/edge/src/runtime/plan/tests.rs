@@ -396,3 +396,36 @@ fn transforms_place_a_tilting_laser_only_if_they_move_it() {
     assert_eq!(sensor.mount, MountOrigin::Configured);
     assert_eq!(sensor.tilt_stream, Some(StreamId(2)));
 }
+
+/// Of one laser, by its pitch; 7.5° is that of the document's robot.
+#[test]
+fn the_scans_of_a_tilted_laser_are_matched_in_space_and_need_odometry() {
+    let topics = [scan(), odometry(), ahrs("/imu")];
+    for (pitch_deg, source, is_tilted) in [
+        (1.0, "scan+wheels", Ok(false)),
+        (1.0, "scan+imu", Ok(false)),
+        (7.5, "scan+wheels", Ok(true)),
+        (7.5, "scan+imu", Err(())),
+        (7.5, "scan", Err(())),
+    ] {
+        let settings = [
+            format!("sensors.laser.mount.pitch_deg={pitch_deg}"),
+            format!("localization.source={source}"),
+        ];
+        let settings = settings.each_ref().map(String::as_str);
+        let plan = planned(&topics, &settings);
+        match (plan, is_tilted) {
+            (Ok(plan), Ok(is_tilted)) => {
+                let PoseOrigin::Scans { scans, .. } = plan.localization_plan.origin else {
+                    panic!("{source}");
+                };
+                assert_eq!(scans.is_tilted, is_tilted, "{pitch_deg} {source}");
+            }
+            (Err(error), Err(())) => assert!(
+                error.contains("the laser \"laser\" is tilted") && error.contains("scan+wheels"),
+                "{error}"
+            ),
+            (plan, _) => panic!("{pitch_deg} {source}: {plan:?}"),
+        }
+    }
+}

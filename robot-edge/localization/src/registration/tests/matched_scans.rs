@@ -72,6 +72,7 @@ fn drive_with(
         prior: Box::new(prior),
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
+            is_tilted: false,
             prior: motion,
             has_gravity: false,
             has_height: false,
@@ -210,6 +211,7 @@ fn after_a_clock_reset_a_run_of_its_own_begins_and_the_old_places_are_not_in_its
         prior: Box::new(PoseOrigin::Static),
         scans: Box::new(ScanLocalizationSettings {
             sensor: SensorId(0),
+            is_tilted: false,
             prior: MotionPrior::None,
             has_gravity: false,
             has_height: false,

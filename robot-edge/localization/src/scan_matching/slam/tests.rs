@@ -55,6 +55,26 @@ fn a_ring_closes_with_slip_and_drift_and_the_local_frame_does_not_jump() {
 }
 
 #[test]
+fn on_a_plain_the_poses_are_those_of_odometry_for_as_long_as_it_lasts() {
+    let way = way(&AROUND_RING);
+    let drive = Drive {
+        world: &[],
+        way: &way,
+        has_odometry: true,
+        slip: 0.0,
+        drift_rad_per_m: 0.0,
+        seed: 1,
+    };
+    let mut slam = ScanSlam::new(SlamSettings::default());
+    let poses = drive.run(&mut slam);
+    let last = poses.last().unwrap();
+    assert_eq!(last.confidence, Confidence::OdometryOnly);
+    let error = difference(&way[0].inv_mul(&way[way.len() - 1]), &last.local_from_base);
+    assert!(error.norm() < 0.3, "{error}");
+    assert!((last.local_from_base.rotation.norm() - 1.0).abs() < 1e-12);
+}
+
+#[test]
 fn the_same_scans_give_the_same_poses() {
     let (world, way) = (ring(), way(&AROUND_RING[..6]));
     let run = || {
@@ -169,6 +189,7 @@ fn found(
             odom_from_base: Some(odom_from_base),
             is_heading_only: false,
             is_by_clouds: false,
+            is_placed: false,
             base_from_antenna: Point2::origin(),
         });
         let local = pose.local_from_base;
@@ -341,6 +362,7 @@ fn along_corridor(sigma_m: f64, receiver: ReceiverError) -> (ScanSlam, [Vector3<
             odom_from_base: Some(odom_from_base),
             is_heading_only: false,
             is_by_clouds: false,
+            is_placed: false,
             base_from_antenna: antenna,
         }));
     }
