@@ -44,6 +44,7 @@ class Rover:
         self.due = {}
         self.seen = set()
         self.wrong = set()
+        self.shown_obstacles = None
 
     def send_as(self, system, component, send):
         mav = self.link.mav
@@ -75,6 +76,16 @@ class Rover:
             self.command(message)
         elif kind == "SET_POSITION_TARGET_LOCAL_NED":
             self.velocity(message)
+        elif kind == "OBSTACLE_DISTANCE":
+            self.obstacles(message)
+
+    def obstacles(self, message):
+        """Every ninth of the 72 distances: 45 degrees apart, clockwise from ahead."""
+        is_right = message.frame == m.MAV_FRAME_BODY_FRD and message.increment == message.increment_f == 5 and message.angle_offset == 0
+        line = " ".join(map(str, (message.min_distance, message.max_distance, *message.distances[::9])))
+        if line != self.shown_obstacles:
+            self.shown_obstacles = line
+            say("obstacles" if is_right else "wrong", line)
 
     def command(self, message):
         result = m.MAV_RESULT_UNSUPPORTED

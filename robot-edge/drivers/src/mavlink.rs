@@ -12,8 +12,9 @@
 mod session;
 
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavMessage, MavModeFlag,
-    MavState, MavType, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavDistanceSensor, MavFrame,
+    MavMessage, MavModeFlag, MavState, MavType, OBSTACLE_DISTANCE_DATA, PositionTargetTypemask,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use mavlink::{MavHeader, MavlinkVersion, Message as _};
 
@@ -211,6 +212,29 @@ impl Encoder {
         let custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();
         let parameters = [f32::from(custom), GUIDED as f32];
         self.command(MavCmd::MAV_CMD_DO_SET_MODE, parameters)
+    }
+
+    /// Distances of obstacles in centimetres, clockwise in sectors of 5 degrees, the middle of the first one ahead: `max_cm` + 1 where there is none
+    /// up to `max_cm`, [`u16::MAX`] where it is not known. `time_us`: since the start of any clock.
+    pub fn obstacle_distance(
+        &mut self,
+        distances: [u16; 72],
+        max_cm: u16,
+        time_us: u64,
+    ) -> Vec<u8> {
+        /// Degrees.
+        const INCREMENT: u8 = 5;
+        self.frame(&MavMessage::OBSTACLE_DISTANCE(OBSTACLE_DISTANCE_DATA {
+            time_usec: time_us,
+            distances,
+            min_distance: 1,
+            max_distance: max_cm,
+            sensor_type: MavDistanceSensor::MAV_DISTANCE_SENSOR_LASER,
+            increment: INCREMENT,
+            increment_f: INCREMENT.into(),
+            angle_offset: 0.0,
+            frame: MavFrame::MAV_FRAME_BODY_FRD,
+        }))
     }
 
     fn command(&mut self, command: MavCmd, [param1, param2]: [f32; 2]) -> Vec<u8> {

@@ -38,11 +38,17 @@ const SETTINGS: [&str; 2] = [
     "sensors.laser.mount.x_m=0.16",
 ];
 
-/// Label, preset, settings, and whether it maps heights.
-const VEHICLES: [(&str, &str, &[&str], bool); 3] = [
-    ("planar laser", "pioneer", &SETTINGS, false),
-    ("tilting laser", "introbot", SETTINGS.split_at(1).0, false),
-    ("16 rings", "lidar16", SETTINGS.split_at(1).0, true),
+/// A laser that is tilted maps heights alone.
+const TILTED: [&str; 2] = [
+    "localization.source=scan+wheels",
+    "mapping.elevation.enabled=true",
+];
+
+/// Label, preset, settings, and whether it maps walls, and heights.
+const VEHICLES: [(&str, &str, &[&str], [bool; 2]); 3] = [
+    ("planar laser", "pioneer", &SETTINGS, [true, false]),
+    ("tilting laser", "introbot", &TILTED, [false, true]),
+    ("16 rings", "lidar16", SETTINGS.split_at(1).0, [true, true]),
 ];
 
 /// Odometry whose wheels slip and whose heading drifts.
@@ -174,7 +180,7 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
         return Ok(outcome);
     }
     outcome.parts.push(Part::text(include_str!("notes/p1.md")));
-    for (label, vehicle, settings, has_heights) in VEHICLES {
+    for (label, vehicle, settings, [has_walls, has_heights]) in VEHICLES {
         let text = changed(WORLD, &[("\"lidar16\"", &format!("\"{vehicle}\""))])?;
         let world = World::parse("circles", &text)?;
         let heights = has_heights
@@ -227,16 +233,17 @@ pub(super) fn run(session: &Session<'_>) -> anyhow::Result<Outcome> {
         session.step("P1: pictures")?;
         let (pipeline, _) = mapped(&world, settings, SEED)?;
         let vehicle_m = pipeline.mapper().vehicle_in_odom();
-        let picture = Picture::of_layer(
-            &pipeline.publisher().store(),
-            LayerId::Occupancy.default_palette(),
-            Some([vehicle_m.x, vehicle_m.y]),
-            &format!("p1-{vehicle}"),
-            label,
-        )?;
-        outcome
-            .parts
-            .push(Part::Pictures(picture.into_iter().collect()));
+        if has_walls {
+            let picture = Picture::of_layer(
+                &pipeline.publisher().store(),
+                LayerId::Occupancy.default_palette(),
+                Some([vehicle_m.x, vehicle_m.y]),
+                &format!("p1-{vehicle}"),
+                label,
+            )?;
+            let pictures = picture.into_iter().collect();
+            outcome.parts.push(Part::Pictures(pictures));
+        }
         if has_heights {
             let maps = terrain::maps(&pipeline, &format!("p1-{vehicle}"), label)?;
             outcome.parts.push(Part::Pictures(maps));

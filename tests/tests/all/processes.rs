@@ -12,6 +12,8 @@ use network::clock;
 use recording::{Selection, open};
 use zenoh::{Config, Session, Wait as _};
 
+use crate::skip::skip;
+
 /// Longer than any step takes.
 const TIMEOUT: Duration = Duration::from_mins(2);
 
@@ -53,6 +55,20 @@ pub(crate) fn simulate(options: &str) -> Running {
     start(&format!(
         "robot-edge simulate rooms {SERVED} --robot scout {options}"
     ))
+}
+
+/// The router of Zenoh, without multicast; `None`, and a skipped test, where it is not installed.
+#[track_caller]
+pub(crate) fn zenohd(options: &[&str]) -> Option<Running> {
+    let mut command = Command::new("zenohd");
+    command.env("RUST_LOG", "error");
+    command.arg("--no-multicast-scouting").args(options);
+    let is_there = Command::new("zenohd").arg("--version").output();
+    if !is_there.is_ok_and(|output| output.status.success()) {
+        skip("there is no zenohd", "cargo install zenohd");
+        return None;
+    }
+    Some(Running::start(&mut command, "zenohd"))
 }
 
 /// A free control port; the next port is free too.

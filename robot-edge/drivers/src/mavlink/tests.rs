@@ -54,6 +54,8 @@ fn state(frames: &[&str], system: u8) -> (AutopilotState, Vec<String>) {
 #[test]
 fn what_is_sent_is_what_pymavlink_packs() {
     let mut encoder = Encoder::new((245, 191), 1);
+    let mut distances = [u16::MAX; 72];
+    (distances[0], distances[1], distances[71]) = (250, 5001, 1);
     for (sent, packed) in [
         (
             encoder.velocity(0.5, 0.25, 5000),
@@ -70,6 +72,16 @@ fn what_is_sent_is_what_pymavlink_packs() {
         (
             encoder.request_guided(),
             "fd20000003f5bf4c00000000803f000070410000000000000000000000000000000000000000b00001012458",
+        ),
+        (
+            encoder.obstacle_distance(distances, 5000, 5_000_000),
+            concat!(
+                "fda7000004f5bf4a0100404b4c0000000000fa008913",
+                "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+                "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+                "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
+                "ffff01000100881300050000a040000000000c5615",
+            ),
         ),
     ] {
         assert_eq!(sent, hex(packed));

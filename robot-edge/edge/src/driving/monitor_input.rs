@@ -9,6 +9,8 @@ use std::time::Duration;
 use nalgebra::{Isometry2, Point2, UnitQuaternion};
 use triple_buffer::{Input, Output, triple_buffer};
 
+#[cfg(target_os = "linux")]
+use crate::actuators::mavlink::obstacle_pipe::ObstacleSender;
 use mapping::Mapper;
 use mapping::ground_plane::{GroundPlane, GroundTracker};
 use mapping::registered_scan::{RegisteredScan, ScanKind, SensorId};
@@ -19,7 +21,7 @@ use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use protocol::message::DockingChoice;
 use teleop::collision_monitor::{
     Barrier, BlockageDetector, CollisionMonitor, CollisionMonitorInput, CollisionMonitorRules,
-    CopyRequest, LocalMap, ObstacleScan, OdometrySample, UnavailableReason,
+    CopyRequest, LocalMap, ObstacleScan, ObstaclesAround, OdometrySample, UnavailableReason,
 };
 use teleop::{CollisionMonitorOutput, Velocity};
 
@@ -44,6 +46,9 @@ pub struct MonitorSensorInput {
     /// if heights are not mapped.
     ground: Option<GroundTracker>,
     receive_times: ReceiveTimes,
+    /// Where an autopilot wants to know of obstacles.
+    #[cfg(target_os = "linux")]
+    obstacle_sender: Option<ObstacleSender>,
 }
 
 /// The mapping thread's handle: it passes copies of the map.
@@ -96,6 +101,8 @@ pub fn monitor_input(
         odometry: odometry_input,
         ground,
         receive_times: ReceiveTimes::default(),
+        #[cfg(target_os = "linux")]
+        obstacle_sender: None,
     };
     let monitor_map_input = MonitorMapInput {
         rules,
@@ -113,6 +120,11 @@ pub fn monitor_input(
 }
 
 impl MonitorSensorInput {
+    #[cfg(target_os = "linux")]
+    pub fn send_obstacles_to(&mut self, sender: ObstacleSender) {
+        self.obstacle_sender = Some(sender);
+    }
+
     pub fn record_received(&mut self, stamp: RobotTime, received: Monotonic) {
         self.receive_times.record(stamp, received);
     }
@@ -159,8 +171,20 @@ impl MonitorSensorInput {
             }
             let obstacle_scan = sensor.obstacle_scans.input_buffer_mut();
             let times = (measured_at, period);
-            obstacle_scan.read(scan, &plane, &self.rules, &sensor.blockage, times);
+            #[cfg(target_os = "linux")]
+            let mut around = self
+                .obstacle_sender
+                .as_ref()
+                .map(|_| ObstaclesAround::default());
+            #[cfg(not(target_os = "linux"))]
+            let mut around = None;
+            let (rules, blockage) = (&self.rules, &sensor.blockage);
+            obstacle_scan.read(scan, &plane, rules, blockage, times, around.as_mut());
             sensor.obstacle_scans.publish();
+            #[cfg(target_os = "linux")]
+            if let (Some(sender), Some(around)) = (&mut self.obstacle_sender, &around) {
+                sender.update(around, now);
+            }
         }
         measured_at
     }

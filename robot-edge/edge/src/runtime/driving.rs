@@ -13,6 +13,8 @@ use super::live::devices::Forwarded;
 use super::live::devices::ForwardedInput;
 use super::live_recording::LiveRecording;
 #[cfg(target_os = "linux")]
+use crate::actuators::mavlink::obstacle_pipe::ObstacleSender;
+#[cfg(target_os = "linux")]
 use crate::actuators::motor_guard::{GuardCommand, GuardedMotors};
 use crate::actuators::published_velocity::PublishedVelocity;
 #[cfg(target_os = "linux")]
@@ -65,6 +67,9 @@ pub(super) struct DrivePlan {
     /// Write end of the pipe through which the motor guard forwards what encoders or an autopilot say.
     #[cfg(target_os = "linux")]
     forward_pipe: Option<Arc<OwnedFd>>,
+    /// Ends of the pipe for distances of obstacles, if the autopilot is to have them: to read, and to write.
+    #[cfg(target_os = "linux")]
+    obstacle_pipe: Option<[Arc<OwnedFd>; 2]>,
     #[cfg(target_os = "linux")]
     autopilot: drivers::mavlink::AutopilotStatus,
     log: Option<PathBuf>,
@@ -82,6 +87,8 @@ impl DrivePlan {
             #[cfg(target_os = "linux")]
             forward_pipe: None,
             #[cfg(target_os = "linux")]
+            obstacle_pipe: None,
+            #[cfg(target_os = "linux")]
             autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: None,
             state: None,
@@ -96,6 +103,8 @@ impl DrivePlan {
             motors,
             #[cfg(target_os = "linux")]
             forward_pipe: None,
+            #[cfg(target_os = "linux")]
+            obstacle_pipe: None,
             #[cfg(target_os = "linux")]
             autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: options.drive_log.clone(),
@@ -119,6 +128,10 @@ impl DrivePlan {
             MotorsPlan::Guarded(MotorLinkConfig::Mavlink(config)) => {
                 let (_, system) = config.numbers();
                 let autopilot = drivers::mavlink::Autopilot::new(system, self.autopilot.clone());
+                if config.obstacle_distance {
+                    let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES)?;
+                    self.obstacle_pipe = Some([read_end, write_end].map(Arc::new));
+                }
                 (Forwarded::Autopilot(autopilot), AUTOPILOT_BYTES)
             }
             _ => return Ok(None),
@@ -145,7 +158,13 @@ impl DrivePlan {
             }
             #[cfg(target_os = "linux")]
             MotorsPlan::Guarded(config) => {
+                let obstacle_pipe = self.obstacle_pipe.as_ref();
+                let obstacle_pipe = obstacle_pipe.map(|[read_end, _]| Arc::clone(read_end));
                 let guarded = GuardCommand::this_program(config, self.forward_pipe.clone())
+                    .map(|command| GuardCommand {
+                        obstacle_pipe,
+                        ..command
+                    })
                     .and_then(|command| GuardedMotors::start(command, config.clone()));
                 let guarded = guarded.context("the motors' guard cannot be started")?;
                 match config {
@@ -253,7 +272,12 @@ impl DrivePlan {
                     ground_tracker(config),
                 )
             })
-            .map(|(monitor_input, monitor_map_input, monitor_runner)| {
+            .map(|(mut monitor_input, monitor_map_input, monitor_runner)| {
+                #[cfg(target_os = "linux")]
+                if let Some([_, write_end]) = &self.obstacle_pipe {
+                    let sender = ObstacleSender::new(Arc::clone(write_end));
+                    monitor_input.send_obstacles_to(sender);
+                }
                 ((monitor_input, monitor_map_input), monitor_runner)
             })
             .unzip();

@@ -47,7 +47,7 @@ pub use allowed_speed::Barrier;
 pub use blockage::BlockageDetector;
 pub use config::{CollisionMonitorConfig, CollisionMonitorRules, UnknownSpacePolicy};
 pub use local_map::{CopyRequest, LocalMap};
-pub use obstacle_scan::ObstacleScan;
+pub use obstacle_scan::{ObstacleScan, ObstaclesAround, SECTORS_AROUND};
 pub use predicted_pose::OdometrySample;
 
 /// The inputs of one round.

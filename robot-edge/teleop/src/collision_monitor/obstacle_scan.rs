@@ -1,6 +1,7 @@
 //! Obstacles and observed ground of the last scan of one sensor.
 
 use std::collections::HashSet;
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use nalgebra::{Point2, Point3, Vector2};
@@ -36,6 +37,42 @@ pub struct ObstacleScan {
     blockage_counts: BlockageCounts,
 }
 
+/// Sectors of [`ObstaclesAround`].
+pub const SECTORS_AROUND: usize = 72;
+
+/// Obstacles around the vehicle, at any distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObstaclesAround {
+    /// Distance of the nearest one from the vehicle's frame, metres, in sectors of 5 degrees, clockwise seen from above; the middle of the
+    /// first one is ahead. Infinite where beams met none, not a number where none looked.
+    pub nearest_m: [f32; SECTORS_AROUND],
+}
+
+impl Default for ObstaclesAround {
+    fn default() -> Self {
+        Self {
+            nearest_m: [f32::NAN; SECTORS_AROUND],
+        }
+    }
+}
+
+impl ObstaclesAround {
+    /// A beam ended here, metres; `is_obstacle`: at an obstacle.
+    fn add(&mut self, in_base: &Point3<f64>, is_obstacle: bool) {
+        let turned = -libm::atan2(in_base.y, in_base.x) / TAU * SECTORS_AROUND as f64;
+        let sector = libm::round(turned).rem_euclid(SECTORS_AROUND as f64);
+        if let Some(nearest_m) = self.nearest_m.get_mut(sector as usize) {
+            let distance_m = if is_obstacle {
+                in_base.xy().coords.norm() as f32
+            } else {
+                f32::INFINITY
+            };
+            // The least of both, and a number rather than none.
+            *nearest_m = nearest_m.min(distance_m);
+        }
+    }
+}
+
 /// Whether what was known at `measured_at` and is renewed every `period` is too old: max(300 ms, 2.5 periods).
 pub(super) fn is_stale(measured_at: Monotonic, period: Duration, now: Monotonic) -> bool {
     now.since(measured_at) > MIN_STALE_AGE.max(period.saturating_mul(5) / 2)
@@ -43,6 +80,8 @@ pub(super) fn is_stale(measured_at: Monotonic, period: Duration, now: Monotonic)
 
 impl ObstacleScan {
     /// Reads a scan; heights refer to `plane`.
+    ///
+    /// `around` gets what it shows around the vehicle, beside what is in it.
     ///
     /// `measured_at` is when it was measured, on this machine's clock: when it arrived, at the latest. `period` is the
     /// time from sweep to sweep. `blockage` is that of the sensor, and has taken this scan.
@@ -53,6 +92,7 @@ impl ObstacleScan {
         rules: &CollisionMonitorRules,
         blockage: &BlockageDetector,
         (measured_at, period): (Monotonic, Duration),
+        mut around: Option<&mut ObstaclesAround>,
     ) {
         self.measured_at = measured_at;
         self.period = period;
@@ -75,8 +115,8 @@ impl ObstacleScan {
             first_origin: first.origin_in_odom,
             vehicle: Point2::from(scan.odom_from_base.translation.vector.xy()),
             kind: scan.kind,
-            window_m2: rules.window_m() * rules.window_m(),
         };
+        let window_m2 = rules.window_m() * rules.window_m();
         for beam in &scan.beams {
             let beam_result = at.evaluate(beam);
             if scan.kind == ScanKind::Beams {
@@ -90,7 +130,15 @@ impl ObstacleScan {
                 ScanKind::Contact { .. } => Some((beam.end_in_odom, false)),
                 ScanKind::Beams | ScanKind::Cloud | ScanKind::Arc => beam_result.obstacle_in_odom,
             };
+            if let Some(around) = &mut around
+                && beam_result.is_seen
+                && matches!(scan.kind, ScanKind::Beams | ScanKind::Cloud)
+            {
+                let end = obstacle_in_odom.map_or(beam.end_in_odom, |(point, _)| point);
+                around.add(&(base_from_odom * end), obstacle_in_odom.is_some());
+            }
             if let Some((point, is_shallow)) = obstacle_in_odom
+                && (point.xy() - at.vehicle).norm_squared() <= window_m2
                 && self.points_in_odom.len() < MAX_POINTS
                 && (scan.kind != ScanKind::Cloud || self.places.insert(place_of(&point)))
             {
@@ -152,6 +200,8 @@ fn place_of(point: &Point3<f64>) -> [i64; 2] {
 }
 
 struct BeamResult {
+    /// It says what is there.
+    is_seen: bool,
     visible: VisibleRange,
     /// The obstacle, and whether it is the bottom of the water.
     obstacle_in_odom: Option<(Point3<f64>, bool)>,
@@ -165,7 +215,6 @@ struct BeamEvaluator<'a> {
     first_origin: Point3<f64>,
     vehicle: Point2<f64>,
     kind: ScanKind,
-    window_m2: f64,
 }
 
 impl BeamEvaluator<'_> {
@@ -175,6 +224,7 @@ impl BeamEvaluator<'_> {
         let along = (to - from).xy();
         let length_m = (along.x * along.x + along.y * along.y).sqrt();
         let nothing = BeamResult {
+            is_seen: false,
             visible: VisibleRange {
                 near_m: 0.0,
                 ..VisibleRange::NOTHING
@@ -210,6 +260,7 @@ impl BeamEvaluator<'_> {
         // A beam under water does not observe floating obstacles.
         let is_under_water = self.rules.is_boat && from_height_m < 0.0;
         BeamResult {
+            is_seen: !is_own_body,
             visible: if is_under_water {
                 nothing.visible
             } else {
@@ -222,7 +273,6 @@ impl BeamEvaluator<'_> {
             },
             obstacle_in_odom: obstacle
                 .map(|share| from + (to - from) * share)
-                .filter(|point| (point.xy() - self.vehicle).norm_squared() <= self.window_m2)
                 .map(|point| (point, height == HeightClass::Shallow)),
         }
     }

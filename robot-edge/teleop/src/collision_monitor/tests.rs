@@ -187,6 +187,7 @@ impl Setup {
             &self.rules(),
             &BlockageDetector::default(),
             (at, SCAN_PERIOD),
+            None,
         );
         obstacle_scan
     }
@@ -414,7 +415,7 @@ impl Drive {
             self.cover(&mut scan);
             self.blockage.update(&scan, now);
             let times = (now, SCAN_PERIOD);
-            self.obstacle_scans[0].read(&scan, &plane, &rules, &self.blockage, times);
+            self.obstacle_scans[0].read(&scan, &plane, &rules, &self.blockage, times, None);
         }
         let odometry = self.untold.front().copied().unwrap_or(OdometrySample {
             odom_from_base: self.pose,

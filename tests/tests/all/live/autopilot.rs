@@ -118,13 +118,13 @@ struct Vehicle {
 
 impl Vehicle {
     /// With this source of poses; `mavlink`: keys of its motors, and tables behind them.
-    fn start(localization: &str, mavlink: &str) -> Self {
+    fn start(localization: &str, has_collision_monitor: bool, mavlink: &str) -> Self {
         let laser = Emulator::on_tcp(Lms111::default());
         let folder = tempdir().unwrap();
         let configuration = folder.path().join("rover.toml");
         let text = format!(
             "preset = \"generic2d\"\n[localization]\nsource = \"{localization}\"\n\
-             [teleop.collision_monitor]\nenabled = false\n\
+             [teleop.collision_monitor]\nenabled = {has_collision_monitor}\n\
              [devices.laser]\nkind = \"sick_cola\"\ntcp = \"{}\"\n\
              [motors.mavlink]\n{mavlink}\n",
             laser.address
@@ -223,7 +223,11 @@ fn an_autopilot_drives_while_it_obeys_and_its_states_are_shown() {
     let Some(mut autopilot) = Autopilot::start(&format!("udpout:127.0.0.1:{port}")) else {
         return;
     };
-    let vehicle = Vehicle::start("static", &format!("udp_listen = \"127.0.0.1:{port}\""));
+    let vehicle = Vehicle::start(
+        "static",
+        false,
+        &format!("udp_listen = \"127.0.0.1:{port}\""),
+    );
     let mut anna = vehicle.operator();
     let events = anna
         .session()
@@ -350,7 +354,7 @@ fn an_autopilot_is_a_source_and_an_edge_that_hangs_stops_it() {
          [sensors.position]\nkind = \"gps\"\ntopic = \"/autopilot/position\"\n\
          [sensors.depth]\nkind = \"sonar\"\ntopic = \"/autopilot/depth\"\nmount = {{ pitch_deg = 90.0 }}"
     );
-    let vehicle = Vehicle::start("gps", &mavlink);
+    let vehicle = Vehicle::start("gps", false, &mavlink);
     let mut anna = vehicle.operator();
     autopilot.does("can_arm");
     autopilot.does("arm");
@@ -403,4 +407,18 @@ fn an_autopilot_is_a_source_and_an_edge_that_hangs_stops_it() {
         "{printed:#?}"
     );
     vehicle.edge.signal("KILL");
+}
+
+/// The emulated laser sees 270 degrees of a room.
+#[test]
+fn an_autopilot_is_told_of_obstacles_around_the_vehicle() {
+    let port = free_port();
+    let Some(autopilot) = Autopilot::start(&format!("udpout:127.0.0.1:{port}")) else {
+        return;
+    };
+    let mavlink = format!("udp_listen = \"127.0.0.1:{port}\"\nobstacle_distance = true");
+    let _vehicle = Vehicle::start("static", true, &mavlink);
+    autopilot.wait_for("obstacles 1 5000 ", 0);
+    let printed = autopilot.printed();
+    println!("{printed:#?}");
 }

@@ -6,7 +6,7 @@ use recording::ros::middleware::PublishedType;
 use tempfile::tempdir;
 
 use super::ros_system::{RosMiddleware, RosSystem};
-use crate::processes::{Running, free_port, start};
+use crate::processes::{Running, free_port, start, tcp, zenohd};
 use crate::python::{client_folder, python};
 
 /// Every topic, of a vehicle that has every layer.
@@ -28,6 +28,22 @@ path = { topic = "/foreshore/path", rate_hz = 1.0, max_kb = 1000 }
 
 #[test]
 fn a_node_that_is_not_ours_has_the_maps_of_the_export() {
+    let port = free_port();
+    let _system = RosSystem::start(port, RosMiddleware::Rmw { domain: 0 });
+    node_has_the_maps_of_the_export(port);
+}
+
+/// As above, through the router that others run.
+#[test]
+fn a_node_behind_zenohd_has_the_maps_of_the_export() {
+    let port = free_port();
+    if let Some(_router) = zenohd(&["--listen", &tcp(port)]) {
+        node_has_the_maps_of_the_export(port);
+    }
+}
+
+/// `port`: of a router.
+fn node_has_the_maps_of_the_export(port: u16) {
     let imports = "rosbags, zenoh, zenoh_ros2_sdk";
     let Some(python) = python("ros2_requirements.txt", imports) else {
         return;
@@ -35,15 +51,13 @@ fn a_node_that_is_not_ours_has_the_maps_of_the_export() {
     let folder = tempdir().unwrap();
     let (vehicle, export) = (folder.path().join("v.toml"), folder.path().join("export"));
     std::fs::write(&vehicle, VEHICLE).unwrap();
-    let port = free_port();
-    let system = RosSystem::start(port, RosMiddleware::Rmw { domain: 0 });
     // Faster than real time, so that nobody can drive it and its data end.
     let robot = start(&format!(
         "robot-edge simulate yard --vehicle {} --rate 2 --duration 40 --keep-serving --quiet \
          --listen tcp/127.0.0.1:{} --ros {} --ros-domain 0 --export {}",
         vehicle.display(),
         free_port(),
-        system.endpoint(),
+        tcp(port),
         export.display()
     ));
     let mut command = Command::new(python);

@@ -8,7 +8,8 @@ use crate::config::{ConfigIssue, Problem};
 use drivers::Address;
 use drivers::config::{LinkKeys, SERIAL, TCP, UDP, UDP_LISTEN};
 
-/// Of a serial port, as `ArduPilot` sets its USB port, and the least: 20 velocities of 65 bytes a second take 13 kbit/s.
+/// Of a serial port, as `ArduPilot` sets its USB port, and the least: 20 velocities of 65 bytes a second take 13 kbit/s. Unsent
+/// bytes are discarded after 50 ms, in which 179 bytes of distances of obstacles must have left, too: with them the former is the least.
 const BAUD: u32 = 115_200;
 const LEAST_BAUD: u32 = 38_400;
 
@@ -32,6 +33,8 @@ pub struct MavlinkConfig {
     pub own_component: u32,
     /// Whether mode GUIDED is requested, once, when an operator takes the lease.
     pub request_guided: bool,
+    /// Whether distances of obstacles are sent to it, for its own avoidance.
+    pub obstacle_distance: bool,
 }
 
 impl Default for MavlinkConfig {
@@ -46,6 +49,7 @@ impl Default for MavlinkConfig {
             own_system: 1,
             own_component: 191,
             request_guided: false,
+            obstacle_distance: false,
         }
     }
 }
@@ -78,9 +82,13 @@ impl MavlinkConfig {
             let allowed = "191, or another number".to_owned();
             issues.push(issue("own_component", "1".to_owned(), why, allowed));
         }
-        if let Some(baud) = self.baud.filter(|baud| *baud < LEAST_BAUD) {
-            let why = "velocities would wait in the port";
-            let allowed = format!("{LEAST_BAUD} or more");
+        let (least_baud, why) = if self.obstacle_distance {
+            (BAUD, "distances of obstacles would wait in the port")
+        } else {
+            (LEAST_BAUD, "velocities would wait in the port")
+        };
+        if let Some(baud) = self.baud.filter(|baud| *baud < least_baud) {
+            let allowed = format!("{least_baud} or more");
             issues.push(issue("baud", baud.to_string(), why, allowed));
         }
         if let Err((key, allowed)) = self.address() {

@@ -8,6 +8,7 @@ use std::os::fd::{AsFd as _, BorrowedFd};
 use std::time::Duration;
 
 use super::MavlinkConfig;
+use super::obstacle_pipe::{MAX_CM, ObstacleReceiver};
 use crate::actuators::forward_pipe::ForwardPipe;
 use crate::actuators::motor_link::{LinkStatus, MotorLink, Sharing, State};
 use crate::actuators::report::ControllerFault;
@@ -42,6 +43,7 @@ pub struct MavlinkLink {
     sharing: Sharing,
     encoder: Encoder,
     forward_pipe: Option<ForwardPipe>,
+    obstacles: Option<ObstacleReceiver>,
     connection: Connection,
     sent: Sent,
     is_mode_requested: bool,
@@ -89,6 +91,7 @@ impl MavlinkLink {
             sharing,
             encoder: Encoder::new((own_system, own_component), system),
             forward_pipe,
+            obstacles: ObstacleReceiver::inherited(),
             connection: Connection::Closed {
                 retry: now,
                 fault: None,
@@ -151,6 +154,13 @@ impl MavlinkLink {
             } else {
                 self.sent.zeros = [None; ZEROS];
             }
+        }
+        if is_velocity_due
+            && let Some(distances) = self.obstacles.as_ref().and_then(|from| from.take(now))
+        {
+            let time_us = now.nanos().unsigned_abs() / 1000;
+            let message = self.encoder.obstacle_distance(distances, MAX_CM, time_us);
+            bytes.extend(message);
         }
         if is_due(self.sent.heartbeat, HEARTBEAT_PERIOD, now) {
             self.sent.heartbeat = Some(now);

@@ -6,6 +6,8 @@
 pub mod config;
 #[cfg(target_os = "linux")]
 pub mod link;
+#[cfg(target_os = "linux")]
+pub mod obstacle_pipe;
 
 pub use config::MavlinkConfig;
 #[cfg(target_os = "linux")]

@@ -15,7 +15,7 @@
 //!
 //! Where encoders are configured, the child also asks for their counts, and forwards what the controller sends through a
 //! third pipe that it never waits for, and that nothing comes back through; so it does with what an autopilot sends
-//! ([`super::forward_pipe`]).
+//! ([`super::forward_pipe`]). A fourth one brings distances of obstacles for an autopilot ([`super::mavlink::obstacle_pipe`]).
 //!
 //! The child outlives an edge that is killed by as long as the motors take to acknowledge zero. The next edge's child
 //! waits for it to let go of the port, and ends it where it does not.

@@ -32,6 +32,8 @@ pub struct GuardCommand {
     pub environment: Vec<(OsString, OsString)>,
     /// Write end of the pipe for what the controller sends ([`crate::actuators::forward_pipe`]).
     pub forward_pipe: Option<Arc<OwnedFd>>,
+    /// Read end of the pipe for distances of obstacles ([`crate::actuators::mavlink::obstacle_pipe`]).
+    pub obstacle_pipe: Option<Arc<OwnedFd>>,
 }
 
 impl GuardCommand {
@@ -46,6 +48,7 @@ impl GuardCommand {
             arguments: vec![MOTOR_GUARD_COMMAND.into(), config.into()],
             environment: Vec::new(),
             forward_pipe,
+            obstacle_pipe: None,
         })
     }
 }

@@ -16,6 +16,7 @@ use super::frame::{Decoder, Found, Frame as _, MotorCommand, REPORT_BYTES};
 use super::guard::wait;
 use super::parent::{GuardCommand, MotorSnapshot, Shared};
 use crate::actuators::forward_pipe;
+use crate::actuators::mavlink::obstacle_pipe;
 use crate::actuators::motor_guard::frame::MotorReport;
 use crate::actuators::motor_link::{MotorLinkConfig, Sharing, State};
 use crate::actuators::report::{FallbackStop, Fault, Report};
@@ -101,19 +102,27 @@ impl Supervisor {
     }
 
     fn spawn(&self) -> io::Result<Guard> {
-        // `exec` does not close it, unlike one of `try_clone`: the guard inherits it, as does any other program that is
-        // started meanwhile, which does not know it. If it cannot be had, the vehicle drives without.
-        let forward_pipe = self.command.forward_pipe.as_ref();
-        let forward_pipe = forward_pipe.and_then(|pipe| rustix::io::dup(pipe).ok());
-        let number = forward_pipe
-            .as_ref()
-            .map(|pipe| pipe.as_raw_fd().to_string());
+        // `exec` does not close them, unlike those of `try_clone`: the guard inherits them, as does any other program that is
+        // started meanwhile, which does not know them. If one cannot be had, the vehicle drives without.
+        let pipes = [
+            (forward_pipe::VARIABLE, &self.command.forward_pipe),
+            (obstacle_pipe::VARIABLE, &self.command.obstacle_pipe),
+        ];
+        let inherited = pipes.map(|(variable, pipe)| {
+            let pipe = pipe.as_ref().and_then(|pipe| rustix::io::dup(pipe).ok());
+            (variable, pipe)
+        });
+        let numbers = inherited.iter().filter_map(|(variable, pipe)| {
+            let number = pipe.as_ref()?.as_raw_fd();
+            Some((variable, number.to_string()))
+        });
         let mut child = Command::new(&self.command.program)
             .args(&self.command.arguments)
             // The service manager is notified by the edge alone.
             .env_remove(service_manager::SOCKET)
             .env_remove(forward_pipe::VARIABLE)
-            .envs(number.map(|number| (forward_pipe::VARIABLE, number)))
+            .env_remove(obstacle_pipe::VARIABLE)
+            .envs(numbers)
             .envs(self.command.environment.iter().cloned())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

@@ -73,6 +73,7 @@ fn this_test_as(name: &str, variable: &str, config: &RoboteqConfig) -> GuardComm
             serde_json::to_string(config).unwrap().into(),
         )],
         forward_pipe: None,
+        obstacle_pipe: None,
     }
 }
 

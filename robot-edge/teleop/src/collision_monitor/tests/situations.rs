@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use protocol::message::BarrierKind;
 
 use super::*;
-use crate::collision_monitor::{Barrier, UnavailableReason, UnknownSpacePolicy};
+use crate::collision_monitor::{Barrier, ObstaclesAround, UnavailableReason, UnknownSpacePolicy};
 use crate::interface::{CollisionMonitorOutput, SpeedLimits};
 use crate::motion::Velocity;
 use mapping::registered_scan::BeamOutcome;
@@ -559,4 +559,36 @@ fn while_it_goes_sideways_that_axis_has_limits_whatever_is_asked() {
     }
     let limits = Scene::new(Setup::default(), Laser::ALL_DIRECTIONS, &walls).limits(Velocity::ZERO);
     assert!(limits.left_mps + limits.right_mps < 1e-9, "{limits:?}");
+}
+
+/// A wall ahead and one to the left; a laser that sees the half ahead, and whose misses can be trusted.
+#[test]
+fn what_is_around_the_vehicle_is_told_by_sector_clockwise_from_ahead() {
+    let setup = Setup::default();
+    for heading_rad in [0.0, 2.0] {
+        let pose = planar(7.0, -3.0, heading_rad);
+        let in_odom = |x: f64, y: f64| {
+            let point = pose * Point3::new(x, y, 0.0);
+            [point.x, point.y]
+        };
+        let walls = vec![
+            wall(in_odom(4.0, -1.0), in_odom(4.0, 1.0)),
+            wall(in_odom(-1.0, 3.0), in_odom(1.0, 3.0)),
+        ];
+        let scan = Laser::AHEAD.scan(&walls, &pose);
+        let mut around = ObstaclesAround::default();
+        ObstacleScan::default().read(
+            &scan,
+            &GroundPlane::under(&pose),
+            &setup.rules(),
+            &BlockageDetector::default(),
+            (Monotonic::default(), SCAN_PERIOD),
+            Some(&mut around),
+        );
+        let [ahead, right, behind, left] = [0, 18, 36, 54].map(|sector| around.nearest_m[sector]);
+        assert!((ahead - 4.0).abs() < 0.01, "{ahead}");
+        assert!((left - 3.0).abs() < 0.01, "{left}");
+        assert!(right.is_infinite(), "{right}");
+        assert!(behind.is_nan(), "{behind}");
+    }
 }

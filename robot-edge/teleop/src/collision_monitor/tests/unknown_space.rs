@@ -181,7 +181,7 @@ fn ground_of_a_dead_sensor_expires_and_its_side_is_reported() {
                 let mut blockage = BlockageDetector::default();
                 blockage.update(&scan, now);
                 let plane = GroundPlane::under(heading);
-                obstacle_scans[n].read(&scan, &plane, &rules, &blockage, (now, SCAN_PERIOD));
+                obstacle_scans[n].read(&scan, &plane, &rules, &blockage, (now, SCAN_PERIOD), None);
             }
             let input = CollisionMonitorInput {
                 obstacle_scans: &obstacle_scans,

@@ -46,6 +46,7 @@ fn start(controller: &EmulatorOnTerminal, write_end: &Arc<OwnedFd>) -> GuardedMo
     let config = config(controller.path());
     let command = GuardCommand {
         forward_pipe: Some(Arc::clone(write_end)),
+        obstacle_pipe: None,
         ..guard_command(&config)
     };
     GuardedMotors::start_with(command, config.into(), NEVER).unwrap()
