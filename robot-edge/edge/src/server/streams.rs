@@ -21,9 +21,11 @@ use measurement::time::Monotonic;
 use network::LinkError;
 use network::clock;
 
-const POSE_PERIOD: Duration = Duration::from_millis(50);
-/// Rate while the lease is held or requested: each pose carries a token, which limits the age of commands.
-const DRIVEN_POSE_PERIOD: Duration = Duration::from_millis(20);
+/// Interval of looking for what is to be sent. While the lease is held or requested a pose goes out each time: it carries a
+/// token, which limits the age of commands.
+const STATE_PERIOD: Duration = Duration::from_millis(20);
+/// Interval of poses while nobody drives: with the headers of the network, 20 a second took half of the link.
+const POSE_PERIOD: Duration = Duration::from_millis(200);
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 const HEAD_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum delay of a changed head.
@@ -74,20 +76,20 @@ impl TopicPublishers {
 pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPublishers) {
     let start = clock::now();
     let mut next = start;
-    let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
+    let [
+        mut pose_due,
+        mut status_due,
+        mut head_due,
+        mut changed_head_due,
+    ] = [Due(start); 4];
     let mut announced: Option<MapHead> = None;
     let mut sent_teleop_state = None;
     let mut sent_closures_m = None;
     let mut sent_plan = None;
     loop {
         let drive_state = context.drive_state.as_deref();
-        let period = if drive_state.is_some_and(SharedDriveState::is_held) {
-            DRIVEN_POSE_PERIOD
-        } else {
-            POSE_PERIOD
-        };
         // Periods that a suspended machine missed are skipped.
-        next = (next + period).max(clock::now());
+        next = (next + STATE_PERIOD).max(clock::now());
         let is_open = clock::sleep_until(next, || context.is_closing());
         // A new console gets the state at once. The final status and head are sent even if the network closes at
         // once: otherwise the end would look like a lost link.
@@ -96,9 +98,13 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             return;
         }
         let now = clock::now();
-        let mut stamp_ns = 0;
-        if let Some((stamp, mut pose)) = context.publish_state.pose() {
-            stamp_ns = stamp.as_nanos();
+        let pose = context.publish_state.pose();
+        let stamp_ns = pose.map_or(0, |(stamp, _)| stamp.as_nanos());
+        let is_driven = drive_state.is_some_and(SharedDriveState::is_held);
+        // By the schedule, which does not shift where a round is late.
+        if let Some((_, mut pose)) = pose
+            && pose_due.is_due(next, POSE_PERIOD, is_requested || is_driven)
+        {
             pose.token = drive_state
                 .and_then(SharedDriveState::token)
                 .map(|token| AgeToken {
