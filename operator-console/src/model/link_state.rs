@@ -412,7 +412,7 @@ mod tests {
             let mut slow = LinkQuality::default();
             slow.rate(is_held, at(0));
             for n in 0..100 {
-                slow.pose(at(12 * period_ms / 5 * n));
+                slow.pose(at(3 * period_ms * n));
             }
             assert_eq!(slow.steady_limit(), None, "less than half");
         }

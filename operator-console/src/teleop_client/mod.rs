@@ -253,10 +253,8 @@ impl TeleopClient {
         let estop = self.estop.as_ref().map(|pending| pending.due(now));
         let estop = estop.filter(|_| self.boot.is_some());
         let request = self.requests.due(now);
-        let request = request.map(|due| match self.awaits_token(now) {
-            true => due.max(now + TOKEN_POLL),
-            false => due,
-        });
+        let looked = self.last_end.filter(|_| self.awaits_token(now));
+        let request = request.map(|due| looked.map_or(due, |looked| due.max(looked + TOKEN_POLL)));
         [drive, estop, request].into_iter().flatten().min()
     }
 

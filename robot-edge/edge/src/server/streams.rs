@@ -156,9 +156,9 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             put(&publishers.plan, out.message(stamp_ns, &plan));
             sent_plan = Some(plan);
         }
-        // No console can have the map of a head while tiles wait.
+        // No console can have the map of a head while tiles wait, and while some are held back the map goes on changing.
         let is_changed_head = changed_head_due.is_due(now, CHANGED_HEAD_PERIOD, false)
-            && context.publish_state.tile_queue().is_empty()
+            && context.publish_state.tiles_waiting() == 0
             && context.publish_state.take_map_changed();
         let is_head_due = head_due.is_due(now, HEAD_PERIOD, is_requested);
         if is_head_due || is_changed_head {
@@ -196,7 +196,7 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
     }
 }
 
-/// Sends changed tiles, nearest first, and changed shores, within the budget, until the network closes.
+/// Announces changed tiles, and sends them, nearest first, and changed shores, within the budget, until the network closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
     let mut next = clock::now();
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
@@ -215,6 +215,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
         }
         let views = context.publish_state.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
+        context.announce(&views, now);
         // Only layers that a console shows are encoded; a console that shows another one requests it.
         context
             .publish_state
