@@ -304,3 +304,31 @@ impl LayerSync {
         self.differs_since.is_some() || self.last_equal.is_none()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::at;
+
+    fn query(sync: &LayerSync, room: usize, ms: u64) -> Option<Query> {
+        sync.query(at(ms), room, 9, |_| 0.0, |_| false)
+    }
+
+    #[test]
+    fn a_joiner_asks_once_for_what_is_near() {
+        let list = |newer_than| Some(Query::Digests { newer_than });
+        let mut joiner = LayerSync::default();
+        assert_eq!(query(&joiner, 2, 0), None, "nothing is mapped");
+        joiner.on_other_root(at(0));
+        assert_eq!(query(&joiner, 0, 0), list(0), "other layers' tiles come");
+        assert_eq!(query(&joiner, 2, 0), Some(Query::Nearest));
+        joiner.on_request(RequestId(1), &Query::Nearest);
+        assert_eq!(query(&joiner, 2, 0), list(0), "without waiting for it");
+
+        let mut follower = LayerSync::default();
+        follower.on_equal_root(5, at(0));
+        follower.on_other_root(at(1_000));
+        assert_eq!(query(&follower, 2, 2_999), None);
+        assert_eq!(query(&follower, 2, 3_000), list(5));
+    }
+}

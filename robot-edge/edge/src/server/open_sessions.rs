@@ -67,13 +67,10 @@ impl Context {
     /// Announces the changes that these consoles are to have now, and queues them.
     pub(super) fn announce(&self, views: &[View], now: Monotonic) {
         // Nothing is held back of a map that is announced as final.
-        let views = match self.publish_state.has_ended() {
-            true => &[],
-            false => views,
-        };
+        let is_final = self.publish_state.has_ended();
         let attention = Attention {
             vehicle_m: self.publish_state.position_m(),
-            views: views.to_vec(),
+            views: if is_final { Vec::new() } else { views.to_vec() },
         };
         let mut announced_map = lock(&self.announced_map);
         let changed = self.publish_state.take_changed_tiles();

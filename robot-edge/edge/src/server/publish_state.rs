@@ -273,7 +273,9 @@ impl PublishState {
     /// Queues tiles that were announced; `held` others are held back.
     pub fn tiles_announced(&self, announced: Vec<TileKey>, held: usize) {
         let mut tile_queue = lock(&self.tile_queue);
-        announced.into_iter().for_each(|key| tile_queue.add(key));
+        for key in announced {
+            tile_queue.add(key);
+        }
         self.counters.held.store(held, Ordering::Relaxed);
     }
 
