@@ -208,7 +208,7 @@ impl LinkQuality {
 
     /// The time after which the robot is silent, if poses arrived steadily: only then does their absence mean anything.
     pub(super) fn steady_limit(&self) -> Option<Duration> {
-        let is_held = self.is_held as usize;
+        let is_held = usize::from(self.is_held);
         (self.poses.len() >= STEADY_POSES[is_held]).then_some(SILENT_AFTER[is_held])
     }
 
