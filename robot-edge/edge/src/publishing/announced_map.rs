@@ -123,12 +123,16 @@ impl AnnouncedMap {
         pushed
     }
 
-    /// Announces erasures.
-    fn adopt_epochs(&self, attention: &Attention) {
+    /// Announces erasures. What follows them is new, and does not wait.
+    fn adopt_epochs(&mut self, attention: &Attention) {
         let source = lock(&self.source);
         let mut announced = lock(&self.announced);
-        for grid in source.grids() {
-            announced.adopt_epoch(grid.layer, source.epoch(grid.layer));
+        for layer in source.grids().map(|grid| grid.layer) {
+            let epoch = source.epoch(layer);
+            if epoch != announced.epoch(layer) {
+                announced.adopt_epoch(layer, epoch);
+                self.announced_at.retain(|key, _| key.layer != layer);
+            }
         }
         if let Some(vehicle_m) = attention.vehicle_m {
             announced.set_focus(vehicle_m);
@@ -375,7 +379,7 @@ mod tests {
             (1, [1, 0, 84, 95], 0)
         );
         assert!(rig.is_all_announced(LayerId::Occupancy));
-        // An erasure is announced at once.
+        // An erasure is announced at once, and what is mapped after it.
         let erased = rig
             .map
             .source
@@ -383,8 +387,14 @@ mod tests {
             .unwrap()
             .erase_layer(LayerId::Occupancy);
         rig.map.update(BTreeSet::new(), &rig.attention, at(10));
-        let store = rig.map.announced.lock().unwrap();
-        assert_eq!(store.epoch(LayerId::Occupancy), erased.unwrap());
-        assert_eq!(store.tile_count(LayerId::Occupancy), 0);
+        let store = rig.map.announced();
+        let is_announced = |tiles| {
+            let store = store.lock().unwrap();
+            let epoch = store.epoch(LayerId::Occupancy);
+            (epoch, store.tile_count(LayerId::Occupancy)) == (erased.clone().unwrap(), tiles)
+        };
+        assert!(is_announced(0));
+        assert_eq!(announced(&mut rig, 11, [1, 0, 84, 96]).2, 0);
+        assert!(is_announced(1));
     }
 }

@@ -66,15 +66,18 @@ impl Context {
 
     /// Announces the changes that these consoles are to have now, and queues them.
     pub(super) fn announce(&self, views: &[View], now: Monotonic) {
-        // Nothing is held back of a map that is announced as final.
-        let is_final = self.publish_state.has_ended();
         let attention = Attention {
             vehicle_m: self.publish_state.position_m(),
-            views: if is_final { Vec::new() } else { views.to_vec() },
+            views: views.to_vec(),
         };
         let mut announced_map = lock(&self.announced_map);
         let changed = self.publish_state.take_changed_tiles();
-        let announced = announced_map.update(changed, &attention, now);
+        // Nothing is held back of a map that is announced as final.
+        let announced = if self.publish_state.has_ended() {
+            announced_map.announce_all(changed)
+        } else {
+            announced_map.update(changed, &attention, now)
+        };
         self.publish_state
             .tiles_announced(announced, announced_map.held());
     }
