@@ -172,6 +172,7 @@ impl ConsoleModel {
         self.quality.on_message(Stream::Status, now);
         let is_held = teleop.is_some_and(|teleop| teleop.lease.holder.is_some());
         self.quality.rate(is_held, now);
+        self.connection.steady_limit = self.quality.steady_limit();
         self.map.update_clock(header, now);
         let robot = &mut self.robot;
         if !status.has_ended {
@@ -212,7 +213,7 @@ impl ConsoleModel {
         if before.is_none_or(|(_, at)| now.since(at) > GAP) {
             self.trail.gap();
         }
-        self.connection.is_steady = self.quality.is_steady();
+        self.connection.steady_limit = self.quality.steady_limit();
         self.changes += u64::from(self.vehicle.take(pose, header.robot_time_ns, now));
         Ok(())
     }

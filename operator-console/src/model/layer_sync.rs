@@ -27,6 +27,8 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Query {
+    /// As many tiles as fit one answer, nearest to the vehicle first.
+    Nearest,
     /// A list of the tiles newer than this revision.
     Digests {
         newer_than: u64,
@@ -63,6 +65,8 @@ pub(super) struct LayerSync {
     pub(super) last_equal: Option<Monotonic>,
     /// Request without waiting for pushes.
     is_urgent: bool,
+    /// A list begins with the oldest tiles, so a console that joins asks once for what is near the vehicle.
+    wants_nearest: bool,
     /// Missing tiles with the revision that they should have.
     pub(super) missing: BTreeMap<(i32, i32), u64>,
     listing: Option<Listing>,
@@ -83,6 +87,7 @@ impl Default for LayerSync {
             last_push: None,
             last_equal: None,
             is_urgent: true,
+            wants_nearest: true,
             missing: BTreeMap::new(),
             listing: None,
             tile_requests: BTreeMap::new(),
@@ -99,6 +104,7 @@ impl LayerSync {
         self.differs_since = None;
         self.last_equal = Some(now);
         self.is_urgent = false;
+        self.wants_nearest = false;
         self.missing.clear();
         self.backoff.succeed();
         self.idle_lists = 0;
@@ -242,6 +248,9 @@ impl LayerSync {
         if !self.backoff.is_due(now) {
             return None;
         }
+        if self.wants_nearest && room > 0 {
+            return Some(Query::Nearest);
+        }
         if let Some(listing) = self.listing.filter(|listing| listing.page.is_none()) {
             let newer_than = listing.from;
             return Some(Query::Digests { newer_than });
@@ -275,6 +284,7 @@ impl LayerSync {
 
     pub(super) fn on_request(&mut self, request: RequestId, query: &Query) {
         match query {
+            Query::Nearest => self.wants_nearest = false,
             Query::Digests { newer_than } => {
                 let listing = self.listing.get_or_insert(Listing {
                     newer_than: *newer_than,
@@ -292,5 +302,33 @@ impl LayerSync {
 
     pub(super) const fn is_different(&self) -> bool {
         self.differs_since.is_some() || self.last_equal.is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::at;
+
+    fn query(sync: &LayerSync, room: usize, ms: u64) -> Option<Query> {
+        sync.query(at(ms), room, 9, |_| 0.0, |_| false)
+    }
+
+    #[test]
+    fn a_joiner_asks_once_for_what_is_near() {
+        let list = |newer_than| Some(Query::Digests { newer_than });
+        let mut joiner = LayerSync::default();
+        assert_eq!(query(&joiner, 2, 0), None, "nothing is mapped");
+        joiner.on_other_root(at(0));
+        assert_eq!(query(&joiner, 0, 0), list(0), "other layers' tiles come");
+        assert_eq!(query(&joiner, 2, 0), Some(Query::Nearest));
+        joiner.on_request(RequestId(1), &Query::Nearest);
+        assert_eq!(query(&joiner, 2, 0), list(0), "without waiting for it");
+
+        let mut follower = LayerSync::default();
+        follower.on_equal_root(5, at(0));
+        follower.on_other_root(at(1_000));
+        assert_eq!(query(&follower, 2, 2_999), None);
+        assert_eq!(query(&follower, 2, 3_000), list(5));
     }
 }

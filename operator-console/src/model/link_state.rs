@@ -13,10 +13,12 @@ use super::messages::RequestId;
 
 const PING_PERIOD: Duration = Duration::from_secs(1);
 const PING_TIMEOUT: Duration = Duration::from_secs(5);
-/// A robot that sends poses is silent after this time without a message. It sends 20 poses a second and more, so this
-/// is the time of 8 poses. A link with 10 % independent loss loses 8 in a row once in two months. With the time of a
-/// frame, the operator sees it within 500 ms.
-pub const SILENT_AFTER: Duration = Duration::from_millis(400);
+/// A robot that sends poses is silent after this time without a message, without and with a lease holder.
+///
+/// While nobody drives it sends 5 poses a second, and statuses and map heads between them. While somebody drives it sends 50, and with
+/// the time of a frame the operator sees a cut within 500 ms. A link with 10 % independent loss loses 5 poses in a row, and the other
+/// messages of that time, less than once in a year.
+const SILENT_AFTER: [Duration; 2] = [Duration::from_secs(1), Duration::from_millis(400)];
 /// The same if poses do not arrive steadily: before the first pose, without poses (a status comes twice a second), and
 /// for a second after a silence, so that a weak link does not flicker.
 pub const SILENT_AFTER_UNSTEADY: Duration = Duration::from_millis(1500);
@@ -43,8 +45,8 @@ pub struct LastContact {
 pub struct Connection {
     pub(super) before: Option<LastContact>,
     pub(super) last_message: Option<Monotonic>,
-    /// Whether poses arrive often enough to detect silence early.
-    pub(super) is_steady: bool,
+    /// The time after which the robot is silent, if poses arrive often enough to detect it early.
+    pub(super) steady_limit: Option<Duration>,
     round_trip: Option<Duration>,
     pings: VecDeque<(RequestId, Monotonic)>,
     /// When the ping was sent that gave the round trip.
@@ -69,12 +71,8 @@ impl Connection {
     }
 
     /// Time without a message after which the robot is silent.
-    pub const fn silent_after(&self) -> Duration {
-        if self.is_steady {
-            SILENT_AFTER
-        } else {
-            SILENT_AFTER_UNSTEADY
-        }
+    pub fn silent_after(&self) -> Duration {
+        self.steady_limit.unwrap_or(SILENT_AFTER_UNSTEADY)
     }
 
     pub fn age(&self, now: Monotonic) -> Option<Duration> {
@@ -153,9 +151,13 @@ impl Connection {
 const WINDOW: Duration = Duration::from_secs(2);
 const MAX_POSES: usize = 200;
 /// Poses a second without and with a lease holder.
-const POSE_HZ: [f32; 2] = [20.0, 50.0];
-/// 10 a second. A link that loses half of the poses still carries them.
-const STEADY_POSES: usize = 20;
+const POSE_HZ: [f32; 2] = [5.0, 50.0];
+/// Poses in the window without and with a lease holder. A link that loses half of the poses still carries them.
+const STEADY_POSES: [usize; 2] = [5, 20];
+/// Without a pose for this long, without and with a lease holder, the shown state is out of date.
+const POSE_LATE: [Duration; 2] = [Duration::from_millis(1500), Duration::from_millis(600)];
+/// Share of the poses that the robot's own jitter may move out of the window; one pose at least.
+const JITTER: f32 = 0.02;
 const SAMPLE_PERIOD: Duration = Duration::from_millis(500);
 const MAX_SAMPLES: usize = 600;
 
@@ -204,22 +206,28 @@ impl LinkQuality {
         recent.count() as f32 / WINDOW.as_secs_f32()
     }
 
-    /// Whether poses arrived steadily: only then does their absence mean anything.
-    pub(super) fn is_steady(&self) -> bool {
-        self.poses.len() >= STEADY_POSES
+    /// The time after which the robot is silent, if poses arrived steadily: only then does their absence mean anything.
+    pub(super) fn steady_limit(&self) -> Option<Duration> {
+        let is_held = usize::from(self.is_held);
+        (self.poses.len() >= STEADY_POSES[is_held]).then_some(SILENT_AFTER[is_held])
     }
 
     pub const fn expected_hz(&self) -> f32 {
         POSE_HZ[self.is_held as usize]
     }
 
+    pub const fn pose_late(&self) -> Duration {
+        POSE_LATE[self.is_held as usize]
+    }
+
     /// Share of the expected poses of the last 2 s that did not arrive, 0 … 1; `None` until the rate is known for that
     /// long.
     pub fn missing(&self, now: Monotonic) -> Option<f32> {
         self.rated.filter(|at| now.since(*at) >= WINDOW)?;
-        // The robot's own jitter of 2 % is no loss.
-        let share = 1.0 - self.pose_hz(now) / self.expected_hz();
-        Some(if share < 0.02 { 0.0 } else { share.min(1.0) })
+        let expected = self.expected_hz() * WINDOW.as_secs_f32();
+        let lost = expected - self.pose_hz(now) * WINDOW.as_secs_f32();
+        let is_jitter = lost <= (JITTER * expected).max(1.0);
+        Some(if is_jitter { 0.0 } else { lost / expected })
     }
 
     pub const fn samples(&self) -> &VecDeque<LinkSample> {
@@ -302,9 +310,11 @@ mod tests {
         link.last_message = Some(at(100));
         assert_eq!(link.state(at(1_600)), LinkState::Live);
         assert_eq!(link.state(at(1_601)), LinkState::Silent);
-        link.is_steady = true;
-        assert_eq!(link.state(at(500)), LinkState::Live);
-        assert_eq!(link.state(at(501)), LinkState::Silent);
+        for (limit, ms) in SILENT_AFTER.into_iter().zip([1_100, 500]) {
+            link.steady_limit = Some(limit);
+            assert_eq!(link.state(at(ms)), LinkState::Live);
+            assert_eq!(link.state(at(ms + 1)), LinkState::Silent);
+        }
         assert!(link.is_ping_due(at(0)));
         link.on_ping(RequestId(1), at(0));
         assert!(!link.is_ping_due(at(900)));
@@ -350,11 +360,12 @@ mod tests {
         assert_eq!(link.pings, []);
     }
 
-    fn after(comes: impl Fn(u64) -> bool) -> LinkQuality {
+    fn after(is_held: bool, comes: impl Fn(u64) -> bool) -> LinkQuality {
         let mut quality = LinkQuality::default();
-        quality.rate(true, at(0));
-        for n in (0..500).filter(|n| comes(*n)) {
-            quality.pose(at(20 * n));
+        quality.rate(is_held, at(0));
+        let period_ms = if is_held { 20 } else { 200 };
+        for n in (0..10_000 / period_ms).filter(|n| comes(*n)) {
+            quality.pose(at(period_ms * n));
         }
         quality
     }
@@ -362,22 +373,25 @@ mod tests {
     #[test]
     fn rates_are_those_of_the_last_two_seconds() {
         let now = at(9_990);
-        let whole = after(|_| true);
+        let whole = after(true, |_| true);
         assert_eq!((whole.pose_hz(now), whole.expected_hz()), (50.0, 50.0));
         assert_eq!(whole.missing(now), Some(0.0));
-        let every_fourth_lost = after(|n| n % 4 != 1);
+        let every_fourth_lost = after(true, |n| n % 4 != 1);
         assert_eq!(every_fourth_lost.missing(now), Some(0.25));
         assert_eq!(whole.missing(at(20_000)), Some(1.0));
         let age = whole.age(Stream::Pose, at(20_000));
         assert_eq!(age, Some(Duration::from_millis(10_020)));
         assert_eq!(whole.age(Stream::Status, at(20_000)), None);
+        // Of 10 poses, one may be late.
+        let idle = |lost| after(false, move |n| n % 10 >= lost).missing(now);
+        assert_eq!([0, 1, 3].map(idle), [Some(0.0), Some(0.0), Some(0.3)]);
     }
 
     #[test]
     fn change_of_rate_is_no_loss() {
-        let mut quality = after(|_| true);
+        let mut quality = after(true, |_| true);
         quality.rate(false, at(9_990));
-        assert_eq!(quality.expected_hz(), 20.0);
+        assert_eq!(quality.expected_hz(), 5.0);
         assert_eq!(quality.missing(at(9_990)), None);
         quality.rate(false, at(11_000));
         assert_eq!(quality.missing(at(11_990)), Some(1.0));
@@ -386,19 +400,22 @@ mod tests {
 
     #[test]
     fn poses_are_steady_a_second_after_they_return() {
-        let mut quality = after(|_| true);
-        assert!(quality.is_steady());
-        quality.pose(at(30_000));
-        assert!(!quality.is_steady());
-        for n in 1..20 {
-            quality.pose(at(30_000 + 50 * n));
+        for (is_held, count, period_ms) in [(true, 20, 50), (false, 5, 200)] {
+            let limit = Some(SILENT_AFTER[usize::from(is_held)]);
+            let mut quality = after(is_held, |_| true);
+            assert_eq!(quality.steady_limit(), limit);
+            for n in 0..count {
+                quality.pose(at(30_000 + period_ms * n));
+                let is_steady = n + 1 == count;
+                assert_eq!(quality.steady_limit(), limit.filter(|_| is_steady), "{n}");
+            }
+            let mut slow = LinkQuality::default();
+            slow.rate(is_held, at(0));
+            for n in 0..100 {
+                slow.pose(at(3 * period_ms * n));
+            }
+            assert_eq!(slow.steady_limit(), None, "less than half");
         }
-        assert!(quality.is_steady());
-        let mut slow = LinkQuality::default();
-        for n in 0..100 {
-            slow.pose(at(200 * n));
-        }
-        assert!(!slow.is_steady(), "5 a second");
     }
 
     #[test]

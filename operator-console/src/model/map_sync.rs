@@ -36,8 +36,9 @@ pub struct LayerSyncState {
 
 struct OpenRequest {
     layer: LayerId,
-    /// Requested tiles; empty for a request of a list.
+    /// Requested tiles; empty if they are unknown.
     tiles: Vec<(i32, i32)>,
+    is_for_tiles: bool,
     at: Monotonic,
 }
 
@@ -339,12 +340,13 @@ impl MapSync {
                     sync.on_request(request, &query);
                 }
                 let tiles = match &query {
-                    Query::Digests { .. } => Vec::new(),
+                    Query::Digests { .. } | Query::Nearest => Vec::new(),
                     Query::Tiles(tiles) => tiles.clone(),
                 };
                 let open = OpenRequest {
                     layer,
                     tiles,
+                    is_for_tiles: !matches!(query, Query::Digests { .. }),
                     at: now,
                 };
                 self.open_requests.insert(request, open);
@@ -357,7 +359,7 @@ impl MapSync {
     fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
         let cell_m = self.store.cell_m(layer)?;
         let open = self.open_requests.values();
-        let for_tiles = open.filter(|open| !open.tiles.is_empty()).count();
+        let for_tiles = open.filter(|open| open.is_for_tiles).count();
         let distance = |(tx, ty)| {
             let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
             let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);

@@ -188,6 +188,10 @@ impl ConsoleModel {
         let queries = self.map.queries(now, || next(&mut self.requests));
         for (request, layer, query) in queries {
             outgoing.extend(match query {
+                Query::Nearest => {
+                    let body = TilesRequest::NewerThan(0);
+                    self.bulk_query(Topic::Tiles(layer), request, &body)
+                }
                 Query::Digests { newer_than } => {
                     let body = DigestsRequest { newer_than };
                     self.bulk_query(Topic::Digests(layer), request, &body)

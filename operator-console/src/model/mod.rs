@@ -33,8 +33,7 @@ use protocol::message::{
 use protocol::tile::{BootId, TileKey};
 
 pub use link_state::{
-    Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER,
-    SILENT_AFTER_UNSTEADY, Stream,
+    Connection, LastContact, LinkQuality, LinkSample, LinkState, SILENT_AFTER_UNSTEADY, Stream,
 };
 pub use localization::{LocalizationHistory, ellipse_95};
 pub use map_sync::{LayerSyncState, MapSync};

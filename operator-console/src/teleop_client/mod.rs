@@ -88,6 +88,11 @@ pub struct TeleopClient {
 
 /// No robot accepts an older token: the greatest configurable age is 1 s.
 const TOKEN_USELESS: Duration = Duration::from_secs(1);
+/// A request waits for the next token if the newest came longer ago: while nobody drives tokens come 5 times a second, and the robot
+/// refuses what is too old.
+const TOKEN_FOR_REQUEST: Duration = Duration::from_millis(50);
+/// Interval of looking for it.
+const TOKEN_POLL: Duration = Duration::from_millis(10);
 
 const NOTICE: Duration = Duration::from_secs(10);
 
@@ -248,6 +253,8 @@ impl TeleopClient {
         let estop = self.estop.as_ref().map(|pending| pending.due(now));
         let estop = estop.filter(|_| self.boot.is_some());
         let request = self.requests.due(now);
+        let looked = self.last_end.filter(|_| self.awaits_token(now));
+        let request = request.map(|due| looked.map_or(due, |looked| due.max(looked + TOKEN_POLL)));
         [drive, estop, request].into_iter().flatten().min()
     }
 
@@ -362,6 +369,9 @@ impl TeleopClient {
     }
 
     fn ask(&mut self, now: Monotonic, messages: &mut Vec<SignedMessage>) {
+        if self.awaits_token(now) {
+            return;
+        }
         while let Some(asked) = self.requests.next() {
             let Some(token) = self.fresh_token(now) else {
                 self.warn(
@@ -454,6 +464,12 @@ impl TeleopClient {
             docking: self.docking,
             goal: None,
         }
+    }
+
+    /// Whether a request waits for a newer token.
+    fn awaits_token(&self, now: Monotonic) -> bool {
+        let age = self.newest.map(|newest| now.since(newest.at));
+        age.is_some_and(|age| (TOKEN_FOR_REQUEST..=TOKEN_USELESS).contains(&age))
     }
 
     fn fresh_token(&self, now: Monotonic) -> Option<AgeToken> {

@@ -38,6 +38,7 @@ struct Rig {
     ms: u64,
     boot: BootId,
     speaks: bool,
+    token_period_ms: u64,
     velocity: [f32; 3],
     last_seq: u64,
     sent: Vec<(u64, CommandHeader, Read)>,
@@ -55,6 +56,7 @@ impl Rig {
             ms: 1000,
             boot: BOOT,
             speaks: true,
+            token_period_ms: 20,
             velocity: [0.0; 3],
             last_seq: 0,
             sent: Vec::new(),
@@ -72,12 +74,12 @@ impl Rig {
     }
 
     fn newest(&self) -> Option<LatestPose> {
-        let n = self.ms / 20;
+        let n = self.ms / self.token_period_ms;
         self.speaks.then_some(LatestPose {
             boot: self.boot,
             token: Some(AgeToken { n, nonce: n ^ 9 }),
             velocity: self.velocity,
-            at: at(n * 20),
+            at: at(n * self.token_period_ms),
         })
     }
 
@@ -346,6 +348,34 @@ fn without_tokens_nothing_is_sent_and_keys_lock() {
     rig.run(1000);
     assert!(!rig.moves(), "W is still down");
     rig.drives_after_release();
+}
+
+/// While nobody drives tokens come seldom, and the robot refuses an old one.
+#[test]
+fn request_waits_for_new_token() {
+    let mut rig = Rig::new();
+    rig.token_period_ms = 200;
+    rig.run(130);
+    rig.ask(LeaseRequest::Request);
+    rig.run(69);
+    assert_eq!(rig.since(), []);
+    rig.run(20);
+    let sent = rig.since();
+    let [(ms, header, Read::Lease(LeaseRequest::Request))] = &sent[..] else {
+        panic!("{sent:?}");
+    };
+    assert_eq!(header.token.n, 6);
+    assert!((1200..=1210).contains(ms), "{ms}");
+    // No further one comes.
+    rig.speaks = false;
+    rig.answer(Answer::Refused(protocol::message::Refusal::Role));
+    rig.run(100);
+    rig.ask(LeaseRequest::Request);
+    rig.run(1000);
+    assert_eq!(rig.since(), []);
+    let not_sent = RequestKind::Lease(LeaseRequest::Request);
+    let not_sent = TeleopNotification::NotSent(not_sent, NotSentReason::NoToken);
+    assert!(rig.teleop_client.notifications.contains(&not_sent));
 }
 
 #[test]

@@ -38,7 +38,7 @@ pub struct StoreCounters {
 }
 
 /// Tiles of all layers of one robot. See the [module](self).
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct TileStore {
     boot: BootId,
     last_revision: u64,
@@ -54,7 +54,7 @@ pub struct TileStore {
     unknown_digest: TileDigest,
 }
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct LayerTiles {
     cell_m: f64,
     epoch: u32,

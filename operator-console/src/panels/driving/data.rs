@@ -23,8 +23,6 @@ use crate::teleop_client::{EStopState, Lease, TeleopClientState, TeleopNotificat
 use crate::teleop_input::SpeedStep;
 use crate::theme::Tone;
 
-/// Poses come at 20 Hz or more: after this time without one, the shown state is out of date.
-const POSE_LATE: Duration = Duration::from_millis(600);
 /// Status comes at 2 Hz.
 const STATUS_LATE: Duration = Duration::from_millis(1800);
 /// Commands of this age are shown as a warning.
@@ -171,7 +169,7 @@ fn silence(model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
     let quality = model.link_quality();
     let late = |stream, longest| quality.age(stream, now).filter(|age| *age > longest);
     let is_silent = model.connection().state(now) != LinkState::Live;
-    late(Stream::Pose, POSE_LATE)
+    late(Stream::Pose, quality.pose_late())
         .or_else(|| late(Stream::Status, STATUS_LATE))
         .or_else(|| model.connection().age(now).filter(|_| is_silent))
 }

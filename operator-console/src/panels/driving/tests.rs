@@ -234,11 +234,13 @@ fn requested_and_applied_speed_and_limit_are_shown() {
 
 #[test]
 fn a_lost_link_is_shown_and_the_estop_stays_usable() {
-    for driving in [true, false] {
+    for (driving, ms, lost) in [(true, 1_601, "0.6 s"), (false, 2_501, "1.5 s")] {
         let mut rig = if driving { Rig::driving() } else { Rig::new() };
-        rig.now = at(1_601);
+        rig.now = at(ms - 2);
+        assert!(!rig.data().headline.starts_with("Link lost"));
+        rig.now = at(ms);
         let data = rig.data();
-        rig.assert_headline("Link lost for 0.6 s", Tone::Warning);
+        rig.assert_headline(&format!("Link lost for {lost}"), Tone::Warning);
         assert!(data.advice.is_some());
         assert_eq!((data.gauges.as_ref(), data.clamp.as_ref()), (None, None));
         assert_eq!(data.settings, None);
@@ -249,7 +251,7 @@ fn a_lost_link_is_shown_and_the_estop_stays_usable() {
         };
         assert_eq!(data.driver, driver);
         let (_, first) = &data.rows[0];
-        assert_eq!(first.1, "as of 0.6 s ago");
+        assert_eq!(first.1, format!("as of {lost} ago"));
         assert_eq!(data.estop, EStopButton::Ready);
     }
 }

@@ -1,5 +1,6 @@
 //! Cells → tiles → the store that exports, digests and consoles read.
 
+pub mod announced_map;
 pub mod bandwidth_limiter;
 pub mod cells_to_tiles;
 pub mod keel_depth;

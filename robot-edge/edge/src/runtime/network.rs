@@ -332,7 +332,6 @@ impl Network {
         quiet: bool,
         is_interrupted: impl Fn() -> bool,
     ) {
-        let revision = head_revision(maps);
         let publish_state = self.link.publish_state();
         let is_interrupted = || {
             self.serve_octree_files(maps, true);
@@ -340,7 +339,7 @@ impl Network {
         };
         // Requested octree files contain all data when the end is published.
         self.serve_octree_files(maps, true);
-        publish_state.end();
+        let revision = self.link.end();
         if self.keep_serving {
             if !quiet && !is_interrupted() {
                 // A closed standard error is ignored.
@@ -362,13 +361,4 @@ impl Network {
         };
         clock::sleep_until(ended + CONSOLE_SYNC_TIMEOUT, is_over);
     }
-}
-
-fn head_revision(maps: &Maps) -> u64 {
-    let store = maps.publisher().store();
-    LayerId::ALL
-        .into_iter()
-        .map(|layer| store.head_revision(layer))
-        .max()
-        .unwrap_or(0)
 }

@@ -20,6 +20,8 @@ use super::publish_state::PublishState;
 use crate::driving::operators::PendingOperatorList;
 use crate::driving::{Inbox, SharedDriveState};
 use crate::events::event;
+use crate::lock;
+use crate::publishing::announced_map::AnnouncedMap;
 use network::LinkError;
 use network::audit::Audit;
 use network::certificate_probe::certificate_problem_at;
@@ -54,7 +56,7 @@ pub struct EdgeSettings {
 /// The part that survives a reopening.
 pub(super) struct LinkServer {
     pub(super) settings: EdgeSettings,
-    pub(super) store: Arc<Mutex<TileStore>>,
+    pub(super) announced_map: Arc<Mutex<AnnouncedMap>>,
     pub(super) publish_state: Arc<PublishState>,
     pub(super) out: Outgoing,
 }
@@ -62,6 +64,7 @@ pub(super) struct LinkServer {
 /// Dropping it closes the network.
 pub struct EdgeLink {
     publish_state: Arc<PublishState>,
+    announced_map: Arc<Mutex<AnnouncedMap>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -72,10 +75,11 @@ impl EdgeLink {
         store: Arc<Mutex<TileStore>>,
         publish_state: Arc<PublishState>,
     ) -> Result<Self, LinkError> {
+        let announced_map = Arc::new(Mutex::new(AnnouncedMap::new(store)));
         let server = LinkServer {
             out: Outgoing::new(settings.boot),
             settings,
-            store,
+            announced_map: Arc::clone(&announced_map),
             publish_state: Arc::clone(&publish_state),
         };
         let sessions = OpenSessions::open(&server)?;
@@ -85,12 +89,26 @@ impl EdgeLink {
             .map_err(LinkError::Thread)?;
         Ok(Self {
             publish_state,
+            announced_map,
             thread: Some(thread),
         })
     }
 
     pub const fn publish_state(&self) -> &Arc<PublishState> {
         &self.publish_state
+    }
+
+    /// Announces that the data has ended, with all of the map; returns its newest revision.
+    pub fn end(&self) -> u64 {
+        let mut announced_map = lock(&self.announced_map);
+        let changed = self.publish_state.take_changed_tiles();
+        let announced = announced_map.announce_all(changed);
+        self.publish_state.tiles_announced(announced, 0);
+        self.publish_state.end();
+        let store = announced_map.announced();
+        let store = lock(&store);
+        let revisions = store.grids().map(|grid| store.head_revision(grid.layer));
+        revisions.max().unwrap_or(0)
     }
 }
 

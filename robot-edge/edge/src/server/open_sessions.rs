@@ -23,6 +23,9 @@ use super::publish_state::PublishState;
 use super::streams::{self, TopicPublishers};
 use super::{commands, queries};
 use crate::driving::SharedDriveState;
+use crate::lock;
+use crate::publishing::announced_map::{AnnouncedMap, Attention};
+use measurement::time::Monotonic;
 use network::audit::Audit;
 use network::clock;
 use network::endpoints::Channel;
@@ -47,7 +50,9 @@ pub(super) struct Context {
     pub(super) control: Session,
     pub(super) bulk: Session,
     pub(super) publish_state: Arc<PublishState>,
+    /// The announced map.
     pub(super) store: Arc<Mutex<TileStore>>,
+    announced_map: Arc<Mutex<AnnouncedMap>>,
     pub(super) budget_kbps: u32,
     pub(super) drive_state: Option<Arc<SharedDriveState>>,
     /// These sessions are to end; others may follow.
@@ -57,6 +62,24 @@ pub(super) struct Context {
 impl Context {
     pub(super) fn is_closing(&self) -> bool {
         self.is_over.load(Ordering::Relaxed) || self.publish_state.is_closing()
+    }
+
+    /// Announces the changes that these consoles are to have now, and queues them.
+    pub(super) fn announce(&self, views: &[View], now: Monotonic) {
+        let attention = Attention {
+            vehicle_m: self.publish_state.position_m(),
+            views: views.to_vec(),
+        };
+        let mut announced_map = lock(&self.announced_map);
+        let changed = self.publish_state.take_changed_tiles();
+        // Nothing is held back of a map that is announced as final.
+        let announced = if self.publish_state.has_ended() {
+            announced_map.announce_all(changed)
+        } else {
+            announced_map.update(changed, &attention, now)
+        };
+        self.publish_state
+            .tiles_announced(announced, announced_map.held());
     }
 }
 
@@ -81,7 +104,8 @@ impl OpenSessions {
             control: control.clone(),
             bulk: bulk.clone(),
             publish_state: Arc::clone(publish_state),
-            store: Arc::clone(&server.store),
+            store: lock(&server.announced_map).announced(),
+            announced_map: Arc::clone(&server.announced_map),
             budget_kbps: settings.budget_kbps,
             drive_state: drive_state.map(Arc::clone),
             is_over: AtomicBool::new(false),

@@ -1,7 +1,7 @@
 //! The latest state that the pipeline hands to the network threads. Each lock is held for microseconds.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
@@ -37,6 +37,8 @@ pub struct PublishState {
     shores: Mutex<ShoresState>,
     voxels: Mutex<VoxelSnapshots>,
     trajectory: SharedTrajectory,
+    /// Not yet announced or held back.
+    changed_tiles: Mutex<BTreeSet<TileKey>>,
     tile_queue: Mutex<TileQueue>,
     scans: LatestScans,
     events: Events,
@@ -80,6 +82,8 @@ impl Events {
 #[derive(Debug, Default)]
 struct Counters {
     rejected: AtomicU64,
+    /// Changed tiles that are held back.
+    held: AtomicUsize,
     /// Messages with tiles that were pushed, and their bytes.
     pushed: AtomicU64,
     pushed_bytes: AtomicU64,
@@ -132,17 +136,18 @@ impl PublishState {
     /// The last status, with the figures of the network.
     pub fn status(&self, now: Monotonic) -> Status {
         let mut status = lock(&self.status).clone();
-        status.tiles_waiting = u32::try_from(lock(&self.tile_queue).len()).unwrap_or(u32::MAX);
+        status.tiles_waiting = u32::try_from(self.tiles_waiting()).unwrap_or(u32::MAX);
         status.consoles = u16::try_from(self.views(now).len()).unwrap_or(u16::MAX);
         let Counters {
             rejected,
             pushed,
             pushed_bytes,
+            ..
         } = &self.counters;
         status.tiles = [pushed, pushed_bytes].map(|counter| counter.load(Ordering::Relaxed));
         status.refused = rejected.load(Ordering::Relaxed);
         status.info_revision = lock(&self.sensors).0;
-        status.has_ended = self.signals.has_ended.load(Ordering::Relaxed);
+        status.has_ended = self.has_ended();
         status
     }
 
@@ -258,12 +263,29 @@ impl PublishState {
     }
 
     pub fn tiles_changed(&self, keys: impl IntoIterator<Item = TileKey>) {
+        lock(&self.changed_tiles).extend(keys);
+    }
+
+    pub fn take_changed_tiles(&self) -> BTreeSet<TileKey> {
+        std::mem::take(&mut *lock(&self.changed_tiles))
+    }
+
+    /// Queues tiles that were announced; `held` others are held back.
+    pub fn tiles_announced(&self, announced: Vec<TileKey>, held: usize) {
         let mut tile_queue = lock(&self.tile_queue);
-        keys.into_iter().for_each(|key| tile_queue.add(key));
+        for key in announced {
+            tile_queue.add(key);
+        }
+        self.counters.held.store(held, Ordering::Relaxed);
     }
 
     pub fn tile_queue(&self) -> MutexGuard<'_, TileQueue> {
         lock(&self.tile_queue)
+    }
+
+    /// Tiles that wait for the link or are held back.
+    pub fn tiles_waiting(&self) -> usize {
+        self.counters.held.load(Ordering::Relaxed) + lock(&self.tile_queue).len()
     }
 
     /// Sets the view of a console. A new console gets status, head and queued events at once.
@@ -335,6 +357,10 @@ impl PublishState {
     pub fn end(&self) {
         self.signals.has_ended.store(true, Ordering::Relaxed);
         self.request_status();
+    }
+
+    pub fn has_ended(&self) -> bool {
+        self.signals.has_ended.load(Ordering::Relaxed)
     }
 
     /// Asks the network threads to end.

@@ -21,9 +21,11 @@ use measurement::time::Monotonic;
 use network::LinkError;
 use network::clock;
 
-const POSE_PERIOD: Duration = Duration::from_millis(50);
-/// Rate while the lease is held or requested: each pose carries a token, which limits the age of commands.
-const DRIVEN_POSE_PERIOD: Duration = Duration::from_millis(20);
+/// Interval of looking for what is to be sent. While the lease is held or requested a pose goes out each time: it carries a
+/// token, which limits the age of commands.
+const STATE_PERIOD: Duration = Duration::from_millis(20);
+/// Interval of poses while nobody drives: with the headers of the network, 20 a second took half of the link.
+const POSE_PERIOD: Duration = Duration::from_millis(200);
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 const HEAD_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum delay of a changed head.
@@ -74,20 +76,20 @@ impl TopicPublishers {
 pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPublishers) {
     let start = clock::now();
     let mut next = start;
-    let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
+    let [
+        mut pose_due,
+        mut status_due,
+        mut head_due,
+        mut changed_head_due,
+    ] = [Due(start); 4];
     let mut announced: Option<MapHead> = None;
     let mut sent_teleop_state = None;
     let mut sent_closures_m = None;
     let mut sent_plan = None;
     loop {
         let drive_state = context.drive_state.as_deref();
-        let period = if drive_state.is_some_and(SharedDriveState::is_held) {
-            DRIVEN_POSE_PERIOD
-        } else {
-            POSE_PERIOD
-        };
         // Periods that a suspended machine missed are skipped.
-        next = (next + period).max(clock::now());
+        next = (next + STATE_PERIOD).max(clock::now());
         let is_open = clock::sleep_until(next, || context.is_closing());
         // A new console gets the state at once. The final status and head are sent even if the network closes at
         // once: otherwise the end would look like a lost link.
@@ -96,9 +98,13 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             return;
         }
         let now = clock::now();
-        let mut stamp_ns = 0;
-        if let Some((stamp, mut pose)) = context.publish_state.pose() {
-            stamp_ns = stamp.as_nanos();
+        let pose = context.publish_state.pose();
+        let stamp_ns = pose.map_or(0, |(stamp, _)| stamp.as_nanos());
+        let is_driven = drive_state.is_some_and(SharedDriveState::is_held);
+        // By the schedule, which does not shift where a round is late.
+        if let Some((_, mut pose)) = pose
+            && pose_due.is_due(next, POSE_PERIOD, is_requested || is_driven)
+        {
             pose.token = drive_state
                 .and_then(SharedDriveState::token)
                 .map(|token| AgeToken {
@@ -150,9 +156,9 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
             put(&publishers.plan, out.message(stamp_ns, &plan));
             sent_plan = Some(plan);
         }
-        // No console can have the map of a head while tiles wait.
+        // No console can have the map of a head while tiles wait, and while some are held back the map goes on changing.
         let is_changed_head = changed_head_due.is_due(now, CHANGED_HEAD_PERIOD, false)
-            && context.publish_state.tile_queue().is_empty()
+            && context.publish_state.tiles_waiting() == 0
             && context.publish_state.take_map_changed();
         let is_head_due = head_due.is_due(now, HEAD_PERIOD, is_requested);
         if is_head_due || is_changed_head {
@@ -190,7 +196,7 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
     }
 }
 
-/// Sends changed tiles, nearest first, and changed shores, within the budget, until the network closes.
+/// Announces changed tiles, and sends them, nearest first, and changed shores, within the budget, until the network closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
     let mut next = clock::now();
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
@@ -209,6 +215,7 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
         }
         let views = context.publish_state.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
+        context.announce(&views, now);
         // Only layers that a console shows are encoded; a console that shows another one requests it.
         context
             .publish_state
