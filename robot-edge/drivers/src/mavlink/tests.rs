@@ -76,11 +76,10 @@ fn what_is_sent_is_what_pymavlink_packs() {
         (
             encoder.obstacle_distance(distances, 5000, 5_000_000),
             concat!(
-                "fda7000004f5bf4a0100404b4c0000000000fa008913",
+                "fda7000004f5bf4a0100404b4c0000000000fa008913ffffffffffffffffffffffffffffffffffffffffffffffffff",
                 "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
                 "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
-                "ffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffffff",
-                "ffff01000100881300050000a040000000000c5615",
+                "ffffffffffffffffffffffffffffffffffffff01000100881300050000a040000000000c5615",
             ),
         ),
     ] {

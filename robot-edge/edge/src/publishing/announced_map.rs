@@ -7,12 +7,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use protocol::layer::{LayerId, Quantisation, UNKNOWN};
 use protocol::message::View;
 use protocol::tile::{TILE_SIDE, TileCells, TileKey};
 use protocol::tile_store::{Publication, StoredTile, TileStore};
 
 use crate::lock;
+use crate::publishing::cells_to_tiles::with_visible_changes;
 use measurement::time::Monotonic;
 
 /// Nearer to the vehicle visible changes are announced at once, metres.
@@ -25,8 +25,6 @@ const VISIBLE_HOLD: Duration = Duration::from_millis(1500);
 const QUIET: Duration = Duration::from_secs(3);
 /// What is held back is looked through when something else changes, so that messages are few, or after this time.
 const BATCH: Duration = Duration::from_secs(1);
-/// A change of a value by this part of its unit is visible: a probability by 0.1, a height by 0.1 m.
-const VISIBLE_PART: u16 = 10;
 
 /// Where changes are wanted at once.
 #[derive(Clone, Debug, Default)]
@@ -219,28 +217,14 @@ enum Part {
     Whole,
 }
 
-/// The cells `after`, without those that only waver.
-fn with_visible_changes(layer: LayerId, before: &TileCells, after: &TileCells) -> TileCells {
-    let step = match layer.quantisation() {
-        Quantisation::Linear { steps_per_unit, .. } => steps_per_unit / VISIBLE_PART,
-        Quantisation::Classes(_) => 1,
-    };
-    let mut cells = after.clone();
-    for (code, &before) in cells.codes_mut().iter_mut().zip(before.codes()) {
-        let is_visible = (*code == UNKNOWN) != (before == UNKNOWN) || code.abs_diff(before) >= step;
-        // Always stored, so that the compiler makes vectors of it.
-        *code = if is_visible { *code } else { before };
-    }
-    cells
-}
-
 #[cfg(test)]
 mod tests {
+    use protocol::layer::LayerId;
     use protocol::tile::BootId;
     use protocol::tile_store::LayerGrid;
 
     use super::*;
-    use crate::publishing::cells_to_tiles::uniform_tile;
+    use crate::publishing::cells_to_tiles::{tile_of, uniform_tile};
 
     const CELL_M: f64 = 0.1;
     const FAR: i32 = 10;
@@ -345,7 +329,7 @@ mod tests {
         };
         let mut rig = Rig::new(vec![view(20.0, u32::MAX)]);
         let announced = |rig: &mut Rig, s, codes: [u16; 4]| {
-            let cells = TileCells::from_fn(|x, y| if y == 0 && x < 4 { codes[x] } else { 9 });
+            let cells = tile_of(|x, y| if y == 0 && x < 4 { codes[x] } else { 9 });
             let changed = rig.publish(key, cells);
             let pushed = rig.map.update(changed, &rig.attention, at(s));
             let store = rig.map.announced.lock().unwrap();

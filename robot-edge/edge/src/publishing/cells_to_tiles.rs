@@ -1,7 +1,7 @@
 //! Map cells become tiles, and shores those of the protocol, here and nowhere else.
 
 use protocol::geodesy::GeodeticPoint;
-use protocol::layer::{LayerId, UNKNOWN};
+use protocol::layer::{LayerId, Quantisation, UNKNOWN};
 use protocol::message::{self, Shores};
 use protocol::shores::convex_outline;
 use protocol::tile::{TileCells, TileKey};
@@ -160,6 +160,28 @@ fn site(site: &DockingSite) -> message::DockingSite {
         price: site.price as f32,
         approach_m: site.approach_in_odom.map(|metres| metres as f32).into(),
     }
+}
+
+/// A change of a value by this part of its unit is visible: a probability by 0.1, a height by 0.1 m.
+const VISIBLE_PART: u16 = 10;
+
+/// The cells `after`, without those that only waver.
+pub(super) fn with_visible_changes(
+    layer: LayerId,
+    before: &TileCells,
+    after: &TileCells,
+) -> TileCells {
+    let step = match layer.quantisation() {
+        Quantisation::Linear { steps_per_unit, .. } => steps_per_unit / VISIBLE_PART,
+        Quantisation::Classes(_) => 1,
+    };
+    let mut cells = after.clone();
+    for (code, &before) in cells.codes_mut().iter_mut().zip(before.codes()) {
+        let is_visible = (*code == UNKNOWN) != (before == UNKNOWN) || code.abs_diff(before) >= step;
+        // Always stored, so that the compiler makes vectors of it.
+        *code = if is_visible { *code } else { before };
+    }
+    cells
 }
 
 #[cfg(test)]

@@ -179,10 +179,13 @@ mod tests {
         rustix::io::ioctl_fionbio(&read_end, true).unwrap();
         let mut sender = ObstacleSender::new(Arc::new(write_end));
         for round in 0..100 {
-            sender.update(&around(&[(0, round as f32)]), at(5000 + 200 * round));
+            sender.update(
+                &around(&[(0, 40.0 - 0.1 * round as f32)]),
+                at(5000 + 200 * round),
+            );
         }
         // The pipe had room for 26.
         let distances = ObstacleReceiver(read_end).take(at(10_000)).unwrap();
-        assert_eq!(distances[0], 2100);
+        assert_eq!(distances[0], 3750);
     }
 }
