@@ -224,7 +224,7 @@ pub static EXPERIMENTS: [Experiment; 24] = [
         id: "P1",
         title: "Circles with wheels that slip and a compass that drifts",
         source: "[ours]",
-        criterion: "the pose at the end is ≤ 10 cm off, from a planar laser and from a lidar with rings; heights where the circle closes \
+        criterion: "the pose at the end is ≤ 10 cm off, from planar lasers, level and tilting, and from a lidar with rings; heights where the circle closes \
                     ≤ 5 cm off",
         run: p1::run,
     },
