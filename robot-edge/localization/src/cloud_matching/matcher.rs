@@ -44,13 +44,15 @@ const GRAVITY_S: f64 = 20.0;
 const MAX_UNMATCHED: u32 = 3;
 /// And after so many stripes: some show the sky, or only ground that none showed before.
 const MAX_UNMATCHED_STRIPES: u32 = 20;
-/// Standard deviations of the motion by odometry from stripe to stripe: of the way, of the height as a share of that, and of the turn;
-/// and at least, metres and radians.
+/// Standard deviations of the expected motion between revolutions: shares of its way and of its turn, and at least, metres and radians. By
+/// the least a cloud outweighs it where it determines the pose: slip and drift of odometry have one sign for long.
 const WAY_SHARE: f64 = 0.1;
-const RISE_SHARE: f64 = 0.05;
 const TURN_SHARE: f64 = 0.05;
-const LEAST_WAY_M: f64 = 0.005;
-const LEAST_TURN_RAD: f64 = 0.002;
+const LEAST_WAY_M: f64 = 0.05;
+const LEAST_TURN_RAD: f64 = 0.02;
+/// One stripe determines little, so for stripes the least is this share of it, and the height is surer than the way by this share.
+const STRIPE_SHARE: f64 = 0.1;
+const RISE_SHARE: f64 = 0.05;
 /// Standard deviation of roll and pitch by an attitude sensor, radians.
 const ATTITUDE_RAD: f64 = 0.003;
 /// Clouds may overlap; their middles then are at least this far apart, seconds.
@@ -165,12 +167,7 @@ impl CloudMatcher {
         let constant = last.constant_motion(motion_s);
         let expected =
             last.local_from_base * combined(revolution, &last.prior.inv_mul(&prior), &constant);
-        let (expected, prior_covariance) = if revolution.is_stripe {
-            let (expected, covariance) = last.before_stripe(revolution, expected, &prior);
-            (expected, Some(covariance))
-        } else {
-            (expected, None)
-        };
+        let (expected, prior_covariance) = last.weighed(revolution, expected, &prior);
         let sweep_of = |motion: &Pose| {
             let within = part_of(motion, duration.as_secs_f64() / motion_s);
             combined(revolution, &by_prior, &within)
@@ -179,8 +176,7 @@ impl CloudMatcher {
         let mut sweep = sweep_of(&constant);
         let mut points = placed(&swept, &sweep);
         let register = |map: &mut SurfaceMap, points: &[Point3<f64>], expected: &Pose| {
-            let prior_covariance = prior_covariance.as_ref();
-            register(map, &thinned(points), expected, sigma_m, prior_covariance)
+            register(map, &thinned(points), expected, sigma_m, &prior_covariance)
         };
         let mut registered = register(&mut self.map, &points, &expected);
         for _ in 0..MAX_AGAIN {
@@ -205,8 +201,7 @@ impl CloudMatcher {
         }
         self.first = None;
         let local_from_base = registered.map_or(expected, |of| of.local_from_base);
-        let unmatched = prior_covariance.unwrap_or(Matrix6::identity() * (sigma_m * sigma_m));
-        let covariance = registered.map_or(unmatched, |of| of.covariance);
+        let covariance = registered.map_or(prior_covariance, |of| of.covariance);
         last = Last {
             stamp,
             prior,
@@ -291,25 +286,29 @@ impl Last {
         }
     }
 
-    /// Where a stripe is expected, and the covariance of that: what one stripe leaves open, others determine.
-    fn before_stripe(
+    /// The covariance of an expected pose; and for a stripe roll and pitch by the attitude sensor.
+    fn weighed(
         &self,
         revolution: &Revolution<'_>,
         mut expected: Pose,
         prior: &Pose,
     ) -> (Pose, Matrix6<f64>) {
         let motion = self.local_from_base.inv_mul(&expected);
-        let way_m = LEAST_WAY_M + WAY_SHARE * motion.translation.vector.norm();
-        let turn_rad = LEAST_TURN_RAD + TURN_SHARE * motion.rotation.angle();
-        let rise_m = RISE_SHARE * way_m;
-        let sigmas = Vector6::new(way_m, way_m, rise_m, turn_rad, turn_rad, turn_rad);
+        let (least, rise) = if revolution.is_stripe {
+            (STRIPE_SHARE, RISE_SHARE)
+        } else {
+            (1.0, 1.0)
+        };
+        let way_m = least * LEAST_WAY_M + WAY_SHARE * motion.translation.vector.norm();
+        let turn_rad = least * LEAST_TURN_RAD + TURN_SHARE * motion.rotation.angle();
+        let sigmas = Vector6::new(way_m, way_m, rise * way_m, turn_rad, turn_rad, turn_rad);
         let way = expected.translation.vector - self.local_from_base.translation.vector;
         let mut transport = Matrix6::identity();
         let mut by_turn = transport.fixed_view_mut::<3, 3>(0, 3);
         by_turn.copy_from(&-way.cross_matrix());
         let mut covariance = transport * self.covariance * transport.transpose()
             + Matrix6::from_diagonal(&sigmas.component_mul(&sigmas));
-        if revolution.has_gravity {
+        if revolution.is_stripe && revolution.has_gravity {
             let turn_rad = yaw_rad(&expected) - yaw_rad(prior);
             let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
             expected.rotation = turn * prior.rotation;

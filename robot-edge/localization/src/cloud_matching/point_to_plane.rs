@@ -19,12 +19,10 @@ const WIDE_POINTS: usize = 500;
 const GATE_SIGMAS: f64 = 3.0;
 /// Distance from a plane with a weight of a quarter, as a share of that standard deviation.
 const KERNEL_SIGMAS: f64 = 0.5;
-/// Standard deviation of a range, metres: points on what is rougher weigh less.
-const RANGE_SIGMA_M: f64 = 0.02;
-/// A direction is degenerate if it has less information than so many points across it and this many times what the errors of the planes'
-/// normals make: level ground says nothing about the way ahead.
-const DEGENERATE_POINTS: f64 = 5.0;
-const DEGENERATE_TILTS: f64 = 3.0;
+/// Standard deviation of a range, metres: points on what is rougher weigh less, and none are more certain.
+const RANGE_SIGMA_M: f64 = 0.015;
+/// Errors of the planes' normals make so many times their variance of information of nothing: level ground says nothing of the way ahead.
+const TILTS: f64 = 3.0;
 /// Errors of so many points are alike: of the same surface, and of the planes of the map.
 const POINTS_ALIKE: f64 = 30.0;
 /// Fewer points, or a smaller share of those near planes, do not say where the vehicle is.
@@ -40,14 +38,13 @@ pub(super) struct Registered {
 }
 
 /// The pose from which `points` in the frame of the vehicle lie on the planes of `map`, near an expected one with a standard deviation of
-/// `sigma_m` at the distance of the points. Degenerate directions stay as expected; with a `prior` covariance of the expected pose, both are
-/// weighed instead. `None` if too few points lie on planes.
+/// `sigma_m` at the distance of the points; weighed with that, whose covariance is `prior`. `None` if too few points lie on planes.
 pub(super) fn register(
     map: &mut SurfaceMap,
     points: &[Point3<f64>],
     expected: &Pose,
     sigma_m: f64,
-    prior: Option<&Matrix6<f64>>,
+    prior: &Matrix6<f64>,
 ) -> Option<Registered> {
     let squares: f64 = points.iter().map(|point| point.coords.norm_squared()).sum();
     // Turns are measured in metres at this distance, so that they can be compared with ways.
@@ -55,10 +52,7 @@ pub(super) fn register(
     let per_m = 1.0 / lever_m;
     let in_radians = Vector6::new(1.0, 1.0, 1.0, per_m, per_m, per_m);
     let in_radians = in_radians * in_radians.transpose();
-    let prior = match prior {
-        Some(covariance) => Some(covariance.component_div(&in_radians).try_inverse()?),
-        None => None,
-    };
+    let information = prior.component_div(&in_radians).try_inverse()?;
     let mut wide_m = WIDE_M;
     let mut pose = *expected;
     let mut registered = None;
@@ -101,18 +95,25 @@ pub(super) fn register(
         if inliers < LEAST_POINTS || f64::from(inliers) < LEAST_SHARE * f64::from(near) {
             return None;
         }
-        let variance_m2 = (weighted_squares / weights).max(1e-6) * POINTS_ALIKE;
-        let (step, covariance) = match &prior {
-            Some(information) => {
-                let way_m = pose.translation.vector - expected.translation.vector;
-                let turn = (pose.rotation * expected.rotation.inverse()).scaled_axis() * lever_m;
-                let off = Vector6::new(way_m.x, way_m.y, way_m.z, turn.x, turn.y, turn.z);
-                let covariance = (hessian / variance_m2 + information).try_inverse()?;
-                let step = -covariance * (gradient / variance_m2 + information * off);
-                (step, covariance)
-            }
-            None => determined(&hessian, &gradient, (variance_m2, tilts), sigma_m),
-        };
+        let variance_m2 =
+            (weighted_squares / weights).max(RANGE_SIGMA_M * RANGE_SIGMA_M) * POINTS_ALIKE;
+        let eigen = hessian.symmetric_eigen();
+        let mut certain = Matrix6::zeros();
+        for (value, direction) in eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+        {
+            let share = (1.0 - TILTS * tilts / value).max(0.0);
+            certain += direction * direction.transpose() * share;
+        }
+        hessian = certain * hessian;
+        gradient = certain * gradient;
+        let way_m = pose.translation.vector - expected.translation.vector;
+        let turn = (pose.rotation * expected.rotation.inverse()).scaled_axis() * lever_m;
+        let off = Vector6::new(way_m.x, way_m.y, way_m.z, turn.x, turn.y, turn.z);
+        let covariance = (hessian / variance_m2 + information).try_inverse()?;
+        let step = -covariance * (gradient / variance_m2 + information * off);
         registered = Some(Registered {
             local_from_base: pose,
             covariance: covariance.component_mul(&in_radians),
@@ -131,32 +132,4 @@ pub(super) fn register(
         );
     }
     registered
-}
-
-/// The step and its covariance by the directions that the points determine.
-fn determined(
-    hessian: &Matrix6<f64>,
-    gradient: &Vector6<f64>,
-    (variance_m2, tilts): (f64, f64),
-    sigma_m: f64,
-) -> (Vector6<f64>, Matrix6<f64>) {
-    let eigen = hessian.symmetric_eigen();
-    let (mut step, mut covariance) = (Vector6::zeros(), Matrix6::zeros());
-    for (value, direction) in eigen
-        .eigenvalues
-        .iter()
-        .zip(eigen.eigenvectors.column_iter())
-    {
-        let is_degenerate = *value < DEGENERATE_POINTS + DEGENERATE_TILTS * tilts;
-        if !is_degenerate {
-            step -= direction * (direction.dot(gradient) / value);
-        }
-        let variance_m2 = if is_degenerate {
-            sigma_m * sigma_m
-        } else {
-            variance_m2 / value
-        };
-        covariance += direction * direction.transpose() * variance_m2;
-    }
-    (step, covariance)
 }
