@@ -28,6 +28,14 @@ pub fn pipe(capacity: usize) -> io::Result<(OwnedFd, OwnedFd)> {
     Ok((read_end, write_end))
 }
 
+/// The end whose number is in a variable of the environment, if the edge has passed it on.
+pub fn inherited(variable: &str, access: OFlags) -> Option<OwnedFd> {
+    let number: u32 = std::env::var(variable).ok()?.parse().ok()?;
+    // Opened anew, so that nobody else can make it wait.
+    let flags = access | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    rustix::fs::open(format!("/proc/self/fd/{number}"), flags, Mode::empty()).ok()
+}
+
 /// The guard's end.
 #[derive(Debug)]
 pub struct ForwardPipe {
@@ -49,11 +57,7 @@ impl ForwardPipe {
 
     /// The one that the edge has passed on, if it has.
     pub fn inherited() -> Option<Self> {
-        let number: u32 = std::env::var(VARIABLE).ok()?.parse().ok()?;
-        // Opened anew, so that nobody else can make it wait.
-        let flags = OFlags::WRONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let write_end = rustix::fs::open(format!("/proc/self/fd/{number}"), flags, Mode::empty());
-        write_end.ok().map(Self::new)
+        inherited(VARIABLE, OFlags::WRONLY).map(Self::new)
     }
 
     pub fn push(&mut self, bytes: &[u8]) {

@@ -1,4 +1,4 @@
-//! The map as consoles are told of it: it follows the tile store at once where an operator sees the change, and seldom elsewhere.
+//! The map that is announced to consoles: it follows the tile store at once where an operator sees the change, and seldom elsewhere.
 //!
 //! Map heads, lists of digests and replies describe this map, so a console that has what was pushed is synchronized and requests
 //! nothing. What is held back is announced in time, and at once when nothing changes any more.
@@ -61,7 +61,7 @@ impl AnnouncedMap {
         }
     }
 
-    /// The store that consoles are told of.
+    /// The store that is announced to consoles.
     pub fn announced(&self) -> Arc<Mutex<TileStore>> {
         Arc::clone(&self.announced)
     }
@@ -337,31 +337,21 @@ mod tests {
             let codes: [u16; 4] = cells.codes()[..4].try_into().unwrap();
             (pushed.len(), codes, rig.map.held())
         };
-        assert_eq!(
-            announced(&mut rig, 0, [0, 50, 60, 70]),
-            (1, [0, 50, 60, 70], 0)
-        );
-        assert_eq!(
-            announced(&mut rig, 2, [1, 0, 85, 94]),
-            (1, [1, 0, 85, 70], 1)
-        );
-        assert_eq!(
-            announced(&mut rig, 4, [1, 0, 85, 93]),
-            (0, [1, 0, 85, 70], 1)
-        );
-        // It moved on a little each time.
-        assert_eq!(
-            announced(&mut rig, 6, [1, 0, 85, 95]),
-            (1, [1, 0, 85, 95], 0)
-        );
-        assert_eq!(
-            announced(&mut rig, 8, [1, 0, 84, 95]),
-            (0, [1, 0, 85, 95], 1)
-        );
-        assert_eq!(
-            announced(&mut rig, 10, [1, 0, 84, 95]),
-            (1, [1, 0, 84, 95], 0)
-        );
+        for (s, mapped, pushed, shown, held) in [
+            (0, [0, 50, 60, 70], 1, [0, 50, 60, 70], 0),
+            (2, [1, 0, 85, 94], 1, [1, 0, 85, 70], 1),
+            (4, [1, 0, 85, 93], 0, [1, 0, 85, 70], 1),
+            // It moved on a little each time.
+            (6, [1, 0, 85, 95], 1, [1, 0, 85, 95], 0),
+            (8, [1, 0, 84, 95], 0, [1, 0, 85, 95], 1),
+            (10, [1, 0, 84, 95], 1, [1, 0, 84, 95], 0),
+        ] {
+            assert_eq!(
+                announced(&mut rig, s, mapped),
+                (pushed, shown, held),
+                "{s} s"
+            );
+        }
         assert!(rig.is_all_announced(LayerId::Occupancy));
         // An erasure is announced at once, and what is mapped after it.
         let erased = rig

@@ -67,9 +67,6 @@ pub(super) struct DrivePlan {
     /// Write end of the pipe through which the motor guard forwards what encoders or an autopilot say.
     #[cfg(target_os = "linux")]
     forward_pipe: Option<Arc<OwnedFd>>,
-    /// Ends of the pipe for distances of obstacles, if the autopilot is to have them: to read, and to write.
-    #[cfg(target_os = "linux")]
-    obstacle_pipe: Option<[Arc<OwnedFd>; 2]>,
     #[cfg(target_os = "linux")]
     autopilot: drivers::mavlink::AutopilotStatus,
     log: Option<PathBuf>,
@@ -87,8 +84,6 @@ impl DrivePlan {
             #[cfg(target_os = "linux")]
             forward_pipe: None,
             #[cfg(target_os = "linux")]
-            obstacle_pipe: None,
-            #[cfg(target_os = "linux")]
             autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: None,
             state: None,
@@ -103,8 +98,6 @@ impl DrivePlan {
             motors,
             #[cfg(target_os = "linux")]
             forward_pipe: None,
-            #[cfg(target_os = "linux")]
-            obstacle_pipe: None,
             #[cfg(target_os = "linux")]
             autopilot: drivers::mavlink::AutopilotStatus::default(),
             log: options.drive_log.clone(),
@@ -128,10 +121,6 @@ impl DrivePlan {
             MotorsPlan::Guarded(MotorLinkConfig::Mavlink(config)) => {
                 let (_, system) = config.numbers();
                 let autopilot = drivers::mavlink::Autopilot::new(system, self.autopilot.clone());
-                if config.obstacle_distance {
-                    let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES)?;
-                    self.obstacle_pipe = Some([read_end, write_end].map(Arc::new));
-                }
                 (Forwarded::Autopilot(autopilot), AUTOPILOT_BYTES)
             }
             _ => return Ok(None),
@@ -146,7 +135,22 @@ impl DrivePlan {
         Ok(None)
     }
 
-    fn start_motors(&self) -> anyhow::Result<Motors> {
+    /// Ends of the pipe for distances of obstacles, if the autopilot is to have them: to read, and to write.
+    #[cfg(target_os = "linux")]
+    fn obstacle_pipe(&self) -> io::Result<Option<[Arc<OwnedFd>; 2]>> {
+        match &self.motors {
+            MotorsPlan::Guarded(MotorLinkConfig::Mavlink(config)) if config.obstacle_distance => {
+                let (read_end, write_end) = forward_pipe::pipe(forward_pipe::LEAST_BYTES)?;
+                Ok(Some([read_end, write_end].map(Arc::new)))
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn start_motors(
+        &self,
+        #[cfg(target_os = "linux")] obstacle_pipe: Option<Arc<OwnedFd>>,
+    ) -> anyhow::Result<Motors> {
         Ok(match &self.motors {
             MotorsPlan::None => Motors::None,
             #[cfg(feature = "simulation")]
@@ -158,8 +162,6 @@ impl DrivePlan {
             }
             #[cfg(target_os = "linux")]
             MotorsPlan::Guarded(config) => {
-                let obstacle_pipe = self.obstacle_pipe.as_ref();
-                let obstacle_pipe = obstacle_pipe.map(|[read_end, _]| Arc::clone(read_end));
                 let guarded = GuardCommand::this_program(config, self.forward_pipe.clone())
                     .map(|command| GuardCommand {
                         obstacle_pipe,
@@ -261,6 +263,10 @@ impl DrivePlan {
             &config.mapping.obstacle,
         )
         .map_err(usage_error)?;
+        #[cfg(target_os = "linux")]
+        let [obstacles_out, obstacles_in] = self
+            .obstacle_pipe()?
+            .map_or([None, None], |ends| ends.map(Some));
         let (monitor_inputs, monitor_runner) = config
             .teleop
             .collision_monitor
@@ -274,9 +280,8 @@ impl DrivePlan {
             })
             .map(|(mut monitor_input, monitor_map_input, monitor_runner)| {
                 #[cfg(target_os = "linux")]
-                if let Some([_, write_end]) = &self.obstacle_pipe {
-                    let sender = ObstacleSender::new(Arc::clone(write_end));
-                    monitor_input.send_obstacles_to(sender);
+                if let Some(write_end) = obstacles_in {
+                    monitor_input.send_obstacles_to(ObstacleSender::new(write_end));
                 }
                 ((monitor_input, monitor_map_input), monitor_runner)
             })
@@ -296,7 +301,10 @@ impl DrivePlan {
             rules,
             operators,
             audit,
-            motors: self.start_motors()?,
+            motors: self.start_motors(
+                #[cfg(target_os = "linux")]
+                obstacles_out,
+            )?,
             local_commands: LocalCommands::by_signals().context("signals cannot be taken")?,
             budget_kbps: config.streaming.budget_kbps,
             monitor_runner,

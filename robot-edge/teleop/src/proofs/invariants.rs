@@ -6,8 +6,8 @@
 
 use std::time::Duration;
 
-use super::licence::Licence;
 use super::millis;
+use super::permission::Permission;
 use crate::arbiter::{ArbiterState, Mode, axis_cap_mps, step};
 use crate::command_stream::DriveCommand;
 use crate::config::Rules;
@@ -72,7 +72,7 @@ pub(super) struct Monitor {
     pub(super) renewed: Monotonic,
     pub(super) last_seq: Option<u64>,
     pub(super) in_force: Option<InForce>,
-    pub(super) licence: Licence,
+    pub(super) permission: Permission,
     /// Operators that asked for the lease, a bit each.
     pub(super) requested_at: u32,
     pub(super) estop: Option<Latched>,
@@ -118,7 +118,7 @@ impl Monitor {
             }
         }
         ensure(
-            after.goal.is_some() == self.licence.goal.is_some(),
+            after.goal.is_some() == self.permission.goal.is_some(),
             "a goal runs, or does not, against the rules",
         )?;
         let must_stand = self.estop.is_some() || self.has_fault || !self.is_booted;
@@ -132,7 +132,7 @@ impl Monitor {
             "it moves in a state whose output is zero",
         )?;
         if is_zero {
-            self.licence.stand();
+            self.permission.stand();
         }
         Ok(())
     }
@@ -167,7 +167,7 @@ impl Monitor {
                         is_obeyed = true;
                         self.obey(transition, &command);
                     } else {
-                        self.licence.lock();
+                        self.permission.lock();
                         self.in_force = self.in_force.map(|last| InForce {
                             is_pressed: false,
                             ..last
@@ -239,9 +239,9 @@ impl Monitor {
             ArbiterInput::CollisionMonitor(output) => self.collision_monitor = Some((output, now)),
             ArbiterInput::ActuatorFault => self.fault(),
             ArbiterInput::Planned { velocity, arrived } => {
-                let had_goal = self.licence.goal.is_some();
+                let had_goal = self.permission.goal.is_some();
                 if let Some(planner) = transition.rules.planner {
-                    self.licence
+                    self.permission
                         .planned(now, velocity, arrived, planner.max_gap);
                 }
                 let same = ArbiterState {
@@ -253,9 +253,9 @@ impl Monitor {
                     "a planner has an effect without a goal",
                 )?;
             }
-            ArbiterInput::PlannerFloods if self.licence.goal.is_some() => self.licence.lock(),
+            ArbiterInput::PlannerFloods if self.permission.goal.is_some() => self.permission.lock(),
             ArbiterInput::MotorsHeld => {
-                self.licence.lock();
+                self.permission.lock();
                 self.in_force = self.in_force.map(|last| InForce {
                     is_pressed: false,
                     ..last
@@ -284,10 +284,10 @@ impl Monitor {
         if names_goal {
             let is_available = rules.planner.is_some() && self.monitor_is_available(now);
             let may_start = before.mode() == Mode::Held;
-            self.licence
+            self.permission
                 .name_goal(now, rules.neutral, (may_start, !is_available));
         }
-        let is_pressed = !is_neutral || names_goal && self.licence.goal.is_some();
+        let is_pressed = !is_neutral || names_goal && self.permission.goal.is_some();
         if let Ok(issued) = before.tokens().issued(command.token, now) {
             self.in_force = Some(InForce { issued, is_pressed });
         }
@@ -298,14 +298,14 @@ impl Monitor {
         if is_pressed {
             let moves = before.motion.velocity() != Velocity::ZERO;
             let may_recover = moves && self.monitor_is_available(now);
-            self.licence.press(now, rules.neutral, may_recover);
+            self.permission.press(now, rules.neutral, may_recover);
         } else {
-            self.licence.neutral(now);
+            self.permission.neutral(now);
         }
     }
 
     fn emergency_stop(&mut self, now: Monotonic, after: &ArbiterState) -> Result<(), Violation> {
-        self.licence.lock();
+        self.permission.lock();
         let id = after.estop.ok_or("P5: an emergency stop is not heard")?.id;
         let latched = Latched {
             id,
@@ -319,7 +319,7 @@ impl Monitor {
     fn reset(&mut self, is_right: bool, after: &ArbiterState) -> Result<(), Violation> {
         if is_right {
             self.estop = None;
-            self.licence.lock();
+            self.permission.lock();
         }
         ensure(
             after.estop.is_none() == self.estop.is_none(),
@@ -351,13 +351,13 @@ impl Monitor {
 
     fn fault(&mut self) {
         self.has_fault = true;
-        self.licence.lock();
+        self.permission.lock();
     }
 
     fn forget_commands(&mut self) {
         self.last_seq = None;
         self.in_force = None;
-        self.licence.lock();
+        self.permission.lock();
     }
 
     fn monitor_is_available(&self, now: Monotonic) -> bool {
@@ -450,26 +450,26 @@ impl Monitor {
             .in_force
             .is_some_and(|last| now.since(last.issued) <= rules.max_age);
         if self.in_force.is_some() && !is_young {
-            self.licence.too_old(now);
+            self.permission.too_old(now);
         }
         if !self.monitor_is_available(now) {
-            self.licence.monitor_unavailable();
+            self.permission.monitor_unavailable();
         }
-        if let (Some(goal), Some(planner)) = (self.licence.goal, rules.planner) {
+        if let (Some(goal), Some(planner)) = (self.permission.goal, rules.planner) {
             let is_silent = match goal.received {
                 Some(received) => now.since(received) > planner.max_gap,
                 None => now.since(goal.started) > planner.planning_time,
             };
             if is_silent {
-                self.licence.lock();
+                self.permission.lock();
             }
         }
         let may_grow = is_young
             && self.holder.is_some()
             && self.in_force.is_some_and(|last| last.is_pressed)
-            && self.licence.is_given
+            && self.permission.is_given
             // Of a goal, only what the planner says moves it.
-            && self.licence.goal.is_none_or(|goal| goal.received.is_some())
+            && self.permission.goal.is_none_or(|goal| goal.received.is_some())
             && self.monitor_is_available(now)
             && self.estop.is_none()
             && !self.has_fault

@@ -5,8 +5,8 @@
 //! that a live operator can drive.
 
 mod invariants;
-mod licence;
 mod model;
+mod permission;
 mod properties;
 mod shaped_link;
 mod world;

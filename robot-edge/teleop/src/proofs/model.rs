@@ -17,7 +17,7 @@ use protocol::message::{FaultReason, LeaseEnd, StopReason};
 use stateright::{Checker as _, Model, Property};
 
 use super::invariants::{InForce, Latched, Monitor, Transition, Violation};
-use super::licence::{GoalInForce, Licence};
+use super::permission::{GoalInForce, Permission};
 use super::{GOAL, caller, millis};
 use crate::arbiter::{ArbiterState, Mode, RunningGoal, step};
 use crate::command_stream::{ArmingState, DriveCommand};
@@ -514,14 +514,14 @@ impl Hash for Small {
             renewed,
             last_seq,
             in_force,
-            licence,
+            permission,
             requested_at,
             estop,
             is_booted,
             has_fault,
             ..
         } = self.monitor;
-        (holder, renewed, last_seq, in_force, licence).hash(hasher);
+        (holder, renewed, last_seq, in_force, permission).hash(hasher);
         (requested_at, estop, is_booted, has_fault).hash(hasher);
     }
 }
@@ -665,14 +665,14 @@ impl Small {
                 issued: at(last.issued),
                 ..last
             }),
-            licence: Licence {
-                lost: monitor.licence.lost.map(at),
-                neutral_since: monitor.licence.neutral_since.map(at),
-                goal: monitor.licence.goal.map(|goal| GoalInForce {
+            permission: Permission {
+                lost: monitor.permission.lost.map(at),
+                neutral_since: monitor.permission.neutral_since.map(at),
+                goal: monitor.permission.goal.map(|goal| GoalInForce {
                     started: at(goal.started),
                     received: goal.received.map(at),
                 }),
-                ..monitor.licence
+                ..monitor.permission
             },
             estop: monitor.estop.map(|estop| Latched {
                 id: ESTOP,

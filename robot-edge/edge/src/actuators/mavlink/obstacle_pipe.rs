@@ -10,8 +10,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use measurement::time::Monotonic;
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::OFlags;
 use teleop::collision_monitor::{ObstaclesAround, SECTORS_AROUND};
+
+use crate::actuators::forward_pipe;
 
 /// In the guard's environment: the number of the inherited read end.
 pub const VARIABLE: &str = "FORESHORE_OBSTACLE_PIPE";
@@ -99,11 +101,7 @@ pub struct ObstacleReceiver(OwnedFd);
 impl ObstacleReceiver {
     /// The one that the edge has passed on, if it has.
     pub fn inherited() -> Option<Self> {
-        let number: u32 = std::env::var(VARIABLE).ok()?.parse().ok()?;
-        // Opened anew, so that nobody else can make it wait.
-        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let read_end = rustix::fs::open(format!("/proc/self/fd/{number}"), flags, Mode::empty());
-        read_end.ok().map(Self)
+        forward_pipe::inherited(VARIABLE, OFlags::RDONLY).map(Self)
     }
 
     /// The newest that came since the last call, unless it is old.

@@ -11,7 +11,7 @@ const RESUME_WINDOW: Duration = millis(200);
 
 /// P6: whether the holder's pressed key counts, by their commands so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub(super) struct Licence {
+pub(super) struct Permission {
     pub(super) is_given: bool,
     /// It was lost at that moment by age or release, so that a young press soon after brings it back.
     pub(super) lost: Option<Monotonic>,
@@ -28,7 +28,7 @@ pub(super) struct GoalInForce {
     pub(super) received: Option<Monotonic>,
 }
 
-impl Licence {
+impl Permission {
     /// After anything that calls for release and press.
     pub(super) fn lock(&mut self) {
         *self = Self::default();
