@@ -137,7 +137,7 @@ impl Target {
 /// By then a robot has answered, even over a slow link.
 const SOON: Duration = Duration::from_secs(2);
 /// A longer request counts as unanswered.
-const ASKING_TIME: Duration = Duration::from_secs(5);
+const ASKING_TIME: Duration = Duration::from_secs(8);
 
 /// A notice that is printed once, if there is enough time left.
 struct DelayedNotice {

@@ -1,12 +1,14 @@
 //! Synchronization of one layer: what is missing and when to request it.
 //!
 //! The console compares the root digest that the robot announces with its own; it does not count messages. If they
-//! differ for longer than tiles take to arrive, it requests a list of tiles and then the missing ones.
+//! differ for longer than tiles take to arrive, it requests a list of tiles and then the missing ones. A list of a large map takes
+//! longer than what the operator sees of it, so a console that joins requests all tiles near the vehicle before, by their places.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use measurement::time::Monotonic;
+use protocol::message::TILES_REPLY_BYTES;
 
 use super::messages::RequestId;
 use super::retry::Backoff;
@@ -27,8 +29,6 @@ const DOUBT_PAUSE: Duration = Duration::from_secs(30);
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Query {
-    /// As many tiles as fit one answer, nearest to the vehicle first.
-    Nearest,
     /// A list of the tiles newer than this revision.
     Digests {
         newer_than: u64,
@@ -55,6 +55,13 @@ impl Listing {
     }
 }
 
+#[derive(Clone, Copy, Debug)]
+struct TileRequest {
+    /// The last tile that has arrived.
+    last: Option<(i32, i32)>,
+    bytes: usize,
+}
+
 #[derive(Debug)]
 pub(super) struct LayerSync {
     /// Every tile up to this revision is known to be held.
@@ -65,13 +72,13 @@ pub(super) struct LayerSync {
     pub(super) last_equal: Option<Monotonic>,
     /// Request without waiting for pushes.
     is_urgent: bool,
-    /// A list begins with the oldest tiles, so a console that joins asks once for what is near the vehicle.
-    wants_nearest: bool,
+    /// Places for which tiles were requested although no list named them; `None` after the first list.
+    unlisted: Option<BTreeSet<(i32, i32)>>,
     /// Missing tiles with the revision that they should have.
     pub(super) missing: BTreeMap<(i32, i32), u64>,
     listing: Option<Listing>,
-    /// Open requests for tiles, and whether any tile has arrived.
-    tile_requests: BTreeMap<RequestId, bool>,
+    /// Open requests for tiles.
+    tile_requests: BTreeMap<RequestId, TileRequest>,
     /// The revision of the last complete list, while tiles of it are missing.
     list_revision: Option<u64>,
     backoff: Backoff,
@@ -87,7 +94,7 @@ impl Default for LayerSync {
             last_push: None,
             last_equal: None,
             is_urgent: true,
-            wants_nearest: true,
+            unlisted: Some(BTreeSet::new()),
             missing: BTreeMap::new(),
             listing: None,
             tile_requests: BTreeMap::new(),
@@ -104,7 +111,7 @@ impl LayerSync {
         self.differs_since = None;
         self.last_equal = Some(now);
         self.is_urgent = false;
-        self.wants_nearest = false;
+        self.unlisted = None;
         self.missing.clear();
         self.backoff.succeed();
         self.idle_lists = 0;
@@ -120,6 +127,7 @@ impl LayerSync {
         self.listing = None;
         self.list_revision = None;
         self.tile_requests.clear();
+        self.unlisted.as_mut().map(BTreeSet::clear);
         self.backoff = Backoff::new(FIRST_BACK_OFF, LONGEST_BACK_OFF);
     }
 
@@ -147,9 +155,11 @@ impl LayerSync {
         }
     }
 
-    pub(super) fn on_tile_reply(&mut self, request: RequestId) {
-        if let Some(any) = self.tile_requests.get_mut(&request) {
-            *any = true;
+    /// A reply with a band of `bytes`.
+    pub(super) fn on_tile_reply(&mut self, request: RequestId, tile: (i32, i32), bytes: usize) {
+        if let Some(open) = self.tile_requests.get_mut(&request) {
+            open.last = Some(tile);
+            open.bytes += bytes;
         }
     }
 
@@ -192,12 +202,25 @@ impl LayerSync {
                 self.backoff.succeed();
             }
         }
-        match self.tile_requests.remove(&request) {
-            Some(true) => {
+        let Some(open) = self.tile_requests.remove(&request) else {
+            return;
+        };
+        match (open.last, &mut self.unlisted) {
+            (Some(last), asked) => {
                 self.backoff.succeed();
                 self.backoff.not_before = now;
+                if let Some(asked) = asked
+                    && open.bytes >= TILES_REPLY_BYTES
+                {
+                    // What follows did not fit.
+                    let fitting = tiles.iter().position(|tile| *tile == last);
+                    let rest = &tiles[fitting.map_or(0, |last| last + 1)..];
+                    asked.retain(|tile| !rest.contains(tile));
+                }
             }
-            Some(false) => {
+            // There may be no such tiles.
+            (None, Some(_)) => {}
+            (None, None) => {
                 self.backoff.fail(now);
                 if self.backoff.failures >= FAILURES_BEFORE_LIST {
                     // The robot may have removed them since the list. Only a new list shows that.
@@ -208,13 +231,13 @@ impl LayerSync {
                     self.is_urgent = true;
                 }
             }
-            None => {}
         }
     }
 
     fn list_is_complete(&mut self, newer_than: u64, head_revision: u64, now: Monotonic) {
         self.backoff.succeed();
         self.is_urgent = false;
+        self.unlisted = None;
         self.differs_since = self.differs_since.map(|_| now);
         if !self.missing.is_empty() {
             self.idle_lists = 0;
@@ -235,6 +258,19 @@ impl LayerSync {
         }
     }
 
+    pub(super) const fn is_listed(&self) -> bool {
+        self.unlisted.is_none()
+    }
+
+    /// Whether a tile is to be requested although no list names it yet.
+    pub(super) fn is_unlisted(&self, tile: (i32, i32)) -> bool {
+        let asked = self
+            .unlisted
+            .as_ref()
+            .filter(|_| self.differs_since.is_some());
+        asked.is_some_and(|asked| !asked.contains(&tile))
+    }
+
     /// The next request, if any. `order` sorts the missing tiles; `room` limits the open requests for tiles.
     pub(super) fn query(
         &self,
@@ -247,9 +283,6 @@ impl LayerSync {
         self.differs_since?;
         if !self.backoff.is_due(now) {
             return None;
-        }
-        if self.wants_nearest && room > 0 {
-            return Some(Query::Nearest);
         }
         if let Some(listing) = self.listing.filter(|listing| listing.page.is_none()) {
             let newer_than = listing.from;
@@ -284,7 +317,6 @@ impl LayerSync {
 
     pub(super) fn on_request(&mut self, request: RequestId, query: &Query) {
         match query {
-            Query::Nearest => self.wants_nearest = false,
             Query::Digests { newer_than } => {
                 let listing = self.listing.get_or_insert(Listing {
                     newer_than: *newer_than,
@@ -294,8 +326,15 @@ impl LayerSync {
                 });
                 listing.page = Some((request, *newer_than));
             }
-            Query::Tiles(_) => {
-                self.tile_requests.insert(request, false);
+            Query::Tiles(tiles) => {
+                let open = TileRequest {
+                    last: None,
+                    bytes: 0,
+                };
+                self.tile_requests.insert(request, open);
+                self.unlisted
+                    .iter_mut()
+                    .for_each(|asked| asked.extend(tiles));
             }
         }
     }
@@ -315,19 +354,32 @@ mod tests {
     }
 
     #[test]
-    fn a_joiner_asks_once_for_what_is_near() {
-        let list = |newer_than| Some(Query::Digests { newer_than });
+    fn what_did_not_fit_a_reply_is_requested_again_and_no_other_place() {
         let mut joiner = LayerSync::default();
-        assert_eq!(query(&joiner, 2, 0), None, "nothing is mapped");
+        let tiles = [(0, 0), (1, 0), (2, 0), (3, 0)];
+        let waiting = |joiner: &LayerSync| tiles.map(|tile| joiner.is_unlisted(tile));
+        assert_eq!(waiting(&joiner), [false; 4], "nothing is mapped");
         joiner.on_other_root(at(0));
-        assert_eq!(query(&joiner, 0, 0), list(0), "other layers' tiles come");
-        assert_eq!(query(&joiner, 2, 0), Some(Query::Nearest));
-        joiner.on_request(RequestId(1), &Query::Nearest);
-        assert_eq!(query(&joiner, 2, 0), list(0), "without waiting for it");
+        assert_eq!(waiting(&joiner), [true; 4]);
+        for (request, bytes, waits) in [
+            // There is no tile before the one that arrived.
+            (1, TILES_REPLY_BYTES, [false, false, true, true]),
+            (2, TILES_REPLY_BYTES - 1, [false; 4]),
+        ] {
+            let request = RequestId(request);
+            joiner.on_request(request, &Query::Tiles(tiles.to_vec()));
+            assert_eq!(waiting(&joiner), [false; 4]);
+            joiner.on_tile_reply(request, (1, 0), bytes);
+            joiner.ended(request, &tiles, at(1));
+            assert_eq!(waiting(&joiner), waits);
+        }
+        let list = |newer_than| Some(Query::Digests { newer_than });
+        assert_eq!(query(&joiner, 2, 1), list(0));
 
         let mut follower = LayerSync::default();
         follower.on_equal_root(5, at(0));
         follower.on_other_root(at(1_000));
+        assert_eq!(waiting(&follower), [false; 4]);
         assert_eq!(query(&follower, 2, 2_999), None);
         assert_eq!(query(&follower, 2, 3_000), list(5));
     }

@@ -1,12 +1,13 @@
 //! The console's copy of the map and its synchronization with the robot's map.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 use measurement::time::Monotonic;
 use protocol::layer::LayerId;
 use protocol::message::{Digests, Info, LayerHead, MapHead, TileBand};
 use protocol::tile::codec::DecodeError;
-use protocol::tile::{BootId, TileCells, TileDigest, TileKey};
+use protocol::tile::{BootId, TILE_SIDE, TileCells, TileDigest, TileKey};
 use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, StoredTile, TileStore};
 use protocol::wire::Header;
 
@@ -19,10 +20,14 @@ use super::tile_intake::TileIntake;
 /// Above this number, ages of removed tiles are dropped.
 const MAX_AGES: usize = 200_000;
 
-/// Open requests for tiles; with the size of a reply, at most 32 KiB are outstanding.
-const MAX_TILE_REQUESTS: usize = 2;
-/// Tiles in one request. Tiles that do not fit the reply are requested again.
-const TILES_PER_REQUEST: usize = 24;
+/// Open requests for tiles: while a request is on its way, replies to the others are.
+const MAX_TILE_REQUESTS: usize = 4;
+/// Fewest tiles in one request, which the first ones have, and most. Tiles that do not fit the reply are requested again.
+const TILES_PER_REQUEST: [usize; 2] = [3, 48];
+/// After a reply that takes longer requests are for half as many tiles, after a quicker one for twice as many, so that a thin link is not
+/// filled: poses and commands would wait behind tiles, and what overflows its buffers is sent again.
+const SLOW_REPLY: Duration = Duration::from_millis(1500);
+const QUICK_REPLY: Duration = Duration::from_millis(800);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSyncState {
@@ -55,6 +60,7 @@ pub struct MapSync {
     /// Tiles named by the lists that are still incomplete.
     arriving_lists: BTreeMap<LayerId, BTreeSet<(i32, i32)>>,
     open_requests: BTreeMap<RequestId, OpenRequest>,
+    tiles_per_request: usize,
     /// Digest of a tile with unknown cells only.
     unknown: TileDigest,
     blank: TileCells,
@@ -75,6 +81,7 @@ impl MapSync {
             ages: TileAges::default(),
             arriving_lists: BTreeMap::new(),
             open_requests: BTreeMap::new(),
+            tiles_per_request: TILES_PER_REQUEST[0],
             unknown: TileCells::unknown().digest(),
             blank: TileCells::unknown(),
             wanted: LayerId::ALL.into_iter().collect(),
@@ -231,7 +238,7 @@ impl MapSync {
         let revision = band.revision;
         let at = (key.tx, key.ty);
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {
-            sync.on_tile_reply(request);
+            sync.on_tile_reply(request, at, band.rows.len());
         }
         let held = self.store.get(key);
         let held = held.filter(|_| band.epoch == self.store.epoch(key.layer));
@@ -280,10 +287,20 @@ impl MapSync {
     }
 
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
-        if let Some(OpenRequest { layer, tiles, .. }) = self.open_requests.remove(&request)
-            && let Some(sync) = self.layers.get_mut(&layer)
-        {
-            sync.ended(request, &tiles, now);
+        let Some(open) = self.open_requests.remove(&request) else {
+            return;
+        };
+        if open.is_for_tiles {
+            let took = now.since(open.at);
+            let [least, most] = TILES_PER_REQUEST;
+            if took > SLOW_REPLY {
+                self.tiles_per_request = least.max(self.tiles_per_request / 2);
+            } else if took < QUICK_REPLY {
+                self.tiles_per_request = most.min(self.tiles_per_request * 2);
+            }
+        }
+        if let Some(sync) = self.layers.get_mut(&open.layer) {
+            sync.ended(request, &open.tiles, now);
         }
     }
 
@@ -312,9 +329,11 @@ impl MapSync {
         self.intake.abandoned
     }
 
-    /// Compares root digests and returns the requests that are due.
+    /// Compares root digests and returns the requests that are due. A console that joins requests all that is in `near_m` first:
+    /// lowest and greatest x and y in `odom`, metres.
     pub(super) fn queries(
         &mut self,
+        near_m: Option<[f64; 4]>,
         now: Monotonic,
         mut number: impl FnMut() -> RequestId,
     ) -> Vec<(RequestId, LayerId, Query)> {
@@ -327,53 +346,130 @@ impl MapSync {
         for request in late.map(|(request, _)| *request).collect::<Vec<_>>() {
             self.ended(request, now);
         }
-        let mut queries = Vec::new();
-        for head in &head.layers {
-            let layer = head.layer;
-            if !self.wanted.contains(&layer) {
-                continue;
-            }
+        let wanted = head.layers.iter();
+        let wanted: Vec<_> = wanted
+            .filter(|head| self.wanted.contains(&head.layer))
+            .collect();
+        for head in &wanted {
             self.compare(head, now);
-            while let Some(query) = self.next_query(layer, now) {
-                let request = number();
-                if let Some(sync) = self.layers.get_mut(&layer) {
-                    sync.on_request(request, &query);
-                }
-                let tiles = match &query {
-                    Query::Digests { .. } | Query::Nearest => Vec::new(),
-                    Query::Tiles(tiles) => tiles.clone(),
-                };
-                let open = OpenRequest {
-                    layer,
-                    tiles,
-                    is_for_tiles: !matches!(query, Query::Digests { .. }),
-                    at: now,
-                };
-                self.open_requests.insert(request, open);
-                queries.push((request, layer, query));
+        }
+        let mut queries = Vec::new();
+        for head in &wanted {
+            while let Some(query) = self.near_query(head.layer, near_m) {
+                queries.push(self.open_request(head.layer, query, now, &mut number));
+            }
+        }
+        // A list of a layer is as long as many of its tiles.
+        if self.is_joining(near_m) {
+            return queries;
+        }
+        for head in &wanted {
+            while let Some(query) = self.next_query(head.layer, now) {
+                queries.push(self.open_request(head.layer, query, now, &mut number));
             }
         }
         queries
     }
 
-    fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
-        let cell_m = self.store.cell_m(layer)?;
+    fn open_request(
+        &mut self,
+        layer: LayerId,
+        query: Query,
+        now: Monotonic,
+        number: &mut impl FnMut() -> RequestId,
+    ) -> (RequestId, LayerId, Query) {
+        let request = number();
+        if let Some(sync) = self.layers.get_mut(&layer) {
+            sync.on_request(request, &query);
+        }
+        let tiles = match &query {
+            Query::Digests { .. } => Vec::new(),
+            Query::Tiles(tiles) => tiles.clone(),
+        };
+        let open = OpenRequest {
+            layer,
+            tiles,
+            is_for_tiles: matches!(query, Query::Tiles(_)),
+            at: now,
+        };
+        self.open_requests.insert(request, open);
+        (request, layer, query)
+    }
+
+    /// Whether layers are not described yet, or tiles near the vehicle have not arrived.
+    pub(super) fn is_joining(&self, near_m: Option<[f64; 4]>) -> bool {
+        let is_incomplete = |layer: &LayerId| {
+            let mut open = self.open_requests.values();
+            let is_listed = self.layers.get(layer).is_none_or(LayerSync::is_listed);
+            !is_listed && open.any(|open| open.layer == *layer && open.is_for_tiles)
+                || self.unlisted(*layer, near_m).next().is_some()
+        };
+        self.lacks_info() || self.wanted.iter().any(is_incomplete)
+    }
+
+    /// Places in `near_m` whose tiles are neither here nor requested, while no list says which there are.
+    fn unlisted(
+        &self,
+        layer: LayerId,
+        near_m: Option<[f64; 4]>,
+    ) -> impl Iterator<Item = (i32, i32)> {
+        let sync = self.layers.get(&layer);
+        let found = near_m.zip(self.store.cell_m(layer)).zip(sync);
+        found.into_iter().flat_map(move |((near_m, cell_m), sync)| {
+            let side_m = TILE_SIDE as f64 * cell_m;
+            let [low_x, low_y, high_x, high_y] =
+                near_m.map(|edge_m| (edge_m / side_m).floor() as i32);
+            let places =
+                (low_y..=high_y).flat_map(move |ty| (low_x..=high_x).map(move |tx| (tx, ty)));
+            places.filter(move |&(tx, ty)| {
+                let key = TileKey { layer, tx, ty };
+                sync.is_unlisted((tx, ty)) && self.store.get(key).is_none()
+            })
+        })
+    }
+
+    fn near_query(&self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
+        let [low_x, low_y, high_x, high_y] = near_m?;
+        let middle_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
+        if self.room_for_tiles() == 0 {
+            return None;
+        }
+        let mut tiles: Vec<_> = self.unlisted(layer, near_m).collect();
+        let order = self.distance(layer, middle_m)?;
+        tiles.sort_by(|a, b| order(*a).total_cmp(&order(*b)));
+        tiles.truncate(self.tiles_per_request);
+        (!tiles.is_empty()).then_some(Query::Tiles(tiles))
+    }
+
+    fn room_for_tiles(&self) -> usize {
         let open = self.open_requests.values();
         let for_tiles = open.filter(|open| open.is_for_tiles).count();
-        let distance = |(tx, ty)| {
-            let [x, y] = TileKey { layer, tx, ty }.center_m(cell_m);
-            let (dx, dy) = (x - self.focus_m[0], y - self.focus_m[1]);
-            dx * dx + dy * dy
-        };
+        MAX_TILE_REQUESTS.saturating_sub(for_tiles)
+    }
+
+    /// Squares of the distances of tiles from a point.
+    fn distance(
+        &self,
+        layer: LayerId,
+        [x, y]: [f64; 2],
+    ) -> Option<impl Fn((i32, i32)) -> f64 + use<>> {
+        let cell_m = self.store.cell_m(layer)?;
+        Some(move |(tx, ty)| {
+            let [tile_x, tile_y] = TileKey { layer, tx, ty }.center_m(cell_m);
+            (tile_x - x) * (tile_x - x) + (tile_y - y) * (tile_y - y)
+        })
+    }
+
+    fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
         let is_requested = |tile| {
             let mut open = self.open_requests.values();
             open.any(|open| open.layer == layer && open.tiles.contains(&tile))
         };
         self.layers.get(&layer)?.query(
             now,
-            MAX_TILE_REQUESTS.saturating_sub(for_tiles),
-            TILES_PER_REQUEST,
-            distance,
+            self.room_for_tiles(),
+            self.tiles_per_request,
+            self.distance(layer, self.focus_m)?,
             is_requested,
         )
     }

@@ -131,6 +131,8 @@ impl RejectCounts {
 }
 
 const VIEW_PERIOD: Duration = Duration::from_millis(500);
+/// Limits of the distance from the vehicle, along each axis, within which a console that joins requests all tiles first, metres.
+const NEAR_M: [f64; 2] = [20.0, 64.0];
 const INFO_PERIOD: Duration = Duration::from_millis(500);
 
 impl ConsoleModel {
@@ -185,13 +187,10 @@ impl ConsoleModel {
 
     fn bulk_queries(&mut self, now: Monotonic) -> Vec<Outgoing> {
         let mut outgoing = Vec::new();
-        let queries = self.map.queries(now, || next(&mut self.requests));
+        let near_m = self.near_m();
+        let queries = self.map.queries(near_m, now, || next(&mut self.requests));
         for (request, layer, query) in queries {
             outgoing.extend(match query {
-                Query::Nearest => {
-                    let body = TilesRequest::NewerThan(0);
-                    self.bulk_query(Topic::Tiles(layer), request, &body)
-                }
                 Query::Digests { newer_than } => {
                     let body = DigestsRequest { newer_than };
                     self.bulk_query(Topic::Digests(layer), request, &body)
@@ -202,8 +201,8 @@ impl ConsoleModel {
                 }
             });
         }
-        // Before the first map head the run that they belong to is unknown.
-        if self.map.boot().is_some() {
+        // Before the first map head the run that they belong to is unknown. The trail is as long as many tiles.
+        if self.map.boot().is_some() && !self.map.is_joining(near_m) {
             if self.has_shores()
                 && let Some((request, body)) = self.shores.query(now, || next(&mut self.requests))
             {
@@ -219,6 +218,18 @@ impl ConsoleModel {
             }
         }
         outgoing
+    }
+
+    /// An area of the size of the view around the vehicle, where a window that joins will look.
+    fn near_m(&self) -> Option<[f64; 4]> {
+        let (pose, _) = self.vehicle.pose()?;
+        let [low_x, low_y, high_x, high_y] = self.view.rectangle_m.map(f64::from);
+        let [x, y, _] = pose.position_m;
+        let [width, height] = [high_x - low_x, high_y - low_y].map(|side_m| {
+            let [least, most] = NEAR_M;
+            (0.5 * side_m).clamp(least, most)
+        });
+        Some([x - width, y - height, x + width, y + height])
     }
 
     fn is_info_wanted(&self) -> bool {

@@ -1,4 +1,5 @@
-//! When drive commands are sent, 50 a second and three within 20 ms after a change of the input, and with which input:
+//! When drive commands are sent, one for each token, 50 a second at most, and three within 20 ms after a change of the input, and with
+//! which input:
 //! a press is delayed until the robot accepts it, so that the robot does not take it for a held key.
 //!
 //! - After 200 ms of neutral commands a press counts.
@@ -31,6 +32,8 @@ const CHANGE: f32 = 0.1;
 pub(super) struct DriveCommands {
     send_rate: SendRateLimiter,
     sent: DriveInput,
+    /// The number of the token of the last command.
+    sent_token: Option<u64>,
     /// Since when only neutral commands were sent.
     neutral_since: Option<Monotonic>,
     /// Until when a command finds the motors still moving, by the last status.
@@ -46,6 +49,7 @@ impl DriveCommands {
         Self {
             send_rate: SendRateLimiter::new(now),
             sent: DriveInput::NEUTRAL,
+            sent_token: None,
             neutral_since: None,
             moving_until: None,
             sent_goal: None,
@@ -90,10 +94,13 @@ impl DriveCommands {
             || (input.forward - self.sent.forward).abs() >= CHANGE
             || (input.sideways - self.sent.sideways).abs() >= CHANGE
             || (input.left - self.sent.left).abs() >= CHANGE;
-        if !self.send_rate.is_due(now, is_changed) {
+        let token = newest.and_then(|newest| newest.token).map(|token| token.n);
+        let is_new_token = token != self.sent_token;
+        if !self.send_rate.is_due(now, is_changed, is_new_token) {
             return None;
         }
         self.sent = input;
+        self.sent_token = token;
         self.sent_goal = goal;
         if input.is_neutral() && goal.is_none() {
             self.neutral_since.get_or_insert(now);
@@ -146,6 +153,11 @@ pub(super) fn moving_until(
 }
 
 pub(super) const PERIOD: Duration = Duration::from_millis(20);
+/// Without a new token a command is as old as the last one: it waits for one, so that a thin link carries as many commands as tokens,
+/// but not for longer than this.
+const LONGEST_PERIOD: Duration = Duration::from_millis(100);
+/// Interval of looking for a new token.
+const TOKEN_POLL: Duration = Duration::from_millis(5);
 /// Each change of the input is sent three times within 20 ms.
 const SENDINGS: u32 = 3;
 /// The third leaves 14 ms after the first.
@@ -158,6 +170,7 @@ const BURST: f64 = 9.0;
 #[derive(Clone, Debug)]
 pub(super) struct SendRateLimiter {
     due: Monotonic,
+    sent: Monotonic,
     /// Repetitions of the last change that are still due.
     left: u32,
     allowance: f64,
@@ -168,6 +181,7 @@ impl SendRateLimiter {
     pub(super) const fn new(now: Monotonic) -> Self {
         Self {
             due: now,
+            sent: now,
             left: 0,
             allowance: BURST,
             counted: now,
@@ -175,7 +189,7 @@ impl SendRateLimiter {
     }
 
     /// Whether to send a command now; if so, it counts as sent.
-    pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool) -> bool {
+    pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool, is_new_token: bool) -> bool {
         let elapsed_s = now.since(self.counted).as_secs_f64();
         self.counted = self.counted.max(now);
         self.allowance = (self.allowance + PER_SECOND * elapsed_s).min(BURST);
@@ -186,11 +200,16 @@ impl SendRateLimiter {
         if now < self.due {
             return false;
         }
+        if self.left == 0 && !is_new_token && now.since(self.sent) < LONGEST_PERIOD {
+            self.due = now + TOKEN_POLL;
+            return false;
+        }
         if self.allowance < 1.0 {
             self.due = now + Duration::from_secs_f64((1.0 - self.allowance) / PER_SECOND);
             return false;
         }
         self.allowance -= 1.0;
+        self.sent = now;
         self.left = self.left.saturating_sub(1);
         // A slightly late loop keeps the rate; a suspended one restarts.
         let on_time = self.due + PERIOD;
@@ -289,7 +308,7 @@ mod tests {
 
     fn sent(changes: impl Fn(u64) -> bool, until_ms: u64) -> Vec<u64> {
         let mut send_rate = SendRateLimiter::new(at(0));
-        let times = (0..until_ms).filter(|ms| send_rate.is_due(at(*ms), changes(*ms)));
+        let times = (0..until_ms).filter(|ms| send_rate.is_due(at(*ms), changes(*ms), true));
         times.collect()
     }
 
@@ -300,11 +319,30 @@ mod tests {
     }
 
     #[test]
+    fn thin_link_carries_a_command_for_each_token() {
+        let times = |token_ms: u64| {
+            let (mut send_rate, mut used) = (SendRateLimiter::new(at(0)), None);
+            let mut is_sent = |ms: u64| {
+                let token = ms / token_ms;
+                let is_due = send_rate.is_due(at(ms), ms == 31, used != Some(token));
+                if is_due {
+                    used = Some(token);
+                }
+                is_due
+            };
+            (0..250).filter(|ms| is_sent(*ms)).collect::<Vec<_>>()
+        };
+        // The change does not wait.
+        assert_eq!(times(80), [0, 31, 38, 45, 80, 160, 240]);
+        assert_eq!(times(1_000), [0, 31, 38, 45, 145, 245]);
+    }
+
+    #[test]
     fn late_loop_still_sends_50_hz() {
         let mut send_rate = SendRateLimiter::new(at(0));
         let (mut ms, mut sent) = (0, 0);
         while ms < 10_000 {
-            sent += usize::from(send_rate.is_due(at(ms), false));
+            sent += usize::from(send_rate.is_due(at(ms), false, true));
             ms = send_rate.due().since(at(0)).as_millis() as u64 + 3;
         }
         assert!((498..=500).contains(&sent), "{sent}");

@@ -64,6 +64,9 @@ pub struct TileBand {
     pub rows: Vec<u8>,
 }
 
+/// An answer ends with the tile that brings it to this many bytes of bands.
+pub const TILES_REPLY_BYTES: usize = 15 * 1024;
+
 /// Request to `map/<layer>/tiles`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TilesRequest {

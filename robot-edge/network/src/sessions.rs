@@ -41,8 +41,9 @@ pub enum Side {
     Console,
 }
 
-/// Time after which a console gives up connecting.
-pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
+/// Time after which a console gives up an attempt to connect: TCP, TLS and Zenoh take five round trips, each 600 ms by satellite,
+/// and certificates of both sides. A lost first packet is sent again after a second.
+pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(6);
 /// Interval of attempts to connect.
 pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 

@@ -133,6 +133,9 @@ pub(super) fn refusal(why: Refusal) -> String {
         Refusal::Signature | Refusal::UnknownOperator => {
             "your name and key are not on this vehicle's list of operators".to_owned()
         }
+        Refusal::TooOld => {
+            "the link is too slow: it reached the robot later than commands may".to_owned()
+        }
         _ => why.to_string(),
     }
 }

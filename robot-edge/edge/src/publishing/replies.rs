@@ -4,7 +4,8 @@ use std::sync::Mutex;
 
 use protocol::layer::LayerId;
 use protocol::message::{
-    Digests, DigestsRequest, LayerHead, MapHead, TileBand, TileSummary, TilesReply, TilesRequest,
+    Digests, DigestsRequest, LayerHead, MapHead, TILES_REPLY_BYTES, TileBand, TileSummary,
+    TilesReply, TilesRequest,
 };
 use protocol::tile::codec;
 use protocol::tile::{Tile, TileKey};
@@ -12,9 +13,6 @@ use protocol::tile_store::TileStore;
 
 use crate::lock;
 
-/// Bytes of tiles in one reply, except for the last tile: a console sends two queries at a time, so that about 32 KiB
-/// are on their way.
-pub const MAX_REPLY_BYTES: usize = 15 * 1024;
 /// Tiles in a list of digests: below 8 KiB, so that no queue drops or delays it.
 pub const DIGESTS_PER_REPLY: usize = 160;
 pub const MAX_TILES_PER_REQUEST: usize = 4096;
@@ -78,7 +76,7 @@ pub fn tiles(
     let mut found: Vec<(TileKey, i64, TileBand)> = Vec::new();
     let mut bytes = 0;
     for key in keys {
-        if bytes >= MAX_REPLY_BYTES {
+        if bytes >= TILES_REPLY_BYTES {
             break;
         }
         for (stamp_ns, band) in bands(store, key) {

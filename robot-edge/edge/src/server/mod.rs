@@ -9,3 +9,4 @@ mod open_sessions;
 pub mod publish_state;
 mod queries;
 mod streams;
+mod token_pace;

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use protocol::keys::{RobotId, Topic};
 use protocol::layer::LayerId;
@@ -164,7 +165,8 @@ impl OpenSessions {
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());
-                move || streams::send_state(&context, &out, &publishers)
+                let max_age = Duration::from_millis(settings.info.max_command_age_ms.into());
+                move || streams::send_state(&context, &out, &publishers, max_age)
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());

@@ -12,6 +12,7 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
 use super::open_sessions::{Context, Outgoing};
+use super::token_pace::TokenPace;
 use crate::driving::SharedDriveState;
 use crate::events::event;
 use crate::publishing::bandwidth_limiter::{BandwidthLimiter, TokenBucket};
@@ -21,8 +22,7 @@ use measurement::time::Monotonic;
 use network::LinkError;
 use network::clock;
 
-/// Interval of looking for what is to be sent. While the lease is held or requested a pose goes out each time: it carries a
-/// token, which limits the age of commands.
+/// Interval of looking for what is to be sent.
 const STATE_PERIOD: Duration = Duration::from_millis(20);
 /// Interval of poses while nobody drives: with the headers of the network, 20 a second took half of the link.
 const POSE_PERIOD: Duration = Duration::from_millis(200);
@@ -73,15 +73,17 @@ impl TopicPublishers {
 }
 
 /// Sends pose, status, events and map heads until the network closes.
-pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPublishers) {
+pub(super) fn send_state(
+    context: &Context,
+    out: &Outgoing,
+    publishers: &TopicPublishers,
+    max_command_age: Duration,
+) {
     let start = clock::now();
     let mut next = start;
-    let [
-        mut pose_due,
-        mut status_due,
-        mut head_due,
-        mut changed_head_due,
-    ] = [Due(start); 4];
+    let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
+    let mut pose_sent = Monotonic::default();
+    let mut token_pace = TokenPace::new(max_command_age, start);
     let mut announced: Option<MapHead> = None;
     let mut sent_teleop_state = None;
     let mut sent_closures_m = None;
@@ -101,10 +103,21 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
         let pose = context.publish_state.pose();
         let stamp_ns = pose.map_or(0, |(stamp, _)| stamp.as_nanos());
         let is_driven = drive_state.is_some_and(SharedDriveState::is_held);
+        let teleop = drive_state.and_then(SharedDriveState::status);
+        let age = teleop.as_ref().and_then(|teleop| teleop.age_ms);
+        let age = age.map(|age_ms| Duration::from_millis(age_ms.into()));
+        let token_interval = token_pace.interval(age, now);
+        // A pose carries a token, which limits the age of commands: while the lease is held or requested poses are as frequent.
+        let pose_interval = if is_driven {
+            token_interval
+        } else {
+            POSE_PERIOD
+        };
         // By the schedule, which does not shift where a round is late.
         if let Some((_, mut pose)) = pose
-            && pose_due.is_due(next, POSE_PERIOD, is_requested || is_driven)
+            && (is_requested || next.since(pose_sent) >= pose_interval)
         {
+            pose_sent = next;
             pose.token = drive_state
                 .and_then(SharedDriveState::token)
                 .map(|token| AgeToken {
@@ -122,7 +135,6 @@ pub(super) fn send_state(context: &Context, out: &Outgoing, publishers: &TopicPu
         for event in context.publish_state.take_events() {
             put(&publishers.event, out.message(stamp_ns, &event));
         }
-        let teleop = drive_state.and_then(SharedDriveState::status);
         let state = teleop.as_ref().map(|teleop| {
             (
                 teleop.state,

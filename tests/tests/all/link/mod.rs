@@ -5,6 +5,7 @@ pub(crate) mod desktop;
 mod drive_window;
 mod driving;
 mod garbage;
+mod joining;
 mod load;
 
 mod map_pictures;

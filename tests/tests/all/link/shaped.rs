@@ -48,7 +48,7 @@ pub(crate) fn inside(link: &Namespaces, side: Side, line: &str) -> Command {
     command
 }
 
-fn recording(name: &str) -> Option<String> {
+pub(crate) fn recording(name: &str) -> Option<String> {
     let folder = std::env::var_os("FORESHORE_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"),
         Into::into,
