@@ -17,7 +17,7 @@ use super::retry::Backoff;
 const GRACE_WHEN_QUIET: Duration = Duration::from_secs(2);
 /// The same while pushes keep arriving.
 const GRACE_WHILE_PUSHING: Duration = Duration::from_secs(5);
-/// Without a map head for this long the link was down and pushed tiles were lost.
+/// Without a map head or tile for this long the link was down and pushed tiles were lost.
 pub(super) const SILENCE: Duration = Duration::from_secs(2);
 const FIRST_BACK_OFF: Duration = Duration::from_millis(200);
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(2);

@@ -51,6 +51,8 @@ pub struct MapSync {
     store: TileStore,
     intake: TileIntake,
     head: Option<(MapHead, Monotonic)>,
+    /// When the last head or tile arrived.
+    heard: Option<Monotonic>,
     /// Whether a map head has arrived, so that the store's boot is the robot's.
     has_boot: bool,
     layers: BTreeMap<LayerId, LayerSync>,
@@ -74,6 +76,7 @@ impl MapSync {
             store: TileStore::new(BootId([0; 16]), tile_store_mb),
             intake: TileIntake::default(),
             head: None,
+            heard: None,
             has_boot: false,
             layers: BTreeMap::new(),
             roots: BTreeMap::new(),
@@ -195,21 +198,25 @@ impl MapSync {
             self.ages = TileAges::default();
             self.forget_queries();
         }
-        let was_silent = self.head_at().is_none_or(|at| now.since(at) > SILENCE);
+        self.hear(now);
         for layer in &head.layers {
             if layer.epoch > self.store.epoch(layer.layer) {
                 self.erase_layer(layer.layer, layer.epoch);
             }
-            let sync = self.layers.entry(layer.layer).or_default();
-            if was_silent {
-                sync.on_link_loss();
-            }
-        }
-        if was_silent {
-            self.forget_queries();
+            self.layers.entry(layer.layer).or_default();
         }
         self.head = Some((head, now));
         Ok(is_new)
+    }
+
+    /// After silence the link was lost. On a thin link heads are late behind tiles.
+    fn hear(&mut self, now: Monotonic) {
+        let was_silent = self.heard.is_none_or(|at| now.since(at) > SILENCE);
+        self.heard = Some(now);
+        if was_silent {
+            self.layers.values_mut().for_each(LayerSync::on_link_loss);
+            self.forget_queries();
+        }
     }
 
     fn of_this_boot(&self, boot: BootId) -> Result<(), RejectReason> {
@@ -235,6 +242,7 @@ impl MapSync {
         if self.store.cell_m(key.layer).is_none() {
             return Err(RejectReason::UnknownLayer);
         }
+        self.hear(now);
         let revision = band.revision;
         let at = (key.tx, key.ty);
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {

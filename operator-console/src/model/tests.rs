@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, at, changes, console, ended_status, idle_teleop_status, inject,
-    inject_reply, pose_at_rest, scout,
+    BOOT, announce_boot, announce_map, at, changes, console, describe_layers, ended_status,
+    idle_teleop_status, inject, inject_reply, pose_at_rest, push_tile, scout, store_of,
 };
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
@@ -245,6 +245,37 @@ fn tiles_before_the_first_head_count_as_before_join() {
     announce_boot(&mut model, BootId([8; 16]), at(1));
     inject(&mut model, tile, &changes, at(2));
     assert_eq!(counts(&model), [1, 1]);
+}
+
+/// On a thin link map heads are late behind tiles, and replies come all the same.
+#[test]
+fn what_is_missing_is_requested_again_after_silence() {
+    let layer = LayerId::Occupancy;
+    let keys = [0, 1].map(|tx| TileKey { layer, tx, ty: 0 });
+    let mut store = store_of(&[layer]);
+    for key in keys {
+        drop(store.publish(key, TileCells::from_fn(|_, _| 100)).unwrap());
+    }
+    for (tiles_ms, expected) in [(&[1_500, 3_000][..], 0), (&[], 1), (&[1_500], 1)] {
+        let mut model = console("scout", &[layer]);
+        describe_layers(&mut model, &[layer], at(0));
+        let requests = |model: &mut ConsoleModel, ms| {
+            announce_map(model, &store, at(ms));
+            let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
+            let is_bulk = |out: &&Outgoing| matches!(out, Outgoing::Get { is_bulk: true, .. });
+            outgoing.iter().filter(is_bulk).count()
+        };
+        let first = requests(&mut model, 0);
+        assert!(first > 0);
+        for ms in tiles_ms {
+            push_tile(&mut model, &store, keys[0], at(*ms));
+        }
+        assert_eq!(
+            requests(&mut model, 4_500),
+            expected * first,
+            "{tiles_ms:?}"
+        );
+    }
 }
 
 fn model_with(status: &Status) -> ConsoleModel {
