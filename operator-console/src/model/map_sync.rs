@@ -421,7 +421,7 @@ impl MapSync {
         layer: LayerId,
         near_m: Option<[f64; 4]>,
     ) -> impl Iterator<Item = (i32, i32)> {
-        let sync = self.layers.get(&layer);
+        let sync = self.layers.get(&layer).filter(|sync| !sync.is_listed());
         let found = near_m.zip(self.store.cell_m(layer)).zip(sync);
         found.into_iter().flat_map(move |((near_m, cell_m), sync)| {
             let side_m = TILE_SIDE as f64 * cell_m;
