@@ -32,8 +32,6 @@ const CHANGE: f32 = 0.1;
 pub(super) struct DriveCommands {
     send_rate: SendRateLimiter,
     sent: DriveInput,
-    /// The number of the token of the last command.
-    sent_token: Option<u64>,
     /// Since when only neutral commands were sent.
     neutral_since: Option<Monotonic>,
     /// Until when a command finds the motors still moving, by the last status.
@@ -49,7 +47,6 @@ impl DriveCommands {
         Self {
             send_rate: SendRateLimiter::new(now),
             sent: DriveInput::NEUTRAL,
-            sent_token: None,
             neutral_since: None,
             moving_until: None,
             sent_goal: None,
@@ -95,12 +92,10 @@ impl DriveCommands {
             || (input.sideways - self.sent.sideways).abs() >= CHANGE
             || (input.left - self.sent.left).abs() >= CHANGE;
         let token = newest.and_then(|newest| newest.token).map(|token| token.n);
-        let is_new_token = token != self.sent_token;
-        if !self.send_rate.is_due(now, is_changed, is_new_token) {
+        if !self.send_rate.is_due(now, is_changed, token) {
             return None;
         }
         self.sent = input;
-        self.sent_token = token;
         self.sent_goal = goal;
         if input.is_neutral() && goal.is_none() {
             self.neutral_since.get_or_insert(now);
@@ -156,6 +151,9 @@ pub(super) const PERIOD: Duration = Duration::from_millis(20);
 /// Without a new token a command is as old as the last one: it waits for one, so that a thin link carries as many commands as tokens,
 /// but not for longer than this.
 const LONGEST_PERIOD: Duration = Duration::from_millis(100);
+/// Tokens are slow if none of the last ones was quick. While some are held up (TCP after a loss), commands go on: the more follow, the
+/// sooner a lost one is sent again.
+const TOKENS: usize = 8;
 /// Interval of looking for a new token.
 const TOKEN_POLL: Duration = Duration::from_millis(5);
 /// Each change of the input is sent three times within 20 ms.
@@ -171,6 +169,10 @@ const BURST: f64 = 9.0;
 pub(super) struct SendRateLimiter {
     due: Monotonic,
     sent: Monotonic,
+    /// The number of the newest token, when it was seen, and whether it was sent.
+    token: (Option<u64>, Monotonic, bool),
+    /// From token to token.
+    token_intervals: [Duration; TOKENS],
     /// Repetitions of the last change that are still due.
     left: u32,
     allowance: f64,
@@ -182,14 +184,25 @@ impl SendRateLimiter {
         Self {
             due: now,
             sent: now,
+            token: (None, now, false),
+            token_intervals: [PERIOD; TOKENS],
             left: 0,
             allowance: BURST,
             counted: now,
         }
     }
 
-    /// Whether to send a command now; if so, it counts as sent.
-    pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool, is_new_token: bool) -> bool {
+    /// Whether to send a command now, with the token of this number; if so, it counts as sent.
+    pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool, token: Option<u64>) -> bool {
+        let (newest, seen, is_sent) = self.token;
+        let is_new_token = token != newest;
+        if is_new_token {
+            self.token_intervals.rotate_left(1);
+            self.token_intervals[TOKENS - 1] = now.since(seen);
+            self.token = (token, now, false);
+        }
+        let waits = self.token_intervals.iter().min().copied();
+        let waits = waits.unwrap_or(PERIOD).min(LONGEST_PERIOD);
         let elapsed_s = now.since(self.counted).as_secs_f64();
         self.counted = self.counted.max(now);
         self.allowance = (self.allowance + PER_SECOND * elapsed_s).min(BURST);
@@ -200,7 +213,7 @@ impl SendRateLimiter {
         if now < self.due {
             return false;
         }
-        if self.left == 0 && !is_new_token && now.since(self.sent) < LONGEST_PERIOD {
+        if self.left == 0 && is_sent && !is_new_token && now.since(self.sent) < waits {
             self.due = now + TOKEN_POLL;
             return false;
         }
@@ -210,6 +223,7 @@ impl SendRateLimiter {
         }
         self.allowance -= 1.0;
         self.sent = now;
+        self.token.2 = true;
         self.left = self.left.saturating_sub(1);
         // A slightly late loop keeps the rate; a suspended one restarts.
         let on_time = self.due + PERIOD;
@@ -308,7 +322,7 @@ mod tests {
 
     fn sent(changes: impl Fn(u64) -> bool, until_ms: u64) -> Vec<u64> {
         let mut send_rate = SendRateLimiter::new(at(0));
-        let times = (0..until_ms).filter(|ms| send_rate.is_due(at(*ms), changes(*ms), true));
+        let times = (0..until_ms).filter(|ms| send_rate.is_due(at(*ms), changes(*ms), Some(*ms)));
         times.collect()
     }
 
@@ -320,21 +334,24 @@ mod tests {
 
     #[test]
     fn thin_link_carries_a_command_for_each_token() {
-        let times = |token_ms: u64| {
-            let (mut send_rate, mut used) = (SendRateLimiter::new(at(0)), None);
-            let mut is_sent = |ms: u64| {
-                let token = ms / token_ms;
-                let is_due = send_rate.is_due(at(ms), ms == 31, used != Some(token));
-                if is_due {
-                    used = Some(token);
-                }
-                is_due
+        let times = |token_at: fn(u64) -> u64| {
+            let mut send_rate = SendRateLimiter::new(at(0));
+            let is_due = |ms: &u64| {
+                let is_changed = *ms == 1_031;
+                send_rate.is_due(at(*ms), is_changed, Some(token_at(*ms)))
             };
-            (0..250).filter(|ms| is_sent(*ms)).collect::<Vec<_>>()
+            let times: Vec<_> = (0..1_250).filter(is_due).collect();
+            times[times.partition_point(|ms| *ms < 1_000)..].to_vec()
         };
         // The change does not wait.
-        assert_eq!(times(80), [0, 31, 38, 45, 80, 160, 240]);
-        assert_eq!(times(1_000), [0, 31, 38, 45, 145, 245]);
+        assert_eq!(times(|ms| ms / 80), [1_031, 1_038, 1_045, 1_120, 1_200]);
+        // Some tokens that are held up are no reason.
+        let held_up = |ms| if ms < 900 { ms / 20 } else { 45 };
+        let all = [
+            1_000, 1_020, 1_031, 1_038, 1_045, 1_065, 1_085, 1_105, 1_125, 1_145, 1_165, 1_185,
+            1_205, 1_225, 1_245,
+        ];
+        assert_eq!(times(held_up), all);
     }
 
     #[test]
@@ -342,7 +359,7 @@ mod tests {
         let mut send_rate = SendRateLimiter::new(at(0));
         let (mut ms, mut sent) = (0, 0);
         while ms < 10_000 {
-            sent += usize::from(send_rate.is_due(at(ms), false, true));
+            sent += usize::from(send_rate.is_due(at(ms), false, Some(ms)));
             ms = send_rate.due().since(at(0)).as_millis() as u64 + 3;
         }
         assert!((498..=500).contains(&sent), "{sent}");
