@@ -52,7 +52,7 @@ pub struct MapSync {
     intake: TileIntake,
     head: Option<(MapHead, Monotonic)>,
     /// When the last head or tile arrived.
-    heard: Option<Monotonic>,
+    received: Option<Monotonic>,
     /// Whether a map head has arrived, so that the store's boot is the robot's.
     has_boot: bool,
     layers: BTreeMap<LayerId, LayerSync>,
@@ -76,7 +76,7 @@ impl MapSync {
             store: TileStore::new(BootId([0; 16]), tile_store_mb),
             intake: TileIntake::default(),
             head: None,
-            heard: None,
+            received: None,
             has_boot: false,
             layers: BTreeMap::new(),
             roots: BTreeMap::new(),
@@ -198,7 +198,7 @@ impl MapSync {
             self.ages = TileAges::default();
             self.forget_queries();
         }
-        self.hear(now);
+        self.on_received(now);
         for layer in &head.layers {
             if layer.epoch > self.store.epoch(layer.layer) {
                 self.erase_layer(layer.layer, layer.epoch);
@@ -210,9 +210,9 @@ impl MapSync {
     }
 
     /// After silence the link was lost. On a thin link heads are late behind tiles.
-    fn hear(&mut self, now: Monotonic) {
-        let was_silent = self.heard.is_none_or(|at| now.since(at) > SILENCE);
-        self.heard = Some(now);
+    fn on_received(&mut self, now: Monotonic) {
+        let was_silent = self.received.is_none_or(|at| now.since(at) > SILENCE);
+        self.received = Some(now);
         if was_silent {
             self.layers.values_mut().for_each(LayerSync::on_link_loss);
             self.forget_queries();
@@ -242,7 +242,7 @@ impl MapSync {
         if self.store.cell_m(key.layer).is_none() {
             return Err(RejectReason::UnknownLayer);
         }
-        self.hear(now);
+        self.on_received(now);
         let revision = band.revision;
         let at = (key.tx, key.ty);
         if let (Some(sync), Some(request)) = (self.layers.get_mut(&key.layer), request) {

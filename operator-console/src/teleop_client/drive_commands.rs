@@ -169,8 +169,10 @@ const BURST: f64 = 9.0;
 pub(super) struct SendRateLimiter {
     due: Monotonic,
     sent: Monotonic,
-    /// The number of the newest token, when it was seen, and whether it was sent.
-    token: (Option<u64>, Monotonic, bool),
+    /// The number of the newest token.
+    token: Option<u64>,
+    token_at: Monotonic,
+    is_token_sent: bool,
     /// From token to token.
     token_intervals: [Duration; TOKENS],
     /// Repetitions of the last change that are still due.
@@ -184,7 +186,9 @@ impl SendRateLimiter {
         Self {
             due: now,
             sent: now,
-            token: (None, now, false),
+            token: None,
+            token_at: now,
+            is_token_sent: false,
             token_intervals: [PERIOD; TOKENS],
             left: 0,
             allowance: BURST,
@@ -194,15 +198,11 @@ impl SendRateLimiter {
 
     /// Whether to send a command now, with the token of this number; if so, it counts as sent.
     pub(super) fn is_due(&mut self, now: Monotonic, is_changed: bool, token: Option<u64>) -> bool {
-        let (newest, seen, is_sent) = self.token;
-        let is_new_token = token != newest;
-        if is_new_token {
+        if token != self.token {
             self.token_intervals.rotate_left(1);
-            self.token_intervals[TOKENS - 1] = now.since(seen);
-            self.token = (token, now, false);
+            self.token_intervals[TOKENS - 1] = now.since(self.token_at);
+            (self.token, self.token_at, self.is_token_sent) = (token, now, false);
         }
-        let waits = self.token_intervals.iter().min().copied();
-        let waits = waits.unwrap_or(PERIOD).min(LONGEST_PERIOD);
         let elapsed_s = now.since(self.counted).as_secs_f64();
         self.counted = self.counted.max(now);
         self.allowance = (self.allowance + PER_SECOND * elapsed_s).min(BURST);
@@ -213,7 +213,11 @@ impl SendRateLimiter {
         if now < self.due {
             return false;
         }
-        if self.left == 0 && is_sent && !is_new_token && now.since(self.sent) < waits {
+        let quickest = self
+            .token_intervals
+            .into_iter()
+            .fold(LONGEST_PERIOD, Duration::min);
+        if self.left == 0 && self.is_token_sent && now.since(self.sent) < quickest {
             self.due = now + TOKEN_POLL;
             return false;
         }
@@ -223,7 +227,7 @@ impl SendRateLimiter {
         }
         self.allowance -= 1.0;
         self.sent = now;
-        self.token.2 = true;
+        self.is_token_sent = true;
         self.left = self.left.saturating_sub(1);
         // A slightly late loop keeps the rate; a suspended one restarts.
         let on_time = self.due + PERIOD;

@@ -64,7 +64,7 @@ pub struct TileBand {
     pub rows: Vec<u8>,
 }
 
-/// An answer ends with the tile that brings it to this many bytes of bands.
+/// A reply ends with the tile with which it has this many bytes of bands.
 pub const TILES_REPLY_BYTES: usize = 15 * 1024;
 
 /// Request to `map/<layer>/tiles`.

@@ -167,7 +167,7 @@ impl CloudMatcher {
         let constant = last.constant_motion(motion_s);
         let expected =
             last.local_from_base * combined(revolution, &last.prior.inv_mul(&prior), &constant);
-        let (expected, prior_covariance) = last.weighed(revolution, expected, &prior);
+        let (mut expected, prior_covariance) = last.weighed(revolution, expected, &prior);
         let sweep_of = |motion: &Pose| {
             let within = part_of(motion, duration.as_secs_f64() / motion_s);
             combined(revolution, &by_prior, &within)
@@ -175,10 +175,12 @@ impl CloudMatcher {
         let sigma_m = libm::sqrt(self.variance_m2.unwrap_or(FIRST_SIGMA_M * FIRST_SIGMA_M));
         let mut sweep = sweep_of(&constant);
         let mut points = placed(&swept, &sweep);
-        let register = |map: &mut SurfaceMap, points: &[Point3<f64>], expected: &Pose| {
-            register(map, &thinned(points), expected, sigma_m, &prior_covariance)
-        };
-        let mut registered = register(&mut self.map, &points, &expected);
+        let register =
+            |map: &mut SurfaceMap, points: &[Point3<f64>], start: &Pose, expected: &Pose| {
+                let expected = (expected, &prior_covariance);
+                register(map, &thinned(points), start, expected, sigma_m)
+            };
+        let mut registered = register(&mut self.map, &points, &expected, &expected);
         for _ in 0..MAX_AGAIN {
             let Some(mut found) = registered.map(|of| of.local_from_base) else {
                 break;
@@ -192,12 +194,13 @@ impl CloudMatcher {
             if let Some((first, local_from_base)) = &self.first {
                 let middle = local_from_base * part_of(&sweep, 0.5);
                 found = middle * last.local_from_base.inv_mul(&found);
+                expected = middle * last.local_from_base.inv_mul(&expected);
                 last.local_from_base = middle;
                 last.in_map = middle;
                 self.map.clear();
                 self.map.insert(&placed(first, &sweep), &middle);
             }
-            registered = register(&mut self.map, &points, &found);
+            registered = register(&mut self.map, &points, &found, &expected);
         }
         self.first = None;
         let local_from_base = registered.map_or(expected, |of| of.local_from_base);

@@ -20,8 +20,8 @@ const GATE_SIGMAS: f64 = 3.0;
 /// Distance from a plane with a weight of a quarter, as a share of that standard deviation.
 const KERNEL_SIGMAS: f64 = 0.5;
 /// Standard deviation of a range, metres: points on what is rougher weigh less, and none are more certain.
-const RANGE_SIGMA_M: f64 = 0.015;
-/// Errors of the planes' normals make so many times their variance of information of nothing: level ground says nothing of the way ahead.
+const RANGE_SIGMA_M: f64 = 0.01;
+/// So many times the variance of the planes' normals is no information: level ground does not determine the way ahead.
 const TILTS: f64 = 3.0;
 /// Errors of so many points are alike: of the same surface, and of the planes of the map.
 const POINTS_ALIKE: f64 = 30.0;
@@ -37,14 +37,14 @@ pub(super) struct Registered {
     pub(super) covariance: Matrix6<f64>,
 }
 
-/// The pose from which `points` in the frame of the vehicle lie on the planes of `map`, near an expected one with a standard deviation of
-/// `sigma_m` at the distance of the points; weighed with that, whose covariance is `prior`. `None` if too few points lie on planes.
+/// The pose from which `points` in the frame of the vehicle lie on the planes of `map`, weighed with the expected one and its covariance; the
+/// search begins at `start`, whose standard deviation at the distance of the points is `sigma_m`. `None` if too few points lie on planes.
 pub(super) fn register(
     map: &mut SurfaceMap,
     points: &[Point3<f64>],
-    expected: &Pose,
+    start: &Pose,
+    (expected, prior): (&Pose, &Matrix6<f64>),
     sigma_m: f64,
-    prior: &Matrix6<f64>,
 ) -> Option<Registered> {
     let squares: f64 = points.iter().map(|point| point.coords.norm_squared()).sum();
     // Turns are measured in metres at this distance, so that they can be compared with ways.
@@ -53,8 +53,9 @@ pub(super) fn register(
     let in_radians = Vector6::new(1.0, 1.0, 1.0, per_m, per_m, per_m);
     let in_radians = in_radians * in_radians.transpose();
     let information = prior.component_div(&in_radians).try_inverse()?;
+    let range_variance = RANGE_SIGMA_M * RANGE_SIGMA_M;
     let mut wide_m = WIDE_M;
-    let mut pose = *expected;
+    let mut pose = *start;
     let mut registered = None;
     for _ in 0..MAX_ITERATIONS {
         let gate_m = GATE_SIGMAS * sigma_m.max(wide_m);
@@ -80,7 +81,6 @@ pub(super) fn register(
             inliers += 1;
             let square = residual_m * residual_m;
             let robust = kernel_m2 / (kernel_m2 + square);
-            let range_variance = RANGE_SIGMA_M * RANGE_SIGMA_M;
             let weight = robust * robust * range_variance / (range_variance + plane.variance_m2);
             let arm = (seen.coords - pose.translation.vector) / lever_m;
             let turn = arm.cross(&plane.normal);
@@ -95,8 +95,7 @@ pub(super) fn register(
         if inliers < LEAST_POINTS || f64::from(inliers) < LEAST_SHARE * f64::from(near) {
             return None;
         }
-        let variance_m2 =
-            (weighted_squares / weights).max(RANGE_SIGMA_M * RANGE_SIGMA_M) * POINTS_ALIKE;
+        let variance_m2 = (weighted_squares / weights).max(range_variance) * POINTS_ALIKE;
         let eigen = hessian.symmetric_eigen();
         let mut certain = Matrix6::zeros();
         for (value, direction) in eigen

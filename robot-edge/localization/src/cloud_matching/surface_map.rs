@@ -14,9 +14,9 @@ const LEAST_POINTS: u32 = 6;
 /// A plane is computed again when a cube has this share of points more.
 const MORE: f64 = 0.2;
 /// Standard deviations of points across a plane at most, and along it at least, as shares of the cube's side: what a single ring shows of a
-/// plane is a line.
+/// plane is a line, and with one point of the next ring it would be a plane that faces the sensor.
 const ACROSS: f64 = 0.1;
-const ALONG: f64 = 0.05;
+const ALONG: f64 = 0.1;
 /// Of the standard deviations across and along.
 const FLATNESS: f64 = 0.35;
 

@@ -14,8 +14,6 @@ use crate::shared_data::shared_data;
 use crate::test_data::{about, at};
 
 const REVOLUTION_S: f64 = 0.1;
-/// Greatest error of a range, metres.
-const NOISE_M: f64 = 0.015;
 
 /// What 32 rings from -25° to 6° see 1 m above level ground, between walls along y at `walls_m` and along x at `walls_m` if `is_closed`.
 /// The vehicle is at `pose_at` that share of the revolution.
@@ -48,8 +46,6 @@ fn cloud(pose_at: impl Fn(f64) -> Pose, walls_m: f64, is_closed: bool) -> Cloud 
                 }
             }
             if range_m < 50.0 {
-                // Of a standard deviation of 1 cm.
-                range_m += NOISE_M * libm::sin(7.0 * points.len() as f64 + 1e4 * origin.x);
                 let in_base = pose.inverse() * (origin + along * range_m);
                 points.push(CloudPoint {
                     position_m: (in_base - Vector3::z()).cast::<f32>().into(),

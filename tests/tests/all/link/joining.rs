@@ -20,11 +20,11 @@ use super::{connect_to, open_session};
 use crate::processes::{Running, rooms, start};
 
 /// How long a console waits for the whole map, seconds.
-const WATCHES: u32 = 60;
+const LONGEST_WAIT_S: u32 = 60;
 
-/// For the helper process: the robot's endpoint, and how long it watches at most, seconds.
+/// For the helper process: the robot's endpoint, and how long it waits at most, seconds.
 const JOINS: &str = "FORESHORE_TEST_JOINS";
-const WATCHES_S: &str = "FORESHORE_TEST_WATCHES_S";
+const LONGEST_WAIT_VARIABLE: &str = "FORESHORE_TEST_LONGEST_WAIT_S";
 
 /// What a window shows at first.
 const SHOWN: [LayerId; 6] = [
@@ -106,18 +106,20 @@ impl Joined {
 /// Not a test: a console that joins `scout`, and prints times in milliseconds.
 #[test]
 fn console_as_helper_process() {
-    let (Ok(endpoint), Ok(watches_s)) = (std::env::var(JOINS), std::env::var(WATCHES_S)) else {
+    let (Ok(endpoint), Ok(longest_wait_s)) =
+        (std::env::var(JOINS), std::env::var(LONGEST_WAIT_VARIABLE))
+    else {
         return;
     };
-    let watches = Duration::from_secs(watches_s.parse().unwrap());
+    let longest_wait = Duration::from_secs(longest_wait_s.parse().unwrap());
     let session = open_session(&connect_to(endpoint), &SHOWN, || {});
     let started = clock::now();
-    while !session.is_connected() && clock::elapsed(started) < watches {
+    while !session.is_connected() && clock::elapsed(started) < longest_wait {
         sleep(Duration::from_millis(2));
     }
     let opened = clock::now();
     let mut joined = Joined::default();
-    while joined.synchronized.is_none() && clock::elapsed(opened) < watches {
+    while joined.synchronized.is_none() && clock::elapsed(opened) < longest_wait {
         joined.update(&mut session.model(), clock::elapsed(opened));
         sleep(Duration::from_millis(5));
     }
@@ -144,12 +146,12 @@ fn console_as_helper_process() {
 
 /// One join: milliseconds from the start to the opened session; from there to pose, useful and exact visible area and the whole
 /// map; visible tiles, all tiles, bytes of messages; milliseconds to the end of the robot's data.
-fn join(link: &Namespaces, watches_s: u32) -> [f64; 9] {
+fn join(link: &Namespaces, longest_wait_s: u32) -> [f64; 9] {
     let mut console = link.command(Side::B, std::env::current_exe().unwrap());
     console
         .args("link::joining::console_as_helper_process --exact --nocapture".split(' '))
         .env(JOINS, endpoint())
-        .env(WATCHES_S, watches_s.to_string());
+        .env(LONGEST_WAIT_VARIABLE, longest_wait_s.to_string());
     let printed = Running::start(&mut console, "a console that joins").ends_well();
     let line = printed
         .lines()
@@ -203,9 +205,9 @@ fn measure(what: &str, conditions: Conditions, tries: usize, limits_s: [f64; 3])
         );
         let edge = Running::start(&mut inside(&link, Side::A, &line), "edge");
         // Until the whole recording is mapped.
-        join(&link, WATCHES);
+        join(&link, LONGEST_WAIT_S);
         link.set_both(conditions);
-        let joins: Vec<[f64; 9]> = (0..tries).map(|_| join(&link, WATCHES)).collect();
+        let joins: Vec<[f64; 9]> = (0..tries).map(|_| join(&link, LONGEST_WAIT_S)).collect();
         let column = |at: usize| {
             let mut column: Vec<f64> = joins.iter().map(|join| join[at]).collect();
             column.sort_by(f64::total_cmp);
@@ -275,7 +277,7 @@ fn everything_is_there_after_standing_still_in_release() {
             endpoint()
         );
         let edge = Running::start(&mut inside(&link, Side::A, &line), "edge");
-        let [.., synchronized, _, tiles, bytes, ended] = join(&link, 2 * WATCHES);
+        let [.., synchronized, _, tiles, bytes, ended] = join(&link, 2 * LONGEST_WAIT_S);
         println!(
             "{name}, 256 kbit/s: the whole map {:.2} s after the last measurement; {tiles} tiles, {bytes} bytes in {:.0} s",
             (synchronized - ended) * 1e-3,
