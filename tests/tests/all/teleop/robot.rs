@@ -13,7 +13,7 @@ use measurement::time::Monotonic;
 use network::clock;
 use tempfile::{TempDir, tempdir};
 
-use crate::processes::{Running, SERVED, command, free_endpoint};
+use crate::processes::{Running, SERVED, command, free_endpoint, wait_until};
 
 pub(super) const NAME: &str = "scout";
 
@@ -87,6 +87,8 @@ impl Robot {
     }
 
     pub(super) fn restart(&mut self) {
+        // A killed process keeps its ports until it has ended.
+        wait_until("the old one ends", || !self.edge.is_running());
         self.edge = (self.run)(&self.log);
         self.runs += 1;
     }
