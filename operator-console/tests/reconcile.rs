@@ -368,6 +368,13 @@ impl Edge {
                     .map(|(_, reply)| self.message(topic, reply))
                     .collect()
             }
+            Topic::Overviews(layer) => {
+                let replies = replies::overviews(&self.store, layer, &request(payload));
+                replies
+                    .iter()
+                    .map(|(_, reply)| self.message(topic, reply))
+                    .collect()
+            }
             Topic::Digests(layer) => {
                 let replies = [replies::digests(&self.store, layer, request(payload))];
                 replies

@@ -41,6 +41,8 @@ pub enum Topic {
     Changes(LayerId),
     /// Bulk, queryable: tiles of a layer.
     Tiles(LayerId),
+    /// Bulk, queryable: [overviews](crate::tile_store::TileStore::overview) of a layer.
+    Overviews(LayerId),
     /// Bulk, queryable: revisions and digests of a layer's tiles.
     Digests(LayerId),
     /// Bulk, edge → all, and queryable: shores and docking sites.
@@ -113,6 +115,7 @@ impl Topic {
             Self::View => "view/*".to_owned(),
             Self::Changes(layer) => format!("map/{layer}/changes"),
             Self::Tiles(layer) => format!("map/{layer}/tiles"),
+            Self::Overviews(layer) => format!("map/{layer}/overviews"),
             Self::Digests(layer) => format!("map/{layer}/digests"),
             Self::Shores => "shores".to_owned(),
             Self::Voxels => "voxels".to_owned(),
@@ -148,6 +151,7 @@ impl Topic {
             }
             ("map", Some(layer), Some("changes"), None) => Self::Changes(layer.parse().ok()?),
             ("map", Some(layer), Some("tiles"), None) => Self::Tiles(layer.parse().ok()?),
+            ("map", Some(layer), Some("overviews"), None) => Self::Overviews(layer.parse().ok()?),
             ("map", Some(layer), Some("digests"), None) => Self::Digests(layer.parse().ok()?),
             _ => return None,
         };

@@ -115,7 +115,7 @@ fn cover(layer: LayerId, code: u16) -> f32 {
 pub(super) fn fitted_to(palette: Palette, store: &TileStore) -> Palette {
     let layer = palette.layer();
     let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
-    let tiles = || store.tiles(layer).filter_map(|(_, tile)| tile.cells());
+    let tiles = || store.all_shown(layer).map(|(_, cells)| cells);
     let rows = tiles().count() * TILE_SIDE;
     // Odd, so that the sampled rows differ from tile to tile.
     let stride = (rows / (MAX_FITTED_CELLS / TILE_SIDE)) | 1;

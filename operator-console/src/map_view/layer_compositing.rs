@@ -35,7 +35,7 @@ impl IndexedLayer<'_> {
             return Some(Cow::Borrowed(codes));
         }
         let (layer, (tx, ty)) = (self.layer, tile);
-        let cells = self.store.get(TileKey { layer, tx, ty })?.cells()?;
+        let cells = self.store.shown(TileKey { layer, tx, ty })?;
         let side = TILE_SIDE / step;
         let mut codes = vec![0; side * side];
         deciding_codes(layer, cells, step, &mut codes);
@@ -164,8 +164,7 @@ pub(super) struct TilePresence {
 
 impl TilePresence {
     pub(super) fn update(&mut self, store: &TileStore, key: TileKey) -> bool {
-        let cells = store.get(key).and_then(|stored| stored.cells());
-        let tile = cells.and_then(|cells| {
+        let tile = store.shown(key).and_then(|cells| {
             let (known, coarse) = (KnownBounds::of(cells)?, CodePyramid::of(key.layer, cells));
             Some(IndexedTile {
                 known,

@@ -152,7 +152,7 @@ impl MapLayers {
         if std::mem::take(&mut self.is_other) {
             let all = LayerId::ALL
                 .into_iter()
-                .flat_map(|layer| store.tiles(layer));
+                .flat_map(|layer| store.all_shown(layer));
             self.waiting.extend(all.map(|(key, _)| key));
         }
         while !self.waiting.is_empty() && time.take_tile() {

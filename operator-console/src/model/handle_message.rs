@@ -232,6 +232,12 @@ impl ConsoleModel {
                 self.map.take_band(key, header, &band, Some(request), now)?;
                 self.changes += 1;
             }
+            Topic::Overviews(layer) => {
+                let (header, TilesReply { tx, ty, band, .. }) = decode(payload)?;
+                let key = TileKey { layer, tx, ty };
+                self.map.take_overview(key, header, &band, now)?;
+                self.changes += 1;
+            }
             Topic::Digests(layer) => {
                 let (header, digests): (_, Digests) = decode(payload)?;
                 self.map
@@ -305,6 +311,7 @@ const fn is_by_control(topic: Topic) -> bool {
         topic,
         Topic::Changes(_)
             | Topic::Tiles(_)
+            | Topic::Overviews(_)
             | Topic::Digests(_)
             | Topic::Shores
             | Topic::Voxels

@@ -34,6 +34,8 @@ pub(super) enum Query {
         newer_than: u64,
     },
     Tiles(Vec<(i32, i32)>),
+    /// Overviews at these places.
+    Overviews(Vec<(i32, i32)>),
 }
 
 /// A list of tiles, fetched page by page.
@@ -262,6 +264,11 @@ impl LayerSync {
         self.unlisted.is_none()
     }
 
+    /// Whether the maps differ and no list says which tiles there are.
+    pub(super) const fn is_joining(&self) -> bool {
+        self.unlisted.is_some() && self.differs_since.is_some()
+    }
+
     /// Whether a tile is to be requested although no list names it yet.
     pub(super) fn is_unlisted(&self, tile: (i32, i32)) -> bool {
         let asked = self
@@ -336,6 +343,7 @@ impl LayerSync {
                     .iter_mut()
                     .for_each(|asked| asked.extend(tiles));
             }
+            Query::Overviews(_) => {}
         }
     }
 

@@ -8,7 +8,9 @@ use protocol::layer::LayerId;
 use protocol::message::{Digests, Info, LayerHead, MapHead, TileBand};
 use protocol::tile::codec::DecodeError;
 use protocol::tile::{BootId, TILE_SIDE, TileCells, TileDigest, TileKey};
-use protocol::tile_store::{Applied, LayerGrid, RootDigest, StoreError, StoredTile, TileStore};
+use protocol::tile_store::{
+    Applied, LayerGrid, OVERVIEW_STEP, RootDigest, StoreError, StoredTile, TileStore,
+};
 use protocol::wire::Header;
 
 use super::layer_sync::{LayerSync, Query, SILENCE};
@@ -28,6 +30,9 @@ const TILES_PER_REQUEST: [usize; 2] = [3, 48];
 /// filled: poses and commands would wait behind tiles, and what overflows its buffers is sent again.
 const SLOW_REPLY: Duration = Duration::from_millis(1500);
 const QUICK_REPLY: Duration = Duration::from_millis(800);
+
+/// Places looked at for tiles that no list names: cells of 0.01 m within 80 m. A robot may announce cells of any size.
+const MAX_PLACES: usize = 16_384;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSyncState {
@@ -50,6 +55,9 @@ struct OpenRequest {
 pub struct MapSync {
     store: TileStore,
     intake: TileIntake,
+    overview_intake: TileIntake,
+    /// Overviews that a console that joins has requested.
+    overviews: BTreeSet<TileKey>,
     head: Option<(MapHead, Monotonic)>,
     /// When the last head or tile arrived.
     received: Option<Monotonic>,
@@ -75,6 +83,8 @@ impl MapSync {
         Self {
             store: TileStore::new(BootId([0; 16]), tile_store_mb),
             intake: TileIntake::default(),
+            overview_intake: TileIntake::default(),
+            overviews: BTreeSet::new(),
             head: None,
             received: None,
             has_boot: false,
@@ -186,7 +196,7 @@ impl MapSync {
         let is_new = !self.has_boot || boot != self.store.boot();
         if is_new {
             let before = LayerId::ALL.into_iter();
-            let before = before.flat_map(|layer| self.store.tiles(layer));
+            let before = before.flat_map(|layer| self.store.all_shown(layer));
             let before: Vec<_> = before.map(|(key, _)| key).collect();
             if !self.store.adopt_boot(boot) {
                 return Err(RejectReason::OtherBoot);
@@ -196,6 +206,7 @@ impl MapSync {
             self.layers.clear();
             self.roots.clear();
             self.ages = TileAges::default();
+            self.overviews.clear();
             self.forget_queries();
         }
         self.on_received(now);
@@ -215,6 +226,7 @@ impl MapSync {
         self.received = Some(now);
         if was_silent {
             self.layers.values_mut().for_each(LayerSync::on_link_loss);
+            self.overviews.clear();
             self.forget_queries();
         }
     }
@@ -294,6 +306,32 @@ impl MapSync {
         }
     }
 
+    /// Takes one band of an overview, which is shown until the tiles arrive.
+    pub(super) fn take_overview(
+        &mut self,
+        key: TileKey,
+        header: Header,
+        band: &TileBand,
+        now: Monotonic,
+    ) -> Result<(), RejectReason> {
+        self.of_this_boot(header.boot)?;
+        if band.epoch != self.store.epoch(key.layer) {
+            return Err(RejectReason::OldEpoch);
+        }
+        self.on_received(now);
+        let overview = self.overview_intake.take(key, header, band, None);
+        let overview = overview.map_err(|why| reject_reason(&why))?;
+        let sync = self.layers.get(&key.layer);
+        if sync.is_some_and(LayerSync::is_joining)
+            && let Some(overview) = overview
+        {
+            let shown = self.store.show_overview(&overview);
+            self.changed
+                .extend(shown.map_err(|_why| RejectReason::BadTile)?);
+        }
+        Ok(())
+    }
+
     pub(super) fn ended(&mut self, request: RequestId, now: Monotonic) {
         let Some(open) = self.open_requests.remove(&request) else {
             return;
@@ -322,6 +360,8 @@ impl MapSync {
     fn forget_layer(&mut self, layer: LayerId) -> Vec<TileKey> {
         let gone: Vec<_> = self.store.tiles(layer).map(|(key, _)| key).collect();
         self.changed.extend(&gone);
+        self.changed.extend(self.store.forget_overviews(layer));
+        self.overviews.retain(|key| key.layer != layer);
         self.roots.remove(&layer);
         self.ages.forget(layer);
         self.layers.insert(layer, LayerSync::default());
@@ -363,6 +403,11 @@ impl MapSync {
         }
         let mut queries = Vec::new();
         for head in &wanted {
+            if let Some(query) = self.overview_query(head.layer, near_m) {
+                queries.push(self.open_request(head.layer, query, now, &mut number));
+            }
+        }
+        for head in &wanted {
             while let Some(query) = self.near_query(head.layer, near_m) {
                 queries.push(self.open_request(head.layer, query, now, &mut number));
             }
@@ -391,7 +436,7 @@ impl MapSync {
             sync.on_request(request, &query);
         }
         let tiles = match &query {
-            Query::Digests { .. } => Vec::new(),
+            Query::Digests { .. } | Query::Overviews(_) => Vec::new(),
             Query::Tiles(tiles) => tiles.clone(),
         };
         let open = OpenRequest {
@@ -424,16 +469,21 @@ impl MapSync {
         let sync = self.layers.get(&layer).filter(|sync| !sync.is_listed());
         let found = near_m.zip(self.store.cell_m(layer)).zip(sync);
         found.into_iter().flat_map(move |((near_m, cell_m), sync)| {
-            let side_m = TILE_SIDE as f64 * cell_m;
-            let [low_x, low_y, high_x, high_y] =
-                near_m.map(|edge_m| (edge_m / side_m).floor() as i32);
-            let places =
-                (low_y..=high_y).flat_map(move |ty| (low_x..=high_x).map(move |tx| (tx, ty)));
-            places.filter(move |&(tx, ty)| {
+            places(near_m, cell_m).filter(move |&(tx, ty)| {
                 let key = TileKey { layer, tx, ty };
                 sync.is_unlisted((tx, ty)) && self.store.get(key).is_none()
             })
         })
+    }
+
+    /// The overviews in `near_m` that were not requested yet, of a layer of which no list says what there is.
+    fn overview_query(&mut self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
+        self.layers.get(&layer).filter(|sync| sync.is_joining())?;
+        let cell_m = self.store.cell_m(layer)? * OVERVIEW_STEP as f64;
+        let places = places(near_m?, cell_m);
+        let is_new = |&(tx, ty): &(i32, i32)| self.overviews.insert(TileKey { layer, tx, ty });
+        let places: Vec<_> = places.filter(is_new).collect();
+        (!places.is_empty()).then_some(Query::Overviews(places))
     }
 
     fn near_query(&self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
@@ -491,6 +541,8 @@ impl MapSync {
         };
         if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
             sync.on_equal_root(head.head_revision, now);
+            self.changed
+                .extend(self.store.forget_overviews(head.layer));
         } else if own.is_some() {
             sync.on_other_root(now);
         }
@@ -555,6 +607,15 @@ impl MapSync {
             self.changed.insert(key);
         }
     }
+}
+
+/// Places of the tiles with cells of `cell_m` that a rectangle meets: lowest and greatest x and y, metres.
+fn places(rectangle_m: [f64; 4], cell_m: f64) -> impl Iterator<Item = (i32, i32)> {
+    let side_m = TILE_SIDE as f64 * cell_m;
+    let [low_x, low_y, high_x, high_y] =
+        rectangle_m.map(|edge_m| (edge_m / side_m).floor() as i32);
+    let places = (low_y..=high_y).flat_map(move |ty| (low_x..=high_x).map(move |tx| (tx, ty)));
+    places.take(MAX_PLACES)
 }
 
 fn reject_reason(why: &DecodeError) -> RejectReason {

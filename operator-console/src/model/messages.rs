@@ -199,6 +199,10 @@ impl ConsoleModel {
                     let body = TilesRequest::ByKey(tiles);
                     self.bulk_query(Topic::Tiles(layer), request, &body)
                 }
+                Query::Overviews(places) => {
+                    let body = TilesRequest::ByKey(places);
+                    self.bulk_query(Topic::Overviews(layer), request, &body)
+                }
             });
         }
         // Before the first map head the run that they belong to is unknown. The trail is as long as many tiles.

@@ -10,6 +10,7 @@
 //! half is removed. Both are counted.
 
 mod eviction;
+mod overview;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::layer::LayerId;
 use crate::tile::{BootId, InvalidCode, TILE_CELLS, Tile, TileCells, TileDigest, TileKey};
+pub use overview::OVERVIEW_STEP;
 
 /// A layer and the size of its square cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,6 +62,8 @@ struct LayerTiles {
     epoch: u32,
     head_revision: u64,
     tiles: BTreeMap<(i32, i32), StoredTile>,
+    /// Cells to show where there is no tile.
+    overviews: BTreeMap<(i32, i32), TileCells>,
 }
 
 impl TileStore {
@@ -100,6 +104,7 @@ impl TileStore {
             epoch: 0,
             head_revision: 0,
             tiles: BTreeMap::new(),
+            overviews: BTreeMap::new(),
         });
         if entry.cell_m.to_bits() != cell_m.to_bits() {
             if !entry.tiles.is_empty() {
@@ -250,6 +255,7 @@ impl TileStore {
         };
         held.head_revision = held.head_revision.max(stored.revision);
         self.last_revision = self.last_revision.max(stored.revision);
+        held.overviews.remove(&(key.tx, key.ty));
         let has_cells = stored.cells().is_some();
         let replaced = held.tiles.insert((key.tx, key.ty), stored);
         *self.total(has_cells) += 1;
@@ -273,6 +279,7 @@ impl TileStore {
             return;
         };
         held.epoch = epoch;
+        held.overviews.clear();
         for stored in std::mem::take(&mut held.tiles).into_values() {
             *self.total(stored.cells().is_some()) -= 1;
         }

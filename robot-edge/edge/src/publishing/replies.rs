@@ -68,18 +68,45 @@ pub fn tiles(
 ) -> Vec<(i64, TilesReply)> {
     let keys = match request {
         TilesRequest::NewerThan(revision) => newer_than(store, layer, *revision, near_m),
-        TilesRequest::ByKey(tiles) => {
-            let keys = tiles.iter().take(MAX_TILES_PER_REQUEST);
-            keys.map(|&(tx, ty)| TileKey { layer, tx, ty }).collect()
-        }
+        TilesRequest::ByKey(tiles) => by_key(layer, tiles),
     };
+    fitting(keys, |key| bands(store, key))
+}
+
+/// The overviews asked for by their places; as [`tiles`].
+pub fn overviews(
+    store: &Mutex<TileStore>,
+    layer: LayerId,
+    request: &TilesRequest,
+) -> Vec<(i64, TilesReply)> {
+    let TilesRequest::ByKey(places) = request else {
+        return Vec::new();
+    };
+    fitting(by_key(layer, places), |key| {
+        let overview = with_store(store, |store| store.overview(key));
+        overview.as_ref().map_or_else(Vec::new, bands_of)
+    })
+}
+
+fn by_key(layer: LayerId, places: &[(i32, i32)]) -> Vec<TileKey> {
+    let places = places.iter().take(MAX_TILES_PER_REQUEST);
+    places
+        .map(|&(tx, ty)| TileKey { layer, tx, ty })
+        .collect()
+}
+
+/// The bands of as many of these tiles as fit one answer.
+fn fitting(
+    keys: Vec<TileKey>,
+    bands: impl Fn(TileKey) -> Vec<(i64, TileBand)>,
+) -> Vec<(i64, TilesReply)> {
     let mut found: Vec<(TileKey, i64, TileBand)> = Vec::new();
     let mut bytes = 0;
     for key in keys {
         if bytes >= TILES_REPLY_BYTES {
             break;
         }
-        for (stamp_ns, band) in bands(store, key) {
+        for (stamp_ns, band) in bands(key) {
             bytes += band.rows.len();
             found.push((key, stamp_ns, band));
         }

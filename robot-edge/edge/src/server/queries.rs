@@ -55,6 +55,10 @@ fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Opti
                 .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
                 .collect()
         }
+        Topic::Overviews(layer) => replies::overviews(store, layer, &request(query)?)
+            .iter()
+            .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
+            .collect(),
         Topic::Digests(layer) => messages(
             out,
             stamp_ns,

@@ -29,9 +29,9 @@ fn published_keys(robot: &RobotId) -> Vec<String> {
 
 /// What people may ask.
 fn query_keys(robot: &RobotId) -> Vec<String> {
-    let layers = LayerId::ALL
-        .into_iter()
-        .flat_map(|layer| [Topic::Tiles(layer), Topic::Digests(layer)]);
+    let layers = LayerId::ALL.into_iter().flat_map(|layer| {
+        [Topic::Tiles, Topic::Overviews, Topic::Digests].map(|topic| topic(layer))
+    });
     let topics = [
         Topic::Info,
         Topic::Ping,

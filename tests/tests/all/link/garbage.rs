@@ -52,6 +52,7 @@ fn topics() -> Vec<Topic> {
         topics.extend([
             Topic::Changes(layer),
             Topic::Tiles(layer),
+            Topic::Overviews(layer),
             Topic::Digests(layer),
         ]);
     }

@@ -12,7 +12,6 @@ use network::clock;
 use operator_console::model::ConsoleModel;
 use protocol::layer::LayerId;
 use protocol::tile::{TILE_SIDE, TileKey};
-use protocol::tile_store::StoredTile;
 use tempfile::tempdir;
 
 use super::shaped::{inside, namespaces, recording, shaped};
@@ -52,7 +51,7 @@ fn satellite() -> Conditions {
 #[derive(Debug, Default)]
 struct Joined {
     pose: Option<Duration>,
-    /// When each tile first had cells, and when it last changed.
+    /// When each tile was first shown, by an overview at least, and when it last changed.
     tiles: BTreeMap<TileKey, [Duration; 2]>,
     /// When the end of the robot's data was reported, and when the map was as it was at that end.
     ended: Option<Duration>,
@@ -69,8 +68,8 @@ impl Joined {
             model.set_view(visible_m.map(|edge_m| edge_m as f32), SHOWN.into());
         }
         for key in model.take_changed_tiles() {
-            let stored = model.map().store().get(key);
-            if stored.map_or(0, StoredTile::known) > 0 {
+            let store = model.map().store();
+            if store.shown(key).is_some() {
                 self.tiles.entry(key).or_insert([after; 2])[1] = after;
             }
         }
@@ -82,7 +81,7 @@ impl Joined {
         }
     }
 
-    /// When the last visible tile first had cells, and when it last changed; and the number of these tiles.
+    /// When the last visible tile was first shown, and when it last changed; and the number of these tiles.
     fn visible(&self, model: &ConsoleModel) -> ([Duration; 2], usize) {
         let Some((pose, _)) = model.vehicle().pose() else {
             return <_>::default();
