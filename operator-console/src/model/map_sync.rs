@@ -31,6 +31,8 @@ const TILES_PER_REQUEST: [usize; 2] = [3, 48];
 const SLOW_REPLY: Duration = Duration::from_millis(1500);
 const QUICK_REPLY: Duration = Duration::from_millis(800);
 
+/// Overviews that are requested of a layer: cells of 0.05 m within 64 m. Each has the room of 64 tiles.
+const MAX_OVERVIEWS: usize = 36;
 /// Places looked at for tiles that no list names: cells of 0.01 m within 80 m. A robot may announce cells of any size.
 const MAX_PLACES: usize = 16_384;
 
@@ -56,8 +58,8 @@ pub struct MapSync {
     store: TileStore,
     intake: TileIntake,
     overview_intake: TileIntake,
-    /// Overviews that a console that joins has requested.
-    overviews: BTreeSet<TileKey>,
+    /// Layers of which overviews were requested.
+    overviews: BTreeSet<LayerId>,
     head: Option<(MapHead, Monotonic)>,
     /// When the last head or tile arrived.
     received: Option<Monotonic>,
@@ -361,7 +363,7 @@ impl MapSync {
         let gone: Vec<_> = self.store.tiles(layer).map(|(key, _)| key).collect();
         self.changed.extend(&gone);
         self.changed.extend(self.store.forget_overviews(layer));
-        self.overviews.retain(|key| key.layer != layer);
+        self.overviews.remove(&layer);
         self.roots.remove(&layer);
         self.ages.forget(layer);
         self.layers.insert(layer, LayerSync::default());
@@ -476,26 +478,24 @@ impl MapSync {
         })
     }
 
-    /// The overviews in `near_m` that were not requested yet, of a layer of which no list says what there is.
+    /// The overviews in `near_m`, once, of a layer of which no list says what there is.
     fn overview_query(&mut self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
         self.layers.get(&layer).filter(|sync| sync.is_joining())?;
         let cell_m = self.store.cell_m(layer)? * OVERVIEW_STEP as f64;
-        let places = places(near_m?, cell_m);
-        let is_new = |&(tx, ty): &(i32, i32)| self.overviews.insert(TileKey { layer, tx, ty });
-        let places: Vec<_> = places.filter(is_new).collect();
-        (!places.is_empty()).then_some(Query::Overviews(places))
+        let places = places(near_m?, cell_m).collect();
+        let near = nearest(near_m?, cell_m, places, MAX_OVERVIEWS);
+        self.overviews
+            .insert(layer)
+            .then_some(Query::Overviews(near))
     }
 
     fn near_query(&self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
-        let [low_x, low_y, high_x, high_y] = near_m?;
-        let middle_m = [0.5 * (low_x + high_x), 0.5 * (low_y + high_y)];
         if self.room_for_tiles() == 0 {
             return None;
         }
-        let mut tiles: Vec<_> = self.unlisted(layer, near_m).collect();
-        let order = self.distance(layer, middle_m)?;
-        tiles.sort_by(|a, b| order(*a).total_cmp(&order(*b)));
-        tiles.truncate(self.tiles_per_request);
+        let tiles = self.unlisted(layer, near_m).collect();
+        let cell_m = self.store.cell_m(layer)?;
+        let tiles = nearest(near_m?, cell_m, tiles, self.tiles_per_request);
         (!tiles.is_empty()).then_some(Query::Tiles(tiles))
     }
 
@@ -503,19 +503,6 @@ impl MapSync {
         let open = self.open_requests.values();
         let for_tiles = open.filter(|open| open.is_for_tiles).count();
         MAX_TILE_REQUESTS.saturating_sub(for_tiles)
-    }
-
-    /// Squares of the distances of tiles from a point.
-    fn distance(
-        &self,
-        layer: LayerId,
-        [x, y]: [f64; 2],
-    ) -> Option<impl Fn((i32, i32)) -> f64 + use<>> {
-        let cell_m = self.store.cell_m(layer)?;
-        Some(move |(tx, ty)| {
-            let [tile_x, tile_y] = TileKey { layer, tx, ty }.center_m(cell_m);
-            (tile_x - x) * (tile_x - x) + (tile_y - y) * (tile_y - y)
-        })
     }
 
     fn next_query(&self, layer: LayerId, now: Monotonic) -> Option<Query> {
@@ -527,7 +514,7 @@ impl MapSync {
             now,
             self.room_for_tiles(),
             self.tiles_per_request,
-            self.distance(layer, self.focus_m)?,
+            distance(self.focus_m, self.store.cell_m(layer)?),
             is_requested,
         )
     }
@@ -541,8 +528,7 @@ impl MapSync {
         };
         if own == Some(head.root) && head.epoch == self.store.epoch(head.layer) {
             sync.on_equal_root(head.head_revision, now);
-            self.changed
-                .extend(self.store.forget_overviews(head.layer));
+            self.changed.extend(self.store.forget_overviews(head.layer));
         } else if own.is_some() {
             sync.on_other_root(now);
         }
@@ -612,10 +598,28 @@ impl MapSync {
 /// Places of the tiles with cells of `cell_m` that a rectangle meets: lowest and greatest x and y, metres.
 fn places(rectangle_m: [f64; 4], cell_m: f64) -> impl Iterator<Item = (i32, i32)> {
     let side_m = TILE_SIDE as f64 * cell_m;
-    let [low_x, low_y, high_x, high_y] =
-        rectangle_m.map(|edge_m| (edge_m / side_m).floor() as i32);
+    let [low_x, low_y, high_x, high_y] = rectangle_m.map(|edge_m| (edge_m / side_m).floor() as i32);
     let places = (low_y..=high_y).flat_map(move |ty| (low_x..=high_x).map(move |tx| (tx, ty)));
     places.take(MAX_PLACES)
+}
+
+/// The tiles with cells of `cell_m` that are nearest to the middle of a rectangle, at most `most`.
+fn nearest(
+    [low_x, low_y, high_x, high_y]: [f64; 4],
+    cell_m: f64,
+    mut tiles: Vec<(i32, i32)>,
+    most: usize,
+) -> Vec<(i32, i32)> {
+    let order = distance([0.5 * (low_x + high_x), 0.5 * (low_y + high_y)], cell_m);
+    tiles.sort_by(|a, b| order(*a).total_cmp(&order(*b)));
+    tiles.truncate(most);
+    tiles
+}
+
+/// Squares of the distances of tiles with cells of `cell_m` from a point, metres.
+fn distance([x, y]: [f64; 2], cell_m: f64) -> impl Fn((i32, i32)) -> f64 {
+    let middle_m = move |tile: i32| (f64::from(tile) + 0.5) * TILE_SIDE as f64 * cell_m;
+    move |(tx, ty)| (middle_m(tx) - x).powi(2) + (middle_m(ty) - y).powi(2)
 }
 
 fn reject_reason(why: &DecodeError) -> RejectReason {

@@ -2,9 +2,10 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::message::{
-    EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand, View,
+    EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand,
+    TilesReply, View,
 };
-use protocol::tile::{TileCells, TileKey};
+use protocol::tile::{TileCells, TileKey, codec};
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
@@ -276,6 +277,76 @@ fn what_is_missing_is_requested_again_after_silence() {
             "{tiles_ms:?}"
         );
     }
+}
+
+#[test]
+fn a_console_that_joins_shows_overviews_until_the_tiles_arrive() {
+    let layer = LayerId::Occupancy;
+    let [here, gone] = [0, 1].map(|tx| TileKey { layer, tx, ty: 0 });
+    let mut store = store_of(&[layer]);
+    drop(store.publish(here, TileCells::from_fn(|_, _| 100)).unwrap());
+    let mut earlier = store.clone();
+    drop(
+        earlier
+            .publish(gone, TileCells::from_fn(|_, _| 50))
+            .unwrap(),
+    );
+
+    let mut model = console("scout", &[layer]);
+    describe_layers(&mut model, &[layer], at(0));
+    inject(&mut model, Topic::Pose, &pose_at_rest(), at(0));
+    announce_map(&mut model, &store, at(0));
+    let requested = |model: &mut ConsoleModel, ms| {
+        let outgoing = model.outgoing(OpenSessions::BOTH, at(ms)).into_iter();
+        let topics = outgoing.filter_map(|out| match out {
+            Outgoing::Get { key, is_bulk, .. } if is_bulk => Topic::parse(&key),
+            Outgoing::Get { .. } | Outgoing::Put { .. } => None,
+        });
+        topics.map(|(_, topic)| topic).collect::<Vec<_>>()
+    };
+    let first = requested(&mut model, 0);
+    let (overviews, tiles) = (Topic::Overviews(layer), Topic::Tiles(layer));
+    assert_eq!(first[..2], [overviews, tiles]);
+    assert!(!first[1..].contains(&overviews));
+    assert!(!requested(&mut model, 1).contains(&overviews));
+
+    let overview = earlier.overview(here).unwrap();
+    for rows in codec::encode(layer, &overview.cells) {
+        let band = TileBand {
+            epoch: 0,
+            revision: overview.revision,
+            base: 0,
+            check: overview.check,
+            rows,
+        };
+        let reply = TilesReply {
+            tx: 0,
+            ty: 0,
+            band,
+            following: 0,
+        };
+        inject_reply(&mut model, RequestId(1), overviews, &reply, at(2));
+    }
+    let shown = |model: &ConsoleModel, key| {
+        let cells = model.map().store().shown(key)?;
+        cells.get(0, 0)
+    };
+    assert_eq!(
+        [here, gone].map(|key| shown(&model, key)),
+        [Some(100), Some(50)]
+    );
+    assert_eq!(model.take_changed_tiles(), [here, gone].into());
+    assert_eq!(model.map().store().tile_count(layer), 0);
+
+    push_tile(&mut model, &store, here, at(3));
+    announce_map(&mut model, &store, at(4));
+    requested(&mut model, 4);
+    assert!(model.matches_last_head());
+    assert_eq!(
+        [here, gone].map(|key| shown(&model, key)),
+        [Some(100), None]
+    );
+    assert_eq!(model.take_changed_tiles(), [here, gone].into());
 }
 
 fn model_with(status: &Status) -> ConsoleModel {

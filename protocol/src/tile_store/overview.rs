@@ -102,10 +102,7 @@ impl TileStore {
     }
 
     /// All cells to draw of `layer`, as [`shown`](Self::shown).
-    pub fn all_shown(
-        &self,
-        layer: LayerId,
-    ) -> impl Iterator<Item = (TileKey, &TileCells)> {
+    pub fn all_shown(&self, layer: LayerId) -> impl Iterator<Item = (TileKey, &TileCells)> {
         let held = self.layers.get(&layer).into_iter();
         held.flat_map(|held| {
             let tiles = held.tiles.iter();
@@ -170,7 +167,10 @@ mod tests {
         let codes = codes.map(|(x, y)| shown.get(x, y).unwrap());
         assert_eq!(codes, [200, 200, 5, 5, UNKNOWN]);
         assert_eq!(console.all_shown(LAYER).count(), 1);
-        assert_eq!((console.root_digest(LAYER), console.tile_count(LAYER)), (blank, 0));
+        assert_eq!(
+            (console.root_digest(LAYER), console.tile_count(LAYER)),
+            (blank, 0)
+        );
 
         let tile = robot.tile(key(-1, 2)).unwrap();
         assert_eq!(console.apply(tile.clone()), Ok(Applied::Stored));
@@ -186,7 +186,9 @@ mod tests {
     #[test]
     fn damaged_overviews_and_places_beyond_the_map_are_refused() {
         let mut robot = store(1);
-        let _ = robot.publish(key(0, 0), TileCells::from_fn(|_, _| 5)).unwrap();
+        let _ = robot
+            .publish(key(0, 0), TileCells::from_fn(|_, _| 5))
+            .unwrap();
         assert_eq!(robot.overview(key(i32::MAX, i32::MIN)), None);
         let mut damaged = robot.overview(key(0, 0)).unwrap();
         damaged.cells.codes_mut()[0] = 6;

@@ -90,9 +90,7 @@ pub fn overviews(
 
 fn by_key(layer: LayerId, places: &[(i32, i32)]) -> Vec<TileKey> {
     let places = places.iter().take(MAX_TILES_PER_REQUEST);
-    places
-        .map(|&(tx, ty)| TileKey { layer, tx, ty })
-        .collect()
+    places.map(|&(tx, ty)| TileKey { layer, tx, ty }).collect()
 }
 
 /// The bands of as many of these tiles as fit one answer.

@@ -125,7 +125,8 @@ impl OpenSessions {
         }
         // Layers that are not mapped are declared too: they reply with an empty list.
         for layer in LayerId::ALL {
-            for topic in [Topic::Tiles, Topic::Overviews, Topic::Digests].map(|topic| topic(layer)) {
+            for topic in [Topic::Tiles, Topic::Overviews, Topic::Digests].map(|topic| topic(layer))
+            {
                 declare_queries(&bulk, &topic.key(&context.robot), &queries, publish_state)?;
             }
         }
