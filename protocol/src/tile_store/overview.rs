@@ -156,7 +156,7 @@ mod tests {
         let overview = robot.overview(key(-1, 0)).unwrap();
         assert_eq!((overview.revision, overview.cells.known()), (1, 4 * 8));
         // Tile (-1, 2) is the last of its row and the third from below.
-        let code = |x, y| overview.cells.get(7 * 8 + x, 2 * 8 + y).unwrap();
+        let code = |x: usize, y: usize| overview.cells.get(7 * 8 + x, 2 * 8 + y).unwrap();
         assert_eq!([code(1, 7), code(1, 6), code(4, 7)], [200, 5, UNKNOWN]);
 
         let mut console = store(1);
