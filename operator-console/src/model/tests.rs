@@ -294,8 +294,8 @@ fn a_console_that_joins_shows_overviews_until_the_tiles_arrive() {
 
     let mut model = console("scout", &[layer]);
     describe_layers(&mut model, &[layer], at(0));
-    inject(&mut model, Topic::Pose, &pose_at_rest(), at(0));
     announce_map(&mut model, &store, at(0));
+    inject(&mut model, Topic::Pose, &pose_at_rest(), at(0));
     let requested = |model: &mut ConsoleModel, ms| {
         let outgoing = model.outgoing(OpenSessions::BOTH, at(ms)).into_iter();
         let topics = outgoing.filter_map(|out| match out {

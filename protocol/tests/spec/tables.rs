@@ -34,6 +34,7 @@ fn keys() {
         Topic::Changes(layer),
         Topic::Digests(layer),
         Topic::Tiles(layer),
+        Topic::Overviews(layer),
         Topic::Shores,
         Topic::Voxels,
         Topic::Trajectory,
