@@ -106,8 +106,18 @@ pub(crate) fn find_sites_in(
         None => connected(&marked, &window),
         Some(_) => by_shore(&marked, &window),
     };
-    let sets = sets.into_iter();
-    sets.filter_map(|cells| site(&window, &shapes, boat, &cells, &docking_poses))
+    let mut set_of = vec![usize::MAX; columns.len()];
+    for (set, places) in sets.iter().enumerate() {
+        places.iter().for_each(|&at| set_of[at] = set);
+    }
+    let mut poses_of = vec![Vec::new(); sets.len()];
+    for docking_pose in docking_poses {
+        if let Some(poses) = poses_of.get_mut(set_of[docking_pose.centre]) {
+            poses.push(docking_pose);
+        }
+    }
+    let sets = sets.iter().zip(poses_of);
+    sets.filter_map(|(places, poses)| site(&window, &shapes, boat, places, &poses))
         .collect()
 }
 
@@ -208,11 +218,7 @@ fn site(
     places: &[usize],
     docking_poses: &[DockingPose],
 ) -> Option<DockingSite> {
-    let docking_poses = docking_poses.iter().copied();
-    let docking_poses =
-        docking_poses.filter(|docking_pose| places.binary_search(&docking_pose.centre).is_ok());
-    let docking_poses: Vec<_> = docking_poses.collect();
-    let heading = main_heading(shapes, &docking_poses)?;
+    let heading = main_heading(shapes, docking_poses)?;
     let across = Vector2::new(-heading.y, heading.x);
     let (mut least_m, mut greatest_m) = (f64::INFINITY, f64::NEG_INFINITY);
     let alike =
@@ -238,9 +244,22 @@ fn site(
         let offset = window.centre(at).coords - middle;
         offset.dot(&heading).abs() <= reach.x && offset.dot(&across).abs() <= reach.y
     };
+    let (first, middle) = (
+        window.cell(0),
+        CellIndex::containing(middle.into(), window.cell_m()),
+    );
+    let [x, y] = [
+        middle.x.saturating_sub(first.x),
+        middle.y.saturating_sub(first.y),
+    ]
+    .map(|cells| cells as isize);
+    let cells_away = (reach.norm() / window.cell_m()) as isize + 2;
     // A slope has none: nothing is to be searched for.
-    let searched = window.vegetation.map_or(0, |_| window.columns().len());
-    let passable = (0..searched).filter(|&at| is_near(at) && window.is_passable(at));
+    let rows = window
+        .vegetation
+        .map_or(0..0, |_| y - cells_away..y + cells_away);
+    let around = rows.flat_map(|y| window.row_span(y, x - cells_away, x + cells_away));
+    let passable = around.filter(|&at| is_near(at) && window.is_passable(at));
     let mut passable: Vec<_> = passable.map(|at| window.cell(at)).collect();
     passable.sort_unstable();
     Some(DockingSite {
