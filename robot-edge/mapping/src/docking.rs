@@ -108,7 +108,9 @@ pub(crate) fn find_sites_in(
     };
     let mut set_of = vec![usize::MAX; columns.len()];
     for (set, places) in sets.iter().enumerate() {
-        places.iter().for_each(|&at| set_of[at] = set);
+        for &at in places {
+            set_of[at] = set;
+        }
     }
     let mut poses_of = vec![Vec::new(); sets.len()];
     for docking_pose in docking_poses {
