@@ -702,7 +702,8 @@ impl DockingTemplates {
                 continue;
             }
             for (heading, shape) in self.shapes.iter().enumerate() {
-                if shape.is_docking_pose(window, centre) {
+                let water = window.water_and_lethal(centre, shape.water.bounds)[0];
+                if water >= shape.min_water && shape.is_docking_pose(window, centre) {
                     docking_poses.push(DockingPose { centre, heading });
                 }
             }
@@ -723,9 +724,6 @@ impl DockingTemplates {
 
 impl DockingTemplate {
     fn is_docking_pose(&self, window: &DockingGrid<'_>, centre: usize) -> bool {
-        if window.water_and_lethal(centre, self.water.bounds)[0] < self.min_water {
-            return false;
-        }
         let below = self.footprint_mask.counts(window, centre);
         let holds = |below: &Counts| below.moderate >= self.min_moderate;
         let Some(below) = below.filter(holds) else {
