@@ -157,11 +157,11 @@ impl CostMap {
 
     /// Updates the map from the octree, around the vehicle's position.
     pub fn update(&mut self, octree: &mut Octree, vehicle_in_odom: Point3<f64>) {
-        let changed = octree.take_changed();
+        let rules = self.rules_at(vehicle_in_odom.z);
+        let changed = octree.take_changed_in(rules.from_z..=rules.highest_z());
         let octree = &*octree;
         self.window
             .center_on(VoxelIndex::containing(vehicle_in_odom, self.cell_m).column());
-        let rules = self.rules_at(vehicle_in_odom.z);
         if self.rules.replace(rules) != Some(rules) {
             self.window.invalidate();
         }
@@ -186,6 +186,9 @@ impl CostMap {
             if self.window.set_costs(at, costs) {
                 changed.push(at);
             }
+        }
+        if self.rigidity.enabled {
+            changed = self.window.around(&changed);
         }
         let to_classify = self.window.tiles_to_classify(&changed);
         self.classify(octree, &to_classify, &rules);
@@ -452,7 +455,9 @@ fn metrics(octree: &Octree, CellIndex { x, y }: CellIndex, column: &Column) -> [
     let deciding = match column.kind {
         ColumnKind::Unknown => return [f32::NAN; 2],
         _ if column.top_z > column.ground_z => column.ground_z + 1..=column.top_z,
-        _ => column.ground_z..=column.ground_z,
+        // Its ground was not hit.
+        ColumnKind::Inferred | ColumnKind::Water | ColumnKind::Occluded => return [f32::NAN; 2],
+        ColumnKind::Sampled | ColumnKind::Bank => column.ground_z..=column.ground_z,
     };
     let occupied = deciding.map(|z| VoxelIndex { x, y, z });
     let occupied = occupied.filter(|voxel| octree.state(*voxel) == VoxelState::Occupied);

@@ -14,6 +14,7 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::{SQRT_2, TAU};
+use std::ops::Range;
 
 use nalgebra::{Point2, Vector2};
 
@@ -73,26 +74,53 @@ pub fn find_docking_sites(
     columns: &[DockingColumn],
     boat: &BoatFootprint,
 ) -> Vec<DockingSite> {
-    let mut sites = Vec::new();
-    for vegetation in [None, Some(ShoreClass::Sparse), Some(ShoreClass::Dense)] {
-        let is_class =
-            |column: &DockingColumn| column.vegetation.map(|found| found.class) == vegetation;
-        if vegetation.is_some() && !columns.iter().any(is_class) {
-            continue;
-        }
-        let window = DockingGrid::new(first, width, cell_m, columns, vegetation);
-        let shapes = DockingTemplates::new(boat, &window);
-        let docking_poses = shapes.docking_poses(&window);
-        let marked = covered(&window, &shapes, &docking_poses);
-        let sets = match vegetation {
-            None => connected(&marked, &window),
-            Some(_) => by_shore(&marked, &window),
-        };
-        let sets = sets.into_iter();
-        sites.extend(sets.filter_map(|cells| site(&window, &shapes, boat, &cells, &docking_poses)));
-    }
+    let of = |vegetation| find_sites_in(vegetation, first, width, cell_m, columns, boat);
+    let mut sites: Vec<_> = GROUNDS.into_iter().flat_map(of).collect();
     rank(&mut sites);
     sites
+}
+
+/// What a site may be in: a gentle slope, or vegetation.
+pub(crate) const GROUNDS: [Option<ShoreClass>; 3] =
+    [None, Some(ShoreClass::Sparse), Some(ShoreClass::Dense)];
+
+/// Those of [`find_docking_sites`] in one of [`GROUNDS`], in no particular order.
+pub(crate) fn find_sites_in(
+    vegetation: Option<ShoreClass>,
+    first: CellIndex,
+    width: usize,
+    cell_m: f64,
+    columns: &[DockingColumn],
+    boat: &BoatFootprint,
+) -> Vec<DockingSite> {
+    let is_class =
+        |column: &DockingColumn| column.vegetation.map(|found| found.class) == vegetation;
+    if vegetation.is_some() && !columns.iter().any(is_class) {
+        return Vec::new();
+    }
+    let window = DockingGrid::new(first, width, cell_m, columns, vegetation);
+    let shapes = DockingTemplates::new(boat, &window);
+    let docking_poses = shapes.docking_poses(&window);
+    let marked = covered(&window, &shapes, &docking_poses);
+    let sets = match vegetation {
+        None => connected(&marked, &window),
+        Some(_) => by_shore(&marked, &window),
+    };
+    let mut set_of = vec![usize::MAX; columns.len()];
+    for (set, places) in sets.iter().enumerate() {
+        for &at in places {
+            set_of[at] = set;
+        }
+    }
+    let mut poses_of = vec![Vec::new(); sets.len()];
+    for docking_pose in docking_poses {
+        if let Some(poses) = poses_of.get_mut(set_of[docking_pose.centre]) {
+            poses.push(docking_pose);
+        }
+    }
+    let sets = sets.iter().zip(poses_of);
+    sets.filter_map(|(places, poses)| site(&window, &shapes, boat, places, &poses))
+        .collect()
 }
 
 /// Puts the best first.
@@ -132,13 +160,22 @@ fn covered(
     shapes: &DockingTemplates,
     docking_poses: &[DockingPose],
 ) -> Vec<bool> {
-    let mut covered = vec![false; window.columns().len()];
+    // Poses that cover a column less those that cover the one before it: poses overlap.
+    let mut steps = vec![0_i32; window.columns().len() + 1];
     for docking_pose in docking_poses {
-        for at in shapes.cells(window, *docking_pose) {
-            covered[at] = window.is_sought(at);
+        for range in shapes.cells(window, *docking_pose) {
+            steps[range.start] += 1;
+            steps[range.end] -= 1;
         }
     }
-    covered
+    let poses = steps.iter().scan(0, |poses, step| {
+        *poses += step;
+        Some(*poses)
+    });
+    let columns = (0..window.columns().len()).zip(poses);
+    columns
+        .map(|(at, poses)| poses > 0 && window.is_sought(at))
+        .collect()
 }
 
 /// Connected sets of marked cells (also across corners), each ascending.
@@ -183,11 +220,7 @@ fn site(
     places: &[usize],
     docking_poses: &[DockingPose],
 ) -> Option<DockingSite> {
-    let docking_poses = docking_poses.iter().copied();
-    let docking_poses =
-        docking_poses.filter(|docking_pose| places.binary_search(&docking_pose.centre).is_ok());
-    let docking_poses: Vec<_> = docking_poses.collect();
-    let heading = main_heading(shapes, &docking_poses)?;
+    let heading = main_heading(shapes, docking_poses)?;
     let across = Vector2::new(-heading.y, heading.x);
     let (mut least_m, mut greatest_m) = (f64::INFINITY, f64::NEG_INFINITY);
     let alike =
@@ -213,9 +246,22 @@ fn site(
         let offset = window.centre(at).coords - middle;
         offset.dot(&heading).abs() <= reach.x && offset.dot(&across).abs() <= reach.y
     };
+    let (first, middle) = (
+        window.cell(0),
+        CellIndex::containing(middle.into(), window.cell_m()),
+    );
+    let [x, y] = [
+        middle.x.saturating_sub(first.x),
+        middle.y.saturating_sub(first.y),
+    ]
+    .map(|cells| cells as isize);
+    let cells_away = (reach.norm() / window.cell_m()) as isize + 2;
     // A slope has none: nothing is to be searched for.
-    let searched = window.vegetation.map_or(0, |_| window.columns().len());
-    let passable = (0..searched).filter(|&at| is_near(at) && window.is_passable(at));
+    let rows = window
+        .vegetation
+        .map_or(0..0, |_| y - cells_away..y + cells_away);
+    let around = rows.flat_map(|y| window.row_span(y, x - cells_away, x + cells_away));
+    let passable = around.filter(|&at| is_near(at) && window.is_passable(at));
     let mut passable: Vec<_> = passable.map(|at| window.cell(at)).collect();
     passable.sort_unstable();
     Some(DockingSite {
@@ -294,6 +340,15 @@ struct DockingGrid<'a> {
     vegetation: Option<ShoreClass>,
     /// Per row: number of columns of each kind before each column, and in the whole row.
     before: Vec<Counts>,
+    /// Summed area table: clear water and lethal columns before each corner along both axes.
+    below: Vec<[u32; 2]>,
+}
+
+/// Cells relative to a middle one, from the first of each up to before the second.
+#[derive(Clone, Copy, Debug, Default)]
+struct CellBox {
+    x: [i32; 2],
+    y: [i32; 2],
 }
 
 /// Kind of a column for a boat.
@@ -330,12 +385,16 @@ impl<'a> DockingGrid<'a> {
         let rows = columns.len().checked_div(width).unwrap_or(0);
         let columns = &columns[..rows * width];
         let mut before = Vec::with_capacity(rows * (width + 1));
-        for row in columns.chunks_exact(width.max(1)) {
+        let mut below = vec![[0; 2]; (rows + 1) * (width + 1)];
+        for (y, row) in columns.chunks_exact(width.max(1)).enumerate() {
             let mut counts = Counts::default();
             before.push(counts);
-            for column in row {
+            for (x, column) in row.iter().enumerate() {
                 counts.add(*column, vegetation);
                 before.push(counts);
+                let [water, lethal] = below[y * (width + 1) + x + 1];
+                below[(y + 1) * (width + 1) + x + 1] =
+                    [water + counts.water, lethal + counts.lethal];
             }
         }
         Self {
@@ -345,6 +404,7 @@ impl<'a> DockingGrid<'a> {
             columns,
             vegetation,
             before,
+            below,
         }
     }
 
@@ -419,27 +479,21 @@ impl<'a> DockingGrid<'a> {
         })
     }
 
-    /// Distance of each column to the nearest one of a kind, in steps to adjacent columns (also
-    /// across corners).
-    fn steps_to(&self, ground: Ground) -> Vec<u32> {
-        let start = |column: &DockingColumn| {
-            let is_there = Ground::of(*column, self.vegetation) == ground;
-            if is_there { 0 } else { u32::MAX }
+    /// Columns of clear water, and lethal ones, in a box around a column, clipped to the window.
+    fn water_and_lethal(&self, at: usize, cells: CellBox) -> [u32; 2] {
+        let clip = |middle: usize, cells: [i32; 2], end: usize| {
+            cells.map(|cells| middle.saturating_add_signed(cells as isize).min(end))
         };
-        let mut steps: Vec<u32> = self.columns.iter().map(start).collect();
-        // Chebyshev distance transform: two passes, forward and backward.
-        let mut pass = |at: usize| {
-            let least = self.neighbours(at).map(|beside| steps[beside]).min();
-            let over_there = least.map_or(u32::MAX, |steps| steps.saturating_add(1));
-            steps[at] = steps[at].min(over_there);
-        };
-        (0..self.columns.len()).for_each(&mut pass);
-        (0..self.columns.len()).rev().for_each(&mut pass);
-        steps
+        let [from_x, to_x] = clip(at % self.width, cells.x, self.width);
+        let [from_y, to_y] = clip(at / self.width, cells.y, self.rows());
+        let before = |x: usize, y: usize| self.below[y * (self.width + 1) + x];
+        let (all, left) = (before(to_x, to_y), before(from_x, to_y));
+        let (below, both) = (before(to_x, from_y), before(from_x, from_y));
+        [0, 1].map(|kind| all[kind] + both[kind] - left[kind] - below[kind])
     }
 
     /// Indices of columns `from .. to` of a row, clipped to the window.
-    fn row_span(&self, y: isize, from: isize, to: isize) -> std::ops::Range<usize> {
+    fn row_span(&self, y: isize, from: isize, to: isize) -> Range<usize> {
         if y < 0 || y.cast_unsigned() >= self.rows() {
             return 0..0;
         }
@@ -449,7 +503,7 @@ impl<'a> DockingGrid<'a> {
         row + from..row + within(to).max(from)
     }
 
-    fn counts(&self, row_span: std::ops::Range<usize>) -> Counts {
+    fn counts(&self, row_span: Range<usize>) -> Counts {
         if row_span.is_empty() {
             return Counts::default();
         }
@@ -532,10 +586,10 @@ struct DockingPose {
 struct DockingTemplates {
     /// One per heading; empty if the boat is too large.
     shapes: Vec<DockingTemplate>,
-    /// Greatest distance of a docking pose from clear water, cells.
-    max_steps_to_water: u32,
-    /// A docking pose is farther than this from a lethal cell, cells.
-    lethal_clearance: u32,
+    /// Clear water is in this box around a docking pose.
+    water_box: CellBox,
+    /// No lethal cell is.
+    clearance_box: CellBox,
 }
 
 #[derive(Clone, Debug)]
@@ -564,6 +618,7 @@ struct DockingTemplate {
 struct CellMask {
     row_spans: Vec<RowSpan>,
     cells: u32,
+    bounds: CellBox,
 }
 
 /// Columns `from .. to` of row `y`, relative to the middle cell.
@@ -572,6 +627,16 @@ struct RowSpan {
     y: i32,
     from: i32,
     to: i32,
+}
+
+impl CellBox {
+    /// All cells that many steps away, also across corners.
+    const fn around(steps: i32) -> Self {
+        Self {
+            x: [-steps, steps + 1],
+            y: [-steps, steps + 1],
+        }
+    }
 }
 
 impl DockingTemplates {
@@ -611,8 +676,8 @@ impl DockingTemplates {
         let to_side = 0.5 * width.min(length) / SQRT_2;
         Self {
             shapes: shapes.collect(),
-            max_steps_to_water: to_water as u32 + 1,
-            lethal_clearance: to_side as u32,
+            water_box: CellBox::around(to_water as i32 + 1),
+            clearance_box: CellBox::around(to_side as i32),
         }
     }
 
@@ -628,18 +693,17 @@ impl DockingTemplates {
     /// All docking poses, by position and heading.
     fn docking_poses(&self, window: &DockingGrid<'_>) -> Vec<DockingPose> {
         let mut docking_poses = Vec::new();
-        let to_water = window.steps_to(Ground::ClearWater);
-        let to_lethal = window.steps_to(Ground::Lethal);
-        for (centre, (to_water, to_lethal)) in to_water.into_iter().zip(to_lethal).enumerate() {
+        for centre in 0..window.columns().len() {
             // Cheap tests first.
             if !window.is_sought(centre)
-                || to_water > self.max_steps_to_water
-                || to_lethal <= self.lethal_clearance
+                || window.water_and_lethal(centre, self.water_box)[0] == 0
+                || window.water_and_lethal(centre, self.clearance_box)[1] > 0
             {
                 continue;
             }
             for (heading, shape) in self.shapes.iter().enumerate() {
-                if shape.is_docking_pose(window, centre) {
+                let water = window.water_and_lethal(centre, shape.water.bounds)[0];
+                if water >= shape.min_water && shape.is_docking_pose(window, centre) {
                     docking_poses.push(DockingPose { centre, heading });
                 }
             }
@@ -647,14 +711,14 @@ impl DockingTemplates {
         docking_poses
     }
 
-    /// Indices of the cells below a boat.
+    /// Index ranges of the cells below a boat.
     fn cells<'a>(
         &'a self,
         window: &'a DockingGrid<'_>,
         docking_pose: DockingPose,
-    ) -> impl Iterator<Item = usize> + 'a {
+    ) -> impl Iterator<Item = Range<usize>> + 'a {
         let shape = &self.shapes[docking_pose.heading].footprint_mask;
-        shape.cell_ranges(window, docking_pose.centre).flatten()
+        shape.cell_ranges(window, docking_pose.centre)
     }
 }
 
@@ -701,6 +765,16 @@ impl CellMask {
                 shape.cells += to.abs_diff(from);
             }
         }
+        let spans = &shape.row_spans;
+        let from = spans.iter().map(|span| span.from).min();
+        let to = spans.iter().map(|span| span.to).max();
+        shape.bounds = CellBox {
+            x: [from, to].map(Option::unwrap_or_default),
+            y: [
+                spans.first().map_or(0, |span| span.y),
+                spans.last().map_or(0, |span| span.y + 1),
+            ],
+        };
         shape
     }
 
@@ -713,7 +787,7 @@ impl CellMask {
         &'a self,
         window: &'a DockingGrid<'_>,
         centre: usize,
-    ) -> impl Iterator<Item = std::ops::Range<usize>> + 'a {
+    ) -> impl Iterator<Item = Range<usize>> + 'a {
         let (x, y) = (
             (centre % window.width()).cast_signed(),
             (centre / window.width()).cast_signed(),

@@ -4,7 +4,7 @@
 use crate::cost_map::{CostCell, Surface};
 use crate::grid::{CellIndex, VoxelIndex};
 use crate::octree::{BrickColumn, Octree, SurfaceVoxel};
-use crate::slope::{PATCH_COLUMNS, PATCH_EDGE, Patch, REACH_COLUMNS};
+use crate::slope::{PATCH_EDGE, Patch, REACH, REACH_COLUMNS};
 
 /// Columns along the edge of a tile, which is a column of bricks.
 pub(super) const TILE_EDGE: usize = 4;
@@ -497,9 +497,9 @@ impl ColumnWindow {
             .collect()
     }
 
-    /// Tiles to publish after voxels or slopes of `sloped` have changed.
-    pub(super) fn tiles_to_classify(&mut self, sloped: &[BrickColumn]) -> Vec<BrickColumn> {
-        for at in self.around(sloped) {
+    /// Tiles to publish after voxels or slopes have changed that those of `changed` depend on.
+    pub(super) fn tiles_to_classify(&mut self, changed: &[BrickColumn]) -> Vec<BrickColumn> {
+        for &at in changed {
             let slot = self.slot(at);
             self.tiles[slot].is_classified = false;
         }
@@ -588,14 +588,18 @@ impl ColumnWindow {
 
     /// Columns of a tile and of its neighbourhood.
     pub(super) fn patch(&self, at: BrickColumn) -> Patch {
-        let mut patch = [UNKNOWN; PATCH_COLUMNS];
-        let least = ColumnTile::cell_of(at, 0);
-        for (y, row) in (least.y - REACH_COLUMNS..).zip(patch.chunks_exact_mut(PATCH_EDGE)) {
-            for (x, column) in (least.x - REACH_COLUMNS..).zip(row) {
-                *column = *self.column(x, y);
-            }
-        }
-        patch
+        let tiles = [-1, 0, 1].map(|dy| {
+            [-1, 0, 1].map(|dx| {
+                let (x, y) = (at.x + dx, at.y + dy);
+                &self.tiles[self.slot(BrickColumn { x, y })]
+            })
+        });
+        std::array::from_fn(|n| {
+            // From the first column of the first of these tiles.
+            let [x, y] = [n % PATCH_EDGE, n / PATCH_EDGE].map(|n| n + TILE_EDGE - REACH);
+            let column = y % TILE_EDGE * TILE_EDGE + x % TILE_EDGE;
+            tiles[y / TILE_EDGE][x / TILE_EDGE].columns[column]
+        })
     }
 
     /// [`Self::patch`], where pits are unknown.
@@ -670,17 +674,17 @@ impl ColumnWindow {
             },
             0,
         );
-        let width = (self.side - 2 * margin) * TILE_EDGE_COLUMNS;
-        let cells = (0..width).flat_map(|y| {
-            (0..width).map(move |x| CellIndex {
-                x: least.x + x,
-                y: least.y + y,
-            })
-        });
-        let published = cells
-            .map(|cell| self.cell(cell).unwrap_or(CostCell::UNKNOWN))
-            .collect();
-        (least, width as usize, published)
+        let tiles_in_row = (self.side - 2 * margin) as usize;
+        let width = tiles_in_row * TILE_EDGE;
+        let mut published = vec![CostCell::UNKNOWN; width * width];
+        for (n, at) in self.tiles(WindowPart::Classified).enumerate() {
+            let first = (n / tiles_in_row * width + n % tiles_in_row) * TILE_EDGE;
+            let rows = self.tiles[self.slot(at)].published.chunks_exact(TILE_EDGE);
+            for (y, row) in rows.enumerate() {
+                published[first + y * width..][..TILE_EDGE].copy_from_slice(row);
+            }
+        }
+        (least, width, published)
     }
 
     pub(super) fn bytes(&self) -> usize {

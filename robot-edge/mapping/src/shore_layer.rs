@@ -7,7 +7,8 @@ use nalgebra::Point2;
 
 use crate::cost_map::CostMap;
 use crate::docking::{
-    BoatFootprint, DockingColumn, DockingSite, Vegetation, entered_site, find_docking_sites, rank,
+    BoatFootprint, DockingColumn, DockingSite, GROUNDS, Vegetation, entered_site, find_sites_in,
+    rank,
 };
 use crate::docking_site_tracker::DockingSiteTracker;
 use crate::grid::CellIndex;
@@ -60,6 +61,24 @@ pub struct ShoreLayer {
     cells: BTreeMap<CellIndex, ShoreCell>,
     changed: Vec<(CellIndex, Option<ShoreCell>)>,
     updates: u32,
+    update: Option<ShoreUpdate>,
+}
+
+/// An update whose docking sites are not all found yet.
+#[derive(Clone, Debug)]
+struct ShoreUpdate {
+    /// Least cell of the window, and cells in a row.
+    first: CellIndex,
+    width: usize,
+    columns: Vec<DockingColumn>,
+    /// The boat's middle in `odom`, metres.
+    boat_m: Point2<f64>,
+    clusters: Vec<ShoreCluster>,
+    /// Parts of Solid clusters that give way.
+    parts: Vec<ShoreCluster>,
+    /// In how many of [`GROUNDS`] sites were searched for, and those found.
+    searched: usize,
+    sites: Vec<DockingSite>,
 }
 
 impl ShoreLayer {
@@ -82,6 +101,7 @@ impl ShoreLayer {
             cells: BTreeMap::new(),
             changed: Vec::new(),
             updates: 0,
+            update: None,
         }
     }
 
@@ -138,7 +158,13 @@ impl ShoreLayer {
     /// Updates the layer from the cost map and the octree, with the boat's middle at that place of
     /// `odom`, metres.
     pub fn update(&mut self, costs: &CostMap, octree: &Octree, boat_m: Point2<f64>) {
-        self.updates += 1;
+        self.begin_update(costs, octree, boat_m);
+        self.finish_update();
+    }
+
+    /// Begins such an update: finds shores. One that is under way is finished before.
+    pub fn begin_update(&mut self, costs: &CostMap, octree: &Octree, boat_m: Point2<f64>) {
+        self.finish_update();
         let (first, width, window) = costs.cells();
         let place_of = |cell: CellIndex| {
             let place = cell.place_in(first, width);
@@ -203,7 +229,64 @@ impl ShoreLayer {
                 .vegetation
                 .filter(|found| found.class != ShoreClass::Solid);
         }
-        let mut sites = find_docking_sites(first, width, self.cell_m, &columns, &self.boat);
+        self.update = Some(ShoreUpdate {
+            first,
+            width,
+            columns,
+            boat_m,
+            clusters: found.clusters,
+            parts,
+            searched: 0,
+            sites: Vec::new(),
+        });
+    }
+
+    /// Continues an update that is under way: searches one of [`GROUNDS`] for docking sites. After the last, the layer is updated.
+    pub fn continue_update(&mut self) {
+        let Some(mut update) = self.update.take() else {
+            return;
+        };
+        let ShoreUpdate {
+            first,
+            width,
+            columns,
+            ..
+        } = &update;
+        if let Some(&ground) = GROUNDS.get(update.searched) {
+            let found = find_sites_in(ground, *first, *width, self.cell_m, columns, &self.boat);
+            update.sites.extend(found);
+            update.searched += 1;
+        }
+        if update.searched < GROUNDS.len() {
+            self.update = Some(update);
+        } else {
+            self.take_update(update);
+        }
+    }
+
+    fn finish_update(&mut self) {
+        while self.update.is_some() {
+            self.continue_update();
+        }
+    }
+
+    fn take_update(&mut self, update: ShoreUpdate) {
+        self.updates += 1;
+        let ShoreUpdate {
+            first,
+            width,
+            columns,
+            boat_m,
+            clusters,
+            parts,
+            mut sites,
+            ..
+        } = update;
+        let is_inside = |cell: CellIndex| {
+            let place = cell.place_in(first, width);
+            place.is_some_and(|at| at < columns.len())
+        };
+        rank(&mut sites);
         self.site_tracker.assign(&mut sites);
         let before = std::mem::take(&mut self.sites).into_iter();
         let entered = before.filter(|site| {
@@ -227,7 +310,7 @@ impl ShoreLayer {
                     .map(|&cell| (cell, ShoreCell::DockingSite)),
             );
         }
-        for cluster in found.clusters.iter().chain(&parts) {
+        for cluster in clusters.iter().chain(&parts) {
             let class = ShoreCell::Cluster(cluster.class);
             cells.extend(cluster.columns.iter().map(|&cell| (cell, class)));
         }
@@ -235,12 +318,9 @@ impl ShoreLayer {
         // Clusters that were left behind are kept unchanged.
         self.clusters
             .retain(|_, cluster| !cluster.columns.iter().any(|&cell| is_inside(cell)));
-        self.clusters.extend(
-            found
-                .clusters
-                .into_iter()
-                .map(|cluster| (cluster.number, cluster)),
-        );
+        let clusters = clusters.into_iter();
+        self.clusters
+            .extend(clusters.map(|cluster| (cluster.number, cluster)));
         while self.clusters.len() > MAX_CLUSTERS {
             self.clusters.pop_first();
         }
@@ -275,6 +355,7 @@ impl ShoreLayer {
         self.sites.clear();
         self.cells.clear();
         self.changed.clear();
+        self.update = None;
         self.updates += 1;
     }
 

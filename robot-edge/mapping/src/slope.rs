@@ -26,13 +26,18 @@ pub(super) type Patch = [Column; PATCH_COLUMNS];
 /// On water, where the ground is as deep as the vehicle's draught, only a plane that rises out of
 /// the water nearby (`beach`) is a slope; other land is steeper than any limit.
 pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32; TILE_COLUMNS] {
+    let kind = |n: usize| PointKind::of(&patch[n]);
+    if !(0..PATCH_COLUMNS).any(|n| kind(n).is_hit()) {
+        // Most tiles over open water: no plane, and nothing rises.
+        return std::array::from_fn(|column| match kind(Window::of(column).middle()) {
+            PointKind::Water | PointKind::Occluded => 0.0,
+            _ => f32::NAN,
+        });
+    }
     let points = Points::of(patch, cell_m, beach);
     let planes = Planes::of(&points);
     std::array::from_fn(|column| {
-        let window = Window {
-            x: column % TILE_EDGE,
-            y: column / TILE_EDGE,
-        };
+        let window = Window::of(column);
         let own = window.middle();
         let plane = || {
             planes
@@ -67,10 +72,7 @@ pub(super) fn slopes(patch: &Patch, cell_m: f32, beach: Option<&Beach>) -> [f32;
 /// if no column around is known (\[HYB\] §5.1): the greatest of `(top_i − ground_j) / distance`.
 pub(super) fn greatest_differences(patch: &Patch) -> [f32; TILE_COLUMNS] {
     std::array::from_fn(|column| {
-        let window = Window {
-            x: column % TILE_EDGE,
-            y: column / TILE_EDGE,
-        };
+        let window = Window::of(column);
         let own = window.middle();
         if patch[own].kind == ColumnKind::Unknown {
             return f32::NAN;
@@ -157,6 +159,10 @@ impl PointKind {
             ) => Self::Obstacle,
         }
     }
+
+    const fn is_hit(self) -> bool {
+        matches!(self, Self::Ground | Self::Obstacle | Self::Bank)
+    }
 }
 
 impl Points {
@@ -195,11 +201,7 @@ impl Points {
                 points.top[axis][n] = top[axis];
                 points.ground[axis][n] = ground[axis];
             }
-            let is_hit = matches!(
-                kind,
-                PointKind::Ground | PointKind::Obstacle | PointKind::Bank
-            );
-            if is_hit {
+            if kind.is_hit() {
                 points.weight[n] = 1.0;
                 points.highest[n] = top[2];
             }
@@ -319,6 +321,14 @@ struct Window {
 const WINDOW: usize = 2 * REACH + 1;
 
 impl Window {
+    /// Around a column of the tile.
+    const fn of(column: usize) -> Self {
+        Self {
+            x: column % TILE_EDGE,
+            y: column / TILE_EDGE,
+        }
+    }
+
     const fn middle(self) -> usize {
         (self.y + REACH) * PATCH_EDGE + self.x + REACH
     }

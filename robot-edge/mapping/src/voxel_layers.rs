@@ -107,7 +107,7 @@ impl VoxelLayers {
         }
     }
 
-    /// Adds one scan, and updates the derived maps if they are due.
+    /// Adds one scan, and updates the derived maps if they are due: shores in parts, one a scan.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> VoxelReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let model = self
@@ -160,8 +160,12 @@ impl VoxelLayers {
             if self.cost_timer.is_due(scan.stamp) {
                 self.update_cost();
             }
-            if self.shore_timer.is_due(scan.stamp) {
-                self.update_shore();
+            if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
+                if self.shore_timer.is_due(scan.stamp) {
+                    shore.begin_update(cost, &self.octree, self.vehicle_in_odom.xy());
+                } else {
+                    shore.continue_update();
+                }
             }
         } else {
             // Discarded: no layer uses them.
@@ -186,7 +190,9 @@ impl VoxelLayers {
     /// Updates all derived maps, whether or not they are due.
     pub fn refresh(&mut self) {
         self.update_cost();
-        self.update_shore();
+        if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
+            shore.update(cost, &self.octree, self.vehicle_in_odom.xy());
+        }
     }
 
     /// Erases everything.
@@ -287,12 +293,6 @@ impl VoxelLayers {
     fn update_cost(&mut self) {
         if let Some(cost) = &mut self.cost {
             cost.update(&mut self.octree, self.vehicle_in_odom);
-        }
-    }
-
-    fn update_shore(&mut self) {
-        if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
-            shore.update(cost, &self.octree, self.vehicle_in_odom.xy());
         }
     }
 }

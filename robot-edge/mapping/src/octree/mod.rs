@@ -17,6 +17,7 @@ mod voxel_address;
 
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use nalgebra::Point3;
@@ -215,9 +216,15 @@ impl Octree {
     /// Brick columns in which the state or surface of a voxel has changed since the last call, in
     /// order.
     pub fn take_changed(&mut self) -> Vec<BrickColumn> {
+        self.take_changed_in(i32::MIN..=i32::MAX)
+    }
+
+    /// As [`Octree::take_changed`], without changes in blocks of which no voxel has such a z.
+    pub fn take_changed_in(&mut self, z: RangeInclusive<i32>) -> Vec<BrickColumn> {
+        let blocks = z.start() >> 4..=z.end() >> 4;
         let mut columns = Vec::new();
         for shard in &mut self.shards {
-            shard.take_changed(&mut columns);
+            shard.take_changed(&blocks, &mut columns);
         }
         columns.sort_unstable();
         columns.dedup();
@@ -605,9 +612,10 @@ impl Shard {
         }
     }
 
-    /// Takes the brick columns with changes, in no particular order.
-    fn take_changed(&mut self, columns: &mut Vec<BrickColumn>) {
+    /// Takes the brick columns with changes, in no particular order: of the blocks of these z.
+    fn take_changed(&mut self, z: &RangeInclusive<i32>, columns: &mut Vec<BrickColumn>) {
         let mut add = |block: BlockIndex, changed: u16| {
+            let changed = if z.contains(&block.z) { changed } else { 0 };
             let bricks = (0..16).filter(|brick| changed >> brick & 1 == 1);
             columns.extend(bricks.map(|brick| BrickColumn {
                 x: block.x * 4 + brick % 4,

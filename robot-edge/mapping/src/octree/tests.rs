@@ -437,7 +437,11 @@ fn hits_set_the_surface() {
         "{mean}"
     );
     assert_eq!((surface.intra(), surface.inter()), (Some(0.5), None));
-    assert_eq!(octree.take_changed(), [BrickColumn { x: 2, y: 0 }]);
+    let (mut same, mut above) = (octree.clone(), octree.clone());
+    let column = BrickColumn { x: 2, y: 0 };
+    assert_eq!(octree.take_changed(), [column]);
+    assert_eq!(same.take_changed_in(-9..=0), [column]);
+    assert_eq!(above.take_changed_in(16..=99), []);
     assert_eq!(octree.occupied().count(), 1);
 }
 

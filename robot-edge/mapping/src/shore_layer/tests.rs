@@ -79,6 +79,33 @@ fn a_shore_that_the_boat_leaves_stays_what_it_was() {
     }
 }
 
+#[test]
+fn an_update_in_parts_is_of_the_maps_as_it_began() {
+    let (mut octree, mut costs) = empty_maps();
+    posts(&mut octree, &[0.15, 1.05, 1.95], 12.0);
+    costs.update(&mut octree, Point3::origin());
+    let mut whole = ShoreLayer::new(&ShoreConfig::default(), BOAT, CELL_M);
+    let mut parts = whole.clone();
+    whole.update(&costs, &octree, Point2::origin());
+    parts.begin_update(&costs, &octree, Point2::origin());
+    octree.erase();
+    costs.erase();
+    for _ in 0..2 {
+        parts.continue_update();
+        assert_eq!((parts.updates(), parts.clusters().count()), (0, 0));
+    }
+    parts.continue_update();
+    let clusters: Vec<_> = whole.clusters().collect();
+    assert_eq!(clusters.len(), 1);
+    assert_eq!(parts.clusters().collect::<Vec<_>>(), clusters);
+    assert_eq!(
+        (parts.updates(), parts.take_changed()),
+        (1, whole.take_changed())
+    );
+    parts.continue_update();
+    assert_eq!(parts.updates(), 1);
+}
+
 /// Docking sites beside a boat over a bed of height `bed_m(x, y)`, metres, observed from above;
 /// `None` is too deep.
 fn sites(bed_m: impl Fn(f64, f64) -> Option<f64>) -> Vec<DockingSite> {
