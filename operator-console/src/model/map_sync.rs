@@ -324,7 +324,7 @@ impl MapSync {
         let overview = self.overview_intake.take(key, header, band, None);
         let overview = overview.map_err(|why| reject_reason(&why))?;
         let sync = self.layers.get(&key.layer);
-        if sync.is_some_and(LayerSync::is_joining)
+        if sync.is_some_and(LayerSync::is_different)
             && let Some(overview) = overview
         {
             let shown = self.store.show_overview(&overview);
@@ -480,13 +480,13 @@ impl MapSync {
 
     /// The overviews in `near_m`, once, of a layer of which no list says what there is.
     fn overview_query(&mut self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
-        self.layers.get(&layer).filter(|sync| sync.is_joining())?;
+        let is_joining = |sync: &&LayerSync| sync.is_joining();
+        self.layers.get(&layer).filter(is_joining)?;
         let cell_m = self.store.cell_m(layer)? * OVERVIEW_STEP as f64;
-        let places = places(near_m?, cell_m).collect();
-        let near = nearest(near_m?, cell_m, places, MAX_OVERVIEWS);
-        self.overviews
-            .insert(layer)
-            .then_some(Query::Overviews(near))
+        let near_m = near_m.filter(|_| self.overviews.insert(layer))?;
+        let places = places(near_m, cell_m).collect();
+        let near = nearest(near_m, cell_m, places, MAX_OVERVIEWS);
+        Some(Query::Overviews(near))
     }
 
     fn near_query(&self, layer: LayerId, near_m: Option<[f64; 4]>) -> Option<Query> {
