@@ -398,12 +398,8 @@ mod tests {
     fn received(socket: &UdpSocket) -> Vec<f32> {
         let mut buffer = [0; 2048];
         let length = socket.recv(&mut buffer).unwrap();
-        speeds(&buffer[..length])
-    }
-
-    fn speeds(bytes: &[u8]) -> Vec<f32> {
         let mut decoder = MavlinkDecoder::default();
-        decoder.push(bytes);
+        decoder.push(&buffer[..length]);
         let messages = std::iter::from_fn(|| decoder.next_message());
         let speeds = messages.filter_map(|message| message.velocity().map(|[speed, _]| speed));
         speeds.collect()
@@ -432,25 +428,6 @@ mod tests {
         );
         link.step(AHEAD, at(199));
         assert!(!link.has_stopped_since(at(49)));
-    }
-
-    #[test]
-    fn a_serial_port_that_stalls_keeps_no_velocity_for_later() {
-        let flags = rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY;
-        let mut far_end = File::from(rustix::pty::openpt(flags).unwrap());
-        rustix::pty::grantpt(&far_end).unwrap();
-        rustix::pty::unlockpt(&far_end).unwrap();
-        let name = rustix::pty::ptsname(&far_end, Vec::new()).unwrap();
-        let mut link = link(&format!("serial = {name:?}"));
-        // Nobody reads for ten seconds: more than the terminal's buffers hold.
-        for step in 0..200 {
-            link.step(AHEAD, at(50 * step));
-        }
-        link.step(Velocity::ZERO, at(10_000));
-        assert_eq!(link.status(at(10_000)).state, State::Ready);
-        let mut buffer = [0; 65_536];
-        let length = far_end.read(&mut buffer).unwrap();
-        assert_eq!(speeds(&buffer[..length]), [0.0]);
     }
 
     #[test]
