@@ -55,7 +55,8 @@ pub(super) struct DriveLoop {
     rate_limiters: [RateLimiter; MAX_OPERATORS],
     pub(super) motor_check: MotorCheck,
     last_token: Option<Monotonic>,
-    last_monitored: Option<Monotonic>,
+    /// When the collision monitor last decided, and whether it was on.
+    last_monitored: Option<(Monotonic, bool)>,
     drive_events: VecDeque<DriveEvent>,
     replies: Replies,
 }
@@ -182,9 +183,10 @@ impl DriveLoop {
         self.take_planned(now);
         // Nothing moves before there is a lease, which ends these modes.
         let is_idle = matches!(self.state.mode(), Mode::SafeBoot | Mode::Idle);
-        let is_recent = |last| now.since(last) < IDLE_MONITOR_PERIOD;
+        let is_on = self.runtime_settings.collision_monitor;
+        let is_recent = |(at, was_on)| was_on == is_on && now.since(at) < IDLE_MONITOR_PERIOD;
         if !(is_idle && self.last_monitored.is_some_and(is_recent)) {
-            self.last_monitored = Some(now);
+            self.last_monitored = Some((now, is_on));
             let output = self.monitor_output(now);
             self.step(now, ArbiterInput::CollisionMonitor(output));
         }
