@@ -14,7 +14,7 @@ use protocol::layer::LayerId;
 use protocol::tile::TileKey;
 
 use crate::export::{ExportPart, Fetcher, Snapshot, export_parts};
-use crate::model::{ConsoleModel, LinkState};
+use crate::model::{ConsoleModel, LinkState, Stream};
 use crate::target::Target;
 
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -59,6 +59,7 @@ pub fn run(
 
     session.model().set_unfinished(true);
     let mut join_timing = JoinTiming::new(discovered);
+    let mut staleness = Staleness::default();
     let (mut was_connected, mut was_synchronized) = (false, false);
     let watched = watch(settings, &is_interrupted, started, || {
         let mut model = session.model();
@@ -76,6 +77,10 @@ pub fn run(
         if is_synchronized != was_synchronized {
             tracing::info!(is_synchronized, "synchronization");
             was_synchronized = is_synchronized;
+        }
+        if let Some(age) = staleness.update(&model, now) {
+            let age_s = age.as_secs_f64();
+            settings.say(&format!("pose or map was up to {age_s:.1} s old"));
         }
         let has_ended = model.has_ended();
         // A robot that has ended and is gone sends no further map head.
@@ -214,6 +219,35 @@ fn print_summary(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -
 /// Half the side of the square around the vehicle that counts as the visible area, metres.
 const VISIBLE_M: f64 = 20.0;
 
+/// Older data is reported once there is newer data.
+const STALE_AFTER: Duration = Duration::from_secs(2);
+
+/// Age of the newest pose or of the map, whichever is older: of the newest tiles, or of the newest map head that the map has matched.
+#[derive(Debug, Default)]
+struct Staleness {
+    matched_head_at: Option<Monotonic>,
+    stale_for: Option<Duration>,
+}
+
+impl Staleness {
+    /// The greatest age of data that was stale until now.
+    fn update(&mut self, model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
+        if model.matches_last_head() {
+            self.matched_head_at = model.map().head_at();
+        }
+        let age = |stream| model.link_quality().age(stream, now);
+        // A head matches for a moment only while the map changes.
+        let head = now.since(self.matched_head_at?);
+        let map = age(Stream::Tiles).map_or(head, |tiles| head.min(tiles));
+        let age = age(Stream::Pose)?.max(map);
+        if age <= STALE_AFTER {
+            return self.stale_for.take();
+        }
+        self.stale_for = Some(age);
+        None
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct JoinTiming {
     discovered: Monotonic,
@@ -283,8 +317,40 @@ impl JoinTiming {
 
 #[cfg(test)]
 mod tests {
+    use protocol::keys::Topic;
+    use protocol::tile::TileCells;
+
     use super::*;
     use crate::demo::free_endpoint;
+    use crate::test_support::{announce_map, at, inject, pose_at_rest, push_tile, scout, store_of};
+
+    #[test]
+    fn stale_data_is_reported_once_it_is_new_again() {
+        let (mut model, mut staleness) = (scout(), Staleness::default());
+        let mut store = store_of(&[LayerId::Occupancy]);
+        let mut reported = Vec::new();
+        for ms in (0..20_000).step_by(100) {
+            if !(3_000..9_000).contains(&ms) {
+                announce_map(&mut model, &store, at(ms));
+            }
+            if ms == 5_000 {
+                drop(store.publish(KEY, TileCells::from_fn(|_, _| 7)).unwrap());
+                push_tile(&mut model, &store, KEY, at(ms));
+            }
+            if !(12_000..15_000).contains(&ms) {
+                inject(&mut model, Topic::Pose, &pose_at_rest(), at(ms));
+            }
+            let age = staleness.update(&model, at(ms));
+            reported.extend(age.map(|age| (ms, age.as_millis())));
+        }
+        assert_eq!(reported, [(9_000, 3_900), (15_000, 3_000)]);
+    }
+
+    const KEY: TileKey = TileKey {
+        layer: LayerId::Occupancy,
+        tx: 0,
+        ty: 0,
+    };
 
     fn of_nobody(endpoint: &str, export: PathBuf) -> Headless {
         Headless {

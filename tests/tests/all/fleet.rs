@@ -28,7 +28,8 @@ impl Fleet {
         Self::with(&format!("--host {host}"))
     }
 
-    fn with(options: &str) -> Self {
+    /// The same, with further options of `robot-edge keys`.
+    pub(crate) fn with(options: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let fleet = Self { folder };
         let people = "--operator anna --operator bert --supervisor sam --observer tv";
@@ -79,8 +80,8 @@ impl Fleet {
         self.folder.path().join(name)
     }
 
-    /// Starts a router, as `zenohd -c router.json5`, with the generated file; only the addresses are changed.
-    pub(crate) fn router(&self, port: u16) -> Session {
+    /// The generated configuration of a router; only the addresses are changed.
+    pub(crate) fn router_config(&self, port: u16) -> PathBuf {
         let made = self.keys("--router 127.0.0.1");
         assert!(made.status.success(), "{made:?}");
         let generated = text(self.root().join("router/router.json5"));
@@ -89,6 +90,12 @@ impl Fleet {
             .replace("[::]:7448", &format!("127.0.0.1:{}", port + 1));
         let path = self.scratch("router.json5");
         fs::write(&path, here).unwrap();
+        path
+    }
+
+    /// Starts a router, as `zenohd -c router.json5`.
+    pub(crate) fn router(&self, port: u16) -> Session {
+        let path = self.router_config(port);
         // The port of an earlier router may not be free yet.
         let mut session = None;
         wait_until("a router", || {

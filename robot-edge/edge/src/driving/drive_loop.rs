@@ -32,6 +32,9 @@ use teleop::{
 
 /// Tokens are issued this often, with the rounds.
 const TOKEN_PERIOD: Duration = Duration::from_millis(20);
+/// The collision monitor decides this often while nobody drives, otherwise in each round. The arbiter takes its output for missing
+/// after 300 ms.
+const IDLE_MONITOR_PERIOD: Duration = Duration::from_millis(100);
 const MAX_REPLIES: usize = 64;
 
 pub(super) struct DriveLoop {
@@ -52,6 +55,8 @@ pub(super) struct DriveLoop {
     rate_limiters: [RateLimiter; MAX_OPERATORS],
     pub(super) motor_check: MotorCheck,
     last_token: Option<Monotonic>,
+    /// When the collision monitor last decided, and whether it was on.
+    last_monitored: Option<(Monotonic, bool)>,
     drive_events: VecDeque<DriveEvent>,
     replies: Replies,
 }
@@ -134,6 +139,7 @@ impl DriveLoop {
                 pending_self_test: None,
             },
             last_token: None,
+            last_monitored: None,
             drive_events: VecDeque::new(),
             replies: Replies::default(),
         }
@@ -175,8 +181,15 @@ impl DriveLoop {
         self.test_motors(now);
         // Before the collision monitor, which judges what is requested.
         self.take_planned(now);
-        let output = self.monitor_output(now);
-        self.step(now, ArbiterInput::CollisionMonitor(output));
+        // Nothing moves before there is a lease, which ends these modes.
+        let is_idle = matches!(self.state.mode(), Mode::SafeBoot | Mode::Idle);
+        let is_on = self.runtime_settings.collision_monitor;
+        let is_recent = |(at, was_on)| was_on == is_on && now.since(at) < IDLE_MONITOR_PERIOD;
+        if !(is_idle && self.last_monitored.is_some_and(is_recent)) {
+            self.last_monitored = Some((now, is_on));
+            let output = self.monitor_output(now);
+            self.step(now, ArbiterInput::CollisionMonitor(output));
+        }
         if self
             .last_token
             .is_none_or(|last| now.since(last) >= TOKEN_PERIOD)

@@ -2,6 +2,8 @@
 //!
 //! A put that is denied still returns `Ok` to its sender, so whatever must arrive is acknowledged by the vehicle.
 
+use std::collections::BTreeSet;
+
 use protocol::keys::{
     OperatorTopic, RobotId, Topic, all_changes, all_of_robot, every_robot_alive, operator_key,
 };
@@ -55,6 +57,7 @@ fn liveliness_keys(robot: &RobotId) -> Vec<String> {
 #[derive(Default)]
 struct AccessControl {
     rules: Vec<Value>,
+    rule_names: BTreeSet<String>,
     subjects: Vec<Value>,
     policies: Vec<Value>,
 }
@@ -63,7 +66,7 @@ impl AccessControl {
     /// Allows `messages` on `keys`, arriving (`ingress`) or leaving (`egress`); the rule's name.
     fn allow(&mut self, what: &str, flow: &str, messages: &[&str], keys: &[String]) -> String {
         let id = format!("{what} ({flow})");
-        if !self.rules.iter().any(|rule| rule["id"] == *id) {
+        if self.rule_names.insert(id.clone()) {
             self.rules.push(json!({
                 "id": id,
                 "permission": "allow",

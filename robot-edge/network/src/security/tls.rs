@@ -11,7 +11,7 @@ use super::access::{router_access, vehicle_access};
 use crate::credentials::{Credentials, Identity, OperatorList};
 use crate::endpoints::{DEFAULT_PORT, listeners_of_router};
 
-/// Sessions that a vehicle or a router holds at once: as many as operators that it distinguishes.
+/// Sessions that a vehicle holds at once: as many as operators that it distinguishes.
 const MAX_SESSIONS: usize = 64;
 /// A link that is not set up in this time is given up, ms: strangers must not hold many.
 const SETUP_MS: u64 = 4000;
@@ -85,6 +85,11 @@ impl RouterConfig {
         let mut settings = shared_settings();
         settings.extend([
             ("mode", json!("router")),
+            // Control and bulk of each vehicle, and of as many consoles as the vehicle would accept without a router.
+            (
+                "transport/unicast/max_sessions",
+                json!(2 * (1 + MAX_SESSIONS) * self.vehicles.len()),
+            ),
             (
                 "listen/endpoints",
                 json!(listeners_of_router("[::]", DEFAULT_PORT)),

@@ -4,6 +4,7 @@ mod connection;
 pub(crate) mod desktop;
 mod drive_window;
 mod driving;
+mod fleet_load;
 mod garbage;
 mod joining;
 mod load;

@@ -92,6 +92,8 @@ fn adding_people_and_vehicles_keeps_existing_keys() {
     let (router, mode) = &second[Path::new("router/router.json5")];
     assert_eq!(*mode, 0o600);
     assert!(router.contains("operator:bert") && router.contains("vehicle:barge"));
+    // Control and bulk of two vehicles, each with 64 consoles.
+    assert!(router.contains("\"max_sessions\": 260"));
 
     // Without --robot, people are for all vehicles.
     assert!(fleet.keys("--supervisor zoe").status.success());

@@ -18,13 +18,13 @@ use crate::link::shaped::{inside, namespaces, shaped};
 use crate::processes::{Running, start};
 
 /// Pressed and released in turn.
-const PRESSED: (Input, Duration) = (Input::of(0.1, 0.5), Duration::from_millis(600));
-const LET_GO: (Input, Duration) = (Input::NEUTRAL, Duration::from_millis(450));
+pub(crate) const PRESSED: (Input, Duration) = (Input::of(0.1, 0.5), Duration::from_millis(600));
+pub(crate) const LET_GO: (Input, Duration) = (Input::NEUTRAL, Duration::from_millis(450));
 
 const PRESSES: usize = 120;
 
 /// Sorted times from a press to the first round that moves, and the number of presses without effect; prints them.
-fn latencies(what: &str, log: &DriveLog, journal: &Journal) -> (Vec<Duration>, usize) {
+pub(crate) fn latencies(what: &str, log: &DriveLog, journal: &Journal) -> (Vec<Duration>, usize) {
     let latencies = press_latencies(log, journal);
     let mut effective: Vec<_> = latencies.iter().copied().flatten().collect();
     effective.sort_unstable();

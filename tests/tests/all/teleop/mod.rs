@@ -4,9 +4,9 @@
 mod collision;
 mod cuts;
 mod docking;
-mod figures;
+pub(crate) mod figures;
 mod kills;
 mod machine;
 mod other_operators;
-mod robot;
+pub(crate) mod robot;
 mod touch;

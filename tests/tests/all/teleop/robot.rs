@@ -21,7 +21,7 @@ pub(super) const NAME: &str = "scout";
 pub(super) const CIRCLE: Input = Input::of(0.15, 1.0);
 
 /// Limits of the vehicle of `rooms`.
-pub(super) const LIMITS: Limits = Limits {
+pub(crate) const LIMITS: Limits = Limits {
     max_age: Duration::from_millis(400),
     stop_decel: [1.0, 1.0, 4.0],
 };
@@ -213,7 +213,7 @@ impl Lateness {
 }
 
 /// The quantile `share` of sorted times.
-pub(super) fn at(times: &[Duration], share: f64) -> Duration {
+pub(crate) fn at(times: &[Duration], share: f64) -> Duration {
     let last = times.len().checked_sub(1).expect("figures");
     times[(last as f64 * share).round() as usize]
 }
