@@ -7,12 +7,14 @@ use crate::layer::LayerId;
 use crate::tile::{TILE_SIDE, Tile, TileCells, TileKey};
 
 /// Cells along one side of the square that a cell of an overview stands for; also the number of tiles along one side of an overview.
-pub const OVERVIEW_STEP: usize = 8;
+pub const OVERVIEW_STEP: usize = STEP as usize;
+const STEP: i32 = 8;
 
 /// The tiles that the overview `key` covers, each with column and row of its lowest cell in it.
 fn covered(key: TileKey) -> impl Iterator<Item = (TileKey, [usize; 2])> {
     let tile = |overview: i32, part: usize| {
-        i32::try_from(i64::from(overview) * OVERVIEW_STEP as i64 + part as i64).ok()
+        let first = overview.checked_mul(STEP)?;
+        first.checked_add_unsigned(part as u32)
     };
     let parts = || 0..OVERVIEW_STEP;
     let places = parts().flat_map(move |row| parts().map(move |column| [column, row]));
@@ -150,7 +152,7 @@ mod tests {
             _ => UNKNOWN,
         };
         for tile in [key(-1, 2), key(0, 0)] {
-            let _ = robot.publish(tile, TileCells::from_fn(wall)).unwrap();
+            drop(robot.publish(tile, TileCells::from_fn(wall)).unwrap());
         }
         assert_eq!(robot.overview(key(3, 3)), None);
         let overview = robot.overview(key(-1, 0)).unwrap();
@@ -186,9 +188,11 @@ mod tests {
     #[test]
     fn damaged_overviews_and_places_beyond_the_map_are_refused() {
         let mut robot = store(1);
-        let _ = robot
-            .publish(key(0, 0), TileCells::from_fn(|_, _| 5))
-            .unwrap();
+        drop(
+            robot
+                .publish(key(0, 0), TileCells::from_fn(|_, _| 5))
+                .unwrap(),
+        );
         assert_eq!(robot.overview(key(i32::MAX, i32::MIN)), None);
         let mut damaged = robot.overview(key(0, 0)).unwrap();
         damaged.cells.codes_mut()[0] = 6;

@@ -1,6 +1,7 @@
 //! Benchmark of a fleet with keys behind one `zenohd`: its processor time, memory and ages. One console is slow, one operator
 //! floods, and the router is killed in the middle.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 use std::thread::{self, sleep};
@@ -180,10 +181,8 @@ fn fifty_vehicles_behind_one_router_in_release() {
     let minutes = std::env::var("FORESHORE_FLEET_MINUTES");
     let minutes = minutes.map_or(25, |minutes| minutes.parse().unwrap());
     let length = Duration::from_mins(minutes);
-    let robots: String = (0..VEHICLES)
-        .map(|n| format!(" --robot {}", name(n)))
-        .collect();
-    let fleet = Fleet::with(&robots);
+    let robots = (0..VEHICLES).map(|n| format!("--robot {}", name(n)));
+    let fleet = Fleet::with(&robots.collect::<Vec<_>>().join(" "));
     let folder = fleet.scratch("run");
     fs::create_dir(&folder).unwrap();
     write_worlds(&folder);
@@ -215,7 +214,7 @@ fn fifty_vehicles_behind_one_router_in_release() {
             at_vehicle(n, ".json").display()
         );
         if n < 2 {
-            line += &format!(" --drive-log {}", at_vehicle(n, ".csv").display());
+            write!(line, " --drive-log {}", at_vehicle(n, ".csv").display()).unwrap();
         }
         all.push(Measured::new(kind, start(&line), settled));
         // This machine has two processors for all of them, and a vehicle ends where its drive loop stands for a second.
