@@ -241,7 +241,8 @@ impl ShoreLayer {
         });
     }
 
-    /// Continues an update that is under way: searches one of [`GROUNDS`] for docking sites. After the last, the layer is updated.
+    /// Continues an update that is under way: searches one kind of ground, of slopes and the two classes of vegetation, for docking sites.
+    /// After the last the layer is updated.
     pub fn continue_update(&mut self) {
         let Some(mut update) = self.update.take() else {
             return;
