@@ -82,8 +82,9 @@ pub fn overviews(
     let TilesRequest::ByKey(places) = request else {
         return Vec::new();
     };
+    let store = with_store(store, TileStore::clone);
     fitting(by_key(layer, places), |key| {
-        let overview = with_store(store, |store| store.overview(key));
+        let overview = store.overview(key);
         overview.as_ref().map_or_else(Vec::new, bands_of)
     })
 }

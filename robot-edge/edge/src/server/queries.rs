@@ -50,15 +50,11 @@ fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Opti
         Topic::Ping => messages(out, stamp_ns, &[Pong]),
         Topic::Tiles(layer) => {
             let near_m = context.publish_state.position_m().unwrap_or_default();
-            replies::tiles(store, layer, &request(query)?, near_m)
-                .iter()
-                .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
-                .collect()
+            stamped(out, &replies::tiles(store, layer, &request(query)?, near_m))
         }
-        Topic::Overviews(layer) => replies::overviews(store, layer, &request(query)?)
-            .iter()
-            .filter_map(|(stamp_ns, reply)| out.message(*stamp_ns, reply))
-            .collect(),
+        Topic::Overviews(layer) => {
+            stamped(out, &replies::overviews(store, layer, &request(query)?))
+        }
         Topic::Digests(layer) => messages(
             out,
             stamp_ns,
@@ -93,6 +89,13 @@ fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Opti
         | Topic::Changes(_)
         | Topic::Operator(_) => return None,
     })
+}
+
+/// Messages, each with a stamp of its own, nanoseconds.
+fn stamped<T: Serialize>(out: &Outgoing, bodies: &[(i64, T)]) -> Vec<Vec<u8>> {
+    let messages = bodies.iter();
+    let messages = messages.filter_map(|(stamp_ns, body)| out.message(*stamp_ns, body));
+    messages.collect()
 }
 
 fn messages<T: Serialize>(out: &Outgoing, stamp_ns: i64, bodies: &[T]) -> Vec<Vec<u8>> {
