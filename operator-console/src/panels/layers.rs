@@ -64,7 +64,9 @@ impl LayersData {
             } else if let Some(stale) = &stale {
                 stale_text(*stale)
             } else {
-                state_of(step, view.tiles(layer), link.recording.is_some(), now)
+                let overviews = model.map().store().overview_places(layer);
+                let tiles = view.tiles(layer).saturating_sub(overviews);
+                state_of(step, tiles, link.recording.is_some(), now)
             };
             // Hidden layers are not received, so their tiles are out of date.
             if held.is_shown

@@ -94,6 +94,13 @@ impl TileStore {
         keys.map(|(tx, ty)| TileKey { layer, tx, ty }).collect()
     }
 
+    /// Number of tiles of `layer` in whose place an overview is shown.
+    pub fn overview_places(&self, layer: LayerId) -> usize {
+        self.layers
+            .get(&layer)
+            .map_or(0, |held| held.overviews.len())
+    }
+
     /// The cells to draw at a tile: its own, or those of an overview.
     pub fn shown(&self, key: TileKey) -> Option<&TileCells> {
         let held = self.layers.get(&key.layer)?;
@@ -168,6 +175,7 @@ mod tests {
         let codes = [(8, 56), (15, 63), (7, 56), (8, 55), (32, 60)];
         let codes = codes.map(|(x, y)| shown.get(x, y).unwrap());
         assert_eq!(codes, [200, 200, 5, 5, UNKNOWN]);
+        assert_eq!(console.overview_places(LAYER), 1);
         assert_eq!(console.all_shown(LAYER).count(), 1);
         assert_eq!(
             (console.root_digest(LAYER), console.tile_count(LAYER)),
@@ -177,6 +185,7 @@ mod tests {
         let tile = robot.tile(key(-1, 2)).unwrap();
         assert_eq!(console.apply(tile.clone()), Ok(Applied::Stored));
         assert_eq!(console.shown(key(-1, 2)), Some(&tile.cells));
+        assert_eq!(console.overview_places(LAYER), 0);
         assert_eq!(console.all_shown(LAYER).count(), 1);
         assert_eq!(console.show_overview(&overview), Ok(vec![]));
         let other = robot.overview(key(0, 0)).unwrap();
