@@ -9,7 +9,7 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 
-use nalgebra::{Isometry2, Matrix3, Point2, Vector3};
+use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 
 use super::scan_points::ScanPoint;
 use super::search_grid::{Search, SearchGrid, SearchWindow};
@@ -62,7 +62,7 @@ impl Default for ClosureSettings {
             noise: (0.03, 0.3_f64.to_radians()),
             large_drift: (0.3, 4.0_f64.to_radians()),
             per_keyframe: 2,
-            blocks_per_scan: 10_000,
+            blocks_per_scan: 6_000,
         }
     }
 }
@@ -106,20 +106,30 @@ pub struct SubmapMatch {
 }
 
 impl SubmapMatch {
-    /// Around an expected pose.
+    /// Around an expected pose, and near the way of the submap, which lies between two corners in its frame (metres): a place beside
+    /// it another submap shows better.
     pub fn new(
         points: Vec<ScanPoint>,
         expected: Isometry2<f64>,
         (half_m, half_rad): Window,
+        way: [Vector2<f64>; 2],
         settings: &ClosureSettings,
     ) -> Self {
         let is_small = half_m <= settings.small_window_m;
-        let min_score = settings.min_score;
+        let at = expected.translation.vector;
+        let low = at
+            .add_scalar(-half_m)
+            .sup(&way[0].add_scalar(-settings.place_m));
+        let high = at
+            .add_scalar(half_m)
+            .inf(&way[1].add_scalar(settings.place_m));
+        let (low, high) = (low.inf(&high), low.sup(&high));
+        let (of_small, of_large) = settings.min_score;
         let window = SearchWindow {
-            middle: expected,
-            half_m: [half_m; 2],
+            middle: Isometry2::from_parts((0.5 * (low + high)).into(), expected.rotation),
+            half_m: (0.5 * (high - low)).into(),
             half_rad,
-            min_score: if is_small { min_score.0 } else { min_score.1 },
+            min_score: if is_small { of_small } else { of_large },
             prior: None,
         };
         Self {
@@ -230,30 +240,32 @@ impl DriftGraph {
         links.is_some_and(|links| links.range(submap + 2..).next().is_some())
     }
 
-    /// Drift of every submap from this one: metres and radians.
+    /// Drift of every submap from this one: metres and radians. Errors of heading are independent of each other: of many, three
+    /// standard deviations of their sum are less than the sum of all.
     pub fn from(&self, submap: u32) -> Vec<Window> {
-        let mut drifts = vec![(f64::INFINITY, f64::INFINITY); self.links.len()];
+        let mut drifts = vec![[f64::INFINITY; 3]; self.links.len()];
         let mut next = BinaryHeap::new();
         // Micrometres, which have an order.
         let key = |drift: f64| Reverse((drift.min(1e6) * 1e6) as u64);
         if let Some(own) = drifts.get_mut(submap as usize) {
-            *own = (0.0, 0.0);
+            *own = [0.0; 3];
             next.push((key(0.0), submap));
         }
         while let Some((at_key, at)) = next.pop() {
-            let (m, rad) = drifts[at as usize];
+            let [m, rad, rad2] = drifts[at as usize];
             if at_key != key(m) {
                 continue;
             }
             for (&to, link) in &self.links[at as usize] {
-                let way = (m + link.0, rad + link.1);
-                if way.0 < drifts[to as usize].0 {
+                let way = [m + link.0, rad + link.1, rad2 + link.1 * link.1];
+                if way[0] < drifts[to as usize][0] {
                     drifts[to as usize] = way;
-                    next.push((key(way.0), to));
+                    next.push((key(way[0]), to));
                 }
             }
         }
-        drifts
+        let window = |[m, rad, rad2]: [f64; 3]| (m, rad.min(3.0 * libm::sqrt(rad2)));
+        drifts.into_iter().map(window).collect()
     }
 }
 
@@ -320,5 +332,26 @@ impl PendingClosures {
             self.0.pop_front();
         }
         Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drift_of_heading_grows_with_the_root_of_many_links() {
+        let mut drifts = DriftGraph::default();
+        for submap in 0..100 {
+            drifts.link(submap, submap + 1, (0.3, 0.02));
+        }
+        let from = drifts.from(0);
+        for (submap, expected) in [(4, (1.2, 0.08)), (100, (30.0, 0.6))] {
+            let (m, rad) = from[submap];
+            assert!(
+                (m - expected.0).abs() < 1e-9 && (rad - expected.1).abs() < 1e-9,
+                "{m} {rad}"
+            );
+        }
     }
 }

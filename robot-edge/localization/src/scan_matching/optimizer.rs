@@ -39,10 +39,12 @@ pub(super) struct Optimized {
 /// Closures and positions that wait for an optimization, unless they may move the map far.
 pub(super) const WAITING: u32 = 20;
 
-const MAX_STEPS: u32 = 12;
+const MAX_STEPS: u32 = 30;
 /// Edges of the graph, and poses, that are worked on each scan.
 const GRAPH_PART: usize = 4000;
 const WIDENING: f64 = 1e4;
+/// The kernel narrows once no pose moves by more, metres (and radians): else it holds for wrong what is right.
+const NARROWED_M: f64 = 0.3;
 /// An optimization ends when no pose moves by more, metres (and radians).
 const CONVERGED: f64 = 1e-3;
 /// A closure with a greater squared error after optimization is removed.
@@ -91,7 +93,9 @@ impl Optimizer {
         };
         // Graduated non-convexity: a long loop closes before outliers lose their weight.
         let is_wide = self.widening > 1.0;
-        self.widening = (0.2 * self.widening).max(1.0);
+        if step < NARROWED_M {
+            self.widening = (0.2 * self.widening).max(1.0);
+        }
         self.steps += 1;
         if (step > CONVERGED || is_wide) && self.steps < MAX_STEPS {
             return Some(Poll::Pending);

@@ -93,7 +93,23 @@ struct ActiveSubmap {
     grid: SearchGrid,
     /// Covariance of the vehicle's pose relative to the anchor, in the frame of the vehicle.
     covariance: Matrix3<f64>,
+    /// Pose of the vehicle relative to the anchor by the odometry since.
+    by_odometry: Isometry2<f64>,
     begun_m: f64,
+}
+
+impl ActiveSubmap {
+    /// Covariance of a pose relative to the anchor, in its own frame. Where matching and odometry parted, either may be wrong: what
+    /// looks rigid may move with the vehicle, as the ground that a tilted laser sees in a turn.
+    fn edge_covariance(
+        &self,
+        local_from_base: &Isometry2<f64>,
+        odometry_share: f64,
+    ) -> Matrix3<f64> {
+        let matched = self.local_from_anchor.inv_mul(local_from_base);
+        let parted = difference(&self.by_odometry, &matched) * odometry_share;
+        self.covariance + parted * parted.transpose()
+    }
 }
 
 /// The state of localization and mapping.
@@ -279,6 +295,10 @@ impl ScanSlam {
             let both = prior + registered.information;
             active.covariance = both.try_inverse().unwrap_or(active.covariance);
         }
+        let step = last.local_from_base.inv_mul(&local_from_base);
+        for active in &mut self.active {
+            active.by_odometry *= if input.has_odometry() { motion } else { step };
+        }
         if confidence == Confidence::Lost || was_lost || self.lost > MAX_LOST {
             // As long as a direction is not determined, a new map would not be either.
             if confidence == Confidence::Lost && self.lost > MAX_LOST || is_determined {
@@ -438,8 +458,9 @@ impl ScanSlam {
                 record.submap.add(&point);
                 active.grid.add(&point.position);
             }
+            let share = self.settings.odometry_share;
             let information = active
-                .covariance
+                .edge_covariance(local_from_base, share)
                 .try_inverse()
                 .unwrap_or_else(Matrix3::zeros);
             self.map.graph.edges.push(Edge {
@@ -471,7 +492,9 @@ impl ScanSlam {
         if let Some(before) = self.active.last() {
             let way_m = self.driven_m - before.begun_m;
             let rates = self.settings.closure.drift_per_m;
-            let sigma = [0, 1, 2].map(|i| libm::sqrt(before.covariance[(i, i)]));
+            let share = self.settings.odometry_share;
+            let covariance = before.edge_covariance(local_from_base, share);
+            let sigma = [0, 1, 2].map(|i| libm::sqrt(covariance[(i, i)]));
             let drift = (
                 rates.0 * way_m + sigma[0].max(sigma[1]),
                 rates.1 * way_m + sigma[2],
@@ -488,6 +511,7 @@ impl ScanSlam {
             local_from_anchor: *local_from_base,
             grid,
             covariance: Matrix3::zeros(),
+            by_odometry: Isometry2::identity(),
             begun_m: self.driven_m,
         });
     }
@@ -613,7 +637,13 @@ impl ScanSlam {
                 .anchor(index)
                 .inv_mul(&self.map.graph.poses[keyframe as usize]);
             let points = self.around(local_from_base);
-            let search = SubmapMatch::new(points, expected, window, &settings);
+            let search = SubmapMatch::new(
+                points,
+                expected,
+                window,
+                self.map.way_corners(index),
+                &settings,
+            );
             let grid = self.take_grid(index);
             self.searches.running = Some(ClosureSearch {
                 keyframe,
@@ -713,7 +743,13 @@ impl ScanSlam {
                 .map
                 .anchor(index)
                 .inv_mul(&self.map.graph.poses[keyframe as usize]);
-            let mut search = SubmapMatch::new(points.to_vec(), expected, window, &settings);
+            let mut search = SubmapMatch::new(
+                points.to_vec(),
+                expected,
+                window,
+                self.map.way_corners(index),
+                &settings,
+            );
             let grid = self.take_grid(index);
             let submap = &self.map.submaps[index as usize].submap;
             if let Some(Some(found)) = search.advance(submap, &grid, usize::MAX, &settings) {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::loop_closure::{ClosureSettings, DriftGraph, Window};
 use super::pose_graph::{Edge, PoseGraph};
@@ -230,6 +230,16 @@ impl SlamMap {
             way.map(|pose| anchor_from_map * Point2::from(pose.translation.vector)),
         );
         (Isometry2::new(middle.coords, 0.0), half_m)
+    }
+
+    /// Corners of the rectangle around the way of a submap, in its frame.
+    pub(super) fn way_corners(&self, index: u32) -> [Vector2<f64>; 2] {
+        let anchor_from_map = self.anchor(index).inverse();
+        let way = self.way(index).iter();
+        let places = way.map(|pose| (anchor_from_map * pose).translation.vector);
+        places.fold([Vector2::zeros(); 2], |[low, high], place| {
+            [low.inf(&place), high.sup(&place)]
+        })
     }
 
     /// A pose in the frame of a submap, if it is within `half_m` (and some metres) of its way.

@@ -27,6 +27,8 @@ pub struct SlamSettings {
     pub min_inliers: (f64, f64),
     /// Standard deviations of a pose in its submap beside the noise of its scan: metres and radians.
     pub pose_noise: (f64, f64),
+    /// Standard deviation of a pose in its submap by this share of its difference to odometry.
+    pub odometry_share: f64,
     /// Limit of the submaps that are kept, about 0.3 MB each.
     pub max_submaps: usize,
     /// Loop closure.
@@ -83,6 +85,7 @@ impl Default for SlamSettings {
             submap_keyframes: 80,
             min_inliers: (0.4, 0.7),
             pose_noise: (0.05, 1.0_f64.to_radians()),
+            odometry_share: 0.5,
             max_submaps: 500,
             closure: ClosureSettings::default(),
         }

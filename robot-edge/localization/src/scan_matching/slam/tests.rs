@@ -75,6 +75,36 @@ fn on_a_plain_the_poses_are_those_of_odometry_for_as_long_as_it_lasts() {
 }
 
 #[test]
+fn an_edge_is_as_uncertain_as_matching_and_odometry_differ() {
+    let (world, way) = (ring(), way(&AROUND_RING[..2]));
+    let mut slam = ScanSlam::new(SlamSettings::default());
+    let drift_rad_per_m = 0.02;
+    Drive {
+        world: &world,
+        way: &way,
+        has_odometry: true,
+        slip: 0.0,
+        drift_rad_per_m,
+        seed: 1,
+    }
+    .run(&mut slam);
+    let of_first = slam.map().edges().iter().filter(|edge| edge.from == 0);
+    let long: Vec<_> = of_first
+        .filter(|edge| edge.from_from_to.translation.vector.norm() > 4.0)
+        .collect();
+    assert!(long.len() > 5, "{}", long.len());
+    for edge in long {
+        let sigma_rad = libm::sqrt(edge.information.try_inverse().unwrap()[(2, 2)]);
+        let parted_rad = drift_rad_per_m * edge.from_from_to.translation.vector.norm();
+        let expected = f64::hypot(0.5 * parted_rad, 1_f64.to_radians());
+        assert!(
+            (0.85..1.15).contains(&(sigma_rad / expected)),
+            "{sigma_rad} {expected}"
+        );
+    }
+}
+
+#[test]
 fn the_same_scans_give_the_same_poses() {
     let (world, way) = (ring(), way(&AROUND_RING[..6]));
     let run = || {
