@@ -1,5 +1,7 @@
 //! TLS links that break while both ends send.
 
+#![cfg(test)]
+
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
