@@ -296,8 +296,13 @@ impl ScanSlam {
             active.covariance = both.try_inverse().unwrap_or(active.covariance);
         }
         let step = last.local_from_base.inv_mul(&local_from_base);
+        // While odometry stands still, the next one counts from the scan at which it stopped.
+        let is_new = last
+            .odometry
+            .is_some_and(|(before, _)| input.odom_from_base != Some(before));
+        let by_odometry = input.has_odometry() && is_new;
         for active in &mut self.active {
-            active.by_odometry *= if input.has_odometry() { motion } else { step };
+            active.by_odometry *= if by_odometry { motion } else { step };
         }
         if confidence == Confidence::Lost || was_lost || self.lost > MAX_LOST {
             // As long as a direction is not determined, a new map would not be either.

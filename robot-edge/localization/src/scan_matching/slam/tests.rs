@@ -77,30 +77,45 @@ fn on_a_plain_the_poses_are_those_of_odometry_for_as_long_as_it_lasts() {
 #[test]
 fn an_edge_is_as_uncertain_as_matching_and_odometry_differ() {
     let (world, way) = (ring(), way(&AROUND_RING[..2]));
-    let mut slam = ScanSlam::new(SlamSettings::default());
     let drift_rad_per_m = 0.02;
-    Drive {
+    let drive = Drive {
         world: &world,
         way: &way,
         has_odometry: true,
         slip: 0.0,
         drift_rad_per_m,
         seed: 1,
-    }
-    .run(&mut slam);
-    let of_first = slam.map().edges().iter().filter(|edge| edge.from == 0);
-    let long: Vec<_> = of_first
-        .filter(|edge| edge.from_from_to.translation.vector.norm() > 4.0)
-        .collect();
-    assert!(long.len() > 5, "{}", long.len());
-    for edge in long {
-        let sigma_rad = libm::sqrt(edge.information.try_inverse().unwrap()[(2, 2)]);
-        let parted_rad = drift_rad_per_m * edge.from_from_to.translation.vector.norm();
-        let expected = libm::hypot(0.5 * parted_rad, 1_f64.to_radians());
-        assert!(
-            (0.85..1.15).contains(&(sigma_rad / expected)),
-            "{sigma_rad} {expected}"
-        );
+    };
+    let scans = drive.scans();
+    // Odometry with each scan, and with each third one.
+    for every in [1, 3] {
+        let mut slam = ScanSlam::new(SlamSettings::default());
+        for (at, (stamp, scan, _)) in scans.iter().enumerate() {
+            slam.push(&ScanInput {
+                stamp: *stamp,
+                scan,
+                base_from_sensor: Isometry2::identity(),
+                odom_from_base: Some(scans[at - at % every].2),
+                is_heading_only: false,
+                is_by_clouds: false,
+                is_placed: false,
+                base_from_antenna: Point2::origin(),
+            });
+        }
+        let edges = slam.map().edges().iter();
+        let way_m = |edge: &Edge| edge.from_from_to.translation.vector.norm();
+        let long: Vec<_> = edges
+            .filter(|edge| edge.from == 0 && way_m(edge) > 5.0)
+            .collect();
+        assert!(long.len() > 5, "{}", long.len());
+        for edge in long {
+            let covariance = edge.information.try_inverse().unwrap();
+            let [sigma_m, _, sigma_rad] = [0, 1, 2].map(|at| libm::sqrt(covariance[(at, at)]));
+            assert!(sigma_m < 0.15, "{every}: {sigma_m}");
+            let parted_rad = 0.5 * drift_rad_per_m * way_m(edge);
+            let share = sigma_rad / libm::hypot(parted_rad, 1_f64.to_radians());
+            assert!((0.85..1.15).contains(&share), "{every}: {share}");
+        }
     }
 }
 
