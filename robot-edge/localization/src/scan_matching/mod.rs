@@ -1,5 +1,6 @@
 //! Poses from planar scans: scan matching, submaps, loop closure (docs/methods.md, section 0).
 
+mod active_submap;
 mod block_solver;
 mod last_scan;
 pub mod loop_closure;

@@ -8,10 +8,9 @@ use measurement::scan::Scan;
 use measurement::time::RobotTime;
 use nalgebra::{Isometry2, Matrix3, Point2, Vector2, Vector3};
 
+use super::active_submap::ActiveSubmap;
 use super::last_scan::LastScan;
-use super::loop_closure::{
-    Closure, PendingClosures, SubmapMatch, Window, search_points, with_noise,
-};
+use super::loop_closure::{Closure, PendingClosures, SubmapMatch, Window, search_points};
 use super::optimizer::{self, Optimizer};
 use super::pose_graph::{Edge, PoseGraph};
 use super::position_fixes::{AntennaPosition, PendingPositions, PositionFix};
@@ -20,7 +19,7 @@ use super::scan_points::{ScanPoint, scan_points};
 use super::search_grid::{Search, SearchGrid, SearchWindow};
 use super::slam_map::{Candidate, SlamMap, SubmapRecord};
 use super::slam_settings::SlamSettings;
-use super::submap::{Prior, Registered, Submap, difference, transported};
+use super::submap::{Prior, Registered, Submap, difference};
 
 /// One scan and what is known about the motion.
 #[derive(Clone, Copy, Debug)]
@@ -83,33 +82,6 @@ pub struct ScanPose {
     pub keyframe_from_base: Isometry2<f64>,
     /// The poses of keyframes changed at this scan.
     pub is_corrected: bool,
-}
-
-/// A submap that scans are still added to.
-#[derive(Clone, Debug)]
-struct ActiveSubmap {
-    index: u32,
-    local_from_anchor: Isometry2<f64>,
-    grid: SearchGrid,
-    /// Covariance of the vehicle's pose relative to the anchor, in the frame of the vehicle.
-    covariance: Matrix3<f64>,
-    /// Pose of the vehicle relative to the anchor by the odometry since.
-    by_odometry: Isometry2<f64>,
-    begun_m: f64,
-}
-
-impl ActiveSubmap {
-    /// Covariance of a pose relative to the anchor, in its own frame. Where matching and odometry parted, either may be wrong: what
-    /// looks rigid may move with the vehicle, as the ground that a tilted laser sees in a turn.
-    fn edge_covariance(
-        &self,
-        local_from_base: &Isometry2<f64>,
-        odometry_share: f64,
-    ) -> Matrix3<f64> {
-        let matched = self.local_from_anchor.inv_mul(local_from_base);
-        let parted = difference(&self.by_odometry, &matched) * odometry_share;
-        self.covariance + parted * parted.transpose()
-    }
 }
 
 /// The state of localization and mapping.
@@ -264,7 +236,7 @@ impl ScanSlam {
         // An error of the norm would double with each scan whose pose is by odometry.
         expected.rotation.renormalize();
         for active in &mut self.active {
-            active.covariance = transported(&active.covariance, &motion) + noise;
+            active.predict(&motion, &noise);
         }
         let (registered, mut confidence) =
             self.match_scan(&points, &expected, &noise, input.has_odometry());
@@ -288,12 +260,7 @@ impl ScanSlam {
             expected
         };
         for active in self.active.iter_mut().filter(|_| is_matched) {
-            let prior = active
-                .covariance
-                .try_inverse()
-                .unwrap_or_else(Matrix3::zeros);
-            let both = prior + registered.information;
-            active.covariance = both.try_inverse().unwrap_or(active.covariance);
+            active.update(&registered.information);
         }
         let step = last.local_from_base.inv_mul(&local_from_base);
         // While odometry stands still, the next one counts from the scan at which it stopped.
@@ -302,7 +269,7 @@ impl ScanSlam {
             .is_some_and(|(before, _)| input.odom_from_base != Some(before));
         let by_odometry = input.has_odometry() && is_new;
         for active in &mut self.active {
-            active.by_odometry *= if by_odometry { motion } else { step };
+            active.anchor_from_base_by_odometry *= if by_odometry { motion } else { step };
         }
         if confidence == Confidence::Lost || was_lost || self.lost > MAX_LOST {
             // As long as a direction is not determined, a new map would not be either.
@@ -463,16 +430,11 @@ impl ScanSlam {
                 record.submap.add(&point);
                 active.grid.add(&point.position);
             }
-            let share = self.settings.odometry_share;
-            let information = active
-                .edge_covariance(local_from_base, share)
-                .try_inverse()
-                .unwrap_or_else(Matrix3::zeros);
             self.map.graph.edges.push(Edge {
                 from: record.anchor,
                 to: keyframe,
                 from_from_to: anchor_from_base,
-                information: with_noise(&information, self.settings.pose_noise),
+                information: active.edge_information(&anchor_from_base, &self.settings),
                 is_closure: false,
             });
         }
@@ -495,15 +457,7 @@ impl ScanSlam {
             submap,
         });
         if let Some(before) = self.active.last() {
-            let way_m = self.driven_m - before.begun_m;
-            let rates = self.settings.closure.drift_per_m;
-            let share = self.settings.odometry_share;
-            let covariance = before.edge_covariance(local_from_base, share);
-            let sigma = [0, 1, 2].map(|i| libm::sqrt(covariance[(i, i)]));
-            let drift = (
-                rates.0 * way_m + sigma[0].max(sigma[1]),
-                rates.1 * way_m + sigma[2],
-            );
+            let drift = before.drift(local_from_base, self.driven_m, &self.settings);
             self.map.drifts.link(before.index, index, drift);
         }
         if self.active.len() == 2 {
@@ -511,14 +465,12 @@ impl ScanSlam {
             self.keep_grid(finished.index, finished.grid);
             self.map.limit_submaps(self.settings.max_submaps);
         }
-        self.active.push(ActiveSubmap {
+        self.active.push(ActiveSubmap::new(
             index,
-            local_from_anchor: *local_from_base,
+            *local_from_base,
             grid,
-            covariance: Matrix3::zeros(),
-            by_odometry: Isometry2::identity(),
-            begun_m: self.driven_m,
-        });
+            self.driven_m,
+        ));
     }
 
     fn keep_grid(&mut self, index: u32, grid: SearchGrid) {
@@ -637,18 +589,10 @@ impl ScanSlam {
             let of = if is_near { near } else { unknown };
             let next = of[failed / 2 % of.len()];
             let (_, index, window) = *again.unwrap_or(next);
-            let expected = self
-                .map
-                .anchor(index)
-                .inv_mul(&self.map.graph.poses[keyframe as usize]);
             let points = self.around(local_from_base);
-            let search = SubmapMatch::new(
-                points,
-                expected,
-                window,
-                self.map.way_corners(index),
-                &settings,
-            );
+            let search = self
+                .map
+                .begin_match(points, keyframe, (index, window), &settings);
             let grid = self.take_grid(index);
             self.searches.running = Some(ClosureSearch {
                 keyframe,
@@ -744,17 +688,10 @@ impl ScanSlam {
     ) {
         let settings = self.settings.closure;
         for &(_, index, window) in candidates {
-            let expected = self
+            let points = points.to_vec();
+            let mut search = self
                 .map
-                .anchor(index)
-                .inv_mul(&self.map.graph.poses[keyframe as usize]);
-            let mut search = SubmapMatch::new(
-                points.to_vec(),
-                expected,
-                window,
-                self.map.way_corners(index),
-                &settings,
-            );
+                .begin_match(points, keyframe, (index, window), &settings);
             let grid = self.take_grid(index);
             let submap = &self.map.submaps[index as usize].submap;
             if let Some(Some(found)) = search.advance(submap, &grid, usize::MAX, &settings) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry2, Point2, Vector2};
 
-use super::loop_closure::{ClosureSettings, DriftGraph, Window};
+use super::loop_closure::{ClosureSettings, DriftGraph, SubmapMatch, Window};
 use super::pose_graph::{Edge, PoseGraph};
 use super::position_fixes::{PositionFix, alignment};
 use super::relocalization::{self, BESIDE_M};
@@ -232,14 +232,23 @@ impl SlamMap {
         (Isometry2::new(middle.coords, 0.0), half_m)
     }
 
-    /// Corners of the rectangle around the way of a submap, in its frame.
-    pub(super) fn way_corners(&self, index: u32) -> [Vector2<f64>; 2] {
-        let anchor_from_map = self.anchor(index).inverse();
+    /// A match of points, in the frame of the vehicle at a keyframe, with a submap in a window around where the keyframe is.
+    pub(super) fn begin_match(
+        &self,
+        points: Vec<ScanPoint>,
+        keyframe: u32,
+        (index, window): (u32, Window),
+        settings: &ClosureSettings,
+    ) -> SubmapMatch {
+        let anchor = self.anchor(index);
+        let expected = anchor.inv_mul(&self.graph.poses[keyframe as usize]);
+        let anchor_from_map = anchor.inverse();
         let way = self.way(index).iter();
         let places = way.map(|pose| (anchor_from_map * pose).translation.vector);
-        places.fold([Vector2::zeros(); 2], |[low, high], place| {
+        let corners = places.fold([Vector2::zeros(); 2], |[low, high], place| {
             [low.inf(&place), high.sup(&place)]
-        })
+        });
+        SubmapMatch::new(points, expected, window, corners, settings)
     }
 
     /// A pose in the frame of a submap, if it is within `half_m` (and some metres) of its way.

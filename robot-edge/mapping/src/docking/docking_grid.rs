@@ -12,16 +12,16 @@ use crate::shore::ShoreClass;
 /// A rectangle of columns.
 #[derive(Debug)]
 pub(super) struct DockingGrid<'a> {
-    pub(super) first: CellIndex,
-    pub(super) width: usize,
-    pub(super) cell_m: f64,
-    pub(super) columns: &'a [DockingColumn],
+    first: CellIndex,
+    width: usize,
+    cell_m: f64,
+    columns: &'a [DockingColumn],
     /// The densest vegetation that counts as moderate; `None` if none does.
     pub(super) vegetation: Option<ShoreClass>,
     /// Per row: number of columns of each kind before each column, and in the whole row.
-    pub(super) before: Vec<Counts>,
+    before: Vec<Counts>,
     /// Summed area table: clear water and lethal columns before each corner along both axes.
-    pub(super) below: Vec<[u32; 2]>,
+    below: Vec<[u32; 2]>,
 }
 
 /// Cells relative to a middle one, from the first of each up to before the second.
@@ -203,7 +203,7 @@ impl<'a> DockingGrid<'a> {
 }
 
 impl Ground {
-    pub(super) fn of(column: DockingColumn, vegetation: Option<ShoreClass>) -> Self {
+    fn of(column: DockingColumn, vegetation: Option<ShoreClass>) -> Self {
         let found = column.vegetation.map(|found| found.class);
         if found.is_some() && found <= vegetation {
             Self::Moderate
@@ -220,7 +220,7 @@ impl Ground {
 }
 
 impl Counts {
-    pub(super) fn add(&mut self, column: DockingColumn, vegetation: Option<ShoreClass>) {
+    fn add(&mut self, column: DockingColumn, vegetation: Option<ShoreClass>) {
         match Ground::of(column, vegetation) {
             Ground::ClearWater => self.water += 1,
             Ground::Lethal => self.lethal += 1,
