@@ -211,9 +211,9 @@ impl CostMap {
         self.window.cell(cell)
     }
 
-    /// Cells of the window, row by row: least cell, cells per row, cells.
-    pub fn cells(&self) -> (CellIndex, usize, Vec<CostCell>) {
-        self.window.cells()
+    /// What `of` makes of the cells of the window, row by row: least cell, cells per row, values.
+    pub fn cells<T: Clone>(&self, of: impl Fn(&CostCell) -> T) -> (CellIndex, usize, Vec<T>) {
+        self.window.cells(of)
     }
 
     /// Voxels of obstacles in lethal columns of the whole window.

@@ -101,23 +101,27 @@ pub(crate) fn find_sites_in(
     if vegetation.is_some() && !columns.iter().any(is_class) {
         return Vec::new();
     }
-    let window = DockingGrid::new(first, width, cell_m, columns, vegetation);
-    let shapes = DockingTemplates::new(boat, &window);
+    let shapes = DockingTemplates::new(boat, cell_m, vegetation);
+    let margin = shapes.margin();
+    let window = DockingGrid::new(first, width, cell_m, columns, vegetation, margin);
     let docking_poses = shapes.docking_poses(&window);
+    if docking_poses.is_empty() {
+        return Vec::new();
+    }
     let marked = covered(&window, &shapes, &docking_poses);
     let sets = match vegetation {
         None => connected(&marked, &window),
         Some(_) => by_shore(&marked, &window),
     };
-    let mut set_of = vec![usize::MAX; columns.len()];
-    for (set, places) in sets.iter().enumerate() {
+    let mut set_of = vec![u32::MAX; columns.len()];
+    for (set, places) in (0..).zip(&sets) {
         for &at in places {
             set_of[at] = set;
         }
     }
     let mut poses_of = vec![Vec::new(); sets.len()];
     for docking_pose in docking_poses {
-        if let Some(poses) = poses_of.get_mut(set_of[docking_pose.centre]) {
+        if let Some(poses) = poses_of.get_mut(set_of[docking_pose.centre] as usize) {
             poses.push(docking_pose);
         }
     }
@@ -149,7 +153,7 @@ pub(crate) fn entered_site(
     columns: &[DockingColumn],
     mut site: DockingSite,
 ) -> DockingSite {
-    let window = DockingGrid::new(first, width, cell_m, columns, site.vegetation);
+    let window = DockingGrid::new(first, width, cell_m, columns, site.vegetation, 0);
     site.passable.retain(|cell| {
         let place = cell.place_in(first, width);
         place.is_some_and(|at| at < columns.len() && window.is_passable(at))
@@ -171,14 +175,14 @@ fn covered(
             steps[range.end] -= 1;
         }
     }
-    let poses = steps.iter().scan(0, |poses, step| {
-        *poses += step;
-        Some(*poses)
-    });
-    let columns = (0..window.columns().len()).zip(poses);
-    columns
-        .map(|(at, poses)| poses > 0 && window.is_sought(at))
-        .collect()
+    let mut marked = vec![false; window.columns().len()];
+    let (mut next, mut poses) = (0, 0);
+    for &at in window.sought() {
+        poses += steps[next..=at].iter().sum::<i32>();
+        next = at + 1;
+        marked[at] = poses > 0;
+    }
+    marked
 }
 
 /// Connected sets of marked cells (also across corners), each ascending.
@@ -400,8 +404,8 @@ struct RowSpan {
 }
 
 impl DockingTemplates {
-    fn new(boat: &BoatFootprint, window: &DockingGrid<'_>) -> Self {
-        let cells = |metres: f64| metres / window.cell_m();
+    fn new(boat: &BoatFootprint, cell_m: f64, vegetation: Option<ShoreClass>) -> Self {
+        let cells = |metres: f64| metres / cell_m;
         let (length, width) = (cells(boat.length_m), cells(boat.width_m));
         let fits = |size: f64| size > 0.0 && size <= MAX_CELLS;
         if !(fits(length) && fits(width)) {
@@ -413,7 +417,7 @@ impl DockingTemplates {
             let rectangle = |ahead: f64| CellMask::rectangle(direction, ahead, length, width);
             let [footprint_mask, water, ahead] = [0.0, -length, length].map(rectangle);
             let min_land = libm::ceil(width) as u32;
-            let is_slope = window.vegetation.is_none();
+            let is_slope = vegetation.is_none();
             DockingTemplate {
                 direction,
                 min_moderate: if is_slope {
@@ -441,6 +445,13 @@ impl DockingTemplates {
         }
     }
 
+    /// Cells of its boxes beyond the window's edge, at most.
+    fn margin(&self) -> usize {
+        let bounds = self.shapes.iter().map(|shape| shape.water.bounds);
+        let boxes = bounds.chain([self.water_box, self.clearance_box]);
+        boxes.map(CellBox::reach).max().unwrap_or(0)
+    }
+
     const fn headings(&self) -> usize {
         self.shapes.len()
     }
@@ -452,17 +463,23 @@ impl DockingTemplates {
 
     /// All docking poses, by position and heading.
     fn docking_poses(&self, window: &DockingGrid<'_>) -> Vec<DockingPose> {
+        let [water_box, clearance_box] =
+            [self.water_box, self.clearance_box].map(|cells| window.corners(cells));
+        let behind = self.shapes.iter();
+        let behind: Vec<_> = behind
+            .map(|shape| window.corners(shape.water.bounds))
+            .collect();
         let mut docking_poses = Vec::new();
-        for centre in 0..window.columns().len() {
+        for &centre in window.sought() {
+            let corner = window.corner(centre);
             // Cheap tests first.
-            if !window.is_sought(centre)
-                || window.water_and_lethal(centre, self.water_box)[0] == 0
-                || window.water_and_lethal(centre, self.clearance_box)[1] > 0
+            if window.water_and_lethal(corner, water_box)[0] == 0
+                || window.water_and_lethal(corner, clearance_box)[1] > 0
             {
                 continue;
             }
-            for (heading, shape) in self.shapes.iter().enumerate() {
-                let water = window.water_and_lethal(centre, shape.water.bounds)[0];
+            for (heading, (shape, behind)) in self.shapes.iter().zip(&behind).enumerate() {
+                let water = window.water_and_lethal(corner, *behind)[0];
                 if water >= shape.min_water && shape.is_docking_pose(window, centre) {
                     docking_poses.push(DockingPose { centre, heading });
                 }
@@ -478,18 +495,19 @@ impl DockingTemplates {
         docking_pose: DockingPose,
     ) -> impl Iterator<Item = Range<usize>> + 'a {
         let shape = &self.shapes[docking_pose.heading].footprint_mask;
-        shape.cell_ranges(window, docking_pose.centre)
+        let spans = shape.spans(window, docking_pose.centre);
+        spans.map(|[y, from, to]| window.row_span(y, from, to))
     }
 }
 
 impl DockingTemplate {
     fn is_docking_pose(&self, window: &DockingGrid<'_>, centre: usize) -> bool {
-        let below = self.footprint_mask.counts(window, centre);
-        let holds = |below: &Counts| below.moderate >= self.min_moderate;
-        let Some(below) = below.filter(holds) else {
+        let most_others = self.footprint_mask.cells.checked_sub(self.min_moderate);
+        let below = most_others.and_then(|most| self.footprint_mask.counts(window, centre, most));
+        let Some(below) = below else {
             return false;
         };
-        let behind = self.water.counts(window, centre);
+        let behind = self.water.counts(window, centre, u32::MAX);
         let is_open =
             |behind: Counts| behind.water >= self.min_water && behind.moderate < self.min_closed;
         behind.is_some_and(is_open)
@@ -499,7 +517,7 @@ impl DockingTemplate {
     /// A sonar measures the bed of shallow water as gentle as a beach. A shoal differs by having no
     /// land behind it.
     fn leads_to_land(&self, window: &DockingGrid<'_>, centre: usize) -> bool {
-        let ahead = self.ahead.counts(window, centre);
+        let ahead = self.ahead.counts(window, centre, u32::MAX);
         ahead
             .is_some_and(|ahead| ahead.land >= self.min_land && ahead.water <= self.max_water_ahead)
     }
@@ -542,32 +560,30 @@ impl CellMask {
         libm::ceil(share * f64::from(self.cells)) as u32
     }
 
-    /// Index ranges of its cells, clipped to the window.
-    fn cell_ranges<'a>(
-        &'a self,
-        window: &'a DockingGrid<'_>,
+    /// Row, first column and the one after the last of each of its spans, in a window around a middle cell; they may lie outside.
+    fn spans(
+        &self,
+        window: &DockingGrid<'_>,
         centre: usize,
-    ) -> impl Iterator<Item = Range<usize>> + 'a {
+    ) -> impl Iterator<Item = [isize; 3]> + use<'_> {
         let (x, y) = (
             (centre % window.width()).cast_signed(),
             (centre / window.width()).cast_signed(),
         );
-        self.row_spans.iter().map(move |row_span| {
-            let along = |cells: i32| x + cells as isize;
-            window.row_span(
-                y + row_span.y as isize,
-                along(row_span.from),
-                along(row_span.to),
-            )
+        self.row_spans.iter().map(move |span| {
+            let [from, to] = [span.from, span.to].map(|cells| x + cells as isize);
+            [y + span.y as isize, from, to]
         })
     }
 
-    /// Counts on its cells; `None` if any is lethal.
-    fn counts(&self, window: &DockingGrid<'_>, centre: usize) -> Option<Counts> {
+    /// Counts on its cells; `None` if any is lethal, or more than `most_others` are not moderate.
+    fn counts(&self, window: &DockingGrid<'_>, centre: usize, most_others: u32) -> Option<Counts> {
         let mut counts = Counts::default();
-        for row_span in self.cell_ranges(window, centre) {
-            counts += window.counts(row_span);
-            if counts.lethal > 0 {
+        let mut cells = 0;
+        for [y, from, to] in self.spans(window, centre) {
+            counts += window.counts(y, from, to);
+            cells += (to - from) as u32;
+            if counts.lethal > 0 || cells - counts.moderate > most_others {
                 return None;
             }
         }
@@ -614,8 +630,9 @@ mod docking_pose_tests {
                     vegetation: None,
                 })
                 .collect();
-            let window = DockingGrid::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns, None);
-            let shapes = DockingTemplates::new(&boat, &window);
+            let shapes = DockingTemplates::new(&boat, 1.0, None);
+            let margin = shapes.margin();
+            let window = DockingGrid::new(CellIndex { x: 0, y: 0 }, 16, 1.0, &columns, None, margin);
             let all = (0..256).flat_map(|centre| {
                 let headings = 0..shapes.headings();
                 headings.map(move |heading| DockingPose { centre, heading })

@@ -663,8 +663,11 @@ impl ColumnWindow {
             .then(|| self.tiles[self.slot(at)].published[column])
     }
 
-    /// Published cells, row by row: least cell, cells per row, cells.
-    pub(super) fn cells(&self) -> (CellIndex, usize, Vec<CostCell>) {
+    /// What `of` makes of the published cells, row by row: least cell, cells per row, values.
+    pub(super) fn cells<T: Clone>(
+        &self,
+        of: impl Fn(&CostCell) -> T,
+    ) -> (CellIndex, usize, Vec<T>) {
         let first = self.first.unwrap_or(BrickColumn { x: 0, y: 0 });
         let margin = WindowPart::Classified.margin();
         let least = ColumnTile::cell_of(
@@ -676,12 +679,15 @@ impl ColumnWindow {
         );
         let tiles_in_row = (self.side - 2 * margin) as usize;
         let width = tiles_in_row * TILE_EDGE;
-        let mut published = vec![CostCell::UNKNOWN; width * width];
+        let mut published = vec![of(&CostCell::UNKNOWN); width * width];
         for (n, at) in self.tiles(WindowPart::Classified).enumerate() {
             let first = (n / tiles_in_row * width + n % tiles_in_row) * TILE_EDGE;
             let rows = self.tiles[self.slot(at)].published.chunks_exact(TILE_EDGE);
             for (y, row) in rows.enumerate() {
-                published[first + y * width..][..TILE_EDGE].copy_from_slice(row);
+                let to = &mut published[first + y * width..][..TILE_EDGE];
+                for (to, cell) in to.iter_mut().zip(row) {
+                    *to = of(cell);
+                }
             }
         }
         (least, width, published)

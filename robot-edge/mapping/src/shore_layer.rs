@@ -165,10 +165,16 @@ impl ShoreLayer {
     /// Begins such an update: finds shores. One that is under way is finished before.
     pub fn begin_update(&mut self, costs: &CostMap, octree: &Octree, boat_m: Point2<f64>) {
         self.finish_update();
-        let (first, width, window) = costs.cells();
+        let (first, width, mut columns) = costs.cells(|cell| DockingColumn {
+            cost: cell.cost,
+            is_clear_water: cell.is_clear_water,
+            rises_from_water: cell.rises_from_water,
+            vegetation: None,
+        });
+        let count = columns.len();
         let place_of = |cell: CellIndex| {
             let place = cell.place_in(first, width);
-            place.filter(|at| *at < window.len())
+            place.filter(|at| *at < count)
         };
         let is_inside = |cell: CellIndex| place_of(cell).is_some();
         let obstacles = costs.obstacle_voxels(octree);
@@ -180,19 +186,10 @@ impl ShoreLayer {
             cluster.class = self.config.class(cluster.ratio, cluster.densest);
         }
         // Tiles that the window has left are kept as long as voxels of their clusters are.
-        let columns = self.voxels.iter().map(|obstacle| obstacle.voxel.column());
-        let kept: BTreeSet<_> = columns.map(|column| self.stems.tile_of(column)).collect();
+        let kept = self.voxels.iter().map(|obstacle| obstacle.voxel.column());
+        let kept: BTreeSet<_> = kept.map(|column| self.stems.tile_of(column)).collect();
         self.stems
             .retain(|tile, first| is_inside(first) || kept.contains(&tile));
-        let mut columns: Vec<_> = window
-            .iter()
-            .map(|cell| DockingColumn {
-                cost: cell.cost,
-                is_clear_water: cell.is_clear_water,
-                rises_from_water: cell.rises_from_water,
-                vegetation: None,
-            })
-            .collect();
         // Of two shores in a column the denser one counts.
         let mut by_class: Vec<_> = found.clusters.iter().collect();
         by_class.sort_by_key(|cluster| cluster.class);
@@ -239,6 +236,11 @@ impl ShoreLayer {
             searched: 0,
             sites: Vec::new(),
         });
+    }
+
+    /// Whether an update is under way.
+    pub const fn is_updating(&self) -> bool {
+        self.update.is_some()
     }
 
     /// Continues an update that is under way: searches one kind of ground, of slopes and the two classes of vegetation, for docking sites.

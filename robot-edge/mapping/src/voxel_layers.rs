@@ -37,6 +37,7 @@ pub struct VoxelLayers {
     /// Boats only.
     waterline: Option<Waterline>,
     epoch: u32,
+    threads: usize,
 }
 
 /// Metrics of each beam of the current scan; NaN without.
@@ -104,10 +105,11 @@ impl VoxelLayers {
             waterline: (cost.enabled && cost.surface == Surface::Water).then(Waterline::default),
             depth: config.maps_depth(sensors).then(|| DepthMap::new(cell_m)),
             epoch: 0,
+            threads: config.threads,
         }
     }
 
-    /// Adds one scan, and updates the derived maps if they are due: shores in parts, one a scan.
+    /// Adds one scan, and updates the derived maps if they are due: shores in parts, one each scan of a laser.
     pub fn integrate(&mut self, scan: &RegisteredScan) -> VoxelReport {
         self.vehicle_in_odom = Point3::from(scan.odom_from_base.translation.vector);
         let model = self
@@ -136,11 +138,24 @@ impl VoxelLayers {
                 end: end(beam),
                 is_hit: beam.outcome == BeamOutcome::Hit,
             });
-        let out_of_bounds = match scan.kind {
-            ScanKind::Cloud => self.octree.integrate_cloud(scan.sensor, rays),
+        let octree = &mut self.octree;
+        let integrate = || match scan.kind {
+            ScanKind::Cloud => octree.integrate_cloud(scan.sensor, rays),
             ScanKind::Beams | ScanKind::Arc | ScanKind::Contact { .. } => {
-                self.octree.integrate(scan.sensor, rays)
+                octree.integrate(scan.sensor, rays)
             }
+        };
+        // Other sensors' scans come right after a laser's: they would not spread the work over time.
+        let shore = self.shore.as_mut().filter(|_| model.has_metrics);
+        let out_of_bounds = match shore {
+            Some(shore) if self.threads > 1 && shore.is_updating() => {
+                rayon::join(integrate, || shore.continue_update()).0
+            }
+            Some(shore) => {
+                shore.continue_update();
+                integrate()
+            }
+            None => integrate(),
         };
         let water_m = self.waterline.and_then(|waterline| waterline.height_m);
         if let (Some(depth), Some(water_m), false) = (&mut self.depth, water_m, model.has_metrics) {
@@ -163,8 +178,6 @@ impl VoxelLayers {
             if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
                 if self.shore_timer.is_due(scan.stamp) {
                     shore.begin_update(cost, &self.octree, self.vehicle_in_odom.xy());
-                } else {
-                    shore.continue_update();
                 }
             }
         } else {
