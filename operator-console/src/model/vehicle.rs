@@ -11,6 +11,9 @@ use super::messages::RejectReason;
 
 /// Poses kept for the export; a longer run is thinned by half, repeatedly.
 const MAX_POSES: usize = 500_000;
+/// A pose is kept once the vehicle has moved so far since the last one, metres, or turned: change of a part of its quaternion, 2°.
+const KEPT_STEP_M: f64 = 0.05;
+const KEPT_TURN: f64 = 0.02;
 
 #[derive(Clone, Debug, Default)]
 pub struct Vehicle {
@@ -43,7 +46,7 @@ impl Vehicle {
         &self.trail.points_m
     }
 
-    /// One for each stamp, oldest first.
+    /// Oldest first; none of a vehicle that stands.
     pub fn poses(&self) -> &[StampedPose] {
         &self.poses
     }
@@ -77,6 +80,21 @@ impl Vehicle {
     }
 
     fn keep(&mut self, pose: Pose, stamp_ns: i64) {
+        let pose = StampedPose::new(
+            stamp_ns,
+            pose.position_m,
+            pose.quaternion_xyzw.map(f64::from),
+        );
+        let differ = |step: f64| move |(a, b): (f64, f64)| (a - b).abs() >= step;
+        let is_new = self.poses.last().is_none_or(|last| {
+            let mut moved = last.position_m().into_iter().zip(pose.position_m());
+            let turned = last.quaternion_xyzw().into_iter();
+            let mut turned = turned.zip(pose.quaternion_xyzw());
+            moved.any(differ(KEPT_STEP_M)) || turned.any(differ(KEPT_TURN))
+        });
+        if !is_new {
+            return;
+        }
         let stride = self.stride.max(1);
         if self.received.is_multiple_of(stride) {
             if self.poses.len() >= MAX_POSES {
@@ -87,11 +105,7 @@ impl Vehicle {
                 });
                 self.stride = stride * 2;
             }
-            self.poses.push(StampedPose::new(
-                stamp_ns,
-                pose.position_m,
-                pose.quaternion_xyzw.map(f64::from),
-            ));
+            self.poses.push(pose);
         }
         self.received += 1;
     }
@@ -239,13 +253,17 @@ mod tests {
     }
 
     #[test]
-    fn export_keeps_poses_that_the_trail_skips() {
+    fn export_keeps_poses_that_the_trail_skips_but_none_of_a_standstill() {
         let mut vehicle = Vehicle::default();
         let now = Monotonic::default();
         assert!(vehicle.take(pose(0.0, 0.0, 1.0), 0, now));
         assert!(!vehicle.take(pose(0.0, 0.0, 1.0), 1, now));
-        assert!(vehicle.take(pose(0.05, 0.0, 1.0), 2, now));
-        assert_eq!((vehicle.trail().len(), vehicle.poses().len()), (1, 3));
+        assert!(vehicle.take(pose(0.04, 0.0, 1.0), 2, now));
+        assert!(vehicle.take(pose(0.06, 0.0, 1.0), 3, now));
+        assert!(vehicle.take(pose(0.06, 0.03, 1.0), 4, now));
+        assert_eq!(vehicle.trail().len(), 1);
+        let kept = vehicle.poses().iter().map(|pose| pose.stamp_ns);
+        assert_eq!(kept.collect::<Vec<_>>(), [0, 3, 4]);
     }
 
     #[test]
