@@ -21,6 +21,10 @@ const NEAR_M: f64 = 20.0;
 const HOLD: Duration = Duration::from_secs(10);
 /// Interval of announcements of visible changes of a tile: every second publication, so that they are 2 s old at most.
 const VISIBLE_HOLD: Duration = Duration::from_millis(1500);
+/// Of the tiles near the vehicle that have not changed for this long, so many are announced whole each second, the longest unchanged
+/// first: where little goes on, what is shown is 2 s old at most.
+const SETTLED: Duration = Duration::from_secs(1);
+const SETTLED_AT_ONCE: usize = 2;
 /// If nothing has changed for this long, nothing is held back.
 const QUIET: Duration = Duration::from_secs(3);
 /// What is held back is looked through when something else changes, so that messages are few, or after this time.
@@ -39,11 +43,12 @@ pub struct AnnouncedMap {
     /// All that is mapped.
     source: Arc<Mutex<TileStore>>,
     announced: Arc<Mutex<TileStore>>,
-    /// Tiles with cells that changed since they were announced.
-    held: BTreeSet<TileKey>,
+    /// Tiles with cells that changed since they were announced, and when they last changed.
+    held: BTreeMap<TileKey, Monotonic>,
     /// When tiles were announced, if all of their cells were within [`HOLD`].
     announced_at: BTreeMap<TileKey, AnnouncedAt>,
     last_batch: Option<Monotonic>,
+    last_settled: Option<Monotonic>,
     last_change: Option<Monotonic>,
 }
 
@@ -54,9 +59,10 @@ impl AnnouncedMap {
         Self {
             source,
             announced: Arc::new(Mutex::new(announced)),
-            held: BTreeSet::new(),
+            held: BTreeMap::new(),
             announced_at: BTreeMap::new(),
             last_batch: None,
+            last_settled: None,
             last_change: None,
         }
     }
@@ -86,16 +92,17 @@ impl AnnouncedMap {
             return Vec::new();
         }
         let is_quiet = self.last_change.is_none_or(|at| now.since(at) >= QUIET);
-        self.held.extend(changed);
+        self.held.extend(changed.into_iter().map(|key| (key, now)));
         self.last_batch = Some(now);
+        let settled = self.settled(attention, now);
         self.announced_at.retain(|_, at| now.since(at.whole) < HOLD);
         let mut pushed = Vec::new();
-        for key in std::mem::take(&mut self.held) {
+        for (key, changed_at) in std::mem::take(&mut self.held) {
             let at = self.announced_at.entry(key).or_insert(AnnouncedAt {
                 whole: now,
                 part: now,
             });
-            let part = if is_quiet || at.whole == now {
+            let part = if is_quiet || at.whole == now || settled.contains(&key) {
                 Part::Whole
             } else if now.since(at.part) >= VISIBLE_HOLD {
                 at.part = now;
@@ -104,7 +111,7 @@ impl AnnouncedMap {
                 Part::Nothing
             };
             if !self.announce(key, part, &mut pushed) {
-                self.held.insert(key);
+                self.held.insert(key, changed_at);
             }
         }
         pushed
@@ -113,9 +120,9 @@ impl AnnouncedMap {
     /// Announces everything; returns the tiles to be pushed.
     pub fn announce_all(&mut self, changed: BTreeSet<TileKey>) -> Vec<TileKey> {
         self.adopt_epochs(&Attention::default());
-        self.held.extend(changed);
+        let held = std::mem::take(&mut self.held).into_keys();
         let mut pushed = Vec::new();
-        for key in std::mem::take(&mut self.held) {
+        for key in held.chain(changed).collect::<BTreeSet<_>>() {
             self.announce(key, Part::Whole, &mut pushed);
         }
         pushed
@@ -137,33 +144,62 @@ impl AnnouncedMap {
         }
     }
 
+    /// The tiles that have not changed for [`SETTLED`] and are announced now.
+    fn settled(&mut self, attention: &Attention, now: Monotonic) -> Vec<TileKey> {
+        if self.last_settled.is_some_and(|at| now.since(at) < BATCH) {
+            return Vec::new();
+        }
+        self.last_settled = Some(now);
+        let held = self
+            .held
+            .iter()
+            .map(|(key, changed_at)| (*changed_at, *key));
+        let settled = held.filter(|(changed_at, key)| {
+            now.since(*changed_at) >= SETTLED && self.is_near(*key, attention)
+        });
+        let mut settled: Vec<_> = settled.collect();
+        settled.sort_unstable();
+        settled.truncate(SETTLED_AT_ONCE);
+        settled.into_iter().map(|(_, key)| key).collect()
+    }
+
+    /// Least and greatest corner of a tile in `odom`, metres; `None` if its layer is not announced.
+    fn corners_m(&self, key: TileKey) -> Option<[[f64; 2]; 2]> {
+        let side_m = TILE_SIDE as f64 * lock(&self.announced).cell_m(key.layer)?;
+        Some(
+            [0, 1].map(|far| {
+                [key.tx, key.ty].map(|index| (f64::from(index) + f64::from(far)) * side_m)
+            }),
+        )
+    }
+
+    fn is_near(&self, key: TileKey, attention: &Attention) -> bool {
+        let (Some(vehicle_m), Some([low_m, high_m])) = (attention.vehicle_m, self.corners_m(key))
+        else {
+            return true;
+        };
+        let apart_m = [0, 1]
+            .map(|axis: usize| (low_m[axis] - vehicle_m[axis]).max(vehicle_m[axis] - high_m[axis]));
+        libm::hypot(apart_m[0].max(0.0), apart_m[1].max(0.0)) <= NEAR_M
+    }
+
     /// What of a tile may not wait.
     fn part(&self, key: TileKey, attention: &Attention) -> Part {
         let views = attention.views.iter();
         let mut views = views
             .filter(|view| view.layers & (1 << key.layer as u32) != 0)
             .peekable();
-        let cell_m = lock(&self.announced).cell_m(key.layer);
         // Of what no console shows, nothing is pushed.
-        let (Some(_), Some(cell_m)) = (views.peek(), cell_m) else {
+        let (Some(_), Some([low_m, high_m])) = (views.peek(), self.corners_m(key)) else {
             return Part::Whole;
         };
-        let side_m = TILE_SIDE as f64 * cell_m;
-        let low_m = [f64::from(key.tx) * side_m, f64::from(key.ty) * side_m];
-        let is_near = attention.vehicle_m.is_none_or(|at_m| {
-            let apart_m = [0, 1].map(|axis: usize| {
-                (low_m[axis] - at_m[axis]).max(at_m[axis] - low_m[axis] - side_m)
-            });
-            libm::hypot(apart_m[0].max(0.0), apart_m[1].max(0.0)) <= NEAR_M
-        });
-        let is_within = |low: f64, high: f64, low_m: f64| low_m <= high && low_m + side_m >= low;
         let mut is_in_view = || {
             views.any(|view| {
                 let [low_x, low_y, high_x, high_y] = view.rectangle_m.map(f64::from);
-                is_within(low_x, high_x, low_m[0]) && is_within(low_y, high_y, low_m[1])
+                low_m[0] <= high_x && high_m[0] >= low_x && low_m[1] <= high_y && high_m[1] >= low_y
             })
         };
-        if is_near || is_in_view() {
+        if self.is_near(key, attention) || is_in_view() {
             Part::Visible
         } else {
             Part::Nothing
@@ -317,6 +353,31 @@ mod tests {
                 rig.map.update(BTreeSet::new(), &rig.attention, at(s));
             }
             assert!(rig.is_all_announced(layer), "{case}");
+        }
+    }
+
+    #[test]
+    fn a_tile_nearby_that_has_settled_is_announced_whole() {
+        for (tx, announced) in [(4, [0, 3]), (5, [0, 6])] {
+            let layer = LayerId::Occupancy;
+            let key = TileKey { layer, tx, ty: 0 };
+            let other = TileKey { ty: 9, ..key };
+            let mut rig = Rig::new(vec![view(20.0, u32::MAX)]);
+            let announces = |rig: &mut Rig, s: u64| {
+                let mut changed = BTreeSet::new();
+                if s < 4 {
+                    // Something else goes on.
+                    changed.extend(rig.publish(other, uniform_tile(s as u16)));
+                }
+                if s < 3 {
+                    // It wavers.
+                    changed.extend(rig.publish(key, uniform_tile(100 + s as u16)));
+                }
+                let pushed = rig.map.update(changed, &rig.attention, at(s));
+                pushed.contains(&key)
+            };
+            let times: Vec<_> = (0..9).filter(|&s| announces(&mut rig, s)).collect();
+            assert_eq!(times, announced, "{tx}");
         }
     }
 

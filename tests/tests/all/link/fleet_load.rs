@@ -13,6 +13,7 @@ use foreshore_tests::rig::udp::UdpRelay;
 use measurement::time::Monotonic;
 use network::clock::{self, sleep_until};
 use network::credentials::Credentials;
+use rustix::process::nice;
 use serde_json::{Value, json};
 use zenoh::qos::CongestionControl;
 use zenoh::{Session, Wait as _};
@@ -31,6 +32,8 @@ const DRIVING: usize = 10;
 const CONSOLES: usize = 20;
 /// Messages of the flood, in each 20 ms.
 const FLOOD_AT_ONCE: usize = 20;
+/// A vehicle keeps the pose of each scan, 64 bytes each and 64 MB at most: here 10 a second.
+const WAY_MB_PER_HOUR: f64 = 64e-6 * 10.0 * 3600.0;
 /// From the start of the first vehicle until everything is connected, at most.
 const STARTUP: Duration = Duration::from_mins(1);
 
@@ -181,6 +184,8 @@ fn fifty_vehicles_behind_one_router_in_release() {
     let minutes = std::env::var("FORESHORE_FLEET_MINUTES");
     let minutes = minutes.map_or(25, |minutes| minutes.parse().unwrap());
     let length = Duration::from_mins(minutes);
+    // As the shipped unit runs a vehicle: driving and the network at -10, mapping at 0.
+    nice(-10).unwrap();
     let robots = (0..VEHICLES).map(|n| format!("--robot {}", name(n)));
     let fleet = Fleet::with(&robots.collect::<Vec<_>>().join(" "));
     let folder = fleet.scratch("run");
@@ -197,6 +202,10 @@ fn fifty_vehicles_behind_one_router_in_release() {
     let mut all = Vec::new();
     let at_vehicle = |n: usize, end: &str| folder.join(name(n) + end);
     for n in 0..VEHICLES {
+        if n == 2 {
+            // The others and the consoles would have machines of their own.
+            nice(10).unwrap();
+        }
         let (kind, world) = if n < DRIVING {
             ("driving", "round.toml")
         } else {
@@ -230,6 +239,7 @@ fn fifty_vehicles_behind_one_router_in_release() {
         ));
         all.push(Measured::new("console", console, settled));
     }
+    nice(-10).unwrap();
     let before_s: f64 = all.iter().map(Measured::processor_s).sum();
     all.insert(0, Measured::new("router", start_router().unwrap(), settled));
     sleep_until(began, || false);
@@ -298,6 +308,7 @@ fn fifty_vehicles_behind_one_router_in_release() {
     let growths: Vec<f64> = all.iter().map(Measured::growth).collect();
     let mut processes: Vec<Running> = all.into_iter().map(|measured| measured.process).collect();
     let consoles = processes.split_off(1 + VEHICLES);
+    let mut problems = Vec::new();
     for (n, console) in consoles.into_iter().enumerate() {
         let printed = console.ends_well();
         let stale_s = numbers(&printed, "pose or map was up to ", " s old");
@@ -306,10 +317,18 @@ fn fifty_vehicles_behind_one_router_in_release() {
         println!(
             "console {n}: synchronized {synchronized_ms:?} ms, stale {stale_s:?} s, {bytes:?} bytes"
         );
-        assert!(!printed.contains("refused: "), "{printed}");
+        // What the killed router had not passed on is missed, and requested.
+        let refused = printed.lines().filter(|line| line.starts_with("refused: "));
+        for refused in
+            refused.filter(|line| !line.ends_with("differences to a tile that was missed"))
+        {
+            problems.push(format!("console {n}: {refused}"));
+        }
         // Once, while there is no router.
         let is_slow = n + 1 == CONSOLES;
-        assert!(is_slow || stale_s.len() <= 1 && stale_s.iter().all(|age_s| *age_s <= 10.0));
+        if !is_slow && (stale_s.len() > 1 || stale_s.iter().any(|age_s| *age_s > 10.0)) {
+            problems.push(format!("console {n}: {stale_s:?} s old"));
+        }
     }
     for (n, edge) in processes.drain(1..).enumerate() {
         edge.interrupt();
@@ -320,6 +339,9 @@ fn fifty_vehicles_behind_one_router_in_release() {
             assert_same_maps(&at_vehicle(n, ""), &at_vehicle(n, "-console"));
         }
     }
-    let growth = growths.into_iter().fold(f64::MIN, f64::max);
-    assert!(growth < 1.0, "memory grows by {growth} MB/h");
+    let growth = growths.into_iter().fold(f64::MIN, f64::max) - WAY_MB_PER_HOUR;
+    if growth >= 1.0 {
+        problems.push(format!("memory grows by {growth} MB/h besides the way"));
+    }
+    assert!(problems.is_empty(), "{problems:#?}");
 }

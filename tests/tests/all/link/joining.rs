@@ -162,7 +162,7 @@ fn join(link: &Namespaces, longest_wait_s: u32) -> [f64; 9] {
     figures.try_into().unwrap()
 }
 
-fn endpoint() -> String {
+pub(super) fn endpoint() -> String {
     format!("tcp/{}:7447", Side::A.address())
 }
 

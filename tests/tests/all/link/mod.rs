@@ -13,6 +13,7 @@ mod map_pictures;
 mod maps;
 mod sensors;
 pub(crate) mod shaped;
+mod steady;
 pub(crate) mod window;
 
 use std::path::Path;

@@ -158,42 +158,6 @@ fn late_joiner_on_the_shaped_link() {
     drop(edge);
 }
 
-#[test]
-#[ignore = "two minutes, needs root: measures"]
-fn steady_cost_while_mapping() {
-    let Some(link) = namespaces(1) else { return };
-    link.set_both(shaped(0.02));
-    let folder = tempdir().unwrap();
-    let logs = [(rooms(), "rooms.mcap")].into_iter().chain(
-        [
-            "carmen/fr-clinic_robotlaser.clf",
-            "carmen/intel-corrected.log",
-        ]
-        .into_iter()
-        .filter_map(|name| Some((recording(name)?, name))),
-    );
-    for (log, name) in logs {
-        let edge = edge(&link, &log, "--rate 1");
-        let mut command = console(&link, &folder.path().join("export"), "--for 600");
-        let console = Running::start(&mut command, "console");
-        sleep(Duration::from_secs(10));
-        let bytes = || link.sent_bytes();
-        let (before, started) = (bytes(), clock::now());
-        sleep(Duration::from_secs(40));
-        let (after, elapsed_s) = (bytes(), clock::elapsed(started).as_secs_f64());
-        let kbps = |side: usize| (after[side] - before[side]) as f64 * 8e-3 / elapsed_s;
-        println!(
-            "steady cost, {name}: {:.1} kbit/s to the console, {:.1} kbit/s back, IP headers included",
-            kbps(0),
-            kbps(1)
-        );
-        // The target is 64; a laser with 80 m range takes more.
-        assert!(name != "rooms.mcap" || kbps(0) <= 80.0);
-        drop((console, edge));
-        sleep(Duration::from_secs(1));
-    }
-}
-
 /// Seconds from the end of each cut until the console is synchronized.
 fn heal(seed: u64, cuts: usize, cut: Duration) -> Vec<f64> {
     let Some(link) = namespaces(seed) else {
