@@ -68,6 +68,7 @@ pub fn run(
         if model.connection().state(now) == LinkState::Waiting {
             wait_for_robot.report_progress(now);
         } else if !mem::replace(&mut was_connected, true) {
+            wait_for_robot.end();
             settings.say(&answers);
         }
         // The picture shows the vehicle, so a pose is needed too.

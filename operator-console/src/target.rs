@@ -198,6 +198,11 @@ impl WaitForRobot {
         }
     }
 
+    /// The robot has answered: nothing else is searched for.
+    pub(crate) fn end(&mut self) {
+        self.discovery = None;
+    }
+
     /// Why the robot was not found. Waits for the search if it has just begun.
     pub(crate) fn conclusion(mut self, is_interrupted: &impl Fn() -> bool) -> anyhow::Error {
         let deadline = clock::now() + ASKING_TIME;

@@ -88,13 +88,11 @@ pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Sessi
 
 /// Opens sessions in turn: the next one starts when the previous ones have failed or after their head start. Returns
 /// the first one that is open.
-///
-/// The other side may have started just now, while QUIC waited to ask again: before another attempt wins, QUIC gets one more head start.
 fn first_to_open(
     channel: Channel,
     attempt_list: Vec<(Config, String)>,
 ) -> Result<Session, LinkError> {
-    let open = move |(config, endpoints): (Config, String)| {
+    let open = move |config: Config, endpoints: String| {
         zenoh::open(config).wait().map_err(|why| LinkError::Open {
             channel,
             endpoints,
@@ -102,40 +100,30 @@ fn first_to_open(
         })
     };
     let count = attempt_list.len();
-    let first = attempt_list.first().cloned();
     let mut attempt_list = attempt_list.into_iter().enumerate();
     let (sender, opened) = sync_channel(count);
-    let begin = |n: usize, attempt: (Config, String)| {
-        let sender = sender.clone();
-        thread::spawn(move || {
-            if let Err(SendError((_, Ok(late)))) = sender.send((n, open(attempt))) {
-                // Another session was opened first.
-                drop(late.close().wait());
-            }
-        });
-    };
     let mut underway = 0;
     loop {
-        if let Some((n, attempt)) = attempt_list.next() {
+        if let Some((n, (config, endpoints))) = attempt_list.next() {
             if count == 1 {
-                return open(attempt);
+                return open(config, endpoints);
             }
+            let sender = sender.clone();
             underway += 1;
-            begin(n, attempt);
+            thread::spawn(move || {
+                if let Err(SendError((_, Ok(late)))) = sender.send((n, open(config, endpoints))) {
+                    // Another session was opened first.
+                    drop(late.close().wait());
+                }
+            });
         }
         match opened.recv_timeout(FALLBACK_DELAY) {
-            Ok((0, Ok(session))) => return Ok(session),
-            Ok((_, Ok(session))) => {
-                if let Some(first) = first {
-                    begin(0, first);
+            Ok((n, Ok(session))) => {
+                if n > 0 {
+                    tracing::warn!(
+                        "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
+                    );
                 }
-                if let Ok((0, Ok(preferred))) = opened.recv_timeout(FALLBACK_DELAY) {
-                    drop(session.close().wait());
-                    return Ok(preferred);
-                }
-                tracing::warn!(
-                    "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
-                );
                 return Ok(session);
             }
             Ok((_, Err(why))) => {

@@ -19,12 +19,12 @@ use measurement::time::Monotonic;
 const NEAR_M: f64 = 20.0;
 /// Interval of announcements of all cells of a tile. With the time to push them, everything is sent 15 s after the last change.
 const HOLD: Duration = Duration::from_secs(10);
-/// Interval of announcements of visible changes of a tile: every second publication, so that they are 2 s old at most.
-const VISIBLE_HOLD: Duration = Duration::from_millis(1500);
+/// Interval of announcements of visible changes of a tile: 2 s, with publications each 0.2 or 1 s.
+const VISIBLE_HOLD: Duration = Duration::from_millis(1900);
 /// Of the tiles near the vehicle that have not changed for this long, so many are announced whole each second, the longest unchanged
 /// first: where little goes on, what is shown is 2 s old at most.
 const SETTLED: Duration = Duration::from_secs(1);
-const SETTLED_AT_ONCE: usize = 2;
+const SETTLED_AT_ONCE: usize = 4;
 /// If nothing has changed for this long, nothing is held back.
 const QUIET: Duration = Duration::from_secs(3);
 /// What is held back is looked through when something else changes, so that messages are few, or after this time.

@@ -300,23 +300,3 @@ fn a_cut_quic_link_returns_to_quic() {
     assert!(is_live(&session.model()));
     assert!(back < UP_WITHIN, "{back:?}");
 }
-
-/// TLS finds a vehicle or router that has just started before QUIC asks again.
-#[test]
-fn a_console_that_waits_for_its_vehicle_goes_by_quic() {
-    let (fleet, port) = (Fleet::new(), free_port());
-    let endpoints = fleet.endpoints("anna", quic(port));
-    let session = open_session(&endpoints, &[LayerId::Occupancy], || {});
-    // Both have asked in vain.
-    sleep(Duration::from_secs(2));
-    let _edge = robot(&fleet, &quic(port));
-    wait_until("live", || is_live(&session.model()));
-    wait_until("a report of the transport", || {
-        session.transport().is_some()
-    });
-    assert!(
-        goes_by(&session, Transport::Quic),
-        "{:?}",
-        session.transport()
-    );
-}
