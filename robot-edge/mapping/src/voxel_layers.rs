@@ -175,10 +175,10 @@ impl VoxelLayers {
             if self.cost_timer.is_due(scan.stamp) {
                 self.update_cost();
             }
-            if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore) {
-                if self.shore_timer.is_due(scan.stamp) {
-                    shore.begin_update(cost, &self.octree, self.vehicle_in_odom.xy());
-                }
+            if let (Some(cost), Some(shore)) = (&self.cost, &mut self.shore)
+                && self.shore_timer.is_due(scan.stamp)
+            {
+                shore.begin_update(cost, &self.octree, self.vehicle_in_odom.xy());
             }
         } else {
             // Discarded: no layer uses them.

@@ -19,8 +19,8 @@ use measurement::time::Monotonic;
 const NEAR_M: f64 = 20.0;
 /// Interval of announcements of all cells of a tile. With the time to push them, everything is sent 15 s after the last change.
 const HOLD: Duration = Duration::from_secs(10);
-/// Interval of announcements of visible changes of a tile: 2 s, with publications each 0.2 or 1 s.
-const VISIBLE_HOLD: Duration = Duration::from_millis(1900);
+/// Interval of announcements of visible changes of a tile: every second publication, so that they are 2 s old at most.
+const VISIBLE_HOLD: Duration = Duration::from_millis(1500);
 /// Of the tiles near the vehicle that have not changed for this long, so many are announced whole each second, the longest unchanged
 /// first: where little goes on, what is shown is 2 s old at most.
 const SETTLED: Duration = Duration::from_secs(1);

@@ -162,15 +162,8 @@ fn site(site: &DockingSite) -> message::DockingSite {
     }
 }
 
-/// A change of a value by this part of its unit is visible: a probability by 0.1, a height by 0.1 m; a metric by 0.25, as classes are made of
-/// it, which are layers of their own.
-const fn visible_part(layer: LayerId) -> u16 {
-    if matches!(layer, LayerId::Intra | LayerId::Inter) {
-        4
-    } else {
-        10
-    }
-}
+/// A change of a value by this part of its unit is visible: a probability by 0.1, a height by 0.1 m.
+const VISIBLE_PART: u16 = 10;
 
 /// The cells `after`, without those that only waver.
 pub(super) fn with_visible_changes(
@@ -179,7 +172,7 @@ pub(super) fn with_visible_changes(
     after: &TileCells,
 ) -> TileCells {
     let step = match layer.quantisation() {
-        Quantisation::Linear { steps_per_unit, .. } => steps_per_unit / visible_part(layer),
+        Quantisation::Linear { steps_per_unit, .. } => steps_per_unit / VISIBLE_PART,
         Quantisation::Classes(_) => 1,
     };
     let mut cells = after.clone();
