@@ -287,7 +287,12 @@ impl Robot {
                 rows,
             };
             let (tx, ty) = tile;
-            let tiles = vec![ChangedTile { tx, ty, band }];
+            let tiles = vec![ChangedTile {
+                tx,
+                ty,
+                older_ns: 0,
+                band,
+            }];
             self.push(model, Topic::Changes(layer), &Changes { tiles }, now);
         }
     }

@@ -198,7 +198,7 @@ impl Snapshot {
 fn path(model: &ConsoleModel) -> Arc<[StampedPose]> {
     match model.trajectory() {
         TrajectoryProgress::Ready(poses) => poses,
-        _ => model.vehicle().poses().into(),
+        _ => model.vehicle().poses().iter_from(0).collect(),
     }
 }
 

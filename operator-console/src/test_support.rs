@@ -122,7 +122,12 @@ pub(crate) fn announce_boot(model: &mut ConsoleModel, run: BootId, now: Monotoni
 /// One band as it is pushed.
 pub(crate) fn changes(key: TileKey, band: TileBand) -> Changes {
     let (tx, ty) = (key.tx, key.ty);
-    let tiles = vec![ChangedTile { tx, ty, band }];
+    let tiles = vec![ChangedTile {
+        tx,
+        ty,
+        older_ns: 0,
+        band,
+    }];
     Changes { tiles }
 }
 

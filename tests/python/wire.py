@@ -365,7 +365,7 @@ EVENT = Struct(kind=TEXT, severity=Enum(Info=None, Warning=None, Alarm=None), me
 MAP_HEAD = Struct(layers=List(Struct(layer=LAYER, epoch=U32, head_revision=U64, tiles=U32, root=DIGEST)))
 VIEW = Struct(rectangle_m=Tuple(F32, F32, F32, F32), layers=U32, revision=U64, is_synchronized=BOOL, wants_scan=BOOL)
 TILE_BAND = Struct(epoch=U32, revision=U64, base=U64, check=CHECK, rows=BYTES)
-CHANGES = Struct(tiles=List(Struct(tx=I32, ty=I32, band=TILE_BAND)))
+CHANGES = Struct(tiles=List(Struct(tx=I32, ty=I32, older_ns=U64, band=TILE_BAND)))
 DIGESTS_REQUEST = Struct(newer_than=U64)
 DIGESTS = Struct(
     epoch=U32,

@@ -138,8 +138,14 @@ impl ConsoleModel {
             }
             Topic::Changes(layer) => {
                 let (header, changes): (_, Changes) = decode(payload)?;
-                for ChangedTile { tx, ty, band } in changes.tiles {
+                for tile in changes.tiles {
+                    let ChangedTile { tx, ty, band, .. } = tile;
                     let key = TileKey { layer, tx, ty };
+                    let newest_ns = header.robot_time_ns;
+                    let header = Header {
+                        robot_time_ns: newest_ns.saturating_sub_unsigned(tile.older_ns),
+                        ..header
+                    };
                     if let Err(reason) = self.map.take_band(key, header, &band, None, now) {
                         self.reject_counts.add(reason, 1);
                     }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use measurement::time::Monotonic;
-use protocol::export::StampedPose;
+use protocol::export::{Poses, StampedPose};
 use protocol::message::{MAX_SENSORS, Pose, Scan};
 
 use super::handle_message::pose_changed;
@@ -11,17 +11,17 @@ use super::messages::RejectReason;
 
 /// Poses kept for the export; a longer run is thinned by half, repeatedly.
 const MAX_POSES: usize = 500_000;
-/// A pose is kept once the vehicle has moved so far since the last one, metres, or turned: change of a part of its quaternion, 2°.
-const KEPT_STEP_M: f64 = 0.05;
-const KEPT_TURN: f64 = 0.02;
+/// From one of them to the next, nanoseconds, at least: of a driven vehicle come 50 a second.
+const KEPT_PERIOD_NS: u64 = 100_000_000;
 
 #[derive(Clone, Debug, Default)]
 pub struct Vehicle {
     pose: Option<(Pose, i64, Monotonic)>,
     trail: Trail,
-    poses: Vec<StampedPose>,
-    stride: u64,
-    received: u64,
+    poses: Poses,
+    kept_ns: Option<i64>,
+    /// How often the poses were thinned by half.
+    thinned: u32,
     drawn: Option<Pose>,
 }
 
@@ -46,21 +46,19 @@ impl Vehicle {
         &self.trail.points_m
     }
 
-    /// Oldest first; none of a vehicle that stands.
-    pub fn poses(&self) -> &[StampedPose] {
+    /// At most ten a second, where it visibly moved or changed its speed, oldest first.
+    pub const fn poses(&self) -> &Poses {
         &self.poses
     }
 
     pub(super) fn take(&mut self, pose: Pose, stamp_ns: i64, now: Monotonic) -> bool {
-        let before = self.pose.replace((pose, stamp_ns, now));
-        if before.is_none_or(|(_, before_ns, _)| before_ns != stamp_ns) {
-            self.keep(pose, stamp_ns);
-        }
+        self.pose = Some((pose, stamp_ns, now));
         let [x, y, _] = pose.position_m;
         self.trail.add(stamp_ns, [x, y]);
         let pose_changed = self.drawn.is_none_or(|drawn| pose_changed(&drawn, &pose));
         if pose_changed {
             self.drawn = Some(pose);
+            self.keep(pose, stamp_ns);
         }
         pose_changed
     }
@@ -80,34 +78,21 @@ impl Vehicle {
     }
 
     fn keep(&mut self, pose: Pose, stamp_ns: i64) {
-        let pose = StampedPose::new(
+        let period_ns = KEPT_PERIOD_NS << self.thinned;
+        let is_soon = |kept_ns: i64| stamp_ns.abs_diff(kept_ns) < period_ns;
+        if self.kept_ns.is_some_and(is_soon) {
+            return;
+        }
+        self.kept_ns = Some(stamp_ns);
+        if self.poses.len() >= MAX_POSES {
+            self.poses = self.poses.iter_from(0).step_by(2).collect();
+            self.thinned += 1;
+        }
+        self.poses.push(StampedPose::new(
             stamp_ns,
             pose.position_m,
             pose.quaternion_xyzw.map(f64::from),
-        );
-        let differ = |step: f64| move |(a, b): (f64, f64)| (a - b).abs() >= step;
-        let is_new = self.poses.last().is_none_or(|last| {
-            let mut moved = last.position_m().into_iter().zip(pose.position_m());
-            let turned = last.quaternion_xyzw().into_iter();
-            let mut turned = turned.zip(pose.quaternion_xyzw());
-            moved.any(differ(KEPT_STEP_M)) || turned.any(differ(KEPT_TURN))
-        });
-        if !is_new {
-            return;
-        }
-        let stride = self.stride.max(1);
-        if self.received.is_multiple_of(stride) {
-            if self.poses.len() >= MAX_POSES {
-                let mut index = 0u64;
-                self.poses.retain(|_| {
-                    index += 1;
-                    index % 2 == 1
-                });
-                self.stride = stride * 2;
-            }
-            self.poses.push(pose);
-        }
-        self.received += 1;
+        ));
     }
 }
 
@@ -253,17 +238,38 @@ mod tests {
     }
 
     #[test]
-    fn export_keeps_poses_that_the_trail_skips_but_none_of_a_standstill() {
+    fn export_keeps_poses_that_the_trail_skips() {
         let mut vehicle = Vehicle::default();
         let now = Monotonic::default();
-        assert!(vehicle.take(pose(0.0, 0.0, 1.0), 0, now));
-        assert!(!vehicle.take(pose(0.0, 0.0, 1.0), 1, now));
-        assert!(vehicle.take(pose(0.04, 0.0, 1.0), 2, now));
-        assert!(vehicle.take(pose(0.06, 0.0, 1.0), 3, now));
-        assert!(vehicle.take(pose(0.06, 0.03, 1.0), 4, now));
+        for (x, ms, is_changed) in [
+            (0.0, 0, true),
+            (0.0, 200, false),
+            (0.03, 400, true),
+            (0.04, 450, true),
+            (0.05, 500, true),
+        ] {
+            let changed = vehicle.take(pose(x, 0.0, 1.0), ms * 1_000_000, now);
+            assert_eq!(changed, is_changed, "{ms} ms");
+        }
         assert_eq!(vehicle.trail().len(), 1);
-        let kept = vehicle.poses().iter().map(|pose| pose.stamp_ns);
-        assert_eq!(kept.collect::<Vec<_>>(), [0, 3, 4]);
+        let kept = vehicle.poses().iter_from(0);
+        let kept: Vec<_> = kept.map(|pose| pose.stamp_ns / 1_000_000).collect();
+        assert_eq!(kept, [0, 400, 500]);
+    }
+
+    #[test]
+    fn poses_of_a_long_run_are_thinned_by_half_again_and_again() {
+        let mut vehicle = Vehicle::default();
+        let most = i64::try_from(MAX_POSES).unwrap();
+        let tenths = 3 * most;
+        for tenth in 0..tenths {
+            let at = pose(0.01 * tenth as f64, 0.0, 1.0);
+            vehicle.take(at, tenth * 100_000_000, Monotonic::default());
+        }
+        let kept = vehicle.poses().iter_from(0);
+        let kept: Vec<_> = kept.map(|pose| pose.stamp_ns / 100_000_000).collect();
+        let expected: Vec<_> = (0..tenths).step_by(4).collect();
+        assert_eq!(kept, expected);
     }
 
     #[test]

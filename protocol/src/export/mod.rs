@@ -9,6 +9,7 @@ mod date;
 mod geojson;
 mod geotiff;
 mod picture;
+mod poses;
 mod shores;
 mod trajectory;
 
@@ -24,6 +25,7 @@ pub use contours::write_contours;
 pub use date::{span_label, utc_label};
 pub use geotiff::write_geotiff;
 pub use picture::{Caption, Footprint, Label, length_label, round_length_m, write_picture};
+pub use poses::Poses;
 pub use shores::{shore_labels, write_shores};
 pub use trajectory::{StampedPose, write_covariances, write_path, write_trajectory};
 

@@ -45,6 +45,8 @@ pub struct ChangedTile {
     pub tx: i32,
     /// Tile row.
     pub ty: i32,
+    /// Its data is so much older than the stamp of the message, nanoseconds.
+    pub older_ns: u64,
     /// The tile, or half of it.
     pub band: TileBand,
 }

@@ -262,7 +262,7 @@ impl Output {
             let stamp = RobotTime::from_nanos(newest?.stamp_ns);
             Some((
                 stamp,
-                path(stamp, &trajectory.lock().thinned(MAX_PATH_POSES)),
+                path(stamp, &trajectory.snapshot().thinned(MAX_PATH_POSES)),
             ))
         });
         self.publish_grids();

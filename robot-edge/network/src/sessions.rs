@@ -16,6 +16,7 @@ use super::endpoints::{Channel, attempts, listeners};
 use super::security::{self, SettingsOfTls};
 use crate::audit::Audit;
 use crate::credentials::{Credentials, OperatorList};
+use crate::random_id;
 
 #[derive(Clone, Debug, Default)]
 pub struct Endpoints {
@@ -47,6 +48,12 @@ pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(6);
 /// Interval of attempts to connect.
 pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
+/// Time after which an attempt to connect in the background is given up, ms, and up to so much more, at random. The listener of QUIC takes
+/// connections one after another, and 100 ms for each that was given up (Zenoh's `throttle_time`): where 45 vehicles gave up after 4 s, all
+/// at once, it never came to those that still waited. Less than the 10 s in which Zenoh closes a session.
+const RECONNECT_TIMEOUT_MS: u64 = 7000;
+const RECONNECT_SPREAD_MS: u64 = 2000;
+
 /// Head start of QUIC before TLS is tried in parallel: some round trips of a long link. A silent client can block the
 /// QUIC listener, but not that of TLS.
 const FALLBACK_DELAY: Duration = Duration::from_millis(600);
@@ -71,7 +78,10 @@ pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Sessi
     }
     let mut configs = Vec::with_capacity(attempt_list.len());
     for connect in attempt_list {
-        let settings = settings((side, channel), &listen, &connect, credentials.is_none());
+        let [random, ..] = random_id()?;
+        let timeout_ms = RECONNECT_TIMEOUT_MS + RECONNECT_SPREAD_MS * u64::from(random) / 255;
+        let settings = settings((side, channel), &listen, &connect, credentials.is_none())
+            .chain([("transport/unicast/open_timeout", json!(timeout_ms))]);
         let file = endpoints.zenoh_config.as_deref();
         let config = config(settings.chain(security.clone()), file)?;
         configs.push((config, [&listen[..], &connect].concat().join(", ")));

@@ -1,4 +1,4 @@
-//! The map that is announced to consoles: it follows the tile store at once where an operator sees the change, and seldom elsewhere.
+//! The map that is announced to consoles: it follows the tile store in short rounds where an operator sees the change, and seldom elsewhere.
 //!
 //! Map heads, lists of digests and replies describe this map, so a console that has what was pushed is synchronized and requests
 //! nothing. What is held back is announced in time, and at once when nothing changes any more.
@@ -15,12 +15,13 @@ use crate::lock;
 use crate::publishing::cells_to_tiles::with_visible_changes;
 use measurement::time::Monotonic;
 
-/// Nearer to the vehicle visible changes are announced at once, metres.
+/// Nearer to the vehicle visible changes are announced in each round, metres.
 const NEAR_M: f64 = 20.0;
-/// Interval of announcements of all cells of a tile. With the time to push them, everything is sent 15 s after the last change.
-const HOLD: Duration = Duration::from_secs(10);
-/// Interval of announcements of visible changes of a tile: every second publication, so that they are 2 s old at most.
-const VISIBLE_HOLD: Duration = Duration::from_millis(1500);
+/// Interval of announcements of all cells of a tile, up to the next round. With the time to push them, everything is sent 15 s after the
+/// last change.
+const HOLD: Duration = Duration::from_secs(11);
+/// Interval of announcements of visible changes, of all tiles at once, so that messages are few: they are 2 s old at most.
+const ROUND: Duration = Duration::from_millis(1900);
 /// Of the tiles near the vehicle that have not changed for this long, so many are announced whole each second, the longest unchanged
 /// first: where little goes on, what is shown is 2 s old at most.
 const SETTLED: Duration = Duration::from_secs(1);
@@ -30,7 +31,7 @@ const QUIET: Duration = Duration::from_secs(3);
 /// What is held back is looked through when something else changes, so that messages are few, or after this time.
 const BATCH: Duration = Duration::from_secs(1);
 
-/// Where changes are wanted at once.
+/// Where changes are wanted in each round.
 #[derive(Clone, Debug, Default)]
 pub struct Attention {
     /// In `odom`, metres; everywhere is near if it is unknown.
@@ -45,8 +46,9 @@ pub struct AnnouncedMap {
     announced: Arc<Mutex<TileStore>>,
     /// Tiles with cells that changed since they were announced, and when they last changed.
     held: BTreeMap<TileKey, Monotonic>,
-    /// When tiles were announced, if all of their cells were within [`HOLD`].
-    announced_at: BTreeMap<TileKey, AnnouncedAt>,
+    /// When all cells of tiles were announced, if they were lately.
+    announced_at: BTreeMap<TileKey, Monotonic>,
+    last_round: Option<Monotonic>,
     last_batch: Option<Monotonic>,
     last_settled: Option<Monotonic>,
     last_change: Option<Monotonic>,
@@ -61,6 +63,7 @@ impl AnnouncedMap {
             announced: Arc::new(Mutex::new(announced)),
             held: BTreeMap::new(),
             announced_at: BTreeMap::new(),
+            last_round: None,
             last_batch: None,
             last_settled: None,
             last_change: None,
@@ -86,26 +89,30 @@ impl AnnouncedMap {
     ) -> Vec<TileKey> {
         self.adopt_epochs(attention);
         let is_batch_due = self.last_batch.is_none_or(|at| now.since(at) >= BATCH);
+        let round_at = *self.last_round.get_or_insert(now);
+        let is_round_due = now.since(round_at) >= ROUND;
         if !changed.is_empty() {
             self.last_change = Some(now);
-        } else if !is_batch_due {
+        } else if !is_batch_due && !is_round_due {
             return Vec::new();
+        }
+        if is_round_due {
+            self.last_round = Some(now);
         }
         let is_quiet = self.last_change.is_none_or(|at| now.since(at) >= QUIET);
         self.held.extend(changed.into_iter().map(|key| (key, now)));
         self.last_batch = Some(now);
         let settled = self.settled(attention, now);
-        self.announced_at.retain(|_, at| now.since(at.whole) < HOLD);
+        self.announced_at
+            .retain(|_, at| now.since(*at) < HOLD + ROUND);
         let mut pushed = Vec::new();
         for (key, changed_at) in std::mem::take(&mut self.held) {
-            let at = self.announced_at.entry(key).or_insert(AnnouncedAt {
-                whole: now,
-                part: now,
-            });
-            let part = if is_quiet || at.whole == now || settled.contains(&key) {
+            let at = self.announced_at.entry(key).or_insert(now);
+            let is_hold_over = is_round_due && now.since(*at) >= HOLD;
+            let part = if is_quiet || is_hold_over || *at == now || settled.contains(&key) {
+                *at = now;
                 Part::Whole
-            } else if now.since(at.part) >= VISIBLE_HOLD {
-                at.part = now;
+            } else if is_round_due {
                 self.part(key, attention)
             } else {
                 Part::Nothing
@@ -238,12 +245,6 @@ impl AnnouncedMap {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct AnnouncedAt {
-    whole: Monotonic,
-    part: Monotonic,
-}
-
 /// What of a tile is announced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
@@ -320,7 +321,7 @@ mod tests {
         let all = u32::MAX;
         let here = || vec![view(20.0, all)];
         let wide = || vec![view(0.0, all), view(80.0, all)];
-        let (seldom, often) = (vec![0, 10, 20], (0..25).step_by(2).collect::<Vec<u64>>());
+        let (seldom, often) = (vec![0, 12, 24], (0..27).step_by(2).collect::<Vec<u64>>());
         let cases = [
             // 19.6 m, 26 m and 25.2 m from the vehicle.
             (LayerId::Occupancy, 4, flips, here(), &often),
@@ -341,15 +342,15 @@ mod tests {
             let case = format!("{key} {codes:?} {views:?}");
             let mut rig = Rig::new(views);
             let mut announced = Vec::new();
-            for s in 0..25 {
-                let changed = rig.publish(key, uniform_tile(codes[s as usize % 3]));
+            for s in 0..27 {
+                let changed = rig.publish(key, uniform_tile(codes[s as usize % 5 / 2]));
                 if !rig.map.update(changed, &rig.attention, at(s)).is_empty() {
                     announced.push(s);
                 }
             }
             assert_eq!(announced, *expected, "{case}");
             assert_eq!(rig.is_all_announced(layer), expected == &often, "{case}");
-            for s in 25..28 {
+            for s in 27..30 {
                 rig.map.update(BTreeSet::new(), &rig.attention, at(s));
             }
             assert!(rig.is_all_announced(layer), "{case}");
@@ -405,7 +406,7 @@ mod tests {
             // It moved on a little each time.
             (6, [1, 0, 85, 95], 1, [1, 0, 85, 95], 0),
             (8, [1, 0, 84, 95], 0, [1, 0, 85, 95], 1),
-            (10, [1, 0, 84, 95], 1, [1, 0, 84, 95], 0),
+            (12, [1, 0, 84, 95], 1, [1, 0, 84, 95], 0),
         ] {
             assert_eq!(
                 announced(&mut rig, s, mapped),

@@ -33,35 +33,41 @@ impl PushedTiles {
         self.0.retain(|key, _| is_kept(key.layer));
     }
 
-    /// Messages with these tiles, each with its layer and the stamp of its tiles, nanoseconds on the clock of the data.
+    /// Messages with these tiles, each with its layer and the stamp of its newest tile, nanoseconds on the clock of the data.
     pub fn changes(
         &mut self,
         store: &Mutex<TileStore>,
         keys: Vec<TileKey>,
     ) -> Vec<(LayerId, i64, Changes)> {
-        let mut messages: Vec<(LayerId, i64, Changes)> = Vec::new();
-        let mut sizes: Vec<usize> = Vec::new();
+        let mut messages: Vec<(LayerId, usize, Vec<(i64, TileKey, TileBand)>)> = Vec::new();
         for key in keys {
             for (stamp_ns, band) in self.bands(store, key) {
                 let bytes = band.rows.len();
-                let found = messages
-                    .iter()
-                    .zip(&sizes)
-                    .position(|((layer, stamp, _), size)| {
-                        *layer == key.layer && *stamp == stamp_ns && size + bytes <= FULL_BYTES
-                    });
-                let (tx, ty) = (key.tx, key.ty);
-                let tile = ChangedTile { tx, ty, band };
-                if let Some(place) = found {
-                    messages[place].2.tiles.push(tile);
-                    sizes[place] += bytes;
+                let tile = (stamp_ns, key, band);
+                let place = messages
+                    .iter_mut()
+                    .find(|(layer, size, _)| *layer == key.layer && *size + bytes <= FULL_BYTES);
+                if let Some((_, size, tiles)) = place {
+                    *size += bytes;
+                    tiles.push(tile);
                 } else {
-                    messages.push((key.layer, stamp_ns, Changes { tiles: vec![tile] }));
-                    sizes.push(bytes);
+                    messages.push((key.layer, bytes, vec![tile]));
                 }
             }
         }
-        messages
+        let message = |(layer, _, tiles): (_, _, Vec<(i64, TileKey, TileBand)>)| {
+            let newest_ns = tiles.iter().map(|(stamp_ns, ..)| *stamp_ns).max();
+            let newest_ns = newest_ns.unwrap_or_default();
+            let tiles = tiles.into_iter().map(|(stamp_ns, key, band)| ChangedTile {
+                tx: key.tx,
+                ty: key.ty,
+                older_ns: newest_ns.abs_diff(stamp_ns),
+                band,
+            });
+            let tiles = tiles.collect();
+            (layer, newest_ns, Changes { tiles })
+        };
+        messages.into_iter().map(message).collect()
     }
 
     fn bands(&mut self, store: &Mutex<TileStore>, key: TileKey) -> Vec<(i64, TileBand)> {
@@ -121,14 +127,10 @@ mod tests {
         keys: &[i32],
     ) -> Vec<Vec<(u8, u64, i32)>> {
         let messages = tiles.changes(store, keys.iter().map(|tx| key(*tx)).collect());
-        let tiles = messages.into_iter().map(|(_, _, changes)| changes.tiles);
-        tiles
-            .map(|tiles| {
-                let coded = tiles.iter();
-                coded
-                    .map(|tile| (tile.band.rows[3], tile.band.base, tile.tx))
-                    .collect()
-            })
+        let of = |tile: &ChangedTile| (tile.band.rows[3], tile.band.base, tile.tx);
+        let messages = messages.iter();
+        messages
+            .map(|(_, _, changes)| changes.tiles.iter().map(of).collect())
             .collect()
     }
 
@@ -154,7 +156,7 @@ mod tests {
         publish(&store, 0, uniform_tile(6));
         let both = vec![vec![(2, 1, 0), (1, 0, 2)]];
         assert_eq!(pushed(&mut tiles, &store, &[0, 2]), both);
-        // Each stamp has its message, and a long tile, too.
+        // A long tile has its own message; others have one, with the stamp of the newest.
         store.lock().unwrap().set_stamp(9);
         publish(&store, 1, uniform_tile(7));
         let mut state = 1_u32;
@@ -164,7 +166,13 @@ mod tests {
         });
         publish(&store, 0, noise);
         let keys = pushed(&mut tiles, &store, &[2, 1, 0]);
-        assert_eq!(keys, [vec![(2, 3, 2)], vec![(2, 2, 1)], vec![(2, 4, 0)]]);
+        assert_eq!(keys, [vec![(2, 3, 2), (2, 2, 1)], vec![(2, 4, 0)]]);
+        let stamped = tiles.changes(&store, [2, 1].map(key).into());
+        let [(_, stamp_ns, Changes { tiles: both })] = &stamped[..] else {
+            panic!("{stamped:?}");
+        };
+        let older = both.iter().map(|tile| tile.older_ns);
+        assert_eq!((*stamp_ns, older.collect::<Vec<_>>()), (9, vec![9, 0]));
         // What was pushed is void after an erasure, and unknown to consoles where nobody follows.
         store.lock().unwrap().erase_layer(LAYER).unwrap();
         publish(&store, 0, uniform_tile(6));

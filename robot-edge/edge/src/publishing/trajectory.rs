@@ -2,13 +2,13 @@
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use protocol::export::StampedPose;
+use protocol::export::{Poses, StampedPose};
 use protocol::message::{TrajectoryPart, TrajectoryRequest};
 
 use crate::lock;
 use mapping::registered_scan::RegisteredScan;
 
-/// Maximum number of poses: 64 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
+/// Maximum number of poses: 20 to 30 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
 const MAX_POSES: usize = 1_000_000;
 
 #[derive(Clone, Debug, Default)]
@@ -18,13 +18,18 @@ impl SharedTrajectory {
     pub fn lock(&self) -> MutexGuard<'_, Trajectory> {
         lock(&self.0)
     }
+
+    /// To be read at length, while mapping goes on.
+    pub fn snapshot(&self) -> Trajectory {
+        self.lock().clone()
+    }
 }
 
 /// The poses of mapped scans, oldest first.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// Poses after the shown ones belong to a recording that was sought back; seeking forward needs them.
-    poses: Vec<StampedPose>,
+    poses: Poses,
     /// Poses of the scans in a paused snapshot.
     provisional: Vec<StampedPose>,
     /// Every `stride`-th pose is kept.
@@ -37,7 +42,7 @@ pub struct Trajectory {
 impl Default for Trajectory {
     fn default() -> Self {
         Self {
-            poses: Vec::new(),
+            poses: Poses::default(),
             provisional: Vec::new(),
             stride: 1,
             scans: 0,
@@ -62,41 +67,35 @@ impl Trajectory {
                 self.thin();
             }
             let at = self.len();
-            match self.poses.get_mut(at) {
-                Some(known) => *known = pose,
-                None => self.poses.push(pose),
+            if at < self.poses.len() {
+                self.poses.replace(at, pose);
+            } else {
+                self.poses.push(pose);
             }
         }
         self.scans += 1;
     }
 
     pub fn poses(&self) -> Vec<StampedPose> {
-        (0..self.visible_len())
-            .filter_map(|at| self.pose(at))
-            .collect()
+        self.iter_from(0).collect()
     }
 
     /// At most `most` poses, with the same number of scans between them.
     pub fn thinned(&self, most: usize) -> Vec<StampedPose> {
-        let len = self.visible_len();
-        let step = len.div_ceil(most.max(1)).max(1);
-        (0..len)
-            .step_by(step)
-            .filter_map(|at| self.pose(at))
-            .collect()
+        let step = self.visible_len().div_ceil(most.max(1)).max(1);
+        self.iter_from(0).step_by(step).collect()
     }
 
     pub fn last(&self) -> Option<StampedPose> {
-        self.pose(self.visible_len().checked_sub(1)?)
+        self.iter_from(self.visible_len().checked_sub(1)?).next()
     }
 
-    fn pose(&self, at: usize) -> Option<StampedPose> {
+    /// The shown poses from number `from` on.
+    fn iter_from(&self, from: usize) -> impl Iterator<Item = StampedPose> {
         let len = self.len();
-        let pose = match at.checked_sub(len) {
-            None => self.poses.get(at),
-            Some(behind) => self.provisional.get(behind),
-        };
-        pose.copied()
+        let recorded = self.poses.iter_from(from).take(len.saturating_sub(from));
+        let behind = self.provisional.iter().skip(from.saturating_sub(len));
+        recorded.chain(behind.copied())
     }
 
     pub const fn scans(&self) -> u64 {
@@ -105,9 +104,8 @@ impl Trajectory {
 
     /// Moves all poses.
     pub fn correct(&mut self, corrected: impl Fn(&StampedPose) -> StampedPose) {
-        for pose in &mut self.poses {
-            *pose = corrected(pose);
-        }
+        let corrected = self.poses.iter_from(0).map(|pose| corrected(&pose));
+        self.poses = corrected.collect();
         self.number += 1;
     }
 
@@ -128,14 +126,10 @@ impl Trajectory {
             .is_none_or(|number| number == self.number);
         let from = usize::try_from(request.from).unwrap_or(usize::MAX);
         let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
-        let until = if is_this { visible_len } else { 0 };
-        let part = (from..until).step_by(step).filter_map(|at| self.pose(at));
-        let newest = visible_len.checked_sub(1).and_then(|at| self.pose(at));
-        let stamp_ns = newest.map_or(0, |pose| pose.stamp_ns);
-        (
-            stamp_ns,
-            TrajectoryPart::new(self.number, visible_len as u64, part),
-        )
+        let part = self.iter_from(if is_this { from } else { usize::MAX });
+        let stamp_ns = self.last().map_or(0, |pose| pose.stamp_ns);
+        let part = TrajectoryPart::new(self.number, visible_len as u64, part.step_by(step));
+        (stamp_ns, part)
     }
 
     fn visible_len(&self) -> usize {
@@ -148,11 +142,7 @@ impl Trajectory {
     }
 
     fn thin(&mut self) {
-        let mut index = 0;
-        self.poses.retain(|_| {
-            index += 1;
-            index % 2 == 1
-        });
+        self.poses = self.poses.iter_from(0).step_by(2).collect();
         self.stride *= 2;
         self.number += 1;
     }

@@ -548,7 +548,7 @@ impl Topic {
             Content::Path => {
                 let pose_bytes = (PATH_POSE_BYTES + frames.map.len()) as u64;
                 let most = usize::try_from(self.max_bytes / pose_bytes).unwrap_or(usize::MAX);
-                let poses = sources.trajectory.lock().thinned(most);
+                let poses = sources.trajectory.snapshot().thinned(most);
                 let Some(last) = poses.last() else {
                     return Made::Nothing;
                 };

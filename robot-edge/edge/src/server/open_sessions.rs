@@ -21,7 +21,7 @@ use zenoh::{Session, Wait};
 
 use super::edge::LinkServer;
 use super::publish_state::PublishState;
-use super::streams::{self, TopicPublishers};
+use super::streams::{self, BulkPublishers, TopicPublishers};
 use super::{commands, queries};
 use crate::driving::SharedDriveState;
 use crate::lock;
@@ -139,6 +139,7 @@ impl OpenSessions {
             .map(|inbox| commands::take_commands(&context, inbox))
             .transpose()?;
         let publishers = TopicPublishers::declare(&context)?;
+        let bulk_publishers = BulkPublishers::declare(&context)?;
         let key = Topic::Alive.key(&context.robot);
         let alive = control
             .liveliness()
@@ -171,7 +172,7 @@ impl OpenSessions {
             }),
             thread::spawn({
                 let (context, out) = (Arc::clone(&context), out.clone());
-                move || streams::send_tiles(&context, &out)
+                move || streams::send_tiles(&context, &out, &bulk_publishers)
             }),
         ]);
         Ok(Self {

@@ -73,7 +73,7 @@ fn answer(context: &Context, out: &Outgoing, info: &Info, query: &Query) -> Opti
             let (stamp_ns, part) = context
                 .publish_state
                 .trajectory()
-                .lock()
+                .snapshot()
                 .reply(request(query)?);
             messages(out, stamp_ns, &[part])
         }

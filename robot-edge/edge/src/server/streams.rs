@@ -1,5 +1,6 @@
 //! Periodic messages of the robot: state at fixed rates, and changed tiles.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use protocol::keys::Topic;
@@ -33,7 +34,7 @@ const CHANGED_HEAD_PERIOD: Duration = Duration::from_millis(200);
 const TILES_PERIOD: Duration = Duration::from_millis(20);
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the queue at once: few, because the order changes as the vehicle moves.
-const TILES_AT_ONCE: usize = 16;
+const TILES_AT_ONCE: usize = 32;
 
 /// Publishers of periodic topics: their keys cross the network once.
 pub(super) struct TopicPublishers {
@@ -69,6 +70,45 @@ impl TopicPublishers {
             event: declare(Topic::Event, Reliability::Reliable)?,
             map_head: declare(Topic::MapHead, Reliability::Reliable)?,
         })
+    }
+}
+
+/// Publishers on the bulk session.
+pub(super) struct BulkPublishers {
+    changes: BTreeMap<LayerId, Publisher<'static>>,
+    shores: Publisher<'static>,
+    scan: Publisher<'static>,
+}
+
+impl BulkPublishers {
+    pub(super) fn declare(context: &Context) -> Result<Self, LinkError> {
+        let declare = |topic: Topic| {
+            let key = topic.key(&context.robot);
+            context
+                .bulk
+                .declare_publisher(key.clone())
+                // A console that cannot follow requests missing tiles.
+                .congestion_control(CongestionControl::Drop)
+                .priority(Priority::Data)
+                .wait()
+                .map_err(|why| LinkError::Declare { what: key, why })
+        };
+        let changes = LayerId::ALL.into_iter();
+        let changes = changes.map(|layer| Ok((layer, declare(Topic::Changes(layer))?)));
+        Ok(Self {
+            changes: changes.collect::<Result<_, LinkError>>()?,
+            shores: declare(Topic::Shores)?,
+            scan: declare(Topic::Scan)?,
+        })
+    }
+
+    /// Those of these layers whose changes somebody gets: none while the link to all consoles, or to a router, is lost.
+    fn followed(&self, wanted: u32) -> u32 {
+        let followed = self.changes.iter().filter(|(layer, publisher)| {
+            let matching = || publisher.matching_status().wait();
+            wanted & bit(**layer) != 0 && matching().is_ok_and(|status| status.matching())
+        });
+        followed.fold(0, |followed, (layer, _)| followed | bit(*layer))
     }
 }
 
@@ -209,7 +249,7 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
 }
 
 /// Announces changed tiles, and sends them, nearest first, and changed shores, within the budget, until the network closes.
-pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
+pub(super) fn send_tiles(context: &Context, out: &Outgoing, publishers: &BulkPublishers) {
     let mut next = clock::now();
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
@@ -227,8 +267,10 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
         }
         let views = context.publish_state.views(now);
         let wanted = views.iter().fold(0, |wanted, view| wanted | view.layers);
+        let wanted = publishers.followed(wanted);
         context.announce(&views, now);
-        // Only layers that a console shows are encoded; a console that shows another one requests it.
+        // Only layers that a console shows and gets are encoded; a console that shows another one requests it. Once nobody could get
+        // them tiles are pushed whole: what was pushed before may be lost.
         context
             .publish_state
             .tile_queue()
@@ -244,12 +286,12 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
             .collect();
         // Before the tiles, which may fill the budget.
         if !views.is_empty() && bandwidth_limiter.allows(now) {
-            bandwidth_limiter.spent(shores.send(context, out, now));
+            bandwidth_limiter.spent(shores.send(context, out, &publishers.shores, now));
         }
         let wants_scan = views.iter().any(|view| view.wants_scan);
         context.publish_state.want_scan(wants_scan);
         if wants_scan && bandwidth_limiter.allows(now) {
-            bandwidth_limiter.spent(scans.send(context, out, now));
+            bandwidth_limiter.spent(scans.send(context, out, &publishers.scan, now));
         }
         let mut has_sent = false;
         while bandwidth_limiter.allows(clock::now()) {
@@ -261,7 +303,12 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing) {
             for (layer, stamp_ns, changes) in pushed_tiles.changes(&context.store, keys) {
                 let newest = changes.tiles.iter().map(|tile| tile.band.revision).max();
                 let message = out.message(stamp_ns, &changes);
-                let bytes = message.map_or(0, |message| send_changes(context, layer, message));
+                let publisher = publishers.changes.get(&layer);
+                let bytes = publisher.zip(message).map_or(0, |(publisher, message)| {
+                    let bytes = put_bulk(publisher, message);
+                    context.publish_state.pushed(bytes);
+                    bytes
+                });
                 bandwidth_limiter.pushed(newest.unwrap_or(0), bytes, clock::now());
             }
         }
@@ -285,7 +332,13 @@ impl ShoresPush {
     }
 
     /// Sends the shores if they changed and the interval has passed. Returns the number of bytes.
-    fn send(&mut self, context: &Context, out: &Outgoing, now: Monotonic) -> usize {
+    fn send(
+        &mut self,
+        context: &Context,
+        out: &Outgoing,
+        publisher: &Publisher<'static>,
+        now: Monotonic,
+    ) -> usize {
         if now < self.next {
             return 0;
         }
@@ -296,7 +349,7 @@ impl ShoresPush {
         self.revision = news.revision;
         self.next = now + SHORES_PERIOD;
         let message = out.message(stamp_ns, &news);
-        message.map_or(0, |message| put_bulk(context, Topic::Shores, message))
+        message.map_or(0, |message| put_bulk(publisher, message))
     }
 }
 
@@ -323,27 +376,10 @@ fn next_tiles(context: &Context, near: &[[f64; 2]]) -> Vec<TileKey> {
     tile_queue.take_nearest(TILES_AT_ONCE, near, |key| cell_m(&cells, key))
 }
 
-/// Sends changed tiles. Returns the number of bytes.
-fn send_changes(context: &Context, layer: LayerId, message: Vec<u8>) -> usize {
-    let bytes = put_bulk(context, Topic::Changes(layer), message);
-    context.publish_state.pushed(bytes);
-    bytes
-}
-
 /// Sends a message on the bulk session. Returns the number of bytes.
-pub(super) fn put_bulk(context: &Context, topic: Topic, message: Vec<u8>) -> usize {
+fn put_bulk(publisher: &Publisher<'static>, message: Vec<u8>) -> usize {
     let bytes = message.len();
-    let key = topic.key(&context.robot);
-    let sent = context
-        .bulk
-        .put(key.clone(), message)
-        // A console that cannot follow requests missing tiles.
-        .congestion_control(CongestionControl::Drop)
-        .priority(Priority::Data)
-        .wait();
-    if let Err(why) = sent {
-        tracing::debug!(%why, key, "not sent");
-    }
+    put(publisher, Some(message));
     bytes
 }
 
@@ -352,35 +388,39 @@ const SCAN_PERIOD: Duration = Duration::from_millis(200);
 const SCAN_SHARE: f64 = 1.0 / 16.0;
 /// A waiting tile within this distance of the vehicle has priority over scans, metres.
 const SCAN_WAITS_FOR_M: f64 = 15.0;
-pub(super) struct ScanPush {
+struct ScanPush {
     token_bucket: TokenBucket,
     next: Monotonic,
 }
 
 impl ScanPush {
-    pub(super) fn new(budget_kbps: u32, now: Monotonic) -> Self {
+    fn new(budget_kbps: u32, now: Monotonic) -> Self {
         Self {
             token_bucket: TokenBucket::new(SCAN_SHARE * f64::from(budget_kbps), now),
             next: now,
         }
     }
 
-    pub(super) fn set_budget(&mut self, budget_kbps: u32) {
+    fn set_budget(&mut self, budget_kbps: u32) {
         self.token_bucket
             .set_rate(SCAN_SHARE * f64::from(budget_kbps));
     }
 
     /// Sends the last scans if they are due and no tile near the vehicle waits. Returns the number of bytes.
-    pub(super) fn send(&mut self, context: &Context, out: &Outgoing, now: Monotonic) -> usize {
+    fn send(
+        &mut self,
+        context: &Context,
+        out: &Outgoing,
+        publisher: &Publisher<'static>,
+        now: Monotonic,
+    ) -> usize {
         if now < self.next || !self.token_bucket.allows(now) || is_map_waiting(context) {
             return 0;
         }
         self.next = now + SCAN_PERIOD;
         let scans = context.publish_state.take_scans().into_iter();
         let messages = scans.filter_map(|(stamp, scan)| out.message(stamp.as_nanos(), &scan));
-        let bytes = messages
-            .map(|message| put_bulk(context, Topic::Scan, message))
-            .sum();
+        let bytes = messages.map(|message| put_bulk(publisher, message)).sum();
         self.token_bucket.spend(bytes);
         bytes
     }

@@ -13,7 +13,7 @@ use crate::endpoints::{DEFAULT_PORT, listeners_of_router};
 
 /// Sessions that a vehicle holds at once: as many as operators that it distinguishes.
 const MAX_SESSIONS: usize = 64;
-/// A link that is not set up in this time is given up, ms: strangers must not hold many.
+/// A link that another end began and has not set up in this time is given up, ms: strangers must not hold many.
 const SETUP_MS: u64 = 4000;
 
 /// Settings of Zenoh: key and value.
@@ -30,7 +30,6 @@ fn shared_settings() -> SettingsOfTls {
         ("transport/link/tls/close_link_on_expiration", json!(true)),
         ("transport/unicast/max_sessions", json!(MAX_SESSIONS)),
         ("transport/unicast/accept_timeout", json!(SETUP_MS)),
-        ("transport/unicast/open_timeout", json!(SETUP_MS)),
     ]
 }
 

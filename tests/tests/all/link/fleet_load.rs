@@ -13,6 +13,8 @@ use foreshore_tests::rig::udp::UdpRelay;
 use measurement::time::Monotonic;
 use network::clock::{self, sleep_until};
 use network::credentials::Credentials;
+use network::endpoints::Channel;
+use network::sessions::{self, Endpoints, Side};
 use rustix::process::nice;
 use serde_json::{Value, json};
 use zenoh::qos::CongestionControl;
@@ -20,7 +22,7 @@ use zenoh::{Session, Wait as _};
 
 use super::shaped::shaped;
 use crate::fleet::{Fleet, quic, text};
-use crate::processes::{Running, assert_same_maps, free_port, start, zenohd};
+use crate::processes::{Running, assert_same_maps, free_port, start, wait_until, zenohd};
 use crate::rng::SeededRng;
 use crate::teleop::figures::{LET_GO, PRESSED, latencies};
 use crate::teleop::robot::{LIMITS, at};
@@ -32,8 +34,6 @@ const DRIVING: usize = 10;
 const CONSOLES: usize = 20;
 /// Messages of the flood, in each 20 ms.
 const FLOOD_AT_ONCE: usize = 20;
-/// A vehicle keeps the pose of each scan, 64 bytes each and 64 MB at most: here 10 a second.
-const WAY_MB_PER_HOUR: f64 = 64e-6 * 10.0 * 3600.0;
 /// From the start of the first vehicle until everything is connected, at most.
 const STARTUP: Duration = Duration::from_mins(1);
 
@@ -178,6 +178,33 @@ fn numbers(printed: &str, before: &str, after: &str) -> Vec<f64> {
     found.collect()
 }
 
+/// A router accepts QUIC connections one after another, and those that were given up meanwhile, too.
+#[test]
+fn seventy_vehicles_are_back_soon_after_their_router_was_away() {
+    let (fleet, port) = (Fleet::new(), free_port());
+    let config = fleet.router_config(port);
+    let start_router = || zenohd(&["-c", &config.display().to_string()]);
+    let Some(router) = start_router() else { return };
+    let endpoints = Endpoints {
+        connect: vec![quic(port)],
+        credentials: Some(Credentials::open(&fleet.vehicle()).unwrap()),
+        ..Endpoints::default()
+    };
+    let open = |_| sessions::open(Side::Edge, Channel::Control, &endpoints).unwrap();
+    let vehicles: [Session; 70] = std::array::from_fn(open);
+    let connected = || {
+        let routers = |one: &&Session| one.info().routers_zid().wait().count();
+        vehicles.iter().filter(|one| routers(one) == 1).count()
+    };
+    wait_until("all connected", || connected() == 70);
+    router.signal("KILL");
+    // Each has given up an attempt by then.
+    sleep(Duration::from_secs(15));
+    assert_eq!(connected(), 0);
+    let _router = start_router().unwrap();
+    wait_until("all connected again", || connected() == 70);
+}
+
 #[test]
 #[ignore = "half an hour: measures"]
 fn fifty_vehicles_behind_one_router_in_release() {
@@ -294,21 +321,27 @@ fn fifty_vehicles_behind_one_router_in_release() {
     }
     print_rows(&all, clock::elapsed(settled));
     flooding.join().unwrap();
+    let mut problems = Vec::new();
     for (n, driver) in drivers.into_iter().enumerate() {
         let journal = driver.join().unwrap();
         let log = DriveLog::parse(&text(at_vehicle(n, ".csv"))).unwrap();
         evaluate(&log, &[&journal], &LIMITS).assert_no_faults();
         let (times, without_effect) = latencies(people[n].0, &log, &journal);
         // While the router is down, and until its loss is noticed.
-        assert!(without_effect <= 15, "{without_effect}");
-        let limit_ms = [10, 115][n];
-        assert!(at(&times, 0.99) <= Duration::from_millis(limit_ms));
+        if without_effect > 15 {
+            problems.push(format!(
+                "vehicle {n}: {without_effect} presses without effect"
+            ));
+        }
+        let p99 = at(&times, 0.99);
+        if p99 > Duration::from_millis([10, 115][n]) {
+            problems.push(format!("vehicle {n}: {p99:?} from a key to the motors"));
+        }
     }
 
     let growths: Vec<f64> = all.iter().map(Measured::growth).collect();
     let mut processes: Vec<Running> = all.into_iter().map(|measured| measured.process).collect();
     let consoles = processes.split_off(1 + VEHICLES);
-    let mut problems = Vec::new();
     for (n, console) in consoles.into_iter().enumerate() {
         let printed = console.ends_well();
         let stale_s = numbers(&printed, "pose or map was up to ", " s old");
@@ -317,13 +350,8 @@ fn fifty_vehicles_behind_one_router_in_release() {
         println!(
             "console {n}: synchronized {synchronized_ms:?} ms, stale {stale_s:?} s, {bytes:?} bytes"
         );
-        // What the killed router had not passed on is missed, and requested.
         let refused = printed.lines().filter(|line| line.starts_with("refused: "));
-        for refused in
-            refused.filter(|line| !line.ends_with("differences to a tile that was missed"))
-        {
-            problems.push(format!("console {n}: {refused}"));
-        }
+        problems.extend(refused.map(|refused| format!("console {n}: {refused}")));
         // Once, while there is no router.
         let is_slow = n + 1 == CONSOLES;
         if !is_slow && (stale_s.len() > 1 || stale_s.iter().any(|age_s| *age_s > 10.0)) {
@@ -339,9 +367,9 @@ fn fifty_vehicles_behind_one_router_in_release() {
             assert_same_maps(&at_vehicle(n, ""), &at_vehicle(n, "-console"));
         }
     }
-    let growth = growths.into_iter().fold(f64::MIN, f64::max) - WAY_MB_PER_HOUR;
+    let growth = growths.into_iter().fold(f64::MIN, f64::max);
     if growth >= 1.0 {
-        problems.push(format!("memory grows by {growth} MB/h besides the way"));
+        problems.push(format!("memory grows by {growth} MB/h"));
     }
     assert!(problems.is_empty(), "{problems:#?}");
 }

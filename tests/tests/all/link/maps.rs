@@ -12,7 +12,7 @@ use operator_console::export::{ExportPart, Fetcher, export_parts};
 use operator_console::model::ConsoleModel;
 use protocol::layer::LayerId;
 use tempfile::tempdir;
-use zenoh::Session;
+use zenoh::{Session, Wait as _};
 
 use super::{connect_to, console, edge, is_live, open_session};
 use crate::processes::{
@@ -208,6 +208,32 @@ fn robots_and_consoles_through_a_router(robots: usize, consoles: usize, rate: &s
     for (robot, export) in exports {
         assert_same_maps(&folder.path().join(robot), &export);
     }
+}
+
+/// What was pushed while the router was away was lost: tiles are pushed whole, and not as differences to it.
+#[test]
+fn a_router_that_was_restarted_leaves_no_differences_to_missed_tiles() {
+    let folder = tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let port = free_port();
+    let old = routers(port);
+    let robot = start(&format!(
+        "robot-edge replay {} --rate 4 --keep-serving --robot scout --connect {} --export {}",
+        rooms(),
+        tcp(port),
+        at("edge").display()
+    ));
+    let console = console(port, "scout", &at("console"));
+    sleep(Duration::from_secs(4));
+    for router in old {
+        router.close().wait().unwrap();
+    }
+    sleep(Duration::from_secs(1));
+    let _new = routers(port);
+    let printed = console.ends_well();
+    robot.interrupt();
+    assert!(!printed.contains("that was missed"), "{printed}");
+    assert_same_maps(&at("edge"), &at("console"));
 }
 
 #[test]

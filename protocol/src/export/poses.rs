@@ -1,0 +1,124 @@
+//! Poses of a whole run, encoded as in messages.
+
+use std::sync::Arc;
+
+use crate::export::StampedPose;
+use crate::message::{MAX_TRAJECTORY_POSES as PART, TrajectoryPart};
+
+/// Poses, oldest first, in a third (on a plane) to a half of the 64 bytes of a [`StampedPose`]; none of their digits is lost. Clones share
+/// what is encoded.
+#[derive(Clone, Debug, Default)]
+pub struct Poses {
+    /// `PART` poses each.
+    encoded: Vec<Arc<[u8]>>,
+    /// Those behind, fewer than `2 * PART`.
+    recent: Vec<StampedPose>,
+}
+
+impl Poses {
+    /// Number of poses.
+    pub const fn len(&self) -> usize {
+        self.encoded.len() * PART + self.recent.len()
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Adds a pose behind the others.
+    pub fn push(&mut self, pose: StampedPose) {
+        self.recent.push(pose);
+        if self.recent.len() == 2 * PART {
+            self.encoded.push(encode(self.recent.drain(..PART)));
+        }
+    }
+
+    /// Replaces pose `at`, counted from 0; does nothing where there is none.
+    pub fn replace(&mut self, at: usize, pose: StampedPose) {
+        if let Some(part) = self.encoded.get_mut(at / PART) {
+            let mut poses = decode(part);
+            poses[at % PART] = pose;
+            *part = encode(poses.into_iter());
+        } else if let Some(known) = self.recent.get_mut(at - self.encoded.len() * PART) {
+            *known = pose;
+        }
+    }
+
+    /// The poses from number `from` on, counted from 0.
+    pub fn iter_from(&self, from: usize) -> impl Iterator<Item = StampedPose> {
+        let first = (from / PART).min(self.encoded.len());
+        let encoded = self.encoded[first..].iter().flat_map(|part| decode(part));
+        let all = encoded.chain(self.recent.iter().copied());
+        all.skip(from - first * PART)
+    }
+}
+
+impl FromIterator<StampedPose> for Poses {
+    fn from_iter<I: IntoIterator<Item = StampedPose>>(all: I) -> Self {
+        let mut poses = Self::default();
+        all.into_iter().for_each(|pose| poses.push(pose));
+        poses
+    }
+}
+
+// Numbers are always encoded, and what is decoded was encoded here: neither fails.
+
+fn encode(part: impl Iterator<Item = StampedPose>) -> Arc<[u8]> {
+    let part = TrajectoryPart::new(0, 0, part);
+    postcard::to_stdvec(&part).unwrap_or_default().into()
+}
+
+fn decode(part: &[u8]) -> Vec<StampedPose> {
+    postcard::from_bytes(part).map_or_else(
+        |_damaged| Vec::new(),
+        |part: TrajectoryPart| part.part().collect(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a vehicle that drives in a circle of 10 m, ten poses a second.
+    fn pose(n: usize) -> StampedPose {
+        let angle = 0.005 * n as f64;
+        let (sin, cos) = libm::sincos(angle);
+        let (half_sin, half_cos) = libm::sincos(0.5 * angle);
+        let stamp_ns = i64::MAX / 2 + 100_000_000 * n as i64;
+        StampedPose::new(
+            stamp_ns,
+            [10.0 * sin, -10.0 * cos, 0.0],
+            [0.0, 0.0, half_sin, half_cos],
+        )
+    }
+
+    #[test]
+    fn poses_come_back_from_any_on_in_a_third_of_the_bytes() {
+        for count in [0, 1, 999, 1000, 1001, 5499, 5500] {
+            let poses: Poses = (0..count).map(pose).collect();
+            assert_eq!((poses.len(), poses.is_empty()), (count, count == 0));
+            for from in [0, 1, 499, 500, 501, 998, 1000, 5000, usize::MAX] {
+                let expected: Vec<_> = (from..count).map(pose).collect();
+                let found: Vec<_> = poses.iter_from(from).collect();
+                assert_eq!(found, expected, "{count} from {from}");
+            }
+        }
+        let poses: Poses = (0..10_000).map(pose).collect();
+        let bytes: usize = poses.encoded.iter().map(|part| part.len()).sum();
+        let each = bytes as f64 / (poses.encoded.len() * PART) as f64;
+        assert!(each < 22.0, "{each}");
+    }
+
+    #[test]
+    fn a_pose_is_replaced_wherever_it_is() {
+        let mut poses: Poses = (0..1600).map(pose).collect();
+        let mut expected: Vec<_> = (0..1600).map(pose).collect();
+        for at in [0, 499, 500, 999, 1000, 1599] {
+            poses.replace(at, pose(7));
+            expected[at] = pose(7);
+        }
+        poses.replace(1600, pose(7));
+        assert_eq!(poses.iter_from(0).collect::<Vec<_>>(), expected);
+    }
+}
