@@ -85,7 +85,7 @@ mod tests {
         let angle = 0.005 * n as f64;
         let (sin, cos) = libm::sincos(angle);
         let (half_sin, half_cos) = libm::sincos(0.5 * angle);
-        let stamp_ns = i64::MAX / 2 + 100_000_000 * n as i64;
+        let stamp_ns = i64::MAX / 2 + 100_000_000 * i64::try_from(n).unwrap();
         StampedPose::new(
             stamp_ns,
             [10.0 * sin, -10.0 * cos, 0.0],

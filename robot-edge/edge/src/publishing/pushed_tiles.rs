@@ -27,6 +27,9 @@ struct Pushed {
     cells: TileCells,
 }
 
+/// A band of a tile, and its stamp, nanoseconds.
+type StampedBand = (i64, TileKey, TileBand);
+
 impl PushedTiles {
     /// Forgets the other layers: no console follows them.
     pub fn keep_layers(&mut self, is_kept: impl Fn(LayerId) -> bool) {
@@ -39,7 +42,7 @@ impl PushedTiles {
         store: &Mutex<TileStore>,
         keys: Vec<TileKey>,
     ) -> Vec<(LayerId, i64, Changes)> {
-        let mut messages: Vec<(LayerId, usize, Vec<(i64, TileKey, TileBand)>)> = Vec::new();
+        let mut messages: Vec<(LayerId, usize, Vec<StampedBand>)> = Vec::new();
         for key in keys {
             for (stamp_ns, band) in self.bands(store, key) {
                 let bytes = band.rows.len();
@@ -55,7 +58,7 @@ impl PushedTiles {
                 }
             }
         }
-        let message = |(layer, _, tiles): (_, _, Vec<(i64, TileKey, TileBand)>)| {
+        let message = |(layer, _, tiles): (_, _, Vec<StampedBand>)| {
             let newest_ns = tiles.iter().map(|(stamp_ns, ..)| *stamp_ns).max();
             let newest_ns = newest_ns.unwrap_or_default();
             let tiles = tiles.into_iter().map(|(stamp_ns, key, band)| ChangedTile {
