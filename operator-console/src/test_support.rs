@@ -132,24 +132,25 @@ pub(crate) fn changes(key: TileKey, band: TileBand) -> Changes {
 }
 
 pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
-    let tile = store.tile(key).unwrap();
-    for rows in codec::encode(key.layer, &tile.cells) {
-        let band = TileBand {
-            epoch: tile.epoch,
-            revision: tile.revision,
-            base: 0,
-            check: tile.check,
-            rows,
-        };
-        let changes = changes(key, band);
-        inject_at(
-            model,
-            tile.stamp_ns,
-            Topic::Changes(key.layer),
-            &changes,
-            now,
-        );
+    let stamp_ns = store.tile(key).unwrap().stamp_ns;
+    for band in bands(store, key) {
+        let topic = Topic::Changes(key.layer);
+        inject_at(model, stamp_ns, topic, &changes(key, band), now);
     }
+}
+
+/// All of a tile.
+pub(crate) fn bands(store: &TileStore, key: TileKey) -> Vec<TileBand> {
+    let tile = store.tile(key).unwrap();
+    let bands = codec::encode(key.layer, &tile.cells).into_iter();
+    let band = |rows| TileBand {
+        epoch: tile.epoch,
+        revision: tile.revision,
+        base: 0,
+        check: tile.check,
+        rows,
+    };
+    bands.map(band).collect()
 }
 
 /// Passes a reply to a request to the console at `now`.

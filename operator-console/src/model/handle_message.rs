@@ -372,21 +372,24 @@ fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
     numbers.into_iter().all(|number| number.is_finite())
 }
 
-/// Less than a pixel at the greatest zoom, metres.
-const STEP_M: f64 = 2e-3;
-/// The same at the end of a vehicle of 3 m, as a quaternion component: half of the angle, radians.
-const TURN: f32 = 1e-3;
+/// Less than a pixel at the greatest zoom, metres, and at the end of a vehicle of 3 m, as a quaternion component: half of the angle, radians.
+const STEP: (f64, f32) = (2e-3, 1e-3);
 /// Resolution of displayed speeds, m/s or rad/s.
 const SPEED: f32 = 0.01;
 
-pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
-    let differ = |a: f32, b: f32, step: f32| (a - b).abs() >= step;
+fn differ(a: f32, b: f32, step: f32) -> bool {
+    (a - b).abs() >= step
+}
+
+/// By a step in metres, or in a component of the quaternion.
+pub(super) fn has_moved(before: &Pose, now: &Pose, (step_m, turn): (f64, f32)) -> bool {
     let mut positions = before.position_m.into_iter().zip(now.position_m);
-    let is_moved = positions.any(|(a, b)| (a - b).abs() >= STEP_M);
     let mut turns = before.quaternion_xyzw.into_iter().zip(now.quaternion_xyzw);
-    let is_turned = turns.any(|(a, b)| differ(a, b, TURN));
-    is_moved
-        || is_turned
+    positions.any(|(a, b)| (a - b).abs() >= step_m) || turns.any(|(a, b)| differ(a, b, turn))
+}
+
+pub(super) fn pose_changed(before: &Pose, now: &Pose) -> bool {
+    has_moved(before, now, STEP)
         || differ(before.speed_mps, now.speed_mps, SPEED)
         || differ(before.lateral_mps, now.lateral_mps, SPEED)
         || differ(before.turn_rate_radps, now.turn_rate_radps, SPEED)

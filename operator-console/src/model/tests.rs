@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use protocol::keys::Topic;
 use protocol::message::{
-    EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand,
+    Changes, EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand,
     TilesReply, View,
 };
 use protocol::tile::{TileCells, TileKey, codec};
@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, announce_map, at, changes, console, describe_layers, ended_status,
-    idle_teleop_status, inject, inject_reply, pose_at_rest, push_tile, scout, store_of,
+    BOOT, announce_boot, announce_map, at, bands, changes, console, describe_layers, ended_status,
+    idle_teleop_status, inject, inject_at, inject_reply, pose_at_rest, push_tile, scout, store_of,
 };
 
 fn say<T: Serialize>(model: &mut ConsoleModel, topic: Topic, boot: BootId, body: &T, ms: u64) {
@@ -246,6 +246,42 @@ fn tiles_before_the_first_head_count_as_before_join() {
     announce_boot(&mut model, BootId([8; 16]), at(1));
     inject(&mut model, tile, &changes, at(2));
     assert_eq!(counts(&model), [1, 1]);
+}
+
+#[test]
+fn tiles_of_one_message_have_their_own_ages() {
+    let layer = LayerId::Occupancy;
+    let keys = [0, 1].map(|tx| TileKey { layer, tx, ty: 0 });
+    let mut store = store_of(&[layer]);
+    for key in keys {
+        drop(store.publish(key, TileCells::from_fn(|_, _| 100)).unwrap());
+    }
+    let mut model = console("scout", &[layer]);
+    describe_layers(&mut model, &[layer], at(0));
+    announce_map(&mut model, &store, at(0));
+    let newest_ns = 10_000_000_000;
+    inject_at(&mut model, newest_ns, Topic::Pose, &pose_at_rest(), at(0));
+    let tiles = keys.into_iter().zip([0, 3_000_000_000]);
+    let tiles = tiles.flat_map(|(key, older_ns)| {
+        let mut tiles = changes(key, bands(&store, key).remove(0)).tiles;
+        tiles[0].older_ns = older_ns;
+        tiles
+    });
+    let message = Changes {
+        tiles: tiles.collect(),
+    };
+    inject_at(
+        &mut model,
+        newest_ns,
+        Topic::Changes(layer),
+        &message,
+        at(0),
+    );
+    let age = |key| model.map().ages().age(key, at(500));
+    assert_eq!(
+        keys.map(age),
+        [500, 3_500].map(|ms| Some(Duration::from_millis(ms)))
+    );
 }
 
 /// On a thin link map heads are late behind tiles, and replies come all the same.

@@ -6,20 +6,22 @@ use measurement::time::Monotonic;
 use protocol::export::{Poses, StampedPose};
 use protocol::message::{MAX_SENSORS, Pose, Scan};
 
-use super::handle_message::pose_changed;
+use super::handle_message::{has_moved, pose_changed};
 use super::messages::RejectReason;
 
 /// Poses kept for the export; a longer run is thinned by half, repeatedly.
 const MAX_POSES: usize = 500_000;
-/// From one of them to the next, nanoseconds, at least: of a driven vehicle come 50 a second.
-const KEPT_PERIOD_NS: u64 = 100_000_000;
+/// From one of them to the next, nanoseconds, at least: of a driven vehicle come 50 a second, else 5, and some a little early.
+const KEPT_PERIOD_NS: u64 = 180_000_000;
+/// So far, in metres, and as a quaternion component, half an angle: more than the noise of a vehicle that stands.
+const KEPT_STEP: (f64, f32) = (0.01, 5e-3);
 
 #[derive(Clone, Debug, Default)]
 pub struct Vehicle {
     pose: Option<(Pose, i64, Monotonic)>,
     trail: Trail,
     poses: Poses,
-    kept_ns: Option<i64>,
+    kept: Option<(Pose, i64)>,
     /// How often the poses were thinned by half.
     thinned: u32,
     drawn: Option<Pose>,
@@ -46,7 +48,7 @@ impl Vehicle {
         &self.trail.points_m
     }
 
-    /// At most ten a second, where it visibly moved or changed its speed, oldest first.
+    /// Some five a second at most, each a centimetre or half a degree from the one before, oldest first.
     pub const fn poses(&self) -> &Poses {
         &self.poses
     }
@@ -58,8 +60,8 @@ impl Vehicle {
         let pose_changed = self.drawn.is_none_or(|drawn| pose_changed(&drawn, &pose));
         if pose_changed {
             self.drawn = Some(pose);
-            self.keep(pose, stamp_ns);
         }
+        self.keep(pose, stamp_ns);
         pose_changed
     }
 
@@ -79,13 +81,15 @@ impl Vehicle {
 
     fn keep(&mut self, pose: Pose, stamp_ns: i64) {
         let period_ns = KEPT_PERIOD_NS << self.thinned;
-        let is_soon = |kept_ns: i64| stamp_ns.abs_diff(kept_ns) < period_ns;
-        if self.kept_ns.is_some_and(is_soon) {
+        let is_next = |(kept, kept_ns): (Pose, i64)| {
+            stamp_ns.abs_diff(kept_ns) >= period_ns && has_moved(&kept, &pose, KEPT_STEP)
+        };
+        if !self.kept.is_none_or(is_next) {
             return;
         }
-        self.kept_ns = Some(stamp_ns);
+        self.kept = Some((pose, stamp_ns));
         if self.poses.len() >= MAX_POSES {
-            self.poses = self.poses.iter_from(0).step_by(2).collect();
+            self.poses = self.poses.every(2, 0).collect();
             self.thinned += 1;
         }
         self.poses.push(StampedPose::new(
@@ -246,7 +250,11 @@ mod tests {
             (0.0, 200, false),
             (0.03, 400, true),
             (0.04, 450, true),
-            (0.05, 500, true),
+            (0.05, 590, true),
+            // Where it comes to rest is kept, too, and then its noise is not.
+            (0.07, 650, true),
+            (0.07, 850, false),
+            (0.073, 1050, true),
         ] {
             let changed = vehicle.take(pose(x, 0.0, 1.0), ms * 1_000_000, now);
             assert_eq!(changed, is_changed, "{ms} ms");
@@ -254,21 +262,21 @@ mod tests {
         assert_eq!(vehicle.trail().len(), 1);
         let kept = vehicle.poses().iter_from(0);
         let kept: Vec<_> = kept.map(|pose| pose.stamp_ns / 1_000_000).collect();
-        assert_eq!(kept, [0, 400, 500]);
+        assert_eq!(kept, [0, 400, 590, 850]);
     }
 
     #[test]
     fn poses_of_a_long_run_are_thinned_by_half_again_and_again() {
         let mut vehicle = Vehicle::default();
         let most = i64::try_from(MAX_POSES).unwrap();
-        let tenths = 3 * most;
-        for tenth in 0..tenths {
-            let at = pose(0.01 * tenth as f64, 0.0, 1.0);
-            vehicle.take(at, tenth * 100_000_000, Monotonic::default());
+        let fifths = 3 * most;
+        for fifth in 0..fifths {
+            let at = pose(0.02 * fifth as f64, 0.0, 1.0);
+            vehicle.take(at, fifth * 200_000_000, Monotonic::default());
         }
         let kept = vehicle.poses().iter_from(0);
-        let kept: Vec<_> = kept.map(|pose| pose.stamp_ns / 100_000_000).collect();
-        let expected: Vec<_> = (0..tenths).step_by(4).collect();
+        let kept: Vec<_> = kept.map(|pose| pose.stamp_ns / 200_000_000).collect();
+        let expected: Vec<_> = (0..fifths).step_by(4).collect();
         assert_eq!(kept, expected);
     }
 

@@ -47,10 +47,24 @@ impl Poses {
 
     /// The poses from number `from` on, counted from 0.
     pub fn iter_from(&self, from: usize) -> impl Iterator<Item = StampedPose> {
-        let first = (from / PART).min(self.encoded.len());
-        let encoded = self.encoded[first..].iter().flat_map(|part| decode(part));
-        let all = encoded.chain(self.recent.iter().copied());
-        all.skip(from - first * PART)
+        self.every(1, from)
+    }
+
+    /// Every `step`-th pose (of 0: each) from number `from` on; parts without one of them are not decoded.
+    pub fn every(&self, step: usize, from: usize) -> impl Iterator<Item = StampedPose> {
+        let (mut decoded, mut poses) = (usize::MAX, Vec::new());
+        (from..self.len())
+            .step_by(step.max(1))
+            .filter_map(move |at| {
+                let part = at / PART;
+                let Some(encoded) = self.encoded.get(part) else {
+                    return self.recent.get(at - self.encoded.len() * PART).copied();
+                };
+                if part != decoded {
+                    (decoded, poses) = (part, decode(encoded));
+                }
+                poses.get(at % PART).copied()
+            })
     }
 }
 
@@ -82,19 +96,30 @@ mod tests {
 
     /// Of a vehicle that drives in a circle of 10 m, ten poses a second.
     fn pose(n: usize) -> StampedPose {
+        on_waves(n, 0.0)
+    }
+
+    /// The same, heaving and rolling by so many metres and radians.
+    fn on_waves(n: usize, amplitude: f64) -> StampedPose {
+        let wave = amplitude * libm::sin(2.7 * n as f64);
         let angle = 0.005 * n as f64;
         let (sin, cos) = libm::sincos(angle);
         let (half_sin, half_cos) = libm::sincos(0.5 * angle);
         let stamp_ns = i64::MAX / 2 + 100_000_000 * i64::try_from(n).unwrap();
         StampedPose::new(
             stamp_ns,
-            [10.0 * sin, -10.0 * cos, 0.0],
-            [0.0, 0.0, half_sin, half_cos],
+            [10.0 * sin, -10.0 * cos, wave],
+            [
+                0.5 * wave * half_cos,
+                0.5 * wave * half_sin,
+                half_sin,
+                half_cos,
+            ],
         )
     }
 
     #[test]
-    fn poses_come_back_from_any_on_in_a_third_of_the_bytes() {
+    fn poses_come_back_from_any_number_on_in_fewer_bytes() {
         for count in [0, 1, 999, 1000, 1001, 5499, 5500] {
             let poses: Poses = (0..count).map(pose).collect();
             assert_eq!((poses.len(), poses.is_empty()), (count, count == 0));
@@ -102,12 +127,17 @@ mod tests {
                 let expected: Vec<_> = (from..count).map(pose).collect();
                 let found: Vec<_> = poses.iter_from(from).collect();
                 assert_eq!(found, expected, "{count} from {from}");
+                let found: Vec<_> = poses.every(700, from).collect();
+                let expected: Vec<_> = (from..count).step_by(700).map(pose).collect();
+                assert_eq!(found, expected, "{count} from {from}");
             }
         }
-        let poses: Poses = (0..10_000).map(pose).collect();
-        let bytes: usize = poses.encoded.iter().map(|part| part.len()).sum();
-        let each = bytes as f64 / (poses.encoded.len() * PART) as f64;
-        assert!(each < 22.0, "{each}");
+        for (amplitude, most) in [(0.0, 22.0), (0.05, 32.0)] {
+            let poses: Poses = (0..10_000).map(|n| on_waves(n, amplitude)).collect();
+            let bytes: usize = poses.encoded.iter().map(|part| part.len()).sum();
+            let each = bytes as f64 / (poses.encoded.len() * PART) as f64;
+            assert!(each < most, "{amplitude}: {each}");
+        }
     }
 
     #[test]

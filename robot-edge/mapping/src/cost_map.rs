@@ -77,6 +77,8 @@ impl Default for CostConfig {
 
 /// Fewest tiles per thread.
 const MIN_SHARE: usize = 64;
+/// Tiles that are read before their columns are compared: 360 kB, which stay in the cache and need no new memory for each scan.
+const READ_AT_ONCE: usize = 512;
 
 /// Cell of the cost map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,12 +171,14 @@ impl CostMap {
             self.window.mark_stale(at);
         }
         let read = self.window.tiles_to_read();
-        let columns = self.for_each(&read, |at| read_columns(octree, at, &rules));
         // Most changes of a scan are free voxels that change no column.
         let mut changed = Vec::new();
-        for (&at, columns) in read.iter().zip(columns) {
-            if self.window.set_columns(at, &columns) {
-                changed.push(at);
+        for part in read.chunks(READ_AT_ONCE) {
+            let columns = self.for_each(part, |at| read_columns(octree, at, &rules));
+            for (&at, columns) in part.iter().zip(columns) {
+                if self.window.set_columns(at, &columns) {
+                    changed.push(at);
+                }
             }
         }
         let sloped = self.window.tiles_without_slopes(&changed);

@@ -239,7 +239,7 @@ impl ShoreLayer {
     }
 
     /// Whether an update is under way.
-    pub const fn is_updating(&self) -> bool {
+    pub(super) const fn is_updating(&self) -> bool {
         self.update.is_some()
     }
 

@@ -5,6 +5,7 @@
 
 use std::path::PathBuf;
 
+pub mod allocator;
 pub mod audit;
 pub mod certificate_probe;
 pub mod clock;

@@ -28,8 +28,6 @@ const SETTLED: Duration = Duration::from_secs(1);
 const SETTLED_AT_ONCE: usize = 4;
 /// If nothing has changed for this long, nothing is held back.
 const QUIET: Duration = Duration::from_secs(3);
-/// What is held back is looked through when something else changes, so that messages are few, or after this time.
-const BATCH: Duration = Duration::from_secs(1);
 
 /// Where changes are wanted in each round.
 #[derive(Clone, Debug, Default)]
@@ -49,7 +47,6 @@ pub struct AnnouncedMap {
     /// When all cells of tiles were announced, if they were lately.
     announced_at: BTreeMap<TileKey, Monotonic>,
     last_round: Option<Monotonic>,
-    last_batch: Option<Monotonic>,
     last_settled: Option<Monotonic>,
     last_change: Option<Monotonic>,
 }
@@ -64,7 +61,6 @@ impl AnnouncedMap {
             held: BTreeMap::new(),
             announced_at: BTreeMap::new(),
             last_round: None,
-            last_batch: None,
             last_settled: None,
             last_change: None,
         }
@@ -88,12 +84,12 @@ impl AnnouncedMap {
         now: Monotonic,
     ) -> Vec<TileKey> {
         self.adopt_epochs(attention);
-        let is_batch_due = self.last_batch.is_none_or(|at| now.since(at) >= BATCH);
+        let is_settled_due = self.last_settled.is_none_or(|at| now.since(at) >= SETTLED);
         let round_at = *self.last_round.get_or_insert(now);
         let is_round_due = now.since(round_at) >= ROUND;
         if !changed.is_empty() {
             self.last_change = Some(now);
-        } else if !is_batch_due && !is_round_due {
+        } else if !is_settled_due && !is_round_due {
             return Vec::new();
         }
         if is_round_due {
@@ -101,8 +97,12 @@ impl AnnouncedMap {
         }
         let is_quiet = self.last_change.is_none_or(|at| now.since(at) >= QUIET);
         self.held.extend(changed.into_iter().map(|key| (key, now)));
-        self.last_batch = Some(now);
-        let settled = self.settled(attention, now);
+        let settled = if is_settled_due {
+            self.last_settled = Some(now);
+            self.settled(attention, now)
+        } else {
+            Vec::new()
+        };
         self.announced_at
             .retain(|_, at| now.since(*at) < HOLD + ROUND);
         let mut pushed = Vec::new();
@@ -152,11 +152,7 @@ impl AnnouncedMap {
     }
 
     /// The tiles that have not changed for [`SETTLED`] and are announced now.
-    fn settled(&mut self, attention: &Attention, now: Monotonic) -> Vec<TileKey> {
-        if self.last_settled.is_some_and(|at| now.since(at) < BATCH) {
-            return Vec::new();
-        }
-        self.last_settled = Some(now);
+    fn settled(&self, attention: &Attention, now: Monotonic) -> Vec<TileKey> {
         let held = self
             .held
             .iter()
@@ -422,7 +418,7 @@ mod tests {
             .lock()
             .unwrap()
             .erase_layer(LayerId::Occupancy);
-        rig.map.update(BTreeSet::new(), &rig.attention, at(10));
+        rig.map.update(BTreeSet::new(), &rig.attention, at(13));
         let store = rig.map.announced();
         let is_announced = |tiles| {
             let store = store.lock().unwrap();
@@ -430,7 +426,7 @@ mod tests {
             (epoch, store.tile_count(LayerId::Occupancy)) == (erased.clone().unwrap(), tiles)
         };
         assert!(is_announced(0));
-        assert_eq!(announced(&mut rig, 11, [1, 0, 84, 96]).2, 0);
+        assert_eq!(announced(&mut rig, 14, [1, 0, 84, 96]).2, 0);
         assert!(is_announced(1));
     }
 }

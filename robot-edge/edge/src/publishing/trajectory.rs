@@ -77,25 +77,27 @@ impl Trajectory {
     }
 
     pub fn poses(&self) -> Vec<StampedPose> {
-        self.iter_from(0).collect()
+        self.every(1, 0).collect()
     }
 
     /// At most `most` poses, with the same number of scans between them.
     pub fn thinned(&self, most: usize) -> Vec<StampedPose> {
         let step = self.visible_len().div_ceil(most.max(1)).max(1);
-        self.iter_from(0).step_by(step).collect()
+        self.every(step, 0).collect()
     }
 
     pub fn last(&self) -> Option<StampedPose> {
-        self.iter_from(self.visible_len().checked_sub(1)?).next()
+        self.every(1, self.visible_len().checked_sub(1)?).next()
     }
 
-    /// The shown poses from number `from` on.
-    fn iter_from(&self, from: usize) -> impl Iterator<Item = StampedPose> {
+    /// Every `step`-th shown pose from number `from` on.
+    fn every(&self, step: usize, from: usize) -> impl Iterator<Item = StampedPose> {
         let len = self.len();
-        let recorded = self.poses.iter_from(from).take(len.saturating_sub(from));
-        let behind = self.provisional.iter().skip(from.saturating_sub(len));
-        recorded.chain(behind.copied())
+        let count = len.saturating_sub(from).div_ceil(step);
+        let next = from.saturating_add(count.saturating_mul(step));
+        let recorded = self.poses.every(step, from).take(count);
+        let behind = self.provisional.iter().skip(next.saturating_sub(len));
+        recorded.chain(behind.step_by(step).copied())
     }
 
     pub const fn scans(&self) -> u64 {
@@ -126,9 +128,9 @@ impl Trajectory {
             .is_none_or(|number| number == self.number);
         let from = usize::try_from(request.from).unwrap_or(usize::MAX);
         let step = usize::try_from(request.step.get()).unwrap_or(usize::MAX);
-        let part = self.iter_from(if is_this { from } else { usize::MAX });
+        let part = self.every(step, if is_this { from } else { usize::MAX });
         let stamp_ns = self.last().map_or(0, |pose| pose.stamp_ns);
-        let part = TrajectoryPart::new(self.number, visible_len as u64, part.step_by(step));
+        let part = TrajectoryPart::new(self.number, visible_len as u64, part);
         (stamp_ns, part)
     }
 
@@ -142,7 +144,7 @@ impl Trajectory {
     }
 
     fn thin(&mut self) {
-        self.poses = self.poses.iter_from(0).step_by(2).collect();
+        self.poses = self.poses.every(2, 0).collect();
         self.stride *= 2;
         self.number += 1;
     }

@@ -8,9 +8,9 @@ use protocol::layer::LayerId;
 use protocol::message::{AgeToken, MapHead, View};
 use protocol::tile::TileKey;
 use protocol::tile_store::LayerGrid;
-use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::{Session, Wait};
 
 use super::open_sessions::{Context, Outgoing};
 use super::token_pace::TokenPace;
@@ -36,6 +36,23 @@ const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the queue at once: few, because the order changes as the vehicle moves.
 const TILES_AT_ONCE: usize = 32;
 
+fn publisher(
+    session: &Session,
+    key: String,
+    priority: Priority,
+    reliability: Reliability,
+) -> Result<Publisher<'static>, LinkError> {
+    session
+        .declare_publisher(key.clone())
+        // A console that cannot follow gets the next message, or requests what it lacks.
+        .congestion_control(CongestionControl::Drop)
+        .priority(priority)
+        .express(priority == Priority::RealTime)
+        .reliability(reliability)
+        .wait()
+        .map_err(|why| LinkError::Declare { what: key, why })
+}
+
 /// Publishers of periodic topics: their keys cross the network once.
 pub(super) struct TopicPublishers {
     pose: Publisher<'static>,
@@ -50,16 +67,7 @@ impl TopicPublishers {
     pub(super) fn declare(context: &Context) -> Result<Self, LinkError> {
         let declare = |topic: Topic, reliability| {
             let key = topic.key(&context.robot);
-            context
-                .control
-                .declare_publisher(key.clone())
-                // A console that cannot follow gets the next message.
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::RealTime)
-                .express(true)
-                .reliability(reliability)
-                .wait()
-                .map_err(|why| LinkError::Declare { what: key, why })
+            publisher(&context.control, key, Priority::RealTime, reliability)
         };
         Ok(Self {
             // Over QUIC, best effort is a datagram, which does not wait for lost data.
@@ -84,14 +92,7 @@ impl BulkPublishers {
     pub(super) fn declare(context: &Context) -> Result<Self, LinkError> {
         let declare = |topic: Topic| {
             let key = topic.key(&context.robot);
-            context
-                .bulk
-                .declare_publisher(key.clone())
-                // A console that cannot follow requests missing tiles.
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::Data)
-                .wait()
-                .map_err(|why| LinkError::Declare { what: key, why })
+            publisher(&context.bulk, key, Priority::Data, Reliability::Reliable)
         };
         let changes = LayerId::ALL.into_iter();
         let changes = changes.map(|layer| Ok((layer, declare(Topic::Changes(layer))?)));

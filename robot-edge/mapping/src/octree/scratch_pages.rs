@@ -27,7 +27,7 @@ pub(super) struct PageRef {
 
 #[derive(Clone, Debug, Default)]
 struct PageIndex {
-    /// Page by the lowest bits of the block's coordinates.
+    /// Page by the lowest bits of the block's coordinates: as many as the largest window needed.
     slots: Vec<u32>,
     /// Pages of blocks whose slot is occupied.
     overflow: HashMap<u64, u32, FxBuildHasher>,
@@ -87,9 +87,11 @@ impl ScratchPages {
     /// Prepares for a scan in a window with that many bits per block coordinate.
     pub(super) fn open(&mut self, block_bits: u32) {
         let index = &mut self.index;
-        if block_bits != index.block_bits || index.slots.is_empty() {
-            index.block_bits = block_bits;
-            index.slots = vec![NO_PAGE; 1 << (3 * block_bits.min(MAX_SLOT_BITS))];
+        index.block_bits = block_bits;
+        // All slots are free between scans, whatever their window was.
+        let slots = 1 << (3 * block_bits.min(MAX_SLOT_BITS));
+        if index.slots.len() < slots {
+            index.slots = vec![NO_PAGE; slots];
         }
     }
 
