@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use edge::publishing::replies::bands_of;
 use measurement::time::Monotonic;
 use protocol::keys::Topic;
 use protocol::layer::LayerId;
@@ -12,7 +13,6 @@ use protocol::message::{
     PoseConfidence, Settings, ShoreClass, ShoreCluster, Status, TeleopState, TeleopStatus,
     TileBand, Velocity,
 };
-use protocol::tile::codec;
 use protocol::tile::{BootId, TileKey};
 use protocol::tile_store::{LayerGrid, TileStore};
 use protocol::wire::{self, Header};
@@ -132,25 +132,10 @@ pub(crate) fn changes(key: TileKey, band: TileBand) -> Changes {
 }
 
 pub(crate) fn push_tile(model: &mut ConsoleModel, store: &TileStore, key: TileKey, now: Monotonic) {
-    let stamp_ns = store.tile(key).unwrap().stamp_ns;
-    for band in bands(store, key) {
+    for (stamp_ns, band) in bands_of(&store.tile(key).unwrap()) {
         let topic = Topic::Changes(key.layer);
         inject_at(model, stamp_ns, topic, &changes(key, band), now);
     }
-}
-
-/// All of a tile.
-pub(crate) fn bands(store: &TileStore, key: TileKey) -> Vec<TileBand> {
-    let tile = store.tile(key).unwrap();
-    let bands = codec::encode(key.layer, &tile.cells).into_iter();
-    let band = |rows| TileBand {
-        epoch: tile.epoch,
-        revision: tile.revision,
-        base: 0,
-        check: tile.check,
-        rows,
-    };
-    bands.map(band).collect()
 }
 
 /// Passes a reply to a request to the console at `now`.

@@ -372,7 +372,8 @@ fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> bool {
     numbers.into_iter().all(|number| number.is_finite())
 }
 
-/// Less than a pixel at the greatest zoom, metres, and at the end of a vehicle of 3 m, as a quaternion component: half of the angle, radians.
+/// Less than a pixel at the greatest zoom, metres, and at the end of a vehicle of 3 m, as a quaternion component: half of the angle,
+/// radians.
 const STEP: (f64, f32) = (2e-3, 1e-3);
 /// Resolution of displayed speeds, m/s or rad/s.
 const SPEED: f32 = 0.01;

@@ -1,17 +1,19 @@
 use std::time::Duration;
 
+use edge::publishing::replies::bands_of;
 use protocol::keys::Topic;
 use protocol::message::{
-    Changes, EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason, TeleopStatus, TileBand,
-    TilesReply, View,
+    ChangedTile, Changes, EStopStatus, Event, MAX_SENSORS, Scan, Severity, StopReason,
+    TeleopStatus, TileBand, TilesReply, View,
 };
 use protocol::tile::{TileCells, TileKey, codec};
+use protocol::tile_store::TileStore;
 use protocol::wire::{self, Header};
 use serde::Serialize;
 
 use super::*;
 use crate::test_support::{
-    BOOT, announce_boot, announce_map, at, bands, changes, console, describe_layers, ended_status,
+    BOOT, announce_boot, announce_map, at, changes, console, describe_layers, ended_status,
     idle_teleop_status, inject, inject_at, inject_reply, pose_at_rest, push_tile, scout, store_of,
 };
 
@@ -248,8 +250,8 @@ fn tiles_before_the_first_head_count_as_before_join() {
     assert_eq!(counts(&model), [1, 1]);
 }
 
-#[test]
-fn tiles_of_one_message_have_their_own_ages() {
+/// Two neighbouring tiles, and a console that was told of their layer.
+fn two_tiles() -> ([TileKey; 2], TileStore, ConsoleModel) {
     let layer = LayerId::Occupancy;
     let keys = [0, 1].map(|tx| TileKey { layer, tx, ty: 0 });
     let mut store = store_of(&[layer]);
@@ -258,44 +260,35 @@ fn tiles_of_one_message_have_their_own_ages() {
     }
     let mut model = console("scout", &[layer]);
     describe_layers(&mut model, &[layer], at(0));
+    (keys, store, model)
+}
+
+#[test]
+fn tiles_of_one_message_have_their_own_ages() {
+    let (keys, store, mut model) = two_tiles();
     announce_map(&mut model, &store, at(0));
     let newest_ns = 10_000_000_000;
     inject_at(&mut model, newest_ns, Topic::Pose, &pose_at_rest(), at(0));
     let tiles = keys.into_iter().zip([0, 3_000_000_000]);
-    let tiles = tiles.flat_map(|(key, older_ns)| {
-        let mut tiles = changes(key, bands(&store, key).remove(0)).tiles;
-        tiles[0].older_ns = older_ns;
-        tiles
+    let tiles = tiles.map(|(key, older_ns)| ChangedTile {
+        tx: key.tx,
+        ty: key.ty,
+        older_ns,
+        band: bands_of(&store.tile(key).unwrap()).remove(0).1,
     });
-    let message = Changes {
-        tiles: tiles.collect(),
-    };
-    inject_at(
-        &mut model,
-        newest_ns,
-        Topic::Changes(layer),
-        &message,
-        at(0),
-    );
+    let tiles = tiles.collect();
+    let topic = Topic::Changes(keys[0].layer);
+    inject_at(&mut model, newest_ns, topic, &Changes { tiles }, at(0));
     let age = |key| model.map().ages().age(key, at(500));
-    assert_eq!(
-        keys.map(age),
-        [500, 3_500].map(|ms| Some(Duration::from_millis(ms)))
-    );
+    let expected = [500, 3_500].map(|ms| Some(Duration::from_millis(ms)));
+    assert_eq!(keys.map(age), expected);
 }
 
 /// On a thin link map heads are late behind tiles, and replies come all the same.
 #[test]
 fn what_is_missing_is_requested_again_after_silence() {
-    let layer = LayerId::Occupancy;
-    let keys = [0, 1].map(|tx| TileKey { layer, tx, ty: 0 });
-    let mut store = store_of(&[layer]);
-    for key in keys {
-        drop(store.publish(key, TileCells::from_fn(|_, _| 100)).unwrap());
-    }
     for (tiles_ms, expected) in [(&[1_500, 3_000][..], 0), (&[], 1), (&[1_500], 1)] {
-        let mut model = console("scout", &[layer]);
-        describe_layers(&mut model, &[layer], at(0));
+        let (keys, store, mut model) = two_tiles();
         let requests = |model: &mut ConsoleModel, ms| {
             announce_map(model, &store, at(ms));
             let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));

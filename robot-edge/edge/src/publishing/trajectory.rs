@@ -250,6 +250,8 @@ mod tests {
         assert_eq!(stamps(&trajectory.poses())[38..], [38, 39, 1_000, 1_001]);
         let part = ask(&trajectory, Some(1), 39, 1);
         assert_eq!((part.poses, part.rows.len()), (42, 3));
+        let part = ask(&trajectory, Some(1), 37, 2);
+        assert_eq!(stamps(&part.part().collect::<Vec<_>>()), [37, 39, 1_001]);
         trajectory.seek(40);
         assert_eq!(ask(&trajectory, None, 0, 1).trajectory, 2);
         trajectory.seek(90);
