@@ -5,13 +5,13 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 use edge::exit::{Exit, Interrupted};
-use network::allocator::return_large_blocks;
+use network::allocator::keep_little_memory;
 use operator_console::cli::Cli;
 use operator_console::run::{complaint, run};
 use tracing_subscriber::EnvFilter;
 
 fn main() -> ExitCode {
-    return_large_blocks();
+    keep_little_memory();
     let cli = Cli::parse();
     let filter =
         EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(cli.log_filter()));

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use edge::cli::Cli;
 use edge::exit::{Exit, Interrupted};
-use network::allocator::return_large_blocks;
+use network::allocator::keep_little_memory;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::FmtContext;
@@ -14,7 +14,7 @@ use tracing_subscriber::fmt::format::{FormatEvent, FormatFields, Writer};
 use tracing_subscriber::registry::LookupSpan;
 
 fn main() -> ExitCode {
-    return_large_blocks();
+    keep_little_memory();
     #[cfg(target_os = "linux")]
     if std::env::args_os()
         .nth(1)

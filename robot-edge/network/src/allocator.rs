@@ -1,15 +1,17 @@
 //! Setting of the C library's allocator.
 
-/// Returns large blocks of memory to the system as soon as they are freed. To be called first in `main`, before there are heaps of threads.
+/// Keeps little memory that was freed: one heap for all threads, and large blocks go back to the system. To be called first in `main`,
+/// before there are other threads.
 ///
-/// Each QUIC connection has 3 MB to receive into. Once it has freed one such block, glibc takes the next ones from the heap of the thread
-/// that connects and keeps them there: 3 MB more each time another thread does, as links come and go (mallopt(3), `M_MMAP_THRESHOLD`).
-/// Other libraries and systems are left as they are.
-pub fn return_large_blocks() {
+/// glibc has up to eight heaps for each processor, each keeps what its threads once needed, and links that come and go are served by ever
+/// other threads. Each QUIC connection also has 3 MB to receive into: once one such block was freed, glibc takes the next ones from a
+/// heap and keeps them there (mallopt(3), `M_ARENA_MAX` and `M_MMAP_THRESHOLD`). Other libraries and systems are left as they are.
+pub fn keep_little_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     #[expect(unsafe_code, reason = "mallopt has no safe interface")]
     // SAFETY: the values are valid, and glibc locks its heap while it sets them. Where it fails, more memory is kept.
     unsafe {
+        libc::mallopt(libc::M_ARENA_MAX, 1);
         // Less than what QUIC takes, and more than most blocks of maps: each use of mapped memory costs page faults.
         libc::mallopt(libc::M_MMAP_THRESHOLD, 2_800_000);
         // As glibc itself would set it after such a block was freed; else heaps would be trimmed at 128 kB, which costs page faults.

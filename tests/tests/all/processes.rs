@@ -62,6 +62,8 @@ pub(crate) fn simulate(options: &str) -> Running {
 pub(crate) fn zenohd(options: &[&str]) -> Option<Running> {
     let mut command = Command::new("zenohd");
     command.env("RUST_LOG", "error");
+    // docs/deployment.md
+    command.env("MALLOC_ARENA_MAX", "1");
     command.arg("--no-multicast-scouting").args(options);
     let is_there = Command::new("zenohd").arg("--version").output();
     if !is_there.is_ok_and(|output| output.status.success()) {
