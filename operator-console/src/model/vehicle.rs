@@ -102,7 +102,7 @@ impl Vehicle {
 
 const STEP_M: f64 = 0.1;
 /// Beyond this limit the older half of the points is thinned by half.
-const MAX_POINTS: usize = 20_000;
+const MAX_POINTS: usize = 10_000;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Trail {

@@ -378,7 +378,7 @@ impl TimelineMarks {
 /// Initial distance between points.
 const STEP_M: f64 = 0.1;
 /// Maximum number of points; beyond it, every second one is removed.
-const MAX_POINTS: usize = 20_000;
+const MAX_POINTS: usize = 10_000;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ReplayTrail {
