@@ -11,7 +11,7 @@ use measurement::time::Monotonic;
 
 use super::messages::RequestId;
 
-const PING_PERIOD: Duration = Duration::from_secs(1);
+const PING_PERIOD: Duration = Duration::from_secs(2);
 const PING_TIMEOUT: Duration = Duration::from_secs(5);
 /// A robot that sends poses is silent after this time without a message, without and with a lease holder.
 ///
@@ -317,7 +317,7 @@ mod tests {
         }
         assert!(link.is_ping_due(at(0)));
         link.on_ping(RequestId(1), at(0));
-        assert!(!link.is_ping_due(at(900)));
+        assert!(!link.is_ping_due(at(1_900)) && link.is_ping_due(at(2_000)));
         assert!(!link.on_pong(RequestId(2), at(50)));
         assert!(link.on_pong(RequestId(1), at(70)));
         assert_eq!(link.round_trip(), Some(Duration::from_millis(70)));
