@@ -29,15 +29,15 @@ impl TileIntake {
     ) -> Result<Option<Tile>, DecodeError> {
         let boot = header.boot;
         let whole = (key, boot, band.revision);
-        let mut partial = self
-            .partial_tiles
-            .remove(&whole)
-            .unwrap_or_else(|| PartialTile::new(key.layer));
+        let waiting = self.partial_tiles.remove(&whole);
+        let waits = waiting.is_some();
+        let mut partial = waiting.unwrap_or_else(|| PartialTile::new(key.layer));
         if let Err(why) = partial.add_band(&band.rows, base) {
             // The same band twice: the later one replaces the first.
             if !matches!(why, DecodeError::DuplicateRow(_)) {
-                // The valid band keeps waiting.
-                self.partial_tiles.insert(whole, partial);
+                if waits {
+                    self.partial_tiles.insert(whole, partial);
+                }
                 return Err(why);
             }
             partial = PartialTile::new(key.layer);
@@ -168,6 +168,9 @@ mod tests {
             rows: vec![9; 40],
             ..newer
         };
-        assert!(intake.take(key(0), HEADER, &garbage, None).is_err());
+        for tx in 0..200 {
+            assert!(intake.take(key(tx), HEADER, &garbage, None).is_err());
+        }
+        assert_eq!(intake.partial_tiles.len(), MAX_PARTIAL_TILES);
     }
 }
