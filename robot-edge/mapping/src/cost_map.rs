@@ -215,20 +215,17 @@ impl CostMap {
         self.window.cell(cell)
     }
 
-    /// What `of` makes of the cells of the window, row by row: least cell, cells per row, values.
-    pub fn cells<T: Clone>(&self, of: impl Fn(&CostCell) -> T) -> (CellIndex, usize, Vec<T>) {
-        self.window.cells(of)
+    /// Replaces `into` by what `of` makes of the cells of the window, row by row, none before the first update: least cell,
+    /// cells per row.
+    pub fn cells<T>(&self, into: &mut Vec<T>, of: impl Fn(&CostCell) -> T) -> (CellIndex, usize) {
+        self.window.cells(into, of)
     }
 
     /// Voxels of obstacles in lethal columns of the whole window.
     pub fn obstacle_voxels(&self, octree: &Octree) -> Vec<ObstacleVoxel> {
-        let mut voxels = Vec::new();
-        if let Some(rules) = &self.rules {
-            for at in self.window.tiles(WindowPart::Classified) {
-                self.collect_obstacles(octree, at, rules, &mut voxels);
-            }
-        }
-        voxels
+        let tiles: Vec<_> = self.window.tiles(WindowPart::Classified).collect();
+        let found = |rules| self.obstacles_in(octree, &tiles, rules);
+        self.rules.as_ref().map(found).unwrap_or_default()
     }
 
     /// Whether its cells have metrics.
@@ -344,61 +341,81 @@ impl CostMap {
     fn classify(&mut self, octree: &Octree, to_classify: &[BrickColumn], rules: &ColumnRules) {
         let mut verdicts = Vec::new();
         if self.rigidity.enabled {
-            let mut voxels = Vec::new();
-            for at in self.window.around(to_classify) {
-                self.collect_obstacles(octree, at, rules, &mut voxels);
-            }
+            let voxels = self.obstacles_in(octree, &self.window.around(to_classify), rules);
             verdicts = RigidityMap::of(&voxels, &self.rigidity).columns;
         }
-        let water_m = self.water_m(rules);
-        for &at in to_classify {
-            let Some(tile) = self.window.tile(at) else {
-                continue;
-            };
-            let cells = std::array::from_fn(|column| {
-                let cell = ColumnTile::cell_of(at, column);
-                let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
-                let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
-                let read = &tile.columns[column];
-                let [intra, inter] = if self.maps_metrics {
-                    metrics(octree, cell, read)
-                } else {
-                    [f32::NAN; 2]
-                };
-                CostCell {
-                    cost: match rigidity {
-                        Rigidity::Traversable => self.rigidity.traversable_vegetation_cost as f32,
-                        Rigidity::Rigid | Rigidity::Unlabelled => tile.costs[column],
-                    },
-                    rigidity,
-                    is_clear_water: read.kind == ColumnKind::Water && read.top_z <= read.ground_z,
-                    rises_from_water: rules.surface == Surface::Water
-                        && read.kind != ColumnKind::Unknown
-                        && read.top_m[2] > water_m,
-                    intra,
-                    inter,
+        for part in to_classify.chunks(READ_AT_ONCE) {
+            let cells = self.for_each(part, |at| self.cells_of(octree, at, rules, &verdicts));
+            for (&at, cells) in part.iter().zip(cells) {
+                if let Some(cells) = cells {
+                    self.window.publish(at, &cells, &mut self.changed);
                 }
-            });
-            self.window.publish(at, &cells, &mut self.changed);
+            }
         }
     }
 
-    /// Collects the occupied voxels above ground of the lethal columns of a tile.
-    fn collect_obstacles(
+    /// The cells of a tile; `verdicts` are ascending.
+    fn cells_of(
         &self,
         octree: &Octree,
         at: BrickColumn,
         rules: &ColumnRules,
-        voxels: &mut Vec<ObstacleVoxel>,
-    ) {
+        verdicts: &[(CellIndex, Rigidity)],
+    ) -> Option<[CostCell; TILE_COLUMNS]> {
+        let tile = self.window.tile(at)?;
+        let water_m = self.water_m(rules);
+        Some(std::array::from_fn(|column| {
+            let cell = ColumnTile::cell_of(at, column);
+            let found = verdicts.binary_search_by_key(&cell, |&(cell, _)| cell);
+            let rigidity = found.map_or(Rigidity::Unlabelled, |place| verdicts[place].1);
+            let read = &tile.columns[column];
+            let [intra, inter] = if self.maps_metrics {
+                metrics(octree, cell, read)
+            } else {
+                [f32::NAN; 2]
+            };
+            CostCell {
+                cost: match rigidity {
+                    Rigidity::Traversable => self.rigidity.traversable_vegetation_cost as f32,
+                    Rigidity::Rigid | Rigidity::Unlabelled => tile.costs[column],
+                },
+                rigidity,
+                is_clear_water: read.kind == ColumnKind::Water && read.top_z <= read.ground_z,
+                rises_from_water: rules.surface == Surface::Water
+                    && read.kind != ColumnKind::Unknown
+                    && read.top_m[2] > water_m,
+                intra,
+                inter,
+            }
+        }))
+    }
+
+    /// The occupied voxels above ground of the lethal columns of tiles.
+    fn obstacles_in(
+        &self,
+        octree: &Octree,
+        tiles: &[BrickColumn],
+        rules: &ColumnRules,
+    ) -> Vec<ObstacleVoxel> {
+        self.for_each(tiles, |at| self.obstacles(octree, at, rules))
+            .concat()
+    }
+
+    fn obstacles(
+        &self,
+        octree: &Octree,
+        at: BrickColumn,
+        rules: &ColumnRules,
+    ) -> Vec<ObstacleVoxel> {
+        let mut voxels = Vec::new();
         let Some(tile) = self.window.tile(at) else {
-            return;
+            return voxels;
         };
         let is_lethal = |column: usize| tile.costs[column] >= 1.0;
         let lethal = (0..TILE_COLUMNS).filter(|&column| is_lethal(column));
         let lethal = lethal.fold(0_u16, |bits, column| bits | 1 << column);
         if lethal == 0 {
-            return;
+            return voxels;
         }
         let around = self.window.patch(at);
         let around = around
@@ -451,6 +468,7 @@ impl CostMap {
                 }
             }
         }
+        voxels
     }
 }
 

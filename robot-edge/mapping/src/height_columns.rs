@@ -663,11 +663,13 @@ impl ColumnWindow {
             .then(|| self.tiles[self.slot(at)].published[column])
     }
 
-    /// What `of` makes of the published cells, row by row: least cell, cells per row, values.
-    pub(super) fn cells<T: Clone>(
+    /// Replaces `into` by what `of` makes of the published cells, row by row, none before the first update: least cell, cells
+    /// per row.
+    pub(super) fn cells<T>(
         &self,
+        into: &mut Vec<T>,
         of: impl Fn(&CostCell) -> T,
-    ) -> (CellIndex, usize, Vec<T>) {
+    ) -> (CellIndex, usize) {
         let first = self.first.unwrap_or(BrickColumn { x: 0, y: 0 });
         let margin = WindowPart::Classified.margin();
         let least = ColumnTile::cell_of(
@@ -679,18 +681,18 @@ impl ColumnWindow {
         );
         let tiles_in_row = (self.side - 2 * margin) as usize;
         let width = tiles_in_row * TILE_EDGE;
-        let mut published = vec![of(&CostCell::UNKNOWN); width * width];
-        for (n, at) in self.tiles(WindowPart::Classified).enumerate() {
-            let first = (n / tiles_in_row * width + n % tiles_in_row) * TILE_EDGE;
-            let rows = self.tiles[self.slot(at)].published.chunks_exact(TILE_EDGE);
-            for (y, row) in rows.enumerate() {
-                let to = &mut published[first + y * width..][..TILE_EDGE];
-                for (to, cell) in to.iter_mut().zip(row) {
-                    *to = of(cell);
+        into.clear();
+        into.reserve(width * width);
+        let tiles = self.tiles(WindowPart::Classified);
+        let tiles: Vec<_> = tiles.map(|at| &self.tiles[self.slot(at)]).collect();
+        for tiles in tiles.chunks_exact(tiles_in_row) {
+            for row in (0..TILE_COLUMNS).step_by(TILE_EDGE) {
+                for tile in tiles {
+                    into.extend(tile.published[row..row + TILE_EDGE].iter().map(&of));
                 }
             }
         }
-        (least, width, published)
+        (least, width)
     }
 
     pub(super) fn bytes(&self) -> usize {

@@ -62,9 +62,11 @@ pub struct ShoreLayer {
     changed: Vec<(CellIndex, Option<ShoreCell>)>,
     updates: u32,
     update: Option<ShoreUpdate>,
+    /// Memory for those of the next update.
+    columns: Vec<DockingColumn>,
 }
 
-/// An update whose docking sites are not all found yet.
+/// An update that is under way.
 #[derive(Clone, Debug)]
 struct ShoreUpdate {
     /// Least cell of the window, and cells in a row.
@@ -73,6 +75,8 @@ struct ShoreUpdate {
     columns: Vec<DockingColumn>,
     /// The boat's middle in `odom`, metres.
     boat_m: Point2<f64>,
+    /// Until shores are found.
+    obstacles: Option<Vec<ObstacleVoxel>>,
     clusters: Vec<ShoreCluster>,
     /// Parts of Solid clusters that give way.
     parts: Vec<ShoreCluster>,
@@ -102,6 +106,7 @@ impl ShoreLayer {
             changed: Vec::new(),
             updates: 0,
             update: None,
+            columns: Vec::new(),
         }
     }
 
@@ -162,22 +167,44 @@ impl ShoreLayer {
         self.finish_update();
     }
 
-    /// Begins such an update: finds shores. One that is under way is finished before.
+    /// Begins such an update: reads the maps. One that is under way is finished before.
     pub fn begin_update(&mut self, costs: &CostMap, octree: &Octree, boat_m: Point2<f64>) {
         self.finish_update();
-        let (first, width, mut columns) = costs.cells(|cell| DockingColumn {
+        let mut columns = std::mem::take(&mut self.columns);
+        let (first, width) = costs.cells(&mut columns, |cell| DockingColumn {
             cost: cell.cost,
             is_clear_water: cell.is_clear_water,
             rises_from_water: cell.rises_from_water,
             vegetation: None,
         });
+        self.update = Some(ShoreUpdate {
+            first,
+            width,
+            columns,
+            boat_m,
+            obstacles: Some(costs.obstacle_voxels(octree)),
+            clusters: Vec::new(),
+            parts: Vec::new(),
+            searched: 0,
+            sites: Vec::new(),
+        });
+    }
+
+    /// Finds shores of an update, and what grows in its columns.
+    fn classify(&mut self, update: &mut ShoreUpdate, obstacles: Vec<ObstacleVoxel>) {
+        let ShoreUpdate {
+            first,
+            width,
+            boat_m,
+            ..
+        } = *update;
+        let columns = &mut update.columns;
         let count = columns.len();
         let place_of = |cell: CellIndex| {
             let place = cell.place_in(first, width);
             place.filter(|at| *at < count)
         };
         let is_inside = |cell: CellIndex| place_of(cell).is_some();
-        let obstacles = costs.obstacle_voxels(octree);
         let mut unlabelled: Vec<_> = obstacles.iter().map(|found| found.voxel.column()).collect();
         unlabelled.dedup();
         let mut found = self.find_shores(obstacles, is_inside);
@@ -221,21 +248,13 @@ impl ShoreLayer {
         for (place, vegetation) in adopted.collect::<Vec<_>>() {
             columns[place].vegetation = Some(vegetation);
         }
-        for column in &mut columns {
+        for column in columns {
             column.vegetation = column
                 .vegetation
                 .filter(|found| found.class != ShoreClass::Solid);
         }
-        self.update = Some(ShoreUpdate {
-            first,
-            width,
-            columns,
-            boat_m,
-            clusters: found.clusters,
-            parts,
-            searched: 0,
-            sites: Vec::new(),
-        });
+        update.clusters = found.clusters;
+        update.parts = parts;
     }
 
     /// Whether an update is under way.
@@ -243,12 +262,17 @@ impl ShoreLayer {
         self.update.is_some()
     }
 
-    /// Continues an update that is under way: searches one kind of ground, of slopes and the two classes of vegetation, for docking sites.
-    /// After the last the layer is updated.
+    /// Continues an update that is under way: finds shores, or searches one kind of ground, of slopes and the two classes of vegetation,
+    /// for docking sites. After the last the layer is updated. To be called before the next scan is added: stems are those of the maps.
     pub fn continue_update(&mut self) {
         let Some(mut update) = self.update.take() else {
             return;
         };
+        if let Some(obstacles) = update.obstacles.take() {
+            self.classify(&mut update, obstacles);
+            self.update = Some(update);
+            return;
+        }
         let ShoreUpdate {
             first,
             width,
@@ -321,6 +345,9 @@ impl ShoreLayer {
         // Clusters that were left behind are kept unchanged.
         self.clusters
             .retain(|_, cluster| !cluster.columns.iter().any(|&cell| is_inside(cell)));
+        // Without content, which clones would copy.
+        self.columns = columns;
+        self.columns.clear();
         let clusters = clusters.into_iter();
         self.clusters
             .extend(clusters.map(|cluster| (cluster.number, cluster)));

@@ -146,7 +146,8 @@ impl Drive {
                 *hits.entry(cell).or_default() += 1;
             }
         }
-        let (first, width, window) = cost.cells(|cell| *cell);
+        let mut window = Vec::new();
+        let (first, width) = cost.cells(&mut window, |cell| *cell);
         for (place, found) in window.into_iter().enumerate() {
             let cell = CellIndex {
                 x: first.x + i32::from((place % width) as u16),

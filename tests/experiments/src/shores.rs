@@ -250,7 +250,8 @@ pub(super) fn octree_and_cost(
         "the octree from above, heights above the water",
     )?;
 
-    let (first, width, window) = maps.cost.cells(|cell| *cell);
+    let mut window = Vec::new();
+    let (first, width) = maps.cost.cells(&mut window, |cell| *cell);
     let width = i32::try_from(width).unwrap_or(i32::MAX);
     let quantisation = LayerId::Cost.quantisation();
     let cells = (0..).zip(&window).map(|(place, cell)| {

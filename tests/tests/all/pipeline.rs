@@ -13,6 +13,7 @@ use measurement::{Measurement, MeasurementData};
 use protocol::layer::{LayerId, UNKNOWN};
 use protocol::tile::{TileCells, TileKey};
 use protocol::tile_store::RootDigest;
+use serde_json::Value;
 use simulation::source::START;
 use simulation::{SimulatedSource, SimulationOptions, World};
 use teleop::collision_monitor::BlockageDetector;
@@ -178,25 +179,31 @@ fn the_program_makes_the_map_of_the_library() {
     let world = World::load("rooms").unwrap();
     let in_order = map_of(&world, measured(&world, 3), &[]).to_string();
     for threads in ["mapping.threads=1", "mapping.threads=2"] {
-        assert_eq!(digest_of_simulate(3, threads), in_order, "{threads}");
+        let layers = layers_of_simulate("rooms", threads);
+        assert_eq!(layers["occupancy"]["digest"], in_order, "{threads}");
     }
 }
 
-fn digest_of_simulate(seed: u64, setting: &str) -> String {
+#[test]
+fn one_thread_and_two_make_the_same_shores() {
+    let layers = |threads| layers_of_simulate("lake", threads);
+    let [one, two] = ["mapping.threads=1", "mapping.threads=2"].map(layers);
+    assert!(one["shore"]["digest"].is_string(), "{one}");
+    assert_eq!(one, two);
+}
+
+/// Digests of the layers, with seed 3.
+fn layers_of_simulate(world: &str, setting: &str) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let summary = folder.path().join("summary.json");
     start(&format!(
-        "robot-edge simulate rooms --rate max --no-network --quiet --seed {seed} --duration {DURATION_S} --set {setting} \
+        "robot-edge simulate {world} --rate max --no-network --quiet --seed 3 --duration {DURATION_S} --set {setting} \
          --summary {}",
         summary.display()
     ))
     .ends_well();
-    let summary: serde_json::Value =
-        serde_json::from_str(&fs::read_to_string(summary).unwrap()).unwrap();
-    summary["layers"]["occupancy"]["digest"]
-        .as_str()
-        .unwrap()
-        .to_owned()
+    let summary: Value = serde_json::from_str(&fs::read_to_string(summary).unwrap()).unwrap();
+    summary["layers"].clone()
 }
 
 const LIMIT_MB: u32 = 1;

@@ -103,7 +103,8 @@ fn surface(z: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
 }
 
 fn costs(map: &CostMap) -> Vec<(CellIndex, f32)> {
-    let (least, width, cells) = map.cells(|cell| *cell);
+    let mut cells = Vec::new();
+    let (least, width) = map.cells(&mut cells, |cell| *cell);
     let known = cells
         .iter()
         .enumerate()
@@ -679,7 +680,8 @@ proptest! {
             // With the same levels, which are kept while the vehicle moves vertically.
             fresh.update(&mut whole, vehicle);
             let bits = |map: &CostMap| -> Vec<_> {
-                let (least, width, cells) = map.cells(|cell| *cell);
+                let mut cells = Vec::new();
+                let (least, width) = map.cells(&mut cells, |cell| *cell);
                 let cells = cells.iter().map(|c| (c.cost.to_bits(), c.rigidity, c.is_clear_water));
                 cells.map(|cell| (least, width, cell)).collect()
             };

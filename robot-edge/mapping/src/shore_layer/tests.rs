@@ -90,7 +90,7 @@ fn an_update_in_parts_is_of_the_maps_as_it_began() {
     parts.begin_update(&costs, &octree, Point2::origin());
     octree.erase();
     costs.erase();
-    for _ in 0..2 {
+    for _ in 0..3 {
         parts.continue_update();
         assert_eq!((parts.updates(), parts.clusters().count()), (0, 0));
     }
