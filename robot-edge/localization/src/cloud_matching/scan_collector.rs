@@ -59,15 +59,16 @@ impl ScanCollector {
     pub(crate) fn push(
         &mut self,
         waiting: &WaitingScan,
-        base_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
+        mut base_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
     ) -> Result<(), DropReason> {
         let Sweep::Planar(scan) = &waiting.sweep else {
             return Err(DropReason::BadScan);
         };
         let (stamp, identity) = (waiting.stamp, Pose::identity());
-        let projected = self
-            .projector
-            .project(scan, stamp, identity, base_from_sensor_at)?;
+        let first = base_from_sensor_at(stamp)?;
+        let projected =
+            self.projector
+                .project(scan, stamp, identity, first, base_from_sensor_at)?;
         let begin = self.span.as_ref().map_or(stamp, |(begin, ..)| *begin);
         self.span = Some((begin, waiting.known_at, FrameId::clone(&waiting.frame)));
         let scan_s = stamp.since(begin).as_secs_f64();
