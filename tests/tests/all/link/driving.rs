@@ -59,6 +59,8 @@ fn silence_old_commands_and_held_keys_move_nothing() {
     let before = all_refused(&anna.wait_for_status("shown", |_| true));
     for _ in 0..20 {
         anna.put(driven.clone());
+        // Not so fast that a busy machine drops some.
+        sleep(Duration::from_millis(5));
     }
     anna.wait_for_status("refused", |teleop| all_refused(teleop) >= before + 20);
     anna.take_lease();

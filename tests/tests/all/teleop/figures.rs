@@ -2,7 +2,7 @@
 //! Needs an idle machine, and root for the shaped link, on which tiles use their whole budget.
 
 use std::sync::Arc;
-use std::thread::sleep;
+use std::thread::{self, sleep};
 use std::time::Duration;
 
 use foreshore_tests::drive_log::{DriveLog, press_latencies};
@@ -152,7 +152,7 @@ impl Transport {
     }
 }
 
-/// A robot, a console that fetches all tiles, and an operator who presses and releases a key.
+/// A robot, consoles that join one after another and fetch all tiles, and an operator who presses and releases a key.
 fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &str) {
     link.set_both(Conditions::default());
     let (near, listens) = (Arc::clone(link), transport.listens());
@@ -162,11 +162,21 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
     link.set_both(shaped(0.02));
     let folder = tempdir().unwrap();
     let console = format!(
-        "operator-console --headless --for 600 --robot {NAME} {} --export {}/export",
+        "operator-console --headless --for 8 --robot {NAME} {} --export {}/export",
         transport.connects("bert"),
         folder.path().display()
     );
-    let console = Running::start(&mut inside(link, Side::B, &console), "console");
+    // Dropped at the end, however it comes.
+    let measures = Arc::new(());
+    let (far, measured) = (Arc::clone(link), Arc::downgrade(&measures));
+    let joins = thread::spawn(move || {
+        let mut joins = 0;
+        while measured.strong_count() > 0 {
+            Running::start(&mut inside(&far, Side::B, &console), "console").ends_well();
+            joins += 1;
+        }
+        joins
+    });
     let journal = folder.path().join("anna.csv");
     let inputs = [LET_GO, PRESSED].map(|(input, time)| {
         let (linear_mps, angular_radps) = (input.linear_mps, input.angular_radps);
@@ -184,7 +194,8 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
     let (before, started) = (bytes(), clock::now());
     sleep(MEASURED);
     let (after, elapsed_s) = (bytes(), clock::elapsed(started).as_secs_f64());
-    drop((operator, console));
+    drop((operator, measures));
+    let joins = joins.join().unwrap();
 
     let log = robot.log();
     let journal = Journal::parse(&std::fs::read_to_string(&journal).unwrap()).unwrap();
@@ -194,7 +205,7 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
     let during = stops.iter().filter(|stop| stop.issued > started).count();
     let kbps = |side: usize| (after[side] - before[side]) as f64 * 8e-3 / elapsed_s;
     println!(
-        "{what}: {:.2} involuntary stops a minute; {:.0} kbit/s towards the console, {:.0} kbit/s back",
+        "{what}, {joins} consoles: {:.2} involuntary stops a minute; {:.0} kbit/s towards them, {:.0} kbit/s back",
         during as f64 * 60.0 / elapsed_s,
         kbps(0),
         kbps(1)
