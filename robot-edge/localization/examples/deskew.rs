@@ -50,9 +50,8 @@ fn main() -> Result<(), DropReason> {
         ..Scan::default()
     };
     let pose_at = |stamp| Ok(poses.segment(stamp, &limits)?.pose_at(stamp));
-    let first = pose_at(ms(0))?;
     let registered =
-        BeamProjector::new(sensor, body).project(&scan, ms(0), first, first, pose_at)?;
+        BeamProjector::new(sensor, body).project(&scan, ms(0), pose_at(ms(0))?, pose_at)?;
     for beam in registered.beams {
         println!(
             "beam {} ends at x = {:.3} m",

@@ -108,18 +108,15 @@ impl BeamProjector {
         }
     }
 
-    /// Projects every valid beam with the sensor's pose at its own time, where it is not that of the first beam.
+    /// Projects every valid beam with `odom_from_sensor_at` its own time.
     ///
     /// # Errors
     /// If a pose is missing; then the whole scan is dropped.
-    // Compiled where the poses are made.
-    #[inline]
     pub fn project(
         &mut self,
         scan: &Scan,
         first_beam: RobotTime,
         odom_from_base: Pose,
-        mut odom_from_sensor: Pose,
         mut odom_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
     ) -> Result<RegisteredScan, DropReason> {
         let rule = RangeLimits {
@@ -129,6 +126,7 @@ impl BeamProjector {
         };
         let directions = self.fan.directions(scan);
         let sweeps = scan.time_increment_s > 0.0;
+        let mut odom_from_sensor = odom_from_sensor_at(first_beam)?;
         if self.sensor.kind != ScanKind::Beams {
             let beams = hits(self.sensor.kind, scan, &rule, directions, &odom_from_sensor)
                 .ok_or(DropReason::InvalidRange)?;

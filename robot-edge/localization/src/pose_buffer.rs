@@ -170,11 +170,6 @@ impl Segment {
     }
 
     /// The pose at `stamp`.
-    #[expect(
-        clippy::inline_always,
-        reason = "a pose that is passed in memory costs a tenth of placing"
-    )]
-    #[inline(always)]
     pub fn pose_at(&self, stamp: RobotTime) -> Pose {
         let span = self.to.0.since(self.from.0).as_nanos();
         if span == 0 {

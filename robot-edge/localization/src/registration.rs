@@ -375,16 +375,7 @@ impl ScanRegistration {
                     .filter(|before| before.0 < first_beam)
                     .and_then(|before| self.settings.limits.jump.between(&before, &own_pose));
                 out.extend(jump.map(RegistrationOutput::Jump));
-                let at = |_| Ok(odom_from_sensor);
-                let projector = &mut of.projector;
-                match &sweep {
-                    Sweep::Planar(scan) => {
-                        projector.project(scan, first_beam, odom_from_base, odom_from_sensor, at)
-                    }
-                    Sweep::Cloud(cloud, stamp) => {
-                        projector.project_cloud(cloud, (*stamp, first_beam), odom_from_base, at)
-                    }
-                }
+                of.project(&sweep, first_beam, odom_from_base, |_| Ok(odom_from_sensor))
             }
             None => Err(DropReason::NoPose),
         };
@@ -637,21 +628,9 @@ impl ScanRegistration {
                     * of.settings.beams.base_from_sensor.inverse()
             }
         };
-        let first_beam = scan.first_beam;
-        // One closure each, so that it is compiled into its loop.
-        match &scan.sweep {
-            Sweep::Planar(planar) => {
-                let first = sampler.pose_at(first_beam)? * mount;
-                let at = |stamp| Ok(sampler.pose_at(stamp)? * mount);
-                of.projector
-                    .project(planar, first_beam, odom_from_base, first, at)
-            }
-            Sweep::Cloud(cloud, stamp) => {
-                let at = |stamp| Ok(sampler.pose_at(stamp)? * mount);
-                let times = (*stamp, first_beam);
-                of.projector.project_cloud(cloud, times, odom_from_base, at)
-            }
-        }
+        of.project(&scan.sweep, scan.first_beam, odom_from_base, |stamp| {
+            Ok(sampler.pose_at(stamp)? * mount)
+        })
     }
 }
 

@@ -191,8 +191,6 @@ pub(crate) struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
-    #[expect(clippy::inline_always, reason = "as for a segment")]
-    #[inline(always)]
     pub(crate) fn pose_at(&mut self, stamp: RobotTime) -> Result<Pose, DropReason> {
         self.segments.resize(self.chain.links.len(), None);
         let mut target_from_source: Option<Pose> = None;

@@ -59,16 +59,15 @@ impl ScanCollector {
     pub(crate) fn push(
         &mut self,
         waiting: &WaitingScan,
-        mut base_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
+        base_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
     ) -> Result<(), DropReason> {
         let Sweep::Planar(scan) = &waiting.sweep else {
             return Err(DropReason::BadScan);
         };
         let (stamp, identity) = (waiting.stamp, Pose::identity());
-        let first = base_from_sensor_at(stamp)?;
-        let projected =
-            self.projector
-                .project(scan, stamp, identity, first, base_from_sensor_at)?;
+        let projected = self
+            .projector
+            .project(scan, stamp, identity, base_from_sensor_at)?;
         let begin = self.span.as_ref().map_or(stamp, |(begin, ..)| *begin);
         self.span = Some((begin, waiting.known_at, FrameId::clone(&waiting.frame)));
         let scan_s = stamp.since(begin).as_secs_f64();

@@ -134,6 +134,25 @@ impl ScanQueue {
         Some((tree.chain(target, source)?, mount))
     }
 
+    pub(super) fn project(
+        &mut self,
+        sweep: &Sweep,
+        first_beam: RobotTime,
+        odom_from_base: Pose,
+        odom_from_sensor_at: impl FnMut(RobotTime) -> Result<Pose, DropReason>,
+    ) -> Result<RegisteredScan, DropReason> {
+        let projector = &mut self.projector;
+        match sweep {
+            Sweep::Planar(scan) => {
+                projector.project(scan, first_beam, odom_from_base, odom_from_sensor_at)
+            }
+            Sweep::Cloud(cloud, stamp) => {
+                let times = (*stamp, first_beam);
+                projector.project_cloud(cloud, times, odom_from_base, odom_from_sensor_at)
+            }
+        }
+    }
+
     pub(super) fn drop(&mut self, reason: DropReason) {
         self.dropped_scans.add(reason);
     }
