@@ -35,6 +35,7 @@ impl TileIntake {
         if let Err(why) = partial.add_band(&band.rows, base) {
             // The same band twice: the later one replaces the first.
             if !matches!(why, DecodeError::DuplicateRow(_)) {
+                // The valid band keeps waiting.
                 if waits {
                     self.partial_tiles.insert(whole, partial);
                 }

@@ -10,7 +10,8 @@ const LEVEL: i32 = 1;
 /// Of a part that is not compressed: 8 numbers of at most 10 bytes a pose, and what stands before them.
 const MAX_BYTES: usize = 80 * PART + 30;
 
-/// Poses, oldest first, in a quarter (on a plane) to a half of the 64 bytes of a [`StampedPose`]; none of their digits is lost. Clones share what is encoded.
+/// Poses, oldest first, in a quarter (on a plane) to a half of the 64 bytes of a [`StampedPose`]; none of their digits is lost. Clones share
+/// what is encoded.
 #[derive(Clone, Debug, Default)]
 pub struct Poses {
     /// `PART` poses each.

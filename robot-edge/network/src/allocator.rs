@@ -3,8 +3,8 @@
 /// Keeps little memory that was freed: one heap for all threads, and large blocks go back to the system. To be called first in `main`,
 /// before there are other threads.
 ///
-/// glibc has up to eight heaps for each processor, each keeps what its threads once needed, and links that come and go are served by ever
-/// other threads. Each QUIC connection also has 3 MB to receive into: once one such block was freed, glibc takes the next ones from a
+/// glibc has up to eight heaps for each processor. Each keeps what its threads once needed, and with links that come and go the threads
+/// change. Each QUIC connection also has 3 MB to receive into: once one such block was freed, glibc takes the next ones from a
 /// heap and keeps them there (mallopt(3), `M_ARENA_MAX` and `M_MMAP_THRESHOLD`). Other libraries and systems are left as they are.
 pub fn keep_little_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

@@ -50,7 +50,8 @@ pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 
 /// Time after which an attempt of an open session to connect again is given up, ms, and up to so much more, at random. The
 /// listener of QUIC takes connections one after another, and 100 ms for each that was given up (Zenoh's `throttle_time`): where 50
-/// vehicles and 20 consoles gave up after 4 s, all at once, it did not come to those that still waited. Less than the 10 s in which Zenoh closes a session.
+/// vehicles and 20 consoles gave up after 4 s, all at once, it did not come to those that still waited. Less than the 10 s in which
+/// Zenoh closes a session.
 const RECONNECT_TIMEOUT_MS: u64 = 7000;
 const RECONNECT_SPREAD_MS: u64 = 2000;
 
