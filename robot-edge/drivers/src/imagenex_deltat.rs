@@ -69,22 +69,20 @@ impl Framed for Ping {
         if garbage > 0 {
             return Front::Skip(DropReason::Garbage, garbage);
         }
-        let Some(header) = bytes.first_chunk::<HEADER>() else {
-            // The next datagram, if this one was cut off in its header.
-            return match (1..bytes.len()).find(|at| is_start(&bytes[*at..])) {
-                Some(next) => Front::Skip(DropReason::CutOff, next),
-                None => Front::Incomplete,
-            };
-        };
-        if let Some(next) = (1..HEADER).find(|at| is_start(&bytes[*at..])) {
+        // A datagram that was cut off ends where the next one starts. Only what stands in the header, and then in the whole datagram, is
+        // searched: more may be there in one read than in another.
+        if let Some(next) = next_start(&bytes[..bytes.len().min(HEADER)]) {
             return Front::Skip(DropReason::CutOff, next);
         }
+        let Some(header) = bytes.first_chunk::<HEADER>() else {
+            return Front::Incomplete;
+        };
         let total = match total(header) {
             Ok(total) => total,
             Err(reason) => return Front::Skip(reason, 1),
         };
         let received = &bytes[..bytes.len().min(total)];
-        if let Some(next) = (HEADER..received.len()).find(|at| is_start(&received[*at..])) {
+        if let Some(next) = next_start(received) {
             return Front::Skip(DropReason::CutOff, next);
         }
         match received.get(HEADER..total) {
@@ -95,6 +93,10 @@ impl Framed for Ping {
             },
         }
     }
+}
+
+fn next_start(bytes: &[u8]) -> Option<usize> {
+    (1..bytes.len()).find(|at| is_start(&bytes[*at..]))
 }
 
 /// Whether a mark, a version, a possible length and the reserved zeros stand at the front.
@@ -346,6 +348,9 @@ mod tests {
             (whole[..200].to_vec(), DropReason::CutOff, 1),
             (whole[..HEADER].to_vec(), DropReason::CutOff, 1),
             (whole[..1000].to_vec(), DropReason::CutOff, 1),
+            // The next one starts in the header and goes on beyond it.
+            (whole[..253].to_vec(), DropReason::CutOff, 1),
+            (changed(70, &[0, 0])[..253].to_vec(), DropReason::Length, 1),
         ] {
             let bytes = [&bad[..], &good].concat();
             for length in [1, 5, usize::MAX] {
