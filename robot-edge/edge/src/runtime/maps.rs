@@ -41,6 +41,7 @@ const MAX_SCANS_UNPUBLISHED: u32 = 250;
 pub struct Maps {
     mapper: Mapper,
     publisher: Publisher,
+    tile_store_mb: u32,
     publish_period: RobotDuration,
     on_jump: OnJump,
     events: Vec<MapEvent>,
@@ -56,6 +57,8 @@ pub struct Maps {
 /// run.
 struct SearchedMap {
     map_from_odom: Arc<MapFromOdom>,
+    /// The map of the run, which nobody gets: of all its changes only the newest cells are kept.
+    of_run: Publisher,
     /// `None` once it is published.
     making: Option<MakingMaps>,
 }
@@ -114,8 +117,8 @@ pub struct MapsCheckpoint {
     publisher: PublisherState,
     progress: MapsProgress,
     correction: Option<CorrectionCheckpoint>,
-    /// Where `odom` lay in the saved map that the vehicle was searched for in.
-    searched: Option<Arc<MapFromOdom>>,
+    /// Where `odom` lay in the saved map that the vehicle was searched for in, and the map of the run.
+    searched: Option<(Arc<MapFromOdom>, PublisherState)>,
 }
 
 impl MapsCheckpoint {
@@ -129,7 +132,9 @@ impl MapsCheckpoint {
             let depth = voxels.depth().map_or(0, DepthMap::bytes);
             octree.bytes() + octree.scratch_bytes() + cost + depth
         });
-        occupancy + terrain + voxels + self.publisher.bytes()
+        let searched = self.searched.as_ref();
+        let of_run = searched.map_or(0, |(_, of_run)| of_run.bytes());
+        occupancy + terrain + voxels + self.publisher.bytes() + of_run
     }
 }
 
@@ -186,6 +191,7 @@ impl Maps {
         Ok(Self {
             publisher: Publisher::new(boot, config.streaming.tile_store_mb, &mapper, encode)?,
             mapper,
+            tile_store_mb: config.streaming.tile_store_mb,
             publish_period: RobotDuration::from_secs_f64(config.streaming.publish_period_s),
             on_jump: config.localization.on_jump,
             events: Vec::new(),
@@ -209,19 +215,33 @@ impl Maps {
         saved: Arc<MapFromOdom>,
     ) -> anyhow::Result<Self> {
         let mut maps = self.with_correction(correction);
-        maps.search(Some(saved))?;
+        maps.search(saved)?;
         Ok(maps)
     }
 
-    fn search(&mut self, saved: Option<Arc<MapFromOdom>>) -> anyhow::Result<()> {
-        self.searched = match (&mut self.correction, saved) {
-            (Some(correction), Some(map_from_odom)) => Some(SearchedMap {
+    fn search(&mut self, map_from_odom: Arc<MapFromOdom>) -> anyhow::Result<()> {
+        let of_run = self.publisher_to_nobody()?;
+        if let Some(correction) = &mut self.correction {
+            self.searched = Some(SearchedMap {
                 making: Some(correction.make(Arc::clone(&map_from_odom))?),
                 map_from_odom,
-            }),
-            _ => None,
-        };
+                of_run,
+            });
+        }
         Ok(())
+    }
+
+    fn publisher_to_nobody(&self) -> Result<Publisher, PublishError> {
+        Publisher::new(BootId([0; 16]), self.tile_store_mb, &self.mapper, false)
+    }
+
+    /// The vehicle was not found: publishes the map of the run.
+    fn stop_searching(&mut self) -> Result<(), PublishError> {
+        let Some(searched) = self.searched.take() else {
+            return Ok(());
+        };
+        self.publisher.restart(&self.mapper)?;
+        self.publisher.replace(&searched.of_run)
     }
 
     /// The kept scans; `None` if scans are not matched.
@@ -394,11 +414,7 @@ impl Maps {
         if let Some(maps) = correction.take_last(mapped)? {
             self.exchange(maps, before)?;
         }
-        if self.searched.take().is_some() {
-            // The vehicle was not found: the maps are those of the run alone.
-            self.publisher.restart(&self.mapper)?;
-        }
-        Ok(())
+        Ok(self.stop_searching()?)
     }
 
     pub const fn set_datum(&mut self, datum: Option<GeodeticPoint>) {
@@ -488,8 +504,9 @@ impl Maps {
         let started = clock::now();
         // Before the first scan there is nothing to publish.
         let stamp = self.progress.last_scan.unwrap_or_default();
-        if self.searched.is_some() {
+        if let Some(searched) = &mut self.searched {
             self.publisher.set_now(&self.mapper, stamp);
+            searched.of_run.publish(&mut self.mapper, stamp)?;
             self.publish_searched()?;
         } else {
             self.publisher.publish(&mut self.mapper, stamp)?;
@@ -500,7 +517,6 @@ impl Maps {
     }
 
     fn publish_searched(&mut self) -> Result<(), PublishError> {
-        self.mapper.enforce_memory_limits();
         let making = self.searched.as_mut().map(|searched| &mut searched.making);
         let Some(thread) = making.and_then(|making| making.take_if(|thread| thread.is_finished()))
         else {
@@ -515,8 +531,7 @@ impl Maps {
                 let stamp = self.progress.last_scan.unwrap_or_default();
                 let message = format!("the saved map cannot be shown: {error:#}");
                 self.add_event(stamp, "map_not_shown", message);
-                self.searched = None;
-                Ok(())
+                self.stop_searching()
             }
         }
     }
@@ -568,10 +583,10 @@ impl Maps {
             publisher: self.publisher.state(),
             progress: self.progress.clone(),
             correction: self.correction.as_ref().map(MapCorrection::checkpoint),
-            searched: self
-                .searched
-                .as_ref()
-                .map(|searched| Arc::clone(&searched.map_from_odom)),
+            searched: self.searched.as_ref().map(|searched| {
+                let map_from_odom = Arc::clone(&searched.map_from_odom);
+                (map_from_odom, searched.of_run.state())
+            }),
         }
     }
 
@@ -580,7 +595,13 @@ impl Maps {
         if let (Some(correction), Some(to)) = (&mut self.correction, &checkpoint.correction) {
             correction.restore(to)?;
         }
-        self.search(checkpoint.searched.clone())?;
+        self.searched = None;
+        if let Some((map_from_odom, of_run)) = &checkpoint.searched {
+            self.search(Arc::clone(map_from_odom))?;
+            if let Some(searched) = &mut self.searched {
+                searched.of_run.restore(of_run)?;
+            }
+        }
         self.publisher.restore(&checkpoint.publisher)?;
         self.mapper = checkpoint.mapper.clone();
         self.progress = checkpoint.progress.clone();
@@ -609,19 +630,25 @@ impl Maps {
         &mut self,
         waiting: Vec<RegistrationOutput>,
     ) -> Result<PausedSnapshot, PublishError> {
+        let searched = match &self.searched {
+            Some(searched) => Some(SearchedMap {
+                map_from_odom: Arc::clone(&searched.map_from_odom),
+                of_run: self.publisher_to_nobody()?,
+                making: None,
+            }),
+            None => None,
+        };
         let mut ended = Self {
             mapper: self.mapper.clone(),
             publisher: self.publisher.with_undo(),
+            tile_store_mb: self.tile_store_mb,
             publish_period: self.publish_period,
             on_jump: self.on_jump,
             events: Vec::new(),
             progress: self.progress.clone(),
             correction: None,
             corrected: None,
-            searched: self.searched.as_ref().map(|searched| SearchedMap {
-                map_from_odom: Arc::clone(&searched.map_from_odom),
-                making: None,
-            }),
+            searched,
         };
         for registered in &waiting {
             match registered {
@@ -671,8 +698,11 @@ impl Maps {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use nalgebra::Point3;
-    use protocol::tile::BootId;
+    use protocol::layer::LayerId;
+    use protocol::tile::{BootId, TileCells};
 
     use super::*;
     use crate::export::voxels::voxel_digest;
@@ -752,6 +782,41 @@ mod tests {
         let of_ended = ended.mapper().voxels().unwrap().octree();
         assert_eq!(voxel_digest(&octree), voxel_digest(of_ended), "{on_jump:?}");
         (state(&octree, BEFORE_M), state(&octree, WAITING_M))
+    }
+
+    fn tiles(maps: &Maps) -> BTreeMap<TileKey, TileCells> {
+        let store = maps.publisher().store();
+        let tiles = LayerId::ALL.into_iter().flat_map(|layer| store.tiles(layer));
+        let cells = tiles.filter_map(|(key, stored)| Some((key, stored.cells()?.clone())));
+        cells.collect()
+    }
+
+    #[test]
+    fn of_a_run_that_is_not_found_only_the_newest_cells_are_kept() {
+        let mut config = Config::default();
+        config.mapping.octree.enabled = true;
+        config.mapping.cost.enabled = true;
+        let boot = BootId([1; 16]);
+        let kept = KeptScans::new().unwrap();
+        let correction = MapCorrection::new(&config, kept, MapFromOdom::default());
+        let mut alone = Maps::new(&config, boot, false).unwrap();
+        let mut searched = Maps::new(&config, boot, false).unwrap();
+        searched = searched.going_on(correction, Arc::default()).unwrap();
+        for n in 0..20 {
+            let scan = scan(n * 1_000_000_000, [BEFORE_M, WAITING_M][n as usize % 2]);
+            take(&mut alone, &scan);
+            take(&mut searched, &scan);
+            let cost = searched.mapper.voxels_mut().unwrap().cost_mut().unwrap();
+            assert_eq!(cost.take_changed(), []);
+        }
+        assert_eq!(tiles(&searched), BTreeMap::new());
+        let checkpoint = searched.checkpoint();
+        searched.restore(&checkpoint).unwrap();
+        searched.finish_correction().unwrap();
+        searched.finish().unwrap();
+        alone.finish().unwrap();
+        assert!(tiles(&alone).keys().any(|key| key.layer == LayerId::Cost));
+        assert_eq!(tiles(&searched), tiles(&alone));
     }
 
     #[test]
