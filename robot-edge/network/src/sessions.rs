@@ -55,6 +55,10 @@ pub const RETRY_PERIOD: Duration = Duration::from_millis(500);
 const RECONNECT_TIMEOUT_MS: u64 = 7000;
 const RECONNECT_SPREAD_MS: u64 = 2000;
 
+/// Bytes of a buffer in which messages of the control session are sent, and up to 16 of which a link keeps. Zenoh's 65,535 cost memory each
+/// time that a link is lost; what is longer is sent in several.
+const CONTROL_BATCH_BYTES: u16 = 16_384;
+
 /// Head start of QUIC before TLS is tried in parallel: some round trips of a long link. A silent client can block the
 /// QUIC listener, but not that of TLS.
 const FALLBACK_DELAY: Duration = Duration::from_millis(600);
@@ -158,6 +162,10 @@ fn settings(
     // A robot with keys is reached at a known address and is not discoverable.
     let answers_scouts = is_open && side == Side::Edge && channel == Channel::Control;
     let retry_ms = RETRY_PERIOD.as_millis() as u64;
+    let batch_bytes = match channel {
+        Channel::Control => CONTROL_BATCH_BYTES,
+        Channel::Bulk => u16::MAX,
+    };
     let (mode, timeout_ms) = match side {
         Side::Edge => ("peer", -1),
         // A router forwards between clients, but not between peers without gossip.
@@ -181,6 +189,7 @@ fn settings(
         ("scouting/gossip/enabled", json!(false)),
         // 1000 ms was unstable on bad links. Safety does not depend on it.
         ("transport/link/tx/lease", json!(4000)),
+        ("transport/link/tx/batch_size", json!(batch_bytes)),
         ("transport/link/rx/max_message_size", json!(4 << 20)),
         ("transport/shared_memory/enabled", json!(false)),
         ("adminspace/enabled", json!(false)),
