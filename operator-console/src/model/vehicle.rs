@@ -125,6 +125,10 @@ impl Trail {
     /// Inserts known points, oldest first, up to a stamp, if they are far enough from their neighbours. If the data's
     /// clock restarted, only the points since then are considered.
     pub(super) fn fill(&mut self, known: &[(i64, [f64; 2])], newest_ns: i64) {
+        // Copying a long trail needs a megabyte.
+        if known.is_empty() {
+            return;
+        }
         let stamps: Vec<_> = self.stamps_ns.iter().copied().collect();
         let here = since_last_fall(&stamps, |stamp_ns| *stamp_ns);
         let known = &known[since_last_fall(known, |(stamp_ns, _)| *stamp_ns)..];

@@ -10,6 +10,7 @@ use foreshore_tests::operator::{Input, Journal, Operator};
 use foreshore_tests::rig::Conditions;
 use foreshore_tests::rig::tun::{Namespaces, Side};
 use network::clock;
+use rustix::process::nice;
 use tempfile::tempdir;
 
 use super::robot::{Lateness, NAME, Robot, at};
@@ -170,6 +171,8 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
     let measures = Arc::new(());
     let (far, measured) = (Arc::clone(link), Arc::downgrade(&measures));
     let joins = thread::spawn(move || {
+        // They would have machines of their own.
+        nice(20).ok();
         let mut joins = 0;
         while measured.strong_count() > 0 {
             Running::start(&mut inside(&far, Side::B, &console), "console").ends_well();
@@ -223,6 +226,8 @@ fn measure(link: &Arc<Namespaces>, what: &str, transport: &Transport, world: &st
 #[test]
 #[ignore = "five minutes, needs root: measures"]
 fn from_key_to_motors_over_quic_on_the_shaped_link() {
+    // As the shipped unit runs a vehicle, and the link too.
+    nice(-10).ok();
     let Some(link) = namespaces(3).map(Arc::new) else {
         return;
     };
