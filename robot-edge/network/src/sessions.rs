@@ -8,6 +8,7 @@ use std::sync::mpsc::{SendError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
+use measurement::time::Monotonic;
 use serde_json::{Value, json};
 use zenoh::{Config, Session, Wait};
 
@@ -15,6 +16,7 @@ use super::LinkError;
 use super::endpoints::{Channel, attempts, listeners};
 use super::security::{self, SettingsOfTls};
 use crate::audit::Audit;
+use crate::clock;
 use crate::credentials::{Credentials, OperatorList};
 use crate::random_id;
 
@@ -62,6 +64,9 @@ const CONTROL_BATCH_BYTES: u16 = 16_384;
 /// Head start of QUIC before TLS is tried in parallel: some round trips of a long link. A silent client can block the
 /// QUIC listener, but not that of TLS.
 const FALLBACK_DELAY: Duration = Duration::from_millis(600);
+/// QUIC is preferred if it opens so long after TLS, or within as long as TLS took: where a packet is lost, QUIC sends the first one again
+/// after a second, and control by TLS would wait for each lost packet as long as the session lasts.
+const FALLBACK_WAIT: Duration = Duration::from_millis(1500);
 
 /// Opens a session of Zenoh.
 ///
@@ -102,7 +107,7 @@ pub fn open(side: Side, channel: Channel, endpoints: &Endpoints) -> Result<Sessi
 }
 
 /// Opens sessions in turn: the next one starts when the previous ones have failed or after their head start. Returns
-/// the first one that is open.
+/// the first of the list, or another one that is open, if the first does not follow soon.
 fn first_to_open(
     channel: Channel,
     attempt_list: Vec<(Config, String)>,
@@ -117,7 +122,8 @@ fn first_to_open(
     let count = attempt_list.len();
     let mut attempt_list = attempt_list.into_iter().enumerate();
     let (sender, opened) = sync_channel(count);
-    let mut underway = 0;
+    let (began, mut underway) = (clock::now(), 0);
+    let mut fallback: Option<(Session, Monotonic)> = None;
     loop {
         if let Some((n, (config, endpoints))) = attempt_list.next() {
             if count == 1 {
@@ -132,22 +138,34 @@ fn first_to_open(
                 }
             });
         }
-        match opened.recv_timeout(FALLBACK_DELAY) {
-            Ok((n, Ok(session))) => {
-                if n > 0 {
-                    tracing::warn!(
-                        "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
-                    );
+        let until = fallback.as_ref().map(|(_, until)| *until);
+        let wait = until.map_or(FALLBACK_DELAY, |until| until.since(clock::now()));
+        match opened.recv_timeout(wait) {
+            Ok((0, Ok(session))) => {
+                if let Some((late, _)) = fallback {
+                    thread::spawn(move || drop(late.close().wait()));
                 }
                 return Ok(session);
             }
+            Ok((_, Ok(session))) => {
+                underway -= 1;
+                let until = clock::now() + FALLBACK_WAIT.max(clock::elapsed(began));
+                fallback = Some((session, until));
+            }
             Ok((_, Err(why))) => {
                 underway -= 1;
-                if underway == 0 && attempt_list.len() == 0 {
+                if underway == 0 && attempt_list.len() == 0 && fallback.is_none() {
                     return Err(why);
                 }
             }
             Err(_none_yet) => {}
+        }
+        let is_due = |(_, until): &mut (_, Monotonic)| underway == 0 || clock::now() >= *until;
+        if let Some((session, _)) = fallback.take_if(is_due) {
+            tracing::warn!(
+                "QUIC does not answer; control goes by TLS, where what is lost holds up what follows"
+            );
+            return Ok(session);
         }
     }
 }

@@ -786,7 +786,9 @@ mod tests {
 
     fn tiles(maps: &Maps) -> BTreeMap<TileKey, TileCells> {
         let store = maps.publisher().store();
-        let tiles = LayerId::ALL.into_iter().flat_map(|layer| store.tiles(layer));
+        let tiles = LayerId::ALL
+            .into_iter()
+            .flat_map(|layer| store.tiles(layer));
         let cells = tiles.filter_map(|(key, stored)| Some((key, stored.cells()?.clone())));
         cells.collect()
     }

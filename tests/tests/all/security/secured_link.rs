@@ -252,6 +252,20 @@ fn a_map_comes_by_tls_and_the_console_shows_it() {
     assert!(live < UP_WITHIN, "{live:?}");
 }
 
+/// As where its first packet is lost.
+#[test]
+fn quic_is_waited_for_after_tls_has_answered() {
+    let network = Networked::start();
+    network.udp.set_both(Conditions {
+        delay: Duration::from_millis(200),
+        ..Conditions::default()
+    });
+    let session = network.session();
+    wait_until("live", || is_live(&session.model()));
+    assert!(network.tcp[0].connections_accepted() > 0);
+    wait_until("by QUIC", || goes_by(&session, Transport::Quic));
+}
+
 /// As when a console changes to another network.
 #[test]
 fn a_quic_link_continues_by_tls_when_udp_stops() {
