@@ -128,6 +128,8 @@ impl ConsoleModel {
                     self.trail = TrailSync::default();
                     self.scans.by_sensor.clear();
                     self.robot.begin_run(header.boot);
+                    // Layers are wanted from now on.
+                    self.view.last_sent = None;
                 }
                 if epoch.is_some_and(|epoch| self.shores.of_epoch(epoch)) {
                     self.changes += 1;

@@ -243,7 +243,9 @@ impl ConsoleModel {
     }
 
     fn view(&self) -> View {
-        let wanted_layers = self.wanted_layers().into_iter();
+        // Before the first map head nobody knows to which run a tile belongs.
+        let boot = self.map.boot();
+        let wanted_layers = boot.into_iter().flat_map(|_| self.wanted_layers());
         let store = self.map.store();
         let revisions = store.grids().map(|grid| store.head_revision(grid.layer));
         let revision = revisions.max();

@@ -77,17 +77,20 @@ fn new_info_revision_is_requested() {
     assert!(!asks_for_info(&mut model, 3_000));
 }
 
+/// The view that is sent now, if one is due.
+fn sent_view(model: &mut ConsoleModel, ms: u64) -> Option<View> {
+    let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
+    let view = outgoing.iter().find_map(|out| match out {
+        Outgoing::Put { payload, .. } => Some(payload),
+        Outgoing::Get { .. } => None,
+    });
+    let (_, view): (_, View) = wire::decode(view?).unwrap();
+    Some(view)
+}
+
 #[test]
 fn scans_are_kept_while_wanted_and_within_one_run() {
-    let wants = |model: &mut ConsoleModel, ms| {
-        let outgoing = model.outgoing(OpenSessions::BOTH, at(ms));
-        let view = outgoing.iter().find_map(|out| match out {
-            Outgoing::Put { payload, .. } => Some(payload),
-            Outgoing::Get { .. } => None,
-        });
-        let (_, view): (_, View) = wire::decode(view.unwrap()).unwrap();
-        view.wants_scan
-    };
+    let wants = |model: &mut ConsoleModel, ms| sent_view(model, ms).unwrap().wants_scan;
     let mut model = scout();
     assert!(!wants(&mut model, 0));
     say(&mut model, Topic::Scan, BOOT, &scan(), 1);
@@ -220,9 +223,9 @@ fn stop_before_estop_is_recorded() {
     assert_eq!(before(&model), released);
 }
 
-/// Tiles come by another session than the map head.
+/// Tiles come by another session than the map head, and other consoles may want them.
 #[test]
-fn tiles_before_the_first_head_count_as_before_join() {
+fn tiles_before_the_first_head_are_not_wanted_and_count_as_before_join() {
     let mut model = console("scout", &[LayerId::Occupancy]);
     let layer = LayerId::Occupancy;
     let key = TileKey {
@@ -241,11 +244,15 @@ fn tiles_before_the_first_head_count_as_before_join() {
         let count = |why| model.reject_counts().count(why);
         [RejectReason::BeforeJoin, RejectReason::OtherBoot].map(count)
     };
+    let wanted = |model: &mut ConsoleModel, ms| sent_view(model, ms).unwrap().layers;
     let tile = Topic::Changes(layer);
     let changes = changes(key, band);
+    assert_eq!(wanted(&mut model, 0), 0);
     inject(&mut model, tile, &changes, at(0));
     assert_eq!(counts(&model), [1, 0]);
     announce_boot(&mut model, BootId([8; 16]), at(1));
+    assert_eq!(wanted(&mut model, 1), 1 << layer as u32);
+    assert_eq!(sent_view(&mut model, 2), None);
     inject(&mut model, tile, &changes, at(2));
     assert_eq!(counts(&model), [1, 1]);
 }
