@@ -112,7 +112,7 @@ impl Default for Config {
 pub struct StreamingConfig {
     /// What tiles may take of the link, kilobits (10³ bits) per second.
     pub budget_kbps: u32,
-    /// Most memory for the tile store, megabytes (10⁶ bytes).
+    /// Most memory for the tile store, megabytes (10⁶ bytes); as much again while the vehicle is searched for in a saved map.
     pub tile_store_mb: u32,
     /// Time of the data between two publications of changed tiles, seconds.
     pub publish_period_s: f64,

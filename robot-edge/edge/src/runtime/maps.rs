@@ -4,12 +4,12 @@ use std::borrow::Cow;
 use std::io;
 use std::sync::Arc;
 
-use anyhow::anyhow;
 use protocol::message::Shores;
 use protocol::tile::{BootId, TileKey};
 
 use super::kept_scans::KeptScans;
-use super::map_correction::{CorrectionCheckpoint, MakingMaps, MapCorrection, placed};
+use super::map_correction::{CorrectionCheckpoint, MapCorrection, placed};
+use super::searched_map::{SearchedMap, SearchedMapCheckpoint};
 use super::temporary_file::TemporaryFile;
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
@@ -51,16 +51,6 @@ pub struct Maps {
     /// Where `odom` lay in the maps before they were made again, and where it lies now.
     corrected: Option<(Arc<MapFromOdom>, Arc<MapFromOdom>)>,
     searched: Option<SearchedMap>,
-}
-
-/// The saved map that the vehicle is searched for in. Until it is found, consoles get that map, and the collision monitor that of the
-/// run.
-struct SearchedMap {
-    map_from_odom: Arc<MapFromOdom>,
-    /// The map of the run, which nobody gets: of all its changes only the newest cells are kept.
-    of_run: Publisher,
-    /// `None` once it is published.
-    making: Option<MakingMaps>,
 }
 
 /// The part of [`Maps`] that a checkpoint copies besides the layers and the tiles.
@@ -117,8 +107,7 @@ pub struct MapsCheckpoint {
     publisher: PublisherState,
     progress: MapsProgress,
     correction: Option<CorrectionCheckpoint>,
-    /// Where `odom` lay in the saved map that the vehicle was searched for in, and the map of the run.
-    searched: Option<(Arc<MapFromOdom>, PublisherState)>,
+    searched: Option<SearchedMapCheckpoint>,
 }
 
 impl MapsCheckpoint {
@@ -133,8 +122,8 @@ impl MapsCheckpoint {
             octree.bytes() + octree.scratch_bytes() + cost + depth
         });
         let searched = self.searched.as_ref();
-        let of_run = searched.map_or(0, |(_, of_run)| of_run.bytes());
-        occupancy + terrain + voxels + self.publisher.bytes() + of_run
+        let searched = searched.map_or(0, SearchedMapCheckpoint::bytes);
+        occupancy + terrain + voxels + self.publisher.bytes() + searched
     }
 }
 
@@ -220,19 +209,17 @@ impl Maps {
     }
 
     fn search(&mut self, map_from_odom: Arc<MapFromOdom>) -> anyhow::Result<()> {
-        let of_run = self.publisher_to_nobody()?;
         if let Some(correction) = &mut self.correction {
-            self.searched = Some(SearchedMap {
-                making: Some(correction.make(Arc::clone(&map_from_odom))?),
+            let making = correction.make(Arc::clone(&map_from_odom))?;
+            let searched = SearchedMap::new(
                 map_from_odom,
-                of_run,
-            });
+                Some(making),
+                &self.mapper,
+                self.tile_store_mb,
+            )?;
+            self.searched = Some(searched);
         }
         Ok(())
-    }
-
-    fn publisher_to_nobody(&self) -> Result<Publisher, PublishError> {
-        Publisher::new(BootId([0; 16]), self.tile_store_mb, &self.mapper, false)
     }
 
     /// The vehicle was not found: publishes the map of the run.
@@ -241,7 +228,7 @@ impl Maps {
             return Ok(());
         };
         self.publisher.restart(&self.mapper)?;
-        self.publisher.replace(&searched.of_run)
+        self.publisher.replace(searched.of_run())
     }
 
     /// The kept scans; `None` if scans are not matched.
@@ -506,7 +493,7 @@ impl Maps {
         let stamp = self.progress.last_scan.unwrap_or_default();
         if let Some(searched) = &mut self.searched {
             self.publisher.set_now(&self.mapper, stamp);
-            searched.of_run.publish(&mut self.mapper, stamp)?;
+            searched.publish_run(&mut self.mapper, stamp)?;
             self.publish_searched()?;
         } else {
             self.publisher.publish(&mut self.mapper, stamp)?;
@@ -517,17 +504,13 @@ impl Maps {
     }
 
     fn publish_searched(&mut self) -> Result<(), PublishError> {
-        let making = self.searched.as_mut().map(|searched| &mut searched.making);
-        let Some(thread) = making.and_then(|making| making.take_if(|thread| thread.is_finished()))
-        else {
-            return Ok(());
-        };
-        match thread.join().map_err(|_panic| anyhow!("its thread failed")) {
-            Ok(Ok(mut saved)) => {
+        match self.searched.as_mut().and_then(SearchedMap::take_made) {
+            None => Ok(()),
+            Some(Ok(mut saved)) => {
                 saved.finish()?;
                 self.publisher.replace(&saved.publisher)
             }
-            Ok(Err(error)) | Err(error) => {
+            Some(Err(error)) => {
                 let stamp = self.progress.last_scan.unwrap_or_default();
                 let message = format!("the saved map cannot be shown: {error:#}");
                 self.add_event(stamp, "map_not_shown", message);
@@ -583,10 +566,7 @@ impl Maps {
             publisher: self.publisher.state(),
             progress: self.progress.clone(),
             correction: self.correction.as_ref().map(MapCorrection::checkpoint),
-            searched: self.searched.as_ref().map(|searched| {
-                let map_from_odom = Arc::clone(&searched.map_from_odom);
-                (map_from_odom, searched.of_run.state())
-            }),
+            searched: self.searched.as_ref().map(SearchedMap::checkpoint),
         }
     }
 
@@ -596,10 +576,10 @@ impl Maps {
             correction.restore(to)?;
         }
         self.searched = None;
-        if let Some((map_from_odom, of_run)) = &checkpoint.searched {
-            self.search(Arc::clone(map_from_odom))?;
+        if let Some(to) = &checkpoint.searched {
+            self.search(Arc::clone(&to.map_from_odom))?;
             if let Some(searched) = &mut self.searched {
-                searched.of_run.restore(of_run)?;
+                searched.restore(to)?;
             }
         }
         self.publisher.restore(&checkpoint.publisher)?;
@@ -630,14 +610,11 @@ impl Maps {
         &mut self,
         waiting: Vec<RegistrationOutput>,
     ) -> Result<PausedSnapshot, PublishError> {
-        let searched = match &self.searched {
-            Some(searched) => Some(SearchedMap {
-                map_from_odom: Arc::clone(&searched.map_from_odom),
-                of_run: self.publisher_to_nobody()?,
-                making: None,
-            }),
-            None => None,
-        };
+        // The map of the run goes to nobody in the copy too.
+        let searched = self
+            .searched
+            .as_ref()
+            .map(|_| SearchedMap::new(Arc::default(), None, &self.mapper, self.tile_store_mb));
         let mut ended = Self {
             mapper: self.mapper.clone(),
             publisher: self.publisher.with_undo(),
@@ -648,7 +625,7 @@ impl Maps {
             progress: self.progress.clone(),
             correction: None,
             corrected: None,
-            searched,
+            searched: searched.transpose()?,
         };
         for registered in &waiting {
             match registered {
@@ -698,8 +675,11 @@ impl Maps {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::thread;
+    use std::time::Duration;
 
+    use anyhow::anyhow;
     use nalgebra::Point3;
     use protocol::layer::LayerId;
     use protocol::tile::{BootId, TileCells};
@@ -819,6 +799,32 @@ mod tests {
         alone.finish().unwrap();
         assert!(tiles(&alone).keys().any(|key| key.layer == LayerId::Cost));
         assert_eq!(tiles(&searched), tiles(&alone));
+    }
+
+    #[test]
+    fn a_saved_map_that_cannot_be_shown_leaves_the_map_of_the_run() {
+        let mut maps = maps(OnJump::Keep);
+        let making = thread::spawn(|| Err(anyhow!("no space left")));
+        let searched = SearchedMap::new(Arc::default(), Some(making), &maps.mapper, 64);
+        maps.searched = Some(searched.unwrap());
+        take(&mut maps, &scan(0, BEFORE_M));
+        for _ in 0..1000 {
+            maps.publish().unwrap();
+            if maps.searched.is_none() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        let update = maps.take_update();
+        let failed = MapEvent {
+            stamp: RobotTime::from_nanos(0),
+            kind: "map_not_shown",
+            message: "the saved map cannot be shown: no space left".to_owned(),
+        };
+        assert_eq!(update.events, [failed]);
+        let published: BTreeSet<_> = update.changed_tiles.into_iter().collect();
+        assert_eq!(published, tiles(&maps).into_keys().collect());
+        assert_ne!(published, BTreeSet::new());
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod ros_endpoint;
 mod run;
 mod run_live;
 mod saved_map;
+mod searched_map;
 #[cfg(feature = "simulation")]
 mod simulate;
 mod source;
