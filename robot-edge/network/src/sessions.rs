@@ -180,10 +180,7 @@ fn settings(
     // A robot with keys is reached at a known address and is not discoverable.
     let answers_scouts = is_open && side == Side::Edge && channel == Channel::Control;
     let retry_ms = RETRY_PERIOD.as_millis() as u64;
-    let batch_bytes = match channel {
-        Channel::Control => CONTROL_BATCH_BYTES,
-        Channel::Bulk => u16::MAX,
-    };
+    let batch = ("transport/link/tx/batch_size", json!(CONTROL_BATCH_BYTES));
     let (mode, timeout_ms) = match side {
         Side::Edge => ("peer", -1),
         // A router forwards between clients, but not between peers without gossip.
@@ -207,12 +204,12 @@ fn settings(
         ("scouting/gossip/enabled", json!(false)),
         // 1000 ms was unstable on bad links. Safety does not depend on it.
         ("transport/link/tx/lease", json!(4000)),
-        ("transport/link/tx/batch_size", json!(batch_bytes)),
         ("transport/link/rx/max_message_size", json!(4 << 20)),
         ("transport/shared_memory/enabled", json!(false)),
         ("adminspace/enabled", json!(false)),
     ]
     .into_iter()
+    .chain((channel == Channel::Control).then_some(batch))
 }
 
 fn config(
