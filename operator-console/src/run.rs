@@ -8,6 +8,7 @@ use edge::exit::{Exit, UsageError};
 use edge::runtime::interrupt_flag;
 use network::credentials::Credentials;
 use network::endpoints;
+use network::program_code::load_program;
 use network::zenoh_config_file;
 use recording::Format;
 
@@ -43,6 +44,7 @@ pub fn run(cli: &Cli, out: &mut dyn Write) -> anyhow::Result<Exit> {
         // Fail before the window opens.
         Format::of(recording)?;
     }
+    load_program();
     let demo = cli.demo.as_deref().map(Demo::start).transpose()?;
     let (connect, robot) = match &demo {
         Some(demo) => (vec![demo.endpoint.clone()], Some(demo.robot.clone())),

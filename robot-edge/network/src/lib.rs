@@ -12,6 +12,7 @@ pub mod clock;
 pub mod credentials;
 pub mod endpoints;
 mod error;
+pub mod program_code;
 pub mod security;
 pub mod sessions;
 

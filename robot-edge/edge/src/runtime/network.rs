@@ -38,6 +38,7 @@ use measurement::time::{Monotonic, RobotDuration, RobotTime};
 use network::LinkError;
 use network::audit::AuditLog;
 use network::clock;
+use network::program_code::load_program;
 use network::sessions::Endpoints;
 use recording::new_file::NewFile;
 
@@ -95,6 +96,7 @@ impl Network {
         (drive, log): (&DrivePlan, Option<NewFile>),
         quiet: bool,
     ) -> anyhow::Result<Option<(Self, StatePublisher)>> {
+        load_program();
         let store = maps.publisher().shared_store();
         let publish_state = Arc::new(PublishState::default());
         let audit_log = plan
