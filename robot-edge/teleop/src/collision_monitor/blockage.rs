@@ -163,7 +163,11 @@ impl BlockageDetector {
         {
             self.stored_hits.pop_front();
         }
-        if let Some(scan_plane) = ScanPlane::of(scan) {
+        // Where every part has a return, nothing that is missed counts.
+        let mut parts = self.sectors[..count].iter();
+        if !parts.all(|sector| sector.has_return)
+            && let Some(scan_plane) = ScanPlane::of(scan)
+        {
             for &(at, point) in &self.stored_hits {
                 // A hit that a beam of the next sector meets says nothing of this one.
                 if let Some((beam, false)) = scan_plane.beams_at(&point) {
