@@ -11,7 +11,7 @@ use network::program_code::load_program;
 /// A part of this program that nothing reads.
 static UNREAD: [u8; 8 << 20] = [1; 8 << 20];
 
-/// Addresses of a mapping in the line before its figures, proc_pid_smaps(5).
+/// Addresses of a mapping in the line before its figures (smaps of proc(5)).
 fn addresses(line: &str) -> Option<Range<usize>> {
     let (from, rest) = line.split_once('-')?;
     let (to, _) = rest.split_once(' ')?;
