@@ -9,7 +9,7 @@ use measurement::time::Monotonic;
 pub use protocol::export::utc_label;
 
 /// Longest time that [`sleep_until`] sleeps without asking whether it is still wanted.
-const MAX_SLEEP: Duration = Duration::from_millis(50);
+const MAX_SLEEP: Duration = Duration::from_millis(100);
 
 #[cfg(target_os = "linux")]
 pub fn now() -> Monotonic {
@@ -33,7 +33,7 @@ pub fn elapsed(moment: Monotonic) -> Duration {
     now().since(moment)
 }
 
-/// Sleeps until `deadline`, or until `is_cancelled`, which is asked at least every 50 ms.
+/// Sleeps until `deadline`, or until `is_cancelled`, which is asked at least every 100 ms.
 ///
 /// Returns whether the deadline was reached.
 pub fn sleep_until(deadline: Monotonic, is_cancelled: impl Fn() -> bool) -> bool {

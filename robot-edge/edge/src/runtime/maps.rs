@@ -1,5 +1,7 @@
 //! The maps of a vehicle: registered scans in, published tiles out.
 
+mod paused_snapshot;
+
 use std::borrow::Cow;
 use std::io;
 use std::sync::Arc;
@@ -13,23 +15,23 @@ use super::searched_map::{SearchedMap, SearchedMapCheckpoint};
 use super::temporary_file::TemporaryFile;
 use crate::config::Config;
 use crate::publishing::cells_to_tiles::shores;
-use crate::publishing::publisher::{PublishError, Publisher, PublisherState, ReplacedTiles};
+use crate::publishing::publisher::{PublishError, Publisher, PublisherState};
 use crate::summary::StageTimer;
 use localization::OnJump;
 use localization::pose_buffer::PoseJump;
-use localization::registration::RegistrationOutput;
 use localization::scan_localization::{ConfidenceChange, MapFromOdom, PoseConfidence};
 use mapping::Mapper;
 use mapping::cost_map::CostMap;
 use mapping::depth::DepthMap;
 use mapping::occupancy_grid::OccupancyGrid;
-use mapping::octree::{BlockFile, LimitedBricks, Octree};
+use mapping::octree::{BlockFile, LimitedBricks};
 use mapping::registered_scan::RegisteredScan;
 use mapping::terrain::Terrain;
 use measurement::drops::{DropCounts, DropReason};
 use measurement::pose::Pose;
 use measurement::time::{RobotDuration, RobotTime};
 use network::clock;
+pub use paused_snapshot::PausedSnapshot;
 use protocol::geodesy::GeodeticPoint;
 
 /// Minimum time between two reports of evictions.
@@ -127,39 +129,6 @@ impl MapsCheckpoint {
     }
 }
 
-/// The maps as published while a replay is paused.
-///
-/// A scan waits for the next pose, and changed cells wait for the next publication. A paused replay shows both at once,
-/// and the data that follows must not depend on it. Therefore a copy of the maps is finished and published, and the
-/// replaced tiles are restored when the replay resumes.
-#[derive(Debug)]
-pub struct PausedSnapshot {
-    published: ReplacedTiles,
-    /// Scans that the maps themselves do not contain yet, and the pose jumps between them.
-    waiting: Vec<RegistrationOutput>,
-    last_scan: Option<RobotTime>,
-    /// Shores and docking sites if they changed, and the stamp of the last scan.
-    pub shores: Option<(RobotTime, Shores)>,
-}
-
-impl PausedSnapshot {
-    /// The scans that are only in the snapshot.
-    pub(super) fn waiting_scans(&self) -> impl Iterator<Item = &RegisteredScan> {
-        self.waiting
-            .iter()
-            .filter_map(|registered| match registered {
-                RegistrationOutput::Scan(scan) => Some(scan),
-                RegistrationOutput::Jump(_)
-                | RegistrationOutput::Corrected(_)
-                | RegistrationOutput::Confidence(_) => None,
-            })
-    }
-
-    pub const fn last_scan(&self) -> Option<RobotTime> {
-        self.last_scan
-    }
-}
-
 fn mapper(config: &Config) -> Mapper {
     let mut mapper = Mapper::new(
         &config.mapping,
@@ -228,7 +197,7 @@ impl Maps {
             return Ok(());
         };
         self.publisher.restart(&self.mapper)?;
-        self.publisher.replace(searched.of_run())
+        self.publisher.replace(&searched.of_run)
     }
 
     /// The kept scans; `None` if scans are not matched.
@@ -601,76 +570,6 @@ impl Maps {
         self.events.clear();
         Ok(())
     }
-
-    /// Publishes the maps as if the data ended here, with the same cells as [`Maps::finish`]. `waiting` is what the
-    /// registration would yield at the end of the data.
-    ///
-    /// The copy of the maps exists only during this call.
-    pub fn publish_paused(
-        &mut self,
-        waiting: Vec<RegistrationOutput>,
-    ) -> Result<PausedSnapshot, PublishError> {
-        // The map of the run goes to nobody in the copy too.
-        let searched = self
-            .searched
-            .as_ref()
-            .map(|_| SearchedMap::new(Arc::default(), None, &self.mapper, self.tile_store_mb));
-        let mut ended = Self {
-            mapper: self.mapper.clone(),
-            publisher: self.publisher.with_undo(),
-            tile_store_mb: self.tile_store_mb,
-            publish_period: self.publish_period,
-            on_jump: self.on_jump,
-            events: Vec::new(),
-            progress: self.progress.clone(),
-            correction: None,
-            corrected: None,
-            searched: searched.transpose()?,
-        };
-        for registered in &waiting {
-            match registered {
-                RegistrationOutput::Scan(scan) => {
-                    ended.integrate(&self.placed(scan));
-                    ended.publish_if_due()?;
-                }
-                RegistrationOutput::Jump(jump) => ended.on_pose_jump(jump),
-                // What is shown is what is known now.
-                RegistrationOutput::Corrected(_) | RegistrationOutput::Confidence(_) => {}
-            }
-        }
-        ended.finish()?;
-        let shores = ended.take_shores();
-        self.publisher.add_changed(ended.publisher.take_changed());
-        Ok(PausedSnapshot {
-            waiting,
-            last_scan: ended.last_scan(),
-            published: ended.publisher.into_replaced(),
-            shores,
-        })
-    }
-
-    /// The octree at the time of the snapshot, if there is one. It is a copy.
-    pub fn octree_of(&self, paused_snapshot: &PausedSnapshot) -> Option<Octree> {
-        let mut ended = self.mapper.voxels()?.clone();
-        for registered in &paused_snapshot.waiting {
-            match (registered, self.on_jump) {
-                (RegistrationOutput::Scan(scan), _) => {
-                    ended.integrate(&self.placed(scan));
-                }
-                (RegistrationOutput::Jump(_), OnJump::Reset) => ended.reset(),
-                (RegistrationOutput::Jump(_), OnJump::Keep)
-                | (RegistrationOutput::Corrected(_) | RegistrationOutput::Confidence(_), _) => {}
-            }
-        }
-        Some(ended.octree().clone())
-    }
-
-    /// Restores the tiles that the snapshot replaced, before the data goes on.
-    ///
-    /// The result is exact unless the tile store was full (`streaming.tile_store_mb`): evicted tiles stay evicted.
-    pub fn resume(&mut self, paused_snapshot: PausedSnapshot) -> Result<(), PublishError> {
-        self.publisher.restore_replaced(paused_snapshot.published)
-    }
 }
 
 #[cfg(test)]
@@ -685,20 +584,17 @@ mod tests {
     use protocol::tile::{BootId, TileCells};
 
     use super::*;
-    use crate::export::voxels::voxel_digest;
-    use localization::pose_buffer::PoseJump;
-    use mapping::grid::VoxelIndex;
-    use mapping::octree::VoxelState;
+    use localization::registration::RegistrationOutput;
     use mapping::registered_scan::{
         BeamOutcome, RegisteredBeam, RegisteredScan, ScanKind, SensorId,
     };
     use measurement::pose::Pose;
 
     /// Hit of the scan in the map, and of the scan that waits, metres.
-    const BEFORE_M: [f64; 2] = [3.05, 0.05];
-    const WAITING_M: [f64; 2] = [0.05, 8.05];
+    pub(super) const BEFORE_M: [f64; 2] = [3.05, 0.05];
+    pub(super) const WAITING_M: [f64; 2] = [0.05, 8.05];
 
-    fn take(maps: &mut Maps, registered: &RegistrationOutput) {
+    pub(super) fn take(maps: &mut Maps, registered: &RegistrationOutput) {
         match registered {
             RegistrationOutput::Scan(scan) => {
                 maps.integrate(scan);
@@ -710,7 +606,7 @@ mod tests {
         }
     }
 
-    fn maps(on_jump: OnJump) -> Maps {
+    pub(super) fn maps(on_jump: OnJump) -> Maps {
         let mut config = Config::default();
         config.mapping.octree.enabled = true;
         config.localization.on_jump = on_jump;
@@ -718,7 +614,7 @@ mod tests {
     }
 
     /// Five beams, one above the other, into one voxel.
-    fn scan(stamp_ns: i64, [x, y]: [f64; 2]) -> RegistrationOutput {
+    pub(super) fn scan(stamp_ns: i64, [x, y]: [f64; 2]) -> RegistrationOutput {
         let beams = (0..5).map(|index| {
             let origin = Point3::new(0.05, 0.05, 0.05);
             let end = Point3::new(x, y, 0.01 + 0.02 * f64::from(index));
@@ -739,29 +635,6 @@ mod tests {
             odom_from_base: Pose::identity(),
             beams: beams.collect(),
         })
-    }
-
-    fn state(octree: &Octree, [x, y]: [f64; 2]) -> VoxelState {
-        let point = Point3::new(x, y, 0.05);
-        octree.state(VoxelIndex::containing(point, octree.cell_m()))
-    }
-
-    /// The voxels that the two scans hit, in the octree of a paused snapshot; it equals the octree of maps that end there.
-    fn shown(on_jump: OnJump, waiting: &[RegistrationOutput]) -> (VoxelState, VoxelState) {
-        let before = scan(0, BEFORE_M);
-        let (mut standing, mut ended) = (maps(on_jump), maps(on_jump));
-        for maps in [&mut standing, &mut ended] {
-            take(maps, &before);
-        }
-        for registered in waiting {
-            take(&mut ended, registered);
-        }
-        ended.finish().unwrap();
-        let paused_snapshot = standing.publish_paused(waiting.to_vec()).unwrap();
-        let octree = standing.octree_of(&paused_snapshot).unwrap();
-        let of_ended = ended.mapper().voxels().unwrap().octree();
-        assert_eq!(voxel_digest(&octree), voxel_digest(of_ended), "{on_jump:?}");
-        (state(&octree, BEFORE_M), state(&octree, WAITING_M))
     }
 
     fn tiles(maps: &Maps) -> BTreeMap<TileKey, TileCells> {
@@ -790,6 +663,8 @@ mod tests {
             take(&mut searched, &scan);
             let cost = searched.mapper.voxels_mut().unwrap().cost_mut().unwrap();
             assert_eq!(cost.take_changed(), []);
+            let of_run = &mut searched.searched.as_mut().unwrap().of_run;
+            assert_eq!(of_run.take_changed(), []);
         }
         assert_eq!(tiles(&searched), BTreeMap::new());
         let checkpoint = searched.checkpoint();
@@ -825,25 +700,5 @@ mod tests {
         let published: BTreeSet<_> = update.changed_tiles.into_iter().collect();
         assert_eq!(published, tiles(&maps).into_keys().collect());
         assert_ne!(published, BTreeSet::new());
-    }
-
-    #[test]
-    fn a_waiting_jump_erases_the_octree_like_the_other_maps() {
-        use VoxelState::{Occupied, Unknown};
-        let jump = RegistrationOutput::Jump(PoseJump {
-            stamp: RobotTime::from_nanos(100),
-            distance_m: 5.0,
-        });
-        let waiting = scan(200, WAITING_M);
-        let in_front = [jump.clone(), waiting.clone()];
-        let behind = [waiting, jump];
-        for (on_jump, waiting, known) in [
-            (OnJump::Keep, &in_front, (Occupied, Occupied)),
-            (OnJump::Keep, &behind, (Occupied, Occupied)),
-            (OnJump::Reset, &in_front, (Unknown, Occupied)),
-            (OnJump::Reset, &behind, (Unknown, Unknown)),
-        ] {
-            assert_eq!(shown(on_jump, waiting), known, "{on_jump:?} {waiting:?}");
-        }
     }
 }

@@ -17,7 +17,7 @@ pub(super) struct SearchedMap {
     /// Where `odom` of its runs lies in the saved map.
     map_from_odom: Arc<MapFromOdom>,
     /// The map of the run, which nobody gets: of all its changes only the newest cells are kept.
-    of_run: Publisher,
+    pub(super) of_run: Publisher,
     /// The saved map until it was taken.
     making: Option<MakingMaps>,
 }
@@ -48,11 +48,6 @@ impl SearchedMap {
             of_run: Publisher::new(BootId([0; 16]), tile_store_mb, mapper, false)?,
             making,
         })
-    }
-
-    /// The map of the run.
-    pub(super) const fn of_run(&self) -> &Publisher {
-        &self.of_run
     }
 
     pub(super) fn publish_run(

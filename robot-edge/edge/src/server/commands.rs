@@ -1,7 +1,6 @@
 //! Passes operator messages from Zenoh to the drive loop, and its replies back.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::time::Duration;
 
 use protocol::keys::{OperatorTopic, Topic, parse_operator_key};
 use protocol::message::Answer;
@@ -11,13 +10,12 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
 use super::open_sessions::{Context, Outgoing};
+use super::queries::POLL_TIMEOUT;
 use crate::driving::{Inbox, Incoming, Reply};
 use network::LinkError;
 
 /// Maximum number of replies that wait; an operator without a reply asks again.
 const MAX_WAITING_REPLIES: usize = 64;
-/// Polling interval for the end of the network.
-const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
 pub(super) type PendingReply = (Query, Answer);
 

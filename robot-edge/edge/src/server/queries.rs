@@ -16,7 +16,7 @@ use crate::publishing::replies;
 use network::clock;
 
 /// Polling interval for the end of the network.
-const POLL_TIMEOUT: Duration = Duration::from_millis(100);
+pub(super) const POLL_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// Replies to one query after another until the network closes.
 pub(super) fn serve(context: &Context, out: &Outgoing, info: &Info, waiting: &Receiver<Query>) {

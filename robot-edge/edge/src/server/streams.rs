@@ -23,15 +23,16 @@ use measurement::time::Monotonic;
 use network::LinkError;
 use network::clock;
 
-/// Interval of looking for what is to be sent.
-const STATE_PERIOD: Duration = Duration::from_millis(20);
+/// Interval of looking for what is to be sent while somebody drives, or tiles wait.
+const BUSY_PERIOD: Duration = Duration::from_millis(20);
+/// The same otherwise: to wake up 50 times a second costs more than all that is sent then.
+const IDLE_PERIOD: Duration = Duration::from_millis(50);
 /// Interval of poses while nobody drives: with the headers of the network, 20 a second took half of the link.
 const POSE_PERIOD: Duration = Duration::from_millis(200);
 const STATUS_PERIOD: Duration = Duration::from_millis(500);
 const HEAD_PERIOD: Duration = Duration::from_secs(1);
 /// Maximum delay of a changed head.
 const CHANGED_HEAD_PERIOD: Duration = Duration::from_millis(200);
-const TILES_PERIOD: Duration = Duration::from_millis(20);
 const SHORES_PERIOD: Duration = Duration::from_secs(1);
 /// Tiles taken from the queue at once: few, because the order changes as the vehicle moves.
 const TILES_AT_ONCE: usize = 32;
@@ -121,7 +122,7 @@ pub(super) fn send_state(
     max_command_age: Duration,
 ) {
     let start = clock::now();
-    let mut next = start;
+    let (mut next, mut period) = (start, IDLE_PERIOD);
     let [mut status_due, mut head_due, mut changed_head_due] = [Due(start); 3];
     let mut pose_sent = Monotonic::default();
     let mut token_pace = TokenPace::new(max_command_age, start);
@@ -132,7 +133,7 @@ pub(super) fn send_state(
     loop {
         let drive_state = context.drive_state.as_deref();
         // Periods that a suspended machine missed are skipped.
-        next = (next + STATE_PERIOD).max(clock::now());
+        next = (next + period).max(clock::now());
         let is_open = clock::sleep_until(next, || context.is_closing());
         // A new console gets the state at once. The final status and head are sent even if the network closes at
         // once: otherwise the end would look like a lost link.
@@ -149,10 +150,11 @@ pub(super) fn send_state(
         let age = age.map(|age_ms| Duration::from_millis(age_ms.into()));
         let token_interval = token_pace.interval(age, now);
         // A pose carries a token, which limits the age of commands: while the lease is held or requested poses are as frequent.
-        let pose_interval = if is_driven {
-            token_interval
+        let pose_interval;
+        (period, pose_interval) = if is_driven {
+            (BUSY_PERIOD, token_interval)
         } else {
-            POSE_PERIOD
+            (IDLE_PERIOD, POSE_PERIOD)
         };
         // By the schedule, which does not shift where a round is late.
         if let Some((_, mut pose)) = pose
@@ -251,13 +253,13 @@ fn put(publisher: &Publisher<'static>, message: Option<Vec<u8>>) {
 
 /// Announces changed tiles, and sends them, nearest first, and changed shores, within the budget, until the network closes.
 pub(super) fn send_tiles(context: &Context, out: &Outgoing, publishers: &BulkPublishers) {
-    let mut next = clock::now();
+    let (mut next, mut period) = (clock::now(), IDLE_PERIOD);
     let mut bandwidth_limiter = BandwidthLimiter::new(context.budget_kbps, next);
     let mut shores = ShoresPush::new(next);
     let mut scans = ScanPush::new(context.budget_kbps, next);
     let mut pushed_tiles = PushedTiles::default();
     loop {
-        next = (next + TILES_PERIOD).max(clock::now());
+        next = (next + period).max(clock::now());
         if !clock::sleep_until(next, || context.is_closing()) {
             return;
         }
@@ -316,6 +318,11 @@ pub(super) fn send_tiles(context: &Context, out: &Outgoing, publishers: &BulkPub
         if has_sent {
             context.publish_state.mark_map_changed();
         }
+        period = if context.publish_state.tile_queue().is_empty() {
+            IDLE_PERIOD
+        } else {
+            BUSY_PERIOD
+        };
     }
 }
 

@@ -51,9 +51,9 @@ fn node_has_the_maps_of_the_export(port: u16) {
     let folder = tempdir().unwrap();
     let (vehicle, export) = (folder.path().join("v.toml"), folder.path().join("export"));
     std::fs::write(&vehicle, VEHICLE).unwrap();
-    // Faster than real time, so that nobody can drive it and its data end.
+    // Faster than real time, so that nobody can drive it and its data end; not much faster, as the node may need 20 s to start.
     let robot = start(&format!(
-        "robot-edge simulate yard --vehicle {} --rate 2 --duration 40 --keep-serving --quiet \
+        "robot-edge simulate yard --vehicle {} --rate 1.25 --duration 45 --keep-serving --quiet \
          --listen tcp/127.0.0.1:{} --ros {} --ros-domain 0 --export {}",
         vehicle.display(),
         free_port(),
