@@ -114,8 +114,7 @@ impl Trail {
     pub(super) fn add(&mut self, stamp_ns: i64, point_m: [f64; 2]) {
         let last = self.points_m.back();
         if last.is_none_or(|last| is_far(*last, point_m)) {
-            self.points_m.push_back(point_m);
-            self.stamps_ns.push_back(stamp_ns);
+            self.push((stamp_ns, point_m));
             if self.points_m.len() > MAX_POINTS {
                 self.thin();
             }
@@ -125,36 +124,42 @@ impl Trail {
     /// Inserts known points, oldest first, up to a stamp, if they are far enough from their neighbours. If the data's
     /// clock restarted, only the points since then are considered.
     pub(super) fn fill(&mut self, known: &[(i64, [f64; 2])], newest_ns: i64) {
-        // Copying a long trail needs a megabyte.
-        if known.is_empty() {
-            return;
-        }
-        let stamps: Vec<_> = self.stamps_ns.iter().copied().collect();
-        let here = since_last_fall(&stamps, |stamp_ns| *stamp_ns);
         let known = &known[since_last_fall(known, |(stamp_ns, _)| *stamp_ns)..];
-        let mut all = self.stamps_ns.drain(..).zip(self.points_m.drain(..));
-        let mut filled: Vec<(i64, [f64; 2])> = all.by_ref().take(here).collect();
-        let before_fall = filled.len();
-        let mut here = all.peekable();
-        for (stamp_ns, point_m) in known.iter().copied() {
+        let Some((first_ns, _)) = known.first() else {
+            return;
+        };
+        let restart = since_last_fall(self.stamps_ns.make_contiguous(), |stamp_ns| *stamp_ns);
+        let here = self.stamps_ns.range(restart..);
+        let from = restart + here.take_while(|stamp_ns| *stamp_ns <= first_ns).count();
+        // Of a long trail a copy takes half a megabyte, so what is older than the gap stays where it is.
+        let newer = self.stamps_ns.split_off(from).into_iter();
+        let mut newer = newer.zip(self.points_m.split_off(from)).peekable();
+        for &(stamp_ns, point_m) in known {
             if stamp_ns > newest_ns {
                 break;
             }
-            while let Some(earlier) = here.next_if(|(here_ns, _)| *here_ns <= stamp_ns) {
-                filled.push(earlier);
+            while let Some(earlier) = newer.next_if(|(here_ns, _)| *here_ns <= stamp_ns) {
+                self.push(earlier);
             }
-            let is_apart = |other: Option<&(i64, [f64; 2])>| {
-                other.is_none_or(|(_, other_m)| is_far(*other_m, point_m))
-            };
-            if is_apart(filled[before_fall..].last()) && is_apart(here.peek()) {
-                filled.push((stamp_ns, point_m));
+            let before = self.points_m.range(restart..).next_back();
+            let after = newer.peek().map(|(_, after)| after);
+            if [before, after]
+                .into_iter()
+                .flatten()
+                .all(|other| is_far(*other, point_m))
+            {
+                self.push((stamp_ns, point_m));
             }
         }
-        filled.extend(here);
-        (self.stamps_ns, self.points_m) = filled.into_iter().unzip();
+        newer.for_each(|later| self.push(later));
         while self.points_m.len() > MAX_POINTS {
             self.thin();
         }
+    }
+
+    fn push(&mut self, (stamp_ns, point_m): (i64, [f64; 2])) {
+        self.stamps_ns.push_back(stamp_ns);
+        self.points_m.push_back(point_m);
     }
 
     pub(super) fn replace(&mut self, points_m: impl IntoIterator<Item = [f64; 2]>) {
@@ -362,6 +367,15 @@ mod tests {
         fill(&mut trail, -50_000..0);
         assert!(trail.points_m.len() <= MAX_POINTS);
         assert_eq!(trail.points_m.back(), Some(&[22.0, 0.0]));
+    }
+
+    #[test]
+    fn a_gap_leaves_what_is_older_where_it_is() {
+        let mut trail = of((0..9000).chain(9100..9110));
+        let place = trail.points_m.as_slices().0.as_ptr();
+        trail.fill(&along_x(8990..9105).collect::<Vec<_>>(), 9109);
+        assert_eq!(xs(&trail), Vec::from_iter(0..9110));
+        assert_eq!(trail.points_m.as_slices().0.as_ptr(), place);
     }
 
     #[test]
