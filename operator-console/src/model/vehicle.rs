@@ -143,11 +143,8 @@ impl Trail {
             }
             let before = self.points_m.range(restart..).next_back();
             let after = newer.peek().map(|(_, after)| after);
-            if [before, after]
-                .into_iter()
-                .flatten()
-                .all(|other| is_far(*other, point_m))
-            {
+            let mut neighbours = before.into_iter().chain(after);
+            if neighbours.all(|other| is_far(*other, point_m)) {
                 self.push((stamp_ns, point_m));
             }
         }
@@ -374,7 +371,7 @@ mod tests {
         let mut trail = of((0..9000).chain(9100..9110));
         let place = trail.points_m.as_slices().0.as_ptr();
         trail.fill(&along_x(8990..9105).collect::<Vec<_>>(), 9109);
-        assert_eq!(xs(&trail), Vec::from_iter(0..9110));
+        assert_eq!(xs(&trail), (0..9110).collect::<Vec<_>>());
         assert_eq!(trail.points_m.as_slices().0.as_ptr(), place);
     }
 
