@@ -8,7 +8,7 @@ use protocol::message::{TrajectoryPart, TrajectoryRequest};
 use crate::lock;
 use mapping::registered_scan::RegisteredScan;
 
-/// Maximum number of poses: 15 to 30 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
+/// Maximum number of poses: 11 to 23 MB. A longer trajectory keeps every second pose. Even, so that the next pose is kept.
 const MAX_POSES: usize = 1_000_000;
 
 #[derive(Clone, Debug, Default)]

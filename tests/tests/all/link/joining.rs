@@ -36,8 +36,8 @@ const SHOWN: [LayerId; 6] = [
 ];
 /// Slower is standing: positions of a boat are noisy, m/s.
 const STANDING_MPS: f32 = 0.2;
-/// The robot announces all changes within this time.
-const HOLD: Duration = Duration::from_secs(11);
+/// The robot announces all changes within this time: 11 s, and up to the next round of 1.9 s.
+const HOLD: Duration = Duration::from_secs(13);
 /// Half the sides of the visible rectangle, metres: a window of 1280 × 800 points.
 const VISIBLE_M: [f64; 2] = [32.0, 20.0];
 
