@@ -80,8 +80,10 @@ pub fn run(
             was_synchronized = is_synchronized;
         }
         if let Some(age) = staleness.update(&model, now) {
-            let age_s = age.as_secs_f64();
-            settings.say(&format!("pose or map was up to {age_s:.1} s old"));
+            let [age_s, until_s] = [age, now.since(started)].map(|time| time.as_secs_f64());
+            settings.say(&format!(
+                "pose or map was up to {age_s:.1} s old, until {until_s:.1} s after the start"
+            ));
         }
         let has_ended = model.has_ended();
         // A robot that has ended and is gone sends no further map head.
