@@ -79,10 +79,11 @@ pub fn run(
             tracing::info!(is_synchronized, "synchronization");
             was_synchronized = is_synchronized;
         }
-        if let Some(age) = staleness.update(&model, now) {
-            let [age_s, until_s] = [age, now.since(started)].map(|time| time.as_secs_f64());
+        if let Some(stale) = staleness.update(&model, now) {
+            let [from, until] = [stale.from, stale.until].map(|at| at.since(started).as_secs_f64());
             settings.say(&format!(
-                "pose or map was up to {age_s:.1} s old, until {until_s:.1} s after the start"
+                "pose or map was up to {:.1} s old, from {from:.1} s to {until:.1} s after the start",
+                stale.age.as_secs_f64()
             ));
         }
         let has_ended = model.has_ended();
@@ -224,17 +225,28 @@ const VISIBLE_M: f64 = 20.0;
 
 /// Older data is reported once there is newer data.
 const STALE_AFTER: Duration = Duration::from_secs(2);
+/// For so long it must be new until that is over: one message alone is new for [`STALE_AFTER`].
+const NEW_FOR: Duration = Duration::from_secs(3);
 
 /// Age of the newest pose or of the map, whichever is older: of the newest tiles, or of the newest map head that the map has matched.
 #[derive(Debug, Default)]
 struct Staleness {
     matched_head_at: Option<Monotonic>,
-    stale_for: Option<Duration>,
+    stale: Option<Stale>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stale {
+    /// The greatest.
+    age: Duration,
+    /// When it was stale for the first and for the last time.
+    from: Monotonic,
+    until: Monotonic,
 }
 
 impl Staleness {
-    /// The greatest age of data that was stale until now.
-    fn update(&mut self, model: &ConsoleModel, now: Monotonic) -> Option<Duration> {
+    /// The time in which data was stale, once it is over.
+    fn update(&mut self, model: &ConsoleModel, now: Monotonic) -> Option<Stale> {
         if model.matches_last_head() {
             self.matched_head_at = model.map().head_at();
         }
@@ -244,9 +256,16 @@ impl Staleness {
         let map = age(Stream::Tiles).map_or(head, |tiles| head.min(tiles));
         let age = age(Stream::Pose)?.max(map);
         if age <= STALE_AFTER {
-            return self.stale_for.take();
+            return self
+                .stale
+                .take_if(|stale| now.since(stale.until) >= NEW_FOR);
         }
-        self.stale_for = Some(age);
+        let stale = self.stale.get_or_insert(Stale {
+            age,
+            from: now,
+            until: now,
+        });
+        (stale.age, stale.until) = (stale.age.max(age), now);
         None
     }
 }
@@ -333,7 +352,8 @@ mod tests {
         let mut store = store_of(&[LayerId::Occupancy]);
         let mut reported = Vec::new();
         for ms in (0..20_000).step_by(100) {
-            if !(3_000..9_000).contains(&ms) {
+            // After an outage poses come back first, and heads only when the map is old too.
+            if !(3_000..9_000).contains(&ms) && !(13_300..15_700).contains(&ms) {
                 announce_map(&mut model, &store, at(ms));
             }
             if ms == 5_000 {
@@ -343,10 +363,15 @@ mod tests {
             if !(12_000..15_000).contains(&ms) {
                 inject(&mut model, Topic::Pose, &pose_at_rest(), at(ms));
             }
-            let age = staleness.update(&model, at(ms));
-            reported.extend(age.map(|age| (ms, age.as_millis())));
+            let stale = staleness.update(&model, at(ms));
+            reported
+                .extend(stale.map(|stale| [at(ms), stale.from, stale.until, at(0) + stale.age]));
         }
-        assert_eq!(reported, [(9_000, 3_900), (15_000, 3_000)]);
+        let expected = [
+            [11_900, 7_100, 8_900, 3_900],
+            [18_600, 14_000, 15_600, 3_000],
+        ];
+        assert_eq!(reported, expected.map(|row| row.map(at)));
     }
 
     const KEY: TileKey = TileKey {

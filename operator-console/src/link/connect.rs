@@ -20,7 +20,7 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use super::driving::{DrivingLink, Tap};
-use super::{Transport, close_in_background, keep_open};
+use super::{Transport, close_in_background, keep_open, open_bulk_again};
 use crate::lock;
 use crate::model::{Incoming, OpenSessions, Outgoing, RequestId};
 
@@ -71,6 +71,10 @@ impl Connections {
             let (state, endpoints) = (Arc::clone(&state), endpoints.clone());
             thread::spawn(move || keep_open(&state, channel, &endpoints));
         }
+        thread::spawn({
+            let (state, endpoints) = (Arc::clone(&state), endpoints.clone());
+            move || open_bulk_again(&state, &endpoints)
+        });
         let (outgoing, to_send) = sync_channel(MAX_OUTGOING);
         thread::spawn({
             let state = Arc::clone(&state);

@@ -213,6 +213,8 @@ fn run(
     }
 }
 
+/// Beside a quarter of the time that control took: bulk by TLS takes one round trip more than control by QUIC.
+const BULK_AFTER_CONTROL: Duration = Duration::from_millis(150);
 /// A network that passes TLS passes QUIC a moment later.
 const COMING_BACK: Duration = Duration::from_millis(200);
 
@@ -254,30 +256,62 @@ fn open_with_retries(
 ) -> Option<Session> {
     while !state.is_closing() {
         match open(channel, endpoints, is_first)
-            .and_then(|session| subscribe(state, channel, session))
+            .and_then(|session| use_first(state, channel, session))
         {
-            Ok(session) => {
-                let mut slot = lock(state.session(channel));
-                // It was closed meanwhile: close this session too.
-                if state.is_closing() {
-                    drop(slot);
-                    close(&session);
-                    return None;
-                }
-                *slot = Some(session.clone());
-                drop(slot);
-                state.set_problem(channel, None);
-                return Some(session);
-            }
-            Err(why) => {
+            Ok(session) => return session,
+            // The other attempt may be open.
+            Err(why) if lock(state.session(channel)).is_none() => {
                 tracing::debug!(%why, "not connected yet");
                 state.set_problem(channel, Some(in_words(&why, channel, endpoints)));
             }
+            Err(_late) => return None,
         }
         is_first = false;
         clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
     }
     None
+}
+
+/// Uses a session that has opened; `None` if another attempt was faster, or the console closes.
+fn use_first(
+    state: &Arc<State>,
+    channel: Channel,
+    session: Session,
+) -> Result<Option<Session>, LinkError> {
+    let is_late = || state.is_closing() || lock(state.session(channel)).is_some();
+    let session = if is_late() {
+        session
+    } else {
+        subscribe(state, channel, session)?
+    };
+    let mut slot = lock(state.session(channel));
+    if state.is_closing() || slot.is_some() {
+        close_in_background(session);
+        return Ok(None);
+    }
+    *slot = Some(session.clone());
+    drop(slot);
+    state.set_problem(channel, None);
+    Ok(Some(session))
+}
+
+/// Opens bulk a second time beside the first attempt, where that takes clearly longer than control did: TCP sends a lost first
+/// packet again only after a second.
+fn open_bulk_again(state: &Arc<State>, endpoints: &Endpoints) {
+    let began = clock::now();
+    while lock(state.session(Channel::Control)).is_none() {
+        if !clock::sleep_until(clock::now() + TICK, || state.is_closing()) {
+            return;
+        }
+    }
+    let until = clock::now() + clock::elapsed(began) / 4 + BULK_AFTER_CONTROL;
+    clock::sleep_until(until, || state.is_closing());
+    if lock(state.session(Channel::Bulk)).is_none()
+        && let Ok(session) = open(Channel::Bulk, endpoints, true)
+        && let Err(why) = use_first(state, Channel::Bulk, session)
+    {
+        tracing::debug!(%why, "not subscribed");
+    }
 }
 
 /// Opens the session once. If nothing answered before and TLS does now, QUIC is tried once more: the robot or the

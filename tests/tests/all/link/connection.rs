@@ -1,5 +1,7 @@
 //! A lost link is reported at once, a regular end is not, and a robot that restarts at another address is found again.
 
+use std::io::{self, ErrorKind, Read as _};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::Duration;
@@ -193,4 +195,36 @@ fn a_pending_emergency_stop_reaches_the_new_address() {
     telemetry.wait_for_status("stopped", |status| status.estop.is_some());
     screen.close(window);
     console.ends_well();
+}
+
+/// A silent first connection stands for a first packet that was lost: TCP would send it again after a second.
+#[test]
+fn bulk_is_opened_beside_a_first_attempt_that_gets_no_answer() {
+    let robot_port = free_port();
+    let _edge = robot_at(&tcp(robot_port));
+    let (console_port, loopback) = (free_port(), Ipv4Addr::LOCALHOST);
+    let robot = |channel| SocketAddr::from((loopback, robot_port + channel));
+    let _control = Relay::start(console_port, robot(0)).unwrap();
+    let bulk = TcpListener::bind((loopback, console_port + 1)).unwrap();
+    let session = open_session(&connect_to(tcp(console_port)), &[LayerId::Occupancy], || {});
+
+    let (first, _) = bulk.accept().unwrap();
+    let (console, _) = bulk.accept().unwrap();
+    // Otherwise it was given up after its time, and this is only the next one.
+    first.set_nonblocking(true).unwrap();
+    let end = (&first)
+        .read_to_end(&mut Vec::new())
+        .map_err(|why| why.kind());
+    assert_eq!(end, Err(ErrorKind::WouldBlock), "the first is given up");
+    let robot = TcpStream::connect(robot(1)).unwrap();
+    for (from, to) in [(&console, &robot), (&robot, &console)] {
+        let (mut from, mut to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
+        thread::spawn(move || drop(io::copy(&mut from, &mut to)));
+    }
+    wait_until("the map is there", || {
+        let model = session.model();
+        model.is_synchronized(clock::now())
+    });
+    drop(first);
+    assert_eq!(session.problem(), None);
 }

@@ -317,23 +317,27 @@ fn fifty_vehicles_behind_one_router_in_release() {
     let consoles = processes.split_off(1 + VEHICLES);
     for (n, console) in consoles.into_iter().enumerate() {
         let printed = console.ends_well();
-        let stale_s = numbers(&printed, "pose or map was up to ", " s old");
-        let until_s = numbers(&printed, " s old, until ", " s after the start");
         let kill_s = killed.unwrap().since(consoles_began[n]).as_secs_f64();
-        // Newest data and the end of its being old, seconds after the kill.
-        let since_kill =
-            |(age_s, until_s): (f64, f64)| [until_s - kill_s - age_s, until_s - kill_s];
-        let stale: Vec<_> = stale_s.into_iter().zip(until_s).map(since_kill).collect();
+        let from_s = numbers(&printed, " s old, from ", " s to ");
+        let until_s = numbers(&printed, " s to ", " s after the start");
+        let since_kill = |(from_s, until_s): (f64, f64)| [from_s - kill_s, until_s - kill_s];
+        let stale: Vec<_> = from_s.into_iter().zip(until_s).map(since_kill).collect();
         let synchronized_ms = numbers(&printed, "synchronized: ", " ms after");
         let bytes = numbers(&printed, " messages of ", " bytes");
         println!(
             "console {n}: synchronized {synchronized_ms:?} ms, stale {stale:.1?} s after the kill, {bytes:?} bytes"
         );
-        let refused = printed.lines().filter(|line| line.starts_with("refused: "));
-        problems.extend(refused.map(|refused| format!("console {n}: {refused}")));
-        // Once, while there is no router and until all are back.
-        let is_promised = |[from_s, until_s]: &[f64; 2]| *from_s >= -2.0 && *until_s <= 10.0;
         let is_slow = n + 1 == CONSOLES;
+        // A reply may overtake what is pushed; what the slow one misses it requests. The maps are compared below.
+        let is_loss = |refused: &&str| {
+            refused.starts_with("refused: ")
+                && !refused.ends_with("known already")
+                && !(is_slow && refused.ends_with("differences to a tile that was missed"))
+        };
+        let losses = printed.lines().filter(is_loss);
+        problems.extend(losses.map(|refused| format!("console {n}: {refused}")));
+        // Once, while there is no router and until all are back.
+        let is_promised = |[from_s, until_s]: &[f64; 2]| *from_s >= 0.0 && *until_s <= 10.0;
         if !is_slow && (stale.len() > 1 || !stale.iter().all(is_promised)) {
             problems.push(format!(
                 "console {n}: old from and until {stale:.1?} s after the kill"
