@@ -37,6 +37,14 @@ impl Headless {
             drop(writeln!(io::stderr(), "{words}"));
         }
     }
+
+    fn say_stale(&self, stale: &Stale, started: Monotonic) {
+        let [from, until] = [stale.from, stale.until].map(|at| at.since(started).as_secs_f64());
+        self.say(&format!(
+            "pose or map was up to {:.1} s old, from {from:.1} s to {until:.1} s after the start",
+            stale.age.as_secs_f64()
+        ));
+    }
 }
 
 /// Watches and exports. If the map is not synchronized, what arrived is written; without any message nothing is.
@@ -80,11 +88,7 @@ pub fn run(
             was_synchronized = is_synchronized;
         }
         if let Some(stale) = staleness.update(&model, now) {
-            let [from, until] = [stale.from, stale.until].map(|at| at.since(started).as_secs_f64());
-            settings.say(&format!(
-                "pose or map was up to {:.1} s old, from {from:.1} s to {until:.1} s after the start",
-                stale.age.as_secs_f64()
-            ));
+            settings.say_stale(&stale, started);
         }
         let has_ended = model.has_ended();
         // A robot that has ended and is gone sends no further map head.
@@ -93,6 +97,9 @@ pub fn run(
             has_ended,
         )
     });
+    if let Some(stale) = &staleness.stale {
+        settings.say_stale(stale, started);
+    }
     let (_, messages) = session.model().connection().totals();
     match watched {
         // Empty files would look like results.
@@ -223,9 +230,9 @@ fn print_summary(model: &ConsoleModel, files: &[PathBuf], out: &mut dyn Write) -
 /// Half the side of the square around the vehicle that counts as the visible area, metres.
 const VISIBLE_M: f64 = 20.0;
 
-/// Older data is reported once there is newer data.
+/// Older data is reported.
 const STALE_AFTER: Duration = Duration::from_secs(2);
-/// For so long it must be new until that is over: one message alone is new for [`STALE_AFTER`].
+/// It is over when data has been new for this long: one message alone is new for [`STALE_AFTER`].
 const NEW_FOR: Duration = Duration::from_secs(3);
 
 /// Age of the newest pose or of the map, whichever is older: of the newest tiles, or of the newest map head that the map has matched.
@@ -237,7 +244,7 @@ struct Staleness {
 
 #[derive(Clone, Copy, Debug)]
 struct Stale {
-    /// The greatest.
+    /// The greatest age.
     age: Duration,
     /// When it was stale for the first and for the last time.
     from: Monotonic,
@@ -347,7 +354,7 @@ mod tests {
     use crate::test_support::{announce_map, at, inject, pose_at_rest, push_tile, scout, store_of};
 
     #[test]
-    fn stale_data_is_reported_once_it_is_new_again() {
+    fn stale_data_is_reported_once_it_stays_new() {
         let (mut model, mut staleness) = (scout(), Staleness::default());
         let mut store = store_of(&[LayerId::Occupancy]);
         let mut reported = Vec::new();

@@ -15,7 +15,7 @@ use measurement::time::Monotonic;
 use network::LinkError;
 use network::clock;
 use network::endpoints::{Channel, attempts};
-use network::sessions::{self, Endpoints, RETRY_PERIOD, Side};
+use network::sessions::{self, CONNECT_TIMEOUT, Endpoints, RETRY_PERIOD, Side};
 use zenoh::{Session, Wait as _};
 
 use crate::lock;
@@ -213,8 +213,8 @@ fn run(
     }
 }
 
-/// Beside a quarter of the time that control took: bulk by TLS takes one round trip more than control by QUIC.
-const BULK_AFTER_CONTROL: Duration = Duration::from_millis(150);
+/// What bulk may take longer to open than a quarter more than control.
+const BULK_MARGIN: Duration = Duration::from_millis(150);
 /// A network that passes TLS passes QUIC a moment later.
 const COMING_BACK: Duration = Duration::from_millis(200);
 
@@ -247,7 +247,7 @@ fn wait_until_lost(state: &State, session: &Session) -> bool {
     false
 }
 
-/// Retries until the session is open; `None` if it closes.
+/// Retries until the session is open; `None` if another attempt was faster, or the console closes.
 fn open_with_retries(
     state: &Arc<State>,
     channel: Channel,
@@ -259,12 +259,15 @@ fn open_with_retries(
             .and_then(|session| use_first(state, channel, session))
         {
             Ok(session) => return session,
-            // The other attempt may be open.
-            Err(why) if lock(state.session(channel)).is_none() => {
+            Err(why) => {
                 tracing::debug!(%why, "not connected yet");
+                // Locked until the problem is set, or it would stay if another attempt opens meanwhile.
+                let slot = lock(state.session(channel));
+                if slot.is_some() {
+                    return None;
+                }
                 state.set_problem(channel, Some(in_words(&why, channel, endpoints)));
             }
-            Err(_late) => return None,
         }
         is_first = false;
         clock::sleep_until(clock::now() + RETRY_PERIOD, || state.is_closing());
@@ -278,19 +281,18 @@ fn use_first(
     channel: Channel,
     session: Session,
 ) -> Result<Option<Session>, LinkError> {
-    let is_late = || state.is_closing() || lock(state.session(channel)).is_some();
-    let session = if is_late() {
-        session
-    } else {
-        subscribe(state, channel, session)?
-    };
+    let is_late = |slot: &Option<Session>| state.is_closing() || slot.is_some();
+    if is_late(&lock(state.session(channel))) {
+        close_in_background(session);
+        return Ok(None);
+    }
+    let session = subscribe(state, channel, session)?;
     let mut slot = lock(state.session(channel));
-    if state.is_closing() || slot.is_some() {
+    if is_late(&slot) {
         close_in_background(session);
         return Ok(None);
     }
     *slot = Some(session.clone());
-    drop(slot);
     state.set_problem(channel, None);
     Ok(Some(session))
 }
@@ -298,19 +300,21 @@ fn use_first(
 /// Opens bulk a second time beside the first attempt, where that takes clearly longer than control did: TCP sends a lost first
 /// packet again only after a second.
 fn open_bulk_again(state: &Arc<State>, endpoints: &Endpoints) {
+    let is_over = || state.is_closing() || lock(state.session(Channel::Bulk)).is_some();
     let began = clock::now();
     while lock(state.session(Channel::Control)).is_none() {
-        if !clock::sleep_until(clock::now() + TICK, || state.is_closing()) {
+        if !clock::sleep_until(clock::now() + TICK, is_over) {
             return;
         }
     }
-    let until = clock::now() + clock::elapsed(began) / 4 + BULK_AFTER_CONTROL;
-    clock::sleep_until(until, || state.is_closing());
-    if lock(state.session(Channel::Bulk)).is_none()
-        && let Ok(session) = open(Channel::Bulk, endpoints, true)
-        && let Err(why) = use_first(state, Channel::Bulk, session)
-    {
-        tracing::debug!(%why, "not subscribed");
+    // Control by QUIC takes four round trips, bulk by TLS five. Of a robot that came late only the last attempt counts.
+    let quarter = clock::elapsed(began).min(CONNECT_TIMEOUT) / 4;
+    if !clock::sleep_until(clock::now() + quarter + BULK_MARGIN, is_over) {
+        return;
+    }
+    let opened = open(Channel::Bulk, endpoints, true);
+    if let Err(why) = opened.and_then(|session| use_first(state, Channel::Bulk, session)) {
+        tracing::debug!(%why, "no second session for maps");
     }
 }
 

@@ -10,6 +10,7 @@ use foreshore_tests::operator::{Input, Operator};
 use foreshore_tests::rig::relay::Relay;
 use measurement::time::Monotonic;
 use network::clock::{self, sleep_until};
+use network::sessions::{CONNECT_TIMEOUT, RETRY_PERIOD};
 use operator_console::link::{Discovery, FoundRobot};
 use operator_console::model::LinkState;
 use operator_console::panels::data_age::StaleData;
@@ -206,6 +207,8 @@ fn bulk_is_opened_beside_a_first_attempt_that_gets_no_answer() {
     let robot = |channel| SocketAddr::from((loopback, robot_port + channel));
     let _control = Relay::start(console_port, robot(0)).unwrap();
     let bulk = TcpListener::bind((loopback, console_port + 1)).unwrap();
+    wait_until("the robot listens", || TcpStream::connect(robot(1)).is_ok());
+    let started = clock::now();
     let session = open_session(&connect_to(tcp(console_port)), &[LayerId::Occupancy], || {});
 
     let (first, _) = bulk.accept().unwrap();
@@ -225,6 +228,8 @@ fn bulk_is_opened_beside_a_first_attempt_that_gets_no_answer() {
         let model = session.model();
         model.is_synchronized(clock::now())
     });
-    drop(first);
+    // The first attempt fails then.
+    drop((bulk, first));
+    sleep_until(started + CONNECT_TIMEOUT + RETRY_PERIOD, || false);
     assert_eq!(session.problem(), None);
 }
