@@ -327,19 +327,9 @@ fn fifty_vehicles_behind_one_router_in_release() {
         println!(
             "console {n}: synchronized {synchronized_ms:?} ms, stale {stale:.1?} s after the kill, {bytes:?} bytes"
         );
+        let refused = printed.lines().filter(|line| line.starts_with("refused: "));
+        problems.extend(refused.map(|refused| format!("console {n}: {refused}")));
         let is_slow = n + 1 == CONSOLES;
-        let is_loss = |line: &&str| {
-            let refused = line.strip_prefix("refused: ");
-            match refused.and_then(|refused| refused.split_once(" × ")) {
-                // Replies may overtake pushes of the same tile.
-                Some((count, "known already")) => count.parse::<u32>().unwrap() > 20,
-                // It requests them.
-                Some((_, "differences to a tile that was missed")) => !is_slow,
-                refused => refused.is_some(),
-            }
-        };
-        let losses = printed.lines().filter(is_loss);
-        problems.extend(losses.map(|refused| format!("console {n}: {refused}")));
         // Once, while there is no router and until all are back.
         let is_promised = |[from_s, until_s]: &[f64; 2]| *from_s >= 0.0 && *until_s <= 10.0;
         if !is_slow && (stale.len() > 1 || !stale.iter().all(is_promised)) {
